@@ -1,0 +1,59 @@
+"""The one decorator of the compiled kernels, and where their machine code is kept.
+
+numba's cache looks at the file of a kernel only: after an edit in a helper module it would go on serving the old
+physics. So the cache folder carries a hash of all kernel sources and of numba's version in its name.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+from pathlib import Path
+
+import numba
+
+PACKAGE = Path(__file__).parent
+
+
+def _source_hash() -> str:
+    """Hash of everything that ends up in machine code."""
+    digest = hashlib.sha256(numba.__version__.encode())
+    for source in [PACKAGE / "_jit.py", PACKAGE / "state.py", *sorted((PACKAGE / "kernels").glob("*.py"))]:
+        digest.update(source.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def _writable(folder: Path) -> bool:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return False
+    return os.access(folder, os.W_OK)
+
+
+def cache_folder() -> Path:
+    """``$DEMBRICK_CACHE_DIR``, else the user's cache folder, else a temporary one; a folder per source hash in it."""
+    bases = []
+    if os.environ.get("DEMBRICK_CACHE_DIR"):
+        bases.append(Path(os.environ["DEMBRICK_CACHE_DIR"]))
+    bases.append(Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "dembrick")
+    bases.append(Path(tempfile.gettempdir()) / f"dembrick-{os.getuid() if hasattr(os, 'getuid') else 'user'}")
+    for base in bases:
+        folder = base / _source_hash()
+        if _writable(folder):
+            return folder
+    return Path(tempfile.mkdtemp(prefix="dembrick-"))
+
+
+CACHE_FOLDER = cache_folder()
+
+
+def jit(function):
+    """Compile lazily, cached on disk; no fastmath, because a run lives by its NaN guard."""
+    previous = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = str(CACHE_FOLDER)
+    try:
+        return numba.njit(cache=True, error_model="numpy")(function)
+    finally:
+        numba.config.CACHE_DIR = previous

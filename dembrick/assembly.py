@@ -1,0 +1,307 @@
+"""From a scenario to its immutable geometry: blocks, joints, contact points, dead loads, jacks.
+
+:func:`build` also refuses what cannot be a test: blocks that overlap or hang in the air, jacks that push beside their
+block, joints too soft for their load. Its messages name the blocks and say how far off they are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NoReturn
+
+import numpy as np
+
+from dembrick import polygons
+from dembrick.errors import ScenarioError
+from dembrick.joints import TOLERANCE, ContactPoints, Joint, contact_points, find_joints
+from dembrick.model import JointLaw, Scenario, show
+from dembrick.neighbours import ShapeTable, close_pairs, overlap_depths
+from dembrick.shapes import Polyhedron, box, rotation_matrix, unit_quaternion
+
+SOFT_WARNING = 1e-3  # elastic closing or sliding of a joint under its dead load, over its short side
+SOFT_LIMIT = 1e-2
+_QUASI_STATIC = ("yield", "displacement")
+_DISCRETISATION = 1e-3  # tolerance of distributed points where the control has none
+_ON_FACE = 1e-9  # of the block's diameter: a point so little outside is on the face
+_FAR = 0.1  # of the smaller block's diameter: how far a message looks for the block that should have been touched
+
+
+@dataclass(frozen=True, eq=False)
+class Actuators:
+    """Jacks: ``names``; ``block`` (k,); ``point`` (k, 3) at the start, world; ``arm`` (k, 3) the same from the block's
+    centroid; ``direction`` (k, 3) unit, world; ``weight`` (k,)."""
+
+    names: tuple[str, ...]
+    block: np.ndarray
+    point: np.ndarray
+    arm: np.ndarray
+    direction: np.ndarray
+    weight: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Assembly:
+    """A scenario as geometry. n blocks, in the order of the scenario; SI units; world axes at the start.
+
+    ``position`` (n, 3) of the centroids, ``orientation`` (n, 4) unit quaternions, ``rotation`` (n, 3, 3) the same as
+    matrices, ``mass`` (n,), ``inertia`` (n, 3, 3) about the centroid in body axes, ``velocity`` and
+    ``angular_velocity`` (n, 3) at the start; ``dead_force`` and ``dead_torque`` (n, 3) about the centroid, gravity
+    and loads together. ``contact_points``: one entry a joint, None for ``convex``. ``joint_force`` (n_joint, 3):
+    what block a exerts on block b under the dead loads, see :func:`dead_joint_forces`; ``joint_force_exact`` says
+    whether statics alone gives it.
+    """
+
+    names: tuple[str, ...]
+    shapes: tuple[Polyhedron, ...]
+    position: np.ndarray
+    orientation: np.ndarray
+    rotation: np.ndarray
+    fixed: np.ndarray
+    mass: np.ndarray
+    inertia: np.ndarray
+    velocity: np.ndarray
+    angular_velocity: np.ndarray
+    joints: tuple[Joint, ...]
+    contact_points: tuple[ContactPoints | None, ...]
+    gravity: np.ndarray
+    dead_force: np.ndarray
+    dead_torque: np.ndarray
+    joint_force: np.ndarray
+    joint_force_exact: bool
+    actuators: Actuators
+    warnings: tuple[str, ...]
+
+
+def build(scenario: Scenario) -> Assembly:
+    """Geometry, joints and dead loads of a scenario; ScenarioError where it cannot describe a test."""
+    blocks = scenario.blocks
+    names = tuple(block.name for block in blocks)
+    number = {name: i for i, name in enumerate(names)}
+    shapes = tuple(box(block.box) for block in blocks)
+    position = np.array([block.position for block in blocks], float)
+    orientation = unit_quaternion([block.orientation for block in blocks])
+    rotation = rotation_matrix(orientation)
+    fixed = np.array([block.fixed for block in blocks], bool)
+    density = np.array([scenario.materials[block.material].density for block in blocks])
+    mass = density * [shape.volume for shape in shapes]
+    quasi_static = scenario.control.kind in _QUASI_STATIC
+
+    if quasi_static and not fixed.any():
+        kind = show(scenario.control.kind)
+        _refuse(scenario, f"no block is fixed, and a test of kind {kind} needs a support: give one fixed = true")
+    table = ShapeTable(shapes)
+    pairs = close_pairs(table, position, rotation, TOLERANCE * table.diameter)
+    _check_overlap(scenario, table, position, rotation, pairs)
+
+    laws = {frozenset(entry.between): entry.law for entry in scenario.joints}
+
+    def law_of(a: int, b: int) -> JointLaw:
+        return laws.get(frozenset((names[a], names[b])), scenario.joint) if laws else scenario.joint
+
+    joints = find_joints(shapes, position, orientation, fixed, law_of, TOLERANCE, pairs)
+    _check_overrides(scenario, joints, number, fixed)
+    level = _levels(joints, fixed)
+    if quasi_static and (level < 0).any():
+        _refuse_unsupported(scenario, shapes, position, orientation, fixed, level < 0)
+
+    gravity = np.array(scenario.gravity, float)
+    dead_force = mass[:, None] * gravity
+    dead_torque = np.zeros_like(dead_force)
+    for index, load in enumerate(scenario.loads, 1):
+        block = number[load.block]
+        dead_force[block] += load.force
+        if load.point is not None:
+            arm = np.array(load.point, float) - position[block]
+            _check_inside(
+                scenario, f"load number {index}", load.point, blocks[block].name, shapes[block], rotation[block], arm
+            )
+            dead_torque[block] += np.cross(arm, load.force)
+
+    joint_force, exact = dead_joint_forces(joints, fixed, dead_force)
+    warnings = _check_stiffness(scenario, joints, joint_force)
+    tolerance = getattr(scenario.control, "tolerance", _DISCRETISATION)
+    return Assembly(
+        names=names,
+        shapes=shapes,
+        position=position,
+        orientation=orientation,
+        rotation=rotation,
+        fixed=fixed,
+        mass=mass,
+        inertia=density[:, None, None] * np.array([shape.inertia for shape in shapes]),
+        velocity=np.array([block.velocity for block in blocks], float),
+        angular_velocity=np.array([block.angular_velocity for block in blocks], float),
+        joints=tuple(joints),
+        contact_points=tuple(contact_points(joint, tolerance) for joint in joints),
+        gravity=gravity,
+        dead_force=dead_force,
+        dead_torque=dead_torque,
+        joint_force=joint_force,
+        joint_force_exact=exact,
+        actuators=_actuators(scenario, number, shapes, position, rotation, fixed),
+        warnings=warnings,
+    )
+
+
+def dead_joint_forces(joints, fixed, dead_force) -> tuple[np.ndarray, bool]:
+    """Force that block a exerts on block b in every joint under dead loads (n_joint, 3), and whether it is exact.
+
+    Every free block hands its load, with what it carries, to the joints that lie one step nearer to a fixed block,
+    shared by area and by how squarely they face the load. Where each free block has a single joint to hand it to and
+    no others, that is statics; elsewhere (walls, arches) an estimate without thrust and arching.
+    """
+    fixed = np.asarray(fixed, bool)
+    carried = np.array(dead_force, float)
+    force = np.zeros((len(joints), 3))
+    if not joints:
+        return force, not (~fixed).any()
+    level = _levels(joints, fixed)
+    a = np.array([joint.block_a for joint in joints])
+    b = np.array([joint.block_b for joint in joints])
+    normal = np.array([joint.axes[2] for joint in joints])
+    area = np.array([joint.area for joint in joints])
+    down = np.where(level[a] < level[b], 1, -1)  # +1: b hands its load to a
+    giver, taker = np.where(down > 0, b, a), np.where(down > 0, a, b)
+    hands = (level[a] != level[b]) & (level[taker] >= 0)
+    for step in range(int(level.max()), 0, -1):
+        chosen = np.flatnonzero(hands & (level[giver] == step))
+        load = carried[giver[chosen]]
+        square = (load * load).sum(axis=1)
+        facing = np.divide((load * normal[chosen]).sum(axis=1) ** 2, square, out=np.ones_like(square), where=square > 0)
+        weight = area[chosen] * (facing + 1e-12)  # a block that only leans on others still hands its load on
+        total = np.bincount(giver[chosen], weight, minlength=len(fixed))
+        passed = (weight / total[giver[chosen]])[:, None] * load
+        force[chosen] = -down[chosen, None] * passed
+        np.add.at(carried, taker[chosen], passed)
+    free = ~fixed
+    return force, bool((level[free] > 0).all() and len(joints) == free.sum())
+
+
+def _levels(joints, fixed: np.ndarray) -> np.ndarray:
+    """Joints between each block and the nearest fixed one (n,): 0 where fixed, -1 where no chain leads to one."""
+    level = np.where(fixed, 0, -1)
+    a = np.array([joint.block_a for joint in joints], np.int64)
+    b = np.array([joint.block_b for joint in joints], np.int64)
+    step = 0
+    while True:
+        reached = np.concatenate([b[(level[a] == step) & (level[b] < 0)], a[(level[b] == step) & (level[a] < 0)]])
+        if not len(reached):
+            return level
+        step += 1
+        level[reached] = step
+
+
+def _refuse(scenario: Scenario, message: str) -> NoReturn:
+    raise ScenarioError(f"{scenario.path}: {message}" if scenario.path else message)
+
+
+def _check_overlap(scenario: Scenario, table: ShapeTable, position, rotation, pairs) -> None:
+    depths = overlap_depths(table, position, rotation, pairs)
+    over = np.flatnonzero(depths > TOLERANCE * table.diameter[pairs].min(axis=1))
+    if not len(over):
+        return
+    worst = over[np.argmax(depths[over])]
+    first, second = (show(scenario.blocks[i].name) for i in pairs[worst])
+    more = f" ({len(over) - 1} more pairs overlap less)" if len(over) > 1 else ""
+    _refuse(
+        scenario, f"blocks {first} and {second} overlap by {depths[worst]:.6g} m{more}; move one of them that far out"
+    )
+
+
+def _check_overrides(scenario: Scenario, joints, number: dict[str, int], fixed: np.ndarray) -> None:
+    touching = {frozenset((joint.block_a, joint.block_b)) for joint in joints}
+    for entry in scenario.joints:
+        first, second = (number[name] for name in entry.between)
+        if frozenset((first, second)) in touching:
+            continue
+        reason = "both are fixed" if fixed[first] and fixed[second] else "they do not touch face to face"
+        _refuse(
+            scenario,
+            f"[[joints]] between {show(entry.between)}: there is no joint between these blocks, as {reason}; "
+            "remove the entry or move the blocks together",
+        )
+
+
+def _refuse_unsupported(scenario: Scenario, shapes, position, orientation, fixed, loose: np.ndarray) -> NoReturn:
+    """Name the blocks that no chain of joints ties to a support, and the nearest face that they miss."""
+    missed = [
+        joint
+        for joint in find_joints(shapes, position, orientation, fixed, lambda a, b: scenario.joint, _FAR)
+        if loose[joint.block_a] != loose[joint.block_b]
+    ]
+    name, hint = show(scenario.blocks[int(np.flatnonzero(loose)[0])].name), "put it on another block, face to face"
+    if missed:
+        nearest = min(missed, key=lambda joint: abs(joint.gap))
+        pair = (nearest.block_a, nearest.block_b)
+        here, there = pair if loose[pair[0]] else pair[::-1]
+        name = show(scenario.blocks[here].name)
+        hint = f"the nearest face is that of {show(scenario.blocks[there].name)}, {abs(nearest.gap):.6g} m away"
+        if abs(nearest.gap) <= TOLERANCE * min(shapes[here].diameter, shapes[there].diameter):
+            hint = f"it touches {show(scenario.blocks[there].name)}, but their faces are not parallel"
+    others = f" (nor do {int(loose.sum()) - 1} others)" if loose.sum() > 1 else ""
+    _refuse(scenario, f"block {name} rests on nothing: no chain of joints leads to a fixed block{others}; {hint}")
+
+
+def _check_inside(scenario: Scenario, what: str, point, name: str, shape: Polyhedron, rotation, arm) -> None:
+    outside = float((shape.face_normals @ (rotation.T @ arm) - shape.face_offsets).max())
+    if outside > _ON_FACE * shape.diameter:
+        where = f"its point {show(tuple(point))} lies {outside:.6g} m outside block {show(name)}"
+        _refuse(scenario, f"{what}: {where}; put it in the block or on one of its faces (world position at the start)")
+
+
+def _actuators(scenario: Scenario, number: dict[str, int], shapes, position, rotation, fixed) -> Actuators:
+    block = np.array([number[actuator.block] for actuator in scenario.actuators], np.int64)
+    point = np.array([actuator.point for actuator in scenario.actuators], float).reshape(-1, 3)
+    arm = point - position[block]
+    for i, actuator in zip(block, scenario.actuators, strict=True):
+        what = f"actuator {show(actuator.name)}"
+        if fixed[i]:
+            _refuse(scenario, f"{what} pushes block {show(actuator.block)}, which is fixed; push a free block")
+        _check_inside(
+            scenario, what, actuator.point, actuator.block, shapes[i], rotation[i], actuator.point - position[i]
+        )
+    return Actuators(
+        names=tuple(actuator.name for actuator in scenario.actuators),
+        block=block,
+        point=point,
+        arm=arm,
+        direction=np.array([actuator.direction for actuator in scenario.actuators], float).reshape(-1, 3),
+        weight=np.array([actuator.weight for actuator in scenario.actuators], float),
+    )
+
+
+def _check_stiffness(scenario: Scenario, joints, joint_force: np.ndarray) -> tuple[str, ...]:
+    """Refuse joints that their dead load would close, or friction shear, by more than a hundredth of their short side.
+
+    The numbers of this project are those of stiff joints (undeformed geometry); a tenth of the limit is warned about.
+    """
+    if not joints:
+        return ()
+    laws = [joint.law for joint in joints]
+    area = np.array([joint.area for joint in joints])
+    side = np.array([polygons.width(joint.polygon) for joint in joints])
+    normal = np.maximum((joint_force * [joint.axes[2] for joint in joints]).sum(axis=1), 0.0)
+    strength = normal * [law.friction for law in laws]
+    closing = normal / (area * [law.normal_stiffness for law in laws] * side)
+    sliding = strength / (area * [law.shear_stiffness for law in laws] * side)
+    worst = int(np.argmax(np.maximum(closing, sliding)))
+    softness = max(closing[worst], sliding[worst])
+    if not softness > SOFT_WARNING:
+        return ()
+    first, second = (show(scenario.blocks[i].name) for i in (joints[worst].block_a, joints[worst].block_b))
+    numbers = (
+        f"the joint between {first} and {second} is soft for its load: N = {normal[worst]:.6g} N closes it by "
+        f"N/(kn A) = {closing[worst]:.3g} of its short side ({side[worst]:.6g} m), and V_0 = {strength[worst]:.6g} N "
+        f"shears it by V_0/(ks A) = {sliding[worst]:.3g} of it"
+    )
+    keys = [
+        key
+        for key, value in (("normal_stiffness", closing[worst]), ("shear_stiffness", sliding[worst]))
+        if value > SOFT_WARNING
+    ]
+    if softness > SOFT_LIMIT:
+        _refuse(scenario, f"{numbers}; at most {SOFT_LIMIT:g} is accepted: raise {' and '.join(keys)}")
+    count = int((np.maximum(closing, sliding) > SOFT_WARNING).sum())
+    more = f" ({count - 1} more joints are above it too)" if count > 1 else ""
+    effect = f"above {SOFT_WARNING:g} the deformed geometry shows in the result"
+    return (f"{numbers}; {effect}{more}: raise {' and '.join(keys)}",)

@@ -1,0 +1,55 @@
+"""The errors a user can meet, each with the exit code of the command that shows it.
+
+Every message names the cause and the remedy in one sentence or two; the command line prints it without a
+traceback. Exit codes: 1 no answer, 2 invalid input or usage, 4 an optional dependency is missing.
+"""
+
+
+class DembrickError(Exception):
+    """Base of all errors that are addressed to the user."""
+
+    exit_code = 1
+
+
+class ScenarioError(DembrickError):
+    """The input cannot describe a test: unknown key, wrong type, impossible value or geometry."""
+
+    exit_code = 2
+
+
+class HistoryError(DembrickError):
+    """A history file that cannot be read: missing, truncated, or not one of ours."""
+
+    exit_code = 2
+
+
+class OutputError(DembrickError):
+    """An output path that cannot be used: missing folder, no permission, a finished history in the way."""
+
+    exit_code = 2
+
+
+class WriteError(DembrickError):
+    """A write that failed while the run was going (disk full, folder gone)."""
+
+
+class DivergedError(DembrickError):
+    """The time stepping left the physical range: NaN, runaway energy, a block thrown away."""
+
+
+class NotConvergedError(DembrickError):
+    """The answer was not reached; ``yield_point`` carries the best bracket found, if there is one."""
+
+    def __init__(self, message: str, yield_point=None):
+        super().__init__(message)
+        self.yield_point = yield_point
+
+
+class EnergyAuditError(DembrickError):
+    """The energy books of a run do not balance, or friction created energy."""
+
+
+class MissingDependency(DembrickError):
+    """An optional package or a system library is not installed."""
+
+    exit_code = 4

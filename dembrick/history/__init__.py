@@ -1,0 +1,13 @@
+"""History files (HDF5): written as the run goes, readable at any moment, also after a kill.
+
+A file that is being written has all its datasets from the start, longer than needed. New rows are put into the
+reserved space with plain writes, then the count in ``/written`` is raised: HDF5's own structure, which no system
+writes in one piece, is never touched while the run goes on. Growing past the reserved space and finishing make a new
+file beside the old one and rename it.
+"""
+
+from dembrick.history.files import check_output, part_name, replacing
+from dembrick.history.reader import History, read
+from dembrick.history.writer import HistoryWriter
+
+__all__ = ["History", "HistoryWriter", "check_output", "part_name", "read", "replacing"]

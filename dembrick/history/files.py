@@ -1,0 +1,74 @@
+"""Files that appear whole or not at all: checks of an output path, and writing under a temporary name.
+
+Everything the package leaves behind goes through :func:`replacing`: the bytes are written to a hidden neighbour
+``.NAME.PID.part`` which takes the final name only when it is complete.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+
+from dembrick.errors import OutputError
+
+
+def reason(error: BaseException) -> str:
+    """The operating system's words for a failed write, also out of HDF5's long messages."""
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror
+    found = re.search(r"error message = '([^']+)'", str(error))
+    return found.group(1) if found else (str(error).splitlines() or [type(error).__name__])[0]
+
+
+def part_name(path: str) -> str:
+    """The temporary neighbour of ``path``, of this process alone."""
+    folder, name = os.path.split(path)
+    return os.path.join(folder, f".{name}.{os.getpid()}.part")
+
+
+def check_output(path: str | os.PathLike) -> str:
+    """The real path behind ``path`` if a file can be written there; OutputError otherwise.
+
+    Whether the folder can be written is tried, not asked: permissions alone do not tell of a read-only disk.
+    """
+    real = os.path.realpath(path)
+    folder = os.path.dirname(real)
+    if os.path.isdir(real):
+        raise OutputError(f"{path}: this is a folder; give the name of a file in it")
+    if not os.path.isdir(folder):
+        raise OutputError(f"{path}: the folder {folder} does not exist; make it first or choose another path")
+    if os.path.exists(real) and not os.path.isfile(real):
+        raise OutputError(f"{path}: this is not an ordinary file; choose another path")
+    part = part_name(real)
+    try:
+        os.close(os.open(part, os.O_WRONLY | os.O_CREAT, 0o666))
+        os.unlink(part)
+    except OSError as error:
+        if error.errno == errno.ENAMETOOLONG:
+            raise OutputError(f"{path}: the name is too long; choose a shorter one") from error
+        raise OutputError(
+            f"{path}: the folder {folder} cannot be written ({reason(error)}); choose another path"
+        ) from error
+    return real
+
+
+@contextmanager
+def replacing(path: str, sync: bool = False) -> Iterator[str]:
+    """Give a temporary name to write to; on success the file takes the name ``path``, on any error it goes away.
+
+    ``sync``: put the bytes on the disk before the rename, so that a power cut cannot leave an empty file.
+    """
+    part = part_name(path)
+    try:
+        yield part
+        if sync:
+            with open(part, "rb+") as file:
+                os.fsync(file.fileno())
+        os.replace(part, path)
+    except BaseException:
+        with suppress(OSError):
+            os.unlink(part)
+        raise

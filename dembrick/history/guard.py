@@ -1,0 +1,140 @@
+"""Reading an HDF5 file that anyone may have made: nothing outside the file is opened, nothing absurd is allocated.
+
+Every function raises HistoryError with one sentence. Refused are links that are not plain members of the file (soft,
+external), data stored in other files (external storage, virtual datasets), filters that would load a plug-in, shapes
+and types other than ours, and sizes that the bytes in the file cannot hold.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import h5py
+import numpy as np
+from h5py import h5a, h5d, h5g, h5l, h5t, h5z
+
+from dembrick.errors import HistoryError
+
+MAX_READ = 4 << 30  # bytes of one read: a longer one is a mistake or an attack
+_FILTERS = {h5z.FILTER_DEFLATE, h5z.FILTER_SHUFFLE, h5z.FILTER_FLETCHER32}
+_GZIP_BOUND = 1100  # no gzip stream expands more than 1032 times
+_KINDS = {"number": (h5t.FLOAT, h5t.INTEGER), "integer": (h5t.INTEGER,), "text": (h5t.STRING,)}
+_DAMAGE = (OSError, KeyError, ValueError, TypeError, RuntimeError, OverflowError, MemoryError, AttributeError)
+
+
+@contextmanager
+def damaged(path: str, what: str) -> Iterator[None]:
+    """Turn whatever HDF5 raises on broken bytes into one sentence."""
+    try:
+        yield
+    except _DAMAGE as error:
+        raise HistoryError(f"{path}: {what} cannot be read; the file is damaged or was not written by us") from error
+
+
+def open_file(path: str | os.PathLike) -> h5py.File:
+    """Open without a lock, so that a run may go on writing the file."""
+    path = os.fspath(path)
+    if not os.path.exists(path):
+        raise HistoryError(f"{path}: there is no such file")
+    if not os.path.isfile(path):
+        raise HistoryError(f"{path}: this is not a file; give the name of a history (.h5)")
+    if not os.access(path, os.R_OK):
+        raise HistoryError(f"{path}: no permission to read this file")
+    try:
+        return h5py.File(path, "r", locking=False)
+    except _DAMAGE as error:
+        if os.path.getsize(path) and "truncated" in str(error):
+            raise HistoryError(f"{path}: the file is truncated; copy it again") from error
+        raise HistoryError(f"{path}: this is not an HDF5 file, so it is not a history") from error
+
+
+def attribute(file: h5py.File, name: str) -> str | int | None:
+    """A scalar text or integer attribute of the root, None where it is missing or anything else."""
+    with damaged(file.filename, f"the attribute {name!r}"):
+        if not h5a.exists(file.id, name.encode()):
+            return None
+        found = h5a.open(file.id, name.encode())
+        if found.shape != () or found.get_type().get_class() not in (h5t.STRING, h5t.INTEGER):
+            return None
+        value = file.attrs[name]
+        return value if isinstance(value, str) else int(value)
+
+
+def members(file: h5py.File, path: str) -> list[str]:
+    """Names of the datasets in a group; empty where the group is missing."""
+    with damaged(file.filename, path):
+        parent, _, last = path.rpartition("/")
+        above = _group(file, parent)
+        if not above.links.exists(last.encode()):
+            return []
+        group = _group(file, path)
+        if group.get_num_objs() > 1000:
+            raise HistoryError(f"{file.filename}: {path} has too many entries for a history")
+        return sorted(name.decode() for name in group)
+
+
+def dataset(file: h5py.File, path: str, kind: str, shape: tuple[int | None, ...]) -> h5py.Dataset:
+    """Open the dataset ``path`` if it is stored in this file, with numbers or text of that shape (None: any length)."""
+    where = f"{file.filename}: {path}"
+    with damaged(file.filename, path):
+        parent, _, name = path.rpartition("/")
+        group = _group(file, parent)
+        _plain_link(file, group, name.encode(), path)
+        data = h5d.open(group, name.encode())
+        if data.get_type().get_class() not in _KINDS[kind] or data.get_type().get_size() > 16:
+            raise HistoryError(f"{where} does not hold {kind} values, so this is not a history of ours")
+        if len(data.shape) != len(shape) or any(
+            want not in (None, got) for want, got in zip(shape, data.shape, strict=True)
+        ):
+            wanted = " x ".join("any" if n is None else str(n) for n in shape)
+            raise HistoryError(f"{where} has the shape {data.shape}; {wanted or 'a single value'} was expected")
+        _check_storage(data, where, os.path.getsize(file.filename))
+        return h5py.Dataset(data)
+
+
+def values(data: h5py.Dataset, start: int = 0, stop: int | None = None) -> np.ndarray:
+    """Entries start to stop along the first axis, nothing else of the dataset."""
+    path = f"{data.file.filename}: {data.name}" if data.id.valid else "the history"
+    count = (len(data) if stop is None else stop) - start
+    entry = data.dtype.itemsize * int(np.prod(data.shape[1:], dtype=object))
+    if count * entry > MAX_READ:
+        raise HistoryError(f"{path} is too long to read at once ({count * entry / 2**30:.0f} GiB); ask for a part of it")
+    with damaged(data.file.filename if data.id.valid else "history", f"{data.name}"):
+        return data[start : start + count]
+
+
+def texts(data: h5py.Dataset) -> list[str]:
+    """All strings of a dataset of text."""
+    with damaged(data.file.filename, data.name):
+        return [str(text) for text in data.asstr()[:]]
+
+
+def _plain_link(file, group, name: bytes, path: str) -> None:
+    if not group.links.exists(name):
+        raise HistoryError(f"{file.filename}: {path} is missing, so this is not a history of ours")
+    if group.links.get_info(name).type != h5l.TYPE_HARD:
+        raise HistoryError(f"{file.filename}: {path} is a link to another place; such a file is not followed")
+
+
+def _group(file, path: str):
+    """Walk down by plain members only, so that no link is ever followed."""
+    group = h5g.open(file.id, b"/")
+    for name in filter(None, path.split("/")):
+        _plain_link(file, group, name.encode(), path)
+        group = h5g.open(group, name.encode())
+    return group
+
+
+def _check_storage(data, where: str, file_size: int) -> None:
+    how = data.get_create_plist()
+    if how.get_layout() == h5d.VIRTUAL or how.get_external_count():
+        raise HistoryError(f"{where} keeps its values in another file, which is not opened")
+    if any(how.get_filter(i)[0] not in _FILTERS for i in range(how.get_nfilters())):
+        raise HistoryError(f"{where} is compressed by a method that a history does not use")
+    size = data.get_type().get_size() * int(np.prod(data.shape, dtype=object))
+    stored = data.get_storage_size()
+    bound = stored * _GZIP_BOUND if how.get_layout() == h5d.CHUNKED else stored
+    if size > bound or stored > file_size:
+        raise HistoryError(f"{where} claims {size} bytes, more than the file holds")

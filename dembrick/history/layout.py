@@ -1,0 +1,230 @@
+"""The layout of a history file: which datasets it has, and how its skeleton is made.
+
+A history is one HDF5 file. Numbers that grow with the run are :class:`Field`\\ s, with one entry a row (``/history``)
+or one a frame (``/frames``); what is known at the start is a :class:`Table`. ``/written`` says how many rows and frames
+are valid: in a file that is still being written the growing datasets are longer, and zero beyond.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import h5py
+import numpy as np
+from h5py import h5a, h5d, h5f, h5g, h5p, h5s, h5t
+
+FORMAT = 1
+WRITTEN = "written"
+JOINT_CHANNELS = {
+    "N": ("N", "normal force, compression positive"),
+    "V_1": ("N", "shear force on block b along the joint's first axis"),
+    "V_2": ("N", "shear force on block b along the joint's second axis"),
+    "M_T": ("N m", "torsion on block b about the joint's normal, through its centroid"),
+    "M_1": ("N m", "bending moment on block b about the joint's first axis"),
+    "M_2": ("N m", "bending moment on block b about the joint's second axis"),
+    "slip": ("m", "irreversible part of the shear displacement"),
+}
+
+_TEXT = h5py.string_dtype()
+_TEXT_TYPE = h5t.py_create(_TEXT, logical=True)
+_NUMBER_TYPES = {"<f8": h5t.IEEE_F64LE, "<i8": h5t.STD_I64LE, "|u1": h5t.STD_U8LE}
+_SCALAR = h5s.create(h5s.SCALAR)
+_LINKS = h5p.create(h5p.LINK_CREATE)
+_LINKS.set_create_intermediate_group(True)
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """A growing dataset of float64: ``tail`` is the shape of one entry."""
+
+    path: str
+    tail: tuple[int, ...]
+    units: str
+    description: str
+
+    @property
+    def entry_bytes(self) -> int:
+        return 8 * int(np.prod(self.tail, dtype=np.int64))
+
+    @property
+    def is_frame(self) -> bool:
+        return self.path.startswith("frames/")
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A dataset known at the start: numbers (float64, int64, uint8) or a list of strings."""
+
+    path: str
+    value: np.ndarray
+    units: str
+    description: str
+
+
+def fields(n_actuator: int, n_joint: int, energy: Iterable[str], n_block: int | None) -> tuple[Field, ...]:
+    """All growing datasets; ``n_block`` None leaves the frames out."""
+    rows = [
+        Field("history/time", (), "s", "time of the row"),
+        Field("history/load", (), "N", "load multiplier V: the force of a jack of weight 1"),
+        Field("history/displacement", (), "m", "driven displacement: sum(weight u) / sum|weight| over the jacks"),
+        Field("history/actuator_displacement", (n_actuator,), "m", "displacement of each jack's point, from the start"),
+        Field("history/actuator_force", (n_actuator,), "N", "force of each jack"),
+        Field("history/unbalanced", (), "1", "unbalanced-force ratio"),
+    ]
+    rows += [Field(f"history/joint/{name}", (n_joint,), *about) for name, about in JOINT_CHANNELS.items()]
+    rows += [Field(f"history/energy/{name}", (), "J", f"energy: {name.replace('_', ' ')}") for name in energy]
+    if n_block is None:
+        return tuple(rows)
+    return (
+        *rows,
+        Field("frames/time", (), "s", "time of the frame"),
+        Field("frames/position", (n_block, 3), "m", "centroid of each block, world axes"),
+        Field("frames/displacement", (n_block, 3), "m", "movement of each centroid from the start, world axes"),
+        Field("frames/orientation", (n_block, 4), "1", "quaternion (w, x, y, z) of each block, body to world"),
+    )
+
+
+def geometry(assembly) -> list[Table]:
+    """Blocks, joints and jacks at rest, as far as a picture needs them; ragged lists as values and starts."""
+    shapes, joints, points, jacks = assembly.shapes, assembly.joints, assembly.contact_points, assembly.actuators
+    faces = [face for shape in shapes for face in shape.faces]
+    arms = np.concatenate(
+        [np.column_stack([p.normal_arm, p.shear_arm, p.area]) for p in points if p is not None] or [np.zeros((0, 5))]
+    )
+    pairs = [(joint.block_a, joint.block_b, joint.host) for joint in joints]
+    b, j, a = "geometry/blocks/", "geometry/joints/", "geometry/actuators/"
+    return [
+        Table(b + "name", _texts(assembly.names), "1", "name of each block"),
+        Table(b + "fixed", np.asarray(assembly.fixed, np.uint8), "1", "1 where the block is a support"),
+        Table(b + "position", _floats(assembly.position, 3), "m", "centroids at the start, world axes"),
+        Table(b + "orientation", _floats(assembly.orientation, 4), "1", "quaternions (w, x, y, z) at the start"),
+        Table(b + "vertices", _stacked([s.vertices for s in shapes], 3), "m", "vertices of all blocks, body axes"),
+        Table(b + "vertex_start", _starts(len(s.vertices) for s in shapes), "1", "first vertex of each block, and end"),
+        Table(b + "face_start", _starts(len(s.faces) for s in shapes), "1", "first face of each block, and end"),
+        Table(b + "corner", _ints(np.concatenate([*faces, ()])), "1", "vertex numbers of all faces, within the block"),
+        Table(b + "corner_start", _starts(len(face) for face in faces), "1", "first corner of each face, and end"),
+        Table(j + "blocks", _ints(pairs).reshape(-1, 3), "1", "block a, block b, and the block the polygon rides on"),
+        Table(j + "origin", _floats([i.origin for i in joints], 3), "m", "centroid O at the start, world axes"),
+        Table(j + "axes", _floats([i.axes for i in joints], 3, 3), "1", "t1, t2 and the normal from a to b, as rows"),
+        Table(j + "area", _floats([i.area for i in joints]), "m2", "area of the joint"),
+        Table(j + "polygon", _stacked([i.polygon for i in joints], 2), "m", "corners of all joints along t1, t2 from O"),
+        Table(j + "polygon_start", _starts(len(i.polygon) for i in joints), "1", "first corner of each joint, and end"),
+        Table(j + "formulation", _texts(i.law.formulation for i in joints), "1", "contact formulation"),
+        Table(j + "friction", _floats([i.law.friction for i in joints]), "1", "friction coefficient"),
+        Table(j + "point", arms, "m, m, m, m, m2", "contact points: normal arm (2), shear arm (2) from O, area"),
+        Table(j + "point_start", _starts(0 if p is None else len(p.area) for p in points), "1", "first point, and end"),
+        Table(a + "name", _texts(jacks.names), "1", "name of each jack"),
+        Table(a + "block", _ints(jacks.block), "1", "block that the jack pushes"),
+        Table(a + "point", _floats(jacks.point, 3), "m", "its point at the start, world axes"),
+        Table(a + "direction", _floats(jacks.direction, 3), "1", "its direction, world axes"),
+        Table(a + "weight", _floats(jacks.weight), "1", "its share of the load"),
+    ]
+
+
+def scenario_table(text: str) -> Table:
+    return Table("scenario", np.array(text, dtype=_TEXT), "1", "the scenario, as it was read (TOML)")
+
+
+def create(
+    path: str,
+    growing: Mapping[Field, int],
+    tables: Iterable[Table],
+    attributes: Mapping[str, object],
+    packed: Mapping[str, int],
+) -> dict[str, int]:
+    """Make a file with every dataset in place and closed again; return where each growing dataset starts in it.
+
+    ``growing``: entries to reserve for each field. They are contiguous and unwritten (a hole on most disks), so that
+    whoever writes into them at the returned offsets never touches the structure of the file. ``packed``: fields to
+    compress instead, with the entries a chunk; they have no offset. h5py's low-level calls, because a short run spends
+    most of its time here.
+    """
+    access = h5p.create(h5p.FILE_ACCESS)
+    access.set_libver_bounds(h5f.LIBVER_V18, h5f.LIBVER_V18)  # readable by any HDF5 in use; no open-for-writing marks
+    access.set_fclose_degree(h5f.CLOSE_STRONG)
+    file = h5f.create(os.fsencode(path), h5f.ACC_TRUNC, fapl=access)
+    offsets = {}
+    try:
+        for name, value in attributes.items():
+            _attribute(h5g.open(file, b"/"), name.encode(), value)
+        for table in tables:
+            _table(file, table)
+        early = h5p.create(h5p.DATASET_CREATE)
+        early.set_layout(h5d.CONTIGUOUS)
+        early.set_alloc_time(h5d.ALLOC_TIME_EARLY)
+        early.set_fill_time(h5d.FILL_TIME_NEVER)
+        for field, count in growing.items():
+            how = _chunked(field, packed[field.path]) if field.path in packed else early
+            space = h5s.create_simple((count, *field.tail))
+            data = h5d.create(file, field.path.encode(), h5t.IEEE_F64LE, space, how, _LINKS)
+            _describe(data, field.units, field.description)
+            offset = None if field.path in packed else data.get_offset()
+            if offset is not None:
+                offsets[field.path] = offset
+        offsets[WRITTEN] = _written(file, early)
+    finally:
+        file.close()
+    return offsets
+
+
+def _written(file, how) -> int:
+    data = h5d.create(file, WRITTEN.encode(), h5t.STD_I64LE, h5s.create_simple((2,)), how)
+    _describe(data, "1", "rows of /history and entries of /frames that are valid; what lies beyond is reserved space")
+    return data.get_offset()
+
+
+def _chunked(field: Field, entries: int):
+    how = h5p.create(h5p.DATASET_CREATE)
+    how.set_chunk((entries, *field.tail))
+    how.set_shuffle()
+    how.set_deflate(1)
+    how.set_fill_time(h5d.FILL_TIME_NEVER)
+    return how
+
+
+def _table(file, table: Table) -> None:
+    value = table.value
+    kind = _TEXT_TYPE if value.dtype.kind == "O" else _NUMBER_TYPES[value.dtype.str]
+    space = h5s.create_simple(value.shape) if value.shape else _SCALAR
+    data = h5d.create(file, table.path.encode(), kind, space, None, _LINKS)
+    if value.size:
+        data.write(h5s.ALL, h5s.ALL, value, mtype=kind)
+    _describe(data, table.units, table.description)
+
+
+def _describe(data, units: str, description: str) -> None:
+    _attribute(data, b"units", units)
+    _attribute(data, b"description", description)
+
+
+def _attribute(owner, name: bytes, value) -> None:
+    if isinstance(value, str):
+        kind, array = _TEXT_TYPE, np.array(value, dtype=_TEXT)
+    else:
+        kind, array = h5t.STD_I64LE, np.array(value, np.int64)
+    h5a.create(owner, name, kind, _SCALAR).write(array, mtype=kind)
+
+
+def _texts(values: Iterable[str]) -> np.ndarray:
+    values = list(values)
+    array = np.empty(len(values), dtype=_TEXT)
+    array[:] = values
+    return array
+
+
+def _floats(values, *tail: int) -> np.ndarray:
+    return np.ascontiguousarray(values, "<f8").reshape(-1, *tail)
+
+
+def _ints(values) -> np.ndarray:
+    return np.ascontiguousarray(values, "<i8")
+
+
+def _stacked(arrays: list, width: int) -> np.ndarray:
+    return _floats(np.concatenate([np.zeros((0, width)), *arrays]), width)
+
+
+def _starts(lengths: Iterable[int]) -> np.ndarray:
+    return np.concatenate([[0], np.cumsum(list(lengths), dtype=np.int64)]).astype("<i8")

@@ -1,0 +1,317 @@
+"""Reading a history: lazily, never more than was asked for, also while a run is still writing it."""
+
+from __future__ import annotations
+
+import json
+import os
+import tomllib
+from functools import cached_property
+
+import numpy as np
+
+from dembrick.errors import HistoryError
+from dembrick.history import guard
+from dembrick.history.layout import FORMAT, JOINT_CHANNELS, WRITTEN
+
+
+def read(path: str | os.PathLike) -> History:
+    """Open a history file; HistoryError if it is not one. Close it, or use it in a ``with`` statement."""
+    return History(path)
+
+
+def status_of(path: str | os.PathLike) -> str:
+    """The status of a history file and nothing else of it."""
+    with guard.open_file(path) as file:
+        return _status(file)
+
+
+def _status(file) -> str:
+    found, status = guard.attribute(file, "format"), guard.attribute(file, "status")
+    if not isinstance(found, int) or not isinstance(status, str):
+        raise HistoryError(f"{file.filename}: this HDF5 file was not written by dembrick")
+    if found != FORMAT:
+        raise HistoryError(
+            f"{file.filename}: history format {found} is unknown to this version, which reads {FORMAT}; update dembrick"
+        )
+    return status
+
+
+class History:
+    """A history file, open for reading.
+
+    ``status``: ``running`` as long as the run goes on (or after it was killed), then what it ended with.
+    ``n_row`` rows and ``n_frames`` frames are there, as of the moment of opening. Series are arrays (T,) or (T, n).
+    """
+
+    def __init__(self, path: str | os.PathLike):
+        self.path = os.fspath(path)
+        self._file = guard.open_file(path)
+        try:
+            self.status = _status(self._file)
+            self._open_series()
+        except BaseException:
+            self._file.close()
+            raise
+
+    def _open_series(self) -> None:
+        written = guard.values(guard.dataset(self._file, WRITTEN, "integer", (2,)))
+        self.n_row, self.n_frames = (int(n) for n in written)
+        self.n_block = guard.dataset(self._file, "geometry/blocks/name", "text", (None,)).shape[0]
+        self.n_joint = guard.dataset(self._file, "geometry/joints/blocks", "integer", (None, 3)).shape[0]
+        self.n_actuator = guard.dataset(self._file, "geometry/actuators/name", "text", (None,)).shape[0]
+        tails = dict.fromkeys(("time", "load", "displacement", "unbalanced"), ())
+        tails |= dict.fromkeys(("actuator_displacement", "actuator_force"), (self.n_actuator,))
+        tails |= {f"joint/{name}": (self.n_joint,) for name in JOINT_CHANNELS}
+        self.energy_names = tuple(guard.members(self._file, "history/energy"))
+        tails |= {f"energy/{name}": () for name in self.energy_names}
+        tails = {f"history/{name}": tail for name, tail in tails.items()}
+        self.has_frames = "time" in guard.members(self._file, "frames")
+        if self.has_frames:
+            blocks = {"time": (), "position": (self.n_block, 3), "displacement": (self.n_block, 3)}
+            blocks["orientation"] = (self.n_block, 4)
+            tails |= {f"frames/{name}": tail for name, tail in blocks.items()}
+        self._series = {}
+        for name, tail in tails.items():
+            data = guard.dataset(self._file, name, "number", (None, *tail))
+            count = self.n_frames if name.startswith("frames/") else self.n_row
+            if not 0 <= count <= len(data):
+                raise HistoryError(f"{self.path}: {name} has {len(data)} entries where {count} were written")
+            self._series[name] = data
+        if self.n_frames and not self.has_frames:
+            raise HistoryError(f"{self.path}: frames/time is missing, so this is not a history of ours")
+
+    def close(self) -> None:
+        self._file.close()
+
+    def __enter__(self) -> History:
+        return self
+
+    def __exit__(self, *_) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        return f"<History {self.path}: {self.status}, {self.n_row} rows, {self.n_frames} frames, {self.n_block} blocks>"
+
+    # --- what the run was ---
+
+    @cached_property
+    def scenario_text(self) -> str:
+        """The scenario as TOML text."""
+        data = guard.dataset(self._file, "scenario", "text", ())
+        with guard.damaged(self.path, "scenario"):
+            return data.asstr()[()]
+
+    @cached_property
+    def title(self) -> str:
+        title = self.results.get("title")
+        if title is None:
+            try:
+                title = tomllib.loads(self.scenario_text).get("title", "")
+            except (tomllib.TOMLDecodeError, RecursionError):
+                title = ""
+        return str(title)
+
+    @cached_property
+    def results(self) -> dict:
+        """The object of ``run --json``; empty while the run goes on."""
+        return self._json("results")
+
+    @cached_property
+    def settings(self) -> dict:
+        """What the program chose: time step, damping, rates."""
+        return self._json("settings")
+
+    @cached_property
+    def versions(self) -> dict:
+        """Versions of the packages, and the machine."""
+        return self._json("versions")
+
+    def _json(self, name: str) -> dict:
+        try:
+            found = json.loads(guard.attribute(self._file, name) or "{}")
+        except (TypeError, ValueError, RecursionError) as error:
+            raise HistoryError(f"{self.path}: the attribute {name!r} is damaged") from error
+        if not isinstance(found, dict):
+            raise HistoryError(f"{self.path}: the attribute {name!r} is damaged")
+        return found
+
+    # --- series ---
+
+    def series(self, name: str, start: int = 0, stop: int | None = None) -> np.ndarray:
+        """Entries start to stop (default: all that were written) of a series such as ``load`` or ``joint/N``."""
+        data = self._series.get(f"history/{name}")
+        if data is None:
+            raise KeyError(f"no series {name!r} in {self.path}")
+        start, stop, _ = slice(start, stop).indices(self.n_row)
+        return guard.values(data, start, max(start, stop))
+
+    @cached_property
+    def time(self) -> np.ndarray:
+        """(T,) s"""
+        return self.series("time")
+
+    @cached_property
+    def load(self) -> np.ndarray:
+        """(T,) N: the load multiplier V"""
+        return self.series("load")
+
+    @cached_property
+    def displacement(self) -> np.ndarray:
+        """(T,) m: the driven displacement"""
+        return self.series("displacement")
+
+    @cached_property
+    def actuator_displacement(self) -> np.ndarray:
+        """(T, n_actuator) m"""
+        return self.series("actuator_displacement")
+
+    @cached_property
+    def actuator_force(self) -> np.ndarray:
+        """(T, n_actuator) N"""
+        return self.series("actuator_force")
+
+    @cached_property
+    def unbalanced(self) -> np.ndarray:
+        """(T,) unbalanced-force ratio"""
+        return self.series("unbalanced")
+
+    def joint(self, name: str) -> np.ndarray:
+        """(T, n_joint) of ``N``, ``V_1``, ``V_2``, ``M_T``, ``M_1``, ``M_2`` or ``slip``."""
+        return self.series(f"joint/{name}")
+
+    @cached_property
+    def energy(self) -> dict[str, np.ndarray]:
+        """Energies by name, each (T,) J."""
+        return {name: self.series(f"energy/{name}") for name in self.energy_names}
+
+    # --- frames ---
+
+    @cached_property
+    def frame_time(self) -> np.ndarray:
+        """(F,) s"""
+        return guard.values(self._series["frames/time"], 0, self.n_frames) if self.has_frames else np.zeros(0)
+
+    def frame_position(self, k: int) -> np.ndarray:
+        """(n_block, 3) m: centroids in frame k, world axes."""
+        return self._frame("position", k)
+
+    def frame_displacement(self, k: int) -> np.ndarray:
+        """(n_block, 3) m: movement of the centroids from the start; keeps digits that positions lose."""
+        return self._frame("displacement", k)
+
+    def frame_orientation(self, k: int) -> np.ndarray:
+        """(n_block, 4): quaternions (w, x, y, z) in frame k."""
+        return self._frame("orientation", k)
+
+    def _frame(self, name: str, k: int) -> np.ndarray:
+        if not -self.n_frames <= k < self.n_frames:
+            raise IndexError(f"frame {k} of {self.path}, which has {self.n_frames}")
+        k %= self.n_frames
+        return guard.values(self._series[f"frames/{name}"], k, k + 1)[0]
+
+    # --- geometry at rest ---
+
+    def _table(self, path: str, *tail: int, count: int | None = None, kind: str = "number") -> np.ndarray:
+        found = guard.values(guard.dataset(self._file, f"geometry/{path}", kind, (count, *tail)))
+        if found.dtype.kind == "f" and not np.isfinite(found).all():
+            raise HistoryError(f"{self.path}: geometry/{path} holds a value that is not a finite number")
+        return found
+
+    def _texts(self, path: str, count: int) -> list[str]:
+        return guard.texts(guard.dataset(self._file, f"geometry/{path}", "text", (count,)))
+
+    def _starts(self, path: str, count: int, total: int) -> list[int]:
+        starts = self._table(path, count=count + 1, kind="integer")
+        if starts[0] != 0 or starts[-1] != total or (np.diff(starts) < 0).any():
+            raise HistoryError(f"{self.path}: geometry/{path} does not divide its list")
+        return starts.tolist()
+
+    def _numbers(self, path: str, limit: int, *tail: int, count: int | None = None) -> np.ndarray:
+        found = self._table(path, *tail, count=count, kind="integer")
+        if found.size and not 0 <= found.min() <= found.max() < limit:
+            raise HistoryError(f"{self.path}: geometry/{path} names something that is not there")
+        return found.astype(np.int64)
+
+    @cached_property
+    def block_names(self) -> tuple[str, ...]:
+        return tuple(self._texts("blocks/name", self.n_block))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return self.block_names
+
+    @cached_property
+    def block_fixed(self) -> np.ndarray:
+        """(n_block,) bool: the supports."""
+        return self._table("blocks/fixed", count=self.n_block, kind="integer").astype(bool)
+
+    @cached_property
+    def position0(self) -> np.ndarray:
+        """(n_block, 3) m: centroids at the start."""
+        return self._table("blocks/position", 3, count=self.n_block)
+
+    @cached_property
+    def orientation0(self) -> np.ndarray:
+        """(n_block, 4): quaternions at the start."""
+        return self._table("blocks/orientation", 4, count=self.n_block)
+
+    @cached_property
+    def _shapes(self) -> tuple[list[np.ndarray], list[tuple[tuple[int, ...], ...]]]:
+        vertices = self._table("blocks/vertices", 3)
+        starts = self._starts("blocks/vertex_start", self.n_block, len(vertices))
+        corners = self._numbers("blocks/corner", len(vertices)).tolist()
+        n_face = len(self._table("blocks/corner_start", kind="integer")) - 1
+        if n_face < 0:
+            raise HistoryError(f"{self.path}: geometry/blocks/corner_start is empty")
+        corner_start = self._starts("blocks/corner_start", n_face, len(corners))
+        faces = [tuple(corners[a:b]) for a, b in zip(corner_start, corner_start[1:], strict=False)]
+        face_start = self._starts("blocks/face_start", self.n_block, n_face)
+        of_block = [tuple(faces[a:b]) for a, b in zip(face_start, face_start[1:], strict=False)]
+        points = [vertices[a:b] for a, b in zip(starts, starts[1:], strict=False)]
+        for i, (block, own) in enumerate(zip(of_block, points, strict=True)):
+            if any(number >= len(own) for face in block for number in face):
+                raise HistoryError(f"{self.path}: a face of block {i} names a vertex that is not there")
+        return points, of_block
+
+    def block_vertices(self, i: int) -> np.ndarray:
+        """(nv, 3) m: vertices of block i in its body frame."""
+        return self._shapes[0][i]
+
+    def block_faces(self, i: int) -> tuple[tuple[int, ...], ...]:
+        """Faces of block i as tuples of vertex numbers, counterclockwise seen from outside."""
+        return self._shapes[1][i]
+
+    @cached_property
+    def joints(self) -> list[dict]:
+        """One dict a joint: blocks, ``origin``, ``axes`` (rows t1, t2, n), ``polygon`` (m, 2), law, contact points."""
+        n = self.n_joint
+        blocks = self._numbers("joints/blocks", self.n_block, 3, count=n).tolist()
+        names = {"area": (), "friction": (), "origin": (3,), "axes": (3, 3)}
+        columns = {name: self._table(f"joints/{name}", *tail, count=n) for name, tail in names.items()}
+        formulation = self._texts("joints/formulation", n)
+        polygons, points = self._table("joints/polygon", 2), self._table("joints/point", 5)
+        p = self._starts("joints/polygon_start", n, len(polygons))
+        c = self._starts("joints/point_start", n, len(points))
+        joints = []
+        for i in range(n):
+            joint = dict(zip(("block_a", "block_b", "host"), blocks[i], strict=True))
+            joint |= {"area": float(columns["area"][i]), "friction": float(columns["friction"][i])}
+            joint |= {"origin": columns["origin"][i], "axes": columns["axes"][i], "formulation": formulation[i]}
+            own = points[c[i] : c[i + 1]]
+            joint |= {"polygon": polygons[p[i] : p[i + 1]]}
+            joint |= {"normal_arms": own[:, :2], "shear_arms": own[:, 2:4], "areas": own[:, 4]}
+            joints.append(joint)
+        return joints
+
+    @cached_property
+    def actuators(self) -> list[dict]:
+        """One dict a jack: ``name``, ``block``, ``point``, ``direction``, ``weight``."""
+        n = self.n_actuator
+        names, blocks = self._texts("actuators/name", n), self._numbers("actuators/block", self.n_block, count=n)
+        point, direction = (self._table(f"actuators/{name}", 3, count=n) for name in ("point", "direction"))
+        weight = self._table("actuators/weight", count=n)
+        return [
+            {"name": names[i], "block": int(blocks[i]), "point": point[i], "direction": direction[i]}
+            | {"weight": float(weight[i])}
+            for i in range(n)
+        ]

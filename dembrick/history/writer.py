@@ -1,0 +1,342 @@
+"""Writing a history while the run goes on, so that a kill at any moment costs nothing that was flushed."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import sys
+import time
+import zlib
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+
+import h5py
+import numpy as np
+
+import dembrick
+from dembrick.errors import HistoryError, OutputError, WriteError
+from dembrick.history import layout
+from dembrick.history.files import check_output, reason, replacing
+from dembrick.history.layout import Field
+from dembrick.history.reader import status_of
+
+RUNNING = "running"
+_SLAB = 4 << 20  # bytes moved at a time: what a rewrite holds in memory
+_RESERVE = 16 << 20  # bytes reserved for rows, and again for frames, in a new file; a hole until it is written
+_PACK_FROM = 1 << 20  # bytes below which compressing a dataset is not tried
+_CHUNK = 256 << 10  # bytes of a compressed chunk
+_SYNC_AFTER = 1.0  # s: a run that took longer is put on the disk for good before its file takes its name
+_FAILURES = (OSError, RuntimeError, ValueError)  # what h5py raises when the system refuses
+
+
+class HistoryWriter:
+    """Writes one history file.
+
+    ``append`` and ``append_frames`` bring rows and frames to the file at once; only during the first ``hold`` seconds
+    they stay in memory, so that a run of milliseconds writes its file a single time, finished. ``finish`` makes the
+    final file: exact lengths, compressed where that halves a long series. Until then the status is ``running``.
+    ``energy``: names of the energies in the records, if known; else the first record tells.
+
+    Raises OutputError where the path cannot be used, WriteError where a write fails later; what was flushed before
+    stays readable.
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike,
+        scenario_text: str,
+        assembly,
+        settings: Mapping,
+        force: bool = False,
+        frames: bool = True,
+        energy: tuple[str, ...] = (),
+        hold: float = 0.1,
+    ):
+        self.path = os.fspath(path)
+        self._target = check_output(path)
+        if not force:
+            _refuse_finished(self.path, self._target)
+        self._assembly, self._scenario_text, self._settings = assembly, scenario_text, dict(settings)
+        self._position0 = np.asarray(assembly.position, float)
+        self._has_frames, self._hold, self._opened = frames, hold, time.monotonic()
+        self._tables: list[layout.Table] | None = None
+        self._file = None
+        self._offsets: dict[str, int] = {}
+        self._capacity = self._stored = (0, 0)  # rows and frames: reserved in the file, and valid in it
+        self._pending: dict[str, list[np.ndarray]] = {}
+        self._pending_count = [0, 0]
+        self._closed = False
+        self._set_fields(energy)
+
+    def _set_fields(self, energy) -> None:
+        n_block = len(self._position0) if self._has_frames else None
+        jacks, joints = self._assembly.actuators.names, self._assembly.joints
+        self._fields = layout.fields(len(jacks), len(joints), energy, n_block)
+        self._energy = tuple(energy)
+
+    @property
+    def n_row(self) -> int:
+        """Rows appended so far."""
+        return self._stored[0] + self._pending_count[0]
+
+    @property
+    def n_frames(self) -> int:
+        """Frames appended so far."""
+        return self._stored[1] + self._pending_count[1]
+
+    def append(self, record: Mapping) -> None:
+        """Add T rows: ``time``, ``load``, ``displacement``, ``unbalanced`` (T,), ``actuator_displacement`` and
+        ``actuator_force`` (T, n_actuator), ``joint`` (T, n_joint, 7), optionally ``energy``: name -> (T,)."""
+        energy = record.get("energy") or {}
+        if set(energy) != set(self._energy):
+            if self.n_row:
+                raise ValueError(f"energies {sorted(energy)} differ from the first record's {sorted(self._energy)}")
+            self._reopen_with(tuple(energy))
+        joint = np.asarray(record["joint"], float)
+        channels = {f"history/joint/{name}": joint[..., i] for i, name in enumerate(layout.JOINT_CHANNELS)}
+        channels |= {f"history/energy/{name}": value for name, value in energy.items()}
+        for field in self._fields:
+            if not field.is_frame and field.path not in channels:
+                channels[field.path] = record[field.path.removeprefix("history/")]
+        self._add(channels, 0, len(joint))
+
+    def append_frames(self, time, displacement, orientation) -> None:
+        """Add F frames: ``time`` (F,), ``displacement`` (F, n_block, 3) from the start, ``orientation`` (F, n_block, 4)."""
+        if not self._has_frames:
+            raise ValueError("this history was opened without frames")
+        displacement = np.asarray(displacement, float)
+        channels = {"time": time, "position": self._position0 + displacement}
+        channels |= {"displacement": displacement, "orientation": orientation}
+        self._add({f"frames/{name}": value for name, value in channels.items()}, 1, len(displacement))
+
+    def _add(self, channels: Mapping, which: int, count: int) -> None:
+        if self._closed:
+            raise ValueError(f"the history {self.path} is closed")
+        arrays = {}
+        for field in self._fields:
+            if field.path in channels:
+                array = np.ascontiguousarray(channels[field.path], "<f8")
+                if array.shape != (count, *field.tail):
+                    raise ValueError(f"{field.path} has shape {array.shape}, expected {(count, *field.tail)}")
+                arrays[field.path] = array
+        for path, array in arrays.items():
+            self._pending.setdefault(path, []).append(array)
+        self._pending_count[which] += count
+        if self._file is not None or time.monotonic() - self._opened >= self._hold:
+            self.flush()
+
+    def flush(self) -> None:
+        """Bring everything to the file now. A kill after this call loses none of it."""
+        with self._failures():
+            wanted = (self.n_row, self.n_frames)
+            if self._file is None or wanted[0] > self._capacity[0] or wanted[1] > self._capacity[1]:
+                self._grow(wanted)
+            for field in self._fields:
+                entry = self._stored[field.is_frame]
+                for array in self._pending.get(field.path, ()):
+                    if array.size:
+                        _put(self._file, self._offsets[field.path] + entry * field.entry_bytes, array)
+                    entry += len(array)
+            # The count goes last: whatever it covers is in the file already.
+            _put(self._file, self._offsets[layout.WRITTEN], np.array(wanted, "<i8"))
+            self._stored = wanted
+            self._forget_pending()
+
+    def finish(self, status: str, results: Mapping, settings: Mapping | None = None) -> None:
+        """Make the final file with its status, the results (the object of ``run --json``) and further settings."""
+        if self._closed:
+            raise WriteError(f"{self.path}: the history was closed before, so it cannot be finished")
+        self._settings |= settings or {}
+        if self._file is not None:
+            self.flush()  # should the final file fail, the running one has everything
+        with self._failures():
+            with replacing(self._target, sync=time.monotonic() - self._opened > _SYNC_AFTER) as part:
+                self._write_whole(part, (self.n_row, self.n_frames), status, results, final=True)
+                self._release()  # before the rename: an open file cannot be replaced everywhere
+        self._closed = True
+        self._stored = (self.n_row, self.n_frames)
+        self._forget_pending()
+
+    def close(self) -> None:
+        """Stop writing. Without ``finish`` the file keeps the status ``running``, like after a kill."""
+        if not self._closed:
+            try:
+                if self.n_row or self.n_frames:
+                    self.flush()
+            finally:
+                self._closed = True
+                self._release()
+
+    def __enter__(self) -> HistoryWriter:
+        return self
+
+    def __exit__(self, kind, *_) -> None:
+        if kind is None:
+            self.close()
+        else:
+            with suppress(WriteError):  # the error on its way out says more
+                self.close()
+
+    # --- inside ---
+
+    def _failures(self) -> _Failures:
+        return _Failures(self)
+
+    def _forget_pending(self) -> None:
+        self._pending, self._pending_count = {}, [0, 0]
+
+    def _release(self) -> None:
+        if self._file is not None:
+            self._file.close()
+            self._file = None
+
+    def _reopen_with(self, energy: tuple[str, ...]) -> None:
+        if any("/" in name or not name for name in energy):
+            raise ValueError(f"energy names {energy} must not be empty or hold a slash")
+        self._set_fields(energy)
+        if self._file is not None:
+            with self._failures():
+                self._grow((0, self.n_frames))
+
+    def _grow(self, wanted: tuple[int, int]) -> None:
+        """A new running file with room for twice the entries, holding what the old one holds."""
+        sizes = [sum(f.entry_bytes for f in self._fields if f.is_frame == which) for which in (False, True)]
+        room = [
+            max(16, 2 * max(count, 1), min(_RESERVE // max(size, 1), 1 << 16))
+            for count, size in zip(wanted, sizes, strict=True)
+        ]
+        with replacing(self._target) as part:
+            offsets = self._write_whole(part, (room[0], room[1]), RUNNING, {}, final=False)
+            self._release()
+        self._file = open(self._target, "r+b", buffering=0)  # noqa: SIM115
+        self._offsets, self._capacity = offsets, (room[0], room[1])
+
+    def _write_whole(self, part: str, counts: tuple[int, int], status: str, results: Mapping, final: bool) -> dict:
+        if self._tables is None:
+            self._tables = [layout.scenario_table(self._scenario_text), *layout.geometry(self._assembly)]
+        packed = {}
+        if final:
+            chunks = {f.path: self._worth_packing(f, counts[f.is_frame]) for f in self._fields}
+            packed = {path: entries for path, entries in chunks.items() if entries}
+        growing = {field: counts[field.is_frame] for field in self._fields}
+        attributes = {"format": layout.FORMAT, "status": status, "versions": _json(_versions())}
+        attributes |= {"results": _json(results), "settings": _json(self._settings)}
+        offsets = layout.create(part, growing, self._tables, attributes, packed)
+        with open(part, "r+b", buffering=0) as file:
+            for field in self._fields:
+                if field.path in offsets:
+                    position = offsets[field.path]
+                    for array in self._slabs(field, pending=final):
+                        _put(file, position, array)
+                        position += array.nbytes
+            _put(file, offsets[layout.WRITTEN], np.array(counts if final else self._stored, "<i8"))
+        if packed:
+            with h5py.File(part, "r+") as file:
+                for field in self._fields:
+                    if field.path in packed:
+                        entry, data = 0, file[field.path]
+                        for array in self._slabs(field, pending=True):
+                            data[entry : entry + len(array)] = array
+                            entry += len(array)
+        return offsets
+
+    def _slabs(self, field: Field, pending: bool) -> Iterator[np.ndarray]:
+        """All entries of a field, a few megabytes at a time: those in the file, then those in memory."""
+        stored = self._stored[field.is_frame]
+        if self._file is not None and field.path in self._offsets:
+            # whole chunks, so that no chunk of a compressed dataset is packed twice
+            chunk = self._chunk(field)
+            step = max(_SLAB // field.entry_bytes // chunk, 1) * chunk
+            for start in range(0, stored, step):
+                yield self._stored_entries(field, start, min(start + step, stored))
+        if pending:
+            yield from self._pending.get(field.path, ())
+
+    def _stored_entries(self, field: Field, start: int, stop: int) -> np.ndarray:
+        self._file.seek(self._offsets[field.path] + start * field.entry_bytes)
+        raw = self._file.read((stop - start) * field.entry_bytes)
+        return np.frombuffer(raw, "<f8").reshape(-1, *field.tail)
+
+    def _chunk(self, field: Field) -> int:
+        return max(1, _CHUNK // max(field.entry_bytes, 1))
+
+    def _worth_packing(self, field: Field, count: int) -> int:
+        """Entries a chunk if compressing halves the field's middle, else 0."""
+        if count * field.entry_bytes < _PACK_FROM:
+            return 0
+        entries = min(self._chunk(field), count)
+        stored = self._stored[field.is_frame]
+        if stored >= entries and self._file is not None:
+            start = (stored - entries) // 2
+            sample = self._stored_entries(field, start, start + entries)
+        else:
+            sample = max(self._pending[field.path], key=len)[:entries]
+        shuffled = np.ascontiguousarray(sample.reshape(-1).view(np.uint8).reshape(-1, 8).T)
+        return entries if len(zlib.compress(shuffled, 1)) < 0.5 * sample.nbytes else 0
+
+
+class _Failures:
+    """Turns a failed write into a WriteError that says what stays readable."""
+
+    def __init__(self, writer: HistoryWriter):
+        self._writer = writer
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, _kind, error, _trace) -> None:
+        if isinstance(error, _FAILURES):
+            rows, frames = self._writer._stored
+            # A file that could not be opened again must not be replaced by one without its rows.
+            self._writer._closed |= self._writer._file is None and rows + frames > 0
+            kept = f"the {rows} rows and {frames} frames written before stay readable in it"
+            if not rows and not frames:
+                kept = "nothing of this run is in it"
+            raise WriteError(
+                f"{self._writer.path}: the history could not be written ({reason(error)}); {kept}"
+            ) from error
+
+
+def _refuse_finished(path: str, target: str) -> None:
+    """An existing file gives way only if it is empty or a history that was never finished."""
+    if not os.path.exists(target) or os.path.getsize(target) == 0:
+        return
+    try:
+        status = status_of(target)
+    except HistoryError as error:
+        raise OutputError(
+            f"{path}: this file exists and is not a history; choose another name, or --force replaces it"
+        ) from error
+    if status != RUNNING:
+        raise OutputError(
+            f"{path}: a finished history (status {status}) is there; choose another name, or --force replaces it"
+        )
+
+
+def _put(file, position: int, array: np.ndarray) -> None:
+    """Write an array at a place in the file; unbuffered files may take it in pieces."""
+    rest = memoryview(np.ascontiguousarray(array)).cast("B") if array.size else b""
+    file.seek(position)
+    while len(rest):
+        rest = rest[file.write(rest) :]
+
+
+def _json(value) -> str:
+    return json.dumps(value, default=_plain)
+
+
+def _plain(value):
+    """numpy numbers and arrays, mappings and paths as JSON knows them."""
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    return dict(value) if isinstance(value, Mapping) else str(value)
+
+
+def _versions() -> dict:
+    """Versions that decide about the numbers, and the machine; numba's only where a kernel ran."""
+    found = {"dembrick": getattr(dembrick, "__version__", "unknown"), "python": platform.python_version()}
+    found |= {"numpy": np.__version__, "h5py": h5py.__version__, "hdf5": h5py.version.hdf5_version}
+    if "numba" in sys.modules:
+        found["numba"] = sys.modules["numba"].__version__
+    return found | {"machine": f"{sys.platform} {platform.machine()}, {os.cpu_count()} cores"}

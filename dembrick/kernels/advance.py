@@ -1,0 +1,85 @@
+"""The compiled time loops. Nothing is allocated in them; what a scene does not have is passed as None, and numba then
+leaves its code out: a family of joints, the record, and either the scaled or the physical inertia.
+"""
+
+from typing import NamedTuple
+
+from dembrick._jit import jit
+from dembrick.kernels.bracket import instant_bounds, judge, strict_bounds
+from dembrick.kernels.finite_motion import finite_step
+from dembrick.kernels.forces import clear_forces, jack_forces, joint_forces, unbalanced_ratio
+from dembrick.kernels.record import write_row
+from dembrick.kernels.small_motion import small_step
+
+RUNNING, CONVERGED, DIVERGED, FULL = 0, 1, 2, 3
+
+
+class Drive(NamedTuple):
+    """How the jacks are driven and how contacts are damped; constant during a chunk."""
+
+    rate: float  # m/s of the head
+    ramp: float  # s, the head speeds up to that rate over this time
+    stiffness: float  # N/m, of V against the driven displacement
+    dashpot: float  # N s/m, on the difference of head and driven velocity
+    viscous_n: float  # dashpot over spring force at a contact for the same increment, normal
+    viscous_s: float  # the same, shear
+    longest: float  # m, a step that moves a block further than this has diverged
+
+
+@jit
+def advance(
+    first, n_steps, dt, blocks, joints, points, areas, jacks, scaled, inertia, drive, certificate, record
+):  # fmt: skip
+    """Advance the replay from step ``first`` until ``n_steps`` more are done, or its bracket is within tolerance.
+
+    ``scaled`` inertia moves the blocks by small motion, physical ``inertia`` by finite motion; the other is None.
+    Returns the status (RUNNING when all steps are done, CONVERGED, DIVERGED, FULL when the record has no room) and the
+    number of steps done in all.
+    """
+    bracket = certificate.bracket
+    for step in range(first, first + n_steps):
+        clear_forces(blocks)
+        joint_forces(blocks, joints, points, areas, inertia, dt, drive.viscous_n, drive.viscous_s)
+        rate = drive.rate * min(1.0, (step + 1) * dt / drive.ramp)
+        v, moved = jack_forces(blocks, jacks, drive, inertia, rate, dt)
+        if certificate.strict:
+            lower, upper = strict_bounds(certificate, joints, points, areas, v)
+        else:
+            lower, upper = instant_bounds(blocks, joints, points, areas, v, moved, dt)
+        done = judge(certificate, step, lower, upper, v)
+        if record is not None:
+            if step % record.every[0] == 0 or done:
+                if not write_row(record, step * dt, blocks, joints, jacks, bracket[0], bracket[1]):
+                    return FULL, step
+        if done:
+            return CONVERGED, step + 1
+        if inertia is not None:
+            longest = finite_step(blocks, inertia, dt)
+        else:
+            longest = small_step(blocks, scaled, dt)
+        if not longest <= drive.longest:
+            return DIVERGED, step + 1
+    return RUNNING, first + n_steps
+
+
+@jit
+def settle(n_steps, tolerance, blocks, joints, points, areas, scaled, momentum):
+    """Relaxation under the dead loads: each block moves by its artificial inertia's answer to the out-of-balance.
+
+    For one block on a fixed base a step is a Newton step. ``momentum`` keeps part of the last move. Returns the
+    unbalanced-force ratio reached and the steps taken.
+    """
+    ratio = 1.0
+    for step in range(n_steps):
+        clear_forces(blocks)
+        joint_forces(blocks, joints, points, areas, None, 1.0, 0.0, 0.0)
+        ratio = unbalanced_ratio(blocks, joints)
+        if step > 0 and ratio <= tolerance:
+            return ratio, step
+        for f in range(blocks.free.size):
+            b = blocks.free[f]
+            for i in range(3):
+                blocks.velocity[b, i] *= momentum
+                blocks.spin[b, i] *= momentum
+        small_step(blocks, scaled, 1.0)
+    return ratio, n_steps

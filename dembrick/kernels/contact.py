@@ -1,0 +1,137 @@
+"""Forces of the joints for a given relative motion, whatever the motion of the blocks is.
+
+A joint sees the motion of b against a at O in its own axes: now ``(dn, r1, r2)``, the opening and the tilts that give
+the penetration, and over the last step ``(p1, p2, pr)``, the slip twist, with ``(pn, p_r1, p_r2)``, the change of the
+opening and the tilts. It returns N and the action on b: V_1, V_2, M_T, M_1, M_2.
+"""
+
+from dembrick._jit import jit
+from dembrick.kernels.laws import coulomb, no_tension
+from dembrick.kernels.limit_surface import proximal_map, surface
+
+
+@jit
+def point_forces(points, p, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s):
+    """Resultant (N, V_1, V_2, M_T, M_1, M_2, slip) of point joint ``p``; updates the memory of its contact points."""
+    mu = points.friction[p]
+    n_sum = v1 = v2 = mt = m1 = m2 = slip = weight = 0.0
+    for i in range(points.start[p], points.start[p + 1]):
+        x = points.x_n[i]
+        y = points.y_n[i]
+        penetration = -(dn + r1 * y - r2 * x)
+        normal = 0.0
+        if penetration > 0.0:
+            closing = -(pn + pr1 * y - pr2 * x)
+            normal = max(points.k_n[i] * (penetration + viscous_n * closing), 0.0)
+        points.normal[i] = normal
+        xs = points.x_s[i]
+        ys = points.y_s[i]
+        k = points.k_s[i]
+        t1, t2, e1, e2, plastic = coulomb(
+            points.elastic_1[i], points.elastic_2[i], p1 - pr * ys, p2 + pr * xs, k, viscous_s, mu * normal
+        )
+        points.elastic_1[i] = e1
+        points.elastic_2[i] = e2
+        points.slip[i] += plastic
+        n_sum += normal
+        v1 += t1
+        v2 += t2
+        mt += xs * t2 - ys * t1
+        m1 -= y * normal
+        m2 += x * normal
+        slip += k * points.slip[i]
+        weight += k
+    return n_sum, v1, v2, mt, m1, m2, slip / weight
+
+
+@jit
+def point_dissipation(points, p, normals, q1, q2, qr):
+    """D(q) of point joint ``p`` with the normal forces ``normals`` of its points (N m for a twist in m, m, rad)."""
+    total = 0.0
+    for i in range(points.start[p], points.start[p + 1]):
+        s1 = q1 - qr * points.y_s[i]
+        s2 = q2 + qr * points.x_s[i]
+        total += normals[i] * (s1 * s1 + s2 * s2) ** 0.5
+    return points.friction[p] * total
+
+
+@jit
+def area_normal(areas, a, dn, r1, r2):
+    """N, M_1, M_2 of convex joint ``a``: the exact integral of k_n <penetration>+ over the polygon."""
+    g0 = -dn
+    gx = r2
+    gy = -r1
+    first = areas.start[a]
+    last = areas.start[a + 1]
+    least = g0 + gx * areas.x[first] + gy * areas.y[first]
+    for i in range(first + 1, last):
+        least = min(least, g0 + gx * areas.x[i] + gy * areas.y[i])
+    if least >= 0.0:
+        volume = areas.area[a] * g0
+        moment_x = areas.second[a, 1] * gx + areas.second[a, 2] * gy
+        moment_y = areas.second[a, 2] * gx + areas.second[a, 0] * gy
+    else:
+        volume, moment_x, moment_y = no_tension(areas.x, areas.y, first, last, g0, gx, gy)
+    k = areas.k_n[a]
+    return k * volume, -k * moment_y, k * moment_x
+
+
+@jit
+def area_forces(areas, a, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s):
+    """Resultant (N, V_1, V_2, M_T, M_1, M_2, slip) of convex joint ``a``; updates its memory."""
+    # the dashpot of the normal action sees the penetration a fraction of a step ahead
+    n, m1, m2 = area_normal(areas, a, dn + viscous_n * pn, r1 + viscous_n * pr1, r2 + viscous_n * pr2)
+    area = areas.area[a]
+    k_t = areas.k_s[a] * area
+    k_r = areas.k_s[a] * (areas.second[a, 0] + areas.second[a, 1])
+    full = 1.0 + viscous_s
+    v1, v2, mt, q1, q2, qr, w1, w2, wr, evaluations = proximal_map(
+        areas.x,
+        areas.y,
+        areas.start[a],
+        areas.start[a + 1],
+        area,
+        areas.reach[a],
+        areas.far[a],
+        areas.radius[a],
+        areas.friction[a] * n,
+        full * k_t,
+        full * k_r,
+        areas.elastic[a, 0] + full * k_t * p1,
+        areas.elastic[a, 1] + full * k_t * p2,
+        areas.elastic[a, 2] + full * k_r * pr,
+        areas.twist[a, 0],
+        areas.twist[a, 1],
+        areas.twist[a, 2],
+    )
+    areas.elastic[a, 0] += k_t * (p1 - q1)
+    areas.elastic[a, 1] += k_t * (p2 - q2)
+    areas.elastic[a, 2] += k_r * (pr - qr)
+    areas.twist[a, 0] = w1
+    areas.twist[a, 1] = w2
+    areas.twist[a, 2] = wr
+    strength = areas.friction[a] * n
+    if strength > 0.0:
+        areas.slip[a] += (v1 * q1 + v2 * q2 + mt * qr) / strength
+    areas.evaluations[a] += evaluations
+    return n, v1, v2, mt, m1, m2, areas.slip[a]
+
+
+@jit
+def area_dissipation(areas, a, normal, q1, q2, qr):
+    """D(q) of convex joint ``a`` under the normal force ``normal``."""
+    if q1 == 0.0 and q2 == 0.0 and qr == 0.0:
+        return 0.0
+    d = surface(
+        areas.x,
+        areas.y,
+        areas.start[a],
+        areas.start[a + 1],
+        areas.area[a],
+        areas.reach[a],
+        areas.far[a],
+        q1,
+        q2,
+        qr,
+    )[0]
+    return areas.friction[a] * normal * d

@@ -1,0 +1,75 @@
+"""The scalar laws: Coulomb friction at a contact point and the no-tension integral over a polygon.
+
+Sign of all shear quantities: the action on block b, which is also the direction in which b slips. The joint pushes
+back on b with the opposite.
+"""
+
+from math import sqrt
+
+from dembrick._jit import jit
+
+
+@jit
+def coulomb(elastic_1, elastic_2, slip_1, slip_2, k, viscous, cap):
+    """Radial return of one contact point; spring and dashpot in parallel, both behind the slider.
+
+    ``slip_*``: increment of the relative displacement (m); ``k`` N/m; ``viscous``: dashpot force over spring force for
+    the same increment; ``cap`` = mu N (N). Returns the shear force (2), the elastic part of it that stays (2) and the
+    length of the plastic increment (m).
+    """
+    full = k * (1.0 + viscous)
+    t1 = elastic_1 + full * slip_1
+    t2 = elastic_2 + full * slip_2
+    size = sqrt(t1 * t1 + t2 * t2)
+    if size <= cap:
+        return t1, t2, elastic_1 + k * slip_1, elastic_2 + k * slip_2, 0.0
+    scale = cap / size
+    plastic = (size - cap) / full
+    direction_1 = t1 / size
+    direction_2 = t2 / size
+    return (
+        t1 * scale,
+        t2 * scale,
+        elastic_1 + k * (slip_1 - plastic * direction_1),
+        elastic_2 + k * (slip_2 - plastic * direction_2),
+        plastic,
+    )
+
+
+@jit
+def no_tension(x, y, first, last, g0, gx, gy):
+    """Integrals over a polygon of <g>+, x <g>+ and y <g>+ for the linear penetration g = g0 + gx x + gy y.
+
+    Exact: a fan of triangles from a point of the line g = 0, so that the cut itself adds nothing. The polygon
+    ``x[first:last], y[first:last]`` runs counter-clockwise and must not be closed everywhere.
+    """
+    slope = gx * gx + gy * gy
+    if slope == 0.0:
+        return 0.0, 0.0, 0.0
+    x0 = -g0 * gx / slope
+    y0 = -g0 * gy / slope
+    volume = moment_x = moment_y = 0.0
+    xa = x[last - 1]
+    ya = y[last - 1]
+    ga = g0 + gx * xa + gy * ya
+    for i in range(first, last):
+        xb = x[i]
+        yb = y[i]
+        gb = g0 + gx * xb + gy * yb
+        if ga > 0.0 or gb > 0.0:
+            # the part of the edge where g > 0
+            px, py, pg = xa, ya, ga
+            qx, qy, qg = xb, yb, gb
+            if ga < 0.0:
+                s = ga / (ga - gb)
+                px, py, pg = xa + s * (xb - xa), ya + s * (yb - ya), 0.0
+            elif gb < 0.0:
+                s = ga / (ga - gb)
+                qx, qy, qg = xa + s * (xb - xa), ya + s * (yb - ya), 0.0
+            double = (px - x0) * (qy - y0) - (py - y0) * (qx - x0)
+            volume += double * (pg + qg) / 6.0
+            total = pg + qg
+            moment_x += double * (pg * px + qg * qx + total * (x0 + px + qx)) / 24.0
+            moment_y += double * (pg * py + qg * qy + total * (y0 + py + qy)) / 24.0
+        xa, ya, ga = xb, yb, gb
+    return volume, moment_x, moment_y

@@ -1,0 +1,79 @@
+"""Small motion: the geometry stays that of the start, displacements and rotation vectors are infinitesimal.
+
+The limit load of the undeformed structure is what it finds. Relative motions are taken from the totals, so that
+nothing drifts.
+"""
+
+from dembrick._jit import jit
+from dembrick.kernels.vec3 import cross, rows_times
+
+
+@jit
+def small_relative(blocks, joints, j):
+    """What joint ``j`` sees: opening and tilts now, their change in the last step, and the slip twist of it.
+
+    Returns dn, r1, r2, pn, pr1, pr2, p1, p2, pr (m, rad; the joint's axes, at O), and keeps them.
+    """
+    a = joints.block_a[j]
+    b = joints.block_b[j]
+    axes = joints.axes[j]
+    u = blocks.displacement
+    r = blocks.rotation
+    ca1, ca2, ca3 = cross(r[a, 0], r[a, 1], r[a, 2], joints.arm_a[j, 0], joints.arm_a[j, 1], joints.arm_a[j, 2])
+    cb1, cb2, cb3 = cross(r[b, 0], r[b, 1], r[b, 2], joints.arm_b[j, 0], joints.arm_b[j, 1], joints.arm_b[j, 2])
+    d1, d2, dn = rows_times(
+        axes, u[b, 0] - u[a, 0] + cb1 - ca1, u[b, 1] - u[a, 1] + cb2 - ca2, u[b, 2] - u[a, 2] + cb3 - ca3
+    )
+    r1, r2, rn = rows_times(axes, r[b, 0] - r[a, 0], r[b, 1] - r[a, 1], r[b, 2] - r[a, 2])
+    old = joints.relative[j]
+    p1 = d1 - old[0]
+    p2 = d2 - old[1]
+    pn = dn - old[2]
+    pr1 = r1 - old[3]
+    pr2 = r2 - old[4]
+    pr = rn - old[5]
+    old[0] = d1
+    old[1] = d2
+    old[2] = dn
+    old[3] = r1
+    old[4] = r2
+    old[5] = rn
+    step = joints.step[j]
+    step[0] = p1
+    step[1] = p2
+    step[2] = pr
+    return dn + joints.gap[j], r1, r2, pn, pr1, pr2, p1, p2, pr
+
+
+@jit
+def small_jack(blocks, jacks, i):
+    """Displacement of the loaded point of jack ``i`` along its direction (m)."""
+    b = jacks.block[i]
+    u = blocks.displacement
+    r = blocks.rotation
+    c1, c2, c3 = cross(r[b, 0], r[b, 1], r[b, 2], jacks.arm[i, 0], jacks.arm[i, 1], jacks.arm[i, 2])
+    d = jacks.direction
+    return (u[b, 0] + c1) * d[i, 0] + (u[b, 1] + c2) * d[i, 1] + (u[b, 2] + c3) * d[i, 2]
+
+
+@jit
+def small_step(blocks, inertia, dt):
+    """Central difference with the full 6 x 6 artificial inertia of each free block. Returns the longest move (m)."""
+    longest = 0.0
+    for f in range(blocks.free.size):
+        b = blocks.free[f]
+        m = inertia.inverse[b]
+        for i in range(3):
+            a = w = 0.0
+            for k in range(3):
+                a += m[i, k] * blocks.force[b, k] + m[i, k + 3] * blocks.torque[b, k]
+                w += m[i + 3, k] * blocks.force[b, k] + m[i + 3, k + 3] * blocks.torque[b, k]
+            blocks.velocity[b, i] += dt * a
+            blocks.spin[b, i] += dt * w
+        for i in range(3):
+            blocks.displacement[b, i] += dt * blocks.velocity[b, i]
+            blocks.rotation[b, i] += dt * blocks.spin[b, i]
+            move = abs(dt * blocks.velocity[b, i])
+            if not move <= longest:
+                longest = move
+    return longest

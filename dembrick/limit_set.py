@@ -1,0 +1,130 @@
+"""What the engine needs to know of a joint's friction beforehand: torsion radii and the far-field series."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import numpy as np
+
+from dembrick import polygons
+
+# sqrt((1 + e s)^2 + (e t)^2) = 1 + e s + sum over n of e^n times these terms (i, j, c) meaning c s^i t^j
+_SERIES = {
+    2: [(0, 2, 1 / 2)],
+    3: [(1, 2, -1 / 2)],
+    4: [(2, 2, 1 / 2), (0, 4, -1 / 8)],
+    5: [(3, 2, -1 / 2), (1, 4, 3 / 8)],
+    6: [(4, 2, 1 / 2), (2, 4, -3 / 4), (0, 6, 1 / 16)],
+}
+
+
+@lru_cache(maxsize=1)
+def _series_matrices() -> dict[int, np.ndarray]:
+    """For each order n the matrix (n + 1, n + 1) from the mean values of x^(n-k) y^k to the coefficients of J_n.
+
+    s = v2 x - v1 y and t = v1 x + v2 y are multiplied out as polynomials in v2/v1 (rows) and y/x (columns).
+    """
+    factors = {"s": ((0, 1, -1.0), (1, 0, 1.0)), "t": ((0, 0, 1.0), (1, 1, 1.0))}
+    matrices = {}
+    for n, terms in _SERIES.items():
+        matrix = np.zeros((n + 1, n + 1))
+        for i, j, c in terms:
+            product = np.zeros((n + 1, n + 1))
+            product[0, 0] = c
+            for name in "s" * i + "t" * j:
+                larger = np.zeros_like(product)
+                for row, column, sign in factors[name]:
+                    larger[row:, column:] += sign * product[: n + 1 - row, : n + 1 - column]
+                product = larger
+            matrix += product
+        matrices[n] = matrix
+    return matrices
+
+
+@lru_cache(maxsize=1)
+def _rule() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Product rule (r, s, weight) on the triangle r (P + s (Q - P)), exact for polynomials up to degree eight."""
+    nodes, weights = np.polynomial.legendre.leggauss(5)
+    u, w = 0.5 * (nodes + 1.0), 0.5 * weights
+    r, s = np.meshgrid(u, u, indexing="ij")
+    return r.ravel(), s.ravel(), np.outer(w * u, w).ravel()
+
+
+def far_moments(polygon: np.ndarray) -> np.ndarray:
+    """Coefficients (25,) of the forms J_2 ... J_6 in (v1, v2) of the dissipation's series about pure translation.
+
+    With d the unit vector along v, s = d x r and t = d . r, D = |v| times the mean over the polygon of
+    sqrt((1 + e s)^2 + (e t)^2), e = w/|v|; term n is w^n J_n(v) |v|^(1 - 2n). Exact, because the moments of a
+    polynomial over a polygon are.
+    """
+    p = np.asarray(polygon, float)
+    q = np.concatenate([p[1:], p[:1]])
+    r, s, weights = _rule()
+    share = np.multiply.outer(p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0], weights)
+    share /= share.sum()
+    x = r * (p[:, :1] + s * (q - p)[:, :1])
+    y = r * (p[:, 1:] + s * (q - p)[:, 1:])
+    powers_x, powers_y = [np.ones_like(x)], [share]
+    for _ in range(6):
+        powers_x.append(powers_x[-1] * x)
+        powers_y.append(powers_y[-1] * y)
+    return np.concatenate(
+        [
+            matrix @ [float(np.vdot(powers_x[n - k], powers_y[k])) for k in range(n + 1)]
+            for n, matrix in _series_matrices().items()
+        ]
+    )
+
+
+def torsion_radius(x: np.ndarray, y: np.ndarray, weights: np.ndarray) -> float:
+    """Least weighted mean distance of points from any centre: M_T0 / V_0 of a joint that acts at points.
+
+    The geometric median by Weiszfeld's iteration, kept off the points as Vardi and Zhang do it; the value returned
+    belongs to a centre, so it is never below the minimum, and above it by rounding only.
+    """
+    weights = weights / weights.sum()
+    c = np.array([weights @ x, weights @ y])
+    best = math.inf
+    for _ in range(10_000):
+        distance = np.hypot(x - c[0], y - c[1])
+        value = float(weights @ distance)
+        if value >= best * (1.0 - 1e-15):
+            return min(best, value)
+        best = value
+        near = distance <= 1e-14 * value
+        pull = np.where(near, 0.0, weights / np.where(near, 1.0, distance))
+        target = np.array([pull @ x, pull @ y]) / pull.sum()
+        rest = float(np.hypot(*(pull.sum() * (target - c))))
+        own = float(weights[near].sum())
+        if rest <= own:
+            return value
+        c = c + (1.0 - own / rest) * (target - c)
+    return best
+
+
+def area_radius(polygon: np.ndarray) -> float:
+    """Least mean distance of a polygon's area from any centre: M_T0 / V_0 of a convex joint.
+
+    c_T where the polygon is centrally symmetric (eq. 2); else minimised over the centre by Newton steps on the exact
+    integral, from differences of it.
+    """
+    corners = np.asarray(polygon, float)
+    size = float(np.abs(corners).max())
+    mirrored = np.abs(corners[:, None] + corners[None]).max(axis=2).min(axis=1).max()
+    if mirrored <= 1e-9 * size:
+        return float(polygons.mean_distance(corners)[0])
+    centre, h = np.zeros(2), 1e-4 * size
+    stencil = h * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1], [1, 1], [-1, -1], [1, -1], [-1, 1]])
+    best = math.inf
+    for _ in range(50):
+        f = polygons.mean_distance(corners, centre + stencil)
+        if f[0] >= best:
+            break
+        best = float(f[0])
+        gradient = np.array([f[1] - f[2], f[3] - f[4]]) / (2 * h)
+        mixed = (f[5] + f[6] - f[7] - f[8]) / (4 * h * h)
+        hessian = np.array([[f[1] - 2 * f[0] + f[2], 0.0], [0.0, f[3] - 2 * f[0] + f[4]]]) / (h * h)
+        hessian[0, 1] = hessian[1, 0] = mixed
+        centre = centre - np.linalg.solve(hessian, gradient)
+    return best

@@ -1,0 +1,138 @@
+"""Which blocks are near each other, and whether they overlap: the search that comes before joints.
+
+All pairs of a scene are handled as arrays, grouped by the kind of their shapes (how many corners, faces, axes), so
+that ten thousand boxes of any sizes make one group.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from dembrick.shapes import Polyhedron
+
+_WIDE = 64  # a block that covers more cells than this is compared with all others directly
+_CHUNK = 4096  # pairs that the overlap test takes at a time
+_PARALLEL = 1e-9  # sine of the angle below which two edges give no axis
+
+
+class Stack:
+    """Shapes of one kind as arrays with a leading axis over the distinct shapes."""
+
+    def __init__(self, shapes: list[Polyhedron]):
+        self.vertices = np.stack([shape.vertices for shape in shapes])
+        self.normals = np.stack([shape.face_normals for shape in shapes])
+        self.offsets = np.stack([shape.face_offsets for shape in shapes])
+        self.face_areas = np.stack([shape.face_areas for shape in shapes])
+        self.face_table = np.stack([shape.face_table for shape in shapes])
+        self.face_axes = np.stack([shape.face_axes for shape in shapes])
+        self.edge_axes = np.stack([shape.edge_axes for shape in shapes])
+
+
+class ShapeTable:
+    """The distinct shapes of a scene, stacked by kind; ``diameter`` (n,) is per block."""
+
+    def __init__(self, shapes: Sequence[Polyhedron]):
+        distinct = {id(shape): shape for shape in shapes}
+        kinds: dict[tuple, list[Polyhedron]] = {}
+        where: dict[int, tuple[int, int]] = {}
+        numbers: dict[tuple, int] = {}
+        for key, shape in distinct.items():
+            sizes = (shape.vertices, shape.face_table, shape.face_axes, shape.edge_axes)
+            kind = tuple(array.shape for array in sizes)
+            members = kinds.setdefault(kind, [])
+            where[key] = (numbers.setdefault(kind, len(numbers)), len(members))
+            members.append(shape)
+        self.stacks = [Stack(members) for members in kinds.values()]
+        places = np.array([where[id(shape)] for shape in shapes], dtype=np.int64).reshape(-1, 2)
+        self.kind, self.row = places[:, 0], places[:, 1]
+        self.diameter = np.array([shape.diameter for shape in shapes])
+
+    def groups(self, pairs: np.ndarray) -> Iterator[tuple[np.ndarray, Stack, np.ndarray, Stack, np.ndarray]]:
+        """For pairs (p, 2): (numbers of the pairs, stack of the first, rows in it, stack of the second, rows)."""
+        code = self.kind[pairs[:, 0]] * len(self.stacks) + self.kind[pairs[:, 1]]
+        for value in np.unique(code):
+            chosen = np.flatnonzero(code == value)
+            first, second = divmod(int(value), len(self.stacks))
+            rows = self.row[pairs[chosen]]
+            yield chosen, self.stacks[first], rows[:, 0], self.stacks[second], rows[:, 1]
+
+
+def close_pairs(table: ShapeTable, positions: np.ndarray, rotations: np.ndarray, margin: np.ndarray) -> np.ndarray:
+    """Pairs (p, 2) of blocks, first below second, sorted, whose bounding boxes come within the sum of their margins.
+
+    A grid of cells twice as long as the median block; every cell compares the blocks that reach into it.
+    """
+    n_block = len(positions)
+    centred = positions - positions.mean(axis=0) if n_block else positions
+    low, high = np.empty((n_block, 3)), np.empty((n_block, 3))
+    for kind, stack in enumerate(table.stacks):
+        members = np.flatnonzero(table.kind == kind)
+        corners = np.einsum("bij,bvj->bvi", rotations[members], stack.vertices[table.row[members]])
+        low[members] = centred[members] + corners.min(axis=1) - margin[members, None]
+        high[members] = centred[members] + corners.max(axis=1) + margin[members, None]
+    cell = 2.0 * np.median(high - low, axis=0)
+    first = np.floor(low / cell).astype(np.int64)
+    counts = np.floor(high / cell).astype(np.int64) - first + 1
+    covered = counts.prod(axis=1)
+    wide = np.flatnonzero(covered > _WIDE)
+    small = np.flatnonzero(covered <= _WIDE)
+    found = [_cell_pairs(small, first, counts, covered)]
+    for block in wide:
+        found.append(np.stack([np.full(n_block, block), np.arange(n_block)], axis=1))
+    pairs = np.concatenate(found)
+    pairs = pairs[((low[pairs[:, 0]] <= high[pairs[:, 1]]) & (low[pairs[:, 1]] <= high[pairs[:, 0]])).all(axis=1)]
+    pairs = np.sort(pairs[pairs[:, 0] != pairs[:, 1]], axis=1)
+    codes = np.unique(pairs[:, 0] * n_block + pairs[:, 1])
+    return np.stack(np.divmod(codes, max(n_block, 1)), axis=1)
+
+
+def _cell_pairs(blocks: np.ndarray, first: np.ndarray, counts: np.ndarray, covered: np.ndarray) -> np.ndarray:
+    """All pairs of blocks that reach into a common cell (p, 2); a pair may come more than once."""
+    owner = np.repeat(blocks, covered[blocks])
+    inside = np.arange(len(owner)) - np.repeat(np.cumsum(covered[blocks]) - covered[blocks], covered[blocks])
+    cells = first[owner].copy()
+    for axis in range(3):
+        cells[:, axis] += inside % counts[owner, axis]
+        inside //= counts[owner, axis]
+    order = np.lexsort(cells.T)
+    cells, owner = cells[order], owner[order]
+    start = np.flatnonzero(np.concatenate([[True], (cells[1:] != cells[:-1]).any(axis=1)])[: len(owner)])
+    size = np.diff(np.concatenate([start, [len(owner)]]))
+    rank = np.arange(len(owner)) - np.repeat(start, size)
+    # Every entry of a cell meets the entries before it in that cell.
+    later = np.repeat(np.arange(len(owner)), rank)
+    earlier = np.arange(len(later)) - np.repeat(np.cumsum(rank) - rank, rank) + np.repeat(np.repeat(start, size), rank)
+    return np.stack([owner[later], owner[earlier]], axis=1)
+
+
+def overlap_depths(table: ShapeTable, positions: np.ndarray, rotations: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+    """How deep each pair of blocks (p, 2) overlaps (p,): the shortest way out (m); negative when they are apart.
+
+    Separating axes of two convex polyhedra: face normals of both, and the products of their edges.
+    """
+    depths = np.empty(len(pairs))
+    for chosen, stack_a, rows_a, stack_b, rows_b in table.groups(pairs):
+        for start in range(0, len(chosen), _CHUNK):
+            some = slice(start, start + _CHUNK)
+            a, b = pairs[chosen[some]].T
+            turn_a, turn_b = rotations[a].transpose(0, 2, 1), rotations[b].transpose(0, 2, 1)
+            row_a, row_b = rows_a[some], rows_b[some]
+            edges_a, edges_b = stack_a.edge_axes[row_a] @ turn_a, stack_b.edge_axes[row_b] @ turn_b
+            crossed = np.cross(edges_a[:, :, None], edges_b[:, None]).reshape(len(a), -1, 3)
+            length = np.sqrt((crossed**2).sum(axis=2))
+            useful = np.concatenate(
+                [np.ones((len(a), stack_a.face_axes.shape[1] + stack_b.face_axes.shape[1]), bool), length > _PARALLEL],
+                axis=1,
+            )
+            crossed /= np.where(length > _PARALLEL, length, 1.0)[:, :, None]
+            faces = [stack_a.face_axes[row_a] @ turn_a, stack_b.face_axes[row_b] @ turn_b]
+            axes = np.concatenate([*faces, crossed], axis=1)
+            reach_a = axes @ (stack_a.vertices[row_a] @ turn_a).transpose(0, 2, 1)
+            reach_b = axes @ (stack_b.vertices[row_b] @ turn_b).transpose(0, 2, 1)
+            between = (axes @ (positions[b] - positions[a])[:, :, None])[:, :, 0]
+            up = reach_a.max(axis=2) - reach_b.min(axis=2) - between
+            down = reach_b.max(axis=2) - reach_a.min(axis=2) + between
+            depths[chosen[some]] = np.where(useful, np.minimum(up, down), np.inf).min(axis=1)
+    return depths

@@ -1,0 +1,89 @@
+"""``--set key.path=value``: changes to a parsed scenario document, before it is checked like any other.
+
+The path follows the file: ``joint.friction``, ``blocks.upper.position`` or ``blocks.1.position``. The entry of a list
+is addressed by its ``name``, by the ``block`` it acts on where only one does, or by its index, counted from 0. The
+value is TOML; a bare word counts as a text, so that ``joint.formulation=concave`` needs no second pair of quotes.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Iterable
+
+from dembrick.errors import ScenarioError
+from dembrick.model import nearest, show
+
+_BARE_WORD = re.compile(r"""[^\W\d][^\[\]{}"'\n]*""")
+
+
+def apply_overrides(document: dict, assignments: Iterable[str]) -> None:
+    """Carry out ``key.path=value`` assignments in a document, in the order given."""
+    for assignment in assignments:
+        key, equals, text = assignment.partition("=")
+        if not equals or not key.strip():
+            raise ScenarioError(f"--set {show(assignment)}: write key.path=value, for instance joint.friction=0.5")
+        path = _parse_path(key.strip())
+        try:
+            _assign(document, path, _parse_value(text.strip()))
+        except ScenarioError as error:
+            raise ScenarioError(f"--set {show(assignment)}: {error}") from None
+
+
+def _parse_path(key: str) -> list[str]:
+    """Split at the dots; quotes work as in TOML, for names with dots in them."""
+    path: list[str] = []
+    try:
+        node = tomllib.loads(f"{key} = 0")
+        while isinstance(node, dict) and len(node) == 1:
+            (part,) = node
+            path.append(part)
+            node = node[part]
+    except (ValueError, RecursionError):  # a name with blanks, typed without quotes
+        return key.split(".")
+    return path if node == 0 else key.split(".")
+
+
+def _parse_value(text: str) -> object:
+    try:
+        document = tomllib.loads(f"value = {text}")
+    except (ValueError, RecursionError):
+        document = {}
+    if list(document) == ["value"]:  # anything more came in by a line break
+        return document["value"]
+    if _BARE_WORD.fullmatch(text):
+        return text
+    raise ScenarioError(f"{show(text)} is not a value; write it as TOML does: 0.5, true, [1.0, 2.0, 3.0] or a word")
+
+
+def _assign(document: dict, path: list[str], value: object) -> None:
+    node: dict | list = document
+    for depth, part in enumerate(path[:-1]):
+        step = _find(node, part, path[:depth])
+        if isinstance(node, dict) and step not in node:
+            node[step] = {}  # a table the file leaves out, such as [solver]; a wrong name is found by the decoder
+        inner = node[step]
+        if not isinstance(inner, dict | list):
+            raise ScenarioError(f"{'.'.join(path[: depth + 1])} = {show(inner)} has no parts to set")
+        node = inner
+    node[_find(node, path[-1], path[:-1])] = value
+
+
+def _find(node: dict | list, part: str, path: list[str]):
+    """The key or the index that ``part`` stands for in a table or a list."""
+    if isinstance(node, dict):
+        return part
+    for label in ("name", "block"):
+        found = [i for i, entry in enumerate(node) if isinstance(entry, dict) and entry.get(label) == part]
+        if len(found) == 1:
+            return found[0]
+        if found:
+            raise ScenarioError(f"{len(found)} entries of {'.'.join(path)} have {label} = {show(part)}; use an index")
+    index = int(part) if re.fullmatch("[0-9]{1,9}", part) else None
+    if index is None:
+        labels = (entry.get("name", entry.get("block")) for entry in node if isinstance(entry, dict))
+        names = [name for name in labels if isinstance(name, str)]
+        raise ScenarioError(f"{'.'.join(path)} has no entry {show(part)}; {nearest(part, names)}")
+    if index >= len(node):
+        raise ScenarioError(f"{'.'.join(path)} has no entry {index}; its {len(node)} entries are counted from 0")
+    return index

@@ -1,0 +1,233 @@
+"""Contact points of the point formulations: where they stand on a joint, and the area that each of them owns.
+
+``concave`` and its two corrected forms put one point at every corner. ``distributed`` fills the polygon, and the rule
+below is what a comparison left over. For slip about a torsion centre C the continuum gives the integral of |r - C|,
+and every set of points misses it by its own blindness for the cone at C, by about h^3 for points h apart. On
+0.3 m x 0.2 m with 12 x 8 points the worst centre misses 4.4e-3 with points in the middle of equal cells (their
+second moments are wrong), 1.9e-3 with the Gauss-Legendre product rule (spread too unevenly), and 7e-4 with the rule
+chosen: **equal cells, taken two by two along each direction, with the points moved to the Gauss positions of the
+pair**. All points of a rectangle keep the same area, and moments up to the third are exact.
+
+Over rectangles from 1:1 to 30:1, with 6 to 4000 points, the worst miss over all centres stayed below
+0.30 h^3 / (A c_T); a linear pressure that still closes the whole joint at most doubles it. The spacing for a
+tolerance follows from that, and is checked on the polygon at hand. Where bending opens part of the joint, the edge
+of the pressed part is resolved to h^2 only, and the gap can be larger.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from dembrick import polygons
+
+_CONE = 0.30  # worst miss of the rule, uniform pressure, in units of h^3 / (A c_T)
+_BENDING = 2.0  # what a linear pressure on a closed joint may add, as a factor
+_SAME = 1e-9  # of the polygon's size: corners whose abscissas differ by less share a line
+_MOST_POINTS = 1_000_000
+_EDGE_CENTRES = 5  # torsion centres that the check takes along every edge
+_CHUNK = 1 << 20  # distances evaluated at a time
+
+
+@dataclass(frozen=True, eq=False)
+class ContactPoints:
+    """Points of one joint, measured from O along t1 and t2 (m).
+
+    ``normal_arm`` (k, 2) is where the normal force acts, ``shear_arm`` (k, 2) where friction acts, ``area`` (k,) the
+    tributary area (m2).
+    """
+
+    normal_arm: np.ndarray
+    shear_arm: np.ndarray
+    area: np.ndarray
+
+
+def contact_points(joint, tolerance: float) -> ContactPoints | None:
+    """The contact points of a joint by its law; None for ``convex``, which has a resultant in their place.
+
+    ``tolerance`` matters for ``distributed`` without ``points``: the limit load of the points then differs from that
+    of the continuum by less than half of it, whatever the torsion centre, while the joint is closed.
+    """
+    law = joint.law
+    if law.formulation == "convex":
+        return None
+    if law.formulation == "distributed":
+        arms, areas = distributed_points(joint.polygon, tolerance, law.points)
+        return ContactPoints(arms, arms, areas)
+    corners, areas = joint.polygon, polygons.tributary_areas(joint.polygon)
+    if law.formulation == "concave":
+        return ContactPoints(corners, corners, areas)
+    shrunk = polygons.shrink_factor(corners) * corners
+    if law.formulation == "corrected":
+        return ContactPoints(shrunk, shrunk, areas)
+    return ContactPoints(corners, shrunk, areas)
+
+
+def distributed_points(polygon, tolerance: float, points: tuple[int, int] | None = None):
+    """Points (k, 2) and areas (k,) that fill a polygon about O, to a tolerance or by count.
+
+    ``points`` = (n, m) asks for n lines of m points, the lines following one another along the edge that lies
+    nearest to t1: n x m points on a rectangle; elsewhere at least two lines stand between neighbouring corners.
+    """
+    corners = np.asarray(polygon, float)
+    directions = _directions(corners)
+    if points is None:
+        size = float(np.sqrt((corners**2).sum(axis=1).max()))
+        # Equal joints of a wall differ by rounding only: the rounded, scaled polygon is the key of what is remembered.
+        key = tuple(map(tuple, (np.round(corners / size, 10) + 0.0).tolist()))
+        spacing, chosen = _layout(key, tolerance)
+        return _fill(corners, directions[chosen], *_counts(spacing * size))
+    nearness = np.abs(directions[::2, 0])
+    along = directions[2 * int(np.argmax(nearness > nearness.max() - _SAME))]
+    total = float(np.ptp(corners @ along))
+    n_along, n_across = points
+
+    def lines(span, _steepness):
+        return n_along if span > total * (1.0 - _SAME) else max(2, round(n_along * span / total))
+
+    return _fill(corners, along, lines, lambda _length: n_across)
+
+
+def _counts(spacing: float):
+    """How many lines for the span of a slab with edges so steep, and how many points for the length of a line."""
+
+    def cells(length):
+        return max(2, math.ceil(length / spacing * (1.0 - _SAME)))
+
+    # Steep edges shift neighbouring lines against each other; this exponent was the cheapest on random polygons.
+    return lambda span, steepness: cells(span * (1.0 + steepness**2) ** 0.25), cells
+
+
+@lru_cache(maxsize=4096)
+def _layout(polygon: tuple, tolerance: float) -> tuple[float, int]:
+    """Spacing of the points (in units of the polygon's size) and number of the direction, for a tolerance."""
+    corners = np.array(polygon)
+    bound = 0.5 * tolerance / _BENDING
+    spacing = (bound * polygons.area(corners) * float(polygons.mean_distance(corners)[0]) / _CONE) ** (1.0 / 3.0)
+    directions = _directions(corners)
+    costs = np.array([_cost(corners, direction, spacing) for direction in directions])
+    chosen = int(np.argmax(costs < costs.min() * (1.0 + 1e-6)))
+    while True:
+        arms, areas = _fill(corners, directions[chosen], *_counts(spacing))
+        if len(areas) > _MOST_POINTS or worst_gap(corners, arms, areas) <= bound:
+            return spacing, chosen
+        spacing *= 0.9
+
+
+def worst_gap(polygon, arms, areas) -> float:
+    """Largest relative gap between points and continuum in the friction moment, over some 200 torsion centres.
+
+    The centres are O, the points around O, points and middles between points all over the joint, and rows along its
+    edges, inside and outside. Pure translation has no gap, as the areas add up.
+    """
+    corners = np.asarray(polygon, float)
+    near = np.argsort((arms**2).sum(axis=1), kind="stable")[:40]
+    spread = np.unique(np.linspace(0, len(arms) - 1, 40).astype(int))
+    middles = 0.5 * (arms[near] + arms[near][::-1])
+    between = 0.5 * (arms[spread] + arms[np.minimum(spread + 1, len(arms) - 1)])
+    steps = (np.arange(_EDGE_CENTRES) + 0.5) / _EDGE_CENTRES
+    rim = corners + steps[:, None, None] * (np.concatenate([corners[1:], corners[:1]]) - corners)
+    rows = np.concatenate([scale * rim.reshape(-1, 2) for scale in (0.93, 0.985, 1.0, 1.3)])
+    centres = np.concatenate([np.zeros((1, 2)), arms[near], middles, arms[spread], between, rows])
+    exact = polygons.mean_distance(polygon, centres)
+    total = areas.sum()
+    worst = 0.0
+    step = max(1, _CHUNK // len(arms))
+    for first in range(0, len(centres), step):
+        some = centres[first : first + step]
+        dx, dy = arms[:, 0] - some[:, :1], arms[:, 1] - some[:, 1:]
+        gaps = np.sqrt(dx * dx + dy * dy) @ areas / total / exact[first : first + step] - 1.0
+        worst = max(worst, float(np.abs(gaps).max()))
+    return worst
+
+
+def _directions(corners: np.ndarray) -> np.ndarray:
+    """Unit vectors along every edge and, after each, across it (2 m, 2); those along an edge point the way of t1."""
+    edges = np.concatenate([corners[1:], corners[:1]]) - corners
+    edges /= np.sqrt((edges**2).sum(axis=1))[:, None]
+    edges[edges[:, 0] < 0.0] *= -1.0
+    return np.stack([edges, np.stack([-edges[:, 1], edges[:, 0]], axis=1)], axis=1).reshape(-1, 2)
+
+
+def _frame(direction) -> np.ndarray:
+    """Columns: the direction in which the lines of points follow one another, and the direction of the lines."""
+    ux, uy = direction
+    return np.array([[ux, -uy], [uy, ux]])
+
+
+def _slabs(turned: np.ndarray):
+    """Slabs between neighbouring corners: (left, right, bottom, bottom slope, top, top slope), ordinates mid-slab.
+
+    Corners whose abscissas agree to rounding share a line. A convex polygon lies above the lines of its lower edges
+    and below those of its upper ones.
+    """
+    x = np.sort(turned[:, 0])
+    least = _SAME * (x[-1] - x[0])
+    lines = x[np.concatenate([[True], np.diff(x) > least])].tolist()
+    lower, upper = [], []
+    for (x0, y0), (x1, y1) in zip(turned.tolist(), np.roll(turned, -1, axis=0).tolist(), strict=True):
+        if abs(x1 - x0) > least:
+            slope = (y1 - y0) / (x1 - x0)
+            (lower if x1 > x0 else upper).append((x0, y0, slope))
+    for left, right in zip(lines[:-1], lines[1:], strict=True):
+        middle = 0.5 * (left + right)
+        bottom = max((y0 + slope * (middle - x0), slope) for x0, y0, slope in lower)
+        top = min((y0 + slope * (middle - x0), slope) for x0, y0, slope in upper)
+        yield left, right, *bottom, *top
+
+
+def _cost(corners: np.ndarray, direction, spacing: float) -> float:
+    """About how many points a direction needs, times the square of the spacing."""
+    cost = 0.0
+    for left, right, bottom, rise, top, fall in _slabs(corners @ _frame(direction)):
+        cost += (top - bottom) * ((right - left) * (1.0 + max(rise * rise, fall * fall)) ** 0.25 + spacing)
+    return cost
+
+
+def _fill(corners: np.ndarray, direction, n_line, n_point):
+    """Points and areas, slab by slab: lines of points across each slab, ``n_line(span, steepness)`` of them.
+
+    A line of some length carries ``n_point(length)`` points. Both rules integrate cubics exactly, so that area,
+    centroid and second moments of the polygon are met to rounding.
+    """
+    frame = _frame(direction)
+    parts = []
+    for left, right, bottom, rise, top, fall in _slabs(corners @ frame):
+        positions, cell = _line_rule(n_line(right - left, max(abs(rise), abs(fall))))
+        for x in (positions * (right - left)).tolist():
+            start = bottom + rise * x
+            length = top + fall * x - start
+            offsets, share = _line_rule(n_point(length))
+            part = np.empty((3, len(offsets)))
+            part[0] = 0.5 * (left + right) + x
+            part[1] = start + (0.5 + offsets) * length
+            part[2] = share * length * cell * (right - left)
+            parts.append(part)
+    x, y, areas = np.concatenate(parts, axis=1)
+    return np.stack([x, y], axis=1) @ frame.T, areas * (polygons.area(corners) / areas.sum())
+
+
+@lru_cache(maxsize=1024)
+def _line_rule(count: int) -> tuple[np.ndarray, float]:
+    """Positions of ``count`` points on a line from -1/2 to 1/2, symmetric, and the weight that all of them share.
+
+    Equal cells two by two, the points of a pair at its Gauss positions. An odd count takes the three or the five
+    cells in the middle together (Chebyshev's points of equal weight), so that the pairs at both sides are as many.
+    """
+    cell = 1.0 / count
+    if count == 1:
+        return np.zeros(1), cell
+    pair = np.array([-1.0, 1.0]) / math.sqrt(3.0)
+    if count % 2 == 0:
+        return (np.add.outer(2.0 * np.arange(count // 2) + 1.0, pair).ravel() - 0.5 * count) * cell, cell
+    if count % 4 == 3:
+        middle = 1.5 * np.array([-1.0, 0.0, 1.0]) / math.sqrt(2.0)
+    else:
+        inner, outer = (math.sqrt((5.0 + sign * math.sqrt(11.0)) / 12.0) for sign in (-1.0, 1.0))
+        middle = 2.5 * np.array([-outer, -inner, 0.0, inner, outer])
+    n_side = (count - len(middle)) // 4
+    left = np.add.outer(2.0 * np.arange(n_side) + 1.0, pair).ravel() - 0.5 * count
+    return np.concatenate([left, middle, -left[::-1]]) * cell, cell

@@ -1,0 +1,289 @@
+"""Scenario files: TOML text to :class:`dembrick.model.Scenario` and back, with every key checked.
+
+The tables of the file are the dataclasses of :mod:`dembrick.model`, key for field, so this module only knows which
+keys there are; types, bounds and names are checked by the classes themselves. Errors name the file, the table, the
+key, the value and what would be right. Reading runs no code and opens no file but the scenario.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import MISSING, fields, replace
+from typing import Any, NamedTuple, NoReturn
+
+from dembrick.errors import ScenarioError
+from dembrick.model import (
+    Actuator,
+    Block,
+    Control,
+    JointLaw,
+    JointOverride,
+    Load,
+    Material,
+    Scenario,
+    Solver,
+    nearest,
+    show,
+)
+from dembrick.overrides import apply_overrides
+
+LARGEST_FILE = 16 * 1024 * 1024  # bytes; some hundred thousand blocks
+
+_CONTROLS = {control.kind: control for control in Control.__args__}
+_CONTROLS_ELSEWHERE = ("tilt", "pushover", "dynamic", "base-motion")  # in the file format, not in this version
+_LISTS = {"blocks": Block, "loads": Load, "actuators": Actuator}
+_OWN_KEYS = {"points": "distributed", "pressure": "convex"}  # law keys that belong to one formulation
+
+
+def load(path: str | os.PathLike, overrides: Iterable[str] = ()) -> Scenario:
+    """Read a scenario file; ``overrides`` are ``key.path=value`` texts, as for ``--set``."""
+    path = os.fsdecode(path)
+    try:
+        with open(path, "rb") as file:
+            data = file.read(LARGEST_FILE + 1)
+    except FileNotFoundError:
+        raise ScenarioError(f"{path}: there is no such file") from None
+    except IsADirectoryError:
+        raise ScenarioError(f"{path}: this is a folder; name a scenario file in it") from None
+    except (OSError, ValueError) as error:  # ValueError: a name with a null character
+        reason = getattr(error, "strerror", None) or error
+        raise ScenarioError(f"{path}: the file cannot be read: {reason}") from None
+    if len(data) > LARGEST_FILE:
+        raise ScenarioError(f"{path}: longer than {LARGEST_FILE // 2**20} MiB, this is no scenario file")
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise ScenarioError(f"{path}: not UTF-8 text (line {line}); a scenario is a TOML file in UTF-8") from None
+    return loads(text, path, overrides)
+
+
+def loads(text: str, path: str | os.PathLike | None = None, overrides: Iterable[str] = ()) -> Scenario:
+    """Decode the text of a scenario; ``path`` is the file it came from, for messages and for the record."""
+    name = None if path is None else os.fsdecode(path)
+    document = _parse(text, name or "the scenario")
+    assignments = list(overrides)
+    if not assignments:
+        return _decode(document, _Place(name or "the scenario"), name, text)
+    apply_overrides(document, assignments)
+    scenario = _decode(document, _Place(f"{name or 'the scenario'} (with --set)"), name, None)
+    notes = "".join(f"# --set {show(assignment)}\n" for assignment in assignments)
+    return replace(scenario, text=f"{notes}{_write(document)}")
+
+
+def with_overrides(text: str, assignments: Iterable[str], path: str | os.PathLike | None = None) -> str:
+    """The TOML text of a scenario with ``key.path=value`` carried out, checked: what a history stores as run."""
+    result = loads(text, path, assignments).text
+    assert result is not None
+    return result
+
+
+def dumps(scenario: Scenario) -> str:
+    """TOML text that :func:`loads` reads back as an equal scenario, floats to the last bit."""
+    document: dict[str, Any] = {"title": scenario.title, "gravity": scenario.gravity}
+    document["joint"] = _plain_law(scenario.joint)
+    document["joints"] = [{"between": entry.between, **_plain_law(entry.law)} for entry in scenario.joints]
+    document["materials"] = {name: _plain(material) for name, material in scenario.materials.items()}
+    for key in _LISTS:
+        document[key] = [_plain(entry, short=True) for entry in getattr(scenario, key)]
+    document["control"] = {"kind": scenario.control.kind, **_plain(scenario.control)}
+    document["solver"] = _plain(scenario.solver)
+    return _write({key: value for key, value in document.items() if value != []})
+
+
+def text_of(scenario: Scenario) -> str:
+    """The scenario as TOML: the text it came from while that is still what it says, else :func:`dumps`."""
+    if scenario.text is not None and loads(scenario.text, scenario.path) == scenario:
+        return scenario.text
+    return dumps(scenario)
+
+
+# --- reading ---------------------------------------------------------------------------------------------------------
+
+
+class _Place(NamedTuple):
+    """Where in which file something stands, for messages. ``table`` is empty at the top of the file."""
+
+    file: str
+    table: str = ""
+
+    def inside(self, table: str) -> _Place:
+        return _Place(self.file, table)
+
+    def fail(self, message: str) -> NoReturn:
+        raise ScenarioError(f"{self.file}: {self.table}{': ' if self.table else ''}{message}")
+
+    def __str__(self) -> str:
+        return f"{self.table} of {self.file}" if self.table else self.file
+
+
+def _parse(text: str, file: str) -> dict[str, Any]:
+    try:
+        text.encode()  # a lone surrogate, which only a text made in Python can hold, could not be stored
+        return tomllib.loads(text)
+    except UnicodeEncodeError:
+        raise ScenarioError(f"{file}: the text cannot be written as UTF-8") from None
+    except RecursionError:
+        raise ScenarioError(f"{file}: not a scenario: lists or tables are nested without end") from None
+    except ValueError as error:
+        raise ScenarioError(f"{file}: not valid TOML: {error}") from None
+
+
+def _decode(document: dict[str, Any], place: _Place, path: str | None, text: str | None) -> Scenario:
+    keys = _keys_of(Scenario)
+    del keys["path"], keys["text"]
+    _check_keys(document, keys, place)
+    values = dict(document)
+    values["joint"] = _law(_table(document["joint"], place.inside("[joint]")), place.inside("[joint]"))
+    values["joints"] = [
+        _joint_override(entry, values["joint"], there) for entry, there in _entries(document, "joints", place)
+    ]
+    values["materials"] = {
+        name: _record(Material, material, place.inside(f"[materials.{_key(name)}]"))
+        for name, material in _table(document["materials"], place.inside("[materials]")).items()
+    }
+    for key, kind in _LISTS.items():
+        values[key] = [_record(kind, entry, there) for entry, there in _entries(document, key, place)]
+    values["control"] = _control(document["control"], place.inside("[control]"))
+    values["solver"] = _record(Solver, document.get("solver", {}), place.inside("[solver]"))
+    scenario = _make(Scenario, {**values, "path": path, "text": text}, place)
+    if not scenario.actuators:
+        place.fail(f"control kind {show(scenario.control.kind)} drives actuators and there is none; add [[actuators]]")
+    return scenario
+
+
+def _law(data: dict[str, Any], place: _Place, base: JointLaw | None = None) -> JointLaw:
+    """A joint law; with a ``base``, that law with the keys that ``data`` names put in place of its own."""
+    keys = _keys_of(JointLaw)
+    _check_keys(data, keys if base is None else dict.fromkeys(keys, False), place)
+    given = {key: value for key, value in data.items() if (key, value) != ("points", "auto")}
+    if base is None:
+        return _make(JointLaw, given, place)
+    formulation = data.get("formulation", base.formulation)
+    inherited = {key: getattr(base, key) for key in keys if key not in data}
+    kept = {key: value for key, value in inherited.items() if _OWN_KEYS.get(key, formulation) == formulation}
+    return _make(JointLaw, {**kept, **given}, place)
+
+
+def _joint_override(entry: Any, default: JointLaw, place: _Place) -> JointOverride:
+    data = dict(_table(entry, place))
+    known = {"between": True, **dict.fromkeys(_keys_of(JointLaw), False)}
+    _check_keys(data, known, place)
+    return _make(JointOverride, {"between": data.pop("between"), "law": _law(data, place, default)}, place)
+
+
+def _control(data: Any, place: _Place) -> Any:
+    given = dict(_table(data, place))
+    if "kind" not in given:
+        raise ScenarioError(f"missing key 'kind' in {place}; use one of {', '.join(_CONTROLS)}")
+    kind = given.pop("kind")
+    if isinstance(kind, str) and kind in _CONTROLS:
+        control = _CONTROLS[kind]
+        _check_keys(given, _keys_of(control), place, "kind")
+        return _make(control, given, place)
+    existing = " and ".join(show(name) for name in _CONTROLS)
+    if isinstance(kind, str) and kind in _CONTROLS_ELSEWHERE:
+        place.fail(f"kind = {show(kind)} is not part of this version; the kinds it has are {existing}")
+    hint = f"; {nearest(kind, _CONTROLS)}" if isinstance(kind, str) else ""
+    place.fail(f"kind = {show(kind)} is not a kind of control; the kinds are {existing}{hint}")
+
+
+def _record(kind: type, data: Any, place: _Place) -> Any:
+    table = _table(data, place)
+    _check_keys(table, _keys_of(kind), place)
+    return _make(kind, table, place)
+
+
+def _make(kind: type, values: Mapping[str, Any], place: _Place) -> Any:
+    try:
+        return kind(**values)
+    except ScenarioError as error:
+        place.fail(str(error))
+
+
+def _table(data: Any, place: _Place) -> dict[str, Any]:
+    if not isinstance(data, dict):
+        hint = "; one pair of brackets makes it one" if isinstance(data, list) else ""
+        place.fail(f"this must be a table, not {show(data)}{hint}")
+    return data
+
+
+def _entries(document: dict[str, Any], key: str, place: _Place) -> Iterable[tuple[Any, _Place]]:
+    entries = document.get(key, [])
+    if not isinstance(entries, list):
+        hint = f"; write [[{key}]] before each" if isinstance(entries, dict) else ""
+        place.fail(f"{key} must be a list of tables, not {show(entries)}{hint}")
+    for i, entry in enumerate(entries, 1):
+        yield entry, place.inside(f"[[{key}]] number {i}")
+
+
+def _keys_of(kind: type) -> dict[str, bool]:
+    """The keys of a table and whether each is required: the fields of its class, and whether they lack a default."""
+    return {f.name: f.default is MISSING and f.default_factory is MISSING for f in fields(kind)}
+
+
+def _check_keys(data: dict[str, Any], known: Mapping[str, bool], place: _Place, *more: str) -> None:
+    for key in data:
+        if key not in known:
+            raise ScenarioError(f"unknown key {show(key)} in {place}; {nearest(key, [*known, *more])}")
+    for key, required in known.items():
+        if required and key not in data:
+            raise ScenarioError(f"missing key {show(key)} in {place}; it has no default")
+
+
+# --- writing ---------------------------------------------------------------------------------------------------------
+
+
+def _plain(instance: Any, short: bool = False) -> dict[str, Any]:
+    """The fields of a dataclass that have a value; ``short`` leaves out those at their default."""
+    pairs = ((f, getattr(instance, f.name)) for f in fields(instance))
+    return {f.name: value for f, value in pairs if value is not None and not (short and value == f.default)}
+
+
+def _plain_law(law: JointLaw) -> dict[str, Any]:
+    """The law with the keys that belong to its formulation; ``auto`` undoes a count of points in a default law."""
+    plain = {"points": "auto", **_plain(law)}
+    return {key: value for key, value in plain.items() if _OWN_KEYS.get(key, law.formulation) == law.formulation}
+
+
+def _write(document: dict[str, Any]) -> str:
+    lines: list[str] = []
+    for key, value in document.items():
+        if not isinstance(value, dict) and not _is_table_list(value):
+            lines.append(f"{_key(key)} = {_format(value)}")
+    for key, value in document.items():
+        if isinstance(value, dict) and value and all(isinstance(inner, dict) for inner in value.values()):
+            for name, inner in value.items():
+                lines += ["", f"[{_key(key)}.{_key(name)}]", *_pairs(inner)]
+        elif isinstance(value, dict):
+            lines += ["", f"[{_key(key)}]", *_pairs(value)]
+        elif _is_table_list(value):
+            for entry in value:
+                lines += ["", f"[[{_key(key)}]]", *_pairs(entry)]
+    return "\n".join(lines) + "\n"
+
+
+def _is_table_list(value: Any) -> bool:
+    return isinstance(value, list) and bool(value) and all(isinstance(entry, dict) for entry in value)
+
+
+def _pairs(table: dict[str, Any]) -> list[str]:
+    return [f"{_key(key)} = {_format(value)}" for key, value in table.items()]
+
+
+def _key(key: str) -> str:
+    return key if re.fullmatch("[A-Za-z0-9_-]+", key) else _format(key)
+
+
+def _format(value: Any) -> str:
+    """One value of a checked scenario as TOML; ``repr`` writes the shortest text that reads back as the same float."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(_format(item) for item in value)}]"
+    return repr(value)

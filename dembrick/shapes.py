@@ -1,0 +1,126 @@
+"""Shapes of blocks: convex polyhedra in their own body frame, and the quaternions that turn them.
+
+A shape knows no position and no material. Its centroid is the origin of the body frame, lengths are in metres,
+quaternions are (w, x, y, z) and take body axes to world axes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+_PARALLEL = 1e-9  # sine of the angle below which two directions of one shape count as the same
+
+
+@dataclass(frozen=True, eq=False)
+class Polyhedron:
+    """A convex polyhedron about its centroid.
+
+    ``vertices`` (nv, 3) in the body frame; ``faces`` tuples of vertex numbers, counterclockwise seen from outside;
+    ``volume`` (m3); ``inertia`` (3, 3) about the centroid for a density of one (m5).
+    """
+
+    vertices: np.ndarray
+    faces: tuple[tuple[int, ...], ...]
+    volume: float
+    inertia: np.ndarray
+
+    def moved(self, position, orientation) -> np.ndarray:
+        """World coordinates (nv, 3) of the vertices of a block that stands at ``position``, turned by a quaternion."""
+        return np.asarray(position, float) + self.vertices @ rotation_matrix(orientation).T
+
+    @cached_property
+    def diameter(self) -> float:
+        """Twice the distance of the farthest vertex from the centroid: the length that tolerances refer to."""
+        return 2.0 * float(np.sqrt((self.vertices**2).sum(axis=1).max()))
+
+    @cached_property
+    def face_table(self) -> np.ndarray:
+        """Faces as one array (nf, longest face); shorter faces repeat their last vertex."""
+        longest = max(len(face) for face in self.faces)
+        return np.array([face + face[-1:] * (longest - len(face)) for face in self.faces])
+
+    @cached_property
+    def _face_vectors(self) -> np.ndarray:
+        """Outward normals of the faces, as long as the faces are large (nf, 3)."""
+        corners = self.vertices[self.face_table]
+        return 0.5 * np.cross(corners - corners[:, :1], np.roll(corners, -1, axis=1) - corners[:, :1]).sum(axis=1)
+
+    @cached_property
+    def face_areas(self) -> np.ndarray:
+        """Areas of the faces (nf,)."""
+        return np.sqrt((self._face_vectors**2).sum(axis=1))
+
+    @cached_property
+    def face_normals(self) -> np.ndarray:
+        """Outward unit normals of the faces (nf, 3)."""
+        return self._face_vectors / self.face_areas[:, None]
+
+    @cached_property
+    def face_offsets(self) -> np.ndarray:
+        """Distances of the face planes from the centroid (nf,)."""
+        corners = self.vertices[[face[0] for face in self.faces]]
+        return (self.face_normals * corners).sum(axis=1)
+
+    @cached_property
+    def face_axes(self) -> np.ndarray:
+        """Directions of the face normals, opposite ones counted once (k, 3); three for a box."""
+        return _distinct_directions(self.face_normals)
+
+    @cached_property
+    def edge_axes(self) -> np.ndarray:
+        """Directions of the edges, parallel ones counted once (k, 3); three for a box."""
+        edges = np.concatenate([self.vertices[list(f)] - self.vertices[list(f[-1:] + f[:-1])] for f in self.faces])
+        return _distinct_directions(edges / np.sqrt((edges**2).sum(axis=1))[:, None])
+
+
+def _distinct_directions(directions: np.ndarray) -> np.ndarray:
+    kept: list[np.ndarray] = []
+    for direction in directions:
+        if all(np.linalg.norm(np.cross(direction, other)) > _PARALLEL for other in kept):
+            kept.append(direction)
+    return np.array(kept)
+
+
+_BOX_CORNERS = np.array([[x, y, z] for z in (-0.5, 0.5) for y in (-0.5, 0.5) for x in (-0.5, 0.5)])
+_BOX_FACES = ((0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5))
+
+
+@lru_cache(maxsize=4096)
+def _box(a: float, b: float, c: float) -> Polyhedron:
+    volume = a * b * c
+    inertia = np.diag([b * b + c * c, a * a + c * c, a * a + b * b]) * volume / 12.0
+    return Polyhedron(_BOX_CORNERS * (a, b, c), _BOX_FACES, volume, inertia)
+
+
+def box(edges) -> Polyhedron:
+    """A box with edge lengths ``edges`` (3,) along its body axes; equal boxes share one object."""
+    return _box(*(float(edge) for edge in edges))
+
+
+def unit_quaternion(quaternion) -> np.ndarray:
+    """The quaternion(s) (..., 4) scaled to length one."""
+    q = np.asarray(quaternion, float)
+    return q / np.sqrt((q * q).sum(axis=-1, keepdims=True))
+
+
+def rotation_matrix(quaternion) -> np.ndarray:
+    """Rotation matrix (..., 3, 3) of quaternion(s) (..., 4): its columns are the body axes in the world."""
+    q = unit_quaternion(quaternion)
+    w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
+    rows = [
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+    ]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def quaternion_product(first, second) -> np.ndarray:
+    """The quaternion(s) of the turn ``second`` followed by the turn ``first`` (..., 4)."""
+    p, q = np.asarray(first, float), np.asarray(second, float)
+    w = p[..., 0] * q[..., 0] - (p[..., 1:] * q[..., 1:]).sum(axis=-1)
+    v = p[..., :1] * q[..., 1:] + q[..., :1] * p[..., 1:] + np.cross(p[..., 1:], q[..., 1:])
+    return np.concatenate([w[..., None], v], axis=-1)

@@ -1,0 +1,111 @@
+"""The arrays the kernels work on: contiguous float64 / int64, one line a field with shape, unit and sign.
+
+Counts: n blocks, f free blocks, j joints, p point joints, c contact points, a area joints, v polygon vertices,
+k jacks, l loads, r recorded rows. "start" is the scenario's geometry. These are the only mutable things of a run.
+"""
+
+from typing import NamedTuple
+
+from numpy import ndarray
+
+
+class Blocks(NamedTuple):
+    """Motion of the blocks and the forces on them."""
+
+    free: ndarray  # (f,) int64, indices of the blocks that are integrated
+    displacement: ndarray  # (n, 3) m, centroid since the start
+    rotation: ndarray  # (n, 3) rad, rotation vector since the start (small motion only)
+    orientation: ndarray  # (n, 4) unit quaternion (w, x, y, z), body to world; of the start in small motion
+    velocity: ndarray  # (n, 3) m/s, centroid, half a step behind
+    spin: ndarray  # (n, 3) rad/s, world, half a step behind
+    momentum: ndarray  # (n, 3) kg m2/s, angular momentum about the centroid, world (finite motion)
+    force: ndarray  # (n, 3) N, out of balance
+    torque: ndarray  # (n, 3) N m about the centroid, out of balance
+    dead_force: ndarray  # (n, 3) N, gravity and dead loads
+    dead_torque: ndarray  # (n, 3) N m about the centroid, of the dead loads at the start
+
+
+class ScaledInertia(NamedTuple):
+    """Artificial inertia of small motion: a full 6 x 6 matrix a block, proportional to its contact stiffness."""
+
+    inverse: ndarray  # (n, 6, 6) per block, from (force, torque) to (acceleration, angular acceleration)
+
+
+class Inertia(NamedTuple):
+    """Physical inertia of finite motion."""
+
+    mass: ndarray  # (n,) kg
+    tensor: ndarray  # (n, 3, 3) kg m2, about the centroid, body frame
+    inverse: ndarray  # (n, 3, 3) 1/(kg m2), inverse of the tensor
+
+
+class Joints(NamedTuple):
+    """Where the joints are and what they carry. What is "now" stays as at the start in small motion."""
+
+    block_a: ndarray  # (j,) int64
+    block_b: ndarray  # (j,) int64
+    host: ndarray  # (j,) +1 the polygon rides on b, -1 on a
+    axes: ndarray  # (j, 3, 3) rows t1, t2, n now, world
+    arm_a: ndarray  # (j, 3) m, from the centroid of a to O now, world
+    arm_b: ndarray  # (j, 3) m, likewise of b
+    axes_a: ndarray  # (j, 3, 3) rows t1, t2, n in the body frame of a
+    axes_b: ndarray  # (j, 3, 3) likewise of b
+    lever_a: ndarray  # (j, 3) m, from the centroid of a to O in the body frame of a
+    lever_b: ndarray  # (j, 3) m, likewise of b
+    offset: ndarray  # (j, 3) m, centroid of b seen from that of a at the start, world
+    gap: ndarray  # (j,) m, distance of the faces at the start, positive open
+    relative: ndarray  # (j, 6) m, rad: motion of b against a at O in the joint's axes (d1, d2, dn, r1, r2, rn)
+    step: ndarray  # (j, 3) m, m, rad: slip twist of the last step
+    resultant: ndarray  # (j, 7) N, V_1, V_2, M_T, M_1, M_2 (action on b about O), slip (m)
+
+
+class Points(NamedTuple):
+    """Joints whose forces act at contact points."""
+
+    joint: ndarray  # (p,) int64, which joint
+    start: ndarray  # (p + 1,) int64, first contact point of each
+    friction: ndarray  # (p,) friction coefficient
+    x_n: ndarray  # (c,) m, along t1, where the normal force acts
+    y_n: ndarray  # (c,) m, along t2
+    x_s: ndarray  # (c,) m, along t1, where slip is measured and the shear force acts
+    y_s: ndarray  # (c,) m, along t2
+    k_n: ndarray  # (c,) N/m, normal stiffness times tributary area
+    k_s: ndarray  # (c,) N/m, shear stiffness times tributary area
+    normal: ndarray  # (c,) N, normal force now, positive in compression
+    elastic_1: ndarray  # (c,) N, elastic shear force on b along t1
+    elastic_2: ndarray  # (c,) N, along t2
+    slip: ndarray  # (c,) m, length of the slip path
+
+
+class Areas(NamedTuple):
+    """Convex joints: the no-tension integral over the polygon and the exact torsion-shear limit surface."""
+
+    joint: ndarray  # (a,) int64, which joint
+    start: ndarray  # (a + 1,) int64, first vertex of each polygon
+    friction: ndarray  # (a,) friction coefficient
+    x: ndarray  # (v,) m, vertices about O along t1, counter-clockwise
+    y: ndarray  # (v,) m, along t2
+    area: ndarray  # (a,) m2
+    second: ndarray  # (a, 3) m4, integrals of y^2, x^2, x y
+    reach: ndarray  # (a,) m, greatest vertex distance from O
+    radius: ndarray  # (a,) m, torsion strength over V_0
+    far: ndarray  # (a, 25) coefficients of the series about pure translation
+    k_n: ndarray  # (a,) Pa/m
+    k_s: ndarray  # (a,) Pa/m
+    elastic: ndarray  # (a, 3) N, N, N m, elastic shear resultant on b
+    twist: ndarray  # (a, 3) m, m, rad, plastic twist of the last plastic step
+    slip: ndarray  # (a,) m, length of the slip path at O
+    evaluations: ndarray  # (a,) int64, evaluations of the limit surface
+
+
+class Jacks(NamedTuple):
+    """The load system: jack i carries V weight_i; one spring and dashpot drive the work-conjugate displacement."""
+
+    block: ndarray  # (k,) int64
+    arm: ndarray  # (k, 3) m, from the centroid to the loaded point now, world
+    lever: ndarray  # (k, 3) m, the same in the body frame
+    start: ndarray  # (k, 3) m, the arm at the start, world
+    direction: ndarray  # (k, 3) unit vector, world
+    weight: ndarray  # (k,)
+    displacement: ndarray  # (k,) m, of the loaded points along their directions
+    drive: ndarray  # (5,) head (m), driven displacement (m), V (N); greatest V so far (N), where (m)

@@ -1,0 +1,99 @@
+"""Cheap stand-ins for the convex torsion-shear curve, each labelled with its error against the exact one.
+
+In the non-dimensional plane v = V/V_0, m = M_T/(V_0 c_T): the ellipse v^2 + m^2 = 1 of robotics, the parabola
+m = 1 - v^2, and piecewise linear curves. The literature's break points are not printed in the paper; ours lie on the
+exact curve of the rectangle at hand, at equal polar angles in the (v, m) plane: 45 degrees for the bi-linear curve, 30
+and 60 for the three pieces. The exact domain is convex, so these two are inscribed and safe. None of them is exact.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dembrick.errors import ScenarioError
+from dembrick.theory.interaction import interaction_curve
+
+APPROXIMATIONS = ("bi-linear", "three-linear", "parabola", "ellipse")
+_PIECES = {"bi-linear": 2, "three-linear": 3}
+
+
+@dataclass(frozen=True)
+class ApproximateDomain:
+    """One approximation of one rectangle's convex domain.
+
+    ``unsafe`` is the largest relative excess of its V over the exact limit along a ray of fixed eccentricity, ``safe``
+    the largest shortfall (both 0 or more). ``breakpoints`` (k, 2) are the corners (v, m) of a piecewise linear curve.
+    """
+
+    name: str
+    V_0: float
+    M_T0: float
+    breakpoints: np.ndarray | None
+    unsafe: float
+    safe: float
+
+    @property
+    def label(self) -> str:
+        """For a legend: the name and the largest errors in percent."""
+        parts = [f"{word} by {100.0 * error:.1f} %" for word, error in self._errors() if error > 5e-5]
+        return f"{self.name} ({', '.join(parts) or 'within 0.005 %'})"
+
+    def _errors(self) -> tuple[tuple[str, float], tuple[str, float]]:
+        return ("unsafe", self.unsafe), ("safe", self.safe)
+
+    def limit(self, eccentricity: ArrayLike) -> np.ndarray:
+        """V (N) on the curve for a force at an eccentricity (m) of either sign; inf is a couple, with V = 0."""
+        e = np.abs(np.asarray(eccentricity, float))
+        couple = np.isinf(e)
+        slope = np.where(couple, 1.0, e) * self.V_0 / self.M_T0
+        radius = _radius(self.name, self.breakpoints, np.ones_like(slope), slope)
+        return np.where(couple, 0.0, self.V_0 * radius)[()]
+
+    def curve(self, count: int = 181) -> tuple[np.ndarray, np.ndarray]:
+        """(V / V_0, M_T / M_T0) from pure shear to pure torsion, (count,) each."""
+        angle = np.linspace(0.0, np.pi / 2.0, count)
+        v, m = np.cos(angle), np.sin(angle)
+        v[-1] = 0.0
+        radius = _radius(self.name, self.breakpoints, v, m)
+        return radius * v, radius * m
+
+
+def _radius(name: str, corners: np.ndarray | None, v: np.ndarray, m: np.ndarray) -> np.ndarray:
+    """The factor that brings (v, m), both 0 or more, onto the curve."""
+    if name == "ellipse":
+        return 1.0 / np.hypot(v, m)
+    if name == "parabola":  # r m = 1 - r^2 v^2, the root that stays finite for v = 0
+        return 2.0 / (m + np.sqrt(m * m + 4.0 * v * v))
+    # a convex polygon: its gauge is the largest of those of its sides
+    (v_0, m_0), (v_1, m_1) = corners[:-1].T, corners[1:].T
+    across = v_0 * m_1 - v_1 * m_0
+    return 1.0 / np.max((np.multiply.outer(v, m_1 - m_0) + np.multiply.outer(m, v_0 - v_1)) / across, axis=-1)
+
+
+def approximate_domain(
+    name: str,
+    a: float,
+    b: float,
+    friction: float = 1.0,
+    normal_force: float = 1.0,
+    *,
+    direction: ArrayLike = (0.0, 1.0),
+    count: int = 1441,
+) -> ApproximateDomain:
+    """One of :data:`APPROXIMATIONS` for a rectangle a x b; its errors are measured on ``count`` rays."""
+    if name not in APPROXIMATIONS:
+        raise ScenarioError(f"approximate domain {name!r} is unknown: use one of {', '.join(APPROXIMATIONS)}")
+    exact = interaction_curve("convex", a, b, friction, normal_force, count=count, direction=direction)
+    v, m = exact.normalised
+    corners = None
+    if name in _PIECES:
+        pieces = _PIECES[name]
+        corner = interaction_curve("convex", a, b, friction, normal_force, count=pieces + 1, direction=direction)
+        corners = np.stack(corner.normalised, axis=1)
+    excess = _radius(name, corners, v, m) - 1.0
+    # what is left of inscribed curves above 0 is rounding
+    unsafe, safe = (float(value) if value > 1e-12 else 0.0 for value in (excess.max(), -excess.min()))
+    return ApproximateDomain(name, exact.V_0, exact.M_T0, corners, unsafe, safe)

@@ -1,0 +1,246 @@
+"""The five contact formulations as friction laws that follow the centre of pressure.
+
+A :class:`Formulation` is the joint without its load: where normal force acts, where friction acts, and how a normal
+force N whose resultant passes through a point e of the joint distributes. ``law(N, e)`` is the friction law at that
+distribution. Normal forces of points are those of equal springs per area that cannot pull (a planar distribution while
+all points press); a rigid joint with free normal forces would give other numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dembrick.errors import NotConvergedError, ScenarioError
+from dembrick.theory.equations import reduced_dimensions
+from dembrick.theory.limit_surface import Law, PointLaw, PolygonLaw, convex, linear_pressure, points
+from dembrick.theory.polygons import (
+    as_parts,
+    as_polygon,
+    centroid,
+    clip,
+    convex_hull,
+    distance_to_exit,
+    intersect,
+    is_convex,
+    moment_matrix,
+    rectangle,
+)
+
+FORMULATIONS = ("concave", "corrected", "corrected-shear", "convex", "distributed")
+PRESSURES = ("full", "effective", "linear")
+
+#: A centre of pressure on the very edge leaves a line of contact. It is kept within this fraction of the way to the
+#: edge, so that every integral stays a plain polygon integral: that changes a limit by at most 1e-9 of itself with the
+#: effective pressure and 1e-7 with the linear one, whose steep plane cancels more digits on a thin strip.
+_EDGE = {"effective": 1.0 - 1e-5, "linear": 1.0 - 1e-4}
+
+
+def _no_tension(moments_of, normal_force: float) -> np.ndarray:
+    """Plane (3,) = (level, slope_x, slope_y) of a pressure that pulls nowhere, resultant N through the origin.
+
+    ``moments_of(plane)`` is the integral of phi phi^T over where the plane is positive, phi = (1, x, y) in lengths of
+    the joint's size, measured from the centre of pressure (near the joint's edge anything else would cancel).
+    Newton's iteration on the convex potential of the springs, with a line search: exact sections, quadratic at the end.
+    """
+    target = np.array([normal_force, 0.0, 0.0])
+    everywhere = np.array([1.0, 0.0, 0.0])
+    H = moments_of(everywhere)
+    if np.linalg.cond(H) > 1e13:  # points on a line: no moment across it, so the least plane will do
+        plane = np.linalg.lstsq(H, target, rcond=1e-12)[0]
+    else:
+        plane = np.linalg.solve(H, target)
+    for _ in range(200):
+        H = moments_of(plane)
+        residual = H @ plane - target
+        if np.abs(residual).max() <= 4e-15 * normal_force:
+            break
+        step = -np.linalg.lstsq(H, residual, rcond=1e-14)[0]
+        potential, slope = 0.5 * plane @ H @ plane - target @ plane, residual @ step
+        length = 1.0
+        while length > 1e-8:
+            trial = plane + length * step
+            if 0.5 * trial @ moments_of(trial) @ trial - target @ trial <= potential + 1e-4 * length * slope:
+                break
+            length *= 0.5
+        else:
+            break  # rounding
+        plane = trial
+    residual = moments_of(plane) @ plane - target
+    if np.abs(residual).max() > 1e-9 * normal_force:
+        raise NotConvergedError("no pressure without tension was found: the centre of pressure is at the joint's edge")
+    return plane
+
+
+def spring_forces(arms: ArrayLike, areas: ArrayLike, normal_force: float, centre: ArrayLike = (0.0, 0.0)) -> np.ndarray:
+    """Normal forces (n,) of equal springs per area that cannot pull, resultant N through ``centre`` (about O)."""
+    arms, areas = np.asarray(arms, float), np.asarray(areas, float)
+    weights = areas / areas.sum()
+    size = float(np.abs(arms).max()) or 1.0
+    phi = np.column_stack([np.ones(len(arms)), (arms - np.asarray(centre, float)) / size])
+
+    def moments_of(plane: np.ndarray) -> np.ndarray:
+        pressed = phi @ plane > 0.0
+        return (phi[pressed] * weights[pressed, None]).T @ phi[pressed]
+
+    return weights * np.maximum(phi @ _no_tension(moments_of, normal_force), 0.0)
+
+
+def pressure_plane(
+    polygon: ArrayLike | Sequence[ArrayLike], normal_force: float, centre: ArrayLike = (0.0, 0.0)
+) -> tuple[float, np.ndarray]:
+    """No-tension linear pressure max(0, level + slope . (r - centre)), resultant N through ``centre``: (level, slope).
+
+    Exact on the polygon clipped at the line of zero pressure; level in Pa, slope (2,) in Pa/m.
+    """
+    centre = np.asarray(centre, float)
+    parts = [part - centre for part in as_parts(polygon)]
+    size = float(max(np.abs(part).max() for part in parts))
+    parts = [part / size for part in parts]
+    area = sum(moment_matrix(part)[0, 0] for part in parts)
+
+    def moments_of(plane: np.ndarray) -> np.ndarray:
+        pressed = [clip(part, plane[1:], plane[0]) for part in parts]
+        return sum((moment_matrix(part) for part in pressed if len(part) > 2), start=np.zeros((3, 3))) / area
+
+    plane = _no_tension(moments_of, normal_force) / (area * size * size)
+    return float(plane[0]), plane[1:] / size
+
+
+def effective_polygon(polygon: ArrayLike | Sequence[ArrayLike], centre: ArrayLike) -> tuple[np.ndarray, ...]:
+    """The largest part of the polygon that is centrally symmetric about ``centre``: rectangle a x b -> a x (b - 2e).
+
+    It is the intersection with the polygon's own reflection through the centre of pressure. A non-convex polygon must
+    come as a union of convex parts.
+    """
+    parts = as_parts(polygon)
+    if not all(is_convex(part) for part in parts):
+        raise ScenarioError('pressure "effective" needs convex polygons: give a non-convex joint as convex parts')
+    twice = 2.0 * np.asarray(centre, float)
+    pieces = [intersect(part, twice - other) for part in parts for other in parts]
+    pieces = [piece for piece in pieces if len(piece) > 2 and moment_matrix(piece, piece[0])[0, 0] > 0.0]
+    if not pieces:
+        raise ScenarioError(f"the centre of pressure {tuple(np.asarray(centre))} has no part of the joint around it")
+    return tuple(pieces)
+
+
+@dataclass(frozen=True)
+class Formulation:
+    """A joint without its load. Exactly one of ``shear_arms`` (points) and ``parts`` (polygons) is set."""
+
+    name: str
+    friction: float
+    hull: np.ndarray  # (k, 2): outside it the centre of pressure cannot be
+    normal_arms: np.ndarray | None = None
+    shear_arms: np.ndarray | None = None
+    areas: np.ndarray | None = None
+    parts: tuple[np.ndarray, ...] | None = None
+    pressure: str = "full"
+
+    @property
+    def follows_pressure(self) -> bool:
+        """Whether the friction law depends on where the normal force acts."""
+        return self.parts is None or self.pressure != "full"
+
+    @property
+    def middle(self) -> np.ndarray:
+        """Where the normal force acts when nothing overturns: O up to rounding if the arms are about the centroid."""
+        if self.parts is not None:
+            return centroid(self.parts)
+        return self.areas @ self.normal_arms / self.areas.sum()
+
+    def law(self, normal_force: float, centre: ArrayLike | None = None) -> Law:
+        """Friction law at a normal force N (N) through ``centre`` (m, about O; None: where the area's middle is)."""
+        e = self.middle if centre is None else np.asarray(centre, float)
+        if self.parts is not None and not self.follows_pressure:
+            return convex(self.parts, self.friction, normal_force)
+        if not distance_to_exit(self.hull, e, (0.0, 0.0)) >= 0.0:
+            raise ScenarioError(f"the normal force acts at {tuple(e)} m, outside the joint: it tips over there")
+        if self.parts is None:
+            forces = spring_forces(self.normal_arms, self.areas, normal_force, e)
+            return points(self.shear_arms, forces, self.friction)
+        if centre is not None:  # keep off the edge, see _EDGE
+            out = e - self.middle
+            reach = distance_to_exit(self.hull, self.middle, out)
+            if reach < 1.0 / _EDGE[self.pressure]:
+                e = self.middle + out * reach * _EDGE[self.pressure]
+        if self.pressure == "effective":
+            return convex(effective_polygon(self.parts, e), self.friction, normal_force)
+        level, slope = pressure_plane(self.parts, normal_force, e)
+        return linear_pressure(self.parts, self.friction, level, slope, e)
+
+
+def point_formulation(
+    normal_arms: ArrayLike, areas: ArrayLike, friction: float, shear_arms: ArrayLike | None = None, name: str = "points"
+) -> Formulation:
+    """Points that press at ``normal_arms`` (n, 2) and slip at ``shear_arms`` (None: the same), with areas (n,)."""
+    normal_arms, areas = np.array(normal_arms, float), np.array(areas, float)
+    shear_arms = normal_arms if shear_arms is None else np.array(shear_arms, float)
+    if normal_arms.ndim != 2 or normal_arms.shape != shear_arms.shape or areas.shape != normal_arms.shape[:1]:
+        raise ScenarioError("point arms must have shape (n, 2) and areas (n,), the same n for all")
+    if not (np.all(areas > 0.0) and np.isfinite(normal_arms).all() and np.isfinite(shear_arms).all()):
+        raise ScenarioError("point areas must be greater than 0 and arms finite")
+    return Formulation(name, friction, convex_hull(normal_arms), normal_arms, shear_arms, areas)
+
+
+def polygon_formulation(
+    polygon: ArrayLike | Sequence[ArrayLike], friction: float, pressure: str = "full"
+) -> Formulation:
+    """The convex formulation on a polygon, or on a union of polygons that do not overlap."""
+    if pressure not in PRESSURES:
+        raise ScenarioError(f"pressure = {pressure!r} is unknown: use one of {', '.join(PRESSURES)}")
+    parts = as_parts(polygon)
+    return Formulation("convex", friction, convex_hull(np.concatenate(parts)), parts=parts, pressure=pressure)
+
+
+def rectangle_formulation(
+    name: str,
+    a: float,
+    b: float,
+    friction: float,
+    *,
+    pressure: str = "full",
+    cells: tuple[int, int] | None = None,
+) -> Formulation:
+    """One of :data:`FORMULATIONS` on a rectangle a (along x) by b (along y) about O.
+
+    ``cells`` = (n, m) belongs to ``distributed``: points at the centres of n x m equal cells.
+    """
+    if not (np.isfinite([a, b]).all() and a > 0.0 and b > 0.0):
+        raise ScenarioError(f"a joint of {a!r} x {b!r} m needs two finite edges greater than 0")
+    corners = as_polygon(rectangle(a, b))
+    if name == "convex":
+        return polygon_formulation(corners, friction, pressure)
+    quarter = np.full(4, a * b / 4.0)
+    if name == "concave":
+        return point_formulation(corners, quarter, friction, name=name)
+    if name in ("corrected", "corrected-shear"):
+        reduced = rectangle(*reduced_dimensions(a, b))
+        return point_formulation(corners if name == "corrected-shear" else reduced, quarter, friction, reduced, name)
+    if name == "distributed":
+        if cells is None:
+            raise ScenarioError("distributed needs cells = (n, m): how many points along each edge")
+        n, m = cells
+        x, y = (np.arange(n) + 0.5) / n - 0.5, (np.arange(m) + 0.5) / m - 0.5
+        arms = np.stack([grid.ravel() for grid in np.meshgrid(a * x, b * y, indexing="ij")], axis=1)
+        return point_formulation(arms, np.full(n * m, a * b / (n * m)), friction, name=name)
+    raise ScenarioError(f"formulation = {name!r} is unknown: use one of {', '.join(FORMULATIONS)}")
+
+
+def formulation_law(
+    name: str,
+    a: float,
+    b: float,
+    friction: float,
+    normal_force: float,
+    *,
+    centre: ArrayLike | None = None,
+    pressure: str = "full",
+    cells: tuple[int, int] | None = None,
+) -> PolygonLaw | PointLaw:
+    """Friction law of a rectangle's formulation under N through ``centre`` (None: central)."""
+    joint = rectangle_formulation(name, a, b, friction, pressure=pressure, cells=cells)
+    return joint.law(normal_force, centre)

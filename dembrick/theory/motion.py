@@ -1,0 +1,203 @@
+"""Motions of rigid blocks on Coulomb joints that have a closed form, or an ordinary integral, to compare runs with.
+
+SI units, angles in radians. ``gravity`` is its magnitude, ``friction`` the coefficient.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from dembrick.errors import ScenarioError
+from dembrick.theory.limit_surface import Law
+
+GRAVITY = 9.81
+
+
+def _rk4(rate: Callable[[np.ndarray], np.ndarray], state: np.ndarray, step: float) -> np.ndarray:
+    k_1 = rate(state)
+    k_2 = rate(state + 0.5 * step * k_1)
+    k_3 = rate(state + 0.5 * step * k_2)
+    k_4 = rate(state + step * k_3)
+    return state + step / 6.0 * (k_1 + 2.0 * k_2 + 2.0 * k_3 + k_4)
+
+
+def slope_acceleration(angle: float, friction: float, gravity: float = GRAVITY) -> float:
+    """Acceleration down a plane inclined by ``angle``: 0 while tan(angle) < friction."""
+    return max(0.0, gravity * (math.sin(angle) - friction * math.cos(angle)))
+
+
+def pulse_slip(acceleration: float, duration: float, friction: float, gravity: float = GRAVITY) -> float:
+    """Newmark: slip of a block on a base that takes a rectangular acceleration pulse."""
+    a_y = friction * gravity
+    if acceleration <= a_y:
+        return 0.0
+    if a_y == 0.0:
+        return math.inf
+    return acceleration * (acceleration - a_y) * duration**2 / (2.0 * a_y)
+
+
+def stopping(speed: float, friction: float, gravity: float = GRAVITY) -> tuple[float, float]:
+    """(distance, time) in which friction alone stops a sliding block."""
+    return speed**2 / (2.0 * friction * gravity), speed / (friction * gravity)
+
+
+def harmonic_push(
+    times: np.ndarray,
+    mass: float,
+    friction: float,
+    amplitude: float,
+    frequency: float = 1.0,
+    start: float = 0.0,
+    gravity: float = GRAVITY,
+) -> np.ndarray:
+    """Position (k,) at ascending ``times`` (s) of a block pushed by amplitude * cos(frequency t), at rest at t = 0.
+
+    Slip and stick follow each other, each in closed form; only the instants of change are found by bisection.
+    """
+    times = np.asarray(times, float)
+    grip, omega = friction * gravity, frequency
+    drive = amplitude / mass
+    x = np.empty(len(times))
+    t_0, x_0, filled = 0.0, start, 0
+    period = 2.0 * math.pi / omega
+    while filled < len(times):
+        push = drive * math.cos(omega * t_0)
+        # on the threshold a growing push slips on, a falling one sticks
+        rising = math.cos(omega * (t_0 + 1e-9 * period)) * math.copysign(drive, push) > grip
+        if abs(drive) <= grip:
+            x[filled:] = x_0
+            break
+        if not rising:  # wait for the push to reach the grip again
+            phase = omega * t_0 % math.pi
+            wait = (math.pi - math.acos(grip / abs(drive)) - phase) % math.pi / omega
+            t_1 = t_0 + (wait or math.pi / omega)
+            while filled < len(times) and times[filled] <= t_1:
+                x[filled] = x_0
+                filled += 1
+            t_0 = t_1
+            continue
+        sense = math.copysign(1.0, push)
+
+        def velocity(t: float, t_0: float = t_0, sense: float = sense) -> float:
+            return drive / omega * (math.sin(omega * t) - math.sin(omega * t_0)) - sense * grip * (t - t_0)
+
+        def position(t: float, t_0: float = t_0, x_0: float = x_0, sense: float = sense) -> float:
+            swing = drive / omega**2 * (math.cos(omega * t_0) - math.cos(omega * t))
+            return x_0 + swing - drive / omega * math.sin(omega * t_0) * (t - t_0) - sense * grip * (t - t_0) ** 2 / 2.0
+
+        high = t_0 + 1e-3 * period
+        while velocity(high) * sense > 0.0:
+            high += 1e-3 * period
+        low = high - 1e-3 * period
+        for _ in range(60):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if velocity(middle) * sense > 0.0 else (low, middle)
+        while filled < len(times) and times[filled] <= high:
+            x[filled] = position(times[filled])
+            filled += 1
+        t_0, x_0 = high, position(high)
+    return x
+
+
+def spin_down(a: float, b: float, friction: float, arm: float, spin: float, gravity: float = GRAVITY):
+    """(deceleration, angle until rest) of a block a x b spinning flat; ``arm`` is c_T (convex) or c (concave)."""
+    deceleration = 12.0 * friction * gravity * arm / (a * a + b * b)
+    return deceleration, spin**2 / (2.0 * deceleration)
+
+
+def slide_to_rest(
+    law: Law, mass: float, inertia: float, velocity: tuple[float, float], spin: float, step: float = 0.005
+) -> tuple[float, float, float]:
+    """(x, y, theta) where a block comes to rest that starts at 0 sliding and spinning flat, its pressure unchanged.
+
+    ``law`` is in the block's axes about its centroid, ``inertia`` about the vertical. Friction depends on the direction
+    of the twist alone, so the motion is integrated over ds = dt / |twist|, in which it fades exponentially and stays
+    smooth to the end (RK4, error of order step^4 for smooth laws).
+    """
+    R = law.radius
+    rate_scale = law.strength / mass
+
+    def rate(state: np.ndarray) -> np.ndarray:
+        theta, v_x, v_y, w = state[2:]
+        cos, sin = math.cos(theta), math.sin(theta)
+        f_1, f_2, m = law.gradient((cos * v_x + sin * v_y, cos * v_y - sin * v_x, w)).tolist()
+        size = math.sqrt(v_x * v_x + v_y * v_y + (R * w) ** 2)
+        force = np.array([cos * f_1 - sin * f_2, sin * f_1 + cos * f_2])
+        return size / rate_scale * np.array([v_x, v_y, w, -force[0] / mass, -force[1] / mass, -m / inertia])
+
+    state = np.array([0.0, 0.0, 0.0, velocity[0], velocity[1], spin])
+    scale = np.array([1.0, 1.0, R])
+    first = float(np.linalg.norm(state[3:] * scale))
+    if first == 0.0:
+        return 0.0, 0.0, 0.0
+    for _ in range(int(100.0 / step)):
+        state = _rk4(rate, state, step)
+        # what is left to go is of the order of |twist|^2
+        if np.linalg.norm(state[3:] * scale) < 1e-7 * first:
+            x, y, theta = state[:3].tolist()
+            return x, y, theta
+    raise ScenarioError("the block does not come to rest: friction and normal force must be greater than 0")
+
+
+def rocking_frequency(thickness: float, height: float, gravity: float = GRAVITY) -> float:
+    """p = sqrt(3 g / 4 R) of a rectangular block, R its half diagonal."""
+    return math.sqrt(0.75 * gravity / (0.5 * math.hypot(thickness, height)))
+
+
+def rocking_period(thickness: float, height: float, ratio: float, gravity: float = GRAVITY) -> float:
+    """Lossless nonlinear period of a rocking block: four times from release at ratio * alpha to the first impact.
+
+    Energy gives theta'^2 = 2 p^2 (cos(alpha - theta) - cos(alpha - theta_0)); with theta = theta_0 (1 - u^2) the
+    integrand is smooth and a Gauss rule exact to rounding.
+    """
+    alpha = math.atan2(thickness, height)
+    theta_0 = ratio * alpha
+    if not 0.0 < ratio < 1.0:
+        raise ScenarioError(f"ratio = {ratio!r} is out of range: a block rocks back from between 0 and 1 times alpha")
+    u, weight = np.polynomial.legendre.leggauss(60)
+    u, weight = (u + 1.0) / 2.0, weight / 2.0
+    half = theta_0 * u * u / 2.0  # cos(alpha - theta) - cos(alpha - theta_0) as a product, without cancellation
+    gain = 2.0 * np.sin(alpha - theta_0 + half) * np.sin(half)
+    p = rocking_frequency(thickness, height, gravity)
+    return float(4.0 * np.sum(weight * 2.0 * theta_0 * u / np.sqrt(2.0 * gain)) / p)
+
+
+def housner_restitution(thickness: float, height: float) -> float:
+    """w+/w- = 1 - 1.5 sin^2 alpha at the impact of a slender rocking block."""
+    return 1.0 - 1.5 * math.sin(math.atan2(thickness, height)) ** 2
+
+
+def wall_tilt_limit(thickness: float, height: float, friction: float) -> tuple[float, str]:
+    """(angle, "overturning" or "sliding") at which a rigid single-leaf wall gives way when tilted out of plane."""
+    overturns, slides = math.atan2(thickness, height), math.atan(friction)
+    return (overturns, "overturning") if overturns <= slides else (slides, "sliding")
+
+
+def toppling_tilt(
+    thickness: float, height: float, rate: float, lever: float, displacement: float, gravity: float = GRAVITY
+) -> float:
+    """Tilt angle at which a rigid wall, tilted at ``rate`` (rad/s), has moved a point ``lever`` from its toe.
+
+    On its toe, theta'' = (3 g / 4 R) sin(psi + theta - alpha), at rest at psi = alpha. The displacement is the arc
+    lever * theta.
+    """
+    alpha, p_2 = math.atan2(thickness, height), rocking_frequency(thickness, height, gravity) ** 2
+    goal = displacement / lever
+
+    def motion(state: np.ndarray) -> np.ndarray:
+        theta, speed, psi = state
+        return np.array([speed, p_2 * math.sin(psi + theta), rate])
+
+    step = 0.002 / math.sqrt(p_2)
+    state = np.zeros(3)  # theta, theta', psi - alpha
+    before = state
+    while state[0] < goal:
+        before, state = state, _rk4(motion, state, step)
+    low, high = 0.0, step
+    for _ in range(50):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if _rk4(motion, before, middle)[0] < goal else (low, middle)
+    return alpha + before[2] + rate * high

@@ -1,0 +1,99 @@
+"""Loads above the joint: they overturn it, so the pressure moves while they grow.
+
+A horizontal load V f at height h above the joint shifts the centre of pressure by V h (f1, f2) / N. Where friction
+follows the pressure, the limit load solves V = limit(pressure at V); where the centre of pressure reaches the edge of
+the joint first, the block overturns. The paper's formulas assume h = 0.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dembrick.errors import ScenarioError
+from dembrick.theory.formulations import Formulation
+from dembrick.theory.limit_load import LimitLoad, limit_load
+from dembrick.theory.polygons import distance_to_exit
+
+_SCAN = 16
+
+
+def overturning_load(
+    formulation: Formulation, normal_force: float, overturning: ArrayLike, centre: ArrayLike | None = None
+) -> float:
+    """V at which the centre of pressure reaches the edge of the points or of the polygon; inf if it never does.
+
+    ``overturning`` (2,) in N m per unit of V is the sum of h_i (f1, f2)_i over the loads; ``centre`` is where N acts at V = 0.
+    """
+    start = formulation.middle if centre is None else np.asarray(centre, float)
+    shift = np.asarray(overturning, float) / normal_force
+    V = distance_to_exit(formulation.hull, start, shift)
+    if V < 0.0:
+        raise ScenarioError(f"the normal force acts at {tuple(start)} m, outside the joint: it tips over without load")
+    return V
+
+
+def limit_load_at_height(
+    formulation: Formulation,
+    normal_force: float,
+    load: ArrayLike,
+    *,
+    height: float = 0.0,
+    overturning: ArrayLike | None = None,
+    dead_load: ArrayLike = (0.0, 0.0, 0.0),
+    centre: ArrayLike | None = None,
+) -> LimitLoad:
+    """Limit multiplier of a load (f1, f2, m) about O acting ``height`` above the joint, by sliding or overturning.
+
+    ``overturning`` (2,) replaces height * (f1, f2) where several loads act at different heights. ``centre`` is where
+    the normal force acts at V = 0, dead loads included. The first V from below that meets the limit is returned.
+    """
+    load = np.asarray(load, float)
+    start = formulation.middle if centre is None else np.asarray(centre, float)
+    lever = height * load[:2] if overturning is None else np.asarray(overturning, float)
+    V_tip = overturning_load(formulation, normal_force, lever, start)
+    tipped = LimitLoad(V_tip, (np.nan, np.nan, np.nan), None, "overturning")
+
+    def limit(V: float) -> LimitLoad:
+        return limit_load(formulation.law(normal_force, start + V / normal_force * lever), load, dead_load)
+
+    if not formulation.follows_pressure or not lever.any():
+        sliding = limit_load(formulation.law(normal_force, start), load, dead_load)
+        return sliding if sliding.V <= V_tip else tipped
+    # no distribution of N bears more than V_0 in translation
+    force = float(np.hypot(*load[:2]))
+    bound = np.inf
+    if force > 0.0:
+        bound = (formulation.friction * normal_force + float(np.hypot(*np.asarray(dead_load, float)[:2]))) / force
+    end = min(V_tip, 1.001 * bound)
+    below, excess_below = 0.0, limit(0.0).V
+    for above in np.linspace(0.0, end, _SCAN + 1)[1:].tolist():
+        if above == V_tip:
+            above = V_tip * (1.0 - 1e-12)
+        excess = limit(above).V - above
+        if excess <= 0.0:
+            break
+        below, excess_below = above, excess
+    else:
+        return tipped
+    V = _root(lambda V: limit(V).V - V, below, excess_below, above, excess)
+    found = limit(V)
+    return LimitLoad(float(V), found.twist, found.torsion_centre)
+
+
+def _root(f, x_0: float, f_0: float, x_1: float, f_1: float) -> float:
+    """Zero of f between x_0 and x_1 of opposite signs, to rounding: false position with halving (Illinois)."""
+    tolerance = 2e-14 * max(abs(x_0), abs(x_1))
+    for _ in range(100):
+        if f_1 == 0.0:
+            return x_1
+        if abs(x_1 - x_0) <= tolerance or abs(f_1) <= tolerance:
+            break
+        x = x_1 - f_1 * (x_1 - x_0) / (f_1 - f_0)
+        f_x = f(x)
+        if (f_x > 0.0) != (f_1 > 0.0):
+            x_0, f_0 = x_1, f_1
+        else:
+            f_0 *= 0.5
+        x_1, f_1 = x, f_x
+    return x_1

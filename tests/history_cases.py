@@ -1,0 +1,105 @@
+"""Stand-ins for an assembly, and records whose every number is known, for the tests of history files."""
+
+from types import SimpleNamespace
+
+import numpy as np
+
+SCENARIO = 'title = "two blocks, one joint"\ngravity = [0.0, 0.0, -9.81]\n'
+FACES = ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7))
+ENERGIES = ("kinetic", "friction", "work")
+
+
+def shape(edges):
+    corners = [(-1, -1, -1), (1, -1, -1), (1, 1, -1), (-1, 1, -1), (-1, -1, 1), (1, -1, 1), (1, 1, 1), (-1, 1, 1)]
+    return SimpleNamespace(vertices=0.5 * np.array(corners) * edges, faces=FACES)
+
+
+def wedge():
+    """A prism on a triangle: faces of three and of four corners."""
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [0, 1, 1]], float)
+    faces = ((0, 2, 1), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5))
+    return SimpleNamespace(vertices=0.1 * (vertices - vertices.mean(axis=0)), faces=faces)
+
+
+def joint(a, b, formulation="concave", origin=(0.0, 0.0, 0.0)):
+    polygon = np.array([[-0.15, -0.1], [0.15, -0.1], [0.15, 0.1], [-0.15, 0.1]])
+    law = SimpleNamespace(formulation=formulation, friction=0.64)
+    return SimpleNamespace(
+        block_a=a, block_b=b, host=b, origin=np.array(origin), axes=np.eye(3), polygon=polygon, area=0.06, law=law
+    )
+
+
+def assembly():
+    """Two blocks, one concave joint, one jack."""
+    joints = (joint(0, 1),)
+    points = (
+        SimpleNamespace(normal_arm=joints[0].polygon, shear_arm=0.93 * joints[0].polygon, area=np.full(4, 0.015)),
+    )
+    return SimpleNamespace(
+        names=("lower", "upper"),
+        shapes=[shape((0.3, 0.2, 0.1)), shape((0.3, 0.2, 0.1))],
+        position=np.array([[0.0, 0.0, -0.05], [0.0, 0.0, 0.05]]),
+        orientation=np.array([[1.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]]),
+        fixed=np.array([True, False]),
+        joints=joints,
+        contact_points=points,
+        actuators=SimpleNamespace(
+            names=("jack",),
+            block=np.array([1]),
+            point=np.array([[0.075, 0.0, 0.0]]),
+            direction=np.array([[0.0, 1.0, 0.0]]),
+            weight=np.array([1.0]),
+        ),
+    )
+
+
+def mixed_assembly():
+    """A box, a turned wedge and no jack; a convex joint, which has no contact points, after a concave one."""
+    base = assembly()
+    turn = np.array([np.cos(0.2), 0.0, np.sin(0.2), 0.0])
+    base.names, base.shapes = ("lower", "upper", "wedge, small"), [*base.shapes, wedge()]
+    base.position = np.vstack([base.position, [0.4, 1000.0, 0.2]])
+    base.orientation = np.vstack([base.orientation, turn])
+    base.fixed = np.array([True, False, False])
+    base.joints = (*base.joints, joint(1, 2, "convex", origin=(0.0, 0.0, 0.1)))
+    base.contact_points = (*base.contact_points, None)
+    base.actuators = SimpleNamespace(
+        names=(), block=np.zeros(0, int), point=np.zeros((0, 3)), direction=np.zeros((0, 3)), weight=np.zeros(0)
+    )
+    return base
+
+
+def many_blocks(n):
+    base = assembly()
+    base.names, base.shapes = tuple(f"b{i}" for i in range(n)), [shape((0.3, 0.2, 0.1))] * n
+    base.position = np.column_stack([0.4 * np.arange(n), np.zeros(n), np.zeros(n)])
+    base.orientation = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1))
+    base.fixed = np.arange(n) == 0
+    return base
+
+
+def record(start, stop, n_joint=1, n_actuator=1, energies=ENERGIES):
+    """Rows start to stop; every number follows from its row, so that a reader can tell any that is wrong."""
+    row = np.arange(start, stop, dtype=float)
+    column = row[:, None]
+    return {
+        "time": 1e-5 * row,
+        "load": 100.0 + row,
+        "displacement": 1e-8 * row,
+        "unbalanced": 1.0 / (1.0 + row),
+        "actuator_displacement": 1e-8 * column + np.arange(n_actuator),
+        "actuator_force": 3.0 * column + np.arange(n_actuator),
+        "joint": column[:, :, None] + 10.0 * np.arange(n_joint)[None, :, None] + 0.1 * np.arange(7),
+        "energy": {name: (i + 1) * row for i, name in enumerate(energies)},
+    }
+
+
+def frames(start, stop, n_block=2):
+    """Frames start to stop: all blocks but the first move and turn about a skew axis."""
+    frame = np.arange(start, stop, dtype=float)
+    moving = np.arange(n_block) > 0
+    displacement = frame[:, None, None] * moving[None, :, None] * np.array([1e-9, -2e-3, 3e-6])
+    axis = np.array([1.0, 2.0, -2.0]) / 3.0
+    angle = 0.01 * frame[:, None] * moving
+    orientation = np.concatenate([np.cos(angle / 2)[..., None], np.sin(angle / 2)[..., None] * axis], axis=2)
+    return 1e-4 * frame, displacement, orientation
