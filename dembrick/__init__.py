@@ -1,0 +1,34 @@
+"""Replays of laboratory tests of dry-stacked stone blocks by explicit dynamics.
+
+    >>> import dembrick
+    >>> result = dembrick.simulate("scenarios/set4a.toml")
+    >>> result.yield_point.V, result.yield_point.half_width
+
+Nothing heavy is imported until a name is used.
+"""
+
+__version__ = "0.1.0"
+
+_HOMES = {
+    "load": "dembrick.scenario",
+    "loads": "dembrick.scenario",
+    "dumps": "dembrick.scenario",
+    "simulate": "dembrick.result",
+    "Result": "dembrick.result",
+    "read_history": "dembrick.history",
+    "replay_lab": "dembrick.lab",
+}
+__all__ = ["__version__", *_HOMES]
+
+
+def __getattr__(name: str):
+    if name not in _HOMES:
+        raise AttributeError(f"module 'dembrick' has no attribute {name!r}")
+    from importlib import import_module
+
+    home = import_module(_HOMES[name])
+    return getattr(home, "read" if name == "read_history" else name)
+
+
+def __dir__():
+    return sorted(__all__)

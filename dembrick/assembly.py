@@ -238,8 +238,10 @@ def _refuse_unsupported(scenario: Scenario, shapes, position, orientation, fixed
         hint = f"the nearest face is that of {show(scenario.blocks[there].name)}, {abs(nearest.gap):.6g} m away"
         if abs(nearest.gap) <= TOLERANCE * min(shapes[here].diameter, shapes[there].diameter):
             hint = f"it touches {show(scenario.blocks[there].name)}, but their faces are not parallel"
-    others = f" (nor do {int(loose.sum()) - 1} others)" if loose.sum() > 1 else ""
-    _refuse(scenario, f"block {name} rests on nothing: no chain of joints leads to a fixed block{others}; {hint}")
+    others = f" (nor from {int(loose.sum()) - 1} more)" if loose.sum() > 1 else ""
+    _refuse(
+        scenario, f"block {name} rests on nothing: no chain of joints leads from it to a fixed block{others}; {hint}"
+    )
 
 
 def _check_inside(scenario: Scenario, what: str, point, name: str, shape: Polyhedron, rotation, arm) -> None:

@@ -45,6 +45,10 @@ class NotConvergedError(DembrickError):
         self.yield_point = yield_point
 
 
+class BracketError(DembrickError):
+    """The bounds of a limit load contradict each other: a fault of the program, never of the input."""
+
+
 class EnergyAuditError(DembrickError):
     """The energy books of a run do not balance, or friction created energy."""
 

@@ -293,7 +293,7 @@ Control = YieldControl | DisplacementControl
 class Solver:
     """``step_factor``: time step over the critical one."""
 
-    step_factor: float = 0.8
+    step_factor: float = 0.9
 
     def __post_init__(self):
         value = _number("step_factor", self.step_factor)

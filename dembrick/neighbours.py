@@ -75,10 +75,10 @@ def close_pairs(table: ShapeTable, positions: np.ndarray, rotations: np.ndarray,
     cell = 2.0 * np.median(high - low, axis=0)
     first = np.floor(low / cell).astype(np.int64)
     counts = np.floor(high / cell).astype(np.int64) - first + 1
-    covered = counts.prod(axis=1)
+    covered = counts.prod(axis=1, dtype=float)  # integers would overflow on a kilometre of floor under pebbles
     wide = np.flatnonzero(covered > _WIDE)
     small = np.flatnonzero(covered <= _WIDE)
-    found = [_cell_pairs(small, first, counts, covered)]
+    found = [_cell_pairs(small, first, counts)]
     for block in wide:
         found.append(np.stack([np.full(n_block, block), np.arange(n_block)], axis=1))
     pairs = np.concatenate(found)
@@ -88,10 +88,11 @@ def close_pairs(table: ShapeTable, positions: np.ndarray, rotations: np.ndarray,
     return np.stack(np.divmod(codes, max(n_block, 1)), axis=1)
 
 
-def _cell_pairs(blocks: np.ndarray, first: np.ndarray, counts: np.ndarray, covered: np.ndarray) -> np.ndarray:
+def _cell_pairs(blocks: np.ndarray, first: np.ndarray, counts: np.ndarray) -> np.ndarray:
     """All pairs of blocks that reach into a common cell (p, 2); a pair may come more than once."""
-    owner = np.repeat(blocks, covered[blocks])
-    inside = np.arange(len(owner)) - np.repeat(np.cumsum(covered[blocks]) - covered[blocks], covered[blocks])
+    covered = counts[blocks].prod(axis=1)
+    owner = np.repeat(blocks, covered)
+    inside = np.arange(len(owner)) - np.repeat(np.cumsum(covered) - covered, covered)
     cells = first[owner].copy()
     for axis in range(3):
         cells[:, axis] += inside % counts[owner, axis]

@@ -167,7 +167,8 @@ def _slabs(turned: np.ndarray):
     x = np.sort(turned[:, 0])
     least = _SAME * (x[-1] - x[0])
     lines = x[np.concatenate([[True], np.diff(x) > least])].tolist()
-    lower, upper = [], []
+    lower: list[tuple[float, float, float]] = []
+    upper: list[tuple[float, float, float]] = []
     for (x0, y0), (x1, y1) in zip(turned.tolist(), np.roll(turned, -1, axis=0).tolist(), strict=True):
         if abs(x1 - x0) > least:
             slope = (y1 - y0) / (x1 - x0)

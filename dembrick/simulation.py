@@ -83,6 +83,7 @@ def _joints(assembly) -> Joints:
         gap=np.array([joint.gap for joint in joints], float),
         relative=np.zeros((len(joints), 6)),
         step=np.zeros((len(joints), 3)),
+        tilt=np.zeros((len(joints), 2)),
         resultant=np.zeros((len(joints), 7)),
     )
 
@@ -181,25 +182,25 @@ def to_joint(axes: np.ndarray, arm: np.ndarray) -> np.ndarray:
     return matrix
 
 
-def block_stiffness(state: State) -> tuple[np.ndarray, np.ndarray]:
-    """Stiffness (n, 6, 6) of each block with all its neighbours held, and how much greater it may be when they move.
+def block_stiffness(state: State, shared: float) -> np.ndarray:
+    """Stiffness (n, 6, 6) of each block about its centroid with all its neighbours held; zero for fixed blocks.
 
-    The factor (n,) is 1 for a block that touches only fixed blocks, else 2: an element between two free blocks stores
-    at most twice the energy of its two one-sided parts.
+    A joint between two free blocks counts ``shared`` times. With 2 the block matrices together bound the stiffness of
+    the assembly, because an element stores at most twice the energy of its two one-sided parts.
     """
     joints = state.joints
-    stiffness = np.zeros((len(state.blocks.displacement), 6, 6))
-    free = np.zeros(len(stiffness), bool)
+    n = len(state.blocks.displacement)
+    stiffness = np.zeros((n, 6, 6))
+    free = np.zeros(n, bool)
     free[state.blocks.free] = True
-    factor = np.ones(len(stiffness))
     for j, k in enumerate(joint_stiffness(state)):
         a, b = joints.block_a[j], joints.block_b[j]
+        weight = shared if free[a] and free[b] else 1.0
         for block, arm in ((a, joints.arm_a[j]), (b, joints.arm_b[j])):
-            t = to_joint(joints.axes[j], arm)
-            stiffness[block] += t.T @ k @ t
-        if free[a] and free[b]:
-            factor[a] = factor[b] = 2.0
-    return stiffness, factor
+            if free[block]:
+                t = to_joint(joints.axes[j], arm)
+                stiffness[block] += weight * (t.T @ k @ t)
+    return stiffness
 
 
 def load_vectors(state: State) -> np.ndarray:

@@ -56,6 +56,7 @@ class Joints(NamedTuple):
     gap: ndarray  # (j,) m, distance of the faces at the start, positive open
     relative: ndarray  # (j, 6) m, rad: motion of b against a at O in the joint's axes (d1, d2, dn, r1, r2, rn)
     step: ndarray  # (j, 3) m, m, rad: slip twist of the last step
+    tilt: ndarray  # (j, 2) rad: tilts of the last step
     resultant: ndarray  # (j, 7) N, V_1, V_2, M_T, M_1, M_2 (action on b about O), slip (m)
 
 

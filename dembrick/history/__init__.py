@@ -6,8 +6,8 @@ writes in one piece, is never touched while the run goes on. Growing past the re
 file beside the old one and rename it.
 """
 
-from dembrick.history.files import check_output, part_name, replacing
+from dembrick.history.files import check_output, part_name, reason, replacing
 from dembrick.history.reader import History, read
 from dembrick.history.writer import HistoryWriter
 
-__all__ = ["History", "HistoryWriter", "check_output", "part_name", "read", "replacing"]
+__all__ = ["History", "HistoryWriter", "check_output", "part_name", "read", "reason", "replacing"]

@@ -7,6 +7,7 @@ and types other than ours, and sizes that the bytes in the file cannot hold.
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -98,7 +99,7 @@ def values(data: h5py.Dataset, start: int = 0, stop: int | None = None) -> np.nd
     """Entries start to stop along the first axis, nothing else of the dataset."""
     path = f"{data.file.filename}: {data.name}" if data.id.valid else "the history"
     count = (len(data) if stop is None else stop) - start
-    entry = data.dtype.itemsize * int(np.prod(data.shape[1:], dtype=object))
+    entry = data.dtype.itemsize * math.prod(data.shape[1:])
     if count * entry > MAX_READ:
         raise HistoryError(f"{path} is too long to read at once ({count * entry / 2**30:.0f} GiB); ask for a part of it")
     with damaged(data.file.filename if data.id.valid else "history", f"{data.name}"):
@@ -133,7 +134,7 @@ def _check_storage(data, where: str, file_size: int) -> None:
         raise HistoryError(f"{where} keeps its values in another file, which is not opened")
     if any(how.get_filter(i)[0] not in _FILTERS for i in range(how.get_nfilters())):
         raise HistoryError(f"{where} is compressed by a method that a history does not use")
-    size = data.get_type().get_size() * int(np.prod(data.shape, dtype=object))
+    size = data.get_type().get_size() * math.prod(data.shape)
     stored = data.get_storage_size()
     bound = stored * _GZIP_BOUND if how.get_layout() == h5d.CHUNKED else stored
     if size > bound or stored > file_size:

@@ -29,6 +29,7 @@ JOINT_CHANNELS = {
 
 _TEXT = h5py.string_dtype()
 _TEXT_TYPE = h5t.py_create(_TEXT, logical=True)
+_TEXT_IN_MEMORY = h5t.py_create(_TEXT)
 _NUMBER_TYPES = {"<f8": h5t.IEEE_F64LE, "<i8": h5t.STD_I64LE, "|u1": h5t.STD_U8LE}
 _SCALAR = h5s.create(h5s.SCALAR)
 _LINKS = h5p.create(h5p.LINK_CREATE)
@@ -190,7 +191,7 @@ def _table(file, table: Table) -> None:
     space = h5s.create_simple(value.shape) if value.shape else _SCALAR
     data = h5d.create(file, table.path.encode(), kind, space, None, _LINKS)
     if value.size:
-        data.write(h5s.ALL, h5s.ALL, value, mtype=kind)
+        data.write(h5s.ALL, h5s.ALL, value, mtype=_TEXT_IN_MEMORY if kind is _TEXT_TYPE else kind)
     _describe(data, table.units, table.description)
 
 
@@ -201,10 +202,9 @@ def _describe(data, units: str, description: str) -> None:
 
 def _attribute(owner, name: bytes, value) -> None:
     if isinstance(value, str):
-        kind, array = _TEXT_TYPE, np.array(value, dtype=_TEXT)
+        h5a.create(owner, name, _TEXT_TYPE, _SCALAR).write(np.array(value, dtype=_TEXT), mtype=_TEXT_IN_MEMORY)
     else:
-        kind, array = h5t.STD_I64LE, np.array(value, np.int64)
-    h5a.create(owner, name, kind, _SCALAR).write(array, mtype=kind)
+        h5a.create(owner, name, h5t.STD_I64LE, _SCALAR).write(np.array(value, np.int64))
 
 
 def _texts(values: Iterable[str]) -> np.ndarray:

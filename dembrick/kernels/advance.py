@@ -53,9 +53,10 @@ def advance(
                     return FULL, step
         if done:
             return CONVERGED, step + 1
+        longest = 0.0
         if inertia is not None:
             longest = finite_step(blocks, inertia, dt)
-        else:
+        if scaled is not None:
             longest = small_step(blocks, scaled, dt)
         if not longest <= drive.longest:
             return DIVERGED, step + 1

@@ -98,6 +98,9 @@ def finite_relative(blocks, joints, j, dt):
     step[0] = p1
     step[1] = p2
     step[2] = pr
+    tilt = joints.tilt[j]
+    tilt[0] = pr1
+    tilt[1] = pr2
     return dn + joints.gap[j], side * slope_2, -side * slope_1, pn, pr1, pr2, p1, p2, pr
 
 
@@ -185,7 +188,7 @@ def finite_step(blocks, inertia, dt):
             blocks.momentum[b, i] += dt * blocks.torque[b, i]
             blocks.displacement[b, i] += dt * blocks.velocity[b, i]
             move = abs(dt * blocks.velocity[b, i])
-            if not move <= longest:
+            if move > longest or move != move:
                 longest = move
         turn(blocks, inertia, b, dt)
     return longest

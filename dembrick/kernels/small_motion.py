@@ -42,6 +42,9 @@ def small_relative(blocks, joints, j):
     step[0] = p1
     step[1] = p2
     step[2] = pr
+    tilt = joints.tilt[j]
+    tilt[0] = pr1
+    tilt[1] = pr2
     return dn + joints.gap[j], r1, r2, pn, pr1, pr2, p1, p2, pr
 
 
@@ -74,6 +77,6 @@ def small_step(blocks, inertia, dt):
             blocks.displacement[b, i] += dt * blocks.velocity[b, i]
             blocks.rotation[b, i] += dt * blocks.spin[b, i]
             move = abs(dt * blocks.velocity[b, i])
-            if not move <= longest:
+            if move > longest or move != move:
                 longest = move
     return longest

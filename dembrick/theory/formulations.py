@@ -60,14 +60,15 @@ def _no_tension(moments_of, normal_force: float) -> np.ndarray:
             break
         step = -np.linalg.lstsq(H, residual, rcond=1e-14)[0]
         potential, slope = 0.5 * plane @ H @ plane - target @ plane, residual @ step
-        length = 1.0
-        while length > 1e-8:
-            trial = plane + length * step
-            if 0.5 * trial @ moments_of(trial) @ trial - target @ trial <= potential + 1e-4 * length * slope:
+        trial = plane + step
+        if -slope < 1e-12 * abs(potential):  # the potential has no digits left, the balance of forces still has
+            if np.abs(moments_of(trial) @ trial - target).max() >= np.abs(residual).max():
                 break
-            length *= 0.5
         else:
-            break  # rounding
+            length = 1.0
+            while 0.5 * trial @ moments_of(trial) @ trial - target @ trial > potential + 1e-4 * length * slope:
+                length *= 0.5
+                trial = plane + length * step
         plane = trial
     residual = moments_of(plane) @ plane - target
     if np.abs(residual).max() > 1e-9 * normal_force:

@@ -186,13 +186,14 @@ class PolygonLaw(_Law):
         s_1 = s_0 + self._length
         rho_0, rho_1 = np.hypot(h, s_0), np.hypot(h, s_1)
         # every asinh comes with a factor h: an edge that C lies on adds nothing there
-        on_line = np.abs(h) < 1e-100 * self.radius
+        tiny = 1e-100 * self.radius
+        on_line = np.abs(h) < tiny
         safe = np.where(on_line, 1.0, np.abs(h))
         asinh = np.where(on_line, 0.0, np.arcsinh(s_1 / safe) - np.arcsinh(s_0 / safe))
         i_0 = (s_1 * rho_1 - s_0 * rho_0 + h * h * asinh) / 2.0  # integral of rho
         # a vertex at C: h = s = rho = 0, and all these quotients are multiplied by h
-        inverse_0 = np.divide(1.0, rho_0, out=np.zeros_like(rho_0), where=rho_0 > 0.0)
-        inverse_1 = np.divide(1.0, rho_1, out=np.zeros_like(rho_1), where=rho_1 > 0.0)
+        inverse_0 = np.divide(1.0, rho_0, out=np.zeros_like(rho_0), where=rho_0 > tiny)
+        inverse_1 = np.divide(1.0, rho_1, out=np.zeros_like(rho_1), where=rho_1 > tiny)
         l_0 = s_1 * inverse_1 - s_0 * inverse_0  # of h^2 / rho^3
         h_l_1 = -h * (inverse_1 - inverse_0)  # of h s / rho^3
         l_2 = asinh - l_0  # of s^2 / rho^3

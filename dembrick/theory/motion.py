@@ -41,7 +41,8 @@ def pulse_slip(acceleration: float, duration: float, friction: float, gravity: f
 
 def stopping(speed: float, friction: float, gravity: float = GRAVITY) -> tuple[float, float]:
     """(distance, time) in which friction alone stops a sliding block."""
-    return speed**2 / (2.0 * friction * gravity), speed / (friction * gravity)
+    deceleration = friction * gravity
+    return (speed**2 / (2.0 * deceleration), speed / deceleration) if deceleration > 0.0 else (math.inf, math.inf)
 
 
 def harmonic_push(
@@ -63,13 +64,12 @@ def harmonic_push(
     x = np.empty(len(times))
     t_0, x_0, filled = 0.0, start, 0
     period = 2.0 * math.pi / omega
+    if abs(drive) <= grip:
+        return np.full(len(times), float(start))
     while filled < len(times):
         push = drive * math.cos(omega * t_0)
-        # on the threshold a growing push slips on, a falling one sticks
-        rising = math.cos(omega * (t_0 + 1e-9 * period)) * math.copysign(drive, push) > grip
-        if abs(drive) <= grip:
-            x[filled:] = x_0
-            break
+        # on the threshold a growing push starts the slip, a falling one does not
+        rising = abs(drive * math.cos(omega * t_0 + 1e-8)) > grip
         if not rising:  # wait for the push to reach the grip again
             phase = omega * t_0 % math.pi
             wait = (math.pi - math.acos(grip / abs(drive)) - phase) % math.pi / omega
@@ -102,20 +102,23 @@ def harmonic_push(
     return x
 
 
-def spin_down(a: float, b: float, friction: float, arm: float, spin: float, gravity: float = GRAVITY):
+def spin_down(
+    a: float, b: float, friction: float, arm: float, spin: float, gravity: float = GRAVITY
+) -> tuple[float, float]:
     """(deceleration, angle until rest) of a block a x b spinning flat; ``arm`` is c_T (convex) or c (concave)."""
     deceleration = 12.0 * friction * gravity * arm / (a * a + b * b)
     return deceleration, spin**2 / (2.0 * deceleration)
 
 
 def slide_to_rest(
-    law: Law, mass: float, inertia: float, velocity: tuple[float, float], spin: float, step: float = 0.005
+    law: Law, mass: float, inertia: float, velocity: tuple[float, float], spin: float, tolerance: float = 1e-7
 ) -> tuple[float, float, float]:
     """(x, y, theta) where a block comes to rest that starts at 0 sliding and spinning flat, its pressure unchanged.
 
     ``law`` is in the block's axes about its centroid, ``inertia`` about the vertical. Friction depends on the direction
     of the twist alone, so the motion is integrated over ds = dt / |twist|, in which it fades exponentially and stays
-    smooth to the end (RK4, error of order step^4 for smooth laws).
+    smooth to the end, but for the instants when the torsion centre of a point law passes over a point: the step of the
+    RK4 pairs follows ``tolerance``, relative to the start and per step.
     """
     R = law.radius
     rate_scale = law.strength / mass
@@ -133,13 +136,20 @@ def slide_to_rest(
     first = float(np.linalg.norm(state[3:] * scale))
     if first == 0.0:
         return 0.0, 0.0, 0.0
-    for _ in range(int(100.0 / step)):
-        state = _rk4(rate, state, step)
-        # what is left to go is of the order of |twist|^2
-        if np.linalg.norm(state[3:] * scale) < 1e-7 * first:
-            x, y, theta = state[:3].tolist()
-            return x, y, theta
-    raise ScenarioError("the block does not come to rest: friction and normal force must be greater than 0")
+    if not rate_scale > 0.0:
+        raise ScenarioError("the block does not come to rest: friction and normal force must be greater than 0")
+    weight = np.concatenate([[1.0, 1.0, R] / np.array(R), scale / first])
+    step = 0.05
+    # what is left to go is of the order of |twist|^2
+    while np.linalg.norm(state[3:] * scale) > 1e-6 * first:
+        whole = _rk4(rate, state, step)
+        halves = _rk4(rate, _rk4(rate, state, step / 2.0), step / 2.0)
+        error = float(np.abs((halves - whole) * weight).max()) / 15.0
+        if error <= tolerance or step < 1e-6:
+            state = halves + (halves - whole) / 15.0
+        step *= min(2.0, max(0.2, 0.9 * (tolerance / max(error, 1e-30)) ** 0.2))
+    x, y, theta = state[:3].tolist()
+    return x, y, theta
 
 
 def rocking_frequency(thickness: float, height: float, gravity: float = GRAVITY) -> float:

@@ -1,0 +1,114 @@
+"""Whether the bracket of a scene is strict, and what the compiled loop needs to form it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dembrick import limit_set
+from dembrick.kernels.bracket import NEVER, Certificate
+from dembrick.kernels.limit_surface import gauge
+from dembrick.simulation import State
+
+WINDOW = 16  # steps over which an indicator must hold still
+_NONE = 1e-12  # of the load: a component that is rounding
+
+
+def certificate(state: State, load: np.ndarray, tolerance: float) -> Certificate:
+    """The certificate of a seated state for the unit load (n, 6) of the jacks.
+
+    Strict where the scene has one joint, and its friction does not depend on the load: point forces while the load
+    neither presses nor tilts the joint, the full pressure of a convex joint while it does not press. A tolerance of 0
+    never ends a run.
+    """
+    parts = {
+        "strict": False,
+        "joint": 0,
+        "family": 0,
+        "index": 0,
+        "unit": np.zeros(3),
+        "dead": np.zeros(3),
+        "dead_gauge": 0.0,
+        "centre": np.zeros(2),
+        "radius": 1.0,
+        "normal": 0.0,
+        "rest": np.zeros(1),
+    }
+    if len(state.joints.block_a) == 1:
+        parts |= _single_joint(state, load)
+    return Certificate(
+        **parts,
+        tolerance=tolerance,
+        bracket=np.array([0.0, NEVER]),
+        window=np.tile([0.0, NEVER], (WINDOW, 1)),
+    )
+
+
+def frictionless(state: State, certificate: Certificate) -> bool:
+    """Whether the one joint has no friction and the load asks for some: the limit load is nought."""
+    if len(state.joints.block_a) != 1:
+        return False
+    family = state.points if state.points is not None else state.areas
+    return float(family.friction[0]) == 0.0 and bool(np.any(certificate.unit))
+
+
+def _at_joint(state: State, wrench: np.ndarray) -> np.ndarray:
+    """Force and moment (6,) at the centroid of b, as V_1, V_2, V_n, M_1, M_2, M_T about O in the joint's axes."""
+    axes, arm = state.joints.axes[0], state.joints.arm_b[0]
+    return np.concatenate([axes @ wrench[:3], axes @ (wrench[3:] - np.cross(arm, wrench[:3]))])
+
+
+def _single_joint(state: State, load: np.ndarray) -> dict:
+    b = state.joints.block_b[0]
+    unit = _at_joint(state, load[b])
+    dead = _at_joint(state, np.concatenate([state.blocks.dead_force[b], state.blocks.dead_torque[b]]))
+    normal = float(state.joints.resultant[0, 0])
+    friction = float((state.points if state.points is not None else state.areas).friction[0])
+    centre, rest = np.zeros(2), np.zeros(1)
+    if state.points is not None:
+        family, p = 0, state.points
+        rest = p.normal.copy()
+        weights = rest / rest.sum()
+        centre = np.array([weights @ p.x_s, weights @ p.y_s])
+        radius = limit_set.torsion_radius(p.x_s, p.y_s, weights)
+        reach = float(np.hypot(p.x_s, p.y_s).max())
+    else:
+        family = 1
+        radius, reach = float(state.areas.radius[0]), float(state.areas.reach[0])
+    size = max(float(np.abs(unit[:2]).max()), abs(float(unit[5])) / reach)
+    strict = abs(unit[2]) <= _NONE * size
+    if family == 0:
+        strict = strict and float(np.abs(unit[3:5]).max()) <= _NONE * size * reach
+    tangential = [0, 1, 5]
+    # rounding of the geometry must not tilt the load
+    shear = np.where(np.abs(unit[tangential]) <= _NONE * size * np.array([1.0, 1.0, reach]), 0.0, unit[tangential])
+    unbalanced = dead[tangential]
+    dead_gauge = 0.0
+    if friction > 0.0 and np.any(unbalanced):
+        dead_gauge = _dead_gauge(state, family, friction * normal, unbalanced)
+    return {
+        "strict": bool(strict),
+        "family": family,
+        "unit": shear,
+        "dead": unbalanced,
+        "dead_gauge": dead_gauge,
+        "centre": centre,
+        "radius": radius,
+        "normal": normal,
+        "rest": rest,
+    }
+
+
+def _dead_gauge(state: State, family: int, strength: float, dead: np.ndarray) -> float:
+    """Upper bound of the gauge of the tangential dead load in the limit set, at the seated state.
+
+    Points: the largest utilisation of a point, because the seated forces are one way to carry the load. Convex: exact.
+    """
+    if family == 1:
+        a = state.areas
+        f1, f2, m = (float(f) for f in dead / strength)
+        return float(
+            gauge(a.x, a.y, 0, a.x.size, a.area[0], a.reach[0], a.far[0], f1, f2, m, 0.0, 0.0, 0.0, False)[0]
+        )
+    p = state.points
+    closed = p.normal > 0.0
+    return float((np.hypot(p.elastic_1, p.elastic_2)[closed] / (p.friction[0] * p.normal[closed])).max())

@@ -1,0 +1,70 @@
+"""``dembrick check SCENARIO.toml``: validate and describe, without running."""
+
+from __future__ import annotations
+
+
+def add_arguments(parser) -> None:
+    """Options of the command."""
+    parser.add_argument("scenario", help="the TOML file")
+    parser.add_argument(
+        "--set", metavar="KEY.PATH=VALUE", action="append", default=[], help="change a key of the scenario"
+    )
+
+
+def run(options, console) -> int:
+    """Describe the scenario."""
+    from dembrick import assembly as assemblies
+    from dembrick import replay
+    from dembrick import scenario as scenarios
+
+    scenario = scenarios.load(options.scenario, options.set)
+    assembly = assemblies.build(scenario)
+    for warning in assembly.warnings:
+        console.remark(f"warning: {warning}")
+    plan = replay.plan(assembly, scenario.control, scenario.solver.step_factor)
+    joints = [
+        {
+            "between": [assembly.names[joint.block_a], assembly.names[joint.block_b]],
+            "formulation": joint.law.formulation,
+            "area": float(joint.area),
+            "contact_points": 0 if points is None else len(points.area),
+        }
+        for joint, points in zip(assembly.joints, assembly.contact_points, strict=True)
+    ]
+    data = {
+        "scenario": scenario.path or "",
+        "title": scenario.title,
+        "control": scenario.control.kind,
+        "blocks": len(assembly.names),
+        "free_blocks": int((~assembly.fixed).sum()),
+        "joints": joints,
+        "contact_points": sum(joint["contact_points"] for joint in joints),
+        "actuators": list(assembly.actuators.names),
+        "time_step": plan.time_step,
+        "critical_time_step": plan.critical_time_step,
+        "expected_steps": plan.steps,
+        "expected_memory": plan.memory,
+        "warnings": list(assembly.warnings),
+    }
+    console.result(data, _text(data))
+    return 0
+
+
+def _text(data: dict) -> str:
+    lines = [
+        data["title"],
+        f"control       {data['control']}",
+        f"blocks        {data['blocks']} ({data['free_blocks']} free)",
+        f"joints        {len(data['joints'])}, contact points {data['contact_points']}",
+    ]
+    lines += [
+        f"  {' - '.join(joint['between'])}: {joint['formulation']}, {joint['area']:.6g} m2, "
+        f"{joint['contact_points'] or 'no'} contact points"
+        for joint in data["joints"][:20]
+    ]
+    if len(data["joints"]) > 20:
+        lines.append(f"  ... and {len(data['joints']) - 20} more")
+    lines.append(f"actuators     {', '.join(data['actuators'])}")
+    lines.append(f"time step     {data['time_step']:.3g} s (critical {data['critical_time_step']:.3g} s)")
+    lines.append(f"expected      about {data['expected_steps']} steps, {data['expected_memory'] / 1e6:.2g} MB")
+    return "\n".join(lines)

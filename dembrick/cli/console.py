@@ -1,0 +1,56 @@
+"""What a command says and where: results on standard output, remarks and progress on standard error."""
+
+from __future__ import annotations
+
+import os
+import sys
+
+
+class Console:
+    """Output of one command. ``json``: one JSON object on standard output instead of text."""
+
+    def __init__(self, json: bool, quiet: bool, verbose: bool):
+        self.json, self.quiet, self.verbose = json, quiet, verbose
+        self._bar = sys.stderr.isatty() and not quiet
+        self._colour = sys.stderr.isatty() and not os.environ.get("NO_COLOR")
+
+    def result(self, data: dict, text: str) -> None:
+        """The answer: ``data`` as JSON, or ``text``."""
+        if self.json:
+            import json
+
+            print(json.dumps(data, indent=2, allow_nan=False))
+        elif text:
+            print(text)
+
+    def remark(self, text: str) -> None:
+        """Something worth knowing."""
+        if not self.quiet:
+            self._clear()
+            print(text, file=sys.stderr)
+
+    def detail(self, text: str) -> None:
+        """Something worth knowing when one asked for more (-v)."""
+        if self.verbose:
+            self.remark(text)
+
+    def error(self, text: str) -> None:
+        """Why there is no answer; never silenced."""
+        self._clear()
+        label = "\033[31merror:\033[0m" if self._colour else "error:"
+        print(f"{label} {text}", file=sys.stderr)
+
+    def progress(self, done: int, total: int, what: str) -> None:
+        """A bar, when standard error is a terminal."""
+        if not self._bar:
+            return
+        width = 24
+        filled = width * done // max(total, 1)
+        print(f"\r\033[K[{'#' * filled}{'.' * (width - filled)}] {done}/{total} {what}", end="", file=sys.stderr)
+        if done >= total:
+            self._clear()
+        sys.stderr.flush()
+
+    def _clear(self) -> None:
+        if self._bar:
+            print("\r\033[K", end="", file=sys.stderr)

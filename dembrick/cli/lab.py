@@ -1,0 +1,49 @@
+"""``dembrick lab``: the tests of the paper, replayed."""
+
+from __future__ import annotations
+
+import os
+
+
+def add_arguments(parser) -> None:
+    """Options of the command."""
+    parser.add_argument("--formulation", nargs="+", metavar="F", help="only these formulations")
+    parser.add_argument("--sets", nargs="+", metavar="SET", help="only these sets (2a 2b 4a 4b)")
+    parser.add_argument("--tolerance", type=float, help="relative half-width of the bracket (default 1e-3)")
+    parser.add_argument("--out", metavar="DIR", help="folder for histories, tables and figures (default results/lab)")
+    parser.add_argument("--no-figures", action="store_true", help="no figures and no constant-rate curves")
+
+
+def run(options, console) -> int:
+    """Replay, print the tables, write histories, CSV and figures."""
+    from dembrick import lab
+    from dembrick.cli.paths import default_output, make_folder
+    from dembrick.lab_data import SETS
+    from dembrick.model import FORMULATIONS
+
+    folder = str(make_folder(options.out) if options.out else make_folder(default_output("lab")))
+    replayed = lab.replay_lab(
+        options.sets or tuple(SETS),
+        options.formulation or FORMULATIONS,
+        options.tolerance,
+        folder,
+        curves=not options.no_figures,
+        progress=console.progress,
+    )
+    lab.write_csv(replayed.rows, os.path.join(folder, "yield_points.csv"))
+    text = [lab.table_3(replayed.rows), "", lab.notes(replayed.rows)]
+    if replayed.rows_table_1:
+        lab.write_csv(replayed.rows_table_1, os.path.join(folder, "table_1.csv"))
+        text += ["", lab.table_1(replayed.rows_table_1)]
+    data = replayed.as_dict()
+    if not options.no_figures:
+        from dembrick.lab_figures import draw
+
+        data["figures"] = draw(replayed, folder, console)
+        text += ["", "figures: " + ", ".join(data["figures"])]
+    text += ["", f"histories: {folder}"]
+    console.result(data, "\n".join(text))
+    if replayed.agrees:
+        return 0
+    console.error("theory and replay disagree in at least one row")
+    return 3

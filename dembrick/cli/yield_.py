@@ -1,0 +1,53 @@
+"""``dembrick yield FILE.h5 ...``: yield points out of histories."""
+
+from __future__ import annotations
+
+
+def add_arguments(parser) -> None:
+    """Options of the command."""
+    parser.add_argument("histories", nargs="+", metavar="FILE.h5", help="history files")
+    parser.add_argument("--csv", metavar="FILE.csv", help="write the table")
+    parser.add_argument("--plot", metavar="FILE", help="draw the points on the yield domain (PNG, SVG, PDF)")
+
+
+def run(options, console) -> int:
+    """Print the table of yield points."""
+    from dembrick import history
+    from dembrick.errors import HistoryError
+    from dembrick.lab import write_csv
+
+    files = [history.read(path) for path in options.histories]
+    rows = []
+    for path, file in zip(options.histories, files, strict=True):
+        point = (file.results or {}).get("yield_point")
+        if not point:
+            raise HistoryError(f"{path}: this history has no yield point (status {file.status}); run it to the end")
+        theory = (file.results or {}).get("theory") or {}
+        centre = point.pop("torsion_centre", None) or [None, None]
+        joint = point.pop("joint", None) or []
+        rows.append(
+            {"history": path, "title": file.title, "formulation": file.results.get("formulation"), "status": file.status}
+            | point
+            | {"torsion_centre_1": centre[0], "torsion_centre_2": centre[1], "joint": " - ".join(joint)}
+            | {"theory": theory.get("V"), "error_vs_theory": theory.get("error")}
+        )
+    if options.csv:
+        write_csv(rows, options.csv)
+    if options.plot:
+        from dembrick import plot
+
+        plot.save(plot.domains(files), options.plot)
+    console.result({"rows": rows}, _text(rows))
+    return 0
+
+
+def _text(rows: list[dict]) -> str:
+    width = max(len(row["history"]) for row in rows)
+    lines = [f"{'history':{width}} {'formulation':16}{'V [N]':>12}{'+-':>10}{'V_peak':>12}{'M_T [N m]':>12}  mechanism"]
+    for row in rows:
+        half = 0.5 * (row["V_upper"] - row["V_lower"])
+        lines.append(
+            f"{row['history']:{width}} {row['formulation'] or '':16}{row['V']:12.4f}{half:10.4f}{row['V_peak']:12.4f}"
+            f"{row['M_T']:12.4f}  {row['mechanism']} ({row['bracket']})"
+        )
+    return "\n".join(lines)

@@ -1,0 +1,82 @@
+"""What theory says of a scenario: undeformed geometry, N from statics, nothing from a run.
+
+The engine and the search for the yield point never see this; it compares afterwards.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dembrick import theory
+
+_NONE = 1e-12
+
+
+@dataclass(frozen=True)
+class Theory:
+    """Limit load by theory, the run's relative error against it, and how far its points are from the continuum."""
+
+    V: float
+    error: float | None
+    discretisation_error: float | None
+
+    def as_dict(self) -> dict:
+        """As in the JSON output."""
+        return {"V": self.V, "error": self.error, "discretisation_error": self.discretisation_error}
+
+    def compared(self, V: float) -> Theory:
+        """The same with the relative error of ``V``; None where theory is nought and the run is not."""
+        error = (V / self.V - 1.0) if self.V else (0.0 if V == 0.0 else None)
+        return Theory(self.V, error, self.discretisation_error)
+
+
+def _wrench(axes, arm, force, torque) -> np.ndarray:
+    """V_1, V_2, V_n, M_1, M_2, M_T about O in the joint's axes, of a force and torque at a centroid; arm to O."""
+    return np.concatenate([axes @ force, axes @ (torque - np.cross(arm, force))])
+
+
+def theory_of(assembly) -> Theory | None:
+    """The limit load of the scenario by theory, or None where no theory holds: more than one joint, or a load that
+    changes the normal force."""
+    if len(assembly.joints) != 1 or assembly.fixed.sum() != 1 or len(assembly.names) != 2:
+        return None
+    joint = assembly.joints[0]
+    law = joint.law
+    b = joint.block_b
+    arm = np.asarray(joint.origin) - assembly.position[b]
+    dead = _wrench(joint.axes, arm, assembly.dead_force[b], assembly.dead_torque[b])
+    unit = np.zeros(6)
+    jacks = assembly.actuators
+    for lever, direction, weight in zip(jacks.arm, jacks.direction, jacks.weight, strict=True):
+        force = weight * np.asarray(direction)
+        unit += _wrench(joint.axes, arm, force, np.cross(lever, force))
+    reach = float(np.abs(joint.polygon).max())
+    size = max(float(np.abs(unit[:2]).max()), abs(unit[5]) / reach)
+    if abs(unit[2]) > _NONE * max(size, abs(unit[2])) or not size > 0.0:
+        return None
+    unit[np.abs(unit) < _NONE * size * np.array([1, 1, 1, reach, reach, reach])] = 0.0
+    normal = -dead[2]
+    if not normal > 0.0:
+        return None
+    if law.friction == 0.0:
+        return Theory(0.0, None, 0.0 if law.formulation == "distributed" else None)
+    # a moment about t1 presses towards -t2, one about t2 towards +t1
+    centre = np.array([dead[4], -dead[3]]) / normal
+    overturning = np.array([unit[4], -unit[3]])
+    load, tangential = unit[[0, 1, 5]], dead[[0, 1, 5]]
+
+    def limit(formulation: theory.Formulation) -> float:
+        return theory.limit_load_at_height(
+            formulation, normal, load, overturning=overturning, dead_load=tangential, centre=centre
+        ).V
+
+    if law.formulation == "convex":
+        return Theory(limit(theory.polygon_formulation(joint.polygon, law.friction, law.pressure)), None, None)
+    points = assembly.contact_points[0]
+    V = limit(theory.point_formulation(points.normal_arm, points.area, law.friction, points.shear_arm, law.formulation))
+    gap = None
+    if law.formulation == "distributed":
+        gap = V / limit(theory.polygon_formulation(joint.polygon, law.friction, "linear")) - 1.0
+    return Theory(V, None, gap)

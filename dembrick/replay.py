@@ -1,0 +1,328 @@
+"""The two ways to push a test: to its limit load, and at a constant rate as the laboratory does.
+
+**Limit load** (`find_limit_load`). Nobody waits for physical inertia. Every block gets an artificial one proportional
+to its contact stiffness, so that all its modes swing together and the out-of-balance force of a joint never stirs
+another of its components; the geometry stays that of the start, where a limit load is defined. The jacks push at about
+one elastic slip a step. Damping sits in the contacts, behind the slider, and in the jack, on the difference between
+head and block: both vanish when the blocks slide steadily, so that V is then what the joints carry, however fast they
+move. What is left to wait for is the memory of the elastic forces, which slip wipes out. The bracket of the limit load
+(``kernels.bracket``) is formed at every step, and the replay ends when it is narrow enough.
+
+**Constant rate** (`push_at_constant_rate`). Physical inertia and moving geometry, a jack head at constant speed over a
+given travel; the whole curve, past the peak.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dembrick.certificate import certificate, frictionless
+from dembrick.equilibrium import inverse_inertia, seat
+from dembrick.errors import DivergedError, NotConvergedError, ScenarioError
+from dembrick.kernels.advance import CONVERGED, DIVERGED, RUNNING, Drive, advance
+from dembrick.kernels.bracket import Certificate
+from dembrick.recorder import Observer, Recorder
+from dembrick.simulation import State, block_stiffness, initial_state, load_vectors
+from dembrick.stability import block_inertia, critical_time_step, greatest_frequency
+from dembrick.state import Inertia
+from dembrick.yield_point import YieldPoint, read_off
+
+# Numerical choices; answers do not depend on them beyond the tolerance, and a test says so.
+VISCOUS = 0.5  # dashpot force over spring force for the same increment, in contacts and jack
+JACK = 1.0  # stiffness of the jack over that of the joints along the load
+SLIP_PER_STEP = 1.0  # elastic slips that the head moves in a step towards a limit load
+RAMP = 8  # steps over which the head speeds up
+HALVING = 256  # steps after which a search that has not ended goes on at half the rate
+MOST_STEPS = 20_000  # of a search
+MOST_STEPS_AT_RATE = 2_000_000_000  # of a constant-rate test
+LONGEST_MOVE = 0.1  # of the smallest block: a step that moves a block further has diverged
+CHUNK = 1 << 16  # steps of a constant-rate test between two looks at the clock
+ROWS, FRAMES = 1000, 200  # of a constant-rate test
+
+
+@dataclass
+class Replay:
+    """A finished replay: the yield point, the state it ended in, what the program chose and how long it took (s)."""
+
+    yield_point: YieldPoint
+    state: State
+    converged: bool
+    steps: int
+    time_step: float
+    critical_time_step: float
+    simulated_time: float
+    unbalanced: float
+    compile_seconds: float
+    loop_seconds: float
+    settings: dict = field(default_factory=dict)
+
+
+def find_limit_load(assembly, tolerance: float, step_factor: float, observe: Observer | None = None) -> Replay:
+    """Push until the bracket of V is within ``tolerance`` of it (relative half-width).
+
+    ``step_factor`` is the time step over the critical one; ``observe`` gets the record. Raises NotConvergedError with
+    the best bracket where the tolerance is not reached, DivergedError, and NotConvergedError where the dead loads alone
+    bring the blocks down.
+    """
+    setup = _Setup(assembly, tolerance)
+    state, load = setup.state, setup.load
+    # All frequencies of the scaled blocks are eta/dt; jack and dashpots bring the critical eta below 2.
+    eta = step_factor * critical_time_step(math.sqrt(1.0 + JACK), VISCOUS)
+    critical = setup.critical_time_step()
+    dt = step_factor * critical
+    inertia = inverse_inertia(state, setup.stiffness * (dt / eta) ** 2)
+    scale = _rough_strength(state, setup.certificate, load) * setup.compliance / setup.weight
+    drive = setup.drive(rate=SLIP_PER_STEP * scale / dt, ramp=RAMP * dt, dt=dt)
+    frames_every = 1 if len(assembly.names) <= 100 else 8
+    recorder = Recorder(state, observe, HALVING, frames_every=frames_every) if observe else None
+    status, steps = RUNNING, 0
+    if frictionless(state, setup.certificate):
+        setup.certificate.bracket[:] = 0.0
+        status = CONVERGED
+    record = recorder.record if recorder else None
+    began = time.perf_counter()
+    advance(0, 0, dt, *state, inertia, None, drive, setup.certificate, record)  # no step: compiles, or loads the cache
+    ready = time.perf_counter()
+    while status == RUNNING and steps < MOST_STEPS:
+        status, steps = advance(
+            steps, HALVING, dt, *state, inertia, None, drive, setup.certificate, record
+        )  # fmt: skip
+        drive = drive._replace(rate=0.5 * drive.rate)
+        if recorder:
+            recorder.drain()
+    loop = time.perf_counter() - ready
+    if status == DIVERGED:
+        raise _diverged(assembly, state, steps, dt, critical)
+    replay = Replay(
+        yield_point=read_off(state, setup.certificate, assembly.names),
+        state=state,
+        converged=status == CONVERGED,
+        steps=steps,
+        time_step=dt,
+        critical_time_step=critical,
+        simulated_time=steps * dt,
+        unbalanced=setup.unbalanced,
+        compile_seconds=ready - began + setup.compile_seconds,
+        loop_seconds=loop + setup.loop_seconds,
+        settings=setup.settings(drive) | {"eta": float(eta), "rate": float(SLIP_PER_STEP * scale / dt), "inertia": "scaled"},
+    )
+    if status != CONVERGED:
+        point = replay.yield_point
+        raise NotConvergedError(
+            f"the limit load was not bracketed within {tolerance:g} after {steps} steps: V = {point.V:.6g} N between "
+            f"{point.V_lower:.6g} and {point.V_upper:.6g} N. Allow a larger control.tolerance, or check that the load "
+            "can move the block at all",
+            point,
+        )
+    return replay
+
+
+def push_at_constant_rate(assembly, rate: float, travel: float, step_factor: float, observe: Observer | None = None):
+    """Move the jack head over ``travel`` (m) at ``rate`` (m/s) with physical inertia; returns a Replay.
+
+    The bracket is what the record allows: strict at any rate, as narrow as the rate lets it be. Raises DivergedError,
+    and NotConvergedError where the dead loads alone bring the blocks down.
+    """
+    setup = _Setup(assembly, tolerance=0.0)
+    state = setup.state
+    critical = setup.critical_time_step()
+    dt = step_factor * critical
+    steps_wanted = _steps(rate, travel, dt)
+    drive = setup.drive(rate=rate, ramp=RAMP * dt, dt=dt)
+    inertia = Inertia(
+        mass=np.array(assembly.mass, float),
+        tensor=np.array(assembly.inertia, float),
+        inverse=np.linalg.inv(assembly.inertia),
+    )
+    _to_finite_motion(state)
+    chunk = min(CHUNK, steps_wanted)
+    rows_every = max(1, steps_wanted // ROWS)
+    frames_every = max(1, min(steps_wanted, ROWS) // FRAMES)
+    recorder = Recorder(state, observe, chunk, rows_every, frames_every) if observe else None
+    status, steps = RUNNING, 0
+    record = recorder.record if recorder else None
+    began = time.perf_counter()
+    advance(0, 0, dt, *state, None, inertia, drive, setup.certificate, record)
+    ready = time.perf_counter()
+    while status == RUNNING and steps < steps_wanted:
+        n = min(chunk, steps_wanted - steps)
+        status, steps = advance(steps, n, dt, *state, None, inertia, drive, setup.certificate, record)
+        if recorder:
+            recorder.drain()
+    loop = time.perf_counter() - ready
+    if status == DIVERGED:
+        raise _diverged(assembly, state, steps, dt, critical)
+    return Replay(
+        yield_point=read_off(state, setup.certificate, assembly.names),
+        state=state,
+        converged=True,
+        steps=steps,
+        time_step=dt,
+        critical_time_step=critical,
+        simulated_time=steps * dt,
+        unbalanced=setup.unbalanced,
+        compile_seconds=ready - began + setup.compile_seconds,
+        loop_seconds=loop + setup.loop_seconds,
+        settings=setup.settings(drive) | {"rate": rate, "inertia": "physical"},
+    )
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a replay will take: time step and critical time step (s), steps (an estimate for a limit load), bytes."""
+
+    time_step: float
+    critical_time_step: float
+    steps: int
+    memory: int
+
+
+def plan(assembly, control, step_factor: float) -> Plan:
+    """The plan of a replay, without running any of it."""
+    system = _LoadSystem(assembly)
+    critical = system.critical_time_step()
+    dt = step_factor * critical
+    if control.kind == "yield":
+        # seen over the lab tests and random joints: some 25 steps to 1e-3 and ten more a digit, twice that at height
+        steps = 25 + int(20.0 * max(0.0, -math.log10(control.tolerance) - 2.0))
+        rows = steps
+    else:
+        steps = _steps(control.rate, control.travel, dt)
+        rows = min(steps, 2 * ROWS)
+    n, j = len(assembly.names), len(assembly.joints)
+    points = sum(len(p.area) for p in assembly.contact_points if p is not None)
+    row_bytes = 8 * (6 + 7 * j + 2 * len(assembly.actuators.block))
+    memory = 8 * (60 * n + 90 * j + 36 * n + 12 * points) + rows * row_bytes + min(rows, FRAMES) * 56 * n
+    return Plan(dt, critical, steps, memory)
+
+
+class _LoadSystem:
+    """The jacks of a scene as one load system: unit load, compliance of the joints against it, jack stiffness."""
+
+    def __init__(self, assembly):
+        if not len(assembly.actuators.block):
+            raise ScenarioError("no [[actuators]]: a replay needs at least one jack to push with")
+        self.assembly = assembly
+        self.state = initial_state(assembly)
+        self.stiffness = block_stiffness(self.state, shared=2.0)
+        self.load = load_vectors(self.state)
+        self.weight = float(np.abs(self.state.jacks.weight).sum())
+        loaded = np.unique(self.state.jacks.block)
+        loaded = loaded[np.isin(loaded, self.state.blocks.free)]
+        if not len(loaded):
+            raise ScenarioError("every actuator pushes a fixed block: nothing can move; let one push a free block")
+        self.compliance = sum(float(self.load[b] @ np.linalg.solve(self.stiffness[b], self.load[b])) for b in loaded)
+        if not self.compliance > 0.0:
+            raise ScenarioError("the actuators cancel out: together they push and twist no block; check directions")
+        self.jack_stiffness = JACK * self.weight / self.compliance
+        # the jack as a bound on the stiffness of each loaded block
+        self.jack = np.zeros_like(self.stiffness)
+        for b in loaded:
+            self.jack[b] = len(loaded) * self.jack_stiffness / self.weight * np.outer(self.load[b], self.load[b])
+
+    def critical_time_step(self) -> float:
+        """With physical inertia, jack and dashpots counted (s)."""
+        return critical_time_step(
+            greatest_frequency(self.state, block_inertia(self.assembly), self.stiffness + self.jack), VISCOUS
+        )
+
+
+class _Setup(_LoadSystem):
+    """The load system on the seated state, with the certificate of its limit load."""
+
+    def __init__(self, assembly, tolerance: float):
+        super().__init__(assembly)
+        self.unbalanced, self.compile_seconds, self.loop_seconds = seat(self.state, self.stiffness)
+        self.certificate: Certificate = certificate(self.state, self.load, tolerance)
+
+    def drive(self, rate: float, ramp: float, dt: float) -> Drive:
+        """The load system driven at ``rate`` in steps of ``dt``."""
+        size = min(float(np.ptp(shape.vertices, axis=0).min()) for shape in self.assembly.shapes)
+        return Drive(
+            rate=rate,
+            ramp=ramp,
+            stiffness=self.jack_stiffness,
+            dashpot=VISCOUS * self.jack_stiffness * dt,
+            viscous_n=VISCOUS,
+            viscous_s=VISCOUS,
+            longest=LONGEST_MOVE * size,
+        )
+
+    @staticmethod
+    def settings(drive: Drive) -> dict:
+        """What the program chose, for the history."""
+        return {
+            "jack_stiffness": drive.stiffness,
+            "jack_dashpot": drive.dashpot,
+            "contact_dashpot_ratio": drive.viscous_s,
+            "ramp": drive.ramp,
+        }
+
+
+def _steps(rate: float, travel: float, dt: float) -> int:
+    """Steps of a constant-rate test."""
+    wanted = travel / (rate * dt)
+    if wanted > MOST_STEPS_AT_RATE:
+        raise ScenarioError(
+            f"control.rate = {rate:g} m/s over control.travel = {travel:g} m takes {wanted:.3g} steps of {dt:.3g} s: "
+            "use a higher rate or a shorter travel"
+        )
+    return math.ceil(wanted)
+
+
+def _rough_strength(state: State, certificate: Certificate, load: np.ndarray) -> float:
+    """A scale for V (N), right to a factor of a few: what it takes to slide and twist the loaded blocks' joints."""
+    loaded = np.unique(state.jacks.block)
+    capacity = 0.0
+    for family in (state.points, state.areas):
+        if family is None:
+            continue
+        for mu, j in zip(family.friction, family.joint, strict=True):
+            if state.joints.block_a[j] in loaded or state.joints.block_b[j] in loaded:
+                capacity += max(mu, 1e-3) * state.joints.resultant[j, 0]
+    unit = certificate.unit
+    if np.any(unit):
+        return capacity / (float(np.hypot(unit[0], unit[1])) + abs(float(unit[2])) / certificate.radius)
+    lever = max(float(np.linalg.norm(arm, axis=1).max()) for arm in (state.joints.arm_a, state.joints.arm_b))
+    forces = np.linalg.norm(load[:, :3], axis=1).max() + np.linalg.norm(load[:, 3:], axis=1).max() / lever
+    return capacity / float(forces)
+
+
+def _to_finite_motion(state: State) -> None:
+    """Turn the infinitesimal rotations of the seated state into orientations."""
+    blocks = state.blocks
+    for b in blocks.free:
+        half = 0.5 * blocks.rotation[b]
+        w, v = 1.0, half
+        q = blocks.orientation[b].copy()
+        blocks.orientation[b] = [
+            w * q[0] - v @ q[1:],
+            *(w * q[1:] + q[0] * v + np.cross(v, q[1:])),
+        ]
+        blocks.orientation[b] /= np.linalg.norm(blocks.orientation[b])
+    blocks.rotation[:] = 0.0
+
+
+def _diverged(assembly, state: State, steps: int, dt: float, critical: float) -> DivergedError:
+    """Which block went, and where."""
+    blocks = state.blocks
+    speed = np.abs(blocks.velocity).max(axis=1)
+    bad = np.flatnonzero(~np.isfinite(speed))
+    b = int(bad[0]) if len(bad) else int(np.argmax(speed))
+    j = [
+        i for i in range(len(state.joints.block_a)) if b in (state.joints.block_a[i], state.joints.block_b[i])
+    ]
+    joint = (
+        f"joint {assembly.names[state.joints.block_a[j[0]]]}-{assembly.names[state.joints.block_b[j[0]]]}"
+        if j
+        else "no joint"
+    )
+    return DivergedError(
+        f"the run diverged at step {steps} (t = {steps * dt:.4g} s): block {assembly.names[b]!r} ({joint}) moved more "
+        f"than a tenth of the smallest block in one step; the time step {dt:.3g} s is {dt / critical:.2f} of the "
+        "critical one. Lower solver.step_factor, or check the load"
+    )

@@ -1,0 +1,256 @@
+"""Exports, read back by VTK's own reader and by meshio; every expected point is computed here by Rodrigues' formula."""
+
+import csv
+import os
+import xml.etree.ElementTree as ElementTree
+
+import history_cases as cases
+import numpy as np
+import pytest
+
+from dembrick import export, history
+from dembrick.errors import HistoryError, MissingDependency, OutputError
+
+N_FRAME = 7
+
+
+def make(folder, assembly=None, n_frame=N_FRAME, n_row=61):
+    """A finished history whose frames fall on every tenth row."""
+    assembly = assembly or cases.mixed_assembly()
+    path = folder / "run.h5"
+    n_block, n_joint, n_jack = len(assembly.names), len(assembly.joints), len(assembly.actuators.names)
+    with history.HistoryWriter(path, cases.SCENARIO, assembly, {}) as writer:
+        writer.append(cases.record(0, n_row, n_joint, n_jack))
+        if n_frame:
+            writer.append_frames(*cases.frames(0, n_frame, n_block))
+        writer.finish("completed", {})
+    return history.read(path)
+
+
+def rotated(quaternion, vector):
+    """v + 2 w (u x v) + 2 u x (u x v)"""
+    w, u = quaternion[0], np.asarray(quaternion[1:])
+    turn = np.cross(u, vector)
+    return vector + 2.0 * w * turn + 2.0 * np.cross(u, turn)
+
+
+def expected_points(assembly, k):
+    _, displacement, orientation = cases.frames(k, k + 1, len(assembly.names))
+    return np.concatenate(
+        [
+            assembly.position[i] + displacement[0, i] + np.array([rotated(orientation[0, i], v) for v in s.vertices])
+            for i, s in enumerate(assembly.shapes)
+        ]
+    )
+
+
+def start_points(assembly):
+    return np.concatenate(
+        [
+            assembly.position[i] + np.array([rotated(assembly.orientation[i], v) for v in s.vertices])
+            for i, s in enumerate(assembly.shapes)
+        ]
+    )
+
+
+def vtk_steps(path):
+    """(times, PolyData of every step) through vtkHDFReader; vtk arrays as numpy."""
+    reader_module = pytest.importorskip("vtkmodules.vtkIOHDF")
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
+    reader = reader_module.vtkHDFReader()
+    assert reader.CanReadFile(os.fspath(path))
+    reader.SetFileName(os.fspath(path))
+    reader.UpdateInformation()
+    key = reader.GetExecutive().TIME_STEPS()
+    information = reader.GetOutputInformation(0)
+    times = [information.Get(key, i) for i in range(information.Length(key))]
+    n_step = reader.GetNumberOfSteps()
+    assert len(times) == n_step or n_step == 1  # VTK gives a single step no time
+    steps = []
+    for k in range(n_step):
+        reader.SetStep(k)
+        reader.Update()
+        output = reader.GetOutputDataObject(0)
+        cells, points = output.GetCellData(), output.GetPointData()
+        polygons = output.GetPolys()
+        corners = vtk_to_numpy(polygons.GetConnectivityArray()).tolist()
+        offsets = vtk_to_numpy(polygons.GetOffsetsArray()).tolist()
+        steps.append(
+            {
+                "points": vtk_to_numpy(output.GetPoints().GetData()).copy(),
+                "faces": [tuple(corners[a:b]) for a, b in zip(offsets, offsets[1:], strict=False)],
+                "cells": {cells.GetArrayName(i): vtk_to_numpy(cells.GetArray(i)).copy() for i in range(cells.GetNumberOfArrays())},
+                "at_points": {
+                    points.GetArrayName(i): vtk_to_numpy(points.GetArray(i)).copy() for i in range(points.GetNumberOfArrays())
+                },
+            }
+        )
+    return times, steps
+
+
+def test_vtk_reads_the_blocks_at_every_step(tmp_path):
+    assembly = cases.mixed_assembly()
+    written = export.export(make(tmp_path, assembly), tmp_path / "out.vtkhdf")
+    assert [os.path.basename(name) for name in written] == ["out.vtkhdf", "out_joints.vtkhdf"]
+    times, steps = vtk_steps(written[0])
+    np.testing.assert_array_equal(times, cases.frames(0, N_FRAME)[0])
+    owner = np.repeat([0, 1, 2], [6, 6, 5])
+    faces = [tuple(8 * i + v for v in face) for i, s in enumerate(assembly.shapes) for face in s.faces]
+    for k, step in enumerate(steps):
+        displacement = cases.frames(k, k + 1, 3)[1][0]
+        points = expected_points(assembly, k)
+        assert step["points"].dtype == np.float64
+        # one block stands at y = 1000 m: a few units in the last place of that number
+        np.testing.assert_allclose(step["points"], points, rtol=0, atol=5e-13)
+        np.testing.assert_allclose(step["points"][:16], points[:16], rtol=0, atol=1e-15)
+        assert step["faces"] == faces
+        np.testing.assert_array_equal(step["cells"]["block"], owner)
+        np.testing.assert_allclose(step["cells"]["displacement"], displacement[owner], rtol=1e-7)
+        size = np.linalg.norm(displacement, axis=1)[owner]
+        np.testing.assert_allclose(step["cells"]["displacement_magnitude"], size, rtol=1e-7)
+        moved = points - start_points(assembly)
+        np.testing.assert_allclose(step["at_points"]["displacement"], moved, rtol=1e-6, atol=1e-7 * abs(moved).max() + 1e-12)
+    assert abs(steps[-1]["points"] - steps[0]["points"]).max() > 1e-2
+
+
+def test_vtk_reads_the_joints_at_every_step(tmp_path):
+    assembly = cases.mixed_assembly()
+    written = export.to_vtkhdf(make(tmp_path, assembly), tmp_path / "out.vtkhdf")
+    _, steps = vtk_steps(written[1])
+    for k, step in enumerate(steps):
+        row = 10 * k
+        assert step["faces"] == [(0, 1, 2, 3), (4, 5, 6, 7)]
+        np.testing.assert_array_equal(step["cells"]["joint"], [0, 1])
+        np.testing.assert_allclose(step["cells"]["N"], [row, row + 10.0], rtol=1e-7)
+        np.testing.assert_allclose(step["cells"]["M_T"], [row + 0.3, row + 10.3], rtol=1e-7)
+        np.testing.assert_allclose(step["cells"]["V"], np.hypot([row + 0.1, row + 10.1], [row + 0.2, row + 10.2]), rtol=1e-7)
+        _, displacement, orientation = cases.frames(k, k + 1, 3)
+        for own, joint in zip((slice(0, 4), slice(4, 8)), assembly.joints, strict=True):
+            host = joint.host
+            conjugate = assembly.orientation[host] * [1, -1, -1, -1]
+            start = joint.origin + np.column_stack([joint.polygon, np.zeros(4)])
+            body = [rotated(conjugate, p - assembly.position[host]) for p in start]
+            world = assembly.position[host] + displacement[0, host] + [rotated(orientation[0, host], p) for p in body]
+            np.testing.assert_allclose(step["points"][own], world, rtol=0, atol=5e-13)
+
+
+def test_a_history_without_joints_or_with_one_frame(tmp_path):
+    assembly = cases.many_blocks(3)
+    assembly.joints, assembly.contact_points = (), ()
+    written = export.to_vtkhdf(make(tmp_path, assembly, n_frame=1), tmp_path / "out.vtkhdf")
+    assert len(written) == 1
+    _, steps = vtk_steps(written[0])
+    assert len(steps) == 1
+    np.testing.assert_allclose(steps[0]["points"], expected_points(assembly, 0), rtol=0, atol=1e-15)
+
+
+def test_rows_next_to_frames():
+    found = export._nearest(np.array([0.0, 1.0, 2.0, 4.0]), np.array([-1.0, 0.0, 0.4, 0.6, 1.0, 2.9, 3.1, 9.0]))
+    assert found.tolist() == [0, 0, 0, 1, 1, 2, 3, 3]
+    assert export._nearest(np.array([5.0]), np.array([0.0, 7.0])).tolist() == [0, 0]
+
+
+def test_pvd_read_back_by_meshio(tmp_path):
+    meshio = pytest.importorskip("meshio")
+    assembly = cases.mixed_assembly()
+    (tmp_path / "out.pvd").write_text("old")
+    written = export.export(make(tmp_path, assembly), tmp_path / "out.pvd")
+    entries = ElementTree.parse(written[0]).getroot().findall("Collection/DataSet")
+    assert [float(e.get("timestep")) for e in entries] == cases.frames(0, N_FRAME)[0].tolist()
+    for k, entry in enumerate(entries):
+        mesh = meshio.read(tmp_path / entry.get("file"))
+        np.testing.assert_allclose(mesh.points, expected_points(assembly, k), rtol=0, atol=5e-13)
+        displacement = cases.frames(k, k + 1, 3)[1][0]
+        total = 0
+        for cells, block, moved in zip(
+            mesh.cells, mesh.cell_data["block"], mesh.cell_data["displacement"], strict=True
+        ):
+            total += len(cells.data)
+            np.testing.assert_array_equal(np.minimum(cells.data[:, 0] // 8, 2), block)
+            np.testing.assert_array_equal(moved, displacement[block])
+        assert total == 17
+
+
+def test_csv_reads_back_exactly(tmp_path):
+    export.export(make(tmp_path, n_row=20), tmp_path / "out.csv")
+    with open(tmp_path / "out.csv", newline="", encoding="utf-8") as file:
+        head, *rows = csv.reader(file)
+    table = dict(zip(head, np.array(rows, float).T, strict=True))
+    expected = cases.record(0, 20, 2, 0)
+    assert len(rows) == 20
+    np.testing.assert_array_equal(table["time [s]"], expected["time"])
+    np.testing.assert_array_equal(table["displacement [m]"], expected["displacement"])
+    np.testing.assert_array_equal(table["unbalanced [1]"], expected["unbalanced"])
+    np.testing.assert_array_equal(table["M_T upper/wedge, small [N m]"], expected["joint"][:, 1, 3])
+    np.testing.assert_array_equal(table["slip lower/upper [m]"], expected["joint"][:, 0, 6])
+    np.testing.assert_array_equal(table["friction energy [J]"], expected["energy"]["friction"])
+    assert all(title.endswith("]") for title in head)
+
+
+def test_csv_names_the_jacks_and_is_read_in_pieces(tmp_path, monkeypatch):
+    monkeypatch.setattr(export, "_CSV_ROWS", 7)
+    found = make(tmp_path, cases.assembly(), n_row=20)
+    export.to_csv(found, tmp_path / "out.csv")
+    lines = (tmp_path / "out.csv").read_text().splitlines()
+    column = lines[0].split(",").index("force of jack [N]")
+    assert [float(line.split(",")[column]) for line in lines[1:]] == found.actuator_force[:, 0].tolist()
+
+
+def test_two_joints_of_the_same_blocks_get_numbers(tmp_path):
+    assembly = cases.assembly()
+    assembly.joints, assembly.contact_points = assembly.joints * 2, assembly.contact_points * 2
+    export.to_csv(make(tmp_path, assembly), tmp_path / "out.csv")
+    head = (tmp_path / "out.csv").read_text().splitlines()[0]
+    assert "N lower/upper #0 [N]" in head and "N lower/upper #1 [N]" in head
+
+
+@pytest.mark.parametrize("name", ["out.xyz", "out", "out.h5"])
+def test_an_unknown_ending_names_the_known_ones(tmp_path, name):
+    with pytest.raises(OutputError, match=r"\.vtkhdf, \.pvd, \.csv"):
+        export.export(make(tmp_path), tmp_path / name)
+
+
+@pytest.mark.parametrize("ending", ["vtkhdf", "pvd", "csv"])
+def test_a_path_that_cannot_be_used(tmp_path, ending):
+    found = make(tmp_path)
+    with pytest.raises(OutputError, match="does not exist"):
+        export.export(found, tmp_path / "no" / f"x.{ending}")
+    (tmp_path / f"folder.{ending}").mkdir()
+    with pytest.raises(OutputError, match="folder"):
+        export.export(found, tmp_path / f"folder.{ending}")
+
+
+def test_no_frames_no_motion(tmp_path):
+    found = make(tmp_path, n_frame=0)
+    for name in ("x.vtkhdf", "x.pvd"):
+        with pytest.raises(HistoryError, match="no frames"):
+            export.export(found, tmp_path / name)
+    export.export(found, tmp_path / "x.csv")
+
+
+def test_an_export_that_breaks_off_leaves_nothing(tmp_path, monkeypatch):
+    found = make(tmp_path)
+    before = sorted(os.listdir(tmp_path))
+
+    def broken(data, k, values):
+        if k == 3:
+            raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(export, "_fill", broken)
+    with pytest.raises(export.WriteError, match="No space left"):
+        export.export(found, tmp_path / "x.vtkhdf")
+    assert sorted(os.listdir(tmp_path)) == before
+
+
+def test_the_history_is_not_overwritten(tmp_path):
+    make(tmp_path).close()
+    os.rename(tmp_path / "run.h5", tmp_path / "run.csv")
+    with pytest.raises(OutputError, match="history itself"):
+        export.export(history.read(tmp_path / "run.csv"), tmp_path / "run.csv")
+
+
+def test_meshio_missing(tmp_path, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "meshio", None)
+    with pytest.raises(MissingDependency, match="pip install"):
+        export.export(make(tmp_path), tmp_path / "x.pvd")
