@@ -10,6 +10,7 @@ from dembrick.kernels.limit_surface import gauge
 from dembrick.simulation import State
 
 WINDOW = 16  # steps over which an indicator must hold still
+CAUTION = 0.5  # an indicator must be this much narrower than asked: what still drifts is not in it
 _NONE = 1e-12  # of the load: a component that is rounding
 
 
@@ -17,8 +18,8 @@ def certificate(state: State, load: np.ndarray, tolerance: float) -> Certificate
     """The certificate of a seated state for the unit load (n, 6) of the jacks.
 
     Strict where the scene has one joint, and its friction does not depend on the load: point forces while the load
-    neither presses nor tilts the joint, the full pressure of a convex joint while it does not press. A tolerance of 0
-    never ends a run.
+    neither presses nor tilts the joint, the full pressure of a convex joint while it does not press, and slides before
+    it could overturn. A tolerance of 0 never ends a run.
     """
     parts = {
         "strict": False,
@@ -37,7 +38,7 @@ def certificate(state: State, load: np.ndarray, tolerance: float) -> Certificate
         parts |= _single_joint(state, load)
     return Certificate(
         **parts,
-        tolerance=tolerance,
+        tolerance=tolerance if parts["strict"] else CAUTION * tolerance,
         bracket=np.array([0.0, NEVER]),
         window=np.tile([0.0, NEVER], (WINDOW, 1)),
     )
@@ -76,8 +77,13 @@ def _single_joint(state: State, load: np.ndarray) -> dict:
         radius, reach = float(state.areas.radius[0]), float(state.areas.reach[0])
     size = max(float(np.abs(unit[:2]).max()), abs(float(unit[5])) / reach)
     strict = abs(unit[2]) <= _NONE * size
+    tilted = float(np.abs(unit[3:5]).max()) > _NONE * size * reach
     if family == 0:
-        strict = strict and float(np.abs(unit[3:5]).max()) <= _NONE * size * reach
+        strict = strict and not tilted
+    elif tilted:
+        # translation bounds what friction can carry: strict if the block cannot overturn before that
+        friction_limit = (friction * normal + float(np.hypot(dead[0], dead[1]))) / max(float(np.hypot(*unit[:2])), 1e-300)
+        strict = strict and friction_limit <= _overturning_load(state, normal, unit)
     tangential = [0, 1, 5]
     # rounding of the geometry must not tilt the load
     shear = np.where(np.abs(unit[tangential]) <= _NONE * size * np.array([1.0, 1.0, reach]), 0.0, unit[tangential])
@@ -96,6 +102,20 @@ def _single_joint(state: State, load: np.ndarray) -> dict:
         "normal": normal,
         "rest": rest,
     }
+
+
+def _overturning_load(state: State, normal: float, unit: np.ndarray) -> float:
+    """V at which the centre of pressure of the one convex joint reaches the edge of its polygon."""
+    now = state.joints.resultant[0]
+    centre = np.array([now[5], -now[4]]) / normal
+    shift = np.array([unit[4], -unit[3]]) / normal
+    corners = np.stack([state.areas.x, state.areas.y], axis=1)
+    edges = np.concatenate([corners[1:], corners[:1]]) - corners
+    outward = np.stack([edges[:, 1], -edges[:, 0]], axis=1)
+    room = ((corners - centre) * outward).sum(axis=1)
+    speed = outward @ shift
+    reached = speed > 0.0
+    return float((room[reached] / speed[reached]).min(initial=np.inf))
 
 
 def _dead_gauge(state: State, family: int, strength: float, dead: np.ndarray) -> float:

@@ -29,9 +29,7 @@ def export(history: History, path: str | os.PathLike) -> list[str]:
     ending = os.path.splitext(os.fspath(path))[1].lower()
     writers = {".vtkhdf": to_vtkhdf, ".pvd": to_pvd, ".csv": to_csv}
     if ending not in writers:
-        raise OutputError(
-            f"{path}: cannot export to {ending or 'a name without ending'!r}; the known endings are {', '.join(writers)}"
-        )
+        raise OutputError(f"{path}: no export has the ending {ending!r}; the known endings are {', '.join(writers)}")
     return writers[ending](history, path)
 
 
@@ -139,11 +137,11 @@ class _Motion:
     def _rotated(self, orientation: np.ndarray) -> np.ndarray:
         return np.einsum("nij,nj->ni", rotation_matrix(orientation)[self._block], self._body)
 
-    def at(self, k: int) -> tuple[np.ndarray, np.ndarray]:
+    def at(self, k: int, displacement: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """World points (n, 3) in frame k, and their movement from the start, which keeps more digits."""
         rotated = self._rotated(self._history.frame_orientation(k))
         points = self._history.frame_position(k)[self._block] + rotated
-        return points, self._history.frame_displacement(k)[self._block] + (rotated - self._rotated0)
+        return points, displacement[self._block] + (rotated - self._rotated0)
 
 
 def _block_surface(history: History) -> _Surface:
@@ -159,8 +157,8 @@ def _block_surface(history: History) -> _Surface:
     motion = _Motion(history, np.concatenate([np.zeros((0, 3)), *vertices]), block)
 
     def frame(k: int) -> _Frame:
-        points, moved = motion.at(k)
         displacement = history.frame_displacement(k)
+        points, moved = motion.at(k, displacement)
         size = np.sqrt((displacement**2).sum(axis=1))
         cells = {"displacement": displacement[owner], "displacement_magnitude": size[owner]}
         return _Frame(points, {"displacement": moved}, cells)
@@ -183,7 +181,7 @@ def _joint_surface(history: History) -> _Surface:
     rows = _nearest(history.time, history.frame_time)
 
     def frame(k: int) -> _Frame:
-        points, moved = motion.at(k)
+        points, moved = motion.at(k, history.frame_displacement(k))
         row = int(rows[k])
         cells = {name: history.series(f"joint/{name}", row, row + 1)[0] for name in _JOINT_CHANNELS}
         cells["V"] = np.hypot(cells["V_1"], cells["V_2"])

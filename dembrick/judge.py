@@ -45,7 +45,7 @@ def theory_of(assembly) -> Theory | None:
     joint = assembly.joints[0]
     law = joint.law
     b = joint.block_b
-    arm = np.asarray(joint.origin) - assembly.position[b]
+    arm = np.asarray(joint.arm_b)
     dead = _wrench(joint.axes, arm, assembly.dead_force[b], assembly.dead_torque[b])
     unit = np.zeros(6)
     jacks = assembly.actuators

@@ -33,6 +33,7 @@ def initial_state(assembly) -> State:
         orientation=np.array(assembly.orientation, float),
         velocity=np.zeros((n, 3)),
         spin=np.zeros((n, 3)),
+        mean_velocity=np.zeros((n, 6)),
         momentum=np.zeros((n, 3)),
         force=np.zeros((n, 3)),
         torque=np.zeros((n, 3)),
@@ -64,9 +65,8 @@ def _joints(assembly) -> Joints:
     axes = np.array([joint.axes for joint in joints]).reshape(-1, 3, 3)
     a = np.array([joint.block_a for joint in joints], np.int64)
     b = np.array([joint.block_b for joint in joints], np.int64)
-    origin = np.array([joint.origin for joint in joints]).reshape(-1, 3)
-    arm_a = origin - assembly.position[a]
-    arm_b = origin - assembly.position[b]
+    arm_a = np.array([joint.arm_a for joint in joints]).reshape(-1, 3)
+    arm_b = np.array([joint.arm_b for joint in joints]).reshape(-1, 3)
     rotation_a, rotation_b = assembly.rotation[a], assembly.rotation[b]
     return Joints(
         block_a=a,

@@ -18,6 +18,7 @@ class Blocks(NamedTuple):
     orientation: ndarray  # (n, 4) unit quaternion (w, x, y, z), body to world; of the start in small motion
     velocity: ndarray  # (n, 3) m/s, centroid, half a step behind
     spin: ndarray  # (n, 3) rad/s, world, half a step behind
+    mean_velocity: ndarray  # (n, 6) m/s, rad/s, running mean (small motion)
     momentum: ndarray  # (n, 3) kg m2/s, angular momentum about the centroid, world (finite motion)
     force: ndarray  # (n, 3) N, out of balance
     torque: ndarray  # (n, 3) N m about the centroid, out of balance

@@ -80,9 +80,7 @@ def test_curve_of_a_slanted_force():
         assert limit_load(law, (0.6, 0.8, M / V)).V == pytest.approx(V, rel=1e-11)
 
 
-@pytest.mark.parametrize(
-    ("name", "at_4a", "at_4b"), [("ellipse", 0.094, 0.076), ("parabola", -0.052, -0.037)]
-)
+@pytest.mark.parametrize(("name", "at_4a", "at_4b"), [("ellipse", 0.094, 0.076), ("parabola", -0.052, -0.037)])
 def test_errors_at_the_lab_sets(name, at_4a, at_4b):
     domain = approximate_domain(name, A, B, FRICTION, NORMAL)
     for (e, V), error in zip(EXACT.items(), (at_4a, at_4b), strict=True):

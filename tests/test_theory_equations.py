@@ -106,9 +106,7 @@ def test_reduced_rectangle_keeps_the_torsion_strength():
     )
 
 
-@pytest.mark.parametrize(
-    ("arm", "convex", "concave"), [(0.9, 107.165760, 199.560586), (0.5, 192.898367, 359.209055)]
-)
+@pytest.mark.parametrize(("arm", "convex", "concave"), [(0.9, 107.165760, 199.560586), (0.5, 192.898367, 359.209055)])
 def test_couples_of_table_3(arm, convex, concave):
     assert equations.torsion_strength_convex(A, B, V_0) / (arm * A) == pytest.approx(convex, abs=5e-7)
     assert equations.torsion_strength_concave(A, B, V_0) / (arm * A) == pytest.approx(concave, abs=5.1e-7)

@@ -106,6 +106,8 @@ def test_any_joint_the_bound_is_tight_and_scales(ratio, size, force, friction, a
         u = np.hypot(q[0] - q[2] * law.arms[:, 1], q[1] + q[2] * law.arms[:, 0])
         stuck = u < 1e-10 * np.linalg.norm(q * [1, 1, law.radius])
         if stuck.any():
+            others = points(law.arms[~stuck], law.strengths[~stuck], 1.0)
+            rest = found.V * f - others.gradient(q)
             assert np.hypot(*rest[:2]) <= law.strengths[stuck].sum() * (1 + 1e-9)
         elif u.min() > 1e-4 * u.max():
             assert np.linalg.norm(rest / [1, 1, law.radius]) < 1e-6 * law.strength
@@ -146,7 +148,7 @@ def test_kinks_random_points_cannot_be_bettered():
         kinks += np.count_nonzero(distance.min(axis=0) < 1e-9)
         for load, V, q in zip(f, found.V, found.twist, strict=True):
             for reach in 10.0 ** -np.arange(0.0, 12.0):
-                near = q + reach * np.linalg.norm(q) * rng.normal(size=(100, 3))
+                near = q + reach * np.linalg.norm(q) * rng.normal(size=(40, 3))
                 power = near @ load
                 bounds = law.dissipation(near[power > 0]) / power[power > 0]
                 assert np.all(bounds >= V * (1 - 1e-11))

@@ -1,4 +1,4 @@
-"""Limit surfaces: against the paper's corner sums, quadrature and finite differences; their symmetries and convexity."""
+"""Limit surfaces: against the paper's corner sums, quadrature and finite differences; symmetries and convexity."""
 
 import numpy as np
 import pytest

@@ -71,10 +71,10 @@ def test_sliding_and_spinning_to_rest(name, spin, rest, digits):
 
 def test_pure_slide_and_pure_spin_are_the_elementary_ones():
     law = formulation_law("convex", 0.3, 0.2, 0.64, 9.81)
-    x, y, theta = motion.slide_to_rest(law, 1.0, 0.13 / 12.0, (0.6, 0.8), 0.0)
+    x, y, theta = motion.slide_to_rest(law, 1.0, 0.13 / 12.0, (0.6, 0.8), 0.0, tolerance=1e-9)
     distance, _ = motion.stopping(1.0, 0.64)
     assert (x, y, theta) == pytest.approx((0.6 * distance, 0.8 * distance, 0.0), abs=1e-8)
-    *_, theta = motion.slide_to_rest(law, 1.0, 0.13 / 12.0, (0.0, 0.0), 10.0)
+    *_, theta = motion.slide_to_rest(law, 1.0, 0.13 / 12.0, (0.0, 0.0), 10.0, tolerance=1e-9)
     assert theta == pytest.approx(motion.spin_down(0.3, 0.2, 0.64, 0.09681061, 10.0)[1], rel=1e-7)
     assert motion.slide_to_rest(law, 1.0, 1.0, (0.0, 0.0), 0.0) == (0.0, 0.0, 0.0)
 

@@ -17,10 +17,11 @@ from dembrick.errors import OutputError
 
 def reason(error: BaseException) -> str:
     """The operating system's words for a failed write, also out of HDF5's long messages."""
-    if isinstance(error, OSError) and error.strerror:
-        return error.strerror
-    found = re.search(r"error message = '([^']+)'", str(error))
-    return found.group(1) if found else (str(error).splitlines() or [type(error).__name__])[0]
+    found = re.search(r"errno = (\d+)", str(error))
+    if found:
+        return os.strerror(int(found.group(1)))
+    text = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+    return (text.splitlines() or [type(error).__name__])[0]
 
 
 def part_name(path: str) -> str:

@@ -97,13 +97,17 @@ def dataset(file: h5py.File, path: str, kind: str, shape: tuple[int | None, ...]
 
 def values(data: h5py.Dataset, start: int = 0, stop: int | None = None) -> np.ndarray:
     """Entries start to stop along the first axis, nothing else of the dataset."""
-    path = f"{data.file.filename}: {data.name}" if data.id.valid else "the history"
-    count = (len(data) if stop is None else stop) - start
-    entry = data.dtype.itemsize * math.prod(data.shape[1:])
-    if count * entry > MAX_READ:
-        raise HistoryError(f"{path} is too long to read at once ({count * entry / 2**30:.0f} GiB); ask for a part of it")
-    with damaged(data.file.filename if data.id.valid else "history", f"{data.name}"):
+    count = (data.shape[0] if stop is None else stop) - start
+    size = count * data.dtype.itemsize * math.prod(data.shape[1:])
+    if size > MAX_READ:
+        raise HistoryError(
+            f"{data.file.filename}: {data.name} is too long to read at once ({size / 2**30:.0f} GiB); read it in parts"
+        )
+    try:
         return data[start : start + count]
+    except _DAMAGE as error:
+        name = f"{data.file.filename}: {data.name}" if data.id.valid else "a history that was closed"
+        raise HistoryError(f"{name} cannot be read; the file is damaged or closed") from error
 
 
 def texts(data: h5py.Dataset) -> list[str]:

@@ -110,7 +110,9 @@ def geometry(assembly) -> list[Table]:
         Table(j + "origin", _floats([i.origin for i in joints], 3), "m", "centroid O at the start, world axes"),
         Table(j + "axes", _floats([i.axes for i in joints], 3, 3), "1", "t1, t2 and the normal from a to b, as rows"),
         Table(j + "area", _floats([i.area for i in joints]), "m2", "area of the joint"),
-        Table(j + "polygon", _stacked([i.polygon for i in joints], 2), "m", "corners of all joints along t1, t2 from O"),
+        Table(
+            j + "polygon", _stacked([i.polygon for i in joints], 2), "m", "corners of the joints along t1, t2 from O"
+        ),
         Table(j + "polygon_start", _starts(len(i.polygon) for i in joints), "1", "first corner of each joint, and end"),
         Table(j + "formulation", _texts(i.law.formulation for i in joints), "1", "contact formulation"),
         Table(j + "friction", _floats([i.law.friction for i in joints]), "1", "friction coefficient"),

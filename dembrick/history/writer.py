@@ -102,7 +102,8 @@ class HistoryWriter:
         self._add(channels, 0, len(joint))
 
     def append_frames(self, time, displacement, orientation) -> None:
-        """Add F frames: ``time`` (F,), ``displacement`` (F, n_block, 3) from the start, ``orientation`` (F, n_block, 4)."""
+        """Add F frames: ``time`` (F,), ``displacement`` from the start (F, n_block, 3) and ``orientation``
+        (F, n_block, 4)."""
         if not self._has_frames:
             raise ValueError("this history was opened without frames")
         displacement = np.asarray(displacement, float)
@@ -150,10 +151,10 @@ class HistoryWriter:
         self._settings |= settings or {}
         if self._file is not None:
             self.flush()  # should the final file fail, the running one has everything
-        with self._failures():
-            with replacing(self._target, sync=time.monotonic() - self._opened > _SYNC_AFTER) as part:
-                self._write_whole(part, (self.n_row, self.n_frames), status, results, final=True)
-                self._release()  # before the rename: an open file cannot be replaced everywhere
+        sync = time.monotonic() - self._opened > _SYNC_AFTER
+        with self._failures(), replacing(self._target, sync) as part:
+            self._write_whole(part, (self.n_row, self.n_frames), status, results, final=True)
+            self._release()  # before the rename: an open file cannot be replaced everywhere
         self._closed = True
         self._stored = (self.n_row, self.n_frames)
         self._forget_pending()

@@ -23,6 +23,8 @@ class Drive(NamedTuple):
     dashpot: float  # N s/m, on the difference of head and driven velocity
     viscous_n: float  # dashpot over spring force at a contact for the same increment, normal
     viscous_s: float  # the same, shear
+    calming: float  # part of the swing of a velocity about its running mean that a step takes away (small motion)
+    memory: float  # weight of the latest step in that mean
     longest: float  # m, a step that moves a block further than this has diverged
 
 
@@ -57,7 +59,7 @@ def advance(
         if inertia is not None:
             longest = finite_step(blocks, inertia, dt)
         if scaled is not None:
-            longest = small_step(blocks, scaled, dt)
+            longest = small_step(blocks, scaled, dt, drive.calming, drive.memory)
         if not longest <= drive.longest:
             return DIVERGED, step + 1
     return RUNNING, first + n_steps
@@ -82,5 +84,5 @@ def settle(n_steps, tolerance, blocks, joints, points, areas, scaled, momentum):
             for i in range(3):
                 blocks.velocity[b, i] *= momentum
                 blocks.spin[b, i] *= momentum
-        small_step(blocks, scaled, 1.0)
+        small_step(blocks, scaled, 1.0, 0.0, 0.0)
     return ratio, n_steps

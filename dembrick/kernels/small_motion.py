@@ -60,9 +60,14 @@ def small_jack(blocks, jacks, i):
 
 
 @jit
-def small_step(blocks, inertia, dt):
-    """Central difference with the full 6 x 6 artificial inertia of each free block. Returns the longest move (m)."""
+def small_step(blocks, inertia, dt, calming, memory):
+    """Central difference with the full 6 x 6 artificial inertia of each free block. Returns the longest move (m).
+
+    ``calming`` takes away that part of the difference between a block's velocity and its running mean over about
+    1/``memory`` steps: it stills what swings and leaves what moves steadily.
+    """
     longest = 0.0
+    mean = blocks.mean_velocity
     for f in range(blocks.free.size):
         b = blocks.free[f]
         m = inertia.inverse[b]
@@ -73,6 +78,12 @@ def small_step(blocks, inertia, dt):
                 w += m[i + 3, k] * blocks.force[b, k] + m[i + 3, k + 3] * blocks.torque[b, k]
             blocks.velocity[b, i] += dt * a
             blocks.spin[b, i] += dt * w
+        if calming > 0.0:
+            for i in range(3):
+                blocks.velocity[b, i] -= calming * (blocks.velocity[b, i] - mean[b, i])
+                blocks.spin[b, i] -= calming * (blocks.spin[b, i] - mean[b, i + 3])
+                mean[b, i] += memory * (blocks.velocity[b, i] - mean[b, i])
+                mean[b, i + 3] += memory * (blocks.spin[b, i] - mean[b, i + 3])
         for i in range(3):
             blocks.displacement[b, i] += dt * blocks.velocity[b, i]
             blocks.rotation[b, i] += dt * blocks.spin[b, i]

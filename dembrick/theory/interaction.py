@@ -81,9 +81,7 @@ def interaction_curve(
     scale = 1.0 / law.strength
     loads = np.stack([v * d[0] / size, v * d[1] / size, m], axis=1) * scale
     found = limit_loads(law, loads)
-    return InteractionCurve(
-        formulation, found.V * v * scale, found.V * m * scale, found.twist, law.strength, M_T0
-    )
+    return InteractionCurve(formulation, found.V * v * scale, found.V * m * scale, found.twist, law.strength, M_T0)
 
 
 def centre_curve(

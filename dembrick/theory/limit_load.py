@@ -130,7 +130,9 @@ def _minimise(problem: _Problem, z: np.ndarray, at: np.ndarray, smoothing: float
     return z, converged
 
 
-def _kinks(problem: _Problem, law: PointLaw, z: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _kinks(
+    problem: _Problem, law: PointLaw, z: np.ndarray, at: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Turn each load about the point nearest to its torsion centre: (value, scaled twist, whether that is optimal).
 
     With C on point i the load is a limit load when the other points' forces leave for point i a force it can bear;

@@ -111,14 +111,22 @@ def spin_down(
 
 
 def slide_to_rest(
-    law: Law, mass: float, inertia: float, velocity: tuple[float, float], spin: float, tolerance: float = 1e-7
+    law: Law,
+    mass: float,
+    inertia: float,
+    velocity: tuple[float, float],
+    spin: float,
+    *,
+    smoothing: float = 3e-4,
+    tolerance: float = 1e-6,
 ) -> tuple[float, float, float]:
     """(x, y, theta) where a block comes to rest that starts at 0 sliding and spinning flat, its pressure unchanged.
 
     ``law`` is in the block's axes about its centroid, ``inertia`` about the vertical. Friction depends on the direction
-    of the twist alone, so the motion is integrated over ds = dt / |twist|, in which it fades exponentially and stays
-    smooth to the end, but for the instants when the torsion centre of a point law passes over a point: the step of the
-    RK4 pairs follows ``tolerance``, relative to the start and per step.
+    of the twist alone, so the motion is integrated over ds = dt / |twist|, in which it fades exponentially; the step of
+    the RK4 pairs follows ``tolerance``, relative to the start and per step. A block on points may for a while turn
+    about one that sticks: there the friction of points slower than ``smoothing`` |twist| is rounded off, which shifts
+    the rest by about that part of the distance slid meanwhile.
     """
     R = law.radius
     rate_scale = law.strength / mass
@@ -126,8 +134,9 @@ def slide_to_rest(
     def rate(state: np.ndarray) -> np.ndarray:
         theta, v_x, v_y, w = state[2:]
         cos, sin = math.cos(theta), math.sin(theta)
-        f_1, f_2, m = law.gradient((cos * v_x + sin * v_y, cos * v_y - sin * v_x, w)).tolist()
         size = math.sqrt(v_x * v_x + v_y * v_y + (R * w) ** 2)
+        slip = np.array([[cos * v_x + sin * v_y, cos * v_y - sin * v_x, w]])
+        f_1, f_2, m = law.derivatives(slip, smoothing * size)[1][0].tolist()
         force = np.array([cos * f_1 - sin * f_2, sin * f_1 + cos * f_2])
         return size / rate_scale * np.array([v_x, v_y, w, -force[0] / mass, -force[1] / mass, -m / inertia])
 

@@ -23,7 +23,8 @@ def overturning_load(
 ) -> float:
     """V at which the centre of pressure reaches the edge of the points or of the polygon; inf if it never does.
 
-    ``overturning`` (2,) in N m per unit of V is the sum of h_i (f1, f2)_i over the loads; ``centre`` is where N acts at V = 0.
+    ``overturning`` (2,) in N m per unit of V is the sum of h_i (f1, f2)_i over the loads; ``centre`` is where N acts at
+    V = 0.
     """
     start = formulation.middle if centre is None else np.asarray(centre, float)
     shift = np.asarray(overturning, float) / normal_force

@@ -1,0 +1,22 @@
+"""Figures out of histories: force-displacement curves, yield domains with simulated points, loading layouts.
+
+Every function returns a matplotlib ``Figure`` and draws into ``ax`` where one is given. matplotlib is imported when a
+figure is made, never before; its state machine (pyplot) is not used, so no window or backend is touched.
+"""
+
+from dembrick.plot.curves import energies, force_displacement, unbalanced
+from dembrick.plot.domains import domain_points, domains, interaction
+from dembrick.plot.layout import layout
+from dembrick.plot.style import FORMATS, save
+
+__all__ = [
+    "FORMATS",
+    "domain_points",
+    "domains",
+    "energies",
+    "force_displacement",
+    "interaction",
+    "layout",
+    "save",
+    "unbalanced",
+]

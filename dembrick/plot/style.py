@@ -1,0 +1,113 @@
+"""One look for all figures: colours that colour-blind readers tell apart, lines and markers that survive grey print."""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING
+
+from dembrick.errors import MissingDependency, OutputError
+from dembrick.history.files import check_output, reason, replacing
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# Okabe and Ito's palette
+BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
+BLUE, VERMILLION, PURPLE, GREY = "#0072B2", "#D55E00", "#CC79A7", "#666666"
+
+CYCLE = (  # colour, line style, marker of overlaid curves
+    (BLUE, "-", "o"),
+    (VERMILLION, "--", "s"),
+    (GREEN, "-.", "^"),
+    (BLACK, ":", "D"),
+    (ORANGE, (0, (8, 2)), "v"),
+    (PURPLE, (0, (3, 1, 1, 1, 1, 1)), "P"),
+    (SKY, (0, (1, 2, 6, 2)), "X"),
+)
+FORMULATION = {
+    "convex": (BLUE, "-", "o"),
+    "concave": (VERMILLION, "--", "s"),
+    "corrected": (GREEN, "-.", "^"),
+    "corrected-shear": (PURPLE, (0, (3, 1, 1, 1, 1, 1)), "v"),
+    "distributed": (ORANGE, ":", "D"),
+}
+EXPERIMENT = {"color": BLACK, "marker": "*", "markersize": 9, "linestyle": "none"}
+
+FORMATS = (".png", ".svg", ".pdf")
+DOTS_PER_INCH = 300
+SETTINGS = {
+    "font.size": 9.0,
+    "axes.titlesize": 9.0,
+    "legend.fontsize": 8.0,
+    "axes.grid": True,
+    "grid.linewidth": 0.4,
+    "grid.color": "#D9D9D9",
+    "axes.axisbelow": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "lines.linewidth": 1.4,
+    "lines.markersize": 5.5,
+    "legend.frameon": False,
+    "pdf.fonttype": 42,  # whole fonts in the file: text stays text for the journal
+    "svg.fonttype": "none",
+    "svg.hashsalt": "dembrick",  # the same figure gives the same file
+}
+
+
+def settings():
+    """Context in which figures are made and written: our settings, whatever the user's are."""
+    return _matplotlib().rc_context(SETTINGS)
+
+
+def _matplotlib():
+    try:
+        import matplotlib
+    except ImportError as error:
+        raise MissingDependency("figures need matplotlib; install it with: pip install matplotlib") from error
+    return matplotlib
+
+
+def canvas(ax: Axes | None, size: tuple[float, float] = (5.2, 4.4)) -> tuple[Figure, Axes]:
+    """The figure and axes to draw in: those of ``ax``, else new ones of ``size`` (inches)."""
+    if ax is not None:
+        return ax.figure, ax
+    figure = new_figure(size)
+    return figure, figure.add_subplot()
+
+
+def new_figure(size: tuple[float, float]) -> Figure:
+    _matplotlib()
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=size, layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def legend(figure: Figure, ax: Axes, own: bool, columns: int = 2) -> None:
+    """Below the axes in a figure of ours, where it hides no data; inside the user's axes."""
+    handles, labels = ax.get_legend_handles_labels()
+    if not handles:
+        return
+    if own:
+        figure.legend(handles, labels, loc="outside lower center", ncols=columns)
+    else:
+        ax.legend(handles, labels, loc="best")
+
+
+def save(figure: Figure, path: str | os.PathLike) -> str:
+    """Write a figure as PNG (300 dpi), SVG or PDF, told by the ending; the file appears whole or not at all."""
+    path = os.fspath(path)
+    ending = os.path.splitext(path)[1].lower()
+    if ending not in FORMATS:
+        raise OutputError(f"{path}: the ending {ending!r} is no figure format; use one of {', '.join(FORMATS)}")
+    target = check_output(path)
+    stamp = {".png": {}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}[ending]
+    try:
+        with settings(), replacing(target) as part:
+            figure.savefig(part, format=ending[1:], dpi=DOTS_PER_INCH, metadata=stamp)
+    except OSError as error:
+        raise OutputError(f"{path}: the figure cannot be written ({reason(error)}); choose another path") from error
+    return path
