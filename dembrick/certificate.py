@@ -37,6 +37,7 @@ def certificate(state: State, load: np.ndarray, tolerance: float) -> Certificate
     if len(state.joints.block_a) == 1:
         parts |= _single_joint(state, load)
     return Certificate(
+        every=1,
         **parts,
         tolerance=tolerance if parts["strict"] else CAUTION * tolerance,
         bracket=np.array([0.0, NEVER]),

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import pyvista
 
 VIEWS = {  # direction from the focus to the camera, and what is up in the picture
-    "iso": ((-1.0, -1.6, 1.2), (0.0, 0.0, 1.0)),
+    "iso": ((1.0, 1.5, 1.4), (0.0, 0.0, 1.0)),
     "front": ((0.0, -1.0, 0.0), (0.0, 0.0, 1.0)),
     "side": ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
     "top": ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0)),
@@ -200,14 +200,19 @@ def _draw(plotter, history, frame: int, factor: float, view: str, color: str) ->
     marked = _draw_centre(plotter, history, length)
     shown = f"motion x {factor:g}" if factor != 1.0 else "true scale"
     text = f"{history.title}\ntime {history.frame_time[frame]:.4g} s, {shown}; grey: start; red: jacks"
-    plotter.add_text(text + ("; blue: torsion centre" if marked else ""), position="upper_left", color="black", font_size=11)
+    plotter.add_text(
+        text + ("; blue: torsion centre" if marked else ""),
+        position="upper_left",
+        color="black",
+        font_size=round(plotter.window_size[0] / 100),
+    )
     direction, up = VIEWS[view]
     bounds = np.array(plotter.bounds)
     focus = 0.5 * (bounds[::2] + bounds[1::2])
     plotter.enable_parallel_projection()
     plotter.camera_position = [tuple(focus + 10.0 * length * np.array(direction)), tuple(focus), up]
     plotter.reset_camera()
-    plotter.camera.zoom(0.9)
+    plotter.camera.zoom(1.2)
 
 
 def _draw_jacks(plotter, history, frame: int, factor: float, length: float) -> None:

@@ -146,10 +146,11 @@ def push_at_constant_rate(assembly, rate: float, travel: float, step_factor: flo
         inverse=np.linalg.inv(assembly.inertia),
     )
     _to_finite_motion(state)
-    chunk = min(CHUNK, steps_wanted)
     rows_every = max(1, steps_wanted // ROWS)
+    chunk = min(CHUNK, steps_wanted)
     frames_every = max(1, min(steps_wanted, ROWS) // FRAMES)
     recorder = Recorder(state, observe, chunk, rows_every, frames_every) if observe else None
+    setup.certificate = setup.certificate._replace(every=rows_every)
     status, steps = RUNNING, 0
     record = recorder.record if recorder else None
     began = time.perf_counter()

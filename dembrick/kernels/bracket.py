@@ -17,11 +17,12 @@ NEVER = 1e300  # an upper bound that does not bind
 
 
 class Certificate(NamedTuple):
-    """What the bracket of the limit load needs to know; all but the last three only of a strict one.
+    """What the bracket of the limit load needs to know; all but the last four only of a strict one.
 
     Strict: one joint, whose normal forces do not depend on the load (its axes, moments about O).
     """
 
+    every: int  # steps between two looks
     strict: bool
     joint: int
     family: int  # 0 points, 1 areas
@@ -106,13 +107,16 @@ def strict_bounds(certificate, joints, points, areas, v):
         gauge = (sqrt(r1 * r1 + r2 * r2) + abs(rm) / certificate.radius) / (mu * certificate.normal)
         margin = 1.0 - certificate.dead_gauge
         lower = v * margin / (margin + gauge)
-    q = joints.step[j]
-    upper = upper_bound(certificate, points, areas, q[0], q[1], q[2])
+    upper = NEVER
+    if points is not None:
+        if certificate.family == 0:
+            q = joints.step[j]
+            upper = upper_bound(certificate, points, areas, q[0], q[1], q[2])
     if areas is not None:
         if certificate.family == 1:
-            # the plastic twist alone: its bound closes to rounding
-            t = areas.twist[certificate.index]
-            upper = min(upper, upper_bound(certificate, points, areas, t[0], t[1], t[2]))
+            # the plastic part of the twist: its bound closes to rounding
+            q = areas.twist[certificate.index]
+            upper = upper_bound(certificate, points, areas, q[0], q[1], q[2])
     return lower, upper
 
 

@@ -36,7 +36,9 @@ def write_row(record, time, blocks, joints, jacks, lower, upper):
     record.row[row, 5] = upper
     for i in range(jacks.block.size):
         record.actuator[row, i] = jacks.displacement[i]
-    record.joint[row] = joints.resultant
+    for j in range(joints.resultant.shape[0]):
+        for i in range(7):
+            record.joint[row, j, i] = joints.resultant[j, i]
     record.count[0] = row + 1
     if row % record.every[1] == 0 and record.count[1] < record.frame_time.size:
         frame = record.count[1]

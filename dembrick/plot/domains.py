@@ -87,7 +87,9 @@ def interaction(
             axes.plot(v, m, color=colour, ls=line, label=" = ".join(names))
         for i, name in enumerate(approximations):
             domain = theory.approximate_domain(name, *joint)
-            axes.plot(*domain.curve(), color=style.GREY, lw=0.9, ls=_APPROXIMATE[i % len(_APPROXIMATE)], label=domain.label)
+            axes.plot(
+                *domain.curve(), color=style.GREY, lw=0.9, ls=_APPROXIMATE[i % len(_APPROXIMATE)], label=domain.label
+            )
         for row in rows:
             own = _joint([row], None, fallback=joint)
             V_0 = own.friction * own.normal_force
@@ -203,7 +205,7 @@ def _shear(row: Mapping) -> float:
 
 
 def _mark(axes, row: Mapping, x: float, y: float) -> None:
-    """A simulated point with its bracket; hollow with the load in the joint plane, dotted inside when above it."""
+    """A simulated point with its bracket; hollow with the load in the joint plane, filled when above it."""
     colour, _, marker = style.FORMULATION[row["formulation"]]
     height = row.get("load_height") or 0.0
     label = f"DEM {row['formulation']}" + (f", load {1e3 * height:.3g} mm up" if abs(height) > 1e-9 else "")

@@ -43,6 +43,7 @@ def layout(sources, ax: Axes | None = None, torsion_centre: bool = True) -> Figu
     with style.settings():
         if ax is None:
             figure = style.new_figure((max(3.2, _PANEL[0] * len(plans)), _PANEL[1]))
+            figure.get_layout_engine().set(h_pad=0.12)  # inches; titles of three lines end at the edge otherwise
             axes = list(figure.subplots(1, len(plans), squeeze=False)[0])
         else:
             axes = list(np.ravel(np.asarray(ax, dtype=object)))
@@ -82,7 +83,9 @@ def _plan(source) -> Plan:
         point, direction, weight = built.actuators.point, built.actuators.direction, built.actuators.weight
         joint = next((j for j in built.joints if block in (j.block_a, j.block_b)), None)
         origin, centre, title = where if joint is None else joint.origin, None, source.title
-    return Plan(title, convex_hull((vertices + where)[:, :2]), origin[:2], point[:, :2], direction[:, :2], weight, centre)
+    return Plan(
+        title, convex_hull((vertices + where)[:, :2]), origin[:2], point[:, :2], direction[:, :2], weight, centre
+    )
 
 
 def _draw(axes, plan: Plan, torsion_centre: bool) -> None:
