@@ -92,7 +92,7 @@ def theory() -> float:
     for _ in range(200):
         c = 0.5 * (low + high)
         v, moment = forces(c)
-        low, high = (low, c) if moment < E * v else (c, high)
+        low, high = (c, high) if moment < E * v else (low, c)
     return v if abs(moment - E * v) < 1e-9 * moment else math.nan
 
 

@@ -7,10 +7,13 @@ figure is made, never before; its state machine (pyplot) is not used, so no wind
 from dembrick.plot.curves import energies, force_displacement, unbalanced
 from dembrick.plot.domains import domain_points, domains, interaction
 from dembrick.plot.layout import layout
+from dembrick.plot.panels import CurvePanel, curve_panels
 from dembrick.plot.style import FORMATS, save
 
 __all__ = [
     "FORMATS",
+    "CurvePanel",
+    "curve_panels",
     "domain_points",
     "domains",
     "energies",
