@@ -21,7 +21,7 @@ def inverse_inertia(state: State, inertia: np.ndarray) -> ScaledInertia:
     inverse = np.zeros_like(inertia)
     free = state.blocks.free
     inverse[free] = np.linalg.inv(inertia[free])
-    return ScaledInertia(inverse)
+    return ScaledInertia(inverse, np.ascontiguousarray(inertia))
 
 
 def seat(state: State, stiffness: np.ndarray) -> tuple[float, float, float]:

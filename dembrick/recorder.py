@@ -11,6 +11,7 @@ from dembrick.simulation import State
 
 Observer = Callable[[Mapping[str, np.ndarray], Mapping[str, np.ndarray]], None]
 
+ENERGIES = ("kinetic", "elastic", "jack_spring", "external", "friction", "dashpots")
 BUFFER_BYTES = 64 << 20  # most memory that the frames of one chunk may take
 
 
@@ -33,6 +34,7 @@ class Recorder:
             row=np.empty((rows, 6)),
             actuator=np.empty((rows, len(state.jacks.block))),
             joint=np.empty((rows, n_joint, 7)),
+            energy=np.zeros((rows, len(ENERGIES))),
             frame_time=np.empty(frames),
             frame_displacement=np.empty((frames, n_block, 3)),
             frame_orientation=np.empty((frames, n_block, 4)),
@@ -48,6 +50,7 @@ class Recorder:
         rows["actuator_displacement"] = record.actuator[:n].copy()
         rows["actuator_force"] = rows["load"][:, None] * self._weight
         rows["joint"] = record.joint[:n].copy()
+        rows["energy"] = dict(zip(ENERGIES, record.energy[:n].copy().T, strict=True))
         frames = {
             "time": record.frame_time[:f].copy(),
             "displacement": record.frame_displacement[:f].copy(),

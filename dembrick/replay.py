@@ -26,9 +26,9 @@ from dembrick.errors import DivergedError, NotConvergedError, ScenarioError
 from dembrick.kernels.advance import CONVERGED, DIVERGED, RUNNING, Drive, advance
 from dembrick.kernels.bracket import NEVER, Certificate
 from dembrick.recorder import Observer, Recorder
-from dembrick.simulation import State, block_stiffness, initial_state, load_vectors
+from dembrick.simulation import State, block_stiffness, initial_state, load_vectors, new_energy
 from dembrick.stability import block_inertia, critical_time_step, greatest_frequency
-from dembrick.state import Inertia
+from dembrick.state import Energy, Inertia
 from dembrick.yield_point import YieldPoint, read_off
 
 # Numerical choices; answers do not depend on them beyond the tolerance, and a test says so.
@@ -61,6 +61,7 @@ class Replay:
     unbalanced: float
     compile_seconds: float
     loop_seconds: float
+    energy: Energy | None = None
     settings: dict = field(default_factory=dict)
 
 
@@ -87,12 +88,13 @@ def find_limit_load(assembly, tolerance: float, step_factor: float, observe: Obs
         setup.certificate.bracket[:] = 0.0
         status = CONVERGED
     record = recorder.record if recorder else None
+    energy = new_energy(state) if recorder else None
     began = time.perf_counter()
-    advance(0, 0, dt, *state, inertia, None, drive, setup.certificate, record)  # no step: compiles, or loads the cache
+    advance(0, 0, dt, *state, inertia, None, drive, setup.certificate, record, energy)  # no step: compiles, or loads the cache
     ready = time.perf_counter()
     while status == RUNNING and steps < MOST_STEPS:
         status, steps = advance(
-            steps, HALVING, dt, *state, inertia, None, drive, setup.certificate, record
+            steps, HALVING, dt, *state, inertia, None, drive, setup.certificate, record, energy
         )  # fmt: skip
         drive = drive._replace(rate=0.5 * drive.rate)
         if status == RUNNING and not strict and drive.calming == 0.0:
@@ -115,6 +117,7 @@ def find_limit_load(assembly, tolerance: float, step_factor: float, observe: Obs
         unbalanced=setup.unbalanced,
         compile_seconds=ready - began + setup.compile_seconds,
         loop_seconds=loop + setup.loop_seconds,
+        energy=energy,
         settings=setup.settings(drive) | {"eta": float(eta), "rate": float(SLIP_PER_STEP * scale / dt), "inertia": "scaled"},
     )
     if status != CONVERGED:
@@ -153,12 +156,13 @@ def push_at_constant_rate(assembly, rate: float, travel: float, step_factor: flo
     setup.certificate = setup.certificate._replace(every=rows_every)
     status, steps = RUNNING, 0
     record = recorder.record if recorder else None
+    energy = new_energy(state) if recorder else None
     began = time.perf_counter()
-    advance(0, 0, dt, *state, None, inertia, drive, setup.certificate, record)
+    advance(0, 0, dt, *state, None, inertia, drive, setup.certificate, record, energy)
     ready = time.perf_counter()
     while status == RUNNING and steps < steps_wanted:
         n = min(chunk, steps_wanted - steps)
-        status, steps = advance(steps, n, dt, *state, None, inertia, drive, setup.certificate, record)
+        status, steps = advance(steps, n, dt, *state, None, inertia, drive, setup.certificate, record, energy)
         if recorder:
             recorder.drain()
     loop = time.perf_counter() - ready
@@ -175,6 +179,7 @@ def push_at_constant_rate(assembly, rate: float, travel: float, step_factor: flo
         unbalanced=setup.unbalanced,
         compile_seconds=ready - began + setup.compile_seconds,
         loop_seconds=loop + setup.loop_seconds,
+        energy=energy,
         settings=setup.settings(drive) | {"rate": rate, "inertia": "physical"},
     )
 

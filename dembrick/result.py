@@ -11,6 +11,7 @@ import numpy as np
 
 from dembrick import assembly as assemblies
 from dembrick import judge, replay, scenario as scenarios
+from dembrick.audit import EnergyAudit, audit
 from dembrick.errors import DembrickError, NotConvergedError
 from dembrick.model import Scenario
 from dembrick.yield_point import YieldPoint
@@ -34,6 +35,7 @@ class Result:
     rows: Mapping[str, np.ndarray]
     frames: Mapping[str, np.ndarray]
     wall: dict
+    energy: EnergyAudit | None = None
     history: str | None = None
 
     @property
@@ -83,6 +85,7 @@ class Result:
             "critical_time_step": run.critical_time_step,
             "simulated_time": run.simulated_time,
             "unbalanced": run.unbalanced,
+            "energy": None if self.energy is None else self.energy.as_dict(),
             "wall": self.wall,
             "history": self.history,
         }
@@ -116,8 +119,16 @@ class _Collector:
 
     @staticmethod
     def joined(parts: list) -> dict:
-        """The chunks as one mapping of arrays."""
-        return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]} if parts else {}
+        """The chunks as one mapping of arrays (or of mappings of arrays)."""
+        if not parts:
+            return {}
+        first = parts[0]
+        return {
+            name: _Collector.joined([part[name] for part in parts])
+            if isinstance(first[name], Mapping)
+            else np.concatenate([part[name] for part in parts])
+            for name in first
+        }
 
 
 def simulate(
@@ -152,6 +163,8 @@ def simulate(
     opened = time.perf_counter()
     try:
         run = _replayed(scenario, assembly, collector)
+        rows = collector.joined(collector.rows) if collector else {}
+        books = audit(rows["energy"], run.energy) if rows else None
     except DembrickError as error:
         if writer is not None:
             writer.finish("failed", failure(scenario, error, history))
@@ -169,9 +182,10 @@ def simulate(
         assembly=assembly,
         replay=run,
         theory=expected,
-        rows=collector.joined(collector.rows) if collector else {},
+        rows=rows,
         frames=collector.joined(collector.frames) if collector else {},
         wall={},
+        energy=books,
         history=None if history is None else os.fspath(history),
     )
     write = (opened - built) + (collector.write_seconds if collector else 0.0)

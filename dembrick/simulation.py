@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dembrick import limit_set, polygons
-from dembrick.state import Areas, Blocks, Jacks, Joints, Points
+from dembrick.state import Areas, Blocks, Energy, Jacks, Joints, Points
 
 
 class State(NamedTuple):
@@ -82,6 +82,7 @@ def _joints(assembly) -> Joints:
         offset=arm_a - arm_b,
         gap=np.array([joint.gap for joint in joints], float),
         relative=np.zeros((len(joints), 6)),
+        opening=np.zeros((len(joints), 3)),
         step=np.zeros((len(joints), 3)),
         tilt=np.zeros((len(joints), 2)),
         resultant=np.zeros((len(joints), 7)),
@@ -210,3 +211,19 @@ def load_vectors(state: State) -> np.ndarray:
     force = jacks.direction * jacks.weight[:, None]
     np.add.at(load, jacks.block, np.concatenate([force, np.cross(jacks.arm, force)], axis=1))
     return load
+
+
+def new_energy(state: State) -> Energy:
+    """Empty books for a run that starts from ``state``."""
+    points = 0 if state.points is None else len(state.points.k_n)
+    areas = 0 if state.areas is None else len(state.areas.joint)
+    return Energy(
+        work=np.zeros(6),
+        least=np.zeros(1),
+        start=np.zeros(1),
+        dash_1=np.zeros(points),
+        dash_2=np.zeros(points),
+        dash_n=np.zeros(points),
+        area_dash=np.zeros((areas, 6)),
+        jack=np.zeros(2),
+    )

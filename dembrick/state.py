@@ -30,6 +30,7 @@ class ScaledInertia(NamedTuple):
     """Artificial inertia of small motion: a full 6 x 6 matrix a block, proportional to its contact stiffness."""
 
     inverse: ndarray  # (n, 6, 6) per block, from (force, torque) to (acceleration, angular acceleration)
+    matrix: ndarray  # (n, 6, 6) its inverse, for the energy books
 
 
 class Inertia(NamedTuple):
@@ -56,6 +57,7 @@ class Joints(NamedTuple):
     offset: ndarray  # (j, 3) m, centroid of b seen from that of a at the start, world
     gap: ndarray  # (j,) m, distance of the faces at the start, positive open
     relative: ndarray  # (j, 6) m, rad: motion of b against a at O in the joint's axes (d1, d2, dn, r1, r2, rn)
+    opening: ndarray  # (j, 3) m, rad: opening at O and tilts now
     step: ndarray  # (j, 3) m, m, rad: slip twist of the last step
     tilt: ndarray  # (j, 2) rad: tilts of the last step
     resultant: ndarray  # (j, 7) N, V_1, V_2, M_T, M_1, M_2 (action on b about O), slip (m)
@@ -111,3 +113,16 @@ class Jacks(NamedTuple):
     weight: ndarray  # (k,)
     displacement: ndarray  # (k,) m, of the loaded points along their directions
     drive: ndarray  # (5,) head (m), driven displacement (m), V (N); greatest V so far (N), where (m)
+
+
+class Energy(NamedTuple):
+    """The books of a run: work summed step by step, and what the last step left behind for the next."""
+
+    work: ndarray  # (6,) J: by the jack head, by dead loads; lost in friction, contact dashpots, jack dashpot; mu N |slip|
+    least: ndarray  # (1,) J, smallest friction work of an increment
+    start: ndarray  # (1,) J, elastic energy of the seated joints
+    dash_1: ndarray  # (c,) N, shear dashpot force of each contact point along t1, last step
+    dash_2: ndarray  # (c,) N, along t2
+    dash_n: ndarray  # (c,) N, normal
+    area_dash: ndarray  # (a, 6) N, N m: shear and torsion, normal and bending dashpot force of each convex joint
+    jack: ndarray  # (2,) N, V and its dashpot part, last step

@@ -15,7 +15,8 @@ PACKAGE = Path(dembrick.__file__).parent
 # Rank of a module by its place in the house; an import must go to a lower rank. Modules of the same rank may not
 # import one another, except inside one folder named in TOGETHER.
 FLOORS = {
-    0: ["errors", "_jit", "state", "model"],
+    -1: ["errors"],
+    0: ["_jit", "state", "model"],
     1: ["kernels"],
     2: ["polygons"],
     3: ["shapes"],
@@ -33,6 +34,7 @@ TOGETHER = {"kernels", "theory"}
 KERNELS_MAY = {"_jit", "kernels"}  # of the package
 THEORY_MAY = {"errors", "theory"}
 ALLOWED_OUTSIDE = {  # third-party modules by rank: no files and no screens below the top
+    -1: set(),
     0: {"numba", "numpy"},
     1: {"numpy"},
     **{rank: {"numpy"} for rank in range(2, TOP)},

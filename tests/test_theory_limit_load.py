@@ -8,6 +8,7 @@ from scipy import optimize
 
 from dembrick.errors import ScenarioError
 from dembrick.theory import convex, equations, formulation_law, gauge, limit_load, limit_loads, points, torsion_strength
+from dembrick.theory.limit_load import _kinks, _minimise, _Problem
 from dembrick.theory.polygons import centroid, rectangle
 
 A, B, FRICTION, NORMAL = 0.3, 0.2, 0.64, 467.0
@@ -153,6 +154,30 @@ def test_kinks_random_points_cannot_be_bettered():
                 bounds = law.dissipation(near[power > 0]) / power[power > 0]
                 assert np.all(bounds >= V * (1 - 1e-11))
     assert kinks > 30  # the case is met often enough to mean something
+
+
+@pytest.mark.parametrize("share", [0.5, 0.999, 1.005, 1.5])
+def test_a_point_holds_the_centre_just_as_long_as_it_can_bear_it(share):
+    arms = np.array([[1.0, 0.5], [-1.0, 0.6], [-0.9, -0.5], [1.1, -0.4]])
+    law = points(arms, [1.0, 2.0, 1.5, 0.5], 1.0)
+    x, y = arms[0]
+    q = np.array([y, -x, 1.0])
+    t = share * np.array([0.6, -0.8])  # of the 1 N that point 0 can bear
+    f = points(arms[1:], [2.0, 1.5, 0.5], 1.0).gradient(q) + (t[0], t[1], x * t[1] - y * t[0])
+    found = limit_load(law, f)
+    distance = np.hypot(found.torsion_centre[0] - x, found.torsion_centre[1] - y)
+    problem = _Problem(law, f[None] * [1, 1, 1 / law.radius] / np.linalg.norm(f / [1, 1, law.radius]), np.zeros((1, 3)))
+    smoothed, _ = _minimise(problem, np.zeros((1, 2)), np.arange(1), 1e-3)
+    certified = _kinks(problem, law, smoothed, np.arange(1))[2]
+    if share < 1.0:
+        assert found.V == pytest.approx(1.0, rel=1e-14)
+        assert distance < 1e-14
+        assert certified.all()
+    else:
+        assert found.V < 1.0
+        assert distance > 1e-4
+        assert not certified.any()
+        np.testing.assert_allclose(found.V * f, law.gradient(found.twist), atol=1e-7)
 
 
 def test_centre_on_a_point_by_hand():

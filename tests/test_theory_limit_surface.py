@@ -191,6 +191,20 @@ def test_torsion_centre_on_a_point_sticks_there():
     assert law.dissipation((0.0, 0.0, 0.0)) == 0.0
 
 
+def test_smoothed_points_have_consistent_derivatives():
+    law, rng, h = LAWS["points"], np.random.default_rng(8), 1e-6
+    q = rng.normal(size=(40, 3))
+    q[0] = about(law.arms[1])  # a point at rest is where smoothing matters
+    D, G, H = law.derivatives(q, 0.1)
+    ends = [[law.derivatives(q + sign * h * e, 0.1) for sign in (1, -1)] for e in np.eye(3)]
+    numeric_G = np.stack([(up[0] - down[0]) / (2 * h) for up, down in ends], axis=1)
+    numeric_H = np.stack([(up[1] - down[1]) / (2 * h) for up, down in ends], axis=1)
+    np.testing.assert_allclose(G, numeric_G, atol=1e-7)
+    np.testing.assert_allclose(H, numeric_H, atol=1e-6)
+    assert np.all(law.dissipation(q) <= D)
+    assert np.all(law.dissipation(q) + 0.1 * law.strength >= D)
+
+
 def test_polygon_moments_and_hull():
     M = moment_matrix(rectangle(0.3, 0.2) + (1.0, 2.0), (1.0, 2.0))
     np.testing.assert_allclose(M, np.diag([0.06, 0.06 * 0.09 / 12, 0.06 * 0.04 / 12]), atol=1e-16)

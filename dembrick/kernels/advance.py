@@ -1,11 +1,12 @@
 """The compiled time loops. Nothing is allocated in them; what a scene does not have is passed as None, and numba then
-leaves its code out: a family of joints, the record, and either the scaled or the physical inertia.
+leaves its code out: a family of joints, the record, the energy books, and either the scaled or the physical inertia.
 """
 
 from typing import NamedTuple
 
 from dembrick._jit import jit
 from dembrick.kernels.bracket import instant_bounds, judge, strict_bounds
+from dembrick.kernels.energy import balance, dead_work, elastic_energy
 from dembrick.kernels.finite_motion import finite_step
 from dembrick.kernels.forces import clear_forces, jack_forces, joint_forces, unbalanced_ratio
 from dembrick.kernels.record import write_row
@@ -30,7 +31,7 @@ class Drive(NamedTuple):
 
 @jit
 def advance(
-    first, n_steps, dt, blocks, joints, points, areas, jacks, scaled, inertia, drive, certificate, record
+    first, n_steps, dt, blocks, joints, points, areas, jacks, scaled, inertia, drive, certificate, record, energy
 ):  # fmt: skip
     """Advance the replay from step ``first`` until ``n_steps`` more are done, or its bracket is within tolerance.
 
@@ -39,11 +40,15 @@ def advance(
     number of steps done in all.
     """
     bracket = certificate.bracket
+    if energy is not None and first == 0 and n_steps > 0:
+        energy.start[0] = elastic_energy(blocks, joints, points, areas)
     for step in range(first, first + n_steps):
         clear_forces(blocks)
-        joint_forces(blocks, joints, points, areas, inertia, dt, drive.viscous_n, drive.viscous_s)
+        joint_forces(blocks, joints, points, areas, inertia, dt, drive.viscous_n, drive.viscous_s, energy)
         rate = drive.rate * min(1.0, (step + 1) * dt / drive.ramp)
-        v, moved = jack_forces(blocks, jacks, drive, inertia, rate, dt)
+        v, moved = jack_forces(blocks, jacks, drive, inertia, rate, dt, energy)
+        if energy is not None:
+            dead_work(energy, blocks, dt)
         done = False
         if step % certificate.every == 0:
             if certificate.strict:
@@ -53,6 +58,11 @@ def advance(
             done = judge(certificate, step // certificate.every, lower, upper, v)
         if record is not None:
             if step % record.every[0] == 0 or done:
+                if energy is not None and record.count[0] < record.row.shape[0]:
+                    balance(
+                        energy, blocks, joints, points, areas, jacks, drive, scaled, inertia, dt,
+                        record.energy[record.count[0]],
+                    )  # fmt: skip
                 if not write_row(record, step * dt, blocks, joints, jacks, bracket[0], bracket[1]):
                     return FULL, step
         if done:
@@ -77,7 +87,7 @@ def settle(n_steps, tolerance, blocks, joints, points, areas, scaled, momentum):
     ratio = 1.0
     for step in range(n_steps):
         clear_forces(blocks)
-        joint_forces(blocks, joints, points, areas, None, 1.0, 0.0, 0.0)
+        joint_forces(blocks, joints, points, areas, None, 1.0, 0.0, 0.0, None)
         ratio = unbalanced_ratio(blocks, joints)
         if step > 0 and ratio <= tolerance:
             return ratio, step

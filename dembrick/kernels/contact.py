@@ -6,30 +6,51 @@ opening and the tilts. It returns N and the action on b: V_1, V_2, M_T, M_1, M_2
 """
 
 from dembrick._jit import jit
-from dembrick.kernels.laws import coulomb, no_tension
+from dembrick.kernels.laws import coulomb, no_tension, squared_penetration
 from dembrick.kernels.limit_surface import proximal_map, surface
 
 
 @jit
-def point_forces(points, p, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s):
-    """Resultant (N, V_1, V_2, M_T, M_1, M_2, slip) of point joint ``p``; updates the memory of its contact points."""
+def point_forces(points, p, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s, energy):
+    """Resultant (N, V_1, V_2, M_T, M_1, M_2, slip) of point joint ``p``; updates the memory of its contact points.
+
+    With ``energy`` (not None) the work of the step goes into the books, by the trapezoidal rule over the increment.
+    """
     mu = points.friction[p]
     n_sum = v1 = v2 = mt = m1 = m2 = slip = weight = 0.0
     for i in range(points.start[p], points.start[p + 1]):
         x = points.x_n[i]
         y = points.y_n[i]
         penetration = -(dn + r1 * y - r2 * x)
+        closing = -(pn + pr1 * y - pr2 * x)
         normal = 0.0
         if penetration > 0.0:
-            closing = -(pn + pr1 * y - pr2 * x)
             normal = max(points.k_n[i] * (penetration + viscous_n * closing), 0.0)
         points.normal[i] = normal
         xs = points.x_s[i]
         ys = points.y_s[i]
         k = points.k_s[i]
-        t1, t2, e1, e2, plastic = coulomb(
-            points.elastic_1[i], points.elastic_2[i], p1 - pr * ys, p2 + pr * xs, k, viscous_s, mu * normal
-        )
+        s1 = p1 - pr * ys
+        s2 = p2 + pr * xs
+        old_1 = points.elastic_1[i]
+        old_2 = points.elastic_2[i]
+        t1, t2, e1, e2, plastic = coulomb(old_1, old_2, s1, s2, k, viscous_s, mu * normal)
+        if energy is not None:
+            q1 = s1 - (e1 - old_1) / k
+            q2 = s2 - (e2 - old_2) / k
+            friction = 0.5 * ((old_1 + e1) * q1 + (old_2 + e2) * q2)
+            energy.work[2] += friction
+            energy.least[0] = min(energy.least[0], friction)
+            energy.work[5] += mu * normal * plastic
+            elastic = points.k_n[i] * max(penetration, 0.0)
+            energy.work[3] += 0.5 * (
+                (energy.dash_1[i] + t1 - e1) * s1
+                + (energy.dash_2[i] + t2 - e2) * s2
+                + (energy.dash_n[i] + normal - elastic) * closing
+            )
+            energy.dash_1[i] = t1 - e1
+            energy.dash_2[i] = t2 - e2
+            energy.dash_n[i] = normal - elastic
         points.elastic_1[i] = e1
         points.elastic_2[i] = e2
         points.slip[i] += plastic
@@ -77,8 +98,8 @@ def area_normal(areas, a, dn, r1, r2):
 
 
 @jit
-def area_forces(areas, a, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s):
-    """Resultant (N, V_1, V_2, M_T, M_1, M_2, slip) of convex joint ``a``; updates its memory."""
+def area_forces(areas, a, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s, energy):
+    """Resultant (N, V_1, V_2, M_T, M_1, M_2, slip) of convex joint ``a``; updates its memory and the ``energy`` books."""
     # the dashpot of the normal action sees the penetration a fraction of a step ahead
     n, m1, m2 = area_normal(areas, a, dn + viscous_n * pn, r1 + viscous_n * pr1, r2 + viscous_n * pr2)
     area = areas.area[a]
@@ -104,6 +125,31 @@ def area_forces(areas, a, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, visco
         areas.twist[a, 1],
         areas.twist[a, 2],
     )
+    if energy is not None:
+        old = areas.elastic[a]
+        e1 = old[0] + k_t * (p1 - q1)
+        e2 = old[1] + k_t * (p2 - q2)
+        er = old[2] + k_r * (pr - qr)
+        friction = 0.5 * ((old[0] + e1) * q1 + (old[1] + e2) * q2 + (old[2] + er) * qr)
+        energy.work[2] += friction
+        energy.least[0] = min(energy.least[0], friction)
+        energy.work[5] += v1 * q1 + v2 * q2 + mt * qr
+        still_n, still_1, still_2 = area_normal(areas, a, dn, r1, r2)
+        dash = energy.area_dash[a]
+        energy.work[3] += 0.5 * (
+            (dash[0] + v1 - e1) * p1
+            + (dash[1] + v2 - e2) * p2
+            + (dash[2] + mt - er) * pr
+            - (dash[3] + n - still_n) * pn
+            + (dash[4] + m1 - still_1) * pr1
+            + (dash[5] + m2 - still_2) * pr2
+        )
+        dash[0] = v1 - e1
+        dash[1] = v2 - e2
+        dash[2] = mt - er
+        dash[3] = n - still_n
+        dash[4] = m1 - still_1
+        dash[5] = m2 - still_2
     areas.elastic[a, 0] += k_t * (p1 - q1)
     areas.elastic[a, 1] += k_t * (p2 - q2)
     areas.elastic[a, 2] += k_r * (pr - qr)
@@ -135,3 +181,11 @@ def area_dissipation(areas, a, normal, q1, q2, qr):
         qr,
     )[0]
     return areas.friction[a] * normal * d
+
+
+@jit
+def area_normal_energy(areas, a, dn, r1, r2):
+    """Elastic energy (J) of the normal action of convex joint ``a``: half the integral of k_n <penetration>+ squared."""
+    return 0.5 * areas.k_n[a] * squared_penetration(
+        areas.x, areas.y, areas.start[a], areas.start[a + 1], -dn, r2, -r1
+    )  # fmt: skip

@@ -101,7 +101,11 @@ def finite_relative(blocks, joints, j, dt):
     tilt = joints.tilt[j]
     tilt[0] = pr1
     tilt[1] = pr2
-    return dn + joints.gap[j], side * slope_2, -side * slope_1, pn, pr1, pr2, p1, p2, pr
+    opening = joints.opening[j]
+    opening[0] = dn + joints.gap[j]
+    opening[1] = side * slope_2
+    opening[2] = -side * slope_1
+    return opening[0], opening[1], opening[2], pn, pr1, pr2, p1, p2, pr
 
 
 @jit

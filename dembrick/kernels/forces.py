@@ -65,22 +65,22 @@ def relative(blocks, joints, j, inertia, dt):
 
 
 @jit
-def joint_forces(blocks, joints, points, areas, inertia, dt, viscous_n, viscous_s):
+def joint_forces(blocks, joints, points, areas, inertia, dt, viscous_n, viscous_s, energy):
     """Forces of all joints, put on the blocks."""
     if points is not None:
         for p in range(points.joint.size):
             j = points.joint[p]
             seen = relative(blocks, joints, j, inertia, dt)
-            react(blocks, joints, j, *point_forces(points, p, *seen, viscous_n, viscous_s))
+            react(blocks, joints, j, *point_forces(points, p, *seen, viscous_n, viscous_s, energy))
     if areas is not None:
         for a in range(areas.joint.size):
             j = areas.joint[a]
             seen = relative(blocks, joints, j, inertia, dt)
-            react(blocks, joints, j, *area_forces(areas, a, *seen, viscous_n, viscous_s))
+            react(blocks, joints, j, *area_forces(areas, a, *seen, viscous_n, viscous_s, energy))
 
 
 @jit
-def jack_forces(blocks, jacks, drive, inertia, rate, dt):
+def jack_forces(blocks, jacks, drive, inertia, rate, dt, energy):
     """Move the jack head by one step at ``rate``, let spring and dashpot act, and put V weight_i on the blocks.
 
     Returns V and the work-conjugate motion f.q of the last step.
@@ -97,7 +97,14 @@ def jack_forces(blocks, jacks, drive, inertia, rate, dt):
     driven /= total
     state = jacks.drive
     state[0] += rate * dt
-    v = drive.stiffness * (state[0] - driven) + drive.dashpot * (rate - (driven - state[1]) / dt)
+    dash = drive.dashpot * (rate - (driven - state[1]) / dt)
+    v = drive.stiffness * (state[0] - driven) + dash
+    if energy is not None:
+        head = rate * dt * total
+        energy.work[0] += 0.5 * (energy.jack[0] + v) * head
+        energy.work[4] += 0.5 * (energy.jack[1] + dash) * (head - (driven - state[1]) * total)
+        energy.jack[0] = v
+        energy.jack[1] = dash
     moved = (driven - state[1]) * total
     state[1] = driven
     state[2] = v

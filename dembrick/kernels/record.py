@@ -17,6 +17,7 @@ class Record(NamedTuple):
     row: ndarray  # (r, 6) time, load, displacement, unbalanced, lower, upper
     actuator: ndarray  # (r, k) m
     joint: ndarray  # (r, j, 7)
+    energy: ndarray  # (r, 6) J, see `energy.balance`
     frame_time: ndarray  # (F,)
     frame_displacement: ndarray  # (F, n, 3)
     frame_orientation: ndarray  # (F, n, 4)

@@ -45,7 +45,11 @@ def small_relative(blocks, joints, j):
     tilt = joints.tilt[j]
     tilt[0] = pr1
     tilt[1] = pr2
-    return dn + joints.gap[j], r1, r2, pn, pr1, pr2, p1, p2, pr
+    opening = joints.opening[j]
+    opening[0] = dn + joints.gap[j]
+    opening[1] = r1
+    opening[2] = r2
+    return opening[0], opening[1], opening[2], pn, pr1, pr2, p1, p2, pr
 
 
 @jit

@@ -35,7 +35,7 @@ def force_displacement(
         longest = max((float(np.abs(h.displacement).max()) for h in histories if len(h.displacement)), default=0.0)
         unit, factor = ("mm", 1e3) if longest > _MILLIMETRES_FROM else ("µm", 1e6)
         for i, (history, label) in enumerate(zip(histories, labels, strict=True)):
-            colour, line, _ = style.CYCLE[i % len(style.CYCLE)]
+            colour, line, _ = style.FORMULATION.get(label) or style.CYCLE[i % len(style.CYCLE)]
             axes.plot(factor * np.asarray(history.displacement), history.load, color=colour, ls=line, label=label)
             point = history.results.get("yield_point") or {}
             lower, upper = point.get("V_lower"), point.get("V_upper")

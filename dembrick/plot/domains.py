@@ -218,9 +218,11 @@ def _mark(axes, row: Mapping, x: float, y: float) -> None:
     if label in axes.get_legend_handles_labels()[1]:
         label = "_nolegend_"
     fill = colour if abs(height) > 1e-9 else "white"
+    size = style.MARKER_SIZE[row["formulation"]]
     axes.errorbar(
-        x, y, **bars, fmt=marker, color=colour, mfc=fill, mew=1.1, elinewidth=1.0, capsize=2, label=label, clip_on=False
-    )
+        x, y, **bars, fmt=marker, color=colour, mfc=fill, mew=1.1, ms=size, zorder=4 - 0.1 * size,
+        elinewidth=1.0, capsize=2, label=label, clip_on=False,
+    )  # fmt: skip
 
 
 def _frame(axes) -> None:

@@ -156,7 +156,8 @@ def _dimension(axes, start, end, offset, text: str, side: str) -> None:
     if side == "side":
         axes.annotate(text, middle, (-3, 0), textcoords="offset points", rotation=90, ha="right", va="center", size=8)
     else:
-        axes.annotate(text, middle, (0, -3), textcoords="offset points", ha="center", va="top", size=8)
+        axes.annotate(text, middle, (0, -3), textcoords="offset points", ha="center", va="top", size=8,
+                      bbox={"fc": "white", "ec": "none", "pad": 0.6})  # fmt: skip
 
 
 def _arrow(axes, start, end, colour: str, kind: str, width: float) -> None:

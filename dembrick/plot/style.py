@@ -32,6 +32,8 @@ FORMULATION = {
     "corrected-shear": (PURPLE, (0, (3, 1, 1, 1, 1, 1)), "v"),
     "distributed": (ORANGE, ":", "D"),
 }
+# Points that coincide (convex and distributed do) stay visible as nested markers, the largest drawn first.
+MARKER_SIZE = {"distributed": 9.0, "corrected": 7.5, "concave": 6.0, "corrected-shear": 4.0, "convex": 4.0}
 EXPERIMENT = {"color": BLACK, "marker": "*", "markersize": 9, "linestyle": "none"}
 
 FORMATS = (".png", ".svg", ".pdf")

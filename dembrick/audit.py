@@ -1,0 +1,52 @@
+"""The energy audit of a run: do the books balance, and did friction only ever take energy away?"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from dembrick.errors import EnergyAuditError
+from dembrick.state import Energy
+
+LIMIT = 1e-3  # of the external work: beyond it the integration is not to be trusted
+NEGATIVE = 1e-12  # of the external work: friction work of one increment below minus this is no rounding
+
+
+@dataclass(frozen=True)
+class EnergyAudit:
+    """Result of the audit.
+
+    ``relative_residual``: kinetic + elastic + jack spring + friction + dashpots - external work, the worst row, over
+    the external work. ``friction_law_error``: friction work over the sum of mu N |slip increment| (the dissipation
+    function for a convex joint), minus 1; of first order in the step. ``least_friction_increment`` (J).
+    """
+
+    relative_residual: float
+    friction_law_error: float
+    least_friction_increment: float
+
+    def as_dict(self) -> dict:
+        """As in the JSON output."""
+        return asdict(self)
+
+
+def audit(energies: Mapping[str, np.ndarray], books: Energy) -> EnergyAudit:
+    """Audit recorded energies (T,) in J; EnergyAuditError where they do not balance."""
+    stored = energies["kinetic"] + energies["elastic"] + energies["jack_spring"]
+    residual = stored + energies["friction"] + energies["dashpots"] - energies["external"]
+    scale = float(np.abs(energies["external"]).max(initial=0.0))
+    relative = float(np.abs(residual).max(initial=0.0)) / scale if scale else 0.0
+    by_law, friction = float(books.work[5]), float(books.work[2])
+    result = EnergyAudit(relative, friction / by_law - 1.0 if by_law else 0.0, float(books.least[0]))
+    if not relative <= LIMIT:
+        raise EnergyAuditError(
+            f"the energy books are off by {relative:.2g} of the external work (limit {LIMIT:g}): the time step does not "
+            "resolve this motion; lower solver.step_factor or the rate"
+        )
+    if result.least_friction_increment < -NEGATIVE * scale:
+        raise EnergyAuditError(
+            f"friction gave back {-result.least_friction_increment:.2g} J in one increment; please report this scenario"
+        )
+    return result

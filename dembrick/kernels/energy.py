@@ -1,0 +1,87 @@
+"""The energy books: every term is summed or evaluated on its own, none is found as what is left over.
+
+Central differences balance exactly in this form: with the kinetic energy v(-1/2) M v(+1/2) / 2 its change over a step is
+the work of the forces by the trapezoidal rule over the step's motion. What does not balance is a contact that opens or
+closes within a step, and, in finite motion, the turning of the geometry within it.
+"""
+
+from dembrick._jit import jit
+from dembrick.kernels.contact import area_normal_energy
+
+KINETIC, ELASTIC, JACK_SPRING, EXTERNAL, FRICTION, DASHPOTS = range(6)
+
+
+@jit
+def dead_work(energy, blocks, dt):
+    """Add the work of the dead loads over the motion of the last step."""
+    for f in range(blocks.free.size):
+        b = blocks.free[f]
+        for i in range(3):
+            energy.work[1] += dt * (
+                blocks.dead_force[b, i] * blocks.velocity[b, i] + blocks.dead_torque[b, i] * blocks.spin[b, i]
+            )
+
+
+@jit
+def elastic_energy(blocks, joints, points, areas):
+    """Energy (J) in the springs of all joints now."""
+    total = 0.0
+    if points is not None:
+        for p in range(points.joint.size):
+            seen = joints.opening[points.joint[p]]
+            for i in range(points.start[p], points.start[p + 1]):
+                penetration = -(seen[0] + seen[1] * points.y_n[i] - seen[2] * points.x_n[i])
+                if penetration > 0.0:
+                    total += 0.5 * points.k_n[i] * penetration**2
+                total += 0.5 * (points.elastic_1[i] ** 2 + points.elastic_2[i] ** 2) / points.k_s[i]
+    if areas is not None:
+        for a in range(areas.joint.size):
+            seen = joints.opening[areas.joint[a]]
+            total += area_normal_energy(areas, a, seen[0], seen[1], seen[2])
+            k_t = areas.k_s[a] * areas.area[a]
+            k_r = areas.k_s[a] * (areas.second[a, 0] + areas.second[a, 1])
+            e = areas.elastic[a]
+            total += 0.5 * ((e[0] ** 2 + e[1] ** 2) / k_t + e[2] ** 2 / k_r)
+    return total
+
+
+@jit
+def kinetic_energy(blocks, scaled, inertia, dt):
+    """v(-1/2) M v(+1/2) / 2 of all free blocks (J), before the step is made."""
+    total = 0.0
+    for f in range(blocks.free.size):
+        b = blocks.free[f]
+        for i in range(3):
+            total += 0.5 * dt * (
+                blocks.force[b, i] * blocks.velocity[b, i] + blocks.torque[b, i] * blocks.spin[b, i]
+            )
+        if scaled is not None:
+            m = scaled.matrix[b]
+            for i in range(3):
+                for k in range(3):
+                    total += 0.5 * blocks.velocity[b, i] * (
+                        m[i, k] * blocks.velocity[b, k] + m[i, k + 3] * blocks.spin[b, k]
+                    )
+                    total += 0.5 * blocks.spin[b, i] * (
+                        m[i + 3, k] * blocks.velocity[b, k] + m[i + 3, k + 3] * blocks.spin[b, k]
+                    )
+        if inertia is not None:
+            for i in range(3):
+                total += 0.5 * inertia.mass[b] * blocks.velocity[b, i] ** 2
+                total += 0.5 * blocks.momentum[b, i] * blocks.spin[b, i]
+    return total
+
+
+@jit
+def balance(energy, blocks, joints, points, areas, jacks, drive, scaled, inertia, dt, out):
+    """Write the six energies of this instant (J): kinetic, elastic, jack spring, external, friction, dashpots."""
+    weights = 0.0
+    for i in range(jacks.weight.size):
+        weights += abs(jacks.weight[i])
+    spring = jacks.drive[0] - jacks.drive[1]
+    out[KINETIC] = kinetic_energy(blocks, scaled, inertia, dt)
+    out[ELASTIC] = elastic_energy(blocks, joints, points, areas) - energy.start[0]
+    out[JACK_SPRING] = 0.5 * drive.stiffness * spring * spring * weights
+    out[EXTERNAL] = energy.work[0] + energy.work[1]
+    out[FRICTION] = energy.work[2]
+    out[DASHPOTS] = energy.work[3] + energy.work[4]
