@@ -17,8 +17,8 @@ PACKAGE = Path(__file__).parent
 
 
 def _source_hash() -> str:
-    """Hash of everything that ends up in machine code."""
-    digest = hashlib.sha256(numba.__version__.encode())
+    """Hash of everything that ends up in machine code, and of where it lies: two copies must not evict each other."""
+    digest = hashlib.sha256(f"{numba.__version__} {PACKAGE}".encode())
     for source in [PACKAGE / "_jit.py", PACKAGE / "state.py", *sorted((PACKAGE / "kernels").glob("*.py"))]:
         digest.update(source.read_bytes())
     return digest.hexdigest()[:16]

@@ -8,11 +8,12 @@ import numpy as np
 
 from dembrick.errors import NotConvergedError
 from dembrick.kernels.advance import settle
-from dembrick.simulation import State
+from dembrick.simulation import State, assembled_stiffness
 from dembrick.state import ScaledInertia
 
 UNBALANCED = 1e-12  # of the joint forces
 MOST_STEPS = 20_000
+MOST_DENSE = 300  # free blocks up to which the elastic answer is solved for at once
 MOMENTUM = 0.9  # of the last move that is kept where blocks stand on free blocks
 
 
@@ -33,6 +34,8 @@ def seat(state: State, stiffness: np.ndarray) -> tuple[float, float, float]:
     joints, free = state.joints, state.blocks.free
     alone = not np.any(np.isin(joints.block_a, free) & np.isin(joints.block_b, free))
     momentum = 0.0 if alone else MOMENTUM
+    if not alone and len(state.blocks.free) <= MOST_DENSE:
+        _move_to_elastic_answer(state)
     inertia = inverse_inertia(state, stiffness)
     began = time.perf_counter()
     settle(0, UNBALANCED, *state[:4], inertia, momentum)  # no step: compiles, or loads the cache
@@ -49,3 +52,12 @@ def seat(state: State, stiffness: np.ndarray) -> tuple[float, float, float]:
     state.blocks.spin[:] = 0.0
     joints.step[:] = 0.0
     return ratio, ready - began, done - ready
+
+
+def _move_to_elastic_answer(state: State) -> None:
+    """Displace the blocks as their closed, sticking joints would let the dead loads move them."""
+    blocks = state.blocks
+    load = np.concatenate([blocks.dead_force, blocks.dead_torque], axis=1)[blocks.free]
+    answer = np.linalg.solve(assembled_stiffness(state), load.ravel()).reshape(-1, 6)
+    blocks.displacement[blocks.free] = answer[:, :3]
+    blocks.rotation[blocks.free] = answer[:, 3:]

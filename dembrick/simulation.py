@@ -204,6 +204,27 @@ def block_stiffness(state: State, shared: float) -> np.ndarray:
     return stiffness
 
 
+def assembled_stiffness(state: State) -> np.ndarray:
+    """Dense stiffness (6 f, 6 f) of the f free blocks with all joints closed and none slipping, in their order."""
+    joints, free = state.joints, state.blocks.free
+    number = np.full(len(state.blocks.displacement), -1)
+    number[free] = np.arange(len(free))
+    stiffness = np.zeros((6 * len(free), 6 * len(free)))
+    for j, k in enumerate(joint_stiffness(state)):
+        ends = [
+            (number[block], sign * to_joint(joints.axes[j], arm))
+            for block, arm, sign in (
+                (joints.block_a[j], joints.arm_a[j], -1.0),
+                (joints.block_b[j], joints.arm_b[j], 1.0),
+            )
+            if number[block] >= 0
+        ]
+        for m, left in ends:
+            for n, right in ends:
+                stiffness[6 * m : 6 * m + 6, 6 * n : 6 * n + 6] += left.T @ k @ right
+    return stiffness
+
+
 def load_vectors(state: State) -> np.ndarray:
     """Force and moment about the centroid (n, 6) on every block for V = 1."""
     jacks = state.jacks

@@ -1,10 +1,11 @@
-"""The command line: one module a verb, imported only when that verb runs."""
+"""The command line: one module a verb, imported only when that verb runs.
+
+The first word is read by hand, so that ``dembrick --help`` costs little more than starting Python.
+"""
 
 from __future__ import annotations
 
-import argparse
 import sys
-from importlib import import_module
 
 from dembrick import __version__
 from dembrick.errors import DembrickError
@@ -21,28 +22,23 @@ VERBS = {
     "info": "what a history holds",
     "warmup": "compile the kernels into the cache",
 }
+HELP = (
+    "usage: dembrick COMMAND ...\n\n"
+    "Replays laboratory tests of dry-stacked stone blocks, with an error bar on every number.\n\ncommands:\n"
+    + "".join(f"  {verb:8} {text}\n" for verb, text in VERBS.items())
+    + "\n'dembrick COMMAND --help' tells the options of a command; 'dembrick --version' the version."
+)
 
 
 def _module(verb: str):
-    return import_module(f"dembrick.cli.{verb}_" if verb in ("yield",) else f"dembrick.cli.{verb}")
+    from importlib import import_module
+
+    return import_module(f"dembrick.cli.{verb}_" if verb == "yield" else f"dembrick.cli.{verb}")
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="dembrick",
-        description="Replays laboratory tests of dry-stacked stone blocks, with an error bar on every number.",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        epilog="commands:\n"
-        + "\n".join(f"  {verb:8} {text}" for verb, text in VERBS.items())
-        + "\n\n'dembrick COMMAND --help' tells the options of a command.",
-    )
-    parser.add_argument("--version", action="version", version=f"dembrick {__version__}")
-    parser.add_argument("command", choices=VERBS, metavar="COMMAND", help="one of the commands below")
-    parser.add_argument("rest", nargs=argparse.REMAINDER, metavar="...", help="its arguments")
-    return parser
+def _verb_parser(verb: str):
+    import argparse
 
-
-def _verb_parser(verb: str) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog=f"dembrick {verb}", description=f"{VERBS[verb][0].upper()}{VERBS[verb][1:]}.")
     common = parser.add_argument_group("output")
     common.add_argument("--json", action="store_true", help="print one JSON object on standard output")
@@ -54,14 +50,24 @@ def _verb_parser(verb: str) -> argparse.ArgumentParser:
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; returns the exit code (0 ok, 1 no answer, 2 invalid input, 3 off theory, 4 missing)."""
     arguments = sys.argv[1:] if arguments is None else arguments
-    if not arguments:
-        _parser().print_help()
+    if not arguments or arguments[0] in ("-h", "--help", "help"):
+        print(HELP)
+        return 0 if arguments else 2
+    verb, rest = arguments[0], arguments[1:]
+    if verb == "--version":
+        print(f"dembrick {__version__}")
+        return 0
+    if verb not in VERBS:
+        from difflib import get_close_matches
+
+        nearest = get_close_matches(verb, VERBS, 1)
+        hint = f"did you mean {nearest[0]!r}?" if nearest else f"use one of {', '.join(VERBS)}"
+        print(f"error: unknown command {verb!r}; {hint}", file=sys.stderr)
         return 2
-    args = _parser().parse_args(arguments)
-    module = _module(args.command)
-    parser = _verb_parser(args.command)
+    module = _module(verb)
+    parser = _verb_parser(verb)
     module.add_arguments(parser)
-    options = parser.parse_args(args.rest)
+    options = parser.parse_args(rest)
     from dembrick.cli.console import Console
 
     console = Console(json=options.json, quiet=options.quiet, verbose=options.verbose)
@@ -69,8 +75,6 @@ def main(arguments: list[str] | None = None) -> int:
         return module.run(options, console)
     except DembrickError as error:
         console.error(str(error))
-        if options.json and hasattr(error, "as_json"):
-            console.result(error.as_json, "")
         return error.exit_code
     except KeyboardInterrupt:
         console.error("interrupted; what was simulated is on disk where a history was asked for")
