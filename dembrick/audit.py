@@ -42,8 +42,8 @@ def audit(energies: Mapping[str, np.ndarray], books: Energy) -> EnergyAudit:
     result = EnergyAudit(relative, friction / by_law - 1.0 if by_law else 0.0, float(books.least[0]))
     if not relative <= LIMIT:
         raise EnergyAuditError(
-            f"the energy books are off by {relative:.2g} of the external work (limit {LIMIT:g}): the time step does not "
-            "resolve this motion; lower solver.step_factor or the rate"
+            f"the energy books are off by {relative:.2g} of the external work (limit {LIMIT:g}): the time step does "
+            "not resolve this motion; lower solver.step_factor or the rate"
         )
     if result.least_friction_increment < -NEGATIVE * scale:
         raise EnergyAuditError(

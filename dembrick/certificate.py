@@ -14,8 +14,10 @@ CAUTION = 0.5  # an indicator must be this much narrower than asked: what still 
 _NONE = 1e-12  # of the load: a component that is rounding
 
 
-def certificate(state: State, load: np.ndarray, tolerance: float) -> Certificate:
+def certificate(state: State, load: np.ndarray, elastic: float, tolerance: float) -> Certificate:
     """The certificate of a seated state for the unit load (n, 6) of the jacks.
+
+    ``elastic`` (N/m) is the elastic stiffness of V against the driven displacement.
 
     Strict where the scene has one joint, and its friction does not depend on the load: point forces while the load
     neither presses nor tilts the joint, the full pressure of a convex joint while it does not press, and slides before
@@ -41,8 +43,14 @@ def certificate(state: State, load: np.ndarray, tolerance: float) -> Certificate
         **parts,
         tolerance=tolerance if parts["strict"] else CAUTION * tolerance,
         bracket=np.array([0.0, NEVER]),
-        window=np.tile([0.0, NEVER], (WINDOW, 1)),
+        elastic=elastic,
+        window=empty_window(WINDOW),
     )
+
+
+def empty_window(steps: int) -> np.ndarray:
+    """A window (steps, 4) that holds nothing yet."""
+    return np.tile([0.0, NEVER, 0.0, 0.0], (steps, 1))
 
 
 def frictionless(state: State, certificate: Certificate) -> bool:
@@ -83,7 +91,9 @@ def _single_joint(state: State, load: np.ndarray) -> dict:
         strict = strict and not tilted
     elif tilted:
         # translation bounds what friction can carry: strict if the block cannot overturn before that
-        friction_limit = (friction * normal + float(np.hypot(dead[0], dead[1]))) / max(float(np.hypot(*unit[:2])), 1e-300)
+        friction_limit = (friction * normal + float(np.hypot(dead[0], dead[1]))) / max(
+            float(np.hypot(*unit[:2])), 1e-300
+        )
         strict = strict and friction_limit <= _overturning_load(state, normal, unit)
     tangential = [0, 1, 5]
     # rounding of the geometry must not tilt the load
@@ -127,9 +137,7 @@ def _dead_gauge(state: State, family: int, strength: float, dead: np.ndarray) ->
     if family == 1:
         a = state.areas
         f1, f2, m = (float(f) for f in dead / strength)
-        return float(
-            gauge(a.x, a.y, 0, a.x.size, a.area[0], a.reach[0], a.far[0], f1, f2, m, 0.0, 0.0, 0.0, False)[0]
-        )
+        return float(gauge(a.x, a.y, 0, a.x.size, a.area[0], a.reach[0], a.far[0], f1, f2, m, 0.0, 0.0, 0.0, False)[0])
     p = state.points
     closed = p.normal > 0.0
     return float((np.hypot(p.elastic_1, p.elastic_2)[closed] / (p.friction[0] * p.normal[closed])).max())

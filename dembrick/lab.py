@@ -253,4 +253,3 @@ def table_1(rows: Sequence[dict]) -> str:
             f"{row['M_T0']:11.4f}{half:8.4f}{100 * row['error_vs_theory']:+10.4f} %"
         )
     return "\n".join(lines)
-

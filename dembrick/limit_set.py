@@ -16,6 +16,8 @@ _SERIES = {
     4: [(2, 2, 1 / 2), (0, 4, -1 / 8)],
     5: [(3, 2, -1 / 2), (1, 4, 3 / 8)],
     6: [(4, 2, 1 / 2), (2, 4, -3 / 4), (0, 6, 1 / 16)],
+    7: [(5, 2, -1 / 2), (3, 4, 5 / 4), (1, 6, -5 / 16)],
+    8: [(6, 2, 1 / 2), (4, 4, -15 / 8), (2, 6, 15 / 16), (0, 8, -5 / 128)],
 }
 
 
@@ -52,7 +54,7 @@ def _rule() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def far_moments(polygon: np.ndarray) -> np.ndarray:
-    """Coefficients (25,) of the forms J_2 ... J_6 in (v1, v2) of the dissipation's series about pure translation.
+    """Coefficients (42,) of the forms J_2 ... J_8 in (v1, v2) of the dissipation's series about pure translation.
 
     With d the unit vector along v, s = d x r and t = d . r, D = |v| times the mean over the polygon of
     sqrt((1 + e s)^2 + (e t)^2), e = w/|v|; term n is w^n J_n(v) |v|^(1 - 2n). Exact, because the moments of a
@@ -66,7 +68,7 @@ def far_moments(polygon: np.ndarray) -> np.ndarray:
     x = r * (p[:, :1] + s * (q - p)[:, :1])
     y = r * (p[:, 1:] + s * (q - p)[:, 1:])
     powers_x, powers_y = [np.ones_like(x)], [share]
-    for _ in range(6):
+    for _ in range(8):
         powers_x.append(powers_x[-1] * x)
         powers_y.append(powers_y[-1] * y)
     return np.concatenate(

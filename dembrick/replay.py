@@ -20,11 +20,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from dembrick.certificate import certificate, frictionless
+from dembrick.certificate import certificate, empty_window, frictionless
 from dembrick.equilibrium import inverse_inertia, seat
 from dembrick.errors import DivergedError, NotConvergedError, ScenarioError
 from dembrick.kernels.advance import CONVERGED, DIVERGED, RUNNING, Drive, advance
-from dembrick.kernels.bracket import NEVER, Certificate
+from dembrick.kernels.bracket import Certificate
 from dembrick.recorder import Observer, Recorder
 from dembrick.simulation import State, block_stiffness, initial_state, load_vectors, new_energy
 from dembrick.stability import block_inertia, critical_time_step, greatest_frequency
@@ -90,7 +90,9 @@ def find_limit_load(assembly, tolerance: float, step_factor: float, observe: Obs
     record = recorder.record if recorder else None
     energy = new_energy(state) if recorder else None
     began = time.perf_counter()
-    advance(0, 0, dt, *state, inertia, None, drive, setup.certificate, record, energy)  # no step: compiles, or loads the cache
+    advance(
+        0, 0, dt, *state, inertia, None, drive, setup.certificate, record, energy
+    )  # no step: compiles, or loads the cache
     ready = time.perf_counter()
     while status == RUNNING and steps < MOST_STEPS:
         status, steps = advance(
@@ -100,7 +102,7 @@ def find_limit_load(assembly, tolerance: float, step_factor: float, observe: Obs
         if status == RUNNING and not strict and drive.calming == 0.0:
             # what has not come to rest by now swings, as blocks do that rock: still it, and watch it for longer
             drive = drive._replace(calming=CALMING)
-            setup.certificate = setup.certificate._replace(window=np.tile([0.0, NEVER], (LONG_WINDOW, 1)))
+            setup.certificate = setup.certificate._replace(window=empty_window(LONG_WINDOW))
         if recorder:
             recorder.drain()
     loop = time.perf_counter() - ready
@@ -118,7 +120,8 @@ def find_limit_load(assembly, tolerance: float, step_factor: float, observe: Obs
         compile_seconds=ready - began + setup.compile_seconds,
         loop_seconds=loop + setup.loop_seconds,
         energy=energy,
-        settings=setup.settings(drive) | {"eta": float(eta), "rate": float(SLIP_PER_STEP * scale / dt), "inertia": "scaled"},
+        settings=setup.settings(drive)
+        | {"eta": float(eta), "rate": float(SLIP_PER_STEP * scale / dt), "inertia": "scaled"},
     )
     if status != CONVERGED:
         point = replay.yield_point
@@ -250,7 +253,7 @@ class _Setup(_LoadSystem):
     def __init__(self, assembly, tolerance: float):
         super().__init__(assembly)
         self.unbalanced, self.compile_seconds, self.loop_seconds = seat(self.state, self.stiffness)
-        self.certificate: Certificate = certificate(self.state, self.load, tolerance)
+        self.certificate: Certificate = certificate(self.state, self.load, self.jack_stiffness / JACK, tolerance)
 
     def drive(self, rate: float, ramp: float, dt: float) -> Drive:
         """The load system driven at ``rate`` in steps of ``dt``."""
@@ -328,9 +331,7 @@ def _diverged(assembly, state: State, steps: int, dt: float, critical: float) ->
     speed = np.abs(blocks.velocity).max(axis=1)
     bad = np.flatnonzero(~np.isfinite(speed))
     b = int(bad[0]) if len(bad) else int(np.argmax(speed))
-    j = [
-        i for i in range(len(state.joints.block_a)) if b in (state.joints.block_a[i], state.joints.block_b[i])
-    ]
+    j = [i for i in range(len(state.joints.block_a)) if b in (state.joints.block_a[i], state.joints.block_b[i])]
     joint = (
         f"joint {assembly.names[state.joints.block_a[j[0]]]}-{assembly.names[state.joints.block_b[j[0]]]}"
         if j

@@ -10,7 +10,8 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from dembrick import assembly as assemblies
-from dembrick import judge, replay, scenario as scenarios
+from dembrick import judge, replay
+from dembrick import scenario as scenarios
 from dembrick.audit import EnergyAudit, audit
 from dembrick.errors import DembrickError, NotConvergedError
 from dembrick.model import Scenario
@@ -55,7 +56,7 @@ class Result:
 
     @property
     def status(self) -> str:
-        """"yield" for a limit load, "completed" for a constant-rate test."""
+        """ "yield" for a limit load, "completed" for a constant-rate test."""
         return "yield" if self.scenario.control.kind == "yield" else "completed"
 
     def agrees(self) -> bool:

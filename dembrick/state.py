@@ -93,7 +93,7 @@ class Areas(NamedTuple):
     second: ndarray  # (a, 3) m4, integrals of y^2, x^2, x y
     reach: ndarray  # (a,) m, greatest vertex distance from O
     radius: ndarray  # (a,) m, torsion strength over V_0
-    far: ndarray  # (a, 25) coefficients of the series about pure translation
+    far: ndarray  # (a, 42) coefficients of the series about pure translation
     k_n: ndarray  # (a,) Pa/m
     k_s: ndarray  # (a,) Pa/m
     elastic: ndarray  # (a, 3) N, N, N m, elastic shear resultant on b

@@ -59,7 +59,7 @@ def test_curve(name, formulation):
     result = push(name, formulation, 1e-3)
     V, u, rows = result.load, result.displacement, result.rows
     point, expected = result.yield_point, result.theory.V
-    assert abs(V[0]) < 0.1 * expected and u[0] == 0.0
+    assert abs(V[0]) < 0.1 * expected and abs(u[0]) < 1e-15
     # the driven displacement grows and lags behind the head by the elastic give of the jack
     assert np.all(np.diff(u) > -1e-3 * TRAVEL)
     assert 0.85 * TRAVEL < point.displacement < TRAVEL

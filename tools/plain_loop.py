@@ -31,8 +31,8 @@ CORNERS = np.array([[-A / 2, -B / 2], [A / 2, -B / 2], [A / 2, B / 2], [-A / 2, 
 ETA = 0.8  # frequency of every mode times the time step; the jack and the dashpots lower the stable limit from 2
 VISCOUS = 0.5  # dashpot force over spring force for the same increment
 SLIP = MU * N / (4 * KS)  # m, elastic slip of the joint in pure shear
-TRAVELS = (8, 12, 20, 40, 80, 160, 320)  # elastic slips of the jack head
-STEPS = tuple(round(100 * 2 ** (i / 2)) for i in range(21))  # 100 to 100,000
+TRAVELS = (2, 3, 4, 6, 8, 12, 20, 40, 80)  # elastic slips of the jack head
+STEPS = tuple(round(10 * 2 ** (i / 2)) for i in range(21))  # 10 to 10,240
 
 
 @numba.njit(error_model="numpy")

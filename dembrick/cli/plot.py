@@ -22,7 +22,9 @@ def run(options, console) -> int:
     from dembrick.errors import ScenarioError
 
     if options.labels and len(options.labels) != len(options.histories):
-        raise ScenarioError(f"--labels: {len(options.labels)} labels for {len(options.histories)} histories; give one each")
+        raise ScenarioError(
+            f"--labels: {len(options.labels)} labels for {len(options.histories)} histories; give one each"
+        )
     files = [history.read(path) for path in options.histories]
     if options.what == "curve":
         figure = plot.force_displacement(files, labels=options.labels)

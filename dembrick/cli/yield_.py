@@ -26,7 +26,12 @@ def run(options, console) -> int:
         centre = point.pop("torsion_centre", None) or [None, None]
         joint = point.pop("joint", None) or []
         rows.append(
-            {"history": path, "title": file.title, "formulation": file.results.get("formulation"), "status": file.status}
+            {
+                "history": path,
+                "title": file.title,
+                "formulation": file.results.get("formulation"),
+                "status": file.status,
+            }
             | point
             | {"torsion_centre_1": centre[0], "torsion_centre_2": centre[1], "joint": " - ".join(joint)}
             | {"theory": theory.get("V"), "error_vs_theory": theory.get("error")}

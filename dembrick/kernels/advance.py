@@ -55,7 +55,7 @@ def advance(
                 lower, upper = strict_bounds(certificate, joints, points, areas, v)
             else:
                 lower, upper = instant_bounds(blocks, joints, points, areas, v, moved, dt)
-            done = judge(certificate, step // certificate.every, lower, upper, v)
+            done = judge(certificate, step // certificate.every, lower, upper, v, jacks.drive[1])
         if record is not None:
             if step % record.every[0] == 0 or done:
                 if energy is not None and record.count[0] < record.row.shape[0]:

@@ -13,11 +13,12 @@ from dembrick._jit import jit
 from dembrick.kernels.contact import area_dissipation, point_dissipation
 from dembrick.kernels.forces import unbalanced_ratio
 
+STILL = 0.05  # of the elastic stiffness: a load that grows no faster than that against its motion is at its limit
 NEVER = 1e300  # an upper bound that does not bind
 
 
 class Certificate(NamedTuple):
-    """What the bracket of the limit load needs to know; all but the last four only of a strict one.
+    """What the bracket of the limit load needs to know; all but the last five only of a strict one.
 
     Strict: one joint, whose normal forces do not depend on the load (its axes, moments about O).
     """
@@ -36,7 +37,8 @@ class Certificate(NamedTuple):
     rest: ndarray  # (c,) N, of the contact points before the jacks push
     tolerance: float
     bracket: ndarray  # (2,) bounds of V, in and out
-    window: ndarray  # (w, 2) bounds of the last w instants, where not strict
+    elastic: float  # N/m, elastic stiffness of V against the driven displacement
+    window: ndarray  # (w, 4) lower, upper, V, driven displacement of the last w instants, where not strict
 
 
 @jit
@@ -159,20 +161,32 @@ def instant_bounds(blocks, joints, points, areas, v, moved, dt):
 
 
 @jit
-def judge(certificate, step, lower, upper, v):
-    """Fold the bounds of this instant into the bracket; True when it and the jacks' V are within tolerance."""
+def judge(certificate, step, lower, upper, v, driven):
+    """Fold the bounds of this instant into the bracket; True when it and the jacks' V are within tolerance.
+
+    An indicator must hold still over its window while the load moves on: a load that still stores energy, however
+    slowly it grows, has reached no limit.
+    """
     bracket = certificate.bracket
+    limit = True
     if certificate.strict:
         bracket[0] = max(bracket[0], lower)
         bracket[1] = min(bracket[1], upper)
     else:
         window = certificate.window
-        window[step % window.shape[0], 0] = lower
-        window[step % window.shape[0], 1] = upper
+        n = window.shape[0]
+        now = step % n
+        moved = driven - window[now, 3]
+        limit = moved > 0.0 and v - window[now, 2] <= STILL * certificate.elastic * moved
+        window[now, 0] = lower
+        window[now, 1] = upper
+        window[now, 2] = v
+        window[now, 3] = driven
         bracket[0] = window[0, 0]
         bracket[1] = window[0, 1]
-        for i in range(1, window.shape[0]):
+        for i in range(1, n):
             bracket[0] = min(bracket[0], window[i, 0])
             bracket[1] = max(bracket[1], window[i, 1])
     width = 2.0 * certificate.tolerance * bracket[0]
-    return width > 0.0 and bracket[1] - bracket[0] <= width and abs(2.0 * v - bracket[0] - bracket[1]) <= width
+    close = bracket[1] - bracket[0] <= width and abs(2.0 * v - bracket[0] - bracket[1]) <= width
+    return limit and close and width > 0.0

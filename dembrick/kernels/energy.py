@@ -52,18 +52,20 @@ def kinetic_energy(blocks, scaled, inertia, dt):
     for f in range(blocks.free.size):
         b = blocks.free[f]
         for i in range(3):
-            total += 0.5 * dt * (
-                blocks.force[b, i] * blocks.velocity[b, i] + blocks.torque[b, i] * blocks.spin[b, i]
-            )
+            total += 0.5 * dt * (blocks.force[b, i] * blocks.velocity[b, i] + blocks.torque[b, i] * blocks.spin[b, i])
         if scaled is not None:
             m = scaled.matrix[b]
             for i in range(3):
                 for k in range(3):
-                    total += 0.5 * blocks.velocity[b, i] * (
-                        m[i, k] * blocks.velocity[b, k] + m[i, k + 3] * blocks.spin[b, k]
+                    total += (
+                        0.5
+                        * blocks.velocity[b, i]
+                        * (m[i, k] * blocks.velocity[b, k] + m[i, k + 3] * blocks.spin[b, k])
                     )
-                    total += 0.5 * blocks.spin[b, i] * (
-                        m[i + 3, k] * blocks.velocity[b, k] + m[i + 3, k + 3] * blocks.spin[b, k]
+                    total += (
+                        0.5
+                        * blocks.spin[b, i]
+                        * (m[i + 3, k] * blocks.velocity[b, k] + m[i + 3, k + 3] * blocks.spin[b, k])
                     )
         if inertia is not None:
             for i in range(3):

@@ -120,9 +120,7 @@ def finite_jack(blocks, jacks, i):
     jacks.arm[i, 2] = r3
     s = jacks.start
     d = jacks.direction
-    return (
-        (u[b, 0] + r1 - s[i, 0]) * d[i, 0] + (u[b, 1] + r2 - s[i, 1]) * d[i, 1] + (u[b, 2] + r3 - s[i, 2]) * d[i, 2]
-    )
+    return (u[b, 0] + r1 - s[i, 0]) * d[i, 0] + (u[b, 1] + r2 - s[i, 1]) * d[i, 1] + (u[b, 2] + r3 - s[i, 2]) * d[i, 2]
 
 
 @jit

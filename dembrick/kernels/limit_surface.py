@@ -20,11 +20,13 @@ from math import log, sqrt
 
 from dembrick._jit import jit
 
-# Beyond this many half diameters the edge sums lose more digits than the series of order six leaves out.
-FAR = 60.0
+# Beyond this many half diameters the edge sums lose more digits than the series of order eight leaves out.
+FAR = 25.0
 # The proximal map stops when the out-of-balance gradient is this fraction of V_0.
 PROXIMAL_TOLERANCE = 1e-13
 MAX_NEWTON = 60
+# A Newton decrement below this part of phi is lost in its rounding.
+RESOLVED = 1e-11
 
 
 @jit
@@ -52,7 +54,7 @@ def edge_sums(x, y, first, last, c1, c2):
         sb = sa + length
         hh = h * h
         # s + r cancels for s < 0, and there r - s does not: (r + s)(r - s) = h^2. On the edge's own line h L -> 0.
-        if hh > 1e-300:
+        if hh > 1e-300 and ra > 0.0 and rb > 0.0:
             upper = sb + rb if sb > 0.0 else hh / (rb - sb)
             lower = sa + ra if sa > 0.0 else hh / (ra - sa)
             hl = h * log(upper / lower)
@@ -77,9 +79,9 @@ def edge_sums(x, y, first, last, c1, c2):
 
 @jit
 def far_field(moments, v1, v2, w):
-    """D, its gradient and second derivatives by the series about pure translation, to sixth order in w r / |v|.
+    """D, its gradient and second derivatives by the series about pure translation, to eighth order in w r / |v|.
 
-    ``moments`` (25,) holds the coefficients of the forms J_2 ... J_6 (see ``polygons.far_moments``):
+    ``moments`` (42,) holds the coefficients of the forms J_2 ... J_8 (see ``limit_set.far_moments``):
     D = |v| + sum over n of w^n J_n(v1, v2) |v|^(1 - 2n), J_n a form of degree n in v.
     Returns D, V1, V2, M, H11, H12, H22, H13, H23, H33.
     """
@@ -94,7 +96,7 @@ def far_field(moments, v1, v2, w):
     h22 = v1 * v1 / (v * vv)
     h13 = h23 = h33 = 0.0
     k = 0
-    for n in range(2, 7):
+    for n in range(2, 9):
         # the form J = sum over i of c_i v1^(n-i) v2^i with its derivatives
         j = j1 = j2 = j11 = j12 = j22 = 0.0
         for i in range(n + 1):
@@ -318,7 +320,16 @@ def proximal_map(x, y, first, last, area, reach, moments, radius, strength, k_t,
                 evaluations += 1
                 quadratic = 0.5 * (k_t * (t1 * t1 + t2 * t2) + k_r * t3 * t3)
                 trial = quadratic + strength * dt - (f1 * t1 + f2 * t2 + m * t3)
-                if trial <= value - 1e-4 * step * slope + 1e-15 * (quadratic + strength * dt):
+                if slope <= RESOLVED * (quadratic + strength * dt):
+                    # phi cannot tell the points apart any more, its gradient still can
+                    size = max(
+                        abs(f1 - k_t * t1 - strength * a1),
+                        abs(f2 - k_t * t2 - strength * a2),
+                        abs(m - k_r * t3 - strength * a3) / reach,
+                    )
+                    moved = size < 0.9 * max(abs(r1), abs(r2), abs(r3) / reach)
+                    break
+                if trial <= value - 1e-4 * step * slope:
                     moved = True
                     break
             step *= 0.5

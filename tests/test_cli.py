@@ -1,0 +1,204 @@
+"""The command line: exit codes, one JSON object on standard output, where files go, no tracebacks."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import h5py
+import pytest
+
+import dembrick
+from dembrick import history
+from dembrick.cli import main
+from dembrick.lab import scenario_folder
+
+SET_4A = str((scenario_folder() / "set4a.toml").resolve())
+ROW_KEYS = [
+    "set",
+    "formulation",
+    "load_height",
+    "V",
+    "V_lower",
+    "V_upper",
+    "bracket",
+    "V_peak",
+    "theory",
+    "error_vs_theory",
+    "printed",
+    "experiment",
+    "difference_vs_experiment_percent",
+    "loop",
+    "history",
+]
+RUN_KEYS = [
+    "scenario",
+    "title",
+    "formulation",
+    "status",
+    "yield_point",
+    "theory",
+    "steps",
+    "time_step",
+    "critical_time_step",
+    "simulated_time",
+    "wall",
+    "history",
+]
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    """Every test works in an empty folder of its own."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def call(capsys):
+    """Run the command line; returns exit code, standard output and standard error, which never has a traceback."""
+
+    def run(*arguments: str):
+        try:
+            code = main([str(argument) for argument in arguments])
+        except SystemExit as stop:  # argparse
+            code = stop.code
+        out, err = capsys.readouterr()
+        assert "Traceback" not in out + err
+        return code, out, err
+
+    return run
+
+
+def test_run_json(call, folder):
+    code, out, err = call("run", SET_4A, "--json")
+    data = json.loads(out)
+    assert (code, err) == (0, "")
+    assert set(RUN_KEYS) <= set(data)
+    assert data["yield_point"]["V"] == pytest.approx(216.054938, rel=1e-3)
+    assert data["history"] == os.path.join("results", "set4a.h5")
+    assert history.read(folder / data["history"]).status == data["status"] == "yield"
+    assert call("run", SET_4A, "--quiet")[0] == 0  # replaces its own earlier output
+
+
+def test_explicit_out_is_not_replaced_without_force(call, folder):
+    assert call("run", SET_4A, "--out", "a.h5")[0] == 0
+    before = (folder / "a.h5").read_bytes()
+    code, out, err = call("run", SET_4A, "--out", "a.h5")
+    assert (code, out) == (2, "")
+    assert "a.h5" in err and "force" in err
+    assert (folder / "a.h5").read_bytes() == before
+    assert call("run", SET_4A, "--out", "a.h5", "--force")[0] == 0
+    assert not (folder / "results").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["run", SET_4A, "--out", "missing/a.h5"], "missing"),
+        (["run", SET_4A, "--out", "file/a.h5"], "file/a.h5"),
+        (["run", SET_4A, "--set", "joint.frictoin=0.5"], "did you mean 'friction'"),
+        (["run", SET_4A, "--set", "joint.friction=-1"], "friction"),
+        (["run", SET_4A, "--tolerance", "0"], "tolerance"),
+        (["run", "nowhere.toml"], "nowhere.toml"),
+        (["run", "file"], "file"),
+        (["run"], "scenario"),
+        (["rnu", SET_4A], "rnu"),
+        (["run", SET_4A, "--jsn"], "--jsn"),
+        (["check", "."], "folder"),
+        (["lab", "--sets", "9z", "--no-figures"], "9z"),
+        (["lab", "--formulation", "convx", "--no-figures"], "convx"),
+        (["lab", "--out", "file", "--no-figures"], "file"),
+        (["info", "nowhere.h5"], "nowhere.h5"),
+        (["info", "file"], "file"),
+        (["yield", "other.h5"], "other.h5"),
+        (["export", "other.h5", "--to", "a.csv"], "other.h5"),
+    ],
+)
+def test_mistakes_exit_2(call, folder, arguments, said):
+    (folder / "file").write_text("not a history\n[")
+    with h5py.File(folder / "other.h5", "w") as file:
+        file["numbers"] = [1.0, 2.0]
+    code, out, err = call(*arguments)
+    assert (code, out) == (2, "")
+    assert said in err
+    assert not list(folder.rglob("a.*")) and not (folder / "missing").exists()
+
+
+def test_not_converged_keeps_the_history(call, folder, monkeypatch):
+    monkeypatch.setattr("dembrick.replay.MOST_STEPS", 12)
+    monkeypatch.setattr("dembrick.replay.HALVING", 12)
+    code, out, err = call("run", SET_4A, "--json", "--tolerance", "1e-8", "--out", "a.h5")
+    data = json.loads(out)
+    assert (code, data["status"]) == (1, "failed")
+    point = data["yield_point"]
+    assert point["V_lower"] <= 216.054938 * (1 + 1e-8) and point["V_upper"] >= 216.054938 * (1 - 1e-8)
+    assert "error:" in err and data["error"] in err
+    kept = history.read(folder / data["history"])
+    assert kept.status == "failed" and len(kept.time) == 12
+    assert call("run", SET_4A, "--tolerance", "1e-8")[1] == ""
+
+
+def test_disagreement_with_theory_exits_3(call, monkeypatch):
+    from dembrick import judge
+
+    true = judge.theory_of
+    monkeypatch.setattr(judge, "theory_of", lambda a: dataclasses.replace(true(a), V=1.01 * true(a).V))
+    code, out, err = call("run", SET_4A, "--json")
+    assert (code, json.loads(out)["status"]) == (3, "yield")
+    assert "disagree" in err
+    assert call("lab", "--json", "--no-figures", "--sets", "4a", "--formulation", "convex")[0] == 3
+
+
+def test_lab_json_twice(call, folder):
+    for _ in range(2):
+        code, out, _ = call("lab", "--json", "--no-figures", "--sets", "4a", "--formulation", "convex", "concave")
+        data = json.loads(out)
+        assert code == 0
+        assert {"rows", "rows_table_1", "wall"} <= set(data)
+        rows = {(row["formulation"], row["load_height"]): row for row in data["rows"]}
+        assert set(rows) == {(f, h) for f in ("convex", "concave") for h in (0.0, 0.05)}
+        for row in rows.values():
+            assert set(ROW_KEYS) <= set(row)
+            assert row["difference_vs_experiment_percent"] == pytest.approx(100 * (row["V"] / 216.0 - 1))
+            assert history.read(folder / row["history"]).status == "yield"
+        assert rows["concave", 0.05]["V"] == pytest.approx(252.0031, rel=1e-3)
+        assert len(data["rows_table_1"]) == 10
+    assert (folder / "results" / "lab" / "yield_points.csv").exists()
+
+
+def test_lab_text(call):
+    code, out, err = call("lab", "--no-figures", "--sets", "2a", "--formulation", "convex", "--quiet")
+    assert (code, err) == (0, "")
+    assert "Table 3" in out and "Table 1" in out and "0.64" in out
+
+
+def test_check_info_yield_export(call, folder):
+    assert json.loads(call("check", SET_4A, "--json")[1])["free_blocks"] == 1
+    assert not (folder / "results").exists()
+    assert call("run", SET_4A, "--quiet")[0] == 0
+    path = "results/set4a.h5"
+    assert json.loads(call("info", path, "--json")[1])["status"] == "yield"
+    assert "loop" in json.loads(call("info", path, "--profile", "--json")[1])["wall"]
+    code, out, _ = call("yield", path, "--json", "--csv", "table.csv")
+    assert code == 0 and json.loads(out)["rows"][0]["V"] == pytest.approx(216.054938, rel=1e-3)
+    assert len((folder / "table.csv").read_text().splitlines()) == 2
+    code, out, _ = call("export", path, "--to", "a.csv", "--json")
+    assert code == 0 and all(Path(name).exists() for name in json.loads(out)["files"])
+
+
+def test_module_is_the_command():
+    def run(*command: str, **variables: str) -> subprocess.CompletedProcess:
+        root = str(Path(dembrick.__file__).parent.parent)
+        env = os.environ | {"PYTHONPATH": root} | variables
+        return subprocess.run([sys.executable, *command], capture_output=True, text=True, env=env)
+
+    script = "import sys; from dembrick.cli import main; sys.argv[0] = 'dembrick'; sys.exit(main())"
+    for arguments in (["--version"], ["check", SET_4A], ["run", "nowhere.toml"]):
+        module, command = run("-m", "dembrick", *arguments, NO_COLOR="1"), run("-c", script, *arguments)
+        assert (module.returncode, module.stdout, module.stderr) == (command.returncode, command.stdout, command.stderr)
+        assert "\033" not in module.stderr and "Traceback" not in module.stderr

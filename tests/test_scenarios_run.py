@@ -1,0 +1,86 @@
+"""Every file in scenarios/ runs to its stated number.
+
+The numbers are written here, from the closed forms of the paper worked out independently, and not taken from the
+package: a convex joint under full pressure gives the same V wherever the jack sits above the joint.
+"""
+
+from __future__ import annotations
+
+import pytest
+
+import dembrick
+from dembrick.lab import scenario_folder
+
+FILES = sorted(path.stem for path in scenario_folder().glob("*.toml"))
+MU, N = 0.64, 467.0
+LAB = {"2a": 107.165760, "2b": 192.898367, "4a": 216.054938, "4b": 161.902542}  # V (N), convex, joint plane
+# Torsion strength (N m) of a joint of
+# a x 0.3 m under 1 kN with friction 0.7 as printed in Table 1, after a/b; the arm of the couple is 0.9 a.
+TABLE_1 = {"025": (0.25, 55.69), "05": (0.5, 62.29), "1": (1.0, 80.35), "15": (1.5, 101.65), "2": (2.0, 124.58)}
+# V (N) of point formulations, joint plane and jack at mid-height; couples do not change with the height.
+POINTS = {
+    ("set4a", "concave"): 254.5698,
+    ("set4a_mid", "concave"): 252.0031,
+    ("set4b", "concave"): 212.2493,
+    ("set4b_mid", "concave"): 208.5214,
+    ("set4a", "corrected"): 209.3379,
+    ("set4a_mid", "corrected"): 195.7532,
+    ("set4b", "corrected"): 154.8252,
+    ("set4b_mid", "corrected"): 146.0687,
+    ("set4a_mid", "corrected-shear"): 205.5717,
+    ("set4b_mid", "corrected-shear"): 151.9369,
+    ("set2a", "concave"): 199.56,
+    ("set2b", "concave"): 359.21,
+}
+
+
+def expected(stem: str) -> tuple[float, float]:
+    """V (N) and the relative precision to which it is written here."""
+    if stem == "shear":
+        return MU * N, 1e-12
+    if stem.startswith("table1_"):
+        ratio, torsion = TABLE_1[stem.removeprefix("table1_")]
+        return torsion / (0.9 * ratio * 0.3), 0.006 / torsion
+    return LAB[stem[3:5]], 1e-8
+
+
+def test_there_is_a_file_for_every_number():
+    sets = {f"set{name}{height}{kind}" for name in LAB for height in ("", "_mid") for kind in ("", "_curve")}
+    assert set(FILES) == sets | {"shear"} | {f"table1_{name}" for name in TABLE_1}
+
+
+@pytest.mark.parametrize("stem", [stem for stem in FILES if not stem.endswith("_curve")])
+def test_limit_load(stem):
+    result = dembrick.simulate(scenario_folder() / f"{stem}.toml")
+    V, precision = expected(stem)
+    point, tolerance = result.yield_point, result.scenario.control.tolerance
+    assert result.status == "yield"
+    assert point.bracket == "certified"
+    assert pytest.approx(V, rel=tolerance + precision) == point.V
+    assert point.V_lower * (1 - precision - 1e-9) <= V <= point.V_upper * (1 + precision + 1e-9)
+    assert 0.0 <= point.V_upper - point.V_lower <= 2.0 * tolerance * point.V * (1 + 1e-9)
+    assert result.agrees()
+
+
+@pytest.mark.parametrize("stem", [stem for stem in FILES if stem.endswith("_curve")])
+def test_constant_rate(stem):
+    result = dembrick.simulate(scenario_folder() / f"{stem}.toml")
+    V, precision = expected(stem)
+    point = result.yield_point
+    assert result.status == "completed"
+    # a moved block changes the geometry: 25 um of travel over 0.2 m, hence 1e-4 and not 1e-9
+    assert point.V_lower * (1 - 1e-4) <= V <= point.V_upper * (1 + 1e-4)
+    assert pytest.approx(V, rel=1e-3 + precision) == point.V
+    assert point.V_peak >= point.V * (1 - 1e-9)
+    assert point.V_peak == pytest.approx(V, rel=0.01)
+    assert result.load.max() <= point.V_peak * (1 + 1e-12)
+    assert result.displacement[-1] == pytest.approx(result.scenario.control.travel, rel=0.1)
+
+
+@pytest.mark.parametrize(("stem", "formulation"), POINTS)
+def test_point_formulations(stem, formulation):
+    scenario = dembrick.load(scenario_folder() / f"{stem}.toml", [f"joint.formulation={formulation}"])
+    point = dembrick.simulate(scenario, record=False).yield_point
+    assert pytest.approx(POINTS[stem, formulation], rel=1.1e-3) == point.V
+    if not stem.endswith("_mid"):
+        assert point.V_lower * (1 - 3e-5) <= POINTS[stem, formulation] <= point.V_upper * (1 + 3e-5)
