@@ -91,10 +91,8 @@ def _single_joint(state: State, load: np.ndarray) -> dict:
         strict = strict and not tilted
     elif tilted:
         # translation bounds what friction can carry: strict if the block cannot overturn before that
-        friction_limit = (friction * normal + float(np.hypot(dead[0], dead[1]))) / max(
-            float(np.hypot(*unit[:2])), 1e-300
-        )
-        strict = strict and friction_limit <= _overturning_load(state, normal, unit)
+        most = friction * normal + float(np.hypot(dead[0], dead[1]))
+        strict = strict and most <= float(np.hypot(unit[0], unit[1])) * _overturning_load(state, normal, unit)
     tangential = [0, 1, 5]
     # rounding of the geometry must not tilt the load
     shear = np.where(np.abs(unit[tangential]) <= _NONE * size * np.array([1.0, 1.0, reach]), 0.0, unit[tangential])

@@ -29,7 +29,8 @@ def seat(state: State, stiffness: np.ndarray) -> tuple[float, float, float]:
     """Relax ``state`` until the out-of-balance forces are ``UNBALANCED`` of the joint forces.
 
     Every block moves by the answer of its own ``stiffness`` (n, 6, 6) to its out-of-balance: one block on a fixed base
-    is seated by a single Newton step. Returns the ratio reached and the seconds of compiling and of relaxing. Raises NotConvergedError where the dead loads alone bring the blocks down.
+    is seated by a single Newton step. Returns the ratio reached and the seconds of compiling and of relaxing. Raises
+    NotConvergedError where the dead loads alone bring the blocks down.
     """
     joints, free = state.joints, state.blocks.free
     alone = not np.any(np.isin(joints.block_a, free) & np.isin(joints.block_b, free))

@@ -118,7 +118,7 @@ class Jacks(NamedTuple):
 class Energy(NamedTuple):
     """The books of a run: work summed step by step, and what the last step left behind for the next."""
 
-    work: ndarray  # (6,) J: by the jack head, by dead loads; lost in friction, contact dashpots, jack dashpot; mu N |slip|
+    work: ndarray  # (6,) J: by jack head, by dead loads; lost in friction, contact dashpots, jack dashpot; mu N |slip|
     least: ndarray  # (1,) J, smallest friction work of an increment
     start: ndarray  # (1,) J, elastic energy of the seated joints
     dash_1: ndarray  # (c,) N, shear dashpot force of each contact point along t1, last step

@@ -56,8 +56,8 @@ def read_off(state: State, certificate: Certificate, names) -> YieldPoint:
     if lower > upper:
         if lower - upper > _CROSSED * lower:
             raise BracketError(
-                f"the lower bound {lower:.9g} N of the limit load lies above the upper one {upper:.9g} N, so one of them "
-                "is wrong; please report this scenario"
+                f"the lower bound {lower:.9g} N of the limit load lies above the upper one {upper:.9g} N, so one of "
+                "them is wrong; please report this scenario"
             )
         lower, upper = upper, lower
     j = int(np.argmax(state.joints.resultant[:, 6]))

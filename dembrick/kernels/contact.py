@@ -99,7 +99,7 @@ def area_normal(areas, a, dn, r1, r2):
 
 @jit
 def area_forces(areas, a, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s, energy):
-    """Resultant (N, V_1, V_2, M_T, M_1, M_2, slip) of convex joint ``a``; updates its memory and the ``energy`` books."""
+    """Resultant (N, V_1, V_2, M_T, M_1, M_2, slip) of convex joint ``a``; updates its memory and the books."""
     # the dashpot of the normal action sees the penetration a fraction of a step ahead
     n, m1, m2 = area_normal(areas, a, dn + viscous_n * pn, r1 + viscous_n * pr1, r2 + viscous_n * pr2)
     area = areas.area[a]
@@ -185,7 +185,7 @@ def area_dissipation(areas, a, normal, q1, q2, qr):
 
 @jit
 def area_normal_energy(areas, a, dn, r1, r2):
-    """Elastic energy (J) of the normal action of convex joint ``a``: half the integral of k_n <penetration>+ squared."""
+    """Elastic energy (J) of the normal action of joint ``a``: half the integral of k_n <penetration>+ squared."""
     return 0.5 * areas.k_n[a] * squared_penetration(
         areas.x, areas.y, areas.start[a], areas.start[a + 1], -dn, r2, -r1
     )  # fmt: skip
