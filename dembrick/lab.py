@@ -224,8 +224,8 @@ def notes(rows: Sequence[dict]) -> str:
         )
     lines.append(
         f"mu = {FRICTION} is not printed in the paper. It was inferred from its own analytical columns, so meeting "
-        "those columns shows that the equations are right; only the experimental column is evidence. V is proportional to "
-        "mu: dV/V = dmu/mu."
+        "those columns shows that the equations are right; only the experimental column is evidence. V is proportional "
+        "to mu: dV/V = dmu/mu."
     )
     lines.append("Friction that each experiment implies, joint plane:")
     for set_name in dict.fromkeys(r["set"] for r in rows):

@@ -14,7 +14,7 @@ TURNING = ("4b", "convex")  # the replay whose block is shown turning
 
 
 def draw(replayed: LabReplay, folder: str, console) -> list[str]:
-    """Draw all figures into ``folder``; returns the files. The 3D picture is left out, and said, if none can be drawn."""
+    """Draw all figures into ``folder``; returns the files. A 3D picture that cannot be drawn is left out, and said."""
     plane = [row for row in replayed.rows if not row["load_height"]]
     points = [history.read(row["history"]) for row in plane]
     figures = {

@@ -242,9 +242,9 @@ class _LoadSystem:
 
     def critical_time_step(self) -> float:
         """With physical inertia, jack and dashpots counted (s)."""
-        return critical_time_step(
-            greatest_frequency(self.state, block_inertia(self.assembly), self.stiffness + self.jack), VISCOUS
-        )
+        alone = block_stiffness(self.state, shared=1.0)
+        frequency = greatest_frequency(self.state, block_inertia(self.assembly), alone, self.jack)
+        return critical_time_step(frequency, VISCOUS)
 
 
 class _Setup(_LoadSystem):

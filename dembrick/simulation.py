@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dembrick import limit_set, polygons
+from dembrick.errors import ScenarioError
 from dembrick.state import Areas, Blocks, Energy, Jacks, Joints, Points
 
 
@@ -121,6 +122,12 @@ def _areas(assembly) -> Areas | None:
     if not chosen:
         return None
     joints = [assembly.joints[j] for j in chosen]
+    for joint in joints:
+        if joint.law.pressure != "full":
+            raise ScenarioError(
+                f'pressure = "{joint.law.pressure}" is not simulated in this version: use "full", or '
+                'formulation = "distributed", whose pressure follows the load'
+            )
     shapes = [np.asarray(joint.polygon, float) for joint in joints]
     corners = np.concatenate(shapes)
     return Areas(
@@ -202,6 +209,20 @@ def block_stiffness(state: State, shared: float) -> np.ndarray:
                 t = to_joint(joints.axes[j], arm)
                 stiffness[block] += weight * (t.T @ k @ t)
     return stiffness
+
+
+def couplings(state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Off-diagonal stiffness between free blocks: indices a (c,), b (c,) and blocks K_ab (c, 6, 6), a joint each."""
+    joints = state.joints
+    free = np.zeros(len(state.blocks.displacement), bool)
+    free[state.blocks.free] = True
+    chosen = np.flatnonzero(free[joints.block_a] & free[joints.block_b])
+    stiffness = joint_stiffness(state)
+    blocks = np.zeros((len(chosen), 6, 6))
+    for i, j in enumerate(chosen):
+        left, right = (to_joint(joints.axes[j], arm[j]) for arm in (joints.arm_a, joints.arm_b))
+        blocks[i] = -left.T @ stiffness[j] @ right
+    return joints.block_a[chosen], joints.block_b[chosen], blocks
 
 
 def assembled_stiffness(state: State) -> np.ndarray:

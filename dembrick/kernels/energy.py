@@ -1,8 +1,8 @@
 """The energy books: every term is summed or evaluated on its own, none is found as what is left over.
 
-Central differences balance exactly in this form: with the kinetic energy v(-1/2) M v(+1/2) / 2 its change over a step
-is the work of the forces by the trapezoidal rule over the step's motion. What does not balance is a contact that opens or
-closes within a step, and, in finite motion, the turning of the geometry within it.
+Central differences balance exactly in this form: with the kinetic energy v(-1/2) M v(+1/2) / 2, its change over a step
+is the work of the forces by the trapezoidal rule over the step's motion. What does not balance is a contact that opens
+or closes within a step, and, in finite motion, the turning of the geometry within it.
 """
 
 from dembrick._jit import jit
