@@ -1,11 +1,11 @@
 """Figures hold the numbers of their histories, and are written whole or not at all."""
 
+import history_cases as cases
 import numpy as np
 import pytest
 
 from dembrick import history, plot
 from dembrick.errors import HistoryError, OutputError, ScenarioError
-from tests import history_cases as cases
 
 POINT = {"V": 216.0, "V_lower": 215.0, "V_upper": 218.0, "bracket": "certified", "V_1": 0.0, "V_2": 216.0}
 POINT |= {"M_T": 16.2, "N": 467.0, "torsion_centre": [-0.12, 0.0]}

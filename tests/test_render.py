@@ -1,11 +1,11 @@
 """Pictures of blocks: geometry of the meshes, files, and what is said where nothing can be drawn."""
 
+import history_cases as cases
 import numpy as np
 import pytest
 
 from dembrick import history, render
 from dembrick.errors import HistoryError, MissingDependency, OutputError, ScenarioError
-from tests import history_cases as cases
 
 pytest.importorskip("pyvista")
 
