@@ -18,6 +18,7 @@ def point_forces(points, p, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, vis
     """
     mu = points.friction[p]
     n_sum = v1 = v2 = mt = m1 = m2 = slip = weight = 0.0
+    friction = least = by_law = lost = 0.0
     for i in range(points.start[p], points.start[p + 1]):
         x = points.x_n[i]
         y = points.y_n[i]
@@ -36,21 +37,19 @@ def point_forces(points, p, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, vis
         old_2 = points.elastic_2[i]
         t1, t2, e1, e2, plastic = coulomb(old_1, old_2, s1, s2, k, viscous_s, mu * normal)
         if energy is not None:
-            q1 = s1 - (e1 - old_1) / k
-            q2 = s2 - (e2 - old_2) / k
-            friction = 0.5 * ((old_1 + e1) * q1 + (old_2 + e2) * q2)
-            energy.work[2] += friction
-            energy.least[0] = min(energy.least[0], friction)
-            energy.work[5] += mu * normal * plastic
-            elastic = points.k_n[i] * max(penetration, 0.0)
-            energy.work[3] += 0.5 * (
-                (energy.dash_1[i] + t1 - e1) * s1
-                + (energy.dash_2[i] + t2 - e2) * s2
-                + (energy.dash_n[i] + normal - elastic) * closing
-            )
-            energy.dash_1[i] = t1 - e1
-            energy.dash_2[i] = t2 - e2
-            energy.dash_n[i] = normal - elastic
+            if plastic > 0.0 and mu * normal > 0.0:
+                # the plastic increment points along the shear force, whose size is mu N
+                work = 0.5 * plastic / (mu * normal) * ((old_1 + e1) * t1 + (old_2 + e2) * t2)
+                friction += work
+                least = min(least, work)
+                by_law += mu * normal * plastic
+            d1 = t1 - e1
+            d2 = t2 - e2
+            dn_now = normal - points.k_n[i] * max(penetration, 0.0)
+            lost += (energy.dash_1[i] + d1) * s1 + (energy.dash_2[i] + d2) * s2 + (energy.dash_n[i] + dn_now) * closing
+            energy.dash_1[i] = d1
+            energy.dash_2[i] = d2
+            energy.dash_n[i] = dn_now
         points.elastic_1[i] = e1
         points.elastic_2[i] = e2
         points.slip[i] += plastic
@@ -62,6 +61,11 @@ def point_forces(points, p, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, vis
         m2 += x * normal
         slip += k * points.slip[i]
         weight += k
+    if energy is not None:
+        energy.work[2] += friction
+        energy.work[3] += 0.5 * lost
+        energy.work[5] += by_law
+        energy.least[0] = min(energy.least[0], least)
     return n_sum, v1, v2, mt, m1, m2, slip / weight
 
 
