@@ -64,6 +64,7 @@ def read_off(state: State, certificate: Certificate, names) -> YieldPoint:
     resultant = state.joints.resultant[j]
     centre, mechanism = _mechanism(state, j)
     drive = state.jacks.drive
+    # + 0.0: a negative zero would only puzzle the reader
     return YieldPoint(
         V=0.5 * (lower + upper),
         V_lower=lower,
@@ -72,10 +73,10 @@ def read_off(state: State, certificate: Certificate, names) -> YieldPoint:
         V_peak=float(drive[3]),
         displacement_at_peak=float(drive[4]),
         jack_load=float(drive[2]),
-        V_1=float(resultant[1]),
-        V_2=float(resultant[2]),
-        M_T=float(resultant[3]),
-        N=float(resultant[0]),
+        V_1=float(resultant[1]) + 0.0,
+        V_2=float(resultant[2]) + 0.0,
+        M_T=float(resultant[3]) + 0.0,
+        N=float(resultant[0]) + 0.0,
         displacement=float(drive[1]),
         torsion_centre=centre,
         mechanism=mechanism,
@@ -94,7 +95,7 @@ def _mechanism(state: State, j: int) -> tuple[tuple[float, float] | None, str]:
         return None, "rocking"
     if turn <= _PURE * shift:
         return None, "sliding"
-    centre = (-float(twist[1] / twist[2]), float(twist[0] / twist[2]))
+    centre = (-float(twist[1] / twist[2]) + 0.0, float(twist[0] / twist[2]) + 0.0)
     return centre, "torsion" if shift <= _PURE * turn else "torsion-shear"
 
 

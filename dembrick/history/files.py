@@ -39,6 +39,8 @@ def check_output(path: str | os.PathLike) -> str:
     folder = os.path.dirname(real)
     if os.path.isdir(real):
         raise OutputError(f"{path}: this is a folder; give the name of a file in it")
+    if os.path.isfile(folder):
+        raise OutputError(f"{path}: {folder} is a file, not a folder; choose another path")
     if not os.path.isdir(folder):
         raise OutputError(f"{path}: the folder {folder} does not exist; make it first or choose another path")
     if os.path.exists(real) and not os.path.isfile(real):
