@@ -39,7 +39,8 @@ CALMING = 0.2  # of the swing of a block's velocity that a step takes away, once
 LONG_WINDOW = 64  # steps over which an indicator must then hold still
 MEMORY = 1.0 / 16.0  # weight of the latest step in the mean that it swings about
 RAMP = 8  # steps over which the head speeds up
-HALVING = 256  # steps after which a search that has not ended goes on at half the rate
+CHUNK_OF_SEARCH = 256  # steps of a search between two looks at it
+HALVING = 512  # steps in which a search slows to half its rate, once it has taken four times as many
 MOST_STEPS = 20_000  # of a search
 MOST_STEPS_AT_RATE = 2_000_000_000  # of a constant-rate test
 LONGEST_MOVE = 0.1  # of the smallest block: a step that moves a block further has diverged
@@ -80,9 +81,9 @@ def find_limit_load(assembly, tolerance: float, step_factor: float, observe: Obs
     dt = step_factor * critical
     inertia = inverse_inertia(state, setup.stiffness * (dt / eta) ** 2)
     scale = _rough_strength(state, setup.certificate, load) * setup.compliance / setup.weight
-    drive = setup.drive(rate=SLIP_PER_STEP * scale / dt, ramp=RAMP * dt, dt=dt)
+    drive = setup.drive(rate=SLIP_PER_STEP * scale / dt, ramp=RAMP * dt, dt=dt, searching=True)
     frames_every = 1 if len(assembly.names) <= 100 else 8
-    recorder = Recorder(state, observe, HALVING, frames_every=frames_every) if observe else None
+    recorder = Recorder(state, observe, CHUNK_OF_SEARCH, frames_every=frames_every) if observe else None
     status, steps, strict = RUNNING, 0, setup.certificate.strict
     if frictionless(state, setup.certificate):
         setup.certificate.bracket[:] = 0.0
@@ -96,12 +97,13 @@ def find_limit_load(assembly, tolerance: float, step_factor: float, observe: Obs
     ready = time.perf_counter()
     while status == RUNNING and steps < MOST_STEPS:
         status, steps = advance(
-            steps, HALVING, dt, *state, inertia, None, drive, setup.certificate, record, energy
+            steps, CHUNK_OF_SEARCH, dt, *state, inertia, None, drive, setup.certificate, record, energy
         )  # fmt: skip
-        drive = drive._replace(rate=0.5 * drive.rate)
         if status == RUNNING and not strict and drive.calming == 0.0:
             # what has not come to rest by now swings, as blocks do that rock: still it, and watch it for longer
             drive = drive._replace(calming=CALMING)
+            state.blocks.mean_velocity[:, :3] = state.blocks.velocity
+            state.blocks.mean_velocity[:, 3:] = state.blocks.spin
             setup.certificate = setup.certificate._replace(window=empty_window(LONG_WINDOW))
         if recorder:
             recorder.drain()
@@ -145,7 +147,7 @@ def push_at_constant_rate(assembly, rate: float, travel: float, step_factor: flo
     critical = setup.critical_time_step()
     dt = step_factor * critical
     steps_wanted = _steps(rate, travel, dt)
-    drive = setup.drive(rate=rate, ramp=RAMP * dt, dt=dt)
+    drive = setup.drive(rate=rate, ramp=RAMP * dt, dt=dt, searching=False)
     inertia = Inertia(
         mass=np.array(assembly.mass, float),
         tensor=np.array(assembly.inertia, float),
@@ -255,12 +257,14 @@ class _Setup(_LoadSystem):
         self.unbalanced, self.compile_seconds, self.loop_seconds = seat(self.state, self.stiffness)
         self.certificate: Certificate = certificate(self.state, self.load, self.jack_stiffness / JACK, tolerance)
 
-    def drive(self, rate: float, ramp: float, dt: float) -> Drive:
-        """The load system driven at ``rate`` in steps of ``dt``."""
+    def drive(self, rate: float, ramp: float, dt: float, searching: bool) -> Drive:
+        """The load system driven at ``rate`` in steps of ``dt``; a search slows down once it takes long."""
         size = min(float(np.ptp(shape.vertices, axis=0).min()) for shape in self.assembly.shapes)
         return Drive(
             rate=rate,
             ramp=ramp,
+            steady=4 * HALVING if searching else MOST_STEPS_AT_RATE,
+            slowing=0.5 ** (1.0 / HALVING) if searching else 1.0,
             stiffness=self.jack_stiffness,
             dashpot=VISCOUS * self.jack_stiffness * dt,
             viscous_n=VISCOUS,

@@ -131,7 +131,7 @@ def test_mistakes_exit_2(call, folder, arguments, said):
 
 def test_not_converged_keeps_the_history(call, folder, monkeypatch):
     monkeypatch.setattr("dembrick.replay.MOST_STEPS", 12)
-    monkeypatch.setattr("dembrick.replay.HALVING", 12)
+    monkeypatch.setattr("dembrick.replay.CHUNK_OF_SEARCH", 12)
     code, out, err = call("run", SET_4A, "--json", "--tolerance", "1e-8", "--out", "a.h5")
     data = json.loads(out)
     assert (code, data["status"]) == (1, "failed")

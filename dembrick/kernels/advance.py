@@ -20,6 +20,8 @@ class Drive(NamedTuple):
 
     rate: float  # m/s of the head
     ramp: float  # s, the head speeds up to that rate over this time
+    steady: int  # steps after which the head begins to slow down
+    slowing: float  # its rate after each of those steps over that before
     stiffness: float  # N/m, of V against the driven displacement
     dashpot: float  # N s/m, on the difference of head and driven velocity
     viscous_n: float  # dashpot over spring force at a contact for the same increment, normal
@@ -45,7 +47,7 @@ def advance(
     for step in range(first, first + n_steps):
         clear_forces(blocks)
         joint_forces(blocks, joints, points, areas, inertia, dt, drive.viscous_n, drive.viscous_s, energy)
-        rate = drive.rate * min(1.0, (step + 1) * dt / drive.ramp)
+        rate = drive.rate * min(1.0, (step + 1) * dt / drive.ramp) * drive.slowing ** max(step - drive.steady, 0)
         v, moved = jack_forces(blocks, jacks, drive, inertia, rate, dt, energy)
         if energy is not None:
             dead_work(energy, blocks, dt)

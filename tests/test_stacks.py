@@ -1,0 +1,79 @@
+"""Limit loads of several blocks and of blocks that rock: against statics and the theory of one joint."""
+
+from __future__ import annotations
+
+import pytest
+
+from dembrick import assembly, replay, theory
+from dembrick.errors import NotConvergedError
+from dembrick.model import Actuator, Block, JointLaw, Load, Material, Scenario, YieldControl
+
+A, B, H, MU = 0.3, 0.2, 0.1, 0.64
+WEIGHT = 1500.0 * A * B * H * 9.81
+
+
+def tower(
+    count: int, formulation: str, pushed: int, e: float = 0.075, top: float = 400.0, friction: float = MU, up=0.0
+):
+    """Limit load of a tower of ``count`` blocks, pushed along y at the foot of block ``pushed`` (``up`` m above it)."""
+    blocks = [Block("base", "stone", (A, B, H), (0.0, 0.0, -0.5 * H), fixed=True)]
+    blocks += [Block(f"b{i}", "stone", (A, B, H), (0.0, 0.0, (i + 0.5) * H)) for i in range(count)]
+    scenario = Scenario(
+        title="tower",
+        gravity=(0.0, 0.0, -9.81),
+        joint=JointLaw(formulation, friction, 1e10, 4e9),
+        materials={"stone": Material(1500.0)},
+        blocks=tuple(blocks),
+        loads=(Load(f"b{count - 1}", (0.0, 0.0, -top)),),
+        actuators=(Actuator("jack", f"b{pushed}", (e, 0.0, pushed * H + up), (0.0, 1.0, 0.0)),),
+        control=YieldControl(1e-3),
+    )
+    return replay.find_limit_load(assembly.build(scenario), 1e-3, 0.9).yield_point
+
+
+def of_joint(formulation: str, normal: float, e: float = 0.075) -> float:
+    return theory.limit_load(theory.formulation_law(formulation, A, B, MU, normal), (0.0, 1.0, e)).V
+
+
+@pytest.mark.parametrize("formulation", ["concave", "corrected-shear", "convex"])
+def test_the_upper_of_two_blocks_slides_alone(formulation):
+    point = tower(2, formulation, pushed=1)
+    assert point.V == pytest.approx(of_joint(formulation, 400.0 + WEIGHT), rel=1e-3)
+    assert point.bracket == "indicator" and point.joint == ("b0", "b1")
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+@pytest.mark.parametrize("count", [2, 5])
+def test_a_block_pushed_at_its_foot_takes_the_tower_along(formulation, count):
+    point = tower(count, formulation, pushed=0)
+    assert point.V == pytest.approx(of_joint(formulation, 400.0 + count * WEIGHT), rel=1e-3)
+    assert point.joint == ("base", "b0")
+
+
+def test_a_tower_pushed_high_up_overturns():
+    point = tower(5, "concave", pushed=4)
+    assert point.V == pytest.approx((400.0 + 5 * WEIGHT) * 0.5 * B / (4 * H), rel=1e-3)
+    assert point.mechanism == "rocking"
+
+
+@pytest.mark.parametrize("formulation", ["concave", "corrected-shear"])
+@pytest.mark.parametrize("e", [0.0, 0.05])
+def test_a_block_with_much_friction_overturns(formulation, e):
+    point = tower(1, formulation, 0, e=e, friction=2.0, up=H)
+    assert point.V == pytest.approx((400.0 + WEIGHT) * 0.5 * B / H, rel=1e-3)
+    assert point.mechanism == "rocking" and point.torsion_centre is None
+
+
+def test_a_convex_joint_turns_about_the_strip_that_it_presses():
+    """The strip of finite stiffness lies inside the edge: a little early, never late."""
+    point = tower(1, "convex", 0, e=0.0, friction=2.0, up=H)
+    rigid = (400.0 + WEIGHT) * 0.5 * B / H
+    assert 0.98 * rigid < point.V < rigid * (1.0 + 1e-4)
+    assert point.mechanism == "rocking"
+
+
+def test_what_does_not_end_says_so(monkeypatch):
+    monkeypatch.setattr(replay, "MOST_STEPS", 512)
+    with pytest.raises(NotConvergedError, match="not bracketed within 0.001 after 512 steps") as caught:
+        tower(5, "concave", pushed=4)
+    assert caught.value.yield_point.V_lower <= (400.0 + 5 * WEIGHT) * 0.5 * B / (4 * H) * 1.001
