@@ -300,12 +300,12 @@ def write_csv(path: str, cases: list[Case], marks: list[Mark]) -> None:
     with open(path, "w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(
-            "formulation tolerance step_factor stiffness points set theory V error bar steps loop_s process_s front".split()
+            [*Setting._fields, "set", "theory", "V", "error", "bar", "steps", "loop_s", "process_s", "front"]
         )
         for case in cases:
             setting = case.setting
             points = "" if setting.points is None else "%d x %d" % setting.points
-            measured = [case.V_theory, case.V, case.error, case.bar, case.steps, case.loop, case.process or ""]
+            measured = [case.V_theory, case.V, case.error, case.bar, case.steps, case.loop, case.process]
             writer.writerow([*setting[:4], points, case.set_name, *measured, int(setting in front)])
 
 
@@ -333,7 +333,13 @@ def draw(path: str, cases: list[Case], marks: list[Mark]) -> None:
                 if time:
                     x, symbol = float(time), "x" if row["stands_for"] == "other" else "o"
                     ax.plot(x, row["error"], symbol, color=style.GREY, markersize=4)
-                    ax.annotate(str(number), (x, row["error"]), (3, 2), textcoords="offset points", fontsize=7)
+                    ax.annotate(
+                        str(number),
+                        (x, row["error"]),
+                        (-9 if number == 9 else 3, 2),
+                        textcoords="offset points",
+                        fontsize=7,
+                    )
         top.text(0.995, 0.01, "\n".join(key), transform=top.transAxes, fontsize=6.5, ha="right", va="bottom", ma="left")
         labels = (
             "loop time [s], mean of the four sets",
@@ -342,6 +348,9 @@ def draw(path: str, cases: list[Case], marks: list[Mark]) -> None:
         )
         for ax, label in zip((top, left, right), labels, strict=True):
             ax.set(xscale="log", yscale="log", xlabel=label, ylabel="relative error")
+        for ax, ticks in ((left, (10, 20, 50, 100, 200, 500)), (right, (0.1, 0.2, 0.5, 1, 2))):
+            ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+            ax.set_xticks([], minor=True)
         top.plot([], [], **ring, label="default")
         figure.legend(*top.get_legend_handles_labels(), loc="outside upper center", ncols=6, columnspacing=1.0)
         style.save(figure, path)
