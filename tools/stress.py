@@ -20,8 +20,8 @@ the command line makes them; ``--unaudited`` leaves the audit out.
 A constant-rate test has no tolerance. At any rate its certified bracket must hold theory (moving geometry is allowed
 for by what the block has slid over its short side, squared); an indicator must hold it within ``AT_RATE``, and is only
 near where it is wider than ``WIDE``. Where the rate is ``SLOW`` or less, the mean load over the second half of the
-travel must be within ``AT_RATE`` of theory (of an indicator: within three times that, else near). Rates are in elastic
-slips of the joint per critical time step.
+travel must be within ``PLATEAU`` of theory: point springs remember where they started for longer than the test goes on,
+which costs a percent or two. Rates are in elastic slips per critical time step.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ from dembrick.model import (
     Scenario,
     YieldControl,
 )
-from dembrick.simulation import block_stiffness, initial_state, load_vectors
+from dembrick.simulation import assembled_stiffness, block_stiffness, initial_state, load_vectors
 from dembrick.stability import block_inertia, critical_time_step, greatest_frequency
 from dembrick.state import Inertia
 
@@ -64,6 +64,7 @@ STATUSES = ("right", "near", "stopped", "refused", "WRONG")
 VALID_STEP = 0.9  # largest step factor of a valid cell
 SLACK = 1e-9  # of V, by which theory may lie outside a certified bracket
 AT_RATE = 1e-2  # of V, for what a constant-rate test has no tolerance for
+PLATEAU = 3e-2  # of V, for the mean load once a block slides
 WIDE = 0.1  # of V, half-width at which the indicator of a constant-rate test says little
 SLOW = 0.1  # elastic slips per critical time step: at this rate and below the second half of a test is a plateau
 TRAVEL = 20.0  # elastic slips of a constant-rate test
@@ -264,13 +265,13 @@ def _judge_rate(run: Callable, expected: float, slack: float, slow: bool) -> Out
     plateau = float(load[driven >= 0.5 * driven[-1]].mean()) / expected - 1.0
     outside = _wrong_by(point, expected, slack if certified else AT_RATE)
     status, reason = "right", f"{_told(point, expected)}; outside by {outside:.2g}, plateau off by {plateau:.2g}"
-    if not certified and (point.half_width > WIDE * expected or (slow and abs(plateau) > AT_RATE)):
+    if not certified and point.half_width > WIDE * expected:
         status = "near"
     if not (outside == 0.0 if certified else outside <= 3.0 * AT_RATE):
         status = "WRONG"
     if not point.V_upper < 1e6 * expected:  # no bound at all: V is its middle
         status = "WRONG"
-    if slow and not abs(plateau) <= AT_RATE * (1.0 if certified else 3.0):
+    if slow and not abs(plateau) <= PLATEAU:
         status = "WRONG"
     return Outcome(status, reason, plateau, point.V_peak / expected - 1.0)
 
@@ -312,11 +313,10 @@ def push_at_rate(
 
 
 def elastic_give(built) -> float:
-    """Driven displacement (m) for V = 1 of the loaded blocks with their neighbours held and nothing slipping."""
+    """Driven displacement (m) for V = 1 while all joints are closed and nothing slips."""
     state = initial_state(built)
-    load, stiffness = load_vectors(state), block_stiffness(state, shared=1.0)
-    give = sum(float(load[b] @ np.linalg.solve(stiffness[b], load[b])) for b in np.unique(state.jacks.block))
-    return give / float(np.abs(state.jacks.weight).sum())
+    load = load_vectors(state)[state.blocks.free].ravel()
+    return float(load @ np.linalg.solve(assembled_stiffness(state), load) / np.abs(state.jacks.weight).sum())
 
 
 def by_judge(built) -> float:
@@ -348,7 +348,9 @@ def rest(scenario: Scenario, steps: int, physical: bool) -> Outcome:
         scaled = inverse_inertia(state, stiffness / (VALID_STEP * critical_time_step(1.0, viscous)) ** 2)
     certificate = replay.certificate(state, np.zeros((len(built.names), 6)) + 1.0, 1.0, 0.0)
     certificate = certificate._replace(every=1 << 40, strict=False)
-    drive = Drive(0.0, dt, 0.0, 0.0, viscous, viscous, 0.0, replay.MEMORY, 0.1 * H)
+    # no jack: head and springs at nought, only the contacts' dashpots are there
+    still = dict.fromkeys(Drive._fields, 0.0) | {"ramp": dt, "steady": 0, "longest": replay.LONGEST_MOVE * H}
+    drive = Drive(**still | {"viscous_n": viscous, "viscous_s": viscous})
     done = 0
     start, worst = None, 0.0
     while done < steps:
@@ -517,15 +519,15 @@ def tower_cells(short: bool) -> Iterator[Cell]:
 
 
 def friction_cells(short: bool) -> Iterator[Cell]:
-    """Friction coefficient, the load in the joint plane and above it."""
+    """Friction coefficient, the load in the joint plane and above it, where high friction makes blocks rock."""
     for mu, formulation in itertools.product(
         (0.0, 10.0) if short else (0.0, 1e-3, 0.01, 0.1, 0.3, 1.0, 2.0, 3.0, 10.0), FORMULATIONS
     ):
-        for z, load in itertools.product((0.0, H / 2), ("couple", "eccentric", "shear")):
+        for z, load in itertools.product((0.0, H / 2) if short else (0.0, H / 2, H), ("couple", "eccentric", "shear")):
             if z and load == "couple":
                 continue
             scenario = pair(formulation, lab_jacks(z)[load], friction=mu)
-            name = f"{formulation} {load}{' above' if z else ''}"
+            name = f"{formulation} {load}{' on top' if z == H else ' above' if z else ''}"
             yield Cell("friction", mu, f"limit {name}", lambda s=scenario: push_to_limit(s, by_judge))
 
 
