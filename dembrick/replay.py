@@ -40,7 +40,7 @@ LONG_WINDOW = 64  # steps over which an indicator must then hold still
 MEMORY = 1.0 / 16.0  # weight of the latest step in the mean that it swings about
 RAMP = 8  # steps over which the head speeds up
 CHUNK_OF_SEARCH = 256  # steps of a search between two looks at it
-HALVING = 512  # steps in which a search slows to half its rate, once it has taken four times as many
+HALVING = 512  # steps in which a search slows to half its rate, once it has taken 16 times as many
 MOST_STEPS = 20_000  # of a search
 MOST_STEPS_AT_RATE = 2_000_000_000  # of a constant-rate test
 LONGEST_MOVE = 0.1  # of the smallest block: a step that moves a block further has diverged
@@ -127,10 +127,11 @@ def find_limit_load(assembly, tolerance: float, step_factor: float, observe: Obs
     )
     if status != CONVERGED:
         point = replay.yield_point
+        above = "without an upper bound" if point.V_upper is None else f"at most {point.V_upper:.6g} N"
         raise NotConvergedError(
-            f"the limit load was not bracketed within {tolerance:g} after {steps} steps: V = {point.V:.6g} N between "
-            f"{point.V_lower:.6g} and {point.V_upper:.6g} N. Allow a larger control.tolerance, or check that the load "
-            "can move the block at all",
+            f"the limit load was not bracketed within {tolerance:g} after {steps} steps: V is at least "
+            f"{point.V_lower:.6g} N, {above}. Allow a larger control.tolerance, or check that the load can move the "
+            "block at all",
             point,
         )
     return replay
@@ -263,7 +264,7 @@ class _Setup(_LoadSystem):
         return Drive(
             rate=rate,
             ramp=ramp,
-            steady=4 * HALVING if searching else MOST_STEPS_AT_RATE,
+            steady=16 * HALVING if searching else MOST_STEPS_AT_RATE,
             slowing=0.5 ** (1.0 / HALVING) if searching else 1.0,
             stiffness=self.jack_stiffness,
             dashpot=VISCOUS * self.jack_stiffness * dt,

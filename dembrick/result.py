@@ -65,7 +65,7 @@ class Result:
             return True
         V, point = self.theory.V, self.yield_point
         slack = BRACKET_SLACK * abs(V)
-        inside = point.V_lower - slack <= V <= point.V_upper + slack
+        inside = point.V_lower - slack <= V and (point.V_upper is None or V <= point.V_upper + slack)
         if self.scenario.control.kind != "yield":
             return inside or point.bracket != "certified"
         close = self.theory.error is not None and abs(self.theory.error) <= self.scenario.control.tolerance

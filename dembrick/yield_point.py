@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 
 import numpy as np
 
 from dembrick.errors import BracketError
-from dembrick.kernels.bracket import Certificate
+from dembrick.kernels.bracket import NEVER, Certificate
 from dembrick.simulation import State
 
 _CROSSED = 1e-10  # of V: bounds that have met may cross by rounding
+_OPEN = 0.5  # of the lower bound: a bracket wider than this brackets nothing
 _PURE = 1e-7  # of the slip at the joint's rim: a part of the slip twist that is not there
 
 
@@ -19,14 +21,16 @@ class YieldPoint:
     """Limit load of the load system, with its bracket and the joint that slips most (SI units, joint axes).
 
     ``V`` is the middle of the bracket. ``bracket`` is "certified" where the normal forces do not depend on the load,
-    else "indicator". ``jack_load`` is what the jacks carried when the replay ended, ``displacement`` the driven one
-    there; ``V_peak`` the largest V of the record, with its rate effect. ``V_1``, ``V_2``, ``M_T``, ``N`` are carried
-    by the joint, ``torsion_centre`` is measured from its O (None in pure shear).
+    else "indicator"; "open" where the bounds are further apart than a limit load allows (or ``V_upper`` is None: there
+    is no upper one), and V then only what the jacks carry at the end. ``jack_load`` is what the jacks carried when the
+    replay ended, ``displacement`` the driven one there; ``V_peak`` the largest V of the record, with its rate effect.
+    ``V_1``, ``V_2``, ``M_T``, ``N`` are carried by the joint, ``torsion_centre`` is measured from its O (None in pure
+    shear).
     """
 
     V: float
     V_lower: float
-    V_upper: float
+    V_upper: float | None
     bracket: str
     V_peak: float
     displacement_at_peak: float
@@ -42,8 +46,8 @@ class YieldPoint:
 
     @property
     def half_width(self) -> float:
-        """Half the width of the bracket (N)."""
-        return 0.5 * (self.V_upper - self.V_lower)
+        """Half the width of the bracket (N); infinite without an upper bound."""
+        return math.inf if self.V_upper is None else 0.5 * (self.V_upper - self.V_lower)
 
     def as_dict(self) -> dict:
         """The fields by name, as in the JSON output."""
@@ -53,23 +57,27 @@ class YieldPoint:
 def read_off(state: State, certificate: Certificate, names) -> YieldPoint:
     """The yield point of a replay that has ended; BracketError where the two bounds contradict each other."""
     lower, upper = (float(v) for v in certificate.bracket)
-    if lower > upper:
-        if lower - upper > _CROSSED * lower:
+    if upper < NEVER:
+        if lower - upper > _CROSSED * abs(lower):
             raise BracketError(
                 f"the lower bound {lower:.9g} N of the limit load lies above the upper one {upper:.9g} N, so one of "
                 "them is wrong; please report this scenario"
             )
-        lower, upper = upper, lower
+        lower, upper = min(lower, upper), max(lower, upper)
+    kind = "certified" if certificate.strict else "indicator"
+    V = 0.5 * (lower + upper)
+    if upper >= NEVER or upper - lower > _OPEN * abs(lower):
+        kind, V = "open", float(state.jacks.drive[2])
     j = int(np.argmax(state.joints.resultant[:, 6]))
     resultant = state.joints.resultant[j]
     centre, mechanism = _mechanism(state, j)
     drive = state.jacks.drive
     # + 0.0: a negative zero would only puzzle the reader
     return YieldPoint(
-        V=0.5 * (lower + upper),
+        V=V,
         V_lower=lower,
-        V_upper=upper,
-        bracket="certified" if certificate.strict else "indicator",
+        V_upper=upper if upper < NEVER else None,
+        bracket=kind,
         V_peak=float(drive[3]),
         displacement_at_peak=float(drive[4]),
         jack_load=float(drive[2]),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 
 def add_arguments(parser) -> None:
     """Options of the command."""
@@ -43,7 +45,7 @@ def run(options, console) -> int:
         f"rows          {data['rows']}, frames {data['frames']}",
     ]
     if point:
-        half = 0.5 * (point["V_upper"] - point["V_lower"])
+        half = math.inf if point["V_upper"] is None else 0.5 * (point["V_upper"] - point["V_lower"])
         lines.append(f"V             {point['V']:.6g} N +- {half:.2g} N ({point['bracket']}), {point['mechanism']}")
     lines += [f"{part:14}{seconds:.6f} s" for part, seconds in wall.items()]
     lines.append("versions      " + ", ".join(f"{name} {version}" for name, version in file.versions.items()))

@@ -13,12 +13,13 @@ from dembrick._jit import jit
 from dembrick.kernels.contact import area_dissipation, point_dissipation
 from dembrick.kernels.forces import unbalanced_ratio
 
+MISSING = 3.0  # times the growth over a doubling of the motion: what a load that grows as 1 - c/sqrt(u) still lacks
 STILL = 0.05  # of the elastic stiffness: a load that grows no faster than that against its motion is at its limit
 NEVER = 1e300  # an upper bound that does not bind
 
 
 class Certificate(NamedTuple):
-    """What the bracket of the limit load needs to know; all but the last five only of a strict one.
+    """What the bracket of the limit load needs to know; all but the last six only of a strict one.
 
     Strict: one joint, whose normal forces do not depend on the load (its axes, moments about O).
     """
@@ -38,6 +39,7 @@ class Certificate(NamedTuple):
     tolerance: float
     bracket: ndarray  # (2,) bounds of V, in and out
     elastic: float  # N/m, elastic stiffness of V against the driven displacement
+    doubling: ndarray  # (4,) driven displacement (m) when it had last doubled and least V (N) since; the same before
     window: ndarray  # (w, 4) lower, upper, V, driven displacement of the last w instants, where not strict
 
 
@@ -165,7 +167,8 @@ def judge(certificate, step, lower, upper, v, driven):
     """Fold the bounds of this instant into the bracket; True when it and the jacks' V are within tolerance.
 
     An indicator must hold still over its window while the load moves on: a load that still stores energy, however
-    slowly it grows, has reached no limit.
+    slowly it grows, has reached no limit. What it gained since the motion had half its length, at least, tells how much
+    is still missing where a contact shrinks for ever (a convex joint that rocks); the upper bound is raised by that.
     """
     bracket = certificate.bracket
     limit = True
@@ -187,6 +190,14 @@ def judge(certificate, step, lower, upper, v, driven):
         for i in range(1, n):
             bracket[0] = min(bracket[0], window[i, 0])
             bracket[1] = max(bracket[1], window[i, 1])
+        mark = certificate.doubling
+        if driven >= 2.0 * mark[0] and driven > 0.0:
+            mark[2] = mark[0]
+            mark[3] = mark[1]
+            mark[0] = driven
+            mark[1] = v
+        mark[1] = min(mark[1], v)
+        bracket[1] += MISSING * max(v - mark[3], 0.0)
     width = 2.0 * certificate.tolerance * bracket[0]
     close = bracket[1] - bracket[0] <= width and abs(2.0 * v - bracket[0] - bracket[1]) <= width
     return limit and close and width > 0.0
