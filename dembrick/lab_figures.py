@@ -6,6 +6,7 @@ import os
 
 from dembrick import history, plot
 from dembrick.errors import MissingDependency
+from dembrick.export import export
 from dembrick.lab import LabReplay
 from dembrick.lab_data import SETS
 
@@ -31,9 +32,11 @@ def draw(replayed: LabReplay, folder: str, console) -> list[str]:
     if turning:
         from dembrick import render
 
+        motion = history.read(turning[-1])
+        files += export(motion, os.path.join(folder, "turning_block.vtkhdf"))
         path = os.path.join(folder, "turning_block.png")
         try:
-            render.picture(history.read(turning[-1]), path)
+            render.picture(motion, path)
             files.append(path)
         except MissingDependency as error:
             console.remark(f"no picture of the block: {error}")

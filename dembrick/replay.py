@@ -110,21 +110,9 @@ def find_limit_load(assembly, tolerance: float, step_factor: float, observe: Obs
     loop = time.perf_counter() - ready
     if status == DIVERGED:
         raise _diverged(assembly, state, steps, dt, critical)
-    replay = Replay(
-        yield_point=read_off(state, setup.certificate, assembly.names),
-        state=state,
-        converged=status == CONVERGED,
-        steps=steps,
-        time_step=dt,
-        critical_time_step=critical,
-        simulated_time=steps * dt,
-        unbalanced=setup.unbalanced,
-        compile_seconds=ready - began + setup.compile_seconds,
-        loop_seconds=loop + setup.loop_seconds,
-        energy=energy,
-        settings=setup.settings(drive)
-        | {"eta": float(eta), "rate": float(SLIP_PER_STEP * scale / dt), "inertia": "scaled"},
-    )
+    chosen = {"eta": float(eta), "rate": float(SLIP_PER_STEP * scale / dt), "inertia": "scaled"}
+    times = (ready - began, loop)
+    replay = setup.replay(status == CONVERGED, steps, dt, critical, times, energy, setup.settings(drive) | chosen)
     if status != CONVERGED:
         point = replay.yield_point
         above = "without an upper bound" if point.V_upper is None else f"at most {point.V_upper:.6g} N"
@@ -174,20 +162,8 @@ def push_at_constant_rate(assembly, rate: float, travel: float, step_factor: flo
     loop = time.perf_counter() - ready
     if status == DIVERGED:
         raise _diverged(assembly, state, steps, dt, critical)
-    return Replay(
-        yield_point=read_off(state, setup.certificate, assembly.names),
-        state=state,
-        converged=True,
-        steps=steps,
-        time_step=dt,
-        critical_time_step=critical,
-        simulated_time=steps * dt,
-        unbalanced=setup.unbalanced,
-        compile_seconds=ready - began + setup.compile_seconds,
-        loop_seconds=loop + setup.loop_seconds,
-        energy=energy,
-        settings=setup.settings(drive) | {"rate": rate, "inertia": "physical"},
-    )
+    chosen = {"rate": rate, "inertia": "physical"}
+    return setup.replay(True, steps, dt, critical, (ready - began, loop), energy, setup.settings(drive) | chosen)
 
 
 @dataclass(frozen=True)
@@ -273,6 +249,23 @@ class _Setup(_LoadSystem):
             calming=0.0,
             memory=MEMORY,
             longest=LONGEST_MOVE * size,
+        )
+
+    def replay(self, converged, steps, dt, critical, times, energy, settings) -> Replay:
+        """What came of it; ``times`` are the seconds of compiling and of the loop after the seating."""
+        return Replay(
+            yield_point=read_off(self.state, self.certificate, self.assembly.names),
+            state=self.state,
+            converged=converged,
+            steps=steps,
+            time_step=dt,
+            critical_time_step=critical,
+            simulated_time=steps * dt,
+            unbalanced=self.unbalanced,
+            compile_seconds=self.compile_seconds + times[0],
+            loop_seconds=self.loop_seconds + times[1],
+            energy=energy,
+            settings=settings,
         )
 
     @staticmethod

@@ -37,6 +37,18 @@ def coulomb(elastic_1, elastic_2, slip_1, slip_2, k, viscous, cap):
 
 
 @jit
+def pressed_part(xa, ya, ga, xb, yb, gb):
+    """The part of an edge from a to b where the penetration g, linear along it, is positive: both ends with their g."""
+    if ga < 0.0:
+        s = ga / (ga - gb)
+        return xa + s * (xb - xa), ya + s * (yb - ya), 0.0, xb, yb, gb
+    if gb < 0.0:
+        s = ga / (ga - gb)
+        return xa, ya, ga, xa + s * (xb - xa), ya + s * (yb - ya), 0.0
+    return xa, ya, ga, xb, yb, gb
+
+
+@jit
 def no_tension(x, y, first, last, g0, gx, gy):
     """Integrals over a polygon of <g>+, x <g>+ and y <g>+ for the linear penetration g = g0 + gx x + gy y.
 
@@ -57,15 +69,7 @@ def no_tension(x, y, first, last, g0, gx, gy):
         yb = y[i]
         gb = g0 + gx * xb + gy * yb
         if ga > 0.0 or gb > 0.0:
-            # the part of the edge where g > 0
-            px, py, pg = xa, ya, ga
-            qx, qy, qg = xb, yb, gb
-            if ga < 0.0:
-                s = ga / (ga - gb)
-                px, py, pg = xa + s * (xb - xa), ya + s * (yb - ya), 0.0
-            elif gb < 0.0:
-                s = ga / (ga - gb)
-                qx, qy, qg = xa + s * (xb - xa), ya + s * (yb - ya), 0.0
+            px, py, pg, qx, qy, qg = pressed_part(xa, ya, ga, xb, yb, gb)
             double = (px - x0) * (qy - y0) - (py - y0) * (qx - x0)
             volume += double * (pg + qg) / 6.0
             total = pg + qg
@@ -99,14 +103,7 @@ def squared_penetration(x, y, first, last, g0, gx, gy):
         yb = y[i]
         gb = g0 + gx * xb + gy * yb
         if ga > 0.0 or gb > 0.0:
-            px, py, pg = xa, ya, ga
-            qx, qy, qg = xb, yb, gb
-            if ga < 0.0:
-                s = ga / (ga - gb)
-                px, py, pg = xa + s * (xb - xa), ya + s * (yb - ya), 0.0
-            elif gb < 0.0:
-                s = ga / (ga - gb)
-                qx, qy, qg = xa + s * (xb - xa), ya + s * (yb - ya), 0.0
+            px, py, pg, qx, qy, qg = pressed_part(xa, ya, ga, xb, yb, gb)
             double = (px - x0) * (qy - y0) - (py - y0) * (qx - x0)
             total += double * (apex * apex + pg * pg + qg * qg + apex * pg + pg * qg + qg * apex) / 12.0
         xa, ya, ga = xb, yb, gb

@@ -13,7 +13,7 @@ Everything is vectorised over twists: q has shape (k, 3), or (3,) for one.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 import numpy as np
@@ -49,8 +49,7 @@ class Law(Protocol):
 class _Law:
     """Shared front: one twist or many, and the zero twist, which dissipates nothing."""
 
-    def derivatives(self, twist: np.ndarray, smoothing: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        raise NotImplementedError
+    derivatives: Callable[..., tuple[np.ndarray, np.ndarray, np.ndarray]]
 
     def dissipation(self, twist: ArrayLike) -> np.ndarray:
         """D(q) in W, shape (...) for a twist of shape (..., 3)."""
