@@ -218,15 +218,20 @@ def _audited(run: Callable) -> str:
     return "the audit passes it"
 
 
+def _upper(point) -> float:
+    """The upper bound, infinite where there is none."""
+    return np.inf if point.V_upper is None else point.V_upper
+
+
 def _wrong_by(point, expected: float, slack: float) -> float:
     """How far theory lies outside the bracket, relative to it; below ``slack`` it counts as inside."""
-    outside = max(point.V_lower / expected - 1.0, 1.0 - point.V_upper / expected)
+    outside = max(point.V_lower / expected - 1.0, 1.0 - _upper(point) / expected)
     return outside if outside > slack else 0.0
 
 
 def _told(point, expected: float) -> str:
     return (
-        f"{point.bracket}: V = {point.V:.9g} in [{point.V_lower:.9g}, {point.V_upper:.9g}] N, theory {expected:.9g} N"
+        f"{point.bracket}: V = {point.V:.9g} in [{point.V_lower:.9g}, {_upper(point):.9g}] N, theory {expected:.9g} N"
     )
 
 
@@ -269,7 +274,7 @@ def _judge_rate(run: Callable, expected: float, slack: float, slow: bool) -> Out
         status = "near"
     if not (outside == 0.0 if certified else outside <= 3.0 * AT_RATE):
         status = "WRONG"
-    if not point.V_upper < 1e6 * expected:  # no bound at all: V is its middle
+    if not _upper(point) < 1e6 * expected:  # no bound at all: V is its middle
         status = "WRONG"
     if slow and not abs(plateau) <= PLATEAU:
         status = "WRONG"
