@@ -55,8 +55,13 @@ def limit_load_at_height(
     V_tip = overturning_load(formulation, normal_force, lever, start)
     tipped = LimitLoad(V_tip, (np.nan, np.nan, np.nan), None, "overturning")
 
+    twist = None
+
     def limit(V: float) -> LimitLoad:
-        return limit_load(formulation.law(normal_force, start + V / normal_force * lever), load, dead_load)
+        nonlocal twist
+        found = limit_load(formulation.law(normal_force, start + V / normal_force * lever), load, dead_load, twist)
+        twist = found.twist
+        return found
 
     if not formulation.follows_pressure or not lever.any():
         sliding = limit_load(formulation.law(normal_force, start), load, dead_load)
