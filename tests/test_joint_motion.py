@@ -1,0 +1,257 @@
+"""Motion of joints: known rotations and shifts of two blocks, their openings, centres and forces in closed form."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from dembrick import theory
+from dembrick.joint_motion import CHANNELS, STATES, JointMotion, nearest, torsion_centre
+
+A, B = 0.3, 0.2
+CORNERS = 0.5 * np.array([[-A, -B], [A, -B], [A, B], [-A, B]])
+SKEW = np.array([0.5, 0.1, -0.7, 0.5])  # how both blocks stand at the start
+SKEW = SKEW / np.linalg.norm(SKEW)
+
+
+def matrix(vector):
+    """Rotation matrix of a rotation vector (Rodrigues)."""
+    angle = np.linalg.norm(vector)
+    if angle == 0.0:
+        return np.eye(3)
+    k = np.asarray(vector) / angle
+    cross = np.array([[0, -k[2], k[1]], [k[2], 0, -k[0]], [-k[1], k[0], 0]])
+    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+
+
+def quaternion(vector):
+    angle = np.linalg.norm(vector)
+    axis = np.asarray(vector) / angle if angle else np.zeros(3)
+    return np.array([np.cos(angle / 2), *(np.sin(angle / 2) * axis)])
+
+
+def product(p, q):
+    return np.array([p[0] * q[0] - p[1:] @ q[1:], *(p[0] * q[1:] + q[0] * p[1:] + np.cross(p[1:], q[1:]))])
+
+
+def run(motions, host=1, formulation="convex", polygon=CORNERS, shrink=1.0, rows=None, start=SKEW, forces=None):
+    """Two blocks and a joint whose axes are skew in the world; ``motions``: for each frame ((shift, rotation vector) of
+    a, the same of b), both in the joint's axes and about O of the joint at the start."""
+    axes = matrix([0.3, -0.4, 0.9])
+    origin, position0 = np.array([2.0, -1.0, 0.5]), np.array([[2.1, -1.2, 0.4], [1.9, -1.1, 0.7]])
+    displacement, orientation = np.zeros((len(motions), 2, 3)), np.zeros((len(motions), 2, 4))
+    for k, pair in enumerate(motions):
+        for i, (shift, vector) in enumerate(pair):
+            world = axes.T @ np.asarray(vector, float)
+            arm = position0[i] - origin
+            displacement[k, i] = axes.T @ np.asarray(shift, float) + matrix(world) @ arm - arm
+            orientation[k, i] = product(quaternion(world), start)
+    if rows is None:
+        rows = np.tile([100.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], (len(motions), 1, 1))
+    arms = shrink * polygon if formulation != "convex" else np.zeros((0, 2))
+    joint = {"block_a": 0, "block_b": 1, "host": host, "origin": origin, "axes": axes, "polygon": polygon}
+    joint |= {"area": A * B, "friction": 0.64, "formulation": formulation, "normal_arms": arms, "shear_arms": arms}
+    joint |= {"areas": np.full(len(arms), A * B / 4)}
+    times = np.arange(len(motions), dtype=float)
+    found = SimpleNamespace(
+        n_frames=len(motions),
+        joints=[joint],
+        position0=position0,
+        orientation0=np.tile(start, (2, 1)),
+        frame_displacement=lambda k: displacement[k],
+        frame_orientation=lambda k: orientation[k],
+        frame_time=times,
+        time=times,
+        series=lambda name, a, b: rows[a:b, :, CHANNELS.index(name.removeprefix("joint/"))],
+    )
+    if forces is not None:
+        found.frame_contact_force = lambda k: forces[k]
+    return found
+
+
+STILL = ((0, 0, 0), (0, 0, 0))
+CARRIED = ((0.4, -0.3, 0.2), (0.5, 1.1, -0.8))  # a large motion of a, which must not be seen in the joint
+
+
+def carried(shift, vector):
+    """b's motion when it moves by (shift, vector) as seen from a, and a moves by CARRIED."""
+    of_a = matrix(CARRIED[1])
+    whole = of_a @ matrix(vector)
+    angle = np.arccos(np.clip((np.trace(whole) - 1) / 2, -1, 1))
+    skew = (whole - whole.T) / (2 * np.sin(angle))
+    return np.array(CARRIED[0]) + of_a @ shift, angle * np.array([skew[2, 1], skew[0, 2], skew[1, 0]])
+
+
+@pytest.mark.parametrize("vector", [(0.0, 0.0, 0.0), (1e-9, -2e-9, 3e-9), (0.2, -0.1, 0.4), (0.0, 0.0, 3.0)])
+@pytest.mark.parametrize("moving", [False, True])
+def test_motion_of_b_as_seen_from_a(vector, moving):
+    shift = np.array([1e-3, -2e-3, 5e-4])
+    pair = (CARRIED, carried(shift, vector)) if moving else (STILL, (shift, vector))
+    found = JointMotion(run([pair])).relative(0)
+    assert found.components.shape == (1, 6)
+    np.testing.assert_allclose(found.components[0, :3], shift, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(found.components[0, 3:], vector, rtol=0, atol=2e-15)
+
+
+def test_small_rotations_keep_their_digits():
+    start = np.array([1.0, 0.0, 0.0, 0.0])
+    found = JointMotion(run([(STILL, ((0, 0, 0), (1e-9, -2e-9, 3e-9)))], start=start)).relative(0)
+    np.testing.assert_allclose(found.rotation[0], (1e-9, -2e-9, 3e-9), rtol=1e-14)
+
+
+@pytest.mark.parametrize("host", [0, 1])
+def test_opening_is_the_distance_of_the_faces(host):
+    shift, vector = np.array([0.01, -0.02, 0.003]), np.array([0.15, -0.1, 0.3])
+    found = JointMotion(run([(STILL, (shift, vector))], host=host)).relative(0)
+    turn = matrix(vector)
+    flat = np.column_stack([CORNERS, np.zeros(4)])
+    # b's corner above the plane z = 0 of a; b's plane above a's corner
+    expected = (shift + flat @ turn.T)[:, 2] if host == 1 else (shift - flat) @ turn[:, 2]
+    np.testing.assert_allclose(found.opening[0], expected, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(found.opening_at(0, CORNERS[::-1]), expected[::-1], rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("host", [0, 1])
+@pytest.mark.parametrize(
+    "dn, r1, r2, state, share",
+    [
+        (-1e-6, 0.0, 0.0, "closed", 0.0),
+        (0.0, 0.0, 0.0, "closed", 0.0),
+        (1e-6, 0.0, 0.0, "open", 1.0),
+        (0.0, 1e-5, 0.0, "partly open", 0.5),  # opens where y > 0
+        (0.0, 0.0, 1e-5, "partly open", 0.5),
+        (-0.5e-6, 1e-5, 0.0, "partly open", 0.25),  # y > 0.05
+        (0.4e-6, 0.0, 1e-5, "partly open", 0.5 + 0.04 / 0.3),  # x < 0.04
+        (0.0, 1.5e-5, 1e-5, "partly open", 0.5),  # along a diagonal
+        (-2.5e-6, 1e-5, -1e-5, "partly open", 0.0),  # touches a corner only: x + y > 0.25
+        (-2.0e-6, 1e-5, -1e-5, "partly open", 0.5 * 0.05**2 / 0.06),
+    ],
+)
+def test_open_share(host, dn, r1, r2, state, share):
+    found = JointMotion(run([(STILL, ((0, 0, dn), (r1, r2, 0)))], host=host)).relative(0)
+    if share == 0.0 and state != "closed":
+        assert found.open_share[0] < 1e-7
+    else:
+        assert STATES[found.state[0]] == state
+        np.testing.assert_allclose(found.open_share[0], share, rtol=0, atol=1e-7)
+
+
+def test_open_share_of_a_triangle_among_rectangles():
+    triangle = np.array([[-0.1, -0.05], [0.2, -0.05], [-0.1, 0.1]])
+    history = run([(STILL, ((0, 0, 0.5e-6), (0, 1e-5, 0)))], polygon=triangle)
+    history.joints[0]["area"] = 0.5 * 0.3 * 0.15
+    other = run([]).joints[0]
+    history.joints.append(other)
+    found = JointMotion(history).relative(0)
+    assert found.joints.n_corner.tolist() == [3, 4]
+    # open where x < 0.05: what is left is the corner at x = 0.2, half as wide as the whole
+    np.testing.assert_allclose(found.open_share, [0.75, 0.5 + 0.05 / 0.3], rtol=0, atol=1e-7)
+    grid = JointMotion(history).grid(0, along=30)
+    assert abs(len(grid) * 0.3 * 0.15 / 450 / 0.0225 - 1) < 0.05  # cells of 1 cm over half a rectangle
+
+
+def about(centre, angle):
+    """Shift and rotation vector of a turn by ``angle`` about a centre in the joint's plane."""
+    c, s = np.cos(angle), np.sin(angle)
+    x, y = centre
+    return np.array([x - c * x + s * y, y - s * x - c * y, 0.0]), np.array([0.0, 0.0, angle])
+
+
+@pytest.mark.parametrize("centre", [(-0.121, 0.0), (0.07, -0.04), (3.0, 20.0)])
+@pytest.mark.parametrize("angle", [1e-8, 1e-4, -0.5, 2.0])
+def test_torsion_centre_of_a_turn(centre, angle):
+    history = run([(STILL, STILL), (STILL, about(centre, angle))], start=np.array([1.0, 0.0, 0.0, 0.0]))
+    found = JointMotion(history).torsion_centre(1)
+    np.testing.assert_allclose(found[0], centre, rtol=0, atol=1e-7 * max(1.0, np.abs(centre).max()))
+
+
+def test_torsion_centre_of_an_increment():
+    """First about one centre, then about another, while a carries both away."""
+    first, second = (0.05, 0.02), (-0.1, -0.08)
+    shift_1, turn_1 = about(first, 0.1)
+    c, s = np.cos(0.2), np.sin(0.2)
+    shift_2 = np.array(second) + np.array([[c, -s], [s, c]]) @ (shift_1[:2] - second)
+    motions = [(STILL, STILL), (STILL, (shift_1, turn_1)), (CARRIED, carried([*shift_2, 0.0], [0.0, 0.0, 0.3]))]
+    joints = JointMotion(run(motions))
+    np.testing.assert_allclose(joints.torsion_centre(1)[0], first, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(joints.torsion_centre(2)[0], second, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(joints.torsion_centre(-1, since=1)[0], second, rtol=0, atol=1e-13)
+    assert np.isnan(joints.torsion_centre(0)).all()
+    every = joints.relative([0, 1, 2])
+    np.testing.assert_allclose(torsion_centre(every[0], every[2])[0], joints.torsion_centre(2, since=0)[0])
+
+
+def test_no_torsion_centre_in_shear_in_rocking_and_apart():
+    shear, tilt = ((1e-3, 2e-3, 0), (0, 0, 0)), ((0, 0, 0), (0.01, 0, 1e-3))
+    apart = ((0, 0, 1e-3), (0, 0, 0.1))
+    joints = JointMotion(run([(STILL, STILL), (STILL, shear), (STILL, STILL), (STILL, tilt), (STILL, apart)]))
+    for k in range(5):
+        assert np.isnan(joints.torsion_centre(k, since=0 if k == 4 else None)).all()
+
+
+def test_slip_at_points_and_on_a_grid():
+    shift, vector = about((0.05, -0.02), 0.3)
+    joints = JointMotion(run([(STILL, (shift, vector))], formulation="concave"))
+    points = joints.grid(0, along=6)
+    assert points.shape == (24, 2)
+    np.testing.assert_allclose(points.mean(axis=0), 0.0, atol=1e-16)
+    arm = points - (0.05, -0.02)
+    expected = np.array([0.05, -0.02]) + arm @ matrix(vector)[:2, :2].T - points
+    np.testing.assert_allclose(joints.relative(0).slip(0, points), expected, rtol=0, atol=1e-16)
+    assert joints.relative([0, 0, 0]).slip(0, points).shape == (3, 24, 2)
+
+
+def test_utilisation_of_a_convex_joint():
+    """Sets 4a and 4b: the limit load of the exact surface is utilisation 1."""
+    N, limit = 467.0, {0.075: 216.054938, 0.135: 161.9025}
+    forces = [[N, 0, V, V * e, 0, 0, 0] for e, V in limit.items()]
+    forces += [[2 * N, 0, V, V * e, 0, 0, 0] for e, V in limit.items()]
+    forces += [[N, 0.5 * 0.64 * N, 0, 0, 0, 0, 0], [0, 0, 0, 0, 0, 0, 0], [0, 1, 0, 0, 0, 0, 0], [N, 0, 0, 0, 0, 0, 0]]
+    history = run([(STILL, STILL)] * 8, rows=np.array(forces)[:, None, :])
+    found = JointMotion(history).utilisation(range(8))[:, 0]
+    np.testing.assert_allclose(found[:2], 1.0, rtol=3e-7)
+    np.testing.assert_allclose(found[2:4], 0.5, rtol=3e-7)
+    np.testing.assert_allclose(found[4:], [0.5, 0.0, np.inf, 0.0], rtol=1e-12)
+
+
+def test_utilisation_at_points_under_their_own_normal_forces():
+    """Only two points carry: V along x is mu N, torsion mu N times their half distance."""
+    N = 100.0
+    axes = matrix([0.3, -0.4, 0.9])
+    normals = np.array([[25.0, 25, 25, 25], [50.0, 50, 0, 0]])
+    forces = normals[:, :, None] * axes[2] + 3.0 * axes[0]
+    arm = np.hypot(A, B) / 2
+    rows = np.array([[N, 0, 0, 0.64 * N * arm, 0, 0, 0], [N, 0, 0, 0.32 * N * A, 0, 0, 0]])[:, None, :]
+    rows[1, 0, 1] = 0.64 * N * 0.3  # with M_T about the middle of the two points
+    rows[1, 0, 3] = 0.64 * N * 0.3 * B / 2
+    history = run([(STILL, STILL)] * 2, formulation="concave", rows=rows, forces=forces)
+    joints = JointMotion(history)
+    np.testing.assert_allclose(joints.normal_forces(1), normals[1], atol=1e-12)
+    np.testing.assert_allclose(joints.utilisation([0, 1])[:, 0], [1.0, 0.3], rtol=1e-10)
+
+
+def test_normal_forces_follow_the_penetration_where_they_are_not_recorded():
+    """dn = -1 um, opening at y > 0.05: the points at y = +0.1 are open; a tilt about t2 gives the rest by springs."""
+    motions = [(STILL, STILL), (STILL, ((0, 0, -1e-6), (0, 0, 0))), (STILL, ((0, 0, -1e-6), (0, 4e-6, 0)))]
+    motions.append((STILL, ((0, 0, -1e-6), (2e-5, 0, 0))))
+    joints = JointMotion(run(motions, formulation="concave"))
+    np.testing.assert_allclose(joints.normal_forces(0), 25.0)
+    np.testing.assert_allclose(joints.normal_forces(1), 25.0)
+    # penetration 1 um + r2 x: 0.4 at x = -0.15, 1.6 at x = 0.15
+    np.testing.assert_allclose(joints.normal_forces(2), [10.0, 40.0, 40.0, 10.0], rtol=1e-9)
+    np.testing.assert_allclose(joints.normal_forces(3), [50.0, 50.0, 0.0, 0.0], rtol=1e-9)
+    law = theory.points(0.5 * np.array([[-A, -B], [A, -B]]), np.array([50.0, 50.0]), 0.64)
+    assert theory.gauge(law, np.array([32.0, 0.0, 3.2])) == pytest.approx(0.5)
+
+
+def test_rows_next_to_frames():
+    found = nearest(np.array([0.0, 1.0, 2.0, 4.0]), np.array([-1.0, 0.0, 0.4, 0.6, 1.0, 2.9, 3.1, 9.0]))
+    assert found.tolist() == [0, 0, 0, 1, 1, 2, 3, 3]
+    assert nearest(np.array([5.0]), np.array([0.0, 7.0])).tolist() == [0, 0]
+
+
+def test_resultants_of_one_frame_and_of_several():
+    rows = np.arange(28.0).reshape(4, 1, 7)
+    joints = JointMotion(run([(STILL, STILL)] * 4, rows=rows))
+    np.testing.assert_array_equal(joints.resultants(2), rows[2])
+    np.testing.assert_array_equal(joints.resultants([3, 1]), rows[[3, 1]])
