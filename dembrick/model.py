@@ -16,6 +16,7 @@ from dembrick.errors import ScenarioError
 
 FORMULATIONS = ("concave", "corrected", "corrected-shear", "convex", "distributed")
 PRESSURES = ("full", "effective", "linear")
+CHANNELS = ("joints", "energy", "frames", "velocity", "contacts")  # of the record; the last three are of frames
 
 Vector = tuple[float, float, float]
 
@@ -302,6 +303,33 @@ class Solver:
 
 
 @dataclass(frozen=True, slots=True)
+class Output:
+    """What is recorded. ``channels``: "joints" (resultants, a row each), "energy", "frames" (motion of the blocks),
+    "velocity" and "contacts" (contact forces) in every frame; time, load and displacement always are.
+
+    ``rows`` and ``frames``: about how many of a constant-rate test; a search keeps a row of every step.
+    """
+
+    channels: tuple[str, ...] = ("joints", "energy", "frames", "velocity")
+    rows: int = 1000
+    frames: int = 200
+
+    def __post_init__(self):
+        _set(self, channels=_members("channels", self.channels, str))
+        for i, channel in enumerate(self.channels):
+            _choice(f"channels[{i}]", channel, CHANNELS)
+        for channel in ("velocity", "contacts"):
+            framed = channel not in self.channels or "frames" in self.channels
+            _require(framed, "channels", self.channels, f'"{channel}" is recorded in frames, so "frames" must be there')
+        for key in ("rows", "frames"):
+            value = getattr(self, key)
+            _type(isinstance(value, Integral) and not isinstance(value, bool), key, value, "a whole number")
+            _require(1 <= value <= 10_000_000, key, value, "it must lie between 1 and 10 million")
+            _set(self, **{key: int(value)})
+        _require(self.frames <= self.rows, "frames", self.frames, f"a frame is taken at a row, and rows = {self.rows}")
+
+
+@dataclass(frozen=True, slots=True)
 class Scenario:
     """One test, complete. ``text`` is the TOML it came from, ``path`` its file (both None when written in Python).
 
@@ -318,6 +346,7 @@ class Scenario:
     loads: tuple[Load, ...] = ()
     actuators: tuple[Actuator, ...] = ()
     solver: Solver = field(default_factory=Solver)
+    output: Output = field(default_factory=Output)
     path: str | None = field(default=None, compare=False)
     text: str | None = field(default=None, compare=False, repr=False)
 
@@ -327,6 +356,7 @@ class Scenario:
         _type(isinstance(self.joint, JointLaw), "joint", self.joint, "a JointLaw")
         _type(isinstance(self.control, Control), "control", self.control, "a YieldControl or DisplacementControl")
         _type(isinstance(self.solver, Solver), "solver", self.solver, "a Solver")
+        _type(isinstance(self.output, Output), "output", self.output, "an Output")
         _type(isinstance(self.materials, dict), "materials", self.materials, "a mapping of names to Material")
         _members("materials", list(self.materials.values()), Material)
         for name in self.materials:

@@ -2,42 +2,53 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-
 import numpy as np
 
 from dembrick.kernels.record import Record
+from dembrick.session import Session
 from dembrick.simulation import State
 
-Observer = Callable[[Mapping[str, np.ndarray], Mapping[str, np.ndarray]], None]
-
 ENERGIES = ("kinetic", "elastic", "jack_spring", "external", "friction", "dashpots")
-BUFFER_BYTES = 64 << 20  # most memory that the frames of one chunk may take
+BUFFER_BYTES = 4 << 20  # memory that the rows of a chunk may take, and again its frames; a chunk ends before more
 
 
 class Recorder:
-    """Rows and frames of a run; ``observe(rows, frames)`` gets copies of what each chunk brought.
+    """Rows and frames of a run; the session's ``observe(rows, frames)`` gets copies of what each chunk brought.
 
     ``rows``: time, load, displacement, unbalanced, lower, upper (T,), actuator_displacement and actuator_force (T, k),
-    joint (T, j, 7). ``frames``: time (F,), displacement (F, n, 3), orientation (F, n, 4).
+    energy (name: (T,)), and with the channel "joints" joint (T, j, 7). ``frames`` with the channel "frames": time (F,),
+    displacement (F, n, 3), orientation (F, n, 4); "velocity" adds velocity and spin (F, n, 3), "contacts"
+    contact_force (F, c, 3). A row is taken every ``rows_every`` steps, a frame every ``frames_every`` rows and at the
+    last row of a search. ``longest_chunk`` is how many steps may pass between two calls of `drain`.
     """
 
-    def __init__(self, state: State, observe: Observer, chunk: int, rows_every: int = 1, frames_every: int = 1):
-        n_block, n_joint = len(state.blocks.displacement), len(state.joints.block_a)
-        rows = chunk // rows_every + 2
-        frames = rows // frames_every + 2
-        frames = max(2, min(frames, BUFFER_BYTES // (56 * n_block)))
-        self._observe, self._weight = observe, state.jacks.weight
+    def __init__(self, state: State, session: Session, chunk: int, rows_every: int = 1, frames_every: int = 1):
+        n_block, n_joint, n_jack = len(state.blocks.displacement), len(state.joints.block_a), len(state.jacks.block)
+        channels = session.output.channels
+        joints = n_joint if "joints" in channels else 0
+        moving = n_block if "velocity" in channels else 0
+        points = len(state.points.k_n) if "contacts" in channels and state.points is not None else 0
+        rows = _capacity(chunk // rows_every, 8 * (6 + len(ENERGIES) + n_jack + 7 * joints))
+        self.longest_chunk = min(chunk, (rows - 2) * rows_every)
+        frames = 0
+        if "frames" in channels:
+            every = rows_every * frames_every
+            frames = _capacity(chunk // every, 8 * (1 + 7 * n_block + 6 * moving + 3 * points))
+            self.longest_chunk = min(self.longest_chunk, (frames - 2) * every)
+        self._observe, self._weight, self._channels = session.observe, state.jacks.weight, channels
         self.record = Record(
-            every=np.array([rows_every, frames_every], np.int64),
+            every=np.array([rows_every, rows_every * frames_every], np.int64),
             count=np.zeros(2, np.int64),
             row=np.empty((rows, 6)),
-            actuator=np.empty((rows, len(state.jacks.block))),
-            joint=np.empty((rows, n_joint, 7)),
+            actuator=np.empty((rows, n_jack)),
+            joint=np.empty((rows, joints, 7)),
             energy=np.zeros((rows, len(ENERGIES))),
             frame_time=np.empty(frames),
             frame_displacement=np.empty((frames, n_block, 3)),
             frame_orientation=np.empty((frames, n_block, 4)),
+            frame_velocity=np.empty((frames, moving, 3)),
+            frame_spin=np.empty((frames, moving, 3)),
+            frame_contact=np.empty((frames, points, 3)),
         )
 
     def drain(self) -> None:
@@ -49,11 +60,22 @@ class Recorder:
         rows = dict(zip(("time", "load", "displacement", "unbalanced", "lower", "upper"), columns, strict=True))
         rows["actuator_displacement"] = record.actuator[:n].copy()
         rows["actuator_force"] = rows["load"][:, None] * self._weight
-        rows["joint"] = record.joint[:n].copy()
+        if "joints" in self._channels:
+            rows["joint"] = record.joint[:n].copy()
         rows["energy"] = dict(zip(ENERGIES, record.energy[:n].copy().T, strict=True))
-        frames = {
-            "time": record.frame_time[:f].copy(),
-            "displacement": record.frame_displacement[:f].copy(),
-            "orientation": record.frame_orientation[:f].copy(),
-        }
+        frames = {}
+        if "frames" in self._channels:
+            frames["time"] = record.frame_time[:f].copy()
+            frames["displacement"] = record.frame_displacement[:f].copy()
+            frames["orientation"] = record.frame_orientation[:f].copy()
+        if "velocity" in self._channels:
+            frames["velocity"] = record.frame_velocity[:f].copy()
+            frames["spin"] = record.frame_spin[:f].copy()
+        if "contacts" in self._channels:
+            frames["contact_force"] = record.frame_contact[:f].copy()
         self._observe(rows, frames)
+
+
+def _capacity(wanted: int, entry_bytes: int) -> int:
+    """Entries of a buffer: as many as a chunk brings (and one at either end), if ``BUFFER_BYTES`` hold them."""
+    return max(3, min(wanted + 2, BUFFER_BYTES // entry_bytes))

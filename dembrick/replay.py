@@ -25,7 +25,9 @@ from dembrick.equilibrium import inverse_inertia, seat
 from dembrick.errors import DivergedError, NotConvergedError, ScenarioError
 from dembrick.kernels.advance import CONVERGED, DIVERGED, RUNNING, Drive, advance
 from dembrick.kernels.bracket import Certificate
-from dembrick.recorder import Observer, Recorder
+from dembrick.model import Output
+from dembrick.recorder import Recorder
+from dembrick.session import Observer, Session
 from dembrick.simulation import State, block_stiffness, initial_state, load_vectors, new_energy
 from dembrick.stability import block_inertia, critical_time_step, greatest_frequency
 from dembrick.state import Energy, Inertia
@@ -45,7 +47,6 @@ MOST_STEPS = 20_000  # of a search
 MOST_STEPS_AT_RATE = 2_000_000_000  # of a constant-rate test
 LONGEST_MOVE = 0.1  # of the smallest block: a step that moves a block further has diverged
 CHUNK = 1 << 16  # steps of a constant-rate test between two looks at the clock
-ROWS, FRAMES = 1000, 200  # of a constant-rate test
 
 
 @dataclass
@@ -66,10 +67,12 @@ class Replay:
     settings: dict = field(default_factory=dict)
 
 
-def find_limit_load(assembly, tolerance: float, step_factor: float, observe: Observer | None = None) -> Replay:
+def find_limit_load(
+    assembly, tolerance: float, step_factor: float, session: Session | Observer | None = None
+) -> Replay:
     """Push until the bracket of V is within ``tolerance`` of it (relative half-width).
 
-    ``step_factor`` is the time step over the critical one; ``observe`` gets the record. Raises NotConvergedError with
+    ``step_factor`` is the time step over the critical one; ``session`` gets the record. Raises NotConvergedError with
     the best bracket where the tolerance is not reached, DivergedError, and NotConvergedError where the dead loads alone
     bring the blocks down.
     """
@@ -83,7 +86,9 @@ def find_limit_load(assembly, tolerance: float, step_factor: float, observe: Obs
     scale = _rough_strength(state, setup.certificate, load) * setup.compliance / setup.weight
     drive = setup.drive(rate=SLIP_PER_STEP * scale / dt, ramp=RAMP * dt, dt=dt, searching=True)
     frames_every = 1 if len(assembly.names) <= 100 else 8
-    recorder = Recorder(state, observe, CHUNK_OF_SEARCH, frames_every=frames_every) if observe else None
+    session = Session.of(session)
+    recorder = Recorder(state, session, CHUNK_OF_SEARCH, frames_every=frames_every) if session.observe else None
+    chunk = recorder.longest_chunk if recorder else CHUNK_OF_SEARCH
     status, steps, strict = RUNNING, 0, setup.certificate.strict
     if frictionless(state, setup.certificate):
         setup.certificate.bracket[:] = 0.0
@@ -96,10 +101,9 @@ def find_limit_load(assembly, tolerance: float, step_factor: float, observe: Obs
     )  # no step: compiles, or loads the cache
     ready = time.perf_counter()
     while status == RUNNING and steps < MOST_STEPS:
-        status, steps = advance(
-            steps, CHUNK_OF_SEARCH, dt, *state, inertia, None, drive, setup.certificate, record, energy
-        )  # fmt: skip
-        if status == RUNNING and not strict and drive.calming == 0.0:
+        n = min(chunk, CHUNK_OF_SEARCH - steps % CHUNK_OF_SEARCH)
+        status, steps = advance(steps, n, dt, *state, inertia, None, drive, setup.certificate, record, energy)
+        if status == RUNNING and not strict and drive.calming == 0.0 and steps >= CHUNK_OF_SEARCH:
             # what has not come to rest by now swings, as blocks do that rock: still it, and watch it for longer
             drive = drive._replace(calming=CALMING)
             state.blocks.mean_velocity[:, :3] = state.blocks.velocity
@@ -125,7 +129,9 @@ def find_limit_load(assembly, tolerance: float, step_factor: float, observe: Obs
     return replay
 
 
-def push_at_constant_rate(assembly, rate: float, travel: float, step_factor: float, observe: Observer | None = None):
+def push_at_constant_rate(
+    assembly, rate: float, travel: float, step_factor: float, session: Session | Observer | None = None
+) -> Replay:
     """Move the jack head over ``travel`` (m) at ``rate`` (m/s) with physical inertia; returns a Replay.
 
     The bracket is what the record allows: strict at any rate, as narrow as the rate lets it be. Raises DivergedError,
@@ -143,10 +149,14 @@ def push_at_constant_rate(assembly, rate: float, travel: float, step_factor: flo
         inverse=np.linalg.inv(assembly.inertia),
     )
     _to_finite_motion(state)
-    rows_every = max(1, steps_wanted // ROWS)
+    session = Session.of(session)
+    output = session.output
+    rows_every = max(1, steps_wanted // output.rows)
     chunk = min(CHUNK, steps_wanted)
-    frames_every = max(1, min(steps_wanted, ROWS) // FRAMES)
-    recorder = Recorder(state, observe, chunk, rows_every, frames_every) if observe else None
+    frames_every = max(1, min(steps_wanted, output.rows) // output.frames)
+    recorder = Recorder(state, session, chunk, rows_every, frames_every) if session.observe else None
+    if recorder:
+        chunk = recorder.longest_chunk
     setup.certificate = setup.certificate._replace(every=rows_every)
     status, steps = RUNNING, 0
     record = recorder.record if recorder else None
@@ -176,8 +186,9 @@ class Plan:
     memory: int
 
 
-def plan(assembly, control, step_factor: float) -> Plan:
+def plan(assembly, control, step_factor: float, output: Output | None = None) -> Plan:
     """The plan of a replay, without running any of it."""
+    output = output or Output()
     system = _LoadSystem(assembly)
     critical = system.critical_time_step()
     dt = step_factor * critical
@@ -187,11 +198,11 @@ def plan(assembly, control, step_factor: float) -> Plan:
         rows = steps
     else:
         steps = _steps(control.rate, control.travel, dt)
-        rows = min(steps, 2 * ROWS)
+        rows = min(steps, 2 * output.rows)
     n, j = len(assembly.names), len(assembly.joints)
     points = sum(len(p.area) for p in assembly.contact_points if p is not None)
     row_bytes = 8 * (6 + 7 * j + 2 * len(assembly.actuators.block))
-    memory = 8 * (60 * n + 90 * j + 36 * n + 12 * points) + rows * row_bytes + min(rows, FRAMES) * 56 * n
+    memory = 8 * (60 * n + 90 * j + 36 * n + 12 * points) + rows * row_bytes + min(rows, output.frames) * 56 * n
     return Plan(dt, critical, steps, memory)
 
 

@@ -15,6 +15,7 @@ from dembrick import scenario as scenarios
 from dembrick.audit import EnergyAudit, audit
 from dembrick.errors import DembrickError, NotConvergedError
 from dembrick.model import Scenario
+from dembrick.session import Session
 from dembrick.yield_point import YieldPoint
 
 BRACKET_SLACK = 1e-9  # of V: rounding by which theory may lie outside a certified bracket
@@ -26,7 +27,8 @@ class Result:
 
     ``rows``: time, load, displacement, unbalanced, lower, upper (T,), actuator_displacement and actuator_force (T, k),
     joint (T, j, 7: N, V_1, V_2, M_T, M_1, M_2, slip). ``frames``: time (F,), displacement (F, n, 3), orientation
-    (F, n, 4). SI units.
+    (F, n, 4), velocity and spin (F, n, 3), contact_force (F, c, 3). Only the channels of the scenario's output are
+    there. SI units.
     """
 
     scenario: Scenario
@@ -115,7 +117,8 @@ class _Collector:
         if self.writer is not None:
             began = time.perf_counter()
             self.writer.append(rows)
-            self.writer.append_frames(**frames)
+            if frames:
+                self.writer.append_frames(**frames)
             self.write_seconds += time.perf_counter() - began
 
     @staticmethod
@@ -159,11 +162,11 @@ def simulate(
     if history is not None:
         from dembrick.history import HistoryWriter
 
-        writer = HistoryWriter(history, scenarios.text_of(scenario), assembly, {}, force=force)
+        writer = HistoryWriter(history, scenarios.text_of(scenario), assembly, {}, force, scenario.output.channels)
     collector = _Collector(writer) if record or writer else None
     opened = time.perf_counter()
     try:
-        run = _replayed(scenario, assembly, collector)
+        run = _replayed(scenario, assembly, Session(collector, scenario.output))
         rows = collector.joined(collector.rows) if collector else {}
         books = audit(rows["energy"], run.energy) if rows else None
     except DembrickError as error:
@@ -205,11 +208,11 @@ def simulate(
     return result
 
 
-def _replayed(scenario: Scenario, assembly, collector) -> replay.Replay:
+def _replayed(scenario: Scenario, assembly, session: Session) -> replay.Replay:
     control, factor = scenario.control, scenario.solver.step_factor
     if control.kind == "yield":
-        return replay.find_limit_load(assembly, control.tolerance, factor, collector)
-    return replay.push_at_constant_rate(assembly, control.rate, control.travel, factor, collector)
+        return replay.find_limit_load(assembly, control.tolerance, factor, session)
+    return replay.push_at_constant_rate(assembly, control.rate, control.travel, factor, session)
 
 
 def failure(scenario: Scenario, error: DembrickError, history=None) -> dict:

@@ -23,6 +23,7 @@ from dembrick.model import (
     JointOverride,
     Load,
     Material,
+    Output,
     Scenario,
     Solver,
     nearest,
@@ -91,6 +92,7 @@ def dumps(scenario: Scenario) -> str:
         document[key] = [_plain(entry, short=True) for entry in getattr(scenario, key)]
     document["control"] = {"kind": scenario.control.kind, **_plain(scenario.control)}
     document["solver"] = _plain(scenario.solver)
+    document["output"] = _plain(scenario.output)
     return _write({key: value for key, value in document.items() if value != []})
 
 
@@ -149,6 +151,7 @@ def _decode(document: dict[str, Any], place: _Place, path: str | None, text: str
         values[key] = [_record(kind, entry, there) for entry, there in _entries(document, key, place)]
     values["control"] = _control(document["control"], place.inside("[control]"))
     values["solver"] = _record(Solver, document.get("solver", {}), place.inside("[solver]"))
+    values["output"] = _record(Output, document.get("output", {}), place.inside("[output]"))
     scenario = _make(Scenario, {**values, "path": path, "text": text}, place)
     if not scenario.actuators:
         place.fail(f"control kind {show(scenario.control.kind)} drives actuators and there is none; add [[actuators]]")

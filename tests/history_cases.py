@@ -41,6 +41,8 @@ def assembly():
         position=np.array([[0.0, 0.0, -0.05], [0.0, 0.0, 0.05]]),
         orientation=np.array([[1.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]]),
         fixed=np.array([True, False]),
+        mass=np.array([9.0, 9.0]),
+        inertia=np.array([np.diag([0.0375, 0.075, 0.0975])] * 2),
         joints=joints,
         contact_points=points,
         actuators=SimpleNamespace(
@@ -61,6 +63,7 @@ def mixed_assembly():
     base.position = np.vstack([base.position, [0.4, 1000.0, 0.2]])
     base.orientation = np.vstack([base.orientation, turn])
     base.fixed = np.array([True, False, False])
+    base.mass, base.inertia = np.array([9.0, 9.0, 0.75]), np.concatenate([base.inertia, [1e-3 * np.eye(3) + 1e-4]])
     base.joints = (*base.joints, joint(1, 2, "convex", origin=(0.0, 0.0, 0.1)))
     base.contact_points = (*base.contact_points, None)
     base.actuators = SimpleNamespace(
@@ -75,6 +78,7 @@ def many_blocks(n):
     base.position = np.column_stack([0.4 * np.arange(n), np.zeros(n), np.zeros(n)])
     base.orientation = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1))
     base.fixed = np.arange(n) == 0
+    base.mass, base.inertia = np.full(n, 9.0), np.tile(base.inertia[0], (n, 1, 1))
     return base
 
 
@@ -103,3 +107,14 @@ def frames(start, stop, n_block=2):
     angle = 0.01 * frame[:, None] * moving
     orientation = np.concatenate([np.cos(angle / 2)[..., None], np.sin(angle / 2)[..., None] * axis], axis=2)
     return 1e-4 * frame, displacement, orientation
+
+
+def motion(start, stop, n_block=2, n_point=4):
+    """Velocity, spin and contact forces of frames start to stop."""
+    frame = np.arange(start, stop, dtype=float)[:, None, None]
+    axis, block, point = np.arange(3.0), np.arange(n_block)[:, None], np.arange(n_point)[:, None]
+    return {
+        "velocity": frame + 0.1 * axis + 10.0 * block,
+        "spin": -frame + 0.2 * axis + 10.0 * block,
+        "contact_force": 100.0 * frame + axis + 0.01 * point,
+    }

@@ -15,7 +15,7 @@ import history_cases as cases
 import numpy as np
 import pytest
 
-from dembrick import history
+from dembrick import history, model
 from dembrick.errors import HistoryError, OutputError, WriteError
 from dembrick.history import files, layout, writer
 
@@ -27,10 +27,10 @@ def open_writer(path, assembly=None, **options):
 
 
 def finished(path, **options):
-    """A finished history of 20 rows and 4 frames at ``path``."""
-    with open_writer(path, **options) as out:
+    """A finished history of 20 rows and 4 frames at ``path``, with all channels."""
+    with open_writer(path, channels=model.CHANNELS, **options) as out:
         out.append(cases.record(0, 20))
-        out.append_frames(*cases.frames(0, 4))
+        out.append_frames(*cases.frames(0, 4), **cases.motion(0, 4))
         out.finish("yield", RESULTS)
     return path
 
@@ -103,6 +103,36 @@ def test_everything_comes_back(tmp_path, hold):
         assert found.actuators == []
 
 
+def test_the_channels_that_were_asked_for_come_back(tmp_path):
+    assembly = cases.mixed_assembly()
+    motion = cases.motion(0, 5, 3, 4)
+    with open_writer(tmp_path / "all.h5", assembly, channels=model.CHANNELS) as out:
+        out.append(cases.record(0, 5, 2, 0))
+        out.append_frames(*cases.frames(0, 2, 3), **{name: value[:2] for name, value in motion.items()})
+        out.append_frames(*cases.frames(2, 5, 3), **{name: value[2:] for name, value in motion.items()})
+        with pytest.raises(ValueError, match="frames/contact_force"):
+            out.append_frames(*cases.frames(5, 6, 3), **cases.motion(5, 6, 3, 5))
+        out.finish("yield", RESULTS)
+    with history.read(tmp_path / "all.h5") as found:
+        for k in range(-1, 5):
+            np.testing.assert_array_equal(found.frame_velocity(k), motion["velocity"][k])
+            np.testing.assert_array_equal(found.frame_spin(k), motion["spin"][k])
+            np.testing.assert_array_equal(found.frame_contact_force(k), motion["contact_force"][k])
+        check_frames(found, 5, assembly)
+        np.testing.assert_array_equal(found.block_mass, assembly.mass)
+        np.testing.assert_array_equal(found.block_inertia, assembly.inertia)
+    with open_writer(tmp_path / "few.h5", assembly, channels=("frames",)) as out:
+        out.append(cases.record(0, 5, 2, 0))
+        out.append_frames(*cases.frames(0, 5, 3), **motion)
+        out.finish("yield", RESULTS)
+    with history.read(tmp_path / "few.h5") as found:
+        assert found.energy == {} and found.load.shape == (5,)
+        check_frames(found, 5, assembly)
+        assert found.frame_velocity(0) is found.frame_spin(0) is found.frame_contact_force(0) is None
+        with pytest.raises(HistoryError, match="joint forces were not recorded.*output.channels"):
+            found.joint("N")
+
+
 def test_jacks_come_back(tmp_path):
     with history.read(finished(tmp_path / "run.h5")) as found:
         (jack,) = found.actuators
@@ -134,7 +164,7 @@ def test_the_file_is_what_other_scripts_expect(tmp_path):
 
 
 def test_a_run_without_frames_or_rows(tmp_path):
-    with open_writer(tmp_path / "rows.h5", frames=False) as out:
+    with open_writer(tmp_path / "rows.h5", channels=("joints", "energy")) as out:
         out.append(cases.record(0, 3))
         with pytest.raises(ValueError, match="without frames"):
             out.append_frames(*cases.frames(0, 1))
@@ -504,6 +534,7 @@ def read_all(path):
             found.block_vertices(i), found.block_faces(i)
         for k in range(found.n_frames):
             found.frame_position(k), found.frame_displacement(k), found.frame_orientation(k)
+            found.frame_velocity(k), found.frame_spin(k), found.frame_contact_force(k)
 
 
 def replaced(name, make):
@@ -600,6 +631,14 @@ STRANGE = {
     "not a number": lambda file, _: file["geometry/blocks/position"].__setitem__((0, 0), np.nan),
     "joint of nothing": lambda file, _: file["geometry/joints/blocks"].__setitem__((0, 0), 7),
     "jack on nothing": lambda file, _: file["geometry/actuators/block"].__setitem__(0, 2),
+    "contacts too short": replaced("frames/contact_force", put(np.zeros((4, 3, 3)))),
+    "absurd contacts": replaced("geometry/joints/point", absurd((10**15, 5), chunks=(1024, 5))),
+    "absurd velocity": replaced("frames/velocity", absurd((10**12, 2, 3), chunks=(64, 2, 3))),
+    "external spin": replaced("frames/spin", external),
+    "soft contacts": replaced("frames/contact_force", soft),
+    "external mass": replaced("geometry/blocks/mass", external),
+    "inertia of another shape": replaced("geometry/blocks/inertia", put(np.zeros((2, 3)))),
+    "mass not a number": lambda file, _: file["geometry/blocks/mass"].__setitem__(1, np.nan),
     "names as bytes": replaced("geometry/blocks/name", put(np.array([b"\xff", b"\xfe"]))),
 }
 

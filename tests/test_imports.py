@@ -24,8 +24,8 @@ FLOORS = {
     5: ["point_rules"],
     6: ["joints"],
     7: ["assembly", "simulation"],
-    8: ["recorder", "stability", "certificate", "equilibrium"],
-    9: ["yield_point"],
+    8: ["session", "stability", "certificate", "equilibrium"],
+    9: ["recorder", "yield_point"],
     10: ["replay"],
 }
 RANK = {name: rank for rank, names in FLOORS.items() for name in names}

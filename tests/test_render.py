@@ -78,7 +78,9 @@ def test_errors(run, tmp_path, monkeypatch):
 
 
 def test_a_history_without_frames_is_said(tmp_path):
-    with history.HistoryWriter(tmp_path / "bare.h5", cases.SCENARIO, cases.assembly(), {}, frames=False) as writer:
+    with history.HistoryWriter(
+        tmp_path / "bare.h5", cases.SCENARIO, cases.assembly(), {}, channels=("joints",)
+    ) as writer:
         writer.append(cases.record(0, 3))
         writer.finish("yield", {})
     with history.read(tmp_path / "bare.h5") as bare, pytest.raises(HistoryError, match="no frames"):

@@ -21,7 +21,7 @@ def run(options, console) -> int:
     assembly = assemblies.build(scenario)
     for warning in assembly.warnings:
         console.remark(f"warning: {warning}")
-    plan = replay.plan(assembly, scenario.control, scenario.solver.step_factor)
+    plan = replay.plan(assembly, scenario.control, scenario.solver.step_factor, scenario.output)
     joints = [
         {
             "between": [assembly.names[joint.block_a], assembly.names[joint.block_b]],

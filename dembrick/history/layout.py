@@ -8,7 +8,7 @@ are valid: in a file that is still being written the growing datasets are longer
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping
 from dataclasses import dataclass
 
 import h5py
@@ -64,8 +64,9 @@ class Table:
     description: str
 
 
-def fields(n_actuator: int, n_joint: int, energy: Iterable[str], n_block: int | None) -> tuple[Field, ...]:
-    """All growing datasets; ``n_block`` None leaves the frames out."""
+def fields(assembly, channels: Container[str], energy: Iterable[str]) -> tuple[Field, ...]:
+    """The growing datasets of the channels (see ``model.Output``); ``energy``: names of the energies."""
+    n_actuator, n_joint, n_block = len(assembly.actuators.names), len(assembly.joints), len(assembly.names)
     rows = [
         Field("history/time", (), "s", "time of the row"),
         Field("history/load", (), "N", "load multiplier V: the force of a jack of weight 1"),
@@ -74,17 +75,31 @@ def fields(n_actuator: int, n_joint: int, energy: Iterable[str], n_block: int | 
         Field("history/actuator_force", (n_actuator,), "N", "force of each jack"),
         Field("history/unbalanced", (), "1", "unbalanced-force ratio"),
     ]
-    rows += [Field(f"history/joint/{name}", (n_joint,), *about) for name, about in JOINT_CHANNELS.items()]
+    if "joints" in channels:
+        rows += [Field(f"history/joint/{name}", (n_joint,), *about) for name, about in JOINT_CHANNELS.items()]
     rows += [Field(f"history/energy/{name}", (), "J", f"energy: {name.replace('_', ' ')}") for name in energy]
-    if n_block is None:
+    if "frames" not in channels:
         return tuple(rows)
-    return (
-        *rows,
+    frames = [
         Field("frames/time", (), "s", "time of the frame"),
         Field("frames/position", (n_block, 3), "m", "centroid of each block, world axes"),
         Field("frames/displacement", (n_block, 3), "m", "movement of each centroid from the start, world axes"),
         Field("frames/orientation", (n_block, 4), "1", "quaternion (w, x, y, z) of each block, body to world"),
-    )
+    ]
+    if "velocity" in channels:
+        frames += [
+            Field("frames/velocity", (n_block, 3), "m/s", "velocity of each centroid half a step before, world axes"),
+            Field("frames/spin", (n_block, 3), "rad/s", "angular velocity half a step before, world axes"),
+        ]
+    if "contacts" in channels:
+        about = "force on block b at each contact point, world axes; the points are those of geometry/joints/point"
+        frames.append(Field("frames/contact_force", (contact_points(assembly), 3), "N", about))
+    return (*rows, *frames)
+
+
+def contact_points(assembly) -> int:
+    """How many contact points an assembly has; convex joints have none."""
+    return sum(len(points.area) for points in assembly.contact_points if points is not None)
 
 
 def geometry(assembly) -> list[Table]:
@@ -101,6 +116,8 @@ def geometry(assembly) -> list[Table]:
         Table(b + "fixed", np.asarray(assembly.fixed, np.uint8), "1", "1 where the block is a support"),
         Table(b + "position", _floats(assembly.position, 3), "m", "centroids at the start, world axes"),
         Table(b + "orientation", _floats(assembly.orientation, 4), "1", "quaternions (w, x, y, z) at the start"),
+        Table(b + "mass", _floats(assembly.mass), "kg", "mass of each block"),
+        Table(b + "inertia", _floats(assembly.inertia, 3, 3), "kg m2", "about the centroids, body axes"),
         Table(b + "vertices", _stacked([s.vertices for s in shapes], 3), "m", "vertices of all blocks, body axes"),
         Table(b + "vertex_start", _starts(len(s.vertices) for s in shapes), "1", "first vertex of each block, and end"),
         Table(b + "face_start", _starts(len(s.faces) for s in shapes), "1", "first face of each block, and end"),

@@ -61,14 +61,21 @@ class History:
         self.n_actuator = guard.dataset(self._file, "geometry/actuators/name", "text", (None,)).shape[0]
         tails = dict.fromkeys(("time", "load", "displacement", "unbalanced"), ())
         tails |= dict.fromkeys(("actuator_displacement", "actuator_force"), (self.n_actuator,))
-        tails |= {f"joint/{name}": (self.n_joint,) for name in JOINT_CHANNELS}
+        self.has_joints = "joint" in guard.members(self._file, "history")
+        if self.has_joints:
+            tails |= {f"joint/{name}": (self.n_joint,) for name in JOINT_CHANNELS}
         self.energy_names = tuple(guard.members(self._file, "history/energy"))
         tails |= {f"energy/{name}": () for name in self.energy_names}
         tails = {f"history/{name}": tail for name, tail in tails.items()}
-        self.has_frames = "time" in guard.members(self._file, "frames")
+        framed = guard.members(self._file, "frames")
+        self.has_frames = "time" in framed
         if self.has_frames:
             blocks = {"time": (), "position": (self.n_block, 3), "displacement": (self.n_block, 3)}
             blocks["orientation"] = (self.n_block, 4)
+            blocks |= {name: (self.n_block, 3) for name in ("velocity", "spin") if name in framed}
+            if "contact_force" in framed:
+                n_point = guard.dataset(self._file, "geometry/joints/point", "number", (None, 5)).shape[0]
+                blocks["contact_force"] = (n_point, 3)
             tails |= {f"frames/{name}": tail for name, tail in blocks.items()}
         self._series = {}
         for name, tail in tails.items():
@@ -176,7 +183,14 @@ class History:
         return self.series("unbalanced")
 
     def joint(self, name: str) -> np.ndarray:
-        """(T, n_joint) of ``N``, ``V_1``, ``V_2``, ``M_T``, ``M_1``, ``M_2`` or ``slip``."""
+        """(T, n_joint) of ``N``, ``V_1``, ``V_2``, ``M_T``, ``M_1``, ``M_2`` or ``slip``.
+
+        HistoryError where the run did not record them.
+        """
+        if not self.has_joints:
+            raise HistoryError(
+                f'{self.path}: joint forces were not recorded; run it again with "joints" in output.channels'
+            )
         return self.series(f"joint/{name}")
 
     @cached_property
@@ -203,11 +217,27 @@ class History:
         """(n_block, 4): quaternions (w, x, y, z) in frame k."""
         return self._frame("orientation", k)
 
-    def _frame(self, name: str, k: int) -> np.ndarray:
+    def frame_velocity(self, k: int) -> np.ndarray | None:
+        """(n_block, 3) m/s: velocities of the centroids, half a step before frame k; None if not recorded."""
+        return self._frame("velocity", k)
+
+    def frame_spin(self, k: int) -> np.ndarray | None:
+        """(n_block, 3) rad/s: angular velocities, world axes, half a step before frame k; None if not recorded."""
+        return self._frame("spin", k)
+
+    def frame_contact_force(self, k: int) -> np.ndarray | None:
+        """(n_point, 3) N: force on block b at each contact point, world axes; None if not recorded.
+
+        The points are those of the joints, one joint after the other; convex joints have none.
+        """
+        return self._frame("contact_force", k)
+
+    def _frame(self, name: str, k: int) -> np.ndarray | None:
         if not -self.n_frames <= k < self.n_frames:
             raise IndexError(f"frame {k} of {self.path}, which has {self.n_frames}")
         k %= self.n_frames
-        return guard.values(self._series[f"frames/{name}"], k, k + 1)[0]
+        data = self._series.get(f"frames/{name}")
+        return None if data is None else guard.values(data, k, k + 1)[0]
 
     # --- geometry at rest ---
 
@@ -244,6 +274,21 @@ class History:
     def block_fixed(self) -> np.ndarray:
         """(n_block,) bool: the supports."""
         return self._table("blocks/fixed", count=self.n_block, kind="integer").astype(bool)
+
+    @cached_property
+    def block_mass(self) -> np.ndarray | None:
+        """(n_block,) kg; None in files of earlier versions."""
+        return self._optional("blocks/mass")
+
+    @cached_property
+    def block_inertia(self) -> np.ndarray | None:
+        """(n_block, 3, 3) kg m2 about the centroids, body axes; None in files of earlier versions."""
+        return self._optional("blocks/inertia", 3, 3)
+
+    def _optional(self, path: str, *tail: int) -> np.ndarray | None:
+        folder, _, name = f"geometry/{path}".rpartition("/")
+        there = name in guard.members(self._file, folder)
+        return self._table(path, *tail, count=self.n_block) if there else None
 
     @cached_property
     def position0(self) -> np.ndarray:

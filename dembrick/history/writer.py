@@ -8,7 +8,7 @@ import platform
 import sys
 import time
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 
 import h5py
@@ -36,7 +36,8 @@ class HistoryWriter:
     ``append`` and ``append_frames`` bring rows and frames to the file at once; only during the first ``hold`` seconds
     they stay in memory, so that a run of milliseconds writes its file a single time, finished. ``finish`` makes the
     final file: exact lengths, compressed where that halves a long series. Until then the status is ``running``.
-    ``energy``: names of the energies in the records, if known; else the first record tells.
+    ``channels``: what is recorded (see ``model.Output``). ``energy``: names of the energies in the records, if known;
+    else the first record tells.
 
     Raises OutputError where the path cannot be used, WriteError where a write fails later; what was flushed before
     stays readable.
@@ -49,7 +50,7 @@ class HistoryWriter:
         assembly,
         settings: Mapping,
         force: bool = False,
-        frames: bool = True,
+        channels: Iterable[str] = ("joints", "energy", "frames"),
         energy: tuple[str, ...] = (),
         hold: float = 0.1,
     ):
@@ -59,7 +60,7 @@ class HistoryWriter:
             _refuse_finished(self.path, self._target)
         self._assembly, self._scenario_text, self._settings = assembly, scenario_text, dict(settings)
         self._position0 = np.asarray(assembly.position, float)
-        self._has_frames, self._hold, self._opened = frames, hold, time.monotonic()
+        self._channels, self._hold, self._opened = frozenset(channels), hold, time.monotonic()
         self._tables: list[layout.Table] | None = None
         self._file = None
         self._offsets: dict[str, int] = {}
@@ -70,10 +71,9 @@ class HistoryWriter:
         self._set_fields(energy)
 
     def _set_fields(self, energy) -> None:
-        n_block = len(self._position0) if self._has_frames else None
-        jacks, joints = self._assembly.actuators.names, self._assembly.joints
-        self._fields = layout.fields(len(jacks), len(joints), energy, n_block)
+        self._fields = layout.fields(self._assembly, self._channels, energy)
         self._energy = tuple(energy)
+        self._frame_fields = [f.path.removeprefix("frames/") for f in self._fields if f.is_frame]
 
     @property
     def n_row(self) -> int:
@@ -87,29 +87,33 @@ class HistoryWriter:
 
     def append(self, record: Mapping) -> None:
         """Add T rows: ``time``, ``load``, ``displacement``, ``unbalanced`` (T,), ``actuator_displacement`` and
-        ``actuator_force`` (T, n_actuator), ``joint`` (T, n_joint, 7), optionally ``energy``: name -> (T,)."""
-        energy = record.get("energy") or {}
+        ``actuator_force`` (T, n_actuator), ``joint`` (T, n_joint, 7), optionally ``energy``: name -> (T,); what is no
+        channel of this history is left out."""
+        energy = (record.get("energy") if "energy" in self._channels else None) or {}
         if set(energy) != set(self._energy):
             if self.n_row:
                 raise ValueError(f"energies {sorted(energy)} differ from the first record's {sorted(self._energy)}")
             self._reopen_with(tuple(energy))
-        joint = np.asarray(record["joint"], float)
-        channels = {f"history/joint/{name}": joint[..., i] for i, name in enumerate(layout.JOINT_CHANNELS)}
+        channels = {}
+        if "joints" in self._channels:
+            joint = np.asarray(record["joint"], float)
+            channels = {f"history/joint/{name}": joint[..., i] for i, name in enumerate(layout.JOINT_CHANNELS)}
         channels |= {f"history/energy/{name}": value for name, value in energy.items()}
         for field in self._fields:
             if not field.is_frame and field.path not in channels:
                 channels[field.path] = record[field.path.removeprefix("history/")]
-        self._add(channels, 0, len(joint))
+        self._add(channels, 0, len(record["time"]))
 
-    def append_frames(self, time, displacement, orientation) -> None:
-        """Add F frames: ``time`` (F,), ``displacement`` from the start (F, n_block, 3) and ``orientation``
-        (F, n_block, 4)."""
-        if not self._has_frames:
+    def append_frames(self, time, displacement, orientation, velocity=None, spin=None, contact_force=None) -> None:
+        """Add F frames: ``time`` (F,), ``displacement`` from the start (F, n_block, 3), ``orientation``
+        (F, n_block, 4); ``velocity`` and ``spin`` (F, n_block, 3) and ``contact_force`` (F, n_point, 3) where they are
+        channels of this history."""
+        if "frames" not in self._channels:
             raise ValueError("this history was opened without frames")
         displacement = np.asarray(displacement, float)
-        channels = {"time": time, "position": self._position0 + displacement}
-        channels |= {"displacement": displacement, "orientation": orientation}
-        self._add({f"frames/{name}": value for name, value in channels.items()}, 1, len(displacement))
+        frames = {"time": time, "position": self._position0 + displacement, "displacement": displacement}
+        frames |= {"orientation": orientation, "velocity": velocity, "spin": spin, "contact_force": contact_force}
+        self._add({f"frames/{name}": frames[name] for name in self._frame_fields}, 1, len(displacement))
 
     def _add(self, channels: Mapping, which: int, count: int) -> None:
         if self._closed:

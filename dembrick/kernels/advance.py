@@ -65,7 +65,9 @@ def advance(
                         energy, blocks, joints, points, areas, jacks, drive, scaled, inertia, dt,
                         record.energy[record.count[0]],
                     )  # fmt: skip
-                if not write_row(record, step * dt, blocks, joints, jacks, bracket[0], bracket[1]):
+                if not write_row(
+                    record, step, step * dt, blocks, joints, points, jacks, energy, bracket[0], bracket[1], done
+                ):
                     return FULL, step
         if done:
             return CONVERGED, step + 1

@@ -1,4 +1,7 @@
-"""What a replay writes down: rows of history and frames of motion, into arrays given to it."""
+"""What a replay writes down: rows of history and frames of motion, into arrays given to it.
+
+A channel that was not asked for has arrays without entries, so that leaving it out costs neither time nor memory.
+"""
 
 from typing import NamedTuple
 
@@ -6,28 +9,69 @@ from numpy import ndarray
 
 from dembrick._jit import jit
 from dembrick.kernels.forces import unbalanced_ratio
-from dembrick.kernels.vec3 import turned
+from dembrick.kernels.vec3 import columns_times, turned
 
 
 class Record(NamedTuple):
     """Rows and frames written by the loop."""
 
-    every: ndarray  # (2,) int64, steps between rows, between frames
+    every: ndarray  # (2,) int64, steps between rows, between frames (a multiple)
     count: ndarray  # (2,) int64, rows, frames so far
     row: ndarray  # (r, 6) time, load, displacement, unbalanced, lower, upper
     actuator: ndarray  # (r, k) m
-    joint: ndarray  # (r, j, 7)
+    joint: ndarray  # (r, j or 0, 7)
     energy: ndarray  # (r, 6) J, see `energy.balance`
     frame_time: ndarray  # (F,)
-    frame_displacement: ndarray  # (F, n, 3)
+    frame_displacement: ndarray  # (F, n, 3) m
     frame_orientation: ndarray  # (F, n, 4)
+    frame_velocity: ndarray  # (F, n or 0, 3) m/s
+    frame_spin: ndarray  # (F, n or 0, 3) rad/s
+    frame_contact: ndarray  # (F, c or 0, 3) N, on block b at each contact point, world
 
 
 @jit
-def write_row(record, time, blocks, joints, jacks, lower, upper):
-    """Add a row to the record, with a frame where one is due; False when the record is full."""
+def write_contacts(points, joints, energy, out):
+    """Force (N, world) on block b at every contact point: normal force, and shear force with its dashpot part."""
+    for p in range(points.joint.size):
+        axes = joints.axes[points.joint[p]]
+        for i in range(points.start[p], points.start[p + 1]):
+            t1 = points.elastic_1[i]
+            t2 = points.elastic_2[i]
+            if energy is not None:
+                t1 += energy.dash_1[i]
+                t2 += energy.dash_2[i]
+            force = columns_times(axes, -t1, -t2, points.normal[i])
+            for k in range(3):
+                out[i, k] = force[k]
+
+
+@jit
+def write_frame(record, time, blocks, joints, points, energy):
+    """Add a frame to the record; there must be room."""
+    frame = record.count[1]
+    record.frame_time[frame] = time
+    for b in range(blocks.displacement.shape[0]):
+        q = turned(blocks.orientation, b, blocks.rotation[b, 0], blocks.rotation[b, 1], blocks.rotation[b, 2])
+        for i in range(3):
+            record.frame_displacement[frame, b, i] = blocks.displacement[b, i]
+        for i in range(4):
+            record.frame_orientation[frame, b, i] = q[i]
+    for b in range(record.frame_velocity.shape[1]):
+        for i in range(3):
+            record.frame_velocity[frame, b, i] = blocks.velocity[b, i]
+            record.frame_spin[frame, b, i] = blocks.spin[b, i]
+    if points is not None:
+        if record.frame_contact.shape[1] > 0:
+            write_contacts(points, joints, energy, record.frame_contact[frame])
+    record.count[1] = frame + 1
+
+
+@jit
+def write_row(record, step, time, blocks, joints, points, jacks, energy, lower, upper, last):
+    """Add a row to the record, with a frame where one is due or it is the ``last``; False when there is no room."""
     row = record.count[0]
-    if row >= record.row.shape[0]:
+    framed = record.frame_time.size > 0 and (last or step % record.every[1] == 0)
+    if row >= record.row.shape[0] or (framed and record.count[1] >= record.frame_time.size):
         return False
     record.row[row, 0] = time
     record.row[row, 1] = jacks.drive[2]
@@ -37,18 +81,10 @@ def write_row(record, time, blocks, joints, jacks, lower, upper):
     record.row[row, 5] = upper
     for i in range(jacks.block.size):
         record.actuator[row, i] = jacks.displacement[i]
-    for j in range(joints.resultant.shape[0]):
+    for j in range(record.joint.shape[1]):
         for i in range(7):
             record.joint[row, j, i] = joints.resultant[j, i]
     record.count[0] = row + 1
-    if row % record.every[1] == 0 and record.count[1] < record.frame_time.size:
-        frame = record.count[1]
-        record.frame_time[frame] = time
-        for b in range(blocks.displacement.shape[0]):
-            q = turned(blocks.orientation, b, blocks.rotation[b, 0], blocks.rotation[b, 1], blocks.rotation[b, 2])
-            for i in range(3):
-                record.frame_displacement[frame, b, i] = blocks.displacement[b, i]
-            for i in range(4):
-                record.frame_orientation[frame, b, i] = q[i]
-        record.count[1] = frame + 1
+    if framed:
+        write_frame(record, time, blocks, joints, points, energy)
     return True
