@@ -250,7 +250,11 @@ def test_numerical_choices_do_not_count(formulation, monkeypatch):
             for key, value in choice.items():
                 if key.isupper():
                     patch.setattr(replay, key, value)
-            check(run(formulation, jacks=jacks, tolerance=tolerance, **options), expected, tolerance)
+            result = run(formulation, jacks=jacks, tolerance=tolerance, **options)
+            # each run places the points of ``distributed`` itself: their own limit load hardly moves
+            own = theory.limit_load(formulation_of(result).law(N), (0, 1, 0.25 * A)).V
+            assert own == pytest.approx(expected, rel=0.5 * tolerance)
+            check(result, own, tolerance)
 
 
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
