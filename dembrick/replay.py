@@ -23,14 +23,15 @@ import numpy as np
 from dembrick.certificate import certificate, empty_window, frictionless
 from dembrick.equilibrium import inverse_inertia, seat
 from dembrick.errors import DivergedError, NotConvergedError, ScenarioError
-from dembrick.kernels.advance import CONVERGED, DIVERGED, RUNNING, Drive, advance
+from dembrick.kernels.advance import CONVERGED, DIVERGED, RUNNING, Drive
 from dembrick.kernels.bracket import Certificate
 from dembrick.model import Output
 from dembrick.recorder import Recorder
-from dembrick.session import Observer, Session
+from dembrick.session import Observer, Session, Snapshot
 from dembrick.simulation import State, block_stiffness, initial_state, load_vectors, new_energy
 from dembrick.stability import block_inertia, critical_time_step, greatest_frequency
 from dembrick.state import Energy, Inertia
+from dembrick.stepping import Loop, Stepper
 from dembrick.yield_point import YieldPoint, read_off
 
 # Numerical choices; answers do not depend on them beyond the tolerance, and a test says so.
@@ -88,35 +89,31 @@ def find_limit_load(
     frames_every = 1 if len(assembly.names) <= 100 else 8
     session = Session.of(session)
     recorder = Recorder(state, session, CHUNK_OF_SEARCH, frames_every=frames_every) if session.observe else None
-    chunk = recorder.longest_chunk if recorder else CHUNK_OF_SEARCH
-    status, steps, strict = RUNNING, 0, setup.certificate.strict
+    status, strict = RUNNING, setup.certificate.strict
     if frictionless(state, setup.certificate):
         setup.certificate.bracket[:] = 0.0
         status = CONVERGED
-    record = recorder.record if recorder else None
     energy = new_energy(state) if recorder else None
+    loop = Loop(dt, state, inertia, None, drive, setup.certificate, energy)
     began = time.perf_counter()
-    advance(
-        0, 0, dt, *state, inertia, None, drive, setup.certificate, record, energy
-    )  # no step: compiles, or loads the cache
-    ready = time.perf_counter()
-    while status == RUNNING and steps < MOST_STEPS:
-        n = min(chunk, CHUNK_OF_SEARCH - steps % CHUNK_OF_SEARCH)
-        status, steps = advance(steps, n, dt, *state, inertia, None, drive, setup.certificate, record, energy)
-        if status == RUNNING and not strict and drive.calming == 0.0 and steps >= CHUNK_OF_SEARCH:
+    loop.advance(0, recorder.record if recorder else None)  # no step: compiles, or loads the cache
+    compiled = time.perf_counter() - began
+    if session.resumed:
+        _resume_search(loop, session.resumed)
+    stepper = Stepper(loop, session, recorder, CHUNK_OF_SEARCH)
+    while status == RUNNING and loop.step < MOST_STEPS:
+        if loop.step >= CHUNK_OF_SEARCH and not strict and loop.drive.calming == 0.0:
             # what has not come to rest by now swings, as blocks do that rock: still it, and watch it for longer
-            drive = drive._replace(calming=CALMING)
+            loop.drive = loop.drive._replace(calming=CALMING)
             state.blocks.mean_velocity[:, :3] = state.blocks.velocity
             state.blocks.mean_velocity[:, 3:] = state.blocks.spin
-            setup.certificate = setup.certificate._replace(window=empty_window(LONG_WINDOW))
-        if recorder:
-            recorder.drain()
-    loop = time.perf_counter() - ready
+            loop.certificate = loop.certificate._replace(window=empty_window(LONG_WINDOW))
+        status = stepper.to(loop.step - loop.step % CHUNK_OF_SEARCH + CHUNK_OF_SEARCH)
+    steps = loop.step
     if status == DIVERGED:
         raise _diverged(assembly, state, steps, dt, critical)
     chosen = {"eta": float(eta), "rate": float(SLIP_PER_STEP * scale / dt), "inertia": "scaled"}
-    times = (ready - began, loop)
-    replay = setup.replay(status == CONVERGED, steps, dt, critical, times, energy, setup.settings(drive) | chosen)
+    replay = setup.replay(status == CONVERGED, loop, critical, compiled, setup.settings(drive) | chosen)
     if status != CONVERGED:
         point = replay.yield_point
         above = "without an upper bound" if point.V_upper is None else f"at most {point.V_upper:.6g} N"
@@ -155,25 +152,27 @@ def push_at_constant_rate(
     chunk = min(CHUNK, steps_wanted)
     frames_every = max(1, min(steps_wanted, output.rows) // output.frames)
     recorder = Recorder(state, session, chunk, rows_every, frames_every) if session.observe else None
-    if recorder:
-        chunk = recorder.longest_chunk
     setup.certificate = setup.certificate._replace(every=rows_every)
-    status, steps = RUNNING, 0
-    record = recorder.record if recorder else None
     energy = new_energy(state) if recorder else None
+    loop = Loop(dt, state, None, inertia, drive, setup.certificate, energy)
     began = time.perf_counter()
-    advance(0, 0, dt, *state, None, inertia, drive, setup.certificate, record, energy)
-    ready = time.perf_counter()
-    while status == RUNNING and steps < steps_wanted:
-        n = min(chunk, steps_wanted - steps)
-        status, steps = advance(steps, n, dt, *state, None, inertia, drive, setup.certificate, record, energy)
-        if recorder:
-            recorder.drain()
-    loop = time.perf_counter() - ready
+    loop.advance(0, recorder.record if recorder else None)  # no step: compiles, or loads the cache
+    compiled = time.perf_counter() - began
+    if session.resumed:
+        loop.restore(session.resumed)
+    status = Stepper(loop, session, recorder, CHUNK).to(steps_wanted)
     if status == DIVERGED:
-        raise _diverged(assembly, state, steps, dt, critical)
+        raise _diverged(assembly, state, loop.step, dt, critical)
     chosen = {"rate": rate, "inertia": "physical"}
-    return setup.replay(True, steps, dt, critical, (ready - began, loop), energy, setup.settings(drive) | chosen)
+    return setup.replay(True, loop, critical, compiled, setup.settings(drive) | chosen)
+
+
+def _resume_search(loop: Loop, snapshot: Snapshot) -> None:
+    """Restore a search, which watches more steps once it has taken to calming."""
+    calming = snapshot.array("drive.calming", np.zeros(()))
+    if calming > 0.0:
+        loop.certificate = loop.certificate._replace(window=empty_window(LONG_WINDOW))
+    loop.restore(snapshot)
 
 
 @dataclass(frozen=True)
@@ -262,20 +261,20 @@ class _Setup(_LoadSystem):
             longest=LONGEST_MOVE * size,
         )
 
-    def replay(self, converged, steps, dt, critical, times, energy, settings) -> Replay:
-        """What came of it; ``times`` are the seconds of compiling and of the loop after the seating."""
+    def replay(self, converged: bool, loop: Loop, critical: float, compiled: float, settings: dict) -> Replay:
+        """What came of it; ``compiled``: seconds of compiling after the seating."""
         return Replay(
-            yield_point=read_off(self.state, self.certificate, self.assembly.names),
-            state=self.state,
+            yield_point=read_off(loop.state, loop.certificate, self.assembly.names),
+            state=loop.state,
             converged=converged,
-            steps=steps,
-            time_step=dt,
+            steps=loop.step,
+            time_step=loop.dt,
             critical_time_step=critical,
-            simulated_time=steps * dt,
+            simulated_time=loop.step * loop.dt,
             unbalanced=self.unbalanced,
-            compile_seconds=self.compile_seconds + times[0],
-            loop_seconds=self.loop_seconds + times[1],
-            energy=energy,
+            compile_seconds=self.compile_seconds + compiled,
+            loop_seconds=self.loop_seconds + loop.seconds,
+            energy=loop.energy,
             settings=settings,
         )
 

@@ -1,9 +1,11 @@
-"""What goes on around a time loop: who gets the record, and what is recorded."""
+"""What goes on around a time loop: who gets the record, what is recorded, and who keeps checkpoints."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 
@@ -12,18 +14,35 @@ from dembrick.model import Output
 Observer = Callable[[Mapping[str, np.ndarray], Mapping[str, np.ndarray]], None]
 
 
+class Snapshot(Protocol):
+    """What a time loop goes on from: arrays by name, read one by one because they may come from a stranger's file."""
+
+    def array(self, name: str, like: np.ndarray) -> np.ndarray:
+        """The array ``name``, which must have the shape and the type of ``like``."""
+
+
 @dataclass
 class Session:
     """Surroundings of a run; without any, it only answers.
 
     ``observe(rows, frames)`` gets copies of what each chunk of steps brought (see ``recorder``), of the channels of
-    ``output``.
+    ``output``. ``keep(arrays)`` writes a checkpoint, every ``output.checkpoint`` seconds and when a signal ends the
+    run. A run with ``resumed`` goes on from that snapshot.
     """
 
     observe: Observer | None = None
     output: Output = field(default_factory=Output)
+    keep: Callable[[Mapping[str, np.ndarray]], None] | None = None
+    resumed: Snapshot | None = None
+    last_kept: float = field(default_factory=time.monotonic)
 
     @classmethod
     def of(cls, given: Session | Observer | None) -> Session:
         """A session out of a session, of an observer alone, or of nothing."""
         return given if isinstance(given, Session) else cls(observe=given)
+
+    def keep_if_due(self, snapshot: Callable[[], Mapping[str, np.ndarray]], at_once: bool = False) -> None:
+        """Write a checkpoint if it is time for one, or in any case."""
+        if self.keep is not None and (at_once or time.monotonic() - self.last_kept >= self.output.checkpoint):
+            self.keep(snapshot())
+            self.last_kept = time.monotonic()

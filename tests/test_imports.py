@@ -15,7 +15,7 @@ PACKAGE = Path(dembrick.__file__).parent
 # Rank of a module by its place in the house; an import must go to a lower rank. Modules of the same rank may not
 # import one another, except inside one folder named in TOGETHER.
 FLOORS = {
-    -1: ["errors"],
+    -1: ["errors", "interruption"],
     0: ["_jit", "state", "model"],
     1: ["kernels"],
     2: ["polygons"],
@@ -26,7 +26,8 @@ FLOORS = {
     7: ["assembly", "simulation"],
     8: ["session", "stability", "certificate", "equilibrium"],
     9: ["recorder", "yield_point"],
-    10: ["replay"],
+    10: ["stepping"],
+    11: ["replay"],
 }
 RANK = {name: rank for rank, names in FLOORS.items() for name in names}
 TOP = 20  # files, screens, arguments: everything that is not named above

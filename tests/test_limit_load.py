@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dembrick import assembly, limit_set, replay, simulation, theory
+from dembrick import assembly, limit_set, replay, simulation, stepping, theory
 from dembrick.errors import DembrickError, NotConvergedError
 from dembrick.kernels import advance, bracket, contact, forces, limit_surface
 from dembrick.lab import lab_scenario
@@ -421,7 +421,7 @@ def test_an_ellipse_for_the_exact_surface_is_caught(name, monkeypatch):
                 forces: ("joint_forces", "area_forces"),
                 bracket: ("dissipation", "upper_bound", "strict_bounds", "area_dissipation"),
                 advance: ("advance", "joint_forces", "strict_bounds", "settle"),
-                replay: ("advance",),
+                stepping: ("advance",),
             }.items():
                 for part in names:
                     owner = next(m for m in (limit_surface, contact, forces, bracket, advance) if part in _own(m))

@@ -1,0 +1,136 @@
+"""The time loop seen from outside: chunks of compiled steps, and what is done between two of them.
+
+Nothing here decides about a number: how long a chunk is, when a checkpoint is written and whether the run was stopped
+and went on leave every bit of the answer as it is.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from dembrick import interruption
+from dembrick.kernels.advance import FULL, RUNNING, Drive, advance
+from dembrick.kernels.bracket import Certificate
+from dembrick.recorder import Recorder
+from dembrick.session import Session, Snapshot
+from dembrick.simulation import State
+from dembrick.state import Energy, Inertia, ScaledInertia
+
+CHUNK_SECONDS = 0.2  # of a chunk: a signal is answered within that
+FIRST_WORK = 200_000  # block and contact updates in the first chunk, before the pace is known
+COUNTERS = ("areas.evaluations",)  # integers that change; all others are indices
+
+
+@dataclass
+class Loop:
+    """All that `kernels.advance` works on, and so all that a checkpoint holds."""
+
+    dt: float  # s
+    state: State
+    scaled: ScaledInertia | None
+    inertia: Inertia | None
+    drive: Drive
+    certificate: Certificate
+    energy: Energy | None
+    step: int = 0
+    seconds: float = 0.0  # wall time spent in it
+
+    def advance(self, n_steps: int, record) -> int:
+        """Do ``n_steps`` and return the status; with none it compiles the kernel, or loads it from the cache."""
+        status, self.step = advance(
+            self.step, n_steps, self.dt, *self.state, self.scaled, self.inertia, self.drive, self.certificate, record,
+            self.energy,
+        )  # fmt: skip
+        return status
+
+    def parts(self) -> dict[str, tuple]:
+        """The named tuples by name, without those that the scene does not have."""
+        parts = self.state._asdict() | {"scaled": self.scaled, "inertia": self.inertia, "drive": self.drive}
+        parts |= {"certificate": self.certificate, "energy": self.energy}
+        return {name: part for name, part in parts.items() if part is not None}
+
+    def snapshot(self) -> dict[str, np.ndarray]:
+        """Everything as arrays; those of the state are not copied."""
+        arrays = {"loop": np.array([self.step, self.dt, self.seconds])}
+        for name, part in self.parts().items():
+            arrays |= {f"{name}.{field}": np.asarray(v) for field, v in part._asdict().items() if v is not None}
+        return arrays
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Take everything from a snapshot of the same scene. ValueError where an index in it is another."""
+        step, self.dt, self.seconds = (float(x) for x in snapshot.array("loop", np.zeros(3)))
+        self.step = int(step)
+        if not (self.step >= 0 and self.step == step and self.dt > 0.0):
+            raise ValueError("it is of no step of this run")
+        parts = {name: restored(name, part, snapshot) for name, part in self.parts().items()}
+        self.state = State(*(parts.pop(name, None) for name in State._fields))
+        for name, part in parts.items():
+            setattr(self, name, part)
+
+
+def restored(name: str, part, snapshot: Snapshot):
+    """A named tuple whose arrays and numbers are those of ``snapshot``; arrays are filled in place."""
+    numbers = {}
+    for field, value in part._asdict().items():
+        if value is None:
+            continue
+        path, own = f"{name}.{field}", np.asarray(value)
+        found = snapshot.array(path, own)
+        if own.dtype.kind in "iub" and path not in COUNTERS and not np.array_equal(found, own):
+            raise ValueError(f"{path} is not that of this scenario")  # an index that would lead out of its array
+        if isinstance(value, np.ndarray):
+            value[...] = found
+        else:
+            numbers[field] = found.item()
+    return part._replace(**numbers)
+
+
+class Stepper:
+    """Runs a loop in chunks, hands on the record, writes checkpoints and answers signals.
+
+    ``longest`` is the number of steps that a chunk has at most.
+    """
+
+    def __init__(self, loop: Loop, session: Session, recorder: Recorder | None, longest: int):
+        self.loop, self._session, self._recorder = loop, session, recorder
+        self._longest = min(longest, recorder.longest_chunk) if recorder else longest
+        self._pace = max(1, FIRST_WORK // _size(loop.state))
+
+    def to(self, last: int) -> int:
+        """Advance to step ``last``, or until the kernel ends the run; returns its status.
+
+        Raises Interrupted at the end of the chunk in which a signal came.
+        """
+        status, record = RUNNING, self._recorder.record if self._recorder else None
+        with interruption.deferred():
+            while status == RUNNING and self.loop.step < last:
+                steps = min(self._pace, self._longest, last - self.loop.step)
+                began = time.perf_counter()
+                status = self.loop.advance(steps, record)
+                took = time.perf_counter() - began
+                self.loop.seconds += took
+                self._pace = max(1, min(int(steps * CHUNK_SECONDS / max(took, 1e-9)), 16 * steps))
+                if self._recorder:
+                    self._recorder.drain()
+                if status == RUNNING:
+                    self._between_chunks()
+        if status == FULL:
+            raise RuntimeError("a chunk was longer than its record has room for: please report this scenario")
+        return status
+
+    def _between_chunks(self) -> None:
+        signum = interruption.requested()
+        self._session.keep_if_due(self.loop.snapshot, at_once=bool(signum))
+        if signum:
+            where = f"step {self.loop.step} (t = {self.loop.step * self.loop.dt:.4g} s)"
+            raise interruption.Interrupted(signum, f"interrupted after {where}")
+
+
+def _size(state: State) -> int:
+    """Blocks and contacts: what a step costs, roughly."""
+    points = 0 if state.points is None else len(state.points.k_n)
+    corners = 0 if state.areas is None else 4 * len(state.areas.x)
+    return len(state.blocks.displacement) + points + corners
