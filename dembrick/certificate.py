@@ -21,7 +21,8 @@ def certificate(state: State, load: np.ndarray, elastic: float, tolerance: float
 
     Strict where the scene has one joint, and its friction does not depend on the load: point forces while the load
     neither presses nor tilts the joint, the full pressure of a convex joint while it does not press, and slides before
-    it could overturn. A tolerance of 0 never ends a run.
+    it could overturn; the pressures of a convex joint that follow the bending like points. A tolerance of 0 never ends
+    a run.
     """
     parts = {
         "strict": False,
@@ -76,19 +77,22 @@ def _single_joint(state: State, load: np.ndarray) -> dict:
     friction = float((state.points if state.points is not None else state.areas).friction[0])
     centre, rest = np.zeros(2), np.zeros(1)
     if state.points is not None:
-        family, p = 0, state.points
+        family, follows, p = 0, True, state.points
         rest = p.normal.copy()
         weights = rest / rest.sum()
         centre = np.array([weights @ p.x_s, weights @ p.y_s])
         radius = limit_set.torsion_radius(p.x_s, p.y_s, weights)
         reach = float(np.hypot(p.x_s, p.y_s).max())
     else:
-        family = 1
+        family, follows = 1, state.areas.pressed is not None
         radius, reach = float(state.areas.radius[0]), float(state.areas.reach[0])
+        if follows:
+            centre = state.areas.pressed.centre[0].copy()
+            radius = 1.0 / _gauge(state, (0.0, 0.0, 1.0))
     size = max(float(np.abs(unit[:2]).max()), abs(float(unit[5])) / reach)
     strict = abs(unit[2]) <= _NONE * size
     tilted = float(np.abs(unit[3:5]).max()) > _NONE * size * reach
-    if family == 0:
+    if follows:
         strict = strict and not tilted
     elif tilted:
         # translation bounds what friction can carry: strict if the block cannot overturn before that
@@ -134,9 +138,15 @@ def _dead_gauge(state: State, family: int, strength: float, dead: np.ndarray) ->
     Points: the largest utilisation of a point, because the seated forces are one way to carry the load. Convex: exact.
     """
     if family == 1:
-        a = state.areas
-        f1, f2, m = (float(f) for f in dead / strength)
-        return float(gauge(a.x, a.y, 0, a.x.size, a.area[0], a.reach[0], a.far[0], f1, f2, m, 0.0, 0.0, 0.0, False)[0])
+        return _gauge(state, dead / strength)
     p = state.points
     closed = p.normal > 0.0
     return float((np.hypot(p.elastic_1, p.elastic_2)[closed] / (p.friction[0] * p.normal[closed])).max())
+
+
+def _gauge(state: State, force) -> float:
+    """Gauge of a tangential force (3,) over V_0 in the limit set of the one convex joint, at the seated state."""
+    a = state.areas
+    f1, f2, m = (float(f) for f in force)
+    shape = (a.x, a.y, 0, a.x.size, a.area[0], a.reach[0], a.far[0], a.pressed, 0)
+    return float(gauge(*shape, f1, f2, m, 0.0, 0.0, 0.0, False)[0])

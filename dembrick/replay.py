@@ -136,6 +136,9 @@ def push_at_constant_rate(
     """
     setup = _Setup(assembly, tolerance=0.0)
     state = setup.state
+    if state.areas is not None and state.areas.pressed is not None:
+        # inertia above the joint moves the pressure, and the friction with it
+        setup.certificate = setup.certificate._replace(strict=False)
     critical = setup.critical_time_step()
     dt = step_factor * critical
     steps_wanted = _steps(rate, travel, dt)

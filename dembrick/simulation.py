@@ -5,13 +5,14 @@ Nothing here knows what a yield point is, or what the answer of a test should be
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from dembrick import limit_set, polygons
-from dembrick.errors import ScenarioError
-from dembrick.state import Areas, Blocks, Energy, Jacks, Joints, Points
+from dembrick.model import PRESSURES
+from dembrick.state import Areas, Blocks, Energy, Jacks, Joints, Points, Pressed
 
 
 class State(NamedTuple):
@@ -122,12 +123,6 @@ def _areas(assembly) -> Areas | None:
     if not chosen:
         return None
     joints = [assembly.joints[j] for j in chosen]
-    for joint in joints:
-        if joint.law.pressure != "full":
-            raise ScenarioError(
-                f'pressure = "{joint.law.pressure}" is not simulated in this version: use "full", or '
-                'formulation = "distributed", whose pressure follows the load'
-            )
     shapes = [np.asarray(joint.polygon, float) for joint in joints]
     corners = np.concatenate(shapes)
     return Areas(
@@ -147,6 +142,28 @@ def _areas(assembly) -> Areas | None:
         twist=np.zeros((len(joints), 3)),
         slip=np.zeros(len(joints)),
         evaluations=np.zeros(len(joints), np.int64),
+        pressed=_pressed([joint.law.pressure for joint in joints], [len(s) for s in shapes]),
+    )
+
+
+def _pressed(pressures: Sequence[str], corners: Sequence[int]) -> Pressed | None:
+    """Room for the pressed parts of convex joints; the first forces fill it."""
+    if all(pressure == "full" for pressure in pressures):
+        return None
+    room = [2 * m + 2 for m in corners]  # every edge of the reflected polygon can add a corner
+    a, total = len(room), sum(room)
+    return Pressed(
+        kind=np.array([PRESSURES.index(pressure) for pressure in pressures], np.int64),
+        start=np.cumsum([0, *room[:-1]]).astype(np.int64),
+        count=np.zeros(a, np.int64),
+        x=np.zeros(total),
+        y=np.zeros(total),
+        spare_x=np.zeros(total),
+        spare_y=np.zeros(total),
+        centre=np.zeros((a, 2)),
+        density=np.zeros((a, 3)),
+        reach=np.zeros(a),
+        radius=np.ones(a),
     )
 
 

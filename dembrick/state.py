@@ -81,6 +81,22 @@ class Points(NamedTuple):
     slip: ndarray  # (c,) m, length of the slip path
 
 
+class Pressed(NamedTuple):
+    """The pressed part of convex joints whose friction follows the bending; (u,) is room for its corners."""
+
+    kind: ndarray  # (a,) int64, pressure: 0 full, 1 effective, 2 linear
+    start: ndarray  # (a,) int64, first corner of each
+    count: ndarray  # (a,) int64, corners now
+    x: ndarray  # (u,) m, corners about the centre of pressure along t1, counter-clockwise
+    y: ndarray  # (u,) m, along t2
+    spare_x: ndarray  # (u,) m, where corners are cut
+    spare_y: ndarray  # (u,) m
+    centre: ndarray  # (a, 2) m, centre of pressure about O
+    density: ndarray  # (a, 3) 1/m2, 1/m3: pressure over N at that centre, its slopes along t1 and t2
+    reach: ndarray  # (a,) m, greatest corner distance from the centre of pressure
+    radius: ndarray  # (a,) m, no more than the torsion strength over V_0
+
+
 class Areas(NamedTuple):
     """Convex joints: the no-tension integral over the polygon and the exact torsion-shear limit surface."""
 
@@ -100,6 +116,7 @@ class Areas(NamedTuple):
     twist: ndarray  # (a, 3) m, m, rad, plastic twist of the last plastic step
     slip: ndarray  # (a,) m, length of the slip path at O
     evaluations: ndarray  # (a,) int64, evaluations of the limit surface
+    pressed: Pressed | None  # None where all pressures are full
 
 
 class Jacks(NamedTuple):

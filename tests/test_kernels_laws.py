@@ -34,7 +34,7 @@ def surface_arguments(polygon, reach_factor=1.0):
     """What the kernels of the limit surface want of a polygon."""
     x, y = np.ascontiguousarray(polygon[:, 0]), np.ascontiguousarray(polygon[:, 1])
     reach = reach_factor * float(np.hypot(x, y).max())
-    return x, y, 0, len(x), polygons.area(polygon), reach, limit_set.far_moments(polygon)
+    return x, y, 0, len(x), polygons.area(polygon), reach, limit_set.far_moments(polygon), None, 0
 
 
 def about(c1, c2, w=1.0):

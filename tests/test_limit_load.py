@@ -392,7 +392,7 @@ def test_friction_one_percent_off_is_caught(name, formulation, factor, monkeypat
     assert caught(lambda: simulate(scenario, record=False), expected)
 
 
-def ellipse_surface(x, y, first, last, area, reach, moments, v1, v2, w):
+def ellipse_surface(x, y, first, last, area, reach, moments, pressed, index, v1, v2, w):
     """D of the ellipse (V/V_0)^2 + (M_T/M_T0)^2 = 1 with the right end points, and its derivatives."""
     c = theory.equations.torsion_parameter(A, B)
     q, scale = np.array([v1, v2, w]), np.array([1.0, 1.0, c * c])

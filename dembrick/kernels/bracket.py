@@ -15,6 +15,7 @@ from dembrick.kernels.forces import unbalanced_ratio
 
 MISSING = 3.0  # times the growth over a doubling of the motion: what a load that grows as 1 - c/sqrt(u) still lacks
 STILL = 0.05  # of the elastic stiffness: a load that grows no faster than that against its motion is at its limit
+SAME = 1e-9  # of the normal force and its moment: a pressure that moves no more than that is at rest
 NEVER = 1e300  # an upper bound that does not bind
 
 
@@ -80,6 +81,19 @@ def carried_share(points, p, rest):
 
 
 @jit
+def pressure_moved(pressed, certificate, now, reach):
+    """Whether the friction of a convex joint follows a pressure that is not the one before the jacks pushed."""
+    if pressed is not None:
+        most = SAME * certificate.normal
+        return (
+            abs(now[0] - certificate.normal) > most
+            or abs(now[5] - now[0] * certificate.centre[0]) > most * reach
+            or abs(now[4] + now[0] * certificate.centre[1]) > most * reach
+        )
+    return False
+
+
+@jit
 def strict_bounds(certificate, joints, points, areas, v):
     """Lower and upper bound of the limit load from the forces and the slip of this instant.
 
@@ -91,6 +105,10 @@ def strict_bounds(certificate, joints, points, areas, v):
     f = certificate.unit
     g = certificate.dead
     now = joints.resultant[j]
+    if areas is not None:
+        if certificate.family == 1:
+            if pressure_moved(areas.pressed, certificate, now, areas.reach[certificate.index]):
+                return 0.0, NEVER
     mu = 0.0
     if points is not None:
         if certificate.family == 0:

@@ -8,6 +8,7 @@ opening and the tilts. It returns N and the action on b: V_1, V_2, M_T, M_1, M_2
 from dembrick._jit import jit
 from dembrick.kernels.laws import coulomb, no_tension, squared_penetration
 from dembrick.kernels.limit_surface import proximal_map, surface
+from dembrick.kernels.pressed import follow_pressure
 
 
 @jit
@@ -102,10 +103,20 @@ def area_normal(areas, a, dn, r1, r2):
 
 
 @jit
+def follow_bending(pressed, areas, a, n, m1, m2, dn, r1, r2):
+    """Where the friction of some convex joint follows the bending (``pressed`` not None), let that of ``a`` do so."""
+    if pressed is not None:
+        follow_pressure(
+            pressed, a, areas.x, areas.y, areas.start[a], areas.start[a + 1], areas.reach[a], n, m1, m2, -dn, r2, -r1
+        )
+
+
+@jit
 def area_forces(areas, a, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s, energy):
     """Resultant (N, V_1, V_2, M_T, M_1, M_2, slip) of convex joint ``a``; updates its memory and the books."""
     # the dashpot of the normal action sees the penetration a fraction of a step ahead
     n, m1, m2 = area_normal(areas, a, dn + viscous_n * pn, r1 + viscous_n * pr1, r2 + viscous_n * pr2)
+    follow_bending(areas.pressed, areas, a, n, m1, m2, dn + viscous_n * pn, r1 + viscous_n * pr1, r2 + viscous_n * pr2)
     area = areas.area[a]
     k_t = areas.k_s[a] * area
     k_r = areas.k_s[a] * (areas.second[a, 0] + areas.second[a, 1])
@@ -118,6 +129,8 @@ def area_forces(areas, a, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, visco
         area,
         areas.reach[a],
         areas.far[a],
+        areas.pressed,
+        a,
         areas.radius[a],
         areas.friction[a] * n,
         full * k_t,
@@ -180,6 +193,8 @@ def area_dissipation(areas, a, normal, q1, q2, qr):
         areas.area[a],
         areas.reach[a],
         areas.far[a],
+        areas.pressed,
+        a,
         q1,
         q2,
         qr,

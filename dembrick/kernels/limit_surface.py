@@ -19,6 +19,7 @@ series about pure translation takes over ((`far_field`). Vertices run counter-cl
 from math import log, sqrt
 
 from dembrick._jit import jit
+from dembrick.kernels.pressed import FULL, pressed_surface
 
 # Beyond this many half diameters the edge sums lose more digits than the series of order eight leaves out.
 FAR = 25.0
@@ -135,11 +136,16 @@ def far_field(moments, v1, v2, w):
 
 
 @jit
-def surface(x, y, first, last, area, reach, moments, v1, v2, w):
+def surface(x, y, first, last, area, reach, moments, pressed, index, v1, v2, w):
     """D(q), its gradient (the limit force per unit V_0) and second derivatives at q = (v1, v2, w) != 0.
 
-    ``area`` of the polygon, ``reach`` its greatest vertex distance from O. Returns the ten values of `far_field`.
+    ``area`` of the polygon, ``reach`` its greatest vertex distance from O. Where friction follows the bending,
+    ``pressed`` (else None) says where and how the joint number ``index`` is pressed. Returns the ten values of
+    `far_field`.
     """
+    if pressed is not None:
+        if pressed.kind[index] != FULL:
+            return pressed_surface(pressed, index, v1, v2, w)
     if sqrt(v1 * v1 + v2 * v2) > FAR * reach * abs(w):
         return far_field(moments, v1, v2, w)
     c1 = -v2 / w
@@ -178,7 +184,7 @@ def solve_symmetric(h11, h12, h22, h13, h23, h33, r1, r2, r3):
 
 
 @jit
-def gauge(x, y, first, last, area, reach, moments, f1, f2, m, q1, q2, q3, stop_above_one):
+def gauge(x, y, first, last, area, reach, moments, pressed, index, f1, f2, m, q1, q2, q3, stop_above_one):
     """Gauge of the force (f1, f2, m) / V_0 in the limit set: the least g with force in g times the set.
 
     Minimises D^2/2 - f.q, smooth and convex, whose minimum is at D(q) = gauge(f); (q1, q2, q3) is the start.
@@ -190,7 +196,9 @@ def gauge(x, y, first, last, area, reach, moments, f1, f2, m, q1, q2, q3, stop_a
         q1 = f1 * reach * reach
         q2 = f2 * reach * reach
         q3 = m
-    d, g1, g2, g3, h11, h12, h22, h13, h23, h33 = surface(x, y, first, last, area, reach, moments, q1, q2, q3)
+    d, g1, g2, g3, h11, h12, h22, h13, h23, h33 = surface(
+        x, y, first, last, area, reach, moments, pressed, index, q1, q2, q3
+    )
     power = f1 * q1 + f2 * q2 + m * q3
     s = power / (d * d)
     best = power / d
@@ -230,7 +238,7 @@ def gauge(x, y, first, last, area, reach, moments, f1, f2, m, q1, q2, q3, stop_a
             t3 = q3 + step * p3
             if t1 != 0.0 or t2 != 0.0 or t3 != 0.0:
                 dt, a1, a2, a3, k11, k12, k22, k13, k23, k33 = surface(
-                    x, y, first, last, area, reach, moments, t1, t2, t3
+                    x, y, first, last, area, reach, moments, pressed, index, t1, t2, t3
                 )
                 power = f1 * t1 + f2 * t2 + m * t3
                 trial = 0.5 * dt * dt - power
@@ -248,7 +256,9 @@ def gauge(x, y, first, last, area, reach, moments, f1, f2, m, q1, q2, q3, stop_a
 
 
 @jit
-def proximal_map(x, y, first, last, area, reach, moments, radius, strength, k_t, k_r, f1, f2, m, q1, q2, q3):
+def proximal_map(
+    x, y, first, last, area, reach, moments, pressed, index, radius, strength, k_t, k_r, f1, f2, m, q1, q2, q3
+):  # fmt: skip
     """Return of the trial force f = (f1, f2, m) to the limit surface, with the plastic twist that does it.
 
     Minimises phi(q) = q.Kq/2 - f.q + V_0 D(q) with K = diag(k_t, k_t, k_r), ``strength`` V_0 and ``radius`` the
@@ -258,7 +268,13 @@ def proximal_map(x, y, first, last, area, reach, moments, radius, strength, k_t,
     """
     # the force is inside the set when its parts are: |V|/V_0 + |M|/M_T0 <= 1 by convexity, at no cost
     shear = sqrt(f1 * f1 + f2 * f2)
-    if shear + abs(m) / radius <= strength:
+    twisting = m
+    if pressed is not None:
+        if pressed.kind[index] != FULL:
+            # about the centre of pressure, through which pure shear acts
+            twisting -= pressed.centre[index, 0] * f2 - pressed.centre[index, 1] * f1
+            radius = pressed.radius[index]
+    if shear + abs(twisting) / radius <= strength:
         return f1, f2, m, 0.0, 0.0, 0.0, q1, q2, q3, 0
     if strength <= 0.0:
         return 0.0, 0.0, 0.0, f1 / k_t, f2 / k_t, m / k_r, 0.0, 0.0, 0.0, 0
@@ -266,18 +282,37 @@ def proximal_map(x, y, first, last, area, reach, moments, radius, strength, k_t,
     # along a twist p the best plastic part is s p with s = (f.p - V_0 D(p)) / (p.Kp), if that is positive
     found = False
     if q1 != 0.0 or q2 != 0.0 or q3 != 0.0:
-        d, g1, g2, g3, h11, h12, h22, h13, h23, h33 = surface(x, y, first, last, area, reach, moments, q1, q2, q3)
+        d, g1, g2, g3, h11, h12, h22, h13, h23, h33 = surface(
+            x, y, first, last, area, reach, moments, pressed, index, q1, q2, q3
+        )
         evaluations += 1
         gain = f1 * q1 + f2 * q2 + m * q3 - strength * d
         found = gain > 0.0
     if not found:
         size, q1, q2, q3 = gauge(
-            x, y, first, last, area, reach, moments, f1 / strength, f2 / strength, m / strength, q1, q2, q3, True
+            x,
+            y,
+            first,
+            last,
+            area,
+            reach,
+            moments,
+            pressed,
+            index,
+            f1 / strength,
+            f2 / strength,
+            m / strength,
+            q1,
+            q2,
+            q3,
+            True,
         )
         evaluations += 4
         if size <= 1.0:
             return f1, f2, m, 0.0, 0.0, 0.0, q1, q2, q3, evaluations
-        d, g1, g2, g3, h11, h12, h22, h13, h23, h33 = surface(x, y, first, last, area, reach, moments, q1, q2, q3)
+        d, g1, g2, g3, h11, h12, h22, h13, h23, h33 = surface(
+            x, y, first, last, area, reach, moments, pressed, index, q1, q2, q3
+        )
         evaluations += 1
         gain = f1 * q1 + f2 * q2 + m * q3 - strength * d
         if gain <= 0.0:
@@ -315,7 +350,7 @@ def proximal_map(x, y, first, last, area, reach, moments, radius, strength, k_t,
             t3 = q3 + step * p3
             if t1 != 0.0 or t2 != 0.0 or t3 != 0.0:
                 dt, a1, a2, a3, k11, k12, k22, k13, k23, k33 = surface(
-                    x, y, first, last, area, reach, moments, t1, t2, t3
+                    x, y, first, last, area, reach, moments, pressed, index, t1, t2, t3
                 )
                 evaluations += 1
                 quadratic = 0.5 * (k_t * (t1 * t1 + t2 * t2) + k_r * t3 * t3)
