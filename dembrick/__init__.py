@@ -17,6 +17,7 @@ _HOMES = {
     "Result": "dembrick.result",
     "read_history": "dembrick.history",
     "replay_lab": "dembrick.lab",
+    "sweep": "dembrick.study",
 }
 __all__ = ["__version__", *_HOMES]
 

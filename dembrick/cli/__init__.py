@@ -15,6 +15,7 @@ VERBS = {
     "run": "run a scenario",
     "check": "validate and describe a scenario without running it",
     "domain": "yield domain of a joint by theory, and by simulation",
+    "sweep": "a parameter study: grid, table or random draws, on all cores or a cluster",
     "yield": "yield points out of histories",
     "plot": "force-displacement curves of histories",
     "export": "a history for ParaView (.vtkhdf, .pvd) or as text (.csv)",

@@ -1,0 +1,64 @@
+"""``dembrick sweep STUDY.toml``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+_MOST_LINES = 40  # of the statistics on the screen; the tables have all
+
+
+def add_arguments(parser) -> None:
+    """Options of the command."""
+    parser.add_argument("study", help="the TOML file: a base scenario, and the keys that change")
+    parser.add_argument("--out", metavar="FOLDER", help="where rows and tables go (default: results/<study>)")
+    parser.add_argument("--jobs", type=int, metavar="N", help="local processes (default: one a core)")
+    parser.add_argument("--shard", metavar="i/n", help="run every n-th case only, for job arrays; shards share --out")
+    parser.add_argument("--scheduler", metavar="ADDRESS", help="run on this Dask scheduler (address or scheduler file)")
+    parser.add_argument("--timeout", type=float, default=30.0, metavar="S", help="how long the scheduler may be silent")
+    parser.add_argument("--retry", action="store_true", help="run failed cases again")
+
+
+def run(options, console) -> int:
+    """Run what is missing of the study; exit code 1 where cases failed."""
+    import os
+
+    from dembrick import study as studies
+    from dembrick.cli.paths import default_output
+    from dembrick.errors import ScenarioError
+
+    if options.jobs is not None and options.jobs < 1:
+        raise ScenarioError(f"--jobs = {options.jobs} is out of range: it must be at least 1")
+    study = studies.load(options.study)
+    outcome = studies.sweep(
+        study,
+        options.out or default_output(Path(options.study).stem),
+        jobs=options.jobs or os.cpu_count() or 1,
+        part=options.shard,
+        scheduler=options.scheduler,
+        timeout=options.timeout,
+        retry=options.retry,
+        progress=console.progress,
+    )
+    console.result(outcome.as_dict(), _text(study, outcome))
+    if outcome.failed:
+        console.error(f"{outcome.failed} of {outcome.finished} cases failed; the column 'error' of the table says why")
+        return 1
+    return 0
+
+
+def _text(study, outcome) -> str:
+    lines = [
+        study.title,
+        f"cases         {outcome.finished} of {outcome.cases} have a row, {outcome.ran} of them from now, "
+        f"{outcome.failed} failed",
+        f"tables        {outcome.csv}, {outcome.h5}",
+        f"time          {outcome.wall:.3g} s",
+    ]
+    for cell in outcome.statistics[:_MOST_LINES]:
+        fixed = ", ".join(f"{key} = {value}" for key, value in cell.items() if key in study.keys)
+        scatter = "" if cell["deviation"] is None else f" N, deviation {cell['deviation']:.4g} N"
+        error = "" if cell["standard_error"] is None else f", mean +- {cell['standard_error']:.3g} N"
+        lines.append(f"V             {cell['mean']:.6g}{scatter}{error} ({cell['count']})  {fixed}")
+    if len(outcome.statistics) > _MOST_LINES:
+        lines.append(f"              and {len(outcome.statistics) - _MOST_LINES} more: see the tables")
+    return "\n".join(lines)

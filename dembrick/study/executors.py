@@ -1,0 +1,111 @@
+"""Where the cases of a study run: in this process, in local worker processes, or on an existing Dask cluster.
+
+All three do the same with a stream of chunks of cases: ``run_all`` yields the rows of a chunk as soon as it is done,
+with no more chunks on their way than keep the workers busy, so that memory does not grow with the study.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+
+from dembrick.errors import DembrickError, MissingDependency, ScenarioError
+
+Chunk = list[tuple]
+_AHEAD = 2  # chunks on their way for each worker
+_ONE_THREAD = {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+
+
+class ClusterError(DembrickError):
+    """A scheduler that does not answer, or a cluster that lost its workers."""
+
+
+def run_here(function: Callable, chunks: Iterable[Chunk], *arguments) -> Iterator[list[dict]]:
+    """One chunk after the other in this process."""
+    for chunk in chunks:
+        yield function(*arguments, chunk)
+
+
+def run_local(function: Callable, chunks: Iterable[Chunk], jobs: int, *arguments) -> Iterator[list[dict]]:
+    """In ``jobs`` worker processes of one thread each, started afresh (spawn), so that it works on every system."""
+    import multiprocessing
+
+    before = {name: os.environ.get(name) for name in _ONE_THREAD}
+    os.environ.update(_ONE_THREAD)
+    chunks = iter(chunks)
+    try:
+        with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn")) as pool:
+            pending = set()
+            try:
+                while True:
+                    while len(pending) < _AHEAD * jobs and (chunk := next(chunks, None)) is not None:
+                        pending.add(pool.submit(function, *arguments, chunk))
+                    if not pending:
+                        return
+                    done, pending = wait(pending, return_when=FIRST_COMPLETED)
+                    for future in done:
+                        yield future.result()
+            except BrokenProcessPool as error:
+                raise DembrickError(
+                    "a worker process died (killed, or out of memory); finished cases are kept: start the same command "
+                    "again, with fewer --jobs if memory was short"
+                ) from error
+            finally:
+                pool.shutdown(wait=False, cancel_futures=True)
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+def run_on_cluster(
+    function: Callable, chunks: Iterable[Chunk], scheduler: str, timeout: float, *arguments
+) -> Iterator[list[dict]]:
+    """On the workers of a Dask scheduler, given by address or by a scheduler file.
+
+    Dask runs a chunk again where its worker is lost; only the rows that come back are kept, so that no case is lost
+    and none counts twice. Raises ClusterError when the scheduler does not answer within ``timeout`` seconds, or no
+    worker is there by then.
+    """
+    try:
+        from distributed import Client, as_completed
+    except ImportError:
+        raise MissingDependency(
+            "--scheduler needs Dask, which is not installed: pip install 'dembrick[cluster]'"
+        ) from None
+    where = {"scheduler_file": scheduler} if os.path.isfile(scheduler) else {"address": scheduler}
+    if not os.path.isfile(scheduler) and ":" not in scheduler:
+        raise ScenarioError(
+            f"--scheduler {scheduler!r} is neither a scheduler file nor an address such as tcp://10.0.0.1:8786"
+        )
+    try:
+        client = Client(**where, timeout=timeout, set_as_default=False)
+    except (OSError, TimeoutError, ValueError) as error:
+        raise ClusterError(
+            f"the scheduler {scheduler} did not answer within {timeout:g} s ({type(error).__name__}): check that it "
+            "runs, and its address; finished cases are kept"
+        ) from error
+    with client:
+        try:
+            client.wait_for_workers(1, timeout=timeout)
+        except TimeoutError as error:
+            raise ClusterError(f"the scheduler {scheduler} has had no worker for {timeout:g} s: start some") from error
+        chunks = iter(chunks)
+
+        def submit():
+            chunk = next(chunks, None)
+            return None if chunk is None else client.submit(function, *arguments, chunk, pure=False, retries=3)
+
+        ahead = _AHEAD * max(1, sum(client.nthreads().values()))
+        first = [future for _ in range(ahead) if (future := submit()) is not None]
+        queue = as_completed(first)
+        for future in queue:
+            rows = future.result()
+            future.release()
+            if (following := submit()) is not None:
+                queue.add(following)
+            yield rows

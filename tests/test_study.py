@@ -1,0 +1,269 @@
+"""Studies: which cases there are, how they are drawn, run, kept and gone on with."""
+
+import csv
+import json
+import math
+import os
+import signal
+import statistics
+
+import h5py
+import numpy as np
+import pytest
+
+from dembrick import study as studies
+from dembrick.errors import OutputError, ScenarioError
+from dembrick.lab import scenario_folder
+from dembrick.study.draws import Draws, distribution
+from dembrick.study.executors import ClusterError
+
+BASE = (scenario_folder() / "set4a.toml").read_text(encoding="utf-8")
+THREE = '[grid]\n"joint.friction" = [0.5, 0.6, 0.7]\n'
+DRAWS = """
+[grid]
+joint.formulation = ["concave", "corrected"]
+[draws]
+count = 8
+seed = 3
+method = "latin-hypercube"
+[draws.of]
+joint.friction = { distribution = "normal", mean = 0.64, deviation = 0.03, lower = 0.0 }
+"""
+
+
+@pytest.fixture
+def write(tmp_path):
+    def write(body, base=BASE):
+        (tmp_path / "base.toml").write_text(base, encoding="utf-8")
+        path = tmp_path / "study.toml"
+        path.write_text(f'base = "base.toml"\n{body}', encoding="utf-8")
+        return path
+
+    return write
+
+
+def read_csv(path):
+    with open(path, newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def test_parts_of_a_study_are_combined_and_the_last_runs_fastest(write):
+    study = studies.load(
+        write(
+            '[grid]\n"joint.formulation" = ["concave", "convex"]\n"control.tolerance" = { from = 1e-4, to = 1e-2, '
+            'count = 3, spacing = "log" }\n[list]\n"joint.friction" = [0.5, 0.7]\n'
+        )
+    )
+    assert len(study) == 12
+    cases = [study.changes(i) for i in range(12)]
+    assert [case["joint.friction"] for case in cases] == [0.5, 0.7] * 6
+    assert [case["joint.formulation"] for case in cases] == ["concave"] * 6 + ["convex"] * 6
+    assert [case["control.tolerance"] for case in cases[::2]] == pytest.approx([1e-4, 1e-3, 1e-2] * 2)
+    assert studies.scenario_of(study, 7).joint.friction == 0.7
+    assert len({tuple(case.values()) for case in cases}) == 12
+
+
+def test_cases_out_of_a_csv_file(write, tmp_path):
+    (tmp_path / "cases.csv").write_text('joint.friction,joint.formulation\n0.5,concave\n0.6,"""convex"""\n')
+    study = studies.load(write('[table]\nfile = "cases.csv"\n'))
+    assert [studies.scenario_of(study, i).joint.formulation for i in (0, 1)] == ["concave", "convex"]
+    assert [studies.scenario_of(study, i).joint.friction for i in (0, 1)] == [0.5, 0.6]
+
+
+def test_the_digest_knows_one_study_from_another(write):
+    first = studies.load(write(THREE)).digest
+    assert studies.load(write("histories = true\n" + THREE)).digest == first  # the cases are the same
+    assert studies.load(write(THREE.replace("0.7", "0.71"))).digest != first
+    assert studies.load(write(THREE, BASE.replace("467", "466").replace("378.71", "378"))).digest != first
+
+
+@pytest.mark.parametrize(
+    ("table", "mean", "deviation"),
+    [
+        ({"distribution": "normal", "mean": 0.64, "deviation": 0.03}, 0.64, 0.03),
+        ({"distribution": "lognormal", "mean": 0.64, "deviation": 0.2}, 0.64, 0.2),
+        ({"distribution": "uniform", "lower": 1.0, "upper": 4.0}, 2.5, 3.0 / math.sqrt(12.0)),
+        ({"distribution": "triangular", "lower": 0.0, "mode": 1.0, "upper": 3.0}, 4 / 3, math.sqrt(7 / 18)),
+        ({"distribution": "normal", "mean": 0.0, "deviation": 1.0, "lower": 0.0}, math.sqrt(2 / math.pi), 0.60281),
+    ],
+)
+def test_distributions_have_the_mean_and_deviation_of_their_closed_forms(table, mean, deviation):
+    one = distribution("key", table)
+    values = [one.at((i + 0.5) / 200_000) for i in range(200_000)]
+    assert statistics.fmean(values) == pytest.approx(mean, rel=1e-3)
+    assert statistics.pstdev(values) == pytest.approx(deviation, rel=2e-3)
+    assert all(one.lower <= value <= one.upper for value in (one.at(0.0), one.at(1.0 - 1e-16)))
+
+
+def test_latin_hypercube_takes_one_number_from_every_slice_and_pairs_them_at_random():
+    of = {key: distribution(key, {"distribution": "uniform", "lower": 0.0, "upper": 1.0}) for key in "ab"}
+    draws = Draws(of, 50, 1, "latin-hypercube")
+    found = np.array([list(draws[i].values()) for i in range(50)])
+    for column in found.T:
+        assert sorted((column * 50).astype(int)) == list(range(50))
+    assert abs(np.corrcoef(found.T)[0, 1]) < 0.4
+    assert np.abs(found.mean(axis=0) - 0.5).max() < 0.005  # plain Monte Carlo scatters by 0.04
+
+
+def test_a_case_draws_the_same_whatever_was_drawn_before():
+    of = {"a": distribution("a", {"distribution": "normal", "mean": 0.0, "deviation": 1.0})}
+    for method in ("monte-carlo", "latin-hypercube"):
+        alone = Draws(of, 10, 7, method)[6]
+        after = Draws(of, 10, 7, method)
+        assert [after[i] for i in range(10)][6] == alone
+        assert Draws(of, 10, 8, method)[6] != alone
+
+
+@pytest.mark.parametrize(
+    ("body", "words"),
+    [
+        ('[grid]\n"joint.frction" = [0.5]\n', ["frction", "friction"]),
+        ('[grid]\n"actuators.jock.weight" = [0.5]\n', ["jock", "jack"]),
+        ('[grid]\n"joint.friction" = []\n', ["joint.friction", "empty"]),
+        (THREE + '[list]\n"joint.friction" = [0.5]\n', ["two columns", "joint.friction"]),
+        ('[list]\n"joint.friction" = [0.5]\n"control.tolerance" = [1e-3, 1e-4]\n', ["one length"]),
+        ("", ["nothing changes"]),
+        ('[grdi]\n"joint.friction" = [0.5]\n', ["grdi", "grid"]),
+        ("[draws]\ncount = 0\nseed = 1\n", ["draws.count", "at least 1"]),
+        ('[draws]\ncount = 2\n[draws.of]\n"joint.friction" = { distribution = "normal" }\n', ["draws.seed"]),
+        (
+            '[draws]\ncount = 2\nseed = 1\n[draws.of]\n"joint.friction" = { distribution = "norml", mean = 1 }\n',
+            ["norml", "normal"],
+        ),
+        (
+            '[draws]\ncount = 2\nseed = 1\n[draws.of]\n"joint.friction" = { distribution = "normal", mean = 1.0 }\n',
+            ["deviation", "no default"],
+        ),
+        ('[table]\nfile = "none.csv"\n', ["none.csv", "cannot be read"]),
+    ],
+)
+def test_what_is_no_study_is_refused_in_one_sentence(write, body, words):
+    with pytest.raises(ScenarioError) as caught:
+        studies.load(write(body))
+    assert "study.toml" in str(caught.value)
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_two_columns_of_a_table_for_one_key(write, tmp_path):
+    (tmp_path / "cases.csv").write_text("joint.friction,joint.friction\n0.5,0.6\n")
+    with pytest.raises(ScenarioError, match="two columns"):
+        studies.load(write('[table]\nfile = "cases.csv"\n'))
+
+
+def test_every_case_is_a_row_of_one_table(write, tmp_path):
+    outcome = studies.sweep(write(THREE), tmp_path / "out")
+    rows = read_csv(outcome.csv)
+    assert [row["case"] for row in rows] == ["0", "1", "2"]
+    V = [float(row["V"]) for row in rows]
+    assert V == pytest.approx([216.054938 * mu / 0.64 for mu in (0.5, 0.6, 0.7)], rel=1e-3)
+    with h5py.File(outcome.h5) as file:
+        np.testing.assert_array_equal(file["V"][:], V)
+        assert file["bracket"].asstr()[0] == "certified"
+        assert file["joint.friction"][:].tolist() == [0.5, 0.6, 0.7]
+    assert (outcome.cases, outcome.ran, outcome.failed) == (3, 3, 0)
+    assert not (tmp_path / "out" / "histories").exists()
+
+
+def test_finished_cases_are_not_run_again_and_a_torn_line_is(write, tmp_path):
+    path, folder = write(THREE), tmp_path / "out"
+    studies.sweep(path, folder)
+    before = read_csv(folder / "table.csv")
+    assert studies.sweep(path, folder).ran == 0
+    rows = folder / "rows_1_of_1.jsonl"
+    text = rows.read_text()
+    rows.write_text(text[: text.rindex('"V"') + 8])  # killed while writing the last line
+    again = studies.sweep(path, folder)
+    assert (again.ran, again.finished) == (1, 3)
+    assert [row["V"] for row in read_csv(folder / "table.csv")] == [row["V"] for row in before]
+
+
+def test_a_case_that_fails_is_a_row_with_its_error_and_the_rest_goes_on(write, tmp_path):
+    path, folder = write('[grid]\n"joint.friction" = [0.5, -1.0, 0.7]\n'), tmp_path / "out"
+    outcome = studies.sweep(path, folder)
+    rows = read_csv(outcome.csv)
+    assert [row["status"] for row in rows] == ["yield", "failed", "yield"]
+    assert "friction" in rows[1]["error"] and rows[1]["V"] == ""
+    assert outcome.failed == 1
+    assert studies.sweep(path, folder).ran == 0
+    assert studies.sweep(path, folder, retry=True).ran == 1
+
+
+def test_rows_of_another_study_are_refused_and_left_alone(write, tmp_path):
+    folder = tmp_path / "out"
+    studies.sweep(write(THREE), folder)
+    before = (folder / "rows_1_of_1.jsonl").read_bytes()
+    with pytest.raises(OutputError, match="another study"):
+        studies.sweep(write(THREE.replace("0.5", "0.4")), folder)
+    assert (folder / "rows_1_of_1.jsonl").read_bytes() == before
+
+
+def test_shards_make_up_the_whole(write, tmp_path):
+    path = write(DRAWS)
+    whole = studies.sweep(path, tmp_path / "whole")
+    for part in ("1/3", "2/3", "3/3"):
+        last = studies.sweep(path, tmp_path / "parts", part=part)
+    assert (last.cases, last.finished) == (16, 16)
+    one, other = (read_csv(outcome.csv) for outcome in (whole, last))
+    assert [row["V"] for row in one] == [row["V"] for row in other]
+    for bad in ("0/3", "4/3", "x", "3"):
+        with pytest.raises(ScenarioError, match="--shard"):
+            studies.sweep(path, tmp_path / "bad", part=bad)
+
+
+def test_local_processes_give_the_same_table_and_the_scatter_of_V(write, tmp_path):
+    path = write(DRAWS)
+    one = studies.sweep(path, tmp_path / "one")
+    two = studies.sweep(path, tmp_path / "two", jobs=2)
+    assert [row["V"] for row in read_csv(one.csv)] == [row["V"] for row in read_csv(two.csv)]
+    # V is proportional to the friction, and so is its scatter
+    assert len(two.statistics) == 2
+    for cell in two.statistics:
+        assert cell["count"] == 8
+        drawn = [
+            float(r["joint.friction"]) for r in read_csv(two.csv) if r["joint.formulation"] == cell["joint.formulation"]
+        ]
+        share = statistics.stdev(drawn) / statistics.fmean(drawn)
+        assert cell["deviation"] / cell["mean"] == pytest.approx(share, rel=1e-2)
+        assert cell["standard_error"] == pytest.approx(cell["deviation"] / math.sqrt(8.0))
+
+
+def test_histories_if_asked_for(write, tmp_path):
+    folder = tmp_path / "out"
+    outcome = studies.sweep(write("histories = true\n" + THREE), folder)
+    paths = [row["history"] for row in read_csv(outcome.csv)]
+    assert sorted(os.path.basename(path) for path in paths) == [f"case_00000{i}.h5" for i in range(3)]
+    with h5py.File(paths[1]) as file:
+        assert json.loads(file.attrs["results"])["yield_point"]["V"] == float(read_csv(outcome.csv)[1]["V"])
+
+
+def test_a_scheduler_that_does_not_answer(write, tmp_path):
+    pytest.importorskip("distributed", reason="Dask distributed is not installed (extra 'cluster')")
+    with pytest.raises(ClusterError, match="did not answer within 0.5 s"):
+        studies.sweep(write(THREE), tmp_path / "out", scheduler="tcp://127.0.0.1:9", timeout=0.5)
+    with pytest.raises(ScenarioError, match="neither a scheduler file nor an address"):
+        studies.sweep(write(THREE), tmp_path / "out", scheduler="nowhere")
+
+
+def test_a_worker_killed_half_way_loses_no_case_and_doubles_none(write, tmp_path):
+    """A real scheduler with two worker processes; the first rows that arrive cost one worker its life."""
+    distributed = pytest.importorskip("distributed", reason="Dask distributed is not installed (extra 'cluster')")
+    cluster = distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1"
+    )
+    with cluster, distributed.Client(cluster) as client:
+        victims = [info["pid"] for info in client.run(lambda: {"pid": os.getpid()}).values()]
+        killed = []
+
+        def progress(done, total, _):
+            if 8 <= done < total and not killed:
+                killed.append(victims[0])
+                os.kill(victims[0], signal.SIGKILL)
+
+        path = write(DRAWS.replace("count = 8", "count = 40"))
+        outcome = studies.sweep(path, tmp_path / "out", scheduler=cluster.scheduler_address, progress=progress)
+    assert killed
+    assert (outcome.finished, outcome.failed) == (80, 0)
+    with open(tmp_path / "out" / "rows_1_of_1.jsonl", encoding="utf-8") as file:
+        numbers = [json.loads(line)["case"] for line in file if '"case"' in line]
+    assert sorted(numbers) == list(range(80))
