@@ -12,11 +12,13 @@ from typing import NoReturn
 import numpy as np
 
 from dembrick import polygons
+from dembrick.checks import show
 from dembrick.errors import ScenarioError
 from dembrick.joints import TOLERANCE, ContactPoints, Joint, contact_points, find_joints
-from dembrick.model import JointLaw, Scenario, show
+from dembrick.model import JointLaw, Scenario
 from dembrick.neighbours import ShapeTable, close_pairs, overlap_depths
-from dembrick.shapes import Polyhedron, box, rotation_matrix, unit_quaternion
+from dembrick.shapes import Polyhedron, rotation_matrix, unit_quaternion
+from dembrick.solids import shapes_of
 
 SOFT_WARNING = 1e-3  # elastic closing or sliding of a joint under its dead load, over its short side
 SOFT_LIMIT = 1e-2
@@ -74,13 +76,17 @@ class Assembly:
 
 def build(scenario: Scenario) -> Assembly:
     """Geometry, joints and dead loads of a scenario; ScenarioError where it cannot describe a test."""
-    blocks = scenario.blocks
+    blocks = scenario.all_blocks
     names = tuple(block.name for block in blocks)
     number = {name: i for i, name in enumerate(names)}
-    shapes = tuple(box(block.box) for block in blocks)
-    position = np.array([block.position for block in blocks], float)
+    try:
+        shapes = shapes_of(blocks)
+    except ScenarioError as error:
+        _refuse(scenario, str(error))
     orientation = unit_quaternion([block.orientation for block in blocks])
     rotation = rotation_matrix(orientation)
+    centroid = np.array([shape.centroid for shape in shapes])
+    position = np.array([block.position for block in blocks], float) + np.einsum("nij,nj->ni", rotation, centroid)
     fixed = np.array([block.fixed for block in blocks], bool)
     density = np.array([scenario.materials[block.material].density for block in blocks])
     mass = density * [shape.volume for shape in shapes]
@@ -93,13 +99,9 @@ def build(scenario: Scenario) -> Assembly:
     pairs = close_pairs(table, position, rotation, TOLERANCE * table.diameter)
     _check_overlap(scenario, table, position, rotation, pairs)
 
-    laws = {frozenset(entry.between): entry.law for entry in scenario.joints}
-
-    def law_of(a: int, b: int) -> JointLaw:
-        return laws.get(frozenset((names[a], names[b])), scenario.joint) if laws else scenario.joint
-
-    joints = find_joints(shapes, position, orientation, fixed, law_of, TOLERANCE, pairs)
-    _check_overrides(scenario, joints, number, fixed)
+    laws = _Laws(scenario)
+    joints = find_joints(shapes, position, orientation, fixed, laws.between, TOLERANCE, pairs)
+    _check_overrides(scenario, laws, joints, fixed)
     level = _levels(joints, fixed)
     if quasi_static and (level < 0).any():
         _refuse_unsupported(scenario, shapes, position, orientation, fixed, level < 0)
@@ -108,14 +110,13 @@ def build(scenario: Scenario) -> Assembly:
     dead_force = mass[:, None] * gravity
     dead_torque = np.zeros_like(dead_force)
     for index, load in enumerate(scenario.loads, 1):
-        block = number[load.block]
-        dead_force[block] += load.force
-        if load.point is not None:
-            arm = np.array(load.point, float) - position[block]
-            _check_inside(
-                scenario, f"load number {index}", load.point, blocks[block].name, shapes[block], rotation[block], arm
-            )
-            dead_torque[block] += np.cross(arm, load.force)
+        for block in scenario.groups.get(load.block) or (number[load.block],):
+            dead_force[block] += load.force
+            if load.point is not None:
+                arm = np.array(load.point, float) - position[block]
+                what = f"load number {index}"
+                _check_inside(scenario, what, load.point, names[block], shapes[block], rotation[block], arm)
+                dead_torque[block] += np.cross(arm, load.force)
 
     joint_force, exact = dead_joint_forces(joints, fixed, dead_force)
     warnings = _check_stiffness(scenario, joints, joint_force)
@@ -203,23 +204,46 @@ def _check_overlap(scenario: Scenario, table: ShapeTable, position, rotation, pa
     if not len(over):
         return
     worst = over[np.argmax(depths[over])]
-    first, second = (show(scenario.blocks[i].name) for i in pairs[worst])
+    first, second = (show(scenario.all_blocks[i].name) for i in pairs[worst])
     more = f" ({len(over) - 1} more pairs overlap less)" if len(over) > 1 else ""
     _refuse(
         scenario, f"blocks {first} and {second} overlap by {depths[worst]:.6g} m{more}; move one of them that far out"
     )
 
 
-def _check_overrides(scenario: Scenario, joints, number: dict[str, int], fixed: np.ndarray) -> None:
-    touching = {frozenset((joint.block_a, joint.block_b)) for joint in joints}
-    for entry in scenario.joints:
-        first, second = (number[name] for name in entry.between)
-        if frozenset((first, second)) in touching:
+class _Laws:
+    """Which law holds between two blocks: that of the last override that names them or their groups."""
+
+    def __init__(self, scenario: Scenario):
+        self.default = scenario.joint
+        self.overrides = scenario.joints
+        self.ends = [tuple(frozenset(scenario.members(name)) for name in entry.between) for entry in scenario.joints]
+
+    def covers(self, number: int, a: int, b: int) -> bool:
+        """Whether an override is meant for a pair of blocks."""
+        first, second = self.ends[number]
+        return (a in first and b in second) or (a in second and b in first)
+
+    def between(self, a: int, b: int) -> JointLaw:
+        """The law of the joints between two blocks."""
+        for number in range(len(self.overrides) - 1, -1, -1):
+            if self.covers(number, a, b):
+                return self.overrides[number].law
+        return self.default
+
+
+def _check_overrides(scenario: Scenario, laws: _Laws, joints, fixed: np.ndarray) -> None:
+    pairs = {(joint.block_a, joint.block_b) for joint in joints}
+    for number, entry in enumerate(scenario.joints):
+        if any(laws.covers(number, a, b) for a, b in pairs):
             continue
-        reason = "both are fixed" if fixed[first] and fixed[second] else "they do not touch face to face"
+        first, second = laws.ends[number]
+        both_fixed = all(fixed[i] for i in first | second)
+        reason = "both are fixed" if both_fixed else "they do not touch face to face"
+        kind = "groups" if any(name in scenario.groups for name in entry.between) else "blocks"
         _refuse(
             scenario,
-            f"[[joints]] between {show(entry.between)}: there is no joint between these blocks, as {reason}; "
+            f"[[joints]] between {show(entry.between)}: there is no joint between these {kind}, as {reason}; "
             "remove the entry or move the blocks together",
         )
 
@@ -231,15 +255,15 @@ def _refuse_unsupported(scenario: Scenario, shapes, position, orientation, fixed
         for joint in find_joints(shapes, position, orientation, fixed, lambda a, b: scenario.joint, _FAR)
         if loose[joint.block_a] != loose[joint.block_b]
     ]
-    name, hint = show(scenario.blocks[int(np.flatnonzero(loose)[0])].name), "put it on another block, face to face"
+    name, hint = show(scenario.all_blocks[int(np.flatnonzero(loose)[0])].name), "put it on another block, face to face"
     if missed:
         nearest = min(missed, key=lambda joint: abs(joint.gap))
         pair = (nearest.block_a, nearest.block_b)
         here, there = pair if loose[pair[0]] else pair[::-1]
-        name = show(scenario.blocks[here].name)
-        hint = f"the nearest face is that of {show(scenario.blocks[there].name)}, {abs(nearest.gap):.6g} m away"
+        name = show(scenario.all_blocks[here].name)
+        hint = f"the nearest face is that of {show(scenario.all_blocks[there].name)}, {abs(nearest.gap):.6g} m away"
         if abs(nearest.gap) <= TOLERANCE * min(shapes[here].diameter, shapes[there].diameter):
-            hint = f"it touches {show(scenario.blocks[there].name)}, but their faces are not parallel"
+            hint = f"it touches {show(scenario.all_blocks[there].name)}, but their faces are not parallel"
     others = f" (nor from {int(loose.sum()) - 1} more)" if loose.sum() > 1 else ""
     _refuse(
         scenario, f"block {name} rests on nothing: no chain of joints leads from it to a fixed block{others}; {hint}"
@@ -292,7 +316,7 @@ def _check_stiffness(scenario: Scenario, joints, joint_force: np.ndarray) -> tup
     softness = max(closing[worst], sliding[worst])
     if not softness > SOFT_WARNING:
         return ()
-    first, second = (show(scenario.blocks[i].name) for i in (joints[worst].block_a, joints[worst].block_b))
+    first, second = (show(scenario.all_blocks[i].name) for i in (joints[worst].block_a, joints[worst].block_b))
     numbers = (
         f"the joint between {first} and {second} is soft for its load: N = {normal[worst]:.6g} N closes it by "
         f"N/(kn A) = {closing[worst]:.3g} of its short side ({side[worst]:.6g} m), and V_0 = {strength[worst]:.6g} N "

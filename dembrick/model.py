@@ -7,113 +7,31 @@ a negative friction, a number given as text or a load on a block that is not the
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable
-from dataclasses import dataclass, field
-from numbers import Integral, Real
+from dataclasses import dataclass, field, replace
+from numbers import Integral
 
+from dembrick.blocks import Block, Vector
+from dembrick.checks import (
+    assign,
+    check_name,
+    members_of,
+    nearest,
+    one_line,
+    one_of,
+    real,
+    require,
+    require_type,
+    show,
+    unit_vector,
+    vector,
+)
 from dembrick.errors import ScenarioError
+from dembrick.generators import GENERATORS, Arch, Dome, Stack, Wall
+from dembrick.memory import check_memory
 
 FORMULATIONS = ("concave", "corrected", "corrected-shear", "convex", "distributed")
 PRESSURES = ("full", "effective", "linear")
 CHANNELS = ("joints", "energy", "frames", "velocity", "contacts")  # of the record; the last three are of frames
-
-Vector = tuple[float, float, float]
-
-
-def show(value: object) -> str:
-    """A value as it stands in a message: as TOML writes it where that is short, never longer than a line."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    try:
-        text = repr(list(value)) if isinstance(value, tuple) else repr(value)
-    except (ValueError, RecursionError):  # integers of thousands of digits, lists in lists without end
-        text = f"<{type(value).__name__}>"
-    return text if len(text) <= 80 else text[:77] + "..."
-
-
-def nearest(word: str, known: Iterable[str]) -> str:
-    """The end of a message about an unknown ``word``: what was probably meant, else all that is known."""
-    from difflib import SequenceMatcher
-
-    def likeness(name: str) -> float:
-        return SequenceMatcher(None, word.lower(), name.lower(), autojunk=False).ratio()
-
-    ranked = sorted(known, key=likeness, reverse=True)
-    if not ranked:
-        return "there is none"
-    if likeness(ranked[0]) >= 0.6:
-        return f"did you mean {show(ranked[0])}?"
-    more = ", ..." if len(ranked) > 20 else ""
-    return f"known: {', '.join(show(name) for name in ranked[:20])}{more}"
-
-
-def _require(condition: bool, key: str, value: object, bound: str) -> None:
-    if not condition:
-        raise ScenarioError(f"{key} = {show(value)} is out of range: {bound}")
-
-
-def _type(condition: bool, key: str, value: object, wanted: str) -> None:
-    if not condition:
-        raise ScenarioError(f"{key} = {show(value)} is of the wrong type: it must be {wanted}")
-
-
-def _number(key: str, value) -> float:
-    """A finite float out of an integer or a float; a truth value or a text is neither."""
-    _type(isinstance(value, Real) and not isinstance(value, bool), key, value, "a number")
-    try:
-        number = float(value)
-    except OverflowError:
-        number = math.inf
-    _require(math.isfinite(number), key, value, "it must be a finite number")
-    return number
-
-
-def _vector(key: str, value, length: int = 3, label: str = "") -> tuple[float, ...]:
-    """A tuple of ``length`` finite floats; ``label`` says whose, " of block 'upper'"."""
-    value = value.tolist() if hasattr(value, "tolist") else value
-    _type(isinstance(value, list | tuple), key + label, value, f"a list of {length} numbers")
-    _require(len(value) == length, key + label, value, f"it must have {length} numbers, not {len(value)}")
-    return tuple(_number(f"{key}[{i}]{label}", component) for i, component in enumerate(value))
-
-
-def _unit(vector: tuple[float, ...]) -> tuple[float, ...]:
-    """The vector at length 1; one that has it already is left alone to the last bit (so text round trips exactly)."""
-    if abs(math.hypot(*vector) - 1.0) <= 1e-15:
-        return vector
-    largest = max(abs(component) for component in vector)  # scaled first: the square of 1e-200 is nothing
-    scaled = [component / largest for component in vector]
-    length = math.hypot(*scaled)
-    return tuple(component / length for component in scaled)
-
-
-def _text(key: str, value) -> str:
-    _type(isinstance(value, str), key, value, "a text")
-    _require(value.isprintable(), key, value, "it must be one line of printable characters")
-    return value
-
-
-def _name(key: str, value) -> str:
-    _require(_text(key, value) != "", key, value, "a name must not be empty")
-    return value
-
-
-def _choice(key: str, value, choices: tuple[str, ...]) -> None:
-    _type(isinstance(value, str), key, value, f"one of {', '.join(choices)}")
-    if value not in choices:
-        raise ScenarioError(f"{key} = {show(value)} is not one of {', '.join(choices)}; {nearest(value, choices)}")
-
-
-def _members(key: str, value, kind: type) -> tuple:
-    _type(isinstance(value, list | tuple), key, value, f"a list of {kind.__name__}")
-    for i, member in enumerate(value):
-        _type(isinstance(member, kind), f"{key}[{i}]", member, f"a {kind.__name__}")
-    return tuple(value)
-
-
-def _set(instance: object, **values: object) -> None:
-    for key, value in values.items():
-        object.__setattr__(instance, key, value)
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,8 +41,8 @@ class Material:
     density: float
 
     def __post_init__(self):
-        _set(self, density=_number("density", self.density))
-        _require(self.density > 0.0, "density", self.density, "it must be greater than 0 kg/m3")
+        assign(self, density=real("density", self.density))
+        require(self.density > 0.0, "density", self.density, "it must be greater than 0 kg/m3")
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,91 +61,66 @@ class JointLaw:
     pressure: str = "full"
 
     def __post_init__(self):
-        _choice("formulation", self.formulation, FORMULATIONS)
-        _set(self, friction=_number("friction", self.friction))
-        _require(self.friction >= 0.0, "friction", self.friction, "it must be at least 0")
+        one_of("formulation", self.formulation, FORMULATIONS)
+        assign(self, friction=real("friction", self.friction))
+        require(self.friction >= 0.0, "friction", self.friction, "it must be at least 0")
         for key in ("normal_stiffness", "shear_stiffness"):
-            value = _number(key, getattr(self, key))
-            _require(value > 0.0, key, value, "it must be greater than 0 Pa/m")
-            _set(self, **{key: value})
-        _choice("pressure", self.pressure, PRESSURES)
+            value = real(key, getattr(self, key))
+            require(value > 0.0, key, value, "it must be greater than 0 Pa/m")
+            assign(self, **{key: value})
+        one_of("pressure", self.pressure, PRESSURES)
         convex = self.pressure == "full" or self.formulation == "convex"
-        _require(convex, "pressure", self.pressure, "only formulation = 'convex' has a choice of pressure")
+        require(convex, "pressure", self.pressure, "only formulation = 'convex' has a choice of pressure")
         if self.points is not None:
             self._check_points()
 
     def _check_points(self):
         value = self.points.tolist() if hasattr(self.points, "tolist") else self.points
-        _require(self.formulation == "distributed", "points", value, "only formulation = 'distributed' has points")
+        require(self.formulation == "distributed", "points", value, "only formulation = 'distributed' has points")
         whole = isinstance(value, list | tuple) and all(
             isinstance(n, Integral) and not isinstance(n, bool) for n in value
         )
-        _type(whole, "points", value, "a list of 2 whole numbers")
-        _require(len(value) == 2, "points", value, f"it must have 2 whole numbers, not {len(value)}")
-        _require(all(n >= 1 for n in value), "points", value, "both counts must be at least 1")
-        _require(value[0] * value[1] <= 1_000_000, "points", value, "at most a million points a joint")
-        _set(self, points=(int(value[0]), int(value[1])))
+        require_type(whole, "points", value, "a list of 2 whole numbers")
+        require(len(value) == 2, "points", value, f"it must have 2 whole numbers, not {len(value)}")
+        require(all(n >= 1 for n in value), "points", value, "both counts must be at least 1")
+        require(value[0] * value[1] <= 1_000_000, "points", value, "at most a million points a joint")
+        assign(self, points=(int(value[0]), int(value[1])))
 
 
 @dataclass(frozen=True, slots=True)
 class JointOverride:
-    """A law for the joints between two named blocks, in place of the default."""
+    """A law for the joints between two named blocks or groups, in place of the default.
+
+    A group named twice means the joints inside it.
+    """
 
     between: tuple[str, str]
     law: JointLaw
 
     def __post_init__(self):
         pair = self.between
-        _type(isinstance(pair, list | tuple), "between", pair, "a list of two block names")
-        _require(len(pair) == 2, "between", pair, f"it must name two blocks, not {len(pair)}")
-        _set(self, between=tuple(_name(f"between[{i}]", name) for i, name in enumerate(pair)))
-        _require(pair[0] != pair[1], "between", pair, "a block has no joint with itself")
-        _type(isinstance(self.law, JointLaw), "law", self.law, "a JointLaw")
-
-
-@dataclass(frozen=True, slots=True)
-class Block:
-    """A rigid block. ``box``: edge lengths (m), centred on ``position``; ``orientation``: quaternion, body to world.
-
-    ``velocity`` (m/s) and ``angular_velocity`` (rad/s), both in world axes, start a dynamic run.
-    """
-
-    name: str
-    material: str
-    box: Vector
-    position: Vector
-    orientation: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
-    fixed: bool = False
-    velocity: Vector = (0.0, 0.0, 0.0)
-    angular_velocity: Vector = (0.0, 0.0, 0.0)
-
-    def __post_init__(self):
-        label = f" of block {show(_name('name', self.name))}"
-        _name(f"material{label}", self.material)
-        _type(isinstance(self.fixed, bool), f"fixed{label}", self.fixed, "true or false")
-        for key in ("box", "position", "velocity", "angular_velocity"):
-            _set(self, **{key: _vector(key, getattr(self, key), label=label)})
-        for edge in self.box:
-            _require(edge > 0.0, f"box{label}", self.box, "every edge must be longer than 0 m")
-        quaternion = _vector("orientation", self.orientation, 4, label)
-        unit = abs(math.hypot(*quaternion) - 1.0) < 1e-6
-        _require(unit, f"orientation{label}", quaternion, "it must be a unit quaternion (w, x, y, z)")
-        _set(self, orientation=_unit(quaternion))
+        require_type(isinstance(pair, list | tuple), "between", pair, "a list of two block names (or groups)")
+        require(len(pair) == 2, "between", pair, f"it must name two blocks, not {len(pair)}")
+        assign(self, between=tuple(check_name(f"between[{i}]", name) for i, name in enumerate(pair)))
+        require_type(isinstance(self.law, JointLaw), "law", self.law, "a JointLaw")
 
 
 @dataclass(frozen=True, slots=True)
 class Load:
-    """A dead load: ``force`` (N, world) on ``block`` at ``point`` (m, world at the start; None: the centroid)."""
+    """A dead load: ``force`` (N, world) on ``block`` at ``point`` (m, world at the start; None: the centroid).
+
+    ``block`` may name a group: then each of its blocks bears that force, at its centroid.
+    """
 
     block: str
     force: Vector
     point: Vector | None = None
 
     def __post_init__(self):
-        label = f" of the load on block {show(_name('block', self.block))}"
-        _set(self, force=_vector("force", self.force, label=label))
+        label = f" of the load on block {show(check_name('block', self.block))}"
+        assign(self, force=vector("force", self.force, label=label))
         if self.point is not None:
-            _set(self, point=_vector("point", self.point, label=label))
+            assign(self, point=vector("point", self.point, label=label))
 
 
 @dataclass(frozen=True, slots=True)
@@ -244,13 +137,13 @@ class Actuator:
     weight: float = 1.0
 
     def __post_init__(self):
-        label = f" of actuator {show(_name('name', self.name))}"
-        _name(f"block{label}", self.block)
-        direction = _vector("direction", self.direction, label=label)
-        _require(any(direction), f"direction{label}", direction, "its length must be greater than 0")
-        weight = _number(f"weight{label}", self.weight)
-        _require(weight != 0.0, f"weight{label}", weight, "it must not be 0")
-        _set(self, point=_vector("point", self.point, label=label), direction=_unit(direction), weight=weight)
+        label = f" of actuator {show(check_name('name', self.name))}"
+        check_name(f"block{label}", self.block)
+        direction = vector("direction", self.direction, label=label)
+        require(any(direction), f"direction{label}", direction, "its length must be greater than 0")
+        weight = real(f"weight{label}", self.weight)
+        require(weight != 0.0, f"weight{label}", weight, "it must not be 0")
+        assign(self, point=vector("point", self.point, label=label), direction=unit_vector(direction), weight=weight)
 
 
 @dataclass(frozen=True, slots=True)
@@ -262,8 +155,8 @@ class YieldControl:
     kind = "yield"
 
     def __post_init__(self):
-        _set(self, tolerance=_number("tolerance", self.tolerance))
-        _require(
+        assign(self, tolerance=real("tolerance", self.tolerance))
+        require(
             1e-8 <= self.tolerance <= 0.1,
             "tolerance",
             self.tolerance,
@@ -282,9 +175,9 @@ class DisplacementControl:
 
     def __post_init__(self):
         for key, unit in (("rate", "m/s"), ("travel", "m")):
-            value = _number(key, getattr(self, key))
-            _require(value > 0.0, key, value, f"it must be greater than 0 {unit}")
-            _set(self, **{key: value})
+            value = real(key, getattr(self, key))
+            require(value > 0.0, key, value, f"it must be greater than 0 {unit}")
+            assign(self, **{key: value})
 
 
 Control = YieldControl | DisplacementControl
@@ -297,9 +190,9 @@ class Solver:
     step_factor: float = 0.9
 
     def __post_init__(self):
-        value = _number("step_factor", self.step_factor)
-        _require(0.0 < value < 1.0, "step_factor", value, "it must lie between 0 and 1, the critical time step")
-        _set(self, step_factor=value)
+        value = real("step_factor", self.step_factor)
+        require(0.0 < value < 1.0, "step_factor", value, "it must lie between 0 and 1, the critical time step")
+        assign(self, step_factor=value)
 
 
 @dataclass(frozen=True, slots=True)
@@ -315,33 +208,37 @@ class Output:
     frames: int = 200
 
     def __post_init__(self):
-        _set(self, channels=_members("channels", self.channels, str))
+        assign(self, channels=members_of("channels", self.channels, str))
         for i, channel in enumerate(self.channels):
-            _choice(f"channels[{i}]", channel, CHANNELS)
+            one_of(f"channels[{i}]", channel, CHANNELS)
         for channel in ("velocity", "contacts"):
             framed = channel not in self.channels or "frames" in self.channels
-            _require(framed, "channels", self.channels, f'"{channel}" is recorded in frames, so "frames" must be there')
+            require(framed, "channels", self.channels, f'"{channel}" is recorded in frames, so "frames" must be there')
         for key in ("rows", "frames"):
             value = getattr(self, key)
-            _type(isinstance(value, Integral) and not isinstance(value, bool), key, value, "a whole number")
-            _require(1 <= value <= 10_000_000, key, value, "it must lie between 1 and 10 million")
-            _set(self, **{key: int(value)})
-        _require(self.frames <= self.rows, "frames", self.frames, f"a frame is taken at a row, and rows = {self.rows}")
+            require_type(isinstance(value, Integral) and not isinstance(value, bool), key, value, "a whole number")
+            require(1 <= value <= 10_000_000, key, value, "it must lie between 1 and 10 million")
+            assign(self, **{key: int(value)})
+        require(self.frames <= self.rows, "frames", self.frames, f"a frame is taken at a row, and rows = {self.rows}")
 
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
     """One test, complete. ``text`` is the TOML it came from, ``path`` its file (both None when written in Python).
 
-    Two scenarios are equal when they say the same, wherever they come from.
+    Two scenarios are equal when they say the same, wherever they come from. ``all_blocks`` holds ``blocks`` and then
+    what the generators lay: walls, stacks, arches, domes, in the order in which they are written. ``supports`` names
+    blocks and groups that are fixed. ``groups`` maps the name of every group to the numbers of its blocks in
+    ``all_blocks``: what ``group`` keys say, and for a name with dots in it, "wall.3.7", the parts before each dot,
+    "wall" and "wall.3" (unless a block is named so).
     """
 
     title: str
     gravity: Vector
     joint: JointLaw
     materials: dict[str, Material]
-    blocks: tuple[Block, ...]
-    control: Control
+    blocks: tuple[Block, ...] = ()
+    control: Control | None = None
     joints: tuple[JointOverride, ...] = ()
     loads: tuple[Load, ...] = ()
     actuators: tuple[Actuator, ...] = ()
@@ -349,45 +246,120 @@ class Scenario:
     output: Output = field(default_factory=Output)
     path: str | None = field(default=None, compare=False)
     text: str | None = field(default=None, compare=False, repr=False)
+    walls: tuple[Wall, ...] = ()
+    stacks: tuple[Stack, ...] = ()
+    arches: tuple[Arch, ...] = ()
+    domes: tuple[Dome, ...] = ()
+    supports: tuple[str, ...] = ()
+    all_blocks: tuple[Block, ...] = field(default=(), init=False, compare=False, repr=False)
+    groups: dict[str, tuple[int, ...]] = field(default_factory=dict, init=False, compare=False, repr=False)
 
     def __post_init__(self):
-        _text("title", self.title)
-        _set(self, gravity=_vector("gravity", self.gravity))
-        _type(isinstance(self.joint, JointLaw), "joint", self.joint, "a JointLaw")
-        _type(isinstance(self.control, Control), "control", self.control, "a YieldControl or DisplacementControl")
-        _type(isinstance(self.solver, Solver), "solver", self.solver, "a Solver")
-        _type(isinstance(self.output, Output), "output", self.output, "an Output")
-        _type(isinstance(self.materials, dict), "materials", self.materials, "a mapping of names to Material")
-        _members("materials", list(self.materials.values()), Material)
+        one_line("title", self.title)
+        assign(self, gravity=vector("gravity", self.gravity))
+        require_type(isinstance(self.joint, JointLaw), "joint", self.joint, "a JointLaw")
+        require_type(isinstance(self.control, Control), "control", self.control, "one of the controls")
+        require_type(isinstance(self.solver, Solver), "solver", self.solver, "a Solver")
+        require_type(isinstance(self.output, Output), "output", self.output, "an Output")
+        require_type(isinstance(self.materials, dict), "materials", self.materials, "a mapping of names to Material")
+        members_of("materials", list(self.materials.values()), Material)
         for name in self.materials:
-            _name("name of a material", name)
-        for key, kind in (("blocks", Block), ("joints", JointOverride), ("loads", Load), ("actuators", Actuator)):
-            _set(self, **{key: _members(key, getattr(self, key), kind)})
-        if not self.blocks:
+            check_name("name of a material", name)
+        lists = {"blocks": Block, "joints": JointOverride, "loads": Load, "actuators": Actuator, "supports": str}
+        for key, kind in (lists | GENERATORS).items():
+            assign(self, **{key: members_of(key, getattr(self, key), kind)})
+        self._lay()
+        if not self.all_blocks:
             raise ScenarioError("a scenario needs at least one block")
         self._check_names()
 
+    def _lay(self):
+        """Build what the generators describe, if memory holds it, and gather the groups."""
+        generators = [generator for key in GENERATORS for generator in getattr(self, key)]
+        check_memory([(generator.name, generator.count()) for generator in generators], len(self.blocks))
+        blocks = list(self.blocks)
+        for generator in generators:
+            blocks += generator.build()
+        assign(self, all_blocks=tuple(blocks), groups=_groups(blocks))
+        if self.supports:
+            numbers = {block.name: i for i, block in enumerate(blocks)}
+            for name in self.supports:
+                self._check_reference("supports", name, numbers, self.groups)
+                for i in self.groups.get(name) or (numbers[name],):
+                    blocks[i] = replace(blocks[i], fixed=True)
+            assign(self, all_blocks=tuple(blocks))
+
     def _check_names(self):
         """Names are unique, and whatever is referred to is there."""
-        for kind, members in (("block", self.blocks), ("actuator", self.actuators)):
-            seen = set()
-            for member in members:
-                if member.name in seen:
-                    raise ScenarioError(f"two {kind}s are named {show(member.name)}; every {kind} needs its own name")
-                seen.add(member.name)
-        blocks = {block.name: None for block in self.blocks}
-        references = [(f"material of block {show(b.name)}", b.material, self.materials) for b in self.blocks]
-        references += [(f"block of load number {i}", load.block, blocks) for i, load in enumerate(self.loads, 1)]
-        references += [(f"block of actuator {show(a.name)}", a.block, blocks) for a in self.actuators]
-        references += [("between", name, blocks) for override in self.joints for name in override.between]
-        for key, name, known in references:
-            if name not in known:
-                kind = "material" if known is self.materials else "block"
-                raise ScenarioError(f"{key} = {show(name)} is not the name of a {kind}; {nearest(name, known)}")
+        blocks = {block.name: None for block in self.all_blocks}
+        for kind, members, names in (
+            ("block", self.all_blocks, blocks),
+            ("actuator", self.actuators, {actuator.name for actuator in self.actuators}),
+        ):
+            if len(names) < len(members):
+                seen = set()
+                for member in members:
+                    if member.name in seen:
+                        message = f"two {kind}s are named {show(member.name)}; every {kind} needs its own name"
+                        raise ScenarioError(message)
+                    seen.add(member.name)
+        for name in self.groups:
+            if name in blocks:
+                raise ScenarioError(f"{show(name)} names a block and a group; give one of them another name")
+        for name, label in {b.material: f"material of block {show(b.name)}" for b in reversed(self.all_blocks)}.items():
+            if name not in self.materials:
+                known = nearest(name, self.materials)
+                raise ScenarioError(f"{label} = {show(name)} is not the name of a material; {known}")
+        for i, load in enumerate(self.loads, 1):
+            self._check_reference(f"block of load number {i}", load.block, blocks, self.groups)
+            if load.point is not None and load.block in self.groups:
+                message = f"load number {i} has a point and acts on group {show(load.block)}; name one of its blocks"
+                raise ScenarioError(message)
+        for actuator in self.actuators:
+            if actuator.block in self.groups:
+                label = f"block of actuator {show(actuator.name)} = {show(actuator.block)}"
+                raise ScenarioError(f"{label} is a group; a jack pushes one block, so name one of the group")
+            self._check_reference(f"block of actuator {show(actuator.name)}", actuator.block, blocks, {})
+        for override in self.joints:
+            for name in override.between:
+                self._check_reference("between", name, blocks, self.groups)
+            if override.between[0] == override.between[1] and override.between[0] in blocks:
+                require(False, "between", override.between, "a block has no joint with itself")
+
+    @staticmethod
+    def _check_reference(key: str, name: str, blocks, groups) -> None:
+        if name not in blocks and name not in groups:
+            kind = "block or a group" if groups else "block"
+            hint = nearest(name, [*groups, *blocks])
+            raise ScenarioError(f"{key} = {show(name)} is not the name of a {kind}; {hint}")
+
+    def members(self, name: str) -> tuple[int, ...]:
+        """Numbers in ``all_blocks`` of the blocks that ``name`` stands for, a group or a single block."""
+        if name in self.groups:
+            return self.groups[name]
+        return tuple(i for i, block in enumerate(self.all_blocks) if block.name == name)
 
     def law_between(self, first: str, second: str) -> JointLaw:
-        """The law of the joints between two named blocks; the last override that names the pair holds."""
+        """The law of the joints between two named blocks; the last override that holds for the pair decides."""
+        (one,), (two,) = self.members(first), self.members(second)
         for override in reversed(self.joints):
-            if set(override.between) == {first, second}:
+            here, there = (self.members(name) for name in override.between)
+            if (one in here and two in there) or (one in there and two in here):
                 return override.law
         return self.joint
+
+
+def _groups(blocks: list[Block]) -> dict[str, tuple[int, ...]]:
+    """Groups by ``group`` keys and by the dots in names, each with the numbers of its blocks."""
+    found: dict[str, list[int]] = {}
+    names = {block.name for block in blocks}
+    for i, block in enumerate(blocks):
+        own = set() if block.group is None else {block.group}
+        stem = block.name.rpartition(".")[0]
+        while stem:
+            if stem not in names:
+                own.add(stem)
+            stem = stem.rpartition(".")[0]
+        for name in own:
+            found.setdefault(name, []).append(i)
+    return {name: tuple(members) for name, members in found.items()}

@@ -11,8 +11,8 @@ import re
 import tomllib
 from collections.abc import Iterable
 
+from dembrick.checks import nearest, show
 from dembrick.errors import ScenarioError
-from dembrick.model import nearest, show
 
 _BARE_WORD = re.compile(r"""[^\W\d][^\[\]{}"'\n]*""")
 

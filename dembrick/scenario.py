@@ -11,10 +11,13 @@ import os
 import re
 import tomllib
 from collections.abc import Iterable, Mapping
-from dataclasses import MISSING, fields, replace
+from dataclasses import MISSING, fields, is_dataclass, replace
 from typing import Any, NamedTuple, NoReturn
 
+from dembrick.blocks import Mesh, Part, Prism, Voussoir
+from dembrick.checks import nearest, show
 from dembrick.errors import ScenarioError
+from dembrick.generators import GENERATORS, Opening, Return
 from dembrick.model import (
     Actuator,
     Block,
@@ -26,8 +29,6 @@ from dembrick.model import (
     Output,
     Scenario,
     Solver,
-    nearest,
-    show,
 )
 from dembrick.overrides import apply_overrides
 
@@ -35,7 +36,9 @@ LARGEST_FILE = 16 * 1024 * 1024  # bytes; some hundred thousand blocks
 
 _CONTROLS = {control.kind: control for control in Control.__args__}
 _CONTROLS_ELSEWHERE = ("tilt", "pushover", "dynamic", "base-motion")  # in the file format, not in this version
-_LISTS = {"blocks": Block, "loads": Load, "actuators": Actuator}
+_LISTS = {"blocks": Block, **GENERATORS, "loads": Load, "actuators": Actuator}
+_TABLES = {"prism": Prism, "voussoir": Voussoir, "mesh": Mesh}  # tables inside those of a list
+_TABLE_LISTS = {"parts": Part, "openings": Opening, "returns": Return}
 _OWN_KEYS = {"points": "distributed", "pressure": "convex"}  # law keys that belong to one formulation
 
 
@@ -93,6 +96,7 @@ def dumps(scenario: Scenario) -> str:
     document["control"] = {"kind": scenario.control.kind, **_plain(scenario.control)}
     document["solver"] = _plain(scenario.solver)
     document["output"] = _plain(scenario.output)
+    document["supports"] = list(scenario.supports)
     return _write({key: value for key, value in document.items() if value != []})
 
 
@@ -136,7 +140,10 @@ def _parse(text: str, file: str) -> dict[str, Any]:
 
 def _decode(document: dict[str, Any], place: _Place, path: str | None, text: str | None) -> Scenario:
     keys = _keys_of(Scenario)
-    del keys["path"], keys["text"]
+    for key in ("path", "text", "all_blocks", "groups"):
+        del keys[key]
+    keys["control"] = True
+    keys["blocks"] = not any(key in document for key in GENERATORS)
     _check_keys(document, keys, place)
     values = dict(document)
     values["joint"] = _law(_table(document["joint"], place.inside("[joint]")), place.inside("[joint]"))
@@ -195,8 +202,22 @@ def _control(data: Any, place: _Place) -> Any:
 
 
 def _record(kind: type, data: Any, place: _Place) -> Any:
-    table = _table(data, place)
-    _check_keys(table, _keys_of(kind), place)
+    table = dict(_table(data, place))
+    keys = _keys_of(kind)
+    _check_keys(table, keys, place)
+    for key, value in table.items():
+        there = place.inside(f"{key} in {place.table}")
+        if key == "mesh" and isinstance(value, str):
+            table[key] = _make(Mesh, {"file": value}, there)
+        elif key in _TABLES:
+            table[key] = _record(_TABLES[key], value, there)
+        elif key in _TABLE_LISTS:
+            if not isinstance(value, list):
+                place.fail(f"{key} must be a list of tables, not {show(value)}")
+            table[key] = [
+                _record(_TABLE_LISTS[key], entry, place.inside(f"{key}[{i}] in {place.table}"))
+                for i, entry in enumerate(value)
+            ]
     return _make(kind, table, place)
 
 
@@ -289,4 +310,9 @@ def _format(value: Any) -> str:
         return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
     if isinstance(value, list | tuple):
         return f"[{', '.join(_format(item) for item in value)}]"
+    if is_dataclass(value):
+        pairs = _plain(value, short=True).items()
+        return f"{{ {', '.join(f'{_key(key)} = {_format(item)}' for key, item in pairs)} }}"
+    if isinstance(value, dict):
+        return f"{{ {', '.join(f'{_key(key)} = {_format(item)}' for key, item in value.items())} }}"
     return repr(value)

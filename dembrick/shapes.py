@@ -1,12 +1,13 @@
 """Shapes of blocks: convex polyhedra in their own body frame, and the quaternions that turn them.
 
-A shape knows no position and no material. Its centroid is the origin of the body frame, lengths are in metres,
-quaternions are (w, x, y, z) and take body axes to world axes.
+A shape knows no position and no material. Its centroid is the origin of the body frame, the axes of which are those
+of the coordinates the shape was described in; lengths are in metres, quaternions are (w, x, y, z) and take body axes
+to world axes.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -19,16 +20,18 @@ class Polyhedron:
     """A convex polyhedron about its centroid.
 
     ``vertices`` (nv, 3) in the body frame; ``faces`` tuples of vertex numbers, counterclockwise seen from outside;
-    ``volume`` (m3); ``inertia`` (3, 3) about the centroid for a density of one (m5).
+    ``volume`` (m3); ``inertia`` (3, 3) about the centroid for a density of one (m5); ``centroid`` (3,) in the
+    coordinates the shape was described in.
     """
 
     vertices: np.ndarray
     faces: tuple[tuple[int, ...], ...]
     volume: float
     inertia: np.ndarray
+    centroid: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
     def moved(self, position, orientation) -> np.ndarray:
-        """World coordinates (nv, 3) of the vertices of a block that stands at ``position``, turned by a quaternion."""
+        """World coordinates (nv, 3) of the vertices of a block: centroid at ``position``, turned by a quaternion."""
         return np.asarray(position, float) + self.vertices @ rotation_matrix(orientation).T
 
     @cached_property

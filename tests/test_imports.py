@@ -16,10 +16,15 @@ PACKAGE = Path(dembrick.__file__).parent
 # import one another, except inside one folder named in TOGETHER.
 FLOORS = {
     -1: ["errors", "interruption"],
+    -0.9: ["checks"],
+    -0.8: ["blocks", "memory"],
+    -0.7: ["generators"],
     0: ["_jit", "state", "model"],
     1: ["kernels"],
     2: ["polygons"],
     3: ["shapes"],
+    3.1: ["polyhedra"],
+    3.2: ["solids"],
     4: ["neighbours", "limit_set"],
     5: ["point_rules"],
     6: ["joints"],
@@ -31,14 +36,14 @@ FLOORS = {
 }
 RANK = {name: rank for rank, names in FLOORS.items() for name in names}
 TOP = 20  # files, screens, arguments: everything that is not named above
-TOGETHER = {"kernels", "theory"}
+TOGETHER = {"kernels", "theory", "generators"}
 KERNELS_MAY = {"_jit", "kernels"}  # of the package
 THEORY_MAY = {"errors", "theory"}
 ALLOWED_OUTSIDE = {  # third-party modules by rank: no files and no screens below the top
-    -1: set(),
+    **dict.fromkeys((-1, -0.9, -0.8, -0.7), set()),
     0: {"numba", "numpy"},
     1: {"numpy"},
-    **{rank: {"numpy"} for rank in range(2, TOP)},
+    **{rank: {"numpy"} for rank in FLOORS if rank > 1},
 }
 
 

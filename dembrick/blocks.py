@@ -1,0 +1,197 @@
+"""What a scenario says of one block: its shape, where it stands, what it is made of. Plain frozen data, no geometry.
+
+A shape has coordinates of its own; ``position`` is where their origin sits in the world, and ``orientation`` turns
+them about it. The origin is the centre of a box, the origin of the polygon at half height of a prism, the centre of
+the arch of a voussoir, and whatever the coordinates of ``vertices``, of a mesh file or of ``parts`` say. The centroid,
+about which a block turns and to which results refer, follows from the shape.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from dembrick.checks import assign, check_name, real, require, require_type, show, unit_vector, vector
+from dembrick.errors import ScenarioError
+
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+
+CONVEX_SOLIDS = ("box", "prism", "voussoir", "vertices", "mesh")
+SOLIDS = (*CONVEX_SOLIDS, "parts")
+UPRIGHT: Quaternion = (1.0, 0.0, 0.0, 0.0)
+MOST_VERTICES = 2000  # of a convex polyhedron
+
+
+@dataclass(frozen=True, slots=True)
+class Prism:
+    """A convex ``polygon`` (corners in m, either way round) in the x-y plane, extruded by ``height`` (m) along z.
+
+    Half of the height lies below the plane of the polygon.
+    """
+
+    polygon: tuple[tuple[float, float], ...]
+    height: float
+
+    def __post_init__(self):
+        corners = _points("polygon", self.polygon, 2, least=3)
+        height = real("height", self.height)
+        require(height > 0.0, "height", height, "it must be greater than 0 m")
+        assign(self, polygon=corners, height=height)
+
+
+@dataclass(frozen=True, slots=True)
+class Voussoir:
+    """A stone of an arch: ``angle`` (deg) of a ring of mean ``radius`` and ``thickness`` (m), ``depth`` (m) along y.
+
+    The origin is the centre of the arch; the arch lies in the x-z plane and the stone's middle points along z. Its
+    faces are those of the quadrilateral between the two radial joints. Mass, centroid and inertia are the
+    quadrilateral's too, or with ``curved`` those of the piece of a ring.
+    """
+
+    radius: float
+    thickness: float
+    depth: float
+    angle: float
+    curved: bool = False
+
+    def __post_init__(self):
+        for key in ("radius", "thickness", "depth", "angle"):
+            value = real(key, getattr(self, key))
+            require(value > 0.0, key, value, f"it must be greater than 0 {'deg' if key == 'angle' else 'm'}")
+            assign(self, **{key: value})
+        require(self.thickness < 2.0 * self.radius, "thickness", self.thickness, "it must be below twice the radius")
+        require(self.angle < 180.0, "angle", self.angle, "a voussoir spans less than 180 deg")
+        require_type(isinstance(self.curved, bool), "curved", self.curved, "true or false")
+
+
+@dataclass(frozen=True, slots=True)
+class Mesh:
+    """A closed convex surface in a ``file`` (STL, OBJ, PLY, .msh, .vtu), beside the scenario unless the path says else.
+
+    ``scale`` takes the file's unit to metres: 0.001 for a file in millimetres.
+    """
+
+    file: str
+    scale: float = 1.0
+
+    def __post_init__(self):
+        check_name("file", self.file)
+        scale = real("scale", self.scale)
+        require(scale > 0.0, "scale", scale, "it must be greater than 0")
+        assign(self, scale=scale)
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A convex part of a block: one shape, placed in the block's own coordinates."""
+
+    box: Vector | None = None
+    prism: Prism | None = None
+    voussoir: Voussoir | None = None
+    vertices: tuple[Vector, ...] | None = None
+    mesh: Mesh | None = None
+    position: Vector = (0.0, 0.0, 0.0)
+    orientation: Quaternion = UPRIGHT
+
+    def __post_init__(self):
+        _check_solid(self, CONVEX_SOLIDS, "a part", "")
+        assign(self, position=vector("position", self.position), orientation=_quaternion(self.orientation, ""))
+
+    @property
+    def solid(self) -> tuple[str, object]:
+        """The kind of shape and what describes it; equal shapes have equal descriptions."""
+        return _solid(self, CONVEX_SOLIDS)
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """A rigid block with one of the shapes ``box`` (edge lengths, m), ``prism``, ``voussoir``, ``vertices`` (the
+    convex hull of the points), ``mesh``, or ``parts`` (convex parts that make one rigid block).
+
+    ``position`` (m) is where the origin of the shape sits: the centre of a box; it may be left out where the shape
+    has coordinates to be meant as the world's (not for a box). ``orientation``: quaternion, body to world.
+    ``group`` names a set of blocks, for loads, supports and joint laws. ``velocity`` (m/s) and ``angular_velocity``
+    (rad/s), both in world axes, start a dynamic run.
+    """
+
+    name: str
+    material: str
+    box: Vector | None = None
+    position: Vector | None = None
+    orientation: Quaternion = UPRIGHT
+    fixed: bool = False
+    velocity: Vector = (0.0, 0.0, 0.0)
+    angular_velocity: Vector = (0.0, 0.0, 0.0)
+    group: str | None = None
+    prism: Prism | None = None
+    voussoir: Voussoir | None = None
+    vertices: tuple[Vector, ...] | None = None
+    mesh: Mesh | None = None
+    parts: tuple[Part, ...] | None = None
+
+    def __post_init__(self):
+        label = f" of block {show(check_name('name', self.name))}"
+        check_name(f"material{label}", self.material)
+        require_type(isinstance(self.fixed, bool), f"fixed{label}", self.fixed, "true or false")
+        if self.group is not None:
+            check_name(f"group{label}", self.group)
+        kind = _check_solid(self, SOLIDS, f"block {show(self.name)}", label)
+        if self.position is None:
+            if kind == "box":
+                raise ScenarioError(f"missing key 'position'{label}; it has no default")
+            assign(self, position=(0.0, 0.0, 0.0))
+        for key in ("position", "velocity", "angular_velocity"):
+            assign(self, **{key: vector(key, getattr(self, key), label=label)})
+        assign(self, orientation=_quaternion(self.orientation, label))
+
+    @property
+    def solid(self) -> tuple[str, object]:
+        """The kind of shape and what describes it; equal shapes have equal descriptions."""
+        return _solid(self, SOLIDS)
+
+
+def _solid(owner, kinds: tuple[str, ...]) -> tuple[str, object]:
+    return next((kind, getattr(owner, kind)) for kind in kinds if getattr(owner, kind) is not None)
+
+
+def _check_solid(owner, kinds: tuple[str, ...], who: str, label: str) -> str:
+    """Exactly one shape is given, and of its type; returns its kind."""
+    given = [kind for kind in kinds if getattr(owner, kind) is not None]
+    if len(given) != 1:
+        what = f"has {len(given)} shapes ({', '.join(given)})" if given else "has no shape"
+        raise ScenarioError(f"{who} {what}; give it one of {', '.join(kinds)}")
+    (kind,) = given
+    value = getattr(owner, kind)
+    if kind == "box":
+        value = vector("box", value, label=label)
+        for edge in value:
+            require(edge > 0.0, f"box{label}", value, "every edge must be longer than 0 m")
+    elif kind == "vertices":
+        value = _points("vertices", value, 3, least=4, label=label)
+    elif kind == "parts":
+        require_type(isinstance(value, list | tuple), f"parts{label}", value, "a list of Part")
+        require(len(value) > 0, f"parts{label}", value, "a block needs at least one part")
+        for i, part in enumerate(value):
+            require_type(isinstance(part, Part), f"parts[{i}]{label}", part, "a Part")
+        value = tuple(value)
+    else:
+        wanted = {"prism": Prism, "voussoir": Voussoir, "mesh": Mesh}[kind]
+        require_type(isinstance(value, wanted), f"{kind}{label}", value, f"a {wanted.__name__}")
+    assign(owner, **{kind: value})
+    return kind
+
+
+def _points(key: str, value, length: int, least: int, label: str = "") -> tuple:
+    value = value.tolist() if hasattr(value, "tolist") else value
+    require_type(isinstance(value, list | tuple), key + label, value, f"a list of points of {length} numbers")
+    bound = f"it must have {least} to {MOST_VERTICES} points, not {len(value)}"
+    require(least <= len(value) <= MOST_VERTICES, key + label, value, bound)
+    return tuple(vector(f"{key}[{i}]", point, length, label) for i, point in enumerate(value))
+
+
+def _quaternion(value, label: str) -> Quaternion:
+    quaternion = vector("orientation", value, 4, label)
+    unit = abs(math.hypot(*quaternion) - 1.0) < 1e-6
+    require(unit, f"orientation{label}", quaternion, "it must be a unit quaternion (w, x, y, z)")
+    return unit_vector(quaternion)

@@ -1,0 +1,115 @@
+"""Checks of what a user writes: each turns a value into what the model stores, or says what is wrong with it.
+
+Types, lengths and bounds; the messages name the key and the value as TOML writes it. No module stands lower but
+``errors``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from numbers import Real
+
+from dembrick.errors import ScenarioError
+
+
+def show(value: object) -> str:
+    """A value as it stands in a message: as TOML writes it where that is short, never longer than a line."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    try:
+        text = repr(list(value)) if isinstance(value, tuple) else repr(value)
+    except (ValueError, RecursionError):  # integers of thousands of digits, lists in lists without end
+        text = f"<{type(value).__name__}>"
+    return text if len(text) <= 80 else text[:77] + "..."
+
+
+def nearest(word: str, known: Iterable[str]) -> str:
+    """The end of a message about an unknown ``word``: what was probably meant, else all that is known."""
+    from difflib import SequenceMatcher
+
+    def likeness(name: str) -> float:
+        return SequenceMatcher(None, word.lower(), name.lower(), autojunk=False).ratio()
+
+    ranked = sorted(known, key=likeness, reverse=True)
+    if not ranked:
+        return "there is none"
+    if likeness(ranked[0]) >= 0.6:
+        return f"did you mean {show(ranked[0])}?"
+    more = ", ..." if len(ranked) > 20 else ""
+    return f"known: {', '.join(show(name) for name in ranked[:20])}{more}"
+
+
+def require(condition: bool, key: str, value: object, bound: str) -> None:
+    """ScenarioError "... is out of range" unless ``condition`` holds; ``bound`` says what would be right."""
+    if not condition:
+        raise ScenarioError(f"{key} = {show(value)} is out of range: {bound}")
+
+
+def require_type(condition: bool, key: str, value: object, wanted: str) -> None:
+    """ScenarioError "... is of the wrong type" unless ``condition`` holds."""
+    if not condition:
+        raise ScenarioError(f"{key} = {show(value)} is of the wrong type: it must be {wanted}")
+
+
+def real(key: str, value) -> float:
+    """A finite float out of an integer or a float; a truth value or a text is neither."""
+    require_type(isinstance(value, Real) and not isinstance(value, bool), key, value, "a number")
+    try:
+        result = float(value)
+    except OverflowError:
+        result = math.inf
+    require(math.isfinite(result), key, value, "it must be a finite number")
+    return result
+
+
+def vector(key: str, value, length: int = 3, label: str = "") -> tuple[float, ...]:
+    """A tuple of ``length`` finite floats; ``label`` says whose, " of block 'upper'"."""
+    value = value.tolist() if hasattr(value, "tolist") else value
+    require_type(isinstance(value, list | tuple), key + label, value, f"a list of {length} numbers")
+    require(len(value) == length, key + label, value, f"it must have {length} numbers, not {len(value)}")
+    return tuple(real(f"{key}[{i}]{label}", component) for i, component in enumerate(value))
+
+
+def unit_vector(vector: tuple[float, ...]) -> tuple[float, ...]:
+    """The vector at length 1; one that has it already is left alone to the last bit (so text round trips exactly)."""
+    if abs(math.hypot(*vector) - 1.0) <= 1e-15:
+        return vector
+    largest = max(abs(component) for component in vector)  # scaled first: the square of 1e-200 is nothing
+    scaled = [component / largest for component in vector]
+    length = math.hypot(*scaled)
+    return tuple(component / length for component in scaled)
+
+
+def one_line(key: str, value) -> str:
+    """A text of one line, printable."""
+    require_type(isinstance(value, str), key, value, "a text")
+    require(value.isprintable(), key, value, "it must be one line of printable characters")
+    return value
+
+
+def check_name(key: str, value) -> str:
+    """A name: one line, not empty."""
+    require(one_line(key, value) != "", key, value, "a name must not be empty")
+    return value
+
+
+def one_of(key: str, value, choices: tuple[str, ...]) -> None:
+    """ScenarioError unless ``value`` is one of the texts ``choices``."""
+    require_type(isinstance(value, str), key, value, f"one of {', '.join(choices)}")
+    if value not in choices:
+        raise ScenarioError(f"{key} = {show(value)} is not one of {', '.join(choices)}; {nearest(value, choices)}")
+
+
+def members_of(key: str, value, kind: type) -> tuple:
+    """A tuple of instances of ``kind``."""
+    require_type(isinstance(value, list | tuple), key, value, f"a list of {kind.__name__}")
+    for i, member in enumerate(value):
+        require_type(isinstance(member, kind), f"{key}[{i}]", member, f"a {kind.__name__}")
+    return tuple(value)
+
+
+def assign(instance: object, **values: object) -> None:
+    """Store fields of a frozen dataclass, for use in its ``__post_init__``."""
+    for key, value in values.items():
+        object.__setattr__(instance, key, value)

@@ -1,0 +1,13 @@
+"""Structures that a scenario describes as a whole: walls, stacks, arches, domes. Each makes named blocks.
+
+A generator is frozen data like everything a scenario says; ``build()`` lays its blocks, ``count()`` says beforehand
+how many there will be at most.
+"""
+
+from dembrick.generators.arches import Arch, Dome
+from dembrick.generators.stacks import Stack
+from dembrick.generators.walls import Opening, Return, Wall
+
+__all__ = ["GENERATORS", "Arch", "Dome", "Opening", "Return", "Stack", "Wall"]
+
+GENERATORS = {"walls": Wall, "stacks": Stack, "arches": Arch, "domes": Dome}  # key of the scenario: class

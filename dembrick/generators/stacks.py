@@ -1,0 +1,76 @@
+"""Stacks: equal blocks on one another."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from dembrick.blocks import Block, Prism, Vector
+from dembrick.checks import assign, require, require_type, vector
+from dembrick.errors import ScenarioError
+from dembrick.generators.placing import Frame, check_common, check_count, check_lengths
+
+
+@dataclass(frozen=True, slots=True)
+class Stack:
+    """``blocks`` equal blocks on one another: a ``box`` (edges, m) or a ``prism`` each, a column of drums.
+
+    ``position`` is the foot of the stack: the origin of the shape, at the bottom of the lowest block. ``base`` (m)
+    adds a fixed slab, so thick and reaching so far beyond the stack. Blocks are called name.1, name.2, ... from the
+    bottom, the slab name.base.
+    """
+
+    name: str
+    material: str
+    blocks: int
+    box: Vector | None = None
+    prism: Prism | None = None
+    base: float | None = None
+    position: Vector = (0.0, 0.0, 0.0)
+    heading: float = 0.0
+    group: str | None = None
+
+    def __post_init__(self):
+        label = check_common(self, "stack")
+        check_count(self, label, "blocks")
+        if (self.box is None) == (self.prism is None):
+            raise ScenarioError(f"a shape is missing or given twice{label}; give it one of box, prism")
+        if self.box is not None:
+            assign(self, box=vector("box", self.box, label=label))
+            require(min(self.box) > 0.0, f"box{label}", self.box, "every edge must be longer than 0 m")
+        else:
+            require_type(isinstance(self.prism, Prism), f"prism{label}", self.prism, "a Prism")
+        check_lengths(self, label, "base")
+
+    def count(self) -> int:
+        """How many blocks the stack has."""
+        return self.blocks + (self.base is not None)
+
+    def build(self) -> list[Block]:
+        """The blocks from the bottom to the top, the slab last."""
+        frame = Frame(self.position, self.heading)
+        if self.box is not None:
+            height, (x, y) = self.box[2], (0.5 * self.box[0], 0.5 * self.box[1])
+            reach = (-x, x, -y, y)
+        else:
+            height = self.prism.height
+            xs, ys = zip(*self.prism.polygon, strict=True)
+            reach = (min(xs), max(xs), min(ys), max(ys))
+        found = [
+            Block(
+                name=f"{self.name}.{k + 1}",
+                material=self.material,
+                box=self.box,
+                prism=self.prism,
+                position=frame.point(0.0, 0.0, (k + 0.5) * height),
+                orientation=frame.turn,
+                group=self.group,
+            )
+            for k in range(self.blocks)
+        ]
+        if self.base is not None:
+            left, right, front, back = reach
+            edges = (right - left + 2.0 * self.base, back - front + 2.0 * self.base, self.base)
+            centre = frame.point(0.5 * (left + right), 0.5 * (front + back), -0.5 * self.base)
+            slab = Block(f"{self.name}.base", self.material, edges, centre, frame.turn, fixed=True, group=self.group)
+            found.append(slab)
+        return found

@@ -1,0 +1,296 @@
+"""Walls of coursed blocks: running bond, patterns, openings with lintels, returns at corners.
+
+A course is a row of intervals along the axis of the wall. Every rule below works on intervals, so that openings,
+corners and patterns meet in one place, and a piece that would be too short to lay is made up with its neighbour.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from dembrick.blocks import Block, Vector
+from dembrick.checks import assign, members_of, one_of, real, require, require_type, show, vector
+from dembrick.errors import ScenarioError
+from dembrick.generators.placing import Frame, check_common, check_count, check_lengths
+
+ENDS = ("half", "quoin", "toothed")
+PATTERN = {"1": (1.0, True), "h": (0.5, True), "q": (1.5, True), "o": (1.0, False), ".": (0.5, False)}
+_SLIVER = 0.24  # of a block's length: a shorter piece is made up with its neighbour
+_SAME = 1e-9  # of a block's length
+
+Interval = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Opening:
+    """A door or window: ``span`` (m, from the left end of the wall) in ``courses`` (first and last, from 1).
+
+    ``lintel`` (m) spans it by one long block in the course above, with that much bearing on both sides.
+    """
+
+    span: tuple[float, float]
+    courses: tuple[int, int]
+    lintel: float | None = None
+
+    def __post_init__(self):
+        span = vector("span", self.span, 2)
+        require(span[0] < span[1], "span", span, "its end must lie right of its start")
+        require_type(isinstance(self.courses, list | tuple), "courses", self.courses, "a list of 2 whole numbers")
+        courses = tuple(self.courses)
+        whole = len(courses) == 2 and all(isinstance(n, int) and not isinstance(n, bool) for n in courses)
+        require_type(whole, "courses", self.courses, "a list of 2 whole numbers")
+        require(1 <= courses[0] <= courses[1], "courses", courses, "at least 1, and the last not below the first")
+        assign(self, span=span, courses=courses)
+        check_lengths(self, "", "lintel")
+
+
+@dataclass(frozen=True, slots=True)
+class Return:
+    """A wall that turns the corner: at the ``end`` "left" or "right" of the wall, to the "front" or "back" ``side``
+    (front: towards -y of a wall along x), ``blocks`` long from the outer face of the wall."""
+
+    end: str
+    side: str
+    blocks: int
+
+    def __post_init__(self):
+        one_of("end", self.end, ("left", "right"))
+        one_of("side", self.side, ("front", "back"))
+        check_count(self, "", "blocks", 2)
+
+
+@dataclass(frozen=True, slots=True)
+class Wall:
+    """A wall along x (or ``heading``, deg), in running bond or by a pattern.
+
+    ``block`` (length, thickness, height) in m. ``position`` is the left end of the wall's axis: middle of the
+    thickness, at the bottom. ``courses`` of ``blocks`` each; every second course is shifted by ``bond`` of a block,
+    and its ``ends`` are closed with "half" blocks or with "quoin" (a block and a half, in place of half and whole), or
+    left "toothed". ``pattern`` gives the courses instead, bottom to top, repeated as often as ``courses`` asks: ``1``
+    a block, ``h`` half of one, ``q`` one and a half, ``o`` a gap as long as a block, ``.`` as long as half; blanks
+    do not count. ``base`` (m) adds a fixed slab, so thick and reaching so far beyond the wall.
+
+    Blocks are called name.course.number, both from 1, from the bottom and from the left; those of a return
+    name.left.course.number or name.right.course.number, from the corner on; the slab name.base.
+    """
+
+    name: str
+    material: str
+    block: Vector
+    courses: int | None = None
+    blocks: int | None = None
+    pattern: tuple[str, ...] | None = None
+    bond: float = 0.5
+    ends: str = "half"
+    openings: tuple[Opening, ...] = ()
+    returns: tuple[Return, ...] = ()
+    base: float | None = None
+    position: Vector = (0.0, 0.0, 0.0)
+    heading: float = 0.0
+    group: str | None = None
+
+    def __post_init__(self):
+        label = check_common(self, "wall")
+        assign(self, block=vector("block", self.block, label=label))
+        require(min(self.block) > 0.0, f"block{label}", self.block, "every edge must be longer than 0 m")
+        if self.pattern is None:
+            for key in ("courses", "blocks"):
+                if getattr(self, key) is None:
+                    raise ScenarioError(f"missing key '{key}'{label}; give courses and blocks, or a pattern")
+        elif self.blocks is not None:
+            raise ScenarioError(f"blocks = {show(self.blocks)}{label} contradicts its pattern; keep one of the two")
+        else:
+            assign(self, pattern=_checked_pattern(self.pattern, label))
+        if self.courses is None:
+            assign(self, courses=len(self.pattern))
+        check_count(self, label, "courses")
+        if self.blocks is not None:
+            check_count(self, label, "blocks")
+        bond = real(f"bond{label}", self.bond)
+        require(0.25 <= bond <= 0.75, f"bond{label}", bond, "it must lie between 0.25 and 0.75 of a block")
+        assign(self, bond=bond)
+        one_of(f"ends{label}", self.ends, ENDS)
+        assign(self, openings=members_of("openings", self.openings, Opening))
+        assign(self, returns=members_of("returns", self.returns, Return))
+        check_lengths(self, label, "base")
+        self._check_extras(label)
+
+    def _check_extras(self, label: str) -> None:
+        if self.returns and self.pattern is not None:
+            raise ScenarioError(f"returns{label}: a wall with a pattern has none; give courses and blocks instead")
+        if len({corner.end for corner in self.returns}) < len(self.returns):
+            raise ScenarioError(f"returns{label}: an end of a wall has one return at most")
+        if self.returns and self.blocks is not None and self.blocks < 2:
+            require(False, f"blocks{label}", self.blocks, "a wall with returns is at least 2 blocks long")
+        if self.ends == "quoin" and self.blocks is not None:
+            require(self.blocks >= 3, f"blocks{label}", self.blocks, "a wall with quoins is at least 3 blocks long")
+        for opening in self.openings:
+            inside = 0.0 <= opening.span[0] and opening.span[1] <= self.length * (1.0 + _SAME)
+            require(inside, f"span of an opening{label}", opening.span, f"the wall reaches from 0 to {self.length:g} m")
+            top = self.courses if opening.lintel is None else self.courses - 1
+            require(
+                opening.courses[1] <= top,
+                f"courses of an opening{label}",
+                opening.courses,
+                f"the wall has {self.courses} courses, and a lintel needs one above the opening",
+            )
+
+    @property
+    def length(self) -> float:
+        """Length of the wall along its axis (m)."""
+        if self.pattern is not None:
+            return self.block[0] * sum(PATTERN[piece][0] for piece in self.pattern[0])
+        return self.block[0] * self.blocks
+
+    def count(self) -> int:
+        """At most how many blocks the wall has, reckoned without laying any."""
+        per_course = max(map(len, self.pattern)) if self.pattern is not None else self.blocks + 1
+        return self.courses * (per_course + sum(corner.blocks + 1 for corner in self.returns)) + 1
+
+    def build(self) -> list[Block]:
+        """The blocks, from the bottom to the top, each course from the left; returns after the wall, the slab last."""
+        left, right = (next((r for r in self.returns if r.end == end), None) for end in ("left", "right"))
+        frame = Frame(self.position, self.heading)
+        found: list[Block] = []
+        for course in range(self.courses):
+            for number, piece in enumerate(self._course(course, left is not None, right is not None), 1):
+                found.append(self._stone(f"{course + 1}.{number}", frame, course, piece))
+        for corner in self.returns:
+            branch = self._branch(corner)
+            for course in range(self.courses):
+                for number, piece in enumerate(self._return_course(course, corner), 1):
+                    found.append(self._stone(f"{corner.end}.{course + 1}.{number}", branch, course, piece))
+        if self.base is not None:
+            found.append(self._slab(frame))
+        return found
+
+    def _stone(self, name: str, frame: Frame, course: int, piece: Interval) -> Block:
+        length, thickness, height = self.block
+        edge = piece[1] - piece[0]
+        whole = round(2.0 * edge / length) * 0.5 * length  # equal blocks share one shape to the last bit
+        if abs(edge - whole) <= _SAME * length:
+            edge = whole
+        return Block(
+            name=f"{self.name}.{name}",
+            material=self.material,
+            box=(edge, thickness, height),
+            position=frame.point(0.5 * (piece[0] + piece[1]), 0.0, (course + 0.5) * height),
+            orientation=frame.turn,
+            group=self.group,
+        )
+
+    def _slab(self, frame: Frame) -> Block:
+        """The fixed base under wall and returns."""
+        length, thickness, _ = self.block
+        front, back = -0.5 * thickness, 0.5 * thickness
+        for corner in self.returns:
+            reach = corner.blocks * length
+            if corner.side == "front":
+                front = min(front, 0.5 * thickness - reach)
+            else:
+                back = max(back, reach - 0.5 * thickness)
+        centre = frame.point(0.5 * self.length, 0.5 * (front + back), -0.5 * self.base)
+        edges = (self.length + 2.0 * self.base, back - front + 2.0 * self.base, self.base)
+        return Block(f"{self.name}.base", self.material, edges, centre, frame.turn, fixed=True, group=self.group)
+
+    def _branch(self, corner: Return) -> Frame:
+        """The frame of a return: it starts at the outer face of the wall, and its axis runs away from there."""
+        half = 0.5 * self.block[1]
+        x = half if corner.end == "left" else self.length - half
+        y, turn = (-half, 90.0) if corner.side == "back" else (half, -90.0)
+        return Frame(Frame(self.position, self.heading).point(x, y, 0.0), self.heading + turn)
+
+    def _course(self, course: int, left: bool, right: bool) -> list[Interval]:
+        """The pieces of one course of the wall itself, from the left."""
+        length, thickness, _ = self.block
+        if self.pattern is not None:
+            pieces = _laid(self.pattern[course % len(self.pattern)], length)
+        elif course % 2 == 0:
+            pieces = _filled(0.0, self.length, length, length)
+        else:
+            # at a corner the return takes this course through
+            start, stop = (thickness if left else 0.0), self.length - (thickness if right else 0.0)
+            first = {"half": self.bond, "quoin": 1.0 + self.bond, "toothed": self.bond}[self.ends] * length
+            pieces = _filled(start, stop, length if left else first, length)
+            if self.ends == "toothed":
+                pieces = [p for i, p in enumerate(pieces) if left or i > 0]
+                pieces = pieces if right else pieces[:-1]
+            elif self.ends == "quoin" and not right:
+                pieces[-2:] = [(pieces[-2][0], pieces[-1][1])]
+        for opening in self.openings:
+            if opening.courses[0] <= course + 1 <= opening.courses[1]:
+                pieces = _without(pieces, opening.span, length)
+            elif opening.lintel is not None and course == opening.courses[1]:
+                span = (max(0.0, opening.span[0] - opening.lintel), min(self.length, opening.span[1] + opening.lintel))
+                pieces = sorted([*_without(pieces, span, length), span])
+        return pieces
+
+    def _return_course(self, course: int, corner: Return) -> list[Interval]:
+        length, thickness, _ = self.block
+        return _filled(thickness if course % 2 == 0 else 0.0, corner.blocks * length, length, length)
+
+
+def _checked_pattern(pattern, label: str) -> tuple[str, ...]:
+    pattern = [pattern] if isinstance(pattern, str) else pattern
+    require_type(isinstance(pattern, list | tuple), f"pattern{label}", pattern, "a list of texts, one a course")
+    require(len(pattern) > 0, f"pattern{label}", pattern, "it needs at least one course")
+    rows = []
+    for i, row in enumerate(pattern):
+        key = f"pattern[{i}]{label}"
+        require_type(isinstance(row, str), key, row, "a text")
+        row = "".join(row.split())
+        strange = sorted(set(row) - set(PATTERN))
+        require(not strange, key, row, f"a course is written with {' '.join(PATTERN)}, not {' '.join(strange)}")
+        require(any(PATTERN[piece][1] for piece in row), key, row, "a course needs at least one block")
+        rows.append(row)
+    lengths = [sum(PATTERN[piece][0] for piece in row) for row in rows]
+    for i, length in enumerate(lengths):
+        same = length == lengths[0]
+        bound = f"it is {length:g} blocks long and pattern[0] {lengths[0]:g}; fill it with o or ."
+        require(same, f"pattern[{i}]{label}", rows[i], bound)
+    return tuple(rows)
+
+
+def _laid(row: str, length: float) -> list[Interval]:
+    """The blocks of one course of a pattern."""
+    pieces, halves = [], 0
+    for piece in row:
+        size, solid = PATTERN[piece]
+        end = halves + round(2.0 * size)
+        if solid:
+            pieces.append((0.5 * length * halves, 0.5 * length * end))
+        halves = end
+    return pieces
+
+
+def _filled(start: float, stop: float, first: float, length: float) -> list[Interval]:
+    """Pieces from ``start`` to ``stop``: one of length ``first``, then whole blocks, the last as long as it must be."""
+    number = max(0, math.ceil((stop - start - first) / length - _SAME))
+    joints = [start, *(start + first + i * length for i in range(number)), stop]
+    return _made_up(list(zip(joints[:-1], joints[1:], strict=True)), length)
+
+
+def _without(pieces: list[Interval], span: Interval, length: float) -> list[Interval]:
+    """The pieces cut where ``span`` is taken out."""
+    start, stop = span
+    rest = [(s, min(e, start)) for s, e in pieces if s < start] + [(max(s, stop), e) for s, e in pieces if e > stop]
+    return _made_up([(s, e) for s, e in rest if e - s > _SAME * length], length)
+
+
+def _made_up(pieces: list[Interval], length: float) -> list[Interval]:
+    """Pieces too short to lay, made up with the neighbour that they touch: one piece of both, or two equal ones."""
+    pieces = list(pieces)
+    i = 0
+    while i < len(pieces):
+        start, stop = pieces[i]
+        if stop - start < _SLIVER * length:
+            for k in (i - 1, i):  # the neighbour on the left, then the one on the right
+                if 0 <= k < len(pieces) - 1 and abs(pieces[k][1] - pieces[k + 1][0]) <= _SAME * length:
+                    both = (pieces[k][0], pieces[k + 1][1])
+                    middle = 0.5 * (both[0] + both[1])
+                    fits = both[1] - both[0] <= 1.01 * length
+                    pieces[k : k + 2] = [both] if fits else [(both[0], middle), (middle, both[1])]
+                    break
+        i += 1
+    return pieces

@@ -1,0 +1,78 @@
+"""How much memory a scene takes and how much there is, asked before anything is allocated."""
+
+from __future__ import annotations
+
+import os
+import sys
+
+from dembrick.checks import show
+from dembrick.errors import ScenarioError
+
+# Bytes that a generated block takes at the peak of building, with its joints: measured on walls of 10,000 blocks,
+# rounded up. What a run keeps is a good part less.
+BYTES_PER_BLOCK = 16_000
+_CHECKED_ABOVE = 10_000  # blocks: fewer fit anywhere
+
+
+def available() -> int | None:
+    """Bytes of memory that a process may still take here, as far as the system says; None where it does not."""
+    if sys.platform == "win32":
+        return _available_on_windows()
+    found = [amount for amount in (_meminfo(), _group_limit()) if amount is not None]
+    if found:
+        return min(found)
+    try:
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, OSError, ValueError):
+        return None
+
+
+def check_memory(asked: list[tuple[str, int]], others: int = 0) -> None:
+    """ScenarioError where the structures ``asked`` for (name, blocks) and ``others`` blocks exceed the memory."""
+    total = others + sum(count for _, count in asked)
+    if total <= _CHECKED_ABOVE:
+        return
+    there, needed = available(), total * BYTES_PER_BLOCK
+    if there is not None and needed > there:
+        name, count = max(asked, key=lambda pair: pair[1]) if asked else ("", others)
+        who = f"{show(name)} asks for {count} blocks" if count > others else f"the scenario has {others} blocks"
+        raise ScenarioError(
+            f"{who}: the scene would take about {needed / 1e9:.3g} GB and {there / 1e9:.3g} GB are free here; "
+            "ask for fewer blocks or take a machine with more memory"
+        )
+
+
+def _meminfo() -> int | None:
+    try:
+        with open("/proc/meminfo", encoding="ascii") as file:
+            for line in file:
+                if line.startswith("MemAvailable:"):
+                    return 1024 * int(line.split()[1])
+    except (OSError, ValueError, IndexError):
+        pass
+    return None
+
+
+def _group_limit() -> int | None:
+    """What a container may still take (control groups, version 2)."""
+    try:
+        with open("/sys/fs/cgroup/memory.max", encoding="ascii") as file:
+            limit = int(file.read())
+        with open("/sys/fs/cgroup/memory.current", encoding="ascii") as file:
+            return max(0, limit - int(file.read()))
+    except (OSError, ValueError):
+        return None
+
+
+def _available_on_windows() -> int | None:
+    import ctypes
+
+    class Status(ctypes.Structure):
+        _fields_ = [
+            ("length", ctypes.c_ulong),
+            ("load", ctypes.c_ulong),
+            *((name, ctypes.c_ulonglong) for name in ("total", "free", "page", "page_free", "all", "virtual", "more")),
+        ]
+
+    status = Status(length=ctypes.sizeof(Status))
+    return int(status.free) if ctypes.windll.kernel32.GlobalMemoryStatusEx(ctypes.byref(status)) else None

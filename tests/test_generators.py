@@ -1,0 +1,321 @@
+"""Walls, stacks, arches, domes: how many blocks and joints, where they stand, names and groups, and refusals."""
+
+import math
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from dembrick import memory, scenario
+from dembrick.assembly import build
+from dembrick.blocks import Block, Prism
+from dembrick.errors import ScenarioError
+from dembrick.generators import Arch, Dome, Opening, Return, Stack, Wall
+from dembrick.model import JointLaw, JointOverride, Load, Material, Scenario, YieldControl
+
+LAW = JointLaw("concave", 0.65, 1e10, 4e9)
+STONE = (0.4, 0.2, 0.175)
+DENSITY = 2000.0
+
+TOML = """
+title   = "wall"
+gravity = [0.0, 0.0, -9.81]
+supports = ["wall.1"]
+
+[joint]
+formulation      = "concave"
+friction         = 0.64
+normal_stiffness = 1.0e10
+shear_stiffness  = 4.0e9
+
+[[joints]]
+between  = ["wall.2", "wall.3"]
+friction = 0.3
+
+[materials.tuff]
+density = 1500.0
+
+[[walls]]
+name     = "wall"
+material = "tuff"
+block    = [0.3, 0.2, 0.1]
+courses  = 5
+blocks   = 6
+openings = [{ span = [0.6, 1.2], courses = [2, 3], lintel = 0.15 }]
+returns  = [{ end = "right", side = "back", blocks = 4 }]
+
+[[loads]]
+block = "wall.5"
+force = [0.0, 0.0, -100.0]
+
+[[actuators]]
+name      = "jack"
+block     = "wall.5.1"
+point     = [0.1, 0.0, 0.45]
+direction = [1.0, 0.0, 0.0]
+
+[control]
+kind = "yield"
+"""
+
+
+def scene(**parts):
+    return Scenario("test", (0.0, 0.0, -9.81), LAW, {"tuff": Material(DENSITY)}, control=YieldControl(), **parts)
+
+
+def laid(*walls, **parts):
+    return build(scene(walls=walls, **parts))
+
+
+def joints_between(assembly):
+    return Counter((j.block_a, j.block_b) for j in assembly.joints)
+
+
+# --- walls ------------------------------------------------------------------------------------------------------------
+
+W3 = {"E": "1111", "U": "h111h", "v": "h1 o 1h", "w": "1h o h1"}
+FERRIS_TIN_LOI = {
+    1: (("h1111h", "11111"), 6, 33, 83),
+    2: (("h1111h", "11111"), 10, 55, 141),
+    3: (tuple(W3[c] for c in "EUEvwvwvEUE"), 11, 46, 102),
+}
+
+
+@pytest.mark.parametrize("number", FERRIS_TIN_LOI)
+def test_the_walls_of_ferris_and_tin_loi(number):
+    pattern, courses, blocks, joints = FERRIS_TIN_LOI[number]
+    found = laid(Wall("w", "tuff", STONE, pattern=pattern, courses=courses, base=0.2))
+    assert (int((~found.fixed).sum()), len(found.joints)) == (blocks, joints)
+    spans = np.array([np.ptp(j.polygon, axis=0).max() for j in found.joints])
+    assert set(np.round(spans, 12)) <= {0.2, 0.4}  # beds of half a block in depth or length, head joints
+
+
+def test_running_bond_closed_with_halves():
+    """10 courses of 10: every second has 9 blocks and two halves; 106 blocks with the slab."""
+    wall = Wall("wall", "tuff", (0.3, 0.2, 0.1), courses=10, blocks=10, base=0.1)
+    found = laid(wall)
+    assert len(found.names) == 106 and wall.count() >= 106
+    volumes = np.array([shape.volume for shape in found.shapes])
+    assert volumes[:-1].sum() == pytest.approx(10 * 10 * 0.006, rel=1e-12)
+    # head joints: 9 in whole courses, 10 in the others; beds: 10 on the slab, 20 between two courses
+    assert len(found.joints) == 5 * 9 + 5 * 10 + 10 + 9 * 20
+    assert {j.gap for j in found.joints} == {0.0}
+    assert found.names[10] == "wall.2.1" and found.shapes[10].volume == pytest.approx(0.003)
+    assert found.position[10] == pytest.approx([0.075, 0.0, 0.15])
+    assert found.position[found.names.index("wall.3.7")] == pytest.approx([1.95, 0.0, 0.25])
+
+
+def test_quoins_and_toothed_ends():
+    halves, quoins, toothed = (
+        laid(Wall("w", "tuff", STONE, courses=2, blocks=5, ends=ends, base=0.2))
+        for ends in ("half", "quoin", "toothed")
+    )
+    edges = [[round(2 * s.volume / np.prod(STONE)) for s in a.shapes[5:-1]] for a in (halves, quoins, toothed)]
+    assert edges == [[1, 2, 2, 2, 2, 1], [3, 2, 2, 3], [2, 2, 2, 2]]
+    assert toothed.position[5] == pytest.approx([0.4, 0.0, 0.2625])
+
+
+def test_a_wall_may_stand_anywhere_and_head_anywhere():
+    straight = laid(Wall("w", "tuff", STONE, courses=4, blocks=5, base=0.2))
+    turned = laid(Wall("w", "tuff", STONE, courses=4, blocks=5, base=0.2, position=(3.0, -2.0, 1.0), heading=110.0))
+    assert joints_between(turned) == joints_between(straight)
+    c, s = math.cos(math.radians(110)), math.sin(math.radians(110))
+    rotation = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    assert turned.position == pytest.approx(straight.position @ rotation.T + (3.0, -2.0, 1.0), abs=1e-12)
+    along_y = laid(Wall("w", "tuff", STONE, courses=4, blocks=5, base=0.2, heading=90.0))
+    assert (along_y.position[:, 0] == 0.0).all()  # straight to the last bit
+
+
+def test_openings_are_cut_out_and_spanned():
+    openings = (Opening((0.9, 1.7), (2, 3), lintel=0.2),)
+    plain = laid(Wall("w", "tuff", STONE, courses=5, blocks=6, base=0.2))
+    found = laid(Wall("w", "tuff", STONE, courses=5, blocks=6, base=0.2, openings=openings))
+    missing = plain.mass.sum() - found.mass.sum()
+    assert missing == pytest.approx(0.8 * 2 * 0.2 * 0.175 * DENSITY, rel=1e-12)
+    low, high = (found.position[:, 0] + sign * 0.5 * np.array([np.ptp(s.vertices[:, 0]) for s in found.shapes])
+                 for sign in (-1.0, 1.0))  # fmt: skip
+    for i, name in enumerate(found.names):
+        course = name.split(".")[1]
+        if course in "23":
+            assert high[i] < 0.9 + 1e-12 or low[i] > 1.7 - 1e-12
+        if course == "4" and low[i] < 1.3 < high[i]:
+            assert (low[i], high[i]) == pytest.approx((0.7, 1.9))  # the lintel bears 0.2 m on either side
+    edges = np.array([np.ptp(s.vertices[:, 0]) for s in found.shapes[:-1]])
+    assert edges.min() > 0.24 * 0.4 - 1e-12  # nothing too short to lay
+
+
+@pytest.mark.parametrize("thickness", [0.2, 0.13])
+def test_returns_are_bonded_at_the_corner(thickness):
+    """The corner square belongs to the wall in one course and to the return in the next, and no block overlaps."""
+    block = (0.4, thickness, 0.175)
+    returns = (Return("left", "back", 4), Return("right", "front", 5))
+    found = laid(Wall("w", "tuff", block, courses=4, blocks=6, base=0.2, returns=returns))
+    plan = (6 * 0.4 + 4 * 0.4 + 5 * 0.4 - 2 * thickness) * thickness
+    assert found.mass[:-1].sum() == pytest.approx(plan * 4 * 0.175 * DENSITY, rel=1e-12)
+    corner = (0.5 * thickness, 0.0)
+    owners = []
+    for course in range(4):
+        for i, name in enumerate(found.names):
+            local = found.rotation[i].T @ (np.array([*corner, (course + 0.5) * 0.175]) - found.position[i])
+            if (np.abs(local) < 0.5 * np.ptp(found.shapes[i].vertices, axis=0)).all():
+                owners.append(name.split(".")[1] == "left")
+    assert owners == [False, True, False, True]
+    assert all(j.area > 1e-6 for j in found.joints) and {j.gap for j in found.joints} == {0.0}
+
+
+# --- stacks, arches, domes --------------------------------------------------------------------------------------------
+
+
+def test_a_stack_of_boxes_and_a_column_of_drums():
+    found = build(scene(stacks=(Stack("pile", "tuff", 4, box=(0.3, 0.2, 0.1), base=0.1, heading=30.0),)))
+    assert found.names == ("pile.1", "pile.2", "pile.3", "pile.4", "pile.base") and len(found.joints) == 4
+    assert [j.area for j in found.joints] == pytest.approx([0.06] * 4)
+    drum = Prism([(0.2 * math.cos(k * math.pi / 8), 0.2 * math.sin(k * math.pi / 8)) for k in range(16)], 0.25)
+    column = build(scene(stacks=(Stack("column", "tuff", 3, prism=drum, base=0.1, position=(1.0, 2.0, 3.0)),)))
+    area = 8 * 0.04 * math.sin(math.pi / 8)
+    assert [j.area for j in column.joints] == pytest.approx([area] * 3) and len(column.joints[0].polygon) == 16
+    assert column.position[:3, 2] == pytest.approx([3.125, 3.375, 3.625])
+
+
+@pytest.mark.parametrize("angle", [180.0, 157.5, 60.0, 240.0])
+@pytest.mark.parametrize("curved", [False, True])
+def test_an_arch_has_radial_joints_and_springs_from_two_more(angle, curved):
+    n, radius, thickness, depth = 11, 2.0, 0.3, 0.5
+    arch = Arch("arch", "tuff", radius, thickness, depth, n, angle, curved, position=(5.0, 1.0, -1.0), heading=20.0)
+    found = build(scene(arches=(arch,)))
+    assert len(found.joints) == n + 1 and {j.gap for j in found.joints} == {0.0}
+    assert [j.area for j in found.joints] == pytest.approx([thickness * depth] * (n + 1))
+    assert sorted(found.names[i] for i in np.flatnonzero(found.fixed)) == ["arch.left", "arch.right"]
+    step = math.radians(angle) / n
+    ring = math.radians(angle) * radius * thickness * depth * DENSITY
+    chords = n * math.sin(step) * radius * thickness * depth * DENSITY  # trapezia between the radial joints
+    assert found.mass[:n].sum() == pytest.approx(ring if curved else chords, rel=1e-12)
+    # joints point to the centre of the arch: their planes hold it
+    for joint in found.joints:
+        assert joint.axes[2] @ (joint.origin - (5.0, 1.0, -1.0)) == pytest.approx(0.0, abs=1e-12)
+        assert math.dist(joint.origin, (5.0, 1.0, -1.0)) == pytest.approx(radius)
+    assert (found.position[0] - (5.0, 1.0, -1.0)) @ [math.cos(math.radians(20)), math.sin(math.radians(20)), 0] < 0
+
+
+def test_a_dome_meets_face_to_face_everywhere():
+    n, rings, radius, thickness = 16, 6, 1.0, 0.1
+    found = build(scene(domes=(Dome("dome", "tuff", radius, thickness, rings, n, key=8.0),)))
+    assert len(found.names) == n * rings + 1 + n
+    assert len(found.joints) == n * rings * 2 + n and max(abs(j.gap) for j in found.joints) < 1e-12
+    # stones lie on the sphere with their corners, so that they weigh a little less than the shell
+    shell = 2.0 / 3.0 * math.pi * (1.05**3 - 0.95**3) * DENSITY
+    assert 0.95 * shell < found.mass[~found.fixed].sum() < shell
+    finer = build(scene(domes=(Dome("dome", "tuff", radius, thickness, 4 * rings, 4 * n, key=2.0),)))
+    assert finer.mass[~finer.fixed].sum() == pytest.approx(shell, rel=4e-3)
+    eye = build(scene(domes=(Dome("dome", "tuff", radius, thickness, rings, n, oculus=20.0),)))
+    assert len(eye.joints) == n * rings * 2 and "dome.key" not in eye.names
+
+
+# --- names, groups, text ----------------------------------------------------------------------------------------------
+
+
+def test_a_wall_in_a_file():
+    found = scenario.loads(TOML)
+    assembly = build(found)
+    assert found.groups["wall.1"] == tuple(range(6)) and found.groups["wall"] == tuple(range(len(found.all_blocks)))
+    assert [b.name for b in found.all_blocks if b.fixed] == [f"wall.1.{k}" for k in range(1, 7)]
+    course = [found.all_blocks[i].name for i in found.groups["wall.5"]]
+    weights = assembly.mass * 9.81
+    for i, name in enumerate(assembly.names):
+        extra = 100.0 if name in course else 0.0
+        assert assembly.dead_force[i] == pytest.approx([0.0, 0.0, -weights[i] - extra])
+    laws = {
+        tuple(sorted((assembly.names[j.block_a].rpartition(".")[0], assembly.names[j.block_b].rpartition(".")[0]))):
+        j.law.friction for j in assembly.joints
+    }  # fmt: skip
+    assert laws["wall.2", "wall.3"] == 0.3 and laws["wall.3", "wall.4"] == 0.64 and laws["wall.2", "wall.2"] == 0.64
+    assert found.law_between("wall.2.1", "wall.3.1").friction == 0.3
+    assert scenario.loads(scenario.dumps(found)) == found
+    assert scenario.loads(TOML, overrides=["walls.wall.courses=7"]).all_blocks[-1].name == "wall.right.7.4"
+
+
+def test_every_shape_and_generator_survives_the_text():
+    blocks = (
+        Block("p", "tuff", prism=Prism([(0, 0), (1, 0), (0, 1)], 0.5), position=(0, 0, 10), group="loose stones"),
+        Block("t", "tuff", vertices=[(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1 / 3)], fixed=True),
+    )
+    found = scene(
+        blocks=blocks,
+        walls=(Wall("w", "tuff", STONE, 3, 4, openings=(Opening((0.4, 0.8), (2, 2)),), position=(9, 9, 0), base=0.1),),
+        stacks=(Stack("s", "tuff", 2, prism=Prism([(0, 0), (1, 0), (0, 1)], 0.5), position=(20, 0, 0)),),
+        arches=(Arch("a", "tuff", 2.0, 0.3, 0.5, 7, 157.5, True, position=(40, 0, 0)),),
+        domes=(Dome("d", "tuff", 2.0, 0.3, 3, 8, oculus=20.0, position=(60, 0, 0)),),
+        joints=(JointOverride(("w", "w"), LAW),),
+        loads=(Load("loose stones", (0, 0, -1)),),
+        supports=("s.1",),
+    )
+    again = scenario.loads(scenario.dumps(found) + '\n[[actuators]]\nname = "j"\nblock = "w.3.1"\n'
+                           "point = [9.1, 9, 0.5]\ndirection = [1, 0, 0]\n")  # fmt: skip
+    for key in ("blocks", "walls", "stacks", "arches", "domes", "joints", "loads", "supports", "all_blocks", "groups"):
+        assert getattr(again, key) == getattr(found, key), key
+
+
+REFUSED = {
+    "pattern piece": (("courses  = 5\nblocks   = 6", 'pattern = ["11x"]'), "pattern[0]", "not x"),
+    "pattern lengths": (("courses  = 5\nblocks   = 6", 'pattern = ["11", "h1"]'), "pattern[1]", "1.5 blocks long"),
+    "pattern and blocks": (("courses  = 5", 'pattern = ["11"]'), "contradicts its pattern"),
+    "no courses": (("courses  = 5\n", ""), "missing key 'courses'", "of wall 'wall'"),
+    "courses 0": (("courses  = 5", "courses = 0"), "courses of wall 'wall' = 0", "at least 1"),
+    "opening outside": (("[0.6, 1.2]", "[0.6, 2.2]"), "span of an opening of wall 'wall'", "0 to 1.8 m"),
+    "opening above": (("courses = [2, 3]", "courses = [2, 5]"), "the wall has 5 courses", "lintel needs one above"),
+    "opening key": (("lintel = 0.15", "lintle = 0.15"), "unknown key 'lintle' in openings[0] in [[walls]] number 1",
+                    "'lintel'"),
+    "return end": (('end = "right"', 'end = "top"'), "end = 'top' is not one of left, right", "returns[0]"),
+    "supports": (('["wall.1"]', '["wall.9"]'), "supports = 'wall.9' is not the name of a block or a group"),
+    "between": (('"wall.2", "wall.3"', '"wall.2", "wall.4"'), "no joint between these groups", "do not touch"),
+    "load": (('block = "wall.5"\nforce', 'block = "wal.5"\nforce'), "'wal.5'", "'wall.5'"),
+    "jack on a group": (('"wall.5.1"', '"wall.5"'), "actuator 'jack'", "is a group", "name one of the group"),
+    "point on a group": (("force = [0.0, 0.0, -100.0]", "force = [0.0, 0.0, -100.0]\npoint = [0, 0, 0]"),
+                         "load number 1 has a point", "group 'wall.5'"),
+    "material": (('material = "tuff"\nblock', 'material = "tufa"\nblock'), "material of block 'wall.1.1' = 'tufa'"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_is_refused(case):
+    (old, new), *fragments = REFUSED[case]
+    assert old in TOML
+    with pytest.raises(ScenarioError) as caught:
+        build(scenario.loads(TOML.replace(old, new), "test.toml"))
+    message = str(caught.value)
+    assert "test.toml" in message and "\n" not in message
+    for fragment in fragments:
+        assert fragment in message, message
+
+
+def test_names_must_not_mean_two_things():
+    wall = Wall("w", "tuff", STONE, 2, 3, base=0.1)
+    for name in ("w.1.1", "w.base"):
+        with pytest.raises(ScenarioError, match="two blocks are named"):
+            scene(walls=(wall,), blocks=(Block(name, "tuff", (1, 1, 1), (0, 0, 9)),))
+    with pytest.raises(ScenarioError, match="names a block and a group"):
+        scene(walls=(wall,), blocks=(Block("b", "tuff", (1, 1, 1), (0, 0, 9), group="w.1.1"),))
+    with pytest.raises(ScenarioError, match="no joint with itself"):
+        scene(walls=(wall,), joints=(JointOverride(("w.1.1", "w.1.1"), LAW),))
+
+
+def test_more_blocks_than_memory_holds_are_refused_before_they_are_laid():
+    with pytest.raises(ScenarioError, match=r"'w' asks for 1000001000001 blocks: .* GB are free here; ask for fewer"):
+        scene(walls=(Wall("w", "tuff", STONE, courses=1_000_000, blocks=1_000_000),))
+    for generator in (
+        {"stacks": (Stack("s", "tuff", 10**10, box=STONE),)},
+        {"arches": (Arch("a", "tuff", 1.0, 0.1, 0.1, 10**10),)},
+        {"domes": (Dome("d", "tuff", 1.0, 0.1, 10**5, 10**5, key=1.0),)},
+    ):
+        with pytest.raises(ScenarioError, match="asks for 1000"):
+            scene(**generator)
+
+
+def test_memory_is_known_on_this_system(monkeypatch):
+    assert memory.available() > 10**8
+    monkeypatch.setattr(memory, "available", lambda: 2 * 10**8)
+    with pytest.raises(ScenarioError, match="0.2 GB are free"):
+        memory.check_memory([("w", 20_000)])
+    memory.check_memory([("w", 5_000)])
+    monkeypatch.setattr(memory, "available", lambda: None)
+    memory.check_memory([("w", 10**12)])
