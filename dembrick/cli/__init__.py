@@ -16,6 +16,7 @@ VERBS = {
     "check": "validate and describe a scenario without running it",
     "domain": "yield domain of a joint by theory, and by simulation",
     "sweep": "a parameter study: grid, table or random draws, on all cores or a cluster",
+    "fit": "the friction that best explains measured yield points",
     "yield": "yield points out of histories",
     "plot": "force-displacement curves of histories",
     "export": "a history for ParaView (.vtkhdf, .pvd) or as text (.csv)",

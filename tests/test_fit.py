@@ -1,0 +1,109 @@
+"""Friction out of measured yield points."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from dembrick import fit
+from dembrick.cli import main
+from dembrick.errors import ScenarioError
+from dembrick.lab import scenario_folder
+
+FOLDER = scenario_folder()
+
+
+def data(tmp_path, *lines, header="test,scenario,V [N]"):
+    path = tmp_path / "data.csv"
+    path.write_text("\n".join([header, *lines]) + "\n", encoding="utf-8")
+    return path
+
+
+def line(name, V, *more):
+    return ",".join([name, str(FOLDER / f"set{name}.toml"), f"{V:.17g}", *more])
+
+
+def test_the_printed_numbers_of_the_paper_give_their_friction_back():
+    """Eight analytical yield points, rounded to a newton; the scenario files' own friction must not matter."""
+    measurements = fit.read(FOLDER / "paper_analytical.csv")
+    fits = {one.formulation: one for one in fit.fit(measurements, ("convex", "concave"))}
+    stated = fits["as stated"]
+    assert len(stated.tests) == 8
+    assert stated.mu == pytest.approx(0.640, abs=0.002)
+    assert stated.half_width < 0.002
+    for name in ("convex", "concave"):
+        assert fits[name].mu == pytest.approx(0.640, abs=0.002)
+        assert len(fits[name].tests) == 4
+
+
+def test_the_experiments_speak_for_the_area_and_against_the_corners():
+    measurements = fit.read(FOLDER / "paper_experiments.csv")
+    convex, concave = fit.fit(measurements, ("convex", "concave"))
+    assert convex.mu == pytest.approx(0.655, abs=0.002)
+    assert concave.scatter > 5.0 * convex.scatter
+    alone = {test["test"]: test["mu"] for test in convex.tests}
+    # each test alone, by proportion from theory at .64: 107.1658, 192.8984, 216.0549, 161.9025
+    expected = {"2a": 108 / 107.1658, "2b": 205 / 192.8984, "4a": 216 / 216.0549, "4b": 166 / 161.9025}
+    assert alone == pytest.approx({name: 0.64 * ratio for name, ratio in expected.items()}, rel=1e-4)
+
+
+def test_mu_and_its_interval_by_the_closed_form_of_a_proportional_law(tmp_path):
+    """V = k mu, so with relative errors mu and its interval are those of the mean of V_i / k_i, weighted."""
+    k = np.array([107.1658, 192.8984, 216.054938, 161.9025]) / 0.64
+    measured = 0.58 * k * np.array([1.02, 0.97, 1.01, 0.99])
+    names = ("2a", "2b", "4a", "4b")
+    path = data(tmp_path, *(line(name, V) for name, V in zip(names, measured, strict=True)))
+    (found,) = fit.fit(fit.read(path), ("convex",))
+    w = k / measured
+    mu = w.sum() / (w @ w)
+    scatter = np.sqrt(((mu * w - 1.0) ** 2).sum() / 3.0)
+    assert found.mu == pytest.approx(mu, rel=1e-4)
+    assert found.half_width == pytest.approx(stats.t.ppf(0.975, 3) * scatter / np.sqrt(w @ w), rel=1e-3)
+    assert abs(found.mu / 0.58 - 1.0) > 1e-3  # the scatter does move it
+
+
+def test_a_stated_deviation_weighs(tmp_path):
+    k = 107.1658 / 0.64
+    header = "test,scenario,V [kN],deviation [N]"
+    path = data(tmp_path, line("2a", 0.5e-3 * k, "1"), line("2a", 0.7e-3 * k, "3"), header=header)
+    (found,) = fit.fit(fit.read(path), ("convex",))
+    assert found.mu == pytest.approx((9 * 0.5 + 0.7) / 10.0, rel=1e-4)
+
+
+def test_one_test_has_no_interval(tmp_path):
+    (found,) = fit.fit(fit.read(data(tmp_path, line("4a", 200.0))), ("concave",))
+    assert found.half_width is None
+    assert found.mu == pytest.approx(0.64 * 200.0 / 254.5698, rel=1e-4)
+
+
+@pytest.mark.parametrize("freedom", [1, 2, 3, 7, 30, 400])
+def test_student(freedom):
+    assert fit.student(0.95, freedom) == pytest.approx(stats.t.ppf(0.975, freedom), rel=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("header", "lines", "words"),
+    [
+        ("test,scenario,V", [line("2a", 100.0)], ["unit", "V [N]"]),
+        ("test,scenario,V [lbf]", [line("2a", 100.0)], ["unit"]),
+        ("test,scenarios,V [N]", [line("2a", 100.0)], ["scenarios", "scenario"]),
+        ("test,scenario", ["2a,x.toml"], ["no column 'V'"]),
+        ("test,scenario,V [N]", [line("2a", -1.0)], ["greater than 0"]),
+        ("test,scenario,V [N]", ["2a,none.toml,100"], ["none.toml", "no such file"]),
+        ("test,scenario,V [N],formulation", [line("2a", 100.0, "convx")], ["convx", "convex"]),
+        ("test,scenario,V [N]", [line("2a_curve", 100.0)], ["yield"]),
+        ("test,scenario,V [N]", [], ["at least one test"]),
+    ],
+)
+def test_what_is_no_data_is_refused_in_one_sentence(tmp_path, header, lines, words):
+    with pytest.raises(ScenarioError) as caught:
+        fit.read(data(tmp_path, *lines, header=header))
+    for word in (*words, "data.csv" if "none.toml" not in words else "none.toml"):
+        assert word in str(caught.value)
+
+
+def test_the_command(capsys):
+    assert main(["fit", "--lab", str(FOLDER / "paper_experiments.csv"), "--formulation", "convex"]) == 0
+    out = capsys.readouterr().out
+    assert "mu = 0.654" in out and "2b" in out
+    assert main(["fit", "--lab", str(FOLDER / "paper_experiments.csv"), "--formulation", "konvex"]) == 2
+    assert "convex" in capsys.readouterr().err
