@@ -135,8 +135,8 @@ class JointMotion:
     def utilisation(self, frames) -> np.ndarray:
         """(j,): gauge of (V_1, V_2, M_T) in the joint's own limit set at its N; 1 is the yield domain's edge.
 
-        ``convex``: the exact surface of the polygon under uniform pressure. Point formulations: the set of all forces
-        that Coulomb friction at the points can give, each under its own normal force. A joint without friction
+        ``convex``: the exact surface of the polygon under its pressure. Point formulations: the set of all forces that
+        Coulomb friction at the points can give, each under its own normal force. A joint without friction
         strength is at 0 when it carries nothing, and at infinity else.
         """
         if np.ndim(frames):
@@ -151,6 +151,11 @@ class JointMotion:
             if len(chosen):
                 # the set grows with N, so one surface serves all joints of one polygon
                 found[chosen] = theory.gauge(theory.convex(polygon, 1.0, 1.0), force[chosen] / strength[chosen, None])
+        for j in self._following:
+            joint, N = self._history.joints[j], resultants[j, 0]
+            if carrying[j]:
+                law = theory.polygon_formulation(joint["polygon"], self.friction[j], joint["pressure"])
+                found[j] = theory.gauge(law.law(N, np.array([resultants[j, 5], -resultants[j, 4]]) / N), force[j])
         if self.point_start[-1]:
             normals = self.normal_forces(frames)
             for j, joint in enumerate(self._history.joints):
@@ -160,10 +165,15 @@ class JointMotion:
         return found
 
     @cached_property
+    def _following(self) -> list[int]:
+        """Convex joints whose pressure follows the bending."""
+        return [j for j, joint in enumerate(self._history.joints) if joint.get("pressure", "full") != "full"]
+
+    @cached_property
     def _areas(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """The different polygons of joints without contact points, and the joints that have each."""
+        """The different polygons of convex joints under full pressure, and the joints that have each."""
         groups: dict[tuple, list[int]] = {}
-        for j in np.flatnonzero(np.diff(self.point_start) == 0):
+        for j in np.setdiff1d(np.flatnonzero(np.diff(self.point_start) == 0), self._following):
             scaled = np.round(self.polygon[j] / self.size[j], 9) + 0.0
             size = float(f"{self.size[j]:.9e}")
             groups.setdefault((int(self.n_corner[j]), size, *scaled.ravel()), []).append(int(j))

@@ -1,16 +1,35 @@
-"""``dembrick plot FILE.h5 ...``: curves; PNG, SVG or PDF by the ending."""
+"""``dembrick plot FILE.h5 ...``: figures of histories; PNG, SVG or PDF by the ending."""
 
 from __future__ import annotations
+
+KINDS = {
+    "curve": "load over displacement, with the bracket",
+    "path": "shear force against torsion of a joint, on its yield domain",
+    "joint": "the plane of a joint in several stages: slip, torsion centre, friction",
+    "energies": "energies over time",
+    "unbalanced": "out-of-balance force over time",
+    "layout": "plan of the blocks and jacks",
+    "domain": "yield domains with the yield points of the histories",
+}
+LAB_FORMAT = (
+    "a measured curve to lay over (may be repeated): CSV whose first line names two columns with their units, such as "
+    "'displacement [mm],force [N]'; units m, mm, um and N, kN; lines that begin with # are remarks"
+)
 
 
 def add_arguments(parser) -> None:
     """Options of the command."""
     parser.add_argument("histories", nargs="+", metavar="FILE.h5", help="history files, drawn into one figure")
     parser.add_argument("--to", metavar="FILE", help="figure file (default: results/<first history>.png)")
-    parser.add_argument("--labels", nargs="+", metavar="TEXT", help="one label a history")
     parser.add_argument(
-        "--what", choices=["curve", "unbalanced", "layout", "domain"], default="curve", help="what to draw"
+        "--kind", choices=KINDS, default="curve", help="; ".join(f"{name}: {text}" for name, text in KINDS.items())
     )
+    parser.add_argument("--label", action="append", metavar="TEXT", help="label of a history; once for each, in order")
+    parser.add_argument("--lab", action="append", default=[], metavar="FILE.csv", help=LAB_FORMAT)
+    parser.add_argument(
+        "--joint", metavar="A/B", help="joint of path and joint, by its blocks (default: what gave way)"
+    )
+    parser.add_argument("--stages", type=int, default=4, metavar="N", help="stages of joint (default: 4)")
 
 
 def run(options, console) -> int:
@@ -21,16 +40,27 @@ def run(options, console) -> int:
     from dembrick.cli.paths import default_output
     from dembrick.errors import ScenarioError
 
-    if options.labels and len(options.labels) != len(options.histories):
+    if options.label and len(options.label) != len(options.histories):
         raise ScenarioError(
-            f"--labels: {len(options.labels)} labels for {len(options.histories)} histories; give one each"
+            f"--label: {len(options.label)} labels for {len(options.histories)} histories; give one for each"
         )
+    if options.lab and options.kind != "curve":
+        raise ScenarioError(f"--lab: measured curves belong to --kind curve, not to {options.kind}")
+    if options.kind == "joint" and len(options.histories) > 1:
+        raise ScenarioError("--kind joint draws the stages of one history; give a single file")
+    measured = [plot.read_measured(path) for path in options.lab]
     files = [history.read(path) for path in options.histories]
-    if options.what == "curve":
-        figure = plot.force_displacement(files, labels=options.labels)
-    elif options.what == "unbalanced":
-        figure = plot.unbalanced(files, labels=options.labels)
-    elif options.what == "layout":
+    if options.kind == "curve":
+        figure = plot.force_displacement(files, options.label, measured=measured)
+    elif options.kind == "path":
+        figure = plot.load_path(files, options.label, joint=options.joint)
+    elif options.kind == "joint":
+        figure = plot.joint_stages(files[0], joint=options.joint, stages=options.stages)
+    elif options.kind == "energies":
+        figure = plot.energies(files, options.label)
+    elif options.kind == "unbalanced":
+        figure = plot.unbalanced(files, options.label)
+    elif options.kind == "layout":
         figure = plot.layout(files)
     else:
         figure = plot.domains(files)

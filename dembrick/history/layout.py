@@ -132,6 +132,7 @@ def geometry(assembly) -> list[Table]:
         ),
         Table(j + "polygon_start", _starts(len(i.polygon) for i in joints), "1", "first corner of each joint, and end"),
         Table(j + "formulation", _texts(i.law.formulation for i in joints), "1", "contact formulation"),
+        Table(j + "pressure", _texts(i.law.pressure for i in joints), "1", "pressure that a convex joint assumes"),
         Table(j + "friction", _floats([i.law.friction for i in joints]), "1", "friction coefficient"),
         Table(j + "point", arms, "m, m, m, m, m2", "contact points: normal arm (2), shear arm (2) from O, area"),
         Table(j + "point_start", _starts(0 if p is None else len(p.area) for p in points), "1", "first point, and end"),

@@ -334,6 +334,8 @@ class History:
         names = {"area": (), "friction": (), "origin": (3,), "axes": (3, 3)}
         columns = {name: self._table(f"joints/{name}", *tail, count=n) for name, tail in names.items()}
         formulation = self._texts("joints/formulation", n)
+        has_pressure = "pressure" in guard.members(self._file, "geometry/joints")
+        pressure = self._texts("joints/pressure", n) if has_pressure else ["full"] * n
         polygons, points = self._table("joints/polygon", 2), self._table("joints/point", 5)
         p = self._starts("joints/polygon_start", n, len(polygons))
         c = self._starts("joints/point_start", n, len(points))
@@ -342,6 +344,7 @@ class History:
             joint = dict(zip(("block_a", "block_b", "host"), blocks[i], strict=True))
             joint |= {"area": float(columns["area"][i]), "friction": float(columns["friction"][i])}
             joint |= {"origin": columns["origin"][i], "axes": columns["axes"][i], "formulation": formulation[i]}
+            joint |= {"pressure": pressure[i]}
             own = points[c[i] : c[i + 1]]
             joint |= {"polygon": polygons[p[i] : p[i + 1]]}
             joint |= {"normal_arms": own[:, :2], "shear_arms": own[:, 2:4], "areas": own[:, 4]}

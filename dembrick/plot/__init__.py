@@ -6,20 +6,30 @@ figure is made, never before; its state machine (pyplot) is not used, so no wind
 
 from dembrick.plot.curves import energies, force_displacement, unbalanced
 from dembrick.plot.domains import domain_points, domains, interaction
+from dembrick.plot.joint_plane import joint_plane, joint_stages
 from dembrick.plot.layout import layout
+from dembrick.plot.measured import MeasuredCurve, read_measured
 from dembrick.plot.panels import CurvePanel, curve_panels
-from dembrick.plot.style import FORMATS, save
+from dembrick.plot.paths import joint_path, load_path
+from dembrick.plot.style import FORMATS, inline_svg, save
 
 __all__ = [
     "FORMATS",
     "CurvePanel",
+    "MeasuredCurve",
     "curve_panels",
     "domain_points",
     "domains",
     "energies",
     "force_displacement",
+    "inline_svg",
     "interaction",
+    "joint_path",
+    "joint_plane",
+    "joint_stages",
     "layout",
+    "load_path",
+    "read_measured",
     "save",
     "unbalanced",
 ]

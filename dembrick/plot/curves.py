@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dembrick import summary
 from dembrick.errors import HistoryError, ScenarioError
 from dembrick.plot import style
+from dembrick.plot.measured import MeasuredCurve
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+MEASURED = ("o", "s", "^", "D", "v", "P")  # markers of measured curves
 _MILLIMETRES_FROM = 2e-3  # m: longer travels are drawn in mm, shorter ones in um
 
 
@@ -23,28 +27,42 @@ def force_displacement(
     ax: Axes | None = None,
     references: Mapping[str, float] | None = None,
     bracket: bool = True,
+    measured: Sequence[MeasuredCurve] = (),
 ) -> Figure:
     """V (N) over the driven displacement of one or several histories (or results).
 
     ``references``: name -> V (N), drawn as horizontal lines (theory, experiment). ``bracket``: the band between the
-    bounds of each yield point.
+    bounds of each yield point. ``measured``: curves of the laboratory (see :mod:`dembrick.plot.measured`), laid over.
     """
-    histories, labels = _series(histories, labels)
+    histories, labels = labelled(histories, labels)
     with style.settings():
         figure, axes = style.canvas(ax)
-        longest = max((float(np.abs(h.displacement).max()) for h in histories if len(h.displacement)), default=0.0)
+        travels = [np.abs(h.displacement) for h in (*histories, *measured) if len(h.displacement)]
+        longest = max((float(travel.max()) for travel in travels), default=0.0)
         unit, factor = ("mm", 1e3) if longest > _MILLIMETRES_FROM else ("µm", 1e6)
         for i, (history, label) in enumerate(zip(histories, labels, strict=True)):
             colour, line, _ = style.FORMULATION.get(label) or style.CYCLE[i % len(style.CYCLE)]
             axes.plot(factor * np.asarray(history.displacement), history.load, color=colour, ls=line, label=label)
-            point = history.results.get("yield_point") or {}
+            point = summary.yield_point(history.results)
             lower, upper = point.get("V_lower"), point.get("V_upper")
             if bracket and lower is not None and upper is not None:
                 name = "bracket" if point.get("bracket") == "certified" else "indicator"
-                text = f"{name} {lower:.5g} to {upper:.5g} N" if len(histories) == 1 else None
+                span = summary.with_error(0.5 * (lower + upper), 0.5 * (upper - lower), "N")
+                text = f"{name} {span}" if len(histories) == 1 else None
                 axes.axhspan(lower, upper, color=colour, alpha=0.25, lw=0.6, label=text)
+        for i, curve in enumerate(measured):
+            marker = MEASURED[i % len(MEASURED)]
+            axes.plot(factor * curve.displacement, curve.load, color=style.BLACK, ls="-", lw=0.9, marker=marker, ms=4,
+                      mfc="white", markevery=max(1, len(curve.load) // 15), zorder=4,
+                      label=style.plain(f"measured: {curve.name}"))  # fmt: skip
         for i, (name, value) in enumerate((references or {}).items()):
-            axes.axhline(value, color=style.GREY, lw=1.0, ls=(0, (6 - 2 * (i % 3), 2)), label=f"{name}: {value:.5g} N")
+            axes.axhline(
+                value,
+                color=style.GREY,
+                lw=1.0,
+                ls=(0, (6 - 2 * (i % 3), 2)),
+                label=style.plain(f"{name}: {value:.5g} N"),
+            )
         axes.set_xlabel(f"driven displacement [{unit}]")
         axes.set_ylabel("load V [N]")
         axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
@@ -54,7 +72,7 @@ def force_displacement(
 
 def unbalanced(histories, labels: Sequence[str] | None = None, ax: Axes | None = None) -> Figure:
     """Unbalanced-force ratio over time, logarithmic."""
-    histories, labels = _series(histories, labels)
+    histories, labels = labelled(histories, labels)
     with style.settings():
         figure, axes = style.canvas(ax, (5.2, 3.6))
         for i, (history, label) in enumerate(zip(histories, labels, strict=True)):
@@ -68,19 +86,32 @@ def unbalanced(histories, labels: Sequence[str] | None = None, ax: Axes | None =
     return figure
 
 
-def energies(history, ax: Axes | None = None) -> Figure:
-    """The energies of one history over time; HistoryError where none was recorded."""
-    recorded = history.energy
-    if not recorded:
-        raise HistoryError(f"{history.path}: no energies were recorded in this history")
+def energies(histories, labels: Sequence[str] | None = None, ax: Axes | None = None) -> Figure:
+    """The energies of histories over time, a panel each; HistoryError where none was recorded.
+
+    ``ax``: one axes, or one for each history.
+    """
+    histories, labels = labelled(histories, labels)
+    for history in histories:
+        if not history.energy:
+            raise HistoryError(f"{history.path}: no energies were recorded in this history")
     with style.settings():
-        figure, axes = style.canvas(ax)
-        for i, (name, values) in enumerate(recorded.items()):
-            colour, line, _ = style.CYCLE[i % len(style.CYCLE)]
-            axes.plot(history.time, values, color=colour, ls=line, label=name.replace("_", " "))
-        axes.set_xlabel("time [s]")
-        axes.set_ylabel("energy [J]")
-        style.legend(figure, axes, ax is None, columns=3)
+        if ax is None:
+            figure = style.new_figure((max(5.2, 3.2 * len(histories)), 4.0))
+            panels = list(figure.subplots(1, len(histories), sharey=True, squeeze=False)[0])
+        else:
+            panels = list(np.ravel(np.asarray(ax, dtype=object)))
+            figure = panels[0].figure
+        if len(panels) != len(histories):
+            raise ScenarioError(f"{len(panels)} axes for {len(histories)} histories; give one each")
+        for axes, history, label in zip(panels, histories, labels, strict=True):
+            for i, (name, values) in enumerate(history.energy.items()):
+                colour, line, _ = style.CYCLE[i % len(style.CYCLE)]
+                axes.plot(history.time, values, color=colour, ls=line, label=style.plain(name.replace("_", " ")))
+            axes.set_xlabel("time [s]")
+            axes.set_title("\n".join(textwrap.wrap(label, 44)))
+        panels[0].set_ylabel("energy [J]")
+        style.legend(figure, panels[0], ax is None, columns=3)
     return figure
 
 
@@ -92,11 +123,12 @@ def label_of(history) -> str:
     return f"{title}, {formulation}" if formulation else title
 
 
-def _series(histories, labels) -> tuple[list, list[str]]:
+def labelled(histories, labels) -> tuple[list, list[str]]:
+    """Histories as a list, and a label for each that is safe to draw; without ``labels``, what the histories say."""
     histories = list(histories) if isinstance(histories, list | tuple) else [histories]
     if not histories:
         raise ScenarioError("a figure needs at least one history")
     labels = [label_of(history) for history in histories] if labels is None else list(labels)
     if len(labels) != len(histories):
         raise ScenarioError(f"{len(labels)} labels for {len(histories)} histories; give one each")
-    return histories, labels
+    return histories, [style.plain(label) for label in labels]

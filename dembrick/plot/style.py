@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 from typing import TYPE_CHECKING
 
@@ -97,6 +98,19 @@ def legend(figure: Figure, ax: Axes, own: bool, columns: int = 2) -> None:
         figure.legend(handles, labels, loc="outside lower center", ncols=columns)
     else:
         ax.legend(handles, labels, loc="best")
+
+
+def plain(text: str) -> str:
+    """Text as it stands: no formula between dollar signs, and never a label that matplotlib would hide."""
+    text = str(text).replace("$", r"\$")
+    return f" {text}" if text.startswith("_") else text
+
+
+def inline_svg(figure: Figure) -> str:
+    """A figure as the ``<svg>`` element that an HTML page takes up."""
+    with settings(), io.StringIO() as text:
+        figure.savefig(text, format="svg", metadata={"Date": None})
+        return text.getvalue().partition("<!DOCTYPE")[2].partition(">")[2].strip()
 
 
 def save(figure: Figure, path: str | os.PathLike) -> str:

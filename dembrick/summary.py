@@ -1,0 +1,143 @@
+"""The key numbers of a run as words, each with its error bar, out of the object of ``run --json``.
+
+A history may come from anywhere, so nothing in its results is taken for granted: what is not a finite number is left
+out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+_MEET = 1e-9  # of V: bounds closer than this meet, but for rounding
+
+
+class KeyNumber(NamedTuple):
+    """One line of a summary: what it is, its value with unit and error bar, and what to know about it."""
+
+    name: str
+    value: str
+    remark: str = ""
+
+
+def number(value) -> float | None:
+    """A finite number as it is, None for anything else."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    try:
+        value = float(value)
+    except OverflowError:
+        return None
+    return value if math.isfinite(value) else None
+
+
+def part(results, name: str) -> dict:
+    """A mapping inside the results, empty where it is missing or something else."""
+    found = results.get(name) if isinstance(results, Mapping) else None
+    return dict(found) if isinstance(found, Mapping) else {}
+
+
+def yield_point(results) -> dict[str, float]:
+    """The finite numbers of the yield point by name; ``torsion_centre`` a pair, ``bracket`` and ``mechanism`` texts."""
+    found = part(results, "yield_point")
+    point: dict = {name: number(value) for name, value in found.items()}
+    point = {name: value for name, value in point.items() if value is not None}
+    point |= {name: found[name] for name in ("bracket", "mechanism") if isinstance(found.get(name), str)}
+    centre = found.get("torsion_centre")
+    if isinstance(centre, list | tuple) and len(centre) == 2:
+        centre = tuple(number(x) for x in centre)
+        if None not in centre:
+            point["torsion_centre"] = centre
+    return point
+
+
+def with_error(value: float, half_width: float, unit: str) -> str:
+    """``215.988 ± 0.067 N``: the error to two digits, the value as far as the error lets it be known."""
+    if half_width <= _MEET * abs(value):
+        return f"{value:.7g} {unit}"
+    digits = max(0, 1 - math.floor(math.log10(half_width)))
+    if digits > 12 or half_width >= 1e6:
+        return f"{value:.9g} ± {half_width:.2g} {unit}"
+    return f"{value:.{digits}f} ± {half_width:.{digits}f} {unit}"
+
+
+def length(metres: float) -> str:
+    """A small length in the unit that suits it."""
+    for unit, factor, least in (("m", 1.0, 1.0), ("mm", 1e3, 0.1)):
+        if abs(metres) * factor >= least:
+            return f"{metres * factor:.4g} {unit}"
+    return f"{metres * 1e6:.4g} µm"
+
+
+def key_numbers(results: Mapping) -> list[KeyNumber]:
+    """What a reader asks first: the limit load with its bracket, theory beside it, the mechanism, the collapse."""
+    lines = []
+    if isinstance(results.get("error"), str):
+        lines.append(KeyNumber("no answer", results["error"]))
+    lines += _of_yield(yield_point(results))
+    lines += _of_theory(part(results, "theory"))
+    lines += _of_collapse(part(results, "collapse"))
+    residual = number(part(results, "energy").get("relative_residual"))
+    if residual is not None:
+        lines.append(KeyNumber("energy books", f"{residual:.1e}", "residual over the energy put in"))
+    steps, seconds = number(results.get("steps")), number(part(results, "wall").get("loop"))
+    if steps is not None:
+        lines.append(KeyNumber("steps", f"{steps:.0f}", "" if seconds is None else f"{seconds:.2g} s in the loop"))
+    return lines
+
+
+def _of_yield(point: dict) -> list[KeyNumber]:
+    if "V" not in point:
+        return []
+    lower, upper, kind = point.get("V_lower"), point.get("V_upper"), point.get("bracket", "open")
+    if lower is None or upper is None or kind == "open":
+        remark = "no upper bound: what the jacks carried at the end"
+        if lower is not None:
+            remark += f"; the limit load is at least {lower:.6g} N"
+        lines = [KeyNumber("V", f"{point['V']:.6g} N", remark)]
+    else:
+        bounds = "the two bounds meet" if upper - lower <= 2.0 * _MEET * abs(point["V"]) else "bounds"
+        word = "certified" if kind == "certified" else "indicator, not certified"
+        remark = f"{word}: {bounds}" + ("" if bounds[0] == "t" else f" {lower:.7g} and {upper:.7g} N")
+        lines = [KeyNumber("limit load V", with_error(point["V"], 0.5 * (upper - lower), "N"), remark)]
+    if "V_peak" in point:
+        where = f"at {length(point['displacement_at_peak'])}; " if "displacement_at_peak" in point else ""
+        lines.append(KeyNumber("largest V of the record", f"{point['V_peak']:.6g} N", where + "has its rate effect"))
+    carried = [f"{name} = {point[name]:.5g} N" for name in ("N", "V_1", "V_2") if name in point]
+    if "M_T" in point:
+        carried.append(f"M_T = {point['M_T']:.5g} N m")
+    if carried:
+        lines.append(KeyNumber("the joint carries", ", ".join(carried)))
+    if "mechanism" in point:
+        centre = point.get("torsion_centre")
+        # + 0.0: a negative zero would only puzzle the reader
+        x, y = (0.0, 0.0) if centre is None else (round(1e3 * x, 4) + 0.0 for x in centre)
+        remark = "" if centre is None else f"turns about ({x:.5g}, {y:.5g}) mm from O"
+        lines.append(KeyNumber("mechanism", point["mechanism"], remark))
+    return lines
+
+
+def _of_theory(theory: dict) -> list[KeyNumber]:
+    V, error = number(theory.get("V")), number(theory.get("error"))
+    if V is None:
+        return []
+    remark = "" if error is None else f"simulation {100.0 * error:+.2g} %"
+    gap = number(theory.get("discretisation_error"))
+    if gap is not None:
+        remark += f"{'; ' if remark else ''}the points miss the continuum by {100.0 * gap:.2g} %"
+    return [KeyNumber("theory", f"{V:.7g} N", remark)]
+
+
+def _of_collapse(collapse: dict) -> list[KeyNumber]:
+    lines = []
+    bar = number(collapse.get("error_estimate"))
+    for name, key, unit in (("collapse angle", "angle", "deg"), ("load factor", "load_factor", "")):
+        value = number(collapse.get(key))
+        if value is not None:
+            has_bar = bar is not None and not lines  # the estimate belongs to the first of the two
+            text = with_error(value, abs(bar), unit) if has_bar else f"{value:.5g} {unit}"
+            lines.append(KeyNumber(name, text.strip(), "" if has_bar or len(lines) else "no error bar (--refine)"))
+    if isinstance(collapse.get("mechanism"), str):
+        lines.append(KeyNumber("mechanism", collapse["mechanism"]))
+    return lines
