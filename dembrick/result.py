@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import html
 import os
 import time
 from collections.abc import Callable, Mapping
@@ -99,10 +100,20 @@ class Result:
         return self.as_dict()
 
     def plot(self, ax=None):
-        """Force-displacement curve as a matplotlib figure (drawn from the history file where there is one)."""
+        """Force-displacement curve as a matplotlib figure, drawn into ``ax`` if given."""
         from dembrick import plot
 
         return plot.force_displacement([self], ax=ax)
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: the title, the key numbers with their error bars, the curve."""
+        from dembrick import plot
+        from dembrick.page import results_table
+
+        heading = f"<strong>{html.escape(self.scenario.title)}</strong>"
+        if not len(self.rows.get("load", ())):
+            return heading + results_table(self.as_dict())
+        return heading + results_table(self.as_dict()) + plot.inline_svg(self.plot())
 
 
 class _Collector:

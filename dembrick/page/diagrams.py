@@ -1,0 +1,110 @@
+"""The two diagrams of a page and the numbers under its picture: lines, and where the run is in each frame."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from dembrick import summary
+from dembrick.plot.paths import JointPath
+
+MOST_ROWS = 1500  # points of a line
+_MILLIMETRES_FROM = 2e-3  # m: longer travels are given in mm, shorter ones in um
+
+
+class Record(NamedTuple):
+    """The record at the time (f,) s of each frame.
+
+    ``load`` (f,) N, None without a jack; ``travel`` (f,) in ``unit``, ``factor`` of a metre: the driven displacement,
+    or without a jack the greatest displacement of a block.
+    """
+
+    time: np.ndarray
+    load: np.ndarray | None
+    travel: np.ndarray
+    unit: str
+    factor: float
+
+
+def record_at(history, time: np.ndarray, moved: np.ndarray) -> Record:
+    """The record at the times of the frames; ``moved`` (f,) m is the greatest displacement of a block in each."""
+    if not (history.n_actuator and history.n_row):
+        unit, factor = _unit(float(moved.max(initial=0.0)))
+        return Record(time, None, factor * moved, unit, factor)
+    unit, factor = _unit(float(np.abs(history.displacement).max()))
+    load = np.interp(time, history.time, history.load)
+    return Record(time, load, factor * np.interp(time, history.time, history.displacement), unit, factor)
+
+
+def curve(history, record: Record) -> dict:
+    """Load over displacement with bracket and theory; without a jack the greatest displacement over time."""
+    x, y = listed(record.travel), listed(record.travel if record.load is None else record.load)
+    if record.load is None:
+        time = listed(record.time)
+        line = {"x": time, "y": y, "look": "run", "name": ""}
+        return _chart("Greatest displacement of a block", "time [s]", f"displacement [{record.unit}]", [line], time, y)
+    kept = _thinned(history)
+    line = {"x": listed(record.factor * history.displacement[kept]), "y": listed(history.load[kept]), "look": "run"}
+    title, x_name = "Load over displacement", f"driven displacement [{record.unit}]"
+    chart = _chart(title, x_name, "load V [N]", [line | {"name": "run"}], x, y)
+    V = summary.number(summary.part(history.results, "theory").get("V"))
+    if V is not None:
+        chart["levels"] = [{"y": V, "look": "theory", "name": f"theory {V:.6g} N"}]
+    point = summary.yield_point(history.results)
+    lower, upper = point.get("V_lower"), point.get("V_upper")
+    if lower is not None and upper is not None and point.get("bracket") != "open":
+        word = "bracket" if point.get("bracket") == "certified" else "indicator"
+        span = summary.with_error(0.5 * (lower + upper), 0.5 * (upper - lower), "N")
+        chart |= {"band": [lower, upper], "bandName": f"{word} {span}"}
+    return chart
+
+
+def yield_domain(history, record: Record, path: JointPath) -> dict:
+    """Torsion over shear force of a joint on its limit surface."""
+    kept = _thinned(history)
+    lines = []
+    for section in path.sections:
+        exact = section.formulation == "convex"
+        name = "limit surface, convex (exact)" if exact else f"limit surface, {section.formulation}"
+        line = {"x": listed(section.V), "y": listed(section.M_T)}
+        lines.append(line | {"look": "exact" if exact else "own", "name": name})
+    lines.append({"x": listed(path.V[kept]), "y": listed(path.M_T[kept]), "look": "run", "name": "run"})
+    title = f"Yield domain of the joint {path.joint} at N = {path.normal_force:.5g} N"
+    now = [listed(np.interp(record.time, history.time, values)) for values in (path.V, path.M_T)]
+    return _chart(title, "shear force [N]", "torsion [N m]", lines, *now)
+
+
+def readout(history, record: Record, path: JointPath | None) -> list[dict]:
+    """The numbers that are shown under the picture, one of each a frame."""
+    items = [{"name": "time", "unit": "s", "digits": 4, "values": listed(record.time)}]
+    if record.load is not None:
+        items.append({"name": "V", "unit": "N", "digits": 5, "values": listed(record.load)})
+    items.append({"name": "displacement", "unit": record.unit, "digits": 4, "values": listed(record.travel)})
+    if path is not None:
+        torsion = listed(np.interp(record.time, history.time, path.M_T))
+        items.append({"name": "torsion", "unit": "N m", "digits": 4, "values": torsion})
+    return items
+
+
+def listed(values: np.ndarray) -> list[float | None]:
+    """Numbers to eight digits, None where there is none."""
+    return [float(f"{value:.8g}") if math.isfinite(value) else None for value in np.asarray(values, float).tolist()]
+
+
+def _chart(title: str, x_name: str, y_name: str, lines: list[dict], x: list, y: list) -> dict:
+    chart = {"title": title, "xName": x_name, "yName": y_name, "lines": lines, "x": x, "y": y}
+    return chart | {"levels": [], "band": None, "bandName": ""}
+
+
+def _unit(longest: float) -> tuple[str, float]:
+    return ("mm", 1e3) if longest > _MILLIMETRES_FROM else ("µm", 1e6)
+
+
+def _thinned(history) -> np.ndarray:
+    """Numbers of the rows that a line goes through, the greatest load among them."""
+    if history.n_row <= MOST_ROWS:
+        return np.arange(history.n_row)
+    even = np.linspace(0, history.n_row - 1, MOST_ROWS).round().astype(int)
+    return np.unique(np.append(even, int(np.argmax(history.load))))
