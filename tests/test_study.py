@@ -267,3 +267,10 @@ def test_a_worker_killed_half_way_loses_no_case_and_doubles_none(write, tmp_path
     with open(tmp_path / "out" / "rows_1_of_1.jsonl", encoding="utf-8") as file:
         numbers = [json.loads(line)["case"] for line in file if '"case"' in line]
     assert sorted(numbers) == list(range(80))
+
+
+@pytest.mark.parametrize("path", sorted((scenario_folder() / "studies").glob("*.toml")), ids=lambda path: path.stem)
+def test_the_studies_that_come_along_are_sound(path):
+    study = studies.load(path)
+    assert len(study) > 1
+    studies.scenario_of(study, len(study) - 1)
