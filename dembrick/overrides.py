@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from functools import lru_cache
 
 from dembrick.checks import nearest, show
 from dembrick.errors import ScenarioError
@@ -30,6 +31,16 @@ def apply_overrides(document: dict, assignments: Iterable[str]) -> None:
             raise ScenarioError(f"--set {show(assignment)}: {error}") from None
 
 
+def assign(document: dict, changes: Mapping[str, object]) -> None:
+    """Set keys of a document, given by their path, to values that are no text any more."""
+    for key, value in changes.items():
+        try:
+            _assign(document, _parse_path(key), value)
+        except ScenarioError as error:
+            raise ScenarioError(f"{key} = {show(value)}: {error}") from None
+
+
+@lru_cache(maxsize=256)
 def _parse_path(key: str) -> list[str]:
     """Split at the dots; quotes work as in TOML, for names with dots in them."""
     path: list[str] = []

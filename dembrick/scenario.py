@@ -11,7 +11,9 @@ import os
 import re
 import tomllib
 from collections.abc import Iterable, Mapping
+from copy import deepcopy
 from dataclasses import MISSING, fields, is_dataclass, replace
+from functools import lru_cache
 from typing import Any, NamedTuple, NoReturn
 
 from dembrick.blocks import Mesh, Part, Prism, Voussoir
@@ -30,7 +32,7 @@ from dembrick.model import (
     Scenario,
     Solver,
 )
-from dembrick.overrides import apply_overrides
+from dembrick.overrides import apply_overrides, assign
 
 LARGEST_FILE = 16 * 1024 * 1024  # bytes; some hundred thousand blocks
 
@@ -76,6 +78,17 @@ def loads(text: str, path: str | os.PathLike | None = None, overrides: Iterable[
     scenario = _decode(document, _Place(f"{name or 'the scenario'} (with --set)"), name, None)
     notes = "".join(f"# --set {show(assignment)}\n" for assignment in assignments)
     return replace(scenario, text=f"{notes}{_write(document)}")
+
+
+def varied(text: str, path: str | os.PathLike | None, changes: Mapping[str, Any]) -> Scenario:
+    """The scenario of a text with keys changed, for many variations of one text: it is parsed only once.
+
+    ``changes`` has key paths, as for ``--set``, and values as TOML would give them.
+    """
+    name = "the scenario" if path is None else os.fsdecode(path)
+    document = deepcopy(_parsed(text, name))
+    assign(document, changes)
+    return _decode(document, _Place(f"{name} (with changes)"), None if path is None else name, None)
 
 
 def with_overrides(text: str, assignments: Iterable[str], path: str | os.PathLike | None = None) -> str:
@@ -124,6 +137,12 @@ class _Place(NamedTuple):
 
     def __str__(self) -> str:
         return f"{self.table} of {self.file}" if self.table else self.file
+
+
+@lru_cache(maxsize=8)
+def _parsed(text: str, file: str) -> dict[str, Any]:
+    """A parsed text that must not be changed."""
+    return _parse(text, file)
 
 
 def _parse(text: str, file: str) -> dict[str, Any]:

@@ -9,7 +9,6 @@ from typing import Any
 from dembrick import scenario as scenarios
 from dembrick.errors import DembrickError
 from dembrick.result import failure, simulate
-from dembrick.study.plan import assignments
 
 # Column, and where its value stands in the JSON object of a run; a dot goes one level down, a number into a list.
 COLUMNS = {
@@ -49,7 +48,7 @@ def run_case(base: str, base_path: str, number: int, changes: Mapping[str, Any],
     """
     row: dict[str, Any] = {"case": number, **changes}
     try:
-        scenario = scenarios.loads(base, base_path, assignments(changes))
+        scenario = scenarios.varied(base, base_path, changes)
     except DembrickError as error:
         return row | _columns({"status": FAILED, "error": str(error)})
     try:

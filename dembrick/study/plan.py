@@ -31,7 +31,7 @@ import json
 import math
 import os
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -141,23 +141,7 @@ def _study(document: dict, path: str) -> Study:
 
 def scenario_of(study: Study, number: int):
     """The checked scenario of a case."""
-    return scenarios.loads(study.base, study.base_path, assignments(study.changes(number)))
-
-
-def assignments(changes: Mapping[str, Any]) -> list[str]:
-    """The changes as ``key.path=value`` texts."""
-    return [f"{key}={_toml(value)}" for key, value in changes.items()]
-
-
-def _toml(value: Any) -> str:
-    """A TOML value; texts in quotes, so that a friction given as text is not taken for a number."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False)
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(_toml(item) for item in value) + "]"
-    return repr(value)
+    return scenarios.varied(study.base, study.base_path, study.changes(number))
 
 
 def _flat(table: Any, place: str) -> dict[str, Any]:
