@@ -14,8 +14,11 @@ from functools import cached_property
 
 import numpy as np
 
-from dembrick import theory
+from dembrick.kernels.gauge import area_gauges, point_gauges
+from dembrick.limit_set import far_moments
+from dembrick.polygons import area
 from dembrick.shapes import quaternion_product, rotation_matrix
+from dembrick.simulation import pressed_room
 
 CHANNELS = ("N", "V_1", "V_2", "M_T", "M_1", "M_2", "slip")
 STATES = ("closed", "partly open", "open")
@@ -75,6 +78,9 @@ class JointMotion:
         return np.einsum("jik,...jk->...ji", self.axes, vectors)
 
     def _poses(self, frames) -> tuple[np.ndarray, np.ndarray]:
+        if isinstance(frames, range) and frames.step == 1 and frames.start >= 0:
+            read = self._history.frame_values
+            return tuple(read(name, frames.start, frames.stop) for name in ("displacement", "orientation"))
         read = (self._history.frame_displacement, self._history.frame_orientation)
         if np.ndim(frames) == 0:
             return read[0](int(frames)), read[1](int(frames))
@@ -106,85 +112,114 @@ class JointMotion:
         found = np.stack(channels, axis=-1)
         return found if np.ndim(frames) else found[0]
 
-    def normal_forces(self, frame: int, relative: RelativeMotion | None = None) -> np.ndarray:
+    def normal_forces(self, frames) -> np.ndarray:
         """(c,) N: normal force of every contact point, in the order of ``point_start``.
 
         Recorded ones where the history has them; else the joint's N, shared as the springs share it: by tributary
         area and penetration.
         """
-        forces = self.point_forces(frame)
+        if not np.ndim(frames):
+            return self.normal_forces(_one(frames, self._history.n_frames))[0]
+        owner = np.repeat(np.arange(self.n_joint), np.diff(self.point_start))
+        forces = self.point_forces(frames)
         if forces is not None:
-            normal = self.frame_axes(frame)[:, 2]
-            counts = np.diff(self.point_start)
-            return np.maximum((forces * np.repeat(normal, counts, axis=0)).sum(axis=1), 0.0)
-        relative = self.relative(frame) if relative is None else relative
-        found = np.zeros(self.point_start[-1])
-        N = self.resultants(frame)[:, 0]
-        for j, joint in enumerate(self._history.joints):
-            if len(joint["areas"]):
-                pressed = np.maximum(-relative.opening_at(j, joint["normal_arms"]), 0.0) * joint["areas"]
-                share = pressed if pressed.any() else joint["areas"]
-                found[self.point_start[j] : self.point_start[j + 1]] = N[j] * share / share.sum()
-        return found
+            normal = self.axes_in(self._poses(frames)[1])[..., 2, :]
+            return np.maximum((forces * normal[..., owner, :]).sum(axis=-1), 0.0)
+        arms = np.concatenate([np.zeros((0, 2)), *(joint["normal_arms"] for joint in self._history.joints)])
+        areas = np.concatenate([np.zeros(0), *(joint["areas"] for joint in self._history.joints)])
+        opening = self.relative(frames).distance(arms[:, None], owner)[..., 0]
+        share = np.maximum(-opening, 0.0) * areas
+        pressed = self._sums(share)[..., owner]
+        share = np.where(pressed > 0.0, share, areas) / np.where(pressed > 0.0, pressed, self._sums(areas)[owner])
+        return self.resultants(frames)[..., 0][..., owner] * share
 
-    def point_forces(self, frame: int) -> np.ndarray | None:
+    def _sums(self, values: np.ndarray) -> np.ndarray:
+        """Sums (..., j) of values (..., c) over the points of each joint."""
+        total = np.concatenate([np.zeros((*values.shape[:-1], 1)), np.cumsum(values, axis=-1)], axis=-1)
+        return total[..., self.point_start[1:]] - total[..., self.point_start[:-1]]
+
+    def point_forces(self, frames) -> np.ndarray | None:
         """(c, 3) N: force on b at every contact point, world axes; None where the history does not have them."""
-        read = getattr(self._history, "frame_contact_force", None)
-        return None if read is None else read(frame)
+        if isinstance(frames, range):
+            return self._history.frame_values("contact_force", frames.start, frames.stop)
+        if not np.ndim(frames):
+            return self._history.frame_contact_force(int(frames))
+        found = [self._history.frame_contact_force(int(k)) for k in frames]
+        return None if found[0] is None else np.stack(found)
 
     def utilisation(self, frames) -> np.ndarray:
         """(j,): gauge of (V_1, V_2, M_T) in the joint's own limit set at its N; 1 is the yield domain's edge.
 
-        ``convex``: the exact surface of the polygon under its pressure. Point formulations: the set of all forces that
-        Coulomb friction at the points can give, each under its own normal force. A joint without friction
+        ``convex``: the exact surface of the polygon under the pressure of its law. Point formulations: the set of all
+        forces that Coulomb friction at the points can give, each under its own normal force. A joint without friction
         strength is at 0 when it carries nothing, and at infinity else.
         """
-        if np.ndim(frames):
-            return np.stack([self.utilisation(int(k)) for k in frames] or [np.zeros((0, self.n_joint))])
+        if not np.ndim(frames):
+            return self.utilisation(_one(frames, self._history.n_frames))[0]
         resultants = self.resultants(frames)
-        force = resultants[:, 1:4]
-        strength = self.friction * resultants[:, 0]
-        found = np.where(force.any(axis=1), np.inf, 0.0)
-        carrying = (strength > 0.0) & force.any(axis=1)
-        for polygon, own in self._areas:
-            chosen = own[carrying[own]]
-            if len(chosen):
-                # the set grows with N, so one surface serves all joints of one polygon
-                found[chosen] = theory.gauge(theory.convex(polygon, 1.0, 1.0), force[chosen] / strength[chosen, None])
-        for j in self._following:
-            joint, N = self._history.joints[j], resultants[j, 0]
-            if carrying[j]:
-                law = theory.polygon_formulation(joint["polygon"], self.friction[j], joint["pressure"])
-                found[j] = theory.gauge(law.law(N, np.array([resultants[j, 5], -resultants[j, 4]]) / N), force[j])
+        found = np.zeros(resultants.shape[:2])
+        force = np.ascontiguousarray(resultants[..., 1:4])
+        if self._areas is not None:
+            joint = self._areas[-1]
+            pressed = pressed_room([self._history.joints[j]["pressure"] for j in joint], self.n_corner[joint].tolist())
+            bending = None
+            if pressed is not None:
+                opening = self.relative(frames).components[..., 2:5]
+                bending = np.concatenate([resultants[..., [0, 4, 5]], opening], axis=-1)
+            strength = self.friction * resultants[..., 0]
+            area_gauges(*self._areas, pressed, bending, strength, force, np.zeros((len(joint), 3)), found)
         if self.point_start[-1]:
-            normals = self.normal_forces(frames)
-            for j, joint in enumerate(self._history.joints):
-                own = normals[self.point_start[j] : self.point_start[j + 1]]
-                if carrying[j] and own.any():
-                    found[j] = theory.gauge(theory.points(joint["shear_arms"], own, self.friction[j]), force[j])
+            arms = np.concatenate([np.zeros((0, 2)), *(joint["shear_arms"] for joint in self._history.joints)])
+            joint = np.flatnonzero(np.diff(self.point_start))
+            start = np.append(self.point_start[joint], self.point_start[-1])
+            x, y = np.ascontiguousarray(arms.T)
+            normal = np.ascontiguousarray(self.normal_forces(frames))
+            twist = np.zeros((len(joint), 3))
+            point_gauges(x, y, start, joint, self.friction, normal, force, twist, np.zeros(6), found)
         return found
 
     @cached_property
-    def _following(self) -> list[int]:
-        """Convex joints whose pressure follows the bending."""
-        return [j for j, joint in enumerate(self._history.joints) if joint.get("pressure", "full") != "full"]
-
-    @cached_property
-    def _areas(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """The different polygons of convex joints under full pressure, and the joints that have each."""
-        groups: dict[tuple, list[int]] = {}
-        for j in np.setdiff1d(np.flatnonzero(np.diff(self.point_start) == 0), self._following):
+    def _areas(self) -> tuple[np.ndarray, ...] | None:
+        """The different polygons of joints without contact points, what `area_gauges` needs of them, and the joints."""
+        shapes: dict[tuple, int] = {}
+        polygons, which = [], []
+        joint = np.flatnonzero(np.diff(self.point_start) == 0)
+        for j in joint:
             scaled = np.round(self.polygon[j] / self.size[j], 9) + 0.0
-            size = float(f"{self.size[j]:.9e}")
-            groups.setdefault((int(self.n_corner[j]), size, *scaled.ravel()), []).append(int(j))
-        return [(self.polygon[own[0], : self.n_corner[own[0]]], np.array(own)) for own in groups.values()]
+            key = (int(self.n_corner[j]), f"{self.size[j]:.9e}", *scaled.ravel().tolist())
+            if key not in shapes:
+                shapes[key] = len(polygons)
+                polygons.append(self.polygon[j, : self.n_corner[j]])
+            which.append(shapes[key])
+        if not polygons:
+            return None
+        x, y = np.ascontiguousarray(np.concatenate(polygons).T)
+        return (
+            x,
+            y,
+            np.cumsum([0, *map(len, polygons)]),
+            np.array([area(polygon) for polygon in polygons]),
+            np.array([np.hypot(*polygon.T).max() for polygon in polygons]),
+            np.array([far_moments(polygon) for polygon in polygons]),
+            np.array(which),
+            joint,
+        )
 
     # --- places ---
 
+    def axes_in(self, orientation: np.ndarray) -> np.ndarray:
+        """(..., j, 3, 3): the joints' axes riding on a, in the world, as rows, for orientations (..., n, 4)."""
+        now = rotation_matrix(quaternion_product(orientation, self._back)[..., self.block_a, :])
+        return self.axes @ now.swapaxes(-1, -2)
+
+    def origin_in(self, position: np.ndarray, orientation: np.ndarray) -> np.ndarray:
+        """(..., j, 3) m: the points O of the blocks a in the world, for positions (..., n, 3)."""
+        turned = quaternion_product(orientation, self._back)[..., self.block_a, :]
+        return position[..., self.block_a, :] + self._arm_a + _turning(turned, self._arm_a)
+
     def frame_axes(self, frame: int) -> np.ndarray:
-        """(j, 3, 3): the joints' axes as they ride on a, in the world, as rows."""
-        now = rotation_matrix(quaternion_product(self._poses(frame)[1], self._back))
-        return self.axes @ now[self.block_a].transpose(0, 2, 1)
+        """(j, 3, 3): the joints' axes in a frame."""
+        return self.axes_in(self._history.frame_orientation(frame))
 
     def grid(self, joint: int, along: int = 12) -> np.ndarray:
         """(k, 2) m: points of a square grid over the polygon of a joint, ``along`` of them over its longer side."""
@@ -231,17 +266,17 @@ class RelativeMotion:
     @property
     def opening(self) -> np.ndarray:
         """(..., j, m) m: distance of the faces at the corners of the polygon, negative where they press."""
-        return self._opening(self.joints.polygon, slice(None))
+        return self.distance(self.joints.polygon, slice(None))
 
     def opening_at(self, joint: int, points: np.ndarray) -> np.ndarray:
         """(..., k) m: distance of the faces of one joint at points (k, 2) of it."""
-        return self._opening(np.asarray(points, float), joint)
+        return self.distance(np.asarray(points, float), joint)
 
-    def _opening(self, points: np.ndarray, which) -> np.ndarray:
-        """Distance of points (..., m, 2) of the host's face from the face of the other block, along that one's normal.
+    def distance(self, points: np.ndarray, which) -> np.ndarray:
+        """(..., m) m: how far points (..., m, 2) of the host's face are from the other face, along that one's normal.
 
-        With R the rotation of b, s the shift and n = (0, 0, 1): n . (s + R p) where the points p ride on b, and
-        (s - p) . R n where they ride on a.
+        One row of points for each of the joints ``which``. With R the rotation of b, s the shift and n = (0, 0, 1):
+        n . (s + R p) where the points p ride on b, and (s - p) . R n where they ride on a.
         """
         shift, turn = self.shift[..., which, :], self.turn[..., which, :]
         on_b = (self.joints.host == self.joints.block_b)[which]
@@ -311,6 +346,12 @@ def torsion_centre(first: RelativeMotion, second: RelativeMotion) -> np.ndarray:
 def nearest(times: np.ndarray, wanted) -> np.ndarray:
     """Index of the entry of ``times`` (ascending) next to each wanted time; halfway, the earlier one."""
     return np.searchsorted(0.5 * (times[1:] + times[:-1]), wanted)
+
+
+def _one(frame: int, n_frames: int) -> range:
+    """A single frame, counted from the end where negative, as a range."""
+    k = range(n_frames)[frame]
+    return range(k, k + 1)
 
 
 def _turning(quaternion: np.ndarray, vectors: np.ndarray) -> np.ndarray:

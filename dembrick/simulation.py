@@ -142,11 +142,11 @@ def _areas(assembly) -> Areas | None:
         twist=np.zeros((len(joints), 3)),
         slip=np.zeros(len(joints)),
         evaluations=np.zeros(len(joints), np.int64),
-        pressed=_pressed([joint.law.pressure for joint in joints], [len(s) for s in shapes]),
+        pressed=pressed_room([joint.law.pressure for joint in joints], [len(s) for s in shapes]),
     )
 
 
-def _pressed(pressures: Sequence[str], corners: Sequence[int]) -> Pressed | None:
+def pressed_room(pressures: Sequence[str], corners: Sequence[int]) -> Pressed | None:
     """Room for the pressed parts of convex joints; the first forces fill it."""
     if all(pressure == "full" for pressure in pressures):
         return None

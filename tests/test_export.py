@@ -9,20 +9,28 @@ import numpy as np
 import pytest
 
 from dembrick import export, history
-from dembrick.errors import HistoryError, MissingDependency, OutputError
+from dembrick.errors import HistoryError, MissingDependency, OutputError, WriteError
+from dembrick.export import text, vtkhdf
+from dembrick.joint_motion import JointMotion
 
 N_FRAME = 7
+EVERYTHING = ("joints", "energy", "frames", "velocity", "contacts")
+THREE = ["out.vtkhdf", "out_joints.vtkhdf", "out_contacts.vtkhdf"]
 
 
-def make(folder, assembly=None, n_frame=N_FRAME, n_row=61):
+def make(folder, assembly=None, n_frame=N_FRAME, n_row=61, channels=EVERYTHING):
     """A finished history whose frames fall on every tenth row."""
     assembly = assembly or cases.mixed_assembly()
     path = folder / "run.h5"
     n_block, n_joint, n_jack = len(assembly.names), len(assembly.joints), len(assembly.actuators.names)
-    with history.HistoryWriter(path, cases.SCENARIO, assembly, {}) as writer:
+    n_point = sum(len(p.area) for p in assembly.contact_points if p is not None)
+    with history.HistoryWriter(path, cases.SCENARIO, assembly, {}, channels=channels) as writer:
         writer.append(cases.record(0, n_row, n_joint, n_jack))
         if n_frame:
-            writer.append_frames(*cases.frames(0, n_frame, n_block))
+            needs = {"velocity": "velocity", "spin": "velocity", "contact_force": "contacts"}
+            moving = cases.motion(0, n_frame, n_block, n_point).items()
+            moving = {name: values for name, values in moving if needs[name] in channels}
+            writer.append_frames(*cases.frames(0, n_frame, n_block), **moving)
         writer.finish("completed", {})
     return history.read(path)
 
@@ -77,6 +85,7 @@ def vtk_steps(path):
         step = {
             "points": vtk_to_numpy(output.GetPoints().GetData()).copy(),
             "faces": [tuple(corners[a:b]) for a, b in zip(offsets, offsets[1:], strict=False)],
+            "vertices": [(i,) for i in vtk_to_numpy(output.GetVerts().GetConnectivityArray()).tolist()],
         }
         for key, data in (("cells", output.GetCellData()), ("at_points", output.GetPointData())):
             arrays = [data.GetArray(i) for i in range(data.GetNumberOfArrays())]
@@ -88,13 +97,14 @@ def vtk_steps(path):
 def test_vtk_reads_the_blocks_at_every_step(tmp_path):
     assembly = cases.mixed_assembly()
     written = export.export(make(tmp_path, assembly), tmp_path / "out.vtkhdf")
-    assert [os.path.basename(name) for name in written] == ["out.vtkhdf", "out_joints.vtkhdf"]
+    assert [os.path.basename(name) for name in written] == THREE
     times, steps = vtk_steps(written[0])
     np.testing.assert_array_equal(times, cases.frames(0, N_FRAME)[0])
     owner = np.repeat([0, 1, 2], [6, 6, 5])
     faces = [tuple(8 * i + v for v in face) for i, s in enumerate(assembly.shapes) for face in s.faces]
     for k, step in enumerate(steps):
-        displacement = cases.frames(k, k + 1, 3)[1][0]
+        _, displacement, orientation = cases.frames(k, k + 1, 3)
+        displacement = displacement[0]
         points = expected_points(assembly, k)
         assert step["points"].dtype == np.float64
         # one block stands at y = 1000 m: a few units in the last place of that number
@@ -103,17 +113,47 @@ def test_vtk_reads_the_blocks_at_every_step(tmp_path):
         assert step["faces"] == faces
         np.testing.assert_array_equal(step["cells"]["block"], owner)
         np.testing.assert_allclose(step["cells"]["displacement"], displacement[owner], rtol=1e-7)
-        size = np.linalg.norm(displacement, axis=1)[owner]
-        np.testing.assert_allclose(step["cells"]["displacement_magnitude"], size, rtol=1e-7)
         moved = points - start_points(assembly)
         np.testing.assert_allclose(step["at_points"]["displacement"], moved, rtol=1e-6, atol=1e-12)
+        moving = cases.motion(k, k + 1, 3)
+        velocity, spin = moving["velocity"][0], moving["spin"][0]
+        np.testing.assert_allclose(step["cells"]["velocity"], velocity[owner], rtol=1e-7)
+        np.testing.assert_allclose(step["cells"]["spin"], spin[owner], rtol=1e-7)
+        kinetic = []
+        for i in range(3):
+            body = rotated(orientation[0, i] * [1, -1, -1, -1], spin[i])
+            kinetic.append(0.5 * assembly.mass[i] * velocity[i] @ velocity[i] + 0.5 * body @ assembly.inertia[i] @ body)
+        np.testing.assert_allclose(step["cells"]["kinetic_energy"], np.array(kinetic)[owner], rtol=1e-6)
     assert abs(steps[-1]["points"] - steps[0]["points"]).max() > 1e-2
 
 
-def test_vtk_reads_the_joints_at_every_step(tmp_path):
+def test_velocities_from_frames_where_they_were_not_recorded(tmp_path):
+    remarks = []
+    found = make(tmp_path, channels=("frames",))
+    written = export.export(found, tmp_path / "out.vtkhdf", remarks.append)
+    assert len(remarks) == 3 and all("output.channels" in remark for remark in remarks)
+    _, steps = vtk_steps(written[0])
+    # steady translation and spin: 1e-4 s between frames
+    axis = np.array([1.0, 2.0, -2.0]) / 3.0
+    for step in steps:
+        velocity, spin = step["cells"]["velocity"], step["cells"]["spin"]
+        np.testing.assert_allclose(velocity[6], [1e-5, -20.0, 3e-2], rtol=1e-6)
+        np.testing.assert_allclose(spin[6], 100.0 * axis, rtol=1e-6)
+        assert not velocity[0].any() and not spin[0].any()
+        np.testing.assert_allclose(
+            step["cells"]["kinetic_energy"][6],
+            0.5 * 9.0 * (1e-10 + 400 + 9e-4) + 0.5 * 1e4 * (0.0375 + 4 * 0.075 + 4 * 0.0975) / 9,
+            rtol=1e-6,
+        )
+
+
+def test_vtk_reads_the_joints_at_every_step(tmp_path, monkeypatch):
+    monkeypatch.setattr(vtkhdf, "_HELD", 600)  # three frames at a time
     assembly = cases.mixed_assembly()
-    written = export.to_vtkhdf(make(tmp_path, assembly), tmp_path / "out.vtkhdf")
+    found = make(tmp_path, assembly)
+    written = export.to_vtkhdf(found, tmp_path / "out.vtkhdf")
     _, steps = vtk_steps(written[1])
+    motion = JointMotion(found)
     for k, step in enumerate(steps):
         row = 10 * k
         assert step["faces"] == [(0, 1, 2, 3), (4, 5, 6, 7)]
@@ -131,6 +171,51 @@ def test_vtk_reads_the_joints_at_every_step(tmp_path):
             body = [rotated(conjugate, p - assembly.position[host]) for p in start]
             world = assembly.position[host] + displacement[0, host] + [rotated(orientation[0, host], p) for p in body]
             np.testing.assert_allclose(step["points"][own], world, rtol=0, atol=5e-13)
+        relative = motion.relative(k)
+        np.testing.assert_allclose(step["at_points"]["opening"], relative.opening.ravel(), rtol=1e-6, atol=1e-12)
+        np.testing.assert_array_equal(step["cells"]["state"], relative.state)
+        np.testing.assert_allclose(step["cells"]["open_share"], relative.open_share, rtol=1e-6)
+        np.testing.assert_allclose(step["cells"]["utilisation"], motion.utilisation(k), rtol=1e-6)
+        centre = motion.torsion_centre(k)
+        np.testing.assert_allclose(step["cells"]["torsion_centre_joint"], centre, rtol=1e-6)
+        # block a of the first joint stands still, with axes along the world's
+        np.testing.assert_allclose(step["cells"]["torsion_centre"][0, :2], centre[0], rtol=1e-6)
+    assert len({state for step in steps for state in step["cells"]["state"].tolist()}) > 1
+    assert np.isfinite(steps[3]["cells"]["torsion_centre"]).any()
+
+
+def test_vtk_reads_the_contact_forces_at_every_step(tmp_path):
+    assembly = cases.mixed_assembly()
+    found = make(tmp_path, assembly)
+    written = export.to_vtkhdf(found, tmp_path / "out.vtkhdf")
+    _, steps = vtk_steps(written[2])
+    for k, step in enumerate(steps):
+        force = cases.motion(k, k + 1)["contact_force"][0]
+        np.testing.assert_allclose(step["at_points"]["force"][:4], force, rtol=1e-6)
+        np.testing.assert_allclose(step["at_points"]["normal_force"][:4], force[:, 2], rtol=1e-6)
+        np.testing.assert_array_equal(step["cells"]["joint"], [0, 0, 0, 0, 1])
+        _, displacement, orientation = cases.frames(k, k + 1, 3)
+        arms = np.column_stack([assembly.joints[0].polygon, np.full(4, -0.05)])
+        world = [0.0, 0.0, 0.05] + displacement[0, 1] + [rotated(orientation[0, 1], p) for p in arms]
+        np.testing.assert_allclose(step["points"][:4], world, rtol=0, atol=1e-15)
+        # the convex joint's resultant: M_1 = -y N, M_2 = x N, seen from block 1, which carries O and the axes
+        N, V_1, V_2, _, M_1, M_2, _ = 10.0 * k + 10.0 + 0.1 * np.arange(7)
+        turn = orientation[0, 1]
+        at = [0.0, 0.0, 0.05] + displacement[0, 1] + rotated(turn, [M_2 / N, -M_1 / N, 0.05])
+        np.testing.assert_allclose(step["points"][4], at, rtol=0, atol=1e-15)
+        np.testing.assert_allclose(step["at_points"]["force"][4], rotated(turn, [-V_1, -V_2, N]), rtol=1e-6)
+    assert steps[0]["vertices"] == [(0,), (1,), (2,), (3,), (4,)]
+
+
+def test_contacts_without_recorded_forces_show_the_normal_forces(tmp_path):
+    remarks = []
+    found = make(tmp_path, cases.assembly(), channels=("joints", "frames", "velocity"))
+    written = export.to_vtkhdf(found, tmp_path / "out.vtkhdf", remarks.append)
+    assert len(remarks) == 1 and "contact forces" in remarks[0]
+    _, steps = vtk_steps(written[2])
+    for k, step in enumerate(steps):
+        assert list(step["at_points"]) == ["normal_force"]
+        np.testing.assert_allclose(step["at_points"]["normal_force"].sum(), 10.0 * k, rtol=1e-6)
 
 
 def test_a_history_without_joints_or_with_one_frame(tmp_path):
@@ -141,12 +226,6 @@ def test_a_history_without_joints_or_with_one_frame(tmp_path):
     _, steps = vtk_steps(written[0])
     assert len(steps) == 1
     np.testing.assert_allclose(steps[0]["points"], expected_points(assembly, 0), rtol=0, atol=1e-15)
-
-
-def test_rows_next_to_frames():
-    found = export._nearest(np.array([0.0, 1.0, 2.0, 4.0]), np.array([-1.0, 0.0, 0.4, 0.6, 1.0, 2.9, 3.1, 9.0]))
-    assert found.tolist() == [0, 0, 0, 1, 1, 2, 3, 3]
-    assert export._nearest(np.array([5.0]), np.array([0.0, 7.0])).tolist() == [0, 0]
 
 
 def test_pvd_read_back_by_meshio(tmp_path):
@@ -166,8 +245,16 @@ def test_pvd_read_back_by_meshio(tmp_path):
         ):
             total += len(cells.data)
             np.testing.assert_array_equal(np.minimum(cells.data[:, 0] // 8, 2), block)
-            np.testing.assert_array_equal(moved, displacement[block])
+            np.testing.assert_allclose(moved, displacement[block], rtol=1e-7)
         assert total == 17
+    # the lists first, then the frames of all layers
+    assert [os.path.basename(name) for name in written[:3]] == ["out.pvd", "out_joints.pvd", "out_contacts.pvd"]
+    assert len(written) == 3 * (1 + N_FRAME)
+    contacts = meshio.read(tmp_path / f"out_contacts_{N_FRAME - 1:05d}.vtu")
+    assert [(cells.type, len(cells.data)) for cells in contacts.cells] == [("vertex", 5)]
+    np.testing.assert_allclose(
+        contacts.point_data["force"][:4], cases.motion(N_FRAME - 1, N_FRAME)["contact_force"][0], rtol=1e-6
+    )
 
 
 def test_csv_reads_back_exactly(tmp_path):
@@ -187,7 +274,7 @@ def test_csv_reads_back_exactly(tmp_path):
 
 
 def test_csv_names_the_jacks_and_is_read_in_pieces(tmp_path, monkeypatch):
-    monkeypatch.setattr(export, "_CSV_ROWS", 7)
+    monkeypatch.setattr(text, "_ROWS", 7)
     found = make(tmp_path, cases.assembly(), n_row=20)
     export.to_csv(found, tmp_path / "out.csv")
     lines = (tmp_path / "out.csv").read_text().splitlines()
@@ -231,19 +318,18 @@ def test_an_export_that_breaks_off_leaves_nothing(tmp_path, monkeypatch):
     found = make(tmp_path)
     before = sorted(os.listdir(tmp_path))
 
-    def broken(data, k, values):
-        if k == 3:
-            raise OSError(28, "No space left on device")
+    def broken(data, start, values):
+        raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(export, "_fill", broken)
-    with pytest.raises(export.WriteError, match="No space left"):
+    monkeypatch.setattr(vtkhdf, "_fill", broken)
+    with pytest.raises(WriteError, match="No space left"):
         export.export(found, tmp_path / "x.vtkhdf")
     assert sorted(os.listdir(tmp_path)) == before
 
 
 def test_a_broken_off_series_has_no_list(tmp_path, monkeypatch):
     """Frames that were replaced must not be played by the list of an earlier export."""
-    found, write, calls = make(tmp_path), pytest.importorskip("meshio").write, []
+    found, write, calls = make(tmp_path, channels=("frames",)), pytest.importorskip("meshio").write, []
     export.export(found, tmp_path / "x.pvd")
 
     def broken(*args, **options):
@@ -253,10 +339,11 @@ def test_a_broken_off_series_has_no_list(tmp_path, monkeypatch):
         write(*args, **options)
 
     monkeypatch.setattr("meshio.write", broken)
-    with pytest.raises(export.WriteError, match="No space left"):
+    with pytest.raises(WriteError, match="No space left"):
         export.export(found, tmp_path / "x.pvd")
     left = sorted(os.listdir(tmp_path))
-    assert left == ["run.h5", *(f"x_{k:05d}.vtu" for k in range(N_FRAME))]
+    layers = [f"x{layer}_{k:05d}.vtu" for layer in ("", "_joints") for k in range(N_FRAME)]
+    assert left == sorted(["run.h5", "x_joints.pvd", *layers])
 
 
 def test_the_history_is_not_overwritten(tmp_path):

@@ -138,8 +138,8 @@ def test_every_ranked_module_exists():
 
 def test_kernels_are_in_order():
     """vec3 < laws, pressed < limit_surface < motion < contact < energy < forces < bracket, record < advance."""
-    order = ["vec3", "laws", "pressed", "limit_surface", "small_motion", "finite_motion", "contact", "energy"]
-    order += ["forces", "bracket", "record", "advance"]
+    order = ["vec3", "laws", "pressed", "limit_surface", "gauge", "small_motion", "finite_motion", "contact"]
+    order += ["energy", "forces", "bracket", "record", "advance"]
     inside, _ = arrows(modules())
     for name, target in inside:
         if head(name) == head(target) == "kernels" and "." in name:

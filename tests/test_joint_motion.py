@@ -7,6 +7,7 @@ import pytest
 
 from dembrick import theory
 from dembrick.joint_motion import CHANNELS, STATES, JointMotion, nearest, torsion_centre
+from dembrick.kernels.gauge import best_kink, point_gauge
 
 A, B = 0.3, 0.2
 CORNERS = 0.5 * np.array([[-A, -B], [A, -B], [A, B], [-A, B]])
@@ -34,7 +35,17 @@ def product(p, q):
     return np.array([p[0] * q[0] - p[1:] @ q[1:], *(p[0] * q[1:] + q[0] * p[1:] + np.cross(p[1:], q[1:]))])
 
 
-def run(motions, host=1, formulation="convex", polygon=CORNERS, shrink=1.0, rows=None, start=SKEW, forces=None):
+def run(
+    motions,
+    host=1,
+    formulation="convex",
+    pressure="full",
+    polygon=CORNERS,
+    shrink=1.0,
+    rows=None,
+    start=SKEW,
+    forces=None,
+):
     """Two blocks and a joint whose axes are skew in the world; ``motions``: for each frame ((shift, rotation vector) of
     a, the same of b), both in the joint's axes and about O of the joint at the start."""
     axes = matrix([0.3, -0.4, 0.9])
@@ -50,7 +61,14 @@ def run(motions, host=1, formulation="convex", polygon=CORNERS, shrink=1.0, rows
         rows = np.tile([100.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], (len(motions), 1, 1))
     arms = shrink * polygon if formulation != "convex" else np.zeros((0, 2))
     joint = {"block_a": 0, "block_b": 1, "host": host, "origin": origin, "axes": axes, "polygon": polygon}
-    joint |= {"area": A * B, "friction": 0.64, "formulation": formulation, "normal_arms": arms, "shear_arms": arms}
+    joint |= {
+        "area": A * B,
+        "friction": 0.64,
+        "formulation": formulation,
+        "pressure": pressure,
+        "normal_arms": arms,
+        "shear_arms": arms,
+    }
     joint |= {"areas": np.full(len(arms), A * B / 4)}
     times = np.arange(len(motions), dtype=float)
     found = SimpleNamespace(
@@ -64,8 +82,9 @@ def run(motions, host=1, formulation="convex", polygon=CORNERS, shrink=1.0, rows
         time=times,
         series=lambda name, a, b: rows[a:b, :, CHANNELS.index(name.removeprefix("joint/"))],
     )
-    if forces is not None:
-        found.frame_contact_force = lambda k: forces[k]
+    channels = {"displacement": displacement, "orientation": orientation, "contact_force": forces}
+    found.frame_values = lambda name, a, b: None if channels[name] is None else channels[name][a:b]
+    found.frame_contact_force = lambda k: None if forces is None else forces[k]
     return found
 
 
@@ -214,6 +233,18 @@ def test_utilisation_of_a_convex_joint():
     np.testing.assert_allclose(found[4:], [0.5, 0.0, np.inf, 0.0], rtol=1e-12)
 
 
+@pytest.mark.parametrize("pressure", ["full", "effective", "linear"])
+def test_utilisation_of_a_convex_joint_whose_friction_follows_the_bending(pressure):
+    """Torsion under an eccentric N, e_y = 0.35 b: the strengths that the physics tables give for 0.3 x 0.2."""
+    N, e = 100.0, 0.35 * B
+    strength = 0.64 * N * 0.09681061 * {"full": 1.0, "effective": 0.8071, "linear": 0.8190}[pressure]
+    # N at y = e: M_1 = -e N; the no-tension wedge over 3 (b/2 - e), zero penetration at its end
+    deep, r1 = 0.1 - 3 * (0.1 - e), -1e-5
+    rows = np.array([[[N, 0, 0, strength, -e * N, 0, 0]]])
+    history = run([(STILL, ((0, 0, -r1 * deep), (r1, 0, 0)))], pressure=pressure, rows=rows)
+    np.testing.assert_allclose(JointMotion(history).utilisation(0), 1.0, rtol=1e-4)
+
+
 def test_utilisation_at_points_under_their_own_normal_forces():
     """Only two points carry: V along x is mu N, torsion mu N times their half distance."""
     N = 100.0
@@ -255,3 +286,30 @@ def test_resultants_of_one_frame_and_of_several():
     joints = JointMotion(run([(STILL, STILL)] * 4, rows=rows))
     np.testing.assert_array_equal(joints.resultants(2), rows[2])
     np.testing.assert_array_equal(joints.resultants([3, 1]), rows[[3, 1]])
+
+
+def test_gauge_of_points_against_theory():
+    """Random loads on random points, some of them turning about a point that sticks; 1, 2, 4 and 12 points."""
+    random = np.random.default_rng(3)
+    worst, kinks = 0.0, 0
+    for n in (2, 4, 4, 4, 12):
+        arms = random.uniform(-0.2, 0.2, (n, 2)) if n != 4 else CORNERS
+        for _ in range(40):
+            weight = random.uniform(0.0, 50.0, n) * (random.random(n) < 0.8)
+            weight[0] = 20.0
+            force = random.standard_normal(3) * (30.0, 30.0, 4.0)
+            law = theory.points(arms, weight, 1.0)
+            if n == 2 and weight[1] == 0.0:
+                continue
+            expected = float(theory.gauge(law, force))
+            found = point_gauge(*np.ascontiguousarray(arms.T), weight, 0, n, *force, np.zeros(3), np.zeros(6))
+            worst = max(worst, abs(found / expected - 1.0))
+            kinks += best_kink(*np.ascontiguousarray(arms.T), weight, 0, n, *force)[2]
+    assert worst < 1e-9 and 20 < kinks < 180
+
+
+def test_gauge_of_a_single_point():
+    x, y, weight = np.array([0.1, 0.2]), np.array([0.05, 0.0]), np.array([10.0, 0.0])
+    through = (3.0, 4.0, 0.1 * 4.0 - 0.05 * 3.0)
+    assert point_gauge(x, y, weight, 0, 2, *through, np.zeros(3), np.zeros(6)) == pytest.approx(0.5, rel=1e-12)
+    assert point_gauge(x, y, weight, 0, 2, 3.0, 4.0, 0.0, np.zeros(3), np.zeros(6)) == np.inf

@@ -14,6 +14,6 @@ def run(options, console) -> int:
     from dembrick import history
     from dembrick.export import export
 
-    written = export(history.read(options.history), options.to)
+    written = export(history.read(options.history), options.to, console.remark)
     console.result({"files": [str(path) for path in written]}, "\n".join(str(path) for path in written))
     return 0

@@ -232,6 +232,14 @@ class History:
         """
         return self._frame("contact_force", k)
 
+    def frame_values(self, name: str, start: int, stop: int) -> np.ndarray | None:
+        """Frames start to stop of ``position``, ``displacement``, ``orientation``, ``velocity``, ``spin`` or
+        ``contact_force``, as (f, ...); None if not recorded."""
+        if not 0 <= start <= stop <= self.n_frames:
+            raise IndexError(f"frames {start} to {stop} of {self.path}, which has {self.n_frames}")
+        data = self._series.get(f"frames/{name}")
+        return None if data is None else guard.values(data, start, stop)
+
     def _frame(self, name: str, k: int) -> np.ndarray | None:
         if not -self.n_frames <= k < self.n_frames:
             raise IndexError(f"frame {k} of {self.path}, which has {self.n_frames}")

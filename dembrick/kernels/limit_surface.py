@@ -26,6 +26,8 @@ FAR = 25.0
 # The proximal map stops when the out-of-balance gradient is this fraction of V_0.
 PROXIMAL_TOLERANCE = 1e-13
 MAX_NEWTON = 60
+# A Newton decrement below this part of the gauge changes no digit of it.
+LOST = 1e-18
 # A Newton decrement below this part of phi is lost in its rounding.
 RESOLVED = 1e-11
 
@@ -228,7 +230,7 @@ def gauge(x, y, first, last, area, reach, moments, pressed, index, f1, f2, m, q1
             r3,
         )
         slope = r1 * p1 + r2 * p2 + r3 * p3
-        if slope <= 1e-30 * d * d:
+        if slope <= LOST * d * d:
             break
         step = 1.0
         moved = False

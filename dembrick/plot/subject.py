@@ -114,6 +114,11 @@ class JointAlone:
         """(2, 4), of block a and block b."""
         return self._history.frame_orientation(k)[self._blocks]
 
+    def frame_values(self, name: str, start: int, stop: int) -> np.ndarray | None:
+        """Frames start to stop of a channel, (f, 2, ...) or (f, c, 3); None where not recorded."""
+        found = self._history.frame_values(name, start, stop)
+        return None if found is None else found[:, self._points if name == "contact_force" else self._blocks]
+
     def frame_contact_force(self, k: int) -> np.ndarray | None:
         """(c, 3) N on block b at the points of the joint, None where not recorded."""
         found = self._history.frame_contact_force(k)

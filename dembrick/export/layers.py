@@ -1,0 +1,275 @@
+"""What an export shows: blocks, joints and contact points as cells that move, with their quantities.
+
+| layer | cells | quantities |
+|---|---|---|
+| blocks | the faces of all blocks | block; displacement, velocity, spin, kinetic_energy; displacement of every vertex |
+| joints | the polygons, riding on their hosts | joint, block_a, block_b; N, V_1, V_2, V, M_T, M_1, M_2, slip, utilisation, state, open_share, torsion_centre, torsion_centre_joint; opening at every corner |
+| contacts | a vertex a contact point | joint; force on block b, normal_force |
+
+SI units, world axes. ``state``: 0 closed, 1 partly open, 2 open. ``torsion_centre`` is in the world,
+``torsion_centre_joint`` along t1 and t2 from O; NaN where there is none. A convex joint has one contact, where its
+resultant passes.
+"""  # noqa: E501 - a table
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from dembrick.history import History
+from dembrick.joint_motion import CHANNELS, JointMotion, torsion_centre
+from dembrick.shapes import quaternion_product, rotation_matrix
+
+
+@dataclass(frozen=True, slots=True)
+class Frames:
+    """Some moments: ``points`` (f, n, 3) m, and values by name at points and in cells, (f, n or n_cell, ...)."""
+
+    points: np.ndarray
+    at_points: dict[str, np.ndarray]
+    cells: dict[str, np.ndarray]
+
+
+class Layer(Protocol):
+    """Cells that keep their corners while the points move; ``fixed``: cell values that never change."""
+
+    kind: str
+    cells: list[tuple[int, ...]]
+    fixed: dict[str, np.ndarray]
+
+    def frames(self, start: int, stop: int) -> Frames: ...
+
+
+def layers(history: History, report: Callable[[str], None] | None = None) -> Iterator[tuple[str, Layer]]:
+    """The layers that a history can fill, each with the suffix of its file; ``report`` hears what is missing."""
+    blocks = Blocks(history)
+    if report and not blocks.recorded:
+        report('velocities were not recorded: taken from the frames; "velocity" in output.channels records them')
+    yield "", blocks
+    if not history.n_joint:
+        return
+    forces = history.has_joints and history.n_row > 0
+    if report and not forces:
+        report('the forces of the joints were not recorded; run again with "joints" in output.channels')
+    joints = JointMotion(history)
+    yield "_joints", Joints(history, joints, forces)
+    recorded = history.frame_values("contact_force", 0, 1) is not None
+    if report and not recorded and joints.point_start[-1]:
+        report('contact forces were not recorded: only normal forces are shown; "contacts" in output.channels records '
+               "them")  # fmt: skip
+    if recorded or forces:
+        yield "_contacts", Contacts(history, joints, forces)
+
+
+class Motion:
+    """Material points of blocks, carried by the frames; ``body`` (n, 3) in the axes of ``block`` (n,), ascending.
+
+    Points of one block stand together, so that a block's pose is a matrix that takes all of them at once.
+    """
+
+    def __init__(self, history: History, body: np.ndarray, block: np.ndarray):
+        self._history = history
+        self._rotation0 = rotation_matrix(history.orientation0)
+        counts = np.bincount(block, minlength=history.n_block)
+        starts = np.concatenate([[0], np.cumsum(counts)])[:-1]
+        order = np.argsort(block, kind="stable")
+        self._groups = []
+        for count in np.unique(counts[counts > 0]):
+            own = np.flatnonzero(counts == count)
+            places = order[starts[own][:, None] + np.arange(count)]
+            corners = np.concatenate([body[places], np.ones((*places.shape, 1))], axis=2)
+            together = bool((np.diff(places.ravel()) == 1).all())
+            self._groups.append((own, slice(places[0, 0], places[-1, -1] + 1) if together else places.ravel(), corners))
+        self._n = len(body)
+
+    def points(self, poses: Poses) -> np.ndarray:
+        """World points (f, n, 3)."""
+        return self._carried(poses.rotation, poses.position)
+
+    def moved(self, poses: Poses) -> np.ndarray:
+        """Movement (f, n, 3) from the start, which keeps more digits than a difference of points."""
+        return self._carried(poses.rotation - self._rotation0, poses.displacement)
+
+    def _carried(self, rotation: np.ndarray, shift: np.ndarray) -> np.ndarray:
+        found = np.empty((len(shift), self._n, 3))
+        for own, places, corners in self._groups:
+            pose = np.empty((len(shift), len(own), 4, 3))
+            pose[:, :, :3] = rotation[:, own].swapaxes(2, 3)
+            pose[:, :, 3] = shift[:, own]
+            found[:, places] = (corners @ pose).reshape(len(shift), -1, 3)
+        return found
+
+
+@dataclass(frozen=True, slots=True)
+class Poses:
+    """Blocks in some frames: ``position``, ``displacement`` (f, n, 3), ``orientation`` (f, n, 4), ``rotation``."""
+
+    position: np.ndarray
+    displacement: np.ndarray
+    orientation: np.ndarray
+    rotation: np.ndarray
+
+    @classmethod
+    def read(cls, history: History, start: int, stop: int) -> Poses:
+        orientation = history.frame_values("orientation", start, stop)
+        return cls(
+            history.frame_values("position", start, stop),
+            history.frame_values("displacement", start, stop),
+            orientation,
+            rotation_matrix(orientation),
+        )
+
+
+class Blocks:
+    """The faces of all blocks."""
+
+    kind = "Polygons"
+
+    def __init__(self, history: History):
+        self._history = history
+        self.recorded = history.frame_values("velocity", 0, 1) is not None
+        vertices = [history.block_vertices(i) for i in range(history.n_block)]
+        starts = np.cumsum([0, *map(len, vertices)]).tolist()
+        self.cells, owner = [], []
+        for i in range(history.n_block):
+            for face in history.block_faces(i):
+                self.cells.append(tuple(starts[i] + number for number in face))
+                owner.append(i)
+        self._owner = np.array(owner, np.int64)
+        self.fixed = {"block": self._owner}
+        block = np.repeat(np.arange(history.n_block), np.diff(starts))
+        self._motion = Motion(history, np.concatenate([np.zeros((0, 3)), *vertices]), block)
+
+    def frames(self, start: int, stop: int) -> Frames:
+        """Frames start to stop."""
+        history = self._history
+        poses = Poses.read(history, start, stop)
+        found = {"displacement": poses.displacement}
+        if self.recorded:
+            found["velocity"] = history.frame_values("velocity", start, stop)
+            found["spin"] = history.frame_values("spin", start, stop)
+        elif history.n_frames > 1:
+            found["velocity"], found["spin"] = mean_velocities(history, start, stop)
+        mass, inertia = history.block_mass, history.block_inertia
+        if mass is not None and inertia is not None and "velocity" in found:
+            velocity, spin = found["velocity"], np.einsum("fnji,fnj->fni", poses.rotation, found["spin"])
+            turning = np.einsum("fni,nij,fnj->fn", spin, inertia, spin, optimize=True)
+            found["kinetic_energy"] = 0.5 * (mass * (velocity * velocity).sum(axis=2) + turning)
+        cells = {name: values.astype(np.float32).take(self._owner, axis=1) for name, values in found.items()}
+        moved = self._motion.moved(poses).astype(np.float32)
+        return Frames(self._motion.points(poses), {"displacement": moved}, cells)
+
+
+def mean_velocities(history: History, start: int, stop: int) -> tuple[np.ndarray, np.ndarray]:
+    """Mean velocity (m/s) and spin (rad/s) of the blocks (f, n, 3) between the frames before and after each."""
+    last = history.n_frames - 1
+    k = np.arange(start, stop)
+    before, after = np.maximum(k - 1, 0), np.minimum(k + 1, last)
+    first = before[0]
+    displacement = history.frame_values("displacement", first, after[-1] + 1)
+    orientation = history.frame_values("orientation", first, after[-1] + 1)
+    time = history.frame_time
+    duration = (time[after] - time[before])[:, None, None]
+    duration[duration <= 0.0] = np.inf
+    velocity = (displacement[after - first] - displacement[before - first]) / duration
+    turn = quaternion_product(orientation[after - first], orientation[before - first] * np.array([1, -1, -1, -1]))
+    w, v = np.abs(turn[..., 0]), turn[..., 1:] * np.where(turn[..., :1] < 0.0, -1.0, 1.0)
+    sine = np.sqrt((v * v).sum(axis=2))
+    scale = np.divide(2.0 * np.arctan2(sine, w), sine, out=np.full_like(sine, 2.0), where=sine > 0.0)
+    return velocity, scale[..., None] * v / duration
+
+
+class Joints:
+    """The polygons of the joints."""
+
+    kind = "Polygons"
+
+    def __init__(self, history: History, joints: JointMotion, forces: bool):
+        self._history, self._joints, self._forces = history, joints, forces
+        starts = np.cumsum([0, *joints.n_corner]).tolist()
+        self.cells = [tuple(range(a, b)) for a, b in zip(starts, starts[1:], strict=False)]
+        self._there = np.arange(joints.polygon.shape[1]) < joints.n_corner[:, None]
+        own = np.repeat(np.arange(joints.n_joint), joints.n_corner)
+        self._motion = Motion(history, *_on_hosts(history, joints, own, joints.polygon[self._there]))
+        self.fixed = {"joint": np.arange(joints.n_joint), "block_a": joints.block_a, "block_b": joints.block_b}
+
+    def frames(self, start: int, stop: int) -> Frames:
+        """Frames start to stop."""
+        joints, poses = self._joints, Poses.read(self._history, start, stop)
+        first = max(start - 1, 0)
+        relative = joints.relative(range(first, stop))
+        now = relative[start - first :]
+        centre = torsion_centre(relative[:-1], relative[1:])
+        if first == start:
+            centre = np.concatenate([np.full((1, *centre.shape[1:]), np.nan), centre])
+        centre[now.state == 2] = np.nan
+        cells = {}
+        if self._forces:
+            resultants = joints.resultants(range(start, stop))
+            cells = {name: resultants[..., i] for i, name in enumerate(CHANNELS)}
+            cells["V"] = np.hypot(cells["V_1"], cells["V_2"])
+            cells["utilisation"] = joints.utilisation(range(start, stop))
+        cells["open_share"] = now.open_share
+        axes = joints.axes_in(poses.orientation)
+        origin = joints.origin_in(poses.position, poses.orientation)
+        cells["torsion_centre"] = origin + np.einsum("fji,fjik->fjk", centre, axes[:, :, :2])
+        cells["torsion_centre_joint"] = centre
+        cells = {name: values.astype(np.float32) for name, values in cells.items()}
+        cells["state"] = now.state.astype(np.int32)
+        opening = now.opening[:, self._there].astype(np.float32)
+        return Frames(self._motion.points(poses), {"opening": opening}, cells)
+
+
+class Contacts:
+    """The contact points, riding on the hosts of their joints, and the point of a convex joint's resultant."""
+
+    kind = "Vertices"
+
+    def __init__(self, history: History, joints: JointMotion, forces: bool):
+        self._history, self._joints = history, joints
+        self._recorded = history.frame_values("contact_force", 0, 1) is not None
+        counts = np.diff(joints.point_start)
+        arms = np.concatenate([np.zeros((0, 2)), *(joint["normal_arms"] for joint in history.joints)])
+        self._own = np.repeat(np.arange(joints.n_joint), counts)
+        self._motion = Motion(history, *_on_hosts(history, joints, self._own, arms))
+        self._convex = np.flatnonzero(counts == 0) if forces else np.zeros(0, np.int64)
+        owner = np.concatenate([self._own, self._convex])
+        self.cells = [(i,) for i in range(len(owner))]
+        self.fixed = {"joint": owner}
+
+    def frames(self, start: int, stop: int) -> Frames:
+        """Frames start to stop."""
+        history, joints, poses = self._history, self._joints, Poses.read(self._history, start, stop)
+        axes = joints.axes_in(poses.orientation)
+        data = {}
+        if self._recorded:
+            data["force"] = history.frame_values("contact_force", start, stop)
+            data["normal_force"] = (data["force"] * axes[:, self._own, 2]).sum(axis=2)
+        else:
+            data["normal_force"] = joints.normal_forces(range(start, stop))
+        points = self._motion.points(poses)
+        if len(self._convex):
+            resultants, axes = joints.resultants(range(start, stop))[:, self._convex], axes[:, self._convex]
+            N = resultants[..., 0]
+            pressed = N > 0.0
+            at = np.stack([resultants[..., 5], -resultants[..., 4]], axis=2)
+            at = np.divide(at, N[..., None], out=np.zeros_like(at), where=pressed[..., None])
+            origin = joints.origin_in(poses.position, poses.orientation)[:, self._convex]
+            points = np.concatenate([points, origin + np.einsum("fji,fjik->fjk", at, axes[:, :, :2])], axis=1)
+            # the joint holds b against V_1 and V_2 and carries it with N
+            own = np.stack([-resultants[..., 1], -resultants[..., 2], N], axis=2)
+            force = np.einsum("fji,fjik->fjk", own, axes)
+            if "force" in data or not len(self._own):
+                data["force"] = np.concatenate([data.get("force", np.zeros((len(N), 0, 3))), force], axis=1)
+            data["normal_force"] = np.concatenate([data["normal_force"], N], axis=1)
+        return Frames(points, {name: values.astype(np.float32) for name, values in data.items()}, {})
+
+
+def _on_hosts(history: History, joints: JointMotion, own: np.ndarray, arms: np.ndarray):
+    """Points of joints ``own`` (n,) at ``arms`` (n, 2) in the body axes of the hosts, and the hosts."""
+    host = joints.host[own]
+    world = joints.origin[own] - history.position0[host] + np.einsum("ni,nik->nk", arms, joints.axes[own, :2])
+    return np.einsum("nji,nj->ni", rotation_matrix(history.orientation0)[host], world), host
