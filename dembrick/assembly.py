@@ -14,9 +14,10 @@ import numpy as np
 from dembrick import polygons
 from dembrick.checks import show
 from dembrick.errors import ScenarioError
-from dembrick.joints import TOLERANCE, ContactPoints, Joint, contact_points, find_joints
+from dembrick.joints import TOLERANCE, JointTable, find_joints
 from dembrick.model import JointLaw, Scenario
 from dembrick.neighbours import ShapeTable, close_pairs, overlap_depths
+from dembrick.point_table import PointTable, place_points
 from dembrick.shapes import Polyhedron, rotation_matrix, unit_quaternion
 from dembrick.solids import shapes_of
 
@@ -63,8 +64,8 @@ class Assembly:
     inertia: np.ndarray
     velocity: np.ndarray
     angular_velocity: np.ndarray
-    joints: tuple[Joint, ...]
-    contact_points: tuple[ContactPoints | None, ...]
+    joints: JointTable
+    contact_points: PointTable
     gravity: np.ndarray
     dead_force: np.ndarray
     dead_torque: np.ndarray
@@ -100,7 +101,7 @@ def build(scenario: Scenario) -> Assembly:
     _check_overlap(scenario, table, position, rotation, pairs)
 
     laws = _Laws(scenario)
-    joints = find_joints(shapes, position, orientation, fixed, laws.between, TOLERANCE, pairs)
+    joints = find_joints(shapes, position, orientation, fixed, laws.between, TOLERANCE, pairs, table)
     _check_overrides(scenario, laws, joints, fixed)
     level = _levels(joints, fixed)
     if quasi_static and (level < 0).any():
@@ -134,8 +135,8 @@ def build(scenario: Scenario) -> Assembly:
         inertia=density[:, None, None] * np.array([shape.inertia for shape in shapes]),
         velocity=np.array([block.velocity for block in blocks], float),
         angular_velocity=np.array([block.angular_velocity for block in blocks], float),
-        joints=tuple(joints),
-        contact_points=tuple(contact_points(joint, tolerance) for joint in joints),
+        joints=joints,
+        contact_points=place_points(joints, tolerance),
         gravity=gravity,
         dead_force=dead_force,
         dead_torque=dead_torque,
@@ -156,13 +157,10 @@ def dead_joint_forces(joints, fixed, dead_force) -> tuple[np.ndarray, bool]:
     fixed = np.asarray(fixed, bool)
     carried = np.array(dead_force, float)
     force = np.zeros((len(joints), 3))
-    if not joints:
+    if not len(joints):
         return force, not (~fixed).any()
     level = _levels(joints, fixed)
-    a = np.array([joint.block_a for joint in joints])
-    b = np.array([joint.block_b for joint in joints])
-    normal = np.array([joint.axes[2] for joint in joints])
-    area = np.array([joint.area for joint in joints])
+    a, b, normal, area = joints.block_a, joints.block_b, joints.axes[:, 2], joints.area
     down = np.where(level[a] < level[b], 1, -1)  # +1: b hands its load to a
     giver, taker = np.where(down > 0, b, a), np.where(down > 0, a, b)
     hands = (level[a] != level[b]) & (level[taker] >= 0)
@@ -183,8 +181,7 @@ def dead_joint_forces(joints, fixed, dead_force) -> tuple[np.ndarray, bool]:
 def _levels(joints, fixed: np.ndarray) -> np.ndarray:
     """Joints between each block and the nearest fixed one (n,): 0 where fixed, -1 where no chain leads to one."""
     level = np.where(fixed, 0, -1)
-    a = np.array([joint.block_a for joint in joints], np.int64)
-    b = np.array([joint.block_b for joint in joints], np.int64)
+    a, b = joints.block_a, joints.block_b
     step = 0
     while True:
         reached = np.concatenate([b[(level[a] == step) & (level[b] < 0)], a[(level[b] == step) & (level[a] < 0)]])
@@ -233,7 +230,7 @@ class _Laws:
 
 
 def _check_overrides(scenario: Scenario, laws: _Laws, joints, fixed: np.ndarray) -> None:
-    pairs = {(joint.block_a, joint.block_b) for joint in joints}
+    pairs = set(zip(joints.block_a.tolist(), joints.block_b.tolist(), strict=True)) if scenario.joints else ()
     for number, entry in enumerate(scenario.joints):
         if any(laws.covers(number, a, b) for a, b in pairs):
             continue
@@ -303,12 +300,12 @@ def _check_stiffness(scenario: Scenario, joints, joint_force: np.ndarray) -> tup
 
     The numbers of this project are those of stiff joints (undeformed geometry); a tenth of the limit is warned about.
     """
-    if not joints:
+    if not len(joints):
         return ()
-    laws = [joint.law for joint in joints]
-    area = np.array([joint.area for joint in joints])
-    side = np.array([polygons.width(joint.polygon) for joint in joints])
-    normal = np.maximum((joint_force * [joint.axes[2] for joint in joints]).sum(axis=1), 0.0)
+    laws, area, side = joints.law, joints.area, np.empty(len(joints))
+    for numbers, shapes in joints.by_corners():
+        side[numbers] = polygons.width(shapes)
+    normal = np.maximum((joint_force * joints.axes[:, 2]).sum(axis=1), 0.0)
     strength = normal * [law.friction for law in laws]
     closing = normal / (area * [law.normal_stiffness for law in laws] * side)
     sliding = strength / (area * [law.shear_stiffness for law in laws] * side)
@@ -316,7 +313,7 @@ def _check_stiffness(scenario: Scenario, joints, joint_force: np.ndarray) -> tup
     softness = max(closing[worst], sliding[worst])
     if not softness > SOFT_WARNING:
         return ()
-    first, second = (show(scenario.all_blocks[i].name) for i in (joints[worst].block_a, joints[worst].block_b))
+    first, second = (show(scenario.all_blocks[i].name) for i in (joints.block_a[worst], joints.block_b[worst]))
     numbers = (
         f"the joint between {first} and {second} is soft for its load: N = {normal[worst]:.6g} N closes it by "
         f"N/(kn A) = {closing[worst]:.3g} of its short side ({side[worst]:.6g} m), and V_0 = {strength[worst]:.6g} N "

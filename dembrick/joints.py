@@ -1,19 +1,15 @@
-"""Joints: faces of two blocks that face each other, the polygon that they share, and its axes.
-
-All geometry of a pair is taken relative to one of its two blocks, so that a scene far from the origin keeps every
-digit that its input has.
-"""
+"""Joints: faces of two blocks that face each other, the polygon that they share, and its axes."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from dembrick import polygons
+from dembrick.facing import TOLERANCE, Contacts, shared_polygons
 from dembrick.model import JointLaw
-from dembrick.neighbours import ShapeTable, Stack, close_pairs
+from dembrick.neighbours import ShapeTable, close_pairs
 from dembrick.point_rules import ContactPoints, contact_points
 from dembrick.polygons import second_moments, shrink_factor, tributary_areas
 from dembrick.shapes import Polyhedron, rotation_matrix
@@ -22,15 +18,13 @@ __all__ = [
     "TOLERANCE",
     "ContactPoints",
     "Joint",
+    "JointTable",
     "contact_points",
     "find_joints",
     "second_moments",
     "shrink_factor",
     "tributary_areas",
 ]
-
-TOLERANCE = 1e-6  # of the smaller block's diameter for distances, and in radians for angles
-_ROUNDING = 1e-9  # of a length: below it, two lengths are the same
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +53,81 @@ class Joint:
     arm_b: np.ndarray
 
 
+@dataclass(frozen=True, eq=False)
+class JointTable(Sequence[Joint]):
+    """All joints of a scene as columns (j, ...), named as the fields of :class:`Joint`; a sequence of joints too.
+
+    ``corner`` (v, 2) holds the polygons one after another, from ``start`` (j + 1,) each.
+    """
+
+    block_a: np.ndarray
+    block_b: np.ndarray
+    host: np.ndarray
+    origin: np.ndarray
+    axes: np.ndarray
+    corner: np.ndarray
+    start: np.ndarray
+    area: np.ndarray
+    law: tuple[JointLaw, ...]
+    gap: np.ndarray
+    arm_a: np.ndarray
+    arm_b: np.ndarray
+
+    @staticmethod
+    def of(joints: Sequence[Joint]) -> JointTable:
+        """The table of a list of joints; a table is taken as it is."""
+        if isinstance(joints, JointTable):
+            return joints
+
+        def column(name, shape=(), kind=float):
+            return np.array([getattr(joint, name) for joint in joints], kind).reshape(-1, *shape)
+
+        shapes = [np.asarray(joint.polygon, float) for joint in joints]
+        return JointTable(
+            block_a=column("block_a", kind=np.int64),
+            block_b=column("block_b", kind=np.int64),
+            host=column("host", kind=np.int64),
+            origin=column("origin", (3,)),
+            axes=column("axes", (3, 3)),
+            corner=np.concatenate([*shapes, np.empty((0, 2))]),
+            start=np.cumsum([0, *map(len, shapes)]),
+            area=column("area"),
+            law=tuple(joint.law for joint in joints),
+            gap=column("gap"),
+            arm_a=column("arm_a", (3,)),
+            arm_b=column("arm_b", (3,)),
+        )
+
+    def __len__(self) -> int:
+        return len(self.block_a)
+
+    def __getitem__(self, index):
+        if isinstance(index, slice):
+            return tuple(self[i] for i in range(*index.indices(len(self))))
+        i = range(len(self))[index]  # negative ones count from the end, IndexError beyond
+        return Joint(
+            int(self.block_a[i]),
+            int(self.block_b[i]),
+            int(self.host[i]),
+            self.origin[i],
+            self.axes[i],
+            self.corner[self.start[i] : self.start[i + 1]],
+            float(self.area[i]),
+            self.law[i],
+            float(self.gap[i]),
+            self.arm_a[i],
+            self.arm_b[i],
+        )
+
+    def by_corners(self, chosen=None) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """The joints with equally many corners: their numbers (g,) and polygons (g, m, 2); all, or the ``chosen``."""
+        numbers = np.arange(len(self)) if chosen is None else np.asarray(chosen)
+        counts = (self.start[1:] - self.start[:-1])[numbers]
+        for count in np.unique(counts):
+            some = numbers[counts == count]
+            yield some, self.corner[self.start[some, None] + np.arange(count)]
+
+
 def find_joints(
     shapes: Sequence[Polyhedron],
     positions,
@@ -67,117 +136,55 @@ def find_joints(
     law_of: Callable[[int, int], JointLaw],
     tolerance: float = TOLERANCE,
     pairs: np.ndarray | None = None,
-) -> list[Joint]:
+    table: ShapeTable | None = None,
+) -> JointTable:
     """All joints of a scene, in the order of their blocks.
 
     ``positions`` (n, 3), ``orientations`` (n, 4), ``fixed`` (n,). Faces count as facing when they are antiparallel
     within ``tolerance`` (rad) and apart, or into each other, by at most ``tolerance`` times the diameter of the
     smaller block; their polygon must be wider than that too. Two fixed blocks make no joint. ``pairs`` (p, 2) is
-    the result of the search for near blocks where it is known already.
+    the result of the search for near blocks where it is known already, ``table`` that of ``shapes``.
     """
     positions = np.asarray(positions, float).reshape(-1, 3)
     rotations = rotation_matrix(np.asarray(orientations, float).reshape(-1, 4))
     fixed = np.asarray(fixed, bool)
-    table = ShapeTable(shapes)
+    table = table or ShapeTable(shapes)
     if pairs is None:
         pairs = close_pairs(table, positions, rotations, tolerance * table.diameter)
     pairs = pairs[~(fixed[pairs[:, 0]] & fixed[pairs[:, 1]])]
     pairs = np.where(fixed[pairs[:, 1]][:, None], pairs[:, ::-1], pairs)
-    found: list[Joint] = []
-    for chosen, stack_a, rows_a, stack_b, rows_b in table.groups(pairs):
-        group = _Facing(table, positions, rotations, pairs[chosen], (stack_a, rows_a), (stack_b, rows_b), tolerance)
-        found.extend(group.joints(law_of))
-    found.sort(key=lambda joint: sorted((joint.block_a, joint.block_b)))
-    return found
+    return _table(shared_polygons(table, positions, rotations, pairs, tolerance), positions, law_of)
 
 
-class _Facing:
-    """Facing faces of the pairs of one group, as arrays (k, ...), seen from the centroid of block a."""
+def _table(found: list[Contacts], positions: np.ndarray, law_of) -> JointTable:
+    """The contacts of all groups as one table, sorted by the blocks."""
 
-    def __init__(self, table, positions, rotations, pairs, first, second, tolerance):
-        (stack_a, rows_a), (stack_b, rows_b) = first, second
-        normals_a = stack_a.normals[rows_a] @ rotations[pairs[:, 0]].transpose(0, 2, 1)
-        normals_b = stack_b.normals[rows_b] @ rotations[pairs[:, 1]].transpose(0, 2, 1)
-        pair, face_a, face_b = np.nonzero(normals_a @ normals_b.transpose(0, 2, 1) < -0.5)
-        sums = normals_a[pair, face_a] + normals_b[pair, face_b]
-        size = table.diameter[pairs].min(axis=1)
-        limit = tolerance * size
-        between = positions[pairs[:, 1]] - positions[pairs[:, 0]]
-        # Where the faces are tilted against each other the distance varies; it is measured at O later on.
-        offsets_a, offsets_b = stack_a.offsets[rows_a[pair], face_a], stack_b.offsets[rows_b[pair], face_b]
-        distance = (normals_a[pair, face_a] * between[pair]).sum(axis=1) - offsets_a - offsets_b
-        slack = limit + tolerance * table.diameter[pairs].max(axis=1)
-        near = ((sums**2).sum(axis=1) <= tolerance**2) & (np.abs(distance) <= slack[pair])
-        pair, face_a, face_b = pair[near], face_a[near], face_b[near]
-        self.blocks, self.between = pairs[pair], between[pair]
-        self.limit, self.rounding = limit[pair], _ROUNDING * size[pair]
-        self.position = positions[self.blocks[:, 0]]
-        self.normal, self.normal_b = normals_a[pair, face_a], normals_b[pair, face_b]
-        self.offset_a, self.offset_b = offsets_a[near], offsets_b[near]
-        row_a, row_b = rows_a[pair], rows_b[pair]
-        area_a, area_b = stack_a.face_areas[row_a, face_a], stack_b.face_areas[row_b, face_b]
-        self.a_hosts = area_a < area_b * (1.0 - _ROUNDING)
-        self.t1 = _first_tangents(self.normal, rotations[self.blocks[:, 0]])
-        self.t2 = np.cross(self.normal, self.t1)
-        corners_a = _face_corners(stack_a, row_a, face_a, rotations[self.blocks[:, 0]])
-        corners_b = _face_corners(stack_b, row_b, face_b, rotations[self.blocks[:, 1]]) + self.between[:, None]
-        # Plane coordinates start at a corner of the smaller face: short numbers wherever the joint lies on a.
-        self.base = np.where(self.a_hosts[:, None], corners_a[:, 0], corners_b[:, 0])
-        self.outline_a, self.outline_b = self._in_plane(corners_a), self._in_plane(corners_b)[:, ::-1]
+    def column(name, *shape, kind=float):
+        return np.concatenate([getattr(contacts, name) for contacts in found] or [np.empty((0, *shape), kind)])
 
-    def _in_plane(self, corners: np.ndarray) -> np.ndarray:
-        """Corners (k, m, 3) along t1 and t2 from ``base`` (k, m, 2)."""
-        return (corners - self.base[:, None]) @ np.stack([self.t1, self.t2], axis=2)
-
-    def joints(self, law_of) -> list[Joint]:
-        """The joints whose polygon is wide enough and whose gap at O is small enough."""
-        found: list[Joint] = []
-        axes = np.stack([self.t1, self.t2, self.normal], axis=1)
-        outlines_a = [[tuple(point) for point in outline] for outline in self.outline_a.tolist()]
-        outlines_b = [[tuple(point) for point in outline] for outline in self.outline_b.tolist()]
-        for k, limit in enumerate(self.limit.tolist()):
-            hosted = (outlines_a[k], outlines_b[k]) if self.a_hosts[k] else (outlines_b[k], outlines_a[k])
-            outline = polygons.simplify(polygons.clip(*hosted), self.rounding[k])
-            if not outline:
-                continue
-            area, x, y = polygons.area_and_centroid(outline)
-            polygon = np.array(outline) - (x, y)
-            edges = polygon - np.concatenate([polygon[1:], polygon[:1]])
-            if 2.0 * area <= limit * np.sqrt((edges**2).sum(axis=1)).sum():
-                continue
-            arm, gap = self._seat(k, self.base[k] + x * self.t1[k] + y * self.t2[k])
-            if abs(gap) > limit:
-                continue
-            a, b = self.blocks[k].tolist()
-            host = a if self.a_hosts[k] else b
-            first = int(np.argmin(polygon @ (0.8, 0.6)))
-            polygon = np.concatenate([polygon[first:], polygon[:first]])
-            origin, arm_b = self.position[k] + arm, arm - self.between[k]
-            found.append(Joint(a, b, host, origin, axes[k], polygon, area, law_of(a, b), gap, arm, arm_b))
-        return found
-
-    def _seat(self, k: int, point: np.ndarray) -> tuple[np.ndarray, float]:
-        """O on the host's face, seen from the centroid of a, and the gap there."""
-        normal, normal_b = self.normal[k], self.normal_b[k]
-        to_a = float(self.offset_a[k] - normal @ point)
-        to_b = float((self.offset_b[k] - normal_b @ (point - self.between[k])) / (normal_b @ normal))
-        gap = to_b - to_a
-        if abs(gap) <= self.rounding[k]:
-            gap = 0.0
-        return point + (to_a if self.a_hosts[k] else to_b) * normal, gap
-
-
-def _face_corners(stack: Stack, rows: np.ndarray, faces: np.ndarray, rotations: np.ndarray) -> np.ndarray:
-    """Corners (k, m, 3) of one face each, turned into the world but seen from the block's centroid."""
-    table = stack.face_table[rows, faces]
-    return np.take_along_axis(stack.vertices[rows], table[:, :, None], axis=1) @ rotations.transpose(0, 2, 1)
-
-
-def _first_tangents(normals: np.ndarray, rotations: np.ndarray) -> np.ndarray:
-    """The first body axis of a that is not along n, projected on the joint, unit length (k, 3)."""
-    along = np.einsum("kij,ki->kj", rotations, normals)
-    tangents = rotations - normals[:, :, None] * along[:, None, :]
-    lengths = np.sqrt((tangents**2).sum(axis=1))
-    chosen = np.argmax(lengths > TOLERANCE, axis=1)
-    rows = np.arange(len(normals))
-    return tangents[rows, :, chosen] / lengths[rows, chosen, None]
+    body, count = column("body", 2, kind=np.int64), column("count", kind=np.int64)
+    order = np.lexsort((body.max(axis=1), body.min(axis=1)))
+    body, count = body[order], count[order]
+    a, b = body.T
+    arm_a = column("arm_a", 3)[order]
+    # polygons one after another, in the order of the joints
+    packed = [c.polygon[np.arange(c.polygon.shape[1]) < c.count[:, None]] for c in found]
+    corner = np.concatenate([*packed, np.empty((0, 2))])
+    old_count = column("count", kind=np.int64)
+    old_start = np.cumsum(old_count) - old_count
+    start = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
+    where = np.repeat(old_start[order] - start[:-1], count) + np.arange(len(corner))
+    return JointTable(
+        block_a=a.copy(),
+        block_b=b.copy(),
+        host=np.where(column("a_hosts", kind=bool)[order], a, b),
+        origin=positions[a] + arm_a,
+        axes=column("axes", 3, 3)[order],
+        corner=corner[where],
+        start=start,
+        area=column("area")[order],
+        law=tuple(law_of(first, second) for first, second in body.tolist()),
+        gap=column("gap")[order],
+        arm_a=arm_a,
+        arm_b=column("arm_b", 3)[order],
+    )

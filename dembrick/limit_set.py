@@ -9,6 +9,8 @@ import numpy as np
 
 from dembrick import polygons
 
+_CHUNK = 256  # polygons at a time, so that their powers stay in the cache
+
 # sqrt((1 + e s)^2 + (e t)^2) = 1 + e s + sum over n of e^n times these terms (i, j, c) meaning c s^i t^j
 _SERIES = {
     2: [(0, 2, 1 / 2)],
@@ -54,29 +56,31 @@ def _rule() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def far_moments(polygon: np.ndarray) -> np.ndarray:
-    """Coefficients (42,) of the forms J_2 ... J_8 in (v1, v2) of the dissipation's series about pure translation.
+    """Coefficients (..., 42) of the forms J_2 ... J_8 in (v1, v2) of the dissipation's series about pure translation,
+    for polygons (..., m, 2).
 
     With d the unit vector along v, s = d x r and t = d . r, D = |v| times the mean over the polygon of
     sqrt((1 + e s)^2 + (e t)^2), e = w/|v|; term n is w^n J_n(v) |v|^(1 - 2n). Exact, because the moments of a
     polynomial over a polygon are.
     """
     p = np.asarray(polygon, float)
-    q = np.concatenate([p[1:], p[:1]])
+    if p.ndim == 3 and len(p) > _CHUNK:
+        return np.concatenate([far_moments(p[i : i + _CHUNK]) for i in range(0, len(p), _CHUNK)])
+    q = np.concatenate([p[..., 1:, :], p[..., :1, :]], axis=-2)
     r, s, weights = _rule()
-    share = np.multiply.outer(p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0], weights)
-    share /= share.sum()
-    x = r * (p[:, :1] + s * (q - p)[:, :1])
-    y = r * (p[:, 1:] + s * (q - p)[:, 1:])
+    share = (p[..., 0] * q[..., 1] - p[..., 1] * q[..., 0])[..., None] * weights
+    share /= share.sum(axis=(-2, -1), keepdims=True)
+    x = r * (p[..., :1] + s * (q - p)[..., :1])
+    y = r * (p[..., 1:] + s * (q - p)[..., 1:])
     powers_x, powers_y = [np.ones_like(x)], [share]
     for _ in range(8):
         powers_x.append(powers_x[-1] * x)
         powers_y.append(powers_y[-1] * y)
-    return np.concatenate(
-        [
-            matrix @ [float(np.vdot(powers_x[n - k], powers_y[k])) for k in range(n + 1)]
-            for n, matrix in _series_matrices().items()
-        ]
-    )
+    forms = []
+    for n, matrix in _series_matrices().items():
+        means = [(powers_x[n - k] * powers_y[k]).sum(axis=(-2, -1)) for k in range(n + 1)]
+        forms.append(np.stack(means, axis=-1) @ matrix.T)
+    return np.concatenate(forms, axis=-1)
 
 
 def torsion_radius(x: np.ndarray, y: np.ndarray, weights: np.ndarray) -> float:
@@ -105,17 +109,35 @@ def torsion_radius(x: np.ndarray, y: np.ndarray, weights: np.ndarray) -> float:
     return best
 
 
-def area_radius(polygon: np.ndarray) -> float:
-    """Least mean distance of a polygon's area from any centre: M_T0 / V_0 of a convex joint.
+def area_radius(polygon: np.ndarray) -> np.ndarray:
+    """Least mean distance of a polygon's area from any centre: M_T0 / V_0 of a convex joint; for polygons (..., m, 2).
 
     c_T where the polygon is centrally symmetric (eq. 2); else minimised over the centre by Newton steps on the exact
     integral, from differences of it.
     """
     corners = np.asarray(polygon, float)
+    if corners.ndim > 2:
+        flat = corners.reshape(-1, *corners.shape[-2:])
+        symmetric = _symmetric(flat)
+        radius = np.empty(len(flat))
+        radius[symmetric] = polygons.mean_distance(flat[symmetric])[:, 0]
+        for i in np.flatnonzero(~symmetric):
+            radius[i] = _least_mean_distance(flat[i])
+        return radius.reshape(corners.shape[:-2])
+    if _symmetric(corners):
+        return polygons.mean_distance(corners)[0]
+    return _least_mean_distance(corners)
+
+
+def _symmetric(corners: np.ndarray) -> np.ndarray:
+    """Whether each polygon (..., m, 2) about O is its own mirror image in O."""
+    size = np.abs(corners).max(axis=(-2, -1))
+    sums = np.abs(corners[..., :, None, :] + corners[..., None, :, :]).max(axis=-1)
+    return sums.min(axis=-1).max(axis=-1) <= 1e-9 * size
+
+
+def _least_mean_distance(corners: np.ndarray) -> float:
     size = float(np.abs(corners).max())
-    mirrored = np.abs(corners[:, None] + corners[None]).max(axis=2).min(axis=1).max()
-    if mirrored <= 1e-9 * size:
-        return float(polygons.mean_distance(corners)[0])
     centre, h = np.zeros(2), 1e-4 * size
     stencil = h * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1], [1, 1], [-1, -1], [1, -1], [-1, 1]])
     best = math.inf

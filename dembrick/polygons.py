@@ -1,115 +1,70 @@
-"""Plane geometry of joint polygons: clipping, moments, tributary areas, distances from a torsion centre.
+"""Plane geometry of joint polygons: moments, tributary areas, distances from a torsion centre.
 
-A polygon is an array (m, 2) of its corners, counterclockwise, convex. Functions that speak of O expect the corners
-to be measured from the centroid.
+A polygon is an array (..., m, 2) of its corners, counterclockwise, with any leading axes. Sums over edges hold for
+polygons that are not convex too, and for convex pieces strung together by edges that are walked both
+ways. Functions that speak of O expect the corners to be measured from the centroid.
 """
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
-
-Points = list[tuple[float, float]]
 
 _TINY = 1e-150  # keeps the quotient s/h finite where a torsion centre lies on the line of an edge
 
 
-def clip(subject: Points, clipper: Points) -> Points:
-    """The part of a convex polygon that lies inside another, edge after edge (Sutherland and Hodgman).
+def area_and_centroid(polygon) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Area and centroid (A, x, y), (...) each; summed from the first corner, so that a distant origin costs no digits.
 
-    Corners may repeat in either polygon. The result is empty when the polygons are apart, and may be a sliver or
-    carry repeated corners when they only touch: see :func:`simplify`.
+    Corners may repeat. Without an area, the first corner stands for the centroid.
     """
-    x0, y0 = clipper[-1]
-    for x1, y1 in clipper:
-        ex, ey = x1 - x0, y1 - y0
-        sides = [ex * (y - y0) - ey * (x - x0) for x, y in subject]
-        if min(sides, default=0.0) < 0.0:
-            kept: Points = []
-            (px, py), ps = subject[-1], sides[-1]
-            for (x, y), side in zip(subject, sides, strict=True):
-                if (side < 0.0) != (ps < 0.0):
-                    t = ps / (ps - side)
-                    kept.append((px + t * (x - px), py + t * (y - py)))
-                if side >= 0.0:
-                    kept.append((x, y))
-                px, py, ps = x, y, side
-            subject = kept
-        if len(subject) < 3:
-            return []
-        x0, y0 = x1, y1
-    return subject
-
-
-def simplify(points: Points, tolerance: float) -> Points:
-    """The polygon without corners that repeat another, or lie on the line of their neighbours, within ``tolerance``."""
-    points = list(points)
-    i = 0
-    checked = 0  # corners in a row that may stay
-    while len(points) >= 3 and checked < len(points):
-        i %= len(points)
-        (px, py), (x, y), (qx, qy) = points[i - 1], points[i], points[(i + 1) % len(points)]
-        chord = math.hypot(qx - px, qy - py)
-        ux, uy = x - px, y - py
-        double_area = abs(ux * (qy - py) - uy * (qx - px))
-        if math.hypot(ux, uy) <= tolerance or double_area <= tolerance * chord:
-            del points[i]
-            i -= 2
-            i %= max(len(points), 1)
-            checked = 0
-        else:
-            i += 1
-            checked += 1
-    return points if len(points) >= 3 else []
-
-
-def area_and_centroid(points: Points) -> tuple[float, float, float]:
-    """Area and centroid (A, x, y); summed from the first corner, so that a distant origin costs no digits."""
-    x0, y0 = points[0]
-    double_area = mx = my = 0.0
-    for (x1, y1), (x2, y2) in zip(points[1:-1], points[2:], strict=True):
-        ux, uy, vx, vy = x1 - x0, y1 - y0, x2 - x0, y2 - y0
-        part = ux * vy - uy * vx
-        double_area += part
-        mx += part * (ux + vx)
-        my += part * (uy + vy)
-    if double_area == 0.0:
-        return 0.0, x0, y0
-    return 0.5 * double_area, x0 + mx / (3.0 * double_area), y0 + my / (3.0 * double_area)
+    p = np.asarray(polygon, float)
+    first = p[..., :1, :]
+    u, v = p[..., 1:-1, :] - first, p[..., 2:, :] - first
+    parts = u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
+    double_area = parts.sum(axis=-1)
+    moment = (parts[..., None] * (u + v)).sum(axis=-2)
+    divisor = np.where(double_area == 0.0, 1.0, 3.0 * double_area)
+    x, y = (first[..., 0, i] + moment[..., i] / divisor for i in (0, 1))
+    return 0.5 * double_area, x, y
 
 
 def _edges(polygon) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Corners, next corners, and twice the areas of the triangles that the edges make with the origin."""
     p = np.asarray(polygon, float)
-    q = np.concatenate([p[1:], p[:1]])
-    return p, q, p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]
+    q = np.concatenate([p[..., 1:, :], p[..., :1, :]], axis=-2)
+    return p, q, p[..., 0] * q[..., 1] - p[..., 1] * q[..., 0]
 
 
-def area(polygon) -> float:
+def area(polygon) -> np.ndarray:
     """Area of a polygon (m2)."""
-    return 0.5 * float(_edges(polygon)[2].sum())
+    return 0.5 * _edges(polygon)[2].sum(axis=-1)
 
 
-def second_moments(polygon) -> tuple[float, float, float]:
+def perimeter(polygon) -> np.ndarray:
+    """Length of the outline (m)."""
+    p, q, _ = _edges(polygon)
+    return np.sqrt(((q - p) ** 2).sum(axis=-1)).sum(axis=-1)
+
+
+def second_moments(polygon) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Second moments of area (m4) about the origin: the integrals of y^2, x^2 and x y."""
     p, q, cross = _edges(polygon)
-    squares = (p * p + p * q + q * q) * cross[:, None] / 12.0
-    mixed = (p[:, 0] * (2.0 * p[:, 1] + q[:, 1]) + q[:, 0] * (p[:, 1] + 2.0 * q[:, 1])) * cross / 24.0
-    return float(squares[:, 1].sum()), float(squares[:, 0].sum()), float(mixed.sum())
+    squares = ((p * p + p * q + q * q) * cross[..., None] / 12.0).sum(axis=-2)
+    mixed = p[..., 0] * (2.0 * p[..., 1] + q[..., 1]) + q[..., 0] * (p[..., 1] + 2.0 * q[..., 1])
+    return squares[..., 1][()], squares[..., 0][()], (mixed * cross / 24.0).sum(axis=-1)
 
 
 def tributary_areas(polygon) -> np.ndarray:
-    """The share of every corner (m,): half of the two triangles that it makes with O and its neighbours.
+    """The share of every corner (..., m): half of the two triangles that it makes with O and its neighbours.
 
-    The shares add up to the area and their centroid is O; a quarter each for a rectangle.
+    The shares of a convex polygon add up to the area and their centroid is O; a quarter each for a rectangle.
     """
     _, _, cross = _edges(polygon)
-    return 0.25 * (cross + np.concatenate([cross[-1:], cross[:-1]]))
+    return 0.25 * (cross + np.concatenate([cross[..., -1:], cross[..., :-1]], axis=-1))
 
 
 def mean_distance(polygon, centres=((0.0, 0.0),)) -> np.ndarray:
-    """Mean distance of the area from each of ``centres`` (k, 2): the friction moment about it over V_0, exact (k,).
+    """Mean distance of the area from each of ``centres`` (k, 2): the friction moment about it over V_0, exact (..., k).
 
     The triangle between the centre and an edge, at distance h with s running along the edge, gives h/3 times the
     integral of hypot(h, s). At O this is c_T (paper eq. 2).
@@ -117,32 +72,33 @@ def mean_distance(polygon, centres=((0.0, 0.0),)) -> np.ndarray:
     centres = np.asarray(centres, float)
     p, q, cross = _edges(polygon)
     edge = q - p
-    length = np.sqrt((edge**2).sum(axis=1))
-    tx, ty = edge.T / length
-    ux, uy = p[:, 0] - centres[:, :1], p[:, 1] - centres[:, 1:]
+    length = np.sqrt((edge**2).sum(axis=-1))
+    tx, ty = np.moveaxis(edge / length[..., None], -1, 0)[:, ..., None, :]
+    ux, uy = np.moveaxis(p[..., None, :, :] - centres[:, None, :], -1, 0)
     height = ux * ty - uy * tx
     start = ux * tx + uy * ty
-    end = start + length
+    end = start + length[..., None, :]
     lever = np.maximum(np.abs(height), _TINY)
 
     def integral(s):
         return 0.5 * (s * np.sqrt(height * height + s * s) + height * height * np.arcsinh(s / lever))
 
-    return (height * (integral(end) - integral(start))).sum(axis=1) / (1.5 * cross.sum())
+    return (height * (integral(end) - integral(start))).sum(axis=-1) / (1.5 * cross.sum(axis=-1))[..., None]
 
 
-def shrink_factor(polygon) -> float:
+def shrink_factor(polygon) -> np.ndarray:
     """s = c_T / c (paper eq. 9): mean distance of the area from O over that of the corners, by tributary area."""
     weights = tributary_areas(polygon)
     corners = np.asarray(polygon, float)
-    c = float((weights * np.hypot(corners[:, 0], corners[:, 1])).sum() / weights.sum())
-    return float(mean_distance(polygon)[0]) / c
+    c = (weights * np.hypot(corners[..., 0], corners[..., 1])).sum(axis=-1) / weights.sum(axis=-1)
+    return mean_distance(polygon)[..., 0] / c
 
 
-def width(polygon) -> float:
-    """The short side: the smallest distance of two parallel lines that hold the polygon between them (m)."""
+def width(polygon) -> np.ndarray:
+    """The short side: the smallest distance of two parallel lines that hold the convex polygon between them (m)."""
     p, q, _ = _edges(polygon)
     edge = q - p
-    inward = np.stack([-edge[:, 1], edge[:, 0]], axis=1) / np.sqrt((edge**2).sum(axis=1))[:, None]
-    heights = p @ inward.T - (p * inward).sum(axis=1)
-    return float(heights.max(axis=0).min())
+    length = np.sqrt((edge**2).sum(axis=-1))
+    inward = np.stack([-edge[..., 1], edge[..., 0]], axis=-1) / length[..., None]
+    heights = ((p[..., :, None, :] - p[..., None, :, :]) * inward[..., None, :, :]).sum(axis=-1)
+    return heights.max(axis=-2).min(axis=-1)

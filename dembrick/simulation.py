@@ -11,7 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from dembrick import limit_set, polygons
+from dembrick.joints import JointTable
 from dembrick.model import PRESSURES
+from dembrick.point_table import PointTable
 from dembrick.state import Areas, Blocks, Energy, Jacks, Joints, Points, Pressed
 
 
@@ -63,54 +65,51 @@ def _jacks(assembly) -> Jacks:
 
 
 def _joints(assembly) -> Joints:
-    joints = assembly.joints
-    axes = np.array([joint.axes for joint in joints]).reshape(-1, 3, 3)
-    a = np.array([joint.block_a for joint in joints], np.int64)
-    b = np.array([joint.block_b for joint in joints], np.int64)
-    arm_a = np.array([joint.arm_a for joint in joints]).reshape(-1, 3)
-    arm_b = np.array([joint.arm_b for joint in joints]).reshape(-1, 3)
+    table = JointTable.of(assembly.joints)
+    n, a, b = len(table), table.block_a, table.block_b
     rotation_a, rotation_b = assembly.rotation[a], assembly.rotation[b]
     return Joints(
         block_a=a,
         block_b=b,
-        host=np.array([1.0 if joint.host == joint.block_b else -1.0 for joint in joints]),
-        axes=axes,
-        arm_a=arm_a,
-        arm_b=arm_b,
-        axes_a=axes @ rotation_a,
-        axes_b=axes @ rotation_b,
-        lever_a=np.einsum("jik,ji->jk", rotation_a, arm_a),
-        lever_b=np.einsum("jik,ji->jk", rotation_b, arm_b),
-        offset=arm_a - arm_b,
-        gap=np.array([joint.gap for joint in joints], float),
-        relative=np.zeros((len(joints), 6)),
-        opening=np.zeros((len(joints), 3)),
-        step=np.zeros((len(joints), 3)),
-        tilt=np.zeros((len(joints), 2)),
-        resultant=np.zeros((len(joints), 7)),
+        host=np.where(table.host == b, 1.0, -1.0),
+        axes=table.axes.copy(),
+        arm_a=table.arm_a.copy(),
+        arm_b=table.arm_b.copy(),
+        axes_a=table.axes @ rotation_a,
+        axes_b=table.axes @ rotation_b,
+        lever_a=np.einsum("jik,ji->jk", rotation_a, table.arm_a),
+        lever_b=np.einsum("jik,ji->jk", rotation_b, table.arm_b),
+        offset=table.arm_a - table.arm_b,
+        gap=table.gap,
+        relative=np.zeros((n, 6)),
+        opening=np.zeros((n, 3)),
+        step=np.zeros((n, 3)),
+        tilt=np.zeros((n, 2)),
+        resultant=np.zeros((n, 7)),
     )
 
 
 def _points(assembly) -> Points | None:
-    chosen = [j for j, points in enumerate(assembly.contact_points) if points is not None]
-    if not chosen:
+    joints, table = JointTable.of(assembly.joints), PointTable.of(assembly.contact_points)
+    chosen = np.flatnonzero(~table.resultant)
+    if not len(chosen):
         return None
-    sets = [assembly.contact_points[j] for j in chosen]
-    laws = [assembly.joints[j].law for j in chosen]
-    counts = [len(s.area) for s in sets]
-    normal_arm = np.concatenate([s.normal_arm for s in sets])
-    shear_arm = np.concatenate([s.shear_arm for s in sets])
-    total = sum(counts)
+    laws = [joints.law[j] for j in chosen]
+    counts = np.diff(table.start)[chosen]
+    total = len(table.area)
+    x_n, y_n = table.normal_arm.T.copy()
+    shared = table.shear_arm is table.normal_arm
+    x_s, y_s = (x_n, y_n) if shared else table.shear_arm.T.copy()
     return Points(
-        joint=np.array(chosen, np.int64),
-        start=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
+        joint=chosen,
+        start=np.concatenate([[0], np.cumsum(counts)]),
         friction=np.array([law.friction for law in laws]),
-        x_n=normal_arm[:, 0].copy(),
-        y_n=normal_arm[:, 1].copy(),
-        x_s=shear_arm[:, 0].copy(),
-        y_s=shear_arm[:, 1].copy(),
-        k_n=np.concatenate([law.normal_stiffness * s.area for law, s in zip(laws, sets, strict=True)]),
-        k_s=np.concatenate([law.shear_stiffness * s.area for law, s in zip(laws, sets, strict=True)]),
+        x_n=x_n,
+        y_n=y_n,
+        x_s=x_s,
+        y_s=y_s,
+        k_n=np.repeat([law.normal_stiffness for law in laws], counts) * table.area,
+        k_s=np.repeat([law.shear_stiffness for law in laws], counts) * table.area,
         normal=np.zeros(total),
         elastic_1=np.zeros(total),
         elastic_2=np.zeros(total),
@@ -119,30 +118,39 @@ def _points(assembly) -> Points | None:
 
 
 def _areas(assembly) -> Areas | None:
-    chosen = [j for j, points in enumerate(assembly.contact_points) if points is None]
-    if not chosen:
+    joints, table = JointTable.of(assembly.joints), PointTable.of(assembly.contact_points)
+    chosen = np.flatnonzero(table.resultant)
+    if not len(chosen):
         return None
-    joints = [assembly.joints[j] for j in chosen]
-    shapes = [np.asarray(joint.polygon, float) for joint in joints]
-    corners = np.concatenate(shapes)
+    laws = [joints.law[j] for j in chosen]
+    counts = np.diff(joints.start)[chosen]
+    n, start = len(chosen), np.concatenate([[0], np.cumsum(counts)])
+    corners = joints.corner[np.repeat(joints.start[chosen] - start[:-1], counts) + np.arange(start[-1])]
+    second, reach, radius, far = np.empty((n, 3)), np.empty(n), np.empty(n), np.empty((n, 42))
+    for numbers, shapes in joints.by_corners(chosen):
+        some = np.searchsorted(chosen, numbers)
+        second[some] = np.stack(polygons.second_moments(shapes), axis=1)
+        reach[some] = np.sqrt((shapes**2).sum(axis=2).max(axis=1))
+        radius[some] = limit_set.area_radius(shapes)
+        far[some] = limit_set.far_moments(shapes)
     return Areas(
-        joint=np.array(chosen, np.int64),
-        start=np.concatenate([[0], np.cumsum([len(s) for s in shapes])]).astype(np.int64),
-        friction=np.array([joint.law.friction for joint in joints]),
+        joint=chosen,
+        start=start,
+        friction=np.array([law.friction for law in laws]),
         x=corners[:, 0].copy(),
         y=corners[:, 1].copy(),
-        area=np.array([joint.area for joint in joints]),
-        second=np.array([polygons.second_moments(s) for s in shapes]),
-        reach=np.array([np.sqrt((s**2).sum(axis=1).max()) for s in shapes]),
-        radius=np.array([limit_set.area_radius(s) for s in shapes]),
-        far=np.array([limit_set.far_moments(s) for s in shapes]),
-        k_n=np.array([joint.law.normal_stiffness for joint in joints]),
-        k_s=np.array([joint.law.shear_stiffness for joint in joints]),
-        elastic=np.zeros((len(joints), 3)),
-        twist=np.zeros((len(joints), 3)),
-        slip=np.zeros(len(joints)),
-        evaluations=np.zeros(len(joints), np.int64),
-        pressed=pressed_room([joint.law.pressure for joint in joints], [len(s) for s in shapes]),
+        area=joints.area[chosen],
+        second=second,
+        reach=reach,
+        radius=radius,
+        far=far,
+        k_n=np.array([law.normal_stiffness for law in laws]),
+        k_s=np.array([law.shear_stiffness for law in laws]),
+        elastic=np.zeros((n, 3)),
+        twist=np.zeros((n, 3)),
+        slip=np.zeros(n),
+        evaluations=np.zeros(n, np.int64),
+        pressed=pressed_room([law.pressure for law in laws], counts.tolist()),
     )
 
 
@@ -172,39 +180,37 @@ def joint_stiffness(state: State) -> np.ndarray:
     k = np.zeros((len(state.joints.block_a), 6, 6))
     if state.points is not None:
         p = state.points
-        for i, j in enumerate(p.joint):
-            s = slice(p.start[i], p.start[i + 1])
-            one, zero = np.ones(s.stop - s.start), np.zeros(s.stop - s.start)
-            x, y = p.x_s[s], p.y_s[s]
-            first = np.stack([one, zero, zero, zero, zero, -y])
-            second = np.stack([zero, one, zero, zero, zero, x])
-            normal = np.stack([zero, zero, one, p.y_n[s], -p.x_n[s], zero])
-            k[j] = (first * p.k_s[s]) @ first.T + (second * p.k_s[s]) @ second.T + (normal * p.k_n[s]) @ normal.T
+        first = np.zeros((len(p.k_n), 6, 3))  # a column a direction: what the six motions move the point along it
+        first[:, 0, 0] = first[:, 1, 1] = first[:, 2, 2] = 1.0
+        first[:, 5, 0], first[:, 5, 1] = -p.y_s, p.x_s
+        first[:, 3, 2], first[:, 4, 2] = p.y_n, -p.x_n
+        stiffness = np.stack([p.k_s, p.k_s, p.k_n], axis=1)
+        each = (first * stiffness[:, None]) @ first.transpose(0, 2, 1)
+        k[p.joint] = np.add.reduceat(each, p.start[:-1], axis=0)
     if state.areas is not None:
-        a = state.areas
-        for i, j in enumerate(a.joint):
-            yy, xx, xy = a.second[i]
-            k[j, 0, 0] = k[j, 1, 1] = a.k_s[i] * a.area[i]
-            k[j, 5, 5] = a.k_s[i] * (xx + yy)
-            k[j, 2, 2] = a.k_n[i] * a.area[i]
-            k[j, 3, 3] = a.k_n[i] * yy
-            k[j, 4, 4] = a.k_n[i] * xx
-            k[j, 3, 4] = k[j, 4, 3] = -a.k_n[i] * xy
+        a, j = state.areas, state.areas.joint
+        yy, xx, xy = a.second.T
+        k[j, 0, 0] = k[j, 1, 1] = a.k_s * a.area
+        k[j, 5, 5] = a.k_s * (xx + yy)
+        k[j, 2, 2] = a.k_n * a.area
+        k[j, 3, 3] = a.k_n * yy
+        k[j, 4, 4] = a.k_n * xx
+        k[j, 3, 4] = k[j, 4, 3] = -a.k_n * xy
     return k
 
 
-def _lever(arm: np.ndarray) -> np.ndarray:
-    """Matrix of the cross product arm x (.)."""
-    x, y, z = arm
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-
-
 def to_joint(axes: np.ndarray, arm: np.ndarray) -> np.ndarray:
-    """Matrix (6, 6) from the motion (u, r) of a block about its centroid to that of O in the joint's axes."""
-    matrix = np.zeros((6, 6))
-    matrix[:3, :3] = matrix[3:, 3:] = axes
-    matrix[:3, 3:] = -axes @ _lever(arm)
+    """Matrices (..., 6, 6) from the motion (u, r) of a block about its centroid to that of O in the joint's axes."""
+    matrix = np.zeros((*axes.shape[:-2], 6, 6))
+    matrix[..., :3, :3] = matrix[..., 3:, 3:] = axes
+    matrix[..., :3, 3:] = np.cross(arm[..., None, :], axes)  # t . (r x arm) = (arm x t) . r
     return matrix
+
+
+def _ends(state: State) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
+    """Stiffness (j, 6, 6) of the joints, and the matrices `to_joint` of their two blocks."""
+    joints = state.joints
+    return joint_stiffness(state), (to_joint(joints.axes, joints.arm_a), to_joint(joints.axes, joints.arm_b))
 
 
 def block_stiffness(state: State, shared: float) -> np.ndarray:
@@ -218,13 +224,11 @@ def block_stiffness(state: State, shared: float) -> np.ndarray:
     stiffness = np.zeros((n, 6, 6))
     free = np.zeros(n, bool)
     free[state.blocks.free] = True
-    for j, k in enumerate(joint_stiffness(state)):
-        a, b = joints.block_a[j], joints.block_b[j]
-        weight = shared if free[a] and free[b] else 1.0
-        for block, arm in ((a, joints.arm_a[j]), (b, joints.arm_b[j])):
-            if free[block]:
-                t = to_joint(joints.axes[j], arm)
-                stiffness[block] += weight * (t.T @ k @ t)
+    k, ends = _ends(state)
+    k *= np.where(free[joints.block_a] & free[joints.block_b], shared, 1.0)[:, None, None]
+    for block, t in zip((joints.block_a, joints.block_b), ends, strict=True):
+        np.add.at(stiffness, block, t.transpose(0, 2, 1) @ k @ t)
+    stiffness[~free] = 0.0
     return stiffness
 
 
@@ -234,11 +238,8 @@ def couplings(state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     free = np.zeros(len(state.blocks.displacement), bool)
     free[state.blocks.free] = True
     chosen = np.flatnonzero(free[joints.block_a] & free[joints.block_b])
-    stiffness = joint_stiffness(state)
-    blocks = np.zeros((len(chosen), 6, 6))
-    for i, j in enumerate(chosen):
-        left, right = (to_joint(joints.axes[j], arm[j]) for arm in (joints.arm_a, joints.arm_b))
-        blocks[i] = -left.T @ stiffness[j] @ right
+    k, (left, right) = _ends(state)
+    blocks = -left[chosen].transpose(0, 2, 1) @ k[chosen] @ right[chosen]
     return joints.block_a[chosen], joints.block_b[chosen], blocks
 
 
@@ -247,20 +248,15 @@ def assembled_stiffness(state: State) -> np.ndarray:
     joints, free = state.joints, state.blocks.free
     number = np.full(len(state.blocks.displacement), -1)
     number[free] = np.arange(len(free))
-    stiffness = np.zeros((6 * len(free), 6 * len(free)))
-    for j, k in enumerate(joint_stiffness(state)):
-        ends = [
-            (number[block], sign * to_joint(joints.axes[j], arm))
-            for block, arm, sign in (
-                (joints.block_a[j], joints.arm_a[j], -1.0),
-                (joints.block_b[j], joints.arm_b[j], 1.0),
-            )
-            if number[block] >= 0
-        ]
-        for m, left in ends:
-            for n, right in ends:
-                stiffness[6 * m : 6 * m + 6, 6 * n : 6 * n + 6] += left.T @ k @ right
-    return stiffness
+    stiffness = np.zeros((len(free), 6, len(free), 6))
+    k, ends = _ends(state)
+    sides = [(number[joints.block_a], -ends[0]), (number[joints.block_b], ends[1])]
+    for m, left in sides:
+        for n, right in sides:
+            both = np.flatnonzero((m >= 0) & (n >= 0))
+            part = left[both].transpose(0, 2, 1) @ k[both] @ right[both]
+            np.add.at(stiffness, (m[both], slice(None), n[both]), part)
+    return stiffness.reshape(6 * len(free), 6 * len(free))
 
 
 def load_vectors(state: State) -> np.ndarray:

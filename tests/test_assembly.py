@@ -115,7 +115,7 @@ def test_contact_points_follow_the_tolerance_of_the_control():
     assert count(1e-2) < 80 < count(1e-3) == count(1e-4)
     curve = build(scenario(joint=law, control=DisplacementControl(rate=1e-4, travel=1e-3)))
     assert len(curve.contact_points[0].area) == len(build(scenario(joint=law)).contact_points[0].area)
-    assert build(scenario(joint=JointLaw("convex", 0.64, 1e10, 4e9))).contact_points == (None,)
+    assert build(scenario(joint=JointLaw("convex", 0.64, 1e10, 4e9))).contact_points[:] == (None,)
 
 
 def test_a_scene_far_away_keeps_its_forces_and_arms():
@@ -261,5 +261,5 @@ def test_kinds_that_need_no_support(monkeypatch):
     """Free flight and falling blocks are for dynamic kinds: the two checks ask the kind of control."""
     monkeypatch.setattr(assembly_module, "_QUASI_STATIC", ())
     found = build(scenario(moved(UPPER, position=(0.0, 0.0, 1.0))))
-    assert found.joints == () and found.joint_force.shape == (0, 3) and not found.joint_force_exact
-    assert build(scenario(LOWER, moved(UPPER, position=(0.0, 0.0, 1.0)))).contact_points == ()
+    assert not len(found.joints) and found.joint_force.shape == (0, 3) and not found.joint_force_exact
+    assert build(scenario(LOWER, moved(UPPER, position=(0.0, 0.0, 1.0)))).contact_points[:] == ()

@@ -123,40 +123,6 @@ def test_general_polygons_against_plain_sums(seed):
     assert min(spans) * (1.0 - 1e-3) <= polygons.width(polygon) <= min(spans) * (1.0 + 1e-12)
 
 
-def test_simplify_drops_what_lies_on_a_line_and_nothing_else():
-    tidy = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)]
-    messy = [(0.0, 0.0), (0.5, 1e-12), (1.0, 0.0), (1.0, 1e-12), (1.0, 1.0), (0.3, 1.0), (0.0, 1.0), (0.0, 0.4)]
-    for start in range(len(messy)):
-        kept = polygons.simplify(messy[start:] + messy[:start], 1e-9)
-        assert sorted(np.round(kept, 9).tolist()) == sorted(map(list, tidy))
-    assert polygons.simplify([*tidy[:3], (0.5, 1.001), tidy[3]], 1e-9) == [*tidy[:3], (0.5, 1.001), tidy[3]]
-    assert polygons.simplify([(0.0, 0.0), (1.0, 0.0), (2.0, 0.0)], 1e-9) == []
-
-
-@given(st.integers(0, 10_000))
-@settings(max_examples=25, deadline=None)
-def test_clipping_is_symmetric_and_holds_exactly_the_common_points(seed):
-    rng = np.random.default_rng(seed)
-    first = random_polygon(rng, 6)
-    second = random_polygon(rng, 9) + rng.normal(size=2)
-
-    def inside(polygon, points):
-        edges = np.roll(polygon, -1, axis=0) - polygon
-        offset = points[:, None] - polygon
-        return (edges[:, 0] * offset[..., 1] - edges[:, 1] * offset[..., 0] >= 0.0).all(axis=1)
-
-    tuples = [[tuple(p) for p in polygon.tolist()] for polygon in (first, second)]
-    one = polygons.simplify(polygons.clip(*tuples), 1e-12)
-    two = polygons.simplify(polygons.clip(*tuples[::-1]), 1e-12)
-    points = rng.uniform(first.min(axis=0), first.max(axis=0), size=(4000, 2))
-    common = inside(first, points) & inside(second, points)
-    if not one:
-        assert not two and not common.any()
-        return
-    assert polygons.area(one) == pytest.approx(polygons.area(two), rel=1e-10, abs=1e-12)
-    assert (inside(np.array(one), points) == common).all()
-
-
 # --- contact points ---------------------------------------------------------------------------------------------------
 
 
@@ -310,7 +276,7 @@ def test_the_first_block_is_a_unless_the_second_alone_is_fixed():
     (joint,) = joints_of(upper, lower)
     assert (joint.block_a, joint.block_b) == (0, 1)
     assert joint.axes[0] == pytest.approx([1, 0, 0], abs=0.0) and joint.axes[1] == pytest.approx([0, -1, 0], abs=0.0)
-    assert joints_of(upper, lower, fixed=[0, 1]) == []
+    assert not len(joints_of(upper, lower, fixed=[0, 1]))
 
 
 def test_t1_is_the_first_body_axis_of_a_off_the_normal():
@@ -364,9 +330,9 @@ def test_perpendicular_blocks_meet_face_to_face():
 def test_edges_corners_and_distant_faces_make_no_joint():
     base = (LAB, (0, 0, 0), UNTURNED)
     for position in ((0.3, 0.2, 0), (0.3, 0, 0.1), (0.3, 0.2, 0.1), (0, 0, 0.1 + 1e-5), (0.31, 0, 0)):
-        assert joints_of(base, (LAB, position, UNTURNED)) == []
+        assert not len(joints_of(base, (LAB, position, UNTURNED)))
     tilt = 1e-5
-    assert joints_of(base, (LAB, (0, 0, 0.1), (np.cos(tilt / 2), np.sin(tilt / 2), 0, 0))) == []
+    assert not len(joints_of(base, (LAB, (0, 0, 0.1), (np.cos(tilt / 2), np.sin(tilt / 2), 0, 0))))
     tilt = 1e-7
     assert len(joints_of(base, (LAB, (0, 0, 0.1), (np.cos(tilt / 2), np.sin(tilt / 2), 0, 0)))) == 1
 

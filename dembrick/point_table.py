@@ -1,0 +1,89 @@
+"""The contact points of all joints of a scene, as columns."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dembrick import polygons
+from dembrick.joints import JointTable
+from dembrick.point_rules import ContactPoints, contact_points
+
+_AT_CORNERS = ("concave", "corrected", "corrected-shear")
+
+
+@dataclass(frozen=True, eq=False)
+class PointTable(Sequence[ContactPoints | None]):
+    """Points of all joints, one after another; a sequence too, with None for a ``convex`` joint.
+
+    ``normal_arm`` and ``shear_arm`` (c, 2), ``area`` (c,): see :class:`ContactPoints`; the two arms are one array
+    where they are the same for all joints. ``start`` (j + 1,): the first point of each joint. ``resultant`` (j,):
+    whether the joint has a resultant in place of points.
+    """
+
+    normal_arm: np.ndarray
+    shear_arm: np.ndarray
+    area: np.ndarray
+    start: np.ndarray
+    resultant: np.ndarray
+
+    @staticmethod
+    def of(points: Sequence[ContactPoints | None]) -> PointTable:
+        """The table of a list of points; a table is taken as it is."""
+        if isinstance(points, PointTable):
+            return points
+        sets = [p for p in points if p is not None]
+        shared = all(p.shear_arm is p.normal_arm for p in sets)
+        normal_arm = np.concatenate([*(p.normal_arm for p in sets), np.empty((0, 2))])
+        return PointTable(
+            normal_arm=normal_arm,
+            shear_arm=normal_arm if shared else np.concatenate([p.shear_arm for p in sets]),
+            area=np.concatenate([*(p.area for p in sets), np.empty(0)]),
+            start=np.cumsum([0, *(0 if p is None else len(p.area) for p in points)]),
+            resultant=np.array([p is None for p in points], bool),
+        )
+
+    def __len__(self) -> int:
+        return len(self.resultant)
+
+    def __getitem__(self, index):
+        if isinstance(index, slice):
+            return tuple(self[i] for i in range(*index.indices(len(self))))
+        i = range(len(self))[index]
+        if self.resultant[i]:
+            return None
+        some = slice(self.start[i], self.start[i + 1])
+        return ContactPoints(self.normal_arm[some], self.shear_arm[some], self.area[some])
+
+
+def place_points(joints: JointTable, tolerance: float) -> PointTable:
+    """The contact points of every joint by its law; see :func:`dembrick.point_rules.contact_points`.
+
+    Joints with points at their corners are taken together, as many as have equally many corners.
+    """
+    formulation = np.array([law.formulation for law in joints.law], dtype="U16")
+    at_corners = np.isin(formulation, _AT_CORNERS)
+    single = {int(j): contact_points(joints[j], tolerance) for j in np.flatnonzero(formulation == "distributed")}
+    count = np.where(at_corners, np.diff(joints.start), 0)
+    for j, points in single.items():
+        count[j] = len(points.area)
+    start = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
+    shared = not (formulation == "corrected-shear").any()
+    normal_arm, area = np.empty((start[-1], 2)), np.empty(start[-1])
+    shear_arm = normal_arm if shared else np.empty((start[-1], 2))
+    for numbers, corners in joints.by_corners(np.flatnonzero(at_corners)):
+        where = start[numbers, None] + np.arange(corners.shape[1])
+        law = formulation[numbers]
+        factor = np.ones(len(numbers))
+        if (law != "concave").any():
+            factor[law != "concave"] = polygons.shrink_factor(corners[law != "concave"])
+        shrunk = factor[:, None, None] * corners
+        shear_arm[where] = shrunk
+        normal_arm[where] = np.where((law == "corrected-shear")[:, None, None], corners, shrunk)
+        area[where] = polygons.tributary_areas(corners)
+    for j, points in single.items():
+        some = slice(start[j], start[j + 1])
+        normal_arm[some], shear_arm[some], area[some] = points.normal_arm, points.shear_arm, points.area
+    return PointTable(normal_arm, shear_arm, area, start, formulation == "convex")
