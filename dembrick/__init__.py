@@ -14,6 +14,7 @@ _HOMES = {
     "loads": "dembrick.scenario",
     "dumps": "dembrick.scenario",
     "simulate": "dembrick.result",
+    "restart": "dembrick.result",
     "Result": "dembrick.result",
     "read_history": "dembrick.history",
     "replay_lab": "dembrick.lab",

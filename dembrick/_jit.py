@@ -16,9 +16,13 @@ import numba
 PACKAGE = Path(__file__).parent
 
 
-def _source_hash() -> str:
-    """Hash of everything that ends up in machine code, and of where it lies: two copies must not evict each other."""
-    digest = hashlib.sha256(f"{numba.__version__} {PACKAGE}".encode())
+def kernel_hash() -> str:
+    """Hash of everything that ends up in machine code."""
+    return _source_hash("")
+
+
+def _source_hash(place: str) -> str:
+    digest = hashlib.sha256(f"{numba.__version__} {place}".encode())
     for source in [PACKAGE / "_jit.py", PACKAGE / "state.py", *sorted((PACKAGE / "kernels").glob("*.py"))]:
         digest.update(source.read_bytes())
     return digest.hexdigest()[:16]
@@ -40,7 +44,7 @@ def cache_folder() -> Path:
     bases.append(Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "dembrick")
     bases.append(Path(tempfile.gettempdir()) / f"dembrick-{os.getuid() if hasattr(os, 'getuid') else 'user'}")
     for base in bases:
-        folder = base / _source_hash()
+        folder = base / _source_hash(str(PACKAGE))  # of this copy: two copies must not evict each other
         if _writable(folder):
             return folder
     return Path(tempfile.mkdtemp(prefix="dembrick-"))

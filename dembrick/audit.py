@@ -32,21 +32,40 @@ class EnergyAudit:
         return asdict(self)
 
 
+class Auditor:
+    """Audits recorded energies as they come; ``worst`` (2,) J: greatest residual, greatest external work so far."""
+
+    def __init__(self):
+        self.worst = np.zeros(2)
+
+    def add(self, energies: Mapping[str, np.ndarray]) -> None:
+        """Take the next rows, (T,) in J by name."""
+        stored = energies["kinetic"] + energies["elastic"] + energies["jack_spring"]
+        residual = stored + energies["friction"] + energies["dashpots"] - energies["external"]
+        for i, term in enumerate((residual, energies["external"])):
+            self.worst[i] = np.maximum(self.worst[i], np.abs(term).max(initial=0.0))  # a NaN stays
+
+    def result(self, books: Energy) -> EnergyAudit:
+        """The audit; EnergyAuditError where the books do not balance."""
+        residual, scale = (float(value) for value in self.worst)
+        relative = residual / scale if scale else 0.0
+        by_law, friction = float(books.work[5]), float(books.work[2])
+        result = EnergyAudit(relative, friction / by_law - 1.0 if by_law else 0.0, float(books.least[0]))
+        if not relative <= LIMIT:
+            raise EnergyAuditError(
+                f"the energy books are off by {relative:.2g} of the external work (limit {LIMIT:g}): the time step "
+                "does not resolve this motion; lower solver.step_factor or the rate"
+            )
+        if result.least_friction_increment < -NEGATIVE * scale:
+            raise EnergyAuditError(
+                f"friction gave back {-result.least_friction_increment:.2g} J in one increment; please report this "
+                "scenario"
+            )
+        return result
+
+
 def audit(energies: Mapping[str, np.ndarray], books: Energy) -> EnergyAudit:
     """Audit recorded energies (T,) in J; EnergyAuditError where they do not balance."""
-    stored = energies["kinetic"] + energies["elastic"] + energies["jack_spring"]
-    residual = stored + energies["friction"] + energies["dashpots"] - energies["external"]
-    scale = float(np.abs(energies["external"]).max(initial=0.0))
-    relative = float(np.abs(residual).max(initial=0.0)) / scale if scale else 0.0
-    by_law, friction = float(books.work[5]), float(books.work[2])
-    result = EnergyAudit(relative, friction / by_law - 1.0 if by_law else 0.0, float(books.least[0]))
-    if not relative <= LIMIT:
-        raise EnergyAuditError(
-            f"the energy books are off by {relative:.2g} of the external work (limit {LIMIT:g}): the time step does "
-            "not resolve this motion; lower solver.step_factor or the rate"
-        )
-    if result.least_friction_increment < -NEGATIVE * scale:
-        raise EnergyAuditError(
-            f"friction gave back {-result.least_friction_increment:.2g} J in one increment; please report this scenario"
-        )
-    return result
+    auditor = Auditor()
+    auditor.add(energies)
+    return auditor.result(books)

@@ -6,9 +6,10 @@ traceback. Exit codes: 1 no answer, 2 invalid input or usage, 4 an optional depe
 
 
 class DembrickError(Exception):
-    """Base of all errors that are addressed to the user."""
+    """Base of all errors that are addressed to the user; ``answer`` is the JSON object of the run that failed."""
 
     exit_code = 1
+    answer: dict | None = None
 
 
 class ScenarioError(DembrickError):

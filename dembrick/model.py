@@ -201,11 +201,13 @@ class Output:
     "velocity" and "contacts" (contact forces) in every frame; time, load and displacement always are.
 
     ``rows`` and ``frames``: about how many of a constant-rate test; a search keeps a row of every step.
+    ``checkpoint``: seconds between two checkpoints of a run that writes a history.
     """
 
     channels: tuple[str, ...] = ("joints", "energy", "frames", "velocity")
     rows: int = 1000
     frames: int = 200
+    checkpoint: float = 60.0
 
     def __post_init__(self):
         assign(self, channels=members_of("channels", self.channels, str))
@@ -219,6 +221,8 @@ class Output:
             require_type(isinstance(value, Integral) and not isinstance(value, bool), key, value, "a whole number")
             require(1 <= value <= 10_000_000, key, value, "it must lie between 1 and 10 million")
             assign(self, **{key: int(value)})
+        assign(self, checkpoint=real("checkpoint", self.checkpoint))
+        require(self.checkpoint >= 0.0, "checkpoint", self.checkpoint, "it must be at least 0 s")
         require(self.frames <= self.rows, "frames", self.frames, f"a frame is taken at a row, and rows = {self.rows}")
 
 

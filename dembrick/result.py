@@ -11,10 +11,12 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from dembrick import assembly as assemblies
-from dembrick import centred_points, judge, replay
+from dembrick import judge, replay
 from dembrick import scenario as scenarios
-from dembrick.audit import EnergyAudit, audit
-from dembrick.errors import DembrickError, NotConvergedError
+from dembrick.audit import EnergyAudit
+from dembrick.errors import DembrickError, HistoryError, NotConvergedError, WriteError
+from dembrick.interruption import Interrupted
+from dembrick.keeper import Keeper, Memory
 from dembrick.model import Scenario
 from dembrick.session import Session
 from dembrick.yield_point import YieldPoint
@@ -116,36 +118,6 @@ class Result:
         return heading + results_table(self.as_dict()) + plot.inline_svg(self.plot())
 
 
-class _Collector:
-    """Keeps the record in memory, and passes it to a history writer if there is one."""
-
-    def __init__(self, writer):
-        self.writer, self.rows, self.frames, self.write_seconds = writer, [], [], 0.0
-
-    def __call__(self, rows: Mapping, frames: Mapping) -> None:
-        self.rows.append(rows)
-        self.frames.append(frames)
-        if self.writer is not None:
-            began = time.perf_counter()
-            self.writer.append(rows)
-            if frames:
-                self.writer.append_frames(**frames)
-            self.write_seconds += time.perf_counter() - began
-
-    @staticmethod
-    def joined(parts: list) -> dict:
-        """The chunks as one mapping of arrays (or of mappings of arrays)."""
-        if not parts:
-            return {}
-        first = parts[0]
-        return {
-            name: _Collector.joined([part[name] for part in parts])
-            if isinstance(first[name], Mapping)
-            else np.concatenate([part[name] for part in parts])
-            for name in first
-        }
-
-
 def simulate(
     scenario: Scenario | str | os.PathLike,
     history: str | os.PathLike | None = None,
@@ -160,65 +132,105 @@ def simulate(
     history) only the yield point is kept, which is what a batch wants. ``report`` gets warnings.
 
     Raises ScenarioError for input that is not a test, OutputError for a path that cannot be used, NotConvergedError
-    and DivergedError where there is no answer; the history then is kept, with the status "failed".
+    and DivergedError where there is no answer; the history then is kept, with the status "failed". Interrupted, which
+    is a KeyboardInterrupt, leaves the status "interrupted", and `restart` goes on from there.
     """
     began = time.perf_counter()
     if not isinstance(scenario, Scenario):
         scenario = scenarios.load(scenario)
+    assembly = _built(scenario, report)
+    keeper = Memory() if record else None
+    if history is not None:
+        settings = {"scenario": scenario.path or ""}
+        keeper = Keeper(history, scenarios.text_of(scenario), assembly, scenario.output, settings, force)
+    return _run(scenario, assembly, keeper, began)
+
+
+def restart(history: str | os.PathLike, *, report: Callable[[str], None] | None = None) -> Result:
+    """Go on with a run that was killed or interrupted, from its last good checkpoint; returns the Result of the whole.
+
+    What the history holds beyond the checkpoint is dropped and comes again; rows, frames and result are to the last bit
+    those of a run that was never stopped. Without a checkpoint the run starts anew. Raises HistoryError where the file
+    is not a history, its run is over, or its checkpoints do not fit it.
+    """
+    from dembrick.history import read
+
+    began = time.perf_counter()
+    left = read(history)
+    try:
+        if left.status not in ("running", "interrupted"):
+            raise HistoryError(
+                f"{left.path}: this run is over (status {left.status}); dembrick run {left.path} runs it again"
+            )
+        named = left.settings.get("scenario")
+        scenario = scenarios.loads(left.scenario_text, named if isinstance(named, str) and named else None)
+        assembly = _built(scenario, report)
+        settings = {"scenario": scenario.path or ""}
+        keeper = Keeper(history, left.scenario_text, assembly, scenario.output, settings, left=left)
+        if report:
+            step = keeper.checkpoint.about["step"] if keeper.checkpoint else 0
+            report(f"going on from step {step}" if step else "no checkpoint was written: starting from the beginning")
+        return _run(scenario, assembly, keeper, began)
+    finally:
+        left.close()
+
+
+def _built(scenario: Scenario, report: Callable[[str], None] | None):
     assembly = assemblies.build(scenario)
     for warning in assembly.warnings if report else ():
         report(warning)
-    placing = 0.0
-    if scenario.control.kind == "yield":
-        assembly, placing = centred_points.place_points(
-            assembly, scenario.control.tolerance, scenario.solver.step_factor
-        )
-    built = time.perf_counter()
-    writer = None
-    if history is not None:
-        from dembrick.history import HistoryWriter
+    return assembly
 
-        writer = HistoryWriter(history, scenarios.text_of(scenario), assembly, {}, force, scenario.output.channels)
-    collector = _Collector(writer) if record or writer else None
-    opened = time.perf_counter()
+
+def _run(scenario: Scenario, assembly, keeper: Keeper | Memory | None, began: float) -> Result:
+    """Replay, audit and judge; ``began``: when the work on it did."""
+    path = keeper.path if isinstance(keeper, Keeper) else None
     try:
-        run = _replayed(scenario, assembly, Session(collector, scenario.output))
-        rows = collector.joined(collector.rows) if collector else {}
-        books = audit(rows["energy"], run.energy) if rows else None
+        run = _replayed(scenario, assembly, keeper.session(scenario.output) if keeper else Session())
+        books = keeper.auditor.result(run.energy) if keeper else None
+    except WriteError as error:  # the disk has what it has
+        remedy = f"; once there is room again: dembrick restart {path}" if keeper.has_checkpoint else ""
+        failed = WriteError(f"{error}{remedy}")
+        failed.answer = failure(scenario, failed, path)
+        raise failed from error
+    except HistoryError:
+        raise  # the checkpoint does not fit; nothing was written
     except DembrickError as error:
-        if writer is not None:
-            writer.finish("failed", failure(scenario, error, history))
+        error.answer = failure(scenario, error, path)
+        if path:
+            keeper.finish("failed", error.answer)
         raise
-    except BaseException:
-        if writer is not None:
-            writer.finish("interrupted", {"scenario": scenario.path or "", "status": "interrupted"})
+    except BaseException as error:
+        if path:
+            keeper.finish("interrupted", {"scenario": scenario.path or "", "status": "interrupted"})
+        if path and isinstance(error, Interrupted):
+            raise Interrupted(error.signum, f"{error}; go on with: dembrick restart {path}") from None
         raise
     done = time.perf_counter()
     expected = judge.theory_of(assembly)
     if expected is not None:
         expected = expected.compared(run.yield_point.V)
+    finishing = time.perf_counter()
+    write = keeper.write_seconds if keeper else 0.0
     result = Result(
         scenario=scenario,
         assembly=assembly,
         replay=run,
         theory=expected,
-        rows=rows,
-        frames=collector.joined(collector.frames) if collector else {},
-        wall={},
+        rows=keeper.rows if keeper else {},
+        frames=keeper.frames if keeper else {},
+        wall={
+            "build": max(0.0, done - began - run.loop_seconds - run.compile_seconds - write),
+            "compile": run.compile_seconds,
+            "loop": run.loop_seconds,
+            "write": write,
+            "total": finishing - began,
+        },
         energy=books,
-        history=None if history is None else os.fspath(history),
+        history=path,
     )
-    write = (opened - built) + (collector.write_seconds if collector else 0.0)
-    finishing = time.perf_counter()
-    result.wall = {
-        "build": built - began - placing + max(0.0, done - opened - run.loop_seconds - run.compile_seconds),
-        "compile": run.compile_seconds,
-        "loop": run.loop_seconds + placing,
-        "write": write,
-        "total": finishing - began,
-    }
-    if writer is not None:
-        writer.finish(result.status, result.as_dict(), run.settings)
+    if path:
+        keeper.finish(result.status, result.as_dict(), run.settings)
         result.wall["write"] += time.perf_counter() - finishing
         result.wall["total"] = time.perf_counter() - began
     return result

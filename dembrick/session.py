@@ -17,6 +17,8 @@ Observer = Callable[[Mapping[str, np.ndarray], Mapping[str, np.ndarray]], None]
 class Snapshot(Protocol):
     """What a time loop goes on from: arrays by name, read one by one because they may come from a stranger's file."""
 
+    path: str
+
     def array(self, name: str, like: np.ndarray) -> np.ndarray:
         """The array ``name``, which must have the shape and the type of ``like``."""
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dembrick import interruption
+from dembrick.errors import HistoryError
 from dembrick.kernels.advance import FULL, RUNNING, Drive, advance
 from dembrick.kernels.bracket import Certificate
 from dembrick.recorder import Recorder
@@ -36,7 +37,7 @@ class Loop:
     certificate: Certificate
     energy: Energy | None
     step: int = 0
-    seconds: float = 0.0  # wall time spent in it
+    seconds: float = 0.0  # wall time spent in it by this process
 
     def advance(self, n_steps: int, record) -> int:
         """Do ``n_steps`` and return the status; with none it compiles the kernel, or loads it from the cache."""
@@ -54,17 +55,17 @@ class Loop:
 
     def snapshot(self) -> dict[str, np.ndarray]:
         """Everything as arrays; those of the state are not copied."""
-        arrays = {"loop": np.array([self.step, self.dt, self.seconds])}
+        arrays = {"loop": np.array([self.step, self.dt])}
         for name, part in self.parts().items():
             arrays |= {f"{name}.{field}": np.asarray(v) for field, v in part._asdict().items() if v is not None}
         return arrays
 
     def restore(self, snapshot: Snapshot) -> None:
-        """Take everything from a snapshot of the same scene. ValueError where an index in it is another."""
-        step, self.dt, self.seconds = (float(x) for x in snapshot.array("loop", np.zeros(3)))
+        """Take everything from a snapshot of the same scene; HistoryError where it is of another."""
+        step, self.dt = (float(x) for x in snapshot.array("loop", np.zeros(2)))
+        if not (step >= 0.0 and step.is_integer() and 0.0 < self.dt < np.inf):
+            raise HistoryError(f"{snapshot.path}: this checkpoint is of no step of this run")
         self.step = int(step)
-        if not (self.step >= 0 and self.step == step and self.dt > 0.0):
-            raise ValueError("it is of no step of this run")
         parts = {name: restored(name, part, snapshot) for name, part in self.parts().items()}
         self.state = State(*(parts.pop(name, None) for name in State._fields))
         for name, part in parts.items():
@@ -80,7 +81,8 @@ def restored(name: str, part, snapshot: Snapshot):
         path, own = f"{name}.{field}", np.asarray(value)
         found = snapshot.array(path, own)
         if own.dtype.kind in "iub" and path not in COUNTERS and not np.array_equal(found, own):
-            raise ValueError(f"{path} is not that of this scenario")  # an index that would lead out of its array
+            # an index could lead out of its array
+            raise HistoryError(f"{snapshot.path}: {path} is not that of this scenario")
         if isinstance(value, np.ndarray):
             value[...] = found
         else:

@@ -91,6 +91,8 @@ def record(start, stop, n_joint=1, n_actuator=1, energies=ENERGIES):
         "load": 100.0 + row,
         "displacement": 1e-8 * row,
         "unbalanced": 1.0 / (1.0 + row),
+        "lower": 99.0 + row,
+        "upper": 101.0 + row,
         "actuator_displacement": 1e-8 * column + np.arange(n_actuator),
         "actuator_force": 3.0 * column + np.arange(n_actuator),
         "joint": column[:, :, None] + 10.0 * np.arange(n_joint)[None, :, None] + 0.1 * np.arange(7),

@@ -21,6 +21,7 @@ VERBS = {
     "plot": "force-displacement curves of histories",
     "export": "a history for ParaView (.vtkhdf, .pvd) or as text (.csv)",
     "render": "a picture of a history",
+    "restart": "go on with a run that was killed or interrupted",
     "info": "what a history holds",
     "warmup": "compile the kernels into the cache",
 }
@@ -50,7 +51,8 @@ def _verb_parser(verb: str):
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the command line; returns the exit code (0 ok, 1 no answer, 2 invalid input, 3 off theory, 4 missing)."""
+    """Run the command line; returns the exit code (0 ok, 1 no answer, 2 invalid input, 3 off theory, 4 missing, 130/143
+    interrupted)."""
     arguments = sys.argv[1:] if arguments is None else arguments
     if not arguments or arguments[0] in ("-h", "--help", "help"):
         print(HELP)
@@ -71,16 +73,18 @@ def main(arguments: list[str] | None = None) -> int:
     module.add_arguments(parser)
     options = parser.parse_args(rest)
     from dembrick.cli.console import Console
+    from dembrick.interruption import handled
 
     console = Console(json=options.json, quiet=options.quiet, verbose=options.verbose)
     try:
-        return module.run(options, console)
+        with handled():
+            return module.run(options, console)
     except DembrickError as error:
         console.error(str(error))
         return error.exit_code
-    except KeyboardInterrupt:
-        console.error("interrupted; what was simulated is on disk where a history was asked for")
-        return 130
+    except KeyboardInterrupt as error:
+        console.say(str(error) or "interrupted")
+        return getattr(error, "exit_code", 130)
     except BrokenPipeError:
         sys.stderr.close()
         return 0

@@ -23,11 +23,15 @@ class Console:
         elif text:
             print(text)
 
+    def say(self, text: str) -> None:
+        """One line on standard error, whatever was asked for."""
+        self._clear()
+        print(text, file=sys.stderr)
+
     def remark(self, text: str) -> None:
         """Something worth knowing."""
         if not self.quiet:
-            self._clear()
-            print(text, file=sys.stderr)
+            self.say(text)
 
     def detail(self, text: str) -> None:
         """Something worth knowing when one asked for more (-v)."""

@@ -30,7 +30,7 @@ def run(options, console) -> int:
         "title": file.title,
         "status": file.status,
         "blocks": list(file.block_names),
-        "joints": len(file.joints),
+        "joints": file.n_joint,
         "rows": file.n_row,
         "frames": file.n_frames,
         "settings": file.settings,

@@ -1,13 +1,14 @@
-"""``dembrick run SCENARIO.toml``."""
+"""``dembrick run SCENARIO.toml``, or the history of an earlier run."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 
 def add_arguments(parser) -> None:
     """Options of the command."""
-    parser.add_argument("scenario", help="the TOML file")
+    parser.add_argument("scenario", help="the TOML file, or a history to run again")
     parser.add_argument("--out", metavar="FILE.h5", help="history file (default: results/<scenario>.h5)")
     parser.add_argument(
         "--set", metavar="KEY.PATH=VALUE", action="append", default=[], help="change a key of the scenario"
@@ -20,20 +21,39 @@ def run(options, console) -> int:
     """Run the scenario; exit code 3 where theory and replay disagree."""
     from dembrick import scenario as scenarios
     from dembrick.cli.paths import default_output
-    from dembrick.errors import DembrickError
-    from dembrick.result import failure, simulate
+    from dembrick.result import simulate
 
     changes = list(options.set)
     if options.tolerance is not None:
         changes.append(f"control.tolerance={options.tolerance!r}")
-    scenario = scenarios.load(options.scenario, changes)
+    if _is_hdf5(options.scenario):
+        from dembrick import history
+
+        with history.read(options.scenario) as file:
+            text = file.scenario_text
+        scenario = scenarios.loads(text, options.scenario, changes)
+    else:
+        scenario = scenarios.load(options.scenario, changes)
     path = options.out or default_output(Path(options.scenario).stem + ".h5")
+    force = options.force or not options.out
+    return answer(lambda: simulate(scenario, path, force=force, report=console.remark), path, console)
+
+
+def answer(simulated: Callable, path: str, console) -> int:
+    """Carry a run out and print what came of it; returns the exit code."""
+    from dembrick.errors import DembrickError
+    from dembrick.interruption import Interrupted
+
     try:
-        result = simulate(scenario, path, force=options.force or not options.out, report=console.remark)
+        result = simulated()
+    except Interrupted:
+        if console.json:
+            console.result({"status": "interrupted", "history": path}, "")
+        raise
     except DembrickError as error:
         if error.exit_code != 1:
             raise
-        console.result(failure(scenario, error, path), "")
+        console.result(error.answer or {"status": "failed", "error": str(error), "history": path}, "")
         console.error(str(error))
         console.remark(f"history: {path}")
         return 1
@@ -44,6 +64,15 @@ def run(options, console) -> int:
         "theory and replay disagree: V lies outside the tolerance of theory, or theory outside the certified bracket"
     )
     return 3
+
+
+def _is_hdf5(path: str) -> bool:
+    """Whether a file is a history and not a text, by its first bytes."""
+    try:
+        with open(path, "rb") as file:
+            return file.read(8) == b"\x89HDF\r\n\x1a\n"
+    except OSError:
+        return False  # whoever reads the scenario says why
 
 
 def _text(result) -> str:

@@ -6,8 +6,21 @@ writes in one piece, is never touched while the run goes on. Growing past the re
 file beside the old one and rename it.
 """
 
+from dembrick.history import recorded
+from dembrick.history.checkpoint import Checkpoint, Checkpoints
 from dembrick.history.files import check_output, part_name, reason, replacing
 from dembrick.history.reader import History, read
 from dembrick.history.writer import HistoryWriter
 
-__all__ = ["History", "HistoryWriter", "check_output", "part_name", "read", "reason", "replacing"]
+__all__ = [
+    "Checkpoint",
+    "Checkpoints",
+    "History",
+    "HistoryWriter",
+    "check_output",
+    "part_name",
+    "read",
+    "reason",
+    "recorded",
+    "replacing",
+]

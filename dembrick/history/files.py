@@ -71,6 +71,12 @@ def replacing(path: str, sync: bool = False) -> Iterator[str]:
             with open(part, "rb+") as file:
                 os.fsync(file.fileno())
         os.replace(part, path)
+        if sync and os.name == "posix":
+            folder = os.open(os.path.dirname(path) or ".", os.O_RDONLY)
+            try:
+                os.fsync(folder)  # the new name too
+            finally:
+                os.close(folder)
     except BaseException:
         with suppress(OSError):
             os.unlink(part)

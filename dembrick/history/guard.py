@@ -63,6 +63,13 @@ def attribute(file: h5py.File, name: str) -> str | int | None:
         return value if isinstance(value, str) else int(value)
 
 
+def exists(file: h5py.File, name: str) -> bool:
+    """Whether the root has a member of that name, of whatever kind."""
+    with damaged(file.filename, name):
+        root = _group(file, "")
+        return bool(root.links.exists(name.encode()))
+
+
 def members(file: h5py.File, path: str) -> list[str]:
     """Names of the datasets in a group; empty where the group is missing."""
     with damaged(file.filename, path):

@@ -74,6 +74,8 @@ def fields(assembly, channels: Container[str], energy: Iterable[str]) -> tuple[F
         Field("history/actuator_displacement", (n_actuator,), "m", "displacement of each jack's point, from the start"),
         Field("history/actuator_force", (n_actuator,), "N", "force of each jack"),
         Field("history/unbalanced", (), "1", "unbalanced-force ratio"),
+        Field("history/lower", (), "N", "lower bound of the limit load so far"),
+        Field("history/upper", (), "N", "upper bound of the limit load so far; 1e300 stands for none"),
     ]
     if "joints" in channels:
         rows += [Field(f"history/joint/{name}", (n_joint,), *about) for name, about in JOINT_CHANNELS.items()]
@@ -160,7 +162,7 @@ def create(
     ``growing``: entries to reserve for each field. They are contiguous and unwritten (a hole on most disks), so that
     whoever writes into them at the returned offsets never touches the structure of the file. ``packed``: fields to
     compress instead, with the entries a chunk; they have no offset. h5py's low-level calls, because a short run spends
-    most of its time here.
+    most of its time here. With nothing growing there is no count of it either.
     """
     access = h5p.create(h5p.FILE_ACCESS)
     access.set_libver_bounds(h5f.LIBVER_V18, h5f.LIBVER_V18)  # readable by any HDF5 in use; no open-for-writing marks
@@ -184,7 +186,8 @@ def create(
             offset = None if field.path in packed else data.get_offset()
             if offset is not None:
                 offsets[field.path] = offset
-        offsets[WRITTEN] = _written(file, early)
+        if growing:
+            offsets[WRITTEN] = _written(file, early)
     finally:
         file.close()
     return offsets

@@ -39,7 +39,8 @@ def _status(file) -> str:
 class History:
     """A history file, open for reading.
 
-    ``status``: ``running`` as long as the run goes on (or after it was killed), then what it ended with.
+    ``status``: ``running`` as long as the run goes on (or after it was killed), then what it ended with. ``begun`` is
+    False where the run was killed before its first row: there is a scenario, and no block yet.
     ``n_row`` rows and ``n_frames`` frames are there, as of the moment of opening. Series are arrays (T,) or (T, n).
     """
 
@@ -54,14 +55,21 @@ class History:
             raise
 
     def _open_series(self) -> None:
+        self._series, self.energy_names, self.has_frames, self.has_joints = {}, (), False, False
+        self.n_row = self.n_frames = self.n_block = self.n_joint = self.n_actuator = 0
+        self.begun = guard.exists(self._file, WRITTEN) or self.status != "running"
+        if not self.begun:
+            return
         written = guard.values(guard.dataset(self._file, WRITTEN, "integer", (2,)))
         self.n_row, self.n_frames = (int(n) for n in written)
+        found = guard.members(self._file, "history")
         self.n_block = guard.dataset(self._file, "geometry/blocks/name", "text", (None,)).shape[0]
         self.n_joint = guard.dataset(self._file, "geometry/joints/blocks", "integer", (None, 3)).shape[0]
         self.n_actuator = guard.dataset(self._file, "geometry/actuators/name", "text", (None,)).shape[0]
         tails = dict.fromkeys(("time", "load", "displacement", "unbalanced"), ())
+        tails |= {name: () for name in ("lower", "upper") if name in found}
         tails |= dict.fromkeys(("actuator_displacement", "actuator_force"), (self.n_actuator,))
-        self.has_joints = "joint" in guard.members(self._file, "history")
+        self.has_joints = "joint" in found
         if self.has_joints:
             tails |= {f"joint/{name}": (self.n_joint,) for name in JOINT_CHANNELS}
         self.energy_names = tuple(guard.members(self._file, "history/energy"))
@@ -77,7 +85,6 @@ class History:
                 n_point = guard.dataset(self._file, "geometry/joints/point", "number", (None, 5)).shape[0]
                 blocks["contact_force"] = (n_point, 3)
             tails |= {f"frames/{name}": tail for name, tail in blocks.items()}
-        self._series = {}
         for name, tail in tails.items():
             data = guard.dataset(self._file, name, "number", (None, *tail))
             count = self.n_frames if name.startswith("frames/") else self.n_row
@@ -118,6 +125,12 @@ class History:
                 title = ""
         return str(title)
 
+    @property
+    def run(self) -> str | None:
+        """Name of the run, by which its checkpoints know that they belong to it."""
+        found = guard.attribute(self._file, "run")
+        return found if isinstance(found, str) else None
+
     @cached_property
     def results(self) -> dict:
         """The object of ``run --json``; empty while the run goes on."""
@@ -147,10 +160,20 @@ class History:
     def series(self, name: str, start: int = 0, stop: int | None = None) -> np.ndarray:
         """Entries start to stop (default: all that were written) of a series such as ``load`` or ``joint/N``."""
         data = self._series.get(f"history/{name}")
+        if data is None and not self.begun:
+            return np.zeros(0)
         if data is None:
             raise KeyError(f"no series {name!r} in {self.path}")
         start, stop, _ = slice(start, stop).indices(self.n_row)
         return guard.values(data, start, max(start, stop))
+
+    def series_names(self, group: str) -> list[str]:
+        """Names of what grows with the run in ``history`` or ``frames``."""
+        return [name.removeprefix(f"{group}/") for name in self._series if name.startswith(f"{group}/")]
+
+    def entries(self, path: str, start: int, stop: int) -> np.ndarray:
+        """Entries start to stop of a dataset that grows with the run, by its path in the file."""
+        return guard.values(self._series[path], start, stop)
 
     @cached_property
     def time(self) -> np.ndarray:
@@ -187,7 +210,7 @@ class History:
 
         HistoryError where the run did not record them.
         """
-        if not self.has_joints:
+        if self.begun and not self.has_joints:
             raise HistoryError(
                 f'{self.path}: joint forces were not recorded; run it again with "joints" in output.channels'
             )
@@ -250,13 +273,15 @@ class History:
     # --- geometry at rest ---
 
     def _table(self, path: str, *tail: int, count: int | None = None, kind: str = "number") -> np.ndarray:
+        if not self.begun:
+            return np.zeros((1 if path.endswith("_start") else 0, *tail), int if kind == "integer" else float)
         found = guard.values(guard.dataset(self._file, f"geometry/{path}", kind, (count, *tail)))
         if found.dtype.kind == "f" and not np.isfinite(found).all():
             raise HistoryError(f"{self.path}: geometry/{path} holds a value that is not a finite number")
         return found
 
     def _texts(self, path: str, count: int) -> list[str]:
-        return guard.texts(guard.dataset(self._file, f"geometry/{path}", "text", (count,)))
+        return guard.texts(guard.dataset(self._file, f"geometry/{path}", "text", (count,))) if self.begun else []
 
     def _starts(self, path: str, count: int, total: int) -> list[int]:
         starts = self._table(path, count=count + 1, kind="integer")
@@ -338,6 +363,8 @@ class History:
     def joints(self) -> list[dict]:
         """One dict a joint: blocks, ``origin``, ``axes`` (rows t1, t2, n), ``polygon`` (m, 2), law, contact points."""
         n = self.n_joint
+        if not n:
+            return []
         blocks = self._numbers("joints/blocks", self.n_block, 3, count=n).tolist()
         names = {"area": (), "friction": (), "origin": (3,), "axes": (3, 3)}
         columns = {name: self._table(f"joints/{name}", *tail, count=n) for name, tail in names.items()}

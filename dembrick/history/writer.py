@@ -19,7 +19,7 @@ from dembrick.errors import HistoryError, OutputError, WriteError
 from dembrick.history import layout
 from dembrick.history.files import check_output, reason, replacing
 from dembrick.history.layout import Field
-from dembrick.history.reader import status_of
+from dembrick.history.reader import History, status_of
 
 RUNNING = "running"
 _SLAB = 4 << 20  # bytes moved at a time: what a rewrite holds in memory
@@ -34,8 +34,10 @@ class HistoryWriter:
     """Writes one history file.
 
     ``append`` and ``append_frames`` bring rows and frames to the file at once; only during the first ``hold`` seconds
-    they stay in memory, so that a run of milliseconds writes its file a single time, finished. ``finish`` makes the
-    final file: exact lengths, compressed where that halves a long series. Until then the status is ``running``.
+    they stay in memory, so that a run of milliseconds writes its data a single time, finished; the file itself is
+    there from the start, unless it would take the place of a finished one. ``finish`` makes the final file: exact
+    lengths, compressed where that halves a long series. Until then the status is ``running``. ``resume`` goes on with
+    a file that was left behind.
     ``channels``: what is recorded (see ``model.Output``). ``energy``: names of the energies in the records, if known;
     else the first record tells.
 
@@ -67,13 +69,29 @@ class HistoryWriter:
         self._capacity = self._stored = (0, 0)  # rows and frames: reserved in the file, and valid in it
         self._pending: dict[str, list[np.ndarray]] = {}
         self._pending_count = [0, 0]
+        self._source: History | None = None  # a file left behind, until what is kept of it has moved to ours
         self._closed = False
+        self.run = os.urandom(8).hex()
         self._set_fields(energy)
+        if not os.path.exists(self._target) or os.path.getsize(self._target) == 0 or not force:
+            self._begin()
 
     def _set_fields(self, energy) -> None:
         self._fields = layout.fields(self._assembly, self._channels, energy)
         self._energy = tuple(energy)
         self._frame_fields = [f.path.removeprefix("frames/") for f in self._fields if f.is_frame]
+
+    @classmethod
+    def resume(cls, left: History, assembly, settings: Mapping, channels: Iterable[str], rows: int, frames: int):
+        """Go on with the file that ``left`` reads, after its first ``rows`` rows and ``frames`` frames.
+
+        The others are dropped; ``left`` is closed.
+        """
+        self = cls(left.path, left.scenario_text, assembly, settings, True, channels, left.energy_names, hold=0.0)
+        self._source, self._stored, self.run = left, (rows, frames), left.run or self.run
+        with self._failures():
+            self._grow((rows, frames))
+        return self
 
     @property
     def n_row(self) -> int:
@@ -185,6 +203,15 @@ class HistoryWriter:
 
     # --- inside ---
 
+    def _begin(self) -> None:
+        """A file that says what is being run, and has no data yet."""
+        with self._failures(), replacing(self._target) as part:
+            layout.create(part, {}, [layout.scenario_table(self._scenario_text)], self._attributes(RUNNING, {}), {})
+
+    def _attributes(self, status: str, results: Mapping) -> dict:
+        found = {"format": layout.FORMAT, "status": status, "run": self.run, "versions": _json(_versions())}
+        return found | {"results": _json(results), "settings": _json(self._settings)}
+
     def _failures(self) -> _Failures:
         return _Failures(self)
 
@@ -195,6 +222,9 @@ class HistoryWriter:
         if self._file is not None:
             self._file.close()
             self._file = None
+        if self._source is not None:
+            self._source.close()
+            self._source = None
 
     def _reopen_with(self, energy: tuple[str, ...]) -> None:
         if any("/" in name or not name for name in energy):
@@ -225,9 +255,7 @@ class HistoryWriter:
             chunks = {f.path: self._worth_packing(f, counts[f.is_frame]) for f in self._fields}
             packed = {path: entries for path, entries in chunks.items() if entries}
         growing = {field: counts[field.is_frame] for field in self._fields}
-        attributes = {"format": layout.FORMAT, "status": status, "versions": _json(_versions())}
-        attributes |= {"results": _json(results), "settings": _json(self._settings)}
-        offsets = layout.create(part, growing, self._tables, attributes, packed)
+        offsets = layout.create(part, growing, self._tables, self._attributes(status, results), packed)
         with open(part, "r+b", buffering=0) as file:
             for field in self._fields:
                 if field.path in offsets:
@@ -249,7 +277,7 @@ class HistoryWriter:
     def _slabs(self, field: Field, pending: bool) -> Iterator[np.ndarray]:
         """All entries of a field, a few megabytes at a time: those in the file, then those in memory."""
         stored = self._stored[field.is_frame]
-        if self._file is not None and field.path in self._offsets:
+        if self._source is not None or (self._file is not None and field.path in self._offsets):
             # whole chunks, so that no chunk of a compressed dataset is packed twice
             chunk = self._chunk(field)
             step = max(_SLAB // field.entry_bytes // chunk, 1) * chunk
@@ -259,6 +287,8 @@ class HistoryWriter:
             yield from self._pending.get(field.path, ())
 
     def _stored_entries(self, field: Field, start: int, stop: int) -> np.ndarray:
+        if self._source is not None:
+            return self._source.entries(field.path, start, stop)
         self._file.seek(self._offsets[field.path] + start * field.entry_bytes)
         raw = self._file.read((stop - start) * field.entry_bytes)
         return np.frombuffer(raw, "<f8").reshape(-1, *field.tail)

@@ -1,0 +1,145 @@
+"""Checkpoints: all that a run goes on from, in two small files beside its history that are written in turn.
+
+``FILE.h5.checkpoint-0`` and ``-1`` are zip archives of arrays, as ``numpy.savez`` makes them. Each is written under
+another name, put on the disk and then renamed, so that a kill or a power cut leaves the last one or the one before.
+They are read as files that anyone may have made: nothing is unpickled, no array is taken that has not the shape and
+the type it must have, and the checksums of all of them are right.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import zipfile
+import zlib
+from collections.abc import Mapping
+from contextlib import suppress
+
+import numpy as np
+from numpy.lib import format as npy
+
+from dembrick.errors import HistoryError, WriteError
+from dembrick.history.files import reason, replacing
+
+FORMAT = 1
+_ABOUT = "about"
+_MOST_ARRAYS = 1000
+_LONGEST_HEADER = 4096  # bytes before the numbers of an array
+_DAMAGE = (OSError, ValueError, KeyError, EOFError, RuntimeError, NotImplementedError, zipfile.BadZipFile, zlib.error)
+
+
+class Checkpoint:
+    """One checkpoint, whole and right; ``about`` says what was going on."""
+
+    def __init__(self, path: str):
+        """Raises HistoryError where the file is damaged, or not one of ours."""
+        self.path = path
+        try:
+            self._read_about()
+        except (*_DAMAGE, RecursionError, AttributeError, TypeError) as error:
+            raise HistoryError(f"{path}: this checkpoint is damaged, or not one of ours ({_line(error)})") from error
+
+    def _read_about(self) -> None:
+        size = os.path.getsize(self.path)
+        with zipfile.ZipFile(self.path) as archive:
+            entries = archive.infolist()
+            if len(entries) > _MOST_ARRAYS or sum(entry.file_size for entry in entries) > size:
+                raise ValueError("it claims more than it holds")
+            if any(entry.compress_type != zipfile.ZIP_STORED for entry in entries):
+                raise ValueError("it is compressed")
+            if archive.testzip() is not None:
+                raise ValueError("a checksum is wrong")
+            self.about = json.loads(self._entry(archive, _ABOUT, None).tobytes())
+        if self.about.get("format") != FORMAT:
+            raise ValueError(f"format {self.about.get('format')!r} is unknown to this version")
+        for key, kind in (("run", str), ("scenario", str), ("kernels", str), ("step", int), ("rows", int)):
+            if not isinstance(self.about.get(key), kind):
+                raise ValueError(f"{key} is missing")
+        if not isinstance(self.about.get("frames"), int) or min(self.about[k] for k in ("step", "rows", "frames")) < 0:
+            raise ValueError("its counts make no sense")
+
+    def array(self, name: str, like: np.ndarray) -> np.ndarray:
+        """The array ``name``, which must have the shape and the type of ``like``; HistoryError otherwise."""
+        try:
+            with zipfile.ZipFile(self.path) as archive:
+                return self._entry(archive, name, like)
+        except _DAMAGE as error:
+            raise HistoryError(f"{self.path}: {name} does not belong to this run ({_line(error)})") from error
+
+    @staticmethod
+    def _entry(archive: zipfile.ZipFile, name: str, like: np.ndarray | None) -> np.ndarray:
+        """One array; ``like`` None stands for bytes, as many as there are."""
+        info = archive.getinfo(f"{name}.npy")
+        with archive.open(info) as file:
+            if npy.read_magic(file) != (1, 0):
+                raise ValueError("an array of another kind")
+            shape, fortran, dtype = npy.read_array_header_1_0(file, max_header_size=_LONGEST_HEADER)
+            if like is None:
+                if dtype != np.uint8 or len(shape) != 1:
+                    raise ValueError("an array of another kind")
+            elif shape != like.shape or dtype != like.dtype or fortran:
+                raise ValueError(f"shape {shape} of {dtype} where {like.shape} of {like.dtype} was expected")
+            rest = file.read()
+        return np.frombuffer(rest, dtype).reshape(shape)
+
+
+def _line(error: BaseException) -> str:
+    """What an error says, in short."""
+    return (str(error).splitlines() or [type(error).__name__])[0][:100]
+
+
+class Checkpoints:
+    """The two checkpoint files of the history ``path``."""
+
+    def __init__(self, path: str | os.PathLike):
+        self.paths = tuple(f"{os.path.realpath(path)}.checkpoint-{i}" for i in range(2))
+        self._next = 0
+
+    def save(self, arrays: Mapping[str, np.ndarray], about: Mapping) -> None:
+        """Write a checkpoint in the place of the older one; WriteError where that fails, and then both are kept."""
+        path = self.paths[self._next]
+        text = json.dumps({"format": FORMAT, **about}).encode()
+        arrays = {name: np.asarray(value, order="C") for name, value in arrays.items()}
+        try:
+            with replacing(path, sync=True) as part, open(part, "wb") as file:
+                np.savez(file, **{_ABOUT: np.frombuffer(text, np.uint8)}, **arrays)
+        except OSError as error:
+            raise WriteError(
+                f"{path}: the checkpoint could not be written ({reason(error)}); the one before is kept"
+            ) from error
+        self._next = 1 - self._next
+
+    def existing(self) -> list[str]:
+        """Those of the two files that are there."""
+        return [path for path in self.paths if os.path.exists(path)]
+
+    def newest(self, run: str) -> tuple[Checkpoint | None, list[str]]:
+        """The last good checkpoint of the run with that name, and why others could not be used.
+
+        The next ``save`` replaces the other file.
+        """
+        found, faults = [], []
+        for i, path in enumerate(self.paths):
+            if not os.path.exists(path):
+                continue
+            try:
+                checkpoint = Checkpoint(path)
+            except HistoryError as error:
+                faults.append(str(error))
+                continue
+            if checkpoint.about["run"] == run:
+                found.append((checkpoint.about["step"], i, checkpoint))
+            else:
+                faults.append(f"{path}: this is the checkpoint of another run")
+        if not found:
+            return None, faults
+        _, i, checkpoint = max(found, key=lambda entry: entry[0])
+        self._next = 1 - i
+        return checkpoint, faults
+
+    def discard(self) -> None:
+        """Remove both: the run is over."""
+        for path in self.paths:
+            with suppress(OSError):
+                os.unlink(path)
+        self._next = 0

@@ -1,0 +1,159 @@
+"""Where the record of a run goes: into memory, or into a history with its checkpoints. Energy is audited on the way."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import time
+from collections.abc import Mapping
+
+import numpy as np
+
+from dembrick._jit import kernel_hash
+from dembrick.audit import Auditor
+from dembrick.errors import HistoryError
+from dembrick.model import Output
+from dembrick.session import Session
+
+
+class Memory:
+    """Keeps everything in memory, for a run without a history."""
+
+    write_seconds = 0.0
+
+    def __init__(self):
+        self.auditor = Auditor()
+        self._rows, self._frames = [], []
+
+    def observe(self, rows: Mapping, frames: Mapping) -> None:
+        """Take what a chunk brought."""
+        self.auditor.add(rows["energy"])
+        self._rows.append(rows)
+        self._frames.append(frames)
+
+    def session(self, output: Output) -> Session:
+        """The surroundings of the run."""
+        return Session(self.observe, output)
+
+    @property
+    def rows(self) -> Mapping:
+        """All rows, one array a name."""
+        return _joined(self._rows)
+
+    @property
+    def frames(self) -> Mapping:
+        """All frames, one array a name."""
+        return _joined(self._frames)
+
+
+class Keeper:
+    """Passes the record on to a history writer and holds nothing of it; writes checkpoints beside the history.
+
+    ``text`` is the scenario; ``left``: a history file that was left behind, to go on with, else a new one is made.
+    """
+
+    def __init__(self, path, text: str, assembly, output: Output, settings: Mapping, force=False, left=None):
+        from dembrick import history
+
+        began = time.perf_counter()
+        self.path, self.auditor, self.checkpoint = os.fspath(path), Auditor(), None
+        self._recorded = history.recorded
+        self._checkpoints = history.Checkpoints(self.path)
+        self._scenario = hashlib.sha256(text.encode()).hexdigest()
+        if left is None:
+            self._writer = history.HistoryWriter(self.path, text, assembly, settings, force, output.channels)
+            self._checkpoints.discard()
+        else:
+            rows, frames = self._take_checkpoint(left)
+            # opened when the first record comes: until then the checkpoint may turn out not to fit
+            resume = history.HistoryWriter.resume
+            self._writer, self._open = None, lambda: resume(left, assembly, settings, output.channels, rows, frames)
+        self.write_seconds = time.perf_counter() - began
+
+    @property
+    def writer(self):
+        """The history writer."""
+        if self._writer is None:
+            self._writer = self._open()
+        return self._writer
+
+    def _take_checkpoint(self, left) -> tuple[int, int]:
+        """The last good checkpoint, and how many rows and frames there were then."""
+        found, faults = self._checkpoints.newest(left.run or "")
+        anew = f"run it again from the start: dembrick run {self.path} --force"
+        if found is None and faults:
+            raise HistoryError(f"{faults[0]}; {anew}")
+        rows = frames = 0
+        if found is not None:
+            for key, value in (("scenario", self._scenario), ("kernels", kernel_hash())):
+                if found.about[key] != value:
+                    what = "scenario" if key == "scenario" else "version of dembrick"
+                    raise HistoryError(
+                        f"{found.path}: this checkpoint is of another {what} and would not go on to the same result; "
+                        f"{anew}"
+                    )
+            rows, frames = found.about["rows"], found.about["frames"]
+            if rows > left.n_row or frames > left.n_frames:
+                raise HistoryError(
+                    f"{self.path}: it has {left.n_row} rows and {left.n_frames} frames, and the run had written {rows} "
+                    f"and {frames}; {anew}"
+                )
+            self.auditor.worst[:] = found.array("audit.worst", self.auditor.worst)
+        self.checkpoint = found
+        return rows, frames
+
+    def session(self, output: Output) -> Session:
+        """The surroundings of the run."""
+        return Session(self.observe, output, self.keep, self.checkpoint)
+
+    def observe(self, rows: Mapping, frames: Mapping) -> None:
+        """Pass on what a chunk brought."""
+        began = time.perf_counter()
+        self.auditor.add(rows["energy"])
+        self.writer.append(rows)
+        if frames:
+            self.writer.append_frames(**frames)
+        self.write_seconds += time.perf_counter() - began
+
+    def keep(self, arrays: Mapping[str, np.ndarray]) -> None:
+        """Flush the history, then write a checkpoint that says how much of it was there."""
+        began = time.perf_counter()
+        self.writer.flush()
+        about = {"run": self.writer.run, "scenario": self._scenario, "kernels": kernel_hash()}
+        about |= {"step": int(arrays["loop"][0]), "rows": self.writer.n_row, "frames": self.writer.n_frames}
+        self._checkpoints.save({**arrays, "audit.worst": self.auditor.worst}, about)
+        self.write_seconds += time.perf_counter() - began
+
+    @property
+    def has_checkpoint(self) -> bool:
+        """Whether there is something to go on from."""
+        return bool(self._checkpoints.existing())
+
+    def finish(self, status: str, results: Mapping, settings: Mapping | None = None) -> None:
+        """Make the final history; checkpoints stay where the run may go on."""
+        self.writer.finish(status, results, settings)
+        if status != "interrupted":
+            self._checkpoints.discard()
+
+    @property
+    def rows(self) -> Mapping:
+        """All rows, read from the file as they are asked for."""
+        return self._recorded.Rows(self.path)
+
+    @property
+    def frames(self) -> Mapping:
+        """All frames, read from the file as they are asked for."""
+        return self._recorded.Frames(self.path)
+
+
+def _joined(parts: list) -> dict:
+    """The chunks as one mapping of arrays (or of mappings of arrays)."""
+    if not parts:
+        return {}
+    first = parts[0]
+    return {
+        name: _joined([part[name] for part in parts])
+        if isinstance(first[name], Mapping)
+        else np.concatenate([part[name] for part in parts])
+        for name in first
+    }
