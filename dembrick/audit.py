@@ -39,7 +39,9 @@ class Auditor:
         self.worst = np.zeros(2)
 
     def add(self, energies: Mapping[str, np.ndarray]) -> None:
-        """Take the next rows, (T,) in J by name."""
+        """Take the next rows, (T,) in J by name; a run in real time has none."""
+        if not energies:
+            return
         stored = energies["kinetic"] + energies["elastic"] + energies["jack_spring"]
         residual = stored + energies["friction"] + energies["dashpots"] - energies["external"]
         for i, term in enumerate((residual, energies["external"])):

@@ -25,6 +25,16 @@ from dembrick.checks import (
     unit_vector,
     vector,
 )
+from dembrick.controls import (  # noqa: F401 (all that a scenario is made of can be imported from here)
+    BaseMotionControl,
+    Control,
+    DisplacementControl,
+    DynamicControl,
+    Pulse,
+    Sine,
+    TiltControl,
+    YieldControl,
+)
 from dembrick.errors import ScenarioError
 from dembrick.generators import GENERATORS, Arch, Dome, Stack, Wall
 from dembrick.memory import check_memory
@@ -109,18 +119,31 @@ class JointOverride:
 class Load:
     """A dead load: ``force`` (N, world) on ``block`` at ``point`` (m, world at the start; None: the centroid).
 
-    ``block`` may name a group: then each of its blocks bears that force, at its centroid.
+    ``block`` may name a group: then each of its blocks bears that force, at its centroid. In a dynamic run ``sine``, or
+    the values of a CSV file ``history`` (time in s, factor), multiply the force.
     """
 
     block: str
     force: Vector
     point: Vector | None = None
+    sine: Sine | None = None
+    history: str | None = None
 
     def __post_init__(self):
         label = f" of the load on block {show(check_name('block', self.block))}"
         assign(self, force=vector("force", self.force, label=label))
         if self.point is not None:
             assign(self, point=vector("point", self.point, label=label))
+        require_type(self.sine is None or isinstance(self.sine, Sine), f"sine{label}", self.sine, "a Sine")
+        if self.history is not None:
+            check_name(f"history{label}", self.history)
+        both = self.sine is not None and self.history is not None
+        require(not both, f"history{label}", self.history, "a load has either a sine or a history")
+
+    @property
+    def varies(self) -> bool:
+        """Whether it changes with time."""
+        return self.sine is not None or self.history is not None
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,43 +167,6 @@ class Actuator:
         weight = real(f"weight{label}", self.weight)
         require(weight != 0.0, f"weight{label}", weight, "it must not be 0")
         assign(self, point=vector("point", self.point, label=label), direction=unit_vector(direction), weight=weight)
-
-
-@dataclass(frozen=True, slots=True)
-class YieldControl:
-    """The limit load to ``tolerance``, the relative half-width of its bracket; everything else follows from it."""
-
-    tolerance: float = 1.0e-3
-
-    kind = "yield"
-
-    def __post_init__(self):
-        assign(self, tolerance=real("tolerance", self.tolerance))
-        require(
-            1e-8 <= self.tolerance <= 0.1,
-            "tolerance",
-            self.tolerance,
-            "it is a relative error between 1e-8 and 0.1; 1e-3 is usual",
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class DisplacementControl:
-    """A constant-rate test as the laboratory runs it: ``rate`` (m/s) over ``travel`` (m), physical mass."""
-
-    rate: float
-    travel: float
-
-    kind = "displacement"
-
-    def __post_init__(self):
-        for key, unit in (("rate", "m/s"), ("travel", "m")):
-            value = real(key, getattr(self, key))
-            require(value > 0.0, key, value, f"it must be greater than 0 {unit}")
-            assign(self, **{key: value})
-
-
-Control = YieldControl | DisplacementControl
 
 
 @dataclass(frozen=True, slots=True)

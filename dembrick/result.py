@@ -14,10 +14,13 @@ from dembrick import assembly as assemblies
 from dembrick import judge, replay
 from dembrick import scenario as scenarios
 from dembrick.audit import EnergyAudit
+from dembrick.controls import MOTIONS
 from dembrick.errors import DembrickError, HistoryError, NotConvergedError, WriteError
 from dembrick.interruption import Interrupted
 from dembrick.keeper import Keeper, Memory
 from dembrick.model import Scenario
+from dembrick.motion_result import MotionResult, lived_through
+from dembrick.motion_run import MotionRun
 from dembrick.session import Session
 from dembrick.yield_point import YieldPoint
 
@@ -125,8 +128,8 @@ def simulate(
     force: bool = False,
     record: bool = True,
     report: Callable[[str], None] | None = None,
-) -> Result:
-    """Run a scenario (or the TOML file of one) and return its Result.
+) -> Result | MotionResult:
+    """Run a scenario (or the TOML file of one) and return its Result, or its MotionResult where blocks move in time.
 
     ``history`` is the HDF5 file to write; ``force`` lets it replace a finished one. Without ``record`` (and without a
     history) only the yield point is kept, which is what a batch wants. ``report`` gets warnings.
@@ -182,12 +185,12 @@ def _built(scenario: Scenario, report: Callable[[str], None] | None):
     return assembly
 
 
-def _run(scenario: Scenario, assembly, keeper: Keeper | Memory | None, began: float) -> Result:
+def _run(scenario: Scenario, assembly, keeper: Keeper | Memory | None, began: float) -> Result | MotionResult:
     """Replay, audit and judge; ``began``: when the work on it did."""
     path = keeper.path if isinstance(keeper, Keeper) else None
     try:
         run = _replayed(scenario, assembly, keeper.session(scenario.output) if keeper else Session())
-        books = keeper.auditor.result(run.energy) if keeper else None
+        books = keeper.auditor.result(run.energy) if keeper and run.energy is not None else None
     except WriteError as error:  # the disk has what it has
         remedy = f"; once there is room again: dembrick restart {path}" if keeper.has_checkpoint else ""
         failed = WriteError(f"{error}{remedy}")
@@ -207,28 +210,23 @@ def _run(scenario: Scenario, assembly, keeper: Keeper | Memory | None, began: fl
             raise Interrupted(error.signum, f"{error}; go on with: dembrick restart {path}") from None
         raise
     done = time.perf_counter()
-    expected = judge.theory_of(assembly)
+    expected = judge.theory_of(assembly) if run.yield_point is not None else None
     if expected is not None:
         expected = expected.compared(run.yield_point.V)
     finishing = time.perf_counter()
     write = keeper.write_seconds if keeper else 0.0
-    result = Result(
-        scenario=scenario,
-        assembly=assembly,
-        replay=run,
-        theory=expected,
-        rows=keeper.rows if keeper else {},
-        frames=keeper.frames if keeper else {},
-        wall={
-            "build": max(0.0, done - began - run.loop_seconds - run.compile_seconds - write),
-            "compile": run.compile_seconds,
-            "loop": run.loop_seconds,
-            "write": write,
-            "total": finishing - began,
-        },
-        energy=books,
-        history=path,
-    )
+    wall = {
+        "build": max(0.0, done - began - run.loop_seconds - run.compile_seconds - write),
+        "compile": run.compile_seconds,
+        "loop": run.loop_seconds,
+        "write": write,
+        "total": finishing - began,
+    }
+    rows, frames = (keeper.rows, keeper.frames) if keeper else ({}, {})
+    if scenario.control.kind in MOTIONS:
+        result = MotionResult(scenario, assembly, run, rows, frames, wall, path)
+    else:
+        result = Result(scenario, assembly, run, expected, rows, frames, wall, books, path)
     if path:
         keeper.finish(result.status, result.as_dict(), run.settings)
         result.wall["write"] += time.perf_counter() - finishing
@@ -236,8 +234,10 @@ def _run(scenario: Scenario, assembly, keeper: Keeper | Memory | None, began: fl
     return result
 
 
-def _replayed(scenario: Scenario, assembly, session: Session) -> replay.Replay:
+def _replayed(scenario: Scenario, assembly, session: Session) -> replay.Replay | MotionRun:
     control, factor = scenario.control, scenario.solver.step_factor
+    if control.kind in MOTIONS:
+        return lived_through(scenario, assembly, session)
     if control.kind == "yield":
         return replay.find_limit_load(assembly, control.tolerance, factor, session)
     return replay.push_at_constant_rate(assembly, control.rate, control.travel, factor, session)

@@ -76,6 +76,8 @@ def _is_hdf5(path: str) -> bool:
 
 
 def _text(result) -> str:
+    if result.yield_point is None:
+        return result.text()
     point, run = result.yield_point, result.replay
     lines = [result.scenario.title, f"formulation   {result.scenario.joint.formulation}"]
     lines.append(f"V             {point.V:.6g} N +- {point.half_width:.2g} N ({point.bracket})")

@@ -149,7 +149,10 @@ def surface(x, y, first, last, area, reach, moments, pressed, index, v1, v2, w):
         if pressed.kind[index] != FULL:
             return pressed_surface(pressed, index, v1, v2, w)
     if sqrt(v1 * v1 + v2 * v2) > FAR * reach * abs(w):
-        return far_field(moments, v1, v2, w)
+        # D is homogeneous: at length one the powers of a slip of 1e-20 m, with nothing on the joint, do not overflow
+        v = sqrt(v1 * v1 + v2 * v2)
+        d, g1, g2, g3, h11, h12, h22, h13, h23, h33 = far_field(moments, v1 / v, v2 / v, w / v)
+        return d * v, g1, g2, g3, h11 / v, h12 / v, h22 / v, h13 / v, h23 / v, h33 / v
     c1 = -v2 / w
     c2 = v1 / w
     f, b1, b2, t11, t12, t22 = edge_sums(x, y, first, last, c1, c2)

@@ -1,0 +1,159 @@
+"""Histories in time: sines, pulses and CSV files, and the velocity of supports that follow them."""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from dembrick.checks import show
+from dembrick.controls import Pulse, Sine
+from dembrick.driving import Curve
+from dembrick.errors import ScenarioError
+
+GAP = 1.5  # of the usual step: a longer one means that samples are missing
+LARGEST_FILE = 64 << 20  # bytes
+
+
+@dataclass(frozen=True)
+class Samples:
+    """A history as it was read: ``time`` (s) and ``value`` (m,), ``path`` for messages."""
+
+    time: np.ndarray
+    value: np.ndarray
+    path: str
+
+    @property
+    def step(self) -> float:
+        """The shortest step (s)."""
+        return float(np.diff(self.time).min())
+
+
+def read_samples(path: str | Path, duration: float) -> Samples:
+    """Two columns of a CSV file, time (s) and value; a first line that is no number is a heading.
+
+    ScenarioError where a line has not two numbers, where time does not grow by one step, apart from rounding, or where
+    the history ends before ``duration`` (s).
+    """
+    path = Path(path)
+    try:
+        if path.stat().st_size > LARGEST_FILE:
+            raise ScenarioError(f"{path}: longer than {LARGEST_FILE >> 20} MiB, this is no history of a motion")
+        with open(path, newline="", encoding="utf-8-sig") as file:
+            numbered = enumerate(csv.reader(file), 1)
+            lines = [(number, row) for number, row in numbered if any(cell.strip() for cell in row)]
+    except OSError as error:
+        raise ScenarioError(f"{path}: the history cannot be read: {error.strerror or error}") from None
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise ScenarioError(f"{path}: not a CSV file of two columns: {error}") from None
+    rows = []
+    for i, (number, row) in enumerate(lines):
+        try:
+            time, value = (float(cell) for cell in row)
+        except ValueError:
+            if i == 0 and len(row) == 2:
+                continue
+            raise ScenarioError(
+                f"{path}, line {number}: {show(', '.join(row))} is not time and value; write two columns of numbers"
+            ) from None
+        if not (math.isfinite(time) and math.isfinite(value)):
+            raise ScenarioError(f"{path}, line {number}: {show(', '.join(row))} must be two finite numbers")
+        rows.append((time, value, number))
+    if len(rows) < 2:
+        raise ScenarioError(f"{path}: a history needs at least two lines of time and value")
+    time, value, numbers = (np.array(column) for column in zip(*rows, strict=True))
+    steps = np.diff(time)
+    usual = float(np.median(steps))
+    wrong = np.flatnonzero((steps <= 0.0) | (steps > GAP * usual))
+    if len(wrong):
+        first = int(wrong[0])
+        what = "goes back" if steps[first] <= 0.0 else f"leaves a gap of {steps[first]:.6g} s"
+        raise ScenarioError(
+            f"{path}, line {int(numbers[first + 1])}: time {what} (the usual step is {usual:.6g} s); give samples in "
+            "order and without gaps"
+        )
+    if time[0] > 0.0 or time[-1] < duration:
+        raise ScenarioError(
+            f"{path}: covers {time[0]:.6g} to {time[-1]:.6g} s, the run lasts from 0 to {duration:.6g} s; shorten "
+            "control.duration or lengthen the history"
+        )
+    return Samples(time, value, str(path))
+
+
+def sine(shape: Sine) -> Curve:
+    """Its values in time."""
+    omega = 2.0 * math.pi * shape.frequency
+    return lambda t: shape.amplitude * np.sin(omega * t + shape.phase)
+
+
+def linear(samples: Samples) -> Curve:
+    """Straight between the samples."""
+    return lambda t: np.interp(t, samples.time, samples.value)
+
+
+def sine_velocity(shape: Sine, quantity: str) -> Curve:
+    """Velocity (m/s) of supports whose ``quantity`` follows a sine; blocks start with the supports."""
+    omega, phase, a = 2.0 * math.pi * shape.frequency, shape.phase, shape.amplitude
+    if quantity == "acceleration":
+        return _from_the_start(lambda t: -a / omega * np.cos(omega * t + phase))
+    if quantity == "velocity":
+        return _from_the_start(lambda t: a * np.sin(omega * t + phase))
+    return _from_the_start(lambda t: a * omega * np.cos(omega * t + phase))
+
+
+def pulse_velocity(shape: Pulse, quantity: str) -> Curve:
+    """Velocity (m/s) of supports whose acceleration, or velocity, is a pulse."""
+    if quantity == "acceleration":
+        return lambda t: shape.amplitude * np.clip(t - shape.start, 0.0, shape.duration)
+    return lambda t: np.where((t >= shape.start) & (t < shape.start + shape.duration), shape.amplitude, 0.0)
+
+
+def sampled_velocity(samples: Samples, quantity: str) -> Curve:
+    """Velocity (m/s) of supports with a sampled motion: straight between samples of acceleration or velocity, the
+    natural cubic spline through samples of displacement."""
+    t, y = samples.time, samples.value
+    if quantity == "velocity":
+        return _from_the_start(linear(samples))
+    if quantity == "displacement":
+        return _from_the_start(_spline_slope(t, y))
+    steps = np.diff(t)
+    gained = np.concatenate([[0.0], np.cumsum(0.5 * (y[1:] + y[:-1]) * steps)])
+
+    def velocity(at: np.ndarray) -> np.ndarray:
+        i = np.clip(np.searchsorted(t, at, side="right") - 1, 0, len(steps) - 1)
+        s = np.clip(at - t[i], 0.0, steps[i])
+        return gained[i] + s * y[i] + 0.5 * s * s * (y[i + 1] - y[i]) / steps[i]
+
+    return _from_the_start(velocity)
+
+
+def _from_the_start(curve: Curve) -> Curve:
+    """Before time nought the value at nought: whatever speed the supports begin with, the blocks share."""
+    return lambda t: curve(np.maximum(t, 0.0))
+
+
+def _spline_slope(t: np.ndarray, y: np.ndarray) -> Curve:
+    """Slope of the natural cubic spline through (t, y)."""
+    h = np.diff(t)
+    n = len(t)
+    curvature = np.zeros(n)
+    if n > 2:
+        diagonal = 2.0 * (h[:-1] + h[1:])
+        right = 6.0 * np.diff(np.diff(y) / h)
+        for i in range(1, n - 2):  # elimination and back substitution of the three diagonals
+            factor = h[i] / diagonal[i - 1]
+            diagonal[i] -= factor * h[i]
+            right[i] -= factor * right[i - 1]
+        for i in range(n - 3, -1, -1):
+            curvature[i + 1] = (right[i] - h[i + 1] * curvature[i + 2]) / diagonal[i]
+
+    def slope(at: np.ndarray) -> np.ndarray:
+        i = np.clip(np.searchsorted(t, at, side="right") - 1, 0, n - 2)
+        s = np.clip(at - t[i], 0.0, h[i])
+        first = (y[i + 1] - y[i]) / h[i] - h[i] * (2.0 * curvature[i] + curvature[i + 1]) / 6.0
+        return first + s * curvature[i] + 0.5 * s * s * (curvature[i + 1] - curvature[i]) / h[i]
+
+    return slope

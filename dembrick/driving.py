@@ -1,0 +1,54 @@
+"""What drives a dynamic run: gravity and loads as functions of time, seen from the supports.
+
+Whatever the supports do, the run is made in their frame. A table that tilts turns gravity and the loads the other way
+(its rate is slow: what its turning adds to the acceleration is left out); supports that shake put their acceleration,
+reversed, on every block. Moving supports enter by the velocity they gain in each step, so that a history is integrated
+exactly, jumps and all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dembrick.shapes import rotation_matrix
+
+Curve = Callable[[np.ndarray], np.ndarray]  # times (s,) -> values (s,)
+
+
+@dataclass(frozen=True)
+class Driving:
+    """Gravity (3,), loads and the motion of the supports.
+
+    ``block`` (k,), ``lever`` (k, 3; body axes, m) and ``force`` (k, 3; N, world) of the loads, ``factor`` a curve for
+    each or None. ``tilt``: (axis, rate in rad/s). ``support_velocity``: a curve of the speed along ``direction``, m/s.
+    """
+
+    gravity: np.ndarray
+    block: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
+    lever: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    force: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    factor: tuple[Curve | None, ...] = ()
+    tilt: tuple[np.ndarray, float] | None = None
+    support_velocity: Curve | None = None
+    direction: np.ndarray = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))
+
+    def at(self, times: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+        """Gravity (s, 3) in m/s2 and load forces (s, k, 3) in N for the steps at ``times`` (s,)."""
+        gravity = np.tile(self.gravity, (len(times), 1))
+        force = np.tile(self.force, (len(times), 1, 1))
+        for k, curve in enumerate(self.factor):
+            if curve is not None:
+                force[:, k] *= curve(times)[:, None]
+        if self.tilt is not None:
+            axis, rate = self.tilt
+            half = -0.5 * rate * times
+            turn = rotation_matrix(np.column_stack([np.cos(half), np.sin(half)[:, None] * axis]))
+            gravity = np.einsum("sij,sj->si", turn, gravity)
+            force = np.einsum("sij,skj->ski", turn, force)
+        if self.support_velocity is not None:
+            gained = self.support_velocity(times + 0.5 * dt) - self.support_velocity(times - 0.5 * dt)
+            gravity = gravity - (gained / dt)[:, None] * self.direction
+        return gravity, np.ascontiguousarray(force)

@@ -1,0 +1,84 @@
+"""The compiled loop of dynamic runs: true mass, exact rotations, moving joints.
+
+Gravity and loads come as one entry a step, made by the caller for a chunk of steps: so tilting tables, shaken supports
+and load histories are all the same to the loop.
+"""
+
+from math import sqrt
+from typing import NamedTuple
+
+from numpy import ndarray
+
+from dembrick._jit import jit
+from dembrick.kernels.bodies import step_bodies
+from dembrick.kernels.moving_joints import corner_forces, face_forces, least_slack
+from dembrick.kernels.vec3 import cross, rows_times
+
+RUNNING, REACHED, STALE, DIVERGED = 0, 1, 2, 3
+
+
+class Loads(NamedTuple):
+    """Forces at material points of blocks, besides gravity, and gravity: one entry a step of the chunk."""
+
+    block: ndarray  # (k,) int64
+    lever: ndarray  # (k, 3) m, from the centroid in body axes
+    force: ndarray  # (s, k, 3) N, world
+    gravity: ndarray  # (s, 3) m/s2, world
+
+
+class Limits(NamedTuple):
+    """What ends a chunk before its time."""
+
+    displacement: float  # m, of any centroid from its start
+    longest: float  # m, a step that moves a block further has diverged
+
+
+@jit
+def apply_loads(loads, bodies, step):
+    """Put the loads of a step on the blocks."""
+    block = loads.block
+    for k in range(block.size):
+        for i in range(6):
+            bodies.applied[block[k], i] = 0.0
+    for k in range(block.size):
+        b = block[k]
+        f = loads.force[step, k]
+        r1, r2, r3 = rows_times(bodies.rotation[b], loads.lever[k, 0], loads.lever[k, 1], loads.lever[k, 2])
+        t1, t2, t3 = cross(r1, r2, r3, f[0], f[1], f[2])
+        load = bodies.applied[b]
+        load[0] += f[0]
+        load[1] += f[1]
+        load[2] += f[2]
+        load[3] += t1
+        load[4] += t2
+        load[5] += t3
+
+
+@jit
+def advance_bodies(n_steps, dt, bodies, links, corners, faces, loads, limits, damping, travel):
+    """Advance up to ``n_steps`` steps of ``dt``; ``corners`` or ``faces`` is None where no joint is of that family.
+
+    ``travel`` (1,): m, what any two blocks may still move against each other before a polygon could be stale. Returns
+    a status and the steps done: RUNNING when all are, REACHED (a centroid has gone as far as ``limits`` says), STALE
+    (polygons must be cut again before the next step), DIVERGED.
+    """
+    goal2 = limits.displacement**2
+    longest2 = limits.longest**2
+    for step in range(n_steps):
+        if travel[0] <= 0.0:
+            travel[0] = least_slack(links)
+            if travel[0] <= 0.0:
+                return STALE, step
+        apply_loads(loads, bodies, step)
+        if corners is not None:
+            corner_forces(links, corners, bodies, 0, corners.joint.size)
+        if faces is not None:
+            face_forces(links, faces, bodies, 0, faces.joint.size)
+        g = loads.gravity[step]
+        moved2, away2 = step_bodies(bodies, links.wrench, 0, bodies.free.size, g[0], g[1], g[2], dt, damping)
+        if not moved2 <= longest2:
+            return DIVERGED, step + 1
+        if away2 >= goal2:
+            return REACHED, step + 1
+        travel[0] -= 2.0 * sqrt(moved2)
+    return RUNNING, n_steps

@@ -1,0 +1,351 @@
+"""Joints between blocks that move and turn by any amount: exact geometry, no small angle anywhere.
+
+The contact polygon rides on one block, the *host*; the *other* block offers the plane. In the axes of that plane
+(u1, u2 and m = u1 x u2, which turn with the other block) the host's O and its two tangents e1, e2 are nine numbers,
+``seen``, and a point (x, y) of the polygon is O + x e1 + y e2: its gap is linear in x and y however far the blocks
+have turned. Slip and closing of a step are differences of ``seen``, so they add up to the total motion: nothing drifts,
+and a pair that moves as one rigid body sees nothing. Shear memory lives in the plane's axes (of convex joints, in the
+polygon's) and turns with them. The normal force acts along the other's normal, and force and reaction at one world
+point.
+
+A wrench row holds the force on the host (3), its torque about the host's centroid (3) and that of the reaction about
+the other's centroid (3), world axes.
+"""
+
+from math import sqrt
+from typing import NamedTuple
+
+from numpy import ndarray
+
+from dembrick._jit import jit
+from dembrick.kernels.laws import no_tension
+from dembrick.kernels.limit_surface import proximal_map
+from dembrick.kernels.vec3 import cross, rows_times
+
+
+class Links(NamedTuple):
+    """j joints: which blocks, and where the polygon and the plane sit on them."""
+
+    host: ndarray  # (j,) int64
+    other: ndarray  # (j,) int64
+    sense: ndarray  # (j,) +1 where the other's outward normal is m, -1 where it is -m
+    lever: ndarray  # (j, 3) m, from the host's centroid to O, host's body axes
+    tangents: ndarray  # (j, 2, 3) e1, e2 in the host's body axes
+    plane: ndarray  # (j, 2, 3) u1, u2 in the other's body axes
+    offset: ndarray  # (j,) m, distance of the plane from the other's centroid, along m
+    viscous: ndarray  # (j, 2) dashpot over spring force for the same increment: normal, shear
+    seen: ndarray  # (j, 9) O, e1, e2 of the host in the plane's axes, from the other's centroid, last step
+    wrench: ndarray  # (j, 9) N, N m: see above
+    kept: ndarray  # (j, 4) O and e1 along u1 and u2, of `seen`, when the polygon was last cut to the other's face
+    reach: ndarray  # (j,) m, greatest distance of the polygon from O
+    slack: ndarray  # (j,) m, how far the polygon may move along the plane before it must be cut again
+
+
+class Corners(NamedTuple):
+    """Joints whose forces act at contact points."""
+
+    joint: ndarray  # (p,) int64
+    start: ndarray  # (p + 1,) int64, first contact point of each
+    k_n: ndarray  # (p,) Pa/m
+    k_s: ndarray  # (p,) Pa/m
+    friction: ndarray  # (p,)
+    shear_arm: ndarray  # (p,) friction acts at this times the arm of the normal force
+    x: ndarray  # (c,) m, from O along e1
+    y: ndarray  # (c,) m, along e2
+    area: ndarray  # (c,) m2, tributary
+    elastic: ndarray  # (c, 2) N, elastic shear force, in the sense in which the host slips, along u1, u2
+    slip: ndarray  # (c,) m, length of the slip path
+
+
+class Faces(NamedTuple):
+    """Convex joints."""
+
+    joint: ndarray  # (a,) int64
+    start: ndarray  # (a,) int64, first vertex of each
+    count: ndarray  # (a,) int64, vertices
+    k_n: ndarray  # (a,) Pa/m
+    k_s: ndarray  # (a,) Pa/m
+    friction: ndarray  # (a,)
+    x: ndarray  # (v,) m, vertices from O along e1, counter-clockwise about e1 x e2
+    y: ndarray  # (v,) m, along e2
+    area: ndarray  # (a,) m2
+    second: ndarray  # (a, 3) m4, integrals of y^2, x^2, x y about O, the centroid
+    negligible: ndarray  # (a,) N, friction strength up to which the limit surface need not be the exact one
+    reach: ndarray  # (a,) m, greatest vertex distance from O
+    radius: ndarray  # (a,) m, torsion strength over V_0
+    far: ndarray  # (a, 42) series of the limit surface about pure translation
+    elastic: ndarray  # (a, 3) N, N, N m, in the sense in which the host slips, polygon axes
+    twist: ndarray  # (a, 3) m, m, rad, last plastic twist
+    slip: ndarray  # (a,) m, length of the slip path
+
+
+@jit
+def resultant(links, j, a1, a2, a3, b1, b2, b3, c1, c2, c3, twisting, u1, u2, u3, w1, w2, w3, d, r):
+    """Write the wrench of joint ``j``.
+
+    a, b, c: sums over the polygon of the force on the host, in the plane's axes, and of x and y times it; ``twisting``
+    is a couple about m on top. u, w: the plane's axes u1, u2 in the world; d, r: O from the centroids of other, host.
+    """
+    s = links.seen[j]
+    m1, m2, m3 = cross(u1, u2, u3, w1, w2, w3)
+    f1 = a1 * u1 + a2 * w1 + a3 * m1
+    f2 = a1 * u2 + a2 * w2 + a3 * m2
+    f3 = a1 * u3 + a2 * w3 + a3 * m3
+    p1, p2, p3 = cross(s[3], s[4], s[5], b1, b2, b3)
+    q1, q2, q3 = cross(s[6], s[7], s[8], c1, c2, c3)
+    p1 += q1
+    p2 += q2
+    p3 += q3 + twisting
+    t1 = p1 * u1 + p2 * w1 + p3 * m1
+    t2 = p1 * u2 + p2 * w2 + p3 * m2
+    t3 = p1 * u3 + p2 * w3 + p3 * m3
+    h1, h2, h3 = cross(r[0], r[1], r[2], f1, f2, f3)
+    o1, o2, o3 = cross(d[0], d[1], d[2], f1, f2, f3)
+    out = links.wrench[j]
+    out[0] = f1
+    out[1] = f2
+    out[2] = f3
+    out[3] = t1 + h1
+    out[4] = t2 + h2
+    out[5] = t3 + h3
+    out[6] = -t1 - o1
+    out[7] = -t2 - o2
+    out[8] = -t3 - o3
+
+
+@jit
+def look(links, bodies, j):
+    """Where the host is now, in the plane's axes: nine numbers; then u1, u2 (world), and O from both centroids."""
+    host = links.host[j]
+    other = links.other[j]
+    R = bodies.rotation[other]
+    u = links.plane[j]
+    u1, u2, u3 = rows_times(R, u[0, 0], u[0, 1], u[0, 2])
+    w1, w2, w3 = rows_times(R, u[1, 0], u[1, 1], u[1, 2])
+    m1, m2, m3 = cross(u1, u2, u3, w1, w2, w3)
+    R = bodies.rotation[host]
+    lever = links.lever[j]
+    r = rows_times(R, lever[0], lever[1], lever[2])
+    x = bodies.position
+    d = (r[0] + (x[host, 0] - x[other, 0]), r[1] + (x[host, 1] - x[other, 1]), r[2] + (x[host, 2] - x[other, 2]))
+    t = links.tangents[j]
+    e1, e2, e3 = rows_times(R, t[0, 0], t[0, 1], t[0, 2])
+    g1, g2, g3 = rows_times(R, t[1, 0], t[1, 1], t[1, 2])
+    return (
+        d[0] * u1 + d[1] * u2 + d[2] * u3,
+        d[0] * w1 + d[1] * w2 + d[2] * w3,
+        d[0] * m1 + d[1] * m2 + d[2] * m3,
+        e1 * u1 + e2 * u2 + e3 * u3,
+        e1 * w1 + e2 * w2 + e3 * w3,
+        e1 * m1 + e2 * m2 + e3 * m3,
+        g1 * u1 + g2 * u2 + g3 * u3,
+        g1 * w1 + g2 * w2 + g3 * w3,
+        g1 * m1 + g2 * m2 + g3 * m3,
+        u1, u2, u3, w1, w2, w3, d, r,
+    )  # fmt: skip
+
+
+@jit
+def corner_forces(links, corners, bodies, first, last):
+    """Forces of the point joints ``first`` to ``last``: Coulomb friction and a no-tension spring at every point."""
+    for p in range(first, last):
+        j = corners.joint[p]
+        o1, o2, o3, e1, e2, e3, g1, g2, g3, u1, u2, u3, w1, w2, w3, d, r = look(links, bodies, j)
+        seen = links.seen[j]
+        p1 = o1 - seen[0]
+        p2 = o2 - seen[1]
+        p3 = o3 - seen[2]
+        x1 = e1 - seen[3]
+        x2 = e2 - seen[4]
+        x3 = e3 - seen[5]
+        y1 = g1 - seen[6]
+        y2 = g2 - seen[7]
+        y3 = g3 - seen[8]
+        seen[0] = o1
+        seen[1] = o2
+        seen[2] = o3
+        seen[3] = e1
+        seen[4] = e2
+        seen[5] = e3
+        seen[6] = g1
+        seen[7] = g2
+        seen[8] = g3
+        sense = links.sense[j]
+        offset = links.offset[j]
+        k_n = -sense * corners.k_n[p]
+        viscous = links.viscous[j, 0]
+        k_s = corners.k_s[p]
+        damped = 1.0 + links.viscous[j, 1]
+        share = 1.0 / damped
+        mu = corners.friction[p]
+        arm = corners.shear_arm[p]
+        a1 = a2 = a3 = b1 = b2 = b3 = c1 = c2 = c3 = 0.0
+        for i in range(corners.start[p], corners.start[p + 1]):
+            x = corners.x[i]
+            y = corners.y[i]
+            area = corners.area[i]
+            force = 0.0
+            if sense * (o3 - offset + x * e3 + y * g3) < 0.0:
+                force = k_n * area * (o3 - offset + x * e3 + y * g3 + viscous * (p3 + x * x3 + y * y3))
+            elastic = corners.elastic[i]
+            if force > 0.0:
+                xs = arm * x
+                ys = arm * y
+                k = k_s * area
+                full = k * damped
+                slip_1 = p1 + xs * x1 + ys * y1
+                slip_2 = p2 + xs * x2 + ys * y2
+                t1 = elastic[0] + full * slip_1
+                t2 = elastic[1] + full * slip_2
+                size2 = t1 * t1 + t2 * t2
+                cap = mu * force
+                if size2 <= cap * cap:
+                    elastic[0] += k * slip_1
+                    elastic[1] += k * slip_2
+                else:
+                    size = sqrt(size2)
+                    plastic = (size - cap) / size
+                    elastic[0] += k * slip_1 - plastic * share * t1
+                    elastic[1] += k * slip_2 - plastic * share * t2
+                    corners.slip[i] += plastic * size / full
+                    t1 *= cap / size
+                    t2 *= cap / size
+                a1 -= t1
+                a2 -= t2
+                b1 -= xs * t1
+                b2 -= xs * t2
+                c1 -= ys * t1
+                c2 -= ys * t2
+                a3 += force
+                b3 += x * force
+                c3 += y * force
+            else:
+                elastic[0] = 0.0
+                elastic[1] = 0.0
+        resultant(
+            links, j, a1, a2, sense * a3, b1, b2, sense * b3, c1, c2, sense * c3, 0.0,
+            u1, u2, u3, w1, w2, w3, d, r,
+        )  # fmt: skip
+
+
+@jit
+def pressed(faces, a, g0, gx, gy):
+    """Integrals over the polygon of <g>+, x <g>+ and y <g>+ (x, y from O) for the penetration g0 + gx x + gy y."""
+    first = faces.start[a]
+    last = first + faces.count[a]
+    least = g0 + gx * faces.x[first] + gy * faces.y[first]
+    most = least
+    for i in range(first + 1, last):
+        g = g0 + gx * faces.x[i] + gy * faces.y[i]
+        least = min(least, g)
+        most = max(most, g)
+    if most <= 0.0:
+        return 0.0, 0.0, 0.0
+    if least >= 0.0:
+        second = faces.second[a]
+        return faces.area[a] * g0, second[1] * gx + second[2] * gy, second[2] * gx + second[0] * gy
+    return no_tension(faces.x, faces.y, first, last, g0, gx, gy)
+
+
+@jit
+def face_forces(links, faces, bodies, first, last):
+    """Forces of the convex joints ``first`` to ``last``: exact no-tension integral, exact limit surface."""
+    for a in range(first, last):
+        j = faces.joint[a]
+        o1, o2, o3, e1, e2, e3, g1, g2, g3, u1, u2, u3, w1, w2, w3, d, r = look(links, bodies, j)
+        seen = links.seen[j]
+        sense = links.sense[j]
+        viscous = links.viscous[j, 0]
+        # the dashpot sees the penetration a fraction of a step ahead
+        n, nx, ny = pressed(
+            faces,
+            a,
+            -sense * (o3 - links.offset[j] + viscous * (o3 - seen[2])),
+            -sense * (e3 + viscous * (e3 - seen[5])),
+            -sense * (g3 + viscous * (g3 - seen[8])),
+        )
+        k_n = faces.k_n[a]
+        n *= k_n
+        nx *= k_n
+        ny *= k_n
+        # slip of the step at O in the plane's axes, and what turns them into the polygon's
+        p1 = o1 - seen[0]
+        p2 = o2 - seen[1]
+        scale = 1.0 / sqrt(e1 * e1 + e2 * e2)
+        cosine = e1 * scale
+        sine = e2 * scale
+        turn = scale * scale * (seen[3] * e2 - seen[4] * e1)
+        seen[0] = o1
+        seen[1] = o2
+        seen[2] = o3
+        seen[3] = e1
+        seen[4] = e2
+        seen[5] = e3
+        seen[6] = g1
+        seen[7] = g2
+        seen[8] = g3
+        elastic = faces.elastic[a]
+        if n > 0.0:
+            s1 = cosine * p1 + sine * p2
+            s2 = cosine * p2 - sine * p1
+            area = faces.area[a]
+            k_t = faces.k_s[a] * area
+            k_r = faces.k_s[a] * (faces.second[a, 0] + faces.second[a, 1])
+            damped = 1.0 + links.viscous[j, 1]
+            t1 = elastic[0] + damped * k_t * s1
+            t2 = elastic[1] + damped * k_t * s2
+            tm = elastic[2] + damped * k_r * turn
+            strength = faces.friction[a] * n
+            # inside the set by convexity, and most joints are most of the time
+            room = strength - abs(tm) / faces.radius[a]
+            if room >= 0.0 and t1 * t1 + t2 * t2 <= room * room:
+                elastic[0] += k_t * s1
+                elastic[1] += k_t * s2
+                elastic[2] += k_r * turn
+            elif strength <= faces.negligible[a]:
+                # the safe chord |V|/V_0 + |M|/M_T0 = 1 of the limit surface is good enough for next to nothing
+                scale = strength / (sqrt(t1 * t1 + t2 * t2) + abs(tm) / faces.radius[a])
+                t1 *= scale
+                t2 *= scale
+                tm *= scale
+                elastic[0] = t1
+                elastic[1] = t2
+                elastic[2] = tm
+            else:
+                start = faces.start[a]
+                twist = faces.twist[a]
+                t1, t2, tm, q1, q2, qr, twist[0], twist[1], twist[2], _ = proximal_map(
+                    faces.x, faces.y, start, start + faces.count[a], area, faces.reach[a], faces.far[a], None, a,
+                    faces.radius[a], strength, damped * k_t, damped * k_r, t1, t2, tm, twist[0], twist[1], twist[2],
+                )  # fmt: skip
+                elastic[0] += k_t * (s1 - q1)
+                elastic[1] += k_t * (s2 - q2)
+                elastic[2] += k_r * (turn - qr)
+                faces.slip[a] += (t1 * q1 + t2 * q2 + tm * qr) / strength
+            f1 = -(cosine * t1 - sine * t2)
+            f2 = -(sine * t1 + cosine * t2)
+            resultant(
+                links, j, f1, f2, sense * n, 0.0, 0.0, sense * nx, 0.0, 0.0, sense * ny, -tm,
+                u1, u2, u3, w1, w2, w3, d, r,
+            )  # fmt: skip
+        else:
+            elastic[0] = 0.0
+            elastic[1] = 0.0
+            elastic[2] = 0.0
+            links.wrench[j, :] = 0.0
+
+
+@jit
+def least_slack(links):
+    """How much farther a polygon may move along its plane before one must be cut again (m); nought or less: now."""
+    least = 1e300
+    for j in range(links.host.size):
+        seen = links.seen[j]
+        kept = links.kept[j]
+        p1 = seen[0] - kept[0]
+        p2 = seen[1] - kept[1]
+        e1 = seen[3] - kept[2]
+        e2 = seen[4] - kept[3]
+        moved = sqrt(p1 * p1 + p2 * p2) + links.reach[j] * sqrt(e1 * e1 + e2 * e2)
+        least = min(least, links.slack[j] - moved)
+    return least

@@ -1,0 +1,114 @@
+"""A dynamic scenario run from end to end: the twin of ``result`` for tilting, shaking and free motion."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+
+import numpy as np
+
+from dembrick import assembly as assemblies
+from dembrick import motion_run
+from dembrick.errors import ScenarioError
+from dembrick.loading import driving_of
+from dembrick.model import Scenario
+from dembrick.session import Session
+
+
+@dataclasses.dataclass
+class MotionResult:
+    """What a dynamic run gave: the state it ended in, the record, and the collapse if there was one.
+
+    ``rows``: time, load, displacement (of the block that has moved furthest), unbalanced (T,), joint (T, j, 7: N, V_1,
+    V_2, M_T, M_1, M_2, slip). ``frames``: time (F,), displacement (F, n, 3), orientation (F, n, 4), velocity and spin
+    (F, n, 3). Everything is seen from the supports. SI units.
+    """
+
+    scenario: Scenario
+    assembly: assemblies.Assembly
+    run: motion_run.MotionRun
+    rows: Mapping[str, np.ndarray]
+    frames: Mapping[str, np.ndarray]
+    wall: dict
+    history: str | None = None
+
+    @property
+    def status(self) -> str:
+        """ "collapse" where the run ended with one, else "completed"."""
+        return self.run.status
+
+    @property
+    def yield_point(self) -> None:
+        """A dynamic run looks for none."""
+
+    @property
+    def collapse(self) -> dict | None:
+        """Angle (deg), load factor, time (s), displacement (m), mechanism and blocks."""
+        return self.run.collapse
+
+    @property
+    def displacement(self) -> np.ndarray:
+        """How far every centroid has moved since the blocks were seated (n, 3), in the frame of the supports (m)."""
+        return self.run.motion.displacement
+
+    def agrees(self) -> bool:
+        """There is no theory that a run of this kind would be held against."""
+        return True
+
+    def as_dict(self) -> dict:
+        """The JSON object of ``dembrick run --json``."""
+        motion = self.run.motion
+        return {
+            "scenario": self.scenario.path or "",
+            "title": self.scenario.title,
+            "formulation": self.scenario.joint.formulation,
+            "status": self.status,
+            "collapse": self.collapse,
+            "yield_point": None,
+            "theory": None,
+            "steps": motion.steps,
+            "time_step": motion.time_step,
+            "critical_time_step": motion.critical_time_step,
+            "simulated_time": motion.time,
+            "displacement": float(np.linalg.norm(self.displacement, axis=1).max()),
+            "unbalanced": self.run.unbalanced,
+            "energy": None,
+            "wall": self.wall,
+            "history": self.history,
+        }
+
+    @property
+    def results(self) -> dict:
+        """The same object, under the name that a history file has it by."""
+        return self.as_dict()
+
+    def text(self) -> str:
+        """What the command line prints."""
+        motion = self.run.motion
+        lines = [self.scenario.title, f"formulation   {self.scenario.joint.formulation}"]
+        if self.collapse is not None:
+            fallen = self.collapse
+            lines.append(
+                f"collapse      {fallen['angle']:.5g} deg, load factor {fallen['load_factor']:.5g} (no error bar), by "
+                f"{fallen['mechanism']}"
+            )
+            names, more = fallen["blocks"][:5], len(fallen["blocks"]) - 5
+            lines.append(f"blocks        {', '.join(names)}{f' and {more} more' if more > 0 else ''}")
+        furthest = int(np.argmax(np.linalg.norm(self.displacement, axis=1)))
+        away = float(np.linalg.norm(self.displacement[furthest]))
+        lines.append(f"displacement  {away:.5g} m, of {self.assembly.names[furthest]}")
+        lines.append(f"simulated     {motion.time:.6g} s")
+        lines.append(
+            f"time step     {motion.time_step:.3g} s (critical {motion.critical_time_step:.3g} s), "
+            f"{motion.steps} steps, loop {motion.loop_seconds:.3g} s"
+        )
+        lines.append(f"history       {self.history}")
+        return "\n".join(lines)
+
+
+def lived_through(scenario: Scenario, assembly, session: Session) -> motion_run.MotionRun:
+    """Run a scenario of kind tilt, dynamic or base-motion on its assembly; it raises what ``motion_run.run`` does."""
+    if "contacts" in scenario.output.channels:
+        raise ScenarioError('output.channels: a run in real time records no "contacts"; leave that channel out')
+    moving = motion_run.prepare(assembly, scenario.control, scenario.solver.step_factor)
+    return motion_run.run(moving, scenario.control, driving_of(scenario, assembly, moving.time_step), session)

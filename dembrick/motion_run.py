@@ -1,0 +1,188 @@
+"""Runs of assemblies in real time: tilting tables, shaken supports, free motion, and what is said of a collapse."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dembrick.checks import show
+from dembrick.driving import Driving
+from dembrick.dynamics import Motion, advance, damping_of_restitution, motion, seat
+from dembrick.errors import NotConvergedError, ScenarioError
+from dembrick.kernels.dynamics import REACHED, Limits
+from dembrick.moving_state import joint_resultants, out_of_balance, seen
+from dembrick.session import Session
+
+STEEPEST = 90.0  # deg: a tilt that brings nothing down ends there
+MOVED = 0.1  # of the longest displacement: blocks that have moved further belong to the mechanism
+NO_LIMIT = 1e150  # m
+
+
+@dataclass
+class MotionRun:
+    """A finished run: the state it ended in, its status, what the program chose and how long it took (s)."""
+
+    motion: Motion
+    status: str
+    collapse: dict | None
+    unbalanced: float
+    settings: dict = field(default_factory=dict)
+    energy = yield_point = None  # a run in real time keeps no books, and looks for no limit load
+
+    @property
+    def compile_seconds(self) -> float:
+        """Spent on compiling the loop, or on loading it."""
+        return self.motion.compile_seconds
+
+    @property
+    def loop_seconds(self) -> float:
+        """Spent in the loop, seating counted."""
+        return self.motion.loop_seconds
+
+
+def prepare(assembly, control, step_factor: float) -> Motion:
+    """The assembly before it is seated, with the contact damping of the control; ScenarioError where nothing moves."""
+    if control.kind != "dynamic" and not np.any(assembly.fixed):
+        raise ScenarioError(f"control kind {show(control.kind)} moves supports and no block is fixed: fix one")
+    if not len(assembly.fixed) - np.sum(assembly.fixed):
+        raise ScenarioError("every block is fixed: nothing can move; let one be free")
+    if len(assembly.actuators.block):
+        raise ScenarioError(f"control kind {show(control.kind)} has no use for [[actuators]]; remove them")
+    ratio = control.damping if control.kind == "tilt" else damping_of_restitution(control.restitution)
+    return motion(assembly, ratio, step_factor)
+
+
+def run(moving: Motion, control, driving: Driving, session: Session) -> MotionRun:
+    """Seat the blocks and live through the run; the session's observer gets rows and frames.
+
+    Raises NotConvergedError where the blocks find no rest before it, where a tilt brings nothing down, and where
+    contacts would form anew; DivergedError.
+    """
+    dynamic = control.kind == "dynamic"
+    unbalanced = seat(moving, driving, sticking=dynamic)
+    at_rest = seen(moving.state.bodies, moving.state.links)
+    if dynamic:
+        _set_going(moving, driving)
+    if control.kind == "tilt":
+        seconds, goal = STEEPEST / control.rate, control.displacement
+    else:
+        seconds, goal = control.duration, NO_LIMIT
+    steps = math.ceil(seconds / moving.time_step * (1.0 - 1e-12))
+    # a tilt that ends early still has some rows: a block falls within a second or so
+    rows = max(1, (min(steps, math.ceil(20.0 / moving.time_step)) if control.kind == "tilt" else steps))
+    every = max(1, rows // session.output.rows)
+    frames_every = max(1, session.output.rows // session.output.frames)
+    limits = Limits(displacement=goal, longest=0.1 * float(moving.state.bodies.reach.min()))
+    recorder = _Recorder(moving, control, driving, session, frames_every)
+    recorder.take()
+    status = None
+    while moving.steps < steps and status != REACHED:
+        status = advance(moving, driving, min(every, steps - moving.steps), limits)
+        recorder.take(last=status == REACHED or moving.steps >= steps)
+    settings = {"contact_damping": moving.damping, "seating_steps": moving.seating_steps, "inertia": "physical"}
+    if control.kind != "tilt":
+        return MotionRun(moving, "completed", None, unbalanced, settings)
+    if status != REACHED:
+        raise NotConvergedError(
+            f"no block moved by {goal:.6g} m before the table stood at {STEEPEST:g} deg; ask for a smaller displacement"
+        )
+    return MotionRun(moving, "collapse", _collapse(moving, control, at_rest), unbalanced, settings)
+
+
+def _set_going(moving: Motion, driving: Driving) -> None:
+    """Give the blocks their velocities; half a step back, from where the first step takes them on."""
+    assembly, bodies = moving.assembly, moving.state.bodies
+    gravity, _ = driving.at(np.zeros(1), moving.time_step)
+    force, _ = out_of_balance(moving.state, gravity[0])
+    half = 0.5 * moving.time_step
+    free = bodies.free
+    bodies.velocity[free] = assembly.velocity[free] - half * force[free] / bodies.mass[free, None]
+    spin = assembly.angular_velocity
+    inertia = bodies.rotation @ assembly.inertia @ np.swapaxes(bodies.rotation, 1, 2)
+    bodies.spin[free] = spin[free]
+    bodies.momentum[free] = np.einsum("nij,nj->ni", inertia, spin)[free]
+
+
+def _collapse(moving: Motion, control, at_rest: np.ndarray) -> dict:
+    """What came down, when, and how: the object of the JSON output."""
+    away = np.linalg.norm(moving.displacement, axis=1)
+    angle = control.rate * moving.time
+    worst = float(away.max())
+    return {
+        "angle": angle,
+        "load_factor": math.tan(math.radians(angle)),
+        "time": moving.time,
+        "displacement": worst,
+        "mechanism": mechanism(moving, at_rest),
+        "blocks": [moving.assembly.names[i] for i in np.flatnonzero(away > MOVED * worst)],
+        "error_estimate": None,
+    }
+
+
+def mechanism(moving: Motion, at_rest: np.ndarray) -> str:
+    """How the joint that moved most has moved since ``at_rest`` (j, 9, of `seen`): sliding, rocking or torsion."""
+    links = moving.state.links
+    change = seen(moving.state.bodies, links) - at_rest
+    slid = np.hypot(change[:, 0], change[:, 1]).max()
+    rocked = (links.reach * np.hypot(change[:, 5], change[:, 8])).max()
+    twisted = (links.reach * np.hypot(change[:, 3], change[:, 4])).max()
+    return max((slid, "sliding"), (rocked, "rocking"), (twisted, "torsion"))[1]
+
+
+class _Recorder:
+    """Hands rows and frames of a run to the observer of a session."""
+
+    def __init__(self, moving: Motion, control, driving: Driving, session: Session, frames_every: int):
+        self._moving, self._control, self._driving, self._session = moving, control, driving, session
+        self._frames_every, self._rows = frames_every, 0
+        self._origin = moving.assembly.position - moving.state.middle
+
+    def take(self, last: bool = False) -> None:
+        """A row of the present state, and a frame where one is due."""
+        if self._session.observe is None:
+            return
+        moving, channels = self._moving, self._session.output.channels
+        away = moving.displacement
+        rows = {
+            "time": np.array([moving.time]),
+            "load": np.array([self._load()]),
+            "displacement": np.array([float(np.linalg.norm(away, axis=1).max())]),
+            "unbalanced": np.array([self._unbalanced()]),
+            "lower": np.zeros(1),
+            "upper": np.zeros(1),
+            "actuator_displacement": np.zeros((1, 0)),
+            "actuator_force": np.zeros((1, 0)),
+            "energy": {},
+        }
+        if "joints" in channels:
+            rows["joint"] = joint_resultants(moving.state)[None]
+        frames = {}
+        if "frames" in channels:
+            due = slice(0, 1 if last or self._rows % self._frames_every == 0 else 0)
+            bodies = moving.state.bodies
+            frames["time"] = rows["time"][due]
+            frames["displacement"] = (bodies.position - self._origin)[None][due]
+            frames["orientation"] = bodies.orientation[None][due].copy()
+            if "velocity" in channels:
+                frames["velocity"], frames["spin"] = bodies.velocity[None][due].copy(), bodies.spin[None][due].copy()
+        self._rows += 1
+        self._session.observe(rows, frames)
+
+    def _load(self) -> float:
+        """Load factor of a tilt, acceleration of shaken supports (m/s2), else nought."""
+        if self._control.kind == "tilt":
+            return math.tan(math.radians(min(self._control.rate * self._moving.time, 89.999)))
+        if self._control.kind == "base-motion":
+            gravity, _ = self._driving.at(np.array([self._moving.time]), self._moving.time_step)
+            return float((self._driving.gravity - gravity[0]) @ self._driving.direction)
+        return 0.0
+
+    def _unbalanced(self) -> float:
+        state = self._moving.state
+        gravity, _ = self._driving.at(np.array([self._moving.time]), self._moving.time_step)
+        force, _ = out_of_balance(state, gravity[0])
+        largest = np.sqrt((state.links.wrench[:, :3] ** 2).sum(axis=1).max(initial=0.0))
+        worst = np.sqrt((force[state.bodies.free] ** 2).sum(axis=1).max(initial=0.0))
+        return float(worst / largest) if largest > 0.0 else 1.0

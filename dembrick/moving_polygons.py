@@ -1,0 +1,157 @@
+"""The polygons of joints that have moved, cut to the face that they lie on.
+
+A polygon rides on its host. Where the host slides or twists past the edge of the other's face, part of it hangs over,
+and what hangs over carries nothing. The number of contact points never changes, so that nothing jumps: a corner beyond
+the edge moves to the nearest point of the face, and the tributary areas are those of the polygon that this makes; a
+point of a ``distributed`` joint fades out over the width of its own cell; a ``convex`` joint, which is an integral, is
+clipped. Shear memory stays with the points (and with the centroid of a convex joint).
+
+Cutting costs as much as many thousand steps of a joint, so it is done only where a polygon has moved along its plane by
+``STALE`` of its short side since the last time; polygons well inside the other's face wait until they reach its edge.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dembrick import polygons
+from dembrick.moving_state import MovingState, put_outline
+
+STALE = 2e-4  # of the polygon's short side
+GONE = 1e-9  # of the polygon's area at the start: less than that is no contact any more
+
+
+class Polygons:
+    """The polygons of all joints as they were at the start, and the faces they lie on.
+
+    ``shift`` (j, 2): where O is now, from where it was on the host at the start (m, along e1 and e2); ``whole`` (j,):
+    nothing of the polygon has been cut off.
+    """
+
+    def __init__(self, assembly, state: MovingState):
+        joints = assembly.joints
+        self._state, self._joints, self._shapes = state, joints, assembly.shapes
+        self._points = assembly.contact_points
+        self.bound = np.array([STALE * polygons.width(joint.polygon) for joint in joints])
+        self.shift = np.zeros((len(joints), 2))
+        self.whole = np.ones(len(joints), bool)
+        self._face_of: dict[int, np.ndarray] = {}
+        families = (state.corners, state.faces)
+        self._place = {int(j): i for family in families if family is not None for i, j in enumerate(family.joint)}
+        state.links.slack[:] = self.bound
+
+    def cut_stale(self) -> int:
+        """Cut all polygons that have moved too far; returns how many."""
+        links = self._state.links
+        moved = links.seen[:, [0, 1, 3, 4]] - links.kept
+        distance = np.hypot(moved[:, 0], moved[:, 1]) + links.reach * np.hypot(moved[:, 2], moved[:, 3])
+        stale = np.flatnonzero(distance >= links.slack * (1.0 - 1e-12))
+        for j in stale.tolist():
+            self._cut(j)
+        return len(stale)
+
+    def sunk(self) -> list[float]:
+        """How deep the deepest corner of each joint's polygon, as it was at the start, lies in the other block (m)."""
+        links = self._state.links
+        depth = []
+        for j, joint in enumerate(self._joints):
+            seen = links.seen[j]
+            heights = seen[2] - links.offset[j] + (joint.polygon - self.shift[j]) @ seen[[5, 8]]
+            depth.append(max(0.0, float(-(links.sense[j] * heights).min())))
+        return depth
+
+    def _face(self, j: int) -> np.ndarray:
+        """Corners (m, 2) of the other's face in the plane's axes from its centroid, counter-clockwise about m."""
+        if j not in self._face_of:
+            links = self._state.links
+            shape = self._shapes[links.other[j]]
+            u = links.plane[j]
+            number = int(np.argmax(shape.face_normals @ (links.sense[j] * np.cross(u[0], u[1]))))
+            corners = shape.vertices[list(shape.faces[number])] @ u.T
+            self._face_of[j] = corners if links.sense[j] > 0.0 else corners[::-1]
+        return self._face_of[j]
+
+    def _cut(self, j: int) -> None:
+        links, face, outline = self._state.links, self._face(j), self._joints[j].polygon
+        seen = links.seen[j]
+        tangents = seen[[[3, 4], [6, 7]]]
+        origin = seen[:2] - self.shift[j] @ tangents  # where O of the start is now
+        outside = distance_outside(origin + outline @ tangents, face)
+        if self.whole[j] and not (outside > 0.0).any():
+            links.slack[j] = self.bound[j] - float(outside.max())
+        else:
+            self.whole[j] = not (outside > 0.0).any()
+            links.slack[j] = self.bound[j]
+            cut = {"convex": self._clip, "distributed": self._fade}.get(self._joints[j].law.formulation, self._project)
+            cut(j, self._place[j], origin, tangents, face)
+        links.kept[j] = seen[[0, 1, 3, 4]]
+
+    def _move_origin(self, j: int, to: np.ndarray) -> np.ndarray:
+        """Put O of joint ``j`` at ``to`` (from O of the start, along e1 and e2); returns how far that is (2,)."""
+        links = self._state.links
+        step = to - self.shift[j]
+        links.lever[j] += step @ links.tangents[j]
+        links.seen[j, :3] += step @ links.seen[j, 3:].reshape(2, 3)
+        self.shift[j] = to
+        return step
+
+    def _project(self, j: int, i: int, origin, tangents, face) -> None:
+        """Corners beyond the edge move to the nearest point of the face."""
+        corners = self._state.corners
+        points = slice(corners.start[i], corners.start[i + 1])
+        placed = nearest_inside(origin + self._joints[j].polygon @ tangents, face)
+        outline = (placed - origin) @ np.linalg.inv(tangents)
+        area, x, y = polygons.area_and_centroid([tuple(p) for p in outline])
+        if not area > GONE * self._joints[j].area:
+            corners.area[points] = 0.0
+            return
+        self._move_origin(j, np.array([x, y]))
+        outline = outline - (x, y)
+        corners.area[points] = np.maximum(polygons.tributary_areas(outline), 0.0)
+        start = self._points[j].normal_arm
+        shrink = np.abs(start).max() / np.abs(self._joints[j].polygon).max()
+        corners.x[points], corners.y[points] = shrink * outline.T
+        self._state.links.reach[j] = np.sqrt((outline**2).sum(axis=1).max())
+
+    def _fade(self, j: int, i: int, origin, tangents, face) -> None:
+        """A point beyond the edge loses its area over the width of its cell."""
+        corners, start = self._state.corners, self._points[j]
+        beyond = np.maximum(distance_outside(origin + start.normal_arm @ tangents, face), 0.0)
+        left = np.maximum(1.0 - beyond / np.sqrt(start.area), 0.0)
+        corners.area[corners.start[i] : corners.start[i + 1]] = start.area * left
+
+    def _clip(self, j: int, i: int, origin, tangents, face) -> None:
+        """The polygon of an integral is what both faces share."""
+        faces, links = self._state.faces, self._state.links
+        placed = origin + self._joints[j].polygon @ tangents
+        shared = polygons.clip([tuple(p) for p in placed], [tuple(p) for p in face])
+        shared = polygons.simplify(shared, 1e-9 * links.reach[j]) if shared else []
+        outline = (np.array(shared).reshape(-1, 2) - origin) @ np.linalg.inv(tangents)
+        area, x, y = polygons.area_and_centroid([tuple(p) for p in outline]) if shared else (0.0, 0.0, 0.0)
+        if not area > GONE * self._joints[j].area:
+            faces.k_n[i] = 0.0
+            return
+        step = self._move_origin(j, np.array([x, y]))
+        put_outline(faces, i, outline - (x, y))
+        faces.k_n[i] = self._joints[j].law.normal_stiffness
+        faces.elastic[i, 2] -= step[0] * faces.elastic[i, 1] - step[1] * faces.elastic[i, 0]
+        links.reach[j] = faces.reach[i]
+
+
+def distance_outside(points: np.ndarray, face: np.ndarray) -> np.ndarray:
+    """How far each point (k, 2) lies beyond the nearest edge line of a convex face (k,); negative inside (m)."""
+    edge = np.roll(face, -1, axis=0) - face
+    outward = np.stack([edge[:, 1], -edge[:, 0]], axis=1) / np.sqrt((edge**2).sum(axis=1))[:, None]
+    return (points @ outward.T - (face * outward).sum(axis=1)).max(axis=1)
+
+
+def nearest_inside(points: np.ndarray, face: np.ndarray) -> np.ndarray:
+    """The point of a convex face (m, 2) that is nearest to each of ``points`` (k, 2)."""
+    beyond = distance_outside(points, face) > 0.0
+    if not beyond.any():
+        return points
+    edge = np.roll(face, -1, axis=0) - face
+    along = ((points[:, None] - face) * edge).sum(axis=2) / (edge**2).sum(axis=1)
+    on_edge = face + np.clip(along, 0.0, 1.0)[:, :, None] * edge
+    nearest = np.argmin(((points[:, None] - on_edge) ** 2).sum(axis=2), axis=1)
+    return np.where(beyond[:, None], on_edge[np.arange(len(points)), nearest], points)
