@@ -15,7 +15,9 @@ from __future__ import annotations
 import numpy as np
 
 from dembrick import polygons
-from dembrick.moving_state import MovingState, put_outline
+from dembrick.clipping import clip, simplify
+from dembrick.joints import JointTable
+from dembrick.moving_state import MovingState, put_outlines
 
 STALE = 2e-4  # of the polygon's short side
 GONE = 1e-9  # of the polygon's area at the start: less than that is no contact any more
@@ -29,10 +31,12 @@ class Polygons:
     """
 
     def __init__(self, assembly, state: MovingState):
-        joints = assembly.joints
+        joints = JointTable.of(assembly.joints)
         self._state, self._joints, self._shapes = state, joints, assembly.shapes
         self._points = assembly.contact_points
-        self.bound = np.array([STALE * polygons.width(joint.polygon) for joint in joints])
+        self.bound = np.empty(len(joints))
+        for numbers, outlines in joints.by_corners():
+            self.bound[numbers] = STALE * polygons.width(outlines)
         self.shift = np.zeros((len(joints), 2))
         self.whole = np.ones(len(joints), bool)
         self._face_of: dict[int, np.ndarray] = {}
@@ -101,7 +105,7 @@ class Polygons:
         points = slice(corners.start[i], corners.start[i + 1])
         placed = nearest_inside(origin + self._joints[j].polygon @ tangents, face)
         outline = (placed - origin) @ np.linalg.inv(tangents)
-        area, x, y = polygons.area_and_centroid([tuple(p) for p in outline])
+        area, x, y = polygons.area_and_centroid(outline)
         if not area > GONE * self._joints[j].area:
             corners.area[points] = 0.0
             return
@@ -124,15 +128,14 @@ class Polygons:
         """The polygon of an integral is what both faces share."""
         faces, links = self._state.faces, self._state.links
         placed = origin + self._joints[j].polygon @ tangents
-        shared = polygons.clip([tuple(p) for p in placed], [tuple(p) for p in face])
-        shared = polygons.simplify(shared, 1e-9 * links.reach[j]) if shared else []
-        outline = (np.array(shared).reshape(-1, 2) - origin) @ np.linalg.inv(tangents)
-        area, x, y = polygons.area_and_centroid([tuple(p) for p in outline]) if shared else (0.0, 0.0, 0.0)
+        shared, count = simplify(*clip(placed[None], face[None]), np.array([1e-9 * links.reach[j]]))
+        outline = (shared[0, : int(count[0])] - origin) @ np.linalg.inv(tangents)
+        area, x, y = polygons.area_and_centroid(outline) if len(outline) else (0.0, 0.0, 0.0)
         if not area > GONE * self._joints[j].area:
             faces.k_n[i] = 0.0
             return
         step = self._move_origin(j, np.array([x, y]))
-        put_outline(faces, i, outline - (x, y))
+        put_outlines(faces, np.array([i]), (outline - (x, y))[None])
         faces.k_n[i] = self._joints[j].law.normal_stiffness
         faces.elastic[i, 2] -= step[0] * faces.elastic[i, 1] - step[1] * faces.elastic[i, 0]
         links.reach[j] = faces.reach[i]

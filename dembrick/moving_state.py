@@ -11,8 +11,10 @@ import numpy as np
 
 from dembrick import limit_set, polygons
 from dembrick.errors import ScenarioError
+from dembrick.joints import JointTable
 from dembrick.kernels.bodies import Bodies
 from dembrick.kernels.moving_joints import Corners, Faces, Links
+from dembrick.point_table import PointTable
 
 NEGLIGIBLE = 1e-5  # of the lighter block's weight: head joints of a wall carry so little, and slip all the time
 
@@ -62,87 +64,86 @@ def _bodies(assembly, links: Links, middle: np.ndarray) -> Bodies:
 
 
 def _links(assembly) -> Links:
-    joints = assembly.joints
-    n = len(joints)
-    a = np.array([joint.block_a for joint in joints], np.int64)
-    b = np.array([joint.block_b for joint in joints], np.int64)
-    b_hosts = np.array([joint.host == joint.block_b for joint in joints], bool)
-    axes = np.array([joint.axes for joint in joints]).reshape(-1, 3, 3)
-    arm_a = np.array([joint.arm_a for joint in joints]).reshape(-1, 3)
-    arm_b = np.array([joint.arm_b for joint in joints]).reshape(-1, 3)
+    table = JointTable.of(assembly.joints)
+    n, a, b = len(table), table.block_a, table.block_b
+    b_hosts = table.host == b
     host, other = np.where(b_hosts, b, a), np.where(b_hosts, a, b)
-    arm_host = np.where(b_hosts[:, None], arm_b, arm_a)
-    arm_other = np.where(b_hosts[:, None], arm_a, arm_b)
+    arm_host = np.where(b_hosts[:, None], table.arm_b, table.arm_a)
+    arm_other = np.where(b_hosts[:, None], table.arm_a, table.arm_b)
     sense = np.where(b_hosts, 1.0, -1.0)
-    gap = np.array([joint.gap for joint in joints], float)
+    reach = np.empty(n)
+    for numbers, outlines in table.by_corners():
+        reach[numbers] = np.sqrt((outlines**2).sum(axis=2).max(axis=1))
     return Links(
         host=host,
         other=other,
         sense=sense,
         lever=np.einsum("jik,ji->jk", assembly.rotation[host], arm_host),
-        tangents=np.ascontiguousarray(axes[:, :2] @ assembly.rotation[host]),
-        plane=np.ascontiguousarray(axes[:, :2] @ assembly.rotation[other]),
-        offset=(arm_other * axes[:, 2]).sum(axis=1) - sense * gap,
+        tangents=np.ascontiguousarray(table.axes[:, :2] @ assembly.rotation[host]),
+        plane=np.ascontiguousarray(table.axes[:, :2] @ assembly.rotation[other]),
+        offset=(arm_other * table.axes[:, 2]).sum(axis=1) - sense * table.gap,
         viscous=np.zeros((n, 2)),
         seen=np.zeros((n, 9)),
         wrench=np.zeros((n, 9)),
         kept=np.zeros((n, 4)),
-        reach=np.array([np.sqrt((joint.polygon**2).sum(axis=1).max()) for joint in joints]),
+        reach=reach,
         slack=np.zeros(n),
     )
 
 
 def _corners(assembly) -> Corners | None:
-    chosen = [j for j, points in enumerate(assembly.contact_points) if points is not None]
-    if not chosen:
+    joints, table = JointTable.of(assembly.joints), PointTable.of(assembly.contact_points)
+    chosen = np.flatnonzero(~table.resultant)
+    if not len(chosen):
         return None
-    sets = [assembly.contact_points[j] for j in chosen]
-    laws = [assembly.joints[j].law for j in chosen]
-    arms = np.concatenate([s.normal_arm for s in sets])
+    laws = [joints.law[j] for j in chosen]
+    start = np.concatenate([[0], np.cumsum(np.diff(table.start)[chosen])])
+    x, y = table.normal_arm.T.copy()
+    farthest = np.maximum.reduceat(np.abs(table.normal_arm).max(axis=1), start[:-1])
     return Corners(
-        joint=np.array(chosen, np.int64),
-        start=np.concatenate([[0], np.cumsum([len(s.area) for s in sets])]).astype(np.int64),
+        joint=chosen,
+        start=start,
         k_n=np.array([law.normal_stiffness for law in laws]),
         k_s=np.array([law.shear_stiffness for law in laws]),
         friction=np.array([law.friction for law in laws]),
-        shear_arm=np.array([np.abs(s.shear_arm).max() / np.abs(s.normal_arm).max() for s in sets]),
-        x=arms[:, 0].copy(),
-        y=arms[:, 1].copy(),
-        area=np.concatenate([s.area for s in sets]),
-        elastic=np.zeros((len(arms), 2)),
-        slip=np.zeros(len(arms)),
+        shear_arm=np.maximum.reduceat(np.abs(table.shear_arm).max(axis=1), start[:-1]) / farthest,
+        x=x,
+        y=y,
+        area=table.area.copy(),
+        elastic=np.zeros((len(x), 2)),
+        slip=np.zeros(len(x)),
     )
 
 
 def _faces(assembly) -> Faces | None:
-    chosen = [j for j, points in enumerate(assembly.contact_points) if points is None]
-    if not chosen:
+    joints, table = JointTable.of(assembly.joints), PointTable.of(assembly.contact_points)
+    chosen = np.flatnonzero(table.resultant)
+    if not len(chosen):
         return None
-    joints = [assembly.joints[j] for j in chosen]
-    for joint in joints:
-        if joint.law.pressure != "full":
+    laws = [joints.law[j] for j in chosen]
+    for law in laws:
+        if law.pressure != "full":
             raise ScenarioError(
-                f'pressure = "{joint.law.pressure}" is not followed by moving joints: use "full", or '
+                f'pressure = "{law.pressure}" is not followed by moving joints: use "full", or '
                 'formulation = "distributed", whose friction follows its own pressure'
             )
-    outlines = [np.asarray(joint.polygon, float) for joint in joints]
     # a polygon cut by a face has at most as many corners more
-    most = [max(assembly.shapes[b].face_table.shape[1] for b in (joint.block_a, joint.block_b)) for joint in joints]
-    room = [len(outline) + more for outline, more in zip(outlines, most, strict=True)]
-    start = np.concatenate([[0], np.cumsum(room)]).astype(np.int64)
-    n, total = len(joints), int(start[-1])
+    longest = np.array([shape.face_table.shape[1] for shape in assembly.shapes])
+    most = np.maximum(longest[joints.block_a], longest[joints.block_b])[chosen]
+    start = np.concatenate([[0], np.cumsum(np.diff(joints.start)[chosen] + most)]).astype(np.int64)
+    n, total = len(chosen), int(start[-1])
     faces = Faces(
-        joint=np.array(chosen, np.int64),
+        joint=chosen,
         start=start[:-1].copy(),
         count=np.zeros(n, np.int64),
-        k_n=np.array([joint.law.normal_stiffness for joint in joints]),
-        k_s=np.array([joint.law.shear_stiffness for joint in joints]),
-        friction=np.array([joint.law.friction for joint in joints]),
+        k_n=np.array([law.normal_stiffness for law in laws]),
+        k_s=np.array([law.shear_stiffness for law in laws]),
+        friction=np.array([law.friction for law in laws]),
         x=np.zeros(total),
         y=np.zeros(total),
         area=np.zeros(n),
-        negligible=NEGLIGIBLE * _lightest(assembly, joints),
         second=np.zeros((n, 3)),
+        negligible=NEGLIGIBLE * _lightest(assembly, joints)[chosen],
         reach=np.zeros(n),
         radius=np.zeros(n),
         far=np.zeros((n, 42)),
@@ -150,27 +151,27 @@ def _faces(assembly) -> Faces | None:
         twist=np.zeros((n, 3)),
         slip=np.zeros(n),
     )
-    for i, outline in enumerate(outlines):
-        put_outline(faces, i, outline)
+    for numbers, outlines in joints.by_corners(chosen):
+        put_outlines(faces, np.searchsorted(chosen, numbers), outlines)
     return faces
 
 
-def _lightest(assembly, joints) -> np.ndarray:
+def _lightest(assembly, joints: JointTable) -> np.ndarray:
     """Weight of the lighter free block of each joint (j,), N."""
     weight = np.where(assembly.fixed, np.inf, np.asarray(assembly.mass) * np.linalg.norm(assembly.gravity))
-    return np.array([min(weight[joint.block_a], weight[joint.block_b]) for joint in joints])
+    return np.minimum(weight[joints.block_a], weight[joints.block_b])
 
 
-def put_outline(faces: Faces, i: int, outline: np.ndarray) -> None:
-    """Give convex joint ``i`` a polygon (m, 2) about its centroid, and the numbers that follow from it."""
-    first, m = faces.start[i], len(outline)
-    faces.x[first : first + m], faces.y[first : first + m] = outline.T
-    faces.count[i] = m
-    faces.area[i] = polygons.area(outline)
-    faces.second[i] = polygons.second_moments(outline)
-    faces.reach[i] = np.sqrt((outline**2).sum(axis=1).max())
-    faces.radius[i] = limit_set.area_radius(outline)
-    faces.far[i] = limit_set.far_moments(outline)
+def put_outlines(faces: Faces, i: np.ndarray, outlines: np.ndarray) -> None:
+    """Give the convex joints ``i`` (g,) polygons (g, m, 2) about their centroids, and the numbers that follow."""
+    where = faces.start[i][:, None] + np.arange(outlines.shape[1])
+    faces.x[where], faces.y[where] = outlines[..., 0], outlines[..., 1]
+    faces.count[i] = outlines.shape[1]
+    faces.area[i] = polygons.area(outlines)
+    faces.second[i] = np.stack(polygons.second_moments(outlines), axis=1)
+    faces.reach[i] = np.sqrt((outlines**2).sum(axis=2).max(axis=1))
+    faces.radius[i] = limit_set.area_radius(outlines)
+    faces.far[i] = limit_set.far_moments(outlines)
 
 
 def seen(bodies: Bodies, links: Links) -> np.ndarray:
