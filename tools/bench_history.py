@@ -1,0 +1,101 @@
+"""What keeping a record costs: memory of a run of many blocks and frames, and the share of the loop that it takes.
+
+    python tools/bench_history.py memory [--blocks 10000] [--frames 10000]
+    python tools/bench_history.py share [--blocks 900] [--frames 1000]
+
+Pairs of blocks stand side by side, and one is pushed at a constant rate: as many contacts as half the blocks, few for
+that many blocks, so that the share of the record is on the high side. ``memory`` runs once and prints the greatest
+memory of the process before the run and in it. ``share`` prints the loop with and without its record, best of some
+interleaved runs, and what writing adds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import resource
+import tempfile
+import time
+
+from dembrick import model
+from dembrick.blocks import Block
+from dembrick.result import simulate
+
+
+def pairs(blocks: int, steps: int, frames: int, channels=model.Output().channels) -> model.Scenario:
+    """``blocks`` blocks, two and two on top of each other, the last one pushed for about ``steps`` steps."""
+    n = blocks // 2
+    placed = []
+    for i in range(n):
+        x, y = 0.4 * (i % 100), 0.3 * (i // 100)
+        placed.append(Block(f"lower {i}", "tuff", (0.3, 0.2, 0.1), (x, y, -0.05), fixed=True))
+        placed.append(Block(f"upper {i}", "tuff", (0.3, 0.2, 0.1), (x, y, 0.05)))
+    x, y, _ = placed[-1].position
+    time_step = 8.9e-5  # about, of these blocks and stiffnesses
+    return model.Scenario(
+        title=f"{n} pairs of blocks",
+        gravity=(0.0, 0.0, -9.81),
+        joint=model.JointLaw("concave", 0.64, 1e10, 4e9),
+        materials={"tuff": model.Material(1500.0)},
+        blocks=tuple(placed),
+        control=model.DisplacementControl(1e-5, 1e-5 * steps * time_step),
+        actuators=(model.Actuator("jack", f"upper {n - 1}", (x + 0.075, y, 0.0), (0.0, 1.0, 0.0)),),
+        output=model.Output(channels, rows=max(frames, 1000), frames=frames),
+    )
+
+
+def megabytes() -> float:
+    """Greatest memory of this process so far."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def memory(blocks: int, frames: int) -> None:
+    with tempfile.TemporaryDirectory(dir=os.environ.get("TMPDIR")) as folder:
+        simulate(pairs(blocks, 500, 1), record=False)  # everything that such a scene needs, and no record
+        before = megabytes()
+        began = time.perf_counter()
+        path = os.path.join(folder, "run.h5")
+        result = simulate(pairs(blocks, frames, frames), path)
+        from dembrick.history import read
+
+        with read(path) as file:
+            print(f"{blocks} blocks, {file.n_frames} frames, {file.n_row} rows, {result.replay.steps} steps")
+        frame = 8 * (1 + 16 * blocks)
+        print(f"memory before {before:.0f} MB, most {megabytes():.0f} MB; a frame has {frame / 1e6:.2f} MB")
+        print(f"file {os.path.getsize(path) / 1e9:.2f} GB of {frames * frame / 1e9:.2f} GB of numbers")
+        print({part: round(seconds, 1) for part, seconds in result.wall.items()}, round(time.perf_counter() - began, 1))
+
+
+def share(blocks: int, frames: int, steps: int, rounds: int) -> None:
+    kinds = {"no frames": ("joints", "energy"), "frames": model.Output().channels, "all": model.CHANNELS}
+    best = dict.fromkeys(kinds, (float("inf"), float("inf")))
+    with tempfile.TemporaryDirectory(dir=os.environ.get("TMPDIR")) as folder:
+        for _ in range(rounds + 1):
+            for name, channels in kinds.items():
+                wall = simulate(pairs(blocks, steps, frames, channels), os.path.join(folder, "run.h5"), force=True).wall
+                if wall["compile"] < 10.0:
+                    best[name] = tuple(min(a, b) for a, b in zip(best[name], (wall["loop"], wall["write"]), strict=True))
+    base = best["no frames"][0]
+    for name, (loop, write) in best.items():
+        print(
+            f"{name:10} loop {loop:.3f} s ({100 * (loop / base - 1):+.1f} %), write {write:.3f} s "
+            f"({100 * write / base:.1f} % of the loop)"
+        )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=["memory", "share"])
+    parser.add_argument("--blocks", type=int)
+    parser.add_argument("--frames", type=int)
+    parser.add_argument("--steps", type=int, default=20_000, help="steps of the loop (share)")
+    parser.add_argument("--rounds", type=int, default=3)
+    options = parser.parse_args()
+    if options.what == "memory":
+        memory(options.blocks or 10_000, options.frames or 10_000)
+    else:
+        share(options.blocks or 900, options.frames or 1000, options.steps, options.rounds)
+
+
+if __name__ == "__main__":
+    main()
