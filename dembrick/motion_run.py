@@ -7,17 +7,21 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from dembrick import interruption
 from dembrick.checks import show
 from dembrick.driving import Driving
 from dembrick.dynamics import Motion, advance, damping_of_restitution, motion, seat
-from dembrick.errors import NotConvergedError, ScenarioError
+from dembrick.errors import HistoryError, NotConvergedError, ScenarioError
 from dembrick.kernels.dynamics import REACHED, Limits
 from dembrick.moving_state import joint_resultants, out_of_balance, seen
-from dembrick.session import Session
+from dembrick.session import Session, Snapshot
+from dembrick.snapshots import flattened, restored
 
 STEEPEST = 90.0  # deg: a tilt that brings nothing down ends there
 MOVED = 0.1  # of the longest displacement: blocks that have moved further belong to the mechanism
 NO_LIMIT = 1e150  # m
+PARTS = ("bodies", "links", "corners", "faces")  # of the state, that a checkpoint holds
+COUNTERS = ("faces.count",)  # integers among them that change
 
 
 @dataclass
@@ -61,10 +65,14 @@ def run(moving: Motion, control, driving: Driving, session: Session) -> MotionRu
     contacts would form anew; DivergedError.
     """
     dynamic = control.kind == "dynamic"
-    unbalanced = seat(moving, driving, sticking=dynamic)
-    at_rest = seen(moving.state.bodies, moving.state.links)
-    if dynamic:
-        _set_going(moving, driving)
+    past = _Past(moving)
+    if session.resumed:
+        past.restore(session.resumed)
+    else:
+        past.unbalanced[0] = seat(moving, driving, sticking=dynamic)
+        past.at_rest[:] = seen(moving.state.bodies, moving.state.links)
+        if dynamic:
+            _set_going(moving, driving)
     if control.kind == "tilt":
         seconds, goal = STEEPEST / control.rate, control.displacement
     else:
@@ -75,12 +83,18 @@ def run(moving: Motion, control, driving: Driving, session: Session) -> MotionRu
     every = max(1, rows // session.output.rows)
     frames_every = max(1, session.output.rows // session.output.frames)
     limits = Limits(displacement=goal, longest=0.1 * float(moving.state.bodies.reach.min()))
-    recorder = _Recorder(moving, control, driving, session, frames_every)
-    recorder.take()
+    recorder = _Recorder(moving, control, driving, session, every, frames_every)
+    if not moving.steps:
+        recorder.take()
     status = None
-    while moving.steps < steps and status != REACHED:
-        status = advance(moving, driving, min(every, steps - moving.steps), limits)
-        recorder.take(last=status == REACHED or moving.steps >= steps)
+    with interruption.deferred():
+        while moving.steps < steps and status != REACHED:
+            status = advance(moving, driving, min(every, steps - moving.steps), limits)
+            over = status == REACHED or moving.steps >= steps
+            recorder.take(last=over)
+            if not over:
+                session.pause(past.snapshot, moving.steps, moving.time_step)
+    unbalanced, at_rest = float(past.unbalanced[0]), past.at_rest
     settings = {"contact_damping": moving.damping, "seating_steps": moving.seating_steps, "inertia": "physical"}
     if control.kind != "tilt":
         return MotionRun(moving, "completed", None, unbalanced, settings)
@@ -131,12 +145,51 @@ def mechanism(moving: Motion, at_rest: np.ndarray) -> str:
     return max((slid, "sliding"), (rocked, "rocking"), (twisted, "torsion"))[1]
 
 
+class _Past:
+    """What a run remembers beside its state, so that it can go on from a checkpoint."""
+
+    def __init__(self, moving: Motion):
+        self._moving = moving
+        self.unbalanced = np.zeros(1)  # after the seating
+        self.at_rest = np.zeros((len(moving.state.links.host), 9))  # `seen` then
+
+    def _arrays(self) -> dict[str, np.ndarray]:
+        moving = self._moving
+        arrays = {"past.unbalanced": self.unbalanced, "past.at_rest": self.at_rest, "motion.travel": moving._travel}
+        return arrays | {"polygons.shift": moving.polygons.shift, "polygons.whole": moving.polygons.whole}
+
+    def snapshot(self) -> dict[str, np.ndarray]:
+        """Everything that the run goes on from."""
+        moving = self._moving
+        loop = np.array([moving.steps, moving.time_step, moving.seating_steps])
+        parts = {name: getattr(moving.state, name) for name in PARTS}
+        return {"loop": loop, "motion.looked": moving._looked, **self._arrays(), **flattened(parts)}
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Take it from a snapshot of the same scene; HistoryError where it is of another."""
+        moving = self._moving
+        steps, dt, seating = snapshot.array("loop", np.zeros(3)).tolist()
+        if not (steps > 0.0 and steps.is_integer() and seating >= 0.0 and seating.is_integer() and 0.0 < dt < math.inf):
+            raise HistoryError(f"{snapshot.path}: this checkpoint is of no step of this run")
+        moving.steps, moving.time_step, moving.seating_steps = int(steps), dt, int(seating)
+        for name, own in self._arrays().items():
+            own[...] = snapshot.array(name, own)
+        moving._looked = snapshot.array("motion.looked", np.zeros((len(moving.state.bodies.mass), 4, 3))).copy()
+        parts = {name: restored(name, getattr(moving.state, name), snapshot, COUNTERS) for name in PARTS}
+        faces = parts["faces"]
+        if faces is not None:
+            room = np.diff(np.append(faces.start, len(faces.x)))
+            if (faces.count < 0).any() or (faces.count > room).any():
+                raise HistoryError(f"{snapshot.path}: faces.count leads out of its polygons")
+        moving.state = moving.state._replace(**parts)
+
+
 class _Recorder:
     """Hands rows and frames of a run to the observer of a session."""
 
-    def __init__(self, moving: Motion, control, driving: Driving, session: Session, frames_every: int):
+    def __init__(self, moving: Motion, control, driving: Driving, session: Session, rows_every: int, frames_every: int):
         self._moving, self._control, self._driving, self._session = moving, control, driving, session
-        self._frames_every, self._rows = frames_every, 0
+        self._frames_every, self._rows_every = frames_every, rows_every
         self._origin = moving.assembly.position - moving.state.middle
 
     def take(self, last: bool = False) -> None:
@@ -160,14 +213,14 @@ class _Recorder:
             rows["joint"] = joint_resultants(moving.state)[None]
         frames = {}
         if "frames" in channels:
-            due = slice(0, 1 if last or self._rows % self._frames_every == 0 else 0)
+            row = moving.steps // self._rows_every
+            due = slice(0, 1 if last or row % self._frames_every == 0 else 0)
             bodies = moving.state.bodies
             frames["time"] = rows["time"][due]
             frames["displacement"] = (bodies.position - self._origin)[None][due]
             frames["orientation"] = bodies.orientation[None][due].copy()
             if "velocity" in channels:
                 frames["velocity"], frames["spin"] = bodies.velocity[None][due].copy(), bodies.spin[None][due].copy()
-        self._rows += 1
         self._session.observe(rows, frames)
 
     def _load(self) -> float:

@@ -9,6 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
+from dembrick import interruption
 from dembrick.model import Output
 
 Observer = Callable[[Mapping[str, np.ndarray], Mapping[str, np.ndarray]], None]
@@ -43,8 +44,13 @@ class Session:
         """A session out of a session, of an observer alone, or of nothing."""
         return given if isinstance(given, Session) else cls(observe=given)
 
-    def keep_if_due(self, snapshot: Callable[[], Mapping[str, np.ndarray]], at_once: bool = False) -> None:
-        """Write a checkpoint if it is time for one, or in any case."""
-        if self.keep is not None and (at_once or time.monotonic() - self.last_kept >= self.output.checkpoint):
+    def pause(self, snapshot: Callable[[], Mapping[str, np.ndarray]], step: int, time_step: float) -> None:
+        """Between two chunks: write a checkpoint if it is time for one; Interrupted where a signal asked to stop."""
+        signum = interruption.requested()
+        due = time.monotonic() - self.last_kept >= self.output.checkpoint
+        if self.keep is not None and (due or signum):
             self.keep(snapshot())
             self.last_kept = time.monotonic()
+        if signum:
+            where = f"step {step} (t = {step * time_step:.4g} s)"
+            raise interruption.Interrupted(signum, f"interrupted after {where}")

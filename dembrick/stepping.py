@@ -18,11 +18,12 @@ from dembrick.kernels.bracket import Certificate
 from dembrick.recorder import Recorder
 from dembrick.session import Session, Snapshot
 from dembrick.simulation import State
+from dembrick.snapshots import flattened, restored
 from dembrick.state import Energy, Inertia, ScaledInertia
 
 CHUNK_SECONDS = 0.2  # of a chunk: a signal is answered within that
 FIRST_WORK = 200_000  # block and contact updates in the first chunk, before the pace is known
-COUNTERS = ("areas.evaluations",)  # integers that change; all others are indices
+COUNTERS = ("areas.evaluations",)  # integers that change
 
 
 @dataclass
@@ -55,10 +56,7 @@ class Loop:
 
     def snapshot(self) -> dict[str, np.ndarray]:
         """Everything as arrays; those of the state are not copied."""
-        arrays = {"loop": np.array([self.step, self.dt])}
-        for name, part in self.parts().items():
-            arrays |= {f"{name}.{field}": np.asarray(v) for field, v in part._asdict().items() if v is not None}
-        return arrays
+        return {"loop": np.array([self.step, self.dt]), **flattened(self.parts())}
 
     def restore(self, snapshot: Snapshot) -> None:
         """Take everything from a snapshot of the same scene; HistoryError where it is of another."""
@@ -66,28 +64,10 @@ class Loop:
         if not (step >= 0.0 and step.is_integer() and 0.0 < self.dt < np.inf):
             raise HistoryError(f"{snapshot.path}: this checkpoint is of no step of this run")
         self.step = int(step)
-        parts = {name: restored(name, part, snapshot) for name, part in self.parts().items()}
+        parts = {name: restored(name, part, snapshot, COUNTERS) for name, part in self.parts().items()}
         self.state = State(*(parts.pop(name, None) for name in State._fields))
         for name, part in parts.items():
             setattr(self, name, part)
-
-
-def restored(name: str, part, snapshot: Snapshot):
-    """A named tuple whose arrays and numbers are those of ``snapshot``; arrays are filled in place."""
-    numbers = {}
-    for field, value in part._asdict().items():
-        if value is None:
-            continue
-        path, own = f"{name}.{field}", np.asarray(value)
-        found = snapshot.array(path, own)
-        if own.dtype.kind in "iub" and path not in COUNTERS and not np.array_equal(found, own):
-            # an index could lead out of its array
-            raise HistoryError(f"{snapshot.path}: {path} is not that of this scenario")
-        if isinstance(value, np.ndarray):
-            value[...] = found
-        else:
-            numbers[field] = found.item()
-    return part._replace(**numbers)
 
 
 class Stepper:
@@ -118,17 +98,10 @@ class Stepper:
                 if self._recorder:
                     self._recorder.drain()
                 if status == RUNNING:
-                    self._between_chunks()
+                    self._session.pause(self.loop.snapshot, self.loop.step, self.loop.dt)
         if status == FULL:
             raise RuntimeError("a chunk was longer than its record has room for: please report this scenario")
         return status
-
-    def _between_chunks(self) -> None:
-        signum = interruption.requested()
-        self._session.keep_if_due(self.loop.snapshot, at_once=bool(signum))
-        if signum:
-            where = f"step {self.loop.step} (t = {self.loop.step * self.loop.dt:.4g} s)"
-            raise interruption.Interrupted(signum, f"interrupted after {where}")
 
 
 def _size(state: State) -> int:

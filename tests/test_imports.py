@@ -35,7 +35,7 @@ FLOORS = {
     7.1: ["moving_state", "driving"],
     7.2: ["moving_polygons", "frequencies"],
     8: ["session", "stability", "certificate", "equilibrium"],
-    9: ["recorder", "yield_point", "dynamics"],
+    9: ["recorder", "snapshots", "yield_point", "dynamics"],
     10: ["stepping", "motion_run"],
     11: ["replay"],
 }

@@ -117,6 +117,34 @@ def test_a_search_that_takes_to_calming_can_be_stopped_there(tmp_path, stop_afte
         check_same(tmp_path / "whole.h5", path)
 
 
+TILT = """
+kind = "tilt"
+axis = [1.0, 0.0, 0.0]
+rate = 10.0
+displacement = 0.002
+"""
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex", "distributed"])
+def test_a_tilting_table_goes_on_too(tmp_path, stop_after, formulation):
+    """A block that hangs over the edge of the other, so that polygons are cut; stopped at rest and in motion."""
+    text = (SCENARIOS / "set4a.toml").read_text().replace('"convex"', f'"{formulation}"')
+    text = text[: text.index("[[loads]]")] + "[control]" + TILT
+    text = text.replace("position = [0.0, 0.0, 0.05]", "position = [0.01, 0.02, 0.05]")
+    given = scenario.loads(text + "[output]\nrows = 400\nframes = 100\ncheckpoint = 1e9\n")
+    whole = simulate(given, tmp_path / "whole.h5")
+    assert whole.status == "collapse" and whole.run.motion.steps > 1000
+    n_row = len(whole.rows["time"])
+    for row in (1, n_row // 2, n_row - 3):
+        path = tmp_path / f"{row}.h5"
+        stop_after(row)
+        with pytest.raises(Interrupted, match="dembrick restart"):
+            simulate(given, path)
+        stop_after(0)
+        assert restart(path).collapse == whole.collapse
+        check_same(tmp_path / "whole.h5", path)
+
+
 # --- signals and kills ---
 
 LONG = """

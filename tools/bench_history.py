@@ -21,8 +21,10 @@ from dembrick import model
 from dembrick.blocks import Block
 from dembrick.result import simulate
 
+USUAL = model.Output().channels
 
-def pairs(blocks: int, steps: int, frames: int, channels=model.Output().channels) -> model.Scenario:
+
+def pairs(blocks: int, steps: int, frames: int, channels=USUAL) -> model.Scenario:
     """``blocks`` blocks, two and two on top of each other, the last one pushed for about ``steps`` steps."""
     n = blocks // 2
     placed = []
@@ -67,14 +69,16 @@ def memory(blocks: int, frames: int) -> None:
 
 
 def share(blocks: int, frames: int, steps: int, rounds: int) -> None:
-    kinds = {"no frames": ("joints", "energy"), "frames": model.Output().channels, "all": model.CHANNELS}
+    kinds = {"no frames": ("joints", "energy"), "frames": USUAL, "all": model.CHANNELS}
     best = dict.fromkeys(kinds, (float("inf"), float("inf")))
     with tempfile.TemporaryDirectory(dir=os.environ.get("TMPDIR")) as folder:
         for _ in range(rounds + 1):
             for name, channels in kinds.items():
                 wall = simulate(pairs(blocks, steps, frames, channels), os.path.join(folder, "run.h5"), force=True).wall
                 if wall["compile"] < 10.0:
-                    best[name] = tuple(min(a, b) for a, b in zip(best[name], (wall["loop"], wall["write"]), strict=True))
+                    best[name] = tuple(
+                        min(a, b) for a, b in zip(best[name], (wall["loop"], wall["write"]), strict=True)
+                    )
     base = best["no frames"][0]
     for name, (loop, write) in best.items():
         print(
