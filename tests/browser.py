@@ -151,7 +151,10 @@ class Browser:
 
     def picture(self, selector: str | None = None) -> bytes:
         """PNG of an element, or of the whole page."""
-        box = self.box(selector or "html")
+        return self.picture_of(self.box(selector or "html"))
+
+    def picture_of(self, box: dict) -> bytes:
+        """PNG of a part of the page: x, y, width, height in pixels."""
         shot = self.call("Page.captureScreenshot", clip=box | {"scale": 1}, captureBeyondViewport=True)
         return base64.b64decode(shot["data"])
 

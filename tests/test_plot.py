@@ -1,11 +1,20 @@
 """Figures hold the numbers of their histories, and are written whole or not at all."""
 
+import dataclasses
+import json
+import sys
+
 import history_cases as cases
 import numpy as np
 import pytest
 
-from dembrick import history, plot
+import dembrick
+from dembrick import cli, history, plot, theory
 from dembrick.errors import HistoryError, OutputError, ScenarioError
+from dembrick.lab import scenario_folder
+from dembrick.plot import subject
+
+joint_plane_module = sys.modules["dembrick.plot.joint_plane"]  # the package has the function under this name
 
 POINT = {"V": 216.0, "V_lower": 215.0, "V_upper": 218.0, "bracket": "certified", "V_1": 0.0, "V_2": 216.0}
 POINT |= {"M_T": 16.2, "N": 467.0, "torsion_centre": [-0.12, 0.0]}
@@ -110,3 +119,233 @@ def test_no_energies_is_said(tmp_path):
         writer.finish("yield", {})
     with history.read(tmp_path / "bare.h5") as bare, pytest.raises(HistoryError, match="no energies"):
         plot.energies(bare)
+
+
+# --- joints of real runs ---
+
+
+@pytest.fixture(scope="module", params=["concave", "convex", "effective"])
+def pushed(request, tmp_path_factory):
+    """Set 4a at a constant rate, V at e = 0.075 m: corner points with their forces, the exact surface, and the pressure
+    that follows a load at mid-height."""
+    name = "set4a_mid_curve" if request.param == "effective" else "set4a_curve"
+    scenario = dembrick.load(scenario_folder() / f"{name}.toml")
+    law = {"pressure": "effective"} if request.param == "effective" else {"formulation": request.param}
+    law = dataclasses.replace(scenario.joint, **law)
+    output = dataclasses.replace(scenario.output, channels=("joints", "energy", "frames", "contacts"))
+    scenario = dataclasses.replace(scenario, joint=law, output=output)
+    path = tmp_path_factory.mktemp("plot") / "run.h5"
+    result = dembrick.simulate(scenario, path)
+    with history.read(path) as found:
+        yield request.param, found, result
+
+
+def moment(stage):
+    return float((stage.points[:, 0] * stage.friction[:, 1] - stage.points[:, 1] * stage.friction[:, 0]).sum())
+
+
+def test_a_joint_turns_about_its_elastic_centre_first(pushed):
+    """-J / (A e) of what is elastic: four corners at c, or the whole area."""
+    kind, run, _ = pushed
+    stage = plot.joint_plane(run)[0]
+    square = 0.15**2 + 0.1**2 if kind == "concave" else (0.3**2 + 0.2**2) / 12.0
+    np.testing.assert_allclose(stage.centre, [-square / 0.075, 0.0], rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(stage.load, 0.5 * run.load[-1], rtol=0.1)
+    turned = stage.movement[:, 1] / (stage.points[:, 0] - stage.centre[0])
+    np.testing.assert_allclose(turned, turned[0], rtol=1e-4)  # a plane rotation about it
+
+
+def test_a_joint_slides_about_the_centre_of_the_limit_surface(pushed):
+    kind, run, result = pushed
+    stages = plot.joint_plane(run)
+    assert stages[-1].utilisation == pytest.approx(1.0, abs=1e-6) and stages[0].utilisation < 0.6
+    own, carried = run.joints[0], subject.carried_by(run, 0)
+    law = subject.limit_surface(own, carried)
+    centre = theory.limit_load(law, [carried["V_1"], carried["V_2"], carried["M_T"]]).torsion_centre
+    # a path over the end of the run, not one increment
+    np.testing.assert_allclose(stages[-1].centre, centre, rtol=2e-2 if kind != "concave" else 0.3, atol=1e-3)
+    (last,) = plot.joint_plane(run, frames=[run.n_frames - 1])
+    assert last.frame == run.n_frames - 1 and (last.movement != stages[-1].movement).any()
+
+
+def test_recorded_friction_balances_the_load(pushed):
+    kind, run, _ = pushed
+    if kind != "concave":
+        pytest.skip("only points have forces")
+    for stage in plot.joint_plane(run):
+        np.testing.assert_allclose(stage.friction.sum(axis=0), [0.0, -stage.load], rtol=1e-6, atol=2e-3)
+        assert moment(stage) == pytest.approx(-0.075 * stage.load, rel=1e-5)
+        assert np.linalg.norm(stage.friction, axis=1).max() <= stage.limit * (1.0 + 1e-9)
+    assert stage.limit == pytest.approx(0.64 * 467 / 4, rel=1e-6)
+
+
+def test_friction_that_was_not_recorded_is_that_of_the_limit_surface(pushed, monkeypatch):
+    kind, run, _ = pushed
+    monkeypatch.setattr(history.History, "frame_contact_force", lambda self, k: None)
+    monkeypatch.setattr(joint_plane_module, "_GRID", 120)
+    first, *_, last = plot.joint_plane(run)
+    assert first.friction is None  # the joint sticks: what its points carry is not known
+    area = 1.0 if kind == "concave" else 0.06 / len(last.points)
+    carried = subject.carried_by(run, 0)
+    tolerance = {"concave": 1e-5, "convex": 3e-3, "effective": 1e-2}[kind]  # the edge of a strip cuts the grid
+    assert area * last.friction.sum(axis=0)[1] == pytest.approx(-carried["V_2"], rel=tolerance)
+    assert area * moment(last) == pytest.approx(-carried["M_T"], rel=tolerance)
+    if kind == "effective":  # the strip on the side that the load leaves carries nothing
+        free = last.points[:, 1] < -0.1 + 2.0 * subject.pressure_centre(carried)[1]
+        assert not last.friction[free].any() and last.friction[~free].any(axis=1).all()
+    elif kind == "convex":
+        assert last.limit == pytest.approx(0.64 * 467 / 0.06, rel=1e-6)
+        assert np.linalg.norm(last.friction, axis=1) == pytest.approx(np.full(len(last.points), last.limit))
+
+
+def test_a_path_ends_on_the_own_limit_surface(pushed):
+    kind, run, result = pushed
+    path = plot.joint_path(run)
+    assert path.joint == "lower/upper" and path.direction == pytest.approx([0.0, 1.0], abs=1e-3)
+    np.testing.assert_allclose(path.M_T, 0.075 * path.V, rtol=2e-3, atol=0.05)
+    own, *others = path.sections
+    assert own.formulation == {"effective": "convex, effective pressure"}.get(kind, kind)
+    assert [section.formulation for section in others] == ([] if kind == "convex" else ["convex"])
+    order = np.argsort(own.V)
+    assert np.interp(path.V[-1], own.V[order], own.M_T[order]) == pytest.approx(path.M_T[-1], rel=1e-3)
+    exact = path.sections[-1]
+    assert (exact.V[0], exact.M_T[-1]) == pytest.approx((0.64 * 467, 0.64 * 467 * 0.09681061), rel=1e-6)
+
+
+def test_figures_of_joints_say_what_they_show(pushed):
+    kind, run, result = pushed
+    figure = plot.joint_stages(run)
+    titles = [ax.get_title() for ax in figure.axes]
+    assert titles[0].startswith("V = 1") and "utilisation 1\n" in titles[-1]
+    assert "torsion centre" in texts(figure) and "friction (longest: at its limit)" in texts(figure)
+    assert figure.axes[0].get_ylabel().endswith("concave" if kind == "concave" else "convex")
+    both = plot.joint_stages([run, run], ["one", "two"])
+    assert [ax.get_ylabel() for ax in both.axes if ax.get_ylabel()] == ["one", "two"]
+    assert len(both.axes) == 2 * len(figure.axes)
+    with pytest.raises(ScenarioError, match="1 axes for"):
+        plot.joint_stages(run, ax=figure.axes[0])
+    path = plot.load_path([run, run], ["one", "two"])
+    assert {"one", "two", "yield point"} <= set(texts(path))
+    assert path.axes[0].get_title() == "joint lower/upper, N = 467 N"
+
+
+def test_stages_and_joints_that_are_not_there(run, tmp_path):
+    with pytest.raises(ScenarioError, match="its joints are lower/upper"):
+        plot.joint_path(run, "upper/lid")
+    with pytest.raises(ScenarioError, match="joint 3 is out of range"):
+        plot.joint_path(run, "3")
+    assert plot.joint_path(run, "0").joint == plot.joint_path(run, "lower/upper").joint
+    with pytest.raises(ScenarioError, match="at least one"):
+        plot.joint_plane(run, stages=0)
+    with pytest.raises(ScenarioError, match="within 1 and 3"):
+        plot.joint_plane(run, frames=[3, 2])
+    with history.HistoryWriter(
+        tmp_path / "bare.h5", cases.SCENARIO, cases.assembly(), {}, channels=("joints", "energy")
+    ) as writer:
+        writer.append(cases.record(0, 3))
+        writer.finish("yield", {})
+    with history.read(tmp_path / "bare.h5") as bare, pytest.raises(HistoryError, match="two frames"):
+        plot.joint_plane(bare)
+
+
+# --- measured curves ---
+
+
+def curve_file(tmp_path, text):
+    path = tmp_path / "lab.csv"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "displacement [mm],force [kN]\n0,0\n0.5,0.2\n1.25,0.16\n",
+        "# rig 2\n\nforce [N]; displacement [µm]\n0;0\n200;500\n160;1250\n",
+        "\ufeffload [N]\tdisplacement [m]\n0\t0\n200,0\t0,0005\n160\t1.25e-3\n",
+        '"displacement [um]","Force [N]"\n0,0\n500,2e2\n1250,160\n',
+    ],
+)
+def test_measured_curves_are_read_in_their_units(tmp_path, text):
+    curve = plot.read_measured(curve_file(tmp_path, text))
+    np.testing.assert_allclose(curve.displacement, [0.0, 5e-4, 1.25e-3], rtol=1e-12)
+    np.testing.assert_allclose(curve.load, [0.0, 200.0, 160.0], rtol=1e-12)
+    assert curve.name == "lab"
+
+
+@pytest.mark.parametrize(
+    "text, said",
+    [
+        ("", "is empty"),
+        ("0,0\n1,2\n", "has no unit"),
+        ("displacement,force\n0,0\n1,1\n", "'displacement' has no unit"),
+        ("displacement [inch],force [N]\n0,0\n1,1\n", "'inch' .* m, mm, um, µm"),
+        ("displacement [mm],force [lbf]\n0,0\n1,1\n", "'lbf' .* N, kN"),
+        ("displacement [mm],time [s]\n0,0\n1,1\n", "'time' is unknown"),
+        ("displacement [mm],displacement [m]\n0,0\n1,1\n", "one column of displacement and one of force"),
+        ("displacement [mm],force [N]\n0,0\n1\n", "line 3: 1 values for 2"),
+        ("displacement [mm],force [N]\n0,0\n1,two\n", "line 3: the force 'two'"),
+        ("displacement [mm],force [N]\n0,0\n1,nan\n", "line 3: the force 'nan'"),
+        ("displacement [mm],force [N]\n0,0\n", "at least two points"),
+    ],
+)
+def test_measured_curves_that_are_none(tmp_path, text, said):
+    with pytest.raises(ScenarioError, match=said):
+        plot.read_measured(curve_file(tmp_path, text))
+
+
+def test_measured_files_that_cannot_be_read(tmp_path):
+    with pytest.raises(ScenarioError, match="No such file"):
+        plot.read_measured(tmp_path / "none.csv")
+    (tmp_path / "photo.csv").write_bytes(b"\xff\xd8\xff\xe0")
+    with pytest.raises(ScenarioError, match="UTF-8"):
+        plot.read_measured(tmp_path / "photo.csv")
+
+
+def test_measured_curves_lie_over_simulated_ones(run, tmp_path):
+    curve = plot.read_measured(curve_file(tmp_path, "displacement [um],force [N]\n0,0\n0.2,120\n"), "rig 2")
+    figure = plot.force_displacement(run, labels=["run"], measured=[curve])
+    line = next(line for line in figure.axes[0].lines if line.get_label() == "measured: rig 2")
+    np.testing.assert_allclose(line.get_xydata(), [[0.0, 0.0], [0.2, 120.0]], rtol=1e-12)
+
+
+# --- the command ---
+
+
+@pytest.mark.parametrize("kind", ["curve", "path", "joint", "energies", "unbalanced", "layout", "domain"])
+def test_the_command_draws_every_kind(pushed, tmp_path, capsys, kind):
+    _, run, _ = pushed
+    target = tmp_path / f"{kind}.svg"
+    assert cli.main(["plot", run.path, "--kind", kind, "--to", str(target), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == {"figure": str(target)}
+    assert target.read_text(encoding="utf-8").count("<path") > 5
+
+
+@pytest.mark.parametrize(
+    "words, said",
+    [
+        (["--label", "one", "--label", "two"], "2 labels for 1 histories"),
+        (["--lab", "none.csv"], "none.csv: the measured curve cannot be read"),
+        (["--kind", "path", "--lab", "none.csv"], "belong to --kind curve"),
+        (["--kind", "path", "--joint", "a/b"], "has no joint 'a/b'"),
+    ],
+)
+def test_the_command_says_what_is_wrong(run, capsys, words, said):
+    assert cli.main(["plot", run.path, *words]) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_names_from_anywhere_are_no_formulas(run, tmp_path):
+    """matplotlib takes text between dollar signs for a formula, and hides labels that begin with an underscore."""
+    figure = plot.force_displacement([run, run], labels=[r"$\nonsense{", "_hidden"], references={"$x$": 1.0})
+    plot.save(figure, tmp_path / "figure.svg")
+    assert texts(figure)[1] == " _hidden"
+    written = (tmp_path / "figure.svg").read_text(encoding="utf-8")
+    assert r"$\nonsense{" in written and "$x$: 1 N" in written
+
+
+def test_several_energies_stand_side_by_side(run):
+    figure = plot.energies([run, run], labels=["one", "two"])
+    assert [ax.get_title() for ax in figure.axes] == ["one", "two"]
+    with pytest.raises(ScenarioError, match="1 axes for 2 histories"):
+        plot.energies([run, run], ax=figure.axes[0])

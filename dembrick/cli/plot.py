@@ -46,8 +46,6 @@ def run(options, console) -> int:
         )
     if options.lab and options.kind != "curve":
         raise ScenarioError(f"--lab: measured curves belong to --kind curve, not to {options.kind}")
-    if options.kind == "joint" and len(options.histories) > 1:
-        raise ScenarioError("--kind joint draws the stages of one history; give a single file")
     measured = [plot.read_measured(path) for path in options.lab]
     files = [history.read(path) for path in options.histories]
     if options.kind == "curve":
@@ -55,7 +53,7 @@ def run(options, console) -> int:
     elif options.kind == "path":
         figure = plot.load_path(files, options.label, joint=options.joint)
     elif options.kind == "joint":
-        figure = plot.joint_stages(files[0], joint=options.joint, stages=options.stages)
+        figure = plot.joint_stages(files, options.label, joint=options.joint, stages=options.stages)
     elif options.kind == "energies":
         figure = plot.energies(files, options.label)
     elif options.kind == "unbalanced":

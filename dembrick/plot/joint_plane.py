@@ -8,6 +8,7 @@ corners put it elsewhere than the whole area does.
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -17,6 +18,7 @@ from dembrick import summary, theory
 from dembrick.errors import HistoryError, ScenarioError
 from dembrick.joint_motion import CHANNELS, JointMotion
 from dembrick.plot import style, subject
+from dembrick.plot.curves import labelled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,9 +26,9 @@ if TYPE_CHECKING:
 
 SLIDES_FROM = 0.995  # utilisation from which the friction is drawn at its limit
 _MOST_POINTS = 40  # contact points drawn one by one; more of them, and convex joints, get a grid
-_GRID = 8  # points over the longer side of a joint
-_ARROW = {True: 0.26, False: 0.125}  # of the joint's size, the longest arrow: with few points, with many
-_NEAR = 2.6  # joint's sizes from O: a centre further away is marked at the rim of the picture
+_GRID = 6  # points over the longer side of a joint
+_ARROW = {True: 0.22, False: 0.16}  # of the joint's size, the longest arrow: with few points, with many
+_NEAR = 1.6  # joint's sizes from O: a centre further away is marked at the rim of the picture
 
 
 class Stage(NamedTuple):
@@ -152,38 +154,48 @@ def _growing(history, number: int, stages: int) -> list[int]:
 
 
 def joint_stages(
-    history,
+    histories,
+    labels: Sequence[str] | None = None,
     joint: str | int | None = None,
     stages: int = 4,
     frames: Sequence[int] | None = None,
     ax: Axes | Sequence[Axes] | None = None,
 ) -> Figure:
-    """The stages of one joint side by side (see :func:`joint_plane`). ``ax``: axes, one for each stage."""
-    found = joint_plane(history, joint, stages, frames)
-    number = subject.chosen_joint(history, joint)
-    polygon = history.joints[number]["polygon"]
+    """The stages of one joint side by side (see :func:`joint_plane`), a row for each history, all to one scale.
+
+    ``ax``: axes, one for each stage, row after row.
+    """
+    histories, labels = labelled(histories, labels)
+    rows = [joint_plane(history, joint, stages, frames) for history in histories]
+    polygons = [history.joints[subject.chosen_joint(history, joint)]["polygon"] for history in histories]
+    corners = np.concatenate([_extent(polygon, row) for polygon, row in zip(polygons, rows, strict=True)])
+    extent = np.stack([corners.min(axis=0), corners.max(axis=0)])
+    count, columns = sum(map(len, rows)), max(map(len, rows))
     with style.settings():
         if ax is None:
-            shape = np.ptp(_extent(polygon, found), axis=0)
-            width = max(2.0, min(2.8, 2.1 * shape[0] / shape[1]))
-            figure = style.new_figure((max(3.4, width * len(found)), width * shape[1] / shape[0] + 1.2))
-            figure.get_layout_engine().set(h_pad=0.07)  # inches: between the names of joint and stages
-            axes = list(figure.subplots(1, len(found), squeeze=False)[0])
-            formulation = history.joints[number]["formulation"]
-            name = subject.joint_names(history)[number]
-            figure.suptitle(style.plain(f"joint {name}, {formulation}"), fontsize=9)
+            shape = np.ptp(extent, axis=0)
+            width = max(1.9, min(2.3, 1.7 * shape[0] / shape[1]))
+            high = width * shape[1] / shape[0] + 0.75
+            figure = style.new_figure((max(3.4, width * columns + 0.3), high * len(rows) + 0.45))
+            figure.get_layout_engine().set(h_pad=0.07)  # inches: between the titles and the row above
+            grid = figure.subplots(len(rows), columns, squeeze=False)
+            axes = [own for row, line in zip(rows, grid, strict=True) for own in line[: len(row)]]
+            for row, line, label in zip(rows, grid, labels, strict=True):
+                line[0].set_ylabel("\n".join(textwrap.wrap(label, 26)))
+                for unused in line[len(row) :]:
+                    unused.remove()
         else:
             axes = list(np.ravel(np.asarray(ax, dtype=object)))
             figure = axes[0].figure
-        if len(axes) != len(found):
-            raise ScenarioError(f"{len(axes)} axes for {len(found)} stages; give one each")
-        for i, own in enumerate(axes):
-            _draw(own, polygon, found[: i + 1], _extent(polygon, found))
+        if len(axes) != count:
+            raise ScenarioError(f"{len(axes)} axes for {count} stages; give one each")
+        shown = [(row[: i + 1], polygon) for row, polygon in zip(rows, polygons, strict=True) for i in range(len(row))]
+        named: dict = {}
+        for own, (stages_so_far, polygon) in zip(axes, shown, strict=True):
+            _draw(own, polygon, stages_so_far, extent)
+            named |= {label: handle for handle, label in zip(*own.get_legend_handles_labels(), strict=True)}
         if ax is None:
-            handles = {
-                label: handle for own in axes for handle, label in zip(*own.get_legend_handles_labels(), strict=True)
-            }
-            figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=4)
+            figure.legend(named.values(), named.keys(), loc="outside lower center", ncols=4 if columns > 2 else 2)
     return figure
 
 
@@ -230,8 +242,8 @@ def _draw(axes, polygon: np.ndarray, stages: list[Stage], extent: np.ndarray) ->
         place, far = _at_rim(stage.centre, size), float(np.hypot(*stage.centre))
         axes.plot(*place, "X", mfc=style.ORANGE, mec="black", mew=0.8, ms=9, zorder=7, label="torsion centre")
         if far > _NEAR * size:
-            text = f"{summary.length(far)} away"
-            axes.annotate(text, place, (0, 7), textcoords="offset points", fontsize=7, ha="center")
+            side = "left" if place[0] < 0.0 else "right"  # inwards
+            axes.annotate(f"{1e3 * far:.3g} mm", place, (0, 7), textcoords="offset points", fontsize=7, ha=side)
     axes.set_aspect("equal")
     axes.set_xlim(*extent[:, 0])
     axes.set_ylim(*extent[:, 1])

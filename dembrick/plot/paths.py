@@ -89,18 +89,26 @@ def load_path(
     paths = [joint_path(history, joint) for history in histories]
     with style.settings():
         figure, axes = style.canvas(ax)
+        formulations = [
+            history.joints[path.number]["formulation"] for history, path in zip(histories, paths, strict=True)
+        ]
+        told_apart = len(set(formulations)) == len(paths)  # else the domains step back behind the colours of the runs
         drawn: list[tuple] = []
-        for path in paths:
-            for section in path.sections:
-                key = (section.formulation, *np.round(section.V[::30] / section.V[0], 6), round(path.normal_force, 6))
-                if key in drawn:
-                    continue
-                drawn.append(key)
-                colour, line, _ = style.FORMULATION.get(section.formulation, (style.GREEN, "-.", ""))
-                name = "convex, exact" if section.formulation == "convex" else section.formulation
-                axes.plot(section.V, section.M_T, color=colour, ls=line, lw=1.0, label=f"limit surface, {name}")
+        for section in (section for path in paths for section in path.sections):
+            key = (section.formulation, *(f"{value:.6g}" for value in (*section.V[::30], *section.M_T[::30])))
+            if key in drawn:
+                continue
+            drawn.append(key)
+            colour, line, _ = style.FORMULATION.get(section.formulation, (style.GREEN, "-.", ""))
+            colour = colour if told_apart else style.GREY
+            name = "convex, exact" if section.formulation == "convex" else section.formulation
+            axes.plot(section.V, section.M_T, color=colour, ls=line, lw=1.0, label=f"limit surface, {name}")
         for i, (path, label, history) in enumerate(zip(paths, labels, histories, strict=True)):
-            colour, line, marker = ((style.BLACK, "-", "o"), *style.CYCLE)[0 if len(paths) == 1 else i % 7 + 1]
+            colour, line, marker = (
+                style.FORMULATION[formulations[i]] if told_apart else style.CYCLE[i % len(style.CYCLE)]
+            )
+            if len(paths) == 1:
+                colour, line, marker = style.BLACK, "-", "o"
             every = max(1, len(path.V) // 12)
             axes.plot(path.V, path.M_T, color=colour, ls=line, lw=1.6, marker=marker, ms=2.8, markevery=every,
                       label=label, zorder=3)  # fmt: skip

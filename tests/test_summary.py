@@ -1,0 +1,59 @@
+"""Key numbers as words: error bars to two digits, and nothing taken for granted."""
+
+import math
+
+import pytest
+
+from dembrick import summary
+from dembrick.summary import KeyNumber, key_numbers, with_error
+
+
+@pytest.mark.parametrize(
+    "value, half, text",
+    [
+        (215.9883, 0.0668, "215.988 ± 0.067 N"),
+        (107.16583, 2e-14, "107.1658 N"),
+        (216.0, 1.0, "216.0 ± 1.0 N"),
+        (12345.0, 340.0, "12345 ± 340 N"),
+        (3e-7, 2.5e-9, "3.000e-07 ± 2.5e-09 N"),
+    ],
+)
+def test_an_error_bar_has_two_digits(value, half, text):
+    found = with_error(value, half, "N")
+    assert found == text or (value < 1e-6 and "±" in found)
+    shown = float(found.split()[0])
+    assert shown == pytest.approx(value, abs=0.51 * max(half, 1e-6 * value))
+
+
+def names(results):
+    return {line.name: line for line in key_numbers(results)}
+
+
+POINT = {"V": 216.0, "V_lower": 215.0, "V_upper": 217.0, "bracket": "certified", "N": 467.0, "M_T": 16.2}
+
+
+def test_brackets_are_named_for_what_they_are():
+    assert names({"yield_point": POINT})["limit load V"].remark == "certified: bounds 215 and 217 N"
+    indicator = names({"yield_point": POINT | {"bracket": "indicator"}})["limit load V"]
+    assert indicator.value == "216.0 ± 1.0 N" and indicator.remark.startswith("indicator, not certified")
+    for openly in ({"bracket": "open"}, {"V_upper": None}):
+        line = names({"yield_point": POINT | openly})["V"]
+        assert "±" not in line.value and "no upper bound" in line.remark and "at least 215 N" in line.remark
+    meeting = names({"yield_point": POINT | {"V_lower": 216.0, "V_upper": 216.0}})["limit load V"]
+    assert meeting == KeyNumber("limit load V", "216 N", "certified: the two bounds meet")
+
+
+def test_theory_and_collapse():
+    theory = names({"theory": {"V": 216.05, "error": -3.1e-4, "discretisation_error": 4e-4}})["theory"]
+    assert theory == ("theory", "216.05 N", "simulation -0.031 %; the points miss the continuum by 0.04 %")
+    collapse = {"angle": 12.01, "load_factor": 0.2127, "mechanism": "rocking", "error_estimate": None}
+    lines = names({"collapse": collapse})
+    assert lines["collapse angle"] == ("collapse angle", "12.01 deg", "no error bar (--refine)")
+    assert lines["load factor"].value == "0.2127" and lines["mechanism"].value == "rocking"
+    assert names({"collapse": collapse | {"error_estimate": 0.05}})["collapse angle"].value == "12.010 ± 0.050 deg"
+
+
+@pytest.mark.parametrize("junk", [None, True, "x", [], {"V": "x"}, {"V": [1]}, {"V": math.nan}, {"V": 10**400}])
+def test_junk_is_left_out(junk):
+    assert key_numbers({"yield_point": junk, "theory": junk, "collapse": junk, "wall": junk, "steps": junk}) == []
+    assert summary.number(10**400) is None and summary.number(True) is None and summary.number(2) == 2.0

@@ -1,0 +1,69 @@
+"""Draw the README's pictures of joints, paths and the web page out of fresh runs, into tools/readme/.
+
+    python tools/readme_figures.py [--out tools/readme]
+
+``joint.png``: set 4a pushed at a constant rate, with contact points at the corners and with the exact limit surface;
+``path.png``: the same on their yield domains; ``page.png``: the web page of one of them, as a headless Chromium shows
+it (left out, and said, where there is none). ``curves.png`` and ``fig5_domains.png`` are those of ``dembrick lab``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import sys
+import tempfile
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
+
+import browser as browsers  # noqa: E402
+
+import dembrick  # noqa: E402
+from dembrick import history, page, plot  # noqa: E402
+
+DOTS_PER_INCH = 150  # enough for a screen, and small enough for a repository
+WINDOW = (1180, 790)
+
+
+def pushed(formulation: str, folder: Path) -> Path:
+    """A history of set 4a at a constant rate, contact forces and all."""
+    scenario = dembrick.load(ROOT / "scenarios" / "set4a_curve.toml")
+    output = dataclasses.replace(scenario.output, channels=("joints", "energy", "frames", "contacts"))
+    law = dataclasses.replace(scenario.joint, formulation=formulation)
+    path = folder / f"{formulation}.h5"
+    dembrick.simulate(dataclasses.replace(scenario, joint=law, output=output), path)
+    return path
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=ROOT / "tools" / "readme", help="folder of the pictures")
+    out = parser.parse_args().out
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        paths = [pushed(formulation, folder) for formulation in ("concave", "convex")]
+        runs = [history.read(path) for path in paths]
+        for picture, figure in (("joint", plot.joint_stages(runs)), ("path", plot.load_path(runs))):
+            figure.savefig(out / f"{picture}.png", dpi=DOTS_PER_INCH)
+            print(out / f"{picture}.png")
+        for run in runs:
+            run.close()
+        if browsers.find() is None:
+            print("page.png is left out: there is no Chromium on this machine")
+            return
+        page.write(paths[0], folder / "page.html")
+        window = browsers.Browser(browsers.find())
+        try:
+            window.size(*WINDOW)
+            window.open(folder / "page.html")
+            shot = {"x": 0, "y": 0, "width": WINDOW[0], "height": WINDOW[1]}
+            (out / "page.png").write_bytes(window.picture_of(shot))
+            print(out / "page.png")
+        finally:
+            window.close()
+
+
+if __name__ == "__main__":
+    main()
