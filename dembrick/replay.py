@@ -9,7 +9,8 @@ move. What is left to wait for is the memory of the elastic forces, which slip w
 (``kernels.bracket``) is formed at every step, and the replay ends when it is narrow enough.
 
 **Constant rate** (`push_at_constant_rate`). Physical inertia and moving geometry, a jack head at constant speed over a
-given travel; the whole curve, past the peak.
+given travel; the whole curve, past the peak. Dashpots are those of `stability.dashpots`: a part of the critical damping
+of each block, whatever the time step. Where the bracket is no certified one, the load that is read off must be steady.
 """
 
 from __future__ import annotations
@@ -22,20 +23,22 @@ import numpy as np
 
 from dembrick.certificate import certificate, empty_window, frictionless
 from dembrick.equilibrium import inverse_inertia, seat
-from dembrick.errors import DivergedError, NotConvergedError, ScenarioError
-from dembrick.kernels.advance import CONVERGED, DIVERGED, RUNNING, Drive
+from dembrick.errors import NotConvergedError, ScenarioError
+from dembrick.guards import NEVER, new_guard, refuse_divergence
+from dembrick.kernels.advance import CONVERGED, RUNNING, Drive
 from dembrick.kernels.bracket import Certificate
 from dembrick.model import Output
 from dembrick.recorder import Recorder
 from dembrick.session import Observer, Session, Snapshot
 from dembrick.simulation import State, block_stiffness, initial_state, load_vectors, new_energy
-from dembrick.stability import block_inertia, critical_time_step, greatest_frequency
+from dembrick.stability import Dashpots, block_inertia, critical_time_step, dashpots
 from dembrick.state import Energy, Inertia
+from dembrick.steadiness import steady
 from dembrick.stepping import Loop, Stepper
 from dembrick.yield_point import YieldPoint, read_off
 
 # Numerical choices; answers do not depend on them beyond the tolerance, and a test says so.
-VISCOUS = 0.5  # dashpot force over spring force for the same increment, in contacts and jack
+VISCOUS = 0.5  # dashpot force over spring force for the same increment, in contacts and jack, while searching
 JACK = 1.0  # stiffness of the jack over that of the joints along the load
 SLIP_PER_STEP = 1.0  # elastic slips that the head moves in a step towards a limit load
 CALMING = 0.2  # of the swing of a block's velocity that a step takes away, once a search takes long
@@ -46,7 +49,7 @@ CHUNK_OF_SEARCH = 256  # steps of a search between two looks at it
 HALVING = 512  # steps in which a search slows to half its rate, once it has taken 16 times as many
 MOST_STEPS = 20_000  # of a search
 MOST_STEPS_AT_RATE = 2_000_000_000  # of a constant-rate test
-LONGEST_MOVE = 0.1  # of the smallest block: a step that moves a block further has diverged
+FINEST = 0.25  # of what friction 1 would let the joints give, that the head may move in a step of a constant-rate test
 CHUNK = 1 << 16  # steps of a constant-rate test between two looks at the clock
 
 
@@ -81,11 +84,11 @@ def find_limit_load(
     state, load = setup.state, setup.load
     # All frequencies of the scaled blocks are eta/dt; jack and dashpots bring the critical eta below 2.
     eta = step_factor * critical_time_step(math.sqrt(1.0 + JACK), VISCOUS)
-    critical = setup.critical_time_step()
+    critical = setup.dashpots().critical_time_step
     dt = step_factor * critical
     inertia = inverse_inertia(state, setup.stiffness * (dt / eta) ** 2)
     scale = _rough_strength(state, setup.certificate, load) * setup.compliance / setup.weight
-    drive = setup.drive(rate=SLIP_PER_STEP * scale / dt, ramp=RAMP * dt, dt=dt, searching=True)
+    drive = setup.drive(SLIP_PER_STEP * scale / dt, dt)._replace(steady=16 * HALVING, slowing=0.5 ** (1.0 / HALVING))
     frames_every = 1 if len(assembly.names) <= 100 else 8
     session = Session.of(session)
     recorder = Recorder(state, session, CHUNK_OF_SEARCH, frames_every=frames_every) if session.observe else None
@@ -94,7 +97,7 @@ def find_limit_load(
         setup.certificate.bracket[:] = 0.0
         status = CONVERGED
     energy = new_energy(state) if recorder else None
-    loop = Loop(dt, state, inertia, None, drive, setup.certificate, energy)
+    loop = Loop(dt, state, inertia, None, drive, setup.certificate, energy, new_guard(assembly, state))
     began = time.perf_counter()
     loop.advance(0, recorder.record if recorder else None)  # no step: compiles, or loads the cache
     compiled = time.perf_counter() - began
@@ -107,11 +110,10 @@ def find_limit_load(
             loop.drive = loop.drive._replace(calming=CALMING)
             state.blocks.mean_velocity[:, :3] = state.blocks.velocity
             state.blocks.mean_velocity[:, 3:] = state.blocks.spin
-            loop.certificate = loop.certificate._replace(window=empty_window(LONG_WINDOW))
+            _watch_longer(loop)
         status = stepper.to(loop.step - loop.step % CHUNK_OF_SEARCH + CHUNK_OF_SEARCH)
     steps = loop.step
-    if status == DIVERGED:
-        raise _diverged(assembly, state, steps, dt, critical)
+    refuse_divergence(status, assembly, state, steps, dt, critical)
     chosen = {"eta": float(eta), "rate": float(SLIP_PER_STEP * scale / dt), "inertia": "scaled"}
     replay = setup.replay(status == CONVERGED, loop, critical, compiled, setup.settings(drive) | chosen)
     if status != CONVERGED:
@@ -131,18 +133,21 @@ def push_at_constant_rate(
 ) -> Replay:
     """Move the jack head over ``travel`` (m) at ``rate`` (m/s) with physical inertia; returns a Replay.
 
-    The bracket is what the record allows: strict at any rate, as narrow as the rate lets it be. Raises DivergedError,
-    and NotConvergedError where the dead loads alone bring the blocks down.
+    The bracket is what the record allows: strict at any rate, as narrow as the rate lets it be. Where it is not strict,
+    V is the mean load of the last quarter of the travel. Raises DivergedError, and NotConvergedError where the dead
+    loads alone bring the blocks down, or where the load of an uncertified test still rises or swings at the end.
     """
     setup = _Setup(assembly, tolerance=0.0)
     state = setup.state
     if state.areas is not None and state.areas.pressed is not None:
         # inertia above the joint moves the pressure, and the friction with it
         setup.certificate = setup.certificate._replace(strict=False)
-    critical = setup.critical_time_step()
-    dt = step_factor * critical
+    damping = setup.dashpots()
+    critical = damping.critical_time_step
+    dt = setup.time_step(step_factor * critical, rate)
     steps_wanted = _steps(rate, travel, dt)
-    drive = setup.drive(rate=rate, ramp=RAMP * dt, dt=dt, searching=False)
+    drive = setup.drive(rate, dt)._replace(dashpot=damping.jack * setup.jack_stiffness, viscous_n=1.0, viscous_s=1.0)
+    state.joints.damping[:] = damping.joints / dt
     inertia = Inertia(
         mass=np.array(assembly.mass, float),
         tensor=np.array(assembly.inertia, float),
@@ -157,24 +162,33 @@ def push_at_constant_rate(
     recorder = Recorder(state, session, chunk, rows_every, frames_every) if session.observe else None
     setup.certificate = setup.certificate._replace(every=rows_every)
     energy = new_energy(state) if recorder else None
-    loop = Loop(dt, state, None, inertia, drive, setup.certificate, energy)
+    guard = new_guard(assembly, state, steps_wanted)
+    loop = Loop(dt, state, None, inertia, drive, setup.certificate, energy, guard)
     began = time.perf_counter()
     loop.advance(0, recorder.record if recorder else None)  # no step: compiles, or loads the cache
     compiled = time.perf_counter() - began
     if session.resumed:
         loop.restore(session.resumed)
     status = Stepper(loop, session, recorder, CHUNK).to(steps_wanted)
-    if status == DIVERGED:
-        raise _diverged(assembly, state, loop.step, dt, critical)
+    refuse_divergence(status, assembly, state, loop.step, dt, critical)
     chosen = {"rate": rate, "inertia": "physical"}
-    return setup.replay(True, loop, critical, compiled, setup.settings(drive) | chosen)
+    replay = setup.replay(True, loop, critical, compiled, setup.settings(drive) | chosen)
+    if not setup.certificate.strict:
+        replay.yield_point = steady(replay.yield_point, guard, least=1e-3 * setup.dead_strength())
+    return replay
+
+
+def _watch_longer(loop: Loop) -> None:
+    """For a search that takes to calming: a longer window, and no more books of energy, which calming does not keep."""
+    loop.certificate = loop.certificate._replace(window=empty_window(LONG_WINDOW))
+    loop.guard = loop.guard._replace(mask=NEVER)
 
 
 def _resume_search(loop: Loop, snapshot: Snapshot) -> None:
     """Restore a search, which watches more steps once it has taken to calming."""
     calming = snapshot.array("drive.calming", np.zeros(()))
     if calming > 0.0:
-        loop.certificate = loop.certificate._replace(window=empty_window(LONG_WINDOW))
+        _watch_longer(loop)
     loop.restore(snapshot)
 
 
@@ -192,13 +206,14 @@ def plan(assembly, control, step_factor: float, output: Output | None = None) ->
     """The plan of a replay, without running any of it."""
     output = output or Output()
     system = _LoadSystem(assembly)
-    critical = system.critical_time_step()
+    critical = system.dashpots().critical_time_step
     dt = step_factor * critical
     if control.kind == "yield":
         # seen over the lab tests and random joints: some 25 steps to 1e-3 and ten more a digit, twice that at height
         steps = 25 + int(20.0 * max(0.0, -math.log10(control.tolerance) - 2.0))
         rows = steps
     else:
+        dt = system.time_step(dt, control.rate)
         steps = _steps(control.rate, control.travel, dt)
         rows = min(steps, 2 * output.rows)
     n, j = len(assembly.names), len(assembly.joints)
@@ -232,11 +247,23 @@ class _LoadSystem:
         for b in loaded:
             self.jack[b] = len(loaded) * self.jack_stiffness / self.weight * np.outer(self.load[b], self.load[b])
 
-    def critical_time_step(self) -> float:
-        """With physical inertia, jack and dashpots counted (s)."""
-        alone = block_stiffness(self.state, shared=1.0)
-        frequency = greatest_frequency(self.state, block_inertia(self.assembly), alone, self.jack)
-        return critical_time_step(frequency, VISCOUS)
+    def dashpots(self) -> Dashpots:
+        """Those for physical inertia, with the critical time step that counts them and the jack."""
+        return dashpots(self.state, block_inertia(self.assembly), self.jack)
+
+    def dead_strength(self) -> float:
+        """V (N) that friction 1 would resist under the dead loads at the joints of the loaded blocks, roughly."""
+        joints, assembly = self.state.joints, self.assembly
+        normal = np.abs(np.einsum("ji,ji->j", assembly.joint_force, joints.axes[:, 2]))
+        at = np.isin(joints.block_a, self.state.jacks.block) | np.isin(joints.block_b, self.state.jacks.block)
+        lever = max(float(np.linalg.norm(arm, axis=1).max()) for arm in (joints.arm_a, joints.arm_b))
+        unit = np.linalg.norm(self.load[:, :3], axis=1).max() + np.linalg.norm(self.load[:, 3:], axis=1).max() / lever
+        return float(normal[at].sum()) / float(unit)
+
+    def time_step(self, most: float, rate: float) -> float:
+        """``most`` (s), or less where the head would outrun what the joints give and make the blocks jump."""
+        give = self.dead_strength() * self.compliance / self.weight
+        return min(most, FINEST * give / rate) if give > 0.0 else most
 
 
 class _Setup(_LoadSystem):
@@ -247,21 +274,19 @@ class _Setup(_LoadSystem):
         self.unbalanced, self.compile_seconds, self.loop_seconds = seat(self.state, self.stiffness)
         self.certificate: Certificate = certificate(self.state, self.load, self.jack_stiffness / JACK, tolerance)
 
-    def drive(self, rate: float, ramp: float, dt: float, searching: bool) -> Drive:
-        """The load system driven at ``rate`` in steps of ``dt``; a search slows down once it takes long."""
-        size = min(float(np.ptp(shape.vertices, axis=0).min()) for shape in self.assembly.shapes)
+    def drive(self, rate: float, dt: float) -> Drive:
+        """The load system driven at a steady ``rate`` in steps of ``dt``, with the dashpots of a search."""
         return Drive(
             rate=rate,
-            ramp=ramp,
-            steady=16 * HALVING if searching else MOST_STEPS_AT_RATE,
-            slowing=0.5 ** (1.0 / HALVING) if searching else 1.0,
+            ramp=RAMP * dt,
+            steady=MOST_STEPS_AT_RATE,
+            slowing=1.0,
             stiffness=self.jack_stiffness,
             dashpot=VISCOUS * self.jack_stiffness * dt,
             viscous_n=VISCOUS,
             viscous_s=VISCOUS,
             calming=0.0,
             memory=MEMORY,
-            longest=LONGEST_MOVE * size,
         )
 
     def replay(self, converged: bool, loop: Loop, critical: float, compiled: float, settings: dict) -> Replay:
@@ -334,22 +359,3 @@ def _to_finite_motion(state: State) -> None:
         ]
         blocks.orientation[b] /= np.linalg.norm(blocks.orientation[b])
     blocks.rotation[:] = 0.0
-
-
-def _diverged(assembly, state: State, steps: int, dt: float, critical: float) -> DivergedError:
-    """Which block went, and where."""
-    blocks = state.blocks
-    speed = np.abs(blocks.velocity).max(axis=1)
-    bad = np.flatnonzero(~np.isfinite(speed))
-    b = int(bad[0]) if len(bad) else int(np.argmax(speed))
-    j = [i for i in range(len(state.joints.block_a)) if b in (state.joints.block_a[i], state.joints.block_b[i])]
-    joint = (
-        f"joint {assembly.names[state.joints.block_a[j[0]]]}-{assembly.names[state.joints.block_b[j[0]]]}"
-        if j
-        else "no joint"
-    )
-    return DivergedError(
-        f"the run diverged at step {steps} (t = {steps * dt:.4g} s): block {assembly.names[b]!r} ({joint}) moved more "
-        f"than a tenth of the smallest block in one step; the time step {dt:.3g} s is {dt / critical:.2f} of the "
-        "critical one. Lower solver.step_factor, or check the load"
-    )

@@ -81,6 +81,7 @@ def _joints(assembly) -> Joints:
         lever_b=np.einsum("jik,ji->jk", rotation_b, table.arm_b),
         offset=table.arm_a - table.arm_b,
         gap=table.gap,
+        damping=np.ones(n),
         relative=np.zeros((n, 6)),
         opening=np.zeros((n, 3)),
         step=np.zeros((n, 3)),
@@ -207,24 +208,27 @@ def to_joint(axes: np.ndarray, arm: np.ndarray) -> np.ndarray:
     return matrix
 
 
-def _ends(state: State) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
-    """Stiffness (j, 6, 6) of the joints, and the matrices `to_joint` of their two blocks."""
-    joints = state.joints
-    return joint_stiffness(state), (to_joint(joints.axes, joints.arm_a), to_joint(joints.axes, joints.arm_b))
+def _ends(state: State, times: np.ndarray | None = None) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
+    """Stiffness (j, 6, 6) of the joints ``times`` (j,) a factor, and the matrices `to_joint` of their two blocks."""
+    joints, k = state.joints, joint_stiffness(state)
+    if times is not None:
+        k *= times[:, None, None]
+    return k, (to_joint(joints.axes, joints.arm_a), to_joint(joints.axes, joints.arm_b))
 
 
-def block_stiffness(state: State, shared: float) -> np.ndarray:
+def block_stiffness(state: State, shared: float, times: np.ndarray | None = None) -> np.ndarray:
     """Stiffness (n, 6, 6) of each block about its centroid with all its neighbours held; zero for fixed blocks.
 
     A joint between two free blocks counts ``shared`` times. With 2 the block matrices together bound the stiffness of
-    the assembly, because an element stores at most twice the energy of its two one-sided parts.
+    the assembly, because an element stores at most twice the energy of its two one-sided parts. ``times`` (j,) scales
+    the joints.
     """
     joints = state.joints
     n = len(state.blocks.displacement)
     stiffness = np.zeros((n, 6, 6))
     free = np.zeros(n, bool)
     free[state.blocks.free] = True
-    k, ends = _ends(state)
+    k, ends = _ends(state, times)
     k *= np.where(free[joints.block_a] & free[joints.block_b], shared, 1.0)[:, None, None]
     for block, t in zip((joints.block_a, joints.block_b), ends, strict=True):
         np.add.at(stiffness, block, t.transpose(0, 2, 1) @ k @ t)
@@ -232,13 +236,14 @@ def block_stiffness(state: State, shared: float) -> np.ndarray:
     return stiffness
 
 
-def couplings(state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Off-diagonal stiffness between free blocks: indices a (c,), b (c,) and blocks K_ab (c, 6, 6), a joint each."""
+def couplings(state: State, times: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Off-diagonal stiffness between free blocks: indices a (c,), b (c,) and blocks K_ab (c, 6, 6), a joint each;
+    ``times`` (j,) scales the joints."""
     joints = state.joints
     free = np.zeros(len(state.blocks.displacement), bool)
     free[state.blocks.free] = True
     chosen = np.flatnonzero(free[joints.block_a] & free[joints.block_b])
-    k, (left, right) = _ends(state)
+    k, (left, right) = _ends(state, times)
     blocks = -left[chosen].transpose(0, 2, 1) @ k[chosen] @ right[chosen]
     return joints.block_a[chosen], joints.block_b[chosen], blocks
 
@@ -270,15 +275,16 @@ def load_vectors(state: State) -> np.ndarray:
 
 def new_energy(state: State) -> Energy:
     """Empty books for a run that starts from ``state``."""
-    points = 0 if state.points is None else len(state.points.k_n)
-    areas = 0 if state.areas is None else len(state.areas.joint)
+    normal = np.zeros((0, 6))
+    if state.points is not None:
+        p, k, x, y = state.points, state.points.k_n, state.points.x_n, state.points.y_n
+        terms = np.stack([k, k * x, k * y, k * x**2, k * y**2, k * x * y], axis=1)
+        normal = np.ascontiguousarray(np.add.reduceat(terms, p.start[:-1]))
     return Energy(
         work=np.zeros(6),
         least=np.zeros(1),
         start=np.zeros(1),
-        dash_1=np.zeros(points),
-        dash_2=np.zeros(points),
-        dash_n=np.zeros(points),
-        area_dash=np.zeros((areas, 6)),
+        dash=np.zeros((len(state.joints.block_a), 6)),
+        normal=normal,
         jack=np.zeros(2),
     )

@@ -57,6 +57,7 @@ class Joints(NamedTuple):
     offset: ndarray  # (j, 3) m, centroid of b seen from that of a at the start, world
     gap: ndarray  # (j,) m, distance of the faces at the start, positive open
     relative: ndarray  # (j, 6) m, rad: motion of b against a at O in the joint's axes (d1, d2, dn, r1, r2, rn)
+    damping: ndarray  # (j,) dashpots of the joint over those that the drive asks for
     opening: ndarray  # (j, 3) m, rad: opening at O and tilts now
     step: ndarray  # (j, 3) m, m, rad: slip twist of the last step
     tilt: ndarray  # (j, 2) rad: tilts of the last step
@@ -138,8 +139,6 @@ class Energy(NamedTuple):
     work: ndarray  # (6,) J: by jack head, by dead loads; lost in friction, contact dashpots, jack dashpot; mu N |slip|
     least: ndarray  # (1,) J, smallest friction work of an increment
     start: ndarray  # (1,) J, elastic energy of the seated joints
-    dash_1: ndarray  # (c,) N, shear dashpot force of each contact point along t1, last step
-    dash_2: ndarray  # (c,) N, along t2
-    dash_n: ndarray  # (c,) N, normal
-    area_dash: ndarray  # (a, 6) N, N m: shear and torsion, normal and bending dashpot force of each convex joint
+    dash: ndarray  # (j, 6) N, N m: V_1, V_2, M_T, N, M_1, M_2 of the dashpots of each joint, last step
+    normal: ndarray  # (p, 6) N/m, N, N m: sums of k_n (1, x, y, x^2, y^2, x y) over each point joint
     jack: ndarray  # (2,) N, V and its dashpot part, last step

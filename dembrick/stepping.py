@@ -15,6 +15,7 @@ from dembrick import interruption
 from dembrick.errors import HistoryError
 from dembrick.kernels.advance import FULL, RUNNING, Drive, advance
 from dembrick.kernels.bracket import Certificate
+from dembrick.kernels.guard import Guard
 from dembrick.recorder import Recorder
 from dembrick.session import Session, Snapshot
 from dembrick.simulation import State
@@ -37,6 +38,7 @@ class Loop:
     drive: Drive
     certificate: Certificate
     energy: Energy | None
+    guard: Guard | None
     step: int = 0
     seconds: float = 0.0  # wall time spent in it by this process
 
@@ -44,14 +46,14 @@ class Loop:
         """Do ``n_steps`` and return the status; with none it compiles the kernel, or loads it from the cache."""
         status, self.step = advance(
             self.step, n_steps, self.dt, *self.state, self.scaled, self.inertia, self.drive, self.certificate, record,
-            self.energy,
+            self.energy, self.guard,
         )  # fmt: skip
         return status
 
     def parts(self) -> dict[str, tuple]:
         """The named tuples by name, without those that the scene does not have."""
         parts = self.state._asdict() | {"scaled": self.scaled, "inertia": self.inertia, "drive": self.drive}
-        parts |= {"certificate": self.certificate, "energy": self.energy}
+        parts |= {"certificate": self.certificate, "energy": self.energy, "guard": self.guard}
         return {name: part for name, part in parts.items() if part is not None}
 
     def snapshot(self) -> dict[str, np.ndarray]:

@@ -9,8 +9,10 @@ import pytest
 
 from dembrick import assembly, audit, lab, replay
 from dembrick.errors import EnergyAuditError
+from dembrick.kernels.contact import point_forces
 from dembrick.model import FORMULATIONS
 from dembrick.result import simulate
+from dembrick.state import Energy, Points
 
 
 def books(name: str, formulation: str, step_factor: float = 0.9, rate: float | None = None):
@@ -88,3 +90,59 @@ def test_the_json_carries_the_audit():
     shown = result.as_dict()["energy"]
     assert shown == dataclasses.asdict(result.energy)
     assert 0.0 <= shown["relative_residual"] < 1e-9
+
+
+def naive_books(points, motions, viscous):
+    """Friction, dashpot work and mu N |slip| of one point joint, point by point: the slow twin of `point_forces`."""
+    count = len(points.k_n)
+    elastic, dash, dash_n = np.zeros((count, 2)), np.zeros((count, 2)), np.zeros(count)
+    friction = dashpots = by_law = 0.0
+    mu = points.friction[0]
+    for dn, r1, r2, pn, pr1, pr2, p1, p2, pr in motions:
+        for i in range(count):
+            x, y = points.x_n[i], points.y_n[i]
+            penetration, closing = -(dn + r1 * y - r2 * x), -(pn + pr1 * y - pr2 * x)
+            k = points.k_n[i]
+            normal = max(k * (penetration + viscous * closing), 0.0) if penetration > 0.0 else 0.0
+            s = np.array([p1 - pr * points.y_s[i], p2 + pr * points.x_s[i]])
+            k_s, cap = points.k_s[i], mu * normal
+            trial = elastic[i] + k_s * (1.0 + viscous) * s
+            size = np.linalg.norm(trial)
+            plastic = np.zeros(2) if size <= cap else (size - cap) / (k_s * (1.0 + viscous)) * trial / size
+            now = elastic[i] + k_s * (s - plastic)
+            force = trial * min(1.0, cap / size) if size else trial
+            work = 0.5 * (elastic[i] + now) @ plastic
+            friction += work if cap > 0.0 else 0.0
+            dashpots += work if cap == 0.0 else 0.0
+            by_law += cap * np.linalg.norm(plastic)
+            d, d_n = force - now, normal - k * max(penetration, 0.0)
+            dashpots += 0.5 * (dash[i] + d) @ s + 0.5 * (dash_n[i] + d_n) * closing
+            elastic[i], dash[i], dash_n[i] = now, d, d_n
+    return friction, dashpots, by_law
+
+
+def test_books_of_a_point_joint_against_points_one_by_one():
+    """The dashpots are summed by their resultants: the same as point by point, also where points open and slide."""
+    rng, opened = np.random.default_rng(5), 0
+    for _ in range(20):
+        n = 5
+        arms, k = rng.uniform(-0.1, 0.1, size=(4, n)), rng.uniform(1e8, 3e8, size=(2, n))
+        zero = np.zeros
+        points = Points(
+            np.zeros(1, np.int64), np.array([0, n]), np.array([0.64]), *arms, *k, zero(n), zero(n), zero(n), zero(n)
+        )
+        dash, normal = zero((1, 6)), zero((1, 6))
+        normal[0] = [(k[0] * f).sum() for f in (1.0, arms[0], arms[1], arms[0] ** 2, arms[1] ** 2, arms[0] * arms[1])]
+        energy = Energy(zero(6), zero(1), zero(1), dash, normal, zero(2))
+        motion = np.array([-1e-6, 0.0, 0.0])
+        motions = []
+        for _ in range(40):
+            change = rng.normal(size=3) * [3e-7, 3e-6, 3e-6]
+            motion = motion + change
+            motions.append((*motion, *change, *(rng.normal(size=3) * [1e-6, 1e-6, 1e-5])))
+        for one in motions:
+            point_forces(points, 0, *one, 0.7, 0.7, energy)
+        expected = naive_books(points, motions, 0.7)
+        np.testing.assert_allclose(energy.work[[2, 3, 5]], expected, rtol=1e-11)
+        opened += bool((points.normal == 0.0).any()) and bool((points.normal > 0.0).any())
+    assert opened > 3

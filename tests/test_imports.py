@@ -37,6 +37,7 @@ FLOORS = {
     8: ["session", "stability", "certificate", "equilibrium"],
     9: ["recorder", "snapshots", "yield_point", "dynamics"],
     10: ["stepping", "motion_run"],
+    10.5: ["guards", "steadiness"],
     11: ["replay"],
 }
 RANK = {name: rank for rank, names in FLOORS.items() for name in names}
@@ -142,9 +143,9 @@ def test_every_ranked_module_exists():
 
 
 def test_kernels_are_in_order():
-    """vec3 < laws, pressed < limit_surface < motion < contact < energy < forces < bracket, record < advance."""
+    """vec3 < laws, pressed < limit_surface < motion < contact < energy < guard, forces < bracket, record < advance."""
     order = ["vec3", "laws", "pressed", "limit_surface", "gauge", "small_motion", "finite_motion", "contact"]
-    order += ["energy", "forces", "bracket", "record", "advance", "bodies", "moving_joints", "dynamics"]
+    order += ["energy", "guard", "forces", "bracket", "record", "advance", "bodies", "moving_joints", "dynamics"]
     inside, _ = arrows(modules())
     for name, target in inside:
         if head(name) == head(target) == "kernels" and "." in name:

@@ -9,7 +9,7 @@ import pytest
 
 from dembrick import assembly, stability
 from dembrick.model import Block, JointLaw, Material, Scenario, YieldControl
-from dembrick.simulation import assembled_stiffness, block_stiffness, initial_state
+from dembrick.simulation import assembled_stiffness, block_stiffness, initial_state, joint_stiffness, to_joint
 
 
 def wall(courses: int, blocks: int, formulation: str, densities=(1500.0,)) -> assembly.Assembly:
@@ -61,3 +61,72 @@ def test_the_step_is_safe_for_unequal_neighbours(ratio):
     state = initial_state(built)
     bound = stability.greatest_frequency(state, stability.block_inertia(built), block_stiffness(state, shared=1.0))
     assert 0.75 <= true_frequency(built) / bound <= 1.0 + 1e-12
+
+
+def damped_rates(built, state, jack, found):
+    """Eigenvalues (36 f,) z of a step of the damped scheme, at the critical time step it is given."""
+    free = state.blocks.free
+    joints = state.joints
+    M = stability.block_inertia(built)[free]
+    n = len(free)
+    number = {b: i for i, b in enumerate(free)}
+
+    def assembled(times, jack_time):
+        K = np.zeros((6 * n, 6 * n))
+        for j, k in enumerate(joint_stiffness(state)):
+            T = np.zeros((6, 6 * n))
+            for block, arm, sign in (
+                (joints.block_a[j], joints.arm_a[j], -1.0),
+                (joints.block_b[j], joints.arm_b[j], 1.0),
+            ):
+                if block in number:
+                    i = 6 * number[block]
+                    T[:, i : i + 6] = sign * to_joint(joints.axes[j], arm)
+            K += times[j] * T.T @ k @ T
+        for i, b in enumerate(free):
+            K[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] += jack_time * jack[b]
+        return np.concatenate([np.linalg.solve(M[i], K[6 * i : 6 * i + 6]) for i in range(n)])
+
+    def radius(dt):
+        K, C = assembled(np.ones(len(joints.block_a)), 1.0), assembled(found.joints, found.jack)
+        one = np.eye(6 * n)
+        step = np.block([[2.0 * one - dt * dt * K - dt * C, dt * C - one], [one, 0.0 * one]])
+        return float(np.abs(np.linalg.eigvals(step)).max())
+
+    return radius
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+@pytest.mark.parametrize(
+    "size, densities", [((1, 1), (1.0,)), ((3, 2), (1.0,)), ((4, 2), (1.0, 1e3)), ((3, 1), (1e3, 1.0))]
+)
+def test_the_damped_step_is_safe_and_not_wasteful(formulation, size, densities):
+    """Springs, dashpots of all joints and the jack as one linear scheme: stable at the critical step, not far above."""
+    built = wall(*size, formulation, densities=tuple(1500.0 * d for d in densities))
+    state = initial_state(built)
+    pushed = int(state.blocks.free[0])
+    state = state._replace(jacks=state.jacks._replace(block=np.array([pushed])))
+    push = np.array([0.0, 1.0, 0.0, 0.05, 0.0, 0.07])
+    jack = np.zeros((len(built.names), 6, 6))
+    jack[pushed] = 1e8 * np.outer(push, push)
+    found = stability.dashpots(state, stability.block_inertia(built), jack)
+    radius = damped_rates(built, state, jack, found)
+    assert radius(0.999 * found.critical_time_step) <= 1.0 + 1e-9
+    assert radius(1.35 * found.critical_time_step) > 1.0
+
+
+def test_every_block_is_damped_by_its_own_frequency():
+    """A soft joint under a block: its dashpot is for that joint, not for the stiff one that sets the time step."""
+    built = wall(2, 1, "convex")
+    state = initial_state(built)
+    jack = np.zeros((len(built.names), 6, 6))
+    state = state._replace(jacks=state.jacks._replace(block=np.array([1])))
+    upper = [j for j in range(len(built.joints)) if 0 not in (built.joints[j].block_a, built.joints[j].block_b)]
+    equal = stability.dashpots(state, stability.block_inertia(built), jack)
+    state.areas.k_n[upper] *= 1e-4
+    state.areas.k_s[upper] *= 1e-4
+    softer = stability.dashpots(state, stability.block_inertia(built), jack)
+    np.testing.assert_allclose(softer.joints[upper], 100.0 * equal.joints[upper], rtol=1e-9)
+    lower = [j for j in range(len(built.joints)) if j not in upper]
+    np.testing.assert_allclose(softer.joints[lower], equal.joints[lower], rtol=1e-9)
+    assert softer.critical_time_step > equal.critical_time_step

@@ -2,28 +2,29 @@
 
 from __future__ import annotations
 
-import importlib.util
+import importlib
 import math
 import sys
 from functools import cache
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from dembrick.errors import DivergedError, ScenarioError
 from dembrick.yield_point import YieldPoint
 
-TOOL = Path(__file__).parent.parent / "tools" / "stress.py"
+TOOLS = Path(__file__).parent.parent / "tools"
 
 
 @cache
-def stress():
-    """The tool as a module."""
-    spec = importlib.util.spec_from_file_location("stress", TOOL)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["stress"] = module
-    spec.loader.exec_module(module)
-    return module
+def stress(name: str = "stress"):
+    """The tool as a module, or a part of it."""
+    sys.path.insert(0, str(TOOLS))
+    try:
+        return importlib.import_module(name)
+    finally:
+        sys.path.remove(str(TOOLS))
 
 
 @cache
@@ -120,20 +121,43 @@ class Answer:
     ],
 )
 def test_judge(values, expected, status, monkeypatch):
-    tool = stress()
+    tool = stress("stress_judge")
     monkeypatch.setattr(tool, "_audited", lambda run: "not asked")
-    assert tool._judge_limit(lambda observe: Answer(*values), expected, 1e-3).status == status
+    assert tool.judge_limit(lambda observe: Answer(*values), expected, 1e-3).status == status
+
+
+@pytest.mark.parametrize(
+    "values, plateau, status",
+    [
+        ((100.0, 99.95, 100.05), 100.0, "right"),
+        ((100.0, 101.0, 102.0), 100.0, "WRONG"),  # theory outside a certified bracket
+        ((100.0, 90.0, 110.0), 96.0, "WRONG"),  # and a slow test that slides at another load
+        ((100.5, 99.0, 300.0, "open"), 100.0, "right"),
+        ((102.0, 99.0, None, "open"), 100.0, "near"),
+        ((104.0, 99.0, None, "open"), 104.0, "WRONG"),
+        ((100.5, 100.4, 100.6, "indicator"), 100.0, "right"),
+        ((101.5, 101.4, 101.6, "indicator"), 101.5, "near"),
+    ],
+)
+def test_judge_of_constant_rates(values, plateau, status):
+    def run(observe):
+        observe({"load": np.full(10, plateau), "displacement": np.arange(10.0)}, {})
+        return Answer(*values)
+
+    outcome = stress("stress_judge").judge_rate(run, 100.0, 1e-9, slow=True, audited=False)
+    assert outcome.status == status, outcome
 
 
 def test_errors_are_reasons():
-    tool = stress()
+    tool = stress("stress_judge")
 
     def diverge(observe):
         raise DivergedError("gone")
 
-    outcome = tool._judge_limit(diverge, 1.0, 1e-3)
+    outcome = tool.judge_limit(diverge, 1.0, 1e-3)
     assert (outcome.status, outcome.reason) == ("stopped", "DivergedError: gone")
-    soft = tool.pair("concave", tool.jack(0.0), kn=1e5)
+    scenes = stress("stress_scenes")
+    soft = scenes.pair("concave", scenes.jack(0.0), kn=1e5)
     outcome = tool.push_to_limit(soft, tool.by_judge)
     assert outcome.status == "refused" and outcome.reason.startswith(ScenarioError.__name__)
 
@@ -148,7 +172,7 @@ def test_exit_code_table_and_map(tmp_path, monkeypatch, capsys):
         yield tool.Cell("size", 1.0, "a lie", lambda: tool.Outcome("WRONG", "it is not so"))
         yield tool.Cell("size", 2.0, "a truth", lambda: tool.Outcome("right"))
 
-    monkeypatch.setattr(tool, "size_cells", lying)
+    monkeypatch.setattr(stress("stress_matrix"), "size_cells", lying)
     table, drawing = tmp_path / "cells.csv", tmp_path / "map.png"
     assert tool.main(["--axes", "size", "--csv", str(table), "--plot", str(drawing)]) == 1
     out = capsys.readouterr().out
@@ -157,9 +181,8 @@ def test_exit_code_table_and_map(tmp_path, monkeypatch, capsys):
 
 
 def test_the_seed_makes_the_scenes():
-    tool = stress()
 
     def drawn(seed):
-        return [c.variant for c in tool.random_cells(30, seed)]
+        return [c.variant for c in stress("stress_matrix").random_cells(30, seed)]
 
     assert drawn(1) == drawn(1) != drawn(2)

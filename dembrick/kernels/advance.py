@@ -9,10 +9,11 @@ from dembrick.kernels.bracket import instant_bounds, judge, strict_bounds
 from dembrick.kernels.energy import balance, dead_work, elastic_energy
 from dembrick.kernels.finite_motion import finite_step
 from dembrick.kernels.forces import clear_forces, jack_forces, joint_forces, unbalanced_ratio
+from dembrick.kernels.guard import jumped, open_guard, watch
 from dembrick.kernels.record import write_row
 from dembrick.kernels.small_motion import small_step
 
-RUNNING, CONVERGED, DIVERGED, FULL = 0, 1, 2, 3
+RUNNING, CONVERGED, DIVERGED, FULL, RUNAWAY = 0, 1, 2, 3, 4
 
 
 class Drive(NamedTuple):
@@ -28,22 +29,23 @@ class Drive(NamedTuple):
     viscous_s: float  # the same, shear
     calming: float  # part of the swing of a velocity about its running mean that a step takes away (small motion)
     memory: float  # weight of the latest step in that mean
-    longest: float  # m, a step that moves a block further than this has diverged
 
 
 @jit
 def advance(
-    first, n_steps, dt, blocks, joints, points, areas, jacks, scaled, inertia, drive, certificate, record, energy
+    first, n_steps, dt, blocks, joints, points, areas, jacks, scaled, inertia, drive, certificate, record, energy, guard
 ):  # fmt: skip
     """Advance the replay from step ``first`` until ``n_steps`` more are done, or its bracket is within tolerance.
 
     ``scaled`` inertia moves the blocks by small motion, physical ``inertia`` by finite motion; the other is None.
-    Returns the status (RUNNING when all steps are done, CONVERGED, DIVERGED, FULL when the record has no room) and the
-    number of steps done in all.
+    Returns the status (RUNNING when all steps are done, CONVERGED, DIVERGED where a block jumped or is no number,
+    RUNAWAY where there is more energy than was put in, FULL when the record has no room) and the number of steps done.
     """
     bracket = certificate.bracket
     if energy is not None and first == 0 and n_steps > 0:
         energy.start[0] = elastic_energy(blocks, joints, points, areas)
+    if first == 0 and n_steps > 0:
+        open_guard(guard, blocks, joints, points, areas)
     for step in range(first, first + n_steps):
         clear_forces(blocks)
         joint_forces(blocks, joints, points, areas, inertia, dt, drive.viscous_n, drive.viscous_s, energy)
@@ -65,18 +67,21 @@ def advance(
                         energy, blocks, joints, points, areas, jacks, drive, scaled, inertia, dt,
                         record.energy[record.count[0]],
                     )  # fmt: skip
+                bounds = (bracket[0], bracket[1])
                 if not write_row(
-                    record, step, step * dt, blocks, joints, points, jacks, energy, bracket[0], bracket[1], done
+                    record, step, step * dt, blocks, joints, points, jacks, drive.viscous_s, *bounds, done
                 ):
                     return FULL, step
         if done:
             return CONVERGED, step + 1
+        if not watch(guard, step, v, rate, blocks, scaled, inertia, dt):
+            return RUNAWAY, step + 1
         longest = 0.0
         if inertia is not None:
             longest = finite_step(blocks, inertia, dt)
         if scaled is not None:
             longest = small_step(blocks, scaled, dt, drive.calming, drive.memory)
-        if not longest <= drive.longest:
+        if jumped(guard, longest):
             return DIVERGED, step + 1
     return RUNNING, first + n_steps
 

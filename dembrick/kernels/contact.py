@@ -12,6 +12,20 @@ from dembrick.kernels.pressed import follow_pressure
 
 
 @jit
+def dashpot_work(dash, v1, v2, mt, n, m1, m2, p1, p2, pr, pn, pr1, pr2):
+    """Twice the work of the dashpots of a joint over a step, by the trapezoidal rule; keeps their resultant."""
+    work = (dash[0] + v1) * p1 + (dash[1] + v2) * p2 + (dash[2] + mt) * pr
+    work += (dash[4] + m1) * pr1 + (dash[5] + m2) * pr2 - (dash[3] + n) * pn
+    dash[0] = v1
+    dash[1] = v2
+    dash[2] = mt
+    dash[3] = n
+    dash[4] = m1
+    dash[5] = m2
+    return work
+
+
+@jit
 def point_forces(points, p, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s, energy):
     """Resultant (N, V_1, V_2, M_T, M_1, M_2, slip) of point joint ``p``; updates the memory of its contact points.
 
@@ -20,6 +34,7 @@ def point_forces(points, p, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, vis
     mu = points.friction[p]
     n_sum = v1 = v2 = mt = m1 = m2 = slip = weight = 0.0
     friction = least = by_law = lost = 0.0
+    elastic_1 = elastic_2 = elastic_t = open_n = open_x = open_y = 0.0
     for i in range(points.start[p], points.start[p + 1]):
         x = points.x_n[i]
         y = points.y_n[i]
@@ -28,6 +43,11 @@ def point_forces(points, p, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, vis
         normal = 0.0
         if penetration > 0.0:
             normal = max(points.k_n[i] * (penetration + viscous_n * closing), 0.0)
+        elif energy is not None:
+            pull = points.k_n[i] * penetration
+            open_n += pull
+            open_x += pull * x
+            open_y += pull * y
         points.normal[i] = normal
         xs = points.x_s[i]
         ys = points.y_s[i]
@@ -36,21 +56,22 @@ def point_forces(points, p, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, vis
         s2 = p2 + pr * xs
         old_1 = points.elastic_1[i]
         old_2 = points.elastic_2[i]
-        t1, t2, e1, e2, plastic = coulomb(old_1, old_2, s1, s2, k, viscous_s, mu * normal)
+        cap = mu * normal
+        t1, t2, e1, e2, q1, q2, plastic = coulomb(old_1, old_2, s1, s2, k, viscous_s, cap)
         if energy is not None:
-            if plastic > 0.0 and mu * normal > 0.0:
-                # the plastic increment points along the shear force, whose size is mu N
-                work = 0.5 * plastic / (mu * normal) * ((old_1 + e1) * t1 + (old_2 + e2) * t2)
-                friction += work
-                least = min(least, work)
-                by_law += mu * normal * plastic
-            d1 = t1 - e1
-            d2 = t2 - e2
-            dn_now = normal - points.k_n[i] * max(penetration, 0.0)
-            lost += (energy.dash_1[i] + d1) * s1 + (energy.dash_2[i] + d2) * s2 + (energy.dash_n[i] + dn_now) * closing
-            energy.dash_1[i] = d1
-            energy.dash_2[i] = d2
-            energy.dash_n[i] = dn_now
+            elastic_1 += e1
+            elastic_2 += e2
+            elastic_t += xs * e2 - ys * e1
+            if plastic > 0.0:
+                work = (old_1 + e1) * q1 + (old_2 + e2) * q2
+                if cap > 0.0:
+                    friction += work
+                    if work < least:
+                        least = work
+                    by_law += cap * plastic
+                else:
+                    # nothing to rub on: the spring lets go of what it holds against its dashpot
+                    lost += work
         points.elastic_1[i] = e1
         points.elastic_2[i] = e2
         points.slip[i] += plastic
@@ -63,10 +84,23 @@ def point_forces(points, p, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, vis
         slip += k * points.slip[i]
         weight += k
     if energy is not None:
-        energy.work[2] += friction
+        # The dashpots carry what the springs do not. All points move with one rigid motion, so the work of their
+        # resultant is the sum of theirs; the normal springs of closed points add up in closed form.
+        r = energy.normal[p]
+        lost += dashpot_work(
+            energy.dash[points.joint[p]],
+            v1 - elastic_1,
+            v2 - elastic_2,
+            mt - elastic_t,
+            n_sum + r[0] * dn + r[2] * r1 - r[1] * r2 + open_n,
+            m1 - (r[2] * dn + r[4] * r1 - r[5] * r2 + open_y),
+            m2 + (r[1] * dn + r[5] * r1 - r[3] * r2 + open_x),
+            p1, p2, pr, pn, pr1, pr2,
+        )  # fmt: skip
+        energy.work[2] += 0.5 * friction
         energy.work[3] += 0.5 * lost
         energy.work[5] += by_law
-        energy.least[0] = min(energy.least[0], least)
+        energy.least[0] = min(energy.least[0], 0.5 * least)
     return n_sum, v1, v2, mt, m1, m2, slip / weight
 
 
@@ -152,21 +186,10 @@ def area_forces(areas, a, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, visco
         energy.least[0] = min(energy.least[0], friction)
         energy.work[5] += v1 * q1 + v2 * q2 + mt * qr
         still_n, still_1, still_2 = area_normal(areas, a, dn, r1, r2)
-        dash = energy.area_dash[a]
-        energy.work[3] += 0.5 * (
-            (dash[0] + v1 - e1) * p1
-            + (dash[1] + v2 - e2) * p2
-            + (dash[2] + mt - er) * pr
-            - (dash[3] + n - still_n) * pn
-            + (dash[4] + m1 - still_1) * pr1
-            + (dash[5] + m2 - still_2) * pr2
-        )
-        dash[0] = v1 - e1
-        dash[1] = v2 - e2
-        dash[2] = mt - er
-        dash[3] = n - still_n
-        dash[4] = m1 - still_1
-        dash[5] = m2 - still_2
+        energy.work[3] += 0.5 * dashpot_work(
+            energy.dash[areas.joint[a]], v1 - e1, v2 - e2, mt - er, n - still_n, m1 - still_1, m2 - still_2,
+            p1, p2, pr, pn, pr1, pr2,
+        )  # fmt: skip
     areas.elastic[a, 0] += k_t * (p1 - q1)
     areas.elastic[a, 1] += k_t * (p2 - q2)
     areas.elastic[a, 2] += k_r * (pr - qr)

@@ -30,10 +30,9 @@ def elastic_energy(blocks, joints, points, areas):
         for p in range(points.joint.size):
             seen = joints.opening[points.joint[p]]
             for i in range(points.start[p], points.start[p + 1]):
-                penetration = -(seen[0] + seen[1] * points.y_n[i] - seen[2] * points.x_n[i])
-                if penetration > 0.0:
-                    total += 0.5 * points.k_n[i] * penetration**2
-                total += 0.5 * (points.elastic_1[i] ** 2 + points.elastic_2[i] ** 2) / points.k_s[i]
+                penetration = max(-(seen[0] + seen[1] * points.y_n[i] - seen[2] * points.x_n[i]), 0.0)
+                shear = points.elastic_1[i] ** 2 + points.elastic_2[i] ** 2
+                total += 0.5 * (points.k_n[i] * penetration**2 + shear / points.k_s[i])
     if areas is not None:
         for a in range(areas.joint.size):
             seen = joints.opening[areas.joint[a]]

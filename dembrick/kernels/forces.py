@@ -66,17 +66,19 @@ def relative(blocks, joints, j, inertia, dt):
 
 @jit
 def joint_forces(blocks, joints, points, areas, inertia, dt, viscous_n, viscous_s, energy):
-    """Forces of all joints, put on the blocks."""
+    """Forces of all joints, put on the blocks; ``viscous_*`` times the joint's own ``damping``."""
     if points is not None:
         for p in range(points.joint.size):
             j = points.joint[p]
             seen = relative(blocks, joints, j, inertia, dt)
-            react(blocks, joints, j, *point_forces(points, p, *seen, viscous_n, viscous_s, energy))
+            more = joints.damping[j]
+            react(blocks, joints, j, *point_forces(points, p, *seen, more * viscous_n, more * viscous_s, energy))
     if areas is not None:
         for a in range(areas.joint.size):
             j = areas.joint[a]
             seen = relative(blocks, joints, j, inertia, dt)
-            react(blocks, joints, j, *area_forces(areas, a, *seen, viscous_n, viscous_s, energy))
+            more = joints.damping[j]
+            react(blocks, joints, j, *area_forces(areas, a, *seen, more * viscous_n, more * viscous_s, energy))
 
 
 @jit

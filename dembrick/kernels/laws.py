@@ -14,24 +14,28 @@ def coulomb(elastic_1, elastic_2, slip_1, slip_2, k, viscous, cap):
     """Radial return of one contact point; spring and dashpot in parallel, both behind the slider.
 
     ``slip_*``: increment of the relative displacement (m); ``k`` N/m; ``viscous``: dashpot force over spring force for
-    the same increment; ``cap`` = mu N (N). Returns the shear force (2), the elastic part of it that stays (2) and the
-    length of the plastic increment (m).
+    the same increment; ``cap`` = mu N (N). Returns the shear force (2), the elastic part of it that stays (2), the
+    plastic increment (2, m), which points along the force, and its length (m).
     """
     full = k * (1.0 + viscous)
     t1 = elastic_1 + full * slip_1
     t2 = elastic_2 + full * slip_2
     size = sqrt(t1 * t1 + t2 * t2)
     if size <= cap:
-        return t1, t2, elastic_1 + k * slip_1, elastic_2 + k * slip_2, 0.0
-    scale = cap / size
+        return t1, t2, elastic_1 + k * slip_1, elastic_2 + k * slip_2, 0.0, 0.0, 0.0
+    scale = 1.0 / size
+    direction_1 = t1 * scale
+    direction_2 = t2 * scale
     plastic = (size - cap) / full
-    direction_1 = t1 / size
-    direction_2 = t2 / size
+    plastic_1 = plastic * direction_1
+    plastic_2 = plastic * direction_2
     return (
-        t1 * scale,
-        t2 * scale,
-        elastic_1 + k * (slip_1 - plastic * direction_1),
-        elastic_2 + k * (slip_2 - plastic * direction_2),
+        cap * direction_1,
+        cap * direction_2,
+        elastic_1 + k * (slip_1 - plastic_1),
+        elastic_2 + k * (slip_2 - plastic_2),
+        plastic_1,
+        plastic_2,
         plastic,
     )
 

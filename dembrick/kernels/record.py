@@ -3,6 +3,7 @@
 A channel that was not asked for has arrays without entries, so that leaving it out costs neither time nor memory.
 """
 
+from math import sqrt
 from typing import NamedTuple
 
 from numpy import ndarray
@@ -30,24 +31,32 @@ class Record(NamedTuple):
 
 
 @jit
-def write_contacts(points, joints, energy, out):
-    """Force (N, world) on block b at every contact point: normal force, and shear force with its dashpot part."""
+def write_contacts(points, joints, viscous, out):
+    """Force (N, world) on block b at every contact point: normal force, and shear force with its dashpot part.
+
+    Stuck or sliding, the shear force is the elastic part and a dashpot on all of the slip, cut off at mu N (`coulomb`).
+    """
     for p in range(points.joint.size):
-        axes = joints.axes[points.joint[p]]
+        j = points.joint[p]
+        axes = joints.axes[j]
+        slip = joints.step[j]
         for i in range(points.start[p], points.start[p + 1]):
-            t1 = points.elastic_1[i]
-            t2 = points.elastic_2[i]
-            if energy is not None:
-                t1 += energy.dash_1[i]
-                t2 += energy.dash_2[i]
+            k = viscous * joints.damping[j] * points.k_s[i]
+            t1 = points.elastic_1[i] + k * (slip[0] - slip[2] * points.y_s[i])
+            t2 = points.elastic_2[i] + k * (slip[1] + slip[2] * points.x_s[i])
+            size = sqrt(t1 * t1 + t2 * t2)
+            cap = points.friction[p] * points.normal[i]
+            if size > cap:
+                t1 *= cap / size
+                t2 *= cap / size
             force = columns_times(axes, -t1, -t2, points.normal[i])
             for k in range(3):
                 out[i, k] = force[k]
 
 
 @jit
-def write_frame(record, time, blocks, joints, points, energy):
-    """Add a frame to the record; there must be room."""
+def write_frame(record, time, blocks, joints, points, viscous):
+    """Add a frame to the record; there must be room. ``viscous`` is the dashpot ratio in shear."""
     frame = record.count[1]
     record.frame_time[frame] = time
     for b in range(blocks.displacement.shape[0]):
@@ -62,12 +71,12 @@ def write_frame(record, time, blocks, joints, points, energy):
             record.frame_spin[frame, b, i] = blocks.spin[b, i]
     if points is not None:
         if record.frame_contact.shape[1] > 0:
-            write_contacts(points, joints, energy, record.frame_contact[frame])
+            write_contacts(points, joints, viscous, record.frame_contact[frame])
     record.count[1] = frame + 1
 
 
 @jit
-def write_row(record, step, time, blocks, joints, points, jacks, energy, lower, upper, last):
+def write_row(record, step, time, blocks, joints, points, jacks, viscous, lower, upper, last):
     """Add a row to the record, with a frame where one is due or it is the ``last``; False when there is no room."""
     row = record.count[0]
     framed = record.frame_time.size > 0 and (last or step % record.every[1] == 0)
@@ -86,5 +95,5 @@ def write_row(record, step, time, blocks, joints, points, jacks, energy, lower, 
             record.joint[row, j, i] = joints.resultant[j, i]
     record.count[0] = row + 1
     if framed:
-        write_frame(record, time, blocks, joints, points, energy)
+        write_frame(record, time, blocks, joints, points, viscous)
     return True

@@ -1,0 +1,52 @@
+"""Whether the load of a constant-rate test has settled: only a steady load is a limit load.
+
+The curve of an uncertified test may still rise when its travel ends, or swing about what it would be at rest: the mean
+of neither is a limit load. The time loop sums V and its square over even stretches of the travel (``kernels.guard``). A
+load that falls after its peak is no error: V is then what the blocks still carry.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from dembrick.errors import NotConvergedError
+from dembrick.kernels.guard import Guard
+from dembrick.yield_point import YieldPoint
+
+STEADY = 1e-2  # of the mean load: swing (rms) and missing growth that are let pass
+MISSING = 5.5  # times the growth from the third to the last quarter: what 1 - c/sqrt(u) still lacks
+FEWEST = 8  # stretches of the travel that must have been summed
+
+
+def steady(point: YieldPoint, guard: Guard, least: float) -> YieldPoint:
+    """``point`` with the mean load of the last quarter for its V; NotConvergedError where the load is not steady.
+
+    ``least`` (N) is a load that counts as none: what is let pass is not less than a part of it.
+    """
+    steps, mean, square = guard.load[guard.load[:, 0] > 0.0].T
+    if len(steps) < FEWEST:
+        raise NotConvergedError(
+            f"{int(steps.sum())} steps are too few to tell whether the load is steady; lengthen control.travel", point
+        )
+    mean, square = mean / steps, square / steps
+    done = (np.cumsum(steps) - 0.5 * steps) / steps.sum()
+    last, half = done > 0.75, done > 0.5
+    V = float(np.average(mean[last], weights=steps[last]))
+    growth = V - float(np.average(mean[half & ~last], weights=steps[half & ~last]))
+    trend = np.polyval(np.polyfit(done[half], mean[half], 1), done[half])
+    # mean of (V - trend)^2 over each stretch
+    spread = square[half] - 2.0 * mean[half] * trend + trend**2
+    swing = float(np.sqrt(max(np.average(spread, weights=steps[half]), 0.0)))
+    above = None if point.V_upper is None else max(point.V_upper, V)
+    point = replace(point, V=V, V_lower=min(point.V_lower, V), V_upper=above)
+    allowed = STEADY * max(abs(V), least)
+    if not (swing <= allowed and MISSING * growth <= allowed):
+        what = "still rises" if swing <= allowed else f"swings by {swing:.3g} N (rms)"
+        raise NotConvergedError(
+            f"no limit load: over the second half of the travel V {what} about {V:.6g} N, {growth:+.3g} N in its last "
+            "quarter; lower control.rate or lengthen control.travel",
+            point,
+        )
+    return point

@@ -1,0 +1,169 @@
+"""What stops a run: blocks that jump or are no number, energy from nowhere, a load that does not settle."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from dembrick import assembly, replay
+from dembrick.errors import DivergedError, NotConvergedError
+from dembrick.guards import LOOK, STRETCHES, new_guard, refuse_divergence
+from dembrick.kernels import guard as kernel
+from dembrick.kernels.advance import DIVERGED, RUNAWAY, RUNNING
+from dembrick.lab import lab_scenario
+from dembrick.simulation import initial_state
+from dembrick.steadiness import STEADY, steady
+from dembrick.yield_point import YieldPoint
+
+
+@pytest.fixture(scope="module")
+def built():
+    return assembly.build(lab_scenario("set4a_curve", "concave"))
+
+
+@pytest.mark.parametrize("steps", [1, 9, 64, 1000, 4097, 1_000_003])
+def test_stretches_part_the_travel(built, steps):
+    """Every step belongs to a stretch, a look ends each, and there are not many more than wanted."""
+    guard = new_guard(built, initial_state(built), steps)
+    look = guard.mask + 1
+    assert look & guard.mask == 0 and guard.stretch % look == 0 and 1 <= look <= LOOK
+    assert guard.load.shape[0] * guard.stretch >= steps
+    assert min(steps, STRETCHES) <= guard.load.shape[0] <= 2 * STRETCHES
+
+
+def test_the_energy_put_in_is_that_of_the_books(built, monkeypatch):
+    """Work of head and dead loads by the guard and by the books; and their sums of V are those of the record."""
+    seen = {}
+    original = replay.new_guard
+    monkeypatch.setattr(replay, "new_guard", lambda *a: seen.setdefault("guard", original(*a)))
+    rows = []
+    run = replay.push_at_constant_rate(built, 1e-3, 2.5e-5, 0.9, lambda r, f: rows.append(r))
+    guard, blocks, dt = seen["guard"], run.state.blocks, run.time_step
+    assert guard.work[0] * dt * guard.weights == pytest.approx(run.energy.work[0], rel=4e-3)
+    dead = kernel._dead_force_work(blocks) + guard.start[1] - guard.start[0] + guard.work[1]
+    assert dead == pytest.approx(run.energy.work[1], rel=1e-6, abs=1e-9 * run.energy.work[0])
+    assert guard.start[0] == run.energy.start[0]
+    load = np.concatenate([r["load"] for r in rows])
+    assert guard.load[:, 1].sum() / guard.load[:, 0].sum() == pytest.approx(load.mean(), rel=0.02)
+    assert guard.load[:, 0].sum() + guard.sums[0] == run.steps
+
+
+def watched(built, speed, steps=LOOK):
+    """What the guard says of a block that moves at ``speed`` (m/s) under no load, looked at once."""
+    state = initial_state(built)
+    guard = new_guard(built, state)
+    guard.start[:] = 1e-3
+    blocks = state.blocks
+    b = blocks.free[0]
+    blocks.velocity[b] = speed
+    inertia = replay.Inertia(np.array(built.mass), np.array(built.inertia), np.linalg.inv(built.inertia))
+    sane = [kernel.watch(guard, step, 0.0, 0.0, blocks, None, inertia, 1e-4) for step in range(steps)]
+    assert all(sane[:-1])
+    return bool(sane[-1])
+
+
+def test_energy_from_nowhere_is_seen(built):
+    """Energy of 1 mJ allows 4 mJ: v^2 = 8 mJ / m."""
+    b = int(np.flatnonzero(~built.fixed)[0])
+    most = np.sqrt(2.0 * kernel.RUNAWAY * 1e-3 / built.mass[b])
+    assert watched(built, (0.999 * most, 0.0, 0.0))
+    assert not watched(built, (1.001 * most, 0.0, 0.0))
+    assert not watched(built, (np.nan, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("name", ["set2a_curve", "set4b_curve"])
+@pytest.mark.parametrize("rate", [1e-1, 1e-4])
+def test_no_false_alarm(name, rate):
+    """Fast pushes throw the block about, and yet it has no more energy than it was given."""
+    scenario = lab_scenario(name, "concave")
+    replay.push_at_constant_rate(assembly.build(scenario), rate, 2.5e-5, 0.9)
+
+
+def test_a_step_above_the_critical_one_names_itself(built):
+    with pytest.raises(DivergedError) as caught:
+        replay.push_at_constant_rate(built, 1e-4, 2.5e-5, 2.2)
+    text = str(caught.value)
+    for part in ("at step ", "(t = ", "block 'upper'", "(joint lower-upper)", "is 2.20 of the critical one"):
+        assert part in text, text
+
+
+@pytest.mark.parametrize(
+    "status, velocity, what",
+    [
+        (RUNAWAY, 3.0, "more than 4 times the energy"),
+        (DIVERGED, 3.0, "moved more than 0.1 of the smallest block"),
+        (DIVERGED, np.nan, "is no number"),
+        (RUNAWAY, np.inf, "is no number"),
+    ],
+)
+def test_what_a_guard_says(built, status, velocity, what):
+    state = initial_state(built)
+    state.blocks.velocity[state.blocks.free[0], 1] = velocity
+    with pytest.raises(DivergedError, match=what) as caught:
+        refuse_divergence(status, built, state, 123, 2e-4, 1e-4)
+    assert "at step 123 (t = 0.0246 s)" in str(caught.value) and "2.00 of the critical" in str(caught.value)
+    assert refuse_divergence(RUNNING, built, state, 123, 2e-4, 1e-4) is None
+
+
+# --- steadiness
+
+POINT = YieldPoint(90.0, 80.0, None, "open", 120.0, 0.0, 90.0, 0.0, 90.0, 0.0, 467.0, 1e-5, None, "sliding", ("a", "b"))
+
+
+def told(load, swing=0.0, least=1.0, stretch=64):
+    """The guard's sums of a load given at the middle of each stretch, with a swing (rms) in each; and the verdict."""
+    load = np.asarray(load, float)
+    sums = np.stack([np.full(len(load), stretch), stretch * load, stretch * (load**2 + swing**2)], axis=1)
+    guard = kernel.Guard(1.0, 63, stretch, 1.0, np.zeros(0, np.int64), *np.zeros((2, 2)), np.zeros(3), sums)
+    return steady(POINT, guard, least)
+
+
+U = (np.arange(64) + 0.5) / 64
+
+
+def test_a_steady_load_is_the_answer():
+    point = told(np.where(U < 0.2, 500.0 * U, 100.0))
+    assert point.V == pytest.approx(100.0, rel=1e-12) and point.V_lower == 80.0 and point.V_upper is None
+    assert told(np.full(64, 70.0)).V_lower == pytest.approx(70.0)
+
+
+def test_a_load_that_falls_is_what_the_blocks_still_carry():
+    assert told(200.0 - 100.0 * U).V == pytest.approx(112.5, rel=1e-9)
+
+
+def test_a_swing_is_refused():
+    assert told(np.full(64, 100.0), swing=0.99 * STEADY * 100.0).V == pytest.approx(100.0)
+    for load, swing in ((np.full(64, 100.0), 1.01 * STEADY * 100.0), (100.0 + 1.5 * np.cos(40.0 * U), 0.0)):
+        with pytest.raises(NotConvergedError, match="swings by") as caught:
+            told(load, swing)
+        assert caught.value.yield_point.V == pytest.approx(100.0, rel=1e-2)
+
+
+def test_a_load_that_still_rises_is_refused():
+    """1 - c/sqrt(u): what is still missing at the end is c; a hundredth of the load is let pass, twice that is not."""
+    assert told(100.0 * (1.0 - 0.008 / np.sqrt(U))).V == pytest.approx(100.0, rel=STEADY)
+    with pytest.raises(NotConvergedError, match="still rises"):
+        told(100.0 * (1.0 - 0.02 / np.sqrt(U)))
+
+
+def test_nought_is_a_load_too():
+    """Without friction the load is nought, and rounding in it is no swing."""
+    assert told(1e-9 * np.cos(40.0 * U)).V == pytest.approx(0.0, abs=1e-9)
+
+
+def test_too_few_steps_to_tell():
+    with pytest.raises(NotConvergedError, match="too few"):
+        told(np.full(5, 100.0))
+
+
+def test_an_uncertified_test_that_ends_on_the_way_up_has_no_limit_load():
+    """The load at mid-height moves the normal forces, so that no bracket is strict: half an elastic slip of travel."""
+    scenario = lab_scenario("set4a_curve", "concave")
+    jacks = tuple(dataclasses.replace(j, point=(*j.point[:2], 0.05)) for j in scenario.actuators)
+    built = assembly.build(dataclasses.replace(scenario, actuators=jacks))
+    with pytest.raises(NotConvergedError, match="still rises"):
+        replay.push_at_constant_rate(built, 1e-4, 3e-7, 0.9)
+    point = replay.push_at_constant_rate(built, 1e-4, 5e-5, 0.9).yield_point
+    assert point.bracket != "certified" and point.V == pytest.approx(252.0031, rel=1e-3)

@@ -1,0 +1,282 @@
+"""Runs of the stress matrix and what becomes of each: right, near, stopped, refused or WRONG (see ``stress``).
+
+A limit load is right within its tolerance, and theory inside its bracket where that is certified; an indicator that
+misses by less than a factor of three is near.
+
+A constant-rate test has no tolerance. Its certified bracket must hold theory at any rate (moving geometry is allowed
+for by what the block has slid over its short side, squared). Where there is none the test answers with its steady load,
+which must be theory within ``AT_RATE``, and is near within ``PLATEAU``. At the rate ``SLOW`` and below, the mean load
+over the second half of the travel must also be within ``PLATEAU`` of theory. Rates are in elastic slips per critical
+time step.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+
+import numpy as np
+from stress_scenes import GRAVITY, A, B, H, N, by_judge, elastic_give, jack, pair
+
+from dembrick import assembly as assemblies
+from dembrick import replay
+from dembrick.audit import audit
+from dembrick.equilibrium import inverse_inertia, seat
+from dembrick.errors import DembrickError, EnergyAuditError, NotConvergedError, ScenarioError
+from dembrick.guards import new_guard, refuse_divergence
+from dembrick.model import Load, Scenario
+from dembrick.simulation import block_stiffness, initial_state
+from dembrick.stability import critical_time_step
+from dembrick.state import Inertia
+from dembrick.stepping import Loop
+
+STATUSES = ("right", "near", "stopped", "refused", "WRONG")
+VALID_STEP = 0.9  # largest step factor of a valid cell
+SLACK = 1e-9  # of V, by which theory may lie outside a certified bracket
+AT_RATE = 1e-2  # of V, for the steady load of a constant-rate test
+PLATEAU = 3e-2  # of V, for the mean load once a block slides
+SLOW = 0.1  # elastic slips per critical time step: at this rate and below the second half of a test is a plateau
+TRAVEL = 20.0  # elastic slips of a constant-rate test
+SEATED = 1e-6  # of the weight above: N of a tower against statics
+CREEP = 1e-12  # m, at rest
+
+
+@dataclasses.dataclass
+class Outcome:
+    """What a cell gave: ``error`` is the relative (at rest: absolute, m) deviation from what is right."""
+
+    status: str
+    reason: str = ""
+    error: float = math.nan
+    overshoot: float = math.nan
+
+
+def _named(error: DembrickError) -> str:
+    return f"{type(error).__name__}: {error}"
+
+
+def _audited(run: Callable) -> str:
+    """What the energy audit says of a run that gave a wrong answer."""
+    chunks, books = [], None
+    try:
+        books = run(lambda rows, frames: chunks.append(rows["energy"])).energy
+    except NotConvergedError:
+        return "not converged when recorded"
+    except DembrickError as error:
+        return f"recorded: {type(error).__name__}"
+    try:
+        audit({key: np.concatenate([chunk[key] for chunk in chunks]) for key in chunks[0]}, books)
+    except EnergyAuditError:
+        return "the audit would stop it"
+    return "the audit passes it"
+
+
+def _upper(point) -> float:
+    """The upper bound, infinite where there is none."""
+    return np.inf if point.V_upper is None else point.V_upper
+
+
+def _wrong_by(point, expected: float, slack: float) -> float:
+    """How far theory lies outside the bracket, relative to it; below ``slack`` it counts as inside."""
+    outside = max(point.V_lower / expected - 1.0, 1.0 - _upper(point) / expected)
+    return outside if outside > slack else 0.0
+
+
+def _told(point, expected: float) -> str:
+    return (
+        f"{point.bracket}: V = {point.V:.9g} in [{point.V_lower:.9g}, {_upper(point):.9g}] N, theory {expected:.9g} N"
+    )
+
+
+def judge_limit(run: Callable, expected: float, tolerance: float) -> Outcome:
+    """A limit load; ``run(observe)`` searches for it."""
+    try:
+        point = run(None).yield_point
+    except DembrickError as error:
+        return Outcome("stopped", _named(error))
+    if expected == 0.0:
+        status = "right" if point.V == point.V_upper == 0.0 else "WRONG"
+        return Outcome(status, _told(point, expected), abs(point.V))
+    error, certified = point.V / expected - 1.0, point.bracket == "certified"
+    outside = _wrong_by(point, expected, SLACK) if certified else 0.0
+    if abs(error) <= tolerance * (1.0 + 1e-9) and outside == 0.0:
+        status = "right"
+    elif abs(error) <= 3.0 * tolerance and not certified:
+        status = "near"
+    else:
+        status = "WRONG"
+    reason = f"{_told(point, expected)}; off by {abs(error):.2g}, {tolerance:g} allowed, outside by {outside:.2g}"
+    return Outcome(status, f"{reason}; {_audited(run)}" if status == "WRONG" else reason, error)
+
+
+def judge_rate(run: Callable, expected: float, slack: float, slow: bool, audited: bool = True) -> Outcome:
+    """A constant-rate test, recorded and ``audited`` as the command line does."""
+    chunks = []
+    try:
+        result = run(lambda rows, frames: chunks.append(rows))
+        if audited:
+            audit({k: np.concatenate([c["energy"][k] for c in chunks]) for k in chunks[0]["energy"]}, result.energy)
+    except DembrickError as error:
+        return Outcome("stopped", _named(error))
+    point = result.yield_point
+    load = np.concatenate([chunk["load"] for chunk in chunks])
+    driven = np.concatenate([chunk["displacement"] for chunk in chunks])
+    plateau = float(load[driven >= 0.5 * driven[-1]].mean()) / expected - 1.0
+    if point.bracket == "certified":
+        error, outside = plateau, _wrong_by(point, expected, slack)
+        status = "right" if outside == 0.0 and _upper(point) < 1e6 * expected else "WRONG"
+    else:
+        error = point.V / expected - 1.0
+        outside = _wrong_by(point, expected, AT_RATE) if point.bracket == "indicator" else 0.0
+        status = "right" if abs(error) <= AT_RATE else "near" if abs(error) <= PLATEAU else "WRONG"
+        status = status if outside == 0.0 else "near" if outside <= PLATEAU and status != "WRONG" else "WRONG"
+    if slow and not abs(plateau) <= PLATEAU:
+        status = "WRONG"
+    reason = f"{_told(point, expected)}; outside by {outside:.2g}, plateau off by {plateau:.2g}"
+    return Outcome(status, reason, error, point.V_peak / expected - 1.0)
+
+
+def push_to_limit(scenario: Scenario, expected: float | Callable, step_factor: float = VALID_STEP) -> Outcome:
+    """A limit load, judged within its tolerance; ``expected`` may be found from the assembly."""
+    try:
+        built = assemblies.build(scenario)
+    except ScenarioError as error:
+        return Outcome("refused", _named(error))
+    tolerance = scenario.control.tolerance
+    value = expected(built) if callable(expected) else expected
+    return judge_limit(lambda observe: replay.find_limit_load(built, tolerance, step_factor, observe), value, tolerance)
+
+
+def push_at_rate(
+    scenario: Scenario, expected: Callable, pace: float, step_factor: float = VALID_STEP, travel: float = TRAVEL
+) -> Outcome:
+    """A constant-rate test at ``pace`` elastic slips per critical time step over ``travel`` elastic slips."""
+    try:
+        built = assemblies.build(scenario)
+        value = expected(built)
+        slip = value * elastic_give(built)
+        critical = replay.plan(built, scenario.control, 1.0).critical_time_step
+    except ScenarioError as error:
+        return Outcome("refused", _named(error))
+    short = min(scenario.blocks[-1].box[:2])
+    slack = SLACK + (travel * slip / short) ** 2
+    return judge_rate(
+        lambda observe: replay.push_at_constant_rate(
+            built, pace * slip / critical, travel * slip, step_factor, observe
+        ),
+        value,
+        slack,
+        pace <= SLOW,
+    )
+
+
+def must_fall(scenario: Scenario, height: float, pace: float, slip: float) -> Outcome:
+    """A stack that buckles under its own weight (critical ``height``, m): pushed, it must not give a load."""
+    built = assemblies.build(scenario)
+    critical = replay.plan(built, scenario.control, 1.0).critical_time_step
+    try:
+        point = replay.push_at_constant_rate(built, pace * slip / critical, TRAVEL * slip, VALID_STEP).yield_point
+    except DembrickError as error:
+        return Outcome("right", _named(error))
+    return Outcome("WRONG", f"V = {point.V:.6g} N of a stack that cannot stand higher than {height:.3g} m")
+
+
+# --- at rest
+
+
+def _at_rest(setup: replay._Setup, physical: bool, rate: float = 0.0) -> Loop:
+    """A loop on the seated blocks: with physical inertia in finite motion, or scaled in small motion.
+
+    Without a ``rate`` there is no jack either.
+    """
+    built, state = setup.assembly, setup.state
+    damping = setup.dashpots()
+    dt = VALID_STEP * damping.critical_time_step
+    drive = setup.drive(rate, dt)
+    if rate == 0.0:
+        drive = drive._replace(stiffness=0.0, dashpot=0.0)
+    certificate = setup.certificate._replace(every=1 << 40, strict=False)
+    scaled = inertia = None
+    if physical:
+        state.joints.damping[:] = damping.joints / dt
+        drive = drive._replace(viscous_n=1.0, viscous_s=1.0)
+        replay._to_finite_motion(state)
+        inertia = Inertia(np.array(built.mass, float), np.array(built.inertia, float), np.linalg.inv(built.inertia))
+    else:
+        scaled = inverse_inertia(
+            state, setup.stiffness * (dt / (VALID_STEP * critical_time_step(1.0, replay.VISCOUS))) ** 2
+        )
+    return Loop(dt, state, scaled, inertia, drive, certificate, None, new_guard(built, state))
+
+
+def rest(scenario: Scenario, steps: int, physical: bool) -> Outcome:
+    """Creep under the dead loads alone: displacement after ``steps`` against that after the first thousand."""
+    try:
+        setup = replay._Setup(assemblies.build(scenario), tolerance=0.0)
+        loop = _at_rest(setup, physical)
+        start, worst = None, 0.0
+        while loop.step < steps:
+            status = loop.advance(1000 if loop.step == 0 else min(100_000, steps - loop.step), None)
+            refuse_divergence(status, setup.assembly, loop.state, loop.step, loop.dt, loop.dt / VALID_STEP)
+            now = loop.state.blocks.displacement.copy()
+            start = now if start is None else start
+            worst = max(worst, float(np.abs(now - start).max()))
+    except DembrickError as error:
+        return Outcome("stopped", _named(error))
+    if not worst < CREEP:
+        return Outcome("WRONG", f"crept by {worst:.2g} m in {steps} steps", worst)
+    return Outcome("right", f"crept by {worst:.2g} m", worst)
+
+
+def undisturbed(formulation: str, steps: int = 50_000) -> Outcome:
+    """A block held at a third of its limit beside one that is pushed over its own, or not: the same to the last bit."""
+    jacks, aside = jack(0.25 * A), 2.0 * A
+    scenario = pair(formulation, jacks)
+    limit = by_judge(assemblies.build(scenario))
+    others = tuple(
+        dataclasses.replace(b, name=f"other {b.name}", position=(b.position[0] + aside, *b.position[1:]))
+        for b in scenario.blocks
+    )
+    held = (
+        Load("other upper", (0.0, 0.0, -N), (aside, 0.0, H / 2)),
+        Load("other upper", (0.0, limit / 3.0, 0.0), (aside + 0.25 * A, 0.0, 0.0)),
+    )
+    scenario = dataclasses.replace(scenario, blocks=scenario.blocks + others, loads=scenario.loads + held)
+    ends = []
+    try:
+        for rate in (0.0, 1e-4):
+            setup = replay._Setup(assemblies.build(scenario), tolerance=0.0)
+            loop = _at_rest(setup, physical=True, rate=rate)
+            status = loop.advance(steps, None)
+            refuse_divergence(status, setup.assembly, loop.state, loop.step, loop.dt, loop.dt / VALID_STEP)
+            ends.append(loop.state.blocks)
+    except DembrickError as error:
+        return Outcome("stopped", _named(error))
+    b, pushed = (setup.assembly.names.index(name) for name in ("other upper", "upper"))
+    moved = float(ends[1].displacement[pushed].max())
+    same = all(
+        getattr(ends[0], f)[b].tobytes() == getattr(ends[1], f)[b].tobytes()
+        for f in ("displacement", "orientation", "velocity", "momentum", "force", "torque")
+    )
+    apart = float(np.abs(ends[1].displacement[b] - ends[0].displacement[b]).max())
+    right = same and moved > 1e-5
+    return Outcome("right" if right else "WRONG", f"moved by {apart:.2g} m, its neighbour by {moved:.2g} m", apart)
+
+
+def seated(scenario: Scenario, densities) -> Outcome:
+    """N of every joint of a tower after seating against the weight above it."""
+    try:
+        built = assemblies.build(scenario)
+        state = initial_state(built)
+        seat(state, block_stiffness(state, shared=2.0))
+    except ScenarioError as error:
+        return Outcome("refused", _named(error))
+    except DembrickError as error:
+        return Outcome("stopped", _named(error))
+    weights = np.array(densities) * A * B * H * GRAVITY
+    above = np.array([weights[max(j.block_a, j.block_b) - 1 :].sum() for j in built.joints])
+    error = float(np.abs(state.joints.resultant[:, 0] / above - 1.0).max())
+    shear = float(np.abs(state.joints.resultant[:, 1:3]).max() / above.max())
+    worst = max(error, shear)
+    return Outcome("right" if worst <= SEATED else "WRONG", f"N off by {error:.2g}, V by {shear:.2g}", worst)

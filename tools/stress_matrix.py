@@ -1,0 +1,280 @@
+"""The cells of the stress matrix, axis by axis."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Callable, Iterator
+from functools import partial
+
+import numpy as np
+from stress_judge import TRAVEL, VALID_STEP, Outcome, must_fall, push_at_rate, push_to_limit, rest, seated, undisturbed
+from stress_scenes import (
+    GRAVITY,
+    KN,
+    A,
+    B,
+    H,
+    N,
+    by_judge,
+    couple,
+    jack,
+    lab_jacks,
+    pair,
+    rest_scene,
+    stack,
+    stack_theory,
+)
+
+from dembrick.model import FORMULATIONS
+
+DENSITY = 1500.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Cell:
+    """One run: the axis, where on it, which variant, and the judged run."""
+
+    axis: str
+    value: float
+    variant: str
+    run: Callable[[], Outcome]
+    step_factor: float = VALID_STEP
+
+
+def step_cells(short: bool) -> Iterator[Cell]:
+    """Time step over the critical one; above VALID_STEP only an error or the right answer will do."""
+    factors = (0.1, 0.9, 1.1, 2.5) if short else (0.1, 0.25, 0.5, 0.75, 0.9, 0.99, 1.01, 1.1, 1.25, 1.5, 1.75, 2.0, 2.5)
+    for factor, formulation in itertools.product(factors, FORMULATIONS):
+        for z, load in itertools.product((0.0, H / 2), lab_jacks()):
+            if z and load == "couple":
+                continue
+            scenario = pair(formulation, lab_jacks(z)[load])
+            name = f"{formulation} {load}{' above' if z else ''}"
+            yield Cell(
+                "step", factor, f"limit {name}", lambda s=scenario, f=factor: push_to_limit(s, by_judge, f), factor
+            )
+            if z == 0.0:
+                yield Cell(
+                    "step",
+                    factor,
+                    f"rate {name}",
+                    lambda s=scenario, f=factor: push_at_rate(s, by_judge, 0.003, f),
+                    factor,
+                )
+        densities = (DENSITY,) * 3
+        jacks = jack(0.1 * A)
+        scenario = stack(formulation, densities, (KN,) * 3, 1, jacks)
+        yield from _stack_cells("step", factor, f"{formulation} 3 blocks", scenario, densities, 1, jacks, factor)
+
+
+def _stack_cells(axis, value, name, scenario, densities, pushed, jacks, factor=VALID_STEP, pace=0.01, kinds="lr"):
+    def expected(built):
+        return stack_theory(built, densities, pushed, jacks)
+
+    if "l" in kinds:
+        yield Cell(axis, value, f"limit {name}", lambda: push_to_limit(scenario, expected, factor), factor)
+    if "r" in kinds:
+        yield Cell(axis, value, f"rate {name}", lambda: push_at_rate(scenario, expected, pace, factor), factor)
+
+
+def ratio_cells(axis: str, decades: int, short: bool) -> Iterator[Cell]:
+    """Upper over lower: stiffness of the joints, or mass of the blocks, of two free blocks on a base."""
+    exponents = (-decades, 0, decades) if short else range(-decades, decades + 1)
+    for exponent, formulation, pushed in itertools.product(exponents, FORMULATIONS, (0, 1)):
+        half = 10.0 ** (0.5 * exponent)
+        stiffness, densities = (KN, KN), (DENSITY, DENSITY)
+        if axis == "stiffness":
+            stiffness = (KN / half, KN * half)
+        else:
+            densities = (DENSITY / half, DENSITY * half)
+        jacks = jack(0.2 * A)
+        scenario = stack(formulation, densities, stiffness, pushed, jacks)
+        name = f"{formulation} pushed {'below' if pushed == 0 else 'on top'}"
+        kinds = "l" if short and formulation != "concave" else "lr"
+        pace = 0.01 / 10.0 ** (0.5 * abs(exponent))  # slow for the slow swing of the heavy block or the soft joint
+        yield from _stack_cells(axis, 10.0**exponent, name, scenario, densities, pushed, jacks, pace=pace, kinds=kinds)
+
+
+def slenderness_cells(short: bool) -> Iterator[Cell]:
+    """Long side over short side, the length along x or along y, the load in and out of the middle."""
+    for ratio, formulation, along in itertools.product(
+        (100.0,) if short else (1.0, 3.0, 10.0, 30.0, 100.0), FORMULATIONS, "xy"
+    ):
+        a, b = (0.02 * ratio, 0.02) if along == "x" else (0.02, 0.02 * ratio)
+        for load, jacks in {
+            "couple": couple(0.4 * a),
+            "eccentric": jack(0.3 * a, 0.1 * b, 1.0),
+            "along": jack(0.0, 0.3 * b, 0.0),
+        }.items():
+            scenario = pair(formulation, jacks, a=a, b=b, height=0.02, normal=10.0 * ratio, points=(8, 8))
+            name = f"{formulation} {load} long {along}"
+            yield Cell("slenderness", ratio, f"limit {name}", lambda s=scenario: push_to_limit(s, by_judge))
+            if not short:
+                yield Cell("slenderness", ratio, f"rate {name}", lambda s=scenario: push_at_rate(s, by_judge, 0.003))
+
+
+def critical_height(kn: float) -> float:
+    """Height (m) at which a stack of convex joints buckles under its own weight (Greenhill).
+
+    A column of bending stiffness kn I_1 H: each joint turns as a spring kn I_1 over a block's height.
+    """
+    return (7.8373 * kn * (A * B**3 / 12.0) * H / (DENSITY * A * B * GRAVITY)) ** (1.0 / 3.0)
+
+
+def tower_cells(short: bool) -> Iterator[Cell]:
+    """Towers: N of every joint by seating, the limit load of the lowest joint by search and at constant rate.
+
+    The highest would buckle in finite motion with the joints of the others: its own are ten times as stiff; that it
+    cannot stand on the others is a cell of its own.
+    """
+    for count in (2, 20) if short else (2, 5, 10, 20, 50, 100, 200):
+        kn = KN if count * H < 0.9 * critical_height(KN) else 10.0 * KN
+        for formulation in ("concave", "convex", "corrected-shear"):
+            densities = (DENSITY,) * count
+            jacks = jack(0.2 * A)
+            scenario = stack(formulation, densities, (kn,) * count, 0, jacks, tolerance=1e-2)
+            yield Cell(
+                "tower", count, f"seat {formulation}", lambda s=scenario, d=densities: seated(s, d)
+            )  # fmt: skip
+            # a wave goes up the tower and back within a few times as many steps as there are blocks
+            pace = 0.01 / count
+            kinds = "l" if short and count > 2 else "lr"
+            yield from _stack_cells("tower", count, formulation, scenario, densities, 0, jacks, pace=pace, kinds=kinds)
+        if kn != KN:
+            scenario = stack("convex", (DENSITY,) * count, (KN,) * count, 0, jack(0.2 * A))
+            yield Cell(
+                "tower", count, "buckles convex", lambda s=scenario: must_fall(s, critical_height(KN), 1e-4, 1e-5)
+            )
+
+
+def friction_cells(short: bool) -> Iterator[Cell]:
+    """Friction coefficient, the load in the joint plane and above it, where high friction makes blocks rock."""
+    for mu, formulation in itertools.product(
+        (0.0, 10.0) if short else (0.0, 1e-3, 0.01, 0.1, 0.3, 1.0, 2.0, 3.0, 10.0), FORMULATIONS
+    ):
+        for z, load in itertools.product((0.0, H / 2) if short else (0.0, H / 2, H), ("couple", "eccentric", "shear")):
+            if z and load == "couple":
+                continue
+            scenario = pair(formulation, lab_jacks(z)[load], friction=mu)
+            name = f"{formulation} {load}{' on top' if z == H else ' above' if z else ''}"
+            yield Cell("friction", mu, f"limit {name}", lambda s=scenario: push_to_limit(s, by_judge))
+
+
+def tolerance_cells(short: bool) -> Iterator[Cell]:
+    """Tolerance of a limit load; the points of `distributed` follow it."""
+    for exponent, formulation in itertools.product((2, 6) if short else (2, 3, 4, 5, 6), FORMULATIONS):
+        for z, load in itertools.product((0.0, H / 2), ("couple", "eccentric", "shear")):
+            if z and load == "couple":
+                continue
+            scenario = pair(
+                formulation, lab_jacks(z)[load], tolerance=10.0**-exponent, points=(12, 12) if short else None
+            )
+            name = f"{formulation} {load}{' above' if z else ''}"
+            yield Cell("tolerance", 10.0**-exponent, f"limit {name}", lambda s=scenario: push_to_limit(s, by_judge))
+
+
+def rate_cells(short: bool) -> Iterator[Cell]:
+    """Load rate, in elastic slips per critical time step."""
+    for exponent, formulation in itertools.product((-2, 0) if short else (-5, -4, -3, -2, -1, 0, 1), FORMULATIONS):
+        for load, jacks in lab_jacks().items():
+            scenario = pair(formulation, jacks, points=(8, 6))
+            # at ten slips a step twenty slips would be two steps
+            travel = TRAVEL * max(1.0, 10.0**exponent)
+            yield Cell(
+                "rate",
+                10.0**exponent,
+                f"rate {formulation} {load}",
+                lambda s=scenario, p=10.0**exponent, t=travel: push_at_rate(s, by_judge, p, travel=t),
+            )
+
+
+def size_cells(short: bool) -> Iterator[Cell]:
+    """Size of the blocks, weights and forces growing with the volume."""
+    for exponent, formulation in itertools.product((-3, 3) if short else range(-3, 4), FORMULATIONS):
+        size = 10.0**exponent
+        for load, jacks in {"couple": couple(0.45 * A * size), "eccentric": jack(0.25 * A * size)}.items():
+            scenario = pair(formulation, jacks, A * size, B * size, H * size, normal=N * size**3)
+            name = f"{formulation} {load}"
+            yield Cell("size", size, f"limit {name}", lambda s=scenario: push_to_limit(s, by_judge))
+            if not short:
+                yield Cell("size", size, f"rate {name}", lambda s=scenario: push_at_rate(s, by_judge, 0.003))
+
+
+def rest_cells(steps: int, short: bool) -> Iterator[Cell]:
+    """A dead load at 0.98 of its limit, for a long time."""
+    for formulation in ("concave", "convex") if short else FORMULATIONS[:4]:
+        yield Cell("rest", 1.0, f"{formulation} beside a test", lambda f=formulation: undisturbed(f))
+        for kind, physical in itertools.product(("middle", "eccentric"), (True, False)):
+            yield Cell(
+                "rest",
+                float(steps),
+                f"{formulation} {kind} {'finite motion' if physical else 'small motion'}",
+                lambda f=formulation, k=kind, p=physical: rest(rest_scene(f, k), steps, p),
+            )
+
+
+def random_cells(count: int, seed: int) -> Iterator[Cell]:
+    """Joints drawn at random: shape, size, stiffness, friction, load, its height, a dead load, step and tolerance.
+
+    Every fifth is pushed at constant rate, the others to their limit.
+    """
+    for i in range(count):
+        draw = np.random.default_rng((seed, i))
+        u = draw.random(16)
+        formulation = FORMULATIONS[int(draw.integers(len(FORMULATIONS)))]
+        short = 10.0 ** (3.0 * u[0] - 3.0)
+        a, b = (short, short * 10.0 ** u[1]) if u[2] < 0.5 else (short * 10.0 ** u[1], short)
+        normal, friction, ratio = 10.0 ** (6.0 * u[3]), 0.05 * 40.0 ** u[4], 10.0 ** (2.0 * u[5] - 2.0)
+        height = short * (0.2 + 0.8 * u[6])
+        least = normal * max(1.0, friction / ratio) / (a * b * short * 1e-5)
+        z = height * u[7] if u[8] < 0.3 else 0.0
+        angle, dead_angle = 2.0 * math.pi * u[9], 2.0 * math.pi * u[10]
+        dead = 0.6 * friction * normal * u[11] if u[12] < 0.2 else 0.0
+        e = ((u[13] - 0.5) * a, (u[14] - 0.5) * b)
+        tolerance = 10.0 ** -float(draw.integers(2, 6))
+        factor = VALID_STEP if u[15] < 0.5 else 0.1 + 1.6 * (u[15] - 0.5)
+        scenario = pair(
+            formulation,
+            jack(*e, angle, z),
+            a=a,
+            b=b,
+            height=height,
+            friction=friction,
+            normal=normal,
+            ratio=ratio,
+            kn=least * 10.0 ** float(draw.uniform(0.0, 5.0)),
+            dead=(dead * math.cos(dead_angle), dead * math.sin(dead_angle)),
+            tolerance=tolerance,
+            points=(6, 5),
+        )
+        name = f"{formulation}{' above' if z else ''}{' dead' if dead else ''}"
+        if i % 5 == 4:
+            run = partial(push_at_rate, scenario, by_judge, 0.003, factor)
+            yield Cell("random", float(i), f"rate {name}", run, factor)
+        else:
+            run = partial(push_to_limit, scenario, by_judge, factor)
+            yield Cell("random", float(i), f"limit {name} {tolerance:g}", run, factor)
+
+
+AXES = ("step", "stiffness", "mass", "slenderness", "tower", "friction", "tolerance", "rate", "size", "rest", "random")
+
+
+def cells(axes=AXES, short=False, rest_steps=1_000_000, random=1000, seed=1) -> Iterator[Cell]:
+    """The matrix, or the part of it on ``axes``; ``short`` keeps the ends of every axis."""
+    makers = {
+        "step": lambda: step_cells(short),
+        "stiffness": lambda: ratio_cells("stiffness", 3, short),
+        "mass": lambda: ratio_cells("mass", 4, short),
+        "slenderness": lambda: slenderness_cells(short),
+        "tower": lambda: tower_cells(short),
+        "friction": lambda: friction_cells(short),
+        "tolerance": lambda: tolerance_cells(short),
+        "rate": lambda: rate_cells(short),
+        "size": lambda: size_cells(short),
+        "rest": lambda: rest_cells(rest_steps, short),
+        "random": lambda: random_cells(random, seed),
+    }
+    for axis in axes:
+        yield from makers[axis]()
