@@ -1,13 +1,42 @@
 """Pictures of blocks: geometry of the meshes, files, and what is said where nothing can be drawn."""
 
+from contextlib import contextmanager
+
 import history_cases as cases
 import numpy as np
 import pytest
 
 from dembrick import history, render
+from dembrick.cli import main
 from dembrick.errors import HistoryError, MissingDependency, OutputError, ScenarioError
+from dembrick.joint_motion import JointMotion
+from dembrick.render import scene, screen
 
-pytest.importorskip("pyvista")
+pyvista = pytest.importorskip("pyvista")
+
+
+@pytest.fixture
+def drawing():
+    """Skips where this machine cannot draw."""
+    try:
+        screen.require_drawing()
+    except MissingDependency as error:
+        pytest.skip(str(error))
+
+
+def pixels(path):
+    image = pyvista.read(path)
+    return image["PNGImage"].reshape(image.dimensions[1], image.dimensions[0], -1)[..., :3]
+
+
+@contextmanager
+def drawn(run, frames=(3,), **look):
+    """A scene off screen, small."""
+    plotter = pyvista.Plotter(off_screen=True, window_size=[320, 240])
+    try:
+        yield scene.Scene(plotter, run, scene.Look(**look), frames)
+    finally:
+        plotter.close()
 
 
 @pytest.fixture
@@ -45,18 +74,12 @@ def test_magnification_makes_motion_visible_and_never_shrinks_it(run):
 
 
 @pytest.mark.parametrize("view", list(render.VIEWS))
-def test_pictures_are_written_and_not_blank(run, tmp_path, view):
-    import pyvista
-
-    try:
-        render.require_drawing()
-    except MissingDependency as error:
-        pytest.skip(str(error))
+def test_pictures_are_written_and_not_blank(run, tmp_path, view, drawing):
     path = tmp_path / f"{view}.png"
     assert render.picture(run, path, view=view, size=(400, 300)) == str(path)
-    pixels = pyvista.read(path)["PNGImage"].reshape(300, 400, -1)
-    inked = (pixels[..., :3] < 200).any(axis=2).mean()
-    assert (pixels[0, 0, :3] == 255).all() and 0.05 < inked < 0.9
+    image = pixels(path)
+    inked = (image < 200).any(axis=2).mean()
+    assert image.shape == (300, 400, 3) and (image[0, 0] == 255).all() and 0.05 < inked < 0.9
     assert not [p.name for p in tmp_path.iterdir() if p.name.endswith(".part")]
 
 
@@ -69,11 +92,15 @@ def test_errors(run, tmp_path, monkeypatch):
         render.picture(run, tmp_path / "a.png", view="below")
     with pytest.raises(ScenarioError, match="frames 0 to 3"):
         render.picture(run, tmp_path / "a.png", frame=4)
-    monkeypatch.setattr(render, "_PROBE", "import os; os.abort()")
-    render.require_drawing.cache_clear()
+    with pytest.raises(ScenarioError, match="runs from 0 to 0.0003 s"):
+        render.picture(run, tmp_path / "a.png", time=0.01)
+    with pytest.raises(ScenarioError, match="64 to 8192"):
+        render.picture(run, tmp_path / "a.png", size=(10, 100))
+    monkeypatch.setattr(screen, "PROBE", "import os; os.abort()")
+    screen.require_drawing.cache_clear()
     with pytest.raises(MissingDependency, match="libegl1 libgl1-mesa-dri"):
         render.picture(run, tmp_path / "a.png")
-    render.require_drawing.cache_clear()
+    screen.require_drawing.cache_clear()
     assert not (tmp_path / "a.png").exists()
 
 
@@ -85,3 +112,174 @@ def test_a_history_without_frames_is_said(tmp_path):
         writer.finish("yield", {})
     with history.read(tmp_path / "bare.h5") as bare, pytest.raises(HistoryError, match="no frames"):
         render.picture(bare, tmp_path / "a.png")
+
+
+def test_a_scene_is_moved_in_place(run, drawing):
+    with drawn(run, frames=range(4), magnification=10.0) as found:
+        mesh = found._meshes[0]
+        for k in (3, 0, 2):
+            found.show(k)
+            assert found._meshes[0] is mesh
+            expected = np.concatenate([m.points for m in render.meshes(run, k, 10.0)])
+            np.testing.assert_allclose(mesh.points, expected, rtol=0, atol=1e-12)
+            moved = np.concatenate([m["displacement"] for m in render.meshes(run, k)])
+            np.testing.assert_allclose(mesh["shown"], 1e3 * moved, rtol=1e-9, atol=1e-12)  # in mm
+        assert found._scale.title == "displacement [mm]"
+        top = np.concatenate([m["displacement"] for m in render.meshes(run, 3)]).max()
+        assert found._scale.top == pytest.approx(1e3 * top)
+
+
+def test_colours_by_block(run, drawing):
+    motion = JointMotion(run)
+    with drawn(run, color="utilisation") as found:
+        np.testing.assert_allclose(found._meshes[0].cell_data["shown"], motion.utilisation(3)[0], rtol=1e-12)
+        assert found._scale.top == 1.0
+    with drawn(run, color="slip") as found:
+        slip = motion.resultants(3)[0, 6]
+        np.testing.assert_allclose(found._meshes[0].cell_data["shown"], found._scale.factor * slip, rtol=1e-12)
+    with drawn(run, color="energy") as found:
+        # between frames 2 and 3: 2 mm in 0.1 ms, 0.01 rad in 0.1 ms about (1, 2, -2)/3
+        spin = 0.5 * 1e4 * (0.0375 + 4 * 0.075 + 4 * 0.0975) / 9
+        expected = 0.5 * 9.0 * (400 + 9e-4 + 1e-10) + spin
+        np.testing.assert_allclose(found._meshes[0].cell_data["shown"], found._scale.factor * expected, rtol=1e-6)
+        assert found._scale.title == "kinetic energy [J]"
+
+
+def test_units_follow_the_size(run, drawing):
+    with drawn(run) as found:
+        titles = [found._colouring.scale(size).title for size in (3.0, 0.1, 0.0999, 2e-5, 1.1e-7, 9e-8, 0.0)]
+    units = ["m", "m", "mm", "µm", "µm", "nm", "m"]
+    assert titles == [f"displacement [{unit}]" for unit in units]
+
+
+def test_forces_of_joints(run, drawing):
+    """The resultant on the upper block, at the centre of pressure, as long as it is large."""
+    with drawn(run, forces=True, magnification=1.0) as found:
+        arrows = found._arrows
+        N, V_1, V_2, _, M_1, M_2, _ = JointMotion(run).resultants(3)[0]
+        np.testing.assert_allclose(arrows["force"][0], [-V_1, -V_2, N])
+        limit = np.hypot(0.15, 0.1)
+        at = np.array([M_2, -M_1]) / N
+        at *= min(1.0, limit / np.linalg.norm(at))
+        np.testing.assert_allclose(arrows.points[0], [*at, 0.0], atol=1e-12)
+        assert arrows["length"][0] == pytest.approx(0.6 * 0.3)
+        assert "green: joint forces" in found._text.input
+
+
+def test_torsion_centre_is_marked_where_it_is(run, drawing):
+    centre = JointMotion(run).torsion_centre(3)[0]
+    with drawn(run) as found:
+        if np.linalg.norm(centre) > 0.6 or np.isnan(centre).any():
+            assert not found._rod.visibility and "torsion centre" not in found._text.input
+        else:
+            np.testing.assert_allclose(found._rod.user_matrix[:2, 3], centre)
+        found.show(0)
+        assert not found._rod.visibility and "blue" not in found._text.input
+
+
+@pytest.mark.parametrize("view", list(render.VIEWS))
+def test_the_motion_fits_into_the_picture(run, view, drawing):
+    """All corners, at the start and in every frame, lie in the part left for them."""
+    with drawn(run, frames=range(4), view=view, magnification=20.0) as found:
+        plotter = found._plotter
+        plotter.render()
+        corner = np.concatenate([np.concatenate([m.points for m in render.meshes(run, k, 20.0)]) for k in range(4)])
+        camera = plotter.camera
+        across = corner - np.array(camera.focal_point)
+        up = np.array(camera.up)
+        right = np.cross(np.array(camera.direction), up)
+        x = 0.5 + across @ right / (2 * camera.parallel_scale) * 240 / 320
+        y = 0.5 + across @ up / (2 * camera.parallel_scale)
+        assert scene._LEFT - 1e-9 <= x.min() < x.max() <= scene._RIGHT + 1e-9
+        assert scene._BOTTOM - 1e-9 <= y.min() < y.max() <= scene._TOP + 1e-9
+
+
+@pytest.mark.parametrize("ending", ["gif", "mp4"])
+def test_movies_move(run, tmp_path, ending, drawing):
+    path, seen = tmp_path / f"out.{ending}", []
+    if ending == "mp4":
+        ffmpeg = pytest.importorskip("imageio_ffmpeg")
+    render.movie(run, path, size=(320, 240), fps=10, progress=lambda *at: seen.append(at))
+    assert seen == [(1, 4), (2, 4), (3, 4), (4, 4)]
+    if ending == "gif":
+        image = pytest.importorskip("PIL.Image").open(path)
+        assert image.n_frames == 4 and image.info["duration"] == 100
+        frames = []
+        for k in range(4):
+            image.seek(k)
+            frames.append(np.asarray(image.convert("RGB"), int))
+    else:
+        stream = ffmpeg.read_frames(str(path))
+        assert next(stream)["fps"] == pytest.approx(10.0)
+        frames = [np.frombuffer(frame, np.uint8).reshape(240, 320, 3).astype(int) for frame in stream]
+        assert len(frames) == 4
+    for first, second in zip(frames, frames[1:], strict=False):
+        assert (np.abs(first - second).max(axis=2) > 40).mean() > 0.01
+    assert sorted(p.name for p in tmp_path.iterdir()) == [path.name, "run.h5"]
+
+
+def test_a_movie_shows_frames_spread_over_the_run(run, tmp_path, drawing):
+    render.movie(run, tmp_path / "out.gif", size=(128, 96), count=2)
+    assert pytest.importorskip("PIL.Image").open(tmp_path / "out.gif").n_frames == 2
+
+
+def test_movie_errors(run, tmp_path, monkeypatch, drawing):
+    for wrong, match in (({"fps": 0.0}, "fps"), ({"count": 1}, "count")):
+        with pytest.raises(ScenarioError, match=match):
+            render.movie(run, tmp_path / "a.gif", **wrong)
+    with pytest.raises(OutputError, match=r"\.gif or \.mp4"):
+        render.movie(run, tmp_path / "a.avi")
+    monkeypatch.setitem(__import__("sys").modules, "imageio_ffmpeg", None)
+    with pytest.raises(MissingDependency, match="pip install imageio-ffmpeg"):
+        render.movie(run, tmp_path / "a.mp4")
+    assert main(["render", run.path, "--to", str(tmp_path / "a.mp4")]) == 4
+    monkeypatch.setattr(scene.Scene, "show", lambda *_: (_ for _ in ()).throw(OSError(28, "No space left on device")))
+    with pytest.raises(OSError):
+        render.movie(run, tmp_path / "a.gif")
+    assert [p.name for p in tmp_path.iterdir()] == ["run.h5"]
+
+
+def test_what_was_not_recorded_cannot_be_shown(tmp_path, drawing):
+    path, channels = tmp_path / "few.h5", ("frames",)
+    with history.HistoryWriter(path, cases.SCENARIO, cases.assembly(), {}, channels=channels) as writer:
+        writer.append(cases.record(0, 5))
+        writer.append_frames(*cases.frames(0, 4))
+        writer.finish("completed", {})
+    with history.read(path) as few:
+        for look in ({"color": "utilisation"}, {"color": "slip"}, {"forces": True}):
+            with pytest.raises(HistoryError, match="joints.*output.channels"):
+                render.picture(few, tmp_path / "a.png", **look)
+
+
+def test_command_line(run, tmp_path, capsys, drawing):
+    small = ["--size", "160", "120"]
+    assert main(["render", run.path, "--to", str(tmp_path / "a.png"), "--time", "2e-4", "--color", "slip", *small]) == 0
+    assert main(["render", run.path, "--to", str(tmp_path / "a.gif"), "--camera", "top", "--magnify", "5", *small]) == 0
+    assert capsys.readouterr().out.split() == ["picture:", str(tmp_path / "a.png"), "movie:", str(tmp_path / "a.gif")]
+
+
+def test_view_without_a_display_says_so(run, monkeypatch, capsys):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    monkeypatch.setattr("sys.platform", "linux")
+    assert main(["view", run.path]) == 4
+    assert "no display" in capsys.readouterr().err
+    monkeypatch.setenv("DISPLAY", ":77")
+    monkeypatch.setattr(screen, "PROBE", "import os; os.abort()")
+    assert main(["view", run.path]) == 4
+    assert "libgl1" in capsys.readouterr().err
+
+
+def test_the_slider_moves_the_block(run, drawing):
+    plotter = pyvista.Plotter(off_screen=True, window_size=[320, 240])
+    try:
+        found = render.with_slider(plotter, run, scene.Look(magnification=1.0))
+        assert found.frame == 3
+        slider = plotter.widgets.slider_widgets[0]
+        slider.GetRepresentation().SetValue(1.1e-4)
+        slider.InvokeEvent("InteractionEvent")
+        assert found.frame == 1
+        expected = render.meshes(run, 1)["upper"].points
+        np.testing.assert_allclose(found._meshes[0].points[8:], expected, atol=1e-12)
+    finally:
+        plotter.close()

@@ -19,9 +19,10 @@ from typing import Protocol
 
 import numpy as np
 
+from dembrick.block_motion import CarriedPoints, Poses, all_vertices, block_quantities
 from dembrick.history import History
 from dembrick.joint_motion import CHANNELS, JointMotion, torsion_centre
-from dembrick.shapes import quaternion_product, rotation_matrix
+from dembrick.shapes import rotation_matrix
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,65 +65,6 @@ def layers(history: History, report: Callable[[str], None] | None = None) -> Ite
         yield "_contacts", Contacts(history, joints, forces)
 
 
-class Motion:
-    """Material points of blocks, carried by the frames; ``body`` (n, 3) in the axes of ``block`` (n,), ascending.
-
-    Points of one block stand together, so that a block's pose is a matrix that takes all of them at once.
-    """
-
-    def __init__(self, history: History, body: np.ndarray, block: np.ndarray):
-        self._history = history
-        self._rotation0 = rotation_matrix(history.orientation0)
-        counts = np.bincount(block, minlength=history.n_block)
-        starts = np.concatenate([[0], np.cumsum(counts)])[:-1]
-        order = np.argsort(block, kind="stable")
-        self._groups = []
-        for count in np.unique(counts[counts > 0]):
-            own = np.flatnonzero(counts == count)
-            places = order[starts[own][:, None] + np.arange(count)]
-            corners = np.concatenate([body[places], np.ones((*places.shape, 1))], axis=2)
-            together = bool((np.diff(places.ravel()) == 1).all())
-            self._groups.append((own, slice(places[0, 0], places[-1, -1] + 1) if together else places.ravel(), corners))
-        self._n = len(body)
-
-    def points(self, poses: Poses) -> np.ndarray:
-        """World points (f, n, 3)."""
-        return self._carried(poses.rotation, poses.position)
-
-    def moved(self, poses: Poses) -> np.ndarray:
-        """Movement (f, n, 3) from the start, which keeps more digits than a difference of points."""
-        return self._carried(poses.rotation - self._rotation0, poses.displacement)
-
-    def _carried(self, rotation: np.ndarray, shift: np.ndarray) -> np.ndarray:
-        found = np.empty((len(shift), self._n, 3))
-        for own, places, corners in self._groups:
-            pose = np.empty((len(shift), len(own), 4, 3))
-            pose[:, :, :3] = rotation[:, own].swapaxes(2, 3)
-            pose[:, :, 3] = shift[:, own]
-            found[:, places] = (corners @ pose).reshape(len(shift), -1, 3)
-        return found
-
-
-@dataclass(frozen=True, slots=True)
-class Poses:
-    """Blocks in some frames: ``position``, ``displacement`` (f, n, 3), ``orientation`` (f, n, 4), ``rotation``."""
-
-    position: np.ndarray
-    displacement: np.ndarray
-    orientation: np.ndarray
-    rotation: np.ndarray
-
-    @classmethod
-    def read(cls, history: History, start: int, stop: int) -> Poses:
-        orientation = history.frame_values("orientation", start, stop)
-        return cls(
-            history.frame_values("position", start, stop),
-            history.frame_values("displacement", start, stop),
-            orientation,
-            rotation_matrix(orientation),
-        )
-
-
 class Blocks:
     """The faces of all blocks."""
 
@@ -131,8 +73,7 @@ class Blocks:
     def __init__(self, history: History):
         self._history = history
         self.recorded = history.frame_values("velocity", 0, 1) is not None
-        vertices = [history.block_vertices(i) for i in range(history.n_block)]
-        starts = np.cumsum([0, *map(len, vertices)]).tolist()
+        body, block, starts = all_vertices(history)
         self.cells, owner = [], []
         for i in range(history.n_block):
             for face in history.block_faces(i):
@@ -140,46 +81,16 @@ class Blocks:
                 owner.append(i)
         self._owner = np.array(owner, np.int64)
         self.fixed = {"block": self._owner}
-        block = np.repeat(np.arange(history.n_block), np.diff(starts))
-        self._motion = Motion(history, np.concatenate([np.zeros((0, 3)), *vertices]), block)
+        self._motion = CarriedPoints(history, body, block)
 
     def frames(self, start: int, stop: int) -> Frames:
         """Frames start to stop."""
         history = self._history
         poses = Poses.read(history, start, stop)
-        found = {"displacement": poses.displacement}
-        if self.recorded:
-            found["velocity"] = history.frame_values("velocity", start, stop)
-            found["spin"] = history.frame_values("spin", start, stop)
-        elif history.n_frames > 1:
-            found["velocity"], found["spin"] = mean_velocities(history, start, stop)
-        mass, inertia = history.block_mass, history.block_inertia
-        if mass is not None and inertia is not None and "velocity" in found:
-            velocity, spin = found["velocity"], np.einsum("fnji,fnj->fni", poses.rotation, found["spin"])
-            turning = np.einsum("fni,nij,fnj->fn", spin, inertia, spin, optimize=True)
-            found["kinetic_energy"] = 0.5 * (mass * (velocity * velocity).sum(axis=2) + turning)
+        found = block_quantities(history, poses, start, stop)
         cells = {name: values.astype(np.float32).take(self._owner, axis=1) for name, values in found.items()}
         moved = self._motion.moved(poses).astype(np.float32)
         return Frames(self._motion.points(poses), {"displacement": moved}, cells)
-
-
-def mean_velocities(history: History, start: int, stop: int) -> tuple[np.ndarray, np.ndarray]:
-    """Mean velocity (m/s) and spin (rad/s) of the blocks (f, n, 3) between the frames before and after each."""
-    last = history.n_frames - 1
-    k = np.arange(start, stop)
-    before, after = np.maximum(k - 1, 0), np.minimum(k + 1, last)
-    first = before[0]
-    displacement = history.frame_values("displacement", first, after[-1] + 1)
-    orientation = history.frame_values("orientation", first, after[-1] + 1)
-    time = history.frame_time
-    duration = (time[after] - time[before])[:, None, None]
-    duration[duration <= 0.0] = np.inf
-    velocity = (displacement[after - first] - displacement[before - first]) / duration
-    turn = quaternion_product(orientation[after - first], orientation[before - first] * np.array([1, -1, -1, -1]))
-    w, v = np.abs(turn[..., 0]), turn[..., 1:] * np.where(turn[..., :1] < 0.0, -1.0, 1.0)
-    sine = np.sqrt((v * v).sum(axis=2))
-    scale = np.divide(2.0 * np.arctan2(sine, w), sine, out=np.full_like(sine, 2.0), where=sine > 0.0)
-    return velocity, scale[..., None] * v / duration
 
 
 class Joints:
@@ -193,7 +104,7 @@ class Joints:
         self.cells = [tuple(range(a, b)) for a, b in zip(starts, starts[1:], strict=False)]
         self._there = np.arange(joints.polygon.shape[1]) < joints.n_corner[:, None]
         own = np.repeat(np.arange(joints.n_joint), joints.n_corner)
-        self._motion = Motion(history, *_on_hosts(history, joints, own, joints.polygon[self._there]))
+        self._motion = CarriedPoints(history, *_on_hosts(history, joints, own, joints.polygon[self._there]))
         self.fixed = {"joint": np.arange(joints.n_joint), "block_a": joints.block_a, "block_b": joints.block_b}
 
     def frames(self, start: int, stop: int) -> Frames:
@@ -234,7 +145,7 @@ class Contacts:
         counts = np.diff(joints.point_start)
         arms = np.concatenate([np.zeros((0, 2)), *(joint["normal_arms"] for joint in history.joints)])
         self._own = np.repeat(np.arange(joints.n_joint), counts)
-        self._motion = Motion(history, *_on_hosts(history, joints, self._own, arms))
+        self._motion = CarriedPoints(history, *_on_hosts(history, joints, self._own, arms))
         self._convex = np.flatnonzero(counts == 0) if forces else np.zeros(0, np.int64)
         owner = np.concatenate([self._own, self._convex])
         self.cells = [(i,) for i in range(len(owner))]

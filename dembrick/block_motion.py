@@ -1,0 +1,136 @@
+"""Blocks of a recorded run in its frames: where their points are, how fast they move.
+
+Shapes start with the frames asked for: (f, n_block, ...).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dembrick.shapes import quaternion_product, rotation_matrix
+
+
+@dataclass(frozen=True, slots=True)
+class Poses:
+    """Blocks in some frames: ``position``, ``displacement`` (f, n, 3), ``orientation`` (f, n, 4), ``rotation``."""
+
+    position: np.ndarray
+    displacement: np.ndarray
+    orientation: np.ndarray
+    rotation: np.ndarray
+
+    @classmethod
+    def read(cls, history, start: int, stop: int) -> Poses:
+        orientation = history.frame_values("orientation", start, stop)
+        return cls(
+            history.frame_values("position", start, stop),
+            history.frame_values("displacement", start, stop),
+            orientation,
+            rotation_matrix(orientation),
+        )
+
+
+class CarriedPoints:
+    """Material points of blocks, carried by the frames; ``body`` (n, 3) in the axes of ``block`` (n,), ascending.
+
+    Points of one block stand together, so that a block's pose is a matrix that takes all of them at once.
+    """
+
+    def __init__(self, history, body: np.ndarray, block: np.ndarray):
+        self._rotation0 = rotation_matrix(history.orientation0)
+        counts = np.bincount(block, minlength=history.n_block)
+        starts = np.concatenate([[0], np.cumsum(counts)])[:-1]
+        order = np.argsort(block, kind="stable")
+        self._groups = []
+        for count in np.unique(counts[counts > 0]):
+            own = np.flatnonzero(counts == count)
+            places = order[starts[own][:, None] + np.arange(count)]
+            corners = np.concatenate([body[places], np.ones((*places.shape, 1))], axis=2)
+            together = bool((np.diff(places.ravel()) == 1).all())
+            self._groups.append((own, slice(places[0, 0], places[-1, -1] + 1) if together else places.ravel(), corners))
+        self._n = len(body)
+
+    def points(self, poses: Poses) -> np.ndarray:
+        """World points (f, n, 3)."""
+        return self.carried(poses.rotation, poses.position)
+
+    def moved(self, poses: Poses) -> np.ndarray:
+        """Movement (f, n, 3) from the start, which keeps more digits than a difference of points."""
+        return self.carried(poses.rotation - self._rotation0, poses.displacement)
+
+    def magnified(self, poses: Poses, factor: float) -> np.ndarray:
+        """World points (f, n, 3) with the motion of each block, its shift and its turning angle, times ``factor``."""
+        if factor == 1.0:
+            return self.points(poses)
+        turned = rotation_times(poses.rotation @ self._rotation0.swapaxes(1, 2), factor)
+        return self.carried(turned @ self._rotation0, poses.position + (factor - 1.0) * poses.displacement)
+
+    def carried(self, rotation: np.ndarray, shift: np.ndarray) -> np.ndarray:
+        """Points (f, n, 3) under rotations (f, n_block, 3, 3) and shifts (f, n_block, 3)."""
+        found = np.empty((len(shift), self._n, 3))
+        for own, places, corners in self._groups:
+            pose = np.empty((len(shift), len(own), 4, 3))
+            pose[:, :, :3] = rotation[:, own].swapaxes(2, 3)
+            pose[:, :, 3] = shift[:, own]
+            found[:, places] = (corners @ pose).reshape(len(shift), -1, 3)
+        return found
+
+
+def all_vertices(history) -> tuple[np.ndarray, np.ndarray, list[int]]:
+    """Vertices (n, 3) of all blocks in their body axes, the block of each, and where each block's begin."""
+    vertices = [history.block_vertices(i) for i in range(history.n_block)]
+    counts = [len(own) for own in vertices]
+    block = np.repeat(np.arange(history.n_block), counts)
+    return np.concatenate([np.zeros((0, 3)), *vertices]), block, np.cumsum([0, *counts]).tolist()
+
+
+def block_quantities(history, poses: Poses, start: int, stop: int) -> dict[str, np.ndarray]:
+    """``displacement``, ``velocity``, ``spin`` (f, n_block, 3) and ``kinetic_energy`` (f, n_block); SI units.
+
+    Velocities that were not recorded are the mean ones between the frames before and after. What cannot be had from
+    the history is left out.
+    """
+    found = {"displacement": poses.displacement}
+    velocity = history.frame_values("velocity", start, stop)
+    if velocity is not None:
+        found["velocity"], found["spin"] = velocity, history.frame_values("spin", start, stop)
+    elif history.n_frames > 1:
+        found["velocity"], found["spin"] = mean_velocities(history, start, stop)
+    mass, inertia = history.block_mass, history.block_inertia
+    if mass is not None and inertia is not None and "velocity" in found:
+        velocity, spin = found["velocity"], np.einsum("fnji,fnj->fni", poses.rotation, found["spin"])
+        turning = np.einsum("fni,nij,fnj->fn", spin, inertia, spin, optimize=True)
+        found["kinetic_energy"] = 0.5 * (mass * (velocity * velocity).sum(axis=2) + turning)
+    return found
+
+
+def rotation_times(rotation: np.ndarray, factor: float) -> np.ndarray:
+    """Rotations (..., 3, 3) about the same axes by ``factor`` times their angles, at most half a turn."""
+    skew = 0.5 * (rotation - rotation.swapaxes(-1, -2))
+    sine = np.sqrt(skew[..., 2, 1] ** 2 + skew[..., 0, 2] ** 2 + skew[..., 1, 0] ** 2)
+    angle = np.arctan2(sine, 0.5 * (np.trace(rotation, axis1=-2, axis2=-1) - 1.0))
+    turning = sine > 1e-15
+    cross = skew / np.where(turning, sine, 1.0)[..., None, None]
+    angle = np.where(turning, np.minimum(angle * factor, np.pi), 0.0)[..., None, None]
+    return np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
+
+
+def mean_velocities(history, start: int, stop: int) -> tuple[np.ndarray, np.ndarray]:
+    """Mean velocity (m/s) and spin (rad/s) of the blocks (f, n, 3) between the frames before and after each."""
+    last = history.n_frames - 1
+    k = np.arange(start, stop)
+    before, after = np.maximum(k - 1, 0), np.minimum(k + 1, last)
+    first = before[0]
+    displacement = history.frame_values("displacement", first, after[-1] + 1)
+    orientation = history.frame_values("orientation", first, after[-1] + 1)
+    time = history.frame_time
+    duration = (time[after] - time[before])[:, None, None]
+    duration[duration <= 0.0] = np.inf
+    velocity = (displacement[after - first] - displacement[before - first]) / duration
+    turn = quaternion_product(orientation[after - first], orientation[before - first] * np.array([1, -1, -1, -1]))
+    w, v = np.abs(turn[..., 0]), turn[..., 1:] * np.where(turn[..., :1] < 0.0, -1.0, 1.0)
+    sine = np.sqrt((v * v).sum(axis=2))
+    scale = np.divide(2.0 * np.arctan2(sine, w), sine, out=np.full_like(sine, 2.0), where=sine > 0.0)
+    return velocity, scale[..., None] * v / duration

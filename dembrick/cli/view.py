@@ -1,0 +1,26 @@
+"""``dembrick view FILE.h5``: a window with a time slider."""
+
+from __future__ import annotations
+
+from dembrick.cli.render import add_look
+
+
+def add_arguments(parser) -> None:
+    """Options of the command."""
+    parser.add_argument("history", metavar="FILE.h5", help="history file")
+    add_look(parser)
+
+
+def run(options, console) -> int:
+    """Open the window and wait until it is closed."""
+    from dembrick import history, render
+
+    with history.read(options.history) as found:
+        render.view(
+            found,
+            view=options.camera,
+            magnification=options.magnify,
+            color=options.color,
+            forces=options.forces,
+        )
+    return 0

@@ -1,0 +1,60 @@
+"""Whether this machine can draw: off screen for pictures, on a display for the window.
+
+Where neither EGL nor OSMesa is installed VTK does not raise, it crashes: a child process tries first, once.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from functools import lru_cache
+
+from dembrick.errors import MissingDependency
+
+PROBE = (
+    "import vtkmodules.vtkRenderingOpenGL2 as gl; from vtkmodules.vtkRenderingCore import vtkRenderWindow; "
+    "w = vtkRenderWindow(); w.SetOffScreenRendering({off}); w.SetSize(8, 8); w.Render(); "
+    "raise SystemExit(0 if w.SupportsOpenGL() else 3)"
+)
+
+
+@lru_cache(maxsize=1)
+def require_drawing() -> None:
+    """MissingDependency unless pyvista is installed and this machine can draw off screen."""
+    if not os.environ.get("DISPLAY"):
+        os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
+    _require_pyvista()
+    if not _works(off=1):
+        raise MissingDependency(
+            "this machine cannot draw off screen: install EGL and a driver "
+            "(Debian and Ubuntu: apt install libegl1 libgl1-mesa-dri) and try again"
+        )
+
+
+def require_display() -> None:
+    """MissingDependency unless pyvista is installed and a window can be opened."""
+    _require_pyvista()
+    without = "a picture or movie needs none: dembrick render FILE.h5 --to FILE.png"
+    if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise MissingDependency(f"there is no display to open a window on (DISPLAY is not set); {without}")
+    if not _works(off=0):
+        raise MissingDependency(
+            "no window can be opened on this display: install OpenGL "
+            f"(Debian and Ubuntu: apt install libgl1 libgl1-mesa-dri); {without}"
+        )
+
+
+def _require_pyvista() -> None:
+    try:
+        import pyvista  # noqa: F401
+    except ImportError as error:
+        raise MissingDependency("pictures of blocks need pyvista; install it with: pip install pyvista") from error
+
+
+def _works(off: int) -> bool:
+    try:
+        command = [sys.executable, "-c", PROBE.format(off=off)]
+        return subprocess.run(command, capture_output=True, timeout=60, check=False).returncode == 0
+    except (OSError, subprocess.TimeoutExpired):
+        return False
