@@ -6,6 +6,7 @@ block, joints too soft for their load. Its messages name the blocks and say how 
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from typing import NoReturn
 
@@ -16,9 +17,9 @@ from dembrick.checks import show
 from dembrick.errors import ScenarioError
 from dembrick.joints import TOLERANCE, JointTable, find_joints
 from dembrick.model import JointLaw, Scenario
-from dembrick.neighbours import ShapeTable, close_pairs, overlap_depths
+from dembrick.neighbours import Bodies, bodies_of, close_pairs, overlap_depths
 from dembrick.point_table import PointTable, place_points
-from dembrick.shapes import Polyhedron, rotation_matrix, unit_quaternion
+from dembrick.shapes import Shape, parts_of, rotation_matrix, unit_quaternion
 from dembrick.solids import shapes_of
 
 SOFT_WARNING = 1e-3  # elastic closing or sliding of a joint under its dead load, over its short side
@@ -55,7 +56,7 @@ class Assembly:
     """
 
     names: tuple[str, ...]
-    shapes: tuple[Polyhedron, ...]
+    shapes: tuple[Shape, ...]
     position: np.ndarray
     orientation: np.ndarray
     rotation: np.ndarray
@@ -81,7 +82,7 @@ def build(scenario: Scenario) -> Assembly:
     names = tuple(block.name for block in blocks)
     number = {name: i for i, name in enumerate(names)}
     try:
-        shapes = shapes_of(blocks)
+        shapes = shapes_of(blocks, os.path.dirname(scenario.path or ""))
     except ScenarioError as error:
         _refuse(scenario, str(error))
     orientation = unit_quaternion([block.orientation for block in blocks])
@@ -96,12 +97,13 @@ def build(scenario: Scenario) -> Assembly:
     if quasi_static and not fixed.any():
         kind = show(scenario.control.kind)
         _refuse(scenario, f"no block is fixed, and a test of kind {kind} needs a support: give one fixed = true")
-    table = ShapeTable(shapes)
-    pairs = close_pairs(table, position, rotation, TOLERANCE * table.diameter)
-    _check_overlap(scenario, table, position, rotation, pairs)
+    bodies = bodies_of(shapes, position, rotation)
+    pairs = close_pairs(bodies, TOLERANCE)
+    _check_overlap(scenario, bodies, pairs)
 
     laws = _Laws(scenario)
-    joints = find_joints(shapes, position, orientation, fixed, laws.between, TOLERANCE, pairs, table)
+    joints = find_joints(shapes, position, orientation, fixed, laws.between, TOLERANCE, (bodies, pairs))
+    _check_pieces(scenario, joints)
     _check_overrides(scenario, laws, joints, fixed)
     level = _levels(joints, fixed)
     if quasi_static and (level < 0).any():
@@ -195,17 +197,38 @@ def _refuse(scenario: Scenario, message: str) -> NoReturn:
     raise ScenarioError(f"{scenario.path}: {message}" if scenario.path else message)
 
 
-def _check_overlap(scenario: Scenario, table: ShapeTable, position, rotation, pairs) -> None:
-    depths = overlap_depths(table, position, rotation, pairs)
-    over = np.flatnonzero(depths > TOLERANCE * table.diameter[pairs].min(axis=1))
+def _check_overlap(scenario: Scenario, bodies: Bodies, pairs) -> None:
+    depths = overlap_depths(bodies, pairs)
+    over = np.flatnonzero(depths > TOLERANCE * bodies.table.diameter[pairs].min(axis=1))
     if not len(over):
         return
     worst = over[np.argmax(depths[over])]
-    first, second = (show(scenario.all_blocks[i].name) for i in pairs[worst])
+    blocks = bodies.owner[pairs[worst]]
+    first, second = (show(scenario.all_blocks[i].name) for i in blocks)
+    if blocks[0] == blocks[1]:
+        one, two = pairs[worst] - np.searchsorted(bodies.owner, blocks[0])
+        _refuse(
+            scenario,
+            f"parts[{one}] and parts[{two}] of block {first} overlap by {depths[worst]:.6g} m; "
+            "their common volume would count twice: let them touch",
+        )
     more = f" ({len(over) - 1} more pairs overlap less)" if len(over) > 1 else ""
     _refuse(
         scenario, f"blocks {first} and {second} overlap by {depths[worst]:.6g} m{more}; move one of them that far out"
     )
+
+
+def _check_pieces(scenario: Scenario, joints: JointTable) -> None:
+    """The pressed part of a joint that is not convex is not defined for every pressure."""
+    for number in joints.pieces:
+        joint = joints[number]
+        if joint.law.pressure != "full":
+            first, second = (show(scenario.all_blocks[i].name) for i in (joint.block_a, joint.block_b))
+            _refuse(
+                scenario,
+                f'pressure = "{joint.law.pressure}" holds for convex joints, and that between {first} and {second} is '
+                f'one of {len(joint.pieces)} pieces; use "full" or formulation = "distributed" there',
+            )
 
 
 class _Laws:
@@ -267,8 +290,11 @@ def _refuse_unsupported(scenario: Scenario, shapes, position, orientation, fixed
     )
 
 
-def _check_inside(scenario: Scenario, what: str, point, name: str, shape: Polyhedron, rotation, arm) -> None:
-    outside = float((shape.face_normals @ (rotation.T @ arm) - shape.face_offsets).max())
+def _check_inside(scenario: Scenario, what: str, point, name: str, shape: Shape, rotation, arm) -> None:
+    local = rotation.T @ arm
+    outside = min(
+        float((part.face_normals @ (local - place) - part.face_offsets).max()) for place, part in parts_of(shape)
+    )
     if outside > _ON_FACE * shape.diameter:
         where = f"its point {show(tuple(point))} lies {outside:.6g} m outside block {show(name)}"
         _refuse(scenario, f"{what}: {where}; put it in the block or on one of its faces (world position at the start)")
@@ -305,6 +331,8 @@ def _check_stiffness(scenario: Scenario, joints, joint_force: np.ndarray) -> tup
     laws, area, side = joints.law, joints.area, np.empty(len(joints))
     for numbers, shapes in joints.by_corners():
         side[numbers] = polygons.width(shapes)
+    for number, pieces in joints.pieces.items():
+        side[number] = max(polygons.width(piece) for piece in pieces)
     normal = np.maximum((joint_force * joints.axes[:, 2]).sum(axis=1), 0.0)
     strength = normal * [law.friction for law in laws]
     closing = normal / (area * [law.normal_stiffness for law in laws] * side)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dembrick import clipping, polygons
-from dembrick.neighbours import ShapeTable, Stack
+from dembrick.neighbours import Bodies, Stack
 
 TOLERANCE = 1e-6  # of the smaller block's diameter for distances, and in radians for angles
 _ROUNDING = 1e-9  # of a length: below it, two lengths are the same
@@ -31,21 +31,22 @@ class Contacts(NamedTuple):
     gap: np.ndarray  # (k,) m, distance of the faces at O, positive open
 
 
-def shared_polygons(table: ShapeTable, positions, rotations, pairs: np.ndarray, tolerance: float) -> list[Contacts]:
+def shared_polygons(bodies: Bodies, pairs: np.ndarray, tolerance: float) -> list[Contacts]:
     """The facing faces of ``pairs`` (p, 2) of bodies; a chunk of pairs of one kind each."""
     found = []
-    for chosen, stack_a, rows_a, stack_b, rows_b in table.groups(pairs):
+    for chosen, stack_a, rows_a, stack_b, rows_b in bodies.table.groups(pairs):
         for start in range(0, len(chosen), clipping.CHUNK):
             some = slice(start, start + clipping.CHUNK)
             sides = (stack_a, rows_a[some]), (stack_b, rows_b[some])
-            found.append(_Facing(table, positions, rotations, pairs[chosen[some]], *sides, tolerance).contacts())
+            found.append(_Facing(bodies, pairs[chosen[some]], *sides, tolerance).contacts())
     return found
 
 
 class _Facing:
     """Facing faces of the pairs of one group, as arrays (k, ...), seen from the centroid of body a."""
 
-    def __init__(self, table, positions, rotations, pairs, first, second, tolerance):
+    def __init__(self, bodies: Bodies, pairs, first, second, tolerance):
+        table, positions, rotations = bodies.table, bodies.position, bodies.rotation
         (stack_a, rows_a), (stack_b, rows_b) = first, second
         normals_a = stack_a.normals[rows_a] @ rotations[pairs[:, 0]].transpose(0, 2, 1)
         normals_b = stack_b.normals[rows_b] @ rotations[pairs[:, 1]].transpose(0, 2, 1)

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from dembrick.facing import TOLERANCE, Contacts, shared_polygons
 from dembrick.model import JointLaw
-from dembrick.neighbours import ShapeTable, close_pairs
+from dembrick.neighbours import Bodies, bodies_of, close_pairs
 from dembrick.point_rules import ContactPoints, contact_points
 from dembrick.polygons import second_moments, shrink_factor, tributary_areas
-from dembrick.shapes import Polyhedron, rotation_matrix
+from dembrick.shapes import Shape, rotation_matrix
 
 __all__ = [
     "TOLERANCE",
@@ -38,6 +38,10 @@ class Joint:
     axis of a that is not along n, projected on the joint. ``polygon`` (m, 2): corners about O along t1 and t2,
     counterclockwise, none on the line of its neighbours. ``area`` (m2). ``gap`` (m): how far the faces are apart at
     O, positive when open; what rounding leaves is stored as 0.
+
+    Where blocks of several parts touch in one plane, all that they share there is one joint. Its ``pieces`` are the
+    convex polygons (m, 2) about the common O, and ``polygon`` strings them together by edges walked both ways, so that
+    sums over its edges are those over the pieces. A convex joint has no pieces.
     """
 
     block_a: int
@@ -51,13 +55,15 @@ class Joint:
     gap: float
     arm_a: np.ndarray
     arm_b: np.ndarray
+    pieces: tuple[np.ndarray, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
 class JointTable(Sequence[Joint]):
     """All joints of a scene as columns (j, ...), named as the fields of :class:`Joint`; a sequence of joints too.
 
-    ``corner`` (v, 2) holds the polygons one after another, from ``start`` (j + 1,) each.
+    ``corner`` (v, 2) holds the polygons one after another, from ``start`` (j + 1,) each; ``pieces`` those of the few
+    joints that have any, by number.
     """
 
     block_a: np.ndarray
@@ -72,6 +78,7 @@ class JointTable(Sequence[Joint]):
     gap: np.ndarray
     arm_a: np.ndarray
     arm_b: np.ndarray
+    pieces: dict[int, tuple[np.ndarray, ...]] = field(default_factory=dict)
 
     @staticmethod
     def of(joints: Sequence[Joint]) -> JointTable:
@@ -96,6 +103,7 @@ class JointTable(Sequence[Joint]):
             gap=column("gap"),
             arm_a=column("arm_a", (3,)),
             arm_b=column("arm_b", (3,)),
+            pieces={j: joint.pieces for j, joint in enumerate(joints) if joint.pieces},
         )
 
     def __len__(self) -> int:
@@ -117,6 +125,7 @@ class JointTable(Sequence[Joint]):
             float(self.gap[i]),
             self.arm_a[i],
             self.arm_b[i],
+            self.pieces.get(i, ()),
         )
 
     def by_corners(self, chosen=None) -> Iterator[tuple[np.ndarray, np.ndarray]]:
@@ -129,49 +138,53 @@ class JointTable(Sequence[Joint]):
 
 
 def find_joints(
-    shapes: Sequence[Polyhedron],
+    shapes: Sequence[Shape],
     positions,
     orientations,
     fixed,
     law_of: Callable[[int, int], JointLaw],
     tolerance: float = TOLERANCE,
-    pairs: np.ndarray | None = None,
-    table: ShapeTable | None = None,
+    near: tuple[Bodies, np.ndarray] | None = None,
 ) -> JointTable:
     """All joints of a scene, in the order of their blocks.
 
     ``positions`` (n, 3), ``orientations`` (n, 4), ``fixed`` (n,). Faces count as facing when they are antiparallel
     within ``tolerance`` (rad) and apart, or into each other, by at most ``tolerance`` times the diameter of the
-    smaller block; their polygon must be wider than that too. Two fixed blocks make no joint. ``pairs`` (p, 2) is
-    the result of the search for near blocks where it is known already, ``table`` that of ``shapes``.
+    smaller block; their polygon must be wider than that too. Two fixed blocks make no joint. ``near`` holds the
+    convex parts of the blocks and the pairs of them that are near each other, where they are known already.
     """
     positions = np.asarray(positions, float).reshape(-1, 3)
-    rotations = rotation_matrix(np.asarray(orientations, float).reshape(-1, 4))
     fixed = np.asarray(fixed, bool)
-    table = table or ShapeTable(shapes)
-    if pairs is None:
-        pairs = close_pairs(table, positions, rotations, tolerance * table.diameter)
-    pairs = pairs[~(fixed[pairs[:, 0]] & fixed[pairs[:, 1]])]
-    pairs = np.where(fixed[pairs[:, 1]][:, None], pairs[:, ::-1], pairs)
-    return _table(shared_polygons(table, positions, rotations, pairs, tolerance), positions, law_of)
+    if near is None:
+        bodies = bodies_of(shapes, positions, rotation_matrix(np.asarray(orientations, float).reshape(-1, 4)))
+        near = bodies, close_pairs(bodies, tolerance)
+    bodies, pairs = near
+    ends = bodies.owner[pairs]
+    pairs = pairs[(ends[:, 0] != ends[:, 1]) & ~fixed[ends].all(axis=1)]
+    pairs = np.where(fixed[bodies.owner[pairs[:, 1]]][:, None], pairs[:, ::-1], pairs)
+    joints = _table(shared_polygons(bodies, pairs, tolerance), bodies, positions, law_of)
+    several = np.bincount(bodies.owner, minlength=len(positions)) > 1
+    if several.any():
+        return united(joints, several, tolerance)
+    return joints
 
 
-def _table(found: list[Contacts], positions: np.ndarray, law_of) -> JointTable:
+def _table(found: list[Contacts], bodies: Bodies, positions: np.ndarray, law_of) -> JointTable:
     """The contacts of all groups as one table, sorted by the blocks."""
 
     def column(name, *shape, kind=float):
         return np.concatenate([getattr(contacts, name) for contacts in found] or [np.empty((0, *shape), kind)])
 
     body, count = column("body", 2, kind=np.int64), column("count", kind=np.int64)
-    order = np.lexsort((body.max(axis=1), body.min(axis=1)))
-    body, count = body[order], count[order]
-    a, b = body.T
-    arm_a = column("arm_a", 3)[order]
+    ends = bodies.owner[body]
+    order = np.lexsort((ends.max(axis=1), ends.min(axis=1)))
+    old_start = np.cumsum(count) - count
+    body, ends, count = body[order], ends[order], count[order]
+    a, b = ends.T
+    arm_a = column("arm_a", 3)[order] + bodies.arm[body[:, 0]]
     # polygons one after another, in the order of the joints
     packed = [c.polygon[np.arange(c.polygon.shape[1]) < c.count[:, None]] for c in found]
     corner = np.concatenate([*packed, np.empty((0, 2))])
-    old_count = column("count", kind=np.int64)
-    old_start = np.cumsum(old_count) - old_count
     start = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
     where = np.repeat(old_start[order] - start[:-1], count) + np.arange(len(corner))
     return JointTable(
@@ -183,8 +196,63 @@ def _table(found: list[Contacts], positions: np.ndarray, law_of) -> JointTable:
         corner=corner[where],
         start=start,
         area=column("area")[order],
-        law=tuple(law_of(first, second) for first, second in body.tolist()),
+        law=tuple(law_of(first, second) for first, second in ends.tolist()),
         gap=column("gap")[order],
         arm_a=arm_a,
-        arm_b=column("arm_b", 3)[order],
+        arm_b=column("arm_b", 3)[order] + bodies.arm[body[:, 1]],
     )
+
+
+def united(joints: JointTable, several: np.ndarray, tolerance: float) -> JointTable:
+    """The table with the joints of two blocks that lie in one plane made one, where a block has ``several`` (n,) parts.
+
+    Planes are the same when their normals differ by at most ``tolerance`` (rad) and their gaps by it times the
+    distance of the polygons. The joint rides with the block that hosts its largest piece.
+    """
+    planes: dict[tuple[int, int], list[list[Joint]]] = {}
+    for joint in joints:
+        found = planes.setdefault((joint.block_a, joint.block_b), [])
+        unite = several[joint.block_a] or several[joint.block_b]
+        same = next((members for members in found if unite and _same_plane(members[0], joint, tolerance)), None)
+        if same is None:
+            found.append([joint])
+        else:
+            same.append(joint)
+    together = [members for found in planes.values() for members in found]
+    return JointTable.of([members[0] if len(members) == 1 else _union(members) for members in together])
+
+
+def _same_plane(first: Joint, second: Joint, tolerance: float) -> bool:
+    size = max(float(np.abs(joint.polygon).max()) for joint in (first, second))
+    apart = second.arm_a - first.arm_a
+    reach = size + float(np.linalg.norm(apart))
+    parallel = float(np.linalg.norm(first.axes[2] - second.axes[2])) <= 2.0 * tolerance
+    return parallel and abs(float(first.axes[2] @ apart)) <= 2.0 * tolerance * reach
+
+
+def _union(members: list[Joint]) -> Joint:
+    """One joint of several in one plane: common O, the pieces about it, and the polygon that strings them together."""
+    main = max(members, key=lambda joint: joint.area)
+    area = sum(joint.area for joint in members)
+    shift = sum(joint.area * (joint.arm_a - main.arm_a) for joint in members) / area
+    t1, t2, normal = main.axes
+    shift = shift - (shift @ normal) * normal
+    pieces = []
+    for joint in members:
+        corners = joint.arm_a - main.arm_a - shift + joint.polygon @ joint.axes[:2]
+        pieces.append(corners @ main.axes[:2].T)
+    arm_a = main.arm_a + shift
+    polygon = _strung(pieces)
+    origin = main.origin + shift
+    arm_b = main.arm_b + shift
+    return replace(main, origin=origin, polygon=polygon, area=area, arm_a=arm_a, arm_b=arm_b, pieces=tuple(pieces))
+
+
+def _strung(pieces: list[np.ndarray]) -> np.ndarray:
+    """Corners of all pieces in one walk: from the first corner out to each piece, round it, and back the same way."""
+    home = pieces[0][0]
+    walk = [pieces[0], home[None]]
+    for piece in pieces[1:]:
+        first = int(np.argmax(((piece - home) ** 2).sum(axis=1)))  # far from home: no step of length nought
+        walk += [piece[first:], piece[: first + 1], home[None]]
+    return np.concatenate(walk[:-1])

@@ -43,7 +43,7 @@ def theory_of(assembly) -> Theory | None:
     if len(assembly.joints) != 1 or assembly.fixed.sum() != 1 or len(assembly.names) != 2:
         return None
     joint = assembly.joints[0]
-    law = joint.law
+    law, polygon = joint.law, joint.pieces or joint.polygon
     b = joint.block_b
     arm = np.asarray(joint.arm_b)
     dead = _wrench(joint.axes, arm, assembly.dead_force[b], assembly.dead_torque[b])
@@ -73,10 +73,10 @@ def theory_of(assembly) -> Theory | None:
         ).V
 
     if law.formulation == "convex":
-        return Theory(limit(theory.polygon_formulation(joint.polygon, law.friction, law.pressure)), None, None)
+        return Theory(limit(theory.polygon_formulation(polygon, law.friction, law.pressure)), None, None)
     points = assembly.contact_points[0]
     V = limit(theory.point_formulation(points.normal_arm, points.area, law.friction, points.shear_arm, law.formulation))
     gap = None
     if law.formulation == "distributed":
-        gap = V / limit(theory.polygon_formulation(joint.polygon, law.friction, "linear")) - 1.0
+        gap = V / limit(theory.polygon_formulation(polygon, law.friction, "linear")) - 1.0
     return Theory(V, None, gap)

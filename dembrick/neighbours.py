@@ -7,10 +7,11 @@ that ten thousand boxes of any sizes make one group.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from dembrick.shapes import Polyhedron
+from dembrick.shapes import Polyhedron, Shape, parts_of
 
 _WIDE = 64  # a block that covers more cells than this is compared with all others directly
 _CHUNK = 4096  # pairs that the overlap test takes at a time
@@ -59,11 +60,35 @@ class ShapeTable:
             yield chosen, self.stacks[first], rows[:, 0], self.stacks[second], rows[:, 1]
 
 
-def close_pairs(table: ShapeTable, positions: np.ndarray, rotations: np.ndarray, margin: np.ndarray) -> np.ndarray:
-    """Pairs (p, 2) of blocks, first below second, sorted, whose bounding boxes come within the sum of their margins.
+class Bodies(NamedTuple):
+    """The convex parts of all blocks, p of them; as many as blocks where every block is convex."""
 
-    A grid of cells twice as long as the median block; every cell compares the blocks that reach into it.
+    owner: np.ndarray  # (p,) the block
+    table: ShapeTable
+    position: np.ndarray  # (p, 3) m, centroid of the part, world
+    rotation: np.ndarray  # (p, 3, 3) body axes to world
+    arm: np.ndarray  # (p, 3) m, from the centroid of the block to that of the part, world
+
+
+def bodies_of(shapes: Sequence[Shape], positions: np.ndarray, rotations: np.ndarray) -> Bodies:
+    """The convex parts of blocks whose centroids stand at ``positions`` (n, 3)."""
+    known = {id(shape): parts_of(shape) for shape in shapes}
+    parts = [known[id(shape)] for shape in shapes]
+    owner = np.repeat(np.arange(len(shapes)), [len(own) for own in parts])
+    places = np.array([place for own in parts for place, _ in own]).reshape(-1, 3)
+    arm = np.einsum("pij,pj->pi", rotations[owner], places)
+    table = ShapeTable([part for own in parts for _, part in own])
+    return Bodies(owner, table, positions[owner] + arm, rotations[owner], arm)
+
+
+def close_pairs(bodies: Bodies, tolerance: float) -> np.ndarray:
+    """Pairs (p, 2) of bodies, first below second, sorted, whose bounding boxes come near each other: within the sum of
+    their margins, ``tolerance`` times the diameter each.
+
+    A grid of cells twice as long as the median body; every cell compares the bodies that reach into it.
     """
+    table, positions, rotations = bodies.table, bodies.position, bodies.rotation
+    margin = tolerance * table.diameter
     n_block = len(positions)
     centred = positions - positions.mean(axis=0) if n_block else positions
     low, high = np.empty((n_block, 3)), np.empty((n_block, 3))
@@ -108,11 +133,12 @@ def _cell_pairs(blocks: np.ndarray, first: np.ndarray, counts: np.ndarray) -> np
     return np.stack([owner[later], owner[earlier]], axis=1)
 
 
-def overlap_depths(table: ShapeTable, positions: np.ndarray, rotations: np.ndarray, pairs: np.ndarray) -> np.ndarray:
-    """How deep each pair of blocks (p, 2) overlaps (p,): the shortest way out (m); negative when they are apart.
+def overlap_depths(bodies: Bodies, pairs: np.ndarray) -> np.ndarray:
+    """How deep each pair of bodies (p, 2) overlaps (p,): the shortest way out (m); negative when they are apart.
 
     Separating axes of two convex polyhedra: face normals of both, and the products of their edges.
     """
+    table, positions, rotations = bodies.table, bodies.position, bodies.rotation
     depths = np.empty(len(pairs))
     for chosen, stack_a, rows_a, stack_b, rows_b in table.groups(pairs):
         for start in range(0, len(chosen), _CHUNK):

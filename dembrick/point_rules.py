@@ -55,6 +55,8 @@ def contact_points(joint, tolerance: float) -> ContactPoints | None:
     law = joint.law
     if law.formulation == "convex":
         return None
+    if joint.pieces:
+        return _points_of_pieces(joint, tolerance)
     if law.formulation == "distributed":
         arms, areas = distributed_points(joint.polygon, tolerance, law.points)
         return ContactPoints(arms, arms, areas)
@@ -65,6 +67,29 @@ def contact_points(joint, tolerance: float) -> ContactPoints | None:
     if law.formulation == "corrected":
         return ContactPoints(shrunk, shrunk, areas)
     return ContactPoints(corners, shrunk, areas)
+
+
+def _points_of_pieces(joint, tolerance: float) -> ContactPoints:
+    """The points of every piece by the rule of the law, about the common O.
+
+    The gap of ``distributed`` points is within its bound on every piece, so it is on the whole.
+    """
+    arms, areas = [], []
+    for piece in joint.pieces:
+        _, x, y = polygons.area_and_centroid(piece)
+        own = piece - (x, y)
+        if joint.law.formulation == "distributed":
+            points, shares = distributed_points(own, tolerance, joint.law.points)
+        else:
+            points, shares = own, polygons.tributary_areas(own)
+        arms.append(points + (x, y))
+        areas.append(shares)
+    normal_arm, area = np.concatenate(arms), np.concatenate(areas)
+    if joint.law.formulation in ("distributed", "concave"):
+        return ContactPoints(normal_arm, normal_arm, area)
+    c = float(area @ np.hypot(*normal_arm.T)) / float(area.sum())
+    shrunk = float(polygons.mean_distance(joint.polygon)[0]) / c * normal_arm
+    return ContactPoints(shrunk if joint.law.formulation == "corrected" else normal_arm, shrunk, area)
 
 
 def distributed_points(polygon, tolerance: float, points: tuple[int, int] | None = None):

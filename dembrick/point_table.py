@@ -64,8 +64,10 @@ def place_points(joints: JointTable, tolerance: float) -> PointTable:
     Joints with points at their corners are taken together, as many as have equally many corners.
     """
     formulation = np.array([law.formulation for law in joints.law], dtype="U16")
-    at_corners = np.isin(formulation, _AT_CORNERS)
-    single = {int(j): contact_points(joints[j], tolerance) for j in np.flatnonzero(formulation == "distributed")}
+    alone = formulation == "distributed"
+    alone[[j for j in joints.pieces if formulation[j] != "convex"]] = True
+    at_corners = np.isin(formulation, _AT_CORNERS) & ~alone
+    single = {int(j): contact_points(joints[j], tolerance) for j in np.flatnonzero(alone)}
     count = np.where(at_corners, np.diff(joints.start), 0)
     for j, points in single.items():
         count[j] = len(points.area)

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from dembrick.errors import ScenarioError
-from dembrick.shapes import Polyhedron
+from dembrick.shapes import Compound, Polyhedron, rotation_matrix
 
 FLAT = 1e-6  # of the size of a shape: points so near to a plane or a line lie on it
 _THIN = 1e-9  # volume over the cube of the size, below which a shape has none
@@ -114,6 +114,22 @@ def voussoir(radius: float, thickness: float, depth: float, angle: float, curved
     centroid = np.array([0.0, 0.0, height])
     vertices = straight.vertices + straight.centroid - centroid
     return Polyhedron(vertices, straight.faces, area * depth, np.diag([yy + zz, xx + zz, xx + yy]), centroid)
+
+
+def compound(parts, positions, orientations) -> Compound:
+    """One rigid body of convex parts that stand at ``positions``, turned by ``orientations``, in its coordinates."""
+    turned, centroids = [], []
+    for part, position, orientation in zip(parts, positions, orientations, strict=True):
+        rotation = rotation_matrix(orientation)
+        vertices, inertia = part.vertices @ rotation.T, rotation @ part.inertia @ rotation.T
+        centroids.append(np.asarray(position, float) + rotation @ part.centroid)
+        turned.append(Polyhedron(vertices, part.faces, part.volume, inertia, centroids[-1]))
+    volumes, centroids = np.array([part.volume for part in turned]), np.array(centroids)
+    centroid = volumes @ centroids / volumes.sum()
+    places = centroids - centroid
+    inertia = sum(part.inertia for part in turned)
+    inertia = inertia + (volumes * (places**2).sum(axis=1)).sum() * np.eye(3) - (places.T * volumes) @ places
+    return Compound(tuple(turned), places, float(volumes.sum()), inertia, centroid)
 
 
 def hull(points) -> Polyhedron:

@@ -79,6 +79,50 @@ class Polyhedron:
         return _distinct_directions(edges / np.sqrt((edges**2).sum(axis=1))[:, None])
 
 
+@dataclass(frozen=True, eq=False)
+class Compound:
+    """Convex parts that make one rigid body, about its centroid.
+
+    ``parts`` are polyhedra in axes parallel to the body's, each about its own centroid, which stands at ``places``
+    (k, 3) in the body. ``volume``, ``inertia`` and ``centroid`` as of a :class:`Polyhedron`; parts must not overlap.
+    """
+
+    parts: tuple[Polyhedron, ...]
+    places: np.ndarray
+    volume: float
+    inertia: np.ndarray
+    centroid: np.ndarray
+
+    @cached_property
+    def diameter(self) -> float:
+        """Twice the distance of the farthest vertex from the centroid."""
+        return 2.0 * float(np.sqrt((self.vertices**2).sum(axis=1).max()))
+
+    @cached_property
+    def vertices(self) -> np.ndarray:
+        """Vertices (nv, 3) of all parts."""
+        return np.concatenate([place + part.vertices for place, part in zip(self.places, self.parts, strict=True)])
+
+    @cached_property
+    def faces(self) -> tuple[tuple[int, ...], ...]:
+        """Faces of all parts."""
+        found, first = [], 0
+        for part in self.parts:
+            found += [tuple(first + i for i in face) for face in part.faces]
+            first += len(part.vertices)
+        return tuple(found)
+
+
+Shape = Polyhedron | Compound
+
+
+def parts_of(shape: Shape) -> list[tuple[np.ndarray, Polyhedron]]:
+    """The convex parts of a shape and where their centroids stand in the body."""
+    if isinstance(shape, Polyhedron):
+        return [(np.zeros(3), shape)]
+    return list(zip(shape.places, shape.parts, strict=True))
+
+
 def _distinct_directions(directions: np.ndarray) -> np.ndarray:
     kept: list[np.ndarray] = []
     for direction in directions:

@@ -3,38 +3,59 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Sequence
 
-from dembrick.blocks import Block, Prism, Voussoir
+from dembrick.blocks import Block, Mesh, Part, Prism
 from dembrick.checks import show
 from dembrick.errors import ScenarioError
-from dembrick.polyhedra import hull, prism, voussoir
-from dembrick.shapes import Polyhedron, box
+from dembrick.polyhedra import compound, hull, prism, voussoir
+from dembrick.shapes import Polyhedron, Shape, box
 
 
-def shapes_of(blocks: Sequence[Block]) -> tuple[Polyhedron, ...]:
-    """The shape of every block; ScenarioError names the block whose description makes none."""
-    known: dict[tuple, Polyhedron] = {}
+def shapes_of(blocks: Sequence[Block], folder: str = "") -> tuple[Shape, ...]:
+    """The shape of every block; ScenarioError names the block whose description makes none.
+
+    ``folder`` is where the names of mesh files start.
+    """
+    known: dict[tuple, Shape] = {}
     shapes = []
     for block in blocks:
         solid = block.solid
         shape = known.get(solid)
         if shape is None:
             try:
-                shape = known[solid] = _shape(*solid)
+                shape = known[solid] = _shape(*solid, folder)
             except ScenarioError as error:
                 raise ScenarioError(f"block {show(block.name)}: {error}") from None
         shapes.append(shape)
     return tuple(shapes)
 
 
-def _shape(kind: str, description) -> Polyhedron:
+def _shape(kind: str, description, folder: str) -> Shape:
+    return _compound(description, folder) if kind == "parts" else _convex(kind, description, folder)
+
+
+def _compound(parts: Sequence[Part], folder: str) -> Shape:
+    solids = []
+    for number, part in enumerate(parts):
+        try:
+            solids.append(_convex(*part.solid, folder))
+        except ScenarioError as error:
+            raise ScenarioError(f"parts[{number}]: {error}") from None
+    return compound(solids, [part.position for part in parts], [part.orientation for part in parts])
+
+
+def _convex(kind: str, description, folder: str) -> Polyhedron:
     if kind == "box":
         return box(description)
     if kind == "vertices":
         return hull(description)
     if isinstance(description, Prism):
         return prism(description.polygon, description.height)
-    assert isinstance(description, Voussoir)
+    if isinstance(description, Mesh):
+        from dembrick.mesh_file import convex_solid  # only scenes with meshes pay for the reader
+
+        return convex_solid(os.path.join(folder, description.file), description.scale)
     stone = description
     return voussoir(stone.radius, stone.thickness, stone.depth, math.radians(stone.angle), stone.curved)

@@ -435,15 +435,15 @@ def scattered(rng, n):
     shapes = [box(e) for e in edges]
     position = rng.uniform(-1.5, 1.5, (n, 3))
     rotation = rotation_matrix(rng.normal(size=(n, 4)))
-    return neighbours.ShapeTable(shapes), shapes, position, rotation
+    return neighbours.bodies_of(shapes, position, rotation), shapes
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_the_search_finds_the_pairs_that_trying_all_pairs_finds(seed):
-    table, shapes, position, rotation = scattered(np.random.default_rng(seed), 120)
-    margin = 0.01 * table.diameter
-    found = neighbours.close_pairs(table, position, rotation, margin)
-    world = [shape.vertices @ r.T + p for shape, p, r in zip(shapes, position, rotation, strict=True)]
+    bodies, shapes = scattered(np.random.default_rng(seed), 120)
+    margin = 0.01 * bodies.table.diameter
+    found = neighbours.close_pairs(bodies, 0.01)
+    world = [s.vertices @ r.T + p for s, p, r in zip(shapes, bodies.position, bodies.rotation, strict=True)]
     low = np.array([w.min(axis=0) for w in world]) - margin[:, None]
     high = np.array([w.max(axis=0) for w in world]) + margin[:, None]
     plain = [
@@ -471,9 +471,10 @@ def test_the_search_does_not_try_all_pairs(monkeypatch):
 
 
 def test_overlap_of_turned_boxes_agrees_with_points_in_both():
-    table, shapes, position, rotation = scattered(np.random.default_rng(7), 60)
-    pairs = neighbours.close_pairs(table, position, rotation, np.zeros(60))
-    depths = neighbours.overlap_depths(table, position, rotation, pairs)
+    bodies, shapes = scattered(np.random.default_rng(7), 60)
+    position, rotation = bodies.position, bodies.rotation
+    pairs = neighbours.close_pairs(bodies, 0.0)
+    depths = neighbours.overlap_depths(bodies, pairs)
     rng = np.random.default_rng(8)
     agreed = 0
     for pair, depth in zip(pairs, depths, strict=True):
@@ -487,17 +488,18 @@ def test_overlap_of_turned_boxes_agrees_with_points_in_both():
         direction = position[j] - position[i]
         moved = position.copy()
         moved[j] += direction / np.linalg.norm(direction) * 0.99 * max(depth, 0.0)
-        still = neighbours.overlap_depths(table, moved, rotation, np.array([[i, j]]))[0]
+        still = neighbours.overlap_depths(bodies._replace(position=moved), np.array([[i, j]]))[0]
         assert depth <= 0.0 or still > 0.0
     assert agreed > 0.9 * len(pairs) > 50
 
 
 def test_overlap_depths_in_closed_form():
-    table = neighbours.ShapeTable([box((1, 1, 1)), box((1, 1, 1))])
+    def between(position, rotations):
+        bodies = neighbours.bodies_of([box((1, 1, 1))] * 2, np.array([(0, 0, 0), position], float), rotations)
+        return neighbours.overlap_depths(bodies, np.array([[0, 1]]))[0]
 
     def depth(position, orientation):
-        rotation = rotation_matrix(np.array([UNTURNED, orientation]))
-        return neighbours.overlap_depths(table, np.array([(0, 0, 0), position], float), rotation, np.array([[0, 1]]))[0]
+        return between(position, rotation_matrix(np.array([UNTURNED, orientation])))
 
     assert depth((0.9, 0.2, 0.0), UNTURNED) == pytest.approx(0.1)
     assert depth((1.0, 0.0, 0.0), UNTURNED) == pytest.approx(0.0, abs=1e-15)
@@ -508,7 +510,4 @@ def test_overlap_depths_in_closed_form():
     # Two edges that cross: along x the first's edge runs along z, the second's along y, gap by the cross product.
     tipped = quaternion_product((np.cos(np.pi / 8), 0, np.sin(np.pi / 8), 0), UNTURNED)
     first, second = rotation_matrix(eighth), rotation_matrix(tipped)
-    crossing = neighbours.overlap_depths(
-        table, np.array([(0, 0, 0), (2 * half + 0.01, 0, 0)]), np.stack([first, second]), np.array([[0, 1]])
-    )[0]
-    assert crossing == pytest.approx(-0.01)
+    assert between((2 * half + 0.01, 0, 0), np.stack([first, second])) == pytest.approx(-0.01)

@@ -1,0 +1,242 @@
+"""Blocks of several convex parts: mass, joints of several pieces, and how strong an L or a triangle is in torsion."""
+
+import math
+
+import numpy as np
+import pytest
+
+from dembrick import scenario, theory
+from dembrick.assembly import build
+from dembrick.blocks import Block, Part, Prism
+from dembrick.errors import ScenarioError
+from dembrick.judge import theory_of
+from dembrick.limit_set import area_radius, far_moments
+from dembrick.model import Actuator, JointLaw, Load, Material, Scenario, YieldControl
+from dembrick.polyhedra import compound
+from dembrick.replay import find_limit_load
+from dembrick.shapes import box, rotation_matrix, unit_quaternion
+from dembrick.simulation import initial_state
+
+L_PARTS = (Part(box=(0.3, 0.1, 0.2), position=(0.15, 0.05, 0.1)), Part(box=(0.1, 0.2, 0.2), position=(0.05, 0.2, 0.1)))
+L_AREA = 0.03 + 0.02
+L_CENTRE = (0.03 * np.array([0.15, 0.05]) + 0.02 * np.array([0.05, 0.2])) / L_AREA
+TRIANGLE = ((0.0, 0.0), (0.4, 0.0), (0.0, 0.12))
+
+
+def law(formulation="convex", **more):
+    return JointLaw(formulation, 0.64, 1e10, 4e9, **more)
+
+
+def on_a_floor(*blocks, joint=None, loads=(), jacks=(), tolerance=1e-6):
+    floor = Block("floor", "tuff", (2.0, 2.0, 0.2), (0.0, 0.0, -0.1), fixed=True)
+    return Scenario(
+        "test",
+        (0.0, 0.0, -9.81),
+        joint or law(),
+        {"tuff": Material(2000.0)},
+        (floor, *blocks),
+        YieldControl(tolerance),
+        loads=loads,
+        actuators=jacks,
+    )
+
+
+def least_mean_distance_by_quadrature(pieces):
+    """Least mean distance of rectangles or triangles from any centre: Gauss rules in cells, and a descent on them."""
+    from scipy.optimize import minimize
+
+    points, weights = [], []
+    nodes, w = np.polynomial.legendre.leggauss(12)
+    for piece in pieces:
+        for i in range(1, len(piece) - 1):
+            a, u, v = piece[0], piece[i] - piece[0], piece[i + 1] - piece[i]
+            for k in range(24):  # strips of the triangle, each mapped from a square
+                lower, upper = k / 24, (k + 1) / 24
+                r = lower + (upper - lower) * 0.5 * (nodes + 1)
+                s = np.concatenate([(j + 0.5 * (nodes + 1)) / 24 for j in range(24)])
+                ws = np.tile(0.5 * w / 24, 24)
+                grid_r, grid_s = np.meshgrid(r, s, indexing="ij")
+                points.append((a + grid_r[..., None] * (u + grid_s[..., None] * v)).reshape(-1, 2))
+                jacobian = abs(u[0] * v[1] - u[1] * v[0]) * grid_r
+                weights.append((np.outer(0.5 * w * (upper - lower), ws) * jacobian).ravel())
+    points, weights = np.concatenate(points), np.concatenate(weights)
+
+    def mean(centre):
+        return float(weights @ np.hypot(*(points - centre).T)) / float(weights.sum())
+
+    start = weights @ points / weights.sum()
+    found = minimize(mean, start + 0.01, method="Nelder-Mead", options={"xatol": 1e-9, "fatol": 1e-13})
+    return found.fun, mean(start)
+
+
+# --- mass -------------------------------------------------------------------------------------------------------------
+
+
+def test_an_l_has_the_mass_properties_of_its_two_boxes():
+    """Parallel axes by hand: two boxes 0.3 x 0.1 and 0.1 x 0.2, 0.2 high."""
+    (block,) = build(on_a_floor(Block("l", "tuff", parts=L_PARTS, position=(0, 0, 0)))).shapes[1:]
+    assert block.volume == pytest.approx(L_AREA * 0.2, rel=1e-14)
+    assert block.centroid == pytest.approx([*L_CENTRE, 0.1], rel=1e-14)
+    inertia = np.zeros((3, 3))
+    for part in L_PARTS:
+        a, b, c = part.box
+        volume, d = a * b * c, np.array(part.position) - [*L_CENTRE, 0.1]
+        inertia += volume / 12 * np.diag([b * b + c * c, a * a + c * c, a * a + b * b])
+        inertia += volume * ((d @ d) * np.eye(3) - np.outer(d, d))
+    assert block.inertia == pytest.approx(inertia, rel=1e-12, abs=1e-12 * inertia.max())
+    assert abs(block.inertia[0, 1]) > 0.05 * block.inertia[0, 0]
+
+
+def test_a_box_sawn_up_and_put_together_is_the_box():
+    turn = unit_quaternion((0.9, 0.1, -0.3, 0.2))
+    whole = box((0.6, 0.2, 0.1))
+    halves = compound(
+        [box((0.3, 0.2, 0.1))] * 2, [rotation_matrix(turn) @ (x, 0, 0) for x in (-0.15, 0.15)], [turn] * 2
+    )
+    rotation = rotation_matrix(turn)
+    assert halves.volume == pytest.approx(whole.volume, rel=1e-14)
+    assert halves.centroid == pytest.approx(np.zeros(3), abs=1e-15)
+    assert halves.inertia == pytest.approx(rotation @ whole.inertia @ rotation.T, abs=1e-15)
+    assert (
+        len(halves.faces) == 12
+        and halves.vertices.shape == (16, 3)
+        and halves.diameter == pytest.approx(whole.diameter)
+    )
+
+
+# --- joints -----------------------------------------------------------------------------------------------------------
+
+
+def test_an_l_on_a_floor_has_one_joint_of_two_pieces():
+    found = build(on_a_floor(Block("l", "tuff", parts=L_PARTS, position=(0.5, -0.3, 0.0))))
+    (joint,) = found.joints
+    assert joint.area == pytest.approx(L_AREA, rel=1e-14) and len(joint.pieces) == 2 and joint.gap == 0.0
+    assert joint.origin == pytest.approx([0.5 + L_CENTRE[0], -0.3 + L_CENTRE[1], 0.0], abs=1e-15)
+    assert found.position[1] - found.position[0] == pytest.approx(joint.arm_a - joint.arm_b, abs=1e-15)
+    for piece in joint.pieces:
+        assert piece @ joint.axes[:2] + joint.origin == pytest.approx(
+            np.c_[piece @ joint.axes[:2, :2] + joint.origin[:2], np.zeros(len(piece))], abs=1e-15
+        )
+    state = initial_state(found)
+    second = state.areas.second[0]
+    xx = yy = xy = 0.0
+    for part in L_PARTS:
+        (a, b, _), d = part.box, np.array(part.position[:2]) - L_CENTRE
+        xx += a**3 * b / 12 + a * b * d[0] ** 2
+        yy += a * b**3 / 12 + a * b * d[1] ** 2
+        xy += a * b * d[0] * d[1]
+    assert second == pytest.approx([yy, xx, xy], rel=1e-12)
+
+
+def test_points_of_an_l_own_its_area_about_its_centroid():
+    block = Block("l", "tuff", parts=L_PARTS, position=(0, 0, 0))
+    for formulation in ("concave", "corrected", "corrected-shear", "distributed"):
+        (points,) = build(on_a_floor(block, joint=law(formulation), tolerance=1e-2)).contact_points
+        assert points.area.sum() == pytest.approx(L_AREA, rel=1e-12)
+        assert points.area @ points.normal_arm == pytest.approx([0.0, 0.0], abs=1e-15)
+        assert formulation != "concave" or len(points.area) == 8
+    joint = build(on_a_floor(block)).joints[0]
+    corrected = build(on_a_floor(block, joint=law("corrected"))).contact_points[0]
+    mean = corrected.area @ np.hypot(*corrected.shear_arm.T) / L_AREA  # the points' c_T is that of the area, eq. 9
+    assert mean == pytest.approx(least_mean_distance_by_quadrature(joint.pieces)[1], rel=1e-6)
+
+
+def test_two_feet_make_one_joint_and_steps_make_two():
+    feet = (Part(box=(0.1, 0.2, 0.1), position=(-0.2, 0, 0.05)), Part(box=(0.1, 0.2, 0.1), position=(0.2, 0, 0.05)),
+            Part(box=(0.5, 0.2, 0.1), position=(0, 0, 0.15)))  # fmt: skip
+    table = Block("table", "tuff", parts=feet, position=(0, 0, 0))
+    (joint,) = build(on_a_floor(table)).joints
+    assert joint.area == pytest.approx(0.04) and joint.origin == pytest.approx(np.zeros(3), abs=1e-15)
+    step = Block("step", "tuff", (0.2, 0.2, 0.1), (0.6, 0.0, 0.05))
+    high = Block("high", "tuff", parts=(Part(box=(0.2, 0.2, 0.1), position=(0, 0, 0.15)),
+                                        Part(box=(0.2, 0.2, 0.2), position=(0.2, 0, 0.1))),
+                 position=(0.6, 0, 0))  # fmt: skip
+    found = build(on_a_floor(step, high))
+    pairs = sorted((j.block_a, j.block_b, round(abs(j.axes[2][2]))) for j in found.joints)
+    assert pairs == [(0, 1, 1), (0, 2, 1), (1, 2, 0), (1, 2, 1)]  # a bed and a head between the same two blocks
+
+
+def test_what_is_refused():
+    overlap = (L_PARTS[0], Part(box=(0.1, 0.2, 0.2), position=(0.05, 0.19, 0.1)))
+    with pytest.raises(ScenarioError, match=r"parts\[0\] and parts\[1\] of block 'l' overlap by 0.01 m"):
+        build(on_a_floor(Block("l", "tuff", parts=overlap)))
+    sunk = Block("l", "tuff", parts=L_PARTS, position=(0, 0, -0.01))
+    with pytest.raises(ScenarioError, match=r"'floor' and 'l' overlap by 0.01 m"):
+        build(on_a_floor(sunk))
+    wedge = Block("w", "tuff", prism=Prism(TRIANGLE, 0.2), position=(0, 0, 0.07))
+    with pytest.raises(ScenarioError, match=r"'floor' and 'w' overlap by 0.03 m"):
+        build(on_a_floor(wedge))
+    with pytest.raises(ScenarioError, match=r'pressure = "linear" holds for convex joints'):
+        build(on_a_floor(Block("l", "tuff", parts=L_PARTS), joint=law(pressure="linear")))
+    with pytest.raises(ScenarioError, match="has 2 shapes"):
+        Block("x", "tuff", (1, 1, 1), (0, 0, 0), parts=L_PARTS)
+    with pytest.raises(ScenarioError, match="has no shape"):
+        Block("x", "tuff", position=(0, 0, 0))
+    with pytest.raises(ScenarioError, match=r"block 'w': parts\[1\]: polygon: it is not convex"):
+        bad = Part(prism=Prism([(0, 0), (2, 0), (2, 1), (1, 0.5), (0, 1)], 1.0))
+        build(on_a_floor(Block("w", "tuff", parts=(L_PARTS[0], bad))))
+
+
+def test_a_jack_may_push_any_part():
+    block = Block("l", "tuff", parts=L_PARTS, position=(0, 0, 0))
+    build(on_a_floor(block, jacks=(Actuator("j", "l", (0.05, 0.3, 0.1), (1, 0, 0)),)))
+    with pytest.raises(ScenarioError, match=r"lies 0.05 m outside block 'l'"):
+        build(on_a_floor(block, jacks=(Actuator("j", "l", (0.15, 0.15, 0.1), (1, 0, 0)),)))
+
+
+# --- torsion ----------------------------------------------------------------------------------------------------------
+
+
+def twisted(block, pieces_height, formulation="convex"):
+    """A block pushed by a couple in the plane of its joint, with 1000 N of dead load more."""
+    vertices = build(on_a_floor(block)).shapes[1]
+    low = vertices.vertices + build(on_a_floor(block)).position[1]
+    corners = low[np.abs(low[:, 2]) < 1e-12]
+    first, second = corners[np.argmin(corners[:, 0])], corners[np.argmax(corners[:, 0])]
+    jacks = (Actuator("j1", block.name, tuple(first), (0, -1, 0)), Actuator("j2", block.name, tuple(second), (0, 1, 0)))
+    found = on_a_floor(block, joint=law(formulation), loads=(Load(block.name, (0, 0, -1000.0)),), jacks=jacks)
+    return found, second[0] - first[0]
+
+
+BLOCKS = {
+    "an L": Block("stone", "tuff", parts=L_PARTS, position=(0.2, 0.1, 0.0)),
+    "a triangle": Block("stone", "tuff", prism=Prism(TRIANGLE, 0.2), position=(0.2, 0.1, 0.1)),
+}
+
+
+@pytest.mark.parametrize("shape", BLOCKS)
+def test_torsion_about_the_best_centre_by_independent_quadrature(shape):
+    """The limit couple of the replay, of theory, and of a quadrature that knows neither; not c_T about O."""
+    scene, arm = twisted(BLOCKS[shape], 0.2)
+    assembly = build(scene)
+    joint = assembly.joints[0]
+    normal = -assembly.dead_force[1][2]
+    pieces = [np.asarray(p) for p in (joint.pieces or (joint.polygon,))]
+    least, about_o = least_mean_distance_by_quadrature(pieces)
+    assert 1.5e-3 < about_o / least - 1.0 < 0.015
+    exact = 0.64 * normal * least
+    assert area_radius(joint.polygon) == pytest.approx(least, rel=1e-6)
+    assert theory_of(assembly).V * arm == pytest.approx(exact, rel=1e-5)
+    replay = find_limit_load(assembly, 1e-6, 0.9)
+    assert replay.yield_point.V * arm == pytest.approx(exact, rel=1e-4)
+    assert abs(replay.yield_point.V * arm / exact - 1.0) < 3e-6
+    assert not math.isclose(replay.yield_point.V * arm, 0.64 * normal * about_o, rel_tol=1e-3)
+
+
+def test_the_far_field_of_an_l_is_that_of_its_pieces():
+    joint = build(on_a_floor(BLOCKS["an L"])).joints[0]
+    areas = [abs(0.5 * sum(p[i - 1][0] * p[i][1] - p[i][0] * p[i - 1][1] for i in range(len(p)))) for p in joint.pieces]
+    parts = sum(a * far_moments(np.asarray(p)) for a, p in zip(areas, joint.pieces, strict=True)) / sum(areas)
+    assert far_moments(joint.polygon) == pytest.approx(parts, rel=1e-12, abs=1e-15)
+
+
+# --- text -------------------------------------------------------------------------------------------------------------
+
+
+def test_parts_in_a_file():
+    scene, _ = twisted(BLOCKS["an L"], 0.2)
+    text = scenario.dumps(scene)
+    assert "parts = [{ box = [0.3, 0.1, 0.2], position = [0.15, 0.05, 0.1] }" in text
+    assert scenario.loads(text) == scene
+    with pytest.raises(ScenarioError, match=r"unknown key 'boxx' in parts\[0\] in \[\[blocks\]\] number 2"):
+        scenario.loads(text.replace("{ box", "{ boxx", 1))
