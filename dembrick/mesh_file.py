@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import io
 import os
+import warnings
 
 import numpy as np
 
@@ -43,7 +44,7 @@ def convex_solid(path: str, scale: float = 1.0) -> Polyhedron:
 
 
 def checked(points: np.ndarray, faces: list[tuple[int, ...]]) -> Polyhedron:
-    """The convex polyhedron with a surface of ``faces`` (corner numbers into ``points``), checked as the module says."""
+    """The convex polyhedron with a surface of ``faces`` (numbers into ``points``), checked as the module says."""
     if not faces:
         raise ScenarioError("there is no surface in the file; a block needs one that is closed")
     if not np.isfinite(points).all():
@@ -90,8 +91,9 @@ def _read(path: str) -> tuple[np.ndarray, list[tuple[int, ...]]]:
     except ImportError as error:
         raise MissingDependency("blocks from mesh files need meshio; install it with: pip install meshio") from error
     try:
-        # meshio tells of some faults by SystemExit, and prints them
-        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        # meshio tells of some faults by SystemExit, and prints them; telling text from binary STL it warns
+        silence = contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO())
+        with silence[0], silence[1], warnings.catch_warnings(action="ignore"):
             mesh = meshio.read(path)
     except (Exception, SystemExit) as error:  # whatever its readers raise on a broken file
         reason = " ".join(str(error).split()) or type(error).__name__
@@ -118,20 +120,23 @@ def _read(path: str) -> tuple[np.ndarray, list[tuple[int, ...]]]:
 
 
 def _welded(points, faces, tolerance: float) -> tuple[np.ndarray, list[tuple[int, tuple[int, ...]]]]:
-    """Corners that nearly coincide made one, faces with their numbers, those without an area left out."""
-    order = np.lexsort(points.T)
-    number = np.arange(len(points))
-    for position, i in enumerate(order):  # sorted by z: those that may coincide follow closely
-        if number[i] != i:
-            continue
-        for j in order[position + 1 :]:
-            if points[j, 2] - points[i, 2] > tolerance:
+    """Corners that coincide or nearly so made one; faces with their numbers, those without an area left out."""
+    points, number = np.unique(points, axis=0, return_inverse=True)
+    number = number.reshape(-1)
+    if len(points) > 10 * _MOST_CORNERS:
+        raise ScenarioError(
+            f"the file has {len(points)} different corners; at most {_MOST_CORNERS} are taken for a block"
+        )
+    same = np.arange(len(points))
+    for i in range(len(points)):  # sorted by x: those that may coincide follow closely
+        for j in range(i + 1, len(points)):
+            if points[j, 0] - points[i, 0] > tolerance:
                 break
-            if number[j] == j and (np.abs(points[j] - points[i]) <= tolerance).all():
-                number[j] = i
+            if same[j] == j and (np.abs(points[j] - points[i]) <= tolerance).all():
+                same[j] = same[i]
     kept = []
     for index, face in enumerate(faces):
-        corners = [int(number[i]) for i in face]
+        corners = [int(same[number[i]]) for i in face]
         corners = [c for k, c in enumerate(corners) if c != corners[k - 1]]
         if len(corners) >= 3 and len(set(corners)) == len(corners):
             kept.append((index, tuple(corners)))
@@ -153,8 +158,8 @@ def _check_closed(points, faces) -> None:
             edge = (face[i - 1], face[i])
             if edge in walked:
                 raise ScenarioError(
-                    f"{_face(points, numbered)} and {_face(points, walked[edge])} run along a common edge the same way: "
-                    "one of them looks inward, or three faces meet in that edge; mend the mesh"
+                    f"{_face(points, numbered)} and {_face(points, walked[edge])} run along an edge the same way: one "
+                    "of them looks inward, or three faces meet in that edge; mend the mesh"
                 )
             walked[edge] = numbered
     open_edges = [numbered for (i, j), numbered in walked.items() if (j, i) not in walked]

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from dembrick import scenario, theory
+from dembrick import scenario
 from dembrick.assembly import build
 from dembrick.blocks import Block, Part, Prism
 from dembrick.errors import ScenarioError

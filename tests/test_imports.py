@@ -25,6 +25,7 @@ FLOORS = {
     2: ["polygons"],
     3: ["shapes"],
     3.1: ["polyhedra"],
+    3.15: ["mesh_file"],
     3.2: ["solids"],
     4: ["neighbours", "limit_set", "clipping"],
     4.5: ["facing"],
@@ -50,6 +51,7 @@ ALLOWED_OUTSIDE = {  # third-party modules by rank: no files and no screens belo
     0: {"numba", "numpy"},
     1: {"numpy"},
     **{rank: {"numpy"} for rank in FLOORS if rank > 1},
+    3.15: {"numpy", "meshio"},  # the one module that reads mesh files, imported when a scene has one
 }
 
 

@@ -1,0 +1,175 @@
+"""Blocks from mesh files: all formats, and a message that names the face for every mesh that is no block."""
+
+import numpy as np
+import pytest
+
+from dembrick import scenario
+from dembrick.assembly import build
+from dembrick.errors import ScenarioError
+from dembrick.mesh_file import checked, convex_solid
+from dembrick.shapes import box
+
+meshio = pytest.importorskip("meshio")
+
+CORNERS = np.array([[x, y, z] for z in (0.0, 0.1) for y in (0.0, 0.2) for x in (0.0, 0.3)])
+QUADS = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
+TRIANGLES = [(q[0], q[i], q[i + 1]) for q in QUADS for i in (1, 2)]
+TETRAHEDRA = [(0, 1, 2, 4), (1, 3, 2, 7), (1, 7, 4, 5), (2, 4, 7, 6), (1, 2, 4, 7)]
+
+SCENE = """
+title   = "mesh"
+gravity = [0.0, 0.0, -9.81]
+[joint]
+formulation = "concave"
+friction = 0.6
+normal_stiffness = 1.0e10
+shear_stiffness = 4.0e9
+[materials.tuff]
+density = 2000.0
+[[blocks]]
+name = "floor"
+material = "tuff"
+box = [1.0, 1.0, 0.1]
+position = [0.0, 0.0, -0.05]
+fixed = true
+[[blocks]]
+name = "stone"
+material = "tuff"
+mesh = { file = "stone.stl", scale = 0.001 }
+position = [0.1, 0.0, 0.0]
+[[actuators]]
+name = "jack"
+block = "stone"
+point = [0.2, 0.1, 0.05]
+direction = [1.0, 0.0, 0.0]
+[control]
+kind = "yield"
+"""
+
+
+def write(path, points=CORNERS, cells=(("triangle", TRIANGLES),), **options):
+    meshio.Mesh(points, [(kind, np.array(data)) for kind, data in cells]).write(path, **options)
+    return str(path)
+
+
+def is_the_box(found):
+    exact = box((0.3, 0.2, 0.1))
+    assert found.volume == pytest.approx(exact.volume, rel=1e-6)
+    assert found.centroid == pytest.approx([0.15, 0.1, 0.05], rel=1e-6)
+    assert found.inertia == pytest.approx(exact.inertia, abs=1e-6 * exact.inertia.max())
+    assert sorted(map(len, found.faces)) == [4] * 6
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [("b.stl", {}), ("b.stl", {"binary": True}), ("b.obj", {}), ("b.ply", {}), ("b.ply", {"binary": False}),
+     ("b.msh", {"file_format": "gmsh"}), ("b.msh", {"file_format": "gmsh22"}), ("b.vtu", {})],
+)  # fmt: skip
+def test_every_format_gives_the_box(tmp_path, name, options):
+    is_the_box(convex_solid(write(tmp_path / name, **options)))
+
+
+@pytest.mark.parametrize("name", ["b.msh", "b.vtu"])
+def test_solid_meshes_give_their_skin(tmp_path, name):
+    options = {"file_format": "gmsh"} if name == "b.msh" else {}
+    is_the_box(convex_solid(write(tmp_path / name, cells=[("tetra", TETRAHEDRA)], **options)))
+    is_the_box(convex_solid(write(tmp_path / name, cells=[("hexahedron", [(0, 1, 3, 2, 4, 5, 7, 6)])], **options)))
+
+
+def test_a_scale_and_a_scene(tmp_path):
+    write(tmp_path / "stone.stl", 1000.0 * CORNERS)
+    (tmp_path / "scene.toml").write_text(SCENE)
+    found = build(scenario.load(tmp_path / "scene.toml"))
+    assert found.mass[1] == pytest.approx(12.0, rel=1e-6)
+    assert found.position[1] == pytest.approx([0.25, 0.1, 0.05], rel=1e-6)
+    assert len(found.joints) == 1 and found.joints[0].area == pytest.approx(0.06, rel=1e-6)
+    short = scenario.loads(SCENE.replace('{ file = "stone.stl", scale = 0.001 }', '"stone.stl"'))
+    assert short.blocks[1].mesh.scale == 1.0 and scenario.loads(scenario.dumps(short)) == short
+
+
+def refused(points, faces, *fragments):
+    with pytest.raises(ScenarioError) as caught:
+        checked(np.asarray(points, float), list(faces))
+    message = str(caught.value)
+    assert "\n" not in message
+    for fragment in fragments:
+        assert fragment in message, message
+
+
+def test_a_hole():
+    refused(CORNERS, TRIANGLES[:5] + TRIANGLES[6:], "not closed", "3 edges", "fill the holes")
+    refused(CORNERS, QUADS[:3], "not closed")
+
+
+def test_inside_out():
+    refused(CORNERS, [q[::-1] for q in QUADS], "inside out", "face 0 (about 0.15, 0.1, 0)", "volume -0.006 m3")
+
+
+def test_one_face_turned_round():
+    faces = [*QUADS[:4], QUADS[4][::-1], QUADS[5]]
+    refused(CORNERS, faces, "face 4 (about 0, 0.1, 0.05)", "the same way", "looks inward")
+
+
+def test_flat():
+    refused(CORNERS * (1, 1, 0), QUADS, "the surface is flat", "0 m3")
+    square = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]
+    refused(square, [(0, 1, 2, 3), (3, 2, 1, 0)], "flat", "0 m3")
+
+
+def test_not_convex():
+    dent = np.concatenate([CORNERS, [[0.15, 0.1, 0.07]]])
+    faces = [q for q in QUADS if q != (4, 5, 7, 6)] + [(4, 5, 8), (5, 7, 8), (7, 6, 8), (6, 4, 8)]
+    refused(dent, faces, "not convex", "before the plane of face", "convex parts")
+
+
+def test_a_face_that_is_not_plane():
+    bent = CORNERS.copy()
+    bent[7, 2] += 0.01
+    refused(bent, QUADS, "face 1 (about 0.15, 0.1, 0.1025) is not plane", "0.0025 m off")
+
+
+def test_an_edge_of_three_faces():
+    refused(CORNERS, [*TRIANGLES, (0, 2, 4)], "the same way", "three faces")
+
+
+def test_files_that_cannot_be_read(tmp_path):
+    for name, content, fragment in (
+        ("a.stl", b"solid nonsense", "a.stl"),
+        ("a.obj", b"v 0 0\nf 1 2 3", "a.obj"),
+        ("a.step", b"", "known are .stl, .obj, .ply, .msh, .vtu"),
+        ("a.vtu", b"<VTKFile", "cannot be read as vtu"),
+        ("a.ply", b"\x00\x01", "cannot be read as ply"),
+    ):
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(ScenarioError, match=r"a\.(stl|obj|step|vtu|ply)") as caught:
+            convex_solid(str(tmp_path / name))
+        assert fragment in str(caught.value) and "\n" not in str(caught.value)
+    with pytest.raises(ScenarioError, match="there is no such file"):
+        convex_solid(str(tmp_path / "none.stl"))
+    with pytest.raises(ScenarioError, match="block 'stone': mesh file stone.stl: there is no such file"):
+        build(scenario.loads(SCENE))
+
+
+def test_corners_that_coincide_and_faces_without_an_area_are_taken_out():
+    soup = np.concatenate([CORNERS[list(face)] for face in TRIANGLES])
+    faces = [(3 * k, 3 * k + 1, 3 * k + 2) for k in range(len(TRIANGLES))]
+    is_the_box(checked(soup, [*faces, (0, 0, 1)]))
+    rng = np.random.default_rng(0)
+    is_the_box(checked(soup + rng.uniform(-1e-11, 1e-11, soup.shape), faces))
+
+
+def test_a_sphere_of_triangles():
+    """An icosphere's volume and inertia against the same sum by plain loops."""
+    from scipy.spatial import ConvexHull
+
+    rng = np.random.default_rng(1)
+    points = rng.normal(size=(60, 3))
+    points /= np.linalg.norm(points, axis=1)[:, None]
+    hull = ConvexHull(points)
+    faces = []
+    for simplex, equation in zip(hull.simplices, hull.equations, strict=True):
+        a, b, c = points[simplex]
+        faces.append(tuple(simplex if np.cross(b - a, c - a) @ equation[:3] > 0 else simplex[::-1]))
+    found = checked(points, faces)
+    assert found.volume == pytest.approx(hull.volume, rel=1e-9)
+    assert len(found.faces) == len(faces)
