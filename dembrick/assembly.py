@@ -7,7 +7,7 @@ block, joints too soft for their load. Its messages name the blocks and say how 
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NoReturn
 
 import numpy as np
@@ -76,11 +76,19 @@ class Assembly:
     warnings: tuple[str, ...]
 
 
+_NO_POINTS = place_points(JointTable.of(()), _DISCRETISATION)
+_NO_ACTUATORS = Actuators((), np.zeros(0, np.int64), *np.zeros((3, 0, 3)), np.zeros(0))
+
+
 def build(scenario: Scenario) -> Assembly:
     """Geometry, joints and dead loads of a scenario; ScenarioError where it cannot describe a test."""
+    return loaded(scenario, at_rest(scenario))
+
+
+def at_rest(scenario: Scenario) -> Assembly:
+    """The blocks of a scenario and the joints between them, without any load."""
     blocks = scenario.all_blocks
     names = tuple(block.name for block in blocks)
-    number = {name: i for i, name in enumerate(names)}
     try:
         shapes = shapes_of(blocks, os.path.dirname(scenario.path or ""))
     except ScenarioError as error:
@@ -109,23 +117,7 @@ def build(scenario: Scenario) -> Assembly:
     if quasi_static and (level < 0).any():
         _refuse_unsupported(scenario, shapes, position, orientation, fixed, level < 0)
 
-    gravity = np.array(scenario.gravity, float)
-    dead_force = mass[:, None] * gravity
-    dead_torque = np.zeros_like(dead_force)
-    for index, load in enumerate(scenario.loads, 1):
-        for block in scenario.groups.get(load.block) or (number[load.block],):
-            dead_force[block] += load.force
-            if load.point is not None:
-                arm = np.array(load.point, float) - position[block]
-                what = f"load number {index}"
-                _check_inside(scenario, what, load.point, names[block], shapes[block], rotation[block], arm)
-                dead_torque[block] += np.cross(arm, load.force)
-
-    joint_force, exact = dead_joint_forces(joints, fixed, dead_force)
-    warnings = _check_stiffness(scenario, joints, joint_force)
-    tolerance = getattr(scenario.control, "tolerance", _DISCRETISATION)
-    if len(joints) == 1:  # the search for its limit load places the points of a lone joint itself
-        tolerance = max(tolerance, _DISCRETISATION)
+    nothing = np.zeros((len(blocks), 3))
     return Assembly(
         names=names,
         shapes=shapes,
@@ -138,13 +130,50 @@ def build(scenario: Scenario) -> Assembly:
         velocity=np.array([block.velocity for block in blocks], float),
         angular_velocity=np.array([block.angular_velocity for block in blocks], float),
         joints=joints,
-        contact_points=place_points(joints, tolerance),
+        contact_points=_NO_POINTS,
+        gravity=np.zeros(3),
+        dead_force=nothing,
+        dead_torque=nothing,
+        joint_force=np.zeros((len(joints), 3)),
+        joint_force_exact=True,
+        actuators=_NO_ACTUATORS,
+        warnings=(),
+    )
+
+
+def loaded(scenario: Scenario, bare: Assembly, points: bool = True) -> Assembly:
+    """The assembly ``bare`` with the loads, the jacks and the joint law of a scenario that has the same blocks,
+    materials, supports and [[joints]]; without ``points`` its joints get no contact points."""
+    number = {name: i for i, name in enumerate(bare.names)}
+    joints = bare.joints
+    if not scenario.joints:
+        joints = replace(joints, law=(scenario.joint,) * len(joints))
+    gravity = np.array(scenario.gravity, float)
+    dead_force = bare.mass[:, None] * gravity
+    dead_torque = np.zeros_like(dead_force)
+    for index, load in enumerate(scenario.loads, 1):
+        for block in scenario.groups.get(load.block) or (number[load.block],):
+            dead_force[block] += load.force
+            if load.point is not None:
+                arm = np.array(load.point, float) - bare.position[block]
+                _check_inside(scenario, f"load number {index}", load.point, bare, block, arm)
+                dead_torque[block] += np.cross(arm, load.force)
+
+    joint_force, exact = dead_joint_forces(joints, bare.fixed, dead_force)
+    warnings = _check_stiffness(scenario, joints, joint_force)
+    tolerance = getattr(scenario.control, "tolerance", _DISCRETISATION)
+    if len(joints) == 1:  # the search for its limit load places the points of a lone joint itself
+        tolerance = max(tolerance, _DISCRETISATION)
+    return replace(
+        bare,
+        joints=joints,
+        contact_points=place_points(joints, tolerance) if points else _NO_POINTS,
         gravity=gravity,
         dead_force=dead_force,
         dead_torque=dead_torque,
         joint_force=joint_force,
         joint_force_exact=exact,
-        actuators=_actuators(scenario, number, shapes, position, rotation, fixed),
+        actuators=_actuators(scenario, number, bare),
         warnings=warnings,
     )
 
@@ -290,27 +319,26 @@ def _refuse_unsupported(scenario: Scenario, shapes, position, orientation, fixed
     )
 
 
-def _check_inside(scenario: Scenario, what: str, point, name: str, shape: Shape, rotation, arm) -> None:
-    local = rotation.T @ arm
+def _check_inside(scenario: Scenario, what: str, point, bare: Assembly, block: int, arm) -> None:
+    shape = bare.shapes[block]
+    local = bare.rotation[block].T @ arm
     outside = min(
         float((part.face_normals @ (local - place) - part.face_offsets).max()) for place, part in parts_of(shape)
     )
     if outside > _ON_FACE * shape.diameter:
-        where = f"its point {show(tuple(point))} lies {outside:.6g} m outside block {show(name)}"
+        where = f"its point {show(tuple(point))} lies {outside:.6g} m outside block {show(bare.names[block])}"
         _refuse(scenario, f"{what}: {where}; put it in the block or on one of its faces (world position at the start)")
 
 
-def _actuators(scenario: Scenario, number: dict[str, int], shapes, position, rotation, fixed) -> Actuators:
+def _actuators(scenario: Scenario, number: dict[str, int], bare: Assembly) -> Actuators:
     block = np.array([number[actuator.block] for actuator in scenario.actuators], np.int64)
     point = np.array([actuator.point for actuator in scenario.actuators], float).reshape(-1, 3)
-    arm = point - position[block]
-    for i, actuator in zip(block, scenario.actuators, strict=True):
+    arm = point - bare.position[block]
+    for i, actuator, lever in zip(block, scenario.actuators, arm, strict=True):
         what = f"actuator {show(actuator.name)}"
-        if fixed[i]:
+        if bare.fixed[i]:
             _refuse(scenario, f"{what} pushes block {show(actuator.block)}, which is fixed; push a free block")
-        _check_inside(
-            scenario, what, actuator.point, actuator.block, shapes[i], rotation[i], actuator.point - position[i]
-        )
+        _check_inside(scenario, what, actuator.point, bare, i, lever)
     return Actuators(
         names=tuple(actuator.name for actuator in scenario.actuators),
         block=block,
