@@ -60,8 +60,8 @@ class Auditor:
             )
         if result.least_friction_increment < -NEGATIVE * scale:
             raise EnergyAuditError(
-                f"friction gave back {-result.least_friction_increment:.2g} J in one increment; please report this "
-                "scenario"
+                f"friction gave back {-result.least_friction_increment:.2g} J in one increment: slip turns about "
+                "within a time step; lower solver.step_factor or the rate"
             )
         return result
 

@@ -100,8 +100,8 @@ def stack_theory(built, densities, pushed: int, jacks) -> float:
     weights = np.array(densities) * A * B * H * GRAVITY
     answers = []
     for i in range(pushed + 1):
-        joint = next(j for j in built.joints if {j.block_a, j.block_b} == {i, i + 1})
-        points = built.contact_points[built.joints.index(joint)]
+        number, joint = next((n, j) for n, j in enumerate(built.joints) if {j.block_a, j.block_b} == {i, i + 1})
+        points = built.contact_points[number]
         if joint.law.formulation == "distributed":
             law = theory.point_formulation(points.normal_arm, points.area, MU)
         else:
