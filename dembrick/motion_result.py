@@ -82,6 +82,13 @@ class MotionResult:
         """The same object, under the name that a history file has it by."""
         return self.as_dict()
 
+    def meshes(self, frame: int = -1, *, time: float | None = None, magnification: float = 1.0):
+        """The blocks in a frame, or at a ``time`` (s), as a ``pyvista.MultiBlock`` of their names; the motion times
+        ``magnification``."""
+        from dembrick import recording
+
+        return recording.meshes(self, frame, time, magnification)
+
     def text(self) -> str:
         """What the command line prints."""
         motion = self.run.motion

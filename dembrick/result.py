@@ -110,6 +110,13 @@ class Result:
 
         return plot.force_displacement([self], ax=ax)
 
+    def meshes(self, frame: int = -1, *, time: float | None = None, magnification: float = 1.0):
+        """The blocks in a frame, or at a ``time`` (s), as a ``pyvista.MultiBlock`` of their names; the motion times
+        ``magnification``."""
+        from dembrick import recording
+
+        return recording.meshes(self, frame, time, magnification)
+
     def _repr_html_(self) -> str:
         """What a notebook shows: the title, the key numbers with their error bars, the curve."""
         from dembrick import plot

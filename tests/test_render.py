@@ -1,6 +1,7 @@
 """Pictures of blocks: geometry of the meshes, files, and what is said where nothing can be drawn."""
 
 from contextlib import contextmanager
+from pathlib import Path
 
 import history_cases as cases
 import numpy as np
@@ -11,6 +12,7 @@ from dembrick.cli import main
 from dembrick.errors import HistoryError, MissingDependency, OutputError, ScenarioError
 from dembrick.joint_motion import JointMotion
 from dembrick.render import scene, screen
+from dembrick.result import simulate
 
 pyvista = pytest.importorskip("pyvista")
 
@@ -283,3 +285,26 @@ def test_the_slider_moves_the_block(run, drawing):
         np.testing.assert_allclose(found._meshes[0].points[8:], expected, atol=1e-12)
     finally:
         plotter.close()
+
+
+@pytest.mark.parametrize("written", [False, True])
+def test_meshes_of_a_result_in_one_call(tmp_path, written):
+    """The upper block of set 4a turns about a centre behind O: one corner moves more than another."""
+    path = tmp_path / "set4a.h5" if written else None
+    result = simulate(Path(__file__).parent.parent / "scenarios" / "set4a.toml", path)
+    blocks = result.meshes()
+    assert blocks.keys() == ["lower", "upper"]
+    upper = blocks["upper"]
+    start = result.assembly.position[1] + result.assembly.shapes[1].vertices
+    moved = result.frames["displacement"][-1, 1] if not written else upper.points.mean(axis=0) - [0, 0, 0.05]
+    np.testing.assert_allclose(upper.points.mean(axis=0) - start.mean(axis=0), moved, atol=1e-9)
+    size = upper["displacement"]
+    np.testing.assert_allclose(np.linalg.norm(upper.points - start, axis=1), size, atol=1e-12)
+    assert size[start[:, 0] > 0].min() > 2 * size[start[:, 0] < 0].max() > 0
+    assert result.meshes(time=0.0)["upper"]["displacement"].max() < 0.1 * size.max()
+
+
+def test_a_result_without_a_record_has_no_meshes():
+    result = simulate(Path(__file__).parent.parent / "scenarios" / "set4a.toml", record=False)
+    with pytest.raises(HistoryError, match="record=True"):
+        result.meshes()

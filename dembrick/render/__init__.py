@@ -26,14 +26,15 @@ MOVIE_SIZE = (960, 720)
 MOVIE_FRAMES = 100  # most frames of a movie, unless more are asked for
 
 
-def meshes(history, frame: int = -1, magnification: float = 1.0) -> pyvista.MultiBlock:
+def meshes(history, frame: int = -1, magnification: float = 1.0, time: float | None = None) -> pyvista.MultiBlock:
     """The blocks in one frame as a MultiBlock of PolyData, by name, with ``displacement`` (m, true) at the vertices.
 
-    ``magnification`` multiplies the motion: translation and turning angle of each block.
+    ``time`` (s) takes the nearest frame instead of ``frame``. ``magnification`` multiplies the motion: translation
+    and turning angle of each block.
     """
     import pyvista
 
-    number = _frame(history, frame)
+    number = _frame(history, frame if time is None else nearest_frame(history, time))
     body, block, starts = all_vertices(history)
     carried, poses = CarriedPoints(history, body, block), Poses.read(history, number, number + 1)
     drawn, moved = carried.magnified(poses, magnification)[0], carried.moved(poses)[0]

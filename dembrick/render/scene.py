@@ -161,7 +161,9 @@ class Scene:
 
         plotter, history, fixed = self._plotter, self._history, self._history.block_fixed
         plotter.set_background("white")
-        opacity = 0.35 if self._look.forces else 1.0
+        many, forces = history.n_block > _FEW, self._look.forces
+        # arrows stand between the blocks: the more blocks, the clearer these must be
+        opacity = (0.1 if many else 0.35) if forces else 1.0
         free = [i for i in range(history.n_block) if not fixed[i]]
         held = [i for i in range(history.n_block) if fixed[i]]
         self._free, supports = self._surface(free), self._surface(held)
@@ -185,8 +187,8 @@ class Scene:
                 opacity=opacity,
                 scalar_bar_args=self._bar(),
             )
-        many = history.n_block > _FEW
-        plotter.add_mesh(edges, color="black", line_width=1.5 if many else 3)
+        thin = {"color": "#999999", "opacity": 0.5} if forces and many else {"color": "black"}
+        plotter.add_mesh(edges, line_width=1.5 if many else 3, **thin)
         if not many:
             rest = self._edges(free)
             rest.points[:] = self._start
@@ -320,7 +322,9 @@ class Scene:
         self._arrows.point_data["force"], self._arrows.point_data["length"] = np.zeros((n, 3)), np.zeros(n)
         mapper = vtkGlyph3DMapper()
         mapper.SetInputData(self._arrows)
-        mapper.SetSourceData(pyvista.Arrow(start=(-0.5, 0, 0), **_ARROW))
+        mapper.SetSourceData(
+            pyvista.Arrow(start=(-0.5, 0, 0), **(_ARROW | {"tip_radius": 0.07, "shaft_radius": 0.025}))
+        )
         mapper.SetOrientationArray("force")
         mapper.SetScaleArray("length")
         mapper.SetScaleModeToScaleByMagnitude()
@@ -348,7 +352,7 @@ class Scene:
         if marked:
             keys.append("blue: torsion centre")
         if self._look.forces:
-            keys.append(f"green: joint forces, the longest {self._largest_force:.3g} N")
+            keys.append(f"green: joint forces, the longest {self._largest_force:.4g} N")
         told = f"time {history.frame_time[self._frame]:.4g} s, {shown}"
         return "\n".join([*textwrap.wrap(history.title, 84)[:2], told, "; ".join(keys)]).rstrip()
 
