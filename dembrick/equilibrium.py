@@ -6,15 +6,15 @@ import time
 
 import numpy as np
 
+from dembrick.elastic import Factor, elastic_factor, touches_itself, whole_inertia
 from dembrick.errors import NotConvergedError
 from dembrick.kernels.advance import settle
-from dembrick.simulation import State, assembled_stiffness
+from dembrick.simulation import State
 from dembrick.state import ScaledInertia
 
 UNBALANCED = 1e-12  # of the joint forces
 MOST_STEPS = 20_000
 FIRST_STEPS = 30  # without momentum, for blocks on fixed ones
-MOST_DENSE = 300  # free blocks up to which the elastic answer is solved for at once
 MOMENTUM = 0.9  # of the last move that is kept where blocks stand on free blocks
 
 
@@ -23,23 +23,29 @@ def inverse_inertia(state: State, inertia: np.ndarray) -> ScaledInertia:
     inverse = np.zeros_like(inertia)
     free = state.blocks.free
     inverse[free] = np.linalg.inv(inertia[free])
-    return ScaledInertia(inverse, np.ascontiguousarray(inertia))
+    return ScaledInertia(inverse, np.ascontiguousarray(inertia), None)
 
 
-def seat(state: State, stiffness: np.ndarray) -> tuple[float, float, float]:
+def seat(state: State, stiffness: np.ndarray, factor: Factor | None = None) -> tuple[float, float, float]:
     """Relax ``state`` until the out-of-balance forces are ``UNBALANCED`` of the joint forces.
 
-    Every block moves by the answer of its own ``stiffness`` (n, 6, 6) to its out-of-balance: one block on a fixed base
-    is seated by a single Newton step. Returns the ratio reached and the seconds of compiling and of relaxing. Raises
-    NotConvergedError where the dead loads alone bring the blocks down.
+    Where free blocks touch only fixed ones, every block moves by the answer of its own ``stiffness`` (n, 6, 6) to its
+    out-of-balance: a single Newton step seats it. Else the whole assembly moves by its elastic answer, ``factor``,
+    first in one go and then with momentum, which is dropped whenever it works against the forces. Returns the ratio
+    reached and the seconds of compiling and of relaxing. Raises NotConvergedError where the dead loads alone bring the
+    blocks down.
     """
-    joints, free = state.joints, state.blocks.free
-    alone = not np.any(np.isin(joints.block_a, free) & np.isin(joints.block_b, free))
-    momentum = 0.0 if alone else MOMENTUM
-    if not alone and len(state.blocks.free) <= MOST_DENSE:
-        _move_to_elastic_answer(state)
-    inertia = inverse_inertia(state, stiffness)
+    joints = state.joints
     began = time.perf_counter()
+    alone, inertia = not touches_itself(state), None
+    momentum = 0.0 if alone else MOMENTUM
+    if not alone:
+        factor = elastic_factor(state) if factor is None else factor
+        if factor is not None:
+            none = np.zeros((0, 6, 6))
+            inertia = ScaledInertia(none, none, whole_inertia(factor))
+    if inertia is None:
+        inertia = inverse_inertia(state, stiffness)
     settle(0, UNBALANCED, *state[:4], inertia, momentum)  # no step: compiles, or loads the cache
     ready = time.perf_counter()
     ratio, steps = settle(FIRST_STEPS if alone else MOST_STEPS, UNBALANCED, *state[:4], inertia, momentum)
@@ -57,12 +63,3 @@ def seat(state: State, stiffness: np.ndarray) -> tuple[float, float, float]:
     state.blocks.spin[:] = 0.0
     joints.step[:] = 0.0
     return ratio, ready - began, done - ready
-
-
-def _move_to_elastic_answer(state: State) -> None:
-    """Displace the blocks as their closed, sticking joints would let the dead loads move them."""
-    blocks = state.blocks
-    load = np.concatenate([blocks.dead_force, blocks.dead_torque], axis=1)[blocks.free]
-    answer = np.linalg.solve(assembled_stiffness(state), load.ravel()).reshape(-1, 6)
-    blocks.displacement[blocks.free] = answer[:, :3]
-    blocks.rotation[blocks.free] = answer[:, 3:]

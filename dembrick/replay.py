@@ -1,8 +1,9 @@
 """The two ways to push a test: to its limit load, and at a constant rate as the laboratory does.
 
-**Limit load** (`find_limit_load`). Nobody waits for physical inertia. Every block gets an artificial one proportional
-to its contact stiffness, so that all its modes swing together and the out-of-balance force of a joint never stirs
-another of its components; the geometry stays that of the start, where a limit load is defined. The jacks push at about
+**Limit load** (`find_limit_load`). Nobody waits for physical inertia. Where free blocks touch one another their
+equilibrium is followed directly (``quasi_static``). Else every block gets an artificial inertia proportional to its
+contact stiffness, so that all its modes swing together and the out-of-balance force of a joint never stirs another of
+its components; the geometry stays that of the start, where a limit load is defined. The jacks push at about
 one elastic slip a step. Damping sits in the contacts, behind the slider, and in the jack, on the difference between
 head and block: both vanish when the blocks slide steadily, so that V is then what the joints carry, however fast they
 move. What is left to wait for is the memory of the elastic forces, which slip wipes out. The bracket of the limit load
@@ -22,12 +23,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dembrick.certificate import certificate, empty_window, frictionless
+from dembrick.elastic import elastic_factor, touches_itself
 from dembrick.equilibrium import inverse_inertia, seat
 from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.guards import NEVER, new_guard, refuse_divergence
 from dembrick.kernels.advance import CONVERGED, RUNNING, Drive
 from dembrick.kernels.bracket import Certificate
 from dembrick.model import Output
+from dembrick.quasi_static import follow, prepare
 from dembrick.recorder import Recorder
 from dembrick.session import Observer, Session, Snapshot
 from dembrick.simulation import State, block_stiffness, initial_state, load_vectors, new_energy
@@ -81,6 +84,52 @@ def find_limit_load(
     bring the blocks down.
     """
     setup = _Setup(assembly, tolerance)
+    session = Session.of(session)
+    if setup.factor is None:
+        replay = _by_inertia(setup, step_factor, session)
+    else:
+        replay = _by_equilibria(setup, session)
+    if not replay.converged:
+        point = replay.yield_point
+        above = "without an upper bound" if point.V_upper is None else f"at most {point.V_upper:.6g} N"
+        raise NotConvergedError(
+            f"the limit load was not bracketed within {tolerance:g} after {replay.steps} steps: V is at least "
+            f"{point.V_lower:.6g} N, {above}. Allow a larger control.tolerance, or check that the load can move the "
+            "block at all",
+            point,
+        )
+    return replay
+
+
+def _by_equilibria(setup: _Setup, session: Session) -> Replay:
+    """The search where free blocks touch one another: equilibrium by equilibrium."""
+    state, certificate = setup.state, setup.certificate
+    frames_every = 1 if len(setup.assembly.names) <= 100 else 8
+    recorder = Recorder(state, session, 1, frames_every=frames_every) if session.observe else None
+    began = time.perf_counter()
+    prepare(state, setup.load, setup.factor, certificate)
+    ready = time.perf_counter()
+    strength = _rough_strength(state, certificate, setup.load)
+    path = follow(state, setup.load, setup.factor, certificate, strength, recorder)
+    done = time.perf_counter()
+    return Replay(
+        yield_point=read_off(state, certificate, setup.assembly.names),
+        state=state,
+        converged=path.converged,
+        steps=path.iterations,
+        time_step=1.0,
+        critical_time_step=setup.dashpots().critical_time_step,
+        simulated_time=float(path.equilibria),
+        unbalanced=setup.unbalanced,
+        compile_seconds=setup.compile_seconds + ready - began,
+        loop_seconds=setup.loop_seconds + done - ready,
+        settings={"equilibria": path.equilibria, "inertia": "none"},
+    )
+
+
+def _by_inertia(setup: _Setup, step_factor: float, session: Session) -> Replay:
+    """The search where every free block touches fixed ones only: with artificial inertia."""
+    assembly = setup.assembly
     state, load = setup.state, setup.load
     # All frequencies of the scaled blocks are eta/dt; jack and dashpots bring the critical eta below 2.
     eta = step_factor * critical_time_step(math.sqrt(1.0 + JACK), VISCOUS)
@@ -90,7 +139,6 @@ def find_limit_load(
     scale = _rough_strength(state, setup.certificate, load) * setup.compliance / setup.weight
     drive = setup.drive(SLIP_PER_STEP * scale / dt, dt)._replace(steady=16 * HALVING, slowing=0.5 ** (1.0 / HALVING))
     frames_every = 1 if len(assembly.names) <= 100 else 8
-    session = Session.of(session)
     recorder = Recorder(state, session, CHUNK_OF_SEARCH, frames_every=frames_every) if session.observe else None
     status, strict = RUNNING, setup.certificate.strict
     if frictionless(state, setup.certificate):
@@ -115,17 +163,7 @@ def find_limit_load(
     steps = loop.step
     refuse_divergence(status, assembly, state, steps, dt, critical)
     chosen = {"eta": float(eta), "rate": float(SLIP_PER_STEP * scale / dt), "inertia": "scaled"}
-    replay = setup.replay(status == CONVERGED, loop, critical, compiled, setup.settings(drive) | chosen)
-    if status != CONVERGED:
-        point = replay.yield_point
-        above = "without an upper bound" if point.V_upper is None else f"at most {point.V_upper:.6g} N"
-        raise NotConvergedError(
-            f"the limit load was not bracketed within {tolerance:g} after {steps} steps: V is at least "
-            f"{point.V_lower:.6g} N, {above}. Allow a larger control.tolerance, or check that the load can move the "
-            "block at all",
-            point,
-        )
-    return replay
+    return setup.replay(status == CONVERGED, loop, critical, compiled, setup.settings(drive) | chosen)
 
 
 def push_at_constant_rate(
@@ -271,7 +309,8 @@ class _Setup(_LoadSystem):
 
     def __init__(self, assembly, tolerance: float):
         super().__init__(assembly)
-        self.unbalanced, self.compile_seconds, self.loop_seconds = seat(self.state, self.stiffness)
+        self.factor = elastic_factor(self.state) if touches_itself(self.state) else None
+        self.unbalanced, self.compile_seconds, self.loop_seconds = seat(self.state, self.stiffness, self.factor)
         self.certificate: Certificate = certificate(self.state, self.load, self.jack_stiffness / JACK, tolerance)
 
     def drive(self, rate: float, dt: float) -> Drive:

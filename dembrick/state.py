@@ -31,6 +31,17 @@ class ScaledInertia(NamedTuple):
 
     inverse: ndarray  # (n, 6, 6) per block, from (force, torque) to (acceleration, angular acceleration)
     matrix: ndarray  # (n, 6, 6) its inverse, for the energy books
+    whole: "WholeInertia | None"  # in place of both where free blocks touch free blocks
+
+
+class WholeInertia(NamedTuple):
+    """Artificial inertia of small motion in one piece: M = L L^T, the elastic stiffness of the assembly (`elastic`)."""
+
+    place: ndarray  # (f,) int64, first of the six rows of each free block
+    first: ndarray  # (6 f,) int64, first column that is stored, of each row of L
+    start: ndarray  # (6 f,) int64, where that is in ``lower``
+    lower: ndarray  # (s,) L by rows, the diagonal last
+    work: ndarray  # (6 f,) scratch
 
 
 class Inertia(NamedTuple):

@@ -94,7 +94,7 @@ def read_off(state: State, certificate: Certificate, names) -> YieldPoint:
 
 def _mechanism(state: State, j: int) -> tuple[tuple[float, float] | None, str]:
     """Torsion centre of the last slip of joint ``j``, and the name of the mechanism."""
-    twist, reach = state.joints.step[j], _reach(state, j)
+    twist, reach = state.joints.step[j], joint_reach(state)[j]
     if state.areas is not None and j in state.areas.joint:
         twist = state.areas.twist[int(np.flatnonzero(state.areas.joint == j)[0])]
     shift, turn = float(np.hypot(twist[0], twist[1])), abs(float(twist[2])) * reach
@@ -107,11 +107,11 @@ def _mechanism(state: State, j: int) -> tuple[tuple[float, float] | None, str]:
     return centre, "torsion" if shift <= _PURE * turn else "torsion-shear"
 
 
-def _reach(state: State, j: int) -> float:
-    """Greatest distance from O at which joint ``j`` carries shear (m)."""
+def joint_reach(state: State) -> np.ndarray:
+    """Greatest distance from O at which each joint carries shear (j,) in m."""
+    reach = np.zeros(len(state.joints.block_a))
     for family, x, y in ((state.points, "x_s", "y_s"), (state.areas, "x", "y")):
-        if family is not None and j in family.joint:
-            i = int(np.flatnonzero(family.joint == j)[0])
-            s = slice(family.start[i], family.start[i + 1])
-            return float(np.hypot(getattr(family, x)[s], getattr(family, y)[s]).max())
-    raise AssertionError(f"joint {j} belongs to no family")
+        if family is not None:
+            distance = np.hypot(getattr(family, x), getattr(family, y))
+            reach[family.joint] = np.maximum.reduceat(distance, family.start[:-1])
+    return reach

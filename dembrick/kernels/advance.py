@@ -8,7 +8,7 @@ from dembrick._jit import jit
 from dembrick.kernels.bracket import instant_bounds, judge, strict_bounds
 from dembrick.kernels.energy import balance, dead_work, elastic_energy
 from dembrick.kernels.finite_motion import finite_step
-from dembrick.kernels.forces import clear_forces, jack_forces, joint_forces, unbalanced_ratio
+from dembrick.kernels.forces import clear_forces, jack_forces, joint_forces, unbalanced_power, unbalanced_ratio
 from dembrick.kernels.guard import jumped, open_guard, watch
 from dembrick.kernels.record import write_row
 from dembrick.kernels.small_motion import small_step
@@ -90,8 +90,8 @@ def advance(
 def settle(n_steps, tolerance, blocks, joints, points, areas, scaled, momentum):
     """Relaxation under the dead loads: each block moves by its artificial inertia's answer to the out-of-balance.
 
-    For one block on a fixed base a step is a Newton step. ``momentum`` keeps part of the last move. Returns the
-    unbalanced-force ratio reached and the steps taken.
+    For one block on a fixed base a step is a Newton step. ``momentum`` keeps part of the last move, while that goes
+    along with the forces. Returns the unbalanced-force ratio reached and the steps taken.
     """
     ratio = 1.0
     for step in range(n_steps):
@@ -100,10 +100,12 @@ def settle(n_steps, tolerance, blocks, joints, points, areas, scaled, momentum):
         ratio = unbalanced_ratio(blocks, joints)
         if step > 0 and ratio <= tolerance:
             return ratio, step
+        # the first step is the elastic answer, and no start for a swing; what works against the forces has swung over
+        keep = momentum if step > 1 and unbalanced_power(blocks) > 0.0 else 0.0
         for f in range(blocks.free.size):
             b = blocks.free[f]
             for i in range(3):
-                blocks.velocity[b, i] *= momentum
-                blocks.spin[b, i] *= momentum
+                blocks.velocity[b, i] *= keep
+                blocks.spin[b, i] *= keep
         small_step(blocks, scaled, 1.0, 0.0, 0.0)
     return ratio, n_steps

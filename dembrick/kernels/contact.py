@@ -206,7 +206,9 @@ def area_forces(areas, a, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, visco
 @jit
 def area_dissipation(areas, a, normal, q1, q2, qr):
     """D(q) of convex joint ``a`` under the normal force ``normal``."""
-    if q1 == 0.0 and q2 == 0.0 and qr == 0.0:
+    # D is of degree one: near the unit twist nothing overflows
+    size = max(abs(q1), abs(q2), abs(qr) * areas.reach[a])
+    if size == 0.0:
         return 0.0
     d = surface(
         areas.x,
@@ -218,11 +220,11 @@ def area_dissipation(areas, a, normal, q1, q2, qr):
         areas.far[a],
         areas.pressed,
         a,
-        q1,
-        q2,
-        qr,
+        q1 / size,
+        q2 / size,
+        qr / size,
     )[0]
-    return areas.friction[a] * normal * d
+    return areas.friction[a] * normal * size * d
 
 
 @jit

@@ -122,6 +122,17 @@ def jack_forces(blocks, jacks, drive, inertia, rate, dt, energy):
 
 
 @jit
+def unbalanced_power(blocks):
+    """Power of the out-of-balance forces on the velocities of the free blocks (W)."""
+    power = 0.0
+    for f in range(blocks.free.size):
+        b = blocks.free[f]
+        for i in range(3):
+            power += blocks.force[b, i] * blocks.velocity[b, i] + blocks.torque[b, i] * blocks.spin[b, i]
+    return power
+
+
+@jit
 def unbalanced_ratio(blocks, joints):
     """Greatest out-of-balance force on a free block over the greatest joint force."""
     worst = 0.0

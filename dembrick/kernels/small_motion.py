@@ -5,6 +5,7 @@ nothing drifts.
 """
 
 from dembrick._jit import jit
+from dembrick.kernels.skyline import solve_in_place
 from dembrick.kernels.vec3 import cross, rows_times
 
 
@@ -64,17 +65,30 @@ def small_jack(blocks, jacks, i):
 
 
 @jit
-def small_step(blocks, inertia, dt, calming, memory):
-    """Central difference with the full 6 x 6 artificial inertia of each free block. Returns the longest move (m).
-
-    ``calming`` takes away that part of the difference between a block's velocity and its running mean over about
-    1/``memory`` steps: it stills what swings and leaves what moves steadily.
-    """
-    longest = 0.0
-    mean = blocks.mean_velocity
+def accelerate_together(blocks, whole, dt):
+    """Change the velocities of all free blocks by dt M^-1 force, M = L L^T."""
+    x = whole.work
     for f in range(blocks.free.size):
         b = blocks.free[f]
-        m = inertia.inverse[b]
+        row = whole.place[f]
+        for i in range(3):
+            x[row + i] = blocks.force[b, i]
+            x[row + 3 + i] = blocks.torque[b, i]
+    solve_in_place(whole.first, whole.start, whole.lower, x)
+    for f in range(blocks.free.size):
+        b = blocks.free[f]
+        row = whole.place[f]
+        for i in range(3):
+            blocks.velocity[b, i] += dt * x[row + i]
+            blocks.spin[b, i] += dt * x[row + 3 + i]
+
+
+@jit
+def accelerate_alone(blocks, inverse, dt):
+    """Change the velocity of every free block by dt M^-1 force, M its own 6 x 6 inertia."""
+    for f in range(blocks.free.size):
+        b = blocks.free[f]
+        m = inverse[b]
         for i in range(3):
             a = w = 0.0
             for k in range(3):
@@ -82,6 +96,29 @@ def small_step(blocks, inertia, dt, calming, memory):
                 w += m[i + 3, k] * blocks.force[b, k] + m[i + 3, k + 3] * blocks.torque[b, k]
             blocks.velocity[b, i] += dt * a
             blocks.spin[b, i] += dt * w
+
+
+@jit
+def accelerate(blocks, inverse, whole, dt):
+    """Central difference of the velocities with the artificial inertia, in one piece where that is given."""
+    if whole is not None:
+        accelerate_together(blocks, whole, dt)
+    else:
+        accelerate_alone(blocks, inverse, dt)
+
+
+@jit
+def small_step(blocks, inertia, dt, calming, memory):
+    """Central difference with the artificial inertia of the free blocks. Returns the longest move (m).
+
+    ``calming`` takes away that part of the difference between a block's velocity and its running mean over about
+    1/``memory`` steps: it stills what swings and leaves what moves steadily.
+    """
+    longest = 0.0
+    mean = blocks.mean_velocity
+    accelerate(blocks, inertia.inverse, inertia.whole, dt)
+    for f in range(blocks.free.size):
+        b = blocks.free[f]
         if calming > 0.0:
             for i in range(3):
                 blocks.velocity[b, i] -= calming * (blocks.velocity[b, i] - mean[b, i])
