@@ -178,6 +178,9 @@ def test_exit_code_table_and_map(tmp_path, monkeypatch, capsys):
     out = capsys.readouterr().out
     assert "it is not so" in out and "right: 1 of 2" in out and "WRONG: 1" in out
     assert len(table.read_text().splitlines()) == 3 and drawing.stat().st_size > 1000
+    again = tmp_path / "again.csv"
+    assert tool.main(["--read", str(table), "--csv", str(again)]) == 1
+    assert again.read_text() == table.read_text() and capsys.readouterr().out == out
 
 
 def test_the_seed_makes_the_scenes():

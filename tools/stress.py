@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+import itertools
 import math
 import sys
 import time
@@ -88,34 +89,70 @@ def write_csv(path: Path, results) -> None:
             writer.writerow([c.axis, c.value, c.step_factor, c.variant, o.status, o.error, o.overshoot, o.reason])
 
 
+def read_csv(path: Path) -> list[tuple[Cell, Outcome]]:
+    """Cells that `write_csv` has written; they cannot be run again."""
+    results = []
+    with path.open(newline="") as file:
+        for row in csv.DictReader(file):
+            cell = Cell(row["axis"], float(row["value"]), row["variant"], None, float(row["step_factor"]))
+            results.append((cell, Outcome(row["status"], row["reason"], float(row["error"]), float(row["overshoot"]))))
+    return results
+
+
+COLOURS = {"right": "#009e73", "near": "#f0e442", "stopped": "#56b4e9", "refused": "#d9d9d9", "WRONG": "#d55e00"}
+HATCHES = {"stopped": "....", "WRONG": "xxxx"}
+TITLES = {
+    "step": "time step over the critical one",
+    "stiffness": "stiffness of the upper joint over the lower one's",
+    "mass": "mass of the upper block over the lower one's",
+    "slenderness": "length of a joint over its width",
+    "tower": "blocks in a tower",
+    "friction": "friction coefficient",
+    "tolerance": "tolerance",
+    "rate": "elastic slips per critical time step",
+    "size": "size of the blocks over that of the lab's",
+    "rest": "steps at rest",
+    "random": "random joints, by formulation",
+}
+
+
 def draw_map(path: Path, results) -> None:
-    """A row of stacked bars an axis: how the cells at each value ended."""
+    """A panel an axis: which part of the cells at each value ended how, with their number above."""
     import matplotlib
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    colours = dict(zip(STATUSES, ("#4c9f70", "#e3c567", "#7a8ca5", "#d0d0d0", "#c0392b"), strict=True))
     axes = list(dict.fromkeys(c.axis for c, _ in results))
-    figure, plots = plt.subplots(len(axes), 1, figsize=(9.0, 1.3 * len(axes)), layout="constrained", squeeze=False)
-    for axis, plot in zip(axes, plots[:, 0], strict=True):
+    rows = -(-len(axes) // 2)
+    figure, plots = plt.subplots(rows, 2, figsize=(9.0, 1.45 * rows + 0.4), layout="constrained", squeeze=False)
+    for axis, plot in itertools.zip_longest(axes, plots.flat):
+        if axis is None:
+            plot.set_visible(False)
+            continue
         mine = [(c, o) for c, o in results if c.axis == axis]
         # random scenes have no order: one bar by formulation
         keys = [c.variant.split()[1] if axis == "random" else f"{c.value:g}" for c, _ in mine]
-        labels = list(dict.fromkeys(keys))
+        total = Counter(keys)
+        labels = list(total)
         left = np.zeros(len(labels))
         for status in STATUSES:
             count = Counter(k for k, (_, o) in zip(keys, mine, strict=True) if o.status == status)
-            height = np.array([count[k] for k in labels], float)
-            plot.bar(labels, height, bottom=left, color=colours[status], width=0.9, label=status)
-            left += height
-        plot.set_ylabel(axis, rotation=0, ha="right", va="center")
+            share = np.array([count[k] / total[k] for k in labels])
+            style = {"color": COLOURS[status], "edgecolor": "white", "hatch": HATCHES.get(status), "linewidth": 0.5}
+            plot.bar(labels, share, bottom=left, width=0.9, label=status, **style)
+            left += share
+        for i, label in enumerate(labels):
+            plot.text(i, 1.03, str(total[label]), ha="center", va="bottom", fontsize=6.5, color="#555555")
+        plot.set_title(TITLES[axis], fontsize=8.5, pad=13)
         plot.set_yticks([])
-        plot.tick_params(axis="x", labelsize=7)
-        for side in ("top", "right", "left"):
-            plot.spines[side].set_visible(False)
-    figure.legend(*plots[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=len(STATUSES))
-    figure.savefig(path, dpi=150)
+        plot.set_ylim(0.0, 1.0)
+        plot.tick_params(axis="x", labelsize=7, length=0)
+        for side in plot.spines.values():
+            side.set_visible(False)
+    handles, names = plots[0, 0].get_legend_handles_labels()
+    figure.legend(handles, names, loc="outside upper center", ncols=len(STATUSES), frameon=False, fontsize=9)
+    figure.savefig(path, dpi=130)
     plt.close(figure)
 
 
@@ -127,12 +164,16 @@ def main(arguments=None) -> int:
     parser.add_argument("--long", action="store_true", help="ten million steps at rest in place of a million")
     parser.add_argument("--random", type=int, default=1000, help="number of random scenes")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--read", type=Path, nargs="+", help="CSV files of earlier runs, instead of running anything")
     parser.add_argument("--csv", type=Path)
     parser.add_argument("--plot", type=Path)
     options = parser.parse_args(arguments)
-    rest_steps = 10_000_000 if options.long else 20_000 if options.short else 1_000_000
-    chosen = cells(options.axes, options.short, rest_steps, options.random, options.seed)
-    results = run_all(chosen, progress=lambda line: print(line, file=sys.stderr, flush=True))
+    if options.read:
+        results = [result for path in options.read for result in read_csv(path)]
+    else:
+        rest_steps = 10_000_000 if options.long else 20_000 if options.short else 1_000_000
+        chosen = cells(options.axes, options.short, rest_steps, options.random, options.seed)
+        results = run_all(chosen, progress=lambda line: print(line, file=sys.stderr, flush=True))
     print(report(results))
     if options.csv:
         write_csv(options.csv, results)

@@ -226,7 +226,10 @@ def rest(scenario: Scenario, steps: int, physical: bool) -> Outcome:
     return Outcome("right", f"crept by {worst:.2g} m", worst)
 
 
-def undisturbed(formulation: str, steps: int = 50_000) -> Outcome:
+BESIDE = 50_000  # steps of a test beside which a block is held
+
+
+def undisturbed(formulation: str, steps: int = BESIDE) -> Outcome:
     """A block held at a third of its limit beside one that is pushed over its own, or not: the same to the last bit."""
     jacks, aside = jack(0.25 * A), 2.0 * A
     scenario = pair(formulation, jacks)

@@ -9,7 +9,18 @@ from collections.abc import Callable, Iterator
 from functools import partial
 
 import numpy as np
-from stress_judge import TRAVEL, VALID_STEP, Outcome, must_fall, push_at_rate, push_to_limit, rest, seated, undisturbed
+from stress_judge import (
+    BESIDE,
+    TRAVEL,
+    VALID_STEP,
+    Outcome,
+    must_fall,
+    push_at_rate,
+    push_to_limit,
+    rest,
+    seated,
+    undisturbed,
+)
 from stress_scenes import (
     GRAVITY,
     KN,
@@ -215,7 +226,7 @@ def size_cells(short: bool) -> Iterator[Cell]:
 def rest_cells(steps: int, short: bool) -> Iterator[Cell]:
     """A dead load at 0.98 of its limit, for a long time."""
     for formulation in ("concave", "convex") if short else FORMULATIONS[:4]:
-        yield Cell("rest", 1.0, f"{formulation} beside a test", lambda f=formulation: undisturbed(f))
+        yield Cell("rest", BESIDE, f"{formulation} beside a test", partial(undisturbed, formulation))
         for kind, physical in itertools.product(("middle", "eccentric"), (True, False)):
             yield Cell(
                 "rest",
