@@ -22,7 +22,7 @@ from dembrick.kernels.dynamics import DIVERGED, REACHED, RUNNING, STALE, Limits,
 from dembrick.model import show
 from dembrick.moving_polygons import Polygons
 from dembrick.moving_state import MovingState, moving_state, out_of_balance
-from dembrick.neighbours import ShapeTable, close_pairs, overlap_depths
+from dembrick.neighbours import bodies_of, close_pairs, overlap_depths
 
 SEATING = 0.8  # local damping while blocks are seated
 SEATING_STEP = 0.7  # of the time step then: against the motion, local damping makes a force 1.8 times as large
@@ -187,13 +187,15 @@ def _look_for_meetings(motion: Motion) -> None:
     if np.abs(here - motion._looked).max() < LOOK * size:
         return
     motion._looked = here
-    table = ShapeTable(assembly.shapes)
-    pairs = close_pairs(table, bodies.position, bodies.rotation, np.zeros(len(bodies.mass)))
+    parts = bodies_of(assembly.shapes, bodies.position, bodies.rotation)
+    near = close_pairs(parts, 0.0)
+    pairs = parts.owner[near]
     fixed = np.ones(len(bodies.mass), bool)
     fixed[bodies.free] = False
-    pairs = pairs[~fixed[pairs].all(axis=1)]
-    depth = overlap_depths(table, bodies.position, bodies.rotation, pairs)
-    allowed = MEET * table.diameter[pairs].min(axis=1)
+    looked_at = (pairs[:, 0] != pairs[:, 1]) & ~fixed[pairs].all(axis=1)
+    near, pairs = near[looked_at], pairs[looked_at]
+    depth = overlap_depths(parts, near)
+    allowed = MEET * parts.table.diameter[near].min(axis=1)
     met = np.flatnonzero(depth > allowed)
     if len(met):  # joints of corrected points press the edges of their blocks into each other: that much is known
         known = dict.fromkeys(map(tuple, pairs[met].tolist()), 0.0)

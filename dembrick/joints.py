@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -41,7 +41,8 @@ class Joint:
 
     Where blocks of several parts touch in one plane, all that they share there is one joint. Its ``pieces`` are the
     convex polygons (m, 2) about the common O, and ``polygon`` strings them together by edges walked both ways, so that
-    sums over its edges are those over the pieces. A convex joint has no pieces.
+    sums over its edges are those over the pieces. A convex joint has no pieces. ``part_a``, ``part_b``: which parts of
+    the blocks it lies on (that of the largest piece).
     """
 
     block_a: int
@@ -56,6 +57,8 @@ class Joint:
     arm_a: np.ndarray
     arm_b: np.ndarray
     pieces: tuple[np.ndarray, ...] = ()
+    part_a: int = 0
+    part_b: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +81,9 @@ class JointTable(Sequence[Joint]):
     gap: np.ndarray
     arm_a: np.ndarray
     arm_b: np.ndarray
-    pieces: dict[int, tuple[np.ndarray, ...]] = field(default_factory=dict)
+    pieces: dict[int, tuple[np.ndarray, ...]]
+    part_a: np.ndarray
+    part_b: np.ndarray
 
     @staticmethod
     def of(joints: Sequence[Joint]) -> JointTable:
@@ -104,6 +109,8 @@ class JointTable(Sequence[Joint]):
             arm_a=column("arm_a", (3,)),
             arm_b=column("arm_b", (3,)),
             pieces={j: joint.pieces for j, joint in enumerate(joints) if joint.pieces},
+            part_a=column("part_a", kind=np.int64),
+            part_b=column("part_b", kind=np.int64),
         )
 
     def __len__(self) -> int:
@@ -126,6 +133,8 @@ class JointTable(Sequence[Joint]):
             self.arm_a[i],
             self.arm_b[i],
             self.pieces.get(i, ()),
+            int(self.part_a[i]),
+            int(self.part_b[i]),
         )
 
     def by_corners(self, chosen=None) -> Iterator[tuple[np.ndarray, np.ndarray]]:
@@ -145,13 +154,15 @@ def find_joints(
     law_of: Callable[[int, int], JointLaw],
     tolerance: float = TOLERANCE,
     near: tuple[Bodies, np.ndarray] | None = None,
+    unite: bool = True,
 ) -> JointTable:
     """All joints of a scene, in the order of their blocks.
 
     ``positions`` (n, 3), ``orientations`` (n, 4), ``fixed`` (n,). Faces count as facing when they are antiparallel
     within ``tolerance`` (rad) and apart, or into each other, by at most ``tolerance`` times the diameter of the
     smaller block; their polygon must be wider than that too. Two fixed blocks make no joint. ``near`` holds the
-    convex parts of the blocks and the pairs of them that are near each other, where they are known already.
+    convex parts of the blocks and the pairs of them that are near each other, where they are known already. Without
+    ``unite``, every pair of parts that touch keeps a joint of its own.
     """
     positions = np.asarray(positions, float).reshape(-1, 3)
     fixed = np.asarray(fixed, bool)
@@ -164,7 +175,7 @@ def find_joints(
     pairs = np.where(fixed[bodies.owner[pairs[:, 1]]][:, None], pairs[:, ::-1], pairs)
     joints = _table(shared_polygons(bodies, pairs, tolerance), bodies, positions, law_of)
     several = np.bincount(bodies.owner, minlength=len(positions)) > 1
-    if several.any():
+    if unite and several.any():
         return united(joints, several, tolerance)
     return joints
 
@@ -200,6 +211,9 @@ def _table(found: list[Contacts], bodies: Bodies, positions: np.ndarray, law_of)
         gap=column("gap")[order],
         arm_a=arm_a,
         arm_b=column("arm_b", 3)[order] + bodies.arm[body[:, 1]],
+        pieces={},
+        part_a=body[:, 0] - np.searchsorted(bodies.owner, a),
+        part_b=body[:, 1] - np.searchsorted(bodies.owner, b),
     )
 
 

@@ -18,6 +18,7 @@ from dembrick import polygons
 from dembrick.clipping import clip, simplify
 from dembrick.joints import JointTable
 from dembrick.moving_state import MovingState, put_outlines
+from dembrick.shapes import parts_of
 
 STALE = 2e-4  # of the polygon's short side
 GONE = 1e-9  # of the polygon's area at the start: less than that is no contact any more
@@ -68,10 +69,12 @@ class Polygons:
         """Corners (m, 2) of the other's face in the plane's axes from its centroid, counter-clockwise about m."""
         if j not in self._face_of:
             links = self._state.links
-            shape = self._shapes[links.other[j]]
+            a_is_other = links.sense[j] > 0.0
+            part = int((self._joints.part_a if a_is_other else self._joints.part_b)[j])
+            place, shape = parts_of(self._shapes[links.other[j]])[part]
             u = links.plane[j]
             number = int(np.argmax(shape.face_normals @ (links.sense[j] * np.cross(u[0], u[1]))))
-            corners = shape.vertices[list(shape.faces[number])] @ u.T
+            corners = (place + shape.vertices[list(shape.faces[number])]) @ u.T
             self._face_of[j] = corners if links.sense[j] > 0.0 else corners[::-1]
         return self._face_of[j]
 

@@ -128,7 +128,7 @@ def _faces(assembly) -> Faces | None:
                 'formulation = "distributed", whose friction follows its own pressure'
             )
     # a polygon cut by a face has at most as many corners more
-    longest = np.array([shape.face_table.shape[1] for shape in assembly.shapes])
+    longest = np.array([shape.longest_face for shape in assembly.shapes])
     most = np.maximum(longest[joints.block_a], longest[joints.block_b])[chosen]
     start = np.concatenate([[0], np.cumsum(np.diff(joints.start)[chosen] + most)]).astype(np.int64)
     n, total = len(chosen), int(start[-1])

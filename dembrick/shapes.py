@@ -39,11 +39,15 @@ class Polyhedron:
         """Twice the distance of the farthest vertex from the centroid: the length that tolerances refer to."""
         return 2.0 * float(np.sqrt((self.vertices**2).sum(axis=1).max()))
 
+    @property
+    def longest_face(self) -> int:
+        """Corners of the face that has most."""
+        return max(len(face) for face in self.faces)
+
     @cached_property
     def face_table(self) -> np.ndarray:
         """Faces as one array (nf, longest face); shorter faces repeat their last vertex."""
-        longest = max(len(face) for face in self.faces)
-        return np.array([face + face[-1:] * (longest - len(face)) for face in self.faces])
+        return np.array([face + face[-1:] * (self.longest_face - len(face)) for face in self.faces])
 
     @cached_property
     def _face_vectors(self) -> np.ndarray:
@@ -92,6 +96,11 @@ class Compound:
     volume: float
     inertia: np.ndarray
     centroid: np.ndarray
+
+    @property
+    def longest_face(self) -> int:
+        """Corners of the face that has most."""
+        return max(part.longest_face for part in self.parts)
 
     @cached_property
     def diameter(self) -> float:
