@@ -12,13 +12,19 @@ from dembrick.session import Snapshot
 
 def flattened(parts: Mapping[str, tuple | None]) -> dict[str, np.ndarray]:
     """All fields as arrays ``part.field``, without copying; what the scene does not have is None and left out."""
-    return {
-        f"{name}.{field}": np.asarray(value)
-        for name, part in parts.items()
-        if part is not None
-        for field, value in part._asdict().items()
-        if value is not None
-    }
+    arrays: dict[str, np.ndarray] = {}
+    for name, part in parts.items():
+        for field, value in () if part is None else part._asdict().items():
+            if _is_part(value):
+                arrays |= flattened({f"{name}.{field}": value})
+            elif value is not None:
+                arrays[f"{name}.{field}"] = np.asarray(value)
+    return arrays
+
+
+def _is_part(value) -> bool:
+    """Whether a field is a named tuple of its own, as the pressed part of convex joints is."""
+    return hasattr(value, "_asdict")
 
 
 def restored(name: str, part, snapshot: Snapshot, counters: Container[str] = ()):
@@ -33,6 +39,9 @@ def restored(name: str, part, snapshot: Snapshot, counters: Container[str] = ())
     numbers = {}
     for field, value in part._asdict().items():
         if value is None:
+            continue
+        if _is_part(value):
+            numbers[field] = restored(f"{name}.{field}", value, snapshot, counters)
             continue
         path, own = f"{name}.{field}", np.asarray(value)
         found = snapshot.array(path, own)

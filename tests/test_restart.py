@@ -125,6 +125,20 @@ displacement = 0.002
 """
 
 
+@pytest.mark.parametrize("pressure", ["effective", "linear"])
+def test_pressures_that_follow_the_bending_go_on_too(tmp_path, stop_after, pressure):
+    """Their state has a part in a part: the pressed polygons of the convex joints."""
+    given = case("set4a_mid", "convex", rows=60, frames=30)
+    given = dataclasses.replace(given, joint=dataclasses.replace(given.joint, pressure=pressure))
+    whole = simulate(given, tmp_path / "whole.h5")
+    stop_after(5)
+    with pytest.raises(Interrupted):
+        simulate(given, tmp_path / "parts.h5")
+    stop_after(0)
+    assert restart(tmp_path / "parts.h5").yield_point == whole.yield_point
+    check_same(tmp_path / "parts.h5", tmp_path / "whole.h5")
+
+
 @pytest.mark.parametrize("formulation", ["concave", "convex", "distributed"])
 def test_a_tilting_table_goes_on_too(tmp_path, stop_after, formulation):
     """A block that hangs over the edge of the other, so that polygons are cut; stopped at rest and in motion."""
