@@ -89,6 +89,18 @@ class MotionResult:
 
         return recording.meshes(self, frame, time, magnification)
 
+    def plot(self, ax=None):
+        """Load factor over displacement, or displacement over time, as a matplotlib figure; into ``ax`` if given."""
+        from dembrick import plot
+
+        return plot.force_displacement([self], ax=ax)
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: the title, the key numbers, the curve."""
+        from dembrick import page
+
+        return page.fragment(self)
+
     def text(self) -> str:
         """What the command line prints."""
         motion = self.run.motion

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import html
 import os
 import time
 from collections.abc import Callable, Mapping
@@ -119,13 +118,9 @@ class Result:
 
     def _repr_html_(self) -> str:
         """What a notebook shows: the title, the key numbers with their error bars, the curve."""
-        from dembrick import plot
-        from dembrick.page import results_table
+        from dembrick import page
 
-        heading = f"<strong>{html.escape(self.scenario.title)}</strong>"
-        if not len(self.rows.get("load", ())):
-            return heading + results_table(self.as_dict())
-        return heading + results_table(self.as_dict()) + plot.inline_svg(self.plot())
+        return page.fragment(self)
 
 
 def simulate(

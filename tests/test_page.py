@@ -205,7 +205,7 @@ def test_what_cannot_be_shown_is_said(tmp_path):
 def test_scenes_without_jacks_or_rows(tmp_path):
     with history.read(written(tmp_path / "run.h5", {}, assembly=cases.mixed_assembly())) as run:
         data = data_of(page.document(run))
-    assert data["curve"]["title"] == "Greatest displacement of a block" and data["jacks"] == [] and data["load"] is None
+    assert data["curve"]["title"] == "Displacement over time" and data["jacks"] == [] and data["load"] is None
     with history.read(written(tmp_path / "bare.h5", {}, rows=0)) as run:
         data = data_of(page.document(run))
     assert data["path"] is None and data["curve"]["y"][-1] > 0.0

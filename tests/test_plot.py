@@ -349,3 +349,70 @@ def test_several_energies_stand_side_by_side(run):
     assert [ax.get_title() for ax in figure.axes] == ["one", "two"]
     with pytest.raises(ScenarioError, match="1 axes for 2 histories"):
         plot.energies([run, run], ax=figure.axes[0])
+
+
+# --- what moves in time ---
+
+TILT = """
+title = "a block on a table"
+gravity = [0.0, 0.0, -9.81]
+[joint]
+formulation = "concave"
+friction = 0.3
+normal_stiffness = 1.0e9
+shear_stiffness = 4.0e8
+[materials.stone]
+density = 2000.0
+[[blocks]]
+name = "table"
+material = "stone"
+box = [0.6, 0.4, 0.1]
+position = [0.0, 0.0, -0.05]
+fixed = true
+[[blocks]]
+name = "block"
+material = "stone"
+box = [0.2, 0.2, 0.1]
+position = [0.0, 0.0, 0.05]
+[control]
+"""
+
+
+@pytest.fixture(scope="module")
+def tilted(tmp_path_factory):
+    path = tmp_path_factory.mktemp("tilt") / "tilt.h5"
+    control = 'kind = "tilt"\naxis = [1.0, 0.0, 0.0]\nrate = 10.0\ndisplacement = 0.001\n'
+    result = dembrick.simulate(dembrick.loads(TILT + control), path)
+    with history.read(path) as run:
+        yield result, run
+
+
+def test_a_tilting_table_has_a_load_factor(tilted):
+    result, run = tilted
+    for source in (result, run):
+        axes = plot.force_displacement(source).axes[0]
+        assert axes.get_ylabel() == "load factor tan(angle) [-]" and axes.get_xlabel().startswith("displacement of the")
+        line = axes.lines[0].get_xydata()
+        np.testing.assert_allclose(line[:, 1], np.tan(np.radians(10.0 * run.time)), rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(line[-1, 0], 1e6 * run.displacement[-1], rtol=1e-12)
+    figure = plot.joint_stages(run)
+    assert figure.axes[-1].get_title().startswith("load factor 0.3")
+    shown = result._repr_html_()
+    assert "collapse angle" in shown and shown.rstrip().endswith("</svg>")
+
+
+def test_curves_without_axes_in_common_are_not_overlaid(tilted, run, tmp_path):
+    with pytest.raises(ScenarioError, match="driven in different ways"):
+        plot.force_displacement([tilted[1], run])
+    curve = plot.read_measured(curve_file(tmp_path, "displacement [um],force [N]\n0,0\n0.2,120\n"))
+    with pytest.raises(ScenarioError, match="with jacks only"):
+        plot.force_displacement(tilted[1], measured=[curve])
+
+
+def test_free_blocks_are_drawn_over_time(tilted):
+    run = history.read(tilted[1].path)
+    run.scenario_text = TILT + 'kind = "dynamic"\nduration = 1.0\n'
+    axes = plot.force_displacement(run).axes[0]
+    assert axes.get_xlabel() == "time [s]"
+    np.testing.assert_array_equal(axes.lines[0].get_xdata(), run.time)
+    assert plot.joint_stages(run).axes[-1].get_title().startswith("at ")

@@ -73,6 +73,16 @@ def document(history) -> str:
     )
 
 
+def fragment(result) -> str:
+    """What a notebook shows of a result: the title, the key numbers with their error bars, the curve."""
+    text = f"<strong>{escape(result.scenario.title)}</strong>{results_table(result.results)}"
+    if len(result.rows.get("load", ())):
+        from dembrick import plot
+
+        text += plot.inline_svg(plot.force_displacement([result]))
+    return text
+
+
 def results_table(results: dict) -> str:
     """The key numbers of a run as an HTML table."""
     lines = summary.key_numbers(results)

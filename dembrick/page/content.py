@@ -59,7 +59,7 @@ def collect(history) -> dict:
             "rotation": _packed(frames.rotation, "<f4"),
         },
         "time": diagrams.listed(frames.time),
-        "load": None if record.load is None else diagrams.listed(record.load),
+        "load": diagrams.listed(record.load) if history.n_actuator and record.load is not None else None,
         "reach": 0.5 * float(np.linalg.norm(np.ptp(world, axis=0))),
         "most": max(float(moved.max()), 1e-30),
         "mostText": summary.length(float(moved.max())),

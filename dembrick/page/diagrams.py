@@ -9,6 +9,7 @@ import numpy as np
 
 from dembrick import summary
 from dembrick.plot.paths import JointPath
+from dembrick.plot.subject import Diagram, diagram_of
 
 MOST_ROWS = 1500  # points of a line
 _MILLIMETRES_FROM = 2e-3  # m: longer travels are given in mm, shorter ones in um
@@ -17,10 +18,11 @@ _MILLIMETRES_FROM = 2e-3  # m: longer travels are given in mm, shorter ones in u
 class Record(NamedTuple):
     """The record at the time (f,) s of each frame.
 
-    ``load`` (f,) N, None without a jack; ``travel`` (f,) in ``unit``, ``factor`` of a metre: the driven displacement,
-    or without a jack the greatest displacement of a block.
+    ``load`` (f,): see ``diagram``, None where that has none; ``travel`` (f,) in ``unit``, ``factor`` of a metre: the
+    displacement of the diagram.
     """
 
+    diagram: Diagram
     time: np.ndarray
     load: np.ndarray | None
     travel: np.ndarray
@@ -29,26 +31,26 @@ class Record(NamedTuple):
 
 
 def record_at(history, time: np.ndarray, moved: np.ndarray) -> Record:
-    """The record at the times of the frames; ``moved`` (f,) m is the greatest displacement of a block in each."""
-    if not (history.n_actuator and history.n_row):
+    """The record at the times of the frames. ``moved`` (f,) m: the greatest displacement, shown if rows are missing."""
+    diagram = diagram_of(history)
+    if not history.n_row:
         unit, factor = _unit(float(moved.max(initial=0.0)))
-        return Record(time, None, factor * moved, unit, factor)
+        return Record(Diagram(None, "", "greatest displacement"), time, None, factor * moved, unit, factor)
     unit, factor = _unit(float(np.abs(history.displacement).max()))
-    load = np.interp(time, history.time, history.load)
-    return Record(time, load, factor * np.interp(time, history.time, history.displacement), unit, factor)
+    load = None if diagram.load is None else np.interp(time, history.time, history.load)
+    return Record(diagram, time, load, factor * np.interp(time, history.time, history.displacement), unit, factor)
 
 
 def curve(history, record: Record) -> dict:
-    """Load over displacement with bracket and theory; without a jack the greatest displacement over time."""
-    x, y = listed(record.travel), listed(record.travel if record.load is None else record.load)
+    """Load over displacement with bracket and theory, or displacement over time."""
+    x_name, travel = f"{record.diagram.displacement} [{record.unit}]", listed(record.travel)
     if record.load is None:
-        time = listed(record.time)
-        line = {"x": time, "y": y, "look": "run", "name": ""}
-        return _chart("Greatest displacement of a block", "time [s]", f"displacement [{record.unit}]", [line], time, y)
+        line = {"x": listed(record.time), "y": travel, "look": "run", "name": ""}
+        return _chart("Displacement over time", "time [s]", x_name, [line], line["x"], travel)
     kept = _thinned(history)
     line = {"x": listed(record.factor * history.displacement[kept]), "y": listed(history.load[kept]), "look": "run"}
-    title, x_name = "Load over displacement", f"driven displacement [{record.unit}]"
-    chart = _chart(title, x_name, "load V [N]", [line | {"name": "run"}], x, y)
+    y_name = f"{record.diagram.load} [{record.diagram.unit}]"
+    chart = _chart("Load over displacement", x_name, y_name, [line | {"name": "run"}], travel, listed(record.load))
     V = summary.number(summary.part(history.results, "theory").get("V"))
     if V is not None:
         chart["levels"] = [{"y": V, "look": "theory", "name": f"theory {V:.6g} N"}]
@@ -80,9 +82,11 @@ def readout(history, record: Record, path: JointPath | None) -> list[dict]:
     """The numbers that are shown under the picture, one of each a frame."""
     items = [{"name": "time", "unit": "s", "digits": 4, "values": listed(record.time)}]
     if record.load is not None:
-        items.append({"name": "V", "unit": "N", "digits": 5, "values": listed(record.load)})
+        name = "V" if record.diagram.unit == "N" else record.diagram.load
+        unit = record.diagram.unit.replace("-", "")
+        items.append({"name": name, "unit": unit, "digits": 5, "values": listed(record.load)})
     items.append({"name": "displacement", "unit": record.unit, "digits": 4, "values": listed(record.travel)})
-    if path is not None:
+    if path is not None and history.n_actuator:
         torsion = listed(np.interp(record.time, history.time, path.M_T))
         items.append({"name": "torsion", "unit": "N m", "digits": 4, "values": torsion})
     return items

@@ -22,7 +22,7 @@
     slider.value = String(Math.round(frame));
     const words = data.readout.map((item, i) => {
       const value = shown[i](frame);
-      return value === null ? "" : `${item.name} ${Number(value.toPrecision(item.digits))} ${item.unit}`;
+      return value === null ? "" : `${item.name} ${Number(value.toPrecision(item.digits))} ${item.unit}`.trim();
     }).filter(Boolean);
     find("readout").textContent = words.join(", ");
     slider.setAttribute("aria-valuetext", `frame ${Math.round(frame) + 1} of ${frames}: ${words.join(", ")}`);

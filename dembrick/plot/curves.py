@@ -10,7 +10,7 @@ import numpy as np
 
 from dembrick import summary
 from dembrick.errors import HistoryError, ScenarioError
-from dembrick.plot import style
+from dembrick.plot import style, subject
 from dembrick.plot.measured import MeasuredCurve
 
 if TYPE_CHECKING:
@@ -31,18 +31,30 @@ def force_displacement(
 ) -> Figure:
     """V (N) over the driven displacement of one or several histories (or results).
 
+    Of a table that tilts the load factor over the displacement of the block that moved furthest, of shaken and free
+    blocks that displacement over time.
+
     ``references``: name -> V (N), drawn as horizontal lines (theory, experiment). ``bracket``: the band between the
     bounds of each yield point. ``measured``: curves of the laboratory (see :mod:`dembrick.plot.measured`), laid over.
     """
     histories, labels = labelled(histories, labels)
+    diagrams = {subject.diagram_of(history) for history in histories}
+    if len(diagrams) > 1:
+        raise ScenarioError("the runs are driven in different ways, so their curves have no axes in common; draw each")
+    (diagram,) = diagrams
+    if measured and diagram.unit != "N":
+        raise ScenarioError("measured forces can be laid over runs with jacks only, and these have none")
     with style.settings():
         figure, axes = style.canvas(ax)
-        travels = [np.abs(h.displacement) for h in (*histories, *measured) if len(h.displacement)]
+        records = [subject.record_of(history) for history in histories]
+        travels = [np.abs(own.displacement) for own in (*records, *measured) if len(own.displacement)]
         longest = max((float(travel.max()) for travel in travels), default=0.0)
         unit, factor = ("mm", 1e3) if longest > _MILLIMETRES_FROM else ("µm", 1e6)
-        for i, (history, label) in enumerate(zip(histories, labels, strict=True)):
+        for i, (history, record, label) in enumerate(zip(histories, records, labels, strict=True)):
             colour, line, _ = style.FORMULATION.get(label) or style.CYCLE[i % len(style.CYCLE)]
-            axes.plot(factor * np.asarray(history.displacement), history.load, color=colour, ls=line, label=label)
+            travel = factor * record.displacement
+            x, y = (record.time, travel) if diagram.load is None else (travel, record.load)
+            axes.plot(x, y, color=colour, ls=line, label=label)
             point = summary.yield_point(history.results)
             lower, upper = point.get("V_lower"), point.get("V_upper")
             if bracket and lower is not None and upper is not None:
@@ -63,8 +75,9 @@ def force_displacement(
                 ls=(0, (6 - 2 * (i % 3), 2)),
                 label=style.plain(f"{name}: {value:.5g} N"),
             )
-        axes.set_xlabel(f"driven displacement [{unit}]")
-        axes.set_ylabel("load V [N]")
+        names = (f"{diagram.displacement} [{unit}]", f"{diagram.load} [{diagram.unit}]")
+        axes.set_xlabel("time [s]" if diagram.load is None else names[0])
+        axes.set_ylabel(names[0] if diagram.load is None else names[1])
         axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
         style.legend(figure, axes, ax is None, columns=1 if max(map(len, labels)) > 36 else 2)
     return figure

@@ -28,16 +28,17 @@ SLIDES_FROM = 0.995  # utilisation from which the friction is drawn at its limit
 _MOST_POINTS = 40  # contact points drawn one by one; more of them, and convex joints, get a grid
 _GRID = 6  # points over the longer side of a joint
 _ARROW = {True: 0.22, False: 0.16}  # of the joint's size, the longest arrow: with few points, with many
+_SHEAR = 100.0  # joint's sizes from O: a centre beyond is that of a shear, and none is drawn
 _NEAR = 1.6  # joint's sizes from O: a centre further away is marked at the rim of the picture
 
 
 class Stage(NamedTuple):
     """One moment of a joint, at ``points`` (k, 2) m.
 
-    ``movement`` (k, 2) m: of b over a since the stage before, elastic part included; ``centre`` (2,) m: about which
-    that turned, NaN in pure shear. ``friction`` (k, 2): on b, as it was recorded, or else where the joint slides; None
-    where it is not known. ``limit``: the greatest that friction can be at a point. Both are in N at contact points, in
-    Pa at points that only stand for the whole.
+    ``load``: that of the row; ``movement`` (k, 2) m: of b over a since the stage before, elastic part included;
+    ``centre`` (2,) m: about which that turned, NaN in shear. ``friction`` (k, 2): on b, as it was recorded, or else
+    where the joint slides; None where it is not known. ``limit``: the greatest that friction can be at a point. Both
+    are in N at contact points, in Pa at points that only stand for the whole.
     """
 
     frame: int
@@ -82,11 +83,18 @@ def joint_plane(
         row = int(motion.rows(frame))
         load = float(history.series("load", row, row + 1)[0])
         centre = motion.torsion_centre(frame, since)[0]
+        centre = np.where(np.hypot(*centre) <= _SHEAR * motion.size[0], centre, np.nan)
         found.append(
             Stage(frame, float(history.frame_time[frame]), load, used, points, movement, centre, friction, limit)
         )
         since = frame
     return found
+
+
+def _load_of(stage: Stage, diagram: subject.Diagram) -> str:
+    if diagram.load is None:
+        return f"at {stage.time:.4g} s"
+    return f"load factor {stage.load:.4g}" if diagram.unit == "-" else f"V = {stage.load:.4g} N"
 
 
 def _shown(joint: dict, motion: JointMotion) -> np.ndarray | None:
@@ -189,10 +197,14 @@ def joint_stages(
             figure = axes[0].figure
         if len(axes) != count:
             raise ScenarioError(f"{len(axes)} axes for {count} stages; give one each")
-        shown = [(row[: i + 1], polygon) for row, polygon in zip(rows, polygons, strict=True) for i in range(len(row))]
+        shown = [
+            (row[: i + 1], polygon, _load_of(row[i], subject.diagram_of(history)))
+            for history, row, polygon in zip(histories, rows, polygons, strict=True)
+            for i in range(len(row))
+        ]
         named: dict = {}
-        for own, (stages_so_far, polygon) in zip(axes, shown, strict=True):
-            _draw(own, polygon, stages_so_far, extent)
+        for own, (so_far, polygon, load) in zip(axes, shown, strict=True):
+            _draw(own, polygon, so_far, extent, load)
             named |= {label: handle for handle, label in zip(*own.get_legend_handles_labels(), strict=True)}
         if ax is None:
             figure.legend(named.values(), named.keys(), loc="outside lower center", ncols=4 if columns > 2 else 2)
@@ -217,8 +229,8 @@ def _at_rim(centre: np.ndarray, size: float) -> np.ndarray:
     return centre * min(1.0, _NEAR * size / max(float(np.hypot(*centre)), 1e-300))
 
 
-def _draw(axes, polygon: np.ndarray, stages: list[Stage], extent: np.ndarray) -> None:
-    """The last of ``stages``, and the centres of those before it."""
+def _draw(axes, polygon: np.ndarray, stages: list[Stage], extent: np.ndarray, load: str) -> None:
+    """The last of ``stages`` under its ``load``, and the centres of those before it."""
     from matplotlib.patches import Polygon
 
     stage, size = stages[-1], float(np.hypot(*polygon.T).max())
@@ -251,9 +263,7 @@ def _draw(axes, polygon: np.ndarray, stages: list[Stage], extent: np.ndarray) ->
     axes.grid(False)
     axes.spines[:].set_visible(False)
     moved = float(np.linalg.norm(stage.movement, axis=1).max())
-    axes.set_title(
-        f"V = {stage.load:.4g} N\nutilisation {stage.utilisation:.3g}\nmoved {summary.length(moved)}", fontsize=8
-    )
+    axes.set_title(f"{load}\nutilisation {stage.utilisation:.3g}\nmoved {summary.length(moved)}", fontsize=8)
 
 
 def _arrows(axes, points: np.ndarray, vectors: np.ndarray, length: float, full: float, colour: str, label: str) -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections import Counter
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 
@@ -127,3 +129,50 @@ class JointAlone:
     def series(self, name: str, start: int = 0, stop: int | None = None) -> np.ndarray:
         """(T, 1) of a channel of the joint."""
         return self._history.series(name, start, stop)[:, [self._number]]
+
+
+class Diagram(NamedTuple):
+    """What the diagram of a run shows: ``load`` names the load over the displacement, with its unit; None where the
+    blocks move in time under no growing load, and the displacement is shown over time."""
+
+    load: str | None
+    unit: str
+    displacement: str
+
+
+_DRIVEN = "driven displacement"
+_FURTHEST = "displacement of the block that moved furthest"
+_DIAGRAMS = {
+    "tilt": Diagram("load factor tan(angle)", "-", _FURTHEST),
+    "pushover": Diagram("load factor", "-", _FURTHEST),
+    "dynamic": Diagram(None, "", _FURTHEST),
+    "base-motion": Diagram(None, "", _FURTHEST),
+}
+
+
+class Record(NamedTuple):
+    """Time (T,) s, load (T,) and displacement (T,) m of a run."""
+
+    time: np.ndarray
+    load: np.ndarray
+    displacement: np.ndarray
+
+
+def record_of(source) -> Record:
+    """The rows of a history or of a result."""
+    rows = getattr(source, "rows", None)
+    return Record(*(np.asarray(getattr(source, n) if rows is None else rows[n]) for n in Record._fields))
+
+
+def diagram_of(source) -> Diagram:
+    """The diagram that suits a history or a result, by the kind of its control."""
+    scenario = getattr(source, "scenario", None)
+    if scenario is not None:
+        return _DIAGRAMS.get(scenario.control.kind, Diagram("load V", "N", _DRIVEN))
+    try:
+        kind = tomllib.loads(source.scenario_text).get("control", {}).get("kind")
+    except (tomllib.TOMLDecodeError, RecursionError, AttributeError):
+        kind = None
+    if not isinstance(kind, str):
+        kind = "yield" if source.n_actuator else "dynamic"
+    return _DIAGRAMS.get(kind, Diagram("load V", "N", _DRIVEN))
