@@ -57,6 +57,7 @@ class JointMotion:
         self.point_start = np.cumsum([0, *(len(joint["areas"]) for joint in joints)])
         self._arm_a = self.origin - history.position0[self.block_a]
         self._arm_b = self.origin - history.position0[self.block_b]
+        self._rotation0 = rotation_matrix(history.orientation0)
         self._back = history.orientation0 * np.array([1.0, -1.0, -1.0, -1.0])
 
     # --- motion ---
@@ -123,7 +124,7 @@ class JointMotion:
         owner = np.repeat(np.arange(self.n_joint), np.diff(self.point_start))
         forces = self.point_forces(frames)
         if forces is not None:
-            normal = self.axes_in(self._poses(frames)[1])[..., 2, :]
+            normal = self.axes_in(rotation_matrix(self._poses(frames)[1]))[..., 2, :]
             return np.maximum((forces * normal[..., owner, :]).sum(axis=-1), 0.0)
         arms = np.concatenate([np.zeros((0, 2)), *(joint["normal_arms"] for joint in self._history.joints)])
         areas = np.concatenate([np.zeros(0), *(joint["areas"] for joint in self._history.joints)])
@@ -207,19 +208,19 @@ class JointMotion:
 
     # --- places ---
 
-    def axes_in(self, orientation: np.ndarray) -> np.ndarray:
-        """(..., j, 3, 3): the joints' axes riding on a, in the world, as rows, for orientations (..., n, 4)."""
-        now = rotation_matrix(quaternion_product(orientation, self._back)[..., self.block_a, :])
-        return self.axes @ now.swapaxes(-1, -2)
+    def axes_in(self, rotation: np.ndarray) -> np.ndarray:
+        """(..., j, 3, 3): the joints' axes riding on a, in the world, as rows; ``rotation`` (..., n, 3, 3) of blocks."""
+        turned = rotation @ self._rotation0.swapaxes(1, 2)
+        return self.axes @ turned[..., self.block_a, :, :].swapaxes(-1, -2)
 
-    def origin_in(self, position: np.ndarray, orientation: np.ndarray) -> np.ndarray:
-        """(..., j, 3) m: the points O of the blocks a in the world, for positions (..., n, 3)."""
-        turned = quaternion_product(orientation, self._back)[..., self.block_a, :]
-        return position[..., self.block_a, :] + self._arm_a + _turning(turned, self._arm_a)
+    def origin_in(self, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+        """(..., j, 3) m: the points O of the blocks a in the world, for ``position`` and ``rotation`` of all blocks."""
+        turned = rotation @ self._rotation0.swapaxes(1, 2)
+        return position[..., self.block_a, :] + (turned[..., self.block_a, :, :] @ self._arm_a[:, :, None])[..., 0]
 
     def frame_axes(self, frame: int) -> np.ndarray:
         """(j, 3, 3): the joints' axes in a frame."""
-        return self.axes_in(self._history.frame_orientation(frame))
+        return self.axes_in(rotation_matrix(self._history.frame_orientation(frame)))
 
     def grid(self, joint: int, along: int = 12) -> np.ndarray:
         """(k, 2) m: points of a square grid over the polygon of a joint, ``along`` of them over its longer side."""
@@ -234,7 +235,7 @@ class JointMotion:
         return points[inside]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class RelativeMotion:
     """Motion of b against a since the start, in the joint's axes riding on a.
 
@@ -263,7 +264,7 @@ class RelativeMotion:
         """(..., j, 6) m, rad: d1, d2, dn, r1, r2, rn."""
         return np.concatenate([self.shift, self.rotation], axis=-1)
 
-    @property
+    @cached_property
     def opening(self) -> np.ndarray:
         """(..., j, m) m: distance of the faces at the corners of the polygon, negative where they press."""
         return self.distance(self.joints.polygon, slice(None))
@@ -356,6 +357,11 @@ def _one(frame: int, n_frames: int) -> range:
 
 def _turning(quaternion: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """R v - v, without the loss of digits of small rotations: 2 w (u x v) + 2 u x (u x v)."""
-    u = quaternion[..., 1:]
-    once = 2.0 * np.cross(u, vectors)
-    return quaternion[..., :1] * once + np.cross(u, once)
+    w, x, y, z = (quaternion[..., i] for i in range(4))
+    a, b, c = (vectors[..., i] for i in range(3))
+    p, q, r = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
+    found = np.empty((*p.shape, 3))
+    found[..., 0] = w * p + y * r - z * q
+    found[..., 1] = w * q + z * p - x * r
+    found[..., 2] = w * r + x * q - y * p
+    return found

@@ -176,7 +176,11 @@ def rotation_matrix(quaternion) -> np.ndarray:
 
 def quaternion_product(first, second) -> np.ndarray:
     """The quaternion(s) of the turn ``second`` followed by the turn ``first`` (..., 4)."""
-    p, q = np.asarray(first, float), np.asarray(second, float)
-    w = p[..., 0] * q[..., 0] - (p[..., 1:] * q[..., 1:]).sum(axis=-1)
-    v = p[..., :1] * q[..., 1:] + q[..., :1] * p[..., 1:] + np.cross(p[..., 1:], q[..., 1:])
-    return np.concatenate([w[..., None], v], axis=-1)
+    a, b, c, d = (np.asarray(first, float)[..., i] for i in range(4))
+    w, x, y, z = (np.asarray(second, float)[..., i] for i in range(4))
+    found = np.empty((*np.broadcast_shapes(a.shape, w.shape), 4))
+    found[..., 0] = a * w - b * x - c * y - d * z
+    found[..., 1] = a * x + b * w + c * z - d * y
+    found[..., 2] = a * y - b * z + c * w + d * x
+    found[..., 3] = a * z + b * y - c * x + d * w
+    return found

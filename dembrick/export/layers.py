@@ -124,8 +124,8 @@ class Joints:
             cells["V"] = np.hypot(cells["V_1"], cells["V_2"])
             cells["utilisation"] = joints.utilisation(range(start, stop))
         cells["open_share"] = now.open_share
-        axes = joints.axes_in(poses.orientation)
-        origin = joints.origin_in(poses.position, poses.orientation)
+        axes = joints.axes_in(poses.rotation)
+        origin = joints.origin_in(poses.position, poses.rotation)
         cells["torsion_centre"] = origin + np.einsum("fji,fjik->fjk", centre, axes[:, :, :2])
         cells["torsion_centre_joint"] = centre
         cells = {name: values.astype(np.float32) for name, values in cells.items()}
@@ -154,7 +154,7 @@ class Contacts:
     def frames(self, start: int, stop: int) -> Frames:
         """Frames start to stop."""
         history, joints, poses = self._history, self._joints, Poses.read(self._history, start, stop)
-        axes = joints.axes_in(poses.orientation)
+        axes = joints.axes_in(poses.rotation)
         data = {}
         if self._recorded:
             data["force"] = history.frame_values("contact_force", start, stop)
@@ -168,7 +168,7 @@ class Contacts:
             pressed = N > 0.0
             at = np.stack([resultants[..., 5], -resultants[..., 4]], axis=2)
             at = np.divide(at, N[..., None], out=np.zeros_like(at), where=pressed[..., None])
-            origin = joints.origin_in(poses.position, poses.orientation)[:, self._convex]
+            origin = joints.origin_in(poses.position, poses.rotation)[:, self._convex]
             points = np.concatenate([points, origin + np.einsum("fji,fjik->fjk", at, axes[:, :, :2])], axis=1)
             # the joint holds b against V_1 and V_2 and carries it with N
             own = np.stack([-resultants[..., 1], -resultants[..., 2], N], axis=2)

@@ -12,7 +12,7 @@ from dembrick.export.files import checked_target, writing
 from dembrick.export.layers import Layer, layers
 from dembrick.history import History, replacing
 
-_HELD = 4 << 20  # bytes of points held at a time
+_HELD = 2 << 20  # bytes of points held at a time
 
 
 def to_vtkhdf(history: History, path: str | os.PathLike, report: Callable[[str], None] | None = None) -> list[str]:

@@ -115,7 +115,9 @@ def movie(
     plotter = _plotter(size, smooth=False)  # smooth edges would take most of the time of a movie
     try:
         scene = Scene(plotter, history, look, frames)
-        with Movie(path, target, fps) as film:
+        # the scene shows the last frame, the one with most colours
+        sample = plotter.screenshot(return_img=True)
+        with Movie(path, target, fps, sample) as film:
             for done, frame in enumerate(frames):
                 scene.show(frame)
                 plotter.render()

@@ -35,9 +35,13 @@ def write_png(image: np.ndarray, path: str, target: str) -> None:
 
 
 class Movie:
-    """A movie being written to ``target``, the file behind ``path``; it appears when all frames are in it."""
+    """A movie being written to ``target``, the file behind ``path``; it appears when all frames are in it.
 
-    def __init__(self, path: str, target: str, fps: float):
+    ``sample``: pixels of a frame that has all the colours, which a GIF chooses its palette from.
+    """
+
+    def __init__(self, path: str, target: str, fps: float, sample: np.ndarray):
+        self._sample = sample
         self._path, self._fps, self._frames = path, fps, []
         self._ending = os.path.splitext(path)[1].lower()
         self._files = ExitStack()
@@ -69,7 +73,10 @@ class Movie:
             if self._ending == ".gif":
                 from PIL import Image
 
-                self._frames.append(Image.fromarray(np.ascontiguousarray(image[..., :3])))
+                if not self._frames:
+                    self._palette = Image.fromarray(self._sample).quantize(_COLOURS)
+                frame = Image.fromarray(np.ascontiguousarray(image[..., :3]))
+                self._frames.append(frame.quantize(palette=self._palette, dither=Image.Dither.NONE))
             else:
                 if self._writer is None:
                     self._writer = self._opened(image.shape[1], image.shape[0])
@@ -109,15 +116,11 @@ class Movie:
         self._files.__exit__(kind, error, trace)
 
     def _write_gif(self) -> None:
-        from PIL import Image
-
-        palette = self._frames[-1].quantize(_COLOURS)
-        frames = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in self._frames]
-        frames[0].save(
+        self._frames[0].save(
             self._part,
             format="GIF",
             save_all=True,
-            append_images=frames[1:],
+            append_images=self._frames[1:],
             duration=max(20, round(1000 / self._fps / 10) * 10),
             loop=0,
             disposal=1,

@@ -1,0 +1,128 @@
+"""What it costs to look at a run: exports and movies of walls whose motion is made up.
+
+    python tools/bench_pictures.py [--blocks 1000] [--frames 1000] [--movie-blocks 100] [--rounds 3] [--keep DIR]
+
+A running-bond wall leans over and turns, course by course, while its joints carry the weight above and a growing
+shear. Every row is a fresh process of the command line; the best of the rounds is shown: time on the clock, time of
+the processor, most memory held, and the size of what was written. Times on the clock need a quiet machine.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+from dembrick import assembly as assemblies
+from dembrick import history
+from dembrick import scenario as scenarios
+
+WALL = """
+title = "A wall of {blocks} blocks a course and {courses} courses, leaning over"
+gravity = [0.0, 0.0, -9.81]
+joint = {{ formulation = "{formulation}", friction = 0.64, normal_stiffness = 1.0e10, shear_stiffness = 4.0e9 }}
+materials.stone.density = 2000.0
+control = {{ kind = "tilt", axis = [1.0, 0.0, 0.0], rate = 1.0, displacement = 0.02 }}
+[[walls]]
+name = "wall"
+material = "stone"
+block = [0.3, 0.2, 0.1]
+courses = {courses}
+blocks = {blocks}
+base = 0.1
+"""
+CHUNK = 20  # frames written at a time
+
+
+def made_up(path: Path, n_block: int, n_frame: int, formulation: str, channels: tuple[str, ...]) -> None:
+    """Write the history of a wall of about ``n_block`` blocks."""
+    side = max(2, round(math.sqrt(n_block)))
+    text = WALL.format(blocks=max(2, round(n_block / side)), courses=side, formulation=formulation)
+    assembly = assemblies.build(scenarios.loads(text))
+    place, mass = assembly.position, assembly.mass
+    height = (place[:, 2] - place[:, 2].min()) / np.ptp(place[:, 2])
+    joints = list(assembly.joints)
+    a = np.array([joint.block_a for joint in joints])
+    above = np.array([mass[place[:, 2] > place[i, 2]].sum() for i in range(len(mass))]) * 9.81 / len(mass) * side
+    points = sum(0 if p is None else len(p.area) for p in assembly.contact_points)
+    with history.HistoryWriter(path, text, assembly, {}, channels=channels) as writer:
+        for start in range(0, n_frame, CHUNK):
+            t = np.arange(start, min(start + CHUNK, n_frame)) / n_frame
+            joint = np.zeros((len(t), len(joints), 7))
+            joint[..., 0] = 10.0 + above[a]
+            joint[..., 2] = 0.6 * t[:, None] * joint[..., 0]
+            joint[..., 3] = 0.02 * t[:, None] * joint[..., 0] * np.sin(np.arange(len(joints)))
+            rows = dict.fromkeys(("time", "load", "displacement", "unbalanced", "lower", "upper"), t)
+            none = np.zeros((len(t), 0))
+            writer.append(rows | {"actuator_displacement": none, "actuator_force": none, "joint": joint})
+            angle = 0.5 * t[:, None] ** 2 * height * ~assembly.fixed
+            shift = np.zeros((len(t), len(mass), 3))
+            shift[..., 1] = angle * place[:, 2]
+            turn = np.zeros((len(t), len(mass), 4))
+            turn[..., 0], turn[..., 1] = np.cos(angle / 2), -np.sin(angle / 2)
+            more = {}
+            if "velocity" in channels:
+                more = {"velocity": shift, "spin": shift}
+            if "contacts" in channels:
+                more["contact_force"] = np.tile([0.0, 1.0, 25.0], (len(t), points, 1))
+            writer.append_frames(t, shift, turn, **more)
+        writer.finish("completed", {})
+    print(f"# {path.name}: {len(mass)} blocks, {len(joints)} joints, {points} contact points, {n_frame} frames")
+
+
+def measured(arguments: list[str]) -> tuple[float, float, float]:
+    """Clock time (s), processor time (s) and most memory (MB) of a command."""
+    began = time.perf_counter()
+    process = subprocess.Popen([sys.executable, "-m", "dembrick", *arguments], stdout=subprocess.DEVNULL)
+    _, status, used = os.wait4(process.pid, 0)
+    if status:
+        raise SystemExit(f"dembrick {' '.join(arguments)} failed")
+    return time.perf_counter() - began, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024
+
+
+def row(name: str, command: list[str], target: Path, rounds: int) -> None:
+    """Measure a command a few times, and remove what it wrote."""
+    best, size = np.full(3, np.inf), 0
+    for _ in range(rounds):
+        best = np.minimum(best, measured(command))
+        written = list(target.parent.glob(f"{target.stem}*{target.suffix}"))
+        size = sum(path.stat().st_size for path in written)
+        for path in written:
+            path.unlink()
+    print(f"{name:44} {best[0]:7.2f} s  {best[1]:7.2f} s  {best[2]:6.0f} MB  {size / 1e6:8.1f} MB", flush=True)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--blocks", type=int, default=1000)
+    parser.add_argument("--frames", type=int, default=1000)
+    parser.add_argument("--movie-blocks", type=int, default=100)
+    parser.add_argument("--rounds", type=int, default=3)
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory(prefix="dembrick-bench-") as folder:
+        folder = Path(folder)
+        walls = [("blocks only", "convex", ("frames", "velocity")), ("convex joints", "convex", ("joints", "frames"))]
+        walls.append(("four-point joints", "concave", ("joints", "frames", "velocity", "contacts")))
+        print(f"{'':44} {'clock':>9}  {'processor':>9}  {'memory':>9}  {'written':>11}")
+        for name, formulation, channels in walls:
+            path, target = folder / "wall.h5", folder / "out.vtkhdf"
+            made_up(path, options.blocks, options.frames, formulation, channels)
+            row(f"export, {name}", ["export", str(path), "--to", str(target), "--quiet"], target, options.rounds)
+            path.unlink()
+        path = folder / "small.h5"
+        made_up(path, options.movie_blocks, 100, "convex", ("joints", "frames"))
+        for ending in ("gif", "mp4"):
+            target = folder / f"out.{ending}"
+            command = ["render", str(path), "--to", str(target), "--magnify", "1"]
+            row(f"100 frames as {ending}", command, target, options.rounds)
+
+
+if __name__ == "__main__":
+    main()
