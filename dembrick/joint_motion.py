@@ -209,7 +209,7 @@ class JointMotion:
     # --- places ---
 
     def axes_in(self, rotation: np.ndarray) -> np.ndarray:
-        """(..., j, 3, 3): the joints' axes riding on a, in the world, as rows; ``rotation`` (..., n, 3, 3) of blocks."""
+        """(..., j, 3, 3): the joints' axes riding on a, world, as rows; ``rotation`` (..., n, 3, 3): of the blocks."""
         turned = rotation @ self._rotation0.swapaxes(1, 2)
         return self.axes @ turned[..., self.block_a, :, :].swapaxes(-1, -2)
 
@@ -288,30 +288,25 @@ class RelativeMotion:
         slope_2 = np.where(on_b, 2.0 * (y * z + w * x), -n_2)
         return middle[..., None] + slope_1[..., None] * points[..., 0] + slope_2[..., None] * points[..., 1]
 
+    @cached_property
+    def _apart(self) -> np.ndarray:
+        """(..., j, m): whether the faces are apart at a corner, by more than rounding."""
+        return self.opening > _TOUCHING * self.joints.size[:, None]
+
+    @cached_property
+    def state(self) -> np.ndarray:
+        """(..., j) int: index into ``STATES``."""
+        return self._apart.all(axis=-1).astype(np.int64) + self._apart.any(axis=-1)
+
     @property
     def open_share(self) -> np.ndarray:
         """(..., j): the part of the polygon's area over which the faces are apart."""
-        joints = self.joints
-        apart = self.opening - _TOUCHING * joints.size[:, None]
-        p, q = joints.polygon, np.roll(joints.polygon, -1, axis=1)
-        o_p, o_q = apart, np.roll(apart, -1, axis=-1)
-        crossing = (o_p > 0.0) != (o_q > 0.0)
-        t = np.divide(o_p, o_p - o_q, out=np.zeros_like(o_p), where=crossing)[..., None]
-        cut = p + t * (q - p)
-        # seen from a point of the cut, the cut itself spans no area
-        count = crossing.sum(axis=-1)
-        base = np.where(crossing[..., None], cut, 0.0).sum(axis=-2) / np.maximum(count, 1)[..., None]
-        start = np.where((o_p > 0.0)[..., None], p, cut) - base[..., None, :]
-        end = np.where((o_q > 0.0)[..., None], q, cut) - base[..., None, :]
-        spanned = start[..., 0] * end[..., 1] - start[..., 1] * end[..., 0]
-        kept = (o_p > 0.0) | (o_q > 0.0)
-        return np.clip(0.5 * np.where(kept, spanned, 0.0).sum(axis=-1) / joints.area, 0.0, 1.0)
-
-    @property
-    def state(self) -> np.ndarray:
-        """(..., j) int: index into ``STATES``."""
-        apart = self.opening > _TOUCHING * self.joints.size[:, None]
-        return np.where(apart.all(axis=-1), 2, np.where(apart.any(axis=-1), 1, 0))
+        found = (self.state == STATES.index("open")).astype(float)
+        partly = self.state == STATES.index("partly open")
+        joint = np.nonzero(partly)[-1]
+        apart = self.opening[partly] - _TOUCHING * self.joints.size[joint, None]
+        found[partly] = _positive_area(self.joints.polygon[joint], apart) / self.joints.area[joint]
+        return found
 
     def slip(self, joint: int, points: np.ndarray) -> np.ndarray:
         """(..., k, 2) m: movement of b over a along t1 and t2 at points (k, 2) of one joint, elastic part included.
@@ -322,6 +317,21 @@ class RelativeMotion:
         flat = np.concatenate([points, np.zeros((len(points), 1))], axis=1)
         moved = self.shift[..., joint, None, :] + _turning(self.turn[..., joint, None, :], flat)
         return moved[..., :2]
+
+
+def _positive_area(polygon: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Area (k,) of the part of polygons (k, m, 2) where a linear function is positive; ``values`` (k, m)."""
+    p, q = polygon, np.roll(polygon, -1, axis=1)
+    at_p, at_q = values, np.roll(values, -1, axis=1)
+    crossing = (at_p > 0.0) != (at_q > 0.0)
+    t = np.divide(at_p, at_p - at_q, out=np.zeros_like(at_p), where=crossing)[..., None]
+    cut = p + t * (q - p)
+    # seen from a point of the cut, the cut itself spans no area
+    base = np.where(crossing[..., None], cut, 0.0).sum(axis=1) / np.maximum(crossing.sum(axis=1), 1)[:, None]
+    start = np.where((at_p > 0.0)[..., None], p, cut) - base[:, None]
+    end = np.where((at_q > 0.0)[..., None], q, cut) - base[:, None]
+    spanned = start[..., 0] * end[..., 1] - start[..., 1] * end[..., 0]
+    return 0.5 * np.where((at_p > 0.0) | (at_q > 0.0), spanned, 0.0).sum(axis=1)
 
 
 def torsion_centre(first: RelativeMotion, second: RelativeMotion) -> np.ndarray:
