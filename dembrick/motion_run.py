@@ -93,7 +93,7 @@ def run(moving: Motion, control, driving: Driving, session: Session) -> MotionRu
             over = status == REACHED or moving.steps >= steps
             recorder.take(last=over)
             if not over:
-                session.pause(past.snapshot, moving.steps, moving.time_step)
+                session.pause(past)
     unbalanced, at_rest = float(past.unbalanced[0]), past.at_rest
     settings = {"contact_damping": moving.damping, "seating_steps": moving.seating_steps, "inertia": "physical"}
     if control.kind != "tilt":
@@ -152,6 +152,16 @@ class _Past:
         self._moving = moving
         self.unbalanced = np.zeros(1)  # after the seating
         self.at_rest = np.zeros((len(moving.state.links.host), 9))  # `seen` then
+
+    @property
+    def step(self) -> int:
+        """Steps done."""
+        return self._moving.steps
+
+    @property
+    def time_step(self) -> float:
+        """s"""
+        return self._moving.time_step
 
     def _arrays(self) -> dict[str, np.ndarray]:
         moving = self._moving

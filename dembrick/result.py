@@ -140,7 +140,7 @@ def simulate(
     and DivergedError where there is no answer; the history then is kept, with the status "failed". Interrupted, which
     is a KeyboardInterrupt, leaves the status "interrupted", and `restart` goes on from there.
     """
-    began = time.perf_counter()
+    began, start_up = time.perf_counter(), _start_up()
     if not isinstance(scenario, Scenario):
         scenario = scenarios.load(scenario)
     assembly = _built(scenario, report)
@@ -148,7 +148,7 @@ def simulate(
     if history is not None:
         settings = {"scenario": scenario.path or ""}
         keeper = Keeper(history, scenarios.text_of(scenario), assembly, scenario.output, settings, force)
-    return _run(scenario, assembly, keeper, began)
+    return _run(scenario, assembly, keeper, began, start_up)
 
 
 def restart(history: str | os.PathLike, *, report: Callable[[str], None] | None = None) -> Result:
@@ -160,7 +160,7 @@ def restart(history: str | os.PathLike, *, report: Callable[[str], None] | None 
     """
     from dembrick.history import read
 
-    began = time.perf_counter()
+    began, start_up = time.perf_counter(), _start_up()
     left = read(history)
     try:
         if left.status not in ("running", "interrupted"):
@@ -175,9 +175,19 @@ def restart(history: str | os.PathLike, *, report: Callable[[str], None] | None 
         if report:
             step = keeper.checkpoint.about["step"] if keeper.checkpoint else 0
             report(f"going on from step {step}" if step else "no checkpoint was written: starting from the beginning")
-        return _run(scenario, assembly, keeper, began)
+        return _run(scenario, assembly, keeper, began, start_up)
     finally:
         left.close()
+
+
+class _Process:
+    ran = False
+
+
+def _start_up() -> float:
+    """Processor time (s) of this process before its first run: interpreter and imports; nought for later runs."""
+    first, _Process.ran = not _Process.ran, True
+    return time.process_time() if first else 0.0
 
 
 def _built(scenario: Scenario, report: Callable[[str], None] | None):
@@ -187,8 +197,10 @@ def _built(scenario: Scenario, report: Callable[[str], None] | None):
     return assembly
 
 
-def _run(scenario: Scenario, assembly, keeper: Keeper | Memory | None, began: float) -> Result | MotionResult:
-    """Replay, audit and judge; ``began``: when the work on it did."""
+def _run(
+    scenario: Scenario, assembly, keeper: Keeper | Memory | None, began: float, start_up: float
+) -> Result | MotionResult:
+    """Replay, audit and judge; ``began``: when the work on it did; ``start_up``: seconds before."""
     path = keeper.path if isinstance(keeper, Keeper) else None
     try:
         run = _replayed(scenario, assembly, keeper.session(scenario.output) if keeper else Session())
@@ -218,6 +230,7 @@ def _run(scenario: Scenario, assembly, keeper: Keeper | Memory | None, began: fl
     finishing = time.perf_counter()
     write = keeper.write_seconds if keeper else 0.0
     wall = {
+        "start_up": start_up,
         "build": max(0.0, done - began - run.loop_seconds - run.compile_seconds - write),
         "compile": run.compile_seconds,
         "loop": run.loop_seconds,

@@ -24,19 +24,30 @@ class Snapshot(Protocol):
         """The array ``name``, which must have the shape and the type of ``like``."""
 
 
+class Pausable(Protocol):
+    """A run between two chunks: where it is, and all that it would go on from."""
+
+    step: int
+    time_step: float
+
+    def snapshot(self) -> Mapping[str, np.ndarray]:
+        """Arrays by name, not copied."""
+
+
 @dataclass
 class Session:
     """Surroundings of a run; without any, it only answers.
 
     ``observe(rows, frames)`` gets copies of what each chunk of steps brought (see ``recorder``), of the channels of
     ``output``. ``keep(arrays)`` writes a checkpoint, every ``output.checkpoint`` seconds and when a signal ends the
-    run. A run with ``resumed`` goes on from that snapshot.
+    run. A run with ``resumed`` goes on from that snapshot. No chunk has more than ``longest_chunk`` steps.
     """
 
     observe: Observer | None = None
     output: Output = field(default_factory=Output)
     keep: Callable[[Mapping[str, np.ndarray]], None] | None = None
     resumed: Snapshot | None = None
+    longest_chunk: int = 1 << 40
     last_kept: float = field(default_factory=time.monotonic)
 
     @classmethod
@@ -44,13 +55,13 @@ class Session:
         """A session out of a session, of an observer alone, or of nothing."""
         return given if isinstance(given, Session) else cls(observe=given)
 
-    def pause(self, snapshot: Callable[[], Mapping[str, np.ndarray]], step: int, time_step: float) -> None:
+    def pause(self, run: Pausable) -> None:
         """Between two chunks: write a checkpoint if it is time for one; Interrupted where a signal asked to stop."""
         signum = interruption.requested()
         due = time.monotonic() - self.last_kept >= self.output.checkpoint
         if self.keep is not None and (due or signum):
-            self.keep(snapshot())
+            self.keep(run.snapshot())
             self.last_kept = time.monotonic()
         if signum:
-            where = f"step {step} (t = {step * time_step:.4g} s)"
+            where = f"step {run.step} (t = {run.step * run.time_step:.4g} s)"
             raise interruption.Interrupted(signum, f"interrupted after {where}")

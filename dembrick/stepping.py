@@ -79,16 +79,30 @@ class Stepper:
     """
 
     def __init__(self, loop: Loop, session: Session, recorder: Recorder | None, longest: int):
-        self.loop, self._session, self._recorder = loop, session, recorder
-        self._longest = min(longest, recorder.longest_chunk) if recorder else longest
+        self.loop, self.recorder, self._session = loop, recorder, session
+        self._longest = min(longest, session.longest_chunk, recorder.longest_chunk if recorder else longest)
         self._pace = max(1, FIRST_WORK // _size(loop.state))
+
+    @property
+    def step(self) -> int:
+        """Steps done."""
+        return self.loop.step
+
+    @property
+    def time_step(self) -> float:
+        """s"""
+        return self.loop.dt
+
+    def snapshot(self) -> dict[str, np.ndarray]:
+        """All that the run would go on from."""
+        return self.loop.snapshot()
 
     def to(self, last: int) -> int:
         """Advance to step ``last``, or until the kernel ends the run; returns its status.
 
         Raises Interrupted at the end of the chunk in which a signal came.
         """
-        status, record = RUNNING, self._recorder.record if self._recorder else None
+        status, record = RUNNING, self.recorder.record if self.recorder else None
         with interruption.deferred():
             while status == RUNNING and self.loop.step < last:
                 steps = min(self._pace, self._longest, last - self.loop.step)
@@ -97,10 +111,10 @@ class Stepper:
                 took = time.perf_counter() - began
                 self.loop.seconds += took
                 self._pace = max(1, min(int(steps * CHUNK_SECONDS / max(took, 1e-9)), 16 * steps))
-                if self._recorder:
-                    self._recorder.drain()
+                if self.recorder:
+                    self.recorder.drain()
                 if status == RUNNING:
-                    self._session.pause(self.loop.snapshot, self.loop.step, self.loop.dt)
+                    self._session.pause(self)
         if status == FULL:
             raise RuntimeError("a chunk was longer than its record has room for: please report this scenario")
         return status

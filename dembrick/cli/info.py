@@ -9,22 +9,25 @@ def add_arguments(parser) -> None:
     """Options of the command."""
     parser.add_argument("history", metavar="FILE.h5", help="history file")
     parser.add_argument("--scenario", action="store_true", help="print the scenario text instead")
-    parser.add_argument("--profile", action="store_true", help="only where the time of the run went")
+    parser.add_argument("--profile", action="store_true", help="where the time of the run went (times its loop anew)")
 
 
 def run(options, console) -> int:
     """Summarise the file without reading its data."""
     from dembrick import history
 
-    file = history.read(options.history)
+    with history.read(options.history) as file:
+        return _report(file, options, console)
+
+
+def _report(file, options, console) -> int:
     if options.scenario:
         console.result({"scenario": file.scenario_text}, file.scenario_text)
         return 0
     results = file.results or {}
     wall = results.get("wall") or {}
     if options.profile:
-        console.result({"wall": wall}, "\n".join(f"{part:10}{seconds:12.6f} s" for part, seconds in wall.items()))
-        return 0
+        return _profile(file, results, console)
     data = {
         "history": options.history,
         "title": file.title,
@@ -51,3 +54,34 @@ def run(options, console) -> int:
     lines.append("versions      " + ", ".join(f"{name} {version}" for name, version in file.versions.items()))
     console.result(data, "\n".join(lines))
     return 0
+
+
+def _profile(file, results: dict, console) -> int:
+    """Where the time went, the loop by phases as `dembrick.profile` tells them apart."""
+    from dembrick import scenario as scenarios
+    from dembrick.errors import HistoryError, ScenarioError
+    from dembrick.profile import loop_shares
+
+    wall, steps = results.get("wall"), results.get("steps")
+    if not isinstance(wall, dict) or not isinstance(steps, int) or not all(_is_number(t) for t in wall.values()):
+        raise HistoryError(f"{file.path}: status {file.status}; only a run that was finished has a profile")
+    phases, why = None, ""
+    try:
+        shares = loop_shares(scenarios.loads(file.scenario_text, file.path), steps)
+        phases = {name: share * wall.get("loop", 0.0) for name, share in shares.items()}
+    except ScenarioError as error:
+        why = str(error)
+    lines = []
+    for part, seconds in wall.items():
+        lines.append(f"{part.replace('_', '-'):16}{seconds:12.6f} s")
+        if part == "loop" and phases:
+            lines += [
+                f"  {name.replace('_', ' '):14}{t:12.6f} s {100 * shares[name]:5.1f} %" for name, t in phases.items()
+            ]
+    lines += ["the loop is split by timing short loops of this scenario on this machine" if phases else why]
+    console.result({"history": file.path, "wall": wall, "loop": phases}, "\n".join(lines))
+    return 0
+
+
+def _is_number(value) -> bool:
+    return isinstance(value, int | float)
