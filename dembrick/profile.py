@@ -20,7 +20,7 @@ import numpy as np
 
 from dembrick import assembly as assemblies
 from dembrick import replay
-from dembrick.errors import ScenarioError
+from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.model import Output, Scenario
 from dembrick.session import Session
 from dembrick.stepping import Loop
@@ -29,6 +29,7 @@ PHASES = ("joint_forces", "block_motion", "bracket", "record")
 RUN_UP = 1.0  # s, at most, to a state that is worth timing
 SAMPLE = 0.02  # s of a timed loop, if the record has room for as many steps
 ROUNDS, LEAST = 9, 1.0  # rounds of which the best counts: so many, and more until they took so long (s)
+NO_PHASES = "the loop of this run is not split into phases"
 NEVER = np.int64(1) << 62  # steps
 
 
@@ -43,8 +44,12 @@ class _RunUp(Session):
     """Ends a run half way, or after ``RUN_UP`` seconds."""
 
     def __init__(self, output: Output, steps: int):
-        super().__init__(lambda rows, frames: None, output, longest_chunk=max(1, steps // 4))
+        super().__init__(self._look, output, longest_chunk=max(1, steps // 4))
         self._half, self._began = steps // 2, time.perf_counter()
+
+    def _look(self, _rows, _frames) -> None:
+        if time.perf_counter() - self._began > 5.0 * RUN_UP:  # no time loop that pauses
+            raise ScenarioError(NO_PHASES)
 
     def pause(self, run) -> None:
         """See `Session.pause`."""
@@ -66,7 +71,9 @@ def loop_shares(scenario: Scenario, steps: int) -> dict[str, float]:
         elif control.kind == "displacement":
             replay.push_at_constant_rate(assembly, control.rate, control.travel, factor, session)
         else:
-            raise ScenarioError(f"the loop of control kind {control.kind!r} is not split into phases")
+            raise ScenarioError(NO_PHASES)
+    except NotConvergedError as error:
+        raise ScenarioError(NO_PHASES) from error
     except _Enough as enough:
         return _shares(enough.run.loop, enough.run.recorder)
     raise ScenarioError("the run is too short to be split into phases")
@@ -75,7 +82,8 @@ def loop_shares(scenario: Scenario, steps: int) -> dict[str, float]:
 def _shares(loop: Loop, recorder) -> dict[str, float]:
     record, never = recorder.record, np.array([NEVER, NEVER])
     certificate = loop.certificate._replace(tolerance=0.0)
-    loop = dataclasses.replace(loop, certificate=certificate, drive=loop.drive._replace(longest=np.inf))
+    guard = None if loop.guard is None else loop.guard._replace(longest=np.inf, mask=int(NEVER) - 1)
+    loop = dataclasses.replace(loop, certificate=certificate, guard=guard)
     blind = dataclasses.replace(loop, certificate=certificate._replace(every=int(NEVER)))
     state, none = loop.state, np.zeros(0, np.int64)
     apart = state._replace(
@@ -110,6 +118,7 @@ def _timed(loop: Loop, record, steps: int) -> float:
         state=type(loop.state)(*(_copied(part) for part in loop.state)),
         certificate=_copied(loop.certificate),
         energy=_copied(loop.energy),
+        guard=_copied(loop.guard),
     )
     record.count[:] = 0
     began = time.perf_counter()

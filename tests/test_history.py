@@ -718,23 +718,22 @@ print(found.status, found.n_frames, found.frame_position(777)[3].tolist())
 
 
 def test_a_long_run_holds_a_few_frames_only(tmp_path):
-    """A run of 1,000 blocks writes 300 frames, 38 MB of numbers, within 20 MB of what it needs without a record."""
+    """A run of 1,000 blocks writes 1,000 frames, 128 MB of numbers, within 40 MB of what it needs without a record."""
     code = f"""
 import resource, sys
 sys.path[:0] = {[str(Path(__file__).parent.parent / "tools"), *sys.path]!r}
 import bench_history as bench
-from dembrick.result import simulate
-simulate(bench.pairs(1000, 300, 1), record=False)
-simulate(bench.pairs(10, 300, 300), {str(tmp_path / "small.h5")!r})
+bench.run(bench.pairs(1000, 1000, 1))
+bench.run(bench.pairs(10, 300, 300), {str(tmp_path / "small.h5")!r})
 before = bench.megabytes()
-result = simulate(bench.pairs(1000, 300, 300), {str(tmp_path / "run.h5")!r})
-print(len(result.frames["time"]), bench.megabytes() - before)
+bench.run(bench.pairs(1000, 1000, 1000), {str(tmp_path / "run.h5")!r})
+print(bench.read({str(tmp_path / "run.h5")!r}).n_frames, bench.megabytes() - before)
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     frames, megabytes = done.stdout.split()
     print(f"{frames} frames, {megabytes} MB more")
-    assert int(frames) >= 290 and float(megabytes) < 20
+    assert int(frames) >= 990 and float(megabytes) < 40
 
 
 def test_reason_out_of_hdf5():
