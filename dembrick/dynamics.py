@@ -154,6 +154,12 @@ def advance(motion: Motion, driving: Driving, n_steps: int, limits: Limits) -> i
     return RUNNING
 
 
+def joint_forces(motion: Motion, driving: Driving) -> None:
+    """Let the joints answer to where the blocks are, and nothing move."""
+    held = motion.state.bodies._replace(free=np.zeros(0, np.int64))
+    _advance(motion, held, driving, np.zeros(1), Limits(1.0, 1.0), 0.0, motion.time_step)
+
+
 def _advance(motion: Motion, bodies, driving: Driving, times, limits: Limits, damping: float, dt: float):
     """A chunk of steps at ``times``, polygons cut where that is due; returns the status and the steps done."""
     state = motion.state

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from dembrick import interruption
 from dembrick.checks import show
 from dembrick.driving import Driving
-from dembrick.dynamics import Motion, advance, damping_of_restitution, motion, seat
+from dembrick.dynamics import Motion, advance, damping_of_restitution, joint_forces, motion, seat
 from dembrick.errors import HistoryError, NotConvergedError, ScenarioError
 from dembrick.kernels.dynamics import REACHED, Limits
 from dembrick.moving_state import joint_resultants, out_of_balance, seen
 from dembrick.session import Session, Snapshot
+from dembrick.shapes import quaternion_product, rotation_matrix, unit_quaternion
 from dembrick.snapshots import flattened, restored
 
 STEEPEST = 90.0  # deg: a tilt that brings nothing down ends there
@@ -69,7 +70,7 @@ def run(moving: Motion, control, driving: Driving, session: Session) -> MotionRu
     if session.resumed:
         past.restore(session.resumed)
     else:
-        past.unbalanced[0] = seat(moving, driving, sticking=dynamic)
+        past.unbalanced[0] = seat(moving, replace(driving, support_velocity=None), sticking=dynamic)
         past.at_rest[:] = seen(moving.state.bodies, moving.state.links)
         if dynamic:
             _set_going(moving, driving)
@@ -106,17 +107,34 @@ def run(moving: Motion, control, driving: Driving, session: Session) -> MotionRu
 
 
 def _set_going(moving: Motion, driving: Driving) -> None:
-    """Give the blocks their velocities; half a step back, from where the first step takes them on."""
-    assembly, bodies = moving.assembly, moving.state.bodies
-    gravity, _ = driving.at(np.zeros(1), moving.time_step)
-    force, _ = out_of_balance(moving.state, gravity[0])
-    half = 0.5 * moving.time_step
-    free = bodies.free
-    bodies.velocity[free] = assembly.velocity[free] - half * force[free] / bodies.mass[free, None]
-    spin = assembly.angular_velocity
+    """Give the blocks their velocities; half a step back, from where the forces of time nought take them on.
+
+    The joints first look at where the blocks came from, a step ago, so that what slides rubs from the start.
+    """
+    assembly, state, dt = moving.assembly, moving.state, moving.time_step
+    bodies, free = state.bodies, state.bodies.free
+    velocity, spin = np.zeros_like(bodies.velocity), np.zeros_like(bodies.spin)
+    velocity[free], spin[free] = assembly.velocity[free], assembly.angular_velocity[free]
+    back = np.column_stack([np.ones(len(spin)), -0.5 * dt * spin])
+    before = bodies._replace(
+        position=bodies.position - dt * velocity,
+        rotation=rotation_matrix(quaternion_product(unit_quaternion(back), bodies.orientation)),
+    )
+    came_from = seen(before, state.links)
+    memory = [array for family in (state.corners, state.faces) if family is not None for array in family]
+    kept = [array.copy() for array in memory]
+    state.links.seen[:] = came_from
+    joint_forces(moving, driving)
+    for array, value in zip(memory, kept, strict=True):  # the first step looks again
+        array[...] = value
+    state.links.seen[:] = came_from
+    gravity, _ = driving.at(np.zeros(1), dt)
+    force, torque = out_of_balance(state, gravity[0])
     inertia = bodies.rotation @ assembly.inertia @ np.swapaxes(bodies.rotation, 1, 2)
+    momentum = np.einsum("nij,nj->ni", inertia, spin)
+    bodies.velocity[free] = velocity[free] - 0.5 * dt * force[free] / bodies.mass[free, None]
+    bodies.momentum[free] = momentum[free] - 0.5 * dt * torque[free]
     bodies.spin[free] = spin[free]
-    bodies.momentum[free] = np.einsum("nij,nj->ni", inertia, spin)[free]
 
 
 def _collapse(moving: Motion, control, at_rest: np.ndarray) -> dict:
