@@ -156,8 +156,8 @@ class BaseMotionControl:
 def _check_motion(control) -> None:
     duration, restitution = real("duration", control.duration), real("restitution", control.restitution)
     require(duration > 0.0, "duration", duration, "it must be longer than 0 s")
-    bound = "it must lie between 0.01 and 1, the speed after over the speed before an impact"
-    require(0.01 <= restitution <= 1.0, "restitution", restitution, bound)
+    bound = "the speed after over the speed before an impact lies between 0.14 (critically damped) and 1"
+    require(0.14 <= restitution <= 1.0, "restitution", restitution, bound)
     assign(control, duration=duration, restitution=restitution)
 
 

@@ -239,7 +239,8 @@ def _unbalanced(state: MovingState, driving: Driving, supported: np.ndarray) -> 
     force, _ = out_of_balance(state, gravity[0])
     free = state.bodies.free[supported[state.bodies.free]]
     largest = np.sqrt((state.links.wrench[:, :3] ** 2).sum(axis=1).max())
-    return float(np.sqrt((force[free] ** 2).sum(axis=1).max()) / largest) if largest > 0.0 else 1.0
+    worst = np.sqrt((force[free] ** 2).sum(axis=1).max())
+    return float(worst / max(worst, largest)) if worst > 0.0 else 0.0
 
 
 def _smallest(motion: Motion) -> float:
