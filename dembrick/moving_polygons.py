@@ -3,8 +3,8 @@
 A polygon rides on its host. Where the host slides or twists past the edge of the other's face, part of it hangs over,
 and what hangs over carries nothing. The number of contact points never changes, so that nothing jumps: a corner beyond
 the edge moves to the nearest point of the face, and the tributary areas are those of the polygon that this makes; a
-point of a ``distributed`` joint fades out over the width of its own cell; a ``convex`` joint, which is an integral, is
-clipped. Shear memory stays with the points (and with the centroid of a convex joint).
+point of a ``distributed`` joint fades out while the edge passes through its cell; a ``convex`` joint, which is an
+integral, is clipped. Shear memory stays with the points (and with the centroid of a convex joint).
 
 Cutting costs as much as many thousand steps of a joint, so it is done only where a polygon has moved along its plane by
 ``STALE`` of its short side since the last time; polygons well inside the other's face wait until they reach its edge.
@@ -35,6 +35,7 @@ class Polygons:
         joints = JointTable.of(assembly.joints)
         self._state, self._joints, self._shapes = state, joints, assembly.shapes
         self._points = assembly.contact_points
+        self._start = state.links.seen.copy()
         self.bound = np.empty(len(joints))
         for numbers, outlines in joints.by_corners():
             self.bound[numbers] = STALE * polygons.width(outlines)
@@ -121,11 +122,16 @@ class Polygons:
         self._state.links.reach[j] = np.sqrt((outline**2).sum(axis=1).max())
 
     def _fade(self, j: int, i: int, origin, tangents, face) -> None:
-        """A point beyond the edge loses its area over the width of its cell."""
+        """A point loses its area while the edge passes through its cell."""
         corners, start = self._state.corners, self._points[j]
-        beyond = np.maximum(distance_outside(origin + start.normal_arm @ tangents, face), 0.0)
-        left = np.maximum(1.0 - beyond / np.sqrt(start.area), 0.0)
-        corners.area[corners.start[i] : corners.start[i + 1]] = start.area * left
+        cell = np.sqrt(start.area)
+
+        def inside(o, t):
+            return np.clip(0.5 - distance_outside(o + start.normal_arm @ t, face) / cell, 0.0, 1.0)
+
+        seen = self._start[j]
+        left = inside(origin, tangents) / inside(seen[:2], seen[[[3, 4], [6, 7]]])
+        corners.area[corners.start[i] : corners.start[i + 1]] = start.area * np.minimum(left, 1.0)
 
     def _clip(self, j: int, i: int, origin, tangents, face) -> None:
         """The polygon of an integral is what both faces share."""

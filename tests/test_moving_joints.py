@@ -1,0 +1,235 @@
+"""Joints between moving blocks: objectivity, large turns, polygons that slide over edges."""
+
+import math
+
+import numpy as np
+import pytest
+
+from dembrick import assembly
+from dembrick.controls import DynamicControl
+from dembrick.driving import Driving
+from dembrick.dynamics import Motion, advance, joint_forces, motion, seat
+from dembrick.kernels.bodies import turn_body
+from dembrick.kernels.dynamics import Limits
+from dembrick.model import Block, JointLaw, Material, Scenario
+from dembrick.moving_polygons import distance_outside, nearest_inside
+from dembrick.moving_state import joint_resultants, seen
+from dembrick.shapes import quaternion_product, rotation_matrix
+
+GRAVITY = np.array([0.0, 0.0, -9.81])
+FORMULATIONS = ("concave", "corrected", "corrected-shear", "convex", "distributed")
+FAR = Limits(displacement=1e6, longest=1.0)
+TURNED = (0.8, 0.0, 0.36, -0.48)
+
+
+def two_blocks(
+    formulation="concave", floor=(0.3, 0.2, 0.1), turn=(1.0, 0.0, 0.0, 0.0), friction=0.64, **block
+) -> Motion:
+    """A block of 0.3 x 0.2 x 0.1 m on a fixed one; everything, gravity too, is turned by a quaternion."""
+    R = rotation_matrix(np.array(turn))
+    points = {"points": (6, 4)} if formulation == "distributed" else {}
+    turned = {key: tuple(R @ value) for key, value in block.items()}
+    built = assembly.build(
+        Scenario(
+            title="two blocks",
+            gravity=tuple(R @ GRAVITY),
+            joint=JointLaw(formulation, friction, 1e10, 4e9, **points),
+            materials={"stone": Material(2000.0)},
+            blocks=(
+                Block("floor", "stone", floor, tuple(R @ [0.0, 0.0, -floor[2] / 2]), turn, fixed=True),
+                Block("block", "stone", (0.3, 0.2, 0.1), tuple(R @ [0.0, 0.0, 0.05]), turn, **turned),
+            ),
+            control=DynamicControl(duration=1.0),
+        )
+    )
+    return motion(built, 0.1, 0.3)
+
+
+def seated(*arguments, **keywords) -> tuple[Motion, Driving]:
+    """The same at rest under gravity, and what drives it."""
+    moving = two_blocks(*arguments, **keywords)
+    driving = Driving(moving.assembly.gravity)
+    seat(moving, driving)
+    return moving, driving
+
+
+def place(moving: Motion, shift, turn, block: int = 1) -> None:
+    """Move a block by a shift (m) and turn it about its centroid by a quaternion, without a step in time."""
+    bodies = moving.state.bodies
+    bodies.position[block] += shift
+    bodies.orientation[block] = quaternion_product(turn, bodies.orientation[block])
+    bodies.rotation[block] = rotation_matrix(bodies.orientation[block])
+
+
+def about(axis, angle):
+    """Quaternion of a turn."""
+    return np.concatenate([[math.cos(angle / 2)], math.sin(angle / 2) * np.asarray(axis, float)])
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_a_pair_that_turns_as_one_feels_nothing(formulation):
+    """Forces turn with the pair, to the last digits, after a whole turn in a hundred steps too."""
+    moving, driving = seated(formulation)
+    state = moving.state
+    place(moving, (2e-8, 1e-8, 0.0), about((0, 0, 1), 1e-7))  # some shear and torsion in memory, no slip
+    for _ in range(2):  # the dashpots rest again
+        joint_forces(moving, driving)
+    before = joint_resultants(state)
+    assert abs(before[0, 1]) > 1.0 and abs(before[0, 3]) > 0.01
+    axis = np.array([2.0, -1.0, 2.0]) / 3.0
+    centre = state.bodies.position.mean(axis=0) + 0.3
+    force = state.links.wrench[0, :3].copy()
+    for _ in range(100):
+        turn = about(axis, 2.0 * math.pi / 300)
+        for b in range(2):
+            arm = state.bodies.position[b] - centre
+            place(moving, rotation_matrix(turn) @ arm - arm, turn, b)
+        joint_forces(moving, driving)
+    np.testing.assert_allclose(joint_resultants(state), before, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(
+        state.links.wrench[0, :3], rotation_matrix(about(axis, 2.0 * math.pi / 3)) @ force, rtol=1e-6, atol=1e-5
+    )
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_action_and_reaction_at_one_point(formulation):
+    """The wrench on the other is minus that on the host: forces, and torques about any one point."""
+    moving, driving = seated(formulation)
+    place(moving, (1e-7, 2e-7, -1e-6), about((0.6, 0.8, 0.0), 2e-5))
+    joint_forces(moving, driving)
+    bodies, links = moving.state.bodies, moving.state.links
+    force, on_host, on_other = links.wrench[0].reshape(3, 3)
+    arm = bodies.position[links.host[0]] - bodies.position[links.other[0]]
+    np.testing.assert_allclose(on_other, -(on_host + np.cross(arm, force)), rtol=1e-9, atol=1e-9)
+    assert np.linalg.norm(force) > 100.0
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex", "distributed"])
+def test_the_same_in_any_frame(formulation):
+    """A block that slides, spins and rocks moves alike wherever the world's axes are."""
+    start = {"velocity": (0.3, 0.2, 0.0), "angular_velocity": (0.0, 0.0, 2.0)}
+    ends = []
+    for turn in ((1.0, 0.0, 0.0, 0.0), TURNED):
+        moving, driving = seated(formulation, turn=turn, floor=(2.0, 2.0, 0.1))
+        R = rotation_matrix(np.array(turn))
+        moving.time_step, moving.state.links.viscous[:] = 2e-5, 0.1  # its bound has rounding of its own
+        moving.state.bodies.velocity[1] = R @ start["velocity"]
+        moving.state.bodies.momentum[1] = (R @ moving.assembly.inertia[1]) @ start["angular_velocity"]
+        advance(moving, driving, 400, FAR)
+        ends.append(R.T @ moving.displacement[1])
+    np.testing.assert_allclose(ends[1], ends[0], rtol=1e-6, atol=1e-8)
+    assert np.linalg.norm(ends[0]) > 1e-3
+
+
+@pytest.mark.parametrize("angle", [1e-3, 1e-2, 0.1, 0.5, 1.2])
+def test_gap_is_exact_for_large_turns(angle):
+    """A block turned on its toe by any angle: the corners at the toe touch, the others are as high as geometry says."""
+    moving, driving = seated()
+    bodies, links = moving.state.bodies, moving.state.links
+    toe = bodies.position[1] + (0.15, 0.0, -0.05)
+    turn = about((0, 1, 0), angle)
+    place(moving, rotation_matrix(turn) @ (bodies.position[1] - toe) - (bodies.position[1] - toe), turn)
+    corners = moving.state.corners
+    now = seen(bodies, links)[0]
+    gap = links.sense[0] * (now[2] - links.offset[0] + corners.x * now[5] + corners.y * now[8])
+    expected = np.where(corners.x > 0, 0.0, 0.3 * math.sin(angle))
+    sunk = 2000.0 * 0.006 * 9.81 / (1e10 * 0.06)
+    np.testing.assert_allclose(gap, expected - sunk, atol=1e-12)
+
+
+def torsion_strength(moving: Motion, driving: Driving) -> float:
+    """Torque of a joint that is twisted well into slip, over mu N (m)."""
+    for _ in range(200):
+        place(moving, (0.0, 0.0, 0.0), about((0, 0, 1), 1e-7))
+        joint_forces(moving, driving)
+    r = joint_resultants(moving.state)[0]
+    return r[3] / (0.64 * r[0])
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_a_small_turn_changes_no_strength(formulation):
+    """Two equal blocks: a thousandth of a radian leaves the torsion strength where it was, within a thousandth."""
+    moving, driving = seated(formulation)
+    before = torsion_strength(moving, driving)
+    moving, driving = seated(formulation)
+    place(moving, (0.0, 0.0, 0.0), about((0, 0, 1), 1e-3))
+    joint_forces(moving, driving)
+    moving.polygons.cut_stale()
+    after = torsion_strength(moving, driving)
+    assert after == pytest.approx(before, rel=1.5e-3)
+    assert before > 0.09
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_sliding_off_the_edge(formulation):
+    """Half over the edge, the joint is what both faces share: its area, and where the weight is carried."""
+    moving, driving = seated(formulation)
+    last = None
+    for _ in range(300):
+        place(moving, (5e-4, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
+        joint_forces(moving, driving)
+        moving.polygons.cut_stale()
+        joint_forces(moving, driving)
+        normal = joint_resultants(moving.state)[0, 0]
+        assert last is None or abs(normal - last) < 0.02 * 117.72 * (4 if formulation == "distributed" else 1)
+        last = normal
+    family = moving.state.faces or moving.state.corners
+    assert family.area.sum() == pytest.approx(0.03, rel=0.01)
+    assert normal == pytest.approx(0.5 * 117.72, rel=0.01)  # the closing stayed the same
+    if formulation != "distributed":
+        assert moving.polygons.shift[0, 0] == pytest.approx(-0.075, rel=0.01)
+
+
+def test_polygons_inside_the_face_are_left_alone():
+    """On a floor larger than its path a polygon is looked at when it nears the edge, and never cut."""
+    moving, driving = seated(floor=(2.0, 2.0, 0.1))
+    area, x = moving.state.corners.area.copy(), moving.state.corners.x.copy()
+    for _ in range(10):
+        place(moving, (0.05, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
+        joint_forces(moving, driving)
+        moving.polygons.cut_stale()
+    np.testing.assert_array_equal(moving.state.corners.area, area)
+    np.testing.assert_array_equal(moving.state.corners.x, x)
+    assert moving.polygons.whole[0] and moving.state.links.slack[0] > 0.3
+
+
+def test_nearest_point_of_a_face():
+    face = np.array([(0.0, 0.0), (2.0, 0.0), (2.0, 1.0), (0.0, 1.0)])
+    points = np.array([(1.0, 0.5), (3.0, 0.5), (3.0, 2.0), (1.0, -0.25), (0.0, 0.0)])
+    np.testing.assert_allclose(distance_outside(points, face), [-0.5, 1.0, 1.0, 0.25, 0.0])
+    np.testing.assert_allclose(
+        nearest_inside(points, face), [(1.0, 0.5), (2.0, 0.5), (2.0, 1.0), (1.0, 0.0), (0.0, 0.0)]
+    )
+
+
+@pytest.mark.parametrize("spin", [(1.0, 0.2, -0.3), (0.01, 2.0, 0.01), (0.1, -0.2, 3.0), (1e-6, 2e-6, -1e-6)])
+def test_euler_top(spin):
+    """A free block keeps |L| to the bit and its energy to the square of the step."""
+    tensor = np.array([1.0, 2.0, 3.0])
+    worst = []
+    for dt in (0.01, 0.005):
+        moving = two_blocks(turn=TURNED)
+        bodies = moving.state.bodies
+        bodies.inverse[1] = np.diag(1.0 / tensor)
+        R = bodies.rotation[1].copy()
+        bodies.momentum[1] = R @ (tensor * spin)
+        start = 0.5 * (tensor * np.square(spin)).sum()
+        error = 0.0
+        for _ in range(int(20.0 / dt)):
+            turn_body(bodies, 1, dt)
+            body = bodies.inverse[1] @ bodies.rotation[1].T @ bodies.momentum[1]
+            error = max(error, abs(0.5 * (tensor * body**2).sum() / start - 1.0))
+        np.testing.assert_array_equal(bodies.momentum[1], R @ (tensor * spin))
+        np.testing.assert_allclose(bodies.rotation[1] @ bodies.rotation[1].T, np.eye(3), atol=1e-12)
+        worst.append(error)
+    assert worst[0] < 2e-4
+    assert worst[1] < 0.3 * worst[0] + 1e-13
+
+
+def test_turning_as_plain_python():
+    compiled, plain = two_blocks(turn=TURNED), two_blocks(turn=TURNED)
+    for moving, step in ((compiled, turn_body), (plain, getattr(turn_body, "py_func", turn_body))):
+        moving.state.bodies.momentum[1] = (0.3, -0.2, 0.5)
+        for _ in range(50):
+            step(moving.state.bodies, 1, 1e-3)
+    np.testing.assert_allclose(compiled.state.bodies.orientation, plain.state.bodies.orientation, rtol=0, atol=1e-14)
