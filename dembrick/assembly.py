@@ -12,8 +12,9 @@ from typing import NoReturn
 
 import numpy as np
 
-from dembrick import polygons
+from dembrick import body_forces, polygons
 from dembrick.checks import show
+from dembrick.controls import on_all_blocks
 from dembrick.errors import ScenarioError
 from dembrick.joints import TOLERANCE, JointTable, find_joints
 from dembrick.model import JointLaw, Scenario
@@ -100,7 +101,7 @@ def at_rest(scenario: Scenario) -> Assembly:
     fixed = np.array([block.fixed for block in blocks], bool)
     density = np.array([scenario.materials[block.material].density for block in blocks])
     mass = density * [shape.volume for shape in shapes]
-    quasi_static = scenario.control.kind in _QUASI_STATIC
+    quasi_static = scenario.control.kind in _QUASI_STATIC or on_all_blocks(scenario.control)
 
     if quasi_static and not fixed.any():
         kind = show(scenario.control.kind)
@@ -175,7 +176,9 @@ def loaded(scenario: Scenario, bare: Assembly, points: bool = True) -> Assembly:
         dead_torque=dead_torque,
         joint_force=joint_force,
         joint_force_exact=exact,
-        actuators=_actuators(scenario, number, bare),
+        actuators=_body_forces(scenario, number, bare)
+        if on_all_blocks(scenario.control)
+        else _actuators(scenario, number, bare),
         warnings=warnings,
     )
 
@@ -348,6 +351,23 @@ def _actuators(scenario: Scenario, number: dict[str, int], bare: Assembly) -> Ac
         arm=arm,
         direction=np.array([actuator.direction for actuator in scenario.actuators], float).reshape(-1, 3),
         weight=np.array([actuator.weight for actuator in scenario.actuators], float),
+    )
+
+
+def _body_forces(scenario: Scenario, number: dict[str, int], bare: Assembly) -> Actuators:
+    """The load system of a quasi-static tilt or pushover, as jacks at centroids and at the points of the loads."""
+    try:
+        block, point, force = body_forces.load_system(scenario, number, bare.position, bare.mass, bare.fixed)
+    except ScenarioError as error:
+        _refuse(scenario, str(error))
+    weight = np.sqrt((force**2).sum(axis=1))
+    return Actuators(
+        names=tuple(f"load on {bare.names[i]}" for i in block),
+        block=block,
+        point=point,
+        arm=point - bare.position[block],
+        direction=force / weight[:, None],
+        weight=weight,
     )
 
 

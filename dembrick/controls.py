@@ -107,6 +107,35 @@ class TiltControl:
 
 
 @dataclass(frozen=True, slots=True)
+class PushoverControl:
+    """Every block pushed along ``direction`` by the same share of its weight, the load factor, to its limit.
+
+    ``tolerance`` is the relative half-width of the bracket of that limit. The curve goes on past it until a block has
+    moved ``displacement`` (m) since it was seated, where that is given.
+    """
+
+    direction: Vector
+    displacement: float | None = None
+    quasi_static: bool = True
+    tolerance: float = 1.0e-3
+
+    kind = "pushover"
+
+    def __post_init__(self):
+        direction = vector("direction", self.direction)
+        require(any(direction), "direction", direction, "its length must be greater than 0")
+        assign(self, direction=unit_vector(direction), tolerance=real("tolerance", self.tolerance))
+        if self.displacement is not None:
+            assign(self, displacement=real("displacement", self.displacement))
+            require(self.displacement > 0.0, "displacement", self.displacement, "it must be greater than 0 m")
+        require_type(isinstance(self.quasi_static, bool), "quasi_static", self.quasi_static, "true or false")
+        bound = "a pushover in real time is not part of this version; push by base-motion, or leave it true"
+        require(self.quasi_static, "quasi_static", self.quasi_static, bound)
+        bound = "it is a relative error between 1e-8 and 0.1; 1e-3 is usual"
+        require(1e-8 <= self.tolerance <= 0.1, "tolerance", self.tolerance, bound)
+
+
+@dataclass(frozen=True, slots=True)
 class DynamicControl:
     """Free motion for ``duration`` (s), from the velocities of the blocks, under gravity and loads.
 
@@ -161,5 +190,16 @@ def _check_motion(control) -> None:
     assign(control, duration=duration, restitution=restitution)
 
 
-Control = YieldControl | DisplacementControl | TiltControl | DynamicControl | BaseMotionControl
-MOTIONS = ("tilt", "dynamic", "base-motion")  # kinds that need no actuators
+Control = YieldControl | DisplacementControl | TiltControl | PushoverControl | DynamicControl | BaseMotionControl
+MOTIONS = ("tilt", "dynamic", "base-motion")  # kinds that move blocks in real time
+WITHOUT_ACTUATORS = (*MOTIONS, "pushover")
+
+
+def on_all_blocks(control: Control) -> bool:
+    """Whether the control looks for the limit of a load that acts on every block."""
+    return control.kind in ("tilt", "pushover") and control.quasi_static
+
+
+def in_real_time(control: Control) -> bool:
+    """Whether the control lives through seconds of motion."""
+    return control.kind in MOTIONS and not on_all_blocks(control)

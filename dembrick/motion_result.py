@@ -9,6 +9,7 @@ import numpy as np
 
 from dembrick import assembly as assemblies
 from dembrick import motion_run
+from dembrick.collapse import collapse_lines
 from dembrick.errors import ScenarioError
 from dembrick.loading import driving_of
 from dembrick.model import Scenario
@@ -106,13 +107,7 @@ class MotionResult:
         motion = self.run.motion
         lines = [self.scenario.title, f"formulation   {self.scenario.joint.formulation}"]
         if self.collapse is not None:
-            fallen = self.collapse
-            lines.append(
-                f"collapse      {fallen['angle']:.5g} deg, load factor {fallen['load_factor']:.5g} (no error bar), by "
-                f"{fallen['mechanism']}"
-            )
-            names, more = fallen["blocks"][:5], len(fallen["blocks"]) - 5
-            lines.append(f"blocks        {', '.join(names)}{f' and {more} more' if more > 0 else ''}")
+            lines += collapse_lines(self.collapse)
         furthest = int(np.argmax(np.linalg.norm(self.displacement, axis=1)))
         away = float(np.linalg.norm(self.displacement[furthest]))
         lines.append(f"displacement  {away:.5g} m, of {self.assembly.names[furthest]}")

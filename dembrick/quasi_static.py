@@ -58,13 +58,14 @@ def follow(
     certificate: Certificate,
     strength: float,
     recorder: Recorder | None = None,
+    goal: float = 0.0,
 ) -> Path:
     """Push the seated ``state`` by the unit ``load`` (n, 6) to its limit, or until no further equilibrium is found.
 
     ``strength`` is a guess of the limit load. The bracket ends up in ``certificate``; every equilibrium is recorded,
-    its number for a time.
+    its number for a time. The path goes on until a block has moved by ``goal`` (m).
     """
-    return _Follower(state, load, factor, certificate, recorder).run(strength)
+    return _Follower(state, load, factor, certificate, recorder).run(strength, goal)
 
 
 def prepare(state: State, load: np.ndarray, factor: Factor, certificate: Certificate) -> None:
@@ -165,10 +166,11 @@ class _Follower:
         newton_directions(self.trial, state.joints)
         instant_bounds(state.blocks, state.joints, state.points, state.areas, 0.0, 0.0, 1.0)
 
-    def run(self, strength: float) -> Path:
+    def run(self, strength: float, goal: float) -> Path:
         state, trial = self.state, self.trial
         remember(trial, state.joints, state.points, state.areas)
         motion = self._motion()
+        self.seated_at = state.blocks.displacement.copy()
         self.V, self.driven = 0.0, float(trial.load @ motion) / self.weight
         state.jacks.drive[:2] = self.driven
         self._record()
@@ -187,7 +189,7 @@ class _Follower:
             self._accept(change, V, step)
             direction, gain, motion = change / step, slope, now
             longest = max(longest, self.seen[-1][0])
-            if self._judged():
+            if self._judged() and self._moved() >= goal:
                 return Path(True, self.iterations, equilibria)
             calm += 1
             if iterations >= HARD:
@@ -201,6 +203,10 @@ class _Follower:
         blocks = self.state.blocks
         motion[self.rows] = np.concatenate([blocks.displacement[self.free], blocks.rotation[self.free]], axis=1)
         return motion
+
+    def _moved(self) -> float:
+        """How far the block that moved most has moved since the start of the path (m)."""
+        return float(np.linalg.norm(self.state.blocks.displacement - self.seated_at, axis=1).max())
 
     def _try(self, motion: np.ndarray, V: float, with_tangent: bool) -> float:
         """Out-of-balance of a motion under the load V: the square root of the elastic energy that it would give (J)."""
@@ -323,7 +329,7 @@ class _Follower:
         energy[EXTERNAL], energy[FRICTION] = self.external, self.friction
         number = len(self.seen)
         write_row(
-            record, number, float(number), state.blocks, state.joints, state.points, state.jacks, None, lower, upper,
+            record, number, float(number), state.blocks, state.joints, state.points, state.jacks, 0.0, lower, upper,
             False,
         )  # fmt: skip
         self.recorder.drain()

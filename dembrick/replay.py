@@ -23,6 +23,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dembrick.certificate import certificate, empty_window, frictionless
+from dembrick.controls import on_all_blocks
 from dembrick.elastic import elastic_factor, touches_itself
 from dembrick.equilibrium import inverse_inertia, seat
 from dembrick.errors import NotConvergedError, ScenarioError
@@ -44,6 +45,7 @@ from dembrick.yield_point import YieldPoint, read_off
 VISCOUS = 0.5  # dashpot force over spring force for the same increment, in contacts and jack, while searching
 JACK = 1.0  # stiffness of the jack over that of the joints along the load
 SLIP_PER_STEP = 1.0  # elastic slips that the head moves in a step towards a limit load
+GUESS = 0.25  # of the weight of all blocks: a first guess of a load on all of them
 CALMING = 0.2  # of the swing of a block's velocity that a step takes away, once a search takes long
 LONG_WINDOW = 64  # steps over which an indicator must then hold still
 MEMORY = 1.0 / 16.0  # weight of the latest step in the mean that it swings about
@@ -72,14 +74,16 @@ class Replay:
     loop_seconds: float
     energy: Energy | None = None
     settings: dict = field(default_factory=dict)
+    moved: np.ndarray | None = None  # (n, 3) m, since the blocks were seated
 
 
 def find_limit_load(
-    assembly, tolerance: float, step_factor: float, session: Session | Observer | None = None
+    assembly, tolerance: float, step_factor: float, session: Session | Observer | None = None, goal: float = 0.0
 ) -> Replay:
     """Push until the bracket of V is within ``tolerance`` of it (relative half-width).
 
-    ``step_factor`` is the time step over the critical one; ``session`` gets the record. Raises NotConvergedError with
+    ``step_factor`` is the time step over the critical one; ``session`` gets the record. An assembly is pushed on until
+    a block has moved by ``goal`` (m). Raises NotConvergedError with
     the best bracket where the tolerance is not reached, DivergedError, and NotConvergedError where the dead loads alone
     bring the blocks down.
     """
@@ -88,7 +92,7 @@ def find_limit_load(
     if setup.factor is None:
         replay = _by_inertia(setup, step_factor, session)
     else:
-        replay = _by_equilibria(setup, session)
+        replay = _by_equilibria(setup, session, goal)
     if not replay.converged:
         point = replay.yield_point
         above = "without an upper bound" if point.V_upper is None else f"at most {point.V_upper:.6g} N"
@@ -101,7 +105,7 @@ def find_limit_load(
     return replay
 
 
-def _by_equilibria(setup: _Setup, session: Session) -> Replay:
+def _by_equilibria(setup: _Setup, session: Session, goal: float) -> Replay:
     """The search where free blocks touch one another: equilibrium by equilibrium."""
     state, certificate = setup.state, setup.certificate
     frames_every = 1 if len(setup.assembly.names) <= 100 else 8
@@ -109,8 +113,10 @@ def _by_equilibria(setup: _Setup, session: Session) -> Replay:
     began = time.perf_counter()
     prepare(state, setup.load, setup.factor, certificate)
     ready = time.perf_counter()
-    strength = _rough_strength(state, certificate, setup.load)
-    path = follow(state, setup.load, setup.factor, certificate, strength, recorder)
+    # a load on all blocks is resisted by some part of their weight, one jack by a few joints
+    strength = GUESS * float(np.linalg.norm(state.blocks.dead_force[state.blocks.free], axis=1).sum()) / setup.weight
+    strength = min(strength, _rough_strength(state, certificate, setup.load)) or GUESS
+    path = follow(state, setup.load, setup.factor, certificate, strength, recorder, goal)
     done = time.perf_counter()
     return Replay(
         yield_point=read_off(state, certificate, setup.assembly.names),
@@ -124,6 +130,7 @@ def _by_equilibria(setup: _Setup, session: Session) -> Replay:
         compile_seconds=setup.compile_seconds + ready - began,
         loop_seconds=setup.loop_seconds + done - ready,
         settings={"equilibria": path.equilibria, "inertia": "none"},
+        moved=state.blocks.displacement - setup.seated,
     )
 
 
@@ -246,7 +253,7 @@ def plan(assembly, control, step_factor: float, output: Output | None = None) ->
     system = _LoadSystem(assembly)
     critical = system.dashpots().critical_time_step
     dt = step_factor * critical
-    if control.kind == "yield":
+    if control.kind == "yield" or on_all_blocks(control):
         # seen over the lab tests and random joints: some 25 steps to 1e-3 and ten more a digit, twice that at height
         steps = 25 + int(20.0 * max(0.0, -math.log10(control.tolerance) - 2.0))
         rows = steps
@@ -311,6 +318,7 @@ class _Setup(_LoadSystem):
         super().__init__(assembly)
         self.factor = elastic_factor(self.state) if touches_itself(self.state) else None
         self.unbalanced, self.compile_seconds, self.loop_seconds = seat(self.state, self.stiffness, self.factor)
+        self.seated = self.state.blocks.displacement.copy()
         self.certificate: Certificate = certificate(self.state, self.load, self.jack_stiffness / JACK, tolerance)
 
     def drive(self, rate: float, dt: float) -> Drive:
@@ -343,6 +351,7 @@ class _Setup(_LoadSystem):
             loop_seconds=self.loop_seconds + loop.seconds,
             energy=loop.energy,
             settings=settings,
+            moved=loop.state.blocks.displacement - self.seated,
         )
 
     @staticmethod

@@ -13,7 +13,8 @@ from dembrick import assembly as assemblies
 from dembrick import judge, replay
 from dembrick import scenario as scenarios
 from dembrick.audit import EnergyAudit
-from dembrick.controls import MOTIONS
+from dembrick.collapse import collapse_of, refined
+from dembrick.controls import in_real_time, on_all_blocks
 from dembrick.errors import DembrickError, HistoryError, NotConvergedError, WriteError
 from dembrick.interruption import Interrupted
 from dembrick.keeper import Keeper, Memory
@@ -45,6 +46,7 @@ class Result:
     wall: dict
     energy: EnergyAudit | None = None
     history: str | None = None
+    collapse: dict | None = None
 
     @property
     def yield_point(self) -> YieldPoint:
@@ -63,7 +65,9 @@ class Result:
 
     @property
     def status(self) -> str:
-        """ "yield" for a limit load, "completed" for a constant-rate test."""
+        """ "yield" for a limit load, "collapse" for that of all blocks, "completed" for a constant-rate test."""
+        if self.collapse is not None:
+            return "collapse"
         return "yield" if self.scenario.control.kind == "yield" else "completed"
 
     def agrees(self) -> bool:
@@ -86,6 +90,7 @@ class Result:
             "title": self.scenario.title,
             "formulation": self.scenario.joint.formulation,
             "status": self.status,
+            "collapse": self.collapse,
             "yield_point": self.yield_point.as_dict(),
             "theory": None if self.theory is None else self.theory.as_dict(),
             "steps": run.steps,
@@ -129,12 +134,14 @@ def simulate(
     *,
     force: bool = False,
     record: bool = True,
+    refine: bool = False,
     report: Callable[[str], None] | None = None,
 ) -> Result | MotionResult:
     """Run a scenario (or the TOML file of one) and return its Result, or its MotionResult where blocks move in time.
 
     ``history`` is the HDF5 file to write; ``force`` lets it replace a finished one. Without ``record`` (and without a
-    history) only the yield point is kept, which is what a batch wants. ``report`` gets warnings.
+    history) only the yield point is kept, which is what a batch wants. ``refine`` runs a tilt or a pushover once more,
+    at half the rate with joints twice as stiff, for an error estimate of its collapse. ``report`` gets warnings.
 
     Raises ScenarioError for input that is not a test, OutputError for a path that cannot be used, NotConvergedError
     and DivergedError where there is no answer; the history then is kept, with the status "failed". Interrupted, which
@@ -148,7 +155,7 @@ def simulate(
     if history is not None:
         settings = {"scenario": scenario.path or ""}
         keeper = Keeper(history, scenarios.text_of(scenario), assembly, scenario.output, settings, force)
-    return _run(scenario, assembly, keeper, began, start_up)
+    return _run(scenario, assembly, keeper, began, start_up, refine)
 
 
 def restart(history: str | os.PathLike, *, report: Callable[[str], None] | None = None) -> Result:
@@ -198,7 +205,12 @@ def _built(scenario: Scenario, report: Callable[[str], None] | None):
 
 
 def _run(
-    scenario: Scenario, assembly, keeper: Keeper | Memory | None, began: float, start_up: float
+    scenario: Scenario,
+    assembly,
+    keeper: Keeper | Memory | None,
+    began: float,
+    start_up: float,
+    refine: bool = False,
 ) -> Result | MotionResult:
     """Replay, audit and judge; ``began``: when the work on it did; ``start_up``: seconds before."""
     path = keeper.path if isinstance(keeper, Keeper) else None
@@ -238,10 +250,14 @@ def _run(
         "total": finishing - began,
     }
     rows, frames = (keeper.rows, keeper.frames) if keeper else ({}, {})
-    if scenario.control.kind in MOTIONS:
+    if in_real_time(scenario.control):
         result = MotionResult(scenario, assembly, run, rows, frames, wall, path)
     else:
-        result = Result(scenario, assembly, run, expected, rows, frames, wall, books, path)
+        fallen = collapse_of(run, assembly, scenario.control) if on_all_blocks(scenario.control) else None
+        result = Result(scenario, assembly, run, expected, rows, frames, wall, books, path, fallen)
+    if refine and result.collapse is not None:
+        again = simulate(refined(scenario), record=False)
+        result.collapse["error_estimate"] = abs(again.collapse["load_factor"] - result.collapse["load_factor"])
     if path:
         keeper.finish(result.status, result.as_dict(), run.settings)
         result.wall["write"] += time.perf_counter() - finishing
@@ -251,8 +267,10 @@ def _run(
 
 def _replayed(scenario: Scenario, assembly, session: Session) -> replay.Replay | MotionRun:
     control, factor = scenario.control, scenario.solver.step_factor
-    if control.kind in MOTIONS:
+    if in_real_time(control):
         return lived_through(scenario, assembly, session)
+    if on_all_blocks(control):
+        return replay.find_limit_load(assembly, control.tolerance, factor, session, control.displacement or 0.0)
     if control.kind == "yield":
         return replay.find_limit_load(assembly, control.tolerance, factor, session)
     return replay.push_at_constant_rate(assembly, control.rate, control.travel, factor, session)

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple, NoReturn
 
 from dembrick.blocks import Mesh, Part, Prism, Voussoir
 from dembrick.checks import nearest, show
-from dembrick.controls import MOTIONS, Control, Pulse, Sine
+from dembrick.controls import WITHOUT_ACTUATORS, Control, Pulse, Sine
 from dembrick.errors import ScenarioError
 from dembrick.generators import GENERATORS, Opening, Return
 from dembrick.model import (
@@ -37,7 +37,6 @@ from dembrick.overrides import apply_overrides, assign
 LARGEST_FILE = 16 * 1024 * 1024  # bytes; some hundred thousand blocks
 
 _CONTROLS = {control.kind: control for control in Control.__args__}
-_CONTROLS_ELSEWHERE = ("pushover",)  # in the file format, not in this version
 _LISTS = {"blocks": Block, **GENERATORS, "loads": Load, "actuators": Actuator}
 _TABLES = {"prism": Prism, "voussoir": Voussoir, "mesh": Mesh, "sine": Sine, "pulse": Pulse}  # tables inside others
 _TABLE_LISTS = {"parts": Part, "openings": Opening, "returns": Return}
@@ -179,7 +178,7 @@ def _decode(document: dict[str, Any], place: _Place, path: str | None, text: str
     values["solver"] = _record(Solver, document.get("solver", {}), place.inside("[solver]"))
     values["output"] = _record(Output, document.get("output", {}), place.inside("[output]"))
     scenario = _make(Scenario, {**values, "path": path, "text": text}, place)
-    if not scenario.actuators and scenario.control.kind not in MOTIONS:
+    if not scenario.actuators and scenario.control.kind not in WITHOUT_ACTUATORS:
         place.fail(f"control kind {show(scenario.control.kind)} drives actuators and there is none; add [[actuators]]")
     return scenario
 
@@ -214,8 +213,6 @@ def _control(data: Any, place: _Place) -> Any:
         _check_keys(given, _keys_of(control), place, "kind")
         return _record(control, given, place)
     existing = " and ".join(show(name) for name in _CONTROLS)
-    if isinstance(kind, str) and kind in _CONTROLS_ELSEWHERE:
-        place.fail(f"kind = {show(kind)} is not part of this version; the kinds it has are {existing}")
     hint = f"; {nearest(kind, _CONTROLS)}" if isinstance(kind, str) else ""
     place.fail(f"kind = {show(kind)} is not a kind of control; the kinds are {existing}{hint}")
 

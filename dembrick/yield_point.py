@@ -18,7 +18,7 @@ _PURE = 1e-7  # of the slip at the joint's rim: a part of the slip twist that is
 
 @dataclass(frozen=True)
 class YieldPoint:
-    """Limit load of the load system, with its bracket and the joint that slips most (SI units, joint axes).
+    """Limit load of the load system, with its bracket and the joint that moves most (SI units, joint axes).
 
     ``V`` is the middle of the bracket. ``bracket`` is "certified" where the normal forces do not depend on the load,
     else "indicator"; "open" where the bounds are further apart than a limit load allows (or ``V_upper`` is None: there
@@ -68,7 +68,8 @@ def read_off(state: State, certificate: Certificate, names) -> YieldPoint:
     V = 0.5 * (lower + upper)
     if upper >= NEVER or (not certificate.strict and upper - lower > _OPEN * abs(lower)):
         kind, V = "open", float(state.jacks.drive[2])
-    j = int(np.argmax(state.joints.resultant[:, 6]))
+    slid, turned, tilted = last_moves(state)
+    j = int(np.argmax(np.maximum(np.maximum(slid, turned), tilted)))
     resultant = state.joints.resultant[j]
     centre, mechanism = _mechanism(state, j)
     drive = state.jacks.drive
@@ -105,6 +106,13 @@ def _mechanism(state: State, j: int) -> tuple[tuple[float, float] | None, str]:
         return None, "sliding"
     centre = (-float(twist[1] / twist[2]) + 0.0, float(twist[0] / twist[2]) + 0.0)
     return centre, "torsion" if shift <= _PURE * turn else "torsion-shear"
+
+
+def last_moves(state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """How far the rim of each joint slid, turned about the normal and tilted in the last step (j,) in m."""
+    joints, reach = state.joints, joint_reach(state)
+    slid = np.hypot(joints.step[:, 0], joints.step[:, 1])
+    return slid, reach * np.abs(joints.step[:, 2]), reach * np.hypot(joints.tilt[:, 0], joints.tilt[:, 1])
 
 
 def joint_reach(state: State) -> np.ndarray:

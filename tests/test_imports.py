@@ -31,7 +31,7 @@ FLOORS = {
     4.5: ["facing"],
     5: ["point_rules"],
     6: ["joints"],
-    6.5: ["point_table"],
+    6.5: ["point_table", "body_forces"],
     7: ["assembly", "simulation"],
     7.1: ["moving_state", "driving"],
     7.2: ["moving_polygons", "frequencies"],

@@ -14,6 +14,9 @@ def add_arguments(parser) -> None:
         "--set", metavar="KEY.PATH=VALUE", action="append", default=[], help="change a key of the scenario"
     )
     parser.add_argument("--tolerance", type=float, help="short for --set control.tolerance=...")
+    parser.add_argument(
+        "--refine", action="store_true", help="estimate the error of a collapse: half the rate, twice the stiffness"
+    )
     parser.add_argument("--force", action="store_true", help="replace a finished history")
 
 
@@ -36,7 +39,9 @@ def run(options, console) -> int:
         scenario = scenarios.load(options.scenario, changes)
     path = options.out or default_output(Path(options.scenario).stem + ".h5")
     force = options.force or not options.out
-    return answer(lambda: simulate(scenario, path, force=force, report=console.remark), path, console)
+    return answer(
+        lambda: simulate(scenario, path, force=force, refine=options.refine, report=console.remark), path, console
+    )
 
 
 def answer(simulated: Callable, path: str, console) -> int:
@@ -80,14 +85,20 @@ def _text(result) -> str:
         return result.text()
     point, run = result.yield_point, result.replay
     lines = [result.scenario.title, f"formulation   {result.scenario.joint.formulation}"]
-    lines.append(f"V             {point.V:.6g} N +- {point.half_width:.2g} N ({point.bracket})")
+    unit = " N"
+    if result.collapse is not None:
+        from dembrick.collapse import collapse_lines
+
+        unit = ""
+        lines += collapse_lines(result.collapse)
+    lines.append(f"V             {point.V:.6g}{unit} +- {point.half_width:.2g}{unit} ({point.bracket})")
     if result.theory is not None:
         error = result.theory.error
         compared = "" if error is None else f"  (replay {100 * error:+.2g} %)"
         lines.append(f"theory        {result.theory.V:.6g} N{compared}")
         if result.theory.discretisation_error is not None:
             lines.append(f"discretised   {100 * result.theory.discretisation_error:+.2g} % from the continuum")
-    lines.append(f"V_peak        {point.V_peak:.6g} N at {1e6 * point.displacement_at_peak:.3g} um")
+    lines.append(f"V_peak        {point.V_peak:.6g}{unit} at {1e6 * point.displacement_at_peak:.3g} um")
     lines.append(f"joint         N = {point.N:.6g} N, V_1 = {point.V_1:.6g} N, V_2 = {point.V_2:.6g} N, "
                  f"M_T = {point.M_T:.6g} N m")  # fmt: skip
     where = ""

@@ -1,0 +1,74 @@
+"""Load systems that act on every block: a share of its weight sideways, and gravity that turns on a tilting table.
+
+**Pushover.** Every free block is pushed at its centroid by V times its weight along a direction: V is the load factor.
+
+**Tilt.** A table that has turned by psi about a horizontal axis a turns gravity, seen from the table, the other way: a
+dead force F at right angles to a becomes cos(psi) F - sin(psi) a x F. Friction without cohesion and joints without
+tension know no scale of force: blocks that carry cos(psi) times some loads carry these loads as well. Divided by
+cos(psi), the loads of the tilted table are those of the level one with tan(psi) times -a x F on top, at the same
+points. So a quasi-static tilt is a search for the limit V of that load system, and the table stands at atan(V) when the
+blocks come down: that gravity's part along the joints' normals falls by cos(psi) is in it exactly.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dembrick.checks import show
+from dembrick.errors import ScenarioError
+
+_ALONG = 1e-9  # of a force: a part along the axis that is rounding
+
+
+def load_system(scenario, number, position, mass, fixed) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Forces of the load factor 1: block (k,), point (k, 3) in the world and force (k, 3), of a scenario of that kind.
+
+    ``number`` of every block by name; ``position`` (n, 3) of the centroids, ``mass`` and ``fixed`` (n,). Raises
+    ScenarioError where nothing drives the blocks, or something that does not go with it is asked for.
+    """
+    control, free = scenario.control, np.flatnonzero(~fixed)
+    if scenario.actuators:
+        raise ScenarioError(f"control kind {show(control.kind)} has no use for [[actuators]]; remove them")
+    for load in scenario.loads:
+        if load.varies:
+            raise ScenarioError(
+                f"the load on {show(load.block)} varies with time, which a quasi-static {control.kind} does not know"
+            )
+    gravity = np.array(scenario.gravity, float)
+    block, point = list(free), list(position[free])
+    if control.kind == "pushover":
+        force = list(pushed(control.direction, gravity, mass[free]))
+    else:
+        force = list(tilted(control.axis, mass[free, None] * gravity, "gravity"))
+        for index, load in enumerate(scenario.loads, 1):
+            turned = tilted(control.axis, load.force, f"load number {index}")
+            for member in scenario.groups.get(load.block) or (number[load.block],):
+                if not fixed[member]:
+                    block.append(member)
+                    point.append(position[member] if load.point is None else np.array(load.point, float))
+                    force.append(turned)
+    force = np.array(force, float).reshape(-1, 3)
+    acting = (force != 0.0).any(axis=1)
+    if not acting.any():
+        raise ScenarioError("nothing drives the blocks: give gravity, or loads, and let a block be free")
+    return np.array(block, np.int64)[acting], np.array(point)[acting], force[acting]
+
+
+def pushed(direction, gravity: np.ndarray, mass: np.ndarray) -> np.ndarray:
+    """Force (n, 3) on each of n blocks at the load factor 1; ScenarioError without gravity."""
+    weight = float(np.linalg.norm(gravity))
+    if not weight > 0.0:
+        raise ScenarioError("gravity is nought, and a pushover pushes by shares of the weight: give gravity")
+    return mass[:, None] * weight * np.asarray(direction, float)
+
+
+def tilted(axis, force: np.ndarray, what: str) -> np.ndarray:
+    """What forces (n, 3) add for tan(psi) = 1: -a x F. ScenarioError where the tilt does not turn them all alike."""
+    axis, force = np.asarray(axis, float), np.asarray(force, float)
+    along = np.abs(force @ axis)
+    if (along > _ALONG * np.linalg.norm(force, axis=-1)).any():
+        raise ScenarioError(
+            f"{what} has a part along control.axis, which a tilt does not turn: a quasi-static tilt needs an axis at "
+            "right angles to gravity and to every load; use quasi_static = false"
+        )
+    return -np.cross(axis, force)

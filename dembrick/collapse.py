@@ -1,0 +1,62 @@
+"""What a search for the limit of a tilt or a pushover says of the collapse."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from dembrick.model import JointLaw, Scenario
+from dembrick.replay import Replay
+from dembrick.yield_point import last_moves
+
+MOVED = 0.1  # of the fastest block: blocks that move faster belong to the mechanism
+
+
+def collapse_of(run: Replay, assembly, control) -> dict:
+    """The object ``collapse`` of the JSON output.
+
+    ``load_factor`` is V of the limit, ``angle`` (deg) that of a table tilted so far and ``time`` (s) when it stands so
+    at its rate; both None for a pushover. ``displacement`` (m) is that of the block that has moved most since it was
+    seated. ``error_estimate``, of the load factor, comes with a refined run.
+    """
+    factor = run.yield_point.V
+    angle = math.degrees(math.atan(factor)) if control.kind == "tilt" else None
+    slid, turned, tilted = (float(moves.max()) for moves in last_moves(run.state))
+    speed = np.linalg.norm(run.state.blocks.velocity, axis=1)
+    moving = np.flatnonzero(speed > MOVED * speed.max())
+    return {
+        "angle": angle,
+        "load_factor": factor,
+        "time": None if angle is None else angle / control.rate,
+        "displacement": float(np.linalg.norm(run.moved, axis=1).max()),
+        "mechanism": max((slid, "sliding"), (tilted, "rocking"), (turned, "torsion"))[1],
+        "blocks": [assembly.names[i] for i in moving],
+        "error_estimate": None,
+    }
+
+
+def refined(scenario: Scenario) -> Scenario:
+    """The scenario with joints twice as stiff and half the rate: what its collapse changes by is an error estimate."""
+
+    def stiffer(law: JointLaw) -> JointLaw:
+        return replace(law, normal_stiffness=2.0 * law.normal_stiffness, shear_stiffness=2.0 * law.shear_stiffness)
+
+    control = scenario.control
+    if hasattr(control, "rate"):
+        control = replace(control, rate=0.5 * control.rate)
+    joints = tuple(replace(entry, law=stiffer(entry.law)) for entry in scenario.joints)
+    return replace(scenario, joint=stiffer(scenario.joint), joints=joints, control=control, text=None)
+
+
+def collapse_lines(collapse: dict) -> list[str]:
+    """What the command line prints of it."""
+    error = collapse["error_estimate"]
+    bar = "no error bar: --refine gives one" if error is None else f"+- {error:.2g}"
+    angle = "" if collapse["angle"] is None else f"{collapse['angle']:.5g} deg, "
+    names, more = collapse["blocks"][:5], len(collapse["blocks"]) - 5
+    return [
+        f"collapse      {angle}load factor {collapse['load_factor']:.5g} ({bar}), by {collapse['mechanism']}",
+        f"blocks        {', '.join(names)}{f' and {more} more' if more > 0 else ''}",
+    ]
