@@ -68,9 +68,9 @@ def follow(
     return _Follower(state, load, factor, certificate, recorder).run(strength, goal)
 
 
-def prepare(state: State, load: np.ndarray, factor: Factor, certificate: Certificate) -> None:
+def prepare(state: State, load: np.ndarray, factor: Factor, certificate: Certificate, recorder: Recorder | None):
     """Compile what `follow` needs, or load it from the cache, and leave the ``state`` as it is."""
-    follower = _Follower(state, load, factor, certificate, None)
+    follower = _Follower(state, load, factor, certificate, recorder)
     remember(follower.trial, state.joints, state.points, state.areas)
     follower.compile()
 
@@ -165,6 +165,9 @@ class _Follower:
         self._try(self._motion(), 0.0, True)
         newton_directions(self.trial, state.joints)
         instant_bounds(state.blocks, state.joints, state.points, state.areas, 0.0, 0.0, 1.0)
+        if self.recorder is not None:
+            self._write()
+            self.recorder.record.count[:] = 0
 
     def run(self, strength: float, goal: float) -> Path:
         state, trial = self.state, self.trial
@@ -319,8 +322,12 @@ class _Follower:
         return limit and bracket[1] - bracket[0] <= width and width > 0.0
 
     def _record(self) -> None:
-        if self.recorder is None:
-            return
+        if self.recorder is not None:
+            self._write()
+            self.recorder.drain()
+
+    def _write(self) -> None:
+        """Add the equilibrium of now to the record."""
         state, record = self.state, self.recorder.record
         lower, upper = self.certificate.bracket
         energy = record.energy[record.count[0]]
@@ -332,4 +339,3 @@ class _Follower:
             record, number, float(number), state.blocks, state.joints, state.points, state.jacks, 0.0, lower, upper,
             False,
         )  # fmt: skip
-        self.recorder.drain()

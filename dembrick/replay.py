@@ -78,21 +78,21 @@ class Replay:
 
 
 def find_limit_load(
-    assembly, tolerance: float, step_factor: float, session: Session | Observer | None = None, goal: float = 0.0
+    assembly, tolerance: float, step_factor: float, session: Session | Observer | None = None, goal: float | None = None
 ) -> Replay:
     """Push until the bracket of V is within ``tolerance`` of it (relative half-width).
 
-    ``step_factor`` is the time step over the critical one; ``session`` gets the record. An assembly is pushed on until
-    a block has moved by ``goal`` (m). Raises NotConvergedError with
+    ``step_factor`` is the time step over the critical one; ``session`` gets the record. With a ``goal`` (m) the
+    path is followed until a block has moved that far. Raises NotConvergedError with
     the best bracket where the tolerance is not reached, DivergedError, and NotConvergedError where the dead loads alone
     bring the blocks down.
     """
-    setup = _Setup(assembly, tolerance)
+    setup = _Setup(assembly, tolerance, whole=goal is not None)
     session = Session.of(session)
     if setup.factor is None:
         replay = _by_inertia(setup, step_factor, session)
     else:
-        replay = _by_equilibria(setup, session, goal)
+        replay = _by_equilibria(setup, session, goal or 0.0)
     if not replay.converged:
         point = replay.yield_point
         above = "without an upper bound" if point.V_upper is None else f"at most {point.V_upper:.6g} N"
@@ -111,7 +111,7 @@ def _by_equilibria(setup: _Setup, session: Session, goal: float) -> Replay:
     frames_every = 1 if len(setup.assembly.names) <= 100 else 8
     recorder = Recorder(state, session, 1, frames_every=frames_every) if session.observe else None
     began = time.perf_counter()
-    prepare(state, setup.load, setup.factor, certificate)
+    prepare(state, setup.load, setup.factor, certificate, recorder)
     ready = time.perf_counter()
     # a load on all blocks is resisted by some part of their weight, one jack by a few joints
     strength = GUESS * float(np.linalg.norm(state.blocks.dead_force[state.blocks.free], axis=1).sum()) / setup.weight
@@ -314,9 +314,9 @@ class _LoadSystem:
 class _Setup(_LoadSystem):
     """The load system on the seated state, with the certificate of its limit load."""
 
-    def __init__(self, assembly, tolerance: float):
+    def __init__(self, assembly, tolerance: float, whole: bool = False):
         super().__init__(assembly)
-        self.factor = elastic_factor(self.state) if touches_itself(self.state) else None
+        self.factor = elastic_factor(self.state) if whole or touches_itself(self.state) else None
         self.unbalanced, self.compile_seconds, self.loop_seconds = seat(self.state, self.stiffness, self.factor)
         self.seated = self.state.blocks.displacement.copy()
         self.certificate: Certificate = certificate(self.state, self.load, self.jack_stiffness / JACK, tolerance)

@@ -276,11 +276,11 @@ BAD = {
         "did you mean 'yield'?",
     ),
     "kind is a number": ('"yield"', "1", "kind = 1 is not a kind of control"),
-    "kind of a later version": (
+    "pushover in real time": (
         '"yield"',
-        '"pushover"',
-        "kind = 'pushover' is not part of this version",
-        "'yield' and 'displacement' and 'tilt'",
+        '"pushover"\ndirection = [1, 0, 0]\nquasi_static = false',
+        "quasi_static = false is out of range",
+        "not part of this version",
     ),
     "rate missing": ('"yield"\ntolerance = 1.0e-3', '"displacement"\ntravel=1e-5', "missing key 'rate' in [control]"),
     "rate 0": ('"yield"\ntolerance = 1.0e-3', '"displacement"\nrate=0\ntravel=1', "rate = 0.0", "greater than 0 m/s"),

@@ -1,0 +1,193 @@
+"""Quasi-static tilt and pushover against rigid-block limit analysis: walls, arches, blocks with loads."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from dembrick import assembly, replay
+from dembrick.controls import PushoverControl, TiltControl
+from dembrick.errors import NotConvergedError, ScenarioError
+from dembrick.generators import Arch, Wall
+from dembrick.model import Actuator, Block, JointLaw, Load, Material, Scenario
+from dembrick.result import simulate
+
+
+def scene(control, formulation="concave", friction=0.7, stiffness=1e10, **parts) -> Scenario:
+    return Scenario(
+        title="quasi-static",
+        gravity=(0.0, 0.0, -9.81),
+        joint=JointLaw(formulation, friction, stiffness, 0.4 * stiffness),
+        materials={"stone": Material(2000.0)},
+        blocks=parts.pop("blocks", ()),
+        control=control,
+        **parts,
+    )
+
+
+def tilt(axis=(1.0, 0.0, 0.0), **options):
+    return TiltControl(axis, 1.0, 1e-4, quasi_static=True, **options)
+
+
+def arch(thickness, voussoirs, angle=180.0, curved=False):
+    return Arch("arch", "stone", 1.0, thickness, 0.1, voussoirs, angle, curved)
+
+
+def leaf(formulation, **options) -> Scenario:
+    """The single-leaf wall of 10 x 10 blocks 0.3 x 0.2 x 0.1, tilted out of plane."""
+    wall = Wall("wall", "stone", (0.3, 0.2, 0.1), courses=10, blocks=10, base=0.1)
+    return scene(tilt(), formulation, friction=0.64, walls=(wall,), **options)
+
+
+def on_table(mu, control, loads=(), actuators=()) -> Scenario:
+    """One block 0.3 x 0.2 x 0.4 on a fixed one."""
+    return scene(
+        control,
+        friction=mu,
+        blocks=(
+            Block("table", "stone", (0.3, 0.2, 0.1), (0.0, 0.0, -0.05), fixed=True),
+            Block("block", "stone", (0.3, 0.2, 0.4), (0.0, 0.0, 0.2)),
+        ),
+        loads=loads,
+        actuators=actuators,
+    )
+
+
+# --- one block
+
+
+@pytest.mark.parametrize("axis, sign", [((1.0, 0.0, 0.0), 1.0), ((0.0, 1.0, 0.0), 1.0), ((-1.0, 2.0, 0.0), -1.0)])
+def test_a_block_slides_at_the_friction_angle(axis, sign):
+    fallen = simulate(on_table(0.3, tilt(axis))).collapse
+    assert fallen["angle"] == pytest.approx(math.degrees(math.atan(0.3)), rel=1e-3)
+    assert fallen["load_factor"] == pytest.approx(0.3, rel=1e-3)
+    assert fallen["mechanism"] == "sliding" and fallen["blocks"] == ["block"]
+
+
+def test_loads_turn_with_gravity():
+    """A weight P on top of the block: (W h/2 + P h) tan(psi) = (W + P) b/2."""
+    weight, load = 2000.0 * 0.3 * 0.2 * 0.4 * 9.81, 300.0
+    scenario = on_table(2.0, tilt(), loads=(Load("block", (0.0, 0.0, -load), (0.0, 0.0, 0.4)),))
+    expected = (weight + load) * 0.1 / (weight * 0.2 + load * 0.4)
+    fallen = simulate(scenario).collapse
+    assert fallen["load_factor"] == pytest.approx(expected, rel=1e-3) and fallen["mechanism"] == "rocking"
+
+
+def test_a_table_tilts_the_side_of_its_axis():
+    """About +x the side towards +y rises, and the block goes towards -y."""
+    moved = simulate(on_table(0.3, tilt())).replay.state.blocks.velocity[1]
+    assert moved[1] < 0.0 and abs(moved[0]) < 1e-6 * abs(moved[1])
+
+
+# --- walls
+
+
+@pytest.mark.parametrize("formulation", ["concave", "corrected-shear"])
+def test_a_wall_turns_about_its_toe(formulation):
+    result = simulate(leaf(formulation))
+    fallen = result.collapse
+    assert fallen["angle"] == pytest.approx(11.30993, rel=1e-4)
+    assert fallen["mechanism"] == "rocking" and len(fallen["blocks"]) == 105
+    assert result.status == "collapse" and result.as_dict()["collapse"]["time"] == pytest.approx(fallen["angle"])
+
+
+def test_corrected_joints_let_the_wall_fall_early():
+    """Their points carry the weight too, and stand s = 0.537 of the half thickness from the middle."""
+    assert simulate(leaf("corrected")).collapse["angle"] == pytest.approx(6.1302, rel=1e-3)
+
+
+@pytest.mark.slow
+def test_convex_joints_lose_the_strip_that_they_press():
+    """At a given rotation V falls short by w/3 of the half thickness, w = sqrt(2 N/(kn L theta)); the limit stays."""
+    lost = []
+    for stiffness in (2.5e9, 1e10, 4e10):
+        result = simulate(leaf("convex", stiffness=stiffness))
+        assert result.yield_point.V == pytest.approx(0.2, rel=1e-3)
+        # the mean displacement of a wall that turns about its toe: theta H / 2
+        short = np.interp(0.01, result.displacement, 0.2 - result.load)
+        lost.append(short)
+        theta, pressed = 0.02, 2000.0 * 3.0 * 0.2 * 1.0 * 9.81
+        width = math.sqrt(2.0 * pressed / (stiffness * 3.0 * theta))
+        assert short == pytest.approx(2.0 * width / 3.0, rel=0.15)
+    assert lost[1] < 0.03 * 0.2
+    assert np.array(lost[:-1]) / np.array(lost[1:]) == pytest.approx(2.0, rel=0.1)
+
+
+HALF, WHOLE = "h1111h", "11111"
+WALLS = {"W1": ((HALF, WHOLE), 6, 0.64286), "W2": ((HALF, WHOLE), 10, 0.58000)}
+
+
+@pytest.mark.parametrize("name, blocks, joints", [("W1", 33, 83), ("W2", 55, 141)])
+def test_walls_in_plane(name, blocks, joints):
+    """Friction without dilatancy: at or below the associative limit of Ferris and Tin-Loi, which lets joints that slide
+    lift what stands on them."""
+    pattern, courses, associative = WALLS[name]
+    wall = Wall("wall", "stone", (0.4, 0.2, 0.175), courses=courses, pattern=pattern, base=0.2)
+    built = assembly.build(scene(PushoverControl((1.0, 0.0, 0.0)), friction=0.65, walls=(wall,)))
+    assert (len(built.names) - 1, len(built.joints)) == (blocks, joints)
+    point = replay.find_limit_load(built, 1e-3, 0.9).yield_point
+    assert 0.85 * associative < point.V <= associative
+
+
+# --- arches
+
+
+@pytest.mark.parametrize(
+    "thickness, voussoirs, expected",
+    [(0.15, 7, 0.17072), (0.15, 17, 0.14715), (0.15, 27, 0.14534), (0.20, 17, 0.28657), (0.12, 17, 0.05312)],
+)
+def test_arch_under_horizontal_load(thickness, voussoirs, expected):
+    result = simulate(scene(PushoverControl((1.0, 0.0, 0.0)), arches=(arch(thickness, voussoirs),)))
+    assert result.collapse["load_factor"] == pytest.approx(expected, rel=5e-4)
+    assert result.collapse["angle"] is None and result.collapse["mechanism"] == "rocking"
+
+
+def test_little_friction_lets_the_arch_slide():
+    result = simulate(scene(PushoverControl((1.0, 0.0, 0.0)), friction=0.4, arches=(arch(0.15, 17),)))
+    assert result.collapse["load_factor"] == pytest.approx(0.0525, rel=0.1)
+
+
+@pytest.mark.parametrize("curved, factor", [(True, 0.3700), (False, 0.37361)])
+@pytest.mark.parametrize("formulation", ["concave", "corrected-shear"])
+def test_the_tilted_arch_of_oppenheim(curved, factor, formulation):
+    parts = (arch(0.15, 7, 157.5, curved),)
+    fallen = simulate(scene(tilt((0.0, 1.0, 0.0)), formulation, arches=parts)).collapse
+    assert fallen["load_factor"] == pytest.approx(factor, rel=5e-4)
+    if curved:
+        assert fallen["angle"] == pytest.approx(20.30, rel=1e-3)
+
+
+def test_refining_gives_an_error_bar():
+    scenario = scene(PushoverControl((1.0, 0.0, 0.0)), arches=(arch(0.15, 17),))
+    fallen = simulate(scenario, refine=True).collapse
+    assert 0.0 <= fallen["error_estimate"] < 1e-3 * fallen["load_factor"]
+    assert abs(fallen["load_factor"] - 0.14715) < 2e-5
+
+
+def test_a_path_goes_on_to_the_displacement_asked_for():
+    scenario = scene(PushoverControl((1.0, 0.0, 0.0), displacement=0.05), arches=(arch(0.15, 17),))
+    assert simulate(scenario).collapse["displacement"] >= 0.05
+
+
+# --- refusals
+
+
+def test_what_does_not_go_together():
+    with pytest.raises(ScenarioError, match=r"has no use for \[\[actuators\]\]"):
+        jack = Actuator("jack", "block", (0.0, 0.0, 0.2), (1.0, 0.0, 0.0))
+        simulate(on_table(0.3, tilt(), actuators=(jack,)))
+    with pytest.raises(ScenarioError, match="a part along control.axis"):
+        simulate(on_table(0.3, tilt((0.0, 0.0, 1.0))))
+    with pytest.raises(ScenarioError, match="a part along control.axis"):
+        simulate(on_table(0.3, tilt(), loads=(Load("block", (10.0, 0.0, -10.0)),)))
+    with pytest.raises(ScenarioError, match="quasi_static = false is out of range"):
+        PushoverControl((1.0, 0.0, 0.0), quasi_static=False)
+    with pytest.raises(ScenarioError, match="length must be greater than 0"):
+        PushoverControl((0.0, 0.0, 0.0))
+
+
+def test_an_arch_too_thin_stands_no_load():
+    with pytest.raises(NotConvergedError, match="no equilibrium under the dead loads"):
+        simulate(scene(PushoverControl((1.0, 0.0, 0.0)), arches=(arch(0.10, 17),)))
