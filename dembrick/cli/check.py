@@ -64,7 +64,13 @@ def _text(data: dict) -> str:
     ]
     if len(data["joints"]) > 20:
         lines.append(f"  ... and {len(data['joints']) - 20} more")
-    lines.append(f"actuators     {', '.join(data['actuators'])}")
+    lines.append(f"actuators     {_some(data['actuators'])}")
     lines.append(f"time step     {data['time_step']:.3g} s (critical {data['critical_time_step']:.3g} s)")
     lines.append(f"expected      about {data['expected_steps']} steps, {data['expected_memory'] / 1e6:.2g} MB")
     return "\n".join(lines)
+
+
+def _some(names: list[str]) -> str:
+    """Names in a line, not too many of them."""
+    more = f" and {len(names) - 5} more" if len(names) > 8 else ""
+    return ", ".join(names[:5] if more else names) + more
