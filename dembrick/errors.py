@@ -25,13 +25,13 @@ class HistoryError(DembrickError):
 
 
 class OutputError(DembrickError):
-    """An output path that cannot be used: missing folder, no permission, a finished history in the way."""
+    """An output path that cannot be used: missing folder, a finished history in the way."""
 
     exit_code = 2
 
 
 class WriteError(DembrickError):
-    """A write that failed while the run was going (disk full, folder gone)."""
+    """A write that failed: no permission, a read-only disk, a disk that is full, a folder that is gone."""
 
 
 class DivergedError(DembrickError):

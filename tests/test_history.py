@@ -327,7 +327,7 @@ def test_paths_that_cannot_be_used(tmp_path, monkeypatch):
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr(files.os, "open", refuse)  # root, who may run this test, is refused nothing
-    with pytest.raises(OutputError, match="cannot be written .Permission denied"):
+    with pytest.raises(WriteError, match="cannot be written .Permission denied"):
         open_writer(tmp_path / "run.h5")
 
 
@@ -335,7 +335,7 @@ def test_paths_that_cannot_be_used(tmp_path, monkeypatch):
 def test_a_folder_that_may_not_be_written(tmp_path):
     tmp_path.chmod(0o500)
     try:
-        with pytest.raises(OutputError, match="Permission denied"):
+        with pytest.raises(WriteError, match="Permission denied"):
             open_writer(tmp_path / "run.h5")
     finally:
         tmp_path.chmod(0o700)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from dembrick.errors import OutputError
+from dembrick.errors import OutputError, WriteError
 
 RESULTS = "results"
 
@@ -26,5 +26,5 @@ def make_folder(folder: str | os.PathLike, parents: bool = False) -> Path:
     except FileExistsError as error:
         raise OutputError(f"{path}: this is a file, not a folder; choose another path") from error
     except OSError as error:
-        raise OutputError(f"{path}: the folder cannot be made ({error.strerror}); choose another path") from error
+        raise WriteError(f"{path}: the folder cannot be made ({error.strerror}); choose another path") from error
     return path

@@ -12,7 +12,7 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
-from dembrick.errors import OutputError
+from dembrick.errors import OutputError, WriteError
 
 
 def reason(error: BaseException) -> str:
@@ -31,8 +31,9 @@ def part_name(path: str) -> str:
 
 
 def check_output(path: str | os.PathLike) -> str:
-    """The real path behind ``path`` if a file can be written there; OutputError otherwise.
+    """The real path behind ``path`` if a file can be written there.
 
+    OutputError where the path makes no sense, WriteError where the system refuses.
     Whether the folder can be written is tried, not asked: permissions alone do not tell of a read-only disk.
     """
     real = os.path.realpath(path)
@@ -52,7 +53,7 @@ def check_output(path: str | os.PathLike) -> str:
     except OSError as error:
         if error.errno == errno.ENAMETOOLONG:
             raise OutputError(f"{path}: the name is too long; choose a shorter one") from error
-        raise OutputError(
+        raise WriteError(
             f"{path}: the folder {folder} cannot be written ({reason(error)}); choose another path"
         ) from error
     return real

@@ -41,7 +41,7 @@ class HistoryWriter:
     ``channels``: what is recorded (see ``model.Output``). ``energy``: names of the energies in the records, if known;
     else the first record tells.
 
-    Raises OutputError where the path cannot be used, WriteError where a write fails later; what was flushed before
+    Raises OutputError where the path cannot be used, WriteError where a write fails; what was flushed before
     stays readable.
     """
 
