@@ -319,6 +319,9 @@ class _Setup(_LoadSystem):
         self.factor = elastic_factor(self.state) if whole or touches_itself(self.state) else None
         self.unbalanced, self.compile_seconds, self.loop_seconds = seat(self.state, self.stiffness, self.factor)
         self.seated = self.state.blocks.displacement.copy()
+        # the jacks come to blocks that the dead loads have moved already, and do not push them back
+        moved = np.concatenate([self.state.blocks.displacement, self.state.blocks.rotation], axis=1)
+        self.state.jacks.drive[:2] = float((self.load * moved).sum()) / self.weight
         self.certificate: Certificate = certificate(self.state, self.load, self.jack_stiffness / JACK, tolerance)
 
     def drive(self, rate: float, dt: float) -> Drive:

@@ -9,7 +9,7 @@ import pytest
 from dembrick import theory
 from dembrick.errors import ScenarioError
 from dembrick.lab import lab_scenario
-from dembrick.model import FORMULATIONS, DisplacementControl, Solver
+from dembrick.model import FORMULATIONS, DisplacementControl, Load, Solver
 from dembrick.result import simulate
 
 SETS = ("2a", "2b", "4a", "4b")
@@ -93,6 +93,19 @@ def test_elastic_rise_has_the_stiffness_of_joint_and_jack():
     stiffness = np.polyfit(result.displacement[rising], result.load[rising], 1)[0]
     # the force is at the joint's plane: it tilts the block by nothing, and only shear gives way
     assert stiffness == pytest.approx(KS * A * B, rel=5e-3)
+
+
+@pytest.mark.parametrize("dead, expected", [(60.0, 178.17), (-60.0, 252.18)])
+def test_the_jack_comes_to_blocks_that_stand_already(dead, expected):
+    """A tangential dead load moves the block elastically before the jack is there, which starts from V = 0."""
+    scenario = lab_scenario("set4a_curve", "convex")
+    loads = (*scenario.loads, Load("upper", (0.0, dead, 0.0), (0.0, 0.0, 0.0)))
+    control = DisplacementControl(1e-4, TRAVEL)
+    result = simulate(dataclasses.replace(scenario, loads=loads, control=control))
+    assert abs(result.load[0]) < 0.4  # the dashpot of the head's first step, as without the dead load
+    assert result.displacement[0] == pytest.approx(dead / (KS * A * B), rel=1e-6)
+    assert result.yield_point.jack_load == pytest.approx(expected, rel=1e-4)
+    assert result.energy.relative_residual < 1e-9
 
 
 def test_sliding_goes_on_at_constant_load():
