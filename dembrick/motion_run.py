@@ -13,8 +13,9 @@ from dembrick.driving import Driving
 from dembrick.dynamics import Motion, advance, damping_of_restitution, joint_forces, motion, seat
 from dembrick.errors import HistoryError, NotConvergedError, ScenarioError
 from dembrick.kernels.dynamics import REACHED, Limits
+from dembrick.model import Output
 from dembrick.moving_state import joint_resultants, out_of_balance, seen
-from dembrick.session import Session, Snapshot
+from dembrick.session import Plan, Session, Snapshot
 from dembrick.shapes import quaternion_product, rotation_matrix, unit_quaternion
 from dembrick.snapshots import flattened, restored
 
@@ -61,6 +62,22 @@ def prepare(assembly, control, step_factor: float) -> Motion:
     return motion(assembly, damping_of_restitution(control.restitution), step_factor / IMPACTS)
 
 
+def plan(moving: Motion, control, output: Output) -> Plan:
+    """What the run will take: the steps of its whole duration, or of a tilt to the vertical, and bytes at the most."""
+    steps, n, j = _most_steps(moving, control), len(moving.assembly.names), len(moving.assembly.joints)
+    columns = [array for part in moving.state[:4] if part is not None for array in part if array is not None]
+    rows = min(steps, 2 * output.rows)
+    frames = min(rows, 2 * output.frames)
+    memory = sum(array.nbytes for array in columns) + 8 * (rows * (6 + 7 * j) + frames * 13 * n)
+    return Plan(moving.time_step, moving.critical_time_step, steps, memory)
+
+
+def _most_steps(moving: Motion, control) -> int:
+    """Steps after which the run ends if nothing ends it before."""
+    seconds = STEEPEST / control.rate if control.kind == "tilt" else control.duration
+    return math.ceil(seconds / moving.time_step * (1.0 - 1e-12))
+
+
 def run(moving: Motion, control, driving: Driving, session: Session) -> MotionRun:
     """Seat the blocks and live through the run; the session's observer gets rows and frames.
 
@@ -76,11 +93,8 @@ def run(moving: Motion, control, driving: Driving, session: Session) -> MotionRu
         past.at_rest[:] = seen(moving.state.bodies, moving.state.links)
         if dynamic:
             _set_going(moving, driving)
-    if control.kind == "tilt":
-        seconds, goal = STEEPEST / control.rate, control.displacement
-    else:
-        seconds, goal = control.duration, NO_LIMIT
-    steps = math.ceil(seconds / moving.time_step * (1.0 - 1e-12))
+    goal = control.displacement if control.kind == "tilt" else NO_LIMIT
+    steps = _most_steps(moving, control)
     # a tilt that ends early still has some rows: a block falls within a second or so
     rows = max(1, (min(steps, math.ceil(20.0 / moving.time_step)) if control.kind == "tilt" else steps))
     every = max(1, rows // session.output.rows)

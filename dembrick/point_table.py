@@ -64,6 +64,11 @@ def place_points(joints: JointTable, tolerance: float) -> PointTable:
     Joints with points at their corners are taken together, as many as have equally many corners.
     """
     formulation = np.array([law.formulation for law in joints.law], dtype="U16")
+    if len(joints) and (formulation == "concave").all() and not joints.pieces:
+        area = np.empty(len(joints.corner))
+        for numbers, corners in joints.by_corners():
+            area[joints.start[numbers, None] + np.arange(corners.shape[1])] = polygons.tributary_areas(corners)
+        return PointTable(joints.corner, joints.corner, area, joints.start, np.zeros(len(joints), bool))
     alone = formulation == "distributed"
     alone[[j for j in joints.pieces if formulation[j] != "convex"]] = True
     at_corners = np.isin(formulation, _AT_CORNERS) & ~alone

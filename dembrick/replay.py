@@ -33,7 +33,7 @@ from dembrick.kernels.bracket import Certificate
 from dembrick.model import Output
 from dembrick.quasi_static import follow, prepare
 from dembrick.recorder import Recorder
-from dembrick.session import Observer, Session, Snapshot
+from dembrick.session import Observer, Plan, Session, Snapshot
 from dembrick.simulation import State, block_stiffness, initial_state, load_vectors, new_energy
 from dembrick.stability import Dashpots, block_inertia, critical_time_step, dashpots
 from dembrick.state import Energy, Inertia
@@ -235,16 +235,6 @@ def _resume_search(loop: Loop, snapshot: Snapshot) -> None:
     if calming > 0.0:
         _watch_longer(loop)
     loop.restore(snapshot)
-
-
-@dataclass(frozen=True)
-class Plan:
-    """What a replay will take: time step and critical time step (s), steps (an estimate for a limit load), bytes."""
-
-    time_step: float
-    critical_time_step: float
-    steps: int
-    memory: int
 
 
 def plan(assembly, control, step_factor: float, output: Output | None = None) -> Plan:

@@ -34,6 +34,16 @@ class Pausable(Protocol):
         """Arrays by name, not copied."""
 
 
+@dataclass(frozen=True)
+class Plan:
+    """What a run will take: time step and critical time step (s), steps (an estimate for a limit load), bytes."""
+
+    time_step: float
+    critical_time_step: float
+    steps: int
+    memory: int
+
+
 @dataclass
 class Session:
     """Surroundings of a run; without any, it only answers.

@@ -177,6 +177,15 @@ def test_lab_text(call):
     assert "Table 3" in out and "Table 1" in out and "0.64" in out
 
 
+def test_check_describes_an_assembly(call):
+    scenarios = Path(SET_4A).parent
+    found = json.loads(call("check", str(scenarios / "wall_tilt.toml"), "--json")[1])
+    assert (found["blocks"], len(found["joints"]), found["contact_points"]) == (106, 285, 4 * 285)
+    assert 0.0 < found["time_step"] < found["critical_time_step"] and found["expected_memory"] > 1e5
+    code, out, _ = call("check", str(scenarios / "arch_tilt.toml"))
+    assert code == 0 and "expected      at most" in out and "arch.16 - arch.17" in out
+
+
 def test_check_info_yield_export(call, folder):
     assert json.loads(call("check", SET_4A, "--json")[1])["free_blocks"] == 1
     assert not (folder / "results").exists()

@@ -14,14 +14,18 @@ def add_arguments(parser) -> None:
 def run(options, console) -> int:
     """Describe the scenario."""
     from dembrick import assembly as assemblies
-    from dembrick import replay
+    from dembrick import motion_run, replay
     from dembrick import scenario as scenarios
 
     scenario = scenarios.load(options.scenario, options.set)
     assembly = assemblies.build(scenario)
     for warning in assembly.warnings:
         console.remark(f"warning: {warning}")
-    plan = replay.plan(assembly, scenario.control, scenario.solver.step_factor, scenario.output)
+    if scenario.control.kind in ("yield", "displacement"):
+        plan = replay.plan(assembly, scenario.control, scenario.solver.step_factor, scenario.output)
+    else:
+        moving = motion_run.prepare(assembly, scenario.control, scenario.solver.step_factor)
+        plan = motion_run.plan(moving, scenario.control, scenario.output)
     joints = [
         {
             "between": [assembly.names[joint.block_a], assembly.names[joint.block_b]],
@@ -64,9 +68,11 @@ def _text(data: dict) -> str:
     ]
     if len(data["joints"]) > 20:
         lines.append(f"  ... and {len(data['joints']) - 20} more")
-    lines.append(f"actuators     {_some(data['actuators'])}")
+    if data["actuators"]:
+        lines.append(f"actuators     {_some(data['actuators'])}")
     lines.append(f"time step     {data['time_step']:.3g} s (critical {data['critical_time_step']:.3g} s)")
-    lines.append(f"expected      about {data['expected_steps']} steps, {data['expected_memory'] / 1e6:.2g} MB")
+    bound = "at most" if data["control"] == "tilt" else "about"  # who knows when it falls
+    lines.append(f"expected      {bound} {data['expected_steps']} steps, {data['expected_memory'] / 1e6:.2g} MB")
     return "\n".join(lines)
 
 
