@@ -15,6 +15,7 @@ from dembrick.lab import scenario_folder
 ASSEMBLIES = {  # free blocks, joints
     "wall_tilt": (105, 285),
     "wall_corner": (102, 263),
+    "arch": (17, 18),
     "arch_tilt": (17, 18),
     "oppenheim": (7, 8),
     "ferris_tinloi_1": (33, 83),
@@ -67,20 +68,31 @@ def test_an_assembly_has_its_blocks_and_joints(stem):
     assert max(abs(joint.gap) for joint in assembly.joints) < 1e-12
 
 
-@pytest.mark.parametrize(("stem", "angle"), [("arch_tilt", 8.371), ("oppenheim", 20.30)])
-def test_an_arch_falls_soon_after_its_limit(stem, angle):
-    """The blocks need time to move 20 mm: at 1 deg/s the table is then half a degree beyond the limit, and a little."""
+@pytest.mark.parametrize(("stem", "factor"), [("arch", 0.14715), ("oppenheim", 0.3700)])
+def test_limits_of_arches_by_theory_of_rigid_blocks(stem, factor):
     result = dembrick.simulate(scenario_folder() / f"{stem}.toml")
-    assert result.status == "collapse" and angle < result.collapse["angle"] < angle + 0.7
+    assert result.status == "collapse" and result.collapse["mechanism"] == "rocking"
+    assert result.collapse["load_factor"] == pytest.approx(factor, rel=1e-3)
+
+
+def test_an_arch_falls_soon_after_its_limit():
+    """The blocks need time to move 20 mm: at 1 deg/s the table is then half a degree beyond the limit, and a little."""
+    result = dembrick.simulate(scenario_folder() / "arch_tilt.toml")
+    assert result.status == "collapse" and 8.371 < result.collapse["angle"] < 8.371 + 0.7
     assert result.collapse["mechanism"] == "rocking"
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("number", "bound"), [(1, 0.64286), (2, 0.58), (3, 0.40369)])
+@pytest.mark.parametrize(("number", "bound"), [(1, 0.64286), (2, 0.58)])
 def test_walls_of_ferris_and_tin_loi(number, bound):
-    """Blocks that slide without dilatancy: at or below the associative limit, but for what 20 mm at 2 deg/s take."""
+    """Friction without dilatancy: at or below the associative limit, and not far below."""
     result = dembrick.simulate(scenario_folder() / f"ferris_tinloi_{number}.toml")
-    assert 0.85 * bound < result.collapse["load_factor"] < 1.05 * bound
+    assert 0.85 * bound < result.collapse["load_factor"] <= bound * 1.001
+
+
+@pytest.mark.slow
+def test_the_third_wall_of_ferris_and_tin_loi_in_real_time():
+    result = dembrick.simulate(scenario_folder() / "ferris_tinloi_3.toml")
+    assert 0.85 * 0.40369 < result.collapse["load_factor"] < 1.02 * 0.40369
 
 
 @pytest.mark.slow

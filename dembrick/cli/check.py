@@ -16,16 +16,17 @@ def run(options, console) -> int:
     from dembrick import assembly as assemblies
     from dembrick import motion_run, replay
     from dembrick import scenario as scenarios
+    from dembrick.controls import in_real_time
 
     scenario = scenarios.load(options.scenario, options.set)
     assembly = assemblies.build(scenario)
     for warning in assembly.warnings:
         console.remark(f"warning: {warning}")
-    if scenario.control.kind in ("yield", "displacement"):
-        plan = replay.plan(assembly, scenario.control, scenario.solver.step_factor, scenario.output)
-    else:
+    if in_real_time(scenario.control):
         moving = motion_run.prepare(assembly, scenario.control, scenario.solver.step_factor)
         plan = motion_run.plan(moving, scenario.control, scenario.output)
+    else:
+        plan = replay.plan(assembly, scenario.control, scenario.solver.step_factor, scenario.output)
     joints = [
         {
             "between": [assembly.names[joint.block_a], assembly.names[joint.block_b]],
@@ -71,7 +72,7 @@ def _text(data: dict) -> str:
     if data["actuators"]:
         lines.append(f"actuators     {_some(data['actuators'])}")
     lines.append(f"time step     {data['time_step']:.3g} s (critical {data['critical_time_step']:.3g} s)")
-    bound = "at most" if data["control"] == "tilt" else "about"  # who knows when it falls
+    bound = "at most" if data["control"] == "tilt" else "about"  # nobody knows yet when it falls
     lines.append(f"expected      {bound} {data['expected_steps']} steps, {data['expected_memory'] / 1e6:.2g} MB")
     return "\n".join(lines)
 
