@@ -9,6 +9,7 @@ import pytest
 
 import dembrick
 from dembrick import cli
+from dembrick.assembly import build
 
 ROOT = Path(__file__).parent.parent
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -46,3 +47,14 @@ def test_its_own_scenario_example_runs(tmp_path, monkeypatch, capsys):
 def test_every_command_it_names_exists():
     named = set(re.findall(r"\bdembrick ([a-z]+)\b", TEXT)) - {"is", "replays", "keeps", "says", "draws"}
     assert named <= set(cli.VERBS)
+
+
+def test_its_wall_is_a_scenario():
+    section = TEXT[TEXT.index("## Walls, arches") : TEXT.index("| table | what it lays")]
+    wall = "\n".join(line[4:] for line in section.splitlines() if line.startswith("    "))
+    head = (ROOT / "scenarios" / "set4a.toml").read_text(encoding="utf-8")
+    head = head[: head.index("[[blocks]]")].replace('"convex"', '"concave"')
+    found = dembrick.loads(head + wall)
+    assert {"wall", "wall.3", "wall.right", "wall.right.3"} <= set(found.groups)
+    assert found.all_blocks[-1].name == "wall.base" and found.control.kind == "pushover"
+    assert len(build(found).joints) > 150
