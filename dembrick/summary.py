@@ -10,6 +10,8 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
+_CARRIED = {"N": "N", "V_1": "N", "V_2": "N", "M_T": "N m"}
+_ROUNDING = 1e-9  # of N (times 1 m): forces below are not there
 _MEET = 1e-9  # of V: bounds closer than this meet, but for rounding
 
 
@@ -75,9 +77,10 @@ def key_numbers(results: Mapping) -> list[KeyNumber]:
     lines = []
     if isinstance(results.get("error"), str):
         lines.append(KeyNumber("no answer", results["error"]))
-    lines += _of_yield(yield_point(results))
+    point, collapse = yield_point(results), part(results, "collapse")
+    lines += _of_collapse(collapse, has_bracket="V" in point)
+    lines += _of_yield(point, "" if collapse else "N")
     lines += _of_theory(part(results, "theory"))
-    lines += _of_collapse(part(results, "collapse"))
     residual = number(part(results, "energy").get("relative_residual"))
     if residual is not None:
         lines.append(KeyNumber("energy books", f"{residual:.1e}", "residual over the energy put in"))
@@ -87,26 +90,29 @@ def key_numbers(results: Mapping) -> list[KeyNumber]:
     return lines
 
 
-def _of_yield(point: dict) -> list[KeyNumber]:
+def _of_yield(point: dict, unit: str) -> list[KeyNumber]:
+    """The limit load in N, or without a unit the load factor of a structure."""
+    load = ("V", "limit load V") if unit else ("load factor", "load factor")
     if "V" not in point:
         return []
     lower, upper, kind = point.get("V_lower"), point.get("V_upper"), point.get("bracket", "open")
     if lower is None or upper is None or kind == "open":
         remark = "no upper bound: what the jacks carried at the end"
         if lower is not None:
-            remark += f"; the limit load is at least {lower:.6g} N"
-        lines = [KeyNumber("V", f"{point['V']:.6g} N", remark)]
+            remark += f"; the limit is at least {lower:.6g} {unit}".rstrip()
+        lines = [KeyNumber(load[0], f"{point['V']:.6g} {unit}".rstrip(), remark)]
     else:
         bounds = "the two bounds meet" if upper - lower <= 2.0 * _MEET * abs(point["V"]) else "bounds"
         word = "certified" if kind == "certified" else "indicator, not certified"
-        remark = f"{word}: {bounds}" + ("" if bounds[0] == "t" else f" {lower:.7g} and {upper:.7g} N")
-        lines = [KeyNumber("limit load V", with_error(point["V"], 0.5 * (upper - lower), "N"), remark)]
+        remark = f"{word}: {bounds}" + ("" if bounds[0] == "t" else f" {lower:.7g} and {upper:.7g} {unit}".rstrip())
+        lines = [KeyNumber(load[1], with_error(point["V"], 0.5 * (upper - lower), unit).rstrip(), remark)]
     if "V_peak" in point:
         where = f"at {length(point['displacement_at_peak'])}; " if "displacement_at_peak" in point else ""
-        lines.append(KeyNumber("largest V of the record", f"{point['V_peak']:.6g} N", where + "has its rate effect"))
-    carried = [f"{name} = {point[name]:.5g} N" for name in ("N", "V_1", "V_2") if name in point]
-    if "M_T" in point:
-        carried.append(f"M_T = {point['M_T']:.5g} N m")
+        peak = f"{point['V_peak']:.6g} {unit}".rstrip()
+        lines.append(KeyNumber(f"largest {load[0]} of the record", peak, where + "has its rate effect"))
+    least = _ROUNDING * abs(point.get("N", 0.0))
+    shown = {name: 0.0 if abs(point[name]) <= least else point[name] for name in _CARRIED if name in point}
+    carried = [f"{name} = {shown[name]:.5g} {_CARRIED[name]}" for name in shown]
     if carried:
         lines.append(KeyNumber("the joint carries", ", ".join(carried)))
     if "mechanism" in point:
@@ -129,15 +135,20 @@ def _of_theory(theory: dict) -> list[KeyNumber]:
     return [KeyNumber("theory", f"{V:.7g} N", remark)]
 
 
-def _of_collapse(collapse: dict) -> list[KeyNumber]:
+def _of_collapse(collapse: dict, has_bracket: bool) -> list[KeyNumber]:
+    """The angle of the table, and the load factor unless a bracket says it better, with the estimate of a refined run."""
     lines = []
-    bar = number(collapse.get("error_estimate"))
-    for name, key, unit in (("collapse angle", "angle", "deg"), ("load factor", "load_factor", "")):
-        value = number(collapse.get(key))
-        if value is not None:
-            has_bar = bar is not None and not lines  # the estimate belongs to the first of the two
-            text = with_error(value, abs(bar), unit) if has_bar else f"{value:.5g} {unit}"
-            lines.append(KeyNumber(name, text.strip(), "" if has_bar or len(lines) else "no error bar (--refine)"))
-    if isinstance(collapse.get("mechanism"), str):
+    angle, factor, bar = (number(collapse.get(key)) for key in ("angle", "load_factor", "error_estimate"))
+    none = "no error bar (--refine gives one)"
+    if angle is not None:
+        # angle = atan(factor)
+        error = None if bar is None else math.degrees(abs(bar) * math.cos(math.radians(angle)) ** 2)
+        text = f"{angle:.5g} deg" if error is None else with_error(angle, error, "deg")
+        lines.append(KeyNumber("collapse angle", text, none if error is None and not has_bracket else ""))
+    if factor is not None and not (has_bracket and bar is None):
+        text = f"{factor:.5g}" if bar is None else with_error(factor, abs(bar), "").rstrip()
+        source = "half the rate, twice the stiffness" if bar is not None else "" if lines else none
+        lines.append(KeyNumber("load factor, refined" if has_bracket else "load factor", text, source))
+    if isinstance(collapse.get("mechanism"), str) and not has_bracket:
         lines.append(KeyNumber("mechanism", collapse["mechanism"]))
     return lines

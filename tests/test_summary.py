@@ -48,9 +48,26 @@ def test_theory_and_collapse():
     assert theory == ("theory", "216.05 N", "simulation -0.031 %; the points miss the continuum by 0.04 %")
     collapse = {"angle": 12.01, "load_factor": 0.2127, "mechanism": "rocking", "error_estimate": None}
     lines = names({"collapse": collapse})
-    assert lines["collapse angle"] == ("collapse angle", "12.01 deg", "no error bar (--refine)")
+    assert lines["collapse angle"] == ("collapse angle", "12.01 deg", "no error bar (--refine gives one)")
     assert lines["load factor"].value == "0.2127" and lines["mechanism"].value == "rocking"
-    assert names({"collapse": collapse | {"error_estimate": 0.05}})["collapse angle"].value == "12.010 ± 0.050 deg"
+    lines = names({"collapse": collapse | {"error_estimate": 5e-4}})
+    assert lines["load factor"].value == "0.21270 ± 0.00050"
+    # 5e-4 cos(12.01 deg)^2 in degrees
+    assert lines["collapse angle"] == ("collapse angle", "12.010 ± 0.027 deg", "")
+
+
+def test_a_load_factor_has_no_newtons():
+    """A quasi-static tilt has a bracket; its V is a load factor."""
+    point = {"V": 0.37001, "V_lower": 0.37, "V_upper": 0.37002, "bracket": "indicator", "V_peak": 0.38, "N": 900.0}
+    results = {"yield_point": point, "collapse": {"angle": 20.305, "load_factor": 0.37001, "mechanism": "rocking"}}
+    lines = key_numbers(results)
+    assert [line.name for line in lines] == [
+        "collapse angle", "load factor", "largest load factor of the record", "the joint carries"
+    ]  # fmt: skip
+    assert lines[1].value == "0.370010 ± 0.000010" and lines[1].remark.endswith("0.37 and 0.37002")
+    assert "N" not in lines[2].value and lines[0].remark == ""
+    refined = names(results | {"collapse": results["collapse"] | {"error_estimate": 1e-3}})
+    assert refined["load factor, refined"].value == "0.3700 ± 0.0010"
 
 
 @pytest.mark.parametrize("junk", [None, True, "x", [], {"V": "x"}, {"V": [1]}, {"V": math.nan}, {"V": 10**400}])

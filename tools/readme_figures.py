@@ -4,7 +4,8 @@
 
 ``joint.png``: set 4a pushed at a constant rate, with contact points at the corners and with the exact limit surface;
 ``path.png``: the same on their yield domains; ``page.png``: the web page of one of them, as a headless Chromium shows
-it (left out, and said, where there is none). ``curves.png`` and ``fig5_domains.png`` are those of ``dembrick lab``.
+it (left out, and said, where there is none); ``wall.png``: a wall on a tilting table at its collapse (left out where
+this machine cannot draw off screen). ``curves.png`` and ``fig5_domains.png`` are those of ``dembrick lab``.
 """
 
 from __future__ import annotations
@@ -21,10 +22,12 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 import browser as browsers  # noqa: E402
 
 import dembrick  # noqa: E402
-from dembrick import history, page, plot  # noqa: E402
+from dembrick import history, page, plot, render  # noqa: E402
+from dembrick.errors import MissingDependency  # noqa: E402
 
 DOTS_PER_INCH = 150  # enough for a screen, and small enough for a repository
 WINDOW = (1180, 790)
+PICTURE = (1000, 700)
 
 
 def pushed(formulation: str, folder: Path) -> Path:
@@ -50,6 +53,12 @@ def main() -> None:
             print(out / f"{picture}.png")
         for run in runs:
             run.close()
+        try:
+            dembrick.simulate(ROOT / "scenarios" / "wall_tilt.toml", folder / "wall.h5")
+            with history.read(folder / "wall.h5") as run:
+                print(render.picture(run, out / "wall.png", size=PICTURE))
+        except MissingDependency as error:
+            print(f"wall.png is left out: {error}")
         if browsers.find() is None:
             print("page.png is left out: there is no Chromium on this machine")
             return

@@ -47,6 +47,7 @@ def collect(history) -> dict:
     start = automatic_magnification(float(moved[-1]), largest)
     path = recorded_path(history)
     record = diagrams.record_at(history, frames.time, moved)
+    pushed = record.load is not None and record.diagram.unit == "N"  # by jacks, not by the weight of a tilted structure
     return {
         "blocks": {
             "count": history.n_block,
@@ -59,12 +60,12 @@ def collect(history) -> dict:
             "rotation": _packed(frames.rotation, "<f4"),
         },
         "time": diagrams.listed(frames.time),
-        "load": diagrams.listed(record.load) if history.n_actuator and record.load is not None else None,
+        "load": diagrams.listed(record.load) if pushed else None,
         "reach": 0.5 * float(np.linalg.norm(np.ptp(world, axis=0))),
         "most": max(float(moved.max()), 1e-30),
         "mostText": summary.length(float(moved.max())),
         "magnification": {"start": math.log10(start), "most": max(1.0, math.ceil(math.log10(start) + 0.7))},
-        "jacks": [_jack(history, jack, rest[jack["block"]], middle) for jack in history.actuators],
+        "jacks": [_jack(history, jack, rest[jack["block"]], middle) for jack in history.actuators if pushed],
         "centre": _centres(history, path, frames, middle, float(np.ptp(world, axis=0).max())),
         "curve": diagrams.curve(history, record),
         "path": None if path is None else diagrams.yield_domain(history, record, path),

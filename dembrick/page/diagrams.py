@@ -51,15 +51,15 @@ def curve(history, record: Record) -> dict:
     line = {"x": listed(record.factor * history.displacement[kept]), "y": listed(history.load[kept]), "look": "run"}
     y_name = f"{record.diagram.load} [{record.diagram.unit}]"
     chart = _chart("Load over displacement", x_name, y_name, [line | {"name": "run"}], travel, listed(record.load))
-    V = summary.number(summary.part(history.results, "theory").get("V"))
+    V, unit = summary.number(summary.part(history.results, "theory").get("V")), record.diagram.unit.strip("-")
     if V is not None:
-        chart["levels"] = [{"y": V, "look": "theory", "name": f"theory {V:.6g} N"}]
+        chart["levels"] = [{"y": V, "look": "theory", "name": f"theory {V:.6g} {unit}".rstrip()}]
     point = summary.yield_point(history.results)
     lower, upper = point.get("V_lower"), point.get("V_upper")
     if lower is not None and upper is not None and point.get("bracket") != "open":
         word = "bracket" if point.get("bracket") == "certified" else "indicator"
-        span = summary.with_error(0.5 * (lower + upper), 0.5 * (upper - lower), "N")
-        chart |= {"band": [lower, upper], "bandName": f"{word} {span}"}
+        span = summary.with_error(0.5 * (lower + upper), 0.5 * (upper - lower), unit)
+        chart |= {"band": [lower, upper], "bandName": f"{word} {span}".rstrip()}
     return chart
 
 
@@ -83,10 +83,9 @@ def readout(history, record: Record, path: JointPath | None) -> list[dict]:
     items = [{"name": "time", "unit": "s", "digits": 4, "values": listed(record.time)}]
     if record.load is not None:
         name = "V" if record.diagram.unit == "N" else record.diagram.load
-        unit = record.diagram.unit.replace("-", "")
-        items.append({"name": name, "unit": unit, "digits": 5, "values": listed(record.load)})
+        items.append({"name": name, "unit": record.diagram.unit.strip("-"), "digits": 5, "values": listed(record.load)})
     items.append({"name": "displacement", "unit": record.unit, "digits": 4, "values": listed(record.travel)})
-    if path is not None and history.n_actuator:
+    if path is not None and record.diagram.unit == "N":
         torsion = listed(np.interp(record.time, history.time, path.M_T))
         items.append({"name": "torsion", "unit": "N m", "digits": 4, "values": torsion})
     return items

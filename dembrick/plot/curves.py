@@ -59,7 +59,9 @@ def force_displacement(
             lower, upper = point.get("V_lower"), point.get("V_upper")
             if bracket and lower is not None and upper is not None:
                 name = "bracket" if point.get("bracket") == "certified" else "indicator"
-                span = summary.with_error(0.5 * (lower + upper), 0.5 * (upper - lower), "N")
+                span = summary.with_error(
+                    0.5 * (lower + upper), 0.5 * (upper - lower), diagram.unit.strip("-")
+                ).rstrip()
                 text = f"{name} {span}" if len(histories) == 1 else None
                 axes.axhspan(lower, upper, color=colour, alpha=0.25, lw=0.6, label=text)
         for i, curve in enumerate(measured):

@@ -144,7 +144,7 @@ _DRIVEN = "driven displacement"
 _FURTHEST = "displacement of the block that moved furthest"
 _DIAGRAMS = {
     "tilt": Diagram("load factor tan(angle)", "-", _FURTHEST),
-    "pushover": Diagram("load factor", "-", _FURTHEST),
+    "pushover": Diagram("load factor", "-", _DRIVEN),
     "dynamic": Diagram(None, "", _FURTHEST),
     "base-motion": Diagram(None, "", _FURTHEST),
 }
@@ -168,11 +168,15 @@ def diagram_of(source) -> Diagram:
     """The diagram that suits a history or a result, by the kind of its control."""
     scenario = getattr(source, "scenario", None)
     if scenario is not None:
-        return _DIAGRAMS.get(scenario.control.kind, Diagram("load V", "N", _DRIVEN))
-    try:
-        kind = tomllib.loads(source.scenario_text).get("control", {}).get("kind")
-    except (tomllib.TOMLDecodeError, RecursionError, AttributeError):
-        kind = None
-    if not isinstance(kind, str):
-        kind = "yield" if source.n_actuator else "dynamic"
-    return _DIAGRAMS.get(kind, Diagram("load V", "N", _DRIVEN))
+        kind, driven = scenario.control.kind, getattr(scenario.control, "quasi_static", True)
+    else:
+        try:
+            control = tomllib.loads(source.scenario_text).get("control", {})
+            kind, driven = control.get("kind"), control.get("quasi_static") is True
+        except (tomllib.TOMLDecodeError, RecursionError, AttributeError):
+            kind = None
+        if not isinstance(kind, str):
+            kind = "yield" if source.n_actuator else "dynamic"
+    found = _DIAGRAMS.get(kind, Diagram("load V", "N", _DRIVEN))
+    # a quasi-static tilt pushes the blocks by their weights, as jacks would
+    return found._replace(displacement=_DRIVEN) if kind == "tilt" and driven else found
