@@ -12,6 +12,9 @@ import tempfile
 from pathlib import Path
 
 import numba
+from numba import get_num_threads, prange
+
+__all__ = ["CACHE_FOLDER", "get_num_threads", "jit", "jit_parallel", "kernel_hash", "prange"]
 
 PACKAGE = Path(__file__).parent
 
@@ -63,5 +66,15 @@ def jit(function):
     numba.config.CACHE_DIR = str(CACHE_FOLDER)
     try:
         return numba.njit(cache=True, error_model="numpy", _nrt=False, forceinline=True)(function)
+    finally:
+        numba.config.CACHE_DIR = previous
+
+
+def jit_parallel(function):
+    """The same for a loop over threads (``prange``); it compiles for much longer, so only large scenes call for it."""
+    previous = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = str(CACHE_FOLDER)
+    try:
+        return numba.njit(cache=True, error_model="numpy", parallel=True)(function)
     finally:
         numba.config.CACHE_DIR = previous

@@ -33,6 +33,7 @@ FREE_STEP = 1e-4  # s, where nothing touches
 MEET = 1e-3  # of the smaller block's diameter: blocks without a joint that overlap deeper have met
 LOOK = 5e-4  # of the smallest block's diameter: how far blocks move between two looks whether any meet
 LONGEST_CHUNK = 2048  # steps
+MANY = 2000  # joints from which a step is worth sharing among threads
 
 
 def damping_of_restitution(restitution: float) -> float:
@@ -165,21 +166,34 @@ def _advance(motion: Motion, bodies, driving: Driving, times, limits: Limits, da
     state = motion.state
     gravity, force = driving.at(times, dt)
     loads = Loads(driving.block, driving.lever, force, gravity)
+    loop, shares = _loop(state, bodies)
     if motion.compile_seconds == 0.0:
         began = time.perf_counter()
-        advance_bodies(0, dt, bodies, *state[1:4], loads, limits, damping, motion._travel)
+        loop(0, dt, bodies, *state[1:4], loads, limits, damping, motion._travel, *shares)
         motion.compile_seconds = time.perf_counter() - began
     began = time.perf_counter()
     done = 0
     while True:
         rest = loads._replace(force=force[done:], gravity=gravity[done:])
-        status, some = advance_bodies(len(times) - done, dt, bodies, *state[1:4], rest, limits, damping, motion._travel)
+        status, some = loop(
+            len(times) - done, dt, bodies, *state[1:4], rest, limits, damping, motion._travel, *shares
+        )  # fmt: skip
         done += some
         if status != STALE:
             break
         motion.polygons.cut_stale()
     motion.loop_seconds += time.perf_counter() - began
     return status, done
+
+
+def _loop(state: MovingState, bodies):
+    """The compiled loop for a scene of that size, and the arguments that share the work of a large one."""
+    if len(state.links.host) < MANY:
+        return advance_bodies, ()
+    from dembrick.kernels.dynamics_parallel import advance_bodies_together, shares
+
+    arguments = shares(state.corners, state.faces, bodies)
+    return (advance_bodies_together, arguments) if len(arguments[-1]) > 1 else (advance_bodies, ())
 
 
 def _look_for_meetings(motion: Motion) -> None:

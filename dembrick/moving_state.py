@@ -48,7 +48,7 @@ def _bodies(assembly, links: Links, middle: np.ndarray) -> Bodies:
     return Bodies(
         free=np.flatnonzero(~assembly.fixed).astype(np.int64),
         position=position,
-        rotation=np.ascontiguousarray(assembly.rotation, float),
+        rotation=np.array(assembly.rotation, float, order="C"),
         orientation=np.array(assembly.orientation, float),
         velocity=np.zeros((n, 3)),
         spin=np.zeros((n, 3)),

@@ -1,0 +1,64 @@
+"""The loop of `dynamics` on several threads, for scenes of many thousand joints.
+
+Threads share the joints, then the blocks. A joint writes its own wrench and a block gathers its joints in their order,
+so every number is, to the last bit, that of the serial loop, whatever the number of threads.
+"""
+
+from math import sqrt
+
+import numpy as np
+
+from dembrick._jit import get_num_threads, jit_parallel, prange
+from dembrick.kernels.bodies import step_bodies
+from dembrick.kernels.dynamics import DIVERGED, REACHED, RUNNING, STALE, apply_loads
+from dembrick.kernels.moving_joints import corner_forces, face_forces, least_slack
+
+
+def shares(corners, faces, bodies) -> tuple[np.ndarray, ...]:
+    """The last five arguments of `advance_bodies_together`: equal shares for as many threads as numba may use."""
+    threads = get_num_threads()
+    sizes = (0 if corners is None else corners.joint.size, 0 if faces is None else faces.joint.size, bodies.free.size)
+    return (
+        *(np.linspace(0, size, threads + 1).astype(np.int64) for size in sizes), np.zeros(threads), np.zeros(threads)
+    )  # fmt: skip
+
+
+@jit_parallel
+def advance_bodies_together(
+    n_steps, dt, bodies, links, corners, faces, loads, limits, damping, travel,
+    share_corners, share_faces, share_bodies, moved, away,
+):  # fmt: skip
+    """As `advance_bodies`, with the work shared.
+
+    ``share_*`` (t + 1,) int64: where the share of each thread begins among point joints, convex joints and free
+    blocks; ``moved`` and ``away`` (t,) m2: room for what each thread finds.
+    """
+    goal2 = limits.displacement**2
+    longest2 = limits.longest**2
+    for step in range(n_steps):
+        if travel[0] <= 0.0:
+            travel[0] = least_slack(links)
+            if travel[0] <= 0.0:
+                return STALE, step
+        apply_loads(loads, bodies, step)
+        for t in prange(moved.size):
+            if corners is not None:
+                corner_forces(links, corners, bodies, share_corners[t], share_corners[t + 1])
+            if faces is not None:
+                face_forces(links, faces, bodies, share_faces[t], share_faces[t + 1])
+        for t in prange(moved.size):
+            moved[t], away[t] = step_bodies(
+                bodies, links.wrench, share_bodies[t], share_bodies[t + 1], loads.gravity[step, 0],
+                loads.gravity[step, 1], loads.gravity[step, 2], dt, damping,
+            )  # fmt: skip
+        moved2 = away2 = 0.0
+        for t in range(moved.size):
+            if moved[t] > moved2 or moved[t] != moved[t]:
+                moved2 = moved[t]
+            away2 = max(away2, away[t])
+        if not moved2 <= longest2:
+            return DIVERGED, step + 1
+        if away2 >= goal2:
+            return REACHED, step + 1
+        travel[0] -= 2.0 * sqrt(moved2)
+    return RUNNING, n_steps

@@ -1,0 +1,66 @@
+"""Threads change no bit of a result, and small scenes compile nothing for them."""
+
+import subprocess
+import sys
+
+import numba
+import numpy as np
+import pytest
+
+from dembrick import assembly, dynamics
+from dembrick.controls import DynamicControl
+from dembrick.driving import Driving
+from dembrick.kernels.dynamics import Limits
+from dembrick.model import JointLaw, Material, Scenario, Wall
+
+
+def wall(formulation):
+    return assembly.build(
+        Scenario(
+            title="wall",
+            gravity=(0.0, 1.0, -9.81),
+            joint=JointLaw(formulation, 0.6, 1e9, 4e8),
+            materials={"stone": Material(2000.0)},
+            walls=(Wall("wall", "stone", (0.3, 0.2, 0.1), courses=5, blocks=4, base=0.1),),
+            control=DynamicControl(1.0),
+        )
+    )
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+def test_any_number_of_threads_gives_the_same_bits(formulation, monkeypatch):
+    built = wall(formulation)
+    before = built.rotation.copy()
+    ends = []
+    for threads in (None, *range(1, numba.config.NUMBA_NUM_THREADS + 1)):
+        monkeypatch.setattr(dynamics, "MANY", 0 if threads else 10**9)
+        if threads:
+            numba.set_num_threads(threads)
+        moving = dynamics.motion(built, 0.1, 0.5)
+        driving = Driving(built.gravity)
+        dynamics.advance(moving, driving, 300, Limits(1.0, 1.0))
+        ends.append(moving.state)
+    numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
+    for end in ends[1:]:
+        np.testing.assert_array_equal(end.bodies.position, ends[0].bodies.position)
+        np.testing.assert_array_equal(end.bodies.orientation, ends[0].bodies.orientation)
+        np.testing.assert_array_equal(end.links.wrench, ends[0].links.wrench)
+    assert np.abs(ends[0].links.wrench).max() > 100.0
+    np.testing.assert_array_equal(built.rotation, before)  # a run leaves the assembly as it was
+
+
+def test_a_small_scene_loads_no_parallel_code():
+    code = """
+import sys
+from dembrick import assembly, dynamics
+from dembrick.driving import Driving
+from dembrick.kernels.dynamics import Limits
+sys.path.insert(0, "tests")
+from test_threads import wall
+built = wall("concave")
+moving = dynamics.motion(built, 0.1, 0.5)
+dynamics.advance(moving, Driving(built.gravity), 2, Limits(1.0, 1.0))
+assert "dembrick.kernels.dynamics_parallel" not in sys.modules
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
