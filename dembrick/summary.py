@@ -136,7 +136,7 @@ def _of_theory(theory: dict) -> list[KeyNumber]:
 
 
 def _of_collapse(collapse: dict, has_bracket: bool) -> list[KeyNumber]:
-    """The angle of the table, and the load factor unless a bracket says it better, with the estimate of a refined run."""
+    """The angle of the table, and the load factor unless a bracket says it better; with the refined estimate."""
     lines = []
     angle, factor, bar = (number(collapse.get(key)) for key in ("angle", "load_factor", "error_estimate"))
     none = "no error bar (--refine gives one)"
