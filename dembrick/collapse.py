@@ -17,11 +17,12 @@ MOVED = 0.1  # of the fastest block: blocks that move faster belong to the mecha
 def collapse_of(run: Replay, assembly, control) -> dict:
     """The object ``collapse`` of the JSON output.
 
-    ``load_factor`` is V of the limit, ``angle`` (deg) that of a table tilted so far and ``time`` (s) when it stands so
+    ``load_factor`` is V of the limit, or of a peak on the way that lies above it; ``angle`` (deg) that of a table tilted so far and ``time`` (s) when it stands so
     at its rate; both None for a pushover. ``displacement`` (m) is that of the block that has moved most since it was
     seated. ``error_estimate``, of the load factor, comes with a refined run.
     """
-    factor = run.yield_point.V
+    point = run.yield_point
+    factor = point.V_peak if point.V_peak > point.V_upper else point.V
     angle = math.degrees(math.atan(factor)) if control.kind == "tilt" else None
     slid, turned, tilted = (float(moves.max()) for moves in last_moves(run.state))
     speed = np.linalg.norm(run.state.blocks.velocity, axis=1)

@@ -6,6 +6,9 @@ equilibrium outright: the driven displacement is given, the motion of all blocks
 the laws themselves, implicit in the friction (backward Euler), in the geometry of the start. While everything is
 elastic a step is exact; once a mechanism moves, V is that of the mechanism for steps of any length, and they are
 doubled until the memory of the elastic forces, and the strip of a convex joint that rocks, have become nothing.
+
+Where blocks snap from one state into another, no further equilibrium lies near. Then they are let go: with a part of
+the elastic stiffness as a drag at each joint they drift to where they come to rest, the driven displacement held.
 """
 
 from __future__ import annotations
@@ -17,7 +20,7 @@ import numpy as np
 
 from dembrick.elastic import Factor
 from dembrick.errors import ScenarioError
-from dembrick.kernels.bracket import MISSING, STILL, Certificate, instant_bounds
+from dembrick.kernels.bracket import MISSING, NEVER, STILL, Certificate, instant_bounds
 from dembrick.kernels.energy import ELASTIC, EXTERNAL, FRICTION, elastic_energy
 from dembrick.kernels.record import write_row
 from dembrick.kernels.tangent import Trial, newton_directions, remember, try_motion
@@ -37,6 +40,9 @@ BALANCED = 1e-2  # of the tolerance: out-of-balance over joint forces at an equi
 LEAST_BALANCED = 1e-9
 YIELDING = 0.5  # of the elastic slope of V: below it steps may grow
 MOST_DECAY = 0.95  # of what V grows while the blocks give way twice as far, over the same before
+TURNING = 0.02  # of the longest step so far: where none but shorter ones find equilibrium, the blocks are let go
+JUMP = 0.25  # of it: the step by which the jacks go on meanwhile
+MOST_JUMPS, MOST_DRIFTS, MOST_DRAG = 20, 300, 1e4  # of a path; steps of one; drag over elastic stiffness
 HELD = 1e-10  # of the elastic stiffness, added to the tangent
 DIFFERENCE = 1e-6  # of the elastic move of a joint, by which its tangent is taken
 MOST_ENTRIES = 60_000_000  # of the equations: 480 MB
@@ -123,7 +129,8 @@ def _new_trial(state: State, load: np.ndarray, factor: Factor) -> Trial:
         row=row.astype(np.int64),
         reach=joint_reach(state),
         move=DIFFERENCE * elastic_moves(state),
-        held=HELD * joint_stiffness(state),
+        stiffness=joint_stiffness(state),
+        drag=np.array([0.0, HELD]),
         base=np.zeros((count, 6)),
         elastic_1=np.zeros(points),
         elastic_2=np.zeros(points),
@@ -180,17 +187,33 @@ class _Follower:
         step = strength * self.compliance / self.weight / ELASTIC_STEPS
         longest = step
         direction, gain = self.answer / self.compliance * self.weight, self.weight / self.compliance
-        equilibria, calm = 0, 0
+        equilibria = calm = jumps = kept = 0
+        usual, spare = step, None
         while equilibria < MOST_EQUILIBRIA and step > SHORTEST * longest:
             V, iterations = self._equilibrium(motion + step * direction, self.V + step * gain)
+            if V is None and spare is not None:
+                direction, gain, spare = *spare, None
+                continue
             if V is None:
                 step, calm = SHRINKING * step, -2
-                continue
+                if step > TURNING * usual:
+                    continue
+                # the path turns back: let go, and see where the blocks come to rest
+                jumps, step = jumps + 1, JUMP * usual
+                V = self._let_go(motion + step * direction, self.V) if jumps <= MOST_JUMPS else None
+                if V is None:
+                    break
             equilibria += 1
             now = self._motion()
             change, slope = now - motion, (V - self.V) / step
             self._accept(change, V, step)
-            direction, gain, motion = change / step, slope, now
+            motion = now
+            if jumps == kept:
+                direction, gain, spare, usual = change / step, slope, None, max(usual, step)
+            else:
+                # the blocks found their mechanism, or fell back into an elastic state: either may be the way on
+                direction, gain, spare = change / step, 0.0, (direction, gain)
+                self.seen[-1], kept = (*self.seen[-1][:3], NEVER), jumps
             longest = max(longest, self.seen[-1][0])
             if self._judged() and self._moved() >= goal:
                 return Path(True, self.iterations, equilibria)
@@ -262,6 +285,31 @@ class _Follower:
             motion, V = motion + best[1] * change, V + best[1] * change_V
             size = self._try(motion, V, True)
         return None, MOST_ITERATIONS
+
+    def _let_go(self, motion: np.ndarray, V: float) -> float | None:
+        """V of the equilibrium that the blocks drift to at the driven displacement of ``motion``; None without one.
+
+        In every step of the drift a part of the elastic stiffness drags at each joint; it fades as they come to rest.
+        """
+        trial, state, drag = self.trial, self.state, 1.0
+        for _ in range(MOST_DRIFTS):
+            trial.drag[:] = drag, drag
+            found, iterations = self._equilibrium(motion, V)
+            trial.drag[:] = 0.0, HELD
+            if found is None:
+                drag *= 4.0
+                if drag > MOST_DRAG:
+                    break
+                continue
+            V, motion = found, self._motion()
+            self.friction += self._dissipated()
+            remember(trial, state.joints, state.points, state.areas)
+            self._try(motion, V, False)
+            if self._ratio() <= self.balanced:
+                return V
+            if iterations <= EASY:
+                drag *= 0.5
+        return None
 
     def _accept(self, change: np.ndarray, V: float, step: float) -> None:
         """Keep an equilibrium: memory, jacks, and the bounds of this instant."""

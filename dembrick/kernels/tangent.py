@@ -23,7 +23,8 @@ class Trial(NamedTuple):
     row: ndarray  # (n,) int64, first row of each block in the equations, -1 where fixed
     reach: ndarray  # (j,) m, greatest distance of a joint from its O
     move: ndarray  # (j,) m, the difference in motion by which the tangent is taken
-    held: ndarray  # (j, 6, 6) a little of the elastic stiffness, which holds what nothing else holds
+    stiffness: ndarray  # (j, 6, 6) elastic stiffness of the joints
+    drag: ndarray  # (2,) parts of it that resist the motion of the trial: by forces, in the tangent
     base: ndarray  # (j, 6) m, rad: motion of the joint at the last equilibrium
     elastic_1: ndarray  # (c,) N: memory of the contact points, likewise
     elastic_2: ndarray  # (c,)
@@ -149,7 +150,19 @@ def try_joint(trial, blocks, joints, points, areas, family, index, j, with_tange
         for i in range(6):
             h = trial.move[j] if i < 3 else trial.move[j] / trial.reach[j]
             for k in range(6):
-                trial.tangent[j, k, i] = (t[i, k] - t[6, k]) / h + trial.held[j, k, i]
+                trial.tangent[j, k, i] = (t[i, k] - t[6, k]) / h + trial.drag[1] * trial.stiffness[j, k, i]
+    if trial.drag[0] > 0.0:
+        for k in range(6):
+            total = 0.0
+            for i in range(6):
+                total += trial.stiffness[j, k, i] * (u[i] - base[i])
+            t[6, k] = trial.drag[0] * total
+        v1 += t[6, 0]
+        v2 += t[6, 1]
+        n -= t[6, 2]
+        m1 += t[6, 3]
+        m2 += t[6, 4]
+        mt += t[6, 5]
     react(blocks, joints, j, n, v1, v2, mt, m1, m2, slip)
 
 
