@@ -17,9 +17,10 @@ MOVED = 0.1  # of the fastest block: blocks that move faster belong to the mecha
 def collapse_of(run: Replay, assembly, control) -> dict:
     """The object ``collapse`` of the JSON output.
 
-    ``load_factor`` is V of the limit, or of a peak on the way that lies above it; ``angle`` (deg) that of a table tilted so far and ``time`` (s) when it stands so
-    at its rate; both None for a pushover. ``displacement`` (m) is that of the block that has moved most since it was
-    seated. ``error_estimate``, of the load factor, comes with a refined run.
+    ``load_factor`` is V of the limit, or of a peak on the way that lies above it; ``angle`` (deg) that of a table
+    tilted so far and ``time`` (s) when it stands so at its rate, both None for a pushover. ``displacement`` (m) is that
+    of the block that has moved most since it was seated. ``error_estimate``, of the load factor, comes with a refined
+    run.
     """
     point = run.yield_point
     factor = point.V_peak if point.V_peak > point.V_upper else point.V
