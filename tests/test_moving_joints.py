@@ -137,6 +137,23 @@ def test_gap_is_exact_for_large_turns(angle):
     np.testing.assert_allclose(gap, expected - sunk, atol=1e-12)
 
 
+@pytest.mark.parametrize("angle", [1e-4, 1e-2, 0.1])
+def test_strip_of_a_rocking_convex_joint(angle):
+    """Turned on its edge, a convex joint is pressed on a strip w = sqrt(2 N / (kn L tan)), its resultant w/3 inside."""
+    moving, driving = seated("convex")
+    bodies = moving.state.bodies
+    toe = bodies.position[1] + (0.15, 0.0, -0.05)
+    turn = about((0, 1, 0), angle)
+    place(moving, rotation_matrix(turn) @ (bodies.position[1] - toe) - (bodies.position[1] - toe), turn)
+    for _ in range(2):
+        joint_forces(moving, driving)
+    r = joint_resultants(moving.state)[0]
+    w = math.sqrt(2.0 * r[0] / (1e10 * 0.2 * math.sin(angle)))
+    # the corner lies this deep, and so long is the strip along the turned face
+    assert w == pytest.approx(2000.0 * 0.006 * 9.81 / (1e10 * 0.06) / math.sin(angle), rel=1e-6)
+    assert abs(r[5]) / r[0] == pytest.approx((0.15 - w / 3.0) * math.cos(angle), rel=1e-4)
+
+
 def torsion_strength(moving: Motion, driving: Driving) -> float:
     """Torque of a joint that is twisted well into slip, over mu N (m)."""
     for _ in range(200):
