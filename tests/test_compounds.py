@@ -240,3 +240,50 @@ def test_parts_in_a_file():
     assert scenario.loads(text) == scene
     with pytest.raises(ScenarioError, match=r"unknown key 'boxx' in parts\[0\] in \[\[blocks\]\] number 2"):
         scenario.loads(text.replace("{ box", "{ boxx", 1))
+
+
+# --- joints of any two polygons ---------------------------------------------------------------------------------------
+
+
+def test_joints_of_prisms_that_overlap_anyhow():
+    """Overlaps of convex prisms, several a block, against an area by counting points."""
+    rng = np.random.default_rng(5)
+    lower = [
+        Prism([(math.cos(a), math.sin(a)) for a in np.linspace(0, 2 * np.pi, n, endpoint=False)], 0.5) for n in (5, 7)
+    ]
+    blocks = [Block(f"low{i}", "tuff", prism=p, position=(1.9 * i, 0, -0.25), fixed=True) for i, p in enumerate(lower)]
+    quarter = rng.uniform(0, 2 * np.pi)
+    turn = (math.cos(quarter / 2), 0, 0, math.sin(quarter / 2))
+    upper = Prism([(-0.9, -0.4), (0.9, -0.4), (0.0, 0.7)], 0.3)
+    blocks.append(Block("high", "tuff", prism=upper, position=(0.9, 0.1, 0.15), orientation=turn))
+    with pytest.raises(ScenarioError, match="'low0' and 'low1' overlap"):
+        build(Scenario("t", (0, 0, -9.81), law(), {"tuff": Material(2000.0)}, tuple(blocks), YieldControl()))
+    blocks[1] = Block("low1", "tuff", prism=lower[1], position=(2.05, 0, -0.25), fixed=True)
+    found = build(Scenario("t", (0, 0, -9.81), law(), {"tuff": Material(2000.0)}, tuple(blocks), YieldControl()))
+    assert sorted((j.block_a, j.block_b) for j in found.joints) == [(0, 2), (1, 2)]
+    for joint in found.joints:
+        shapes = [found.shapes[i].moved(found.position[i], found.orientation[i]) for i in (joint.block_a, 2)]
+        outlines = [s[np.abs(s[:, 2]) < 1e-9][:, :2] for s in shapes]
+        points = rng.uniform(-1.2, 3.2, (400_000, 2)) * (1, 0.5)
+        inside = np.ones(len(points), bool)
+        for outline in outlines:
+            angle = np.arctan2(*(outline - outline.mean(axis=0)).T[::-1])
+            ring = outline[np.argsort(angle)]
+            edges = np.roll(ring, -1, axis=0) - ring
+            for corner, edge in zip(ring, edges, strict=True):
+                inside &= edge[0] * (points[:, 1] - corner[1]) - edge[1] * (points[:, 0] - corner[0]) >= 0
+        area = inside.mean() * 4.4 * 2.2
+        assert joint.area == pytest.approx(area, rel=0.03)
+        assert joint.origin[:2] == pytest.approx(points[inside].mean(axis=0), abs=0.01)
+
+
+def test_t_and_l_contacts_of_walls_that_meet():
+    """A wall that butts against another, and one that stands across the corner: joints on any face, none on edges."""
+    first = Block("a", "tuff", (1.0, 0.2, 0.5), (0.0, 0.0, 0.25))
+    tee = Block("t", "tuff", (0.2, 0.6, 0.5), (0.1, 0.4, 0.25))
+    ell = Block("l", "tuff", (0.2, 0.6, 0.5), (0.6, 0.2, 0.25))
+    found = build(on_a_floor(first, tee, ell))
+    beside = {(j.block_a, j.block_b): (round(j.area, 9), np.abs(j.axes[2]).round(9).tolist()) for j in found.joints}
+    assert beside.pop((1, 2)) == (0.1, [0, 1, 0])
+    assert beside.pop((1, 3)) == (0.1, [1, 0, 0])
+    assert set(beside) == {(0, 1), (0, 2), (0, 3)}
