@@ -121,18 +121,29 @@ class JointMotion:
         """
         if not np.ndim(frames):
             return self.normal_forces(_one(frames, self._history.n_frames))[0]
-        owner = np.repeat(np.arange(self.n_joint), np.diff(self.point_start))
+        arms, _, areas, owner = self._points
+        if not len(owner):
+            return np.zeros((len(frames), 0))
         forces = self.point_forces(frames)
         if forces is not None:
             normal = self.axes_in(rotation_matrix(self._poses(frames)[1]))[..., 2, :]
             return np.maximum((forces * normal[..., owner, :]).sum(axis=-1), 0.0)
-        arms = np.concatenate([np.zeros((0, 2)), *(joint["normal_arms"] for joint in self._history.joints)])
-        areas = np.concatenate([np.zeros(0), *(joint["areas"] for joint in self._history.joints)])
         opening = self.relative(frames).distance(arms[:, None], owner)[..., 0]
         share = np.maximum(-opening, 0.0) * areas
         pressed = self._sums(share)[..., owner]
         share = np.where(pressed > 0.0, share, areas) / np.where(pressed > 0.0, pressed, self._sums(areas)[owner])
         return self.resultants(frames)[..., 0][..., owner] * share
+
+    @cached_property
+    def _points(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Normal arms (c, 2), shear arms (c, 2), tributary areas (c,) and joints (c,) of all contact points."""
+        joints = self._history.joints
+        normal, shear = (
+            np.concatenate([np.zeros((0, 2)), *(joint[name] for joint in joints)])
+            for name in ("normal_arms", "shear_arms")
+        )
+        areas = np.concatenate([np.zeros(0), *(joint["areas"] for joint in joints)])
+        return normal, shear, areas, np.repeat(np.arange(self.n_joint), np.diff(self.point_start))
 
     def _sums(self, values: np.ndarray) -> np.ndarray:
         """Sums (..., j) of values (..., c) over the points of each joint."""
@@ -162,22 +173,26 @@ class JointMotion:
         force = np.ascontiguousarray(resultants[..., 1:4])
         if self._areas is not None:
             joint = self._areas[-1]
-            pressed = pressed_room([self._history.joints[j]["pressure"] for j in joint], self.n_corner[joint].tolist())
-            bending = None
-            if pressed is not None:
+            pressed = bending = None
+            if set(self._pressures) - {"full"}:
+                pressed = pressed_room(self._pressures, self.n_corner[joint].tolist())
                 opening = self.relative(frames).components[..., 2:5]
                 bending = np.concatenate([resultants[..., [0, 4, 5]], opening], axis=-1)
             strength = self.friction * resultants[..., 0]
             area_gauges(*self._areas, pressed, bending, strength, force, np.zeros((len(joint), 3)), found)
         if self.point_start[-1]:
-            arms = np.concatenate([np.zeros((0, 2)), *(joint["shear_arms"] for joint in self._history.joints)])
             joint = np.flatnonzero(np.diff(self.point_start))
             start = np.append(self.point_start[joint], self.point_start[-1])
-            x, y = np.ascontiguousarray(arms.T)
+            x, y = np.ascontiguousarray(self._points[1].T)
             normal = np.ascontiguousarray(self.normal_forces(frames))
             twist = np.zeros((len(joint), 3))
             point_gauges(x, y, start, joint, self.friction, normal, force, twist, np.zeros(6), found)
         return found
+
+    @cached_property
+    def _pressures(self) -> list[str]:
+        """Pressure that the law of each convex joint assumes."""
+        return [self._history.joints[j]["pressure"] for j in self._areas[-1]]
 
     @cached_property
     def _areas(self) -> tuple[np.ndarray, ...] | None:

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from dembrick import export, history
-from dembrick.errors import HistoryError, MissingDependency, OutputError, WriteError
+from dembrick.cli import main
+from dembrick.errors import HistoryError, MissingDependency, OutputError, ScenarioError, WriteError
 from dembrick.export import text, vtkhdf
 from dembrick.joint_motion import JointMotion
 
@@ -131,7 +132,7 @@ def test_velocities_from_frames_where_they_were_not_recorded(tmp_path):
     remarks = []
     found = make(tmp_path, channels=("frames",))
     written = export.export(found, tmp_path / "out.vtkhdf", remarks.append)
-    assert len(remarks) == 3 and all("output.channels" in remark for remark in remarks)
+    assert len(remarks) == 2 and all("output.channels" in remark for remark in remarks)
     _, steps = vtk_steps(written[0])
     # steady translation and spin: 1e-4 s between frames
     axis = np.array([1.0, 2.0, -2.0]) / 3.0
@@ -357,3 +358,13 @@ def test_meshio_missing(tmp_path, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "meshio", None)
     with pytest.raises(MissingDependency, match="pip install"):
         export.export(make(tmp_path), tmp_path / "x.pvd")
+
+
+@pytest.mark.parametrize("only, names", [(["joints"], THREE[1:2]), (["blocks", "contacts"], THREE[::2])])
+def test_only_some_layers(tmp_path, capsys, only, names):
+    found = make(tmp_path)
+    code = main(["export", found.path, "--to", str(tmp_path / "out.vtkhdf"), "--layers", *only])
+    assert code == 0 and capsys.readouterr().out.split() == [str(tmp_path / name) for name in names]
+    assert sorted(os.listdir(tmp_path)) == sorted([*names, "run.h5"])
+    with pytest.raises(ScenarioError, match="blocks, joints, contacts"):
+        export.export(found, tmp_path / "x.vtkhdf", only=["block"])

@@ -7,24 +7,35 @@ the contact points (``<stem>_contacts``). See ``layers`` for what they carry.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Collection
+from functools import partial
 
-from dembrick.errors import OutputError
+from dembrick.errors import OutputError, ScenarioError
+from dembrick.export.layers import LAYERS
 from dembrick.export.pvd import to_pvd
 from dembrick.export.text import to_csv
 from dembrick.export.vtkhdf import to_vtkhdf
 from dembrick.history import History
 
-__all__ = ["export", "to_csv", "to_pvd", "to_vtkhdf"]
+__all__ = ["LAYERS", "export", "to_csv", "to_pvd", "to_vtkhdf"]
 
 
-def export(history: History, path: str | os.PathLike, report: Callable[[str], None] | None = None) -> list[str]:
+def export(
+    history: History,
+    path: str | os.PathLike,
+    report: Callable[[str], None] | None = None,
+    only: Collection[str] = LAYERS,
+) -> list[str]:
     """Write the history in the format that the ending of ``path`` names; returns the files written.
 
-    ``report`` gets a sentence for each quantity that the history does not hold, with the remedy.
+    ``report`` gets a sentence for each quantity that the history does not hold, with the remedy. ``only``: the layers
+    to write (blocks, joints, contacts); text always has all series.
     """
+    unknown = [layer for layer in only if layer not in LAYERS]
+    if unknown or not only:
+        raise ScenarioError(f"layers = {list(only)} are unknown or none; choose from {', '.join(LAYERS)}")
     ending = os.path.splitext(os.fspath(path))[1].lower()
-    writers = {".vtkhdf": to_vtkhdf, ".pvd": to_pvd, ".csv": to_csv}
+    writers = {".vtkhdf": partial(to_vtkhdf, only=only), ".pvd": partial(to_pvd, only=only), ".csv": to_csv}
     if ending not in writers:
         raise OutputError(f"{path}: no export has the ending {ending!r}; the known endings are {', '.join(writers)}")
     return writers[ending](history, path, report)

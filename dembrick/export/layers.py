@@ -13,7 +13,7 @@ resultant passes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -23,6 +23,8 @@ from dembrick.block_motion import CarriedPoints, Poses, all_vertices, block_quan
 from dembrick.history import History
 from dembrick.joint_motion import CHANNELS, JointMotion, torsion_centre
 from dembrick.shapes import rotation_matrix
+
+LAYERS = ("blocks", "joints", "contacts")
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,24 +46,29 @@ class Layer(Protocol):
     def frames(self, start: int, stop: int) -> Frames: ...
 
 
-def layers(history: History, report: Callable[[str], None] | None = None) -> Iterator[tuple[str, Layer]]:
-    """The layers that a history can fill, each with the suffix of its file; ``report`` hears what is missing."""
-    blocks = Blocks(history)
-    if report and not blocks.recorded:
-        report('velocities were not recorded: taken from the frames; "velocity" in output.channels records them')
-    yield "", blocks
-    if not history.n_joint:
+def layers(
+    history: History, report: Callable[[str], None] | None = None, only: Collection[str] = LAYERS
+) -> Iterator[tuple[str, Layer]]:
+    """The layers ``only`` that a history can fill, with the suffix of its file; ``report`` hears what is missing."""
+    report = report or (lambda _: None)
+    if "blocks" in only:
+        blocks = Blocks(history)
+        if not blocks.recorded:
+            report('velocities were not recorded: taken from the frames; "velocity" in output.channels records them')
+        yield "", blocks
+    if not (history.n_joint and {"joints", "contacts"} & set(only)):
         return
     forces = history.has_joints and history.n_row > 0
-    if report and not forces:
+    if not forces:
         report('the forces of the joints were not recorded; run again with "joints" in output.channels')
     joints = JointMotion(history)
-    yield "_joints", Joints(history, joints, forces)
+    if "joints" in only:
+        yield "_joints", Joints(history, joints, forces)
     recorded = history.frame_values("contact_force", 0, 1) is not None
-    if report and not recorded and joints.point_start[-1]:
-        report('contact forces were not recorded: only normal forces are shown; "contacts" in output.channels records '
-               "them")  # fmt: skip
-    if recorded or forces:
+    if "contacts" in only and (recorded or forces):
+        if not recorded and joints.point_start[-1]:
+            report('contact forces were not recorded: only normal forces are shown; "contacts" in output.channels '
+                   "records them")  # fmt: skip
         yield "_contacts", Contacts(history, joints, forces)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from contextlib import suppress
 from xml.sax.saxutils import quoteattr
 
@@ -11,13 +11,18 @@ import numpy as np
 
 from dembrick.errors import MissingDependency
 from dembrick.export.files import checked_target, writing
-from dembrick.export.layers import Layer, layers
+from dembrick.export.layers import LAYERS, Layer, layers
 from dembrick.history import History, replacing
 
 _NAMES = {1: "vertex", 3: "triangle", 4: "quad"}
 
 
-def to_pvd(history: History, path: str | os.PathLike, report: Callable[[str], None] | None = None) -> list[str]:
+def to_pvd(
+    history: History,
+    path: str | os.PathLike,
+    report: Callable[[str], None] | None = None,
+    only: Collection[str] = LAYERS,
+) -> list[str]:
     """A ``.pvd`` list of each layer and one ``.vtu`` a frame, ``<stem>_00000.vtu``, beside it."""
     try:
         import meshio  # noqa: F401 - asked for before anything is written
@@ -27,7 +32,7 @@ def to_pvd(history: History, path: str | os.PathLike, report: Callable[[str], No
     stem, ending = os.path.splitext(target)
     lists, frames = [], []
     with writing(path):
-        for suffix, layer in layers(history, report):
+        for suffix, layer in layers(history, report, only):
             own = stem + suffix
             written = _series(layer, own + ending, own, history.frame_time)
             lists.append(own + ending)

@@ -3,28 +3,33 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Collection
 
 import h5py
 import numpy as np
 
 from dembrick.export.files import checked_target, writing
-from dembrick.export.layers import Layer, layers
+from dembrick.export.layers import LAYERS, Layer, layers
 from dembrick.history import History, replacing
 
 _HELD = 1 << 20  # bytes of points held at a time
 
 
-def to_vtkhdf(history: History, path: str | os.PathLike, report: Callable[[str], None] | None = None) -> list[str]:
+def to_vtkhdf(
+    history: History,
+    path: str | os.PathLike,
+    report: Callable[[str], None] | None = None,
+    only: Collection[str] = LAYERS,
+) -> list[str]:
     """The blocks at ``path``, the joints at ``<stem>_joints.vtkhdf``, contact forces at ``<stem>_contacts.vtkhdf``."""
     target = checked_target(history, path)
     stem, ending = os.path.splitext(target)
-    found = [(stem + suffix + ending, layer) for suffix, layer in layers(history, report)]
-    # two layers at a time: one is worked out while the other is written
-    with writing(path), ThreadPoolExecutor(2) as pool:
-        list(pool.map(lambda pair: _write(*pair, history.frame_time), found))
-    return [name for name, _ in found]
+    written = []
+    with writing(path):
+        for suffix, layer in layers(history, report, only):
+            written.append(stem + suffix + ending)
+            _write(written[-1], layer, history.frame_time)
+    return written
 
 
 def _write(target: str, layer: Layer, times: np.ndarray) -> None:
