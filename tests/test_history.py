@@ -304,6 +304,17 @@ def test_a_crashed_or_empty_file_gives_way_but_not_a_stranger(tmp_path):
     assert stranger.read_text() == "three years of work"
 
 
+def test_what_killed_processes_left_is_cleared_away(tmp_path):
+    """A half-written neighbour goes once its process is gone; that of a living one, and other files, stay."""
+    gone = subprocess.Popen([sys.executable, "-c", ""])
+    gone.wait()
+    left, stay = f".run.h5.{gone.pid}.part", {f".run.h5.{os.getppid()}.part", ".other.h5.1.part", ".run.h5.x.part"}
+    for name in {left} | stay:
+        (tmp_path / name).write_text("half")
+    finished(tmp_path / "run.h5")
+    assert set(os.listdir(tmp_path)) == {"run.h5"} | stay
+
+
 def test_a_link_is_followed_to_its_file(tmp_path):
     (tmp_path / "disk").mkdir()
     (tmp_path / "run.h5").symlink_to(tmp_path / "disk" / "real.h5")

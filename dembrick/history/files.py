@@ -30,6 +30,24 @@ def part_name(path: str) -> str:
     return os.path.join(folder, f".{name}.{os.getpid()}.part")
 
 
+def clear_parts(path: str) -> None:
+    """Remove the temporary neighbours of ``path`` that killed processes of this machine left behind."""
+    folder, name = os.path.split(path)
+    if os.name != "posix":  # where asking for a process may end it
+        return
+    for entry in os.listdir(folder or "."):
+        found = re.fullmatch(rf"\.{re.escape(name)}\.([0-9]{{1,9}})\.part", entry)
+        if found is None:
+            continue
+        try:
+            os.kill(int(found.group(1)), 0)
+        except ProcessLookupError:
+            with suppress(OSError):
+                os.unlink(os.path.join(folder, entry))
+        except OSError:
+            continue  # it lives, and belongs to somebody else
+
+
 def check_output(path: str | os.PathLike) -> str:
     """The real path behind ``path`` if a file can be written there.
 

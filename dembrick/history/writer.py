@@ -17,7 +17,7 @@ import numpy as np
 import dembrick
 from dembrick.errors import HistoryError, OutputError, WriteError
 from dembrick.history import layout
-from dembrick.history.files import check_output, reason, replacing
+from dembrick.history.files import check_output, clear_parts, reason, replacing
 from dembrick.history.layout import Field
 from dembrick.history.reader import History, status_of
 
@@ -60,6 +60,7 @@ class HistoryWriter:
         self._target = check_output(path)
         if not force:
             _refuse_finished(self.path, self._target)
+        clear_parts(self._target)
         self._assembly, self._scenario_text, self._settings = assembly, scenario_text, dict(settings)
         self._position0 = np.asarray(assembly.position, float)
         self._channels, self._hold, self._opened = frozenset(channels), hold, time.monotonic()
