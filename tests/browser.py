@@ -20,6 +20,7 @@ FLAGS = (
     "--remote-debugging-pipe",
     "--use-angle=swiftshader",  # WebGL without a graphics card ...
     "--enable-unsafe-swiftshader",  # ... which Chromium no longer falls back to by itself
+    "--no-sandbox",  # which neither root nor most containers have; only pages of our own are opened
     "--disable-dev-shm-usage",
     "--no-first-run",
     "--no-default-browser-check",
@@ -54,8 +55,7 @@ class Browser:
         self._profile = tempfile.mkdtemp(prefix="dembrick-browser-")
         to_read, self._write = os.pipe()
         self._read, to_write = os.pipe()
-        sandbox = ["--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else []
-        command = [executable, *FLAGS, *flags, *sandbox, f"--user-data-dir={self._profile}", "about:blank"]
+        command = [executable, *FLAGS, *flags, f"--user-data-dir={self._profile}", "about:blank"]
         self._process = subprocess.Popen(
             [sys.executable, "-ISc", _ONTO_3_AND_4, str(to_read), str(to_write), *command],
             pass_fds=(to_read, to_write),
