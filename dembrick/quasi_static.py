@@ -43,6 +43,7 @@ MOST_DECAY = 0.95  # of what V grows while the blocks give way twice as far, ove
 TURNING = 0.02  # of the longest step so far: where none but shorter ones find equilibrium, the blocks are let go
 JUMP = 0.25  # of it: the step by which the jacks go on meanwhile
 MOST_JUMPS, MOST_DRIFTS, MOST_DRAG = 20, 300, 1e4  # of a path; steps of one; drag over elastic stiffness
+CLOSED = 1e-3  # of the fastest relative motion of a step: gaps and their closing below it are none
 HELD = 1e-10  # of the elastic stiffness, added to the tangent
 DIFFERENCE = 1e-6  # of the elastic move of a joint, by which its tangent is taken
 MOST_ENTRIES = 60_000_000  # of the equations: 480 MB
@@ -164,7 +165,8 @@ class _Follower:
         self.external = self.friction = self.seated = 0.0
         if recorder is not None:
             self.seated = elastic_energy(state.blocks, state.joints, state.points, state.areas)
-        self.seen: list[tuple[float, float, float, float]] = []  # inelastic displacement, V, lower, upper
+        # inelastic displacement, V, lower and upper bound, whether a gap is closing
+        self.seen: list[tuple[float, float, float, float, bool]] = []
 
     def compile(self) -> None:
         """Call every kernel once, at the motion of now."""
@@ -213,7 +215,7 @@ class _Follower:
             else:
                 # the blocks found their mechanism, or fell back into an elastic state: either may be the way on
                 direction, gain, spare = change / step, 0.0, (direction, gain)
-                self.seen[-1], kept = (*self.seen[-1][:3], NEVER), jumps
+                self.seen[-1], kept = (*self.seen[-1][:3], NEVER, True), jumps
             longest = max(longest, self.seen[-1][0])
             if self._judged() and self._moved() >= goal:
                 return Path(True, self.iterations, equilibria)
@@ -320,6 +322,7 @@ class _Follower:
         moved = step * self.weight
         self.external += 0.5 * (self.V + V) * moved
         self.external += float((blocks.dead_force * blocks.velocity + blocks.dead_torque * blocks.spin).sum())
+        closing = self._closes_gaps()
         remember(self.trial, state.joints, state.points, state.areas)
         self.V, self.driven = V, self.driven + step
         jacks = state.jacks
@@ -332,7 +335,25 @@ class _Follower:
             blocks, state.joints, state.points, state.areas, V, moved, 1.0
         )  # fmt: skip
         given = self.driven - V * self.compliance / self.weight
-        self.seen.append((given, V, float(lower), float(upper)))
+        self.seen.append((given, V, float(lower), float(upper), closing))
+
+    def _closes_gaps(self) -> bool:
+        """Whether any open contact point or corner has come nearer since the last equilibrium, more than by rounding.
+
+        Such a mechanism moves at a constant V only until the gap has closed, and is no limit.
+        """
+        state, joints = self.state, self.state.joints
+        change = joints.relative - self.trial.base
+        gaps, widened = [], []
+        for family, x, y in ((state.points, "x_n", "y_n"), (state.areas, "x", "y")):
+            if family is not None:
+                j = np.repeat(family.joint, np.diff(family.start))
+                x, y = getattr(family, x), getattr(family, y)
+                gaps.append(joints.opening[j, 0] + joints.opening[j, 1] * y - joints.opening[j, 2] * x)
+                widened.append(change[j, 2] + change[j, 3] * y - change[j, 4] * x)
+        gap, wider = np.concatenate(gaps), np.concatenate(widened)
+        fastest = max(float(np.abs(wider).max()), float(np.abs(change[:, :2]).max()))
+        return bool(((gap > CLOSED * fastest) & (wider < -CLOSED * fastest)).any())
 
     def _dissipated(self) -> float:
         """Work that friction takes from the last equilibrium to this one, by the forces of this one (J)."""
@@ -365,7 +386,11 @@ class _Follower:
         self._record()
         # over half the way and over the last step, V must grow more slowly than the elastic structure would let it
         moved = given - seen[half][0]
-        limit = 0.0 < seen[quarter][0] and growth <= STILL * self.weight / self.compliance * moved
+        limit = (
+            0.0 < seen[quarter][0]
+            and not any(s[4] for s in recent)
+            and growth <= STILL * self.weight / self.compliance * moved
+        )
         width = 2.0 * self.certificate.tolerance * bracket[0]
         return limit and bracket[1] - bracket[0] <= width and width > 0.0
 

@@ -6,13 +6,16 @@ import math
 
 import numpy as np
 import pytest
+from scipy.optimize import linprog
 
 from dembrick import assembly, replay
 from dembrick.controls import PushoverControl, TiltControl
+from dembrick.equilibrium import seat
 from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.generators import Arch, Wall
 from dembrick.model import Actuator, Block, JointLaw, Load, Material, Scenario
 from dembrick.result import simulate
+from dembrick.simulation import block_stiffness, initial_state
 
 
 def scene(control, formulation="concave", friction=0.7, stiffness=1e10, **parts) -> Scenario:
@@ -147,6 +150,69 @@ def test_arch_under_horizontal_load(thickness, voussoirs, expected):
     result = simulate(scene(PushoverControl((1.0, 0.0, 0.0)), arches=(arch(thickness, voussoirs),)))
     assert result.collapse["load_factor"] == pytest.approx(expected, rel=5e-4)
     assert result.collapse["angle"] is None and result.collapse["mechanism"] == "rocking"
+
+
+def rigid_multiplier(thickness, voussoirs, friction):
+    """Horizontal multiplier of a semicircular arch of straight voussoirs by linear programming (static theorem)."""
+    angle = np.pi - np.arange(voussoirs + 1) * np.pi / voussoirs
+    out = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    along = np.stack([out[:, 1], -out[:, 0]], axis=1)
+    radii = (1.0 - thickness / 2, 1.0 + thickness / 2)
+    variables = 3 * (voussoirs + 1) + 1  # N at the intrados, N at the extrados, T of each joint; the multiplier
+    equations, dead = np.zeros((3 * voussoirs, variables)), np.zeros(3 * voussoirs)
+    for i in range(voussoirs):
+        x, y = np.array([radii[0] * out[i], radii[1] * out[i], radii[1] * out[i + 1], radii[0] * out[i + 1]]).T
+        cross = x * np.roll(y, -1) - np.roll(x, -1) * y
+        centre = [float(((c + np.roll(c, -1)) * cross).sum() / (3.0 * cross.sum())) for c in (x, y)]
+        for j, sign in ((i, 1.0), (i + 1, -1.0)):
+            for k, (r, direction) in enumerate(((radii[0], along[j]), (radii[1], along[j]), (1.0, out[j]))):
+                arm, force = r * out[j] - centre, sign * direction
+                equations[3 * i : 3 * i + 3, 3 * j + k] += [*force, arm[0] * force[1] - arm[1] * force[0]]
+        equations[3 * i, -1] = dead[3 * i + 1] = 1.0
+    cones = np.zeros((2 * (voussoirs + 1), variables))
+    for j in range(voussoirs + 1):
+        cones[2 * j : 2 * j + 2, 3 * j : 3 * j + 3] = [[-friction, -friction, 1.0], [-friction, -friction, -1.0]]
+    bounds = [(0, None), (0, None), (None, None)] * (voussoirs + 1) + [(None, None)]
+    worth = np.zeros(variables)
+    worth[-1] = -1.0
+    found = linprog(worth, cones, np.zeros(len(cones)), equations, dead, bounds, method="highs")
+    return float(found.x[-1]) if found.status == 0 else None
+
+
+def test_the_programme_is_right():
+    assert rigid_multiplier(0.15, 17, 0.7) == pytest.approx(0.14715, abs=5e-6)
+    assert rigid_multiplier(0.107, 31, 0.7) is None
+
+
+@pytest.mark.parametrize("seed", range(24))
+def test_any_arch_agrees_with_linear_programming(seed):
+    """Thin arches open under their own weight: a load that only closes their gaps again has not met its limit."""
+    rng = np.random.default_rng(seed)
+    voussoirs, share = int(rng.integers(7, 51)), 10 ** rng.uniform(-2.0, -0.3)
+    scenario = scene(PushoverControl((1.0, 0.0, 0.0)), arches=(arch(0.1075 * (1.0 + share), voussoirs),))
+    expected = rigid_multiplier(0.1075 * (1.0 + share), voussoirs, 0.7)
+    point = replay.find_limit_load(assembly.build(scenario), 1e-3, 0.9).yield_point
+    assert point.V == pytest.approx(expected, rel=1e-3)
+    assert point.half_width <= 1e-3 * point.V
+
+
+LEAST = [(7, 0.095703), (9, 0.101525), (11, 0.104589), (15, 0.106068), (21, 0.106695), (31, 0.107130), (50, 0.107442)]
+
+
+@pytest.mark.parametrize("voussoirs, least", LEAST)
+def test_least_thickness_of_a_semicircle(voussoirs, least):
+    """An arch two thousandths thinner than the least does not stand, one two thousandths thicker does."""
+
+    def stands(thickness):
+        built = assembly.build(scene(PushoverControl((1.0, 0.0, 0.0)), arches=(arch(thickness, voussoirs),)))
+        state = initial_state(built)
+        try:
+            seat(state, block_stiffness(state, shared=2.0))
+        except NotConvergedError:
+            return False
+        return True
+
+    assert not stands(0.998 * least) and stands(1.002 * least)
 
 
 def test_little_friction_lets_the_arch_slide():
