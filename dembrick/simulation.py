@@ -275,16 +275,20 @@ def load_vectors(state: State) -> np.ndarray:
 
 def new_energy(state: State) -> Energy:
     """Empty books for a run that starts from ``state``."""
-    normal = np.zeros((0, 6))
+    elastic, normal = np.zeros((0, 3)), np.zeros((0, 6))
     if state.points is not None:
         p, k, x, y = state.points, state.points.k_n, state.points.x_n, state.points.y_n
         terms = np.stack([k, k * x, k * y, k * x**2, k * y**2, k * x * y], axis=1)
         normal = np.ascontiguousarray(np.add.reduceat(terms, p.start[:-1]))
+        turning = p.x_s * p.elastic_2 - p.y_s * p.elastic_1
+        springs = np.stack([p.elastic_1, p.elastic_2, turning], axis=1)
+        elastic = np.ascontiguousarray(np.add.reduceat(springs, p.start[:-1]))
     return Energy(
         work=np.zeros(6),
         least=np.zeros(1),
         start=np.zeros(1),
         dash=np.zeros((len(state.joints.block_a), 6)),
+        elastic=elastic,
         normal=normal,
         jack=np.zeros(2),
     )

@@ -151,5 +151,6 @@ class Energy(NamedTuple):
     least: ndarray  # (1,) J, smallest friction work of an increment
     start: ndarray  # (1,) J, elastic energy of the seated joints
     dash: ndarray  # (j, 6) N, N m: V_1, V_2, M_T, N, M_1, M_2 of the dashpots of each joint, last step
+    elastic: ndarray  # (p, 3) N, N, N m: V_1, V_2, M_T of the shear springs of each point joint
     normal: ndarray  # (p, 6) N/m, N, N m: sums of k_n (1, x, y, x^2, y^2, x y) over each point joint
     jack: ndarray  # (2,) N, V and its dashpot part, last step

@@ -133,7 +133,7 @@ def test_books_of_a_point_joint_against_points_one_by_one():
         )
         dash, normal = zero((1, 6)), zero((1, 6))
         normal[0] = [(k[0] * f).sum() for f in (1.0, arms[0], arms[1], arms[0] ** 2, arms[1] ** 2, arms[0] * arms[1])]
-        energy = Energy(zero(6), zero(1), zero(1), dash, normal, zero(2))
+        energy = Energy(zero(6), zero(1), zero(1), dash, zero((1, 3)), normal, zero(2))
         motion = np.array([-1e-6, 0.0, 0.0])
         motions = []
         for _ in range(40):

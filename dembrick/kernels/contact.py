@@ -34,7 +34,7 @@ def point_forces(points, p, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, vis
     mu = points.friction[p]
     n_sum = v1 = v2 = mt = m1 = m2 = slip = weight = 0.0
     friction = least = by_law = lost = 0.0
-    elastic_1 = elastic_2 = elastic_t = open_n = open_x = open_y = 0.0
+    open_n = open_x = open_y = 0.0
     for i in range(points.start[p], points.start[p + 1]):
         x = points.x_n[i]
         y = points.y_n[i]
@@ -59,9 +59,6 @@ def point_forces(points, p, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, vis
         cap = mu * normal
         t1, t2, e1, e2, q1, q2, plastic = coulomb(old_1, old_2, s1, s2, k, viscous_s, cap)
         if energy is not None:
-            elastic_1 += e1
-            elastic_2 += e2
-            elastic_t += xs * e2 - ys * e1
             if plastic > 0.0:
                 work = (old_1 + e1) * q1 + (old_2 + e2) * q2
                 if cap > 0.0:
@@ -85,13 +82,20 @@ def point_forces(points, p, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, vis
         weight += k
     if energy is not None:
         # The dashpots carry what the springs do not. All points move with one rigid motion, so the work of their
-        # resultant is the sum of theirs; the normal springs of closed points add up in closed form.
+        # resultant is the sum of theirs. Spring and dashpot stand side by side behind the slider, t = e + viscous
+        # (e - e_old) at every point, stuck, sliding or open, and so for the resultants; the normal springs of closed
+        # points add up in closed form.
         r = energy.normal[p]
+        elastic = energy.elastic[p]
+        share = 1.0 / (1.0 + viscous_s)
+        elastic[0] = share * (v1 + viscous_s * elastic[0])
+        elastic[1] = share * (v2 + viscous_s * elastic[1])
+        elastic[2] = share * (mt + viscous_s * elastic[2])
         lost += dashpot_work(
             energy.dash[points.joint[p]],
-            v1 - elastic_1,
-            v2 - elastic_2,
-            mt - elastic_t,
+            v1 - elastic[0],
+            v2 - elastic[1],
+            mt - elastic[2],
             n_sum + r[0] * dn + r[2] * r1 - r[1] * r2 + open_n,
             m1 - (r[2] * dn + r[4] * r1 - r[5] * r2 + open_y),
             m2 + (r[1] * dn + r[5] * r1 - r[3] * r2 + open_x),
