@@ -164,7 +164,8 @@ class JointMotion:
 
         ``convex``: the exact surface of the polygon under the pressure of its law. Point formulations: the set of all
         forces that Coulomb friction at the points can give, each under its own normal force. A joint without friction
-        strength is at 0 when it carries nothing, and at infinity else.
+        strength is at 0 when it carries nothing, and at infinity else. Where contact forces were not recorded, a joint
+        that touches at a corner with next to no force may read above 1.
         """
         if not np.ndim(frames):
             return self.utilisation(_one(frames, self._history.n_frames))[0]

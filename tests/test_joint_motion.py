@@ -312,4 +312,6 @@ def test_gauge_of_a_single_point():
     x, y, weight = np.array([0.1, 0.2]), np.array([0.05, 0.0]), np.array([10.0, 0.0])
     through = (3.0, 4.0, 0.1 * 4.0 - 0.05 * 3.0)
     assert point_gauge(x, y, weight, 0, 2, *through, np.zeros(3), np.zeros(6)) == pytest.approx(0.5, rel=1e-12)
+    nearly = (3.0, 4.0, through[2] * (1 + 1e-5))
+    assert point_gauge(x, y, weight, 0, 2, *nearly, np.zeros(3), np.zeros(6)) == pytest.approx(0.5, rel=1e-12)
     assert point_gauge(x, y, weight, 0, 2, 3.0, 4.0, 0.0, np.zeros(3), np.zeros(6)) == np.inf

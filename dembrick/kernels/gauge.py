@@ -19,8 +19,9 @@ TOLERANCE = 1e-13
 LEVELS = 10
 # Up to this many points all kinks are checked first; it costs a pair of points each.
 FEW = 8
-# A moment about the only point that carries, relative to force times distance, which is rounding.
-ROUNDING = 1e-9
+# A moment about the only point that carries, relative to force times distance, which is none: where normal forces
+# follow from recorded motion, the last millionth of a joint's force may have gone through another point.
+NO_MOMENT = 1e-4
 
 
 @jit
@@ -78,7 +79,7 @@ def best_kink(x, y, weight, first, last, f1, f2, m):
                         own += weight[k]
             force = sqrt(f1 * f1 + f2 * f2)
             if d == 0.0:
-                if abs(power) > ROUNDING * (force * sqrt(x[i] * x[i] + y[i] * y[i]) + abs(m)):
+                if abs(power) > NO_MOMENT * (force * sqrt(x[i] * x[i] + y[i] * y[i]) + abs(m)):
                     return inf, i, True
                 return force / own, i, True
             size = abs(power) / d
