@@ -153,6 +153,8 @@ def test_a_joint_turns_about_its_elastic_centre_first(pushed):
     np.testing.assert_allclose(stage.load, 0.5 * run.load[-1], rtol=0.1)
     turned = stage.movement[:, 1] / (stage.points[:, 0] - stage.centre[0])
     np.testing.assert_allclose(turned, turned[0], rtol=1e-4)  # a plane rotation about it
+    # by M_T over the elastic stiffness ks A c^2, or ks J
+    assert turned.mean() == pytest.approx(0.075 * stage.load / (4.0e9 * 0.06 * square), rel=2e-3)
 
 
 def test_a_joint_slides_about_the_centre_of_the_limit_surface(pushed):
