@@ -23,13 +23,14 @@ def joint_matrices(state: MovingState) -> np.ndarray:
     k = np.zeros((len(state.links.host), 6, 6))
     if state.corners is not None:
         c = state.corners
+        arm = c.shear_arm[c.law]
         count = np.diff(c.start)
         owner = np.repeat(np.arange(len(c.joint)), count)
         sums = {}
-        for name, x, y in (("n", c.x, c.y), ("s", c.shear_arm[owner] * c.x, c.shear_arm[owner] * c.y)):
+        for name, x, y in (("n", c.x, c.y), ("s", arm[owner] * c.x, arm[owner] * c.y)):
             for power, value in (("", 1.0), ("x", x), ("y", y), ("xx", x * x), ("yy", y * y), ("xy", x * y)):
                 sums[name + power] = np.add.reduceat(c.area * value, c.start[:-1])
-        j, k_n, k_s = c.joint, c.k_n, c.k_s
+        j, k_n, k_s = c.joint, c.k_n[c.law], c.k_s[c.law]
         entries = [(0, 0, k_s * sums["s"]), (1, 1, k_s * sums["s"]), (0, 5, -k_s * sums["sy"]),
                    (1, 5, k_s * sums["sx"]), (5, 5, k_s * (sums["sxx"] + sums["syy"])), (2, 2, k_n * sums["n"]),
                    (2, 3, k_n * sums["ny"]), (2, 4, -k_n * sums["nx"]), (3, 3, k_n * sums["nyy"]),

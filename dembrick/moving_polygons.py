@@ -51,7 +51,8 @@ class Polygons:
         links = self._state.links
         moved = links.seen[:, [0, 1, 3, 4]] - links.kept
         distance = np.hypot(moved[:, 0], moved[:, 1]) + links.reach * np.hypot(moved[:, 2], moved[:, 3])
-        stale = np.flatnonzero(distance >= links.slack * (1.0 - 1e-12))
+        # a little before the kernel does, whose square roots may round the other way
+        stale = np.flatnonzero(distance >= links.slack.astype(float) * (1.0 - 1e-9))
         for j in stale.tolist():
             self._cut(j)
         return len(stale)

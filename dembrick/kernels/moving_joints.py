@@ -26,8 +26,8 @@ from dembrick.kernels.vec3 import cross, rows_times
 class Links(NamedTuple):
     """j joints: which blocks, and where the polygon and the plane sit on them."""
 
-    host: ndarray  # (j,) int64
-    other: ndarray  # (j,) int64
+    host: ndarray  # (j,) int32
+    other: ndarray  # (j,) int32
     sense: ndarray  # (j,) +1 where the other's outward normal is m, -1 where it is -m
     lever: ndarray  # (j, 3) m, from the host's centroid to O, host's body axes
     tangents: ndarray  # (j, 2, 3) e1, e2 in the host's body axes
@@ -37,19 +37,20 @@ class Links(NamedTuple):
     seen: ndarray  # (j, 9) O, e1, e2 of the host in the plane's axes, from the other's centroid, last step
     wrench: ndarray  # (j, 9) N, N m: see above
     kept: ndarray  # (j, 4) O and e1 along u1 and u2, of `seen`, when the polygon was last cut to the other's face
-    reach: ndarray  # (j,) m, greatest distance of the polygon from O
-    slack: ndarray  # (j,) m, how far the polygon may move along the plane before it must be cut again
+    reach: ndarray  # (j,) float32, m, greatest distance of the polygon from O
+    slack: ndarray  # (j,) float32, m, how far the polygon may move along the plane before it must be cut again
 
 
 class Corners(NamedTuple):
     """Joints whose forces act at contact points."""
 
-    joint: ndarray  # (p,) int64
-    start: ndarray  # (p + 1,) int64, first contact point of each
-    k_n: ndarray  # (p,) Pa/m
-    k_s: ndarray  # (p,) Pa/m
-    friction: ndarray  # (p,)
-    shear_arm: ndarray  # (p,) friction acts at this times the arm of the normal force
+    joint: ndarray  # (p,) int32
+    start: ndarray  # (p + 1,) int32, first contact point of each
+    law: ndarray  # (p,) int32, which of the following
+    k_n: ndarray  # (l,) Pa/m
+    k_s: ndarray  # (l,) Pa/m
+    friction: ndarray  # (l,)
+    shear_arm: ndarray  # (l,) friction acts at this times the arm of the normal force
     x: ndarray  # (c,) m, from O along e1
     y: ndarray  # (c,) m, along e2
     area: ndarray  # (c,) m2, tributary
@@ -172,13 +173,14 @@ def corner_forces(links, corners, bodies, first, last):
         seen[8] = g3
         sense = links.sense[j]
         offset = links.offset[j]
-        k_n = -sense * corners.k_n[p]
+        law = corners.law[p]
+        k_n = -sense * corners.k_n[law]
         viscous = links.viscous[j, 0]
-        k_s = corners.k_s[p]
+        k_s = corners.k_s[law]
         damped = 1.0 + links.viscous[j, 1]
         share = 1.0 / damped
-        mu = corners.friction[p]
-        arm = corners.shear_arm[p]
+        mu = corners.friction[law]
+        arm = corners.shear_arm[law]
         a1 = a2 = a3 = b1 = b2 = b3 = c1 = c2 = c3 = 0.0
         for i in range(corners.start[p], corners.start[p + 1]):
             x = corners.x[i]

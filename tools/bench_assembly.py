@@ -1,0 +1,178 @@
+"""What assemblies in motion cost, against a plain loop in the same process, and against what the memory lets through.
+
+    python tools/bench_assembly.py [--quick]
+
+Every time is the best of many short chunks, taken in turns with the yardsticks, so that a busy machine slows all alike:
+the ratios are the figures to judge. The last columns say how much memory a joint and step touches, and which part of
+the machine's copy bandwidth that is.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import platform
+import time
+from functools import partial
+
+import numba
+import numpy as np
+import plain_wall
+
+import dembrick
+from dembrick import assembly, dynamics, motion_run
+from dembrick import scenario as scenarios
+from dembrick.driving import Driving
+from dembrick.kernels.dynamics import Limits
+from dembrick.lab import scenario_folder
+from dembrick.result import simulate
+
+CALM = Limits(displacement=1.0, longest=1.0)
+
+
+def wall(courses: int, blocks: int, formulation: str = "concave"):
+    """A seated wall, and what drives it: gravity, tilting slowly out of plane."""
+    changes = [f"walls.0.courses={courses}", f"walls.0.blocks={blocks}", f"joint.formulation={formulation}"]
+    scenario = scenarios.load(scenario_folder() / "wall_tilt.toml", changes)
+    moving = motion_run.prepare(assembly.build(scenario), scenario.control, scenario.solver.step_factor)
+    gravity = np.array(scenario.gravity)
+    if courses <= 30:
+        dynamics.seat(moving, Driving(gravity))
+    return moving, Driving(gravity, tilt=(np.array([1.0, 0.0, 0.0]), np.radians(1.0)))
+
+
+def chunk(moving, driving, steps: int) -> float:
+    """Nanoseconds a joint and step of one chunk."""
+    before = moving.loop_seconds
+    dynamics.advance(moving, driving, steps, CALM)
+    return 1e9 * (moving.loop_seconds - before) / steps / len(moving.assembly.joints)
+
+
+def state_bytes(moving) -> int:
+    """Memory of all arrays that the loop works on."""
+    parts = (moving.state.bodies, moving.state.links, moving.state.corners, moving.state.faces)
+    return sum(array.nbytes for part in parts if part is not None for array in part)
+
+
+def touched_bytes(moving) -> int:
+    """Memory that a step reads and writes, at least once each."""
+    written = {"seen", "wrench", "elastic", "position", "rotation", "orientation", "velocity", "spin", "momentum"}
+    parts = (moving.state.bodies, moving.state.links, moving.state.corners, moving.state.faces)
+    return sum(
+        array.nbytes * (2 if name in written else 1)
+        for part in parts
+        if part is not None
+        for name, array in part._asdict().items()
+        if name not in ("kept", "slack", "slip", "far", "twist")
+    )
+
+
+def bandwidth() -> float:
+    """Copy bandwidth of one core (bytes/s, reads and writes counted), best of ten."""
+    source, target = np.ones(1 << 25), np.empty(1 << 25)
+    best = np.inf
+    for _ in range(10):
+        began = time.perf_counter()
+        np.copyto(target, source)
+        best = min(best, time.perf_counter() - began)
+    return 2 * source.nbytes / best
+
+
+def interleaved(calls: dict, rounds: int) -> dict:
+    """The best of every call, taken in turns."""
+    best = dict.fromkeys(calls, np.inf)
+    for _ in range(rounds):
+        for name, call in calls.items():
+            best[name] = min(best[name], call())
+    return best
+
+
+def joint_costs(sizes, rounds: int, speed: float) -> None:
+    """Nanoseconds a joint and step by size and formulation, one thread."""
+    numba.set_num_threads(1)
+    print(f"{'blocks':>8}{'joints':>8}{'plain':>8}{'concave':>9}{'ratio':>7}{'convex':>8}{'/ concave':>10}"
+          f"{'bytes/block':>13}{'bytes/joint step':>18}{'of bandwidth':>14}")  # fmt: skip
+    for courses, blocks, steps in sizes:
+        gc.collect()
+        calls, moving = {}, {}
+        for formulation in ("concave", "convex"):
+            moving[formulation], driving = wall(courses, blocks, formulation)
+            calls[formulation] = partial(chunk, moving[formulation], driving, steps)
+        if courses == blocks:
+            plain = plain_wall.wall(courses)
+            plain_wall.run(1, 3e-5, *plain)
+            calls["plain"] = partial(plain_wall.nanoseconds, plain, steps)
+        best = interleaved(calls, rounds)
+        m = moving["concave"]
+        n, j = len(m.assembly.names), len(m.assembly.joints)
+        touched = touched_bytes(m) / j
+        yardstick = best.get("plain", np.nan)
+        print(f"{n:8}{j:8}{yardstick:8.1f}{best['concave']:9.1f}{best['concave'] / yardstick:7.2f}"
+              f"{best['convex']:8.1f}{best['convex'] / best['concave']:10.2f}{state_bytes(m) / n:13.0f}{touched:18.0f}"
+              f"{100 * touched / (best['concave'] * 1e-9) / speed:12.0f} %", flush=True)  # fmt: skip
+
+
+def thread_gain(courses: int, rounds: int) -> None:
+    """Two threads against one, and whether they agree to the last bit."""
+    ends, calls = [], {}
+    for threads in (1, 2):
+        moving, driving = wall(courses, courses)
+        ends.append(moving)
+
+        def call(threads=threads, moving=moving, driving=driving) -> float:
+            numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
+            return chunk(moving, driving, 20)
+
+        call()
+        calls[threads] = call
+    best = interleaved(calls, rounds)
+    same = all(np.array_equal(a, b) for a, b in zip(ends[0].state.bodies, ends[1].state.bodies, strict=True))
+    print(f"{len(ends[0].assembly.names)} blocks: one thread {best[1]:.1f} ns, two {best[2]:.1f} ns, "
+          f"gain {best[1] / best[2]:.2f}, bit-identical: {'yes' if same else 'NO'}")  # fmt: skip
+
+
+def tilted_walls(cases) -> None:
+    """Angle at 20 mm, and seconds of the loop a simulated second."""
+    numba.set_num_threads(1)
+    for n, rigid, changes in cases:
+        changes = [f"walls.0.courses={n}", f"walls.0.blocks={n}", *changes]
+        result = simulate(scenarios.load(scenario_folder() / "wall_tilt.toml", changes), record=False)
+        motion, angle = result.run.motion, result.collapse["angle"]
+        joints, stiffness = len(result.assembly.joints), result.scenario.joint.normal_stiffness
+        plain = plain_wall.wall(n)
+        plain_wall.run(1, motion.time_step, *plain)
+        yardstick = min(plain_wall.nanoseconds(plain) for _ in range(10))
+        print(
+            f"{n} x {n}, kn = {stiffness:g} Pa/m, steps of {motion.time_step:.3g} s: 20 mm at {angle:.4f} deg "
+            f"(rigid {rigid}: {100 * (angle / rigid - 1):+.2f} %), {motion.loop_seconds / motion.time:.2f} s a "
+            f"simulated second; a plain loop with that step {1e-9 * yardstick * joints / motion.time_step:.2f} s",
+            flush=True,
+        )
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="no scene above 1,000 blocks, and no run to its end")
+    options = parser.parse_args()
+    speed = bandwidth()
+    print(f"dembrick {dembrick.__version__}, python {platform.python_version()}, numpy {np.__version__}, numba "
+          f"{numba.__version__}, {platform.machine()}, {numba.config.NUMBA_NUM_THREADS} threads, copy bandwidth of one "
+          f"core {speed / 1e9:.1f} GB/s\n")  # fmt: skip
+    print("ns a joint and step, one thread, joints stick")
+    sizes = [(10, 10, 200), (30, 30, 50)]
+    if not options.quick:
+        sizes += [(100, 100, 5), (100, 1000, 2)]
+    joint_costs(sizes, 20 if options.quick else 40, speed)
+    if options.quick:
+        return
+    print()
+    thread_gain(100, 40)
+    print()
+    tilted_walls([(10, 12.015, []), (10, 12.015, ["joint.normal_stiffness=4e9", "joint.shear_stiffness=1.6e9"]),
+                  (30, 4.560, ["joint.normal_stiffness=2.2e10", "joint.shear_stiffness=8e9", "control.damping=0.02",
+                               "solver.step_factor=0.95"])])  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()
