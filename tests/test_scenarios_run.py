@@ -10,6 +10,7 @@ import pytest
 
 import dembrick
 from dembrick.assembly import build
+from dembrick.errors import NotConvergedError
 from dembrick.lab import scenario_folder
 
 ASSEMBLIES = {  # free blocks, joints
@@ -142,3 +143,15 @@ def test_point_formulations(stem, formulation):
     assert pytest.approx(POINTS[stem, formulation], rel=1.1e-3) == point.V
     if not stem.endswith("_mid"):
         assert point.V_lower * (1 - 3e-5) <= POINTS[stem, formulation] <= point.V_upper * (1 + 3e-5)
+
+
+@pytest.mark.slow
+def test_the_thinnest_dome_that_stands():
+    """Without tension a hemisphere stands down to t/R = .0428: one 3 % thicker does, one 4 % thinner comes down."""
+    finer = ["domes.dome.radius=1.0", "domes.dome.rings=12", "domes.dome.key=6.0"]
+    finer += ["control.displacement=0.005", "control.rate=0.5"]
+    path = scenario_folder() / "dome.toml"
+    standing = dembrick.simulate(dembrick.load(path, [*finer, "domes.dome.thickness=0.044"]))
+    assert 1.0 < standing.collapse["angle"] < 8.0  # it takes a slope to bring it down
+    with pytest.raises(NotConvergedError, match="no equilibrium under the dead loads"):
+        dembrick.simulate(dembrick.load(path, [*finer, "domes.dome.thickness=0.041"]))
