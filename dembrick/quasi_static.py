@@ -109,8 +109,7 @@ def _new_trial(state: State, load: np.ndarray, factor: Factor) -> Trial:
     count = len(joints.block_a)
     row = np.full(len(state.blocks.displacement), -1)
     row[free] = factor.place
-    seen_a = np.array([to_joint(joints.axes[j], joints.arm_a[j]) for j in range(count)])
-    seen_b = np.array([to_joint(joints.axes[j], joints.arm_b[j]) for j in range(count)])
+    seen_a, seen_b = to_joint(joints.axes, joints.arm_a), to_joint(joints.axes, joints.arm_b)
     ends = np.stack([row[joints.block_a], row[joints.block_b]])
     half_width = int(np.abs(ends[0] - ends[1])[(ends >= 0).all(axis=0)].max(initial=0)) + 5
     rows = 6 * len(free)

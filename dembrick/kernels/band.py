@@ -8,6 +8,13 @@ from dembrick._jit import jit
 
 
 @jit
+def take(a, m, b):
+    """Subtract m b from a, in place; on slices, so that the processor can take several entries at once."""
+    for c in range(a.size):
+        a[c] -= m * b[c]
+
+
+@jit
 def solve_band(band, h, x, y):
     """Solve A x' = x and A y' = y in place, and destroy the matrix. Returns False where it is singular."""
     n = x.size
@@ -29,9 +36,7 @@ def solve_band(band, h, x, y):
             first = band[i, k - i + h]
             if first != 0.0:
                 m = first / band[k, h]
-                shift = k - i
-                for c in range(1, end - k):
-                    band[i, h + shift + c] -= m * band[k, h + c]
+                take(band[i, h + k - i + 1 : h + end - i], m, band[k, h + 1 : h + end - k])
                 x[i] -= m * x[k]
                 y[i] -= m * y[k]
     for k in range(n - 1, -1, -1):
