@@ -1,4 +1,4 @@
-"""The one decorator of the compiled kernels, and where their machine code is kept.
+"""The one decorator of the compiled kernels (in three strengths), and where their machine code is kept.
 
 numba's cache looks at the file of a kernel only: after an edit in a helper module it would go on serving the old
 physics. So the cache folder carries a hash of all kernel sources and of numba's version in its name.
@@ -56,25 +56,30 @@ def cache_folder() -> Path:
 CACHE_FOLDER = cache_folder()
 
 
+def _compiled(function, **options):
+    previous = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = str(CACHE_FOLDER)
+    try:
+        return numba.njit(cache=True, error_model="numpy", **options)(function)
+    finally:
+        numba.config.CACHE_DIR = previous
+
+
 def jit(function):
     """Compile lazily, cached on disk; no fastmath, because a run lives by its NaN guard.
 
     Without numba's memory runtime nothing can be allocated in a kernel, and no array is reference-counted in its inner
-    loop; inlined, nothing is copied for a call. Together that made a step of the lab scene five times faster.
+    loop; inlined, nothing is copied for a call. Together that made a step of the lab scene five times faster. Python's
+    lock is let go of, so that threads can share a batch.
     """
-    previous = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(CACHE_FOLDER)
-    try:
-        return numba.njit(cache=True, error_model="numpy", _nrt=False, forceinline=True)(function)
-    finally:
-        numba.config.CACHE_DIR = previous
+    return _compiled(function, nogil=True, _nrt=False, forceinline=True)
+
+
+def entry(function):
+    """The same for a loop that Python or a batch enters: compiled once, not inlined into every caller."""
+    return _compiled(function, nogil=True, _nrt=False, forceinline=False)
 
 
 def jit_parallel(function):
     """The same for a loop over threads (``prange``); it compiles for much longer, so only large scenes call for it."""
-    previous = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(CACHE_FOLDER)
-    try:
-        return numba.njit(cache=True, error_model="numpy", parallel=True)(function)
-    finally:
-        numba.config.CACHE_DIR = previous
+    return _compiled(function, parallel=True)

@@ -83,32 +83,6 @@ def far_moments(polygon: np.ndarray) -> np.ndarray:
     return np.concatenate(forms, axis=-1)
 
 
-def torsion_radius(x: np.ndarray, y: np.ndarray, weights: np.ndarray) -> float:
-    """Least weighted mean distance of points from any centre: M_T0 / V_0 of a joint that acts at points.
-
-    The geometric median by Weiszfeld's iteration, kept off the points as Vardi and Zhang do it; the value returned
-    belongs to a centre, so it is never below the minimum, and above it by rounding only.
-    """
-    weights = weights / weights.sum()
-    c = np.array([weights @ x, weights @ y])
-    best = math.inf
-    for _ in range(10_000):
-        distance = np.hypot(x - c[0], y - c[1])
-        value = float(weights @ distance)
-        if value >= best * (1.0 - 1e-15):
-            return min(best, value)
-        best = value
-        near = distance <= 1e-14 * value
-        pull = np.where(near, 0.0, weights / np.where(near, 1.0, distance))
-        target = np.array([pull @ x, pull @ y]) / pull.sum()
-        rest = float(np.hypot(*(pull.sum() * (target - c))))
-        own = float(weights[near].sum())
-        if rest <= own:
-            return value
-        c = c + (1.0 - own / rest) * (target - c)
-    return best
-
-
 def area_radius(polygon: np.ndarray) -> np.ndarray:
     """Least mean distance of a polygon's area from any centre: M_T0 / V_0 of a convex joint; for polygons (..., m, 2).
 

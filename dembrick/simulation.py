@@ -45,7 +45,7 @@ def initial_state(assembly) -> State:
         dead_torque=np.array(assembly.dead_torque, float),
     )
     jacks = _jacks(assembly)
-    return State(blocks, _joints(assembly), _points(assembly), _areas(assembly), jacks)
+    return State(blocks, _joints(assembly), point_joints(assembly), area_joints(assembly), jacks)
 
 
 def _jacks(assembly) -> Jacks:
@@ -90,7 +90,8 @@ def _joints(assembly) -> Joints:
     )
 
 
-def _points(assembly) -> Points | None:
+def point_joints(assembly) -> Points | None:
+    """The joints of an assembly that act at points, at rest; None without any."""
     joints, table = JointTable.of(assembly.joints), PointTable.of(assembly.contact_points)
     chosen = np.flatnonzero(~table.resultant)
     if not len(chosen):
@@ -118,7 +119,8 @@ def _points(assembly) -> Points | None:
     )
 
 
-def _areas(assembly) -> Areas | None:
+def area_joints(assembly) -> Areas | None:
+    """The convex joints of an assembly, at rest; None without any."""
     joints, table = JointTable.of(assembly.joints), PointTable.of(assembly.contact_points)
     chosen = np.flatnonzero(table.resultant)
     if not len(chosen):

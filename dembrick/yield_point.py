@@ -12,7 +12,7 @@ from dembrick.kernels.bracket import NEVER, Certificate
 from dembrick.simulation import State
 
 _CROSSED = 1e-10  # of V: bounds that have met may cross by rounding
-_OPEN = 0.5  # of the lower bound: a bracket wider than this brackets nothing
+OPEN = 0.5  # of the lower bound: a bracket wider than this brackets nothing
 _PURE = 1e-7  # of the slip at the joint's rim: a part of the slip twist that is not there
 
 
@@ -66,7 +66,7 @@ def read_off(state: State, certificate: Certificate, names) -> YieldPoint:
         lower, upper = min(lower, upper), max(lower, upper)
     kind = "certified" if certificate.strict else "indicator"
     V = 0.5 * (lower + upper)
-    if upper >= NEVER or (not certificate.strict and upper - lower > _OPEN * abs(lower)):
+    if upper >= NEVER or (not certificate.strict and upper - lower > OPEN * abs(lower)):
         kind, V = "open", float(state.jacks.drive[2])
     slid, turned, tilted = last_moves(state)
     j = int(np.argmax(np.maximum(np.maximum(slid, turned), tilted)))

@@ -8,7 +8,7 @@ from scipy.integrate import dblquad
 from scipy.optimize import minimize
 
 from dembrick import limit_set, polygons, theory
-from dembrick.kernels import contact, laws, limit_surface
+from dembrick.kernels import certify, contact, laws, limit_surface
 from dembrick.state import Points
 
 A, B = 0.3, 0.2
@@ -485,6 +485,6 @@ def test_torsion_radius_of_polygons_and_points(scale):
         assert limit_set.area_radius(polygon) == pytest.approx(theory.torsion_strength(law), rel=1e-9)
         weights = rng.uniform(0.1, 1.0, len(polygon))
         law = theory.points(polygon, weights / weights.sum(), 1.0)
-        radius = limit_set.torsion_radius(*polygon.T.copy(), weights)
+        radius = certify.median_distance(*polygon.T.copy(), weights, 0, len(weights))
         # in torsion without shear the centre is free: V = 0 in the limit of a pure moment
         assert radius == pytest.approx(theory.torsion_strength(law), rel=1e-8)

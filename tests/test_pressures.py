@@ -26,7 +26,7 @@ TORSION = {
 def pressed_by(pressure, polygon, g0, gx, gy, follow=kernels.follow_pressure):
     """The pressed part of one joint under the penetration g0 + gx x + gy y, with N = 1 and its centre of pressure."""
     x, y = np.ascontiguousarray(polygon.T)
-    part = simulation._pressed([pressure], [len(x)])
+    part = simulation.pressed_room([pressure], [len(x)])
     if (g0 + polygon @ [gx, gy]).min() >= 0.0:
         yy, xx, xy = polygons.second_moments(polygon)
         volume, m_x, m_y = polygons.area(polygon) * g0, xx * gx + xy * gy, xy * gx + yy * gy
@@ -119,7 +119,7 @@ def test_surface_against_quadrature(pressure):
 def test_the_effective_part_of_a_rectangle():
     """Bending about one side leaves a x (b - 2 e), about both (a - 2 e_x) x (b - 2 e_y), centred on the resultant."""
     for e_x, e_y in ((0.0, 0.03), (0.0, -0.09), (0.12, 0.0), (0.04, -0.05), (0.0, 0.0)):
-        part = simulation._pressed(["effective"], [4])
+        part = simulation.pressed_room(["effective"], [4])
         kernels.follow_pressure(part, 0, *np.ascontiguousarray(RECTANGLE.T), 0, 4, 0.18, N, N * -e_y, N * e_x, 1, 0, 0)
         corners = np.stack([part.x[: part.count[0]], part.y[: part.count[0]]], axis=1)
         expected = theory.polygons.rectangle(A - 2 * abs(e_x), B - 2 * abs(e_y))
@@ -239,10 +239,10 @@ def test_full_pressure_stays_out_of_it(monkeypatch):
     built = assembly.build(base)
     assert simulation.initial_state(built).areas.pressed is None
     alone = replay.find_limit_load(built, 1e-5, 0.9).yield_point
-    room = simulation._pressed
+    room = simulation.pressed_room
     monkeypatch.setattr(
         simulation,
-        "_pressed",
+        "pressed_room",
         lambda pressures, corners: room(["linear"], corners)._replace(kind=np.zeros(1, np.int64)),
     )
     assert simulation.initial_state(built).areas.pressed is not None

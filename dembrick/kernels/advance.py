@@ -4,7 +4,7 @@ leaves its code out: a family of joints, the record, the energy books, and eithe
 
 from typing import NamedTuple
 
-from dembrick._jit import jit
+from dembrick._jit import entry
 from dembrick.kernels.bracket import instant_bounds, judge, strict_bounds
 from dembrick.kernels.energy import balance, dead_work, elastic_energy
 from dembrick.kernels.finite_motion import finite_step
@@ -31,7 +31,7 @@ class Drive(NamedTuple):
     memory: float  # weight of the latest step in that mean
 
 
-@jit
+@entry
 def advance(
     first, n_steps, dt, blocks, joints, points, areas, jacks, scaled, inertia, drive, certificate, record, energy, guard
 ):  # fmt: skip
@@ -86,7 +86,7 @@ def advance(
     return RUNNING, first + n_steps
 
 
-@jit
+@entry
 def settle(n_steps, tolerance, blocks, joints, points, areas, scaled, momentum):
     """Relaxation under the dead loads: each block moves by its artificial inertia's answer to the out-of-balance.
 

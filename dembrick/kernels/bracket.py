@@ -20,7 +20,7 @@ NEVER = 1e300  # an upper bound that does not bind
 
 
 class Certificate(NamedTuple):
-    """What the bracket of the limit load needs to know; all but the last six only of a strict one.
+    """What the bracket of the limit load needs to know; all but the last seven only of a strict one.
 
     Strict: one joint, whose normal forces do not depend on the load (its axes, moments about O).
     """
@@ -41,6 +41,7 @@ class Certificate(NamedTuple):
     bracket: ndarray  # (2,) bounds of V, in and out
     elastic: float  # N/m, elastic stiffness of V against the driven displacement
     doubling: ndarray  # (4,) driven displacement (m) when it had last doubled and least V (N) since; the same before
+    twist: ndarray  # (3,) m, m, rad: slip that gave the upper bound, where strict
     window: ndarray  # (w, 4) lower, upper, V, driven displacement of the last w instants, where not strict
 
 
@@ -68,6 +69,16 @@ def upper_bound(certificate, points, areas, q1, q2, q3):
         points, areas, certificate.family, certificate.index, certificate.rest, certificate.normal, q1, q2, q3
     )
     return (lost - (g[0] * q1 + g[1] * q2 + g[2] * q3)) / power
+
+
+@jit
+def best_bound(certificate, points, areas, q):
+    """The upper bound for the slip twist q (3,), which is kept if it is the least so far."""
+    upper = upper_bound(certificate, points, areas, q[0], q[1], q[2])
+    if upper < certificate.bracket[1]:
+        for i in range(3):
+            certificate.twist[i] = q[i]
+    return upper
 
 
 @jit
@@ -132,13 +143,11 @@ def strict_bounds(certificate, joints, points, areas, v):
     upper = NEVER
     if points is not None:
         if certificate.family == 0:
-            q = joints.step[j]
-            upper = upper_bound(certificate, points, areas, q[0], q[1], q[2])
+            upper = best_bound(certificate, points, areas, joints.step[j])
     if areas is not None:
         if certificate.family == 1:
             # the plastic part of the twist: its bound closes to rounding
-            q = areas.twist[certificate.index]
-            upper = upper_bound(certificate, points, areas, q[0], q[1], q[2])
+            upper = best_bound(certificate, points, areas, areas.twist[certificate.index])
     return lower, upper
 
 
