@@ -15,6 +15,7 @@ _HOMES = {
     "dumps": "dembrick.scenario",
     "simulate": "dembrick.result",
     "restart": "dembrick.result",
+    "simulate_domain": "dembrick.domain",
     "Result": "dembrick.result",
     "read_history": "dembrick.history",
     "replay_lab": "dembrick.lab",

@@ -20,13 +20,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dembrick import certificate, equilibrium, polygons, replay, simulation
+from dembrick import certificate, equilibrium, guards, polygons, replay, simulation
 from dembrick.errors import ScenarioError
+from dembrick.joints import Joint
 from dembrick.kernels.advance import CONVERGED
-from dembrick.kernels.batch import UNSEATED, Answer, Loading, Lone, Settings, replay_batch
+from dembrick.kernels.batch import UNSEATED, Answer, Loading, Lone, Room, Settings, replay_batch
 from dembrick.kernels.bracket import NEVER
 from dembrick.kernels.certify import Basis
-from dembrick.joints import Joint
 from dembrick.model import JointLaw
 from dembrick.point_rules import ContactPoints, contact_points
 from dembrick.stability import critical_time_step
@@ -143,7 +143,8 @@ class LimitLoads:
     ``status``: "yield", or what went wrong: "not converged", "diverged", "not seated" (the dead load alone brings the
     block down); V and its bounds are those reached. ``V`` is the middle of the bracket, NaN without an upper bound
     (``V_upper`` infinite). ``certified`` tells a strict bracket from an indicator. ``twist`` (k, 3) is the slip twist
-    that gave the upper bound, where certified, else that at the end; ``tilt`` (k, 2) how the block rocked in the last step (rad).
+    that gave the upper bound, where certified, else that at the end; ``tilt`` (k, 2) how the block rocked in the last
+    step (rad).
     """
 
     V: np.ndarray
@@ -166,7 +167,7 @@ class LimitLoads:
         return 0.5 * (self.V_upper - self.V_lower)
 
 
-_STATUS = np.array(["not converged", "yield", "diverged", "not converged", "not seated"])
+_STATUS = np.array(["not converged", "yield", "diverged", "not converged", "diverged", "not seated"])
 assert _STATUS[CONVERGED] == "yield" and _STATUS[UNSEATED] == "not seated"
 
 
@@ -251,16 +252,18 @@ def _wrench(cases: Cases) -> np.ndarray:
     return np.concatenate([force.sum(1), np.cross(cases.jack_point, force).sum(1)], axis=1)
 
 
+def face(polygon: np.ndarray, law: JointLaw) -> Joint:
+    """A joint by itself, in its own axes about its centroid, where the points of its law can be placed."""
+    zero, polygon = np.zeros(3), np.asarray(polygon, float)
+    return Joint(0, 1, 1, zero, np.eye(3), polygon, polygons.area(polygon), law, 0.0, zero, zero)
+
+
 class _Faces:
     """The different joints of a batch with friction and stiffnesses of 1, as the engine sees them."""
 
     def __init__(self, cases: Cases):
         law = JointLaw(cases.formulation, 1.0, 1.0, 1.0, points=cases.points, pressure=cases.pressure)
-        zero, axes = np.zeros(3), np.eye(3)
-        self.joints = [
-            Joint(0, 1, 1, zero, axes, p, polygons.area(p), law, 0.0, zero, zero)
-            for p in map(np.asarray, cases.polygons)
-        ]
+        self.joints = [face(polygon, law) for polygon in cases.polygons]
         self.contact_points: list[ContactPoints | None] = [contact_points(f, cases.tolerance) for f in self.joints]
         self.width = np.array([polygons.width(p) for p in cases.polygons])
         self.points, self.areas = simulation.point_joints(self), simulation.area_joints(self)
@@ -309,6 +312,7 @@ def _joints(k: int) -> Joints:
         axes_b=axes.copy(),
         gap=np.zeros(k),
         relative=np.zeros((k, 6)),
+        damping=np.ones(k),
         tilt=np.zeros((k, 2)),
         resultant=np.zeros((k, 7)),
         **zero,
@@ -349,7 +353,7 @@ def _inertia(stiffness: np.ndarray) -> ScaledInertia:
     """Scaled inertia (2 k, 6, 6) of the free blocks from their stiffness (k, 6, 6)."""
     inverse, matrix = np.zeros((2, 2 * len(stiffness), 6, 6))
     inverse[1::2], matrix[1::2] = np.linalg.inv(stiffness), stiffness
-    return ScaledInertia(inverse, matrix)
+    return ScaledInertia(inverse, matrix, None)
 
 
 def _settings(tolerance: float, eta: float) -> Settings:
@@ -374,6 +378,9 @@ def _settings(tolerance: float, eta: float) -> Settings:
         most_steps=replay.MOST_STEPS,
         window=certificate.WINDOW,
         long_window=replay.LONG_WINDOW,
+        mask=guards.LOOK - 1,
+        never=guards.NEVER,
+        stretch=1 << 62,
     )
 
 
@@ -389,17 +396,18 @@ def _run(cases: Cases, faces: _Faces) -> LimitLoads:
         dead=np.array(cases.dead, float),
         compliance=(unit * np.linalg.solve(stiffness, unit[:, :, None])[:, :, 0]).sum(1),
         weight=np.abs(cases.jack_weight).sum(1),
-        size=replay.LONGEST_MOVE * faces.width[cases.shape],
+        size=guards.LONGEST_MOVE * faces.width[cases.shape],
     )
     counts = np.zeros((2, k), np.int64)
     answer = Answer(np.zeros((k, 2)), np.zeros((k, 4)), np.zeros((k, 3)), *counts)
     basis = Basis(
         np.zeros(3), np.zeros(3), np.zeros(2), np.zeros(1 if points is None else len(points.k_n)), np.zeros(4)
     )
+    room = Room(np.zeros((replay.LONG_WINDOW, 4)), np.zeros(4), np.zeros(2), np.zeros(2), np.zeros(3), np.zeros((1, 3)))
     replay_batch(
         0, k, blocks, joints, points, areas, jacks, cases.jack_weight.shape[1],
         _inertia(stiffness), _inertia(stiffness / eta**2), loading, Lone(np.zeros(1, np.int64), np.ones(1, np.int64)),
-        basis, np.zeros((replay.LONG_WINDOW + 1, 4)), _settings(cases.tolerance, eta), answer,
+        basis, room, _settings(cases.tolerance, eta), answer,
     )  # fmt: skip
     strict = answer.basis[:, 0] == 1.0
     lower, upper = np.minimum(answer.bracket[:, 0], answer.bracket[:, 1]), answer.bracket.max(axis=1)

@@ -1,122 +1,252 @@
-"""Yield domains of one rectangular joint in the plane of V (along b) and M_T, by theory and by simulation."""
+"""Yield domains of one joint by theory and by simulation, side by side, as rows for tables, files and plots."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from dataclasses import dataclass
 
-from dembrick import theory
+import numpy as np
+
+from dembrick import point_rules, polygons, theory
+from dembrick.batch import face
 from dembrick.errors import ScenarioError
-from dembrick.model import FORMULATIONS, Actuator, Block, JointLaw, Load, Material, Scenario, YieldControl
-from dembrick.result import simulate
+from dembrick.model import FORMULATIONS, PRESSURES, JointLaw, nearest
+from dembrick.yield_domain import YieldDomain, directions, yield_domain
 
-STIFF = 1e-6  # elastic closing and slip over the short side of the joints made here: a numerical choice
-DENSITY = 1500.0  # kg/m3, of blocks whose weight is balanced away; no yield point depends on it
+__all__ = ["DomainJoint", "Request", "by_simulation", "by_theory", "simulate_domain"]
 
 
-class JointOfInterest(NamedTuple):
-    """Joint a x b (m) with friction coefficient ``friction`` under ``normal_force`` (N)."""
+@dataclass(frozen=True)
+class DomainJoint:
+    """The joint that a domain is drawn for: ``polygon`` (m, 2) about its centroid along t1 and t2 (m),
+    counter-clockwise; ``friction``; ``normal_force`` (N) through ``eccentricity`` (m, from the centroid)."""
 
-    a: float
-    b: float
+    polygon: np.ndarray
     friction: float
     normal_force: float
+    eccentricity: tuple[float, float] = (0.0, 0.0)
+
+    def __post_init__(self):
+        for name, value in (("friction", self.friction), ("normal force", self.normal_force)):
+            if not (math.isfinite(value) and value > 0.0):
+                raise ScenarioError(f"{name} = {value!r} is out of range: a domain needs one greater than 0")
+
+    @staticmethod
+    def rectangle(a: float, b: float, friction: float, normal_force: float, **options) -> DomainJoint:
+        """A rectangle a (along t1) x b (along t2)."""
+        for name, value in (("a", a), ("b", b)):
+            if not (math.isfinite(value) and value > 0.0):
+                raise ScenarioError(f"{name} = {value!r} is out of range: an edge must be longer than 0 m")
+        return DomainJoint(theory.polygons.rectangle(a, b), friction, normal_force, **options)
+
+    @staticmethod
+    def from_corners(corners, friction: float, normal_force: float, **options) -> DomainJoint:
+        """A convex polygon by its corners (m, 2), wherever its origin is and whichever way round it goes."""
+        polygon = theory.polygons.as_polygon(corners)
+        if not theory.polygons.is_convex(polygon):
+            raise ScenarioError("the polygon is not convex: a joint between two convex faces always is")
+        return DomainJoint(polygon - theory.polygons.centroid([polygon]), friction, normal_force, **options)
+
+    @staticmethod
+    def of_assembly(assembly) -> DomainJoint:
+        """The joint of a scene that has one, under its dead loads: N and eccentricity from statics."""
+        if len(assembly.joints) != 1 or not assembly.joint_force_exact:
+            raise ScenarioError(
+                f"a domain is that of one joint, and this scenario has {len(assembly.joints)}: give one with two blocks"
+            )
+        joint = assembly.joints[0]
+        free = joint.block_a if assembly.fixed[joint.block_b] else joint.block_b
+        arm = joint.arm_a if free == joint.block_a else joint.arm_b
+        sign = -1.0 if free == joint.block_a else 1.0
+        force = sign * (joint.axes @ assembly.dead_force[free])
+        moment = sign * (joint.axes @ (assembly.dead_torque[free] - np.cross(arm, assembly.dead_force[free])))
+        normal = -float(force[2])
+        eccentricity = (float(moment[1]) / normal, float(-moment[0]) / normal) if normal > 0.0 else (0.0, 0.0)
+        eccentricity = tuple(0.0 if abs(e) < 1e-12 * np.abs(joint.polygon).max() else e for e in eccentricity)
+        return DomainJoint(np.array(joint.polygon), joint.law.friction, normal, eccentricity)
+
+    @property
+    def edges(self) -> tuple[float, float] | None:
+        """(a, b) of a rectangle along t1 and t2, None of another polygon."""
+        a, b = (float(edge) for edge in np.ptp(self.polygon, axis=0))
+        straight = len(self.polygon) == 4 and abs(polygons.area(self.polygon) - a * b) <= 1e-9 * a * b
+        return (a, b) if straight else None
+
+    def as_dict(self) -> dict:
+        """As in the JSON output; a and b are null unless the joint is a rectangle."""
+        a, b = self.edges or (None, None)
+        return {
+            "a": a,
+            "b": b,
+            "friction": self.friction,
+            "normal_force": self.normal_force,
+            "polygon": self.polygon.tolist(),
+            "eccentricity": list(self.eccentricity),
+        }
 
 
-def _check(joint: JointOfInterest, formulations: Sequence[str]) -> None:
-    for name, value in zip(("--a", "--b", "--N"), (joint.a, joint.b, joint.normal_force), strict=True):
-        if not (math.isfinite(value) and value > 0.0):
-            raise ScenarioError(f"{name} = {value!r} is out of range: it must be greater than 0")
-    if not (math.isfinite(joint.friction) and joint.friction > 0.0):
-        raise ScenarioError(f"--mu = {joint.friction!r} is out of range: a domain needs friction greater than 0")
+@dataclass(frozen=True)
+class Request:
+    """What is asked of a domain: ``space`` and ``shear_angle`` as of ``yield_domain.directions``, ``height`` (m) of the
+    load above the joint, ``pressure`` of the convex joint, ``points`` of ``distributed``, ``tolerance`` of replays."""
+
+    space: str = "quarter"
+    shear_angle: float = 90.0
+    height: float = 0.0
+    pressure: str = "full"
+    points: tuple[int, int] | None = None
+    tolerance: float = 1e-3
+
+    def pressure_of(self, formulation: str) -> str:
+        """The pressure, where the formulation has one."""
+        return self.pressure if formulation == "convex" else "full"
+
+
+def _check(formulations: Sequence[str], request: Request) -> None:
     for name in formulations:
         if name not in FORMULATIONS:
-            raise ScenarioError(f"unknown formulation {name!r}: use {', '.join(FORMULATIONS)}")
+            raise ScenarioError(f"unknown formulation {name!r}: {nearest(name, FORMULATIONS)}")
+    if request.pressure not in PRESSURES:
+        raise ScenarioError(f"unknown pressure {request.pressure!r}: {nearest(request.pressure, PRESSURES)}")
 
 
-def by_theory(joint: JointOfInterest, formulations: Sequence[str], count: int) -> list[dict]:
-    """Points of the curve M_T(V) of each formulation; ``distributed`` is drawn as its limit, the convex joint."""
-    _check(joint, formulations)
-    if count < 2:
-        raise ScenarioError(f"--points = {count} is out of range: a curve needs at least 2")
+def _formulation(joint: DomainJoint, name: str, request: Request, continuum: bool) -> theory.Formulation:
+    """The joint by theory; with ``continuum`` a distributed one is the limit that its points tend to."""
+    if name == "convex" or (name == "distributed" and continuum):
+        pressure = request.pressure if name == "convex" else "linear"
+        return theory.polygon_formulation(joint.polygon, joint.friction, pressure)
+    law = JointLaw(name, joint.friction, 1.0, 1.0, points=request.points if name == "distributed" else None)
+    arms = point_rules.contact_points(face(joint.polygon, law), request.tolerance)
+    return theory.point_formulation(arms.normal_arm, arms.area, joint.friction, arms.shear_arm, name)
+
+
+def _limits(joint: DomainJoint, formulation: theory.Formulation, load: np.ndarray, height: float) -> np.ndarray:
+    """Limit multipliers (n,) of unit loads (n, 3) by theory."""
+    e = joint.eccentricity
+    if height == 0.0 or not formulation.follows_pressure:
+        return theory.limit_loads(formulation.law(joint.normal_force, e), load).V
+    return np.array(
+        [theory.limit_load_at_height(formulation, joint.normal_force, f, height=height, centre=e).V for f in load]
+    )
+
+
+def _lever(joint: DomainJoint) -> float:
+    weights = polygons.tributary_areas(joint.polygon)
+    return float(np.average(np.hypot(*joint.polygon.T), weights=weights))
+
+
+def by_theory(
+    joint: DomainJoint, formulations: Sequence[str], count: int, request: Request | None = None
+) -> list[dict]:
+    """Points of the domain of each formulation; ``distributed`` is drawn as its limit, the no-tension continuum."""
+    request = request or Request()
+    _check(formulations, request)
+    load = directions(count, request.space, request.shear_angle) * [1.0, 1.0, _lever(joint)]
     rows = []
     for name in formulations:
-        law = theory.formulation_law(
-            "convex" if name == "distributed" else name, joint.a, joint.b, joint.friction, joint.normal_force
-        )
-        for i in range(count):
-            V, M_T = _direction(joint, 0.5 * math.pi * i / (count - 1))
-            limit = theory.limit_load(law, (0.0, V, M_T)).V
-            rows.append(_row(name, "theory", limit * V, limit * M_T, None))
+        V = _limits(joint, _formulation(joint, name, request, continuum=True), load, request.height)
+        rows += [_row(name, "theory", point, None, request) for point in load * V[:, None]]
     return rows
 
 
-def _direction(joint: JointOfInterest, angle: float) -> tuple[float, float]:
-    """Unit load (N, N m) at ``angle`` from pure shear to pure torsion, scaled with the joint."""
-    lever = theory.equations.torsion_parameter(joint.a, joint.b)
-    V, M_T = math.cos(angle), math.sin(angle) * float(lever)
-    return (V if abs(V) > 1e-15 else 0.0), (M_T if angle else 0.0)
+def simulate_domain(
+    polygon=None,
+    *,
+    a: float | None = None,
+    b: float | None = None,
+    friction: float,
+    normal_force: float,
+    formulation: str = "convex",
+    count: int = 36,
+    eccentricity: tuple[float, float] = (0.0, 0.0),
+    threads: int | None = None,
+    **request,
+) -> YieldDomain:
+    """The yield domain of a joint by simulation: a replay in each of ``count`` directions, all in one compiled call.
+
+    The joint is a rectangle a x b or a convex ``polygon`` of corners (m, 2) in m. ``request``: space, shear_angle,
+    height, pressure, points, tolerance, see :class:`Request`. The result has ``points`` (V_1, V_2, M_T), the bracket
+    of each in ``limits``, and ``convexity()`` and ``normality()``.
+    """
+    if (polygon is None) == (a is None or b is None):
+        raise ScenarioError("a joint is given either by its polygon or by the edges a and b")
+    options = {"eccentricity": tuple(eccentricity)}
+    if polygon is None:
+        joint = DomainJoint.rectangle(a, b, friction, normal_force, **options)
+    else:
+        joint = DomainJoint.from_corners(polygon, friction, normal_force, **options)
+    return _simulated(joint, formulation, count, Request(**request), threads)
+
+
+def _simulated(joint, formulation, count, request, threads=None, progress=None) -> YieldDomain:
+    _check([formulation], request)
+    return yield_domain(
+        joint.polygon,
+        formulation,
+        friction=joint.friction,
+        normal_force=joint.normal_force,
+        eccentricity=joint.eccentricity,
+        count=count,
+        space=request.space,
+        shear_angle=request.shear_angle,
+        height=request.height,
+        pressure=request.pressure_of(formulation),
+        points=request.points if formulation == "distributed" else None,
+        tolerance=request.tolerance,
+        threads=threads,
+        progress=progress,
+    )
 
 
 def by_simulation(
-    joint: JointOfInterest,
+    joint: DomainJoint,
     formulations: Sequence[str],
     count: int,
-    tolerance: float,
+    request: Request | None = None,
     progress: Callable[[int, int, str], None] | None = None,
-) -> list[dict]:
-    """A replay of its own for each of ``count`` directions and each formulation, with the bracket of each."""
-    _check(joint, formulations)
-    if count < 0 or count == 1:
-        raise ScenarioError(f"--simulate = {count} is out of range: use 0, or at least 2 directions")
-    rows = []
-    for f, name in enumerate(formulations):
-        for i in range(count):
+) -> tuple[list[dict], dict]:
+    """A row for each of ``count`` directions and each formulation, with its bracket and its error against theory, and
+    for each formulation what the points say of the set: convexity, normality, greatest error against theory."""
+    request = request or Request()
+    _check(formulations, request)
+    rows, checks = [], {}
+    a, b = joint.edges or (None, None)
+    for f, name in enumerate(formulations if count else ()):
+
+        def report(done: int, of: int, f: int = f, name: str = name) -> None:
             if progress:
-                progress(f * count + i, len(formulations) * count, name)
-            V, M_T = _direction(joint, 0.5 * math.pi * i / (count - 1))
-            point = simulate(_scenario(joint, name, V, M_T, tolerance), record=False).yield_point
+                progress(f * of + done, len(formulations) * of, name)
+
+        domain = _simulated(joint, name, count, request, progress=report)
+        limits = domain.limits
+        expected = _limits(joint, _formulation(joint, name, request, continuum=False), domain.load, request.height)
+        error = limits.V / expected - 1.0
+        for i, point in enumerate(domain.points):
             # the load keeps its direction: both components carry the same relative error
-            row = _row(name, "DEM", point.V * V, point.V * M_T, point.half_width)
-            row |= {"V_lower": point.V_lower * V, "V_upper": point.V_upper * V, "bracket": point.bracket}
-            row |= {"V_1": 0.0, "V_2": point.V * V, "N": joint.normal_force, "friction": joint.friction}
-            rows.append(row | {"a": joint.a, "b": joint.b})
-    if progress and count:
-        progress(len(formulations) * count, len(formulations) * count, "")
-    return rows
+            row = _row(name, "DEM", point, float(limits.half_width[i] * np.hypot(*domain.load[i, :2])), request)
+            shear = row["V"]
+            row |= {"V_lower": float(shear * limits.V_lower[i] / limits.V[i])}
+            row |= {"V_upper": float(shear * limits.V_upper[i] / limits.V[i])}
+            row |= {"relative_half_width": float(limits.half_width[i] / limits.V[i])}
+            row |= {"bracket": "certified" if limits.certified[i] else "indicator", "error_vs_theory": float(error[i])}
+            row |= {"slip": limits.twist[i].tolist(), "N": joint.normal_force, "friction": joint.friction}
+            rows.append(row | {"a": a, "b": b, "load_height": request.height})
+        checks[name] = {
+            "certified": domain.certified,
+            "convexity": domain.convexity().as_dict(),
+            "normality": domain.normality().as_dict(),
+            "error_vs_theory": float(np.abs(error).max()),
+        }
+    return rows, checks
 
 
-def _row(name: str, source: str, V: float, M_T: float, half: float | None) -> dict:
-    return {"formulation": name, "source": source, "V": V, "M_T": M_T, "half_width": half}
-
-
-def _scenario(joint: JointOfInterest, formulation: str, V: float, M_T: float, tolerance: float) -> Scenario:
-    """Two blocks a x b with the joint between them; two jacks along b that together are the unit load (V, M_T)."""
-    a, b, mu, N = joint
-    height = min(a, b)
-    law = JointLaw(
-        formulation,
-        mu,
-        normal_stiffness=N / (a * b * STIFF * min(a, b)),
-        shear_stiffness=max(mu, 1.0) * N / (a * b * STIFF * min(a, b)),
-    )
-    arm = 0.25 * a
-    jacks = []
-    for sign in (1.0, -1.0):
-        weight = 0.5 * V + sign * 0.5 * M_T / arm
-        if weight:
-            jacks.append(Actuator(f"jack{len(jacks) + 1}", "upper", (sign * arm, 0.0, 0.0), (0.0, 1.0, 0.0), weight))
-    return Scenario(
-        title=f"{formulation}, direction V = {V:.4g}, M_T = {M_T:.4g}",
-        gravity=(0.0, 0.0, 0.0),
-        joint=law,
-        materials={"stone": Material(DENSITY)},
-        blocks=(
-            Block("lower", "stone", (a, b, height), (0.0, 0.0, -0.5 * height), fixed=True),
-            Block("upper", "stone", (a, b, height), (0.0, 0.0, 0.5 * height)),
-        ),
-        loads=(Load("upper", (0.0, 0.0, -N)),),
-        actuators=tuple(jacks),
-        control=YieldControl(tolerance),
-    )
+def _row(name: str, source: str, point, half: float | None, request: Request) -> dict:
+    """V is the shear along the direction of the plane; over the whole sphere its size."""
+    V_1, V_2, M_T = (float(value) + 0.0 for value in point)
+    turned = math.radians(request.shear_angle)
+    V = math.hypot(V_1, V_2)
+    if request.space == "plane" and V_1 * math.cos(turned) + V_2 * math.sin(turned) < 0.0:
+        V = -V
+    row = {"formulation": name, "pressure": request.pressure_of(name), "source": source}
+    return row | {"V": V, "M_T": M_T, "V_1": V_1, "V_2": V_2, "half_width": half}

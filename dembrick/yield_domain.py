@@ -16,6 +16,7 @@ from dembrick.errors import NotConvergedError, ScenarioError
 
 SPACES = ("quarter", "plane", "all")
 _NEIGHBOURS = 10  # directions around each, out of which the cones of the test of convexity are made
+_ROUNDING = 1e-9  # of a load
 _TURN = (3.0 - 5.0**0.5) * np.pi  # golden angle
 
 
@@ -67,6 +68,11 @@ class YieldDomain:
         return float((self.limits.half_width / self.limits.V).max())
 
     @property
+    def _allowed(self) -> float:
+        """What two points may disagree by, one low and the other high by its error bar, and rounding."""
+        return 2.0 * self.error_bar / (1.0 - self.error_bar) + _ROUNDING
+
+    @property
     def _scaled(self) -> np.ndarray:
         return self.points / (self.V_0 * np.array([1.0, 1.0, self.lever]))
 
@@ -78,7 +84,7 @@ class YieldDomain:
         locally is convex.
         """
         P = self._scaled
-        return Check(float(max(0.0, 1.0 - _least_sum(P, 3 if self.space == "all" else 2))), 2.0 * self.error_bar)
+        return Check(float(max(0.0, 1.0 - _least_sum(P, 3 if self.space == "all" else 2))), self._allowed)
 
     def normality(self) -> Check:
         """Greatest part by which a point does more work on the slip of another than that one itself.
@@ -91,8 +97,8 @@ class YieldDomain:
         work = q @ P.T
         own = np.einsum("ij,ij->i", q, P)
         if not (own > 0.0).all():
-            return Check(np.inf, 4.0 * self.error_bar)
-        return Check(float(max(0.0, (work / own[:, None]).max() - 1.0)), 4.0 * self.error_bar)
+            return Check(np.inf, self._allowed)
+        return Check(float(max(0.0, (work / own[:, None]).max() - 1.0)), self._allowed)
 
 
 def _least_sum(P: np.ndarray, dimension: int) -> float:

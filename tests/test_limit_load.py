@@ -419,7 +419,7 @@ def test_an_ellipse_for_the_exact_surface_is_caught(name, monkeypatch):
                 limit_surface: ("gauge", "proximal_map"),
                 contact: ("area_forces", "area_dissipation", "proximal_map"),
                 forces: ("joint_forces", "area_forces"),
-                bracket: ("dissipation", "upper_bound", "strict_bounds", "area_dissipation"),
+                bracket: ("dissipation", "upper_bound", "best_bound", "strict_bounds", "area_dissipation"),
                 advance: ("advance", "joint_forces", "strict_bounds", "settle"),
                 stepping: ("advance",),
             }.items():

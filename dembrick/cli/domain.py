@@ -1,4 +1,4 @@
-"""``dembrick domain``: yield domain of a rectangular joint by theory, and by simulation."""
+"""``dembrick domain``: yield domain of a joint by theory, and by simulation."""
 
 from __future__ import annotations
 
@@ -7,39 +7,113 @@ _HEADER = f"{'formulation':16}{'source':>8}{'V [N]':>12}{'M_T [N m]':>12}{'+-':>
 
 def add_arguments(parser) -> None:
     """Options of the command."""
-    parser.add_argument("--a", type=float, required=True, help="edge along x, m")
-    parser.add_argument("--b", type=float, required=True, help="edge along y (of the shear), m")
-    parser.add_argument("--mu", type=float, required=True, help="friction coefficient")
-    parser.add_argument("--N", type=float, required=True, help="normal force, N")
+    parser.add_argument("--a", type=float, help="edge along x (t1) of a rectangular joint, m")
+    parser.add_argument("--b", type=float, help="edge along y (t2), m")
+    parser.add_argument("--polygon", metavar="'x,y;x,y;...'", help="corners of a convex joint, m")
+    parser.add_argument("--scenario", metavar="FILE.toml", help="joint, friction and N of a scenario with two blocks")
+    parser.add_argument("--mu", type=float, help="friction coefficient")
+    parser.add_argument("--N", type=float, help="normal force, N")
+    parser.add_argument("--eccentricity", type=float, nargs=2, metavar=("EX", "EY"), help="of N from the centroid, m")
     parser.add_argument("--formulation", nargs="+", metavar="F", help="default: all five")
+    parser.add_argument("--pressure", default="full", metavar="P", help="of convex: full, effective or linear")
     parser.add_argument("--points", type=int, default=13, metavar="n", help="points of each curve by theory")
     parser.add_argument("--simulate", type=int, default=0, metavar="n", help="replays in n directions of (V, M_T)")
+    parser.add_argument(
+        "--space", default="quarter", metavar="S", help="directions: quarter, plane, or all of (V_1, V_2, M_T)"
+    )
+    parser.add_argument("--shear-angle", type=float, default=90.0, metavar="DEG", help="of V from t1; default 90")
+    parser.add_argument("--height", type=float, default=0.0, metavar="m", help="of the load above the joint")
     parser.add_argument("--tolerance", type=float, default=1e-3, help="of the replays")
     parser.add_argument("--csv", metavar="FILE.csv", help="write the points")
-    parser.add_argument("--plot", metavar="FILE", help="draw the domain (PNG, SVG, PDF)")
+    parser.add_argument("--plot", metavar="FILE", help="draw the domain of a rectangle (PNG, SVG, PDF)")
 
 
 def run(options, console) -> int:
-    """Print the domains."""
+    """Print the domains; 3 where replay and theory disagree, or certified points make no convex set."""
     from dembrick import domain
+    from dembrick.errors import ScenarioError
     from dembrick.lab import write_csv
     from dembrick.model import FORMULATIONS
 
-    joint = domain.JointOfInterest(options.a, options.b, options.mu, options.N)
-    formulations = options.formulation or FORMULATIONS
-    rows = domain.by_theory(joint, formulations, options.points)
-    simulated = domain.by_simulation(joint, formulations, options.simulate, options.tolerance, console.progress)
+    joint, own = _joint(options)
+    formulations = options.formulation or ([own] if own else FORMULATIONS)
+    request = domain.Request(
+        options.space, options.shear_angle, options.height, options.pressure, tolerance=options.tolerance
+    )
+    if options.plot and (joint.edges is None or options.space != "quarter"):
+        raise ScenarioError("--plot draws the quarter V, M_T of a rectangle: leave --polygon and --space out")
+    if options.simulate < 0:
+        raise ScenarioError(f"--simulate = {options.simulate} is out of range: use 0, or at least 2 directions")
+    rows = domain.by_theory(joint, formulations, options.points, request)
+    simulated, checks = domain.by_simulation(joint, formulations, options.simulate, request, console.progress)
     if options.csv:
-        write_csv(rows + simulated, options.csv)
+        write_csv([{key: row.get(key) for key in (rows + simulated)[-1]} for row in rows + simulated], options.csv)
     if options.plot:
         from dembrick import plot
 
         curves = [name for name in formulations if name in ("convex", "concave", "corrected")]
-        figure = plot.domains(simulated, joint=joint, formulations=curves, experiments={})
+        shown = (*joint.edges, joint.friction, joint.normal_force)
+        figure = plot.domains(simulated, joint=shown, formulations=curves, experiments={})
         plot.save(figure, options.plot)
     lines = [_HEADER]
     for row in rows + simulated:
         half = "" if row["half_width"] is None else f"{row['half_width']:11.4g}"
         lines.append(f"{row['formulation']:16}{row['source']:>8}{row['V']:12.5g}{row['M_T']:12.5g}{half}")
-    console.result({"joint": joint._asdict(), "rows": rows + simulated}, "\n".join(lines))
-    return 0
+    lines += [_said(name, found) for name, found in checks.items()]
+    result = {"joint": joint.as_dict(), "space": options.space, "rows": rows + simulated, "checks": checks}
+    console.result(result, "\n".join(lines))
+    sound = all(_sound(found, options.tolerance) for found in checks.values())
+    return 0 if sound else 3
+
+
+def _joint(options):
+    """The joint asked for, and the formulation of its scenario (None without one)."""
+    from dembrick.domain import DomainJoint
+    from dembrick.errors import ScenarioError
+
+    given = [options.a is not None or options.b is not None, options.polygon is not None, options.scenario is not None]
+    if sum(given) != 1:
+        raise ScenarioError("give the joint by --a and --b, by --polygon, or by --scenario")
+    eccentricity = {} if options.eccentricity is None else {"eccentricity": tuple(options.eccentricity)}
+    if options.scenario is not None:
+        import dataclasses
+
+        from dembrick import assembly, scenario
+
+        built = assembly.build(scenario.load(options.scenario))
+        joint = DomainJoint.of_assembly(built)
+        changed = {"friction": options.mu, "normal_force": options.N} | eccentricity
+        changed = {key: value for key, value in changed.items() if value is not None}
+        return dataclasses.replace(joint, **changed), built.joints[0].law.formulation
+    for name in ("a", "b") if given[0] else ():
+        if getattr(options, name) is None:
+            raise ScenarioError(f"--{name} is missing: a rectangle needs --a and --b")
+    for name in ("mu", "N"):
+        if getattr(options, name) is None:
+            raise ScenarioError(f"--{name} is missing: a domain needs friction and a normal force")
+    if given[0]:
+        return DomainJoint.rectangle(options.a, options.b, options.mu, options.N, **eccentricity), None
+    try:
+        corners = [tuple(map(float, corner.split(","))) for corner in options.polygon.strip(";").split(";")]
+        if {len(corner) for corner in corners} != {2}:
+            raise ValueError
+    except ValueError:
+        raise ScenarioError(
+            f"--polygon {options.polygon!r} is no list of corners: write x,y;x,y;x,y in m, in quotes"
+        ) from None
+    return DomainJoint.from_corners(corners, options.mu, options.N, **eccentricity), None
+
+
+def _sound(found: dict, tolerance: float) -> bool:
+    certified = not found["certified"] or (found["convexity"]["holds"] and found["normality"]["holds"])
+    return certified and found["error_vs_theory"] <= tolerance
+
+
+def _said(name: str, found: dict) -> str:
+    """One line on what the simulated points of a formulation say of the set."""
+    convexity, normality = found["convexity"], found["normality"]
+    note = "" if found["certified"] else " (the normal forces move with the load: no associated set)"
+    return (
+        f"{name}: convex within {convexity['value']:.2g} and slip normal within {normality['value']:.2g} "
+        f"(error bars allow {convexity['tolerance']:.2g}), theory within {found['error_vs_theory']:.2g}{note}"
+    )

@@ -14,9 +14,10 @@ from dembrick._jit import entry, jit
 from dembrick.kernels.advance import CONVERGED, RUNNING, Drive, advance, settle
 from dembrick.kernels.bracket import NEVER, Certificate
 from dembrick.kernels.certify import certify
+from dembrick.kernels.guard import Guard
 from dembrick.state import Areas, Blocks, Jacks, Joints, Points, Pressed, ScaledInertia
 
-UNSEATED = 4  # besides the states of `advance`: the dead loads alone bring the block down
+UNSEATED = 5  # besides the states of `advance`: the dead loads alone bring the block down
 
 
 class Settings(NamedTuple):
@@ -41,6 +42,9 @@ class Settings(NamedTuple):
     most_steps: int
     window: int  # steps of the window of an indicator, first and later
     long_window: int
+    mask: int  # of the guard, first and later
+    never: int
+    stretch: int
 
 
 class Lone(NamedTuple):
@@ -48,6 +52,17 @@ class Lone(NamedTuple):
 
     zero: ndarray  # (1,) int64, 0
     one: ndarray  # (1,) int64, 1
+
+
+class Room(NamedTuple):
+    """Where the scenes of one call work, one after another."""
+
+    window: ndarray  # (long window, 4), see `Certificate`
+    doubling: ndarray  # (4,)
+    start: ndarray  # (2,), see `Guard`
+    work: ndarray  # (2,)
+    sums: ndarray  # (3,)
+    load: ndarray  # (1, 3)
 
 
 class Loading(NamedTuple):
@@ -88,7 +103,7 @@ def joint_of(joints, lone, i):
     return Joints(
         lone.zero, lone.one, joints.host[s], joints.axes[s], joints.arm_a[s], joints.arm_b[s], joints.axes_a[s],
         joints.axes_b[s], joints.lever_a[s], joints.lever_b[s], joints.offset[s], joints.gap[s], joints.relative[s],
-        joints.opening[s], joints.step[s], joints.tilt[s], joints.resultant[s],
+        joints.damping[s], joints.opening[s], joints.step[s], joints.tilt[s], joints.resultant[s],
     )  # fmt: skip
 
 
@@ -133,13 +148,26 @@ def jacks_of(jacks, i, each):
 
 
 @jit
-def empty(window, steps):
-    """Let the first ``steps`` rows of a window hold nothing."""
+def empty(room, steps):
+    """Let the first ``steps`` rows of the window hold nothing."""
     for i in range(steps):
-        window[i, 0] = 0.0
-        window[i, 1] = NEVER
-        window[i, 2] = 0.0
-        window[i, 3] = 0.0
+        room.window[i, 0] = 0.0
+        room.window[i, 1] = NEVER
+        room.window[i, 2] = 0.0
+        room.window[i, 3] = 0.0
+
+
+@jit
+def clear(room):
+    """Let all sums start anew."""
+    for i in range(4):
+        room.doubling[i] = 0.0
+    for i in range(2):
+        room.start[i] = 0.0
+        room.work[i] = 0.0
+    for i in range(3):
+        room.sums[i] = 0.0
+        room.load[0, i] = 0.0
 
 
 @jit
@@ -159,7 +187,7 @@ def seat_one(blocks, joints, points, areas, inertia, settings):
 
 
 @jit
-def replay_one(i, blocks, joints, points, areas, jacks, seating, pushing, loading, basis, window, settings, answer):
+def replay_one(i, blocks, joints, points, areas, jacks, seating, pushing, loading, lone, basis, room, settings, answer):
     """Seat and push scene ``i`` until its bracket is within tolerance; returns the status and the steps taken."""
     if not seat_one(blocks, joints, points, areas, seating, settings):
         return UNSEATED, 0
@@ -184,11 +212,10 @@ def replay_one(i, blocks, joints, points, areas, jacks, seating, pushing, loadin
     strength = max(mu, 1e-3) * normal / ((unit[0] ** 2 + unit[1] ** 2) ** 0.5 + abs(unit[2]) / radius)
     stiffness = settings.jack * loading.weight[i] / loading.compliance[i]
     elastic = loading.weight[i] / loading.compliance[i]
-    doubling = window[settings.long_window]
-    for c in range(4):
-        doubling[c] = 0.0
-    empty(window, settings.window)
-    held = window[: settings.window]
+    empty(room, settings.window)
+    held = room.window[: settings.window]
+    clear(room)
+    mask = settings.mask
     calming = 0.0
     status = RUNNING
     step = answer.steps[i]  # 0, of the type that a scene of its own has compiled
@@ -198,71 +225,75 @@ def replay_one(i, blocks, joints, points, areas, jacks, seating, pushing, loadin
             for c in range(3):
                 blocks.mean_velocity[1, c] = blocks.velocity[1, c]
                 blocks.mean_velocity[1, c + 3] = blocks.spin[1, c]
-            empty(window, settings.long_window)
-            held = window[: settings.long_window]
+            empty(room, settings.long_window)
+            held = room.window[: settings.long_window]
+            mask = settings.never  # calming keeps no books of energy
+        guard = Guard(
+            loading.size[i], mask, settings.stretch, loading.weight[i], lone.one, room.start, room.work, room.sums,
+            room.load,
+        )  # fmt: skip
         drive = Drive(
             settings.slip_per_step * strength * loading.compliance[i] / loading.weight[i], settings.ramp,
             settings.steady, settings.slowing, stiffness, settings.viscous * stiffness, settings.viscous,
-            settings.viscous, calming, settings.memory, loading.size[i],
+            settings.viscous, calming, settings.memory,
         )  # fmt: skip
         certificate = Certificate(
             1, strict, 0, family, 0, unit, basis.dead, basis.scalars[1], basis.centre, radius, normal, basis.rest,
-            settings.tolerance if strict else settings.caution * settings.tolerance, bracket, elastic, doubling,
+            settings.tolerance if strict else settings.caution * settings.tolerance, bracket, elastic, room.doubling,
             answer.twist[i], held,
         )  # fmt: skip
         status, step = advance(
             step, settings.chunk, 1.0, blocks, joints, points, areas, jacks, pushing, None, drive, certificate, None,
-            None,
+            None, guard,
         )  # fmt: skip
     return status, step
 
 
 @jit
 def replay_areas(
-    i, pressed, own, joint, areas, jacks, seating, pushing, loading, lone, basis, window, settings, answer
+    i, pressed, own, joint, areas, jacks, seating, pushing, loading, lone, basis, room, settings, answer
 ):  # fmt: skip
     """Scene ``i`` of convex joints; ``pressed`` is None where all pressures are full."""
     if pressed is not None:
         return replay_one(
             i, own, joint, None, area_of(areas, pressed_of(pressed, i), lone, i), jacks, seating, pushing, loading,
-            basis, window, settings, answer,
+            lone, basis, room, settings, answer,
         )  # fmt: skip
     if pressed is None:
         return replay_one(
-            i, own, joint, None, area_of(areas, pressed, lone, i), jacks, seating, pushing, loading, basis, window,
-            settings, answer,
+            i, own, joint, None, area_of(areas, pressed, lone, i), jacks, seating, pushing, loading, lone, basis,
+            room, settings, answer,
         )  # fmt: skip
     return RUNNING, 0
 
 
 @entry
 def replay_batch(
-    first, last, blocks, joints, points, areas, jacks, each, seating, pushing, loading, lone, basis, window, settings,
+    first, last, blocks, joints, points, areas, jacks, each, seating, pushing, loading, lone, basis, room, settings,
     answer,
 ):  # fmt: skip
     """Replay the scenes ``first`` to ``last`` - 1 of a batch one after another.
 
     Either ``points`` or ``areas`` is None. ``each``: jacks of a scene. ``seating`` and ``pushing`` are the scaled
-    inertia of the blocks (2 k, 6, 6) for either task. ``basis`` (`certify`) and ``window`` (long window + 1, 4) are
-    room to work in.
+    inertia of the blocks (2 k, 6, 6) for either task. ``basis`` (`certify`) and ``room`` are to work in.
     """
     for i in range(first, last):
         s = slice(2 * i, 2 * i + 2)
         own = blocks_of(blocks, lone, i)
         joint = joint_of(joints, lone, i)
         pushed = jacks_of(jacks, i, each)
-        still = ScaledInertia(seating.inverse[s], seating.matrix[s])
-        moving = ScaledInertia(pushing.inverse[s], pushing.matrix[s])
+        still = ScaledInertia(seating.inverse[s], seating.matrix[s], None)
+        moving = ScaledInertia(pushing.inverse[s], pushing.matrix[s], None)
         status = RUNNING
         steps = 0
         if points is not None:
             status, steps = replay_one(
-                i, own, joint, points_of(points, lone, i), None, pushed, still, moving, loading, basis, window,
+                i, own, joint, points_of(points, lone, i), None, pushed, still, moving, loading, lone, basis, room,
                 settings, answer,
             )  # fmt: skip
         if areas is not None:
             status, steps = replay_areas(
-                i, areas.pressed, own, joint, areas, pushed, still, moving, loading, lone, basis, window, settings,
+                i, areas.pressed, own, joint, areas, pushed, still, moving, loading, lone, basis, room, settings,
                 answer,
             )  # fmt: skip
         answer.status[i] = status

@@ -96,7 +96,7 @@ def pressure_moved(pressed, certificate, now, reach):
     """Whether the friction of a convex joint follows a pressure that is not the one before the jacks pushed."""
     if pressed is not None:
         most = SAME * certificate.normal
-        return (
+        return pressed.kind[certificate.index] != 0 and (
             abs(now[0] - certificate.normal) > most
             or abs(now[5] - now[0] * certificate.centre[0]) > most * reach
             or abs(now[4] + now[0] * certificate.centre[1]) > most * reach

@@ -1,0 +1,98 @@
+"""Yield domains from the command line and from Python: joints of every kind, their checks, bad requests."""
+
+import json
+
+import numpy as np
+import pytest
+
+import dembrick
+from dembrick import assembly, domain
+from dembrick.cli import main
+from dembrick.errors import ScenarioError
+from dembrick.lab import lab_scenario
+
+LAB = ["--a", "0.3", "--b", "0.2", "--mu", "0.64", "--N", "467"]
+OBLIQUE = "0,0;0.4,0;0.35,0.2;0.05,0.25"
+
+
+def answer(capsys, *arguments):
+    code = main(["domain", *arguments, "--json"])
+    return code, json.loads(capsys.readouterr().out)
+
+
+def test_the_quarter_of_a_rectangle(capsys, tmp_path):
+    """Five formulations: pure shear, pure torsion and between; theory inside each bracket; a table of all points."""
+    table = tmp_path / "points.csv"
+    code, found = answer(capsys, *LAB, "--simulate", "5", "--points", "3", "--csv", str(table))
+    assert code == 0 and set(found["checks"]) == {"concave", "corrected", "corrected-shear", "convex", "distributed"}
+    rows = [row for row in found["rows"] if row["source"] == "DEM" and row["formulation"] == "convex"]
+    assert rows[0]["V"] == pytest.approx(298.88, rel=1e-3) and rows[0]["M_T"] == 0.0
+    assert rows[-1]["M_T"] == pytest.approx(298.88 * 0.09681061, rel=1e-3) and rows[-1]["V"] == 0.0
+    assert all(row["bracket"] == "certified" and abs(row["error_vs_theory"]) < 1e-3 for row in rows)
+    for name, check in found["checks"].items():
+        assert check["convexity"]["holds"] and check["normality"]["holds"] and check["certified"], name
+    assert len(table.read_text().splitlines()) == 1 + 5 * (3 + 5)
+
+
+def test_a_polygon_all_round_and_a_scenario(capsys):
+    joint = ["--polygon", OBLIQUE, "--mu", "0.5", "--N", "1000", "--formulation", "convex", "concave"]
+    code, found = answer(capsys, *joint, "--simulate", "40", "--space", "all")
+    assert code == 0 and found["joint"]["a"] is None and len(found["joint"]["polygon"]) == 4
+    assert all(check["error_vs_theory"] < 1e-3 for check in found["checks"].values())
+    scenarios = [str(path) for path in (lab_scenario("set4a", "convex").path,)]
+    code, found = answer(capsys, "--scenario", scenarios[0], "--simulate", "4", "--space", "plane", "--height", "0.05")
+    assert code == 0 and list(found["checks"]) == [lab_scenario("set4a", "convex").joint.formulation]
+    assert found["joint"]["normal_force"] == pytest.approx(467.0, rel=1e-9)
+    assert found["joint"]["friction"] == 0.64 and found["joint"]["a"] == pytest.approx(0.3)
+
+
+def test_the_load_above_a_joint_that_follows_the_bending(capsys):
+    """Mid-height and pressure "effective": an indicator, and theory still within the tolerance."""
+    code, found = answer(capsys, *LAB, "--formulation", "convex", "--pressure", "effective", "--height", "0.05",
+                         "--simulate", "4", "--points", "2")  # fmt: skip
+    assert code == 0 and not found["checks"]["convex"]["certified"]
+    assert found["checks"]["convex"]["error_vs_theory"] < 1e-3
+
+
+def test_from_python():
+    found = dembrick.simulate_domain(a=0.3, b=0.2, friction=0.64, normal_force=467.0, count=60, space="all")
+    assert found.points.shape == (60, 3) and found.convexity().holds and found.normality().holds
+    gauge = dembrick.simulate_domain(
+        [[1, 1], [1.3, 1], [1.3, 1.2], [1, 1.2]], friction=0.64, normal_force=467.0, count=60, space="all"
+    )
+    np.testing.assert_allclose(gauge.points, found.points, rtol=1e-9, atol=1e-6)
+
+
+def test_the_joint_of_an_eccentric_scene():
+    """N and where it acts, from statics, for either order of the blocks."""
+    base = lab_scenario("set4a", "convex")
+    joint = domain.DomainJoint.of_assembly(assembly.build(base))
+    assert joint.edges == pytest.approx((0.3, 0.2)) and joint.eccentricity == (0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    "arguments, words",
+    [
+        ([*LAB, "--formulation", "convexx"], "did you mean 'convex'?"),
+        ([*LAB, "--simulate", "1"], "too few"),
+        ([*LAB, "--simulate", "-3"], "--simulate = -3"),
+        ([*LAB, "--space", "half", "--simulate", "4"], "quarter, plane, all"),
+        ([*LAB, "--pressure", "linea"], "did you mean 'linear'?"),
+        (["--a", "0.3", "--b", "0.2", "--N", "467"], "--mu is missing"),
+        (["--a", "0.3", "--mu", "0.6", "--N", "467"], "--b is missing"),
+        (["--mu", "0.6", "--N", "467"], "--polygon, or by --scenario"),
+        (["--polygon", "0,0;1;1,1", "--mu", "0.6", "--N", "467"], "no list of corners"),
+        (["--polygon", "0,0;1,0;0.2,0.2;0,1", "--mu", "0.6", "--N", "467", "--simulate", "4"], "not convex"),
+        (["--a", "0.3", "--b", "0.2", "--mu", "-1", "--N", "467"], "friction = -1.0"),
+        ([*LAB, "--eccentricity", "0", "0.12", "--formulation", "concave"], "outside the joint"),
+    ],
+)
+def test_bad_requests(capsys, arguments, words):
+    assert main(["domain", *arguments]) == 2
+    captured = capsys.readouterr()
+    assert words in captured.err and "Traceback" not in captured.err
+
+
+def test_a_joint_is_given_once():
+    with pytest.raises(ScenarioError, match="either by its polygon or by the edges"):
+        dembrick.simulate_domain(friction=0.6, normal_force=1.0)
