@@ -1,0 +1,237 @@
+"""Torsion, shear and bending together, on the laboratory's joint: what bending takes from each formulation.
+
+    python tools/bending_study.py [--out FOLDER] [--tolerance T]
+
+Prints three tables and draws ``bending.png``:
+
+1. Torsion strength under bending, the normal force at an eccentricity, by theory and by replays in one batch.
+2. The paper's reduced-area correction and its relatives against the no-tension linear pressure, over all directions of
+   shear and torsion: how far each is unsafe or safe.
+3. The four laboratory tests with the lateral drift of the free block held by frictionless rollers.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+
+from dembrick import batch, simulate, theory
+from dembrick.lab import lab_scenario
+from dembrick.model import Block, JointLaw, JointOverride
+from dembrick.yield_domain import directions, jacks_for
+
+A, B, MU, N = 0.3, 0.2, 0.64, 467.0  # the laboratory's joint
+RECTANGLE = theory.polygons.rectangle(A, B)
+V_0, C_T = MU * N, float(theory.equations.torsion_parameter(A, B))
+LAWS = (
+    ("concave", "full"),
+    ("corrected", "full"),
+    ("corrected-shear", "full"),
+    ("convex", "full"),
+    ("convex", "effective"),
+    ("convex", "linear"),
+    ("distributed", "full"),
+)
+TRUTH = ("convex", "linear")
+BENT = (0.0, 0.1, 1 / 6, 0.25, 0.35, 0.45)  # e over the edge
+AXES = {"e_y/b": (0.0, B), "e_x/a": (A, 0.0)}
+SPREAD = 400  # directions of (V_1, V_2, M_T)
+POINTS = (24, 16)  # of distributed
+
+
+def label(law) -> str:
+    """As a reader knows it."""
+    return law[0] if law[0] != "convex" else f"convex, {law[1]}"
+
+
+def by_theory(law):
+    """The formulation of the joint by theory."""
+    if law[0] == "distributed":
+        points = batch.contact_points(batch.face(RECTANGLE, _law(law)), 1e-3)
+        return theory.point_formulation(points.normal_arm, points.area, MU, name="distributed")
+    return theory.rectangle_formulation(law[0], A, B, MU, pressure=law[1])
+
+
+def _law(law) -> JointLaw:
+    return JointLaw(law[0], MU, 1.0, 1.0, points=POINTS if law[0] == "distributed" else None, pressure=law[1])
+
+
+def limits_by_theory(law, eccentricity, load):
+    """Limit multipliers of ``load`` (n, 3); nought where the joint tips over under N alone."""
+    try:
+        return theory.limit_loads(by_theory(law).law(N, eccentricity), load).V
+    except theory.formulations.ScenarioError:
+        return np.zeros(len(load))
+
+
+def limits_by_replay(law, eccentricity, load, tolerance):
+    """The same by replays; nought where the dead load brings the block down."""
+    point, direction, weight = jacks_for(load, 0.5 * C_T)
+    cases = batch.Cases.on(
+        RECTANGLE, law[0], friction=MU, normal_force=N, eccentricity=eccentricity, jack_point=point,
+        jack_direction=direction, jack_weight=weight, pressure=law[1], points=_law(law).points, tolerance=tolerance,
+    )  # fmt: skip
+    found = batch.find_limit_loads(cases)
+    assert np.isin(found.status, ["yield", "not seated"]).all(), (law, eccentricity, set(found.status))
+    return np.where(found.status == "yield", found.V, 0.0)
+
+
+def torsion_table(tolerance: float) -> dict:
+    """M_T / (V_0 c_T) under bending about either axis; prints it, with the greatest miss of the replays."""
+    couple = np.array([[0.0, 0.0, 1.0]])
+    found = {}
+    worst = 0.0
+    for name, edge in AXES.items():
+        print(f"\nM_T / (V_0 c_T) under N at {name} (replay)\n{'':20}" + "".join(f"{e:9.3f}" for e in BENT))
+        for law in LAWS:
+            row = []
+            for e in BENT:
+                centre = (e * edge[0], e * edge[1])
+                V, expected = (
+                    limits_by_replay(law, centre, couple, tolerance)[0],
+                    limits_by_theory(law, centre, couple)[0],
+                )
+                worst = max(worst, abs(V / expected - 1.0) if expected else abs(V))
+                row.append(V / (V_0 * C_T))
+            found[name, law] = row
+            print(f"{label(law):20}" + "".join(f"{m:9.4f}" if m else f"{'tips':>9}" for m in row))
+    print(f"greatest difference between replay and theory: {worst:.1e}")
+    return found
+
+
+def judgement(tolerance: float) -> dict:
+    """How far each law is from the linear pressure over all directions and three ways to bend; prints it."""
+    load = directions(SPREAD, "all") * [1.0, 1.0, C_T]
+    found: dict = {}
+    worst = 0.0
+    for e in BENT:
+        ways = [(0.0, e * B), (e * A, 0.0), (0.5 * e * A, 0.5 * e * B)]
+        for way in ways:
+            truth = limits_by_replay(TRUTH, way, load, tolerance)
+            for law in LAWS:
+                V = truth if law == TRUTH else limits_by_replay(law, way, load, tolerance)
+                expected = limits_by_theory(law, way, load)
+                if expected.any():
+                    worst = max(worst, float(np.abs(V / expected - 1.0).max()))
+                found.setdefault((law, e), []).append(V / truth - 1.0)
+    print(f"\nV over that of the linear pressure, less 1 [%], over {SPREAD} directions of (V_1, V_2, M_T)")
+    print("and N at e along b, along a, and half of either along both: most unsafe / most safe")
+    print(f"{'e/edge':20}" + "".join(f"{e:16.3f}" for e in BENT))
+    for law in LAWS:
+        cells = []
+        for e in BENT:
+            ratio = 100.0 * np.concatenate(found[law, e])
+            cells.append(f"{max(ratio.max(), 0.0):+7.1f} /{min(ratio.min(), 0.0):+7.1f}")
+        print(f"{label(law):20}" + "".join(f"{cell:>16}" for cell in cells))
+    print(f"greatest difference between replay and theory: {worst:.1e}")
+    return found
+
+
+def held(scenario):
+    """The same test with rollers on both faces across x, at mid-height: no friction, no drift in x."""
+    side, stiff = 0.002, JointLaw("convex", 0.0, 1e13, 1e13)
+    upper = next(block for block in scenario.blocks if not block.fixed)
+    blocks, overrides = list(scenario.blocks), []
+    for sign, name in ((1.0, "right roller"), (-1.0, "left roller")):
+        x = upper.position[0] + sign * 0.5 * (upper.box[0] + side)
+        position = (x, upper.position[1], upper.position[2])
+        blocks.append(Block(name, upper.material, (side, side, side), position, fixed=True))
+        overrides.append(JointOverride((upper.name, name), stiff))
+    return dataclasses.replace(scenario, blocks=tuple(blocks), joints=tuple(overrides))
+
+
+def drift_table(tolerance: float) -> None:
+    """V of the laboratory tests at mid-height with free and with held drift; prints it."""
+    print("\nV [N] at mid-height, drift in x free and held (difference in %)")
+    for law in LAWS[:-1]:
+        cells = []
+        for name in ("2a", "2b", "4a", "4b"):
+            base = lab_scenario(f"set{name}_mid", law[0], tolerance)
+            base = dataclasses.replace(base, joint=dataclasses.replace(base.joint, pressure=law[1]))
+            free, stopped = (simulate(s, record=False).yield_point for s in (base, held(base)))
+            cells.append(f"{free.V:9.2f}{stopped.V:9.2f} ({100 * (stopped.V / free.V - 1):+.2f})")
+        print(f"{label(law):20}" + "  ".join(cells))
+
+
+def figure(folder: Path, table: dict) -> None:
+    """Torsion against bending about both axes, and torsion against shear under bending of a third."""
+    from dembrick.plot import layout, style  # noqa: F401
+
+    looks = {
+        LAWS[0]: (*style.FORMULATION["concave"],),
+        LAWS[1]: (*style.FORMULATION["corrected"],),
+        LAWS[2]: (*style.FORMULATION["corrected-shear"],),
+        LAWS[3]: (style.BLUE, (0, (1, 1.5)), "o"),
+        LAWS[4]: (style.SKY, (0, (6, 2)), "X"),
+        LAWS[5]: (style.BLUE, "-", "o"),
+        LAWS[6]: (*style.FORMULATION["distributed"],),
+    }
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    with style.settings():
+        drawing, axes = plt.subplots(1, 3, figsize=(9.6, 3.6), layout="constrained")
+        fine = np.concatenate([np.linspace(0.0, 0.49, 50), [0.4995]])
+        couple = np.array([[0.0, 0.0, 1.0]])
+        for ax, (name, edge) in zip(axes, AXES.items(), strict=False):
+            for law, (colour, line, marker) in looks.items():
+                V = [limits_by_theory(law, (e * edge[0], e * edge[1]), couple)[0] / (V_0 * C_T) for e in fine]
+                if law[0] != "distributed":
+                    shown = np.where(np.array(V) > 0.0, V, np.nan)
+                    ax.plot(fine, shown, color=colour, ls=line)
+                replay = [(e, m) for e, m in zip(BENT, table[name, law], strict=True) if m]
+                ax.plot(*np.array(replay).T, color=colour, ls="none", marker=marker, ms=4.5, mfc="white", mew=1.0)
+            ax.axvline(1 / 6, color=style.GREY, lw=0.6, ls=":")
+            ax.text(1 / 6, 0.04, " joint opens", color=style.GREY, fontsize=7.5)
+            first, second = name.split("/")
+            ax.set_xlabel(rf"${first} / {second}$ [-]")
+            ax.set_ylabel(r"$M_T / (V_0\, c_T)$ [-]")
+            ax.set(xlim=(0.0, 0.5), ylim=(0.0, 2.0))
+        axes[0].set_title("torsion, N bent along b")
+        axes[1].set_title("torsion, N bent along a")
+        angle = np.linspace(0.0, 0.5 * np.pi, 61)
+        load = np.stack([0 * angle, np.cos(angle), C_T * np.sin(angle)], axis=1)
+        few = load[::10]
+        for law, (colour, line, marker) in looks.items():
+            V = limits_by_theory(law, (0.0, B / 3), load)
+            if not V.any():
+                continue
+            if law[0] != "distributed":
+                axes[2].plot(V * load[:, 1] / V_0, V * load[:, 2] / (V_0 * C_T), color=colour, ls=line)
+            W = limits_by_replay(law, (0.0, B / 3), few, 1e-3)
+            axes[2].plot(
+                W * few[:, 1] / V_0, W * few[:, 2] / (V_0 * C_T), color=colour, ls="none", marker=marker, ms=4.5,
+                mfc="white", mew=1.0,
+            )  # fmt: skip
+        axes[2].set(xlim=(0.0, 1.05), ylim=(0.0, 2.0), title=r"torsion and shear along b, $e_y = b/3$")
+        axes[2].set_xlabel(r"$V / V_0$ [-]")
+        axes[2].set_ylabel(r"$M_T / (V_0\, c_T)$ [-]")
+        handles = [
+            plt.Line2D([], [], color=colour, ls=line if law[0] != "distributed" else "none", marker=marker, ms=4.5,
+                       mfc="white", label=label(law))
+            for law, (colour, line, marker) in looks.items()
+        ]  # fmt: skip
+        drawing.legend(handles=handles, loc="outside lower center", ncols=7)
+        drawing.savefig(folder / "bending.png", dpi=150)
+
+
+def main() -> None:
+    """Print the tables and draw the figure."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--out", type=Path, default=Path("results"), help="folder of the figure")
+    parser.add_argument("--tolerance", type=float, default=1e-3, help="of the replays")
+    options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
+    table = torsion_table(options.tolerance)
+    judgement(options.tolerance)
+    drift_table(options.tolerance)
+    figure(options.out, table)
+
+
+if __name__ == "__main__":
+    main()
