@@ -191,6 +191,12 @@ def replay_one(i, blocks, joints, points, areas, jacks, seating, pushing, loadin
     """Seat and push scene ``i`` until its bracket is within tolerance; returns the status and the steps taken."""
     if not seat_one(blocks, joints, points, areas, seating, settings):
         return UNSEATED, 0
+    # the jacks come to a block that the dead load has moved already, and do not push it back
+    driven = 0.0
+    for c in range(3):
+        driven += loading.unit[i, c] * blocks.displacement[1, c] + loading.unit[i, c + 3] * blocks.rotation[1, c]
+    jacks.drive[0] = driven / loading.weight[i]
+    jacks.drive[1] = driven / loading.weight[i]
     certify(joints, points, areas, loading.unit[i], loading.dead[i], basis)
     strict = basis.scalars[0] == 1.0
     radius = basis.scalars[2]
