@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dembrick import limit_set, polygons
+from dembrick.errors import ScenarioError
 from dembrick.joints import JointTable
 from dembrick.model import PRESSURES
 from dembrick.point_table import PointTable
@@ -126,6 +127,10 @@ def area_joints(assembly) -> Areas | None:
     if not len(chosen):
         return None
     laws = [joints.law[j] for j in chosen]
+    if any(law.pressure == "effective" and j in joints.pieces for j, law in zip(chosen.tolist(), laws, strict=True)):
+        raise ScenarioError(
+            'pressure = "effective" needs convex joints, and a joint here consists of several pieces: use "linear"'
+        )
     counts = np.diff(joints.start)[chosen]
     n, start = len(chosen), np.concatenate([[0], np.cumsum(counts)])
     corners = joints.corner[np.repeat(joints.start[chosen] - start[:-1], counts) + np.arange(start[-1])]
