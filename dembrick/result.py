@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from dembrick import assembly as assemblies
-from dembrick import judge, replay
+from dembrick import centred_points, judge, replay
 from dembrick import scenario as scenarios
 from dembrick.audit import EnergyAudit
 from dembrick.collapse import collapse_of, refined
@@ -150,12 +150,12 @@ def simulate(
     began, start_up = time.perf_counter(), _start_up()
     if not isinstance(scenario, Scenario):
         scenario = scenarios.load(scenario)
-    assembly = _built(scenario, report)
+    assembly, placing = _built(scenario, report)
     keeper = Memory() if record else None
     if history is not None:
         settings = {"scenario": scenario.path or ""}
         keeper = Keeper(history, scenarios.text_of(scenario), assembly, scenario.output, settings, force)
-    return _run(scenario, assembly, keeper, began, start_up, refine)
+    return _run(scenario, assembly, keeper, began, start_up, refine, placing)
 
 
 def restart(history: str | os.PathLike, *, report: Callable[[str], None] | None = None) -> Result:
@@ -176,13 +176,13 @@ def restart(history: str | os.PathLike, *, report: Callable[[str], None] | None 
             )
         named = left.settings.get("scenario")
         scenario = scenarios.loads(left.scenario_text, named if isinstance(named, str) and named else None)
-        assembly = _built(scenario, report)
+        assembly, placing = _built(scenario, report)
         settings = {"scenario": scenario.path or ""}
         keeper = Keeper(history, left.scenario_text, assembly, scenario.output, settings, left=left)
         if report:
             step = keeper.checkpoint.about["step"] if keeper.checkpoint else 0
             report(f"going on from step {step}" if step else "no checkpoint was written: starting from the beginning")
-        return _run(scenario, assembly, keeper, began, start_up)
+        return _run(scenario, assembly, keeper, began, start_up, placing=placing)
     finally:
         left.close()
 
@@ -198,10 +198,13 @@ def _start_up() -> float:
 
 
 def _built(scenario: Scenario, report: Callable[[str], None] | None):
+    """The assembly, and the loop seconds that it took to place the points of a lone distributed joint."""
     assembly = assemblies.build(scenario)
     for warning in assembly.warnings if report else ():
         report(warning)
-    return assembly
+    if scenario.control.kind != "yield":
+        return assembly, 0.0
+    return centred_points.place_points(assembly, scenario.control.tolerance, scenario.solver.step_factor)
 
 
 def _run(
@@ -211,8 +214,10 @@ def _run(
     began: float,
     start_up: float,
     refine: bool = False,
+    placing: float = 0.0,
 ) -> Result | MotionResult:
-    """Replay, audit and judge; ``began``: when the work on it did; ``start_up``: seconds before."""
+    """Replay, audit and judge. ``began``: when the work on it did; ``start_up``: seconds before; ``placing``: seconds of
+    the loop that placed contact points."""
     path = keeper.path if isinstance(keeper, Keeper) else None
     try:
         run = _replayed(scenario, assembly, keeper.session(scenario.output) if keeper else Session())
@@ -243,9 +248,9 @@ def _run(
     write = keeper.write_seconds if keeper else 0.0
     wall = {
         "start_up": start_up,
-        "build": max(0.0, done - began - run.loop_seconds - run.compile_seconds - write),
+        "build": max(0.0, done - began - placing - run.loop_seconds - run.compile_seconds - write),
         "compile": run.compile_seconds,
-        "loop": run.loop_seconds,
+        "loop": run.loop_seconds + placing,
         "write": write,
         "total": finishing - began,
     }
