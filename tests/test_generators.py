@@ -315,7 +315,7 @@ def test_memory_is_known_on_this_system(monkeypatch):
     assert memory.available() > 10**8
     monkeypatch.setattr(memory, "available", lambda: 2 * 10**8)
     with pytest.raises(ScenarioError, match="0.2 GB are free"):
-        memory.check_memory([("w", 20_000)])
+        memory.check_memory([("w", 25_000)])
     memory.check_memory([("w", 5_000)])
     monkeypatch.setattr(memory, "available", lambda: None)
     memory.check_memory([("w", 10**12)])
