@@ -216,8 +216,8 @@ def _run(
     refine: bool = False,
     placing: float = 0.0,
 ) -> Result | MotionResult:
-    """Replay, audit and judge. ``began``: when the work on it did; ``start_up``: seconds before; ``placing``: seconds of
-    the loop that placed contact points."""
+    """Replay, audit and judge. ``began``: when the work on it did; ``start_up``: seconds before; ``placing``: seconds
+    of the loop that placed contact points."""
     path = keeper.path if isinstance(keeper, Keeper) else None
     try:
         run = _replayed(scenario, assembly, keeper.session(scenario.output) if keeper else Session())
