@@ -378,7 +378,7 @@ def caught(result_of, expected):
 @pytest.mark.parametrize("name", SETS)
 @pytest.mark.parametrize("factor", [0.99, 1.01])
 def test_friction_one_percent_off_is_caught(name, formulation, factor, monkeypatch):
-    family = "_areas" if formulation == "convex" else "_points"
+    family = "area_joints" if formulation == "convex" else "point_joints"
     right = getattr(simulation, family)
 
     def wrong(built):
