@@ -137,6 +137,35 @@ def test_thirty_by_thirty_stays_for_ten_seconds():
     assert moved < 1e-6 and drift < 1e-9
 
 
+# --- scenarios
+
+
+def test_scenario_newmark_pulse():
+    result = simulate(scenarios.load(SCENARIOS / "newmark_pulse.toml"))
+    assert -result.displacement[1, 0] == pytest.approx(0.14715, rel=1e-3)
+
+
+def test_scenario_spinning_plate():
+    result = simulate(scenarios.load(SCENARIOS / "spinning_plate.toml"))
+    q = result.frames["orientation"][-1, 1]
+    end = [*result.displacement[1, :2], 2.0 * math.atan2(q[3], q[0])]
+    np.testing.assert_allclose(end, [-0.00126, 0.09238, 0.58576], rtol=5e-3)
+
+
+def test_scenario_rocking_block():
+    """Up and down its first quarter swings; then it rocks on with less at every impact."""
+    result = simulate(scenarios.load(SCENARIOS / "rocking_block.toml"))
+    time, q = result.frames["time"], result.frames["orientation"][:, 1]
+    angle = 2.0 * np.arctan2(q[:, 2], q[:, 0])
+    back = int(np.flatnonzero((angle[:-1] > 0.0) & (angle[1:] <= 0.0))[0])
+    impact = np.interp(0.0, -angle[[back, back + 1]], time[[back, back + 1]])
+    assert 2.0 * impact == pytest.approx(0.94481, rel=5e-3)
+    assert angle.max() == pytest.approx(0.3 * math.atan2(0.2, 1.0), rel=1e-3)
+    assert 0.8 < -angle.min() / angle.max() < 1.0
+    last = np.abs(angle[time > 1.5]).max()
+    assert last < -angle.min()
+
+
 # --- supports that shake
 
 
