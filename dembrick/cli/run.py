@@ -105,9 +105,12 @@ def _text(result) -> str:
     if point.torsion_centre is not None:
         where = f", centre ({point.torsion_centre[0]:.5g}, {point.torsion_centre[1]:.5g}) m"
     lines.append(f"mechanism     {point.mechanism}{where}")
-    lines.append(
-        f"time step     {run.time_step:.3g} s (critical {run.critical_time_step:.3g} s), {run.steps} steps, "
-        f"loop {1e3 * run.loop_seconds:.3g} ms"
-    )
+    took = f"loop {1e3 * run.loop_seconds:.3g} ms"
+    if "equilibria" in run.settings:
+        lines.append(f"equilibria    {run.settings['equilibria']}, by {run.steps} Newton steps, {took}")
+    else:
+        lines.append(
+            f"time step     {run.time_step:.3g} s (critical {run.critical_time_step:.3g} s), {run.steps} steps, {took}"
+        )
     lines.append(f"history       {result.history}")
     return "\n".join(lines)
