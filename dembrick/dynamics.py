@@ -27,6 +27,7 @@ from dembrick.neighbours import bodies_of, close_pairs, overlap_depths
 SEATING = 0.8  # local damping while blocks are seated
 SEATING_STEP = 0.7  # of the time step then: against the motion, local damping makes a force 1.8 times as large
 SEATED = 1e-9  # out-of-balance force over joint forces that ends the seating
+SEATED_WITHIN = 0.01  # of the smallest block: sticking blocks that move further overturn
 MOST_SEATING = 200_000  # steps
 LONGEST_MOVE = 0.1  # of the smallest block's reach: a step that moves a block further has diverged
 FREE_STEP = 1e-4  # s, where nothing touches
@@ -97,11 +98,15 @@ def motion(assembly, damping: float, step_factor: float) -> Motion:
 def seat(motion: Motion, driving: Driving, sticking: bool = False) -> float:
     """Bring the blocks to rest under the loads of time nought; displacements count from there.
 
-    With ``sticking`` no joint slips meanwhile: so a block that is to slide from the start begins with its weight on the
-    joint. Blocks that no chain of joints ties to a support are left where they are. Returns the out-of-balance force
-    left, over the joint forces. Raises NotConvergedError where the blocks slide or overturn before time starts.
+    Blocks that no chain of joints ties to a support are left where they are. Returns the out-of-balance force left,
+    over the joint forces. Raises NotConvergedError where the blocks slide or overturn before time starts. With
+    ``sticking`` no joint slips meanwhile, so that a block that is to slide from the start begins with its weight on the
+    joint; and what overturns even so is put back, and begins to fall when time starts, out of balance by its weight.
     """
     state = motion.state
+    own = (motion._travel, motion.polygons.shift, motion.polygons.whole)
+    arrays = [*own, *(array for part in state[:4] if part is not None for array in part)] if sticking else []
+    before = [array.copy() for array in arrays]
     bodies, supported = state.bodies, _supported(state)
     held = bodies._replace(free=bodies.free[supported[bodies.free]])
     friction = [family.friction.copy() for family in (state.corners, state.faces) if family is not None]
@@ -109,7 +114,9 @@ def seat(motion: Motion, driving: Driving, sticking: bool = False) -> float:
         for family in (state.corners, state.faces):
             if family is not None:
                 family.friction[:] = 1e9
-    limits = Limits(displacement=_smallest(motion), longest=LONGEST_MOVE * _smallest(motion))
+    limits = Limits(
+        displacement=(SEATED_WITHIN if sticking else 1.0) * _smallest(motion), longest=LONGEST_MOVE * _smallest(motion)
+    )
     ratio, steps, n = 1.0, 0, 256
     while steps < MOST_SEATING and len(held.free) and len(state.links.host):
         status, done = _advance(motion, held, driving, np.zeros(n), limits, SEATING, SEATING_STEP * motion.time_step)
@@ -123,6 +130,10 @@ def seat(motion: Motion, driving: Driving, sticking: bool = False) -> float:
     bodies.velocity[:], bodies.momentum[:], bodies.spin[:] = 0.0, 0.0, 0.0
     motion.seating_steps = steps
     if len(held.free) and len(state.links.host) and not ratio <= SEATED:
+        if sticking:
+            for array, value in zip(arrays, before, strict=True):
+                array[...] = value
+            return 1.0
         raise NotConvergedError(
             f"no equilibrium under the dead loads: after {steps} steps the out-of-balance force is still {ratio:.2g} "
             "of the joint forces, so the blocks slide or overturn before the run begins; check loads, friction and "

@@ -284,6 +284,30 @@ def _fields(scenario):
     return {name: getattr(scenario, name) for name in names}
 
 
+def test_what_cannot_stand_falls_from_where_it_was():
+    """A block that lies on its floor by a third only begins to fall about the edge: alpha = m g arm / I_edge."""
+    a, b, c, out = 0.3, 0.2, 0.1, 0.05
+    scenario = Scenario(
+        title="over the edge",
+        gravity=(0.0, 0.0, -9.81),
+        joint=JointLaw("concave", 0.9, 1e10, 4e9),
+        materials={"stone": Material(2000.0)},
+        blocks=(
+            Block("floor", "stone", (1.0, 1.0, 0.5), (-0.5, 0.0, -0.25), fixed=True),
+            Block("block", "stone", (a, b, c), (out, 0.0, c / 2)),
+        ),
+        control=DynamicControl(0.1),
+    )
+    result = simulate(scenario)
+    inertia = (a * a + c * c) / 12.0 + out**2 + (c / 2) ** 2
+    q = result.frames["orientation"][-1, 1]
+    angle, time = 2.0 * math.atan2(q[2], q[0]), result.run.motion.time
+    alpha = 9.81 * out / inertia
+    # the arm grows as it turns: alpha t^2/2 (1 + ...), 2 % by then
+    assert angle == pytest.approx(0.5 * alpha * time**2, rel=0.05)
+    assert result.run.unbalanced == 1.0
+
+
 def test_what_cannot_stand_is_said_before_it_falls():
     loads = (Load("wall.4.1", (0.0, 600.0, 0.0)), Load("wall.4.2", (0.0, 600.0, 0.0)))
     with pytest.raises(NotConvergedError, match="no equilibrium under the dead loads"):
