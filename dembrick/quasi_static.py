@@ -183,6 +183,8 @@ class _Follower:
         motion = self._motion()
         self.seated_at = state.blocks.displacement.copy()
         self.V, self.driven = 0.0, float(trial.load @ motion) / self.weight
+        self.start = self.driven
+        self.seen = [(0.0, 0.0, 0.0, NEVER, False)]
         state.jacks.drive[:2] = self.driven
         self._record()
         step = strength * self.compliance / self.weight / ELASTIC_STEPS
@@ -333,7 +335,7 @@ class _Follower:
         lower, upper = instant_bounds(
             blocks, state.joints, state.points, state.areas, V, moved, 1.0
         )  # fmt: skip
-        given = self.driven - V * self.compliance / self.weight
+        given = self.driven - self.start - V * self.compliance / self.weight
         self.seen.append((given, V, float(lower), float(upper), closing))
 
     def _closes_gaps(self) -> bool:
@@ -406,7 +408,7 @@ class _Follower:
         energy[:] = 0.0
         energy[ELASTIC] = elastic_energy(state.blocks, state.joints, state.points, state.areas) - self.seated
         energy[EXTERNAL], energy[FRICTION] = self.external, self.friction
-        number = len(self.seen)
+        number = max(0, len(self.seen) - 1)
         write_row(
             record, number, float(number), state.blocks, state.joints, state.points, state.jacks, 0.0, lower, upper,
             False,

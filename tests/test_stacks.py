@@ -97,6 +97,16 @@ def test_towers_of_any_height(formulation, count, top):
     assert point.mechanism == ("rocking" if top else "torsion-shear")
 
 
+@pytest.mark.parametrize("steps", [0.1, 0.5, 3.0, 100.0])
+def test_any_first_step_will_do(steps, monkeypatch):
+    """Even one that goes far beyond the limit at once, or lands short of it with joints that have opened."""
+    monkeypatch.setattr(quasi_static, "ELASTIC_STEPS", steps)
+    for formulation in ("concave", "convex"):
+        for top in (0.0, 2000.0):
+            point = tower(30, formulation, pushed=29, top=top)
+            assert point.V == pytest.approx(weakest(formulation, 30, top, 0.075), rel=1e-3)
+
+
 def test_the_lower_of_two_blocks_slides_under_its_bending():
     point = tower(2, "concave", pushed=1, top=2000.0)
     formula = theory.rectangle_formulation("concave", A, B, MU)
