@@ -17,7 +17,7 @@ import numpy as np
 
 from dembrick.driving import Driving
 from dembrick.errors import DivergedError, NotConvergedError
-from dembrick.frequencies import critical_time_step, time_constants
+from dembrick.frequencies import critical_time_step, joint_matrices, time_constants
 from dembrick.kernels.dynamics import DIVERGED, REACHED, RUNNING, STALE, Limits, Loads, advance_bodies
 from dembrick.model import show
 from dembrick.moving_polygons import Polygons
@@ -27,6 +27,7 @@ from dembrick.neighbours import bodies_of, close_pairs, overlap_depths
 SEATING = 0.8  # local damping while blocks are seated
 SEATING_STEP = 0.7  # of the time step then: against the motion, local damping makes a force 1.8 times as large
 SEATED = 1e-9  # out-of-balance force over joint forces that ends the seating
+ROUNDING = 4.0  # of the force that a rounded position makes: no less can be asked for
 SEATED_WITHIN = 0.01  # of the smallest block: sticking blocks that move further overturn
 MOST_SEATING = 200_000  # steps
 LONGEST_MOVE = 0.1  # of the smallest block's reach: a step that moves a block further has diverged
@@ -117,19 +118,19 @@ def seat(motion: Motion, driving: Driving, sticking: bool = False) -> float:
     limits = Limits(
         displacement=(SEATED_WITHIN if sticking else 1.0) * _smallest(motion), longest=LONGEST_MOVE * _smallest(motion)
     )
-    ratio, steps, n = 1.0, 0, 256
+    ratio, enough, steps, n = 1.0, SEATED, 0, 256
     while steps < MOST_SEATING and len(held.free) and len(state.links.host):
         status, done = _advance(motion, held, driving, np.zeros(n), limits, SEATING, SEATING_STEP * motion.time_step)
         steps += done
-        ratio = _unbalanced(state, driving, supported)
-        if ratio <= SEATED or status != RUNNING:
+        ratio, enough = _unbalanced(state, driving, supported)
+        if ratio <= enough or status != RUNNING:
             break
     for family in (state.corners, state.faces):
         if family is not None:
             family.friction[:] = friction.pop(0)
     bodies.velocity[:], bodies.momentum[:], bodies.spin[:] = 0.0, 0.0, 0.0
     motion.seating_steps = steps
-    if len(held.free) and len(state.links.host) and not ratio <= SEATED:
+    if len(held.free) and len(state.links.host) and not ratio <= enough:
         if sticking:
             for array, value in zip(arrays, before, strict=True):
                 array[...] = value
@@ -258,14 +259,18 @@ def _supported(state: MovingState) -> np.ndarray:
             return tied
 
 
-def _unbalanced(state: MovingState, driving: Driving, supported: np.ndarray) -> float:
-    """Greatest out-of-balance force on a supported free block over the greatest joint force."""
+def _unbalanced(state: MovingState, driving: Driving, supported: np.ndarray) -> tuple[float, float]:
+    """Greatest out-of-balance force on a supported free block over the greatest joint force, and how small that can be
+    asked to be: very stiff joints feel the rounding of positions."""
     gravity, _ = driving.at(np.zeros(1), 1.0)
     force, _ = out_of_balance(state, gravity[0])
     free = state.bodies.free[supported[state.bodies.free]]
     largest = np.sqrt((state.links.wrench[:, :3] ** 2).sum(axis=1).max())
     worst = np.sqrt((force[free] ** 2).sum(axis=1).max())
-    return float(worst / max(worst, largest)) if worst > 0.0 else 0.0
+    if not worst > 0.0:
+        return 0.0, SEATED
+    rounding = np.finfo(float).eps * np.abs(state.bodies.position).max() * joint_matrices(state)[:, 2, 2].max()
+    return float(worst / max(worst, largest)), max(SEATED, float(ROUNDING * rounding / max(worst, largest)))
 
 
 def _smallest(motion: Motion) -> float:
