@@ -78,12 +78,17 @@ class Replay:
 
 
 def find_limit_load(
-    assembly, tolerance: float, step_factor: float, session: Session | Observer | None = None, goal: float | None = None
+    assembly,
+    tolerance: float,
+    step_factor: float,
+    session: Session | Observer | None = None,
+    goal: float | None = None,
+    steps: float = 1.0,
 ) -> Replay:
     """Push until the bracket of V is within ``tolerance`` of it (relative half-width).
 
-    ``step_factor`` is the time step over the critical one; ``session`` gets the record. With a ``goal`` (m) the
-    path is followed until a block has moved that far. Raises NotConvergedError with
+    ``step_factor`` is the time step over the critical one; ``session`` gets the record. With a ``goal`` (m) the path is
+    followed until a block has moved that far, by ``steps`` times the usual ones at first. Raises NotConvergedError with
     the best bracket where the tolerance is not reached, DivergedError, and NotConvergedError where the dead loads alone
     bring the blocks down.
     """
@@ -92,7 +97,7 @@ def find_limit_load(
     if setup.factor is None:
         replay = _by_inertia(setup, step_factor, session)
     else:
-        replay = _by_equilibria(setup, session, goal or 0.0)
+        replay = _by_equilibria(setup, session, goal or 0.0, steps)
     if not replay.converged:
         point = replay.yield_point
         above = "without an upper bound" if point.V_upper is None else f"at most {point.V_upper:.6g} N"
@@ -105,7 +110,7 @@ def find_limit_load(
     return replay
 
 
-def _by_equilibria(setup: _Setup, session: Session, goal: float) -> Replay:
+def _by_equilibria(setup: _Setup, session: Session, goal: float, steps: float) -> Replay:
     """The search where free blocks touch one another: equilibrium by equilibrium."""
     state, certificate = setup.state, setup.certificate
     frames_every = 1 if len(setup.assembly.names) <= 100 else 8
@@ -116,7 +121,7 @@ def _by_equilibria(setup: _Setup, session: Session, goal: float) -> Replay:
     # a load on all blocks is resisted by some part of their weight, one jack by a few joints
     strength = GUESS * float(np.linalg.norm(state.blocks.dead_force[state.blocks.free], axis=1).sum()) / setup.weight
     strength = min(strength, _rough_strength(state, certificate, setup.load)) or GUESS
-    path = follow(state, setup.load, setup.factor, certificate, strength, recorder, goal)
+    path = follow(state, setup.load, setup.factor, certificate, steps * strength, recorder, goal)
     done = time.perf_counter()
     return Replay(
         yield_point=read_off(state, certificate, setup.assembly.names),
