@@ -32,7 +32,7 @@ class Theory:
         return Theory(self.V, error, self.discretisation_error)
 
 
-def _wrench(axes, arm, force, torque) -> np.ndarray:
+def wrench(axes, arm, force, torque) -> np.ndarray:
     """V_1, V_2, V_n, M_1, M_2, M_T about O in the joint's axes, of a force and torque at a centroid; arm to O."""
     return np.concatenate([axes @ force, axes @ (torque - np.cross(arm, force))])
 
@@ -46,12 +46,12 @@ def theory_of(assembly) -> Theory | None:
     law, polygon = joint.law, joint.pieces or joint.polygon
     b = joint.block_b
     arm = np.asarray(joint.arm_b)
-    dead = _wrench(joint.axes, arm, assembly.dead_force[b], assembly.dead_torque[b])
+    dead = wrench(joint.axes, arm, assembly.dead_force[b], assembly.dead_torque[b])
     unit = np.zeros(6)
     jacks = assembly.actuators
     for lever, direction, weight in zip(jacks.arm, jacks.direction, jacks.weight, strict=True):
         force = weight * np.asarray(direction)
-        unit += _wrench(joint.axes, arm, force, np.cross(lever, force))
+        unit += wrench(joint.axes, arm, force, np.cross(lever, force))
     reach = float(np.abs(joint.polygon).max())
     size = max(float(np.abs(unit[:2]).max()), abs(unit[5]) / reach)
     if abs(unit[2]) > _NONE * max(size, abs(unit[2])) or not size > 0.0:

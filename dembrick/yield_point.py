@@ -95,12 +95,19 @@ def read_off(state: State, certificate: Certificate, names) -> YieldPoint:
 
 def _mechanism(state: State, j: int) -> tuple[tuple[float, float] | None, str]:
     """Torsion centre of the last slip of joint ``j``, and the name of the mechanism."""
-    twist, reach = state.joints.step[j], joint_reach(state)[j]
+    twist = state.joints.step[j]
     if state.areas is not None and j in state.areas.joint:
         twist = state.areas.twist[int(np.flatnonzero(state.areas.joint == j)[0])]
+    return mechanism(twist, state.joints.tilt[j], joint_reach(state)[j])
+
+
+def mechanism(twist, tilt, reach: float) -> tuple[tuple[float, float] | None, str]:
+    """Torsion centre (m, about O; None in pure shear) and name of a slip twist (v_1, v_2, w) with tilts (2,).
+
+    ``reach`` is the greatest distance from O at which the joint carries shear (m).
+    """
     shift, turn = float(np.hypot(twist[0], twist[1])), abs(float(twist[2])) * reach
-    tilt = float(np.hypot(*state.joints.tilt[j])) * reach
-    if tilt > max(shift, turn):
+    if float(np.hypot(*tilt)) * reach > max(shift, turn):
         return None, "rocking"
     if turn <= _PURE * shift:
         return None, "sliding"

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from dembrick import scenario as scenarios
 from dembrick.errors import DembrickError
+from dembrick.model import Scenario
 from dembrick.result import failure, simulate
+from dembrick.study.together import limit_loads
 
 # Column, and where its value stands in the JSON object of a run; a dot goes one level down, a number into a list.
 COLUMNS = {
@@ -41,31 +43,36 @@ TEXTS = ("status", "bracket", "mechanism", "collapse_mechanism", "history", "err
 FAILED = "failed"
 
 
-def run_case(base: str, base_path: str, number: int, changes: Mapping[str, Any], history: str | None = None) -> dict:
-    """Run case ``number`` of a study: the TOML text ``base`` with ``changes``; returns its row.
+def run_cases(base: str, base_path: str, cases: Sequence[tuple[int, Mapping[str, Any], str | None]]) -> list[dict]:
+    """The rows of several cases, each given as (number, changes, history): the TOML text ``base`` with its changes.
 
     A case that fails is a row too, with the status "failed" and the error.
     """
-    row: dict[str, Any] = {"case": number, **changes}
-    try:
-        scenario = scenarios.varied(base, base_path, changes)
-    except DembrickError as error:
-        return row | _columns({"status": FAILED, "error": str(error)})
-    try:
-        result = simulate(scenario, history, force=True, record=history is not None).as_dict()
-    except DembrickError as error:
-        result = failure(scenario, error, history)
-    return row | _columns(result)
-
-
-def run_cases(base: str, base_path: str, cases: Iterable[tuple[int, Mapping[str, Any], str | None]]) -> list[dict]:
-    """The rows of several cases, each given as (number, changes, history)."""
     os.environ.setdefault("NUMBA_NUM_THREADS", "1")  # workers share the cores among them, not each with all others
-    return [run_case(base, base_path, *case) for case in cases]
+    scenarios_: list[Scenario | DembrickError] = []
+    for _, changes, _ in cases:
+        try:
+            scenarios_.append(scenarios.varied(base, base_path, changes))
+        except DembrickError as error:
+            scenarios_.append(error)
+    alike = [i for i, one in enumerate(scenarios_) if isinstance(one, Scenario) and cases[i][2] is None]
+    together = limit_loads([scenarios_[i] for i in alike])
+    results = {alike[i]: result for i, result in together.items()}
+    rows = []
+    for i, (number, changes, history) in enumerate(cases):
+        result = results.get(i) or _alone(scenarios_[i], history)
+        rows.append({"case": number, **changes} | {name: _at(result, path) for name, path in COLUMNS.items()})
+    return rows
 
 
-def _columns(result: Mapping) -> dict[str, Any]:
-    return {name: _at(result, path) for name, path in COLUMNS.items()}
+def _alone(scenario: Scenario | DembrickError, history: str | None) -> dict[str, Any]:
+    """The JSON object of a run by itself."""
+    if not isinstance(scenario, Scenario):
+        return {"status": FAILED, "error": str(scenario)}
+    try:
+        return simulate(scenario, history, force=True, record=history is not None).as_dict()
+    except DembrickError as error:
+        return failure(scenario, error, history)
 
 
 def _at(result: Any, path: str) -> Any:
