@@ -32,7 +32,8 @@ def apply_overrides(document: dict, assignments: Iterable[str]) -> None:
 
 
 def assign(document: dict, changes: Mapping[str, object]) -> None:
-    """Set keys of a document, given by their path, to values that are no text any more."""
+    """Set keys of a document, given by their path, to values that are no text any more; its tables are not touched,
+    those on the way to a key are replaced by copies."""
     for key, value in changes.items():
         try:
             _assign(document, _parse_path(key), value)
@@ -76,6 +77,7 @@ def _assign(document: dict, path: list[str], value: object) -> None:
         inner = node[step]
         if not isinstance(inner, dict | list):
             raise ScenarioError(f"{'.'.join(path[: depth + 1])} = {show(inner)} has no parts to set")
+        node[step] = inner = inner.copy()  # whoever shares the document with others keeps it as it was
         node = inner
     node[_find(node, path[-1], path[:-1])] = value
 

@@ -70,10 +70,22 @@ class Result:
             return "collapse"
         return "yield" if self.scenario.control.kind == "yield" else "completed"
 
+    @property
+    def points_miss(self) -> float | None:
+        """The relative gap between the points of a `distributed` joint that the program chose and the continuum, where
+        it is beyond the tolerance (as where a joint overturns, whose last edge no points reach); else None."""
+        if self.theory is None or self.theory.discretisation_error is None or self.scenario.control.kind != "yield":
+            return None
+        chosen = self.scenario.joint.points is None
+        gap = self.theory.discretisation_error
+        return gap if chosen and abs(gap) > self.scenario.control.tolerance else None
+
     def agrees(self) -> bool:
         """Whether theory lies in the bracket and, for a limit load, V is within the tolerance of it."""
         if self.theory is None:
             return True
+        if self.points_miss is not None:
+            return False
         V, point = self.theory.V, self.yield_point
         slack = BRACKET_SLACK * abs(V)
         inside = point.V_lower - slack <= V and (point.V_upper is None or V <= point.V_upper + slack)

@@ -11,9 +11,8 @@ import os
 import re
 import tomllib
 from collections.abc import Iterable, Mapping
-from copy import deepcopy
 from dataclasses import MISSING, fields, is_dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any, NamedTuple, NoReturn
 
 from dembrick.blocks import Mesh, Part, Prism, Voussoir
@@ -85,9 +84,10 @@ def varied(text: str, path: str | os.PathLike | None, changes: Mapping[str, Any]
     ``changes`` has key paths, as for ``--set``, and values as TOML would give them.
     """
     name = "the scenario" if path is None else os.fsdecode(path)
-    document = deepcopy(_parsed(text, name))
+    like = _parsed(text, name)
+    document = like[0].copy()
     assign(document, changes)
-    return _decode(document, _Place(f"{name} (with changes)"), None if path is None else name, None)
+    return _decode(document, _Place(f"{name} (with changes)"), None if path is None else name, None, like)
 
 
 def with_overrides(text: str, assignments: Iterable[str], path: str | os.PathLike | None = None) -> str:
@@ -139,9 +139,10 @@ class _Place(NamedTuple):
 
 
 @lru_cache(maxsize=8)
-def _parsed(text: str, file: str) -> dict[str, Any]:
-    """A parsed text that must not be changed."""
-    return _parse(text, file)
+def _parsed(text: str, file: str) -> tuple[dict[str, Any], Scenario]:
+    """A parsed text, which must not be changed, and its scenario."""
+    document = _parse(text, file)
+    return document, _decode(document, _Place(file), file, None)
 
 
 def _parse(text: str, file: str) -> dict[str, Any]:
@@ -156,27 +157,50 @@ def _parse(text: str, file: str) -> dict[str, Any]:
         raise ScenarioError(f"{file}: not valid TOML: {error}") from None
 
 
-def _decode(document: dict[str, Any], place: _Place, path: str | None, text: str | None) -> Scenario:
+def _decode(
+    document: dict[str, Any],
+    place: _Place,
+    path: str | None,
+    text: str | None,
+    like: tuple[dict[str, Any], Scenario] | None = None,
+) -> Scenario:
+    """The scenario of a document. What it shares with the document ``like``, table by table, has been checked already
+    and is taken from its scenario."""
     keys = _keys_of(Scenario)
     for key in ("path", "text", "all_blocks", "groups"):
         del keys[key]
     keys["control"] = True
     keys["blocks"] = not any(key in document for key in GENERATORS)
     _check_keys(document, keys, place)
+
+    def law() -> JointLaw:
+        return _law(_table(document["joint"], place.inside("[joint]")), place.inside("[joint]"))
+
+    def overrides() -> list[JointOverride]:
+        return [_joint_override(entry, values["joint"], there) for entry, there in _entries(document, "joints", place)]
+
+    def materials() -> dict[str, Material]:
+        table = _table(document["materials"], place.inside("[materials]"))
+        return {
+            name: _record(Material, material, place.inside(f"[materials.{_key(name)}]"))
+            for name, material in table.items()
+        }
+
+    def records(key: str, kind: type) -> list:
+        return [_record(kind, entry, there) for entry, there in _entries(document, key, place)]
+
+    decoders = {"joint": law, "joints": overrides, "materials": materials}
+    decoders |= {key: partial(records, key, kind) for key, kind in _LISTS.items()}
+    decoders["control"] = lambda: _control(document["control"], place.inside("[control]"))
+    for key, kind in (("solver", Solver), ("output", Output)):
+        decoders[key] = partial(_record, kind, document.get(key, {}), place.inside(f"[{key}]"))
     values = dict(document)
-    values["joint"] = _law(_table(document["joint"], place.inside("[joint]")), place.inside("[joint]"))
-    values["joints"] = [
-        _joint_override(entry, values["joint"], there) for entry, there in _entries(document, "joints", place)
-    ]
-    values["materials"] = {
-        name: _record(Material, material, place.inside(f"[materials.{_key(name)}]"))
-        for name, material in _table(document["materials"], place.inside("[materials]")).items()
-    }
-    for key, kind in _LISTS.items():
-        values[key] = [_record(kind, entry, there) for entry, there in _entries(document, key, place)]
-    values["control"] = _control(document["control"], place.inside("[control]"))
-    values["solver"] = _record(Solver, document.get("solver", {}), place.inside("[solver]"))
-    values["output"] = _record(Output, document.get("output", {}), place.inside("[output]"))
+    for key, decode in decoders.items():
+        shared = like is not None and document.get(key) is like[0].get(key)
+        if shared and (key != "joints" or document["joint"] is like[0]["joint"]):  # overrides inherit from the joint
+            values[key] = getattr(like[1], key)
+        else:
+            values[key] = decode()
     scenario = _make(Scenario, {**values, "path": path, "text": text}, place)
     if not scenario.actuators and scenario.control.kind not in WITHOUT_ACTUATORS:
         place.fail(f"control kind {show(scenario.control.kind)} drives actuators and there is none; add [[actuators]]")

@@ -147,7 +147,7 @@ class Jacks(NamedTuple):
 class Energy(NamedTuple):
     """The books of a run: work summed step by step, and what the last step left behind for the next."""
 
-    work: ndarray  # (6,) J: by jack head, by dead loads; lost in friction, contact dashpots, jack dashpot; mu N |slip|
+    work: ndarray  # (6,) J: by jack head, dead loads; lost in friction, dashpots and calming, jack dashpot; mu N |slip|
     least: ndarray  # (1,) J, smallest friction work of an increment
     start: ndarray  # (1,) J, elastic energy of the seated joints
     dash: ndarray  # (j, 6) N, N m: V_1, V_2, M_T, N, M_1, M_2 of the dashpots of each joint, last step

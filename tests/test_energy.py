@@ -41,6 +41,29 @@ def test_the_books_balance(name, formulation):
     assert result.least_friction_increment >= 0.0
 
 
+@pytest.mark.parametrize("formulation", ["concave", "corrected-shear"])
+def test_what_calming_takes_from_a_rocking_block_is_in_the_books(formulation):
+    """Pushed near its top, the block overturns: V = N (b / 2) / h. The search takes long, and stills its swing."""
+    scenario = lab.lab_scenario("set4a", formulation)
+    jack = dataclasses.replace(scenario.actuators[0], point=(0.0, 0.0, 0.09))
+    law = dataclasses.replace(scenario.joint, friction=9.0)
+    result = simulate(dataclasses.replace(scenario, joint=law, actuators=(jack,)))
+    assert result.yield_point.mechanism == "rocking"
+    assert result.yield_point.V == pytest.approx(467.0 * 0.1 / 0.09, rel=1e-3)
+    assert result.replay.steps > replay.CHUNK_OF_SEARCH  # calming has set in
+    assert result.energy.relative_residual < 1e-3
+
+
+def test_points_that_miss_the_continuum_are_not_passed_over():
+    scenario = lab.lab_scenario("set4a", "distributed")
+    jack = dataclasses.replace(scenario.actuators[0], point=(0.0, 0.0, 0.09))
+    law = dataclasses.replace(scenario.joint, friction=1.5)
+    result = simulate(dataclasses.replace(scenario, joint=law, actuators=(jack,)))
+    assert abs(result.theory.discretisation_error) > 0.01
+    assert result.points_miss == result.theory.discretisation_error
+    assert not result.agrees()
+
+
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 def test_work_and_friction_of_a_plateau_are_force_times_path(formulation):
     """At the limit the jack works V times its path, and friction takes all of it."""

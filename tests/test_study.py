@@ -165,6 +165,30 @@ def test_every_case_is_a_row_of_one_table(write, tmp_path):
     assert not (tmp_path / "out" / "histories").exists()
 
 
+def test_cases_run_together_come_to_what_each_comes_to_alone(write, tmp_path):
+    """Frictions, loads, jacks, blocks and formulations change; every case also runs with a history, by itself."""
+    body = """
+[list]
+joint.formulation = ["concave", "corrected-shear", "convex", "convex", "distributed", "concave"]
+joint.friction = [0.5, 0.6, 0.7, 0.3, 0.64, 9.0]
+actuators.jack.point = [[0.1, 0, 0], [0.1, 0.02, 0.05], [0, 0.05, 0], [-0.05, 0, 0.02], [0.075, 0, 0], [0, 0, 0.09]]
+loads.upper.force = [[0, 0, -300], [10, 0, -378], [0, 5, -500], [0, 0, -378], [0, 0, -400], [0, 0, -400]]
+"""
+    together = read_csv(studies.sweep(write(body), tmp_path / "together").csv)
+    alone = read_csv(studies.sweep(write("histories = true\n" + body), tmp_path / "alone").csv)
+    # `distributed` runs alone in any case
+    assert [row["theory"] == "" for row in together] == [True, True, True, True, False, True]
+    for one, other in zip(together, alone, strict=True):
+        assert one["status"] == other["status"]
+        assert (one["mechanism"], one["bracket"]) == (other["mechanism"], other["bracket"])
+        for name, most in (("V", 1e-4), ("V_lower", 1e-3), ("V_upper", 1e-3), ("N", 1e-9), ("M_T", 2e-3)):
+            if other[name]:
+                assert float(one[name]) == pytest.approx(float(other[name]), rel=most, abs=1e-9)
+        if one["mechanism"] == "torsion-shear":
+            centre, expected = ([float(r[f"torsion_centre_{i}"]) for i in (1, 2)] for r in (one, other))
+            assert centre == pytest.approx(expected, abs=2e-3)
+
+
 def test_finished_cases_are_not_run_again_and_a_torn_line_is(write, tmp_path):
     path, folder = write(THREE), tmp_path / "out"
     studies.sweep(path, folder)

@@ -65,6 +65,12 @@ def answer(simulated: Callable, path: str, console) -> int:
     console.result(result.as_dict(), _text(result))
     if result.agrees():
         return 0
+    if getattr(result, "points_miss", None) is not None:
+        console.error(
+            f"the contact points of the joint miss the continuum by {100 * result.points_miss:+.2g} %, more than the "
+            'tolerance: the joint opens. Take pressure = "linear" of a convex joint, or state joint.points of your own'
+        )
+        return 3
     console.error(
         "theory and replay disagree: V lies outside the tolerance of theory, or theory outside the certified bracket"
     )

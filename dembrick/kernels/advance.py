@@ -80,7 +80,7 @@ def advance(
         if inertia is not None:
             longest = finite_step(blocks, inertia, dt)
         if scaled is not None:
-            longest = small_step(blocks, scaled, dt, drive.calming, drive.memory)
+            longest = small_step(blocks, scaled, dt, drive.calming, drive.memory, energy)
         if jumped(guard, longest):
             return DIVERGED, step + 1
     return RUNNING, first + n_steps
@@ -107,5 +107,5 @@ def settle(n_steps, tolerance, blocks, joints, points, areas, scaled, momentum):
             for i in range(3):
                 blocks.velocity[b, i] *= keep
                 blocks.spin[b, i] *= keep
-        small_step(blocks, scaled, 1.0, 0.0, 0.0)
+        small_step(blocks, scaled, 1.0, 0.0, 0.0, None)
     return ratio, n_steps

@@ -108,11 +108,34 @@ def accelerate(blocks, inverse, whole, dt):
 
 
 @jit
-def small_step(blocks, inertia, dt, calming, memory):
+def calming_loss(blocks, b, matrix, dt, calming):
+    """Energy (J) that calming takes from block ``b``, with u its velocity that is about to be calmed.
+
+    The impulse of the calming, -c M w with w = u - mean, works over the motion before and after it, as a force does in
+    the trapezoidal rule: c (w . M (2 u - c w) - dt w . force) / 2.
+    """
+    u = blocks.velocity[b]
+    r = blocks.spin[b]
+    mean = blocks.mean_velocity[b]
+    lost = 0.0
+    for i in range(3):
+        w = u[i] - mean[i]
+        turn = r[i] - mean[i + 3]
+        lost -= dt * (w * blocks.force[b, i] + turn * blocks.torque[b, i])
+        for k in range(3):
+            v = 2.0 * u[k] - calming * (u[k] - mean[k])
+            spin = 2.0 * r[k] - calming * (r[k] - mean[k + 3])
+            lost += w * (matrix[i, k] * v + matrix[i, k + 3] * spin)
+            lost += turn * (matrix[i + 3, k] * v + matrix[i + 3, k + 3] * spin)
+    return 0.5 * calming * lost
+
+
+@jit
+def small_step(blocks, inertia, dt, calming, memory, energy):
     """Central difference with the artificial inertia of the free blocks. Returns the longest move (m).
 
     ``calming`` takes away that part of the difference between a block's velocity and its running mean over about
-    1/``memory`` steps: it stills what swings and leaves what moves steadily.
+    1/``memory`` steps: it stills what swings and leaves what moves steadily. What it takes goes into the books.
     """
     longest = 0.0
     mean = blocks.mean_velocity
@@ -120,6 +143,8 @@ def small_step(blocks, inertia, dt, calming, memory):
     for f in range(blocks.free.size):
         b = blocks.free[f]
         if calming > 0.0:
+            if energy is not None:
+                energy.work[3] += calming_loss(blocks, b, inertia.matrix[b], dt, calming)
             for i in range(3):
                 blocks.velocity[b, i] -= calming * (blocks.velocity[b, i] - mean[b, i])
                 blocks.spin[b, i] -= calming * (blocks.spin[b, i] - mean[b, i + 3])
