@@ -35,7 +35,9 @@ FREE_STEP = 1e-4  # s, where nothing touches
 MEET = 1e-3  # of the smaller block's diameter: blocks without a joint that overlap deeper have met
 LOOK = 5e-4  # of the smallest block's diameter: how far blocks move between two looks whether any meet
 LONGEST_CHUNK = 2048  # steps
-MANY = 2000  # joints from which a step is worth sharing among threads
+MANY = 2000  # joints from which a step may be worth sharing among threads
+TRIAL = 16  # steps in which one thread and several show how fast they are
+AGAIN = 500  # calls of the loop after which they show it again
 
 
 def damping_of_restitution(restitution: float) -> float:
@@ -74,6 +76,7 @@ class Motion:
     seating_steps: int = 0
     _travel: np.ndarray = field(default_factory=lambda: np.zeros(1))
     _looked: np.ndarray | None = None
+    _pace: _Pace = field(default_factory=lambda: _Pace())
 
     @property
     def time(self) -> float:
@@ -178,34 +181,65 @@ def _advance(motion: Motion, bodies, driving: Driving, times, limits: Limits, da
     state = motion.state
     gravity, force = driving.at(times, dt)
     loads = Loads(driving.block, driving.lever, force, gravity)
-    loop, shares = _loop(state, bodies)
+    loops = _loops(state, bodies)
     if motion.compile_seconds == 0.0:
         began = time.perf_counter()
-        loop(0, dt, bodies, *state[1:4], loads, limits, damping, motion._travel, *shares)
+        for loop, shares in loops:
+            loop(0, dt, bodies, *state[1:4], loads, limits, damping, motion._travel, *shares)
         motion.compile_seconds = time.perf_counter() - began
-    began = time.perf_counter()
-    done = 0
-    while True:
+    done, status = 0, RUNNING
+    while status == STALE or (status == RUNNING and done < len(times)):
+        which, most = motion._pace.choose(len(loops))
+        loop, shares = loops[which]
         rest = loads._replace(force=force[done:], gravity=gravity[done:])
+        began = time.perf_counter()
         status, some = loop(
-            len(times) - done, dt, bodies, *state[1:4], rest, limits, damping, motion._travel, *shares
+            min(most, len(times) - done), dt, bodies, *state[1:4], rest, limits, damping, motion._travel, *shares
         )  # fmt: skip
         done += some
-        if status != STALE:
-            break
-        motion.polygons.cut_stale()
-    motion.loop_seconds += time.perf_counter() - began
+        took = time.perf_counter() - began
+        motion._pace.note(which, some, took)
+        if status == STALE:
+            motion.polygons.cut_stale()
+        motion.loop_seconds += time.perf_counter() - began
     return status, done
 
 
-def _loop(state: MovingState, bodies):
-    """The compiled loop for a scene of that size, and the arguments that share the work of a large one."""
-    if len(state.links.host) < MANY:
-        return advance_bodies, ()
-    from dembrick.kernels.dynamics_parallel import advance_bodies_together, shares
+class _Pace:
+    """Which of two loops is the faster: both give the same bits, and threads only help where the machine is free."""
 
-    arguments = shares(state.corners, state.faces, bodies)
-    return (advance_bodies_together, arguments) if len(arguments[-1]) > 1 else (advance_bodies, ())
+    def __init__(self):
+        self._seconds = [math.inf, math.inf]  # of a step
+        self._calls = 0
+
+    def choose(self, loops: int) -> tuple[int, int]:
+        """The loop to call next, and for how many steps at most."""
+        if loops == 1:
+            return 0, LONGEST_CHUNK
+        self._calls += 1
+        turn = self._calls % AGAIN
+        if 1 <= turn <= 4:
+            return turn % 2, TRIAL
+        return (0 if self._seconds[0] <= self._seconds[1] else 1), LONGEST_CHUNK
+
+    def note(self, which: int, steps: int, seconds: float) -> None:
+        """What the call took."""
+        if steps:
+            fresh = self._calls % AGAIN in (1, 2) and steps <= TRIAL
+            step = seconds / steps
+            self._seconds[which] = step if fresh else min(step, self._seconds[which])
+
+
+def _loops(state: MovingState, bodies) -> list[tuple]:
+    """The compiled loops for a scene of that size, each with the arguments that share the work of a large one."""
+    loops = [(advance_bodies, ())]
+    if len(state.links.host) >= MANY:
+        from dembrick.kernels.dynamics_parallel import advance_bodies_together, shares
+
+        arguments = shares(state.corners, state.faces, bodies)
+        if len(arguments[-1]) > 1:
+            loops.append((advance_bodies_together, arguments))
+    return loops
 
 
 def _look_for_meetings(motion: Motion) -> None:
