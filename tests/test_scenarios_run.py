@@ -23,6 +23,9 @@ ASSEMBLIES = {  # free blocks, joints
     "ferris_tinloi_2": (55, 141),
     "ferris_tinloi_3": (46, 102),
     "dome": (129, 272),
+    "newmark_pulse": (1, 1),
+    "rocking_block": (1, 1),
+    "spinning_plate": (1, 1),
 }
 FILES = sorted(path.stem for path in scenario_folder().glob("*.toml") if path.stem not in ASSEMBLIES)
 MU, N = 0.64, 467.0
