@@ -102,7 +102,7 @@ def run_on_cluster(
 
         ahead = _AHEAD * max(1, sum(client.nthreads().values()))
         first = [future for _ in range(ahead) if (future := submit()) is not None]
-        queue = as_completed(first)
+        queue = as_completed(first, loop=client.loop)  # not that of another client in this process
         for future in queue:
             rows = future.result()
             future.release()
