@@ -20,6 +20,7 @@ from dembrick.joints import ContactPoints, contact_points
 COUNTS = ((2, 2), (3, 2), (3, 3), (4, 3), (4, 4), (5, 5))  # rays a piece of an edge, points a piece of a ray
 _FEW = 3  # of them are tried while another round may still bring a better centre
 _ROUGH = (1e-2, 1e-3, 1e-4, 1e-5, 0.0)  # tolerances of the rounds, as far as the one asked for is finer
+_SETTLED = 3e-3  # of the polygon's size: a centre known as well as that is worth any number of points
 _AROUND = 4  # directions in which the gap is looked at around the centre
 
 
@@ -50,9 +51,11 @@ def place_points(assembly, tolerance: float, step_factor: float):
         pressure = (-opening, tilt_2, -tilt_1)
         moved = float(np.hypot(*(centre - last)))
         # V is stationary in the centre, so that a relative error of V belongs to the square root of it in the centre
-        unsure = min(moved, float(np.sqrt(max(rough, tolerance))) * float(np.abs(joint.polygon).max()))
+        size = float(np.abs(joint.polygon).max())
+        unsure = min(moved, float(np.sqrt(max(rough, tolerance))) * size)
         exact = _moments(joint.polygon, centre, unsure, pressure)
-        for counts in COUNTS if rough <= tolerance else COUNTS[:_FEW]:
+        settled = rough <= tolerance or unsure <= _SETTLED * size
+        for counts in COUNTS if settled else COUNTS[:_FEW]:
             points = ray_rule.rays(joint.polygon, centre, *counts)
             if _worst_gap(points, pressure, exact) <= 0.5 * tolerance:
                 return _with(assembly, *points), seconds
