@@ -90,13 +90,6 @@ def varied(text: str, path: str | os.PathLike | None, changes: Mapping[str, Any]
     return _decode(document, _Place(f"{name} (with changes)"), None if path is None else name, None, like)
 
 
-def with_overrides(text: str, assignments: Iterable[str], path: str | os.PathLike | None = None) -> str:
-    """The TOML text of a scenario with ``key.path=value`` carried out, checked: what a history stores as run."""
-    result = loads(text, path, assignments).text
-    assert result is not None
-    return result
-
-
 def dumps(scenario: Scenario) -> str:
     """TOML text that :func:`loads` reads back as an equal scenario, floats to the last bit."""
     document: dict[str, Any] = {"title": scenario.title, "gravity": scenario.gravity}
