@@ -46,7 +46,7 @@ def refined(scenario: Scenario) -> Scenario:
         return replace(law, normal_stiffness=2.0 * law.normal_stiffness, shear_stiffness=2.0 * law.shear_stiffness)
 
     control = scenario.control
-    if hasattr(control, "rate"):
+    if getattr(control, "rate", None) is not None:
         control = replace(control, rate=0.5 * control.rate)
     joints = tuple(replace(entry, law=stiffer(entry.law)) for entry in scenario.joints)
     return replace(scenario, joint=stiffer(scenario.joint), joints=joints, control=control, text=None)

@@ -111,13 +111,16 @@ class PushoverControl:
     """Every block pushed along ``direction`` by the same share of its weight, the load factor, to its limit.
 
     ``tolerance`` is the relative half-width of the bracket of that limit. The curve goes on past it until a block has
-    moved ``displacement`` (m) since it was seated, where that is given.
+    moved ``displacement`` (m) since it was seated, where that is given. With ``quasi_static`` false the blocks are
+    pushed in real time, their mean displacement by ``rate`` (m/s), with contact ``damping`` as in `TiltControl`.
     """
 
     direction: Vector
     displacement: float | None = None
     quasi_static: bool = True
     tolerance: float = 1.0e-3
+    rate: float | None = None
+    damping: float = 0.05
 
     kind = "pushover"
 
@@ -129,10 +132,19 @@ class PushoverControl:
             assign(self, displacement=real("displacement", self.displacement))
             require(self.displacement > 0.0, "displacement", self.displacement, "it must be greater than 0 m")
         require_type(isinstance(self.quasi_static, bool), "quasi_static", self.quasi_static, "true or false")
-        bound = "a pushover in real time is not part of this version; push by base-motion, or leave it true"
-        require(self.quasi_static, "quasi_static", self.quasi_static, bound)
         bound = "it is a relative error between 1e-8 and 0.1; 1e-3 is usual"
         require(1e-8 <= self.tolerance <= 0.1, "tolerance", self.tolerance, bound)
+        damping = real("damping", self.damping)
+        require(0.0 <= damping <= 0.9, "damping", damping, "it must lie between 0 and 0.9 of critical")
+        assign(self, damping=damping)
+        if self.quasi_static:
+            require(self.rate is None, "rate", self.rate, "it belongs to a push in real time: quasi_static = false")
+            return
+        for key, unit in (("rate", "m/s"), ("displacement", "m")):
+            value = getattr(self, key)
+            require(value is not None, key, value, f"a push in real time needs it, in {unit}")
+        assign(self, rate=real("rate", self.rate))
+        require(self.rate > 0.0, "rate", self.rate, "it must be greater than 0 m/s")
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,13 +203,17 @@ def _check_motion(control) -> None:
 
 
 Control = YieldControl | DisplacementControl | TiltControl | PushoverControl | DynamicControl | BaseMotionControl
-MOTIONS = ("tilt", "dynamic", "base-motion")  # kinds that move blocks in real time
-WITHOUT_ACTUATORS = (*MOTIONS, "pushover")
+MOTIONS = ("tilt", "pushover", "dynamic", "base-motion")  # kinds that may move blocks in real time
 
 
 def on_all_blocks(control: Control) -> bool:
     """Whether the control looks for the limit of a load that acts on every block."""
     return control.kind in ("tilt", "pushover") and control.quasi_static
+
+
+def drives_to_collapse(control: Control) -> bool:
+    """Whether the control ends when a block has moved far enough, which is a collapse."""
+    return control.kind in ("tilt", "pushover")
 
 
 def in_real_time(control: Control) -> bool:

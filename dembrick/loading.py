@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from dembrick import curves
+from dembrick.controls import drives_to_collapse
 from dembrick.driving import Driving
 from dembrick.errors import ScenarioError
 
@@ -21,8 +22,10 @@ def driving_of(scenario, assembly, time_step: float) -> Driving:
     number = {name: i for i, name in enumerate(assembly.names)}
     blocks, levers, forces, factors = [], [], [], []
     for load in scenario.loads:
-        if control.kind == "tilt" and load.varies:
-            raise ScenarioError(f"the load on {load.block!r} varies with time, which a tilt test has no use for")
+        if drives_to_collapse(control) and load.varies:
+            raise ScenarioError(
+                f"the load on {load.block!r} varies with time, which a {control.kind} test has no use for"
+            )
         factor = None
         if load.sine is not None:
             factor = curves.sine(load.sine)

@@ -1,4 +1,4 @@
-"""A dynamic scenario run from end to end: the twin of ``result`` for tilting, shaking and free motion."""
+"""A dynamic scenario run from end to end: the twin of ``result`` for tilting, pushing, shaking and free motion."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from dembrick.session import Session
 class MotionResult:
     """What a dynamic run gave: the state it ended in, the record, and the collapse if there was one.
 
-    ``rows``: time, load, displacement (of the block that has moved furthest), unbalanced (T,), joint (T, j, 7: N, V_1,
-    V_2, M_T, M_1, M_2, slip). ``frames``: time (F,), displacement (F, n, 3), orientation (F, n, 4), velocity and spin
-    (F, n, 3). Everything is seen from the supports. SI units.
+    ``rows``: time, load, displacement (of the block that has moved furthest; of a push the driven one), unbalanced
+    (T,), joint (T, j, 7: N, V_1, V_2, M_T, M_1, M_2, slip). ``frames``: time (F,), displacement (F, n, 3), orientation
+    (F, n, 4), velocity and spin (F, n, 3). Everything is seen from the supports. SI units.
     """
 
     scenario: Scenario
@@ -121,7 +121,7 @@ class MotionResult:
 
 
 def lived_through(scenario: Scenario, assembly, session: Session) -> motion_run.MotionRun:
-    """Run a scenario of kind tilt, dynamic or base-motion on its assembly; it raises what ``motion_run.run`` does."""
+    """Run a scenario that moves blocks in real time on its assembly; it raises what ``motion_run.run`` does."""
     if "contacts" in scenario.output.channels:
         raise ScenarioError('output.channels: a run in real time records no "contacts"; leave that channel out')
     moving = motion_run.prepare(assembly, scenario.control, scenario.solver.step_factor)

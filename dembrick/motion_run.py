@@ -1,4 +1,4 @@
-"""Runs of assemblies in real time: tilting tables, shaken supports, free motion, and what is said of a collapse."""
+"""Runs of assemblies in real time: tilts, pushes, shaken supports, free motion; what is said of a collapse."""
 
 from __future__ import annotations
 
@@ -9,12 +9,14 @@ import numpy as np
 
 from dembrick import interruption
 from dembrick.checks import show
+from dembrick.controls import drives_to_collapse
 from dembrick.driving import Driving
 from dembrick.dynamics import Motion, advance, damping_of_restitution, joint_forces, motion, seat
 from dembrick.errors import HistoryError, NotConvergedError, ScenarioError
 from dembrick.kernels.dynamics import REACHED, Limits
 from dembrick.model import Output
 from dembrick.moving_state import joint_resultants, out_of_balance, seen
+from dembrick.pushing import STRONGEST, Jack, jack_of
 from dembrick.session import Plan, Session, Snapshot
 from dembrick.shapes import quaternion_product, rotation_matrix, unit_quaternion
 from dembrick.snapshots import flattened, restored
@@ -57,14 +59,16 @@ def prepare(assembly, control, step_factor: float) -> Motion:
         raise ScenarioError("every block is fixed: nothing can move; let one be free")
     if len(assembly.actuators.block):
         raise ScenarioError(f"control kind {show(control.kind)} has no use for [[actuators]]; remove them")
-    if control.kind == "tilt":
+    if drives_to_collapse(control):
         return motion(assembly, control.damping, step_factor)
     return motion(assembly, damping_of_restitution(control.restitution), step_factor / IMPACTS)
 
 
 def plan(moving: Motion, control, output: Output) -> Plan:
-    """What the run will take: the steps of its whole duration, or of a tilt to the vertical, and bytes at the most."""
-    steps, n, j = _most_steps(moving, control), len(moving.assembly.names), len(moving.assembly.joints)
+    """What the run will take: the steps of its whole duration, or of a tilt to the vertical or of the longest push, and
+    bytes at the most."""
+    jack = _jack(moving, control)
+    steps, n, j = _most_steps(moving, control, jack), len(moving.assembly.names), len(moving.assembly.joints)
     columns = [array for part in moving.state[:4] if part is not None for array in part if array is not None]
     rows = min(steps, 2 * output.rows)
     frames = min(rows, 2 * output.frames)
@@ -72,8 +76,16 @@ def plan(moving: Motion, control, output: Output) -> Plan:
     return Plan(moving.time_step, moving.critical_time_step, steps, memory)
 
 
-def _most_steps(moving: Motion, control) -> int:
+def _jack(moving: Motion, control) -> Jack | None:
+    if control.kind != "pushover":
+        return None
+    return jack_of(control, moving.assembly, moving.assembly.gravity, moving.time_step)
+
+
+def _most_steps(moving: Motion, control, jack: Jack | None) -> int:
     """Steps after which the run ends if nothing ends it before."""
+    if jack is not None:
+        return jack.longest
     seconds = STEEPEST / control.rate if control.kind == "tilt" else control.duration
     return math.ceil(seconds / moving.time_step * (1.0 - 1e-12))
 
@@ -81,11 +93,12 @@ def _most_steps(moving: Motion, control) -> int:
 def run(moving: Motion, control, driving: Driving, session: Session) -> MotionRun:
     """Seat the blocks and live through the run; the session's observer gets rows and frames.
 
-    Raises NotConvergedError where the blocks find no rest before it, where a tilt brings nothing down, and where
-    contacts would form anew; DivergedError.
+    Raises NotConvergedError where the blocks find no rest before it, where a tilt or a push brings nothing down, and
+    where contacts would form anew; DivergedError.
     """
-    dynamic = control.kind == "dynamic"
-    past = _Past(moving)
+    dynamic, to_collapse = control.kind == "dynamic", drives_to_collapse(control)
+    jack = _jack(moving, control)
+    past = _Past(moving, jack)
     if session.resumed:
         past.restore(session.resumed)
     else:
@@ -93,33 +106,47 @@ def run(moving: Motion, control, driving: Driving, session: Session) -> MotionRu
         past.at_rest[:] = seen(moving.state.bodies, moving.state.links)
         if dynamic:
             _set_going(moving, driving)
-    goal = control.displacement if control.kind == "tilt" else NO_LIMIT
-    steps = _most_steps(moving, control)
-    # a tilt that ends early still has some rows: a block falls within a second or so
-    rows = max(1, (min(steps, math.ceil(20.0 / moving.time_step)) if control.kind == "tilt" else steps))
+    goal = control.displacement if to_collapse else NO_LIMIT
+    steps = _most_steps(moving, control, jack)
+    # a run that ends early still has some rows: a block falls within a second or so
+    rows = max(1, (min(steps, math.ceil(20.0 / moving.time_step)) if to_collapse else steps))
     every = max(1, rows // session.output.rows)
+    if jack is not None:  # a row, and so a checkpoint, never falls into steps for which V is held
+        every = jack.steps * max(1, round(every / jack.steps))
     frames_every = max(1, session.output.rows // session.output.frames)
     limits = Limits(displacement=goal, longest=0.1 * float(moving.state.bodies.reach.min()))
-    recorder = _Recorder(moving, control, driving, session, every, frames_every)
+    recorder = _Recorder(moving, control, driving, session, every, frames_every, jack)
     if not moving.steps:
         recorder.take()
     status = None
     with interruption.deferred():
         while moving.steps < steps and status != REACHED:
-            status = advance(moving, driving, min(every, steps - moving.steps), limits)
+            n = min(every, steps - moving.steps)
+            if jack is None:
+                status = advance(moving, driving, n, limits)
+            else:
+                status = _push(moving, jack, driving, n, limits)
             over = status == REACHED or moving.steps >= steps
             recorder.take(last=over)
             if not over:
                 session.pause(past)
     unbalanced, at_rest = float(past.unbalanced[0]), past.at_rest
     settings = {"contact_damping": moving.damping, "seating_steps": moving.seating_steps, "inertia": "physical"}
-    if control.kind != "tilt":
+    if not to_collapse:
         return MotionRun(moving, "completed", None, unbalanced, settings)
     if status != REACHED:
-        raise NotConvergedError(
-            f"no block moved by {goal:.6g} m before the table stood at {STEEPEST:g} deg; ask for a smaller displacement"
-        )
-    return MotionRun(moving, "collapse", _collapse(moving, control, at_rest), unbalanced, settings)
+        least = f"the table stood at {STEEPEST:g} deg" if jack is None else f"the load factor came near {STRONGEST:g}"
+        raise NotConvergedError(f"no block moved by {goal:.6g} m before {least}; ask for a smaller displacement")
+    return MotionRun(moving, "collapse", _collapse(moving, control, jack, at_rest), unbalanced, settings)
+
+
+def _push(moving: Motion, jack: Jack, driving: Driving, n_steps: int, limits: Limits) -> int:
+    """`advance` under the jack, which looks again at the blocks after every ``jack.steps``."""
+    last, status = moving.steps + n_steps, None
+    while moving.steps < last and status != REACHED:
+        jack.press(moving.steps, moving.displacement, moving.state.bodies.velocity)
+        status = advance(moving, jack.pushing(driving), min(jack.steps, last - moving.steps), limits)
+    return status
 
 
 def _set_going(moving: Motion, driving: Driving) -> None:
@@ -153,14 +180,14 @@ def _set_going(moving: Motion, driving: Driving) -> None:
     bodies.spin[free] = spin[free]
 
 
-def _collapse(moving: Motion, control, at_rest: np.ndarray) -> dict:
-    """What came down, when, and how: the object of the JSON output."""
+def _collapse(moving: Motion, control, jack: Jack | None, at_rest: np.ndarray) -> dict:
+    """What came down, when, and how: the object of the JSON output. The load factor of a push is its peak."""
     away = np.linalg.norm(moving.displacement, axis=1)
-    angle = control.rate * moving.time
+    angle = control.rate * moving.time if jack is None else None
     worst = float(away.max())
     return {
         "angle": angle,
-        "load_factor": math.tan(math.radians(angle)),
+        "load_factor": math.tan(math.radians(angle)) if jack is None else float(jack.peak[0]),
         "time": moving.time,
         "displacement": worst,
         "mechanism": mechanism(moving, at_rest),
@@ -182,8 +209,8 @@ def mechanism(moving: Motion, at_rest: np.ndarray) -> str:
 class _Past:
     """What a run remembers beside its state, so that it can go on from a checkpoint."""
 
-    def __init__(self, moving: Motion):
-        self._moving = moving
+    def __init__(self, moving: Motion, jack: Jack | None):
+        self._moving, self._jack = moving, jack
         self.unbalanced = np.zeros(1)  # after the seating
         self.at_rest = np.zeros((len(moving.state.links.host), 9))  # `seen` then
 
@@ -200,6 +227,8 @@ class _Past:
     def _arrays(self) -> dict[str, np.ndarray]:
         moving = self._moving
         arrays = {"past.unbalanced": self.unbalanced, "past.at_rest": self.at_rest, "motion.travel": moving._travel}
+        if self._jack is not None:
+            arrays |= {"jack.present": self._jack.present, "jack.peak": self._jack.peak}
         return arrays | {"polygons.shift": moving.polygons.shift, "polygons.whole": moving.polygons.whole}
 
     def snapshot(self) -> dict[str, np.ndarray]:
@@ -231,8 +260,12 @@ class _Past:
 class _Recorder:
     """Hands rows and frames of a run to the observer of a session."""
 
-    def __init__(self, moving: Motion, control, driving: Driving, session: Session, rows_every: int, frames_every: int):
+    def __init__(
+        self, moving: Motion, control, driving: Driving, session: Session, rows_every: int, frames_every: int,
+        jack: Jack | None,
+    ):  # fmt: skip
         self._moving, self._control, self._driving, self._session = moving, control, driving, session
+        self._jack = jack
         self._frames_every, self._rows_every = frames_every, rows_every
         self._origin = moving.assembly.position - moving.state.middle
 
@@ -245,7 +278,7 @@ class _Recorder:
         rows = {
             "time": np.array([moving.time]),
             "load": np.array([self._load()]),
-            "displacement": np.array([float(np.linalg.norm(away, axis=1).max())]),
+            "displacement": np.array([self._displacement(away)]),
             "unbalanced": np.array([self._unbalanced()]),
             "lower": np.zeros(1),
             "upper": np.zeros(1),
@@ -267,8 +300,14 @@ class _Recorder:
                 frames["velocity"], frames["spin"] = bodies.velocity[None][due].copy(), bodies.spin[None][due].copy()
         self._session.observe(rows, frames)
 
+    def _displacement(self, away: np.ndarray) -> float:
+        """The one that a jack drives, else that of the block that has moved furthest."""
+        return float(np.linalg.norm(away, axis=1).max()) if self._jack is None else self._jack.mean(away)
+
     def _load(self) -> float:
-        """Load factor of a tilt, acceleration of shaken supports (m/s2), else nought."""
+        """Load factor of a tilt or a push, acceleration of shaken supports (m/s2), else nought."""
+        if self._jack is not None:
+            return float(self._jack.present[0])
         if self._control.kind == "tilt":
             return math.tan(math.radians(min(self._control.rate * self._moving.time, 89.999)))
         if self._control.kind == "base-motion":
@@ -278,7 +317,8 @@ class _Recorder:
 
     def _unbalanced(self) -> float:
         state = self._moving.state
-        gravity, _ = self._driving.at(np.array([self._moving.time]), self._moving.time_step)
+        driving = self._driving if self._jack is None else self._jack.pushing(self._driving)
+        gravity, _ = driving.at(np.array([self._moving.time]), self._moving.time_step)
         force, _ = out_of_balance(state, gravity[0])
         largest = np.sqrt((state.links.wrench[:, :3] ** 2).sum(axis=1).max(initial=0.0))
         worst = np.sqrt((force[state.bodies.free] ** 2).sum(axis=1).max(initial=0.0))

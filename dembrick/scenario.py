@@ -17,7 +17,7 @@ from typing import Any, NamedTuple, NoReturn
 
 from dembrick.blocks import Mesh, Part, Prism, Voussoir
 from dembrick.checks import nearest, show
-from dembrick.controls import WITHOUT_ACTUATORS, Control, Pulse, Sine
+from dembrick.controls import MOTIONS, Control, Pulse, Sine
 from dembrick.errors import ScenarioError
 from dembrick.generators import GENERATORS, Opening, Return
 from dembrick.model import (
@@ -195,7 +195,7 @@ def _decode(
         else:
             values[key] = decode()
     scenario = _make(Scenario, {**values, "path": path, "text": text}, place)
-    if not scenario.actuators and scenario.control.kind not in WITHOUT_ACTUATORS:
+    if not scenario.actuators and scenario.control.kind not in MOTIONS:
         place.fail(f"control kind {show(scenario.control.kind)} drives actuators and there is none; add [[actuators]]")
     return scenario
 

@@ -34,7 +34,7 @@ FLOORS = {
     6.5: ["point_table", "body_forces"],
     7: ["assembly", "simulation"],
     7.1: ["moving_state", "driving"],
-    7.2: ["moving_polygons", "frequencies"],
+    7.2: ["moving_polygons", "frequencies", "pushing"],
     8: ["session", "stability", "certificate", "elastic"],
     9: ["recorder", "snapshots", "yield_point", "equilibrium", "dynamics"],
     10: ["stepping", "motion_run", "quasi_static"],

@@ -9,7 +9,7 @@ import pytest
 
 from dembrick import scenario as scenarios
 from dembrick.cli import main
-from dembrick.controls import BaseMotionControl, DynamicControl, Pulse, Sine, TiltControl
+from dembrick.controls import BaseMotionControl, DynamicControl, Pulse, PushoverControl, Sine, TiltControl
 from dembrick.curves import pulse_velocity, read_samples, sampled_velocity, sine_velocity
 from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.model import Block, JointLaw, Load, Material, Scenario, Wall
@@ -266,6 +266,71 @@ def test_a_load_history_pushes(tmp_path, monkeypatch):
     result = simulate(block_on_floor(DynamicControl(0.25), (push,)))
     time = result.run.motion.time
     assert result.displacement[1, 0] == pytest.approx(0.5 * (4.0 - 1.962) * time**2, rel=2e-3)
+
+
+def push(displacement=0.02, rate=2e-3, direction=(0.0, 1.0, 0.0), **more):
+    return PushoverControl(direction, displacement, quasi_static=False, rate=rate, **more)
+
+
+def test_push_over_an_edge():
+    """A block pushed by a share V of its weight turns on its toe at V = tan(alpha - theta), on and on past the peak;
+    its centroid has moved by R (sin(alpha) - sin(alpha - theta))."""
+    b, h = 0.2, 1.0
+    control = push(displacement=0.06, rate=5e-3, direction=(1.0, 0.0, 0.0))
+    result = simulate(tower(control, (b, 0.5, h)))
+    alpha, R = math.atan(b / h), 0.5 * math.hypot(b, h)
+    assert result.status == "collapse"
+    assert result.collapse["angle"] is None
+    assert result.collapse["mechanism"] == "rocking"
+    inertia = 5e-3 * math.sqrt(9.81 / 0.06) / 9.81  # rate times frequency of the jack over g
+    assert 0.0 < result.collapse["load_factor"] - math.tan(alpha) < inertia
+    u, V = result.rows["displacement"], result.rows["load"]
+    theta = alpha - np.arcsin(np.sin(alpha) - np.clip(u, 0.0, None) / R)
+    past = u > 0.01
+    assert past.sum() > 50
+    assert V[past] == pytest.approx(np.tan(alpha - theta[past]), abs=1e-4)
+    assert u[-1] == pytest.approx(0.06, rel=0.03)  # the way of the centroid, a little longer by its rise
+
+
+def test_push_of_a_sliding_block():
+    result = simulate(
+        tower(push(displacement=2e-3, rate=1e-3, direction=(0.0, -1.0, 0.0)), (0.3, 0.2, 0.1), friction=0.3)
+    )
+    assert 0.0 < result.collapse["load_factor"] - 0.3 < 1e-3 * math.sqrt(9.81 / 2e-3) / 9.81
+    assert result.collapse["mechanism"] == "sliding"
+    slid = result.rows["displacement"] > 1e-3
+    assert slid.sum() > 20
+    assert result.rows["load"][slid] == pytest.approx(0.3, rel=1e-3)
+
+
+def test_a_wall_pushed_out_of_plane_and_what_refines_it():
+    result = simulate(wall(push(displacement=0.01, rate=4e-3)), refine=True)
+    quasi_static = simulate(wall(PushoverControl((0.0, 1.0, 0.0))))
+    expected = quasi_static.collapse["load_factor"]
+    assert expected == pytest.approx(0.5, rel=2e-3)  # t / H
+    assert result.collapse["load_factor"] == pytest.approx(expected, rel=0.015)
+    # half the rate: half of what inertia carries is gone
+    assert result.collapse["error_estimate"] > 0.3 * abs(result.collapse["load_factor"] - expected)
+
+
+def test_a_push_that_brings_nothing_down():
+    with pytest.raises(NotConvergedError, match="before the load factor came near 10"):
+        simulate(tower(push(displacement=2e-3, rate=0.05, direction=(0.0, 0.0, -1.0)), (0.3, 0.2, 0.1)))
+
+
+def tower(control, box, friction=0.8):
+    """A block of that box on a floor."""
+    return Scenario(
+        title="block",
+        gravity=(0.0, 0.0, -9.81),
+        joint=JointLaw("concave", friction, 1e10, 4e9),
+        materials={"stone": Material(2000.0)},
+        blocks=(
+            Block("floor", "stone", (2.0, 2.0, 0.1), (0.0, 0.0, -0.05), fixed=True),
+            Block("block", "stone", box, (0.0, 0.0, 0.5 * box[2])),
+        ),
+        control=control,
+    )
 
 
 # --- what ends a run, and what is no run

@@ -293,8 +293,8 @@ def test_what_does_not_go_together():
         simulate(on_table(0.3, tilt((0.0, 0.0, 1.0))))
     with pytest.raises(ScenarioError, match="a part along control.axis"):
         simulate(on_table(0.3, tilt(), loads=(Load("block", (10.0, 0.0, -10.0)),)))
-    with pytest.raises(ScenarioError, match="quasi_static = false is out of range"):
-        PushoverControl((1.0, 0.0, 0.0), quasi_static=False)
+    with pytest.raises(ScenarioError, match="rate = 0.1 is out of range"):
+        PushoverControl((1.0, 0.0, 0.0), rate=0.1)
     with pytest.raises(ScenarioError, match="length must be greater than 0"):
         PushoverControl((0.0, 0.0, 0.0))
 

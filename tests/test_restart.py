@@ -141,11 +141,21 @@ def test_pressures_that_follow_the_bending_go_on_too(tmp_path, stop_after, press
     check_same(tmp_path / "parts.h5", tmp_path / "whole.h5")
 
 
+PUSH = """
+kind = "pushover"
+direction = [1.0, 0.0, 0.0]
+quasi_static = false
+rate = 1.0e-2
+displacement = 0.002
+"""
+
+
 @pytest.mark.parametrize("formulation", ["concave", "convex", "distributed"])
-def test_a_tilting_table_goes_on_too(tmp_path, stop_after, formulation):
+@pytest.mark.parametrize("control", [TILT, PUSH], ids=["tilt", "push"])
+def test_a_run_to_collapse_in_real_time_goes_on_too(tmp_path, stop_after, formulation, control):
     """A block that hangs over the edge of the other, so that polygons are cut; stopped at rest and in motion."""
     text = (SCENARIOS / "set4a.toml").read_text().replace('"convex"', f'"{formulation}"')
-    text = text[: text.index("[[loads]]")] + "[control]" + TILT
+    text = text[: text.index("[[loads]]")] + "[control]" + control
     text = text.replace("position = [0.0, 0.0, 0.05]", "position = [0.01, 0.02, 0.05]")
     given = scenario.loads(text + "[output]\nrows = 400\nframes = 100\ncheckpoint = 1e9\n")
     whole = simulate(given, tmp_path / "whole.h5")

@@ -276,11 +276,11 @@ BAD = {
         "did you mean 'yield'?",
     ),
     "kind is a number": ('"yield"', "1", "kind = 1 is not a kind of control"),
-    "pushover in real time": (
+    "pushover in real time without a rate": (
         '"yield"',
         '"pushover"\ndirection = [1, 0, 0]\nquasi_static = false',
-        "quasi_static = false is out of range",
-        "not part of this version",
+        "rate = None is out of range",
+        "a push in real time needs it, in m/s",
     ),
     "rate missing": ('"yield"\ntolerance = 1.0e-3', '"displacement"\ntravel=1e-5', "missing key 'rate' in [control]"),
     "rate 0": ('"yield"\ntolerance = 1.0e-3', '"displacement"\nrate=0\ntravel=1', "rate = 0.0", "greater than 0 m/s"),

@@ -1,0 +1,83 @@
+"""The jack of a pushover in real time: every block pushed by the same share of its weight, under displacement control.
+
+The jack acts on all free blocks at their centroids, by the load factor V times their weight, along a direction. What is
+work-conjugate to V is their mean displacement u along it, weighted by mass. The head of the jack moves at a constant
+rate, a spring joins it to the blocks, and a dashpot holds the mean motion back, so that V rises to the peak and falls
+again behind it, as far as the blocks carry less and less.
+
+The spring is soft: a load factor of 1 stretches it by the displacement D that is asked for. Its frequency sqrt(g / D)
+lies far below that of the joints, so V can be held for many steps at a time; a stiffer one would only add what inertia
+carries (rate times frequency over g) to the peak.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from dembrick.driving import Driving
+from dembrick.errors import ScenarioError
+
+HELD = 0.05  # rad of the jack's own swing for which V is held
+STRONGEST = 10.0  # load factor: blocks that do not give way before are not pushed over
+
+
+@dataclass
+class Jack:
+    """Drives the mean displacement (m) along ``direction`` (3,) at ``rate`` (m/s); ``stretch``: m for V = 1.
+
+    ``share`` (n,): of each block in the mean. ``steps``: for how many of ``time_step`` (s) V is held. ``present`` holds
+    V; ``peak`` its greatest value so far and u (m) then.
+    """
+
+    direction: np.ndarray
+    rate: float
+    stretch: float
+    share: np.ndarray
+    weight: float  # m/s2, what a mass weighs
+    steps: int
+    time_step: float
+    present: np.ndarray = field(default_factory=lambda: np.zeros(1))
+    peak: np.ndarray = field(default_factory=lambda: np.zeros(2))
+
+    @property
+    def longest(self) -> int:
+        """Steps after which even blocks that had not moved would be pushed by ``STRONGEST``."""
+        return math.ceil((1.0 + STRONGEST) * self.stretch / self.rate / self.time_step)
+
+    def mean(self, vectors: np.ndarray) -> float:
+        """Of displacements or velocities (n, 3) of the blocks, along the direction."""
+        return float(self.share @ (vectors @ self.direction))
+
+    def press(self, step: int, displacement: np.ndarray, velocity: np.ndarray) -> None:
+        """Set V from how far the blocks (n, 3) have come, and how fast, at the beginning of ``step``."""
+        swing = math.sqrt(self.weight / self.stretch)  # rad/s
+        u = self.mean(displacement)
+        behind = self.rate * step * self.time_step - u - 2.0 / swing * self.mean(velocity)
+        self.present[0] = behind / self.stretch
+        if self.present[0] > self.peak[0]:
+            self.peak[:] = self.present[0], u
+
+    def pushing(self, driving: Driving) -> Driving:
+        """What drives the run while V is held: gravity leans."""
+        return replace(driving, gravity=driving.gravity + self.present[0] * self.weight * self.direction)
+
+
+def jack_of(control, assembly, gravity, time_step: float) -> Jack:
+    """The jack of a `PushoverControl`; ScenarioError without gravity."""
+    weight = float(np.linalg.norm(gravity))
+    if not weight > 0.0:
+        raise ScenarioError("gravity is nought, and a pushover pushes by shares of the weight: give gravity")
+    mass = np.where(assembly.fixed, 0.0, assembly.mass)
+    swing = math.sqrt(weight / control.displacement)
+    return Jack(
+        direction=np.array(control.direction, float),
+        rate=control.rate,
+        stretch=control.displacement,
+        share=mass / mass.sum(),
+        weight=weight,
+        steps=max(1, int(HELD / (swing * time_step))),
+        time_step=time_step,
+    )
