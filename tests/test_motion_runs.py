@@ -276,8 +276,7 @@ def test_push_over_an_edge():
     """A block pushed by a share V of its weight turns on its toe at V = tan(alpha - theta), on and on past the peak;
     its centroid has moved by R (sin(alpha) - sin(alpha - theta))."""
     b, h = 0.2, 1.0
-    control = push(displacement=0.06, rate=5e-3, direction=(1.0, 0.0, 0.0))
-    result = simulate(tower(control, (b, 0.5, h)))
+    result = simulate(scenarios.load(SCENARIOS / "rocking_push.toml"))
     alpha, R = math.atan(b / h), 0.5 * math.hypot(b, h)
     assert result.status == "collapse"
     assert result.collapse["angle"] is None

@@ -25,6 +25,7 @@ ASSEMBLIES = {  # free blocks, joints
     "dome": (129, 272),
     "newmark_pulse": (1, 1),
     "rocking_block": (1, 1),
+    "rocking_push": (1, 1),
     "spinning_plate": (1, 1),
 }
 FILES = sorted(path.stem for path in scenario_folder().glob("*.toml") if path.stem not in ASSEMBLIES)
