@@ -172,7 +172,7 @@ def advance(motion: Motion, driving: Driving, n_steps: int, limits: Limits) -> i
 
 def joint_forces(motion: Motion, driving: Driving) -> None:
     """Let the joints answer to where the blocks are, and nothing move."""
-    held = motion.state.bodies._replace(free=np.zeros(0, np.int64))
+    held = motion.state.bodies._replace(free=np.zeros(0, np.uint32))
     _advance(motion, held, driving, np.zeros(1), Limits(1.0, 1.0), 0.0, motion.time_step)
 
 

@@ -46,7 +46,7 @@ def _bodies(assembly, links: Links, middle: np.ndarray) -> Bodies:
     order = np.lexsort((sides, blocks))
     position = assembly.position - middle
     return Bodies(
-        free=np.flatnonzero(~assembly.fixed).astype(np.int64),
+        free=np.flatnonzero(~assembly.fixed).astype(np.uint32),
         position=position,
         rotation=np.array(assembly.rotation, float, order="C"),
         orientation=np.array(assembly.orientation, float),
@@ -58,8 +58,8 @@ def _bodies(assembly, links: Links, middle: np.ndarray) -> Bodies:
         reach=np.array([0.5 * shape.diameter for shape in assembly.shapes]),
         start=position.copy(),
         applied=np.zeros((n, 6)),
-        side_start=np.searchsorted(blocks[order], np.arange(n + 1)).astype(np.int32),
-        side=sides[order].astype(np.int32),
+        side_start=np.searchsorted(blocks[order], np.arange(n + 1)).astype(np.uint32),
+        side=sides[order].astype(np.uint32),
     )
 
 
@@ -75,8 +75,8 @@ def _links(assembly) -> Links:
     for numbers, outlines in table.by_corners():
         reach[numbers] = np.sqrt((outlines**2).sum(axis=2).max(axis=1))
     return Links(
-        host=host.astype(np.int32),
-        other=other.astype(np.int32),
+        host=host.astype(np.uint32),
+        other=other.astype(np.uint32),
         sense=sense,
         lever=np.einsum("jik,ji->jk", assembly.rotation[host], arm_host),
         tangents=np.ascontiguousarray(table.axes[:, :2] @ assembly.rotation[host]),
@@ -105,9 +105,9 @@ def _corners(assembly) -> Corners | None:
     distinct, law = np.unique(np.column_stack([values, np.round(shear_arm, 12)]), axis=0, return_inverse=True)
     k_n, k_s, friction, shear_arm = np.ascontiguousarray(distinct.T)
     return Corners(
-        joint=chosen.astype(np.int32),
-        start=start.astype(np.int32),
-        law=law.astype(np.int32).reshape(-1),
+        joint=chosen.astype(np.uint32),
+        start=start.astype(np.uint32),
+        law=law.astype(np.uint32).reshape(-1),
         k_n=k_n.copy(),
         k_s=k_s.copy(),
         friction=friction.copy(),

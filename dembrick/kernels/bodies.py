@@ -19,7 +19,7 @@ SLOW = 1e-4  # rad a step: up to here one correction of the spin, and a series f
 class Bodies(NamedTuple):
     """n blocks. World axes and positions from the middle of the scene, so that they keep their digits."""
 
-    free: ndarray  # (f,) int64, blocks that move
+    free: ndarray  # (f,) uint32, blocks that move
     position: ndarray  # (n, 3) m, centroids now
     rotation: ndarray  # (n, 3, 3) body to world, now
     orientation: ndarray  # (n, 4) the same as quaternions (w, x, y, z)
@@ -31,8 +31,8 @@ class Bodies(NamedTuple):
     reach: ndarray  # (n,) m, greatest distance of a vertex from the centroid
     start: ndarray  # (n, 3) m, centroids that displacements count from
     applied: ndarray  # (n, 6) N, N m, loads besides gravity
-    side_start: ndarray  # (n + 1,) int32, first entry of each block in `side`
-    side: ndarray  # (2 j,) int32, 2 joint + 1 where the block is its host, 2 joint where it is the other
+    side_start: ndarray  # (n + 1,) uint32, first entry of each block in `side`
+    side: ndarray  # (2 j,) uint32, 2 joint + 1 where the block is its host, 2 joint where it is the other
 
 
 @jit
@@ -47,8 +47,8 @@ def turned_back(r1, r2, r3, a1, a2, a3):
         h = sin(0.5 * angle) / angle
         k = 2.0 * h * h
     else:
-        s = 1.0 - angle2 / 6.0 * (1.0 - angle2 / 20.0)
-        k = 0.5 - angle2 / 24.0 * (1.0 - angle2 / 30.0)
+        s = 1.0 - angle2 * (1.0 / 6.0 - angle2 * (1.0 / 120.0))
+        k = 0.5 - angle2 * (1.0 / 24.0 - angle2 * (1.0 / 720.0))
     return a1 - s * c1 + k * d1, a2 - s * c2 + k * d2, a3 - s * c3 + k * d3
 
 
@@ -82,7 +82,7 @@ def turn_body(bodies, b, dt):
         s = dt * sin(0.5 * angle) / angle
         c = cos(0.5 * angle)
     else:
-        s = dt * (0.5 - angle2 / 48.0)
+        s = dt * (0.5 - angle2 * (1.0 / 48.0))
         c = 1.0 - 0.125 * angle2
     x = s * w1
     y = s * w2

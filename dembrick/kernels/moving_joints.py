@@ -26,8 +26,8 @@ from dembrick.kernels.vec3 import cross, rows_times
 class Links(NamedTuple):
     """j joints: which blocks, and where the polygon and the plane sit on them."""
 
-    host: ndarray  # (j,) int32
-    other: ndarray  # (j,) int32
+    host: ndarray  # (j,) uint32
+    other: ndarray  # (j,) uint32
     sense: ndarray  # (j,) +1 where the other's outward normal is m, -1 where it is -m
     lever: ndarray  # (j, 3) m, from the host's centroid to O, host's body axes
     tangents: ndarray  # (j, 2, 3) e1, e2 in the host's body axes
@@ -44,9 +44,9 @@ class Links(NamedTuple):
 class Corners(NamedTuple):
     """Joints whose forces act at contact points."""
 
-    joint: ndarray  # (p,) int32
-    start: ndarray  # (p + 1,) int32, first contact point of each
-    law: ndarray  # (p,) int32, which of the following
+    joint: ndarray  # (p,) uint32
+    start: ndarray  # (p + 1,) uint32, first contact point of each
+    law: ndarray  # (p,) uint32, which of the following
     k_n: ndarray  # (l,) Pa/m
     k_s: ndarray  # (l,) Pa/m
     friction: ndarray  # (l,)
@@ -171,61 +171,68 @@ def corner_forces(links, corners, bodies, first, last):
         seen[6] = g1
         seen[7] = g2
         seen[8] = g3
+        # penetration of a point, and what drives its normal force: the dashpot sees a fraction of a step ahead
         sense = links.sense[j]
         offset = links.offset[j]
-        law = corners.law[p]
-        k_n = -sense * corners.k_n[law]
         viscous = links.viscous[j, 0]
+        g0 = sense * (offset - o3)
+        gx = -sense * e3
+        gy = -sense * g3
+        h0 = g0 - sense * viscous * p3
+        hx = gx - sense * viscous * x3
+        hy = gy - sense * viscous * y3
+        law = corners.law[p]
+        arm = corners.shear_arm[law]
+        x1 *= arm
+        x2 *= arm
+        y1 *= arm
+        y2 *= arm
+        k_n = corners.k_n[law]
         k_s = corners.k_s[law]
         damped = 1.0 + links.viscous[j, 1]
-        share = 1.0 / damped
         mu = corners.friction[law]
-        arm = corners.shear_arm[law]
         a1 = a2 = a3 = b1 = b2 = b3 = c1 = c2 = c3 = 0.0
         for i in range(corners.start[p], corners.start[p + 1]):
             x = corners.x[i]
             y = corners.y[i]
             area = corners.area[i]
             force = 0.0
-            if sense * (o3 - offset + x * e3 + y * g3) < 0.0:
-                force = k_n * area * (o3 - offset + x * e3 + y * g3 + viscous * (p3 + x * x3 + y * y3))
+            if g0 + x * gx + y * gy > 0.0:
+                force = k_n * area * (h0 + x * hx + y * hy)
             elastic = corners.elastic[i]
             if force > 0.0:
-                xs = arm * x
-                ys = arm * y
                 k = k_s * area
-                full = k * damped
-                slip_1 = p1 + xs * x1 + ys * y1
-                slip_2 = p2 + xs * x2 + ys * y2
-                t1 = elastic[0] + full * slip_1
-                t2 = elastic[1] + full * slip_2
+                s1 = k * (p1 + x * x1 + y * y1)
+                s2 = k * (p2 + x * x2 + y * y2)
+                t1 = elastic[0] + damped * s1
+                t2 = elastic[1] + damped * s2
                 size2 = t1 * t1 + t2 * t2
                 cap = mu * force
                 if size2 <= cap * cap:
-                    elastic[0] += k * slip_1
-                    elastic[1] += k * slip_2
+                    elastic[0] += s1
+                    elastic[1] += s2
                 else:
                     size = sqrt(size2)
-                    plastic = (size - cap) / size
-                    elastic[0] += k * slip_1 - plastic * share * t1
-                    elastic[1] += k * slip_2 - plastic * share * t2
-                    corners.slip[i] += plastic * size / full
+                    plastic = (size - cap) / (size * damped)
+                    elastic[0] += s1 - plastic * t1
+                    elastic[1] += s2 - plastic * t2
+                    corners.slip[i] += plastic * size / k
                     t1 *= cap / size
                     t2 *= cap / size
                 a1 -= t1
                 a2 -= t2
-                b1 -= xs * t1
-                b2 -= xs * t2
-                c1 -= ys * t1
-                c2 -= ys * t2
                 a3 += force
+                b1 -= x * t1
+                b2 -= x * t2
                 b3 += x * force
+                c1 -= y * t1
+                c2 -= y * t2
                 c3 += y * force
             else:
                 elastic[0] = 0.0
                 elastic[1] = 0.0
         resultant(
-            links, j, a1, a2, sense * a3, b1, b2, sense * b3, c1, c2, sense * c3, 0.0,
+            links, j, a1, a2, sense * a3, arm * b1, arm * b2, sense * b3, arm * c1, arm * c2, sense * c3, 0.0,
             u1, u2, u3, w1, w2, w3, d, r,
         )  # fmt: skip
 
