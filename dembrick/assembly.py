@@ -1,4 +1,4 @@
-"""From a scenario to its immutable geometry: blocks, joints, contact points, dead loads, jacks.
+"""From a scenario to its immutable geometry: blocks, joints, contact points, dead loads, and what is attached.
 
 :func:`build` also refuses what cannot be a test: blocks that overlap or hang in the air, jacks that push beside their
 block, joints too soft for their load. Its messages name the blocks and say how far off they are.
@@ -12,7 +12,17 @@ from typing import NoReturn
 
 import numpy as np
 
-from dembrick import body_forces, polygons
+from dembrick import polygons
+from dembrick.attachments import (
+    NO_ACTUATORS,
+    NO_CONTROL_POINTS,
+    Actuators,
+    ControlPoints,
+    check_inside,
+    control_points,
+    jacks,
+    jacks_on_all_blocks,
+)
 from dembrick.checks import show
 from dembrick.controls import on_all_blocks
 from dembrick.errors import ScenarioError
@@ -20,28 +30,14 @@ from dembrick.joints import TOLERANCE, JointTable, find_joints
 from dembrick.model import JointLaw, Scenario
 from dembrick.neighbours import Bodies, bodies_of, close_pairs, overlap_depths
 from dembrick.point_table import PointTable, place_points
-from dembrick.shapes import Shape, parts_of, rotation_matrix, unit_quaternion
+from dembrick.shapes import Shape, rotation_matrix, unit_quaternion
 from dembrick.solids import shapes_of
 
 SOFT_WARNING = 1e-3  # elastic closing or sliding of a joint under its dead load, over its short side
 SOFT_LIMIT = 1e-2
 _QUASI_STATIC = ("yield", "displacement")
 _DISCRETISATION = 1e-3  # tolerance of distributed points where the control has none
-_ON_FACE = 1e-9  # of the block's diameter: a point so little outside is on the face
 _FAR = 0.1  # of the smaller block's diameter: how far a message looks for the block that should have been touched
-
-
-@dataclass(frozen=True, eq=False)
-class Actuators:
-    """Jacks: ``names``; ``block`` (k,); ``point`` (k, 3) at the start, world; ``arm`` (k, 3) the same from the block's
-    centroid; ``direction`` (k, 3) unit, world; ``weight`` (k,)."""
-
-    names: tuple[str, ...]
-    block: np.ndarray
-    point: np.ndarray
-    arm: np.ndarray
-    direction: np.ndarray
-    weight: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,11 +70,11 @@ class Assembly:
     joint_force: np.ndarray
     joint_force_exact: bool
     actuators: Actuators
+    control_points: ControlPoints
     warnings: tuple[str, ...]
 
 
 _NO_POINTS = place_points(JointTable.of(()), _DISCRETISATION)
-_NO_ACTUATORS = Actuators((), np.zeros(0, np.int64), *np.zeros((3, 0, 3)), np.zeros(0))
 
 
 def build(scenario: Scenario) -> Assembly:
@@ -139,7 +135,8 @@ def at_rest(scenario: Scenario) -> Assembly:
         dead_torque=nothing,
         joint_force=np.zeros((len(joints), 3)),
         joint_force_exact=True,
-        actuators=_NO_ACTUATORS,
+        actuators=NO_ACTUATORS,
+        control_points=NO_CONTROL_POINTS,
         warnings=(),
     )
 
@@ -154,13 +151,17 @@ def loaded(scenario: Scenario, bare: Assembly, points: bool = True) -> Assembly:
     gravity = np.array(scenario.gravity, float)
     dead_force = bare.mass[:, None] * gravity
     dead_torque = np.zeros_like(dead_force)
-    for index, load in enumerate(scenario.loads, 1):
-        for block in scenario.groups.get(load.block) or (number[load.block],):
-            dead_force[block] += load.force
-            if load.point is not None:
-                arm = np.array(load.point, float) - bare.position[block]
-                _check_inside(scenario, f"load number {index}", load.point, bare, block, arm)
-                dead_torque[block] += np.cross(arm, load.force)
+    try:
+        for index, load in enumerate(scenario.loads, 1):
+            for block in scenario.groups.get(load.block) or (number[load.block],):
+                dead_force[block] += load.force
+                if load.point is not None:
+                    arm = check_inside(f"load number {index}", load.point, bare, block)
+                    dead_torque[block] += np.cross(arm, load.force)
+        actuators = (jacks_on_all_blocks if on_all_blocks(scenario.control) else jacks)(scenario, number, bare)
+        watched = control_points(scenario, number, bare)
+    except ScenarioError as error:
+        _refuse(scenario, str(error))
 
     joint_force, exact = dead_joint_forces(joints, bare.fixed, dead_force)
     warnings = _check_stiffness(scenario, joints, joint_force)
@@ -176,9 +177,8 @@ def loaded(scenario: Scenario, bare: Assembly, points: bool = True) -> Assembly:
         dead_torque=dead_torque,
         joint_force=joint_force,
         joint_force_exact=exact,
-        actuators=_body_forces(scenario, number, bare)
-        if on_all_blocks(scenario.control)
-        else _actuators(scenario, number, bare),
+        actuators=actuators,
+        control_points=watched,
         warnings=warnings,
     )
 
@@ -321,53 +321,6 @@ def _refuse_unsupported(scenario: Scenario, shapes, position, orientation, fixed
     others = f" (nor from {int(loose.sum()) - 1} more)" if loose.sum() > 1 else ""
     _refuse(
         scenario, f"block {name} rests on nothing: no chain of joints leads from it to a fixed block{others}; {hint}"
-    )
-
-
-def _check_inside(scenario: Scenario, what: str, point, bare: Assembly, block: int, arm) -> None:
-    shape = bare.shapes[block]
-    local = bare.rotation[block].T @ arm
-    outside = min(
-        float((part.face_normals @ (local - place) - part.face_offsets).max()) for place, part in parts_of(shape)
-    )
-    if outside > _ON_FACE * shape.diameter:
-        where = f"its point {show(tuple(point))} lies {outside:.6g} m outside block {show(bare.names[block])}"
-        _refuse(scenario, f"{what}: {where}; put it in the block or on one of its faces (world position at the start)")
-
-
-def _actuators(scenario: Scenario, number: dict[str, int], bare: Assembly) -> Actuators:
-    block = np.array([number[actuator.block] for actuator in scenario.actuators], np.int64)
-    point = np.array([actuator.point for actuator in scenario.actuators], float).reshape(-1, 3)
-    arm = point - bare.position[block]
-    for i, actuator, lever in zip(block, scenario.actuators, arm, strict=True):
-        what = f"actuator {show(actuator.name)}"
-        if bare.fixed[i]:
-            _refuse(scenario, f"{what} pushes block {show(actuator.block)}, which is fixed; push a free block")
-        _check_inside(scenario, what, actuator.point, bare, i, lever)
-    return Actuators(
-        names=tuple(actuator.name for actuator in scenario.actuators),
-        block=block,
-        point=point,
-        arm=arm,
-        direction=np.array([actuator.direction for actuator in scenario.actuators], float).reshape(-1, 3),
-        weight=np.array([actuator.weight for actuator in scenario.actuators], float),
-    )
-
-
-def _body_forces(scenario: Scenario, number: dict[str, int], bare: Assembly) -> Actuators:
-    """The load system of a quasi-static tilt or pushover, as jacks at centroids and at the points of the loads."""
-    try:
-        block, point, force = body_forces.load_system(scenario, number, bare.position, bare.mass, bare.fixed)
-    except ScenarioError as error:
-        _refuse(scenario, str(error))
-    weight = np.sqrt((force**2).sum(axis=1))
-    return Actuators(
-        names=tuple(f"load on {bare.names[i]}" for i in block),
-        block=block,
-        point=point,
-        arm=point - bare.position[block],
-        direction=force / weight[:, None],
-        weight=weight,
     )
 
 

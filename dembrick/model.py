@@ -170,6 +170,21 @@ class Actuator:
 
 
 @dataclass(frozen=True, slots=True)
+class ControlPoint:
+    """A material ``point`` (m, world at the start; None: the centroid) of a ``block``; its displacement is recorded."""
+
+    name: str
+    block: str
+    point: Vector | None = None
+
+    def __post_init__(self):
+        label = f" of control point {show(check_name('name', self.name))}"
+        check_name(f"block{label}", self.block)
+        if self.point is not None:
+            assign(self, point=vector("point", self.point, label=label))
+
+
+@dataclass(frozen=True, slots=True)
 class Solver:
     """``step_factor``: time step over the critical one."""
 
@@ -241,6 +256,7 @@ class Scenario:
     arches: tuple[Arch, ...] = ()
     domes: tuple[Dome, ...] = ()
     supports: tuple[str, ...] = ()
+    control_points: tuple[ControlPoint, ...] = ()
     all_blocks: tuple[Block, ...] = field(default=(), init=False, compare=False, repr=False)
     groups: dict[str, tuple[int, ...]] = field(default_factory=dict, init=False, compare=False, repr=False)
 
@@ -256,6 +272,7 @@ class Scenario:
         for name in self.materials:
             check_name("name of a material", name)
         lists = {"blocks": Block, "joints": JointOverride, "loads": Load, "actuators": Actuator, "supports": str}
+        lists["control_points"] = ControlPoint
         for key, kind in (lists | GENERATORS).items():
             assign(self, **{key: members_of(key, getattr(self, key), kind)})
         self._lay()
@@ -285,6 +302,7 @@ class Scenario:
         for kind, members, names in (
             ("block", self.all_blocks, blocks),
             ("actuator", self.actuators, {actuator.name for actuator in self.actuators}),
+            ("control point", self.control_points, {point.name for point in self.control_points}),
         ):
             if len(names) < len(members):
                 seen = set()
@@ -310,6 +328,11 @@ class Scenario:
                 label = f"block of actuator {show(actuator.name)} = {show(actuator.block)}"
                 raise ScenarioError(f"{label} is a group; a jack pushes one block, so name one of the group")
             self._check_reference(f"block of actuator {show(actuator.name)}", actuator.block, blocks, {})
+        for point in self.control_points:
+            if point.block in self.groups:
+                label = f"block of control point {show(point.name)} = {show(point.block)}"
+                raise ScenarioError(f"{label} is a group; name one block of it")
+            self._check_reference(f"block of control point {show(point.name)}", point.block, blocks, {})
         for override in self.joints:
             for name in override.between:
                 self._check_reference("between", name, blocks, self.groups)

@@ -52,6 +52,13 @@ class MotionResult:
         """How far every centroid has moved since the blocks were seated (n, 3), in the frame of the supports (m)."""
         return self.run.motion.displacement
 
+    @property
+    def control_points(self) -> dict[str, list[float]]:
+        """Displacement (3) of every control point from the start (m), at the end."""
+        watched, state = self.assembly.control_points, self.run.motion.state
+        moved = state.bodies.position + state.middle - self.assembly.position
+        return dict(zip(watched.names, watched.displacement(moved, state.bodies.rotation).tolist(), strict=True))
+
     def agrees(self) -> bool:
         """There is no theory that a run of this kind would be held against."""
         return True
@@ -73,6 +80,7 @@ class MotionResult:
             "simulated_time": motion.time,
             "displacement": float(np.linalg.norm(self.displacement, axis=1).max()),
             "unbalanced": self.run.unbalanced,
+            "control_points": self.control_points,
             "energy": None,
             "wall": self.wall,
             "history": self.history,

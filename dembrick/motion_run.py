@@ -286,6 +286,10 @@ class _Recorder:
             "actuator_force": np.zeros((1, 0)),
             "energy": {},
         }
+        watched = moving.assembly.control_points
+        if watched.names:
+            moved = moving.state.bodies.position - self._origin
+            rows["control_point"] = watched.displacement(moved, moving.state.bodies.rotation)[None]
         if "joints" in channels:
             rows["joint"] = joint_resultants(moving.state)[None]
         frames = {}

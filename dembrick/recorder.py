@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from dembrick.attachments import NO_CONTROL_POINTS, ControlPoints
 from dembrick.kernels.record import Record
 from dembrick.session import Session
 from dembrick.simulation import State
@@ -16,19 +17,28 @@ class Recorder:
     """Rows and frames of a run; the session's ``observe(rows, frames)`` gets copies of what each chunk brought.
 
     ``rows``: time, load, displacement, unbalanced, lower, upper (T,), actuator_displacement and actuator_force (T, k),
-    energy (name: (T,)), and with the channel "joints" joint (T, j, 7). ``frames`` with the channel "frames": time (F,),
+    energy (name: (T,)), with control points control_point (T, w, 3), and with the channel "joints" joint (T, j, 7).
+    ``frames`` with the channel "frames": time (F,),
     displacement (F, n, 3), orientation (F, n, 4); "velocity" adds velocity and spin (F, n, 3), "contacts"
     contact_force (F, c, 3). A row is taken every ``rows_every`` steps, a frame every ``frames_every`` rows and at the
     last row of a search. ``longest_chunk`` is how many steps may pass between two calls of `drain`.
     """
 
-    def __init__(self, state: State, session: Session, chunk: int, rows_every: int = 1, frames_every: int = 1):
+    def __init__(
+        self,
+        state: State,
+        session: Session,
+        chunk: int,
+        rows_every: int = 1,
+        frames_every: int = 1,
+        watched: ControlPoints = NO_CONTROL_POINTS,
+    ):
         n_block, n_joint, n_jack = len(state.blocks.displacement), len(state.joints.block_a), len(state.jacks.block)
         channels = session.output.channels
         joints = n_joint if "joints" in channels else 0
         moving = n_block if "velocity" in channels else 0
         points = len(state.points.k_n) if "contacts" in channels and state.points is not None else 0
-        rows = _capacity(chunk // rows_every, 8 * (6 + len(ENERGIES) + n_jack + 7 * joints))
+        rows = _capacity(chunk // rows_every, 8 * (6 + len(ENERGIES) + n_jack + 7 * joints + 3 * len(watched.block)))
         self.longest_chunk = min(chunk, (rows - 2) * rows_every)
         frames = 0
         if "frames" in channels:
@@ -43,6 +53,10 @@ class Recorder:
             actuator=np.empty((rows, n_jack)),
             joint=np.empty((rows, joints, 7)),
             energy=np.zeros((rows, len(ENERGIES))),
+            watched=watched.block,
+            lever=watched.lever,
+            arm=watched.arm,
+            way=np.empty((rows, len(watched.block), 3)),
             frame_time=np.empty(frames),
             frame_displacement=np.empty((frames, n_block, 3)),
             frame_orientation=np.empty((frames, n_block, 4)),
@@ -60,6 +74,8 @@ class Recorder:
         rows = dict(zip(("time", "load", "displacement", "unbalanced", "lower", "upper"), columns, strict=True))
         rows["actuator_displacement"] = record.actuator[:n].copy()
         rows["actuator_force"] = rows["load"][:, None] * self._weight
+        if len(record.watched):
+            rows["control_point"] = record.way[:n].copy()
         if "joints" in self._channels:
             rows["joint"] = record.joint[:n].copy()
         rows["energy"] = dict(zip(ENERGIES, record.energy[:n].copy().T, strict=True))

@@ -114,7 +114,8 @@ def _by_equilibria(setup: _Setup, session: Session, goal: float, steps: float) -
     """The search where free blocks touch one another: equilibrium by equilibrium."""
     state, certificate = setup.state, setup.certificate
     frames_every = 1 if len(setup.assembly.names) <= 100 else 8
-    recorder = Recorder(state, session, 1, frames_every=frames_every) if session.observe else None
+    watched = setup.assembly.control_points
+    recorder = Recorder(state, session, 1, 1, frames_every, watched) if session.observe else None
     began = time.perf_counter()
     prepare(state, setup.load, setup.factor, certificate, recorder)
     ready = time.perf_counter()
@@ -151,7 +152,8 @@ def _by_inertia(setup: _Setup, step_factor: float, session: Session) -> Replay:
     scale = _rough_strength(state, setup.certificate, load) * setup.compliance / setup.weight
     drive = setup.drive(SLIP_PER_STEP * scale / dt, dt)._replace(steady=16 * HALVING, slowing=0.5 ** (1.0 / HALVING))
     frames_every = 1 if len(assembly.names) <= 100 else 8
-    recorder = Recorder(state, session, CHUNK_OF_SEARCH, frames_every=frames_every) if session.observe else None
+    watched = assembly.control_points
+    recorder = Recorder(state, session, CHUNK_OF_SEARCH, 1, frames_every, watched) if session.observe else None
     status, strict = RUNNING, setup.certificate.strict
     if frictionless(state, setup.certificate):
         setup.certificate.bracket[:] = 0.0
@@ -209,7 +211,8 @@ def push_at_constant_rate(
     rows_every = max(1, steps_wanted // output.rows)
     chunk = min(CHUNK, steps_wanted)
     frames_every = max(1, min(steps_wanted, output.rows) // output.frames)
-    recorder = Recorder(state, session, chunk, rows_every, frames_every) if session.observe else None
+    watched = assembly.control_points
+    recorder = Recorder(state, session, chunk, rows_every, frames_every, watched) if session.observe else None
     setup.certificate = setup.certificate._replace(every=rows_every)
     energy = new_energy(state) if recorder else None
     guard = new_guard(assembly, state, steps_wanted)

@@ -22,6 +22,7 @@ from dembrick.model import Scenario
 from dembrick.motion_result import MotionResult, lived_through
 from dembrick.motion_run import MotionRun
 from dembrick.session import Session
+from dembrick.simulation import rotations
 from dembrick.yield_point import YieldPoint
 
 BRACKET_SLACK = 1e-9  # of V: rounding by which theory may lie outside a certified bracket
@@ -62,6 +63,15 @@ class Result:
     def displacement(self) -> np.ndarray:
         """Driven displacement of every row (m)."""
         return self.rows["displacement"]
+
+    @property
+    def control_points(self) -> dict[str, list[float]]:
+        """Displacement (3) of every control point from the start (m), at the end."""
+        watched, state = self.assembly.control_points, self.replay.state
+        if not watched.names:
+            return {}
+        way = watched.displacement(state.blocks.displacement, rotations(state))
+        return dict(zip(watched.names, way.tolist(), strict=True))
 
     @property
     def status(self) -> str:
@@ -110,6 +120,7 @@ class Result:
             "critical_time_step": run.critical_time_step,
             "simulated_time": run.simulated_time,
             "unbalanced": run.unbalanced,
+            "control_points": self.control_points,
             "energy": None if self.energy is None else self.energy.as_dict(),
             "wall": self.wall,
             "history": self.history,

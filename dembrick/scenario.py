@@ -23,6 +23,7 @@ from dembrick.generators import GENERATORS, Opening, Return
 from dembrick.model import (
     Actuator,
     Block,
+    ControlPoint,
     JointLaw,
     JointOverride,
     Load,
@@ -36,7 +37,7 @@ from dembrick.overrides import apply_overrides, assign
 LARGEST_FILE = 16 * 1024 * 1024  # bytes; some hundred thousand blocks
 
 _CONTROLS = {control.kind: control for control in Control.__args__}
-_LISTS = {"blocks": Block, **GENERATORS, "loads": Load, "actuators": Actuator}
+_LISTS = {"blocks": Block, **GENERATORS, "loads": Load, "actuators": Actuator, "control_points": ControlPoint}
 _TABLES = {"prism": Prism, "voussoir": Voussoir, "mesh": Mesh, "sine": Sine, "pulse": Pulse}  # tables inside others
 _TABLE_LISTS = {"parts": Part, "openings": Opening, "returns": Return}
 _OWN_KEYS = {"points": "distributed", "pressure": "convex"}  # law keys that belong to one formulation

@@ -15,6 +15,7 @@ from dembrick.errors import ScenarioError
 from dembrick.joints import JointTable
 from dembrick.model import PRESSURES
 from dembrick.point_table import PointTable
+from dembrick.shapes import quaternion_product, rotation_matrix
 from dembrick.state import Areas, Blocks, Energy, Jacks, Joints, Points, Pressed
 
 
@@ -47,6 +48,14 @@ def initial_state(assembly) -> State:
     )
     jacks = _jacks(assembly)
     return State(blocks, _joints(assembly), point_joints(assembly), area_joints(assembly), jacks)
+
+
+def rotations(state: State) -> np.ndarray:
+    """Matrices (n, 3, 3) from body axes to the world, as the blocks stand now."""
+    blocks = state.blocks
+    half = 0.5 * np.sqrt((blocks.rotation**2).sum(axis=1))[:, None]
+    turn = np.concatenate([np.cos(half), 0.5 * np.sinc(half / np.pi) * blocks.rotation], axis=1)
+    return rotation_matrix(quaternion_product(turn, blocks.orientation))
 
 
 def _jacks(assembly) -> Jacks:

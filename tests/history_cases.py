@@ -4,6 +4,8 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from dembrick.attachments import NO_CONTROL_POINTS, ControlPoints
+
 SCENARIO = 'title = "two blocks, one joint"\ngravity = [0.0, 0.0, -9.81]\n'
 FACES = ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7))
 ENERGIES = ("kinetic", "friction", "work")
@@ -45,6 +47,9 @@ def assembly():
         inertia=np.array([np.diag([0.0375, 0.075, 0.0975])] * 2),
         joints=joints,
         contact_points=points,
+        control_points=ControlPoints(
+            ("mark",), np.array([1]), np.array([[0.0, 0.0, 0.1]]), np.zeros((1, 3)), np.zeros((1, 3))
+        ),
         actuators=SimpleNamespace(
             names=("jack",),
             block=np.array([1]),
@@ -66,6 +71,7 @@ def mixed_assembly():
     base.mass, base.inertia = np.array([9.0, 9.0, 0.75]), np.concatenate([base.inertia, [1e-3 * np.eye(3) + 1e-4]])
     base.joints = (*base.joints, joint(1, 2, "convex", origin=(0.0, 0.0, 0.1)))
     base.contact_points = (*base.contact_points, None)
+    base.control_points = NO_CONTROL_POINTS
     base.actuators = SimpleNamespace(
         names=(), block=np.zeros(0, int), point=np.zeros((0, 3)), direction=np.zeros((0, 3)), weight=np.zeros(0)
     )
@@ -95,6 +101,7 @@ def record(start, stop, n_joint=1, n_actuator=1, energies=ENERGIES):
         "upper": 101.0 + row,
         "actuator_displacement": 1e-8 * column + np.arange(n_actuator),
         "actuator_force": 3.0 * column + np.arange(n_actuator),
+        "control_point": 1e-6 * column[:, :, None] + np.array([[[0.0, 1e-3, 2e-3]]]),
         "joint": column[:, :, None] + 10.0 * np.arange(n_joint)[None, :, None] + 0.1 * np.arange(7),
         "energy": {name: (i + 1) * row for i, name in enumerate(energies)},
     }

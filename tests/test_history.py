@@ -651,6 +651,8 @@ STRANGE = {
     "not a number": lambda file, _: file["geometry/blocks/position"].__setitem__((0, 0), np.nan),
     "joint of nothing": lambda file, _: file["geometry/joints/blocks"].__setitem__((0, 0), 7),
     "jack on nothing": lambda file, _: file["geometry/actuators/block"].__setitem__(0, 2),
+    "control point on nothing": lambda file, _: file["geometry/control_points/block"].__setitem__(0, -1),
+    "control points without names": lambda file, _: file.__delitem__("geometry/control_points/name"),
     "contacts too short": replaced("frames/contact_force", put(np.zeros((4, 3, 3)))),
     "absurd contacts": replaced("geometry/joints/point", absurd((10**15, 5), chunks=(1024, 5))),
     "absurd velocity": replaced("frames/velocity", absurd((10**12, 2, 3), chunks=(64, 2, 3))),

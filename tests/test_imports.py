@@ -32,6 +32,7 @@ FLOORS = {
     5: ["point_rules"],
     6: ["joints"],
     6.5: ["point_table", "body_forces"],
+    6.6: ["attachments"],
     7: ["assembly", "simulation"],
     7.1: ["moving_state", "driving"],
     7.2: ["moving_polygons", "frequencies", "pushing"],

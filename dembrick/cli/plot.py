@@ -6,6 +6,7 @@ KINDS = {
     "curve": "load over displacement, with the bracket",
     "path": "shear force against torsion of a joint, on its yield domain",
     "joint": "the plane of a joint in several stages: slip, torsion centre, friction",
+    "points": "load, or time, against the displacement of the control points",
     "energies": "energies over time",
     "unbalanced": "out-of-balance force over time",
     "layout": "plan of the blocks and jacks",
@@ -54,6 +55,8 @@ def run(options, console) -> int:
         figure = plot.load_path(files, options.label, joint=options.joint)
     elif options.kind == "joint":
         figure = plot.joint_stages(files, options.label, joint=options.joint, stages=options.stages)
+    elif options.kind == "points":
+        figure = plot.control_points(files, options.label)
     elif options.kind == "energies":
         figure = plot.energies(files, options.label)
     elif options.kind == "unbalanced":

@@ -19,9 +19,13 @@ def to_csv(history: History, path: str | os.PathLike, report: Callable[[str], No
     """All series as text, a column each with its unit in the header; numbers read back exactly."""
     target = checked_target(history, path, frames=False)
     columns = [("time", ["time [s]"]), ("load", ["load [N]"]), ("displacement", ["displacement [m]"])]
-    jacks = [jack["name"] for jack in history.actuators]
+    jacks, watched = [jack["name"] for jack in history.actuators], []
     columns.append(("actuator_displacement", [f"displacement of {name} [m]" for name in jacks]))
     columns.append(("actuator_force", [f"force of {name} [N]" for name in jacks]))
+    for point in history.control_points:
+        watched += [f"u_{axis} of {point['name']} [m]" for axis in "xyz"]
+    if watched:
+        columns.append(("control_point", watched))
     names = history.block_names
     pairs = [f"{names[joint['block_a']]}/{names[joint['block_b']]}" for joint in history.joints]
     if len(set(pairs)) < len(pairs):

@@ -77,6 +77,10 @@ def fields(assembly, channels: Container[str], energy: Iterable[str]) -> tuple[F
         Field("history/lower", (), "N", "lower bound of the limit load so far"),
         Field("history/upper", (), "N", "upper bound of the limit load so far; 1e300 stands for none"),
     ]
+    watched = len(assembly.control_points.names)
+    if watched:
+        about = "displacement of each control point, from the start, world axes"
+        rows.append(Field("history/control_point", (watched, 3), "m", about))
     if "joints" in channels:
         rows += [Field(f"history/joint/{name}", (n_joint,), *about) for name, about in JOINT_CHANNELS.items()]
     rows += [Field(f"history/energy/{name}", (), "J", f"energy: {name.replace('_', ' ')}") for name in energy]
@@ -112,8 +116,8 @@ def geometry(assembly) -> list[Table]:
         [np.column_stack([p.normal_arm, p.shear_arm, p.area]) for p in points if p is not None] or [np.zeros((0, 5))]
     )
     pairs = [(joint.block_a, joint.block_b, joint.host) for joint in joints]
-    b, j, a = "geometry/blocks/", "geometry/joints/", "geometry/actuators/"
-    return [
+    b, j, a, c = (f"geometry/{group}/" for group in ("blocks", "joints", "actuators", "control_points"))
+    tables = [
         Table(b + "name", _texts(assembly.names), "1", "name of each block"),
         Table(b + "fixed", np.asarray(assembly.fixed, np.uint8), "1", "1 where the block is a support"),
         Table(b + "position", _floats(assembly.position, 3), "m", "centroids at the start, world axes"),
@@ -144,6 +148,14 @@ def geometry(assembly) -> list[Table]:
         Table(a + "direction", _floats(jacks.direction, 3), "1", "its direction, world axes"),
         Table(a + "weight", _floats(jacks.weight), "1", "its share of the load"),
     ]
+    watched = assembly.control_points
+    if watched.names:
+        tables += [
+            Table(c + "name", _texts(watched.names), "1", "name of each control point"),
+            Table(c + "block", _ints(watched.block), "1", "block that it belongs to"),
+            Table(c + "point", _floats(watched.point, 3), "m", "where it was at the start, world axes"),
+        ]
+    return tables
 
 
 def scenario_table(text: str) -> Table:

@@ -56,7 +56,7 @@ class History:
 
     def _open_series(self) -> None:
         self._series, self.energy_names, self.has_frames, self.has_joints = {}, (), False, False
-        self.n_row = self.n_frames = self.n_block = self.n_joint = self.n_actuator = 0
+        self.n_row = self.n_frames = self.n_block = self.n_joint = self.n_actuator = self.n_control_point = 0
         self.begun = guard.exists(self._file, WRITTEN) or self.status != "running"
         if not self.begun:
             return
@@ -69,6 +69,9 @@ class History:
         tails = dict.fromkeys(("time", "load", "displacement", "unbalanced"), ())
         tails |= {name: () for name in ("lower", "upper") if name in found}
         tails |= dict.fromkeys(("actuator_displacement", "actuator_force"), (self.n_actuator,))
+        if "control_point" in found:
+            self.n_control_point = guard.dataset(self._file, "geometry/control_points/name", "text", (None,)).shape[0]
+            tails["control_point"] = (self.n_control_point, 3)
         self.has_joints = "joint" in found
         if self.has_joints:
             tails |= {f"joint/{name}": (self.n_joint,) for name in JOINT_CHANNELS}
@@ -220,6 +223,11 @@ class History:
     def energy(self) -> dict[str, np.ndarray]:
         """Energies by name, each (T,) J."""
         return {name: self.series(f"energy/{name}") for name in self.energy_names}
+
+    @cached_property
+    def control_point(self) -> np.ndarray:
+        """(T, n_control_point, 3) m: displacement of the control points from the start, world axes."""
+        return self.series("control_point") if self.n_control_point else np.zeros((self.n_row, 0, 3))
 
     # --- frames ---
 
@@ -398,3 +406,14 @@ class History:
             | {"weight": float(weight[i])}
             for i in range(n)
         ]
+
+    @cached_property
+    def control_points(self) -> list[dict]:
+        """One dict a control point: ``name``, ``block``, ``point`` at the start."""
+        n = self.n_control_point
+        if not n:
+            return []
+        names = self._texts("control_points/name", n)
+        blocks = self._numbers("control_points/block", self.n_block, count=n)
+        point = self._table("control_points/point", 3, count=n)
+        return [{"name": names[i], "block": int(blocks[i]), "point": point[i]} for i in range(n)]

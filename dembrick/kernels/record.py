@@ -10,7 +10,7 @@ from numpy import ndarray
 
 from dembrick._jit import jit
 from dembrick.kernels.forces import unbalanced_ratio
-from dembrick.kernels.vec3 import columns_times, turned
+from dembrick.kernels.vec3 import columns_times, cross, turned
 
 
 class Record(NamedTuple):
@@ -22,6 +22,10 @@ class Record(NamedTuple):
     actuator: ndarray  # (r, k) m
     joint: ndarray  # (r, j or 0, 7)
     energy: ndarray  # (r, 6) J, see `energy.balance`
+    watched: ndarray  # (w,) int64, blocks of the control points
+    lever: ndarray  # (w, 3) m, from their centroids to the points, body axes
+    arm: ndarray  # (w, 3) m, the same at the start, world axes
+    way: ndarray  # (r, w, 3) m, displacement of the points
     frame_time: ndarray  # (F,)
     frame_displacement: ndarray  # (F, n, 3) m
     frame_orientation: ndarray  # (F, n, 4)
@@ -93,6 +97,17 @@ def write_row(record, step, time, blocks, joints, points, jacks, viscous, lower,
     for j in range(record.joint.shape[1]):
         for i in range(7):
             record.joint[row, j, i] = joints.resultant[j, i]
+    for w in range(record.watched.size):
+        b = record.watched[w]
+        r = blocks.rotation[b]
+        q0, q1, q2, q3 = turned(blocks.orientation, b, r[0], r[1], r[2])
+        x, y, z = record.lever[w]
+        # R v = v + 2 q x (q x v + q0 v)
+        c1, c2, c3 = cross(q1, q2, q3, x, y, z)
+        d1, d2, d3 = cross(q1, q2, q3, c1 + q0 * x, c2 + q0 * y, c3 + q0 * z)
+        record.way[row, w, 0] = blocks.displacement[b, 0] + (x + 2.0 * d1 - record.arm[w, 0])
+        record.way[row, w, 1] = blocks.displacement[b, 1] + (y + 2.0 * d2 - record.arm[w, 1])
+        record.way[row, w, 2] = blocks.displacement[b, 2] + (z + 2.0 * d3 - record.arm[w, 2])
     record.count[0] = row + 1
     if framed:
         write_frame(record, time, blocks, joints, points, viscous)

@@ -4,7 +4,7 @@ Every function returns a matplotlib ``Figure`` and draws into ``ax`` where one i
 figure is made, never before; its state machine (pyplot) is not used, so no window or backend is touched.
 """
 
-from dembrick.plot.curves import energies, force_displacement, unbalanced
+from dembrick.plot.curves import control_points, energies, force_displacement, unbalanced
 from dembrick.plot.domains import domain_points, domains, interaction
 from dembrick.plot.joint_plane import joint_plane, joint_stages
 from dembrick.plot.layout import layout
@@ -17,6 +17,7 @@ __all__ = [
     "FORMATS",
     "CurvePanel",
     "MeasuredCurve",
+    "control_points",
     "curve_panels",
     "domain_points",
     "domains",

@@ -38,10 +38,7 @@ def force_displacement(
     bounds of each yield point. ``measured``: curves of the laboratory (see :mod:`dembrick.plot.measured`), laid over.
     """
     histories, labels = labelled(histories, labels)
-    diagrams = {subject.diagram_of(history) for history in histories}
-    if len(diagrams) > 1:
-        raise ScenarioError("the runs are driven in different ways, so their curves have no axes in common; draw each")
-    (diagram,) = diagrams
+    diagram = _common_diagram(histories)
     if measured and diagram.unit != "N":
         raise ScenarioError("measured forces can be laid over runs with jacks only, and these have none")
     with style.settings():
@@ -82,6 +79,42 @@ def force_displacement(
         axes.set_ylabel(names[0] if diagram.load is None else names[1])
         axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
         style.legend(figure, axes, ax is None, columns=1 if max(map(len, labels)) > 36 else 2)
+    return figure
+
+
+def _common_diagram(histories) -> subject.Diagram:
+    diagrams = {subject.diagram_of(history) for history in histories}
+    if len(diagrams) > 1:
+        raise ScenarioError("the runs are driven in different ways, so their curves have no axes in common; draw each")
+    return diagrams.pop()
+
+
+def control_points(histories, labels: Sequence[str] | None = None, ax: Axes | None = None) -> Figure:
+    """The load over the length of the displacement of every control point, in time where no load grows; HistoryError
+    where a history has none."""
+    histories, labels = labelled(histories, labels)
+    for history in histories:
+        if not history.control_points:
+            raise HistoryError(f"{history.path}: it has no control points; add [[control_points]] and run it again")
+    diagram = _common_diagram(histories)
+    with style.settings():
+        figure, axes = style.canvas(ax)
+        travels = [np.sqrt((history.control_point**2).sum(axis=2)) for history in histories]
+        longest = max((float(travel.max()) for travel in travels if travel.size), default=0.0)
+        unit, factor = ("mm", 1e3) if longest > _MILLIMETRES_FROM else ("µm", 1e6)
+        lines = 0
+        for history, label, travel in zip(histories, labels, travels, strict=True):
+            record = subject.record_of(history)
+            for point, way in zip(history.control_points, factor * travel.T, strict=True):
+                colour, line, _ = style.CYCLE[lines % len(style.CYCLE)]
+                name = style.plain(point["name"]) if len(histories) == 1 else f"{style.plain(point['name'])}, {label}"
+                x, y = (record.time, way) if diagram.load is None else (way, record.load)
+                axes.plot(x, y, color=colour, ls=line, label=name)
+                lines += 1
+        names = (f"displacement of control points [{unit}]", f"{diagram.load} [{diagram.unit}]")
+        axes.set_xlabel("time [s]" if diagram.load is None else names[0])
+        axes.set_ylabel(names[0] if diagram.load is None else names[1])
+        style.legend(figure, axes, ax is None)
     return figure
 
 

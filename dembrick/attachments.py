@@ -1,0 +1,114 @@
+"""What is attached to blocks at points: the jacks that push them, and the control points that are watched."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dembrick import body_forces
+from dembrick.checks import show
+from dembrick.errors import ScenarioError
+from dembrick.shapes import parts_of
+
+ON_FACE = 1e-9  # of the block's diameter: a point so little outside is on the face
+
+
+@dataclass(frozen=True, eq=False)
+class Actuators:
+    """Jacks: ``names``; ``block`` (k,); ``point`` (k, 3) at the start, world; ``arm`` (k, 3) the same from the block's
+    centroid; ``direction`` (k, 3) unit, world; ``weight`` (k,)."""
+
+    names: tuple[str, ...]
+    block: np.ndarray
+    point: np.ndarray
+    arm: np.ndarray
+    direction: np.ndarray
+    weight: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class ControlPoints:
+    """Material points whose displacement is recorded: ``names``; ``block`` (w,); ``point`` (w, 3) at the start, world;
+    ``arm`` (w, 3) the same from the block's centroid; ``lever`` (w, 3) that in the block's axes."""
+
+    names: tuple[str, ...]
+    block: np.ndarray
+    point: np.ndarray
+    arm: np.ndarray
+    lever: np.ndarray
+
+    def displacement(self, moved: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+        """Of the points (w, 3) where the centroids have ``moved`` (n, 3) and blocks stand as ``rotation`` (n, 3, 3)."""
+        return moved[self.block] + np.einsum("wij,wj->wi", rotation[self.block], self.lever) - self.arm
+
+
+NO_ACTUATORS = Actuators((), np.zeros(0, np.int64), *np.zeros((3, 0, 3)), np.zeros(0))
+NO_CONTROL_POINTS = ControlPoints((), np.zeros(0, np.int64), *np.zeros((3, 0, 3)))
+
+
+def check_inside(what: str, point, bare, block: int) -> np.ndarray:
+    """The arm (3,) of a point from the centroid of its block; ScenarioError where it lies outside."""
+    shape, arm = bare.shapes[block], np.array(point, float) - bare.position[block]
+    local = bare.rotation[block].T @ arm
+    outside = min(
+        float((part.face_normals @ (local - place) - part.face_offsets).max()) for place, part in parts_of(shape)
+    )
+    if outside > ON_FACE * shape.diameter:
+        where = f"its point {show(tuple(point))} lies {outside:.6g} m outside block {show(bare.names[block])}"
+        raise ScenarioError(
+            f"{what}: {where}; put it in the block or on one of its faces (world position at the start)"
+        )
+    return arm
+
+
+def jacks(scenario, number: dict[str, int], bare) -> Actuators:
+    """The jacks of a scenario; ``number`` of every block by name. ScenarioError where one cannot push its block."""
+    block = np.array([number[actuator.block] for actuator in scenario.actuators], np.int64)
+    arm = []
+    for i, actuator in zip(block, scenario.actuators, strict=True):
+        what = f"actuator {show(actuator.name)}"
+        if bare.fixed[i]:
+            raise ScenarioError(f"{what} pushes block {show(actuator.block)}, which is fixed; push a free block")
+        arm.append(check_inside(what, actuator.point, bare, i))
+    return Actuators(
+        names=tuple(actuator.name for actuator in scenario.actuators),
+        block=block,
+        point=np.array([actuator.point for actuator in scenario.actuators], float).reshape(-1, 3),
+        arm=np.array(arm).reshape(-1, 3),
+        direction=np.array([actuator.direction for actuator in scenario.actuators], float).reshape(-1, 3),
+        weight=np.array([actuator.weight for actuator in scenario.actuators], float),
+    )
+
+
+def jacks_on_all_blocks(scenario, number: dict[str, int], bare) -> Actuators:
+    """The load system of a quasi-static tilt or pushover, as jacks at centroids and at the points of the loads."""
+    block, point, force = body_forces.load_system(scenario, number, bare.position, bare.mass, bare.fixed)
+    weight = np.sqrt((force**2).sum(axis=1))
+    return Actuators(
+        names=tuple(f"load on {bare.names[i]}" for i in block),
+        block=block,
+        point=point,
+        arm=point - bare.position[block],
+        direction=force / weight[:, None],
+        weight=weight,
+    )
+
+
+def control_points(scenario, number: dict[str, int], bare) -> ControlPoints:
+    """The control points of a scenario, centroids where it gives no point; ScenarioError where one is outside."""
+    given = scenario.control_points
+    if not given:
+        return NO_CONTROL_POINTS
+    block = np.array([number[entry.block] for entry in given], np.int64)
+    arm = np.zeros((len(given), 3))
+    for k, entry in enumerate(given):
+        if entry.point is not None:
+            arm[k] = check_inside(f"control point {show(entry.name)}", entry.point, bare, block[k])
+    return ControlPoints(
+        names=tuple(entry.name for entry in given),
+        block=block,
+        point=bare.position[block] + arm,
+        arm=arm,
+        lever=np.einsum("wji,wj->wi", bare.rotation[block], arm),
+    )
