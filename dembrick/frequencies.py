@@ -54,7 +54,7 @@ class JointOperator:
     def __init__(self, state: MovingState):
         bodies, links = state.bodies, state.links
         n = len(bodies.mass)
-        u = np.einsum("jik,jlk->jli", bodies.rotation[links.other], links.plane)
+        u = np.einsum("jik,jlk->jli", bodies.rotation[links.other], links.axes[links.plane])
         axes = np.concatenate([u, np.cross(u[:, 0], u[:, 1])[:, None]], axis=1)
         arm_host = np.einsum("jik,jk->ji", bodies.rotation[links.host], links.lever)
         arm_other = arm_host + bodies.position[links.host] - bodies.position[links.other]

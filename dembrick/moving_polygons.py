@@ -74,7 +74,7 @@ class Polygons:
             a_is_other = links.sense[j] > 0.0
             part = int((self._joints.part_a if a_is_other else self._joints.part_b)[j])
             place, shape = parts_of(self._shapes[links.other[j]])[part]
-            u = links.plane[j]
+            u = links.axes[links.plane[j]]
             number = int(np.argmax(shape.face_normals @ (links.sense[j] * np.cross(u[0], u[1]))))
             corners = (place + shape.vertices[list(shape.faces[number])]) @ u.T
             self._face_of[j] = corners if links.sense[j] > 0.0 else corners[::-1]
@@ -99,7 +99,7 @@ class Polygons:
         """Put O of joint ``j`` at ``to`` (from O of the start, along e1 and e2); returns how far that is (2,)."""
         links = self._state.links
         step = to - self.shift[j]
-        links.lever[j] += step @ links.tangents[j]
+        links.lever[j] += step @ links.axes[links.tangents[j]]
         links.seen[j, :3] += step @ links.seen[j, 3:].reshape(2, 3)
         self.shift[j] = to
         return step

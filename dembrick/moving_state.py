@@ -71,6 +71,10 @@ def _links(assembly) -> Links:
     arm_host = np.where(b_hosts[:, None], table.arm_b, table.arm_a)
     arm_other = np.where(b_hosts[:, None], table.arm_a, table.arm_b)
     sense = np.where(b_hosts, 1.0, -1.0)
+    tangents, plane = (table.axes[:, :2] @ assembly.rotation[block] for block in (host, other))
+    # adding nought makes -0 the same as 0
+    axes, row = np.unique(np.concatenate([tangents, plane]) + 0.0, axis=0, return_inverse=True)
+    row = row.reshape(2, n).astype(np.uint32)
     reach = np.empty(n)
     for numbers, outlines in table.by_corners():
         reach[numbers] = np.sqrt((outlines**2).sum(axis=2).max(axis=1))
@@ -79,8 +83,9 @@ def _links(assembly) -> Links:
         other=other.astype(np.uint32),
         sense=sense,
         lever=np.einsum("jik,ji->jk", assembly.rotation[host], arm_host),
-        tangents=np.ascontiguousarray(table.axes[:, :2] @ assembly.rotation[host]),
-        plane=np.ascontiguousarray(table.axes[:, :2] @ assembly.rotation[other]),
+        tangents=row[0].copy(),
+        plane=row[1].copy(),
+        axes=axes,
         offset=(arm_other * table.axes[:, 2]).sum(axis=1) - sense * table.gap,
         viscous=np.zeros((n, 2)),
         seen=np.zeros((n, 9)),
@@ -181,20 +186,20 @@ def put_outlines(faces: Faces, i: np.ndarray, outlines: np.ndarray) -> None:
 
 def seen(bodies: Bodies, links: Links) -> np.ndarray:
     """`Links.seen` (j, 9) of where the blocks are now."""
-    u = np.einsum("jik,jlk->jli", bodies.rotation[links.other], links.plane)
+    u = np.einsum("jik,jlk->jli", bodies.rotation[links.other], links.axes[links.plane])
     axes = np.concatenate([u, np.cross(u[:, 0], u[:, 1])[:, None]], axis=1)
     turn = bodies.rotation[links.host]
     arm = np.einsum("jik,jk->ji", turn, links.lever) + bodies.position[links.host] - bodies.position[links.other]
-    tangents = np.einsum("jik,jlk->jli", turn, links.tangents)
+    tangents = np.einsum("jik,jlk->jli", turn, links.axes[links.tangents])
     vectors = np.concatenate([arm[:, None], tangents], axis=1)
     return np.einsum("jvi,jki->jvk", vectors, axes).reshape(-1, 9)
 
 
 def joint_axes(bodies: Bodies, links: Links) -> np.ndarray:
     """Axes (j, 3, 3) of the joints now, as rows: t1 (of the host, in the plane), t2 and n from a to b, world."""
-    u = np.einsum("jik,jlk->jli", bodies.rotation[links.other], links.plane)
+    u = np.einsum("jik,jlk->jli", bodies.rotation[links.other], links.axes[links.plane])
     normal = np.cross(u[:, 0], u[:, 1])
-    t1 = np.einsum("jik,jk->ji", bodies.rotation[links.host], links.tangents[:, 0])
+    t1 = np.einsum("jik,jk->ji", bodies.rotation[links.host], links.axes[links.tangents, 0])
     t1 -= (t1 * normal).sum(axis=1)[:, None] * normal
     t1 /= np.sqrt((t1**2).sum(axis=1))[:, None]
     return np.stack([t1, np.cross(normal, t1), normal], axis=1)

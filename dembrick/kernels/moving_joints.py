@@ -30,8 +30,9 @@ class Links(NamedTuple):
     other: ndarray  # (j,) uint32
     sense: ndarray  # (j,) +1 where the other's outward normal is m, -1 where it is -m
     lever: ndarray  # (j, 3) m, from the host's centroid to O, host's body axes
-    tangents: ndarray  # (j, 2, 3) e1, e2 in the host's body axes
-    plane: ndarray  # (j, 2, 3) u1, u2 in the other's body axes
+    tangents: ndarray  # (j,) uint32, e1, e2 in the host's body axes: a row of `axes`
+    plane: ndarray  # (j,) uint32, u1, u2 in the other's body axes: a row of `axes`
+    axes: ndarray  # (k, 2, 3) pairs of directions in body axes, each once: blocks of a wall have few
     offset: ndarray  # (j,) m, distance of the plane from the other's centroid, along m
     viscous: ndarray  # (j, 2) dashpot over spring force for the same increment: normal, shear
     seen: ndarray  # (j, 9) O, e1, e2 of the host in the plane's axes, from the other's centroid, last step
@@ -120,7 +121,7 @@ def look(links, bodies, j):
     host = links.host[j]
     other = links.other[j]
     R = bodies.rotation[other]
-    u = links.plane[j]
+    u = links.axes[links.plane[j]]
     u1, u2, u3 = rows_times(R, u[0, 0], u[0, 1], u[0, 2])
     w1, w2, w3 = rows_times(R, u[1, 0], u[1, 1], u[1, 2])
     m1, m2, m3 = cross(u1, u2, u3, w1, w2, w3)
@@ -129,7 +130,7 @@ def look(links, bodies, j):
     r = rows_times(R, lever[0], lever[1], lever[2])
     x = bodies.position
     d = (r[0] + (x[host, 0] - x[other, 0]), r[1] + (x[host, 1] - x[other, 1]), r[2] + (x[host, 2] - x[other, 2]))
-    t = links.tangents[j]
+    t = links.axes[links.tangents[j]]
     e1, e2, e3 = rows_times(R, t[0, 0], t[0, 1], t[0, 2])
     g1, g2, g3 = rows_times(R, t[1, 0], t[1, 1], t[1, 2])
     return (
