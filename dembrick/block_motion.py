@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dembrick.kernels.recorded_motion import carry
 from dembrick.shapes import quaternion_product, rotation_matrix
 
 
@@ -33,24 +34,11 @@ class Poses:
 
 
 class CarriedPoints:
-    """Material points of blocks, carried by the frames; ``body`` (n, 3) in the axes of ``block`` (n,), ascending.
-
-    Points of one block stand together, so that a block's pose is a matrix that takes all of them at once.
-    """
+    """Material points of blocks, carried by the frames; ``body`` (n, 3) in the axes of ``block`` (n,)."""
 
     def __init__(self, history, body: np.ndarray, block: np.ndarray):
         self._rotation0 = rotation_matrix(history.orientation0)
-        counts = np.bincount(block, minlength=history.n_block)
-        starts = np.concatenate([[0], np.cumsum(counts)])[:-1]
-        order = np.argsort(block, kind="stable")
-        self._groups = []
-        for count in np.unique(counts[counts > 0]):
-            own = np.flatnonzero(counts == count)
-            places = order[starts[own][:, None] + np.arange(count)]
-            corners = np.concatenate([body[places], np.ones((*places.shape, 1))], axis=2)
-            together = bool((np.diff(places.ravel()) == 1).all())
-            self._groups.append((own, slice(places[0, 0], places[-1, -1] + 1) if together else places.ravel(), corners))
-        self._n = len(body)
+        self._body, self._block = np.ascontiguousarray(body, float), np.ascontiguousarray(block, np.int64)
 
     def points(self, poses: Poses) -> np.ndarray:
         """World points (f, n, 3)."""
@@ -69,12 +57,8 @@ class CarriedPoints:
 
     def carried(self, rotation: np.ndarray, shift: np.ndarray) -> np.ndarray:
         """Points (f, n, 3) under rotations (f, n_block, 3, 3) and shifts (f, n_block, 3)."""
-        found = np.empty((len(shift), self._n, 3))
-        for own, places, corners in self._groups:
-            pose = np.empty((len(shift), len(own), 4, 3))
-            pose[:, :, :3] = rotation[:, own].swapaxes(2, 3)
-            pose[:, :, 3] = shift[:, own]
-            found[:, places] = (corners @ pose).reshape(len(shift), -1, 3)
+        found = np.empty((len(shift), len(self._block), 3))
+        carry(self._body, self._block, rotation, shift, found)
         return found
 
 

@@ -149,7 +149,7 @@ def test_velocities_from_frames_where_they_were_not_recorded(tmp_path):
 
 
 def test_vtk_reads_the_joints_at_every_step(tmp_path, monkeypatch):
-    monkeypatch.setattr(vtkhdf, "_HELD", 600)  # three frames at a time
+    monkeypatch.setattr(vtkhdf, "_HELD", 3000)  # three frames at a time
     assembly = cases.mixed_assembly()
     found = make(tmp_path, assembly)
     written = export.to_vtkhdf(found, tmp_path / "out.vtkhdf")

@@ -151,7 +151,7 @@ def test_kernels_are_in_order():
     """vec3, skyline, band < laws, pressed < limit_surface < motion < contact < energy < forces < bracket < advance."""
     order = ["vec3", "skyline", "band", "laws", "pressed", "limit_surface", "gauge", "small_motion", "finite_motion"]
     order += ["contact", "energy", "guard", "forces", "tangent", "bracket", "record", "advance", "bodies"]
-    order += ["moving_joints", "dynamics", "dynamics_parallel", "certify", "batch"]
+    order += ["moving_joints", "dynamics", "dynamics_parallel", "certify", "batch", "recorded_motion"]
     inside, _ = arrows(modules())
     for name, target in inside:
         if head(name) == head(target) == "kernels" and "." in name:

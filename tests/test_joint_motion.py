@@ -76,15 +76,12 @@ def run(
         joints=[joint],
         position0=position0,
         orientation0=np.tile(start, (2, 1)),
-        frame_displacement=lambda k: displacement[k],
-        frame_orientation=lambda k: orientation[k],
         frame_time=times,
         time=times,
         series=lambda name, a, b: rows[a:b, :, CHANNELS.index(name.removeprefix("joint/"))],
     )
     channels = {"displacement": displacement, "orientation": orientation, "contact_force": forces}
     found.frame_values = lambda name, a, b: None if channels[name] is None else channels[name][a:b]
-    found.frame_contact_force = lambda k: None if forces is None else forces[k]
     return found
 
 

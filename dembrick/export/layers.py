@@ -13,15 +13,17 @@ resultant passes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 
 from dembrick.block_motion import CarriedPoints, Poses, all_vertices, block_quantities
 from dembrick.history import History
-from dembrick.joint_motion import CHANNELS, JointMotion, torsion_centre
+from dembrick.joint_motion import CHANNELS, STATES, JointFrames, JointMotion, RelativeMotion, torsion_centre
+from dembrick.kernels.recorded_motion import resultant_points
 from dembrick.shapes import rotation_matrix
 
 LAYERS = ("blocks", "joints", "contacts")
@@ -36,40 +38,68 @@ class Frames:
     cells: dict[str, np.ndarray]
 
 
+class Span:
+    """Frames start to stop of a history: what its layers share is read and computed once."""
+
+    def __init__(self, history: History, joints: JointMotion | None, start: int, stop: int):
+        self._joints, self.history, self.start, self.stop = joints, history, start, stop
+
+    @cached_property
+    def poses(self) -> Poses:
+        return Poses.read(self.history, self.start, self.stop)
+
+    @cached_property
+    def joints(self) -> JointFrames:
+        return self._joints.at(range(self.start, self.stop))
+
+    @property
+    def before(self) -> RelativeMotion | None:
+        """The motion of the joints in the frame before the first."""
+        return self._joints.relative(range(self.start - 1, self.start)) if self.start else None
+
+
 class Layer(Protocol):
     """Cells that keep their corners while the points move; ``fixed``: cell values that never change."""
 
     kind: str
     cells: list[tuple[int, ...]]
     fixed: dict[str, np.ndarray]
+    n_point: int
 
-    def frames(self, start: int, stop: int) -> Frames: ...
+    def frames(self, span: Span) -> Frames: ...
 
 
-def layers(
-    history: History, report: Callable[[str], None] | None = None, only: Collection[str] = LAYERS
-) -> Iterator[tuple[str, Layer]]:
-    """The layers ``only`` that a history can fill, with the suffix of its file; ``report`` hears what is missing."""
-    report = report or (lambda _: None)
-    if "blocks" in only:
-        blocks = Blocks(history)
-        if not blocks.recorded:
-            report('velocities were not recorded: taken from the frames; "velocity" in output.channels records them')
-        yield "", blocks
-    if not (history.n_joint and {"joints", "contacts"} & set(only)):
-        return
-    forces = history.has_joints and history.n_row > 0
-    if not forces:
-        report('the forces of the joints were not recorded; run again with "joints" in output.channels')
-    joints = JointMotion(history)
-    if "joints" in only:
-        yield "_joints", Joints(history, joints, forces)
-    recorded = history.frame_values("contact_force", 0, 1) is not None
-    if "contacts" in only and (recorded or forces):
-        if not recorded and joints.point_start[-1]:
-            report('contact forces were not recorded: only normal forces are shown; "contacts" in output.channels '
-                   "records them")  # fmt: skip
-        yield "_contacts", Contacts(history, joints, forces)
+class Picture:
+    """The layers ``only`` that a history can fill, by the suffix of their files; ``report`` hears what is missing."""
+
+    def __init__(self, history: History, report: Callable[[str], None] | None = None, only: Collection[str] = LAYERS):
+        self._history, self._joints = history, None
+        self.layers: dict[str, Layer] = {}
+        report = report or (lambda _: None)
+        if "blocks" in only:
+            self.layers[""] = blocks = Blocks(history)
+            if not blocks.recorded:
+                report(
+                    'velocities were not recorded: taken from the frames; "velocity" in output.channels records them'
+                )
+        if not (history.n_joint and {"joints", "contacts"} & set(only)):
+            return
+        forces = history.has_joints and history.n_row > 0
+        if not forces:
+            report('the forces of the joints were not recorded; run again with "joints" in output.channels')
+        self._joints = joints = JointMotion(history)
+        if "joints" in only:
+            self.layers["_joints"] = Joints(history, joints, forces)
+        recorded = history.frame_values("contact_force", 0, 1) is not None
+        if "contacts" in only and (recorded or forces):
+            if not recorded and joints.point_start[-1]:
+                report('contact forces were not recorded: only normal forces are shown; "contacts" in output.channels '
+                       "records them")  # fmt: skip
+            self.layers["_contacts"] = Contacts(history, joints, forces)
+
+    def span(self, start: int, stop: int) -> Span:
+        """Frames start to stop."""
+        return Span(self._history, self._joints, start, stop)
 
 
 class Blocks:
@@ -78,7 +108,6 @@ class Blocks:
     kind = "Polygons"
 
     def __init__(self, history: History):
-        self._history = history
         self.recorded = history.frame_values("velocity", 0, 1) is not None
         body, block, starts = all_vertices(history)
         self.cells, owner = [], []
@@ -88,13 +117,13 @@ class Blocks:
                 owner.append(i)
         self._owner = np.array(owner, np.int64)
         self.fixed = {"block": self._owner}
+        self.n_point = len(block)
         self._motion = CarriedPoints(history, body, block)
 
-    def frames(self, start: int, stop: int) -> Frames:
-        """Frames start to stop."""
-        history = self._history
-        poses = Poses.read(history, start, stop)
-        found = block_quantities(history, poses, start, stop)
+    def frames(self, span: Span) -> Frames:
+        """Points and values of some frames."""
+        poses = span.poses
+        found = block_quantities(span.history, poses, span.start, span.stop)
         cells = {name: values.astype(np.float32).take(self._owner, axis=1) for name, values in found.items()}
         moved = self._motion.moved(poses).astype(np.float32)
         return Frames(self._motion.points(poses), {"displacement": moved}, cells)
@@ -106,39 +135,37 @@ class Joints:
     kind = "Polygons"
 
     def __init__(self, history: History, joints: JointMotion, forces: bool):
-        self._history, self._joints, self._forces = history, joints, forces
+        self._forces = forces
         starts = np.cumsum([0, *joints.n_corner]).tolist()
         self.cells = [tuple(range(a, b)) for a, b in zip(starts, starts[1:], strict=False)]
+        self.n_point = starts[-1]
         self._there = np.arange(joints.polygon.shape[1]) < joints.n_corner[:, None]
         own = np.repeat(np.arange(joints.n_joint), joints.n_corner)
         self._motion = CarriedPoints(history, *_on_hosts(history, joints, own, joints.polygon[self._there]))
         self.fixed = {"joint": np.arange(joints.n_joint), "block_a": joints.block_a, "block_b": joints.block_b}
 
-    def frames(self, start: int, stop: int) -> Frames:
-        """Frames start to stop."""
-        joints, poses = self._joints, Poses.read(self._history, start, stop)
-        first = max(start - 1, 0)
-        relative = joints.relative(range(first, stop))
-        now = relative[start - first :]
-        centre = torsion_centre(relative[:-1], relative[1:])
-        if first == start:
-            centre = np.concatenate([np.full((1, *centre.shape[1:]), np.nan), centre])
-        centre[now.state == 2] = np.nan
+    def frames(self, span: Span) -> Frames:
+        """Points and values of some frames."""
+        joints = span.joints
+        now, before = joints.relative, span.before
+        centre = np.full((*now.state.shape, 2), np.nan)
+        if before is not None:
+            centre[:1] = torsion_centre(before, now[:1])
+        centre[1:] = torsion_centre(now[:-1], now[1:])
+        centre[now.state == STATES.index("open")] = np.nan
         cells = {}
         if self._forces:
-            resultants = joints.resultants(range(start, stop))
+            resultants = joints.resultants
             cells = {name: resultants[..., i] for i, name in enumerate(CHANNELS)}
             cells["V"] = np.hypot(cells["V_1"], cells["V_2"])
-            cells["utilisation"] = joints.utilisation(range(start, stop))
+            cells["utilisation"] = joints.utilisation
         cells["open_share"] = now.open_share
-        axes = joints.axes_in(poses.rotation)
-        origin = joints.origin_in(poses.position, poses.rotation)
-        cells["torsion_centre"] = origin + np.einsum("fji,fjik->fjk", centre, axes[:, :, :2])
+        cells["torsion_centre"] = joints.origin + np.einsum("fji,fjik->fjk", centre, joints.axes[:, :, :2])
         cells["torsion_centre_joint"] = centre
         cells = {name: values.astype(np.float32) for name, values in cells.items()}
         cells["state"] = now.state.astype(np.int32)
-        opening = now.opening[:, self._there].astype(np.float32)
-        return Frames(self._motion.points(poses), {"opening": opening}, cells)
+        opening = now.opening.astype(np.float32)[:, self._there]
+        return Frames(self._motion.points(span.poses), {"opening": opening}, cells)
 
 
 class Contacts:
@@ -147,42 +174,30 @@ class Contacts:
     kind = "Vertices"
 
     def __init__(self, history: History, joints: JointMotion, forces: bool):
-        self._history, self._joints = history, joints
-        self._recorded = history.frame_values("contact_force", 0, 1) is not None
         counts = np.diff(joints.point_start)
-        arms = np.concatenate([np.zeros((0, 2)), *(joint["normal_arms"] for joint in history.joints)])
-        self._own = np.repeat(np.arange(joints.n_joint), counts)
-        self._motion = CarriedPoints(history, *_on_hosts(history, joints, self._own, arms))
+        arms, _, _, own = joints.points
+        self._motion = CarriedPoints(history, *_on_hosts(history, joints, own, arms))
         self._convex = np.flatnonzero(counts == 0) if forces else np.zeros(0, np.int64)
-        owner = np.concatenate([self._own, self._convex])
+        owner = np.concatenate([own, self._convex])
+        self.n_point = len(owner)
         self.cells = [(i,) for i in range(len(owner))]
         self.fixed = {"joint": owner}
 
-    def frames(self, start: int, stop: int) -> Frames:
-        """Frames start to stop."""
-        history, joints, poses = self._history, self._joints, Poses.read(self._history, start, stop)
-        axes = joints.axes_in(poses.rotation)
-        data = {}
-        if self._recorded:
-            data["force"] = history.frame_values("contact_force", start, stop)
-            data["normal_force"] = (data["force"] * axes[:, self._own, 2]).sum(axis=2)
-        else:
-            data["normal_force"] = joints.normal_forces(range(start, stop))
-        points = self._motion.points(poses)
+    def frames(self, span: Span) -> Frames:
+        """Points and values of some frames."""
+        joints, points = span.joints, self._motion.points(span.poses)
+        force, normal = joints.point_forces, joints.normal_forces
         if len(self._convex):
-            resultants, axes = joints.resultants(range(start, stop))[:, self._convex], axes[:, self._convex]
-            N = resultants[..., 0]
-            pressed = N > 0.0
-            at = np.stack([resultants[..., 5], -resultants[..., 4]], axis=2)
-            at = np.divide(at, N[..., None], out=np.zeros_like(at), where=pressed[..., None])
-            origin = joints.origin_in(poses.position, poses.rotation)[:, self._convex]
-            points = np.concatenate([points, origin + np.einsum("fji,fjik->fjk", at, axes[:, :, :2])], axis=1)
-            # the joint holds b against V_1 and V_2 and carries it with N
-            own = np.stack([-resultants[..., 1], -resultants[..., 2], N], axis=2)
-            force = np.einsum("fji,fjik->fjk", own, axes)
-            if "force" in data or not len(self._own):
-                data["force"] = np.concatenate([data.get("force", np.zeros((len(N), 0, 3))), force], axis=1)
-            data["normal_force"] = np.concatenate([data["normal_force"], N], axis=1)
+            resultants = joints.resultants[:, self._convex]
+            own, at = np.empty((*resultants.shape[:2], 3)), np.empty((*resultants.shape[:2], 3))
+            resultant_points(resultants, joints.origin[:, self._convex], joints.axes[:, self._convex], own, at)
+            if not points.size:
+                force = own
+            elif force is not None:
+                force = np.concatenate([force, own], axis=1)
+            points = np.concatenate([points, at], axis=1)
+            normal = np.concatenate([normal, resultants[..., 0]], axis=1)
+        data = {"normal_force": normal} if force is None else {"force": force, "normal_force": normal}
         return Frames(points, {name: values.astype(np.float32) for name, values in data.items()}, {})
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from dembrick.errors import MissingDependency
 from dembrick.export.files import checked_target, writing
-from dembrick.export.layers import LAYERS, Layer, layers
+from dembrick.export.layers import LAYERS, Layer, Picture
 from dembrick.history import History, replacing
 
 _NAMES = {1: "vertex", 3: "triangle", 4: "quad"}
@@ -32,15 +32,16 @@ def to_pvd(
     stem, ending = os.path.splitext(target)
     lists, frames = [], []
     with writing(path):
-        for suffix, layer in layers(history, report, only):
+        picture = Picture(history, report, only)
+        for suffix, layer in picture.layers.items():
             own = stem + suffix
-            written = _series(layer, own + ending, own, history.frame_time)
+            written = _series(picture, layer, own + ending, own, history.frame_time)
             lists.append(own + ending)
             frames += written
     return lists + frames
 
 
-def _series(layer: Layer, target: str, stem: str, times: np.ndarray) -> list[str]:
+def _series(picture: Picture, layer: Layer, target: str, stem: str, times: np.ndarray) -> list[str]:
     """The files of one layer; the list last, because an older list must not name the frames of this one."""
     import meshio
 
@@ -52,7 +53,7 @@ def _series(layer: Layer, target: str, stem: str, times: np.ndarray) -> list[str
         os.unlink(target)
     written = []
     for k in range(len(times)):
-        frame = layer.frames(k, k + 1)
+        frame = layer.frames(picture.span(k, k + 1))
         data = layer.fixed | {name: values[0] for name, values in frame.cells.items()}
         mesh = meshio.Mesh(
             frame.points[0],

@@ -19,6 +19,7 @@ from h5py import h5a, h5d, h5g, h5l, h5t, h5z
 from dembrick.errors import HistoryError
 
 MAX_READ = 4 << 30  # bytes of one read: a longer one is a mistake or an attack
+_CACHE = 1 << 20  # bytes of unpacked chunks kept for each dataset; some versions of HDF5 would keep eight times that
 _FILTERS = {h5z.FILTER_DEFLATE, h5z.FILTER_SHUFFLE, h5z.FILTER_FLETCHER32}
 _GZIP_BOUND = 1100  # no gzip stream expands more than 1032 times
 _KINDS = {"number": (h5t.FLOAT, h5t.INTEGER), "integer": (h5t.INTEGER,), "text": (h5t.STRING,)}
@@ -44,7 +45,7 @@ def open_file(path: str | os.PathLike) -> h5py.File:
     if not os.access(path, os.R_OK):
         raise HistoryError(f"{path}: no permission to read this file")
     try:
-        return h5py.File(path, "r", locking=False)
+        return h5py.File(path, "r", locking=False, rdcc_nbytes=_CACHE)
     except _DAMAGE as error:
         if os.path.getsize(path) and "truncated" in str(error):
             raise HistoryError(f"{path}: the file is truncated; copy it again") from error

@@ -108,23 +108,10 @@ class JointAlone:
         self.position0, self.orientation0 = (a[self._blocks] for a in (history.position0, history.orientation0))
         self.n_frames, self.frame_time, self.time = history.n_frames, history.frame_time, history.time
 
-    def frame_displacement(self, k: int) -> np.ndarray:
-        """(2, 3) m, of block a and block b."""
-        return self._history.frame_displacement(k)[self._blocks]
-
-    def frame_orientation(self, k: int) -> np.ndarray:
-        """(2, 4), of block a and block b."""
-        return self._history.frame_orientation(k)[self._blocks]
-
     def frame_values(self, name: str, start: int, stop: int) -> np.ndarray | None:
         """Frames start to stop of a channel, (f, 2, ...) or (f, c, 3); None where not recorded."""
         found = self._history.frame_values(name, start, stop)
         return None if found is None else found[:, self._points if name == "contact_force" else self._blocks]
-
-    def frame_contact_force(self, k: int) -> np.ndarray | None:
-        """(c, 3) N on block b at the points of the joint, None where not recorded."""
-        found = self._history.frame_contact_force(k)
-        return None if found is None else found[self._points]
 
     def series(self, name: str, start: int = 0, stop: int | None = None) -> np.ndarray:
         """(T, 1) of a channel of the joint."""

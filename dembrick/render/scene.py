@@ -301,7 +301,7 @@ class Scene:
         """Where the resultant of every joint passes, on the drawn blocks, and its force on b: (j, 3) m, (j, 3) N."""
         joints = self._joints
         resultants = joints.resultants(frame)
-        axes = joints.axes_in(poses.rotation[0])
+        axes = joints.frame_axes(frame)
         N, V_1, V_2, _, M_1, M_2 = resultants[:, :6].T
         at = np.stack([M_2, -M_1], axis=1)
         at = np.divide(at, N[:, None], out=np.zeros_like(at), where=N[:, None] > 0.0)
