@@ -319,7 +319,7 @@ def test_an_export_that_breaks_off_leaves_nothing(tmp_path, monkeypatch):
     found = make(tmp_path)
     before = sorted(os.listdir(tmp_path))
 
-    def broken(data, start, values):
+    def broken(start, found):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(vtkhdf, "_fill", broken)

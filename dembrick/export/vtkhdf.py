@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Collection
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
+from io import FileIO
 
 import h5py
 import numpy as np
+from h5py import h5d, h5p, h5s, h5t
 
 from dembrick.export.files import checked_target, writing
 from dembrick.export.layers import LAYERS, Frames, Layer, Picture
@@ -31,14 +34,17 @@ def to_vtkhdf(
         files = []
         for suffix, layer in picture.layers.items():
             part = stack.enter_context(replacing(stem + suffix + ending))
-            files.append((layer, _begin(stack.enter_context(h5py.File(part, "w")), layer, layer.frames(first), times)))
-        together = max(1, _HELD // max(1, 24 * sum(layer.n_point for layer, _ in files)))
+            places = _begin(part, layer, layer.frames(first), times)
+            files.append((layer, stack.enter_context(open(part, "r+b", buffering=0)), places))
+        together = max(1, _HELD // max(1, 24 * sum(layer.n_point for layer, _, _ in files)))
+        writer, last = stack.enter_context(ThreadPoolExecutor(1)), None
         for start in range(0, len(times), together):
             span = picture.span(start, min(start + together, len(times)))
-            for layer, moving in files:
-                frames = layer.frames(span)
-                for name, values in _moving(frames).items():
-                    _fill(moving[name], start, values)
+            found = [(file, places, _moving(layer.frames(span))) for layer, file, places in files]
+            if last is not None:
+                last.result()  # no more than two spans are held
+            last = writer.submit(_fill, start, found)
+        last.result()
     return [stem + suffix + ending for suffix in picture.layers]
 
 
@@ -49,46 +55,71 @@ def _moving(frames: Frames) -> dict[str, np.ndarray]:
     return found | {f"CellData/{name}": values for name, values in frames.cells.items()}
 
 
-def _begin(file: h5py.File, layer: Layer, first: Frames, times: np.ndarray) -> dict[str, h5py.Dataset]:
-    """Write what stays and make room for what moves: the connectivity once, points and data for every step.
+def _begin(path: str, layer: Layer, first: Frames, times: np.ndarray) -> dict[str, int]:
+    """Write what stays and reserve room for what moves: the connectivity once, points and data for every step.
 
-    VTK wants every offset of every step, also those that never move, and all four kinds of cells. Points are written
-    in double precision, so that a file shows micrometres; fields for colours and arrows in single precision.
+    Returns where in the file the values of the first step go: they are written past HDF5, which holds Python's lock,
+    while the next ones are computed. VTK wants every offset of every step, also those that never move, and all four
+    kinds of cells. Points are written in double precision, so that a file shows micrometres; fields for colours and
+    arrows in single precision.
     """
-    n_step = len(times)
-    root = file.create_group("VTKHDF")
-    root.attrs["Version"] = np.array([2, 2])
-    root.attrs.create("Type", b"PolyData", dtype=h5py.string_dtype("ascii", 8))
-    for kind in ("Vertices", "Lines", "Polygons", "Strips"):
-        cells = layer.cells if kind == layer.kind else []
-        group = root.create_group(kind)
-        group["NumberOfCells"] = np.array([len(cells)])
-        corners = np.concatenate([*cells, ()]).astype(np.int64)
-        group["NumberOfConnectivityIds"] = np.array([len(corners)])
-        group["Connectivity"] = corners
-        group["Offsets"] = np.cumsum([0, *map(len, cells)], dtype=np.int64)
-    root["NumberOfPoints"] = np.array([layer.n_point])
-    steps = root.create_group("Steps")
-    steps.attrs["NSteps"] = n_step
-    steps["Values"] = times
-    still, step = np.zeros(n_step, np.int64), np.arange(n_step)
-    steps["PartOffsets"], steps["NumberOfParts"] = still, still + 1
-    steps["PointOffsets"] = step * layer.n_point
-    steps["CellOffsets"] = steps["ConnectivityIdOffsets"] = np.zeros((n_step, 4), np.int64)
-    for name, values in layer.fixed.items():
-        root[f"CellData/{name}"] = values
-        steps[f"CellDataOffsets/{name}"] = still
-    moving = {}
-    for path, values in _moving(first).items():
-        count = values.shape[1]
-        moving[path] = root.create_dataset(path, (n_step * count, *values.shape[2:]), values.dtype)
-        if path != "Points":
-            kind, _, name = path.partition("/")
-            steps[f"{kind}Offsets/{name}"] = step * count
-    return moving
+    n_step, places = len(times), {}
+    with h5py.File(path, "w") as file:
+        root = file.create_group("VTKHDF")
+        root.attrs["Version"] = np.array([2, 2])
+        root.attrs.create("Type", b"PolyData", dtype=h5py.string_dtype("ascii", 8))
+        for kind in ("Vertices", "Lines", "Polygons", "Strips"):
+            cells = layer.cells if kind == layer.kind else []
+            group = root.create_group(kind)
+            group["NumberOfCells"] = np.array([len(cells)])
+            corners = np.concatenate([*cells, ()]).astype(np.int64)
+            group["NumberOfConnectivityIds"] = np.array([len(corners)])
+            group["Connectivity"] = corners
+            group["Offsets"] = np.cumsum([0, *map(len, cells)], dtype=np.int64)
+        root["NumberOfPoints"] = np.array([layer.n_point])
+        steps = root.create_group("Steps")
+        steps.attrs["NSteps"] = n_step
+        steps["Values"] = times
+        still, step = np.zeros(n_step, np.int64), np.arange(n_step)
+        steps["PartOffsets"], steps["NumberOfParts"] = still, still + 1
+        steps["PointOffsets"] = step * layer.n_point
+        steps["CellOffsets"] = steps["ConnectivityIdOffsets"] = np.zeros((n_step, 4), np.int64)
+        for name, values in layer.fixed.items():
+            root[f"CellData/{name}"] = values
+            steps[f"CellDataOffsets/{name}"] = still
+        for place, values in _moving(first).items():
+            count = values.shape[1]
+            shape = h5s.create_simple((n_step * count, *values.shape[2:]))
+            data = h5d.create(root.id, place.encode(), h5t.py_create(values.dtype), shape, _reserved(), _links())
+            places[place] = data.get_offset()
+            if place != "Points":
+                kind, _, name = place.partition("/")
+                steps[f"{kind}Offsets/{name}"] = step * count
+    return places
 
 
-def _fill(data: h5py.Dataset, start: int, values: np.ndarray) -> None:
-    """Put frames (f, n, ...) into the place of frame ``start`` and those after it."""
-    count = values.shape[1]
-    data[start * count : (start + len(values)) * count] = values.reshape(-1, *values.shape[2:])
+def _reserved():
+    """A dataset in one piece, with its place in the file from the start and nothing in it."""
+    how = h5p.create(h5p.DATASET_CREATE)
+    how.set_layout(h5d.CONTIGUOUS)
+    how.set_alloc_time(h5d.ALLOC_TIME_EARLY)
+    how.set_fill_time(h5d.FILL_TIME_NEVER)
+    return how
+
+
+def _links():
+    """Groups on the way to a dataset are made."""
+    how = h5p.create(h5p.LINK_CREATE)
+    how.set_create_intermediate_group(True)
+    return how
+
+
+def _fill(start: int, found: list[tuple[FileIO, dict[str, int], dict[str, np.ndarray]]]) -> None:
+    """Put the values (f, n, ...) of frame ``start`` and those after it into their places."""
+    for file, places, moving in found:
+        for name, values in moving.items():
+            if values.size:
+                file.seek(places[name] + start * values[0].nbytes)
+                rest = memoryview(np.ascontiguousarray(values)).cast("B")
+                while len(rest):
+                    rest = rest[file.write(rest) :]
