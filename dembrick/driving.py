@@ -13,7 +13,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from dembrick.shapes import rotation_matrix
 
 Curve = Callable[[np.ndarray], np.ndarray]  # times (s,) -> values (s,)
 
@@ -44,11 +43,19 @@ class Driving:
                 force[:, k] *= curve(times)[:, None]
         if self.tilt is not None:
             axis, rate = self.tilt
-            half = -0.5 * rate * times
-            turn = rotation_matrix(np.column_stack([np.cos(half), np.sin(half)[:, None] * axis]))
-            gravity = np.einsum("sij,sj->si", turn, gravity)
-            force = np.einsum("sij,skj->ski", turn, force)
+            cosine, sine = np.cos(rate * times), np.sin(rate * times)
+            gravity = turned_back(gravity, axis, cosine[:, None], sine[:, None])
+            if len(self.block):
+                force = turned_back(force, axis, cosine[:, None, None], sine[:, None, None])
         if self.support_velocity is not None:
             gained = self.support_velocity(times + 0.5 * dt) - self.support_velocity(times - 0.5 * dt)
             gravity = gravity - (gained / dt)[:, None] * self.direction
         return gravity, np.ascontiguousarray(force)
+
+
+def turned_back(vectors: np.ndarray, axis: np.ndarray, cosine: np.ndarray, sine: np.ndarray) -> np.ndarray:
+    """``vectors`` (..., 3) seen from what has turned about the unit ``axis`` (Rodrigues' formula)."""
+    along = (vectors @ axis)[..., None] * axis
+    x, y, z = axis
+    beside = vectors @ np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])  # axis x v
+    return along + cosine * (vectors - along) - sine * beside

@@ -184,10 +184,18 @@ def put_outlines(faces: Faces, i: np.ndarray, outlines: np.ndarray) -> None:
     faces.far[i] = limit_set.far_moments(outlines)
 
 
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """a x b for (j, 3) arrays: a run takes it for every row of its record, and `numpy.cross` is slow for few vectors."""
+    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    for i, k, m in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        out[..., i] = a[..., k] * b[..., m] - a[..., m] * b[..., k]
+    return out
+
+
 def seen(bodies: Bodies, links: Links) -> np.ndarray:
     """`Links.seen` (j, 9) of where the blocks are now."""
     u = np.einsum("jik,jlk->jli", bodies.rotation[links.other], links.axes[links.plane])
-    axes = np.concatenate([u, np.cross(u[:, 0], u[:, 1])[:, None]], axis=1)
+    axes = np.concatenate([u, cross(u[:, 0], u[:, 1])[:, None]], axis=1)
     turn = bodies.rotation[links.host]
     arm = np.einsum("jik,jk->ji", turn, links.lever) + bodies.position[links.host] - bodies.position[links.other]
     tangents = np.einsum("jik,jlk->jli", turn, links.axes[links.tangents])
@@ -198,11 +206,11 @@ def seen(bodies: Bodies, links: Links) -> np.ndarray:
 def joint_axes(bodies: Bodies, links: Links) -> np.ndarray:
     """Axes (j, 3, 3) of the joints now, as rows: t1 (of the host, in the plane), t2 and n from a to b, world."""
     u = np.einsum("jik,jlk->jli", bodies.rotation[links.other], links.axes[links.plane])
-    normal = np.cross(u[:, 0], u[:, 1])
+    normal = cross(u[:, 0], u[:, 1])
     t1 = np.einsum("jik,jk->ji", bodies.rotation[links.host], links.axes[links.tangents, 0])
     t1 -= (t1 * normal).sum(axis=1)[:, None] * normal
     t1 /= np.sqrt((t1**2).sum(axis=1))[:, None]
-    return np.stack([t1, np.cross(normal, t1), normal], axis=1)
+    return np.stack([t1, cross(normal, t1), normal], axis=1)
 
 
 def joint_resultants(state: MovingState) -> np.ndarray:
@@ -210,7 +218,7 @@ def joint_resultants(state: MovingState) -> np.ndarray:
     bodies, links = state.bodies, state.links
     axes = joint_axes(bodies, links)
     arm = np.einsum("jik,jk->ji", bodies.rotation[links.host], links.lever)
-    force, torque = links.wrench[:, :3], links.wrench[:, 3:6] - np.cross(arm, links.wrench[:, :3])
+    force, torque = links.wrench[:, :3], links.wrench[:, 3:6] - cross(arm, links.wrench[:, :3])
     # the wrench acts on the host; b is the host where sense is +1. The joint pushes back on b: V, M are minus that.
     on_b = links.sense[:, None]
     f = np.einsum("jki,ji->jk", axes, on_b * force)
