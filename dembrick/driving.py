@@ -13,7 +13,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-
 Curve = Callable[[np.ndarray], np.ndarray]  # times (s,) -> values (s,)
 
 

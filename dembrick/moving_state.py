@@ -185,7 +185,7 @@ def put_outlines(faces: Faces, i: np.ndarray, outlines: np.ndarray) -> None:
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """a x b for (j, 3) arrays: a run takes it for every row of its record, and `numpy.cross` is slow for few vectors."""
+    """a x b for (j, 3) arrays: every row of a record takes it, and ``numpy.cross`` is slow for few vectors."""
     out = np.empty(np.broadcast_shapes(a.shape, b.shape))
     for i, k, m in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         out[..., i] = a[..., k] * b[..., m] - a[..., m] * b[..., k]
