@@ -16,6 +16,7 @@ from dembrick.simulation import State, block_stiffness, couplings
 from dembrick.state import WholeInertia
 
 MOST_ENTRIES = 30_000_000  # of a factor: 240 MB
+ROWS_AT_ONCE = 2000  # that are factorised in one go: a signal waits for some tenths of a second
 _SINGULAR = 1e-13  # of a diagonal entry: a pivot below this is rounding
 
 
@@ -79,13 +80,23 @@ def elastic_factor(state: State) -> Factor | None:
             begin = start[row] + 6 * k - first[row]
             lower[begin : begin + 6] += block[m]
     factor = Factor(6 * rank, first.astype(np.int64), start[:-1].copy(), lower)
-    failed = factorise(factor.first, factor.start, factor.lower, _SINGULAR)
+    failed = _factorised(factor)
     if failed >= 0:
         raise ScenarioError(
             f"the joints do not hold block number {free[order[failed // 6]]} even when they are closed and stick: "
             "give its joints more contact points"
         )
     return factor
+
+
+def _factorised(factor: Factor) -> int:
+    """Put the Cholesky factor in the place of the matrix; returns -1, or the row that fails."""
+    rows, failed = len(factor.first), -1
+    for begin in range(0, rows, ROWS_AT_ONCE):
+        if failed < 0:
+            end = min(begin + ROWS_AT_ONCE, rows)
+            failed = int(factorise(factor.first, factor.start, factor.lower, _SINGULAR, begin, end))
+    return failed
 
 
 def whole_inertia(factor: Factor) -> WholeInertia:

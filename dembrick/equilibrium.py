@@ -6,16 +6,22 @@ import time
 
 import numpy as np
 
+from dembrick import interruption
 from dembrick.elastic import Factor, elastic_factor, touches_itself, whole_inertia
-from dembrick.errors import NotConvergedError
+from dembrick.errors import HistoryError, NotConvergedError
 from dembrick.kernels.advance import settle
+from dembrick.session import Session, Snapshot
 from dembrick.simulation import State
+from dembrick.snapshots import flattened, restored_state
 from dembrick.state import ScaledInertia
 
 UNBALANCED = 1e-12  # of the joint forces
 MOST_STEPS = 20_000
 FIRST_STEPS = 30  # without momentum, for blocks on fixed ones
 MOMENTUM = 0.9  # of the last move that is kept where blocks stand on free blocks
+FEW = 8  # steps in the first chunk, before the pace is known
+SNAPSHOT = "seating"  # what a checkpoint of it has, and no other
+CHUNK_SECONDS = 0.2  # of a chunk: a signal is answered within that
 
 
 def inverse_inertia(state: State, inertia: np.ndarray) -> ScaledInertia:
@@ -26,19 +32,20 @@ def inverse_inertia(state: State, inertia: np.ndarray) -> ScaledInertia:
     return ScaledInertia(inverse, np.ascontiguousarray(inertia), None)
 
 
-def seat(state: State, stiffness: np.ndarray, factor: Factor | None = None) -> tuple[float, float, float]:
+def seat(
+    state: State, stiffness: np.ndarray, factor: Factor | None = None, session: Session | None = None
+) -> tuple[float, float, float]:
     """Relax ``state`` until the out-of-balance forces are ``UNBALANCED`` of the joint forces.
 
     Where free blocks touch only fixed ones, every block moves by the answer of its own ``stiffness`` (n, 6, 6) to its
     out-of-balance: a single Newton step seats it. Else the whole assembly moves by its elastic answer, ``factor``,
-    first in one go and then with momentum, which is dropped whenever it works against the forces. Returns the ratio
-    reached and the seconds of compiling and of relaxing. Raises NotConvergedError where the dead loads alone bring the
-    blocks down.
+    first in one go and then with momentum, which is dropped whenever it works against the forces. ``session`` keeps
+    checkpoints of it, and may go on from one. Returns the ratio reached and the seconds of compiling and of relaxing.
+    Raises NotConvergedError where the dead loads alone bring the blocks down, and Interrupted.
     """
     joints = state.joints
     began = time.perf_counter()
     alone, inertia = not touches_itself(state), None
-    momentum = 0.0 if alone else MOMENTUM
     if not alone:
         factor = elastic_factor(state) if factor is None else factor
         if factor is not None:
@@ -46,12 +53,12 @@ def seat(state: State, stiffness: np.ndarray, factor: Factor | None = None) -> t
             inertia = ScaledInertia(none, none, whole_inertia(factor))
     if inertia is None:
         inertia = inverse_inertia(state, stiffness)
-    settle(0, UNBALANCED, *state[:4], inertia, momentum)  # no step: compiles, or loads the cache
+    settle(0, 0, UNBALANCED, *state[:4], inertia, MOMENTUM)  # no step: compiles, or loads the cache
     ready = time.perf_counter()
-    ratio, steps = settle(FIRST_STEPS if alone else MOST_STEPS, UNBALANCED, *state[:4], inertia, momentum)
-    if alone and not ratio <= UNBALANCED:
-        # what opened is softer than the closed joint whose answer each step is
-        ratio, steps = settle(MOST_STEPS, UNBALANCED, *state[:4], inertia, MOMENTUM)
+    # where blocks stand alone and do not come to rest at once, what opened is softer than the closed joint whose answer
+    # each step is
+    rounds = ((FIRST_STEPS, 0.0), (MOST_STEPS, MOMENTUM)) if alone else ((MOST_STEPS, MOMENTUM),)
+    ratio, steps = _Seating(state, inertia, rounds).run(session or Session())
     done = time.perf_counter()
     if not ratio <= UNBALANCED:
         raise NotConvergedError(
@@ -63,3 +70,50 @@ def seat(state: State, stiffness: np.ndarray, factor: Factor | None = None) -> t
     state.blocks.spin[:] = 0.0
     joints.step[:] = 0.0
     return ratio, ready - began, done - ready
+
+
+class _Seating:
+    """The relaxation, chunk by chunk: ``rounds`` of (most steps, momentum), until one of them balances the forces."""
+
+    def __init__(self, state: State, inertia: ScaledInertia, rounds: tuple[tuple[int, float], ...]):
+        self._state, self._inertia, self._rounds = state, inertia, rounds
+        self._round = self._step = 0
+
+    def run(self, session: Session) -> tuple[float, int]:
+        """The unbalanced-force ratio reached, and the steps of the last round."""
+        if session.resumed is not None and SNAPSHOT in session.resumed:
+            self._restore(session.resumed)
+            session.resumed = None
+        elif session.resumed is not None:
+            session = Session(output=session.output)  # what is kept is further on, and must not be written over
+        ratio, pace = 1.0, FEW
+        with interruption.deferred():
+            while True:
+                most, momentum = self._rounds[self._round]
+                steps, began = min(pace, most - self._step), time.perf_counter()
+                ratio, self._step = settle(
+                    self._step, steps, UNBALANCED, *self._state[:4], self._inertia, momentum
+                )  # fmt: skip
+                pace = max(1, min(int(steps * CHUNK_SECONDS / max(time.perf_counter() - began, 1e-9)), 16 * steps))
+                if ratio <= UNBALANCED or (self._step >= most and self._round + 1 == len(self._rounds)):
+                    return ratio, self._step
+                if self._step >= most:
+                    self._round, self._step = self._round + 1, 0
+                session.pause(self)
+
+    @property
+    def where(self) -> str:
+        """Steps done."""
+        return f"step {self._step} of the seating"
+
+    def snapshot(self) -> dict[str, np.ndarray]:
+        """All that it goes on from."""
+        return {SNAPSHOT: np.array([self._round, self._step], float), **flattened({"state": self._state})}
+
+    def _restore(self, snapshot: Snapshot) -> None:
+        """Take it from a snapshot of the same scene; HistoryError where it is of another."""
+        at, step = snapshot.array(SNAPSHOT, np.zeros(2)).tolist()
+        if not (at in range(len(self._rounds)) and step in range(self._rounds[int(at)][0])):
+            raise HistoryError(f"{snapshot.path}: this checkpoint is of no step of this run")
+        self._round, self._step = int(at), int(step)
+        restored_state(self._state, snapshot)

@@ -57,7 +57,7 @@ class Keeper:
 
         began = time.perf_counter()
         self.path, self.auditor, self.checkpoint = os.fspath(path), Auditor(), None
-        self._recorded = history.recorded
+        self._recorded, self._assembly = history.recorded, assembly
         self._checkpoints = history.Checkpoints(self.path)
         self._scenario = hashlib.sha256(text.encode()).hexdigest()
         if left is None:
@@ -67,7 +67,10 @@ class Keeper:
             rows, frames = self._take_checkpoint(left)
             # opened when the first record comes: until then the checkpoint may turn out not to fit
             resume = history.HistoryWriter.resume
-            self._writer, self._open = None, lambda: resume(left, assembly, settings, output.channels, rows, frames)
+            self._writer, self._open = (
+                None,
+                lambda: resume(left, self._assembly, settings, output.channels, rows, frames),
+            )
         self.write_seconds = time.perf_counter() - began
 
     @property
@@ -76,6 +79,12 @@ class Keeper:
         if self._writer is None:
             self._writer = self._open()
         return self._writer
+
+    def place(self, assembly) -> None:
+        """The assembly with its contact points where they stay, before anything is recorded."""
+        self._assembly = assembly
+        if self._writer is not None:
+            self._writer.place(assembly)
 
     def _take_checkpoint(self, left) -> tuple[int, int]:
         """The last good checkpoint, and how many rows and frames there were then."""
@@ -115,12 +124,12 @@ class Keeper:
             self.writer.append_frames(**frames)
         self.write_seconds += time.perf_counter() - began
 
-    def keep(self, arrays: Mapping[str, np.ndarray]) -> None:
-        """Flush the history, then write a checkpoint that says how much of it was there."""
+    def keep(self, arrays: Mapping[str, np.ndarray], where: str) -> None:
+        """Flush the history, then write a checkpoint that says how much of it was there, and how far the run was."""
         began = time.perf_counter()
         self.writer.flush()
         about = {"run": self.writer.run, "scenario": self._scenario, "kernels": kernel_hash()}
-        about |= {"step": int(arrays["loop"][0]), "rows": self.writer.n_row, "frames": self.writer.n_frames}
+        about |= {"where": where, "rows": self.writer.n_row, "frames": self.writer.n_frames}
         self._checkpoints.save({**arrays, "audit.worst": self.auditor.worst}, about)
         self.write_seconds += time.perf_counter() - began
 

@@ -17,7 +17,7 @@ from dembrick.kernels.dynamics import REACHED, Limits
 from dembrick.model import Output
 from dembrick.moving_state import joint_resultants, out_of_balance, seen
 from dembrick.pushing import STRONGEST, Jack, jack_of
-from dembrick.session import Plan, Session, Snapshot
+from dembrick.session import Plan, Session, Snapshot, step_at
 from dembrick.shapes import quaternion_product, rotation_matrix, unit_quaternion
 from dembrick.snapshots import flattened, restored
 
@@ -215,14 +215,9 @@ class _Past:
         self.at_rest = np.zeros((len(moving.state.links.host), 9))  # `seen` then
 
     @property
-    def step(self) -> int:
-        """Steps done."""
-        return self._moving.steps
-
-    @property
-    def time_step(self) -> float:
-        """s"""
-        return self._moving.time_step
+    def where(self) -> str:
+        """Steps done, and the time."""
+        return step_at(self._moving.steps, self._moving.time_step)
 
     def _arrays(self) -> dict[str, np.ndarray]:
         moving = self._moving

@@ -23,7 +23,7 @@ from dembrick import replay
 from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.model import Output, Scenario
 from dembrick.session import Session
-from dembrick.stepping import Loop
+from dembrick.stepping import Loop, Stepper
 
 PHASES = ("joint_forces", "block_motion", "bracket", "record")
 RUN_UP = 1.0  # s, at most, to a state that is worth timing
@@ -51,9 +51,10 @@ class _RunUp(Session):
         if time.perf_counter() - self._began > 5.0 * RUN_UP:  # no time loop that pauses
             raise ScenarioError(NO_PHASES)
 
-    def pause(self, run) -> None:
+    def pause(self, run, within: bool = False) -> None:
         """See `Session.pause`."""
-        if run.step >= self._half or time.perf_counter() - self._began > RUN_UP:
+        late = time.perf_counter() - self._began > RUN_UP
+        if isinstance(run, Stepper) and (run.loop.step >= self._half or late):
             raise _Enough(run)
 
 

@@ -92,8 +92,8 @@ def find_limit_load(
     the best bracket where the tolerance is not reached, DivergedError, and NotConvergedError where the dead loads alone
     bring the blocks down.
     """
-    setup = _Setup(assembly, tolerance, whole=goal is not None)
     session = Session.of(session)
+    setup = _Setup(assembly, tolerance, session, whole=goal is not None)
     if setup.factor is None:
         replay = _by_inertia(setup, step_factor, session)
     else:
@@ -122,7 +122,7 @@ def _by_equilibria(setup: _Setup, session: Session, goal: float, steps: float) -
     # a load on all blocks is resisted by some part of their weight, one jack by a few joints
     strength = GUESS * float(np.linalg.norm(state.blocks.dead_force[state.blocks.free], axis=1).sum()) / setup.weight
     strength = min(strength, _rough_strength(state, certificate, setup.load)) or GUESS
-    path = follow(state, setup.load, setup.factor, certificate, steps * strength, recorder, goal)
+    path = follow(state, setup.load, setup.factor, certificate, steps * strength, recorder, goal, session)
     done = time.perf_counter()
     return Replay(
         yield_point=read_off(state, certificate, setup.assembly.names),
@@ -189,7 +189,8 @@ def push_at_constant_rate(
     V is the mean load of the last quarter of the travel. Raises DivergedError, and NotConvergedError where the dead
     loads alone bring the blocks down, or where the load of an uncertified test still rises or swings at the end.
     """
-    setup = _Setup(assembly, tolerance=0.0)
+    session = Session.of(session)
+    setup = _Setup(assembly, tolerance=0.0, session=session)
     state = setup.state
     if state.areas is not None and state.areas.pressed is not None:
         # inertia above the joint moves the pressure, and the friction with it
@@ -206,7 +207,6 @@ def push_at_constant_rate(
         inverse=np.linalg.inv(assembly.inertia),
     )
     _to_finite_motion(state)
-    session = Session.of(session)
     output = session.output
     rows_every = max(1, steps_wanted // output.rows)
     chunk = min(CHUNK, steps_wanted)
@@ -312,10 +312,11 @@ class _LoadSystem:
 class _Setup(_LoadSystem):
     """The load system on the seated state, with the certificate of its limit load."""
 
-    def __init__(self, assembly, tolerance: float, whole: bool = False):
+    def __init__(self, assembly, tolerance: float, session: Session | None = None, whole: bool = False):
         super().__init__(assembly)
         self.factor = elastic_factor(self.state) if whole or touches_itself(self.state) else None
-        self.unbalanced, self.compile_seconds, self.loop_seconds = seat(self.state, self.stiffness, self.factor)
+        seated = seat(self.state, self.stiffness, self.factor, session)
+        self.unbalanced, self.compile_seconds, self.loop_seconds = seated
         self.seated = self.state.blocks.displacement.copy()
         # the jacks come to blocks that the dead loads have moved already, and do not push them back
         moved = np.concatenate([self.state.blocks.displacement, self.state.blocks.rotation], axis=1)

@@ -173,12 +173,12 @@ def simulate(
     began, start_up = time.perf_counter(), _start_up()
     if not isinstance(scenario, Scenario):
         scenario = scenarios.load(scenario)
-    assembly, placing = _built(scenario, report)
+    assembly = _built(scenario, report)
     keeper = Memory() if record else None
     if history is not None:
         settings = {"scenario": scenario.path or ""}
         keeper = Keeper(history, scenarios.text_of(scenario), assembly, scenario.output, settings, force)
-    return _run(scenario, assembly, keeper, began, start_up, refine, placing)
+    return _run(scenario, assembly, keeper, began, start_up, refine)
 
 
 def restart(history: str | os.PathLike, *, report: Callable[[str], None] | None = None) -> Result:
@@ -199,13 +199,13 @@ def restart(history: str | os.PathLike, *, report: Callable[[str], None] | None 
             )
         named = left.settings.get("scenario")
         scenario = scenarios.loads(left.scenario_text, named if isinstance(named, str) and named else None)
-        assembly, placing = _built(scenario, report)
+        assembly = _built(scenario, report)
         settings = {"scenario": scenario.path or ""}
         keeper = Keeper(history, left.scenario_text, assembly, scenario.output, settings, left=left)
         if report:
-            step = keeper.checkpoint.about["step"] if keeper.checkpoint else 0
-            report(f"going on from step {step}" if step else "no checkpoint was written: starting from the beginning")
-        return _run(scenario, assembly, keeper, began, start_up, placing=placing)
+            left_at = keeper.checkpoint and keeper.checkpoint.about["where"]
+            report(f"going on from {left_at}" if left_at else "no checkpoint was written: starting from the beginning")
+        return _run(scenario, assembly, keeper, began, start_up)
     finally:
         left.close()
 
@@ -221,13 +221,24 @@ def _start_up() -> float:
 
 
 def _built(scenario: Scenario, report: Callable[[str], None] | None):
-    """The assembly, and the loop seconds that it took to place the points of a lone distributed joint."""
+    """The assembly, its warnings reported."""
     assembly = assemblies.build(scenario)
     for warning in assembly.warnings if report else ():
         report(warning)
+    return assembly
+
+
+def _placed(scenario: Scenario, assembly):
+    """The assembly with the points of a lone distributed joint placed for its limit load, and the loop seconds of that.
+
+    Raises Interrupted.
+    """
     if scenario.control.kind != "yield":
         return assembly, 0.0
-    return centred_points.place_points(assembly, scenario.control.tolerance, scenario.solver.step_factor)
+    try:
+        return centred_points.place_points(assembly, scenario.control.tolerance, scenario.solver.step_factor)
+    except Interrupted as error:
+        raise Interrupted(error.signum, "interrupted while the contact points were placed, before the run") from None
 
 
 def _run(
@@ -237,12 +248,13 @@ def _run(
     began: float,
     start_up: float,
     refine: bool = False,
-    placing: float = 0.0,
 ) -> Result | MotionResult:
-    """Replay, audit and judge. ``began``: when the work on it did; ``start_up``: seconds before; ``placing``: seconds
-    of the loop that placed contact points."""
+    """Replay, audit and judge. ``began``: when the work on it did; ``start_up``: seconds before."""
     path = keeper.path if isinstance(keeper, Keeper) else None
     try:
+        assembly, placing = _placed(scenario, assembly)
+        if path:
+            keeper.place(assembly)
         run = _replayed(scenario, assembly, keeper.session(scenario.output) if keeper else Session())
         books = keeper.auditor.result(run.energy) if keeper and run.energy is not None else None
     except WriteError as error:  # the disk has what it has

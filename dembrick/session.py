@@ -20,6 +20,9 @@ class Snapshot(Protocol):
 
     path: str
 
+    def __contains__(self, name: str) -> bool:
+        """Whether there is an array of that name."""
+
     def array(self, name: str, like: np.ndarray) -> np.ndarray:
         """The array ``name``, which must have the shape and the type of ``like``."""
 
@@ -27,8 +30,7 @@ class Snapshot(Protocol):
 class Pausable(Protocol):
     """A run between two chunks: where it is, and all that it would go on from."""
 
-    step: int
-    time_step: float
+    where: str  # for a message, as "step 12 (t = 0.5 s)"
 
     def snapshot(self) -> Mapping[str, np.ndarray]:
         """Arrays by name, not copied."""
@@ -49,13 +51,13 @@ class Session:
     """Surroundings of a run; without any, it only answers.
 
     ``observe(rows, frames)`` gets copies of what each chunk of steps brought (see ``recorder``), of the channels of
-    ``output``. ``keep(arrays)`` writes a checkpoint, every ``output.checkpoint`` seconds and when a signal ends the
-    run. A run with ``resumed`` goes on from that snapshot. No chunk has more than ``longest_chunk`` steps.
+    ``output``. ``keep(arrays, where)`` writes a checkpoint, every ``output.checkpoint`` seconds and when a signal ends
+    the run. A run with ``resumed`` goes on from that snapshot. No chunk has more than ``longest_chunk`` steps.
     """
 
     observe: Observer | None = None
     output: Output = field(default_factory=Output)
-    keep: Callable[[Mapping[str, np.ndarray]], None] | None = None
+    keep: Callable[[Mapping[str, np.ndarray], str], None] | None = None
     resumed: Snapshot | None = None
     longest_chunk: int = 1 << 40
     last_kept: float = field(default_factory=time.monotonic)
@@ -65,13 +67,20 @@ class Session:
         """A session out of a session, of an observer alone, or of nothing."""
         return given if isinstance(given, Session) else cls(observe=given)
 
-    def pause(self, run: Pausable) -> None:
-        """Between two chunks: write a checkpoint if it is time for one; Interrupted where a signal asked to stop."""
+    def pause(self, run: Pausable, within: bool = False) -> None:
+        """Between two chunks: write a checkpoint if it is time for one; Interrupted where a signal asked to stop.
+
+        ``within`` a chunk, whose beginning the run still knows, only a signal counts.
+        """
         signum = interruption.requested()
-        due = time.monotonic() - self.last_kept >= self.output.checkpoint
+        due = not within and time.monotonic() - self.last_kept >= self.output.checkpoint
         if self.keep is not None and (due or signum):
-            self.keep(run.snapshot())
+            self.keep(run.snapshot(), run.where)
             self.last_kept = time.monotonic()
         if signum:
-            where = f"step {run.step} (t = {run.step * run.time_step:.4g} s)"
-            raise interruption.Interrupted(signum, f"interrupted after {where}")
+            raise interruption.Interrupted(signum, f"interrupted after {run.where}")
+
+
+def step_at(step: int, time_step: float) -> str:
+    """Where a time loop is, for a message."""
+    return f"step {step} (t = {step * time_step:.4g} s)"

@@ -9,6 +9,8 @@ import numpy as np
 from dembrick.errors import HistoryError
 from dembrick.session import Snapshot
 
+COUNTERS = ("state.areas.evaluations", "state.areas.pressed.count")  # integers of a state that change
+
 
 def flattened(parts: Mapping[str, tuple | None]) -> dict[str, np.ndarray]:
     """All fields as arrays ``part.field``, without copying; what the scene does not have is None and left out."""
@@ -20,6 +22,16 @@ def flattened(parts: Mapping[str, tuple | None]) -> dict[str, np.ndarray]:
             elif value is not None:
                 arrays[f"{name}.{field}"] = np.asarray(value)
     return arrays
+
+
+def restored_state(state, snapshot: Snapshot):
+    """The `simulation.State` of ``snapshot``, where it is called "state"; HistoryError where it is of another scene."""
+    pressed = None if state.areas is None else state.areas.pressed
+    if pressed is not None:  # before anything is taken: it leads into arrays
+        count = snapshot.array(COUNTERS[1], pressed.count)
+        if (count < 0).any() or (count > np.diff(np.append(pressed.start, len(pressed.x)))).any():
+            raise HistoryError(f"{snapshot.path}: {COUNTERS[1]} leads out of its polygons")
+    return restored("state", state, snapshot, COUNTERS)
 
 
 def _is_part(value) -> bool:

@@ -17,14 +17,13 @@ from dembrick.kernels.advance import FULL, RUNNING, Drive, advance
 from dembrick.kernels.bracket import Certificate
 from dembrick.kernels.guard import Guard
 from dembrick.recorder import Recorder
-from dembrick.session import Session, Snapshot
+from dembrick.session import Session, Snapshot, step_at
 from dembrick.simulation import State
-from dembrick.snapshots import flattened, restored
+from dembrick.snapshots import flattened, restored, restored_state
 from dembrick.state import Energy, Inertia, ScaledInertia
 
 CHUNK_SECONDS = 0.2  # of a chunk: a signal is answered within that
 FIRST_WORK = 200_000  # block and contact updates in the first chunk, before the pace is known
-COUNTERS = ("areas.evaluations",)  # integers that change
 
 
 @dataclass
@@ -51,14 +50,14 @@ class Loop:
         return status
 
     def parts(self) -> dict[str, tuple]:
-        """The named tuples by name, without those that the scene does not have."""
-        parts = self.state._asdict() | {"scaled": self.scaled, "inertia": self.inertia, "drive": self.drive}
+        """The named tuples beside the state by name, without those that the scene does not have."""
+        parts = {"scaled": self.scaled, "inertia": self.inertia, "drive": self.drive}
         parts |= {"certificate": self.certificate, "energy": self.energy, "guard": self.guard}
         return {name: part for name, part in parts.items() if part is not None}
 
     def snapshot(self) -> dict[str, np.ndarray]:
         """Everything as arrays; those of the state are not copied."""
-        return {"loop": np.array([self.step, self.dt]), **flattened(self.parts())}
+        return {"loop": np.array([self.step, self.dt]), **flattened({"state": self.state, **self.parts()})}
 
     def restore(self, snapshot: Snapshot) -> None:
         """Take everything from a snapshot of the same scene; HistoryError where it is of another."""
@@ -66,10 +65,9 @@ class Loop:
         if not (step >= 0.0 and step.is_integer() and 0.0 < self.dt < np.inf):
             raise HistoryError(f"{snapshot.path}: this checkpoint is of no step of this run")
         self.step = int(step)
-        parts = {name: restored(name, part, snapshot, COUNTERS) for name, part in self.parts().items()}
-        self.state = State(*(parts.pop(name, None) for name in State._fields))
-        for name, part in parts.items():
-            setattr(self, name, part)
+        self.state = restored_state(self.state, snapshot)
+        for name, part in self.parts().items():
+            setattr(self, name, restored(name, part, snapshot))
 
 
 class Stepper:
@@ -84,14 +82,9 @@ class Stepper:
         self._pace = max(1, FIRST_WORK // _size(loop.state))
 
     @property
-    def step(self) -> int:
-        """Steps done."""
-        return self.loop.step
-
-    @property
-    def time_step(self) -> float:
-        """s"""
-        return self.loop.dt
+    def where(self) -> str:
+        """Steps done, and the time."""
+        return step_at(self.loop.step, self.loop.dt)
 
     def snapshot(self) -> dict[str, np.ndarray]:
         """All that the run would go on from."""

@@ -264,7 +264,7 @@ def rows_of(path):
 
 def test_killed_and_restarted_again_and_again(tmp_path, long_run):
     """Killed before the first row, then at random moments of the time loop, and in the end let finish."""
-    path, rng, steps = tmp_path / "run.h5", random.Random(4), []
+    path, rng, numbers = tmp_path / "run.h5", random.Random(4), []
     for kill, rows in enumerate((0, 1, rng.randrange(300, 900), rng.randrange(900, 1800))):
         child = dembrick(
             *(["restart", str(path)] if kill else ["run", str(long_run / "long.toml"), "--out", str(path)])
@@ -275,9 +275,9 @@ def test_killed_and_restarted_again_and_again(tmp_path, long_run):
         child.communicate()
         with read(path) as file:
             assert file.status == "running" and file.n_row >= rows
-        steps += [Checkpoint(one).about["step"] for one in Checkpoints(path).existing()]
-    print(f"checkpoints found after the kills: steps {steps}")
-    assert steps and main(["restart", str(path), "--quiet"]) == 0
+        numbers += [Checkpoint(one).about["number"] for one in Checkpoints(path).existing()]
+    print(f"checkpoints found after the kills: numbers {numbers}")
+    assert numbers and main(["restart", str(path), "--quiet"]) == 0
     check_same(long_run / "whole.h5", path)
 
 
@@ -321,12 +321,12 @@ def stopped(tmp_path, stop_after):
 
 def by_step(path):
     """The two checkpoint files, the newest last."""
-    return sorted(Checkpoints(path).existing(), key=lambda one: Checkpoint(one).about["step"])
+    return sorted(Checkpoints(path).existing(), key=lambda one: Checkpoint(one).about["number"])
 
 
 def test_the_other_checkpoint_serves_where_the_newest_is_damaged(stopped, capsys):
     older, newest = by_step(stopped)
-    assert [Checkpoint(one).about["step"] for one in (older, newest)] == [8, 9]
+    assert [Checkpoint(one).about["number"] for one in (older, newest)] == [8, 9]
     whole = Path(newest).read_bytes()
     Path(newest).write_bytes(whole[: len(whole) // 2])
     restart(stopped, report=print)
@@ -339,7 +339,7 @@ def test_a_flipped_bit_is_noticed(stopped):
     _, newest = by_step(stopped)
     whole = Path(newest).read_bytes()
     with zipfile.ZipFile(newest) as archive:
-        entry = archive.getinfo("blocks.velocity.npy")
+        entry = archive.getinfo("state.blocks.velocity.npy")
         at = entry.header_offset + len(whole[entry.header_offset :].split(b"}")[0]) + 60
     rng, noticed = random.Random(1), 0
     for place in [at, *(rng.randrange(len(whole)) for _ in range(60))]:
@@ -348,7 +348,7 @@ def test_a_flipped_bit_is_noticed(stopped):
         Path(newest).write_bytes(damaged)
         try:
             checkpoint = Checkpoint(newest)
-            for name in ("blocks.velocity", "loop"):
+            for name in ("state.blocks.velocity", "loop"):
                 checkpoint.array(name, np.zeros((2, 3)) if "." in name else np.zeros(2))
         except HistoryError as error:
             assert newest in str(error) and "\n" not in str(error)
@@ -373,13 +373,13 @@ def about(path, **changes):
 
 
 STRANGE = {
-    "of another shape": lambda one: rewritten(one, **{"blocks.velocity": np.zeros((3, 3))}),
-    "of another type": lambda one: rewritten(one, **{"blocks.velocity": np.zeros((2, 3), np.float32)}),
-    "missing": lambda one: rewritten(one, **{"blocks.velocity": None}),
-    "an object": lambda one: rewritten(one, **{"blocks.velocity": np.array([{}], object)}),
-    "an index that leads elsewhere": lambda one: rewritten(one, **{"points.start": np.array([0, 10**6])}),
-    "a joint of nothing": lambda one: rewritten(one, **{"joints.block_a": np.array([7])}),
-    "in other axes order": lambda one: rewritten(one, **{"blocks.velocity": np.asfortranarray(np.ones((2, 3)))}),
+    "of another shape": lambda one: rewritten(one, **{"state.blocks.velocity": np.zeros((3, 3))}),
+    "of another type": lambda one: rewritten(one, **{"state.blocks.velocity": np.zeros((2, 3), np.float32)}),
+    "missing": lambda one: rewritten(one, **{"state.blocks.velocity": None}),
+    "an object": lambda one: rewritten(one, **{"state.blocks.velocity": np.array([{}], object)}),
+    "an index that leads elsewhere": lambda one: rewritten(one, **{"state.points.start": np.array([0, 10**6])}),
+    "a joint of nothing": lambda one: rewritten(one, **{"state.joints.block_a": np.array([7])}),
+    "in other axes order": lambda one: rewritten(one, **{"state.blocks.velocity": np.asfortranarray(np.ones((2, 3)))}),
     "of a step before the first": lambda one: rewritten(one, loop=np.array([-5.0, 1e-5])),
     "of half a step": lambda one: rewritten(one, loop=np.array([7.5, 1e-5])),
     "of no step": lambda one: rewritten(one, loop=np.array([np.nan, 1e-5])),
@@ -414,7 +414,7 @@ def bare(path, raw):
     """Put raw bytes in the place of one array."""
     with zipfile.ZipFile(path) as found:
         entries = {name: found.read(name) for name in found.namelist()}
-    entries["blocks.velocity.npy"] = raw
+    entries["state.blocks.velocity.npy"] = raw
     with zipfile.ZipFile(path, "w") as out:
         for name, content in entries.items():
             out.writestr(name, content)
@@ -507,7 +507,7 @@ def test_a_checkpoint_that_cannot_be_written_ends_the_run_and_keeps_the_one_befo
     with pytest.raises(WriteError, match="the checkpoint could not be written .No space left"):
         simulate(given, tmp_path / "run.h5")
     monkeypatch.setattr(np, "savez", savez)
-    assert [Checkpoint(one).about["step"] for one in by_step(tmp_path / "run.h5")] == [4, 5]
+    assert [Checkpoint(one).about["number"] for one in by_step(tmp_path / "run.h5")] == [4, 5]
     restart(tmp_path / "run.h5")
     check_same(tmp_path / "whole.h5", tmp_path / "run.h5")
 

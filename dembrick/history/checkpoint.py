@@ -19,11 +19,13 @@ import numpy as np
 from numpy.lib import format as npy
 
 from dembrick.errors import HistoryError, WriteError
-from dembrick.history.files import reason, replacing
+from dembrick.history.files import clear_parts, reason, replacing
 
-FORMAT = 1
+FORMAT = 2
 _ABOUT = "about"
 _MOST_ARRAYS = 1000
+_COUNTS = ("number", "rows", "frames")
+_LONGEST_LINE = 100  # characters
 _LONGEST_HEADER = 4096  # bytes before the numbers of an array
 _DAMAGE = (OSError, ValueError, KeyError, EOFError, RuntimeError, NotImplementedError, zipfile.BadZipFile, zlib.error)
 
@@ -52,11 +54,28 @@ class Checkpoint:
             self.about = json.loads(self._entry(archive, _ABOUT, None).tobytes())
         if self.about.get("format") != FORMAT:
             raise ValueError(f"format {self.about.get('format')!r} is unknown to this version")
-        for key, kind in (("run", str), ("scenario", str), ("kernels", str), ("step", int), ("rows", int)):
+        for key, kind in (
+            ("run", str),
+            ("scenario", str),
+            ("kernels", str),
+            ("where", str),
+            ("number", int),
+            ("rows", int),
+        ):
             if not isinstance(self.about.get(key), kind):
                 raise ValueError(f"{key} is missing")
-        if not isinstance(self.about.get("frames"), int) or min(self.about[k] for k in ("step", "rows", "frames")) < 0:
+        if not isinstance(self.about.get("frames"), int) or min(self.about[k] for k in _COUNTS) < 0:
             raise ValueError("its counts make no sense")
+        if not self.about["where"].isprintable() or len(self.about["where"]) > _LONGEST_LINE:
+            raise ValueError("it does not say where it is")
+
+    def __contains__(self, name: str) -> bool:
+        """Whether there is an array of that name."""
+        try:
+            with zipfile.ZipFile(self.path) as archive:
+                return f"{name}.npy" in archive.namelist()
+        except _DAMAGE as error:
+            raise HistoryError(f"{self.path}: this checkpoint is damaged ({_line(error)})") from error
 
     def array(self, name: str, like: np.ndarray) -> np.ndarray:
         """The array ``name``, which must have the shape and the type of ``like``; HistoryError otherwise."""
@@ -93,12 +112,12 @@ class Checkpoints:
 
     def __init__(self, path: str | os.PathLike):
         self.paths = tuple(f"{os.path.realpath(path)}.checkpoint-{i}" for i in range(2))
-        self._next = 0
+        self._next = self._number = 0
 
     def save(self, arrays: Mapping[str, np.ndarray], about: Mapping) -> None:
         """Write a checkpoint in the place of the older one; WriteError where that fails, and then both are kept."""
         path = self.paths[self._next]
-        text = json.dumps({"format": FORMAT, **about}).encode()
+        text = json.dumps({"format": FORMAT, "number": self._number + 1, **about}).encode()
         arrays = {name: np.asarray(value, order="C") for name, value in arrays.items()}
         try:
             with replacing(path, sync=True) as part, open(part, "wb") as file:
@@ -107,7 +126,7 @@ class Checkpoints:
             raise WriteError(
                 f"{path}: the checkpoint could not be written ({reason(error)}); the one before is kept"
             ) from error
-        self._next = 1 - self._next
+        self._next, self._number = 1 - self._next, self._number + 1
 
     def existing(self) -> list[str]:
         """Those of the two files that are there."""
@@ -128,12 +147,12 @@ class Checkpoints:
                 faults.append(str(error))
                 continue
             if checkpoint.about["run"] == run:
-                found.append((checkpoint.about["step"], i, checkpoint))
+                found.append((checkpoint.about["number"], i, checkpoint))
             else:
                 faults.append(f"{path}: this is the checkpoint of another run")
         if not found:
             return None, faults
-        _, i, checkpoint = max(found, key=lambda entry: entry[0])
+        self._number, i, checkpoint = max(found, key=lambda entry: entry[0])
         self._next = 1 - i
         return checkpoint, faults
 
@@ -142,4 +161,5 @@ class Checkpoints:
         for path in self.paths:
             with suppress(OSError):
                 os.unlink(path)
-        self._next = 0
+            clear_parts(path)  # of a process that was killed while it wrote one
+        self._next = self._number = 0

@@ -104,6 +104,11 @@ class HistoryWriter:
         """Frames appended so far."""
         return self._stored[1] + self._pending_count[1]
 
+    def place(self, assembly) -> None:
+        """Take the assembly with its contact points where they stay, before the first row."""
+        self._assembly, self._tables = assembly, None
+        self._set_fields(self._energy)
+
     def append(self, record: Mapping) -> None:
         """Add T rows: ``time``, ``load``, ``displacement``, ``unbalanced`` (T,), ``actuator_displacement`` and
         ``actuator_force`` (T, n_actuator), ``joint`` (T, n_joint, 7), optionally ``energy``: name -> (T,); what is no

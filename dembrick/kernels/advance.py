@@ -87,14 +87,16 @@ def advance(
 
 
 @entry
-def settle(n_steps, tolerance, blocks, joints, points, areas, scaled, momentum):
-    """Relaxation under the dead loads: each block moves by its artificial inertia's answer to the out-of-balance.
+def settle(first, n_steps, tolerance, blocks, joints, points, areas, scaled, momentum):
+    """Relaxation under the dead loads from step ``first`` on, until ``n_steps`` more are done or forces balance.
+
+    Each block moves by its artificial inertia's answer to the out-of-balance.
 
     For one block on a fixed base a step is a Newton step. ``momentum`` keeps part of the last move, while that goes
-    along with the forces. Returns the unbalanced-force ratio reached and the steps taken.
+    along with the forces. Returns the unbalanced-force ratio reached and the number of steps done.
     """
     ratio = 1.0
-    for step in range(n_steps):
+    for step in range(first, first + n_steps):
         clear_forces(blocks)
         joint_forces(blocks, joints, points, areas, None, 1.0, 0.0, 0.0, None)
         ratio = unbalanced_ratio(blocks, joints)
@@ -108,4 +110,4 @@ def settle(n_steps, tolerance, blocks, joints, points, areas, scaled, momentum):
                 blocks.velocity[b, i] *= keep
                 blocks.spin[b, i] *= keep
         small_step(blocks, scaled, 1.0, 0.0, 0.0, None)
-    return ratio, n_steps
+    return ratio, first + n_steps

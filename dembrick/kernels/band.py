@@ -15,10 +15,13 @@ def take(a, m, b):
 
 
 @jit
-def solve_band(band, h, x, y):
-    """Solve A x' = x and A y' = y in place, and destroy the matrix. Returns False where it is singular."""
+def eliminate(band, h, x, y, first, stop):
+    """Eliminate the columns ``first`` to ``stop`` of A from the rows below, and from x and y.
+
+    Returns False where A is singular. A large matrix is taken in parts, so that nobody waits long for any of them.
+    """
     n = x.size
-    for k in range(n):
+    for k in range(first, stop):
         last = min(n, k + h + 1)
         p = k
         for i in range(k + 1, last):
@@ -33,12 +36,19 @@ def solve_band(band, h, x, y):
             x[k], x[p] = x[p], x[k]
             y[k], y[p] = y[p], y[k]
         for i in range(k + 1, last):
-            first = band[i, k - i + h]
-            if first != 0.0:
-                m = first / band[k, h]
+            below = band[i, k - i + h]
+            if below != 0.0:
+                m = below / band[k, h]
                 take(band[i, h + k - i + 1 : h + end - i], m, band[k, h + 1 : h + end - k])
                 x[i] -= m * x[k]
                 y[i] -= m * y[k]
+    return True
+
+
+@jit
+def substitute(band, h, x, y):
+    """The answers x' and y' of A x' = x and A y' = y in place, once all columns are eliminated."""
+    n = x.size
     for k in range(n - 1, -1, -1):
         a = x[k]
         b = y[k]
@@ -47,4 +57,3 @@ def solve_band(band, h, x, y):
             b -= band[k, h + c] * y[k + c]
         x[k] = a / band[k, h]
         y[k] = b / band[k, h]
-    return True

@@ -178,7 +178,7 @@ def seat_one(blocks, joints, points, areas, inertia, settings):
         most = settings.first_steps if attempt == 0 else settings.seating_steps
         momentum = 0.0 if attempt == 0 else settings.momentum
         if not ratio <= settings.unbalanced:
-            ratio, _ = settle(most, settings.unbalanced, blocks, joints, points, areas, inertia, momentum)
+            ratio, _ = settle(0, most, settings.unbalanced, blocks, joints, points, areas, inertia, momentum)
     for i in range(3):
         blocks.velocity[1, i] = 0.0
         blocks.spin[1, i] = 0.0

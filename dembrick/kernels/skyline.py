@@ -27,12 +27,13 @@ def dot(a, i, b, k, n):
 
 
 @jit
-def factorise(first, start, lower, least):
-    """Replace the lower triangle of a symmetric matrix by its Cholesky factor.
+def factorise(first, start, lower, least, first_row, stop):
+    """Replace the rows ``first_row`` to ``stop`` of the lower triangle of a symmetric matrix by its Cholesky factor.
 
-    Returns -1, or the first row whose pivot is below ``least`` of its diagonal: the matrix is not positive definite.
+    Rows come in order; a large matrix is taken in parts, so that nobody waits long for any of them. Returns -1, or the
+    first row whose pivot is below ``least`` of its diagonal: the matrix is not positive definite.
     """
-    for i in range(first.size):
+    for i in range(first_row, stop):
         here = start[i] - first[i]
         diagonal = lower[here + i]
         for k in range(first[i], i):

@@ -10,7 +10,6 @@ from typing import NamedTuple
 from numpy import ndarray
 
 from dembrick._jit import jit
-from dembrick.kernels.band import solve_band
 from dembrick.kernels.contact import area_forces, point_forces
 from dembrick.kernels.forces import add_force, clear_forces, react
 
@@ -204,8 +203,8 @@ def add_to_band(trial, row, left, tangent, right, column, sign):
 
 
 @jit
-def newton_directions(trial, joints):
-    """How the tangent answers the out-of-balance and the unit load. Returns False where it cannot."""
+def assemble_tangent(trial, joints):
+    """The equations of one step of Newton's method: how the blocks answer the out-of-balance and the unit load."""
     for i in range(trial.band.shape[0]):
         for k in range(trial.band.shape[1]):
             trial.band[i, k] = 0.0
@@ -221,4 +220,3 @@ def newton_directions(trial, joints):
         if a >= 0 and b >= 0:
             add_to_band(trial, a, trial.seen_a[j], trial.tangent[j], trial.seen_b[j], b, -1.0)
             add_to_band(trial, b, trial.seen_b[j], trial.tangent[j], trial.seen_a[j], a, -1.0)
-    return solve_band(trial.band, trial.half_width, trial.by_residual, trial.by_load)

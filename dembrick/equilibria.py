@@ -1,0 +1,178 @@
+"""The next equilibrium of an assembly, by Newton's method on the laws themselves (see ``kernels.tangent``)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from dembrick.elastic import Factor
+from dembrick.errors import ScenarioError
+from dembrick.kernels.band import eliminate, substitute
+from dembrick.kernels.tangent import Trial, assemble_tangent, try_motion
+from dembrick.simulation import State, joint_stiffness, to_joint
+from dembrick.yield_point import joint_reach
+
+MOST_ITERATIONS = 20  # for one equilibrium
+BACKTRACKS = 8  # of one iteration
+HELD = 1e-10  # of the elastic stiffness, added to the tangent
+DIFFERENCE = 1e-6  # of the elastic move of a joint, by which its tangent is taken
+MOST_ENTRIES = 60_000_000  # of the equations: 480 MB
+AT_ONCE = 300_000_000  # products of an elimination in one go: a signal waits for some tenths of a second
+
+
+def elastic_moves(state: State) -> np.ndarray:
+    """By how much each joint gives way elastically before it slides or opens (j,) in m.
+
+    A joint that carries nothing yet counts as if it carried the most that any joint of its blocks does.
+    """
+    joints = state.joints
+    carried = np.zeros(len(state.blocks.displacement))
+    for ends in (joints.block_a, joints.block_b):
+        np.maximum.at(carried, ends, joints.resultant[:, 0])
+    carried[np.setdiff1d(np.arange(len(carried)), state.blocks.free)] = 0.0
+    normal = np.maximum(carried[joints.block_a], carried[joints.block_b])
+    stiffness = joint_stiffness(state)
+    if not normal.max() > 0.0:
+        return 1e-6 * joint_reach(state)
+    normal = np.maximum(normal, 1e-3 * normal.max())
+    friction = np.zeros(len(normal))
+    for family in (state.points, state.areas):
+        if family is not None:
+            friction[family.joint] = family.friction
+    return normal * np.maximum(1.0 / stiffness[:, 2, 2], friction / stiffness[:, 0, 0])
+
+
+def _new_trial(state: State, load: np.ndarray, factor: Factor) -> Trial:
+    """Room for the trials; ScenarioError where it would be too much."""
+    joints, free = state.joints, state.blocks.free
+    count = len(joints.block_a)
+    row = np.full(len(state.blocks.displacement), -1)
+    row[free] = factor.place
+    seen_a, seen_b = to_joint(joints.axes, joints.arm_a), to_joint(joints.axes, joints.arm_b)
+    ends = np.stack([row[joints.block_a], row[joints.block_b]])
+    half_width = int(np.abs(ends[0] - ends[1])[(ends >= 0).all(axis=0)].max(initial=0)) + 5
+    rows = 6 * len(free)
+    if rows * (3 * half_width + 1) > MOST_ENTRIES:
+        raise ScenarioError(
+            f"{len(free)} free blocks in a wide assembly are too many for a quasi-static search: its equations would "
+            f"take {8e-9 * rows * (3 * half_width + 1):.2g} GB; push a smaller part, or use a dynamic kind of control"
+        )
+    sixes = (factor.place[:, None] + np.arange(6)).ravel()
+    along = np.zeros(rows)
+    along[sixes] = load[free].ravel()
+    points = 0 if state.points is None else len(state.points.k_s)
+    areas = 0 if state.areas is None else len(state.areas.joint)
+    return Trial(
+        seen_a=seen_a,
+        seen_b=seen_b,
+        row=row.astype(np.int64),
+        reach=joint_reach(state),
+        move=DIFFERENCE * elastic_moves(state),
+        stiffness=joint_stiffness(state),
+        drag=np.array([0.0, HELD]),
+        base=np.zeros((count, 6)),
+        elastic_1=np.zeros(points),
+        elastic_2=np.zeros(points),
+        point_slip=np.zeros(points),
+        elastic=np.zeros((areas, 3)),
+        twist=np.zeros((areas, 3)),
+        area_slip=np.zeros(areas),
+        force=np.zeros((7, 6)),
+        tangent=np.zeros((count, 6, 6)),
+        half_width=half_width,
+        band=np.zeros((rows, 3 * half_width + 1)),
+        residual=np.zeros(rows),
+        load=along,
+        by_residual=np.zeros(rows),
+        by_load=np.zeros(rows),
+    )
+
+
+class Equilibria:
+    """Finds equilibria of ``state`` under V times the unit ``load`` (n, 6) at a given driven displacement.
+
+    ``balanced``: the out-of-balance over the joint forces that is none. ``iterations``: of Newton's method so far;
+    ``pause`` is called before each.
+    """
+
+    def __init__(self, state: State, load: np.ndarray, factor: Factor, balanced: float):
+        self.state, self.factor, self.balanced = state, factor, balanced
+        self.free = state.blocks.free
+        self.rows = factor.place[:, None] + np.arange(6)
+        self.trial = _new_trial(state, load, factor)
+        self.iterations = 0
+        self.pause: Callable[[], None] = lambda: None
+
+    def motion(self) -> np.ndarray:
+        """Displacements and rotations of the free blocks now, in the order of the equations (6 f,)."""
+        motion = np.empty(self.rows.size)
+        blocks = self.state.blocks
+        motion[self.rows] = np.concatenate([blocks.displacement[self.free], blocks.rotation[self.free]], axis=1)
+        return motion
+
+    def attempt(self, motion: np.ndarray, V: float, with_tangent: bool) -> float:
+        """Out-of-balance of a motion under the load V: the square root of the elastic energy that it would give (J)."""
+        state = self.state
+        blocks = state.blocks
+        rows = motion[self.rows]
+        blocks.displacement[self.free], blocks.rotation[self.free] = rows[:, :3], rows[:, 3:]
+        try_motion(
+            self.trial, blocks, state.joints, state.points, state.areas, state.jacks, V, with_tangent
+        )  # fmt: skip
+        residual = self.trial.residual[self.rows]
+        return math.sqrt(max(0.0, float((residual * self.factor.answer(residual)).sum())))
+
+    def out_of_balance(self) -> float:
+        """Out-of-balance force or moment over the greatest joint force, the worst block."""
+        resultant = self.state.joints.resultant
+        largest = float(np.sqrt((resultant[:, :3] ** 2).sum(axis=1)).max())
+        residual = self.trial.residual[self.rows]
+        worst = max(
+            float(np.sqrt((residual[:, :3] ** 2).sum(axis=1)).max()),
+            float(np.sqrt((residual[:, 3:] ** 2).sum(axis=1)).max()) / float(self.trial.reach.max()),
+        )
+        return worst / largest if largest > 0.0 else 1.0
+
+    def find(self, motion: np.ndarray, V: float) -> tuple[float | None, int]:
+        """V of the equilibrium at the driven displacement of ``motion``, near it; None where none is found."""
+        trial = self.trial
+        size = self.attempt(motion, V, True)
+        for iteration in range(MOST_ITERATIONS):
+            if not math.isfinite(size):
+                return None, iteration
+            if self.out_of_balance() <= self.balanced:
+                return V, iteration
+            self.pause()
+            self.iterations += 1
+            if not self.solve():
+                return None, iteration
+            along = float(trial.load @ trial.by_load)
+            change_V = -float(trial.load @ trial.by_residual) / along
+            change = trial.by_residual + change_V * trial.by_load
+            part, best = 1.0, (math.inf, 0.0)
+            for _ in range(BACKTRACKS):
+                found = self.attempt(motion + part * change, V + part * change_V, False)
+                if found < best[0]:
+                    best = (found, part)
+                if found < (1.0 - 0.1 * part) * size:
+                    break
+                part *= 0.5
+            if best[1] == 0.0:
+                return None, iteration
+            motion, V = motion + best[1] * change, V + best[1] * change_V
+            size = self.attempt(motion, V, True)
+        return None, MOST_ITERATIONS
+
+    def solve(self) -> bool:
+        """Solve for the answers of the tangent to the out-of-balance and to the unit load; False where it has none."""
+        trial = self.trial
+        assemble_tangent(trial, self.state.joints)
+        system, rows = (trial.band, trial.half_width, trial.by_residual, trial.by_load), len(trial.residual)
+        stride = max(1, AT_ONCE // (2 * trial.half_width**2))
+        for first in range(0, rows, stride):
+            if not eliminate(*system, first, min(first + stride, rows)):
+                return False
+        substitute(*system)
+        return True

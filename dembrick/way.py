@@ -1,0 +1,87 @@
+"""Where a search that follows a path of equilibria is, so that it can be stopped and goes on as if it never was."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+
+import numpy as np
+
+from dembrick.errors import HistoryError
+from dembrick.kernels.bracket import NEVER
+from dembrick.session import Snapshot
+
+MOST_EQUILIBRIA = 400  # of a path
+
+
+@dataclass
+class Drift:
+    """Blocks that were let go: the motion (6 f,) they have drifted to, V there, the drag and the steps taken."""
+
+    motion: np.ndarray
+    V: float
+    drag: float = 1.0  # over the elastic stiffness
+    steps: int = 0
+
+
+@dataclass
+class Way:
+    """How far a path has come, and how it is to go on. Motions (6 f,) are those of the free blocks."""
+
+    motion: np.ndarray  # at the last equilibrium
+    direction: np.ndarray  # in which the next is looked for: motion a metre of the driven displacement
+    spare: np.ndarray  # another direction to try first ...
+    drift: Drift | None = None
+    has_spare: bool = False
+    spare_gain: float = 0.0  # ... and how V grows along it
+    V: float = 0.0  # N
+    driven: float = 0.0  # m
+    start: float = 0.0  # m, driven displacement where the path began
+    step: float = 0.0  # m, of the driven displacement, to the next equilibrium
+    usual: float = 0.0  # m, the longest that was taken without letting go
+    longest: float = 0.0  # m, the longest step, or what the blocks have given way
+    gain: float = 0.0  # N/m, how V is thought to grow
+    tried: int = 0  # iterations of the last equilibrium that was asked for
+    equilibria: int = 0
+    iterations: int = 0
+    calm: int = 0  # steps since one failed
+    jumps: int = 0  # times that the blocks were let go
+    kept: int = 0  # the same when a direction was last taken from where they came to rest
+    external: float = 0.0  # J, work of jacks and dead loads
+    friction: float = 0.0  # J
+    # of every equilibrium: inelastic displacement (m), V, lower and upper bound (N), whether a gap is closing
+    seen: list[tuple[float, float, float, float, bool]] = field(default_factory=lambda: [(0.0, 0.0, 0.0, NEVER, False)])
+
+    def snapshot(self) -> dict[str, np.ndarray]:
+        """All of it as arrays."""
+        seen, drift = np.zeros((MOST_EQUILIBRIA + 1, 5)), self.drift or Drift(np.zeros_like(self.motion), 0.0, 0.0)
+        seen[: len(self.seen)] = self.seen
+        return {
+            "way.numbers": np.array([float(getattr(self, name)) for name in NUMBERS]),
+            "way.motion": self.motion.copy(),
+            "way.direction": self.direction.copy(),
+            "way.spare": self.spare.copy(),
+            "way.drift": np.array([drift.V, drift.drag, drift.steps]),
+            "way.drifted": drift.motion.copy(),
+            "way.seen": seen,
+        }
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Take it from a snapshot of the same scene; HistoryError where it is of another."""
+        numbers = snapshot.array("way.numbers", np.zeros(len(NUMBERS))).tolist()
+        for (name, kind), number in zip(NUMBERS.items(), numbers, strict=True):
+            if kind is not float and not (number.is_integer() and 0.0 <= abs(number) < 1e15):
+                raise HistoryError(f"{snapshot.path}: way.numbers does not belong to this run ({name} is no count)")
+            setattr(self, name, kind(number))
+        if not 0 <= self.equilibria <= MOST_EQUILIBRIA:
+            raise HistoryError(f"{snapshot.path}: this checkpoint is of no step of this run")
+        for name in ("motion", "direction", "spare"):
+            setattr(self, name, snapshot.array(f"way.{name}", self.motion).copy())
+        V, drag, steps = snapshot.array("way.drift", np.zeros(3)).tolist()
+        drifted = snapshot.array("way.drifted", self.motion).copy()
+        self.drift = Drift(drifted, V, drag, int(steps)) if drag > 0.0 else None
+        rows = snapshot.array("way.seen", np.zeros((MOST_EQUILIBRIA + 1, 5)))[: self.equilibria + 1].tolist()
+        self.seen = [(*row[:4], bool(row[4])) for row in rows]
+
+
+_KINDS = {"float": float, "int": int, "bool": bool}
+NUMBERS = {part.name: _KINDS[part.type] for part in fields(Way) if part.type in _KINDS}
