@@ -13,6 +13,7 @@ from dembrick.errors import HistoryError, MissingDependency, OutputError, Scenar
 from dembrick.joint_motion import JointMotion
 from dembrick.render import scene, screen
 from dembrick.result import simulate
+from dembrick.shapes import box
 
 pyvista = pytest.importorskip("pyvista")
 
@@ -166,6 +167,11 @@ def test_forces_of_joints(run, drawing):
         np.testing.assert_allclose(arrows.points[0], [*at, 0.0], atol=1e-12)
         assert arrows["length"][0] == pytest.approx(0.6 * 0.3)
         assert "green: joint forces" in found._text.input
+        # blocks shine through: two faces on white, in the bar too
+        colour, bar = found._meshes[0], next(iter(found._plotter.scalar_bars.values())).GetLookupTable()
+        solid = np.array(next(a for a in found._plotter.actors.values() if a.mapper.dataset is colour).mapper.
+                         lookup_table.GetTableValue(255)[:3])  # fmt: skip
+        np.testing.assert_allclose(bar.GetTableValue(255)[:3], 1.0 - (1.0 - 0.65**2) * (1.0 - solid), atol=0.01)
 
 
 def test_torsion_centre_is_marked_where_it_is(run, drawing):
@@ -179,21 +185,45 @@ def test_torsion_centre_is_marked_where_it_is(run, drawing):
         assert not found._rod.visibility and "blue" not in found._text.input
 
 
+def in_picture(plotter, points):
+    """Where points lie, as parts of the width and of the height of the picture."""
+    plotter.render()
+    camera, (width, height) = plotter.camera, plotter.window_size
+    across = points - np.array(camera.focal_point)
+    up = np.array(camera.up)
+    right = np.cross(np.array(camera.direction), up)
+    x = 0.5 + across @ right / (2 * camera.parallel_scale) * height / width
+    return x, 0.5 + across @ up / (2 * camera.parallel_scale)
+
+
 @pytest.mark.parametrize("view", list(render.VIEWS))
 def test_the_motion_fits_into_the_picture(run, view, drawing):
     """All corners, at the start and in every frame, lie in the part left for them."""
     with drawn(run, frames=range(4), view=view, magnification=20.0) as found:
-        plotter = found._plotter
-        plotter.render()
         corner = np.concatenate([np.concatenate([m.points for m in render.meshes(run, k, 20.0)]) for k in range(4)])
-        camera = plotter.camera
-        across = corner - np.array(camera.focal_point)
-        up = np.array(camera.up)
-        right = np.cross(np.array(camera.direction), up)
-        x = 0.5 + across @ right / (2 * camera.parallel_scale) * 240 / 320
-        y = 0.5 + across @ up / (2 * camera.parallel_scale)
+        x, y = in_picture(found._plotter, corner)
         assert scene._LEFT - 1e-9 <= x.min() < x.max() <= scene._RIGHT + 1e-9
         assert scene._BOTTOM - 1e-9 <= y.min() < y.max() <= scene._TOP + 1e-9
+
+
+@pytest.mark.parametrize("view", ["front", "side"])
+def test_the_arrows_of_the_forces_fit_too(tmp_path, view, drawing):
+    """As long as the blocks that can move are large, whatever the size of what they stand on."""
+    assembly = cases.assembly()
+    assembly.shapes = (box((3.0, 2.0, 0.1)), assembly.shapes[1])
+    with history.HistoryWriter(tmp_path / "run.h5", cases.SCENARIO, assembly, {}) as writer:
+        rows = cases.record(0, 5)
+        rows["joint"][..., :3] = (1.0, 0.0, 0.0)
+        rows["joint"][-1, 0, :3] = (100.0, 0.0, 0.0)
+        rows["joint"][..., 4:6] = 0.0
+        writer.append(rows)
+        writer.append_frames(np.linspace(0.0, rows["time"][-1], 4), *cases.frames(0, 4)[1:])
+        writer.finish("completed", {})
+    with history.read(tmp_path / "run.h5") as wide, drawn(wide, forces=True, view=view, magnification=0.0) as found:
+        assert found._arrows["length"][0] == pytest.approx(0.6 * 0.3)
+        middle = np.array([0.0, 0.0, 0.09])
+        y = in_picture(found._plotter, np.array([middle, -middle]))[1]
+        assert scene._BOTTOM - 1e-9 <= y[1] < y[0] <= scene._TOP + 1e-9
 
 
 @pytest.mark.parametrize("ending", ["gif", "mp4"])
@@ -277,6 +307,9 @@ def test_the_slider_moves_the_block(run, drawing):
     try:
         found = render.with_slider(plotter, run, scene.Look(magnification=1.0))
         assert found.frame == 3
+        # nothing is drawn behind the slider, which stands at less than 0.17 of the height
+        corner = np.concatenate([np.concatenate([m.points for m in render.meshes(run, k)]) for k in range(4)])
+        assert 0.17 < in_picture(plotter, corner)[1].min() < 0.25
         slider = plotter.widgets.slider_widgets[0]
         slider.GetRepresentation().SetValue(1.1e-4)
         slider.InvokeEvent("InteractionEvent")

@@ -152,7 +152,7 @@ def with_slider(plotter, history, look: Look) -> Scene:
     """The scene of a history in a plotter, with a slider for the time and the arrow keys for single frames."""
     last = _frame(history, -1)
     every = max(1, last // MOVIE_FRAMES)
-    scene = Scene(plotter, history, look, sorted({*range(0, last + 1, every), last}))
+    scene = Scene(plotter, history, look, sorted({*range(0, last + 1, every), last}), below=0.19 if last else 0.04)
     times = history.frame_time
     if last == 0:
         return scene
@@ -167,9 +167,12 @@ def with_slider(plotter, history, look: Look) -> Scene:
         (float(times[0]), float(times[-1])),
         value=float(times[-1]),
         title="time [s]",
-        pointa=(0.1, 0.06),
-        pointb=(0.8, 0.06),
+        pointa=(0.1, 0.085),
+        pointb=(0.8, 0.085),
         color="black",
+        slider_width=0.03,
+        tube_width=0.004,
+        title_height=0.022,
         fmt="%.4g",
         interaction_event="always",
     )

@@ -29,7 +29,7 @@ _LEFT, _RIGHT, _BOTTOM, _TOP = 0.03, 0.81, 0.04, 0.87
 _GREY, _ORANGE, _BLUE, _GREEN = "#CFCFCF", "#D55E00", "#0072B2", "#009E73"
 _ARROW = {"tip_length": 0.22, "tip_radius": 0.035, "shaft_radius": 0.012}
 _FEW = 50  # blocks: more are drawn with thin lines, and without where they started
-_FORCE = 0.6  # of the largest block: the longest arrow of a joint force
+_FORCE, _FORCE_OF_MANY = 0.6, 1.2  # of the largest block that is free to move: the longest arrow of a joint force
 _SEEN = 0.12  # of the largest block: how far the farthest corner moves in a picture by itself
 
 
@@ -55,11 +55,13 @@ class Look:
 class Scene:
     """Blocks, jacks, torsion centre and joint forces of ``history`` in a pyvista ``plotter``.
 
-    ``frames``: those that will be shown; the colours and the camera suit all of them.
+    ``frames``: those that will be shown; the colours and the camera suit all of them. ``below``: the part of the
+    picture's height that is left free at its foot.
     """
 
-    def __init__(self, plotter, history, look: Look, frames: Iterable[int]):
+    def __init__(self, plotter, history, look: Look, frames: Iterable[int], below: float = _BOTTOM):
         frames = list(frames)
+        self._below = below
         self._plotter, self._history, self._look = plotter, history, look
         body, self._block, self._starts = all_vertices(history)
         self._carried = CarriedPoints(history, body, self._block)
@@ -72,7 +74,8 @@ class Scene:
             )
         first = Poses.read(history, 0, 1)
         self._start = self._carried.magnified(first, 0.0)[0]
-        self._length = _largest(self._start, self._starts)
+        moving = [i for i in range(history.n_block) if not history.block_fixed[i]]
+        self._length = _largest(self._start, self._starts, moving or range(history.n_block))
         self._factor = look.magnification
         if self._factor is None:
             self._factor = min(
@@ -146,6 +149,11 @@ class Scene:
             if self._look.forces:
                 force = self._joint_forces(frame, poses)[1]
                 self._largest_force = max(self._largest_force, float(np.linalg.norm(force, axis=1).max()))
+        if self._look.forces:
+            for frame in frames:
+                place, force = self._joint_forces(frame, self._poses(frame))
+                half = 0.5 * self._arrow_length(1.0) * force
+                self._make_room(np.concatenate([place - half, place + half]))
         if self._colouring is not None:
             self._scale = self._colouring.scale(largest)
 
@@ -187,6 +195,8 @@ class Scene:
                 opacity=opacity,
                 scalar_bar_args=self._bar(),
             )
+            if forces:
+                self._fade_bar(1.0 - (1.0 - opacity) ** (4 if many else 2))  # two faces of a block or two
         thin = {"color": "#999999", "opacity": 0.5} if forces and many else {"color": "black"}
         plotter.add_mesh(edges, line_width=1.5 if many else 3, **thin)
         if not many:
@@ -237,6 +247,18 @@ class Scene:
         bar |= {"position_x": 0.875, "position_y": 0.14, "height": 0.6, "width": 0.05}
         return bar | {"title_font_size": size, "label_font_size": size}
 
+    def _fade_bar(self, opacity: float) -> None:
+        """Give the colour bar the colours of blocks that shine through, on white."""
+        from vtkmodules.vtkCommonCore import vtkLookupTable
+
+        (bar,) = self._plotter.scalar_bars.values()
+        table = vtkLookupTable()
+        table.DeepCopy(bar.GetLookupTable())
+        for i in range(table.GetNumberOfTableValues()):
+            colour = np.array(table.GetTableValue(i))
+            table.SetTableValue(i, *(1.0 - opacity * (1.0 - colour[:3])), 1.0)
+        bar.SetLookupTable(table)
+
     def _place_camera(self) -> None:
         """Parallel projection: what must be seen fills the part of the picture that is left for it."""
         plotter = self._plotter
@@ -244,8 +266,8 @@ class Scene:
         width, height = plotter.window_size
         extent = (high - low)[:2]
         # height of the whole picture in the scene, and its middle against that of the part used
-        whole = max(extent[1] / (_TOP - _BOTTOM), extent[0] / (_RIGHT - _LEFT) * height / width)
-        aside = np.array([(1.0 - _LEFT - _RIGHT) * width / height, 1.0 - _BOTTOM - _TOP, 0.0])
+        whole = max(extent[1] / (_TOP - self._below), extent[0] / (_RIGHT - _LEFT) * height / width)
+        aside = np.array([(1.0 - _LEFT - _RIGHT) * width / height, 1.0 - self._below - _TOP, 0.0])
         focus = (0.5 * (low + high) + 0.5 * whole * aside) @ self._screen
         distance = (high - low)[2] + self._length
         plotter.enable_parallel_projection()
@@ -334,13 +356,18 @@ class Scene:
         actor.GetProperty().SetColor(pyvista.Color(_GREEN).float_rgb)
         self._plotter.add_actor(actor)
 
+    def _arrow_length(self, force):
+        """Length (m) of the arrow of a joint force (N)."""
+        longest = (_FORCE_OF_MANY if self._history.n_block > _FEW else _FORCE) * self._length
+        return longest / (self._largest_force or 1.0) * force
+
     def _show_forces(self, frame: int, poses: Poses) -> None:
         """Arrows of the joints' forces on their blocks b, as long as the force is large."""
         place, force = self._joint_forces(frame, poses)
         size = np.linalg.norm(force, axis=1)
         self._arrows.points[:] = place
         self._arrows.point_data["force"][:] = force
-        self._arrows.point_data["length"][:] = _FORCE * self._length * size / (self._largest_force or 1.0)
+        self._arrows.point_data["length"][:] = self._arrow_length(size)
         self._arrows.Modified()
 
     def _words(self, marked: bool) -> str:
@@ -363,7 +390,7 @@ def automatic_magnification(history, frame: int) -> float:
     carried, poses = CarriedPoints(history, body, block), Poses.read(history, frame, frame + 1)
     start = carried.magnified(poses, 0.0)[0]
     moved = float(np.linalg.norm(carried.moved(poses)[0], axis=1).max())
-    largest = _largest(start, starts)
+    largest = _largest(start, starts, range(history.n_block))
     if moved <= 1e-12 * largest:
         return 1.0
     wanted = _SEEN * largest / moved
@@ -373,9 +400,9 @@ def automatic_magnification(history, frame: int) -> float:
     return float(max(step * power for step in (1.0, 2.0, 5.0) if step * power <= wanted * (1.0 + 1e-9)))
 
 
-def _largest(points: np.ndarray, starts: list[int]) -> float:
-    """Greatest extent along an axis of any block (m); the points of block i are ``starts[i]:starts[i + 1]``."""
-    return max(float(np.ptp(points[a:b], axis=0).max()) for a, b in zip(starts, starts[1:], strict=False))
+def _largest(points: np.ndarray, starts: list[int], blocks: Iterable[int]) -> float:
+    """Greatest extent along an axis of any of the blocks (m); the points of block i: ``starts[i]:starts[i + 1]``."""
+    return max(float(np.ptp(points[starts[i] : starts[i + 1]], axis=0).max()) for i in blocks)
 
 
 def _placed(origin, direction, length: float) -> np.ndarray:
