@@ -232,7 +232,7 @@ def push_at_constant_rate(
 
 
 def _watch_longer(loop: Loop) -> None:
-    """For a search that takes to calming: a longer window, and no more books of energy, which calming does not keep."""
+    """For a search that takes to calming: a longer window, and no guard of the energy, to which calming may add."""
     loop.certificate = loop.certificate._replace(window=empty_window(LONG_WINDOW))
     loop.guard = loop.guard._replace(mask=NEVER)
 

@@ -233,7 +233,7 @@ def replay_one(i, blocks, joints, points, areas, jacks, seating, pushing, loadin
                 blocks.mean_velocity[1, c + 3] = blocks.spin[1, c]
             empty(room, settings.long_window)
             held = room.window[: settings.long_window]
-            mask = settings.never  # calming keeps no books of energy
+            mask = settings.never  # calming may add energy
         guard = Guard(
             loading.size[i], mask, settings.stretch, loading.weight[i], lone.one, room.start, room.work, room.sums,
             room.load,
