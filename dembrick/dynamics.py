@@ -17,7 +17,13 @@ import numpy as np
 
 from dembrick.driving import Driving
 from dembrick.errors import DivergedError, NotConvergedError
-from dembrick.frequencies import critical_time_step, joint_matrices, time_constants
+from dembrick.frequencies import (
+    critical_time_step,
+    joint_matrices,
+    pair_frequencies,
+    stepped_dashpots,
+    time_constants,
+)
 from dembrick.kernels.dynamics import DIVERGED, REACHED, RUNNING, STALE, Limits, Loads, advance_bodies
 from dembrick.model import show
 from dembrick.moving_polygons import Polygons
@@ -92,10 +98,10 @@ class Motion:
 def motion(assembly, damping: float, step_factor: float) -> Motion:
     """An assembly at rest with contacts of that damping ratio; ``step_factor`` is the time step over the critical."""
     state = moving_state(assembly)
-    constants = time_constants(state, damping)
-    critical = critical_time_step(state, constants)
+    frequency = pair_frequencies(state)
+    critical = critical_time_step(state, time_constants(frequency, damping))
     dt = step_factor * critical if math.isfinite(critical) else FREE_STEP
-    state.links.viscous[:] = constants / dt
+    state.links.viscous[:] = stepped_dashpots(frequency * dt, damping)
     return Motion(assembly, state, Polygons(assembly, state), dt, critical, damping)
 
 

@@ -16,6 +16,8 @@ from dembrick.moving_state import MovingState
 
 LANCZOS = 60  # iterations at most
 CLOSE = 2e-3  # relative residual that ends them
+NEWTON = 8  # steps, for an equation that is nearly linear
+COARSE = 1.2  # rad in a step
 
 
 def joint_matrices(state: MovingState) -> np.ndarray:
@@ -119,15 +121,40 @@ def _lanczos(apply, size: int) -> float:
     return value
 
 
-def time_constants(state: MovingState, ratio: float) -> np.ndarray:
-    """Dashpot over spring (s) of every joint (j, 2), normal and shear: ``ratio`` of critical damping for the pair of
-    blocks that it joins, moving straight against each other."""
+def pair_frequencies(state: MovingState) -> np.ndarray:
+    """rad/s of every joint (j, 2), normal and shear: of the pair of blocks that it joins, moving straight against each
+    other."""
     links, bodies = state.links, state.bodies
     inverse = np.zeros(len(bodies.mass))
     inverse[bodies.free] = 1.0 / bodies.mass[bodies.free]
     mass = 1.0 / (inverse[links.host] + inverse[links.other])
     stiffness = joint_matrices(state)[:, [2, 0], [2, 0]]
-    return 2.0 * ratio * np.sqrt(mass[:, None] / stiffness)
+    return np.sqrt(stiffness / mass[:, None])
+
+
+def time_constants(frequency: np.ndarray, ratio: float) -> np.ndarray:
+    """Dashpot over spring (s): ``ratio`` of critical damping at those frequencies (rad/s)."""
+    return 2.0 * ratio / frequency
+
+
+def stepped_dashpots(swing: np.ndarray, ratio: float) -> np.ndarray:
+    """Dashpot over spring force for the same increment, where a pair swings by ``swing`` (rad) in a step.
+
+    With its velocity half a step late a dashpot c damps by more than c says. Steps of an oscillator with k dt^2/m = K
+    and c dt/m = C have the eigenvalues exp(-ratio s +- i sqrt(1 - ratio^2) s) for
+
+        C = 1 - E^2,  K = 1 + E^2 - 2 E cos(sqrt(1 - ratio^2) s),  E = exp(-ratio s);
+
+    K = swing^2 gives s, by Newton's method, and so C / K: less than the 2 ratio / swing of continuous time. Swings
+    beyond ``COARSE``, close to the critical step, damp as that one.
+    """
+    swing = np.minimum(swing, COARSE)
+    damped, s = math.sqrt(1.0 - ratio * ratio), swing.copy()
+    for _ in range(NEWTON):
+        E, cosine, sine = np.exp(-ratio * s), np.cos(damped * s), np.sin(damped * s)
+        slope = 2.0 * E * (ratio * cosine - ratio * E + damped * sine)
+        s -= (1.0 + E * E - 2.0 * E * cosine - swing * swing) / slope
+    return -np.expm1(-2.0 * ratio * s) / swing**2
 
 
 def critical_time_step(state: MovingState, constants: np.ndarray) -> float:

@@ -23,7 +23,7 @@ from dembrick.snapshots import flattened, restored
 
 STEEPEST = 90.0  # deg: a tilt that brings nothing down ends there
 MOVED = 0.1  # of the longest displacement: blocks that have moved further belong to the mechanism
-IMPACTS = 3.0  # where blocks may bounce the step is so much shorter: the stated restitution is then met to some 5 %
+IMPACTS = 3.0  # where blocks may bounce the step is so much shorter: the stated restitution is then met to some 3 %
 NO_LIMIT = 1e150  # m
 PARTS = ("bodies", "links", "corners", "faces")  # of the state, that a checkpoint holds
 COUNTERS = ("faces.count",)  # integers among them that change

@@ -148,6 +148,17 @@ def look(links, bodies, j):
 
 
 @jit
+def met(g, ahead, viscous):
+    """What the dashpot adds to the penetration ``g`` where contact began within the last step; ``ahead`` is viscous
+    times the whole closing d of that step.
+
+    A force stands for half a step on either side of its moment. Contact has lasted for g / d of the step behind, so the
+    dashpot acts on g + d / 2. Without that a bounce depends by a tenth and more on where in a step it begins.
+    """
+    return viscous * g + 0.5 * ahead
+
+
+@jit
 def corner_forces(links, corners, bodies, first, last):
     """Forces of the point joints ``first`` to ``last``: Coulomb friction and a no-tension spring at every point."""
     for p in range(first, last):
@@ -197,9 +208,13 @@ def corner_forces(links, corners, bodies, first, last):
             x = corners.x[i]
             y = corners.y[i]
             area = corners.area[i]
+            g = g0 + x * gx + y * gy
             force = 0.0
-            if g0 + x * gx + y * gy > 0.0:
-                force = k_n * area * (h0 + x * hx + y * hy)
+            if g > 0.0:
+                ahead = h0 + x * hx + y * hy - g
+                if ahead >= viscous * g:  # it was open a step ago: see `met`
+                    ahead = met(g, ahead, viscous)
+                force = k_n * area * (g + ahead)
             elastic = corners.elastic[i]
             if force > 0.0:
                 k = k_s * area
@@ -239,22 +254,34 @@ def corner_forces(links, corners, bodies, first, last):
 
 
 @jit
-def pressed(faces, a, g0, gx, gy):
-    """Integrals over the polygon of <g>+, x <g>+ and y <g>+ (x, y from O) for the penetration g0 + gx x + gy y."""
+def pressed(faces, a, viscous, g0, gx, gy, d0, dx, dy):
+    """Integrals over the polygon of <h>+, x <h>+ and y <h>+ (x, y from O): h is the penetration g = g0 + gx x + gy y
+    and ``viscous`` times what it grew by in the step, d = d0 + dx x + dy y. All nought where g is nowhere positive."""
     first = faces.start[a]
     last = first + faces.count[a]
-    least = g0 + gx * faces.x[first] + gy * faces.y[first]
-    most = least
-    for i in range(first + 1, last):
+    least, most, before = 1e300, -1e300, -1e300
+    for i in range(first, last):
         g = g0 + gx * faces.x[i] + gy * faces.y[i]
-        least = min(least, g)
+        d = d0 + dx * faces.x[i] + dy * faces.y[i]
+        least = min(least, g + viscous * d)
         most = max(most, g)
+        before = max(before, g - d)
     if most <= 0.0:
         return 0.0, 0.0, 0.0
+    h0 = g0 + viscous * d0
+    hx = gx + viscous * dx
+    hy = gy + viscous * dy
+    if before <= 0.0:
+        h0 = g0 + met(g0, viscous * d0, viscous)
+        hx = gx + met(gx, viscous * dx, viscous)
+        hy = gy + met(gy, viscous * dy, viscous)
+        least = 1e300
+        for i in range(first, last):
+            least = min(least, h0 + hx * faces.x[i] + hy * faces.y[i])
     if least >= 0.0:
         second = faces.second[a]
-        return faces.area[a] * g0, second[1] * gx + second[2] * gy, second[2] * gx + second[0] * gy
-    return no_tension(faces.x, faces.y, first, last, g0, gx, gy)
+        return faces.area[a] * h0, second[1] * hx + second[2] * hy, second[2] * hx + second[0] * hy
+    return no_tension(faces.x, faces.y, first, last, h0, hx, hy)
 
 
 @jit
@@ -266,14 +293,10 @@ def face_forces(links, faces, bodies, first, last):
         seen = links.seen[j]
         sense = links.sense[j]
         viscous = links.viscous[j, 0]
-        # the dashpot sees the penetration a fraction of a step ahead
         n, nx, ny = pressed(
-            faces,
-            a,
-            -sense * (o3 - links.offset[j] + viscous * (o3 - seen[2])),
-            -sense * (e3 + viscous * (e3 - seen[5])),
-            -sense * (g3 + viscous * (g3 - seen[8])),
-        )
+            faces, a, viscous, -sense * (o3 - links.offset[j]), -sense * e3, -sense * g3,
+            -sense * (o3 - seen[2]), -sense * (e3 - seen[5]), -sense * (g3 - seen[8]),
+        )  # fmt: skip
         k_n = faces.k_n[a]
         n *= k_n
         nx *= k_n
