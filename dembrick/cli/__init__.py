@@ -18,6 +18,7 @@ VERBS = {
     "sweep": "a parameter study: grid, table or random draws, on all cores or a cluster",
     "fit": "the friction that best explains measured yield points",
     "yield": "yield points out of histories",
+    "joints": "what every joint carries: N, V, M_T, eccentricity, slip, utilisation",
     "plot": "force-displacement curves of histories",
     "export": "a history for ParaView (.vtkhdf, .pvd) or as text (.csv)",
     "render": "a picture, a movie or a web page of a history",

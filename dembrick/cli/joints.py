@@ -1,0 +1,65 @@
+"""``dembrick joints FILE.h5``: what every joint carries at one moment."""
+
+from __future__ import annotations
+
+MOST = 40  # lines of the printed table
+ROUNDING = 1e-8  # of the largest value of a column: less is printed as nought
+TITLES = ("N [N]", "V_1 [N]", "V_2 [N]", "M_T [N m]", "e_1 [mm]", "e_2 [mm]", "slip [mm]", "open", "utilisation")
+COLUMNS = {
+    "N": 1.0,
+    "V_1": 1.0,
+    "V_2": 1.0,
+    "M_T": 1.0,
+    "e_1": 1e3,
+    "e_2": 1e3,
+    "slip": 1e3,
+    "open_share": 1.0,
+    "utilisation": 1.0,
+}  # printed in the units of TITLES
+
+
+def add_arguments(parser) -> None:
+    """Options of the command."""
+    parser.add_argument("history", metavar="FILE.h5", help="history file")
+    one = parser.add_mutually_exclusive_group()
+    one.add_argument("--frame", type=int, default=-1, help="frame number, negative from the end (default: last)")
+    one.add_argument("--time", type=float, metavar="SECONDS", help="the frame nearest to this time")
+    parser.add_argument("--csv", metavar="FILE.csv", help="write the table")
+    parser.add_argument("--all", action="store_true", help=f"print all joints, not only the {MOST} most utilised")
+
+
+def run(options, console) -> int:
+    """Print the table."""
+    from dembrick import history
+    from dembrick.joint_table import joint_table
+    from dembrick.lab import write_csv
+
+    with history.read(options.history) as found:
+        rows = joint_table(found, options.frame, options.time)
+    if options.csv:
+        write_csv(rows, options.csv)
+    console.result({"history": options.history, "joints": rows}, _text(rows, len(rows) if options.all else MOST))
+    return 0
+
+
+def _text(rows: list[dict], most: int) -> str:
+    """The most utilised joints first; a joint without strength that carries something comes before all."""
+    rows = sorted(rows, key=lambda row: -1e300 if row["utilisation"] is None else -row["utilisation"])
+    width = max([5, *(len(row["joint"]) for row in rows[:most])])
+    largest = {name: max((abs(row[name] or 0.0) for row in rows), default=0.0) for name in COLUMNS}
+    force, arm = max(largest["N"], largest["V_1"], largest["V_2"]), max(largest["e_1"], largest["e_2"])
+    largest |= dict.fromkeys(("V_1", "V_2"), force) | dict.fromkeys(("e_1", "e_2"), arm)
+    largest["M_T"] = max(largest["M_T"], force * arm)
+    lines = [f"{'joint':{width}}" + "".join(f"{title:>12}" for title in TITLES) + "  state"]
+    for row in rows[:most]:
+        cells = "".join(f"{_cell(row[name], largest[name], factor):>12}" for name, factor in COLUMNS.items())
+        lines.append(f"{row['joint']:{width}}{cells}  {row['state']}")
+    if len(rows) > most:
+        lines.append(f"and {len(rows) - most} joints that are utilised less: --all, or --csv")
+    return "\n".join(lines)
+
+
+def _cell(value: float | None, largest: float, factor: float) -> str:
+    if value is None:
+        return "-"
+    return f"{factor * value:.5g}" if abs(value) > ROUNDING * largest else "0"
