@@ -49,7 +49,7 @@ class Assembly:
     ``angular_velocity`` (n, 3) at the start; ``dead_force`` and ``dead_torque`` (n, 3) about the centroid, gravity
     and loads together. ``contact_points``: one entry a joint, None for ``convex``. ``joint_force`` (n_joint, 3):
     what block a exerts on block b under the dead loads, see :func:`dead_joint_forces`; ``joint_force_exact`` says
-    whether statics alone gives it.
+    whether statics alone gives it. ``laws`` tells the law of joints and new contacts between any two blocks.
     """
 
     names: tuple[str, ...]
@@ -72,6 +72,7 @@ class Assembly:
     actuators: Actuators
     control_points: ControlPoints
     warnings: tuple[str, ...]
+    laws: Laws
 
 
 _NO_POINTS = place_points(JointTable.of(()), _DISCRETISATION)
@@ -106,7 +107,7 @@ def at_rest(scenario: Scenario) -> Assembly:
     pairs = close_pairs(bodies, TOLERANCE)
     _check_overlap(scenario, bodies, pairs)
 
-    laws = _Laws(scenario)
+    laws = Laws(scenario)
     # moving joints are cut by the faces they slide over, so that each keeps to one pair of convex parts
     unite = scenario.control.kind in ("yield", "displacement")
     joints = find_joints(shapes, position, orientation, fixed, laws.between, TOLERANCE, (bodies, pairs), unite)
@@ -138,6 +139,7 @@ def at_rest(scenario: Scenario) -> Assembly:
         actuators=NO_ACTUATORS,
         control_points=NO_CONTROL_POINTS,
         warnings=(),
+        laws=laws,
     )
 
 
@@ -180,6 +182,7 @@ def loaded(scenario: Scenario, bare: Assembly, points: bool = True) -> Assembly:
         actuators=actuators,
         control_points=watched,
         warnings=warnings,
+        laws=Laws(scenario),
     )
 
 
@@ -265,13 +268,18 @@ def _check_pieces(scenario: Scenario, joints: JointTable) -> None:
             )
 
 
-class _Laws:
+class Laws:
     """Which law holds between two blocks: that of the last override that names them or their groups."""
 
     def __init__(self, scenario: Scenario):
         self.default = scenario.joint
         self.overrides = scenario.joints
         self.ends = [tuple(frozenset(scenario.members(name)) for name in entry.between) for entry in scenario.joints]
+
+    @property
+    def all(self) -> tuple[JointLaw, ...]:
+        """The laws of the scenario: its default and those of the overrides."""
+        return (self.default, *(entry.law for entry in self.overrides))
 
     def covers(self, number: int, a: int, b: int) -> bool:
         """Whether an override is meant for a pair of blocks."""
@@ -286,7 +294,7 @@ class _Laws:
         return self.default
 
 
-def _check_overrides(scenario: Scenario, laws: _Laws, joints, fixed: np.ndarray) -> None:
+def _check_overrides(scenario: Scenario, laws: Laws, joints, fixed: np.ndarray) -> None:
     pairs = set(zip(joints.block_a.tolist(), joints.block_b.tolist(), strict=True)) if scenario.joints else ()
     for number, entry in enumerate(scenario.joints):
         if any(laws.covers(number, a, b) for a, b in pairs):

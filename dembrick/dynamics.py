@@ -2,8 +2,8 @@
 
 A run has two parts. First the blocks are seated under their dead loads, with local damping and no meaning of time.
 Then time starts: what drives the run (`driving`) moves them, chunk after chunk of compiled steps; between two chunks
-polygons that have slid over an edge are cut again, and blocks that come to meet where no joint is end the run, because
-contacts that form anew are not followed.
+polygons that have slid over an edge are cut again, and blocks that come to meet where no joint is are found
+(`meetings`).
 """
 
 from __future__ import annotations
@@ -24,11 +24,12 @@ from dembrick.frequencies import (
     stepped_dashpots,
     time_constants,
 )
-from dembrick.kernels.dynamics import DIVERGED, REACHED, RUNNING, STALE, Limits, Loads, advance_bodies
+from dembrick.kernels.dynamics import DIVERGED, MEETING, REACHED, RUNNING, STALE, Limits, Loads, advance_bodies
+from dembrick.kernels.touching import CROWDED, DEEP, DEEPEST
+from dembrick.meetings import Meetings, contact_time_step
 from dembrick.model import show
 from dembrick.moving_polygons import Polygons
 from dembrick.moving_state import MovingState, moving_state, out_of_balance
-from dembrick.neighbours import bodies_of, close_pairs, overlap_depths
 
 SEATING = 0.8  # local damping while blocks are seated
 SEATING_STEP = 0.7  # of the time step then: against the motion, local damping makes a force 1.8 times as large
@@ -37,9 +38,6 @@ ROUNDING = 4.0  # of the force that a rounded position makes: no less can be ask
 SEATED_WITHIN = 0.01  # of the smallest block: sticking blocks that move further overturn
 MOST_SEATING = 200_000  # steps
 LONGEST_MOVE = 0.1  # of the smallest block's reach: a step that moves a block further has diverged
-FREE_STEP = 1e-4  # s, where nothing touches
-MEET = 1e-3  # of the smaller block's diameter: blocks without a joint that overlap deeper have met
-LOOK = 5e-4  # of the smallest block's diameter: how far blocks move between two looks whether any meet
 LONGEST_CHUNK = 2048  # steps
 MANY = 2000  # joints from which a step may be worth sharing among threads
 TRIAL = 16  # steps in which one thread and several show how fast they are
@@ -80,9 +78,13 @@ class Motion:
     loop_seconds: float = 0.0
     steps: int = 0
     seating_steps: int = 0
+    meetings: Meetings = field(init=False)
     _travel: np.ndarray = field(default_factory=lambda: np.zeros(1))
-    _looked: np.ndarray | None = None
     _pace: _Pace = field(default_factory=lambda: _Pace())
+    _compiled: set = field(default_factory=set)
+
+    def __post_init__(self):
+        self.meetings = Meetings(self.assembly, self.damping)
 
     @property
     def time(self) -> float:
@@ -95,12 +97,18 @@ class Motion:
         return self.state.bodies.position - self.state.bodies.start
 
 
-def motion(assembly, damping: float, step_factor: float) -> Motion:
-    """An assembly at rest with contacts of that damping ratio; ``step_factor`` is the time step over the critical."""
+def motion(assembly, damping: float, step_factor: float, impacts: float = 1.0) -> Motion:
+    """An assembly at rest with contacts of that damping ratio; ``step_factor`` is the time step over the critical.
+
+    Where there will be ``impacts``, the step is shorter by that factor than joints ask for. It is never longer than
+    new contacts on any face of the blocks ask for.
+    """
     state = moving_state(assembly)
-    frequency = pair_frequencies(state)
-    critical = critical_time_step(state, time_constants(frequency, damping))
-    dt = step_factor * critical if math.isfinite(critical) else FREE_STEP
+    frequency, of_faces = pair_frequencies(state), contact_time_step(assembly, damping)
+    critical = of_faces
+    if len(frequency):
+        critical = min(critical_time_step(state, time_constants(frequency, damping)), impacts * of_faces)
+    dt = step_factor / impacts * critical
     state.links.viscous[:] = stepped_dashpots(frequency * dt, damping)
     return Motion(assembly, state, Polygons(assembly, state), dt, critical, damping)
 
@@ -156,24 +164,48 @@ def seat(motion: Motion, driving: Driving, sticking: bool = False) -> float:
 def advance(motion: Motion, driving: Driving, n_steps: int, limits: Limits) -> int:
     """Move on by up to ``n_steps``; returns RUNNING, or REACHED when a centroid has gone as far as ``limits`` says.
 
-    Raises DivergedError, and NotConvergedError where two blocks meet that have no joint.
+    Raises DivergedError, and NotConvergedError where blocks press too deep into each other.
     """
     last = motion.steps + n_steps
+    meetings, dt = motion.meetings, motion.time_step
+    if meetings.looked is None:
+        meetings.follow(motion.state, motion.polygons, called=True)
     while motion.steps < last:
-        n = min(LONGEST_CHUNK, last - motion.steps)
-        times = (motion.steps + np.arange(n)) * motion.time_step
-        status, done = _advance(motion, motion.state.bodies, driving, times, limits, 0.0, motion.time_step)
+        most = min(LONGEST_CHUNK, last - motion.steps)
+        times = (motion.steps + np.arange(most)) * dt
+        gravity, _ = driving.at(times[[0, -1]], dt)
+        n = int(min(most, meetings.steps_to_go(motion.state, float(np.abs(gravity).max()), dt)))
+        status, done = _advance(
+            motion, motion.state.bodies, driving, times[:n], limits, 0.0, dt, meetings.touching
+        )  # fmt: skip
         motion.steps += done
         if status == DIVERGED:
             worst = motion.assembly.names[int(np.argmax(np.abs(motion.state.bodies.velocity).max(axis=1)))]
             raise DivergedError(
                 f"the motion diverged at t = {motion.time:.6g} s (block {show(worst)} moves by more than "
-                f"{LONGEST_MOVE:g} of a block in a step of {motion.time_step:.3g} s): lower solver.step_factor"
+                f"{LONGEST_MOVE:g} of a block in a step of {dt:.3g} s): lower solver.step_factor"
             )
-        _look_for_meetings(motion)
+        if status in (DEEP, CROWDED):
+            raise NotConvergedError(_trouble(motion, status))
+        meetings.follow(motion.state, motion.polygons, called=status == MEETING)
         if status == REACHED:
             return REACHED
     return RUNNING
+
+
+def _trouble(motion: Motion, status: int) -> str:
+    """What is wrong with the contact that ended the run."""
+    touching = motion.meetings.touching
+    pair = int(touching.trouble[0])
+    blocks = touching.parts.owner[[touching.first[pair], touching.second[pair]]]
+    first, second = (show(motion.assembly.names[i]) for i in blocks)
+    where = f"at t = {motion.time:.6g} s blocks {first} and {second}"
+    if status == CROWDED:
+        return f"{where} have more faces than their contact has room for; describe them by simpler shapes"
+    return (
+        f"{where} are pressed into each other by more than {DEEPEST:g} of the thinner one's inner radius, too deep for "
+        "a contact to mean anything; give the joints a greater normal_stiffness, or throw blocks less hard"
+    )
 
 
 def joint_forces(motion: Motion, driving: Driving) -> None:
@@ -182,17 +214,18 @@ def joint_forces(motion: Motion, driving: Driving) -> None:
     _advance(motion, held, driving, np.zeros(1), Limits(1.0, 1.0), 0.0, motion.time_step)
 
 
-def _advance(motion: Motion, bodies, driving: Driving, times, limits: Limits, damping: float, dt: float):
+def _advance(motion: Motion, bodies, driving: Driving, times, limits: Limits, damping: float, dt: float, touching=None):
     """A chunk of steps at ``times``, polygons cut where that is due; returns the status and the steps done."""
     state = motion.state
     gravity, force = driving.at(times, dt)
     loads = Loads(driving.block, driving.lever, force, gravity)
     loops = _loops(state, bodies)
-    if motion.compile_seconds == 0.0:
+    if (touching is None) not in motion._compiled:
+        motion._compiled.add(touching is None)
         began = time.perf_counter()
         for loop, shares in loops:
-            loop(0, dt, bodies, *state[1:4], loads, limits, damping, motion._travel, *shares)
-        motion.compile_seconds = time.perf_counter() - began
+            loop(0, dt, bodies, *state[1:4], loads, limits, damping, motion._travel, touching, *shares)
+        motion.compile_seconds += time.perf_counter() - began
     done, status = 0, RUNNING
     while status == STALE or (status == RUNNING and done < len(times)):
         which, most = motion._pace.choose(len(loops))
@@ -200,7 +233,8 @@ def _advance(motion: Motion, bodies, driving: Driving, times, limits: Limits, da
         rest = loads._replace(force=force[done:], gravity=gravity[done:])
         began = time.perf_counter()
         status, some = loop(
-            min(most, len(times) - done), dt, bodies, *state[1:4], rest, limits, damping, motion._travel, *shares
+            min(most, len(times) - done), dt, bodies, *state[1:4], rest, limits, damping, motion._travel, touching,
+            *shares,
         )  # fmt: skip
         done += some
         took = time.perf_counter() - began
@@ -246,44 +280,6 @@ def _loops(state: MovingState, bodies) -> list[tuple]:
         if len(arguments[-1]) > 1:
             loops.append((advance_bodies_together, arguments))
     return loops
-
-
-def _look_for_meetings(motion: Motion) -> None:
-    """NotConvergedError where blocks overlap that have no joint, or deeper than their joint presses them together."""
-    state, assembly = motion.state, motion.assembly
-    bodies = state.bodies
-    size = min(shape.diameter for shape in assembly.shapes)
-    here = np.concatenate([bodies.position[:, None], bodies.position[:, None] + 0.5 * size * bodies.rotation], axis=1)
-    if motion._looked is None:
-        motion._looked = here
-    if np.abs(here - motion._looked).max() < LOOK * size:
-        return
-    motion._looked = here
-    parts = bodies_of(assembly.shapes, bodies.position, bodies.rotation)
-    near = close_pairs(parts, 0.0)
-    pairs = parts.owner[near]
-    fixed = np.ones(len(bodies.mass), bool)
-    fixed[bodies.free] = False
-    looked_at = (pairs[:, 0] != pairs[:, 1]) & ~fixed[pairs].all(axis=1)
-    near, pairs = near[looked_at], pairs[looked_at]
-    depth = overlap_depths(parts, near)
-    allowed = MEET * parts.table.diameter[near].min(axis=1)
-    met = np.flatnonzero(depth > allowed)
-    if len(met):  # joints of corrected points press the edges of their blocks into each other: that much is known
-        known = dict.fromkeys(map(tuple, pairs[met].tolist()), 0.0)
-        for j, sunk in enumerate(motion.polygons.sunk()):
-            pair = tuple(sorted((int(state.links.host[j]), int(state.links.other[j]))))
-            if pair in known:
-                known[pair] = max(known[pair], sunk)
-        met = met[depth[met] > allowed[met] + [known[tuple(pair)] for pair in pairs[met].tolist()]]
-    if len(met):
-        worst = met[np.argmax(depth[met] / allowed[met])]
-        first, second = (show(assembly.names[i]) for i in pairs[worst])
-        raise NotConvergedError(
-            f"at t = {motion.time:.6g} s blocks {first} and {second} meet where no joint is (they overlap by "
-            f"{depth[worst]:.3g} m): contacts that form anew are not followed in this version; end the run earlier, "
-            "with a smaller displacement or duration"
-        )
 
 
 def _supported(state: MovingState) -> np.ndarray:

@@ -61,7 +61,7 @@ def prepare(assembly, control, step_factor: float) -> Motion:
         raise ScenarioError(f"control kind {show(control.kind)} has no use for [[actuators]]; remove them")
     if drives_to_collapse(control):
         return motion(assembly, control.damping, step_factor)
-    return motion(assembly, damping_of_restitution(control.restitution), step_factor / IMPACTS)
+    return motion(assembly, damping_of_restitution(control.restitution), step_factor, IMPACTS)
 
 
 def plan(moving: Motion, control, output: Output) -> Plan:
@@ -231,7 +231,7 @@ class _Past:
         moving = self._moving
         loop = np.array([moving.steps, moving.time_step, moving.seating_steps])
         parts = {name: getattr(moving.state, name) for name in PARTS}
-        return {"loop": loop, "motion.looked": moving._looked, **self._arrays(), **flattened(parts)}
+        return {"loop": loop, **moving.meetings.snapshot(), **self._arrays(), **flattened(parts)}
 
     def restore(self, snapshot: Snapshot) -> None:
         """Take it from a snapshot of the same scene; HistoryError where it is of another."""
@@ -242,7 +242,6 @@ class _Past:
         moving.steps, moving.time_step, moving.seating_steps = int(steps), dt, int(seating)
         for name, own in self._arrays().items():
             own[...] = snapshot.array(name, own)
-        moving._looked = snapshot.array("motion.looked", np.zeros((len(moving.state.bodies.mass), 4, 3))).copy()
         parts = {name: restored(name, getattr(moving.state, name), snapshot, COUNTERS) for name in PARTS}
         faces = parts["faces"]
         if faces is not None:
@@ -250,6 +249,7 @@ class _Past:
             if (faces.count < 0).any() or (faces.count > room).any():
                 raise HistoryError(f"{snapshot.path}: faces.count leads out of its polygons")
         moving.state = moving.state._replace(**parts)
+        moving.meetings.restore(moving.state, moving.polygons, snapshot)
 
 
 class _Recorder:

@@ -28,17 +28,20 @@ class Polygons:
     """The polygons of all joints as they were at the start, and the faces they lie on.
 
     ``shift`` (j, 2): where O is now, from where it was on the host at the start (m, along e1 and e2); ``whole`` (j,):
-    nothing of the polygon has been cut off.
+    nothing of the polygon has been cut off; ``size`` (j,): greatest distance of a corner from O at the start (m);
+    ``start`` (j, 9): `Links.seen` then.
     """
 
     def __init__(self, assembly, state: MovingState):
         joints = JointTable.of(assembly.joints)
         self._state, self._joints, self._shapes = state, joints, assembly.shapes
         self._points = assembly.contact_points
-        self._start = state.links.seen.copy()
+        self.start = state.links.seen.copy()
         self.bound = np.empty(len(joints))
+        self.size = np.empty(len(joints))
         for numbers, outlines in joints.by_corners():
             self.bound[numbers] = STALE * polygons.width(outlines)
+            self.size[numbers] = np.sqrt((outlines**2).sum(axis=2).max(axis=1))
         self.shift = np.zeros((len(joints), 2))
         self.whole = np.ones(len(joints), bool)
         self._face_of: dict[int, np.ndarray] = {}
@@ -57,15 +60,32 @@ class Polygons:
             self._cut(j)
         return len(stale)
 
-    def sunk(self) -> list[float]:
-        """How deep the deepest corner of each joint's polygon, as it was at the start, lies in the other block (m)."""
-        links = self._state.links
-        depth = []
-        for j, joint in enumerate(self._joints):
-            seen = links.seen[j]
-            heights = seen[2] - links.offset[j] + (joint.polygon - self.shift[j]) @ seen[[5, 8]]
-            depth.append(max(0.0, float(-(links.sense[j] * heights).min())))
-        return depth
+    def _away(self) -> np.ndarray:
+        """How far O of the start and both tangents have moved, in the plane's axes (j, 3, 3)."""
+        away = (self._state.links.seen - self.start).reshape(-1, 3, 3)
+        away[:, 0] -= np.einsum("ji,jik->jk", self.shift, self._state.links.seen[:, 3:].reshape(-1, 2, 3))
+        return away
+
+    def moved(self) -> np.ndarray:
+        """How far the corners of each polygon have moved against the other block since the start (j,), at most (m)."""
+        length = np.sqrt((self._away() ** 2).sum(axis=2))
+        return length[:, 0] + self.size * np.hypot(length[:, 1], length[:, 2])
+
+    def slipped(self) -> np.ndarray:
+        """How far they have moved along its plane (j,), at most (m)."""
+        length = np.sqrt((self._away()[:, :2, :2] ** 2).sum(axis=2))
+        return length[:, 0] + self.size * length[:, 1]
+
+    def retire(self, j: int) -> None:
+        """Let joint ``j`` carry nothing any more."""
+        links, i = self._state.links, self._place[j]
+        if self._joints[j].law.formulation == "convex":
+            self._state.faces.k_n[i] = 0.0
+        else:
+            corners = self._state.corners
+            corners.area[corners.start[i] : corners.start[i + 1]] = 0.0
+        links.slack[j] = np.inf  # it never needs to be cut again
+        links.wrench[j] = 0.0
 
     def _face(self, j: int) -> np.ndarray:
         """Corners (m, 2) of the other's face in the plane's axes from its centroid, counter-clockwise about m."""
@@ -130,7 +150,7 @@ class Polygons:
         def inside(o, t):
             return np.clip(0.5 - distance_outside(o + start.normal_arm @ t, face) / cell, 0.0, 1.0)
 
-        seen = self._start[j]
+        seen = self.start[j]
         left = inside(origin, tangents) / inside(seen[:2], seen[[[3, 4], [6, 7]]])
         corners.area[corners.start[i] : corners.start[i + 1]] = start.area * np.minimum(left, 1.0)
 

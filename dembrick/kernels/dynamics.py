@@ -12,9 +12,10 @@ from numpy import ndarray
 from dembrick._jit import jit
 from dembrick.kernels.bodies import step_bodies
 from dembrick.kernels.moving_joints import corner_forces, face_forces, least_slack
+from dembrick.kernels.touching import TOUCHED, clear_applied, touch
 from dembrick.kernels.vec3 import cross, rows_times
 
-RUNNING, REACHED, STALE, DIVERGED = 0, 1, 2, 3
+RUNNING, REACHED, STALE, DIVERGED, MEETING = 0, 1, 2, 3, 4
 
 
 class Loads(NamedTuple):
@@ -55,12 +56,13 @@ def apply_loads(loads, bodies, step):
 
 
 @jit
-def advance_bodies(n_steps, dt, bodies, links, corners, faces, loads, limits, damping, travel):
+def advance_bodies(n_steps, dt, bodies, links, corners, faces, loads, limits, damping, travel, touching):
     """Advance up to ``n_steps`` steps of ``dt``; ``corners`` or ``faces`` is None where no joint is of that family.
 
     ``travel`` (1,): m, what any two blocks may still move against each other before a polygon could be stale. Returns
     a status and the steps done: RUNNING when all are, REACHED (a centroid has gone as far as ``limits`` says), STALE
-    (polygons must be cut again before the next step), DIVERGED.
+    (polygons must be cut again before the next step), DIVERGED, or what comes of ``touching``, the contacts that form
+    anew (None where there are none): MEETING (pairs must be looked for again), DEEP, CROWDED.
     """
     goal2 = limits.displacement**2
     longest2 = limits.longest**2
@@ -69,11 +71,19 @@ def advance_bodies(n_steps, dt, bodies, links, corners, faces, loads, limits, da
             travel[0] = least_slack(links)
             if travel[0] <= 0.0:
                 return STALE, step
+        if touching is not None:
+            if touching.room[0] <= 0.0:
+                return MEETING, step
+            clear_applied(touching, bodies)
         apply_loads(loads, bodies, step)
         if corners is not None:
             corner_forces(links, corners, bodies, 0, corners.joint.size)
         if faces is not None:
             face_forces(links, faces, bodies, 0, faces.joint.size)
+        if touching is not None:
+            touched = touch(touching, links, bodies, dt)
+            if touched != TOUCHED:
+                return touched, step
         g = loads.gravity[step]
         moved2, away2 = step_bodies(bodies, links.wrench, 0, bodies.free.size, g[0], g[1], g[2], dt, damping)
         if not moved2 <= longest2:
@@ -81,4 +91,6 @@ def advance_bodies(n_steps, dt, bodies, links, corners, faces, loads, limits, da
         if away2 >= goal2:
             return REACHED, step + 1
         travel[0] -= 2.0 * sqrt(moved2)
+        if touching is not None:
+            touching.room[0] -= sqrt(moved2)
     return RUNNING, n_steps

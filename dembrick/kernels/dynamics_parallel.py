@@ -10,8 +10,9 @@ import numpy as np
 
 from dembrick._jit import get_num_threads, jit_parallel, prange
 from dembrick.kernels.bodies import step_bodies
-from dembrick.kernels.dynamics import DIVERGED, REACHED, RUNNING, STALE, apply_loads
+from dembrick.kernels.dynamics import DIVERGED, MEETING, REACHED, RUNNING, STALE, apply_loads
 from dembrick.kernels.moving_joints import corner_forces, face_forces, least_slack
+from dembrick.kernels.touching import TOUCHED, clear_applied, touch
 
 
 def shares(corners, faces, bodies) -> tuple[np.ndarray, ...]:
@@ -25,10 +26,10 @@ def shares(corners, faces, bodies) -> tuple[np.ndarray, ...]:
 
 @jit_parallel
 def advance_bodies_together(
-    n_steps, dt, bodies, links, corners, faces, loads, limits, damping, travel,
+    n_steps, dt, bodies, links, corners, faces, loads, limits, damping, travel, touching,
     share_corners, share_faces, share_bodies, moved, away,
 ):  # fmt: skip
-    """As `advance_bodies`, with the work shared.
+    """As `advance_bodies`, with the work shared; new contacts, few beside the joints, are one thread's.
 
     ``share_*`` (t + 1,) int64: where the share of each thread begins among point joints, convex joints and free
     blocks; ``moved`` and ``away`` (t,) m2: room for what each thread finds.
@@ -40,12 +41,20 @@ def advance_bodies_together(
             travel[0] = least_slack(links)
             if travel[0] <= 0.0:
                 return STALE, step
+        if touching is not None:
+            if touching.room[0] <= 0.0:
+                return MEETING, step
+            clear_applied(touching, bodies)
         apply_loads(loads, bodies, step)
         for t in prange(moved.size):
             if corners is not None:
                 corner_forces(links, corners, bodies, share_corners[t], share_corners[t + 1])
             if faces is not None:
                 face_forces(links, faces, bodies, share_faces[t], share_faces[t + 1])
+        if touching is not None:
+            touched = touch(touching, links, bodies, dt)
+            if touched != TOUCHED:
+                return touched, step
         for t in prange(moved.size):
             moved[t], away[t] = step_bodies(
                 bodies, links.wrench, share_bodies[t], share_bodies[t + 1], loads.gravity[step, 0],
@@ -61,4 +70,6 @@ def advance_bodies_together(
         if away2 >= goal2:
             return REACHED, step + 1
         travel[0] -= 2.0 * sqrt(moved2)
+        if touching is not None:
+            touching.room[0] -= sqrt(moved2)
     return RUNNING, n_steps

@@ -1,0 +1,419 @@
+"""Where two convex parts overlap: the surface of equal penetration, and the pressure on it.
+
+In each part the penetration of a point is its distance to the nearest face plane, -phi with phi = max_i (n_i.x - d_i),
+and the pressure is 2 kn times it. The contact surface is where both parts have the same: phi_A = phi_B < 0. It is made
+of plane convex patches, one for each pair of faces (i of A, j of B) that are nearest there,
+
+    (n_i - n_j).x = d_i - d_j,
+
+cut by the half spaces in which i is the nearest face of A, j that of B, and the penetration is positive. On two flat
+faces g deep in each other this is the plane half way, the pressure kn g: the law of a joint. On edges and corners the
+patches shrink to nothing with the overlap. The forces, the integral of p n dA over the patches, derive from the
+potential integral of min(p_A, p_B) over the common volume, so they depend on nothing but where the parts are, without
+jumps as one kind of contact turns into another (but for faces of both that lie in one plane and look the same way,
+where the penetration has a fold: the part of the force that jumps there is of the order of overlap over length).
+
+(Pressure fields inside rigid bodies: Elandt, Drumwright, Sherman and Ruina, IROS 2019.)
+"""
+
+from math import sqrt
+from typing import NamedTuple
+
+from numpy import ndarray
+
+from dembrick._jit import jit
+from dembrick.kernels.vec3 import columns_times, cross, rows_times
+
+SAME = 1e-12  # |n_i - n_j|^2 below which two faces look the same way and have no plane between them
+
+
+class Parts(NamedTuple):
+    """p convex parts of the blocks, in the body axes of their blocks, from the blocks' centroids. Equal shapes share
+    their v vertices and f faces."""
+
+    owner: ndarray  # (p,) int64, block
+    vertex_start: ndarray  # (p,) int64
+    vertex_count: ndarray  # (p,) int64
+    face_start: ndarray  # (p,) int64
+    face_count: ndarray  # (p,) int64
+    vertex: ndarray  # (v, 3) m
+    normal: ndarray  # (f, 3) outward
+    offset: ndarray  # (f,) m, distance of the face planes from the centroid of the block
+    centre: ndarray  # (p, 3) m, centroid of the part
+    radius: ndarray  # (p,) m, greatest distance of a vertex from it
+    inner: ndarray  # (p,) m, smallest distance of a face plane from it
+
+
+class Scratch(NamedTuple):
+    """Room for the contact surface of one pair of parts; sizes by the greatest numbers of faces F and vertices V."""
+
+    normal: ndarray  # (2 F, 3) face normals, those of A from 0, those of B from F, in the axes of A's block
+    offset: ndarray  # (2 F,) m, of their planes from the centre of the smaller part
+    face: ndarray  # (2 F,) int64, the faces that can be nearest anywhere in the overlap, as rows of `normal`
+    vertex: ndarray  # (V, 3) m
+    x: ndarray  # (c,) m, corners of all patches in their planes, counter-clockwise about the normal
+    y: ndarray  # (c,) m
+    spare_x: ndarray  # (2 F + 8,) m, where a polygon is cut
+    spare_y: ndarray  # (2 F + 8,) m
+    start: ndarray  # (q + 1,) int64, first corner of each patch
+    frame: ndarray  # (q, 3, 4) axes t1, t2, n of each patch as rows, n from A to B; last column: its origin (m)
+    depth: ndarray  # (q, 4) penetration at the origin (m), its slopes along t1 and t2; last: |n_i - n_j|/2
+    sums: ndarray  # (q, 5) area, integrals of the penetration and of x and y times it, polar second moment
+
+
+@jit
+def lies_apart(parts, bodies, a, b, face):
+    """Whether the plane of face ``face`` of part ``a`` keeps part ``b`` out."""
+    i = parts.owner[a]
+    j = parts.owner[b]
+    f = parts.face_start[a] + face
+    normal = parts.normal
+    n1, n2, n3 = rows_times(bodies.rotation[i], normal[f, 0], normal[f, 1], normal[f, 2])
+    x = bodies.position
+    between = n1 * (x[j, 0] - x[i, 0]) + n2 * (x[j, 1] - x[i, 1]) + n3 * (x[j, 2] - x[i, 2])
+    n1, n2, n3 = columns_times(bodies.rotation[j], n1, n2, n3)
+    gap = between - parts.offset[f]
+    first = parts.vertex_start[b]
+    for k in range(first, first + parts.vertex_count[b]):
+        v = parts.vertex[k]
+        if n1 * v[0] + n2 * v[1] + n3 * v[2] + gap <= 0.0:
+            return False
+    return True
+
+
+@jit
+def ranges(scratch, first, count, vertices, depth, plane):
+    """Shortest way out through the faces ``first`` to ``first + count`` for the ``vertices`` in scratch, at most
+    ``depth``; and ``plane``, or the number of the face that keeps all of them out (depth below nought)."""
+    for f in range(first, first + count):
+        n = scratch.normal[f]
+        d = scratch.offset[f]
+        least = 1e300
+        for k in range(vertices):
+            v = scratch.vertex[k]
+            least = min(least, n[0] * v[0] + n[1] * v[1] + n[2] * v[2])
+        if d - least < depth:
+            depth = d - least
+            if depth <= 0.0:
+                return depth, f - first
+    return depth, plane
+
+
+@jit
+def near_faces(scratch, first, count, vertices, depth, where):
+    """Put the faces that come within ``depth`` of the other's vertices (in scratch) into `face` from ``where``;
+    returns how many."""
+    found = 0
+    for f in range(first, first + count):
+        n = scratch.normal[f]
+        d = scratch.offset[f] - depth
+        for k in range(vertices):
+            v = scratch.vertex[k]
+            if n[0] * v[0] + n[1] * v[1] + n[2] * v[2] >= d:
+                scratch.face[where + found] = f
+                found += 1
+                break
+    return found
+
+
+@jit
+def cut(scratch, first, count, q0, q1, q2):
+    """Keep what has q0 + q1 x + q2 y >= 0 of the ``count`` corners from ``first``; returns how many are left."""
+    x = scratch.x
+    y = scratch.y
+    outside = 0
+    for k in range(first, first + count):
+        if q0 + q1 * x[k] + q2 * y[k] < 0.0:
+            outside += 1
+    if outside == 0:
+        return count
+    if outside == count:
+        return 0
+    kept = 0
+    xa = x[first + count - 1]
+    ya = y[first + count - 1]
+    qa = q0 + q1 * xa + q2 * ya
+    for k in range(first, first + count):
+        xb = x[k]
+        yb = y[k]
+        qb = q0 + q1 * xb + q2 * yb
+        if (qa < 0.0) != (qb < 0.0):
+            s = qa / (qa - qb)
+            scratch.spare_x[kept] = xa + s * (xb - xa)
+            scratch.spare_y[kept] = ya + s * (yb - ya)
+            kept += 1
+        if qb >= 0.0:
+            scratch.spare_x[kept] = xb
+            scratch.spare_y[kept] = yb
+            kept += 1
+        xa, ya, qa = xb, yb, qb
+    for k in range(kept):
+        x[first + k] = scratch.spare_x[k]
+        y[first + k] = scratch.spare_y[k]
+    return kept
+
+
+@jit
+def place_parts(parts, bodies, a, b, scratch):
+    """Planes of both parts into ``scratch``; returns the origin (world), seen from the centroids of both blocks, and
+    how to get from B's vertices to that frame: the origin in B's body axes."""
+    i = parts.owner[a]
+    j = parts.owner[b]
+    R = bodies.rotation[i]
+    S = bodies.rotation[j]
+    x = bodies.position
+    a1, a2, a3 = columns_times(R, x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], x[j, 2] - x[i, 2])
+    c = parts.centre
+    if parts.radius[a] <= parts.radius[b]:
+        o1 = c[a, 0]
+        o2 = c[a, 1]
+        o3 = c[a, 2]
+        w1, w2, w3 = rows_times(R, o1 - a1, o2 - a2, o3 - a3)
+        p1, p2, p3 = columns_times(S, w1, w2, w3)
+    else:
+        p1 = c[b, 0]
+        p2 = c[b, 1]
+        p3 = c[b, 2]
+        w1, w2, w3 = rows_times(S, p1, p2, p3)
+        o1, o2, o3 = columns_times(R, w1, w2, w3)
+        o1 += a1
+        o2 += a2
+        o3 += a3
+    first = parts.face_start[a]
+    for f in range(parts.face_count[a]):
+        n = parts.normal[first + f]
+        own = scratch.normal[f]
+        own[0] = n[0]
+        own[1] = n[1]
+        own[2] = n[2]
+        scratch.offset[f] = parts.offset[first + f] - (n[0] * o1 + n[1] * o2 + n[2] * o3)
+    room = scratch.normal.shape[0] // 2
+    first = parts.face_start[b]
+    for f in range(parts.face_count[b]):
+        n = parts.normal[first + f]
+        own = scratch.normal[room + f]
+        v1, v2, v3 = rows_times(S, n[0], n[1], n[2])
+        own[0], own[1], own[2] = columns_times(R, v1, v2, v3)
+        scratch.offset[room + f] = parts.offset[first + f] - (n[0] * p1 + n[1] * p2 + n[2] * p3)
+    return o1, o2, o3, p1, p2, p3
+
+
+@jit
+def place_vertices(parts, bodies, a, b, of_b, o1, o2, o3, scratch):
+    """Vertices of part ``b`` (or ``a``) into ``scratch``, from the origin (o1, o2, o3) of its own body axes."""
+    R = bodies.rotation[parts.owner[a]]
+    S = bodies.rotation[parts.owner[b]]
+    part = b if of_b else a
+    first = parts.vertex_start[part]
+    for k in range(parts.vertex_count[part]):
+        v = parts.vertex[first + k]
+        own = scratch.vertex[k]
+        v1 = v[0] - o1
+        v2 = v[1] - o2
+        v3 = v[2] - o3
+        if of_b:
+            v1, v2, v3 = rows_times(S, v1, v2, v3)
+            v1, v2, v3 = columns_times(R, v1, v2, v3)
+        own[0] = v1
+        own[1] = v2
+        own[2] = v3
+
+
+@jit
+def contact_surface(parts, bodies, a, b, scratch):
+    """The patches between parts ``a`` and ``b`` into ``scratch``, in the body axes of A's block.
+
+    Returns how many (less than nought: scratch has no room for them); the greatest penetration on them (m); the number
+    of a face that keeps the parts apart, those of B counted after those of A, else -1; and the origin (3) that the
+    patches are seen from, from the centroid of A's block.
+    """
+    faces_a = parts.face_count[a]
+    faces_b = parts.face_count[b]
+    room = scratch.normal.shape[0] // 2
+    o1, o2, o3, p1, p2, p3 = place_parts(parts, bodies, a, b, scratch)
+    # no point of the overlap is deeper than the shortest way out through any one face
+    place_vertices(parts, bodies, a, b, True, p1, p2, p3, scratch)
+    vertices_b = parts.vertex_count[b]
+    depth, plane = ranges(scratch, 0, faces_a, vertices_b, 1e300, -1)
+    if depth <= 0.0:
+        return 0, 0.0, plane, o1, o2, o3
+    place_vertices(parts, bodies, a, b, False, o1, o2, o3, scratch)
+    vertices_a = parts.vertex_count[a]
+    depth, plane = ranges(scratch, room, faces_b, vertices_a, depth, -1)
+    if depth <= 0.0:
+        return 0, 0.0, faces_a + plane, o1, o2, o3
+    near_b = near_faces(scratch, room, faces_b, vertices_a, depth, room)
+    place_vertices(parts, bodies, a, b, True, p1, p2, p3, scratch)
+    near_a = near_faces(scratch, 0, faces_a, vertices_b, depth, 0)
+    # the overlap lies in the smaller part, about whose centre everything is seen
+    radius = min(parts.radius[a], parts.radius[b])
+    patches = used = 0
+    deepest = 0.0
+    scratch.start[0] = 0
+    for r in range(near_a):
+        i = scratch.face[r]
+        n = scratch.normal[i]
+        for s in range(room, room + near_b):
+            j = scratch.face[s]
+            m = scratch.normal[j]
+            e1 = n[0] - m[0]
+            e2 = n[1] - m[1]
+            e3 = n[2] - m[2]
+            size2 = e1 * e1 + e2 * e2 + e3 * e3
+            if size2 <= SAME:
+                continue
+            size = sqrt(size2)
+            e1 /= size
+            e2 /= size
+            e3 /= size
+            height = (scratch.offset[i] - scratch.offset[j]) / size
+            half2 = radius * radius - height * height
+            if half2 <= 0.0:
+                continue
+            half = sqrt(half2)
+            # axes in the plane: t1 square to the direction that the normal has least of
+            if abs(e1) <= abs(e2) and abs(e1) <= abs(e3):
+                u1, u2, u3 = cross(e1, e2, e3, 1.0, 0.0, 0.0)
+            elif abs(e2) <= abs(e3):
+                u1, u2, u3 = cross(e1, e2, e3, 0.0, 1.0, 0.0)
+            else:
+                u1, u2, u3 = cross(e1, e2, e3, 0.0, 0.0, 1.0)
+            length = sqrt(u1 * u1 + u2 * u2 + u3 * u3)
+            u1 /= length
+            u2 /= length
+            u3 /= length
+            w1, w2, w3 = cross(e1, e2, e3, u1, u2, u3)
+            c1 = height * e1
+            c2 = height * e2
+            c3 = height * e3
+            g0 = scratch.offset[i] - (n[0] * c1 + n[1] * c2 + n[2] * c3)
+            gx = -(n[0] * u1 + n[1] * u2 + n[2] * u3)
+            gy = -(n[0] * w1 + n[1] * w2 + n[2] * w3)
+            spread = half * sqrt(gx * gx + gy * gy)
+            if g0 + spread <= 0.0 or g0 - spread > depth:
+                continue
+            if used + 2 * (near_a + near_b) + 8 > scratch.x.size:
+                return -1, deepest, -1, o1, o2, o3
+            x = scratch.x
+            y = scratch.y
+            x[used] = -half
+            y[used] = -half
+            x[used + 1] = half
+            y[used + 1] = -half
+            x[used + 2] = half
+            y[used + 2] = half
+            x[used + 3] = -half
+            y[used + 3] = half
+            count = cut(scratch, used, 4, g0, gx, gy)
+            for k in range(near_a + near_b):
+                if count == 0:
+                    break
+                if k < near_a:
+                    other = scratch.face[k]
+                    own = i
+                else:
+                    other = scratch.face[room + k - near_a]
+                    own = j
+                if other != own:
+                    f = scratch.normal[other]
+                    h = scratch.normal[own]
+                    d1 = h[0] - f[0]
+                    d2 = h[1] - f[1]
+                    d3 = h[2] - f[2]
+                    count = cut(
+                        scratch, used, count,
+                        d1 * c1 + d2 * c2 + d3 * c3 - (scratch.offset[own] - scratch.offset[other]),
+                        d1 * u1 + d2 * u2 + d3 * u3, d1 * w1 + d2 * w2 + d3 * w3,
+                    )  # fmt: skip
+            if count < 3:
+                continue
+            # seen from its own first corner a small patch keeps its digits
+            x0 = x[used]
+            y0 = y[used]
+            for k in range(used, used + count):
+                deepest = max(deepest, g0 + gx * x[k] + gy * y[k])
+                x[k] -= x0
+                y[k] -= y0
+            frame = scratch.frame[patches]
+            frame[0, 0] = u1
+            frame[0, 1] = u2
+            frame[0, 2] = u3
+            frame[1, 0] = w1
+            frame[1, 1] = w2
+            frame[1, 2] = w3
+            frame[2, 0] = e1
+            frame[2, 1] = e2
+            frame[2, 2] = e3
+            frame[0, 3] = c1 + x0 * u1 + y0 * w1
+            frame[1, 3] = c2 + x0 * u2 + y0 * w2
+            frame[2, 3] = c3 + x0 * u3 + y0 * w3
+            scratch.depth[patches, 0] = g0 + gx * x0 + gy * y0
+            scratch.depth[patches, 1] = gx
+            scratch.depth[patches, 2] = gy
+            scratch.depth[patches, 3] = 0.5 * size
+            patches += 1
+            used += count
+            scratch.start[patches] = used
+    return patches, deepest, -1, o1, o2, o3
+
+
+@jit
+def positive_part(x, y, first, last, p0, px, py):
+    """Integrals over a polygon of <p>+, x <p>+ and y <p>+ for p = p0 + px x + py y; its first corner is (0, 0)."""
+    least = most = p0
+    for k in range(first + 1, last):
+        p = p0 + px * x[k] + py * y[k]
+        least = min(least, p)
+        most = max(most, p)
+    if most <= 0.0:
+        return 0.0, 0.0, 0.0
+    if least >= 0.0:  # the fan from the first corner
+        x0 = y0 = f0 = 0.0
+    else:  # the fan from a point of the line p = 0, so that the cut itself adds nothing
+        slope2 = px * px + py * py
+        x0 = -p0 * px / slope2
+        y0 = -p0 * py / slope2
+        f0 = 0.0
+    total = moment_x = moment_y = 0.0
+    apex = p0 if least >= 0.0 else f0
+    xa = x[last - 1]
+    ya = y[last - 1]
+    pa = p0 + px * xa + py * ya
+    for k in range(first, last):
+        xb = x[k]
+        yb = y[k]
+        pb = p0 + px * xb + py * yb
+        if pa > 0.0 or pb > 0.0 or least >= 0.0:
+            x1, y1, p1, x2, y2, p2 = xa, ya, pa, xb, yb, pb
+            if pa < 0.0 and least < 0.0:
+                s = pa / (pa - pb)
+                x1 = xa + s * (xb - xa)
+                y1 = ya + s * (yb - ya)
+                p1 = 0.0
+            elif pb < 0.0 and least < 0.0:
+                s = pa / (pa - pb)
+                x2 = xa + s * (xb - xa)
+                y2 = ya + s * (yb - ya)
+                p2 = 0.0
+            double = (x1 - x0) * (y2 - y0) - (y1 - y0) * (x2 - x0)
+            mean = apex + p1 + p2
+            total += double * mean / 6.0
+            moment_x += double * (apex * x0 + p1 * x1 + p2 * x2 + mean * (x0 + x1 + x2)) / 24.0
+            moment_y += double * (apex * y0 + p1 * y1 + p2 * y2 + mean * (y0 + y1 + y2)) / 24.0
+        xa, ya, pa = xb, yb, pb
+    return total, moment_x, moment_y
+
+
+@jit
+def flat_sums(x, y, first, last):
+    """Area of a polygon, its first moments and the polar second moment about (0, 0), its first corner."""
+    area = moment_x = moment_y = polar = 0.0
+    for k in range(first + 1, last - 1):
+        double = x[k] * y[k + 1] - y[k] * x[k + 1]
+        sx = x[k] + x[k + 1]
+        sy = y[k] + y[k + 1]
+        area += 0.5 * double
+        moment_x += double * sx / 6.0
+        moment_y += double * sy / 6.0
+        polar += double * (sx * sx - x[k] * x[k + 1] + sy * sy - y[k] * y[k + 1]) / 12.0
+    return area, moment_x, moment_y, polar

@@ -1,0 +1,371 @@
+"""Blocks that meet anew in a dynamic run: which pairs the loop must watch, and how joints are handed over to them.
+
+A joint goes on as long as its polygon describes how its blocks touch. Where the one face has turned far against the
+other, or the blocks have parted and moved on, the new contact of that pair of parts takes its place, for good. Pairs
+that have no joint are watched once they come within a margin of each other. The pairs are looked for between two chunks
+of steps, and again before anything can have moved by the margin; a scene in which nothing comes near never pays.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dembrick import polygons
+from dembrick.errors import HistoryError
+from dembrick.joints import Joint, JointTable
+from dembrick.kernels.patches import Parts, Scratch
+from dembrick.kernels.touching import PARTED, SINK, SLIP, TURN, Touching
+from dembrick.moving_polygons import Polygons
+from dembrick.moving_state import MovingState
+from dembrick.neighbours import bodies_of, close_pairs, overlap_depths
+from dembrick.session import Snapshot
+from dembrick.shapes import Polyhedron, parts_of
+
+MARGIN = 0.03  # of a part's diameter: parts that are nearer than the sum of theirs are watched
+FIRST = 5e-4  # of the smallest block's diameter: no one looks before blocks have moved so far
+STIRRED = 0.3  # of what begins to hand a joint over: from there on joints are watched
+LOOSE = 1e-3  # of its size: a joint that has moved so far is watched too, where anything is
+# what a pair keeps when the pairs are looked for again
+REMEMBERED = ("weight", "plane", "elastic", "stiffness", "slip", "normal", "area", "point", "force", "torque")
+
+PAIRS = ("first", "second", "joint")
+
+
+def parts_table(shapes) -> Parts:
+    """The convex parts of all blocks as the kernels want them; equal shapes are stored once."""
+    known: dict[int, tuple[int, int]] = {}
+    vertices, normals, offsets = [], [], []
+    vertex_start, face_start, vertex_count, face_count = [], [], [], []
+    owner, centre, radius, inner = [], [], [], []
+    rows = faces = 0
+    for block, shape in enumerate(shapes):
+        for number, (place, part) in enumerate(parts_of(shape)):
+            key = (id(shape), number)
+            if key not in known:
+                known[key] = (rows, faces)
+                vertices.append(part.vertices + place)
+                normals.append(part.face_normals)
+                offsets.append(part.face_offsets + part.face_normals @ place)
+                rows, faces = rows + len(part.vertices), faces + len(part.faces)
+            own = known[key]
+            owner.append(block)
+            vertex_start.append(own[0])
+            face_start.append(own[1])
+            vertex_count.append(len(part.vertices))
+            face_count.append(len(part.faces))
+            centre.append(place)
+            radius.append(0.5 * part.diameter)
+            inner.append(part.face_offsets.min())
+    integers = (np.array(values, np.int64) for values in (owner, vertex_start, vertex_count, face_start, face_count))
+    return Parts(
+        *integers,
+        vertex=np.concatenate(vertices),
+        normal=np.concatenate(normals),
+        offset=np.concatenate(offsets),
+        centre=np.array(centre, float).reshape(-1, 3),
+        radius=np.array(radius),
+        inner=np.array(inner),
+    )
+
+
+def scratch_for(parts: Parts) -> Scratch:
+    """Room for the contact surface of any two of the parts."""
+    faces, vertices = int(parts.face_count.max()), int(parts.vertex_count.max())
+    patches = faces * faces
+    corners = (
+        6 * patches + 16 * faces + 64
+    )  # a map of so many plane cells has six corners each at the most, but for its rim
+    return Scratch(
+        normal=np.zeros((2 * faces, 3)),
+        offset=np.zeros(2 * faces),
+        face=np.zeros(2 * faces, np.int64),
+        vertex=np.zeros((vertices, 3)),
+        x=np.zeros(corners),
+        y=np.zeros(corners),
+        spare_x=np.zeros(2 * faces + 8),
+        spare_y=np.zeros(2 * faces + 8),
+        start=np.zeros(patches + 1, np.int64),
+        frame=np.zeros((patches, 3, 4)),
+        depth=np.zeros((patches, 4)),
+        sums=np.zeros((patches, 5)),
+    )
+
+
+def touching_pairs(parts: Parts, scratch: Scratch, free, pairs, joints, laws, ratio: float, hand_over=None) -> Touching:
+    """Pairs (t, 2) of parts with their ``joints`` (t,; -1 for none) and ``laws``, nothing remembered yet.
+
+    ``hand_over``: what is known of all joints, for those that are handed over: size and whether it is less than its
+    face (j,), `seen` at the start (j, 9) and shift (j, 2).
+    """
+    pairs = np.asarray(pairs, np.int64).reshape(-1, 2)
+    n = len(pairs)
+    joints = np.asarray(joints, np.int64)
+    size, partial, start, shift = hand_over or (np.ones(1), np.zeros(1, bool), np.zeros((1, 9)), np.zeros((1, 2)))
+    return Touching(
+        parts=parts,
+        scratch=scratch,
+        free=np.asarray(free, float),
+        first=pairs[:, 0].copy(),
+        second=pairs[:, 1].copy(),
+        joint=joints,
+        k_n=np.array([law.normal_stiffness for law in laws], float),
+        k_s=np.array([law.shear_stiffness for law in laws], float),
+        friction=np.array([law.friction for law in laws], float),
+        weight=(joints < 0).astype(float),
+        size=size[joints],
+        partial=partial[joints],
+        start=start,
+        shift=shift,
+        plane=np.full(n, -1, np.int64),
+        elastic=np.zeros((n, 4)),
+        stiffness=np.zeros((n, 2)),
+        slip=np.zeros(n),
+        normal=np.zeros(n),
+        area=np.zeros(n),
+        point=np.zeros((n, 3)),
+        force=np.zeros((n, 3)),
+        torque=np.zeros((n, 3)),
+        ratio=np.array([ratio]),
+        room=np.zeros(1),
+        trouble=np.zeros(1, np.int64),
+    )
+
+
+def contact_time_step(assembly, damping: float) -> float:
+    """Greatest stable time step (s) for a block that lies on any one of its faces with the stiffest law of the scene.
+
+    Two free blocks of one size that lie on each other swing with twice the square of that frequency.
+    """
+    laws = assembly.laws.all
+    k_n, k_s = max(law.normal_stiffness for law in laws), max(law.shear_stiffness for law in laws)
+    free = np.flatnonzero(~assembly.fixed)
+    known: dict[tuple[int, float], float] = {}
+    for block in free.tolist():
+        key = (id(assembly.shapes[block]), float(assembly.mass[block]))
+        if key not in known:
+            known[key] = max(
+                _fastest(part, number, place, k_n, k_s, assembly.mass[block], assembly.inertia[block])
+                for place, part in parts_of(assembly.shapes[block])
+                for number in range(len(part.faces))
+            )
+    spring = max(known.values()) * (2.0 if len(free) > 1 else 1.0)
+    dashpot = 2.0 * damping * np.sqrt(spring)
+    return float((np.sqrt(dashpot**2 + 4.0 * spring) - dashpot) / spring)
+
+
+def _fastest(part: Polyhedron, number: int, place, k_n: float, k_s: float, mass: float, inertia) -> float:
+    """Square of the greatest frequency (1/s2) of a block that lies with a face of a part on something fixed."""
+    normal = part.face_normals[number]
+    first = part.edge_axes[int(np.argmin(np.abs(part.edge_axes @ normal)))]
+    axes = np.stack([first, np.cross(normal, first), normal])
+    corners = (place + part.vertices[list(part.faces[number])]) @ axes.T
+    area, x, y = polygons.area_and_centroid(corners[:, :2])
+    yy, xx, xy = polygons.second_moments(corners[:, :2] - (x, y))
+    arm = np.array([x, y, corners[0, 2]])
+    stiffness = np.zeros((6, 6))
+    stiffness[:3, :3] = np.diag([k_s, k_s, k_n]) * area
+    stiffness[3:, 3:] = np.array([[k_n * yy, -k_n * xy, 0.0], [-k_n * xy, k_n * xx, 0.0], [0.0, 0.0, k_s * (xx + yy)]])
+    # the face moves by u + r x arm
+    root = np.linalg.cholesky(np.linalg.inv(axes @ inertia @ axes.T))
+    to_face = np.zeros((6, 6))
+    to_face[:3, :3] = np.eye(3) / np.sqrt(mass)
+    to_face[3:, 3:] = root
+    to_face[:3, 3:] = np.cross(root, arm[:, None], axis=0)
+    return float(np.linalg.eigvalsh(to_face.T @ stiffness @ to_face)[-1])
+
+
+@dataclass
+class Meetings:
+    """What the loop must watch besides the joints; ``touching`` is None while nothing comes near.
+
+    ``retired`` (j,): joints that new contacts have taken over from; ``looked`` (n, 4, 3): centroids and body axes when
+    pairs were looked for last; ``patience`` (m): how far blocks may move until they are looked for again.
+    """
+
+    assembly: object
+    ratio: float
+    touching: Touching | None = None
+    looked: np.ndarray | None = None
+    patience: float = 0.0
+    retired: np.ndarray = field(init=False)
+
+    def __post_init__(self):
+        shapes = self.assembly.shapes
+        self._joints = JointTable.of(self.assembly.joints)
+        self.retired = np.zeros(len(self._joints), bool)
+        self._size = min(part.diameter for shape in shapes for _, part in parts_of(shape))
+        self._parts = self._scratch = None
+        self._partial = np.array([self._is_partial(joint) for joint in self._joints], bool)
+
+    def _is_partial(self, joint: Joint) -> bool:
+        """Whether the polygon of a joint is less than the face that it rides on."""
+        on_a = joint.host == joint.block_a
+        block, part = (joint.block_a, joint.part_a) if on_a else (joint.block_b, joint.part_b)
+        _, shape = parts_of(self.assembly.shapes[block])[part]
+        outward = self.assembly.rotation[block].T @ joint.axes[2] * (1.0 if on_a else -1.0)
+        return joint.area < (1.0 - 1e-6) * shape.face_areas[int(np.argmax(shape.face_normals @ outward))]
+
+    def steps_to_go(self, state: MovingState, gravity: float, dt: float) -> float:
+        """How many steps blocks can make at their speed before pairs must be looked for, by a generous estimate; the
+        loop itself counts where there are contacts."""
+        if self.touching is not None:
+            return np.inf
+        bodies = state.bodies
+        speed = np.sqrt((bodies.velocity**2).sum(axis=1)) + bodies.reach * np.sqrt((bodies.spin**2).sum(axis=1))
+        fastest, far = float(speed.max()), max(0.5 * self.patience, 0.25 * FIRST * self._size)
+        return max(1.0, 2.0 * far / (fastest + np.sqrt(fastest**2 + 2.0 * gravity * far) + 1e-300) / dt)
+
+    def follow(self, state: MovingState, polygons: Polygons, called: bool) -> None:
+        """Look for pairs where that is due: because the loop ``called`` for it, or blocks or joints have moved."""
+        here = np.concatenate([state.bodies.position[:, None], state.bodies.rotation.transpose(0, 2, 1)], axis=1)
+        first = self.looked is None
+        if not (first or called):
+            if self.touching is not None:
+                return
+            away = here - self.looked
+            moved = np.sqrt((away[:, 0] ** 2).sum(axis=1))
+            moved += state.bodies.reach * np.sqrt((away[:, 1:] ** 2).sum(axis=(1, 2)))
+            if moved.max() < 0.5 * self.patience and not self._stirred(state, polygons).any():
+                return
+        self.looked = here
+        self._look(state, polygons, first)
+
+    def _stirred(self, state: MovingState, polygons: Polygons) -> np.ndarray:
+        """Joints (j,) that will be handed over soon, or have opened for good."""
+        turn, slip = self._turn(state), polygons.slipped()
+        size = polygons.size
+        due = (turn > STIRRED * TURN[0]) | (
+            self._partial & ((slip > STIRRED * SLIP[0] * size) | (slip * turn > STIRRED * SINK[0] * size))
+        )
+        return ~self.retired & (due | self._parted(state, polygons))
+
+    def _turn(self, state: MovingState) -> np.ndarray:
+        seen = state.links.seen
+        return np.hypot(seen[:, 5], seen[:, 8])
+
+    def _parted(self, state: MovingState, polygons: Polygons) -> np.ndarray:
+        """Joints (j,) that are open, and have opened so far that they have done their work."""
+        links = state.links
+        is_open = (links.wrench[:, :3] == 0.0).all(axis=1)
+        gap = links.sense * (links.seen[:, 2] - links.offset)
+        return is_open & (gap + polygons.size * self._turn(state) > PARTED * polygons.size)
+
+    def _look(self, state: MovingState, polygons: Polygons, first: bool) -> None:
+        assembly, bodies = self.assembly, state.bodies
+        parts = bodies_of(assembly.shapes, bodies.position, bodies.rotation)
+        pairs = close_pairs(parts, MARGIN)
+        ends = parts.owner[pairs]
+        free = ~assembly.fixed
+        pairs = pairs[(ends[:, 0] != ends[:, 1]) & free[ends].any(axis=1)]
+        depth = overlap_depths(parts, pairs)
+        near = depth > -MARGIN * parts.table.diameter[pairs].sum(axis=1)
+        pairs, depth = pairs[near], depth[near]
+        joint = self._joint_of(parts.owner, pairs)
+        self._retire(state, polygons, joint, depth)
+        watched = np.zeros(len(self._joints) + 1, bool)  # the last for pairs without a joint
+        watched[-1] = True
+        stirred = self._stirred(state, polygons)
+        if self.touching is not None:
+            stirred[self.touching.joint[(self.touching.joint >= 0) & (self.touching.weight > 0.0)]] = True
+        joint = np.where(np.append(self.retired, False)[joint], -1, joint)
+        if (joint < 0).any() or stirred.any():
+            watched[:-1] = stirred | (polygons.moved() > LOOSE * polygons.size)
+        wanted = watched[joint]
+        pairs, depth, joint = pairs[wanted], depth[wanted], joint[wanted]
+        if first and len(pairs):
+            # what lies side by side from the start is watched when something stirs
+            self.patience = max(2.0 * FIRST * self._size, float(np.maximum(-depth, 0.0).min()))
+            return
+        self.patience = MARGIN * self._size
+        self._watch(state, polygons, parts.owner, pairs, depth, joint)
+
+    def _joint_of(self, owner: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+        """The joint of each pair of parts (p,), or -1."""
+        joints = self._joints
+        first = np.searchsorted(owner, np.arange(len(self.assembly.shapes)))
+        a, b = first[joints.block_a] + joints.part_a, first[joints.block_b] + joints.part_b
+        count = len(owner)
+        codes = np.minimum(a, b) * count + np.maximum(a, b)
+        order = np.argsort(codes)
+        wanted = pairs[:, 0] * count + pairs[:, 1]
+        place = np.minimum(np.searchsorted(codes[order], wanted), max(len(codes) - 1, 0))
+        if not len(codes):
+            return np.full(len(pairs), -1)
+        return np.where(codes[order][place] == wanted, order[place], -1)
+
+    def _retire(self, state: MovingState, polygons: Polygons, joint: np.ndarray, depth: np.ndarray) -> None:
+        """Let go of joints whose contact has taken over all, or whose blocks have parted and lie apart."""
+        due = self._parted(state, polygons)
+        due[joint[(joint >= 0) & (depth > 0.0)]] = False
+        if self.touching is not None:
+            due[self.touching.joint[(self.touching.joint >= 0) & (self.touching.weight >= 1.0)]] = True
+        for j in np.flatnonzero(due & ~self.retired).tolist():
+            polygons.retire(j)
+        self.retired |= due
+
+    def _watch(self, state: MovingState, polygons: Polygons, owner, pairs, depth, joint) -> None:
+        """Make `touching` of these pairs; what was watched before keeps its memory."""
+        before, laws = self.touching, self.assembly.laws
+        if not len(pairs):
+            self.touching = None
+            return
+        of_pairs = [laws.between(a, b) for a, b in owner[pairs].tolist()]
+        fresh = self._blank(polygons, pairs, joint, of_pairs)
+        # where parts that have no joint overlap already, side by side from the start, the contact grows
+        fresh.weight[(depth > 0.0) & (joint < 0)] = 0.0
+        if before is not None:
+            count = len(owner)
+            new, old = fresh.first * count + fresh.second, before.first * count + before.second
+            _, here, there = np.intersect1d(new, old, assume_unique=True, return_indices=True)
+            for name in REMEMBERED:
+                getattr(fresh, name)[here] = getattr(before, name)[there]
+        fresh.room[0] = self.patience
+        self.touching = fresh
+
+    def _blank(self, polygons: Polygons, pairs, joint, laws) -> Touching:
+        if self._parts is None:
+            self._parts = parts_table(self.assembly.shapes)
+            self._scratch = scratch_for(self._parts)
+        known = (polygons.size, self._partial, polygons.start, polygons.shift) if len(self._joints) else None
+        return touching_pairs(self._parts, self._scratch, ~self.assembly.fixed, pairs, joint, laws, self.ratio, known)
+
+    def snapshot(self) -> dict[str, np.ndarray]:
+        """Everything that a run goes on from, besides its state."""
+        count = -1.0 if self.touching is None else float(len(self.touching.first))
+        arrays = {
+            "meetings.loop": np.array([self.patience, count]),
+            "meetings.retired": self.retired,
+            "meetings.looked": self.looked,
+        }
+        for name in (*PAIRS, *REMEMBERED, "room") if self.touching is not None else ():
+            arrays[f"meetings.{name}"] = getattr(self.touching, name)
+        return arrays
+
+    def restore(self, state: MovingState, polygons: Polygons, snapshot: Snapshot) -> None:
+        """Take it from a snapshot of the same scene; HistoryError where it is of another."""
+        self.patience, count = snapshot.array("meetings.loop", np.zeros(2)).tolist()
+        self.retired[:] = snapshot.array("meetings.retired", self.retired)
+        self.looked = snapshot.array("meetings.looked", np.zeros((len(state.bodies.mass), 4, 3))).copy()
+        self.touching = None
+        if count == -1.0:
+            return
+        parts, joints = parts_table(self.assembly.shapes), len(self.retired)
+        most = len(parts.owner) ** 2
+        if not (0.0 < count <= most and count.is_integer()):
+            raise HistoryError(f"{snapshot.path}: meetings.loop is not that of this scenario")
+        first, second, joint = (
+            snapshot.array(f"meetings.{name}", np.zeros(int(count), np.int64)).copy() for name in PAIRS
+        )
+        pairs = np.column_stack([first, second])
+        if (pairs < 0).any() or (pairs >= len(parts.owner)).any() or (joint < -1).any() or (joint >= joints).any():
+            raise HistoryError(f"{snapshot.path}: the pairs of meetings are not of this scenario")
+        laws = [self.assembly.laws.between(a, b) for a, b in parts.owner[pairs].tolist()]
+        self.touching = self._blank(polygons, pairs, joint, laws)
+        for name in (*REMEMBERED, "room"):
+            own = getattr(self.touching, name)
+            own[...] = snapshot.array(f"meetings.{name}", own)
+        faces = parts.face_count[pairs].sum(axis=1)
+        if (self.touching.plane < -1).any() or (self.touching.plane >= faces).any():
+            raise HistoryError(f"{snapshot.path}: meetings.plane leads out of its faces")

@@ -1,0 +1,330 @@
+"""Contacts that form anew: the surface of equal penetration, its forces, and what friction remembers."""
+
+import functools
+import math
+
+import numpy as np
+import pytest
+
+from dembrick.kernels.bodies import Bodies
+from dembrick.kernels.laws import no_tension
+from dembrick.kernels.moving_joints import Links
+from dembrick.kernels.touching import CROWDED, DEEP, TOUCHED, clear_applied, returned, touch
+from dembrick.meetings import parts_table, scratch_for, touching_pairs
+from dembrick.model import JointLaw
+from dembrick.neighbours import bodies_of, overlap_depths
+from dembrick.polyhedra import hull, prism
+from dembrick.shapes import box, quaternion_product, rotation_matrix, unit_quaternion
+
+K_N, K_S = 1e10, 4e9
+BLOCK = box((0.3, 0.2, 0.1))
+
+
+def quaternion(axis, angle):
+    axis = np.asarray(axis, float) / np.linalg.norm(axis)
+    return np.array([math.cos(angle / 2), *(math.sin(angle / 2) * axis)])
+
+
+def no_joints():
+    numbers, lengths = np.zeros(0, np.int32), np.zeros(0, np.float32)
+    shapes = [(0,), (0, 3), (0, 2, 3), (0, 2, 3), (0,), (0, 2), (0, 9), (0, 9), (0, 4)]
+    return Links(numbers, numbers, *(np.zeros(shape) for shape in shapes), lengths, lengths)
+
+
+class Pair:
+    """Two blocks of one convex part each, and the contact between them."""
+
+    def __init__(self, first, second, friction=0.6, ratio=0.0):
+        self.shapes = (first, second)
+        mass = np.array([2000.0 * shape.volume for shape in self.shapes])
+        inertia = np.array([2000.0 * shape.inertia for shape in self.shapes])
+        self.bodies = Bodies(
+            np.arange(2), np.zeros((2, 3)), np.zeros((2, 3, 3)), np.zeros((2, 4)), *np.zeros((3, 2, 3)), mass,
+            np.linalg.inv(inertia), np.array([0.5 * shape.diameter for shape in self.shapes]), np.zeros((2, 3)),
+            np.zeros((2, 6)), np.zeros(3, np.int32), np.zeros(0, np.int32),
+        )  # fmt: skip
+        parts = parts_table(self.shapes)
+        law = JointLaw("convex", friction, K_N, K_S)
+        self.contact = touching_pairs(parts, scratch_for(parts), np.ones(2), [[0, 1]], [-1], [law], ratio)
+        self.place(0, (0.0, 0.0, 0.0))
+
+    def place(self, block, position, orientation=(1.0, 0.0, 0.0, 0.0)):
+        q = unit_quaternion(orientation)
+        self.bodies.position[block], self.bodies.orientation[block] = position, q
+        self.bodies.rotation[block] = rotation_matrix(q)
+
+    def touch(self, dt=1e-6):
+        clear_applied(self.contact, self.bodies)
+        status = touch(self.contact, no_joints(), self.bodies, dt)
+        assert status == TOUCHED
+        return self.bodies.applied[1].copy()
+
+    def wrench(self, position, orientation=(1.0, 0.0, 0.0, 0.0)):
+        """Force and torque on the second block where it is put."""
+        self.place(1, position, orientation)
+        return self.touch()
+
+    def potential(self):
+        """Integral of the smaller pressure over the common volume, and the wrench on the second block that is its
+        derivative: of -2 kn n over where that block is the less deep. By points that know of no surface."""
+        ends = [(self.corners(i).min(axis=0), self.corners(i).max(axis=0)) for i in (0, 1)]
+        low, high = np.max([low for low, _ in ends], axis=0), np.min([high for _, high in ends], axis=0)
+        golden = 1.2207440846057596  # the root of x^4 = x + 1 spreads points evenly, on no planes
+        for n in (300_000, 300_001, 1_000_000):
+            points = low + (high - low) * ((np.arange(n)[:, None] * golden ** -np.arange(1.0, 4.0) + 0.5) % 1.0)
+            if n < 1_000_000:  # a closer box about what is common
+                inside = points[np.minimum(self.depth(0, points)[0], self.depth(1, points)[0]) > 0.0]
+                low, high = (
+                    np.maximum(low, inside.min(axis=0) - 0.3 * np.ptp(inside, axis=0)),
+                    np.minimum(high, inside.max(axis=0) + 0.3 * np.ptp(inside, axis=0)),
+                )
+        cell = np.prod(high - low) / n
+        depth, normal = zip(*(self.depth(i, points) for i in (0, 1)), strict=True)
+        common = (depth[0] > 0.0) & (depth[1] > 0.0)
+        energy = 2.0 * K_N * np.minimum(*depth)[common].sum() * cell
+        own = common & (depth[1] < depth[0])
+        force = -2.0 * K_N * cell * normal[1][own]
+        torque = np.cross(points[own] - self.bodies.position[1], force)
+        return energy, np.concatenate([force.sum(axis=0), torque.sum(axis=0)])
+
+    def corners(self, block):
+        return self.bodies.position[block] + self.shapes[block].vertices @ self.bodies.rotation[block].T
+
+    def depth(self, block, points):
+        """Distance to the nearest face plane and that face's normal, for points (k, 3)."""
+        normals = self.shapes[block].face_normals @ self.bodies.rotation[block].T
+        heights = self.shapes[block].face_offsets - (points - self.bodies.position[block]) @ normals.T
+        return heights.min(axis=1), normals[np.argmin(heights, axis=1)]
+
+
+def turned(*turns):
+    q = np.array([1.0, 0.0, 0.0, 0.0])
+    for axis, angle in turns:
+        q = quaternion_product(quaternion(axis, angle), q)
+    return q
+
+
+@pytest.mark.parametrize("depth", [1e-7, 1e-5])
+@pytest.mark.parametrize("angle", [0.0, 0.3, 1.0])
+def test_flat_faces_carry_the_joints_law(depth, angle):
+    """kn A g on the shared polygon, as a joint: but for the rim, where the way out is sideways, of g/4 around it."""
+    plate = box((1.0, 1.0, 0.2))
+    pair = Pair(plate, BLOCK)
+    q = turned(((0, 0, 1), angle))
+    wrench = pair.wrench((0.1, -0.05, 0.15 - depth), q)
+    area, rim = 0.06, 0.25 * depth * 1.0
+    assert wrench[2] == pytest.approx(K_N * depth * (area - rim), rel=1e-7 / depth * 1e-7 + 1e-8)
+    np.testing.assert_allclose(wrench[[0, 1]], 0.0, atol=1e-9 * wrench[2])
+    np.testing.assert_allclose(wrench[3:], 0.0, atol=1e-8 * wrench[2])
+    # half over an edge
+    wrench = pair.wrench((0.5, 0.0, 0.15 - depth))
+    assert wrench[2] == pytest.approx(0.5 * K_N * depth * area, rel=20 * depth)
+    assert wrench[4] == pytest.approx(0.075 * wrench[2], rel=20 * depth)
+
+
+@pytest.mark.parametrize("tilt", [1e-5, 1e-4])
+def test_slightly_tilted_faces_carry_the_joints_integral(tilt):
+    """Force and moment are those of kn <g>+ over the face, to the order of g over length."""
+    pair = Pair(box((1.0, 1.0, 0.2)), BLOCK)
+    wrench = pair.wrench((0.0, 0.0, 0.15 - 5e-6), turned(((0, 1, 0), tilt)))
+    x, y = np.array([-0.15, 0.15, 0.15, -0.15]), np.array([-0.1, -0.1, 0.1, 0.1])
+    force, about_x, _ = (
+        no_tension(x, y, 0, 4, 5e-6, tilt, 0.0) if tilt > 5e-5 else (5e-6 * 0.06, tilt * 0.2 * 0.3**3 / 12, 0)
+    )
+    assert wrench[2] == pytest.approx(K_N * force, rel=3e-4)
+    assert wrench[4] == pytest.approx(-K_N * about_x, rel=1e-3)
+
+
+WEDGE = prism([(-0.1, 0.0), (0.1, 0.0), (0.0, 0.15)], 0.2)
+TETRA = hull([(0.0, 0.0, 0.0), (0.2, 0.0, 0.02), (0.0, 0.25, 0.0), (0.03, 0.02, 0.2)])
+SETTINGS = {  # shape, direction in which it comes, orientation, overlap (m)
+    "edge in face": (BLOCK, (0.1, 0.05, 1.0), turned(((0, 1, 0), 0.7)), 4e-3),
+    "corner in face": (BLOCK, (0.1, 0.05, 1.0), turned(((0, 1, 0), 0.7), ((1, 0, 0), 0.5)), 8e-3),
+    "edge on edge": (BLOCK, (1.0, 0.02, 0.9), turned(((0, 1, 0), 0.8), ((0, 0, 1), 0.9)), 6e-3),
+    "corner at corner": (BLOCK, (0.25, 0.17, 0.1), turned(((1, 2, 3), 0.6)), 5e-3),
+    "face in face, askew": (BLOCK, (0.2, 0.1, 1.0), turned(((0, 0, 1), 0.4), ((1, 0, 0), 0.03)), 5e-3),
+    "face on edge of face": (BLOCK, (1.4, 0.1, 1.0), turned(((0, 0, 1), 0.2), ((0, 1, 0), 0.05)), 4e-3),
+    "wedge": (WEDGE, (0.1, 0.05, 1.0), turned(((1, 1, 0), 1.2)), 4e-3),
+    "tetrahedron": (TETRA, (0.5, 0.3, 1.0), turned(((1, -1, 2), 2.2)), 4e-3),
+}
+
+
+@functools.cache
+def set_up(name, **more):
+    """The pair of a setting, the second block moved out along the direction until the overlap is the stated one."""
+    shape, direction, orientation, overlap = SETTINGS[name]
+    pair = Pair(BLOCK, shape, **more)
+    near, far = 0.0, 1.0
+    for _ in range(60):
+        middle = 0.5 * (near + far)
+        pair.place(1, middle * np.array(direction), orientation)
+        parts = bodies_of(pair.shapes, pair.bodies.position, pair.bodies.rotation)
+        near, far = (middle, far) if overlap_depths(parts, np.array([[0, 1]]))[0] > overlap else (near, middle)
+    return pair
+
+
+@pytest.mark.parametrize("name", SETTINGS)
+def test_forces_are_those_of_the_pressure_field(name):
+    """Against a grid over the common volume that knows pressures only, no surface and no patches."""
+    pair = set_up(name)
+    wrench = pair.touch()
+    energy, expected = pair.potential()
+    assert energy > 0.0
+    np.testing.assert_allclose(wrench[:3], expected[:3], atol=2e-3 * np.linalg.norm(expected[:3]))
+    np.testing.assert_allclose(wrench[3:], expected[3:], atol=2e-3 * 0.1 * np.linalg.norm(expected[:3]))
+
+
+@pytest.mark.parametrize("name", SETTINGS)
+def test_action_is_reaction(name):
+    """Forces add up to nothing, and so do their moments about any point; either block may come first."""
+    pair = set_up(name, ratio=0.2)
+    rng = np.random.default_rng(1)
+    pair.bodies.velocity[:], pair.bodies.spin[:] = rng.normal(size=(2, 2, 3))
+    on = pair.touch()
+    back = pair.bodies.applied[0]
+    size = np.linalg.norm(on[:3])
+    np.testing.assert_allclose(on[:3] + back[:3], 0.0, atol=1e-13 * size)
+    arms = np.cross(pair.bodies.position, pair.bodies.applied[:, :3])
+    np.testing.assert_allclose((arms + pair.bodies.applied[:, 3:]).sum(axis=0), 0.0, atol=1e-13 * size)
+    twin = Pair(*pair.shapes[::-1], ratio=0.2)
+    twin.place(0, pair.bodies.position[1], pair.bodies.orientation[1])
+    twin.place(1, (0.0, 0.0, 0.0))
+    twin.bodies.velocity[:], twin.bodies.spin[:] = pair.bodies.velocity[::-1], pair.bodies.spin[::-1]
+    np.testing.assert_allclose(-twin.touch()[:3], on[:3], atol=1e-9 * size)
+
+
+def sweep(pair, path, n):
+    """Wrenches along a path: s in (0, 1) -> position, orientation."""
+    return np.array([pair.wrench(*path(s)) for s in np.linspace(0.0, 1.0, n)])
+
+
+PATHS = {
+    "flat to edge": lambda s: (
+        (0.05, 0.013, 0.099 + 0.15 * math.sin(0.03 * s) - 0.05 * (1.0 - math.cos(0.03 * s))),
+        turned(((0, 1, 0), 0.03 * s))),
+    "edge to corner": lambda s: ((0.03, 0.02, 0.183 + 0.02 * s), turned(((0, 1, 0), 0.8), ((1, 0, 0), 0.3 * s - 0.05))),
+    "over the edge": lambda s: ((0.33 * s, 0.05, 0.0985), turned(((0, 0, 1), 0.3), ((0, 1, 0), 0.02))),
+    "round the corner": lambda s: (
+        set_up("corner at corner").bodies.position[1] + s * np.array([-0.02, 0.03, 0.01]),
+        turned(((1, 2, 3), 0.6 + 0.1 * s))),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", PATHS)
+def test_nothing_jumps(name):
+    """The greatest step of the wrench along a path halves with its steps: there is no jump in it."""
+    pair = Pair(BLOCK, BLOCK)
+    steps = []
+    for n in (500, 1000, 2000):
+        wrench = sweep(pair, PATHS[name], n + 1)
+        assert np.count_nonzero(wrench.any(axis=1)) > n / 4
+        steps.append(np.abs(np.diff(wrench, axis=0)).max() / np.abs(wrench).max())
+    assert steps[0] < 0.1
+    assert steps[1] < 0.6 * steps[0] and steps[2] < 0.6 * steps[1]
+
+
+def test_a_square_loop_gives_nothing_back():
+    """The work of the normal forces round a closed path is nought, to the order of the quadrature."""
+    pair = Pair(BLOCK, BLOCK, friction=0.0)
+    q = turned(((0, 1, 0), 0.7), ((1, 0, 0), 0.5))
+    angle = np.linspace(0.0, 2.0 * math.pi, 401)
+    path = np.array([0.05, 0.02, 0.215]) + 0.01 * np.column_stack([np.cos(angle), 0 * angle, np.sin(angle)])
+    force = np.array([pair.wrench(place, q)[:3] for place in path])
+    steps = np.diff(path, axis=0)
+    work = (0.5 * (force[1:] + force[:-1]) * steps).sum()
+    assert abs(work) < 1e-3 * np.abs((force[:-1] * steps).sum(axis=1)).sum()
+
+
+def test_apart_means_no_force_and_no_memory():
+    pair = Pair(BLOCK, BLOCK)
+    pair.contact.elastic[:] = 1.0
+    pair.contact.stiffness[:] = 1.0
+    assert not pair.wrench((0.0, 0.0, 0.1001)).any()
+    assert not pair.contact.elastic.any() and not pair.contact.normal.any()
+    assert pair.contact.plane[0] == 1  # the top of the first keeps them apart, and is asked first from now on
+    pair.place(1, (0.0, 0.0, 0.0999))
+    assert pair.touch()[2] > 0.0
+
+
+def test_too_deep_and_too_crowded_are_said():
+    pair = Pair(BLOCK, BLOCK)
+    pair.place(1, (0.0, 0.0, 0.07))
+    assert touch(pair.contact, no_joints(), pair.bodies, 1e-6) == DEEP
+    pair.place(1, (0.0, 0.0, 0.0999))
+    small = pair.contact.scratch._replace(x=np.zeros(40), y=np.zeros(40))
+    assert touch(pair.contact._replace(scratch=small), no_joints(), pair.bodies, 1e-6) == CROWDED
+
+
+def slide(pair, velocity, spin, steps, dt=1e-6):
+    """Move the second block at constant velocity and spin; returns the wrenches on it."""
+    found = []
+    pair.bodies.velocity[1], pair.bodies.spin[1] = velocity, spin
+    q = pair.bodies.orientation[1].copy()
+    position = pair.bodies.position[1].copy()
+    for step in range(1, steps + 1):
+        angle = np.linalg.norm(spin) * dt * step
+        pair.place(1, position + dt * step * np.asarray(velocity),
+                   quaternion_product(quaternion(spin, angle), q) if angle else q)  # fmt: skip
+        found.append(pair.touch(dt))
+    return np.array(found)
+
+
+def test_friction_sticks_and_slips():
+    """ks A while it sticks, mu N when it slips, and back again; the slip path is what lies between."""
+    pair = Pair(box((1.0, 1.0, 0.2)), BLOCK)
+    pair.place(1, (0.0, 0.0, 0.15 - 1e-6))
+    normal = pair.touch()[2]
+    forward = slide(pair, (0.03, 0.04, 0.0), (0.0, 0.0, 0.0), 60)
+    step = 0.05e-6
+    stick = forward[5, :3] / normal
+    np.testing.assert_allclose(stick[:2], -K_S * 0.06 * 6 * step / normal * np.array([0.6, 0.8]), rtol=1e-3)
+    np.testing.assert_allclose(forward[-1, :2], -0.6 * normal * np.array([0.6, 0.8]), rtol=1e-6)
+    elastic = 0.6 * normal / (K_S * 0.06)
+    assert pair.contact.slip[0] == pytest.approx(60 * step - elastic, rel=1e-3)
+    back = slide(pair, (-0.03, -0.04, 0.0), (0.0, 0.0, 0.0), 3)
+    np.testing.assert_allclose(np.hypot(*back[-1, :2]), 0.6 * normal - 3 * K_S * 0.06 * step, rtol=1e-3)
+
+
+def test_pure_torsion_is_that_of_the_mean_distance():
+    """mu N c_T about the centre, paper eq. 1; ks J while it sticks."""
+    from dembrick.polygons import mean_distance
+
+    pair = Pair(box((1.0, 1.0, 0.2)), BLOCK)
+    pair.place(1, (0.0, 0.0, 0.15 - 1e-6))
+    normal = pair.touch()[2]
+    found = slide(pair, (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 60)
+    polar = 0.3 * 0.2 * (0.3**2 + 0.2**2) / 12.0
+    assert found[3, 5] == pytest.approx(-K_S * polar * 4e-6, rel=1e-3)
+    radius = mean_distance(np.array([(-0.15, -0.1), (0.15, -0.1), (0.15, 0.1), (-0.15, 0.1)]))[0]
+    assert found[-1, 5] == pytest.approx(-0.6 * normal * radius, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    "shear, torsion, ratio", [(2.0, 0.0, 1.0), (0.0, 3.0, 0.2), (0.9, 0.8, 5.0), (1e4, 2.0, 0.01), (1.2, 1e6, 30.0)]
+)
+def test_return_to_the_ellipse(shear, torsion, ratio):
+    factor = returned(shear, torsion, ratio)
+    assert shear / (1.0 + factor) ** 2 + torsion / (1.0 + ratio * factor) ** 2 == pytest.approx(1.0, rel=1e-12)
+
+
+def test_memory_turns_with_both_blocks():
+    """Two blocks that turn as one body keep the friction between them, seen from themselves."""
+    pair = Pair(BLOCK, BLOCK)
+    pair.place(1, (0.02, 0.0, 0.1 - 1e-6))
+    pair.touch()
+    slide(pair, (0.02, 0.0, 0.0), (0.0, 0.0, 0.0), 10)
+    pair.bodies.velocity[1] = 0.0
+    force = pair.touch()[:3]
+    assert force[0] < -40.0
+    dt, spin = 1e-5, np.array([30.0, 20.0, 50.0])
+    start, middle = pair.bodies.position.copy(), np.array([0.5, -0.3, 0.2])
+    pair.bodies.spin[:] = spin
+    for step in range(1, 2001):
+        q = quaternion(spin, np.linalg.norm(spin) * dt * step)
+        turn = rotation_matrix(q)
+        before = pair.bodies.position.copy()
+        for block in (0, 1):
+            pair.place(block, middle + turn @ (start[block] - middle), q)
+        pair.bodies.velocity[:] = (pair.bodies.position - before) / dt
+        last = pair.touch(dt)[:3]
+    np.testing.assert_allclose(turn.T @ last, force, atol=1e-5 * np.linalg.norm(force))
