@@ -26,9 +26,10 @@ def quaternion(axis, angle):
 
 
 def no_joints():
-    numbers, lengths = np.zeros(0, np.int32), np.zeros(0, np.float32)
-    shapes = [(0,), (0, 3), (0, 2, 3), (0, 2, 3), (0,), (0, 2), (0, 9), (0, 9), (0, 4)]
-    return Links(numbers, numbers, *(np.zeros(shape) for shape in shapes), lengths, lengths)
+    numbers, lengths = np.zeros(0, np.uint32), np.zeros(0, np.float32)
+    shapes = [(0,), (0, 2), (0, 9), (0, 9), (0, 4)]
+    axes = (np.zeros((0, 3)), numbers, numbers, np.zeros((0, 2, 3)))
+    return Links(numbers, numbers, np.zeros(0), *axes, *(np.zeros(shape) for shape in shapes), lengths, lengths)
 
 
 class Pair:
@@ -39,9 +40,10 @@ class Pair:
         mass = np.array([2000.0 * shape.volume for shape in self.shapes])
         inertia = np.array([2000.0 * shape.inertia for shape in self.shapes])
         self.bodies = Bodies(
-            np.arange(2), np.zeros((2, 3)), np.zeros((2, 3, 3)), np.zeros((2, 4)), *np.zeros((3, 2, 3)), mass,
-            np.linalg.inv(inertia), np.array([0.5 * shape.diameter for shape in self.shapes]), np.zeros((2, 3)),
-            np.zeros((2, 6)), np.zeros(3, np.int32), np.zeros(0, np.int32),
+            np.arange(2, dtype=np.uint32), np.zeros((2, 3)), np.zeros((2, 3, 3)), np.zeros((2, 4)),
+            *np.zeros((3, 2, 3)), mass, np.linalg.inv(inertia),
+            np.array([0.5 * shape.diameter for shape in self.shapes]), np.zeros((2, 3)), np.zeros((2, 6)),
+            np.zeros(3, np.uint32), np.zeros(0, np.uint32),
         )  # fmt: skip
         parts = parts_table(self.shapes)
         law = JointLaw("convex", friction, K_N, K_S)
