@@ -8,7 +8,7 @@ from dembrick.errors import DivergedError
 from dembrick.kernels.advance import DIVERGED, RUNAWAY
 from dembrick.kernels.guard import RUNAWAY as TIMES
 from dembrick.kernels.guard import Guard
-from dembrick.simulation import State
+from dembrick.simulation import State, turned_blocks
 
 LONGEST_MOVE = 0.1  # of the smallest block: a step that moves a block further has diverged
 NEVER = (1 << 62) - 1  # mask of a guard that does not look at the energy
@@ -18,7 +18,6 @@ STRETCHES = 64  # of a constant-rate test, over which its load is summed
 
 def new_guard(assembly, state: State, steps: int | None = None) -> Guard:
     """The guard of a run that starts from ``state``, all blocks at rest, for so many ``steps`` (None: unknown)."""
-    free = state.blocks.free
     look, stretch = LOOK, 1 << 62
     if steps is not None:
         wanted = max(1, steps // STRETCHES)
@@ -29,7 +28,7 @@ def new_guard(assembly, state: State, steps: int | None = None) -> Guard:
         mask=look - 1,
         stretch=stretch,
         weights=float(np.abs(state.jacks.weight).sum()),
-        turned=free[np.any(state.blocks.dead_torque[free] != 0.0, axis=1)],
+        turned=turned_blocks(state),
         start=np.zeros(2),
         work=np.zeros(2),
         sums=np.zeros(3),

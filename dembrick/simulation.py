@@ -289,22 +289,25 @@ def load_vectors(state: State) -> np.ndarray:
     return load
 
 
+def turned_blocks(state: State) -> np.ndarray:
+    """The free blocks with a dead torque (t,)."""
+    free = state.blocks.free
+    return free[np.any(state.blocks.dead_torque[free] != 0.0, axis=1)]
+
+
 def new_energy(state: State) -> Energy:
     """Empty books for a run that starts from ``state``."""
-    elastic, normal = np.zeros((0, 3)), np.zeros((0, 6))
+    normal = np.zeros((0, 6))
     if state.points is not None:
         p, k, x, y = state.points, state.points.k_n, state.points.x_n, state.points.y_n
         terms = np.stack([k, k * x, k * y, k * x**2, k * y**2, k * x * y], axis=1)
         normal = np.ascontiguousarray(np.add.reduceat(terms, p.start[:-1]))
-        turning = p.x_s * p.elastic_2 - p.y_s * p.elastic_1
-        springs = np.stack([p.elastic_1, p.elastic_2, turning], axis=1)
-        elastic = np.ascontiguousarray(np.add.reduceat(springs, p.start[:-1]))
     return Energy(
         work=np.zeros(6),
         least=np.zeros(1),
-        start=np.zeros(1),
+        start=np.zeros(2),
+        turned=turned_blocks(state),
         dash=np.zeros((len(state.joints.block_a), 6)),
-        elastic=elastic,
         normal=normal,
-        jack=np.zeros(2),
+        jack=np.zeros(1),
     )

@@ -147,10 +147,10 @@ class Jacks(NamedTuple):
 class Energy(NamedTuple):
     """The books of a run: work summed step by step, and what the last step left behind for the next."""
 
-    work: ndarray  # (6,) J: by jack head, dead loads; lost in friction, dashpots and calming, jack dashpot; mu N |slip|
+    work: ndarray  # (6,) J: of jack head, dead torques; lost in friction, in dashpots and calming, by jack; mu N |slip|
     least: ndarray  # (1,) J, smallest friction work of an increment
-    start: ndarray  # (1,) J, elastic energy of the seated joints
+    start: ndarray  # (2,) J: elastic energy of the seated joints, work of the dead forces up to then
+    turned: ndarray  # (t,) int64, free blocks with a dead torque
     dash: ndarray  # (j, 6) N, N m: V_1, V_2, M_T, N, M_1, M_2 of the dashpots of each joint, last step
-    elastic: ndarray  # (p, 3) N, N, N m: V_1, V_2, M_T of the shear springs of each point joint
     normal: ndarray  # (p, 6) N/m, N, N m: sums of k_n (1, x, y, x^2, y^2, x y) over each point joint
-    jack: ndarray  # (2,) N, V and its dashpot part, last step
+    jack: ndarray  # (1,) N, of the jack's dashpot, last step

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from dembrick._jit import entry
 from dembrick.kernels.bracket import instant_bounds, judge, strict_bounds
-from dembrick.kernels.energy import balance, dead_work, elastic_energy
+from dembrick.kernels.energy import add_dead_torque_work, balance, open_books
 from dembrick.kernels.finite_motion import finite_step
 from dembrick.kernels.forces import clear_forces, jack_forces, joint_forces, unbalanced_power, unbalanced_ratio
 from dembrick.kernels.guard import jumped, open_guard, watch
@@ -42,9 +42,8 @@ def advance(
     RUNAWAY where there is more energy than was put in, FULL when the record has no room) and the number of steps done.
     """
     bracket = certificate.bracket
-    if energy is not None and first == 0 and n_steps > 0:
-        energy.start[0] = elastic_energy(blocks, joints, points, areas)
     if first == 0 and n_steps > 0:
+        open_books(energy, blocks, joints, points, areas)
         open_guard(guard, blocks, joints, points, areas)
     for step in range(first, first + n_steps):
         clear_forces(blocks)
@@ -52,7 +51,7 @@ def advance(
         rate = drive.rate * min(1.0, (step + 1) * dt / drive.ramp) * drive.slowing ** max(step - drive.steady, 0)
         v, moved = jack_forces(blocks, jacks, drive, inertia, rate, dt, energy)
         if energy is not None:
-            dead_work(energy, blocks, dt)
+            add_dead_torque_work(energy.work, energy.turned, blocks, dt)
         done = False
         if step % certificate.every == 0:
             if certificate.strict:

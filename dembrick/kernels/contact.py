@@ -5,6 +5,8 @@ the penetration, and over the last step ``(p1, p2, pr)``, the slip twist, with `
 opening and the tilts. It returns N and the action on b: V_1, V_2, M_T, M_1, M_2.
 """
 
+from numpy import uint64
+
 from dembrick._jit import jit
 from dembrick.kernels.laws import coulomb, no_tension, squared_penetration
 from dembrick.kernels.limit_surface import proximal_map, surface
@@ -26,86 +28,106 @@ def dashpot_work(dash, v1, v2, mt, n, m1, m2, p1, p2, pr, pn, pr1, pr2):
 
 
 @jit
-def point_forces(points, p, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s, energy):
-    """Resultant (N, V_1, V_2, M_T, M_1, M_2, slip) of point joint ``p``; updates the memory of its contact points.
+def point_normals(points, p, dn, r1, r2, pn, pr1, pr2, viscous, energy):
+    """Normal forces of the points of joint ``p``; returns their resultant N, M_1, M_2.
 
-    With ``energy`` (not None) the work of the step goes into the books, by the trapezoidal rule over the increment.
+    With ``energy``, also how far the resultant of all springs, had none of them let go, is from that of the springs:
+    the sums of k_n times the penetration, where that is negative, and of the same times x and y.
     """
-    mu = points.friction[p]
-    n_sum = v1 = v2 = mt = m1 = m2 = slip = weight = 0.0
-    friction = least = by_law = lost = 0.0
-    open_n = open_x = open_y = 0.0
-    for i in range(points.start[p], points.start[p + 1]):
+    n = m1 = m2 = open_n = open_x = open_y = 0.0
+    for i in range(uint64(points.start[p]), uint64(points.start[p + 1])):
         x = points.x_n[i]
         y = points.y_n[i]
         penetration = -(dn + r1 * y - r2 * x)
-        closing = -(pn + pr1 * y - pr2 * x)
         normal = 0.0
         if penetration > 0.0:
-            normal = max(points.k_n[i] * (penetration + viscous_n * closing), 0.0)
+            closing = -(pn + pr1 * y - pr2 * x)
+            normal = max(points.k_n[i] * (penetration + viscous * closing), 0.0)
         elif energy is not None:
             pull = points.k_n[i] * penetration
             open_n += pull
             open_x += pull * x
             open_y += pull * y
         points.normal[i] = normal
-        xs = points.x_s[i]
-        ys = points.y_s[i]
-        k = points.k_s[i]
-        s1 = p1 - pr * ys
-        s2 = p2 + pr * xs
-        old_1 = points.elastic_1[i]
-        old_2 = points.elastic_2[i]
-        cap = mu * normal
-        t1, t2, e1, e2, q1, q2, plastic = coulomb(old_1, old_2, s1, s2, k, viscous_s, cap)
-        if energy is not None:
-            if plastic > 0.0:
-                work = (old_1 + e1) * q1 + (old_2 + e2) * q2
-                if cap > 0.0:
-                    friction += work
-                    if work < least:
-                        least = work
-                    by_law += cap * plastic
-                else:
-                    # nothing to rub on: the spring lets go of what it holds against its dashpot
-                    lost += work
-        points.elastic_1[i] = e1
-        points.elastic_2[i] = e2
-        points.slip[i] += plastic
-        n_sum += normal
-        v1 += t1
-        v2 += t2
-        mt += xs * t2 - ys * t1
+        n += normal
         m1 -= y * normal
         m2 += x * normal
+    return n, m1, m2, open_n, open_x, open_y
+
+
+@jit
+def point_shears(points, p, p1, p2, pr, viscous, energy):
+    """Shear forces of the points of joint ``p`` under their normal forces; returns V_1, V_2, M_T, the slip and, with
+    ``energy``, twice what the springs of points without a normal force lost in letting go."""
+    mu = points.friction[p]
+    share = 1.0 / (1.0 + viscous)
+    v1 = v2 = mt = slip = weight = 0.0
+    held = by_law = lost = least = 0.0
+    for i in range(uint64(points.start[p]), uint64(points.start[p + 1])):
+        x = points.x_s[i]
+        y = points.y_s[i]
+        k = points.k_s[i]
+        cap = mu * points.normal[i]
+        slides, t1, t2, e1, e2, plastic, loose, along = coulomb(
+            points.elastic_1[i], points.elastic_2[i], p1 - pr * y, p2 + pr * x, k, viscous, cap
+        )
+        points.elastic_1[i] = e1
+        points.elastic_2[i] = e2
+        if slides:
+            points.slip[i] += plastic
+            if energy is not None:
+                if min(along, cap) > 0.0:
+                    held += loose * along
+                    by_law += cap * plastic
+                elif cap > 0.0:
+                    held += loose * along
+                    by_law += cap * plastic
+                    least = min(least, (2.0 - share) * loose * along + share * cap * plastic)
+                else:
+                    lost += loose * along
+        v1 += t1
+        v2 += t2
+        mt += x * t2 - y * t1
         slip += k * points.slip[i]
         weight += k
     if energy is not None:
+        # Spring and dashpot stand side by side behind the slider, t = e + viscous (e - old): so the work of friction,
+        # (old + e) q / 2 for the plastic increment q, is that of the old spring force and of t = cap q / |q| in parts.
+        energy.work[2] += 0.5 * ((2.0 - share) * held + share * by_law)
+        energy.work[5] += by_law
+        if least < 0.0:
+            energy.least[0] = min(energy.least[0], 0.5 * least)
+    return v1, v2, mt, slip / weight, (2.0 - share) * lost
+
+
+@jit
+def point_forces(points, p, before, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s, energy):
+    """Resultant (N, V_1, V_2, M_T, M_1, M_2, slip) of point joint ``p``; updates the memory of its contact points.
+
+    With ``energy`` (not None) the work of the step goes into the books, by the trapezoidal rule over the increment;
+    ``before`` is the resultant of the last step.
+    """
+    n, m1, m2, open_n, open_x, open_y = point_normals(points, p, dn, r1, r2, pn, pr1, pr2, viscous_n, energy)
+    v1, v2, mt, slip, lost = point_shears(points, p, p1, p2, pr, viscous_s, energy)
+    if energy is not None:
         # The dashpots carry what the springs do not. All points move with one rigid motion, so the work of their
-        # resultant is the sum of theirs. Spring and dashpot stand side by side behind the slider, t = e + viscous
-        # (e - e_old) at every point, stuck, sliding or open, and so for the resultants; the normal springs of closed
-        # points add up in closed form.
+        # resultant is the sum of theirs. At every point, stuck, sliding or open, t = e + d with d = viscous (e - old),
+        # so that d = viscous (t - t_old + d_old) / (1 + viscous), and with it the resultants; the normal springs of
+        # closed points add up in closed form.
         r = energy.normal[p]
-        elastic = energy.elastic[p]
-        share = 1.0 / (1.0 + viscous_s)
-        elastic[0] = share * (v1 + viscous_s * elastic[0])
-        elastic[1] = share * (v2 + viscous_s * elastic[1])
-        elastic[2] = share * (mt + viscous_s * elastic[2])
-        lost += dashpot_work(
-            energy.dash[points.joint[p]],
-            v1 - elastic[0],
-            v2 - elastic[1],
-            mt - elastic[2],
-            n_sum + r[0] * dn + r[2] * r1 - r[1] * r2 + open_n,
+        dash = energy.dash[points.joint[p]]
+        share = viscous_s / (1.0 + viscous_s)
+        energy.work[3] += 0.5 * lost + 0.5 * dashpot_work(
+            dash,
+            share * (v1 - before[1] + dash[0]),
+            share * (v2 - before[2] + dash[1]),
+            share * (mt - before[3] + dash[2]),
+            n + r[0] * dn + r[2] * r1 - r[1] * r2 + open_n,
             m1 - (r[2] * dn + r[4] * r1 - r[5] * r2 + open_y),
             m2 + (r[1] * dn + r[5] * r1 - r[3] * r2 + open_x),
             p1, p2, pr, pn, pr1, pr2,
         )  # fmt: skip
-        energy.work[2] += 0.5 * friction
-        energy.work[3] += 0.5 * lost
-        energy.work[5] += by_law
-        energy.least[0] = min(energy.least[0], 0.5 * least)
-    return n_sum, v1, v2, mt, m1, m2, slip / weight
+    return n, v1, v2, mt, m1, m2, slip
 
 
 @jit
@@ -180,29 +202,34 @@ def area_forces(areas, a, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, visco
         areas.twist[a, 1],
         areas.twist[a, 2],
     )
+    elastic = areas.elastic[a]
+    old_1 = elastic[0]
+    old_2 = elastic[1]
+    old_r = elastic[2]
+    e1 = old_1 + k_t * (p1 - q1)
+    e2 = old_2 + k_t * (p2 - q2)
+    er = old_r + k_r * (pr - qr)
+    elastic[0] = e1
+    elastic[1] = e2
+    elastic[2] = er
+    areas.twist[a, 0] = w1
+    areas.twist[a, 1] = w2
+    areas.twist[a, 2] = wr
+    by_law = v1 * q1 + v2 * q2 + mt * qr
+    strength = areas.friction[a] * n
+    if strength > 0.0:
+        areas.slip[a] += by_law / strength
     if energy is not None:
-        old = areas.elastic[a]
-        e1 = old[0] + k_t * (p1 - q1)
-        e2 = old[1] + k_t * (p2 - q2)
-        er = old[2] + k_r * (pr - qr)
-        friction = 0.5 * ((old[0] + e1) * q1 + (old[1] + e2) * q2 + (old[2] + er) * qr)
+        friction = 0.5 * ((old_1 + e1) * q1 + (old_2 + e2) * q2 + (old_r + er) * qr)
         energy.work[2] += friction
-        energy.least[0] = min(energy.least[0], friction)
-        energy.work[5] += v1 * q1 + v2 * q2 + mt * qr
+        energy.work[5] += by_law
+        if friction < 0.0:
+            energy.least[0] = min(energy.least[0], friction)
         still_n, still_1, still_2 = area_normal(areas, a, dn, r1, r2)
         energy.work[3] += 0.5 * dashpot_work(
             energy.dash[areas.joint[a]], v1 - e1, v2 - e2, mt - er, n - still_n, m1 - still_1, m2 - still_2,
             p1, p2, pr, pn, pr1, pr2,
         )  # fmt: skip
-    areas.elastic[a, 0] += k_t * (p1 - q1)
-    areas.elastic[a, 1] += k_t * (p2 - q2)
-    areas.elastic[a, 2] += k_r * (pr - qr)
-    areas.twist[a, 0] = w1
-    areas.twist[a, 1] = w2
-    areas.twist[a, 2] = wr
-    strength = areas.friction[a] * n
-    if strength > 0.0:
-        areas.slip[a] += (v1 * q1 + v2 * q2 + mt * qr) / strength
     areas.evaluations[a] += evaluations
     return n, v1, v2, mt, m1, m2, areas.slip[a]
 

@@ -5,6 +5,8 @@ is the work of the forces by the trapezoidal rule over the step's motion. What d
 or closes within a step, and, in finite motion, the turning of the geometry within it.
 """
 
+from numpy import uint64
+
 from dembrick._jit import jit
 from dembrick.kernels.contact import area_normal_energy
 
@@ -12,14 +14,32 @@ KINETIC, ELASTIC, JACK_SPRING, EXTERNAL, FRICTION, DASHPOTS = range(6)
 
 
 @jit
-def dead_work(energy, blocks, dt):
-    """Add the work of the dead loads over the motion of the last step."""
+def dead_force_work(blocks):
+    """Work (J) of the dead forces over the displacements since the scenario's geometry."""
+    total = 0.0
     for f in range(blocks.free.size):
         b = blocks.free[f]
         for i in range(3):
-            energy.work[1] += dt * (
-                blocks.dead_force[b, i] * blocks.velocity[b, i] + blocks.dead_torque[b, i] * blocks.spin[b, i]
-            )
+            total += blocks.dead_force[b, i] * blocks.displacement[b, i]
+    return total
+
+
+@jit
+def add_dead_torque_work(work, turned, blocks, dt):
+    """Add to ``work[1]`` that (J) of the dead torques on the blocks ``turned`` over the last step: it depends on the
+    way they turn."""
+    for t in range(turned.size):
+        b = turned[t]
+        for i in range(3):
+            work[1] += dt * blocks.dead_torque[b, i] * blocks.spin[b, i]
+
+
+@jit
+def open_books(energy, blocks, joints, points, areas):
+    """Note what there is at the start; blocks at rest."""
+    if energy is not None:
+        energy.start[0] = elastic_energy(blocks, joints, points, areas)
+        energy.start[1] = dead_force_work(blocks)
 
 
 @jit
@@ -27,12 +47,16 @@ def elastic_energy(blocks, joints, points, areas):
     """Energy (J) in the springs of all joints now."""
     total = 0.0
     if points is not None:
+        pressed = sheared_1 = sheared_2 = 0.0
         for p in range(points.joint.size):
             seen = joints.opening[points.joint[p]]
-            for i in range(points.start[p], points.start[p + 1]):
+            for i in range(uint64(points.start[p]), uint64(points.start[p + 1])):
                 penetration = max(-(seen[0] + seen[1] * points.y_n[i] - seen[2] * points.x_n[i]), 0.0)
-                shear = points.elastic_1[i] ** 2 + points.elastic_2[i] ** 2
-                total += 0.5 * (points.k_n[i] * penetration**2 + shear / points.k_s[i])
+                softness = 1.0 / points.k_s[i]
+                pressed += points.k_n[i] * penetration * penetration
+                sheared_1 += points.elastic_1[i] * points.elastic_1[i] * softness
+                sheared_2 += points.elastic_2[i] * points.elastic_2[i] * softness
+        total += 0.5 * (pressed + sheared_1 + sheared_2)
     if areas is not None:
         for a in range(areas.joint.size):
             seen = joints.opening[areas.joint[a]]
@@ -83,6 +107,6 @@ def balance(energy, blocks, joints, points, areas, jacks, drive, scaled, inertia
     out[KINETIC] = kinetic_energy(blocks, scaled, inertia, dt)
     out[ELASTIC] = elastic_energy(blocks, joints, points, areas) - energy.start[0]
     out[JACK_SPRING] = 0.5 * drive.stiffness * spring * spring * weights
-    out[EXTERNAL] = energy.work[0] + energy.work[1]
+    out[EXTERNAL] = energy.work[0] + energy.work[1] + (dead_force_work(blocks) - energy.start[1])
     out[FRICTION] = energy.work[2]
     out[DASHPOTS] = energy.work[3] + energy.work[4]

@@ -72,7 +72,9 @@ def joint_forces(blocks, joints, points, areas, inertia, dt, viscous_n, viscous_
             j = points.joint[p]
             seen = relative(blocks, joints, j, inertia, dt)
             more = joints.damping[j]
-            react(blocks, joints, j, *point_forces(points, p, *seen, more * viscous_n, more * viscous_s, energy))
+            before = joints.resultant[j]
+            forces = point_forces(points, p, before, *seen, more * viscous_n, more * viscous_s, energy)
+            react(blocks, joints, j, *forces)
     if areas is not None:
         for a in range(areas.joint.size):
             j = areas.joint[a]
@@ -103,10 +105,9 @@ def jack_forces(blocks, jacks, drive, inertia, rate, dt, energy):
     v = drive.stiffness * (state[0] - driven) + dash
     if energy is not None:
         head = rate * dt * total
-        energy.work[0] += 0.5 * (energy.jack[0] + v) * head
-        energy.work[4] += 0.5 * (energy.jack[1] + dash) * (head - (driven - state[1]) * total)
-        energy.jack[0] = v
-        energy.jack[1] = dash
+        energy.work[0] += 0.5 * (state[2] + v) * head
+        energy.work[4] += 0.5 * (energy.jack[0] + dash) * (head - (driven - state[1]) * total)
+        energy.jack[0] = dash
     moved = (driven - state[1]) * total
     state[1] = driven
     state[2] = v

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from numpy import ndarray
 
 from dembrick._jit import jit
-from dembrick.kernels.energy import elastic_energy, kinetic_energy
+from dembrick.kernels.energy import add_dead_torque_work, dead_force_work, elastic_energy, kinetic_energy
 
 RUNAWAY = 4.0  # times the energy put in: twice the speed that it could give
 LEAST = 0.1  # of the elastic energy of the start, which is always allowed
@@ -31,22 +31,11 @@ class Guard(NamedTuple):
 
 
 @jit
-def _dead_force_work(blocks):
-    """Work (J) of the dead forces over the displacements since the scenario's geometry."""
-    total = 0.0
-    for f in range(blocks.free.size):
-        b = blocks.free[f]
-        for i in range(3):
-            total += blocks.dead_force[b, i] * blocks.displacement[b, i]
-    return total
-
-
-@jit
 def open_guard(guard, blocks, joints, points, areas):
     """Note what energy there is at the start; blocks at rest."""
     if guard is not None:
         guard.start[0] = elastic_energy(blocks, joints, points, areas)
-        guard.start[1] = guard.start[0] - _dead_force_work(blocks)
+        guard.start[1] = guard.start[0] - dead_force_work(blocks)
 
 
 @jit
@@ -54,10 +43,7 @@ def watch(guard, step, v, rate, blocks, scaled, inertia, dt):
     """Add up what is put in at this step; False where the blocks have far more of it than there can be."""
     if guard is not None:
         guard.work[0] += v * rate
-        for t in range(guard.turned.size):
-            b = guard.turned[t]
-            for i in range(3):
-                guard.work[1] += dt * blocks.dead_torque[b, i] * blocks.spin[b, i]
+        add_dead_torque_work(guard.work, guard.turned, blocks, dt)
         guard.sums[0] += 1.0
         guard.sums[1] += v
         guard.sums[2] += v * v
@@ -66,7 +52,7 @@ def watch(guard, step, v, rate, blocks, scaled, inertia, dt):
             for i in range(3):
                 guard.load[stretch, i] += guard.sums[i]
                 guard.sums[i] = 0.0
-            given = guard.work[0] * dt * guard.weights + guard.work[1] + guard.start[1] + _dead_force_work(blocks)
+            given = guard.work[0] * dt * guard.weights + guard.work[1] + guard.start[1] + dead_force_work(blocks)
             most = RUNAWAY * max(given, LEAST * guard.start[0])
             return kinetic_energy(blocks, scaled, inertia, dt) <= most
     return True

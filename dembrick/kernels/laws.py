@@ -14,30 +14,28 @@ def coulomb(elastic_1, elastic_2, slip_1, slip_2, k, viscous, cap):
     """Radial return of one contact point; spring and dashpot in parallel, both behind the slider.
 
     ``slip_*``: increment of the relative displacement (m); ``k`` N/m; ``viscous``: dashpot force over spring force for
-    the same increment; ``cap`` = mu N (N). Returns the shear force (2), the elastic part of it that stays (2), the
-    plastic increment (2, m), which points along the force, and its length (m).
+    the same increment; ``cap`` = mu N (N). Returns whether the point slides, the shear force (2), the elastic part of
+    it that stays (2) and the length of the plastic increment (m), which points along the force. For the books also what
+    that increment was per unit of the trial force (m/N) and the trial force times the elastic force before (N2): their
+    product is the work of the latter on the increment.
     """
-    full = k * (1.0 + viscous)
-    t1 = elastic_1 + full * slip_1
-    t2 = elastic_2 + full * slip_2
+    t1 = elastic_1 + k * (1.0 + viscous) * slip_1
+    t2 = elastic_2 + k * (1.0 + viscous) * slip_2
     size = sqrt(t1 * t1 + t2 * t2)
-    if size <= cap:
-        return t1, t2, elastic_1 + k * slip_1, elastic_2 + k * slip_2, 0.0, 0.0, 0.0
-    scale = 1.0 / size
-    direction_1 = t1 * scale
-    direction_2 = t2 * scale
-    plastic = (size - cap) / full
-    plastic_1 = plastic * direction_1
-    plastic_2 = plastic * direction_2
-    return (
-        cap * direction_1,
-        cap * direction_2,
-        elastic_1 + k * (slip_1 - plastic_1),
-        elastic_2 + k * (slip_2 - plastic_2),
-        plastic_1,
-        plastic_2,
-        plastic,
-    )
+    share = 1.0 / (1.0 + viscous)
+    plastic = loose = along = 0.0
+    slides = size > cap
+    if slides:
+        inverse = 1.0 / (k * size)  # divisions are what takes time here
+        kept = cap * k * inverse
+        loose = (size - cap) * share * inverse
+        along = elastic_1 * t1 + elastic_2 * t2
+        plastic = loose * size
+        t1 *= kept
+        t2 *= kept
+    e1 = elastic_1 + share * (t1 - elastic_1)
+    e2 = elastic_2 + share * (t2 - elastic_2)
+    return slides, t1, t2, e1, e2, plastic, loose, along
 
 
 @jit

@@ -68,7 +68,7 @@ def point_answer(trial, points, p, gap, base, u1, u2, u3, r1, r2, r3):
         points.elastic_2[i] = trial.elastic_2[i]
         points.slip[i] = trial.point_slip[i]
     return point_forces(
-        points, p, u3 + gap, r1, r2, 0.0, 0.0, 0.0, u1 - base[0], u2 - base[1], r3 - base[5], 0.0, 0.0, None
+        points, p, None, u3 + gap, r1, r2, 0.0, 0.0, 0.0, u1 - base[0], u2 - base[1], r3 - base[5], 0.0, 0.0, None
     )  # fmt: skip
 
 
