@@ -123,7 +123,7 @@ def seat(motion: Motion, driving: Driving, sticking: bool = False) -> float:
     """
     state = motion.state
     own = (motion._travel, motion.polygons.shift, motion.polygons.whole)
-    arrays = [*own, *(array for part in state[:4] if part is not None for array in part)] if sticking else []
+    arrays = [*own, *state.arrays] if sticking else []
     before = [array.copy() for array in arrays]
     bodies, supported = state.bodies, _supported(state)
     held = bodies._replace(free=bodies.free[supported[bodies.free]])

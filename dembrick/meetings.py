@@ -232,6 +232,14 @@ class Meetings:
         self.looked = here
         self._look(state, polygons, first)
 
+    def left_to_joints(self) -> np.ndarray:
+        """Share (j,) of its force that each joint still carries, beside the contact that takes over from it."""
+        share = np.where(self.retired, 0.0, 1.0)
+        if self.touching is not None:
+            handed = self.touching.joint >= 0
+            share[self.touching.joint[handed]] = 1.0 - self.touching.weight[handed]
+        return share
+
     def _stirred(self, state: MovingState, polygons: Polygons) -> np.ndarray:
         """Joints (j,) that will be handed over soon, or have opened for good."""
         turn, slip = self._turn(state), polygons.slipped()

@@ -10,7 +10,6 @@ import numpy as np
 from dembrick import assembly as assemblies
 from dembrick import motion_run
 from dembrick.collapse import collapse_lines
-from dembrick.errors import ScenarioError
 from dembrick.loading import driving_of
 from dembrick.model import Scenario
 from dembrick.session import Session
@@ -22,7 +21,8 @@ class MotionResult:
 
     ``rows``: time, load, displacement (of the block that has moved furthest; of a push the driven one), unbalanced
     (T,), joint (T, j, 7: N, V_1, V_2, M_T, M_1, M_2, slip). ``frames``: time (F,), displacement (F, n, 3), orientation
-    (F, n, 4), velocity and spin (F, n, 3). Everything is seen from the supports. SI units.
+    (F, n, 4), velocity and spin (F, n, 3), contact_force (F, c, 3; on block b, at the moment of the last
+    forces, a step before). Everything is seen from the supports. SI units.
     """
 
     scenario: Scenario
@@ -130,7 +130,6 @@ class MotionResult:
 
 def lived_through(scenario: Scenario, assembly, session: Session) -> motion_run.MotionRun:
     """Run a scenario that moves blocks in real time on its assembly; it raises what ``motion_run.run`` does."""
-    if "contacts" in scenario.output.channels:
-        raise ScenarioError('output.channels: a run in real time records no "contacts"; leave that channel out')
     moving = motion_run.prepare(assembly, scenario.control, scenario.solver.step_factor)
+    motion_run.ask_for(moving, scenario.output)
     return motion_run.run(moving, scenario.control, driving_of(scenario, assembly, moving.time_step), session)

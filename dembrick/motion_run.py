@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -14,8 +15,9 @@ from dembrick.driving import Driving
 from dembrick.dynamics import Motion, advance, damping_of_restitution, joint_forces, motion, seat
 from dembrick.errors import HistoryError, NotConvergedError, ScenarioError
 from dembrick.kernels.dynamics import REACHED, Limits
+from dembrick.kernels.motion_record import unbalanced_ratio
 from dembrick.model import Output
-from dembrick.moving_state import joint_resultants, out_of_balance, seen
+from dembrick.moving_state import contact_forces, joint_resultants, out_of_balance, seen, with_contact_forces
 from dembrick.pushing import STRONGEST, Jack, jack_of
 from dembrick.session import Plan, Session, Snapshot, step_at
 from dembrick.shapes import quaternion_product, rotation_matrix, unit_quaternion
@@ -64,15 +66,23 @@ def prepare(assembly, control, step_factor: float) -> Motion:
     return motion(assembly, damping_of_restitution(control.restitution), step_factor, IMPACTS)
 
 
+def ask_for(moving: Motion, output: Output) -> None:
+    """Have the loop write down what ``output`` names beside what it needs itself, before it is compiled."""
+    if "contacts" in output.channels:
+        moving.state = with_contact_forces(moving.state)
+
+
 def plan(moving: Motion, control, output: Output) -> Plan:
     """What the run will take: the steps of its whole duration, or of a tilt to the vertical or of the longest push, and
     bytes at the most."""
     jack = _jack(moving, control)
     steps, n, j = _most_steps(moving, control, jack), len(moving.assembly.names), len(moving.assembly.joints)
-    columns = [array for part in moving.state[:4] if part is not None for array in part if array is not None]
     rows = min(steps, 2 * output.rows)
     frames = min(rows, 2 * output.frames)
-    memory = sum(array.nbytes for array in columns) + 8 * (rows * (6 + 7 * j) + frames * 13 * n)
+    points = len(moving.state.corners.x) if "contacts" in output.channels and moving.state.corners is not None else 0
+    memory = sum(array.nbytes for array in moving.state.arrays) + 8 * (
+        rows * (6 + 7 * j) + frames * (13 * n + 3 * points)
+    )
     return Plan(moving.time_step, moving.critical_time_step, steps, memory)
 
 
@@ -130,6 +140,7 @@ def run(moving: Motion, control, driving: Driving, session: Session) -> MotionRu
             recorder.take(last=over)
             if not over:
                 session.pause(past)
+    moving.compile_seconds += recorder.compile_seconds
     unbalanced, at_rest = float(past.unbalanced[0]), past.at_rest
     settings = {"contact_damping": moving.damping, "seating_steps": moving.seating_steps, "inertia": "physical"}
     if not to_collapse:
@@ -164,7 +175,8 @@ def _set_going(moving: Motion, driving: Driving) -> None:
         rotation=rotation_matrix(quaternion_product(unit_quaternion(back), bodies.orientation)),
     )
     came_from = seen(before, state.links)
-    memory = [array for family in (state.corners, state.faces) if family is not None for array in family]
+    families = [family for family in (state.corners, state.faces) if family is not None]
+    memory = [array for family in families for array in family if array is not None]
     kept = [array.copy() for array in memory]
     state.links.seen[:] = came_from
     joint_forces(moving, driving)
@@ -263,6 +275,11 @@ class _Recorder:
         self._jack = jack
         self._frames_every, self._rows_every = frames_every, rows_every
         self._origin = moving.assembly.position - moving.state.middle
+        began = time.perf_counter()
+        if session.observe is not None:  # compiles, or loads the cache
+            self._unbalanced()
+            joint_resultants(moving.state)
+        self.compile_seconds = time.perf_counter() - began
 
     def take(self, last: bool = False) -> None:
         """A row of the present state, and a frame where one is due."""
@@ -297,6 +314,8 @@ class _Recorder:
             frames["orientation"] = bodies.orientation[None][due].copy()
             if "velocity" in channels:
                 frames["velocity"], frames["spin"] = bodies.velocity[None][due].copy(), bodies.spin[None][due].copy()
+            if "contacts" in channels:
+                frames["contact_force"] = contact_forces(moving.state, moving.meetings.left_to_joints())[None][due]
         self._session.observe(rows, frames)
 
     def _displacement(self, away: np.ndarray) -> float:
@@ -318,7 +337,4 @@ class _Recorder:
         state = self._moving.state
         driving = self._driving if self._jack is None else self._jack.pushing(self._driving)
         gravity, _ = driving.at(np.array([self._moving.time]), self._moving.time_step)
-        force, _ = out_of_balance(state, gravity[0])
-        largest = np.sqrt((state.links.wrench[:, :3] ** 2).sum(axis=1).max(initial=0.0))
-        worst = np.sqrt((force[state.bodies.free] ** 2).sum(axis=1).max(initial=0.0))
-        return float(worst / largest) if largest > 0.0 else 1.0
+        return unbalanced_ratio(state.bodies, state.links, *gravity[0].tolist())

@@ -13,6 +13,7 @@ from dembrick import limit_set, polygons
 from dembrick.errors import ScenarioError
 from dembrick.joints import JointTable
 from dembrick.kernels.bodies import Bodies
+from dembrick.kernels.motion_record import write_resultants
 from dembrick.kernels.moving_joints import Corners, Faces, Links
 from dembrick.point_table import PointTable
 
@@ -27,6 +28,12 @@ class MovingState(NamedTuple):
     corners: Corners | None
     faces: Faces | None
     middle: np.ndarray  # (3,) m, what positions count from
+
+    @property
+    def arrays(self) -> list[np.ndarray]:
+        """All arrays that a run changes."""
+        parts = (self.bodies, self.links, self.corners, self.faces)
+        return [array for part in parts if part is not None for array in part if array is not None]
 
 
 def moving_state(assembly) -> MovingState:
@@ -122,6 +129,7 @@ def _corners(assembly) -> Corners | None:
         area=table.area.copy(),
         elastic=np.zeros((len(x), 2)),
         slip=np.zeros(len(x)),
+        force=None,
     )
 
 
@@ -203,43 +211,31 @@ def seen(bodies: Bodies, links: Links) -> np.ndarray:
     return np.einsum("jvi,jki->jvk", vectors, axes).reshape(-1, 9)
 
 
-def joint_axes(bodies: Bodies, links: Links) -> np.ndarray:
-    """Axes (j, 3, 3) of the joints now, as rows: t1 (of the host, in the plane), t2 and n from a to b, world."""
-    u = np.einsum("jik,jlk->jli", bodies.rotation[links.other], links.axes[links.plane])
-    normal = cross(u[:, 0], u[:, 1])
-    t1 = np.einsum("jik,jk->ji", bodies.rotation[links.host], links.axes[links.tangents, 0])
-    t1 -= (t1 * normal).sum(axis=1)[:, None] * normal
-    t1 /= np.sqrt((t1**2).sum(axis=1))[:, None]
-    return np.stack([t1, cross(normal, t1), normal], axis=1)
-
-
 def joint_resultants(state: MovingState) -> np.ndarray:
     """N, V_1, V_2, M_T, M_1, M_2 (action on b about O) and slip of every joint (j, 7), of the last forces."""
-    bodies, links = state.bodies, state.links
-    axes = joint_axes(bodies, links)
-    arm = np.einsum("jik,jk->ji", bodies.rotation[links.host], links.lever)
-    force, torque = links.wrench[:, :3], links.wrench[:, 3:6] - cross(arm, links.wrench[:, :3])
-    # the wrench acts on the host; b is the host where sense is +1. The joint pushes back on b: V, M are minus that.
-    on_b = links.sense[:, None]
-    f = np.einsum("jki,ji->jk", axes, on_b * force)
-    t = np.einsum("jki,ji->jk", axes, on_b * torque)
-    out = np.empty((len(links.host), 7))
-    out[:, 0], out[:, 1], out[:, 2] = f[:, 2], -f[:, 0], -f[:, 1]
-    out[:, 3], out[:, 4], out[:, 5] = -t[:, 2], -t[:, 0], -t[:, 1]
-    out[:, 6] = joint_slip(state)
+    out = np.empty((len(state.links.host), 7))
+    write_resultants(state.bodies, state.links, state.corners, state.faces, out)
     return out
 
 
-def joint_slip(state: MovingState) -> np.ndarray:
-    """Length of the slip path of every joint (j,), averaged over its points by area (m)."""
-    slip = np.zeros(len(state.links.host))
-    if state.corners is not None:
-        c = state.corners
-        area = np.add.reduceat(c.area, c.start[:-1])
-        slip[c.joint] = np.add.reduceat(c.area * c.slip, c.start[:-1]) / np.where(area > 0.0, area, 1.0)
-    if state.faces is not None:
-        slip[state.faces.joint] = state.faces.slip
-    return slip
+def with_contact_forces(state: MovingState) -> MovingState:
+    """The same state, the forces at its contact points written down at every step."""
+    if state.corners is None:
+        return state
+    return state._replace(corners=state.corners._replace(force=np.zeros((len(state.corners.x), 3))))
+
+
+def contact_forces(state: MovingState, share: np.ndarray) -> np.ndarray:
+    """Force (c, 3) on block b at every contact point of `with_contact_forces`, world axes (N), of the last forces.
+
+    ``share`` (j,): what of it the joints still carry, see `Meetings.left_to_joints`.
+    """
+    if state.corners is None:
+        return np.zeros((0, 3))
+    corners = state.corners
+    signed = (state.links.sense * share)[corners.joint]  # b is the host where the sense is +1
+    on_b = np.repeat(signed, np.diff(corners.start))
+    return on_b[:, None] * corners.force
 
 
 def out_of_balance(state: MovingState, gravity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

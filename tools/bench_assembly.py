@@ -52,8 +52,7 @@ def chunk(moving, driving, steps: int) -> float:
 
 def state_bytes(moving) -> int:
     """Memory of all arrays that the loop works on."""
-    parts = (moving.state.bodies, moving.state.links, moving.state.corners, moving.state.faces)
-    return sum(array.nbytes for part in parts if part is not None for array in part)
+    return sum(array.nbytes for array in moving.state.arrays)
 
 
 def touched_bytes(moving) -> int:
@@ -65,7 +64,7 @@ def touched_bytes(moving) -> int:
         for part in parts
         if part is not None
         for name, array in part._asdict().items()
-        if name not in ("kept", "slack", "slip", "far", "twist")
+        if array is not None and name not in ("kept", "slack", "slip", "far", "twist")
     )
 
 

@@ -77,7 +77,7 @@ def advance_bodies(n_steps, dt, bodies, links, corners, faces, loads, limits, da
             clear_applied(touching, bodies)
         apply_loads(loads, bodies, step)
         if corners is not None:
-            corner_forces(links, corners, bodies, 0, corners.joint.size)
+            corner_forces(links, corners, bodies, 0, corners.joint.size, corners.force)
         if faces is not None:
             face_forces(links, faces, bodies, 0, faces.joint.size)
         if touching is not None:

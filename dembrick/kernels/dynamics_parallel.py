@@ -48,7 +48,7 @@ def advance_bodies_together(
         apply_loads(loads, bodies, step)
         for t in prange(moved.size):
             if corners is not None:
-                corner_forces(links, corners, bodies, share_corners[t], share_corners[t + 1])
+                corner_forces(links, corners, bodies, share_corners[t], share_corners[t + 1], corners.force)
             if faces is not None:
                 face_forces(links, faces, bodies, share_faces[t], share_faces[t + 1])
         if touching is not None:

@@ -57,6 +57,7 @@ class Corners(NamedTuple):
     area: ndarray  # (c,) m2, tributary
     elastic: ndarray  # (c, 2) N, elastic shear force, in the sense in which the host slips, along u1, u2
     slip: ndarray  # (c,) m, length of the slip path
+    force: ndarray | None  # (c, 3) N, world, last force on the host at each point; None where nobody asks for it
 
 
 class Faces(NamedTuple):
@@ -159,8 +160,20 @@ def met(g, ahead, viscous):
 
 
 @jit
-def corner_forces(links, corners, bodies, first, last):
-    """Forces of the point joints ``first`` to ``last``: Coulomb friction and a no-tension spring at every point."""
+def write_force(out, i, a1, a2, a3, u1, u2, u3, w1, w2, w3):
+    """Write a force of a contact point, given in the plane's axes, in those of the world."""
+    m1, m2, m3 = cross(u1, u2, u3, w1, w2, w3)
+    out[i, 0] = a1 * u1 + a2 * w1 + a3 * m1
+    out[i, 1] = a1 * u2 + a2 * w2 + a3 * m2
+    out[i, 2] = a1 * u3 + a2 * w3 + a3 * m3
+
+
+@jit
+def corner_forces(links, corners, bodies, first, last, force_out):
+    """Forces of the point joints ``first`` to ``last``: Coulomb friction and a no-tension spring at every point.
+
+    ``force_out`` is ``corners.force``, given apart so that its code goes where it is None.
+    """
     for p in range(first, last):
         j = corners.joint[p]
         o1, o2, o3, e1, e2, e3, g1, g2, g3, u1, u2, u3, w1, w2, w3, d, r = look(links, bodies, j)
@@ -244,9 +257,13 @@ def corner_forces(links, corners, bodies, first, last):
                 c1 -= y * t1
                 c2 -= y * t2
                 c3 += y * force
+                if force_out is not None:
+                    write_force(force_out, i, -t1, -t2, sense * force, u1, u2, u3, w1, w2, w3)
             else:
                 elastic[0] = 0.0
                 elastic[1] = 0.0
+                if force_out is not None:
+                    write_force(force_out, i, 0.0, 0.0, 0.0, u1, u2, u3, w1, w2, w3)
         resultant(
             links, j, a1, a2, sense * a3, arm * b1, arm * b2, sense * b3, arm * c1, arm * c2, sense * c3, 0.0,
             u1, u2, u3, w1, w2, w3, d, r,
