@@ -26,6 +26,7 @@ from dembrick.shapes import Polyhedron, parts_of
 MARGIN = 0.03  # of a part's diameter: parts that are nearer than the sum of theirs are watched
 FIRST = 5e-4  # of the smallest block's diameter: no one looks before blocks have moved so far
 STIRRED = 0.3  # of what begins to hand a joint over: from there on joints are watched
+COARSE = 1.2  # rad in a step: contacts that swing faster damp as such
 LOOSE = 1e-3  # of its size: a joint that has moved so far is watched too, where anything is
 # what a pair keeps when the pairs are looked for again
 REMEMBERED = ("weight", "plane", "elastic", "stiffness", "slip", "normal", "area", "point", "force", "torque")
@@ -81,7 +82,8 @@ def scratch_for(parts: Parts) -> Scratch:
         normal=np.zeros((2 * faces, 3)),
         offset=np.zeros(2 * faces),
         face=np.zeros(2 * faces, np.int64),
-        vertex=np.zeros((vertices, 3)),
+        vertex=np.zeros((2 * vertices, 3)),
+        turn=np.zeros((3, 3)),
         x=np.zeros(corners),
         y=np.zeros(corners),
         spare_x=np.zeros(2 * faces + 8),
@@ -127,10 +129,26 @@ def touching_pairs(parts: Parts, scratch: Scratch, free, pairs, joints, laws, ra
         point=np.zeros((n, 3)),
         force=np.zeros((n, 3)),
         torque=np.zeros((n, 3)),
-        ratio=np.array([ratio]),
+        dashpot=dashpot_polynomial(ratio),
         room=np.zeros(1),
         trouble=np.zeros(1, np.int64),
     )
+
+
+def dashpot_polynomial(ratio: float) -> np.ndarray:
+    """Dashpot over spring of a contact, times its swing in a step (rad), as a polynomial (8,) in that swing; the last
+    of the nine numbers is the greatest swing that it holds for, well within what is stable.
+
+    The equation of `frequencies.stepped_dashpots`, by its parameter s.
+    """
+    s = np.linspace(1e-3, 2.0, 2000)
+    decay, damped = np.exp(-ratio * s), np.sqrt(1.0 - ratio * ratio)
+    swing = np.sqrt(1.0 + decay**2 - 2.0 * decay * np.cos(damped * s))
+    peak = int(np.argmax(swing))
+    greatest = min(COARSE, 0.8 * swing[peak])
+    held = slice(0, np.searchsorted(swing[: peak + 1], greatest))
+    fit = np.polynomial.polynomial.polyfit(swing[held], (1.0 - decay[held] ** 2) / swing[held], 7)
+    return np.append(fit, greatest)
 
 
 def contact_time_step(assembly, damping: float) -> float:

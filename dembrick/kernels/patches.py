@@ -50,7 +50,8 @@ class Scratch(NamedTuple):
     normal: ndarray  # (2 F, 3) face normals, those of A from 0, those of B from F, in the axes of A's block
     offset: ndarray  # (2 F,) m, of their planes from the centre of the smaller part
     face: ndarray  # (2 F,) int64, the faces that can be nearest anywhere in the overlap, as rows of `normal`
-    vertex: ndarray  # (V, 3) m
+    vertex: ndarray  # (2 V, 3) m, vertices, those of A from 0, those of B from V
+    turn: ndarray  # (3, 3) from the axes of B's block to those of A's
     x: ndarray  # (c,) m, corners of all patches in their planes, counter-clockwise about the normal
     y: ndarray  # (c,) m
     spare_x: ndarray  # (2 F + 8,) m, where a polygon is cut
@@ -82,37 +83,44 @@ def lies_apart(parts, bodies, a, b, face):
 
 
 @jit
-def ranges(scratch, first, count, vertices, depth, plane):
-    """Shortest way out through the faces ``first`` to ``first + count`` for the ``vertices`` in scratch, at most
-    ``depth``; and ``plane``, or the number of the face that keeps all of them out (depth below nought)."""
+def shallowest(scratch, first, count, from_vertex, vertices, depth, plane):
+    """The shortest way out through the faces ``first`` to ``first + count`` for the vertices of the other part, at
+    most ``depth``, and its face, else ``plane``. Where a face keeps all of them out, it is that one, and the depth is
+    not above nought."""
     for f in range(first, first + count):
         n = scratch.normal[f]
-        d = scratch.offset[f]
         least = 1e300
-        for k in range(vertices):
+        for k in range(from_vertex, from_vertex + vertices):
             v = scratch.vertex[k]
             least = min(least, n[0] * v[0] + n[1] * v[1] + n[2] * v[2])
-        if d - least < depth:
-            depth = d - least
+        if scratch.offset[f] - least < depth:
+            depth = scratch.offset[f] - least
+            plane = f
             if depth <= 0.0:
-                return depth, f - first
+                break
     return depth, plane
 
 
 @jit
-def near_faces(scratch, first, count, vertices, depth, where):
-    """Put the faces that come within ``depth`` of the other's vertices (in scratch) into `face` from ``where``;
-    returns how many."""
+def near_faces(scratch, first, count, from_vertex, vertices, depth):
+    """Put the faces that come within ``depth`` of the other's vertices into `face`, from ``first`` on, those with the
+    shortest ways out before the others; returns how many."""
     found = 0
     for f in range(first, first + count):
         n = scratch.normal[f]
         d = scratch.offset[f] - depth
-        for k in range(vertices):
+        near = deep = False
+        for k in range(from_vertex, from_vertex + vertices):
             v = scratch.vertex[k]
-            if n[0] * v[0] + n[1] * v[1] + n[2] * v[2] >= d:
-                scratch.face[where + found] = f
-                found += 1
-                break
+            height = n[0] * v[0] + n[1] * v[1] + n[2] * v[2]
+            near = near or height >= d
+            deep = deep or height < d - 9.0 * depth
+        if near:
+            scratch.face[first + found] = f
+            if not deep:
+                scratch.face[first + found] = scratch.face[first]
+                scratch.face[first] = f
+            found += 1
     return found
 
 
@@ -155,8 +163,8 @@ def cut(scratch, first, count, q0, q1, q2):
 
 @jit
 def place_parts(parts, bodies, a, b, scratch):
-    """Planes of both parts into ``scratch``; returns the origin (world), seen from the centroids of both blocks, and
-    how to get from B's vertices to that frame: the origin in B's body axes."""
+    """Planes and vertices of both parts into ``scratch``, in the body axes of A's block, seen from the centre of the
+    smaller part; returns where that is, from the centroid of A's block."""
     i = parts.owner[a]
     j = parts.owner[b]
     R = bodies.rotation[i]
@@ -187,36 +195,30 @@ def place_parts(parts, bodies, a, b, scratch):
         own[1] = n[1]
         own[2] = n[2]
         scratch.offset[f] = parts.offset[first + f] - (n[0] * o1 + n[1] * o2 + n[2] * o3)
+    turn = scratch.turn
+    for k in range(3):
+        turn[0, k], turn[1, k], turn[2, k] = columns_times(R, S[0, k], S[1, k], S[2, k])
     room = scratch.normal.shape[0] // 2
     first = parts.face_start[b]
     for f in range(parts.face_count[b]):
         n = parts.normal[first + f]
         own = scratch.normal[room + f]
-        v1, v2, v3 = rows_times(S, n[0], n[1], n[2])
-        own[0], own[1], own[2] = columns_times(R, v1, v2, v3)
+        own[0], own[1], own[2] = rows_times(turn, n[0], n[1], n[2])
         scratch.offset[room + f] = parts.offset[first + f] - (n[0] * p1 + n[1] * p2 + n[2] * p3)
-    return o1, o2, o3, p1, p2, p3
-
-
-@jit
-def place_vertices(parts, bodies, a, b, of_b, o1, o2, o3, scratch):
-    """Vertices of part ``b`` (or ``a``) into ``scratch``, from the origin (o1, o2, o3) of its own body axes."""
-    R = bodies.rotation[parts.owner[a]]
-    S = bodies.rotation[parts.owner[b]]
-    part = b if of_b else a
-    first = parts.vertex_start[part]
-    for k in range(parts.vertex_count[part]):
+    room = scratch.vertex.shape[0] // 2
+    first = parts.vertex_start[b]
+    for k in range(parts.vertex_count[b]):
+        v = parts.vertex[first + k]
+        own = scratch.vertex[room + k]
+        own[0], own[1], own[2] = rows_times(turn, v[0] - p1, v[1] - p2, v[2] - p3)
+    first = parts.vertex_start[a]
+    for k in range(parts.vertex_count[a]):
         v = parts.vertex[first + k]
         own = scratch.vertex[k]
-        v1 = v[0] - o1
-        v2 = v[1] - o2
-        v3 = v[2] - o3
-        if of_b:
-            v1, v2, v3 = rows_times(S, v1, v2, v3)
-            v1, v2, v3 = columns_times(R, v1, v2, v3)
-        own[0] = v1
-        own[1] = v2
-        own[2] = v3
+        own[0] = v[0] - o1
+        own[1] = v[1] - o2
+        own[2] = v[2] - o3
+    return o1, o2, o3
 
 
 @jit
@@ -229,22 +231,19 @@ def contact_surface(parts, bodies, a, b, scratch):
     """
     faces_a = parts.face_count[a]
     faces_b = parts.face_count[b]
-    room = scratch.normal.shape[0] // 2
-    o1, o2, o3, p1, p2, p3 = place_parts(parts, bodies, a, b, scratch)
-    # no point of the overlap is deeper than the shortest way out through any one face
-    place_vertices(parts, bodies, a, b, True, p1, p2, p3, scratch)
-    vertices_b = parts.vertex_count[b]
-    depth, plane = ranges(scratch, 0, faces_a, vertices_b, 1e300, -1)
-    if depth <= 0.0:
-        return 0, 0.0, plane, o1, o2, o3
-    place_vertices(parts, bodies, a, b, False, o1, o2, o3, scratch)
     vertices_a = parts.vertex_count[a]
-    depth, plane = ranges(scratch, room, faces_b, vertices_a, depth, -1)
+    vertices_b = parts.vertex_count[b]
+    room = scratch.normal.shape[0] // 2
+    vertices = scratch.vertex.shape[0] // 2
+    o1, o2, o3 = place_parts(parts, bodies, a, b, scratch)
+    # no point of the overlap is deeper than the shortest way out through any one face
+    depth, plane = shallowest(scratch, 0, faces_a, vertices, vertices_b, 1e300, -1)
+    if depth > 0.0:
+        depth, plane = shallowest(scratch, room, faces_b, 0, vertices_a, depth, plane)
     if depth <= 0.0:
-        return 0, 0.0, faces_a + plane, o1, o2, o3
-    near_b = near_faces(scratch, room, faces_b, vertices_a, depth, room)
-    place_vertices(parts, bodies, a, b, True, p1, p2, p3, scratch)
-    near_a = near_faces(scratch, 0, faces_a, vertices_b, depth, 0)
+        return 0, 0.0, plane if plane < room else faces_a + plane - room, o1, o2, o3
+    near_a = near_faces(scratch, 0, faces_a, vertices, vertices_b, depth)
+    near_b = near_faces(scratch, room, faces_b, 0, vertices_a, depth)
     # the overlap lies in the smaller part, about whose centre everything is seen
     radius = min(parts.radius[a], parts.radius[b])
     patches = used = 0

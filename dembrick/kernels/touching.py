@@ -22,6 +22,7 @@ from numpy import ndarray
 
 from dembrick._jit import entry, jit
 from dembrick.kernels.bodies import turned_back
+from dembrick.kernels.moving_joints import met
 from dembrick.kernels.patches import Parts, Scratch, contact_surface, flat_sums, lies_apart, positive_part
 from dembrick.kernels.pressed import weighted_edge_sums
 from dembrick.kernels.vec3 import columns_times, cross, rows_times
@@ -33,6 +34,7 @@ SINK = 1e-4, 5e-4  # of its size: slip times turn
 PARTED = 0.02  # of its size: an open joint whose faces are so far apart has done its work
 GROWTH = 1.0 / 300.0  # in a step, of the weight of a new contact
 BAND = 0.999  # a stiffness that trembles by less than a thousandth wears nothing off what a contact remembers
+RIM = 1e-5  # of the pressure: smaller patches count nothing for the strength in torsion
 DEEPEST = 0.25  # of the thinner part's inner radius: a deeper penetration ends the run
 
 
@@ -62,7 +64,7 @@ class Touching(NamedTuple):
     point: ndarray  # (t, 3) m, centre of pressure, world
     force: ndarray  # (t, 3) N, on B, world
     torque: ndarray  # (t, 3) N m, on B about that point, world
-    ratio: ndarray  # (1,) of critical damping
+    dashpot: ndarray  # (9,) dashpot over spring, times w, as a polynomial in the swing w (rad) of a step; greatest w
     room: ndarray  # (1,) m, how far blocks may still move until pairs must be looked for again
     trouble: ndarray  # (1,) int64, the pair that ended the run
 
@@ -107,6 +109,18 @@ def lightness(touching, bodies, b, r1, r2, r3, n1, n2, n3):
     c1, c2, c3 = columns_times(R, c1, c2, c3)
     d1, d2, d3 = rows_times(bodies.inverse[b], c1, c2, c3)
     return touching.free[b] * (1.0 / bodies.mass[b] + c1 * d1 + c2 * d2 + c3 * d3)
+
+
+@jit
+def stepped_dashpot(polynomial, swing):
+    """Dashpot over spring for a contact that swings by ``swing`` (rad) in a step: `frequencies.stepped_dashpots`."""
+    if not swing > 0.0:
+        return 0.0
+    swing = min(swing, polynomial[8])
+    value = polynomial[7]
+    for k in range(6, -1, -1):
+        value = value * swing + polynomial[k]
+    return value / swing
 
 
 @jit
@@ -210,13 +224,12 @@ def press(touching, bodies, t, patches, dt, x1, x2, x3, y1, y2, y3):
         last = scratch.start[p + 1]
         _, mu, mv, _ = flat_sums(scratch.x, scratch.y, first, last)
         polar += max(0.0, sums[4] - 2.0 * (u * mu + v * mv) + sums[0] * (u * u + v * v))
-        if sums[1] > 1e-9 * total:
+        if sums[1] > RIM * total:
             turned, _, _, _, _, _ = weighted_edge_sums(scratch.x, scratch.y, first, last, g[0], g[1], g[2], u, v)
             turning += max(0.0, turned)
     felt = lightness(touching, bodies, a, x1 + d1, x2 + d2, x3 + d3, n1, n2, n3)
     felt += lightness(touching, bodies, b, y1 + d1, y2 + d2, y3 + d3, n1, n2, n3)
-    ratio = touching.ratio[0]
-    viscous = 2.0 * ratio / (sqrt(felt * k_n * stiff) * dt) if stiff > 0.0 else 0.0
+    viscous = stepped_dashpot(touching.dashpot, sqrt(felt * k_n * stiff) * dt)
     # what the last step brought the blocks nearer: a linear field, in A's axes at the patches' origin
     va = bodies.velocity[a]
     vb = bodies.velocity[b]
@@ -237,12 +250,25 @@ def press(touching, bodies, t, patches, dt, x1, x2, x3, y1, y2, y3):
         h1, h2, h3 = cross(w1, w2, w3, F[0, 3], F[1, 3], F[2, 3])
         closing = -((v1 + h1) * F[2, 0] + (v2 + h2) * F[2, 1] + (v3 + h3) * F[2, 2])
         h1, h2, h3 = cross(F[2, 0], F[2, 1], F[2, 2], w1, w2, w3)
-        ahead = viscous * g[3]
-        force, about_x, about_y = positive_part(
-            scratch.x, scratch.y, first, last, 2.0 * g[0] + ahead * closing,
-            2.0 * g[1] - ahead * (h1 * F[0, 0] + h2 * F[0, 1] + h3 * F[0, 2]),
-            2.0 * g[2] - ahead * (h1 * F[1, 0] + h2 * F[1, 1] + h3 * F[1, 2]),
-        )  # fmt: skip
+        # penetration in all and its growth in the step, from the patch's origin
+        g0 = 2.0 * g[0]
+        gx = 2.0 * g[1]
+        gy = 2.0 * g[2]
+        d0 = g[3] * closing
+        dx = -g[3] * (h1 * F[0, 0] + h2 * F[0, 1] + h3 * F[0, 2])
+        dy = -g[3] * (h1 * F[1, 0] + h2 * F[1, 1] + h3 * F[1, 2])
+        before = -1e300
+        for k in range(first, last):
+            before = max(before, g0 - d0 + (gx - dx) * scratch.x[k] + (gy - dy) * scratch.y[k])
+        if before <= 0.0:  # it was open a step ago: see `moving_joints.met`
+            force, about_x, about_y = positive_part(
+                scratch.x, scratch.y, first, last, g0 + met(g0, viscous * d0, viscous),
+                gx + met(gx, viscous * dx, viscous), gy + met(gy, viscous * dy, viscous),
+            )  # fmt: skip
+        else:
+            force, about_x, about_y = positive_part(
+                scratch.x, scratch.y, first, last, g0 + viscous * d0, gx + viscous * dx, gy + viscous * dy
+            )
         force *= k_n
         f1 += force * F[2, 0]
         f2 += force * F[2, 1]
