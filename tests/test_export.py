@@ -159,6 +159,8 @@ def test_vtk_reads_the_joints_at_every_step(tmp_path, monkeypatch):
         row = 10 * k
         assert step["faces"] == [(0, 1, 2, 3), (4, 5, 6, 7)]
         np.testing.assert_array_equal(step["cells"]["joint"], [0, 1])
+        np.testing.assert_array_equal(step["cells"]["block_a"], [0, 1])
+        np.testing.assert_array_equal(step["cells"]["block_b"], [1, 2])
         np.testing.assert_allclose(step["cells"]["N"], [row, row + 10.0], rtol=1e-7)
         np.testing.assert_allclose(step["cells"]["M_T"], [row + 0.3, row + 10.3], rtol=1e-7)
         np.testing.assert_allclose(
@@ -185,6 +187,24 @@ def test_vtk_reads_the_joints_at_every_step(tmp_path, monkeypatch):
     assert np.isfinite(steps[3]["cells"]["torsion_centre"]).any()
 
 
+def test_a_joint_that_is_open_has_no_torsion_centre(tmp_path):
+    """The upper block turns about the vertical through O, first on the lower one, then 1 mm above it."""
+    half = 0.01 * np.arange(6)
+    shift, turn = np.zeros((6, 2, 3)), np.zeros((6, 2, 4))
+    shift[3:, 1, 2] = 1e-3
+    turn[:, 0, 0], turn[:, 1, 0], turn[:, 1, 3] = 1.0, np.cos(half), np.sin(half)
+    with history.HistoryWriter(tmp_path / "run.h5", cases.SCENARIO, cases.assembly(), {}) as writer:
+        writer.append(cases.record(0, 6))
+        writer.append_frames(1e-4 * np.arange(6), shift, turn)
+        writer.finish("completed", {})
+    written = export.to_vtkhdf(history.read(tmp_path / "run.h5"), tmp_path / "out.vtkhdf", only=["joints"])
+    _, steps = vtk_steps(written[0])
+    centres = [step["cells"]["torsion_centre_joint"][0] for step in steps]
+    assert [int(step["cells"]["state"][0]) for step in steps] == [0, 0, 0, 2, 2, 2]
+    assert np.isnan([centres[0], *centres[3:]]).all()
+    np.testing.assert_allclose(centres[1:3], 0.0, atol=1e-9)
+
+
 def test_vtk_reads_the_contact_forces_at_every_step(tmp_path):
     assembly = cases.mixed_assembly()
     found = make(tmp_path, assembly)
@@ -193,7 +213,7 @@ def test_vtk_reads_the_contact_forces_at_every_step(tmp_path):
     for k, step in enumerate(steps):
         force = cases.motion(k, k + 1)["contact_force"][0]
         np.testing.assert_allclose(step["at_points"]["force"][:4], force, rtol=1e-6)
-        np.testing.assert_allclose(step["at_points"]["normal_force"][:4], force[:, 2], rtol=1e-6)
+        np.testing.assert_allclose(step["at_points"]["normal_force"], [*force[:, 2], 10.0 * k + 10.0], rtol=1e-6)
         np.testing.assert_array_equal(step["cells"]["joint"], [0, 0, 0, 0, 1])
         _, displacement, orientation = cases.frames(k, k + 1, 3)
         arms = np.column_stack([assembly.joints[0].polygon, np.full(4, -0.05)])
@@ -266,6 +286,7 @@ def test_csv_reads_back_exactly(tmp_path):
     expected = cases.record(0, 20, 2, 0)
     assert len(rows) == 20
     np.testing.assert_array_equal(table["time [s]"], expected["time"])
+    np.testing.assert_array_equal(table["load [N]"], expected["load"])
     np.testing.assert_array_equal(table["displacement [m]"], expected["displacement"])
     np.testing.assert_array_equal(table["unbalanced [1]"], expected["unbalanced"])
     np.testing.assert_array_equal(table["M_T upper/wedge, small [N m]"], expected["joint"][:, 1, 3])
@@ -279,8 +300,13 @@ def test_csv_names_the_jacks_and_is_read_in_pieces(tmp_path, monkeypatch):
     found = make(tmp_path, cases.assembly(), n_row=20)
     export.to_csv(found, tmp_path / "out.csv")
     lines = (tmp_path / "out.csv").read_text().splitlines()
-    column = lines[0].split(",").index("force of jack [N]")
-    assert [float(line.split(",")[column]) for line in lines[1:]] == found.actuator_force[:, 0].tolist()
+    for title, values in (
+        ("force of jack [N]", found.actuator_force),
+        ("displacement of jack [m]", found.actuator_displacement),
+    ):
+        column = lines[0].split(",").index(title)
+        assert [float(line.split(",")[column]) for line in lines[1:]] == values[:, 0].tolist()
+    assert (found.actuator_force != found.actuator_displacement)[1:].all()
 
 
 def test_two_joints_of_the_same_blocks_get_numbers(tmp_path):

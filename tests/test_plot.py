@@ -42,6 +42,9 @@ def test_the_curve_is_that_of_the_history_in_micrometres(run):
     np.testing.assert_array_equal(line.get_ydata(), run.load)
     assert texts(figure) == ["one", "two", "theory: 216.05 N"]
     assert figure.axes[0].lines[2].get_ydata()[0] == 216.05
+    for band in figure.axes[0].patches:  # of the bracket
+        assert (band.get_y(), band.get_y() + band.get_height()) == pytest.approx((215.0, 218.0))
+    assert len(figure.axes[0].patches) == 2
 
 
 def test_axes_of_the_user_are_drawn_in(run):
@@ -71,6 +74,7 @@ def test_domains_mark_simulated_and_measured_points(run):
     np.testing.assert_allclose(lab.get_ydata(), [0.27 * 108, 0.15 * 205, 0.075 * 216, 0.135 * 166])
     convex = next(line for line in ax.lines if line.get_label() == "convex")
     assert convex.get_ydata().max() == pytest.approx(0.64 * 467 * 0.09681061, rel=1e-7)
+    assert convex.get_xdata().max() == pytest.approx(0.64 * 467, rel=1e-12)
 
 
 def test_interaction_is_normalised_by_the_formulation(run):
@@ -79,11 +83,16 @@ def test_interaction_is_normalised_by_the_formulation(run):
     assert marker[0].get_xdata()[0] == pytest.approx(216 / (0.64 * 467))
     assert marker[0].get_ydata()[0] == pytest.approx(16.2 / (0.64 * 467 * np.hypot(0.15, 0.1)))
     assert "concave = corrected" in texts(figure)
+    for name in ("convex", "concave = corrected"):
+        line = next(line for line in figure.axes[0].lines if line.get_label() == name)
+        assert (line.get_xdata().max(), line.get_ydata().max()) == pytest.approx((1.0, 1.0), rel=1e-12)
 
 
 def test_layout_shows_the_eccentricity_and_edges(run):
     shown = [text.get_text() for text in plot.layout([run, run]).axes[1].texts]
     assert "e = 0.075 m\n= 0.25 a" in shown and "a = 0.3 m" in shown and "b = 0.2 m" in shown and "C" in shown
+    cross = next(line for line in plot.layout(run).axes[0].lines if line.get_marker() == "x")
+    assert cross.get_xydata()[0] == pytest.approx([-0.12, 0.0], rel=1e-12)
 
 
 def test_other_series(run):
@@ -151,6 +160,10 @@ def test_a_joint_turns_about_its_elastic_centre_first(pushed):
     square = 0.15**2 + 0.1**2 if kind == "concave" else (0.3**2 + 0.2**2) / 12.0
     np.testing.assert_allclose(stage.centre, [-square / 0.075, 0.0], rtol=1e-5, atol=1e-5)
     np.testing.assert_allclose(stage.load, 0.5 * run.load[-1], rtol=0.1)
+    for later in plot.joint_plane(run)[1:]:  # each turns about its own, from stage to stage
+        across = np.array([[0.0, -1.0], [1.0, 0.0]]) @ (later.points - later.centre).T
+        angle = (later.movement.T * across).sum() / (across * across).sum()
+        np.testing.assert_allclose(later.movement, angle * across.T, rtol=1e-3, atol=1e-3 * abs(later.movement).max())
     turned = stage.movement[:, 1] / (stage.points[:, 0] - stage.centre[0])
     np.testing.assert_allclose(turned, turned[0], rtol=1e-4)  # a plane rotation about it
     # by M_T over the elastic stiffness ks A c^2, or ks J
@@ -223,14 +236,37 @@ def test_figures_of_joints_say_what_they_show(pushed):
     assert titles[0].startswith("V = 1") and "utilisation 1\n" in titles[-1]
     assert "torsion centre" in texts(figure) and "friction (longest: at its limit)" in texts(figure)
     assert figure.axes[0].get_ylabel().endswith("concave" if kind == "concave" else "convex")
+    for arrows in (own for own in figure.axes[0].collections if own.get_label().startswith("movement")):
+        longest = np.hypot(arrows.U, arrows.V).max()
+        assert longest == pytest.approx((0.22 if kind == "concave" else 0.16) * np.hypot(0.15, 0.1), rel=1e-12)
     both = plot.joint_stages([run, run], ["one", "two"])
     assert [ax.get_ylabel() for ax in both.axes if ax.get_ylabel()] == ["one", "two"]
     assert len(both.axes) == 2 * len(figure.axes)
     with pytest.raises(ScenarioError, match="1 axes for"):
         plot.joint_stages(run, ax=figure.axes[0])
+    found, drawn = plot.joint_path(run), {line.get_label(): line for line in plot.load_path(run, ["one"]).axes[0].lines}
+    np.testing.assert_array_equal(drawn["one"].get_xydata(), np.stack([found.V, found.M_T], axis=1))
+    name = {"convex": "convex, exact", "effective": "convex, effective pressure"}.get(kind, kind)
+    own = np.stack([found.sections[0].V, found.sections[0].M_T], axis=1)
+    np.testing.assert_array_equal(drawn[f"limit surface, {name}"].get_xydata(), own)
+    point = result.as_dict()["yield_point"]
+    star = drawn["yield point"].get_xydata()[0]
+    assert star == pytest.approx([abs(point["V_2"]), abs(point["M_T"])], rel=1e-6)
     path = plot.load_path([run, run], ["one", "two"])
     assert {"one", "two", "yield point"} <= set(texts(path))
     assert path.axes[0].get_title() == "joint lower/upper, N = 467 N"
+
+
+def test_a_path_is_that_of_the_joint_asked_for(tmp_path):
+    with history.HistoryWriter(tmp_path / "two.h5", cases.SCENARIO, cases.mixed_assembly(), {}) as writer:
+        writer.append(cases.record(0, 5, 2, 0))
+        writer.finish("completed", {})
+    with history.read(tmp_path / "two.h5") as two:
+        path = plot.joint_path(two, 1)
+        shear = np.stack([two.joint("V_1")[:, 1], two.joint("V_2")[:, 1]], axis=1)
+        np.testing.assert_allclose(path.V, shear @ path.direction, rtol=1e-12)
+        np.testing.assert_array_equal(path.M_T, two.joint("M_T")[:, 1])
+        assert (two.joint("M_T")[:, 0] != path.M_T).all()
 
 
 def test_stages_and_joints_that_are_not_there(run, tmp_path):
