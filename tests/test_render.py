@@ -11,7 +11,7 @@ from dembrick import history, render
 from dembrick.cli import main
 from dembrick.errors import HistoryError, MissingDependency, OutputError, ScenarioError
 from dembrick.joint_motion import JointMotion
-from dembrick.render import scene, screen
+from dembrick.render import images, scene, screen
 from dembrick.result import simulate
 from dembrick.shapes import box
 
@@ -127,9 +127,19 @@ def test_a_scene_is_moved_in_place(run, drawing):
             np.testing.assert_allclose(mesh.points, expected, rtol=0, atol=1e-12)
             moved = np.concatenate([m["displacement"] for m in render.meshes(run, k)])
             np.testing.assert_allclose(mesh["shown"], 1e3 * moved, rtol=1e-9, atol=1e-12)  # in mm
+            assert f"\ntime {1e-4 * k:.4g} s, motion x 10\n" in found._text.input
+            assert found._plotter.scalar_bars.keys() == {found._scale.title + "\n"}
         assert found._scale.title == "displacement [mm]"
         top = np.concatenate([m["displacement"] for m in render.meshes(run, 3)]).max()
         assert found._scale.top == pytest.approx(1e3 * top)
+        (bar,) = found._plotter.scalar_bars.values()
+        assert bar.GetLookupTable().GetTableRange() == pytest.approx((0.0, 1e3 * top), rel=1e-12)
+        # the jack pushes along y at a point of the upper block, which moves with it
+        turned = rodrigues(np.array([[0.075, 0.0, -0.05]]), np.array([1.0, 2.0, -2.0]) / 3.0, 10.0 * 0.02)[0]
+        arrow = np.array(found._jacks[0][0].user_matrix)
+        tip = np.array([0.0, 0.0, 0.05]) + 10.0 * run.frame_displacement(2)[1] + turned
+        np.testing.assert_allclose(arrow[:3, 3], tip, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(arrow[:3, 0] / np.linalg.norm(arrow[:3, 0]), [0.0, 1.0, 0.0], atol=1e-12)
 
 
 def test_colours_by_block(run, drawing):
@@ -166,12 +176,30 @@ def test_forces_of_joints(run, drawing):
         at *= min(1.0, limit / np.linalg.norm(at))
         np.testing.assert_allclose(arrows.points[0], [*at, 0.0], atol=1e-12)
         assert arrows["length"][0] == pytest.approx(0.6 * 0.3)
-        assert "green: joint forces" in found._text.input
+        assert f"green: joint forces, the longest {np.sqrt(V_1**2 + V_2**2 + N**2):.4g} N" in found._text.input
         # blocks shine through: two faces on white, in the bar too
         colour, bar = found._meshes[0], next(iter(found._plotter.scalar_bars.values())).GetLookupTable()
         solid = np.array(next(a for a in found._plotter.actors.values() if a.mapper.dataset is colour).mapper.
                          lookup_table.GetTableValue(255)[:3])  # fmt: skip
         np.testing.assert_allclose(bar.GetTableValue(255)[:3], 1.0 - (1.0 - 0.65**2) * (1.0 - solid), atol=0.01)
+
+
+def test_forces_ride_on_the_blocks_that_are_drawn(tmp_path, drawing):
+    """The second joint of three blocks, whose block a moves: ten times as far in the picture."""
+    with history.HistoryWriter(tmp_path / "run.h5", cases.SCENARIO, cases.mixed_assembly(), {}) as writer:
+        writer.append(cases.record(0, 31, 2, 0))
+        writer.append_frames(*cases.frames(0, 4, 3))
+        writer.finish("completed", {})
+    with history.read(tmp_path / "run.h5") as three, drawn(three, forces=True, magnification=10.0) as found:
+        N, V_1, V_2, _, M_1, M_2, _ = JointMotion(three).resultants(3)[1]
+        at = np.array([M_2, -M_1, 0.0]) / N
+        at *= min(1.0, np.hypot(0.15, 0.1) / np.linalg.norm(at))
+        axis, middle = np.array([1.0, 2.0, -2.0]) / 3.0, np.array([0.0, 0.0, 0.05])
+        arm = rodrigues((np.array([0.0, 0.0, 0.1]) + at - middle)[None], axis, 10.0 * 0.03)[0]
+        expected = middle + 10.0 * three.frame_displacement(3)[1] + arm
+        np.testing.assert_allclose(found._arrows.points[1], expected, rtol=0, atol=1e-12)
+        force = rodrigues(np.array([[-V_1, -V_2, N]]), axis, 0.03)[0]
+        np.testing.assert_allclose(found._arrows["force"][1], force, rtol=1e-12)
 
 
 def test_torsion_centre_is_marked_where_it_is(run, drawing):
@@ -194,6 +222,33 @@ def in_picture(plotter, points):
     right = np.cross(np.array(camera.direction), up)
     x = 0.5 + across @ right / (2 * camera.parallel_scale) * height / width
     return x, 0.5 + across @ up / (2 * camera.parallel_scale)
+
+
+@pytest.mark.parametrize(
+    "view, right, up",
+    [
+        ("front", (1, 0, 0), (0, 0, 1)),  # from where y is negative
+        ("side", (0, 1, 0), (0, 0, 1)),  # from where x is positive
+        ("top", (1, 0, 0), (0, 1, 0)),
+        ("iso", (-1.5, 1, 0), None),  # from where all are positive
+    ],
+)
+def test_the_camera_stands_where_its_name_says(run, view, right, up, drawing):
+    with drawn(run, view=view) as found:
+        x, y = in_picture(found._plotter, np.vstack([np.zeros(3), np.eye(3)]))
+        x, y = x[1:] - x[0], y[1:] - y[0]
+        np.testing.assert_allclose(x / np.linalg.norm(x), np.array(right) / np.linalg.norm(right), atol=1e-12)
+        if up is None:
+            assert y[2] > 0.0 > max(y[:2])
+        else:
+            np.testing.assert_allclose(y / np.linalg.norm(y), up, atol=1e-12)
+
+
+def test_a_png_holds_the_pixels_it_was_given(tmp_path):
+    image = np.random.default_rng(0).integers(0, 256, (5, 7, 3), dtype=np.uint8)
+    images.write_png(image, "a.png", str(tmp_path / "a.png"))
+    found = pytest.importorskip("PIL.Image").open(tmp_path / "a.png")
+    np.testing.assert_array_equal(np.asarray(found), image)
 
 
 @pytest.mark.parametrize("view", list(render.VIEWS))
@@ -287,6 +342,10 @@ def test_command_line(run, tmp_path, capsys, drawing):
     small = ["--size", "160", "120"]
     assert main(["render", run.path, "--to", str(tmp_path / "a.png"), "--time", "2e-4", "--color", "slip", *small]) == 0
     assert main(["render", run.path, "--to", str(tmp_path / "a.gif"), "--camera", "top", "--magnify", "5", *small]) == 0
+    for name, moment in (("b", {"time": 2e-4}), ("c", {"frame": 3})):
+        render.picture(run, tmp_path / f"{name}.png", color="slip", size=(160, 120), **moment)
+    assert (pixels(tmp_path / "a.png") == pixels(tmp_path / "b.png")).all()
+    assert (pixels(tmp_path / "a.png") != pixels(tmp_path / "c.png")).any()
     assert capsys.readouterr().out.split() == ["picture:", str(tmp_path / "a.png"), "movie:", str(tmp_path / "a.gif")]
 
 
@@ -303,7 +362,8 @@ def test_view_without_a_display_says_so(run, monkeypatch, capsys):
 
 
 def test_the_slider_moves_the_block(run, drawing):
-    plotter = pyvista.Plotter(off_screen=True, window_size=[320, 240])
+    plotter, keys = pyvista.Plotter(off_screen=True, window_size=[320, 240]), {}
+    plotter.add_key_event = keys.__setitem__
     try:
         found = render.with_slider(plotter, run, scene.Look(magnification=1.0))
         assert found.frame == 3
@@ -316,6 +376,18 @@ def test_the_slider_moves_the_block(run, drawing):
         assert found.frame == 1
         expected = render.meshes(run, 1)["upper"].points
         np.testing.assert_allclose(found._meshes[0].points[8:], expected, atol=1e-12)
+        for key, frame in (
+            ("Right", 2),
+            ("Right", 3),
+            ("Right", 3),
+            ("Left", 2),
+            ("Left", 1),
+            ("Left", 0),
+            ("Left", 0),
+        ):
+            keys[key]()
+            assert found.frame == frame
+            assert slider.GetRepresentation().GetValue() == pytest.approx(1e-4 * frame, rel=1e-6, abs=1e-12)
     finally:
         plotter.close()
 

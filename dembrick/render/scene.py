@@ -330,8 +330,11 @@ class Scene:
         # the centre of pressure cannot be outside the joint but by rounding of a small N
         far = np.linalg.norm(at, axis=1)
         at *= np.minimum(1.0, np.divide(joints.size, far, out=np.ones_like(far), where=far > 0.0))[:, None]
-        place = joints.origin + self._factor * poses.displacement[0, joints.block_a]
-        place = place + np.einsum("ji,jik->jk", at, joints.axes[:, :2])
+        first = rotation_matrix(self._history.orientation0)
+        turned = rotation_times(poses.rotation[0] @ first.swapaxes(1, 2), self._factor)[joints.block_a]
+        arm = joints.arm_a + np.einsum("ji,jik->jk", at, joints.axes[:, :2])
+        place = joints.origin - joints.arm_a + self._factor * poses.displacement[0, joints.block_a]
+        place = place + np.einsum("jik,jk->ji", turned, arm)
         force = np.einsum("ji,jik->jk", np.stack([-V_1, -V_2, N], axis=1), axes)
         return place, force
 
