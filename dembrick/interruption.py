@@ -7,8 +7,11 @@ Python raises KeyboardInterrupt wherever it is.
 from __future__ import annotations
 
 import signal
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+
+from dembrick.errors import DembrickError
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
@@ -48,19 +51,42 @@ def deferred() -> Iterator[None]:
 
 @contextmanager
 def handled() -> Iterator[None]:
-    """Within, SIGINT and SIGTERM raise Interrupted, or wait for the end of a chunk where they are deferred."""
+    """Within, SIGINT and SIGTERM raise Interrupted, or wait for the end of a chunk where they are deferred.
+
+    A compiler that is called back in the middle of its work swallows the exception and fails with one of its own, which
+    comes out as Interrupted here.
+    """
     _Known.signum = 0
     try:
         before = {number: signal.signal(number, _note) for number in SIGNALS}
     except ValueError:  # not the main thread: signals are none of our business
         yield
         return
+    unraisable, sys.unraisablehook = sys.unraisablehook, _silent
     try:
         yield
+    except Exception as error:
+        meant = caused(error)
+        if meant is error:
+            raise
+        raise meant from error
     finally:
+        sys.unraisablehook = unraisable
         for number, handler in before.items():
             signal.signal(number, handler)
         _Known.signum = 0
+
+
+def caused(error: BaseException) -> BaseException:
+    """What a signal makes of an error that is none of ours and came after it: Interrupted; else the error itself."""
+    ours = isinstance(error, DembrickError | Interrupted)
+    return error if ours or not requested() else Interrupted(requested())
+
+
+def _silent(unraisable) -> None:
+    """What Python calls with an exception that cannot go on; that a signal came is known anyway."""
+    if not isinstance(unraisable.exc_value, Interrupted):
+        sys.__unraisablehook__(unraisable)
 
 
 def _note(signum: int, _frame) -> None:

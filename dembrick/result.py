@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from dembrick import assembly as assemblies
-from dembrick import centred_points, judge, replay
+from dembrick import centred_points, interruption, judge, replay
 from dembrick import scenario as scenarios
 from dembrick.audit import EnergyAudit
 from dembrick.collapse import collapse_of, refined
@@ -272,6 +272,7 @@ def _run(
     except BaseException as error:
         if path:
             keeper.finish("interrupted", {"scenario": scenario.path or "", "status": "interrupted"})
+        error = interruption.caused(error)
         if path and isinstance(error, Interrupted):
             raise Interrupted(error.signum, f"{error}; go on with: dembrick restart {path}") from None
         raise
@@ -295,13 +296,30 @@ def _run(
     else:
         fallen = collapse_of(run, assembly, scenario.control) if on_all_blocks(scenario.control) else None
         result = Result(scenario, assembly, run, expected, rows, frames, wall, books, path, fallen)
-    if refine and result.collapse is not None:
-        result.collapse["error_estimate"] = abs(_refined_factor(scenario) - result.collapse["load_factor"])
+    missing = _estimate_error(result) if refine and result.collapse is not None else None
     if path:
         keeper.finish(result.status, result.as_dict(), run.settings)
         result.wall["write"] += time.perf_counter() - finishing
         result.wall["total"] = time.perf_counter() - began
+    if missing is not None:
+        raise missing
     return result
+
+
+def _estimate_error(result: Result | MotionResult) -> BaseException | None:
+    """Give a collapse its error estimate; or return what came in between, which the run itself does not suffer from."""
+    try:
+        finer = _refined_factor(result.scenario)
+        result.collapse["error_estimate"] = abs(finer - result.collapse["load_factor"])
+        return None
+    except (DembrickError, Interrupted) as error:
+        load_factor = f"load factor {result.collapse['load_factor']:.6g}"
+        kept = f"the run itself ({load_factor}) is complete" + (f" in {result.history}" if result.history else "")
+        if isinstance(error, Interrupted):
+            return Interrupted(error.signum, f"interrupted while the error was estimated; {kept}")
+        failed = type(error)(f"no error estimate: {error}; {kept}")
+        failed.answer = failure(result.scenario, failed, result.history)
+        return failed
 
 
 def _refined_factor(scenario: Scenario) -> float:

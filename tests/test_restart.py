@@ -1,5 +1,6 @@
 """Stop and restart: to the last bit the run that was never stopped, whatever stopped it."""
 
+import ctypes
 import dataclasses
 import json
 import os
@@ -17,7 +18,7 @@ import pytest
 
 from dembrick import interruption, model, scenario, stepping
 from dembrick.cli import main
-from dembrick.errors import HistoryError, WriteError
+from dembrick.errors import HistoryError, NotConvergedError, WriteError
 from dembrick.history import Checkpoint, Checkpoints, read
 from dembrick.interruption import Interrupted
 from dembrick.lab import lab_scenario
@@ -253,6 +254,41 @@ sys.exit(main(["run", {str(long_run / "long.toml")!r}, "--out", {str(tmp_path / 
     child.send_signal(signal.SIGTERM)
     child.communicate(timeout=20)
     assert child.returncode == -signal.SIGTERM  # 143 to a shell
+
+
+def test_a_signal_that_a_callback_swallows_is_not_lost(tmp_path, capsys, monkeypatch):
+    """A compiler that is called back raises an error of its own then; what comes out is the interrupt, and no more."""
+    given = case("set4a", "concave")
+    (tmp_path / "set4a.toml").write_text(scenario.dumps(given))
+
+    def compiling(*_):
+        callback = ctypes.CFUNCTYPE(None)(lambda: signal.raise_signal(signal.SIGTERM))
+        callback()
+        raise RuntimeError("no compiled object yet")
+
+    monkeypatch.setattr("dembrick.replay.seat", compiling)
+    path = tmp_path / "run.h5"
+    assert main(["run", str(tmp_path / "set4a.toml"), "--out", str(path)]) == 143
+    assert capsys.readouterr().err == f"interrupted; go on with: dembrick restart {path}\n"
+    with read(path) as file:
+        assert file.status == "interrupted"
+    with pytest.raises(RuntimeError, match="a fault"), interruption.handled():
+        raise RuntimeError("a fault")
+
+
+@pytest.mark.parametrize("error", [Interrupted(signal.SIGINT), NotConvergedError("no equilibrium")])
+def test_a_run_is_complete_whatever_becomes_of_its_error_estimate(tmp_path, monkeypatch, error):
+    given = scenario.load(SCENARIOS / "oppenheim.toml")
+
+    def estimate(_):
+        raise error
+
+    monkeypatch.setattr("dembrick.result._refined_factor", estimate)
+    path = tmp_path / "run.h5"
+    with pytest.raises(type(error), match=f"error.*; the run itself .* is complete in {path}"):
+        simulate(given, path, refine=True)
+    with read(path) as file:
+        assert file.status == "collapse" and file.results["collapse"]["error_estimate"] is None
 
 
 def rows_of(path):
