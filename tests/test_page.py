@@ -13,6 +13,7 @@ import dembrick
 from dembrick import history, page
 from dembrick.cli import main
 from dembrick.errors import HistoryError, OutputError
+from dembrick.joint_motion import JointMotion
 from dembrick.lab import scenario_folder
 from dembrick.page import content
 
@@ -80,6 +81,10 @@ def test_motion_is_that_of_the_history(tmp_path):
         corners = unpacked(data["blocks"]["vertices"]).reshape(-1, 3)
         np.testing.assert_allclose(corners, np.vstack([run.block_vertices(0), run.block_vertices(1)]), rtol=1e-6)
         assert data["blocks"]["fixed"] == [True, False]
+        assert data["load"] == pytest.approx(run.load[[0, 10, 20, 30]])
+        (jack,) = data["jacks"]
+        assert jack["point"] == pytest.approx([0.075, 0.0, 0.0]) and jack["direction"] == [0.0, 1.0, 0.0]
+        assert jack["block"] == 1 and jack["out"] == pytest.approx([0.1, 0.1])
         # the farthest corner, by Rodrigues' formula
         axis, body = np.array([1.0, 2.0, -2.0]) / 3.0, run.block_vertices(1)
         moved = (
@@ -157,6 +162,20 @@ def test_torsion_centre_moves_from_the_elastic_to_the_plastic_one(lab_page):
     x = np.array([place[0] for place in data["centre"]["places"] if place])
     assert x[1] == pytest.approx(-(0.15**2 + 0.1**2) / 0.135, rel=1e-4)
     assert x[-1] == pytest.approx(run.yield_point.torsion_centre[0], rel=2e-2)
+
+
+def test_torsion_centres_are_those_between_the_frames_shown(lab_page, monkeypatch):
+    run, _ = lab_page
+    monkeypatch.setattr(content, "MOST_FRAMES", 7)
+    with history.read(run.history) as found:
+        data, motion = data_of(page.document(found)), JointMotion(found)
+        frames = content.chosen_frames(found).number.tolist()
+        assert len(frames) == 7 and max(np.diff(frames)) > 1
+        places = data["centre"]["places"]
+        assert places[0] is None and len(places) == 7
+        for k, since, place in zip(frames[1:], frames[:-1], places[1:], strict=True):
+            # the joint lies in the plane z = 0 about the middle of the scene
+            assert place == pytest.approx([*motion.torsion_centre(k, since)[0], 0.0], rel=1e-9, abs=1e-12)
 
 
 # --- a history from elsewhere ---
