@@ -1,0 +1,200 @@
+"""Blocks that part and meet anew, in runs from end to end: landing, rolling over, colliding, coming to rest."""
+
+import dataclasses
+import math
+
+import h5py
+import numpy as np
+import pytest
+
+from dembrick import dynamics, interruption
+from dembrick.controls import BaseMotionControl, DynamicControl, Pulse
+from dembrick.errors import NotConvergedError
+from dembrick.interruption import Interrupted
+from dembrick.model import Block, JointLaw, Material, Output, Scenario, Wall
+from dembrick.polygons import mean_distance
+from dembrick.result import restart, simulate
+
+G = 9.81
+FLOOR = Block("floor", "stone", (4.0, 4.0, 0.1), (0.0, 0.0, -0.05), fixed=True)
+OBLIQUE = tuple(np.array([0.92, 0.1, 0.2, 0.31]) / np.linalg.norm([0.92, 0.1, 0.2, 0.31]))
+AWAY = Block("floor", "stone", (0.1, 0.1, 0.1), (0.0, 0.0, -5.0), fixed=True)
+
+
+def scene(control, *blocks, friction=0.64, gravity=(0.0, 0.0, -G), stiffness=1e10, formulation="concave", **more):
+    return Scenario(
+        title="impact",
+        gravity=gravity,
+        joint=JointLaw(formulation, friction, stiffness, 0.4 * stiffness),
+        materials={"stone": Material(2000.0)},
+        blocks=blocks,
+        control=control,
+        **{"output": Output(rows=1000, frames=1000)} | more,
+    )
+
+
+def block(height, **more):
+    return Block("block", "stone", (0.3, 0.2, 0.1), (0.0, 0.0, 0.05 + height), **more)
+
+
+@pytest.mark.parametrize("restitution", [0.2, 0.5, 0.9])
+def test_a_dropped_block_bounces(restitution):
+    """From 0.1 m it lands after sqrt(2 h/g), at sqrt(2 g h), and leaves with the stated part of that."""
+    result = simulate(scene(DynamicControl(0.2, restitution), FLOOR, block(0.1), output=Output(rows=8000, frames=8000)))
+    time, speed = result.frames["time"], result.frames["velocity"][:, 1, 2]
+    landing = int(np.argmin(speed))
+    assert time[landing] == pytest.approx(math.sqrt(0.2 / G), abs=2e-4)
+    assert speed[landing] == pytest.approx(-math.sqrt(0.2 * G), rel=1e-3)
+    assert speed[landing : landing + 200].max() == pytest.approx(-restitution * speed[landing], rel=0.03)
+
+
+@pytest.mark.parametrize("psi", [30.0, 40.0])
+def test_landing_on_a_slope(psi):
+    """It sticks where tan psi < mu and does not creep; else it slides by g (sin psi - mu cos psi)."""
+    angle = math.radians(psi)
+    gravity = (G * math.sin(angle), 0.0, -G * math.cos(angle))
+    result = simulate(scene(DynamicControl(1.0), FLOOR, block(1e-4), gravity=gravity))
+    time, speed = result.frames["time"], result.frames["velocity"][:, 1, 0]
+    late = time > 0.4
+    if psi < 32.6:
+        place = result.frames["displacement"][late, 1]
+        assert np.abs(place - place[0]).max() < 1e-9
+    else:
+        expected = G * (math.sin(angle) - 0.64 * math.cos(angle))
+        assert np.polyfit(time[late], speed[late], 1)[0] == pytest.approx(expected, rel=1e-3)
+
+
+@pytest.mark.parametrize("restitution", [1.0, 0.5])
+def test_free_blocks_collide(restitution):
+    """Momentum and angular momentum stay, to rounding; with restitution 1 and no friction so does the energy."""
+    other = Block(
+        "other", "stone", (0.2, 0.2, 0.2), (0.05, 0.02, 0.75), OBLIQUE, velocity=(0.0, 0.0, -0.5),
+        angular_velocity=(0.0, 3.0, 1.0),
+    )  # fmt: skip
+    one = block(0.45, velocity=(0.0, 0.0, 1.0), angular_velocity=(1.0, 0.5, 2.0))
+    given = scene(DynamicControl(0.3, restitution), AWAY, one, other, gravity=(0.0, 0.0, 0.0),
+                  friction=0.0 if restitution == 1.0 else 0.64)  # fmt: skip
+    short = simulate(dataclasses.replace(given, control=DynamicControl(1e-3, restitution)))
+    before, after = momenta(short), momenta(simulate(given))
+    np.testing.assert_allclose(after[0], before[0], rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(after[1], before[1], rtol=0.0, atol=1e-11)
+    if restitution == 1.0:
+        assert after[2] == pytest.approx(before[2], rel=1e-4)
+    else:
+        assert after[2] < 0.8 * before[2]
+
+
+def momenta(result):
+    """Momentum, angular momentum about the origin, kinetic energy of the free blocks (velocities of half a step ago
+    with the positions of then)."""
+    motion = result.run.motion
+    bodies, inertia = motion.state.bodies, result.assembly.inertia
+    v, place = bodies.velocity, bodies.position - 0.5 * motion.time_step * bodies.velocity + motion.state.middle
+    linear = bodies.mass[:, None] * v
+    angular = bodies.momentum + np.cross(place, linear)
+    own = np.einsum("nji,nj->ni", bodies.rotation, bodies.momentum)
+    spinning = (own * np.einsum("nij,nj->ni", np.linalg.inv(inertia), own)).sum()
+    return linear[1:].sum(axis=0), angular[1:].sum(axis=0), 0.5 * ((linear * v).sum() + spinning)
+
+
+def test_spin_down_after_landing():
+    """Flat on the floor it is slowed by 12 mu g c_T/(a^2 + b^2), as a joint would slow it."""
+    spin = 10.0
+    result = simulate(scene(DynamicControl(0.15, 0.2), FLOOR, block(1e-5, angular_velocity=(0.0, 0.0, spin))))
+    time, found = result.frames["time"], result.frames["spin"][:, 1, 2]
+    arm = mean_distance(np.array([(-0.15, -0.1), (0.15, -0.1), (0.15, 0.1), (-0.15, 0.1)]))[0]
+    sliding = (time > 0.03) & (found > 1.0)
+    slowing = -np.polyfit(time[sliding], found[sliding], 1)[0]
+    assert slowing == pytest.approx(12.0 * 0.64 * G * arm / (0.3**2 + 0.2**2), rel=2e-3)
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+def test_a_block_that_rocks_over_comes_to_rest_on_its_side(formulation):
+    """Its joint hands over to an edge, then to a face; lying, its centroid is half its thickness above the floor."""
+    b, h = 0.2, 1.0
+    spin = 1.6 * math.sqrt(1.5 * G / math.hypot(b, h) * (1.0 - math.cos(math.atan2(b, h))))
+    velocity = tuple(np.cross([0.0, spin, 0.0], [-b / 2, 0.0, h / 2]))
+    tall = Block("block", "stone", (b, 0.5, h), (0.0, 0.0, h / 2), velocity=velocity, angular_velocity=(0.0, spin, 0.0))
+    result = simulate(scene(DynamicControl(2.5), FLOOR, tall, friction=0.8, formulation=formulation))
+    q = result.frames["orientation"][:, 1]
+    angle = 2.0 * np.arctan2(q[:, 2], q[:, 0])
+    assert angle[-1] == pytest.approx(math.pi / 2, abs=1e-6)
+    assert result.run.motion.state.bodies.position[1, 2] + result.run.motion.state.middle[2] == pytest.approx(
+        b / 2, abs=1e-6
+    )
+    assert np.abs(result.frames["velocity"][-1]).max() < 1e-6
+    assert np.abs(np.diff(angle)).max() < 0.05
+
+
+def test_a_block_slides_off_a_table():
+    """It tips over the edge, falls, and comes to rest on the floor, with all its energy spent."""
+    table = Block("table", "stone", (1.0, 1.0, 0.5), (0.0, 0.0, 0.25), fixed=True)
+    slider = Block("block", "stone", (0.3, 0.2, 0.1), (0.3, 0.0, 0.55), velocity=(2.0, 0.0, 0.0))
+    result = simulate(scene(DynamicControl(2.0), FLOOR, table, slider, friction=0.4))
+    assert np.abs(result.frames["velocity"][-1]).max() < 1e-5
+    assert result.displacement[2, 2] == pytest.approx(-0.5, abs=1e-5)
+    assert 0.4 < result.displacement[2, 0] < 1.0
+
+
+def test_too_hard_a_throw_is_said():
+    fast = block(0.01, velocity=(0.0, 0.0, -9.0))
+    with pytest.raises(NotConvergedError, match="blocks 'floor' and 'block' are pressed into each other.*stiffness"):
+        simulate(scene(DynamicControl(0.1), FLOOR, fast, stiffness=2e7))
+
+
+def collapse(**output):
+    """Two columns of blocks that a pulse throws over."""
+    return Scenario(
+        title="collapse",
+        gravity=(0.0, 0.0, -G),
+        joint=JointLaw("concave", 0.64, 2e8, 8e7),
+        materials={"stone": Material(2000.0)},
+        blocks=(FLOOR,),
+        walls=(Wall("wall", "stone", (0.3, 0.2, 0.1), courses=6, blocks=1),),
+        control=BaseMotionControl(1.1, (0.0, 1.0, 0.0), pulse=Pulse(0.6 * G, 0.3)),
+        output=Output(rows=220, frames=110, **output),
+    )
+
+
+def test_a_collapse_loses_energy_and_no_blocks():
+    result = simulate(collapse(), record=True)
+    bodies, motion = result.run.motion.state.bodies, result.run.motion
+    assert motion.meetings.retired.any() and motion.meetings.touching is not None
+    # all lie on the floor, or on one that does; none has gone through it
+    height = bodies.position[:, 2] + motion.state.middle[2]
+    assert height[1:].min() > 0.049 and height.max() < 0.35
+    thrown = result.frames["time"] > 0.35
+    bodies_mass = result.assembly.mass
+    energy = 0.5 * (bodies_mass[:, None] * result.frames["velocity"] ** 2).sum(axis=(1, 2))
+    energy += G * (bodies_mass * result.frames["displacement"][:, :, 2]).sum(axis=1)
+    assert energy[-1] < energy[thrown][0] - 50.0
+
+
+@pytest.mark.parametrize("step", [12, 150])
+def test_a_collapse_goes_on_from_a_checkpoint(tmp_path, monkeypatch, step):
+    """Stopped before and in the fall, it is to the last bit the run that was never stopped."""
+    whole = simulate(collapse(checkpoint=1e9), tmp_path / "whole.h5")
+    left = [step]
+
+    def requested():
+        left[0] -= 1
+        return 2 if left[0] == 0 else 0
+
+    monkeypatch.setattr(interruption, "requested", requested)
+    with pytest.raises(Interrupted):
+        simulate(collapse(checkpoint=1e9), tmp_path / "parts.h5")
+    left[0] = 0
+    result = restart(tmp_path / "parts.h5")
+    assert result.displacement.tobytes() == whole.displacement.tobytes()
+    with h5py.File(tmp_path / "whole.h5") as one, h5py.File(tmp_path / "parts.h5") as other:
+        for name in ("history/displacement", "frames/position", "frames/orientation"):
+            assert one[name][()].tobytes() == other[name][()].tobytes()
+
+
+@pytest.mark.slow
+def test_threads_change_no_bit(monkeypatch):
+    """New contacts are one thread's, in the order of the pairs."""
+    alone = simulate(collapse())
+    monkeypatch.setattr(dynamics, "MANY", 1)
+    together = simulate(collapse())
+    assert together.displacement.tobytes() == alone.displacement.tobytes()
