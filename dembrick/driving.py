@@ -35,8 +35,7 @@ class Driving:
 
     def at(self, times: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
         """Gravity (s, 3) in m/s2 and load forces (s, k, 3) in N for the steps at ``times`` (s,)."""
-        gravity = np.tile(self.gravity, (len(times), 1))
-        force = np.tile(self.force, (len(times), 1, 1))
+        gravity, force = (np.repeat(vectors[None], len(times), axis=0) for vectors in (self.gravity, self.force))
         for k, curve in enumerate(self.factor):
             if curve is not None:
                 force[:, k] *= curve(times)[:, None]

@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 from dembrick.controls import BaseMotionControl, DynamicControl, Pulse, Sine
+from dembrick.driving import Driving
 from dembrick.dynamics import damping_of_restitution, restitution_of_damping
 from dembrick.frequencies import stepped_dashpots
 from dembrick.model import Block, JointLaw, Load, Material, Output, Scenario
 from dembrick.result import simulate
+from dembrick.shapes import rotation_matrix
 from dembrick.theory import motion as theory
 
 DENSITY = 2000.0
@@ -193,3 +195,20 @@ def test_free_fall_without_joints():
     )
     t = result.run.motion.time
     np.testing.assert_allclose(result.displacement[0], [2.0 * t, 0.0, t - 0.5 * 9.81 * t * t], rtol=1e-9, atol=1e-12)
+
+
+def test_a_tilting_table_turns_gravity_and_loads_the_other_way():
+    rng = np.random.default_rng(3)
+    axis = rng.normal(size=3)
+    axis /= np.linalg.norm(axis)
+    gravity, force, rate, times = rng.normal(size=3), rng.normal(size=(2, 3)), 0.3, np.array([0.0, 0.7, 4.0])
+    growing = Driving(
+        gravity, block=np.array([0, 1]), lever=np.zeros((2, 3)), force=force, factor=(None, lambda t: 1.0 + t),
+        tilt=(axis, rate),
+    )  # fmt: skip
+    found_gravity, found_force = growing.at(times, 1e-3)
+    for i, t in enumerate(times):
+        back = rotation_matrix([math.cos(rate * t / 2), *(-math.sin(rate * t / 2) * axis)])
+        np.testing.assert_allclose(found_gravity[i], back @ gravity, atol=1e-14)
+        np.testing.assert_allclose(found_force[i], [back @ force[0], (1.0 + t) * back @ force[1]], atol=1e-13)
+    np.testing.assert_array_equal(growing.force, force)  # a driving is not changed by what is asked of it

@@ -14,14 +14,14 @@ from dembrick.kernels.dynamics import Limits
 from dembrick.model import JointLaw, Material, Scenario, Wall
 
 
-def wall(formulation):
+def wall(formulation, courses=5, blocks=4):
     return assembly.build(
         Scenario(
             title="wall",
             gravity=(0.0, 1.0, -9.81),
             joint=JointLaw(formulation, 0.6, 1e9, 4e8),
             materials={"stone": Material(2000.0)},
-            walls=(Wall("wall", "stone", (0.3, 0.2, 0.1), courses=5, blocks=4, base=0.1),),
+            walls=(Wall("wall", "stone", (0.3, 0.2, 0.1), courses, blocks, base=0.1),),
             control=DynamicControl(1.0),
         )
     )
@@ -65,3 +65,13 @@ assert "dembrick.kernels.dynamics_parallel" not in sys.modules
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
+
+
+def test_a_wall_of_point_joints_takes_less_than_two_kilobytes_a_block():
+    """Wide walls have three joints a block; joints of blocks alike share their axes."""
+    scenario = wall("concave", courses=12, blocks=40)
+    moving = dynamics.motion(scenario, 0.1, 0.5)
+    joints, blocks = len(scenario.joints), len(scenario.names)
+    assert joints / blocks > 2.8
+    assert len(moving.state.links.axes) == 2
+    assert sum(array.nbytes for array in moving.state.arrays) < 2000 * blocks
