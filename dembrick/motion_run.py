@@ -27,6 +27,7 @@ STEEPEST = 90.0  # deg: a tilt that brings nothing down ends there
 MOVED = 0.1  # of the longest displacement: blocks that have moved further belong to the mechanism
 IMPACTS = 3.0  # where blocks may bounce the step is so much shorter: the stated restitution is then met to some 3 %
 NO_LIMIT = 1e150  # m
+AT_ONCE = 2_000_000  # blocks and joints, times steps: a signal waits for some tenths of a second
 PARTS = ("bodies", "links", "corners", "faces")  # of the state, that a checkpoint holds
 COUNTERS = ("faces.count",)  # integers among them that change
 
@@ -121,8 +122,10 @@ def run(moving: Motion, control, driving: Driving, session: Session) -> MotionRu
     # a run that ends early still has some rows: a block falls within a second or so
     rows = max(1, (min(steps, math.ceil(20.0 / moving.time_step)) if to_collapse else steps))
     every = max(1, rows // session.output.rows)
-    if jack is not None:  # a row, and so a checkpoint, never falls into steps for which V is held
-        every = jack.steps * max(1, round(every / jack.steps))
+    held = 1 if jack is None else jack.steps  # neither a row nor a checkpoint falls into steps for which V is held
+    every = held * max(1, round(every / held))
+    # by the size of the scene and not by the clock, so that a run is the same wherever it is stopped
+    stride = held * max(1, AT_ONCE // (len(moving.assembly.names) + len(moving.assembly.joints)) // held)
     frames_every = max(1, session.output.rows // session.output.frames)
     limits = Limits(displacement=goal, longest=0.1 * float(moving.state.bodies.reach.min()))
     recorder = _Recorder(moving, control, driving, session, every, frames_every, jack)
@@ -131,13 +134,14 @@ def run(moving: Motion, control, driving: Driving, session: Session) -> MotionRu
     status = None
     with interruption.deferred():
         while moving.steps < steps and status != REACHED:
-            n = min(every, steps - moving.steps)
+            n = min(stride, every - moving.steps % every, steps - moving.steps)
             if jack is None:
                 status = advance(moving, driving, n, limits)
             else:
                 status = _push(moving, jack, driving, n, limits)
             over = status == REACHED or moving.steps >= steps
-            recorder.take(last=over)
+            if over or moving.steps % every == 0:
+                recorder.take(last=over)
             if not over:
                 session.pause(past)
     moving.compile_seconds += recorder.compile_seconds

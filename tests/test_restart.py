@@ -16,7 +16,7 @@ import h5py
 import numpy as np
 import pytest
 
-from dembrick import interruption, model, scenario, stepping
+from dembrick import interruption, model, motion_run, scenario, stepping
 from dembrick.cli import main
 from dembrick.errors import HistoryError, NotConvergedError, WriteError
 from dembrick.history import Checkpoint, Checkpoints, read
@@ -169,6 +169,29 @@ def test_a_run_to_collapse_in_real_time_goes_on_too(tmp_path, stop_after, formul
             simulate(given, path)
         stop_after(0)
         assert restart(path).collapse == whole.collapse
+        check_same(tmp_path / "whole.h5", path)
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+def test_a_run_in_real_time_stops_between_two_rows(tmp_path, stop_after, monkeypatch, formulation):
+    """Where a row is many steps of a large scene, nobody waits for it."""
+    monkeypatch.setattr(motion_run, "AT_ONCE", 60)  # 20 steps of two blocks and a joint
+    given = scenario.load(
+        SCENARIOS / "rocking_block.toml", ["control.duration=0.4", f"joint.formulation={formulation}"]
+    )
+    given = dataclasses.replace(given, output=model.Output(model.CHANNELS, rows=20, frames=10, checkpoint=1e9))
+    stop_after(0)
+    whole = simulate(given, tmp_path / "whole.h5")
+    every = whole.run.motion.steps // 20
+    assert every > 60 and len(whole.rows["time"]) in (21, 22)
+    for looks in (1, 2, 17):
+        path = tmp_path / f"{looks}.h5"
+        stop_after(looks)
+        with pytest.raises(Interrupted) as stopped:
+            simulate(given, path)
+        assert int(str(stopped.value).split()[3]) % every  # not at a row
+        stop_after(0)
+        restart(path)
         check_same(tmp_path / "whole.h5", path)
 
 
