@@ -108,7 +108,7 @@ def dumps(scenario: Scenario) -> str:
 
 def text_of(scenario: Scenario) -> str:
     """The scenario as TOML: the text it came from while that is still what it says, else :func:`dumps`."""
-    if scenario.text is not None and loads(scenario.text, scenario.path) == scenario:
+    if scenario.text is not None and _parsed(scenario.text, scenario.path or "the scenario")[1] == scenario:
         return scenario.text
     return dumps(scenario)
 
@@ -132,7 +132,7 @@ class _Place(NamedTuple):
         return f"{self.table} of {self.file}" if self.table else self.file
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=16)
 def _parsed(text: str, file: str) -> tuple[dict[str, Any], Scenario]:
     """A parsed text, which must not be changed, and its scenario."""
     document = _parse(text, file)

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from dembrick.errors import ScenarioError
 from dembrick.theory.formulations import Formulation
 from dembrick.theory.limit_load import LimitLoad, limit_load
-from dembrick.theory.polygons import distance_to_exit
+from dembrick.theory.polygons import distance_to_exit, moment_matrix
 
 _SCAN = 16
 
@@ -73,7 +73,13 @@ def limit_load_at_height(
         bound = (formulation.friction * normal_force + float(np.hypot(*np.asarray(dead_load, float)[:2]))) / force
     end = min(V_tip, 1.001 * bound)
     below, excess_below = 0.0, limit(0.0).V
-    for above in np.linspace(0.0, end, _SCAN + 1)[1:].tolist():
+    steps = np.linspace(0.0, end, _SCAN + 1)[1:]
+    if excess_below > 0.0:
+        # While all of the joint is pressed, the pressure is linear in V, so that the limit, the least of D / (f . q)
+        # over all twists, is concave in it: it comes down to V but once.
+        closed = min(_closed_until(formulation, normal_force, start, lever), end)
+        steps = np.concatenate([[closed] if closed > 0.0 else [], steps[steps > closed]])
+    for above in steps.tolist():
         if above == V_tip:
             above = V_tip * (1.0 - 1e-12)
         excess = limit(above).V - above
@@ -85,6 +91,26 @@ def limit_load_at_height(
     V = _root(lambda V: limit(V).V - V, below, excess_below, above, excess)
     found = limit(V)
     return LimitLoad(float(V), found.twist, found.torsion_centre)
+
+
+def _closed_until(formulation: Formulation, normal_force: float, centre: np.ndarray, lever: np.ndarray) -> float:
+    """V up to which a linear pressure, of N through ``centre`` + V ``lever`` / N, presses all points or corners."""
+    if formulation.parts is not None and formulation.pressure != "linear":
+        return 0.0
+    at = formulation.normal_arms if formulation.parts is None else np.concatenate(formulation.parts)
+    phi = np.column_stack([np.ones(len(at)), at])
+    if formulation.parts is None:
+        moments = (phi * formulation.areas[:, None]).T @ phi
+    else:
+        moments = sum(moment_matrix(part) for part in formulation.parts)
+    if np.linalg.matrix_rank(moments) < 3:  # points in a line
+        return 0.0
+    ends = np.linalg.solve(moments, np.array([[normal_force, *(normal_force * centre)], [0.0, *lever]]).T)
+    level, slope = (phi @ ends).T
+    if not (level > 0.0).all():
+        return 0.0
+    falling = slope < 0.0
+    return float((level[falling] / -slope[falling]).min(initial=np.inf))
 
 
 def _root(f, x_0: float, f_0: float, x_1: float, f_1: float) -> float:
