@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from test_restart import check_same, dembrick, wait_for
 
-from dembrick import equilibrium, interruption, model, quasi_static, result, scenario, stepping
+from dembrick import equilibrium, interruption, model, quasi_static, result, scenario, stepping, way
 from dembrick.controls import PushoverControl, TiltControl, YieldControl
 from dembrick.errors import HistoryError, OutputError
 from dembrick.generators import Wall
@@ -131,6 +131,30 @@ def test_the_way_of_blocks_that_are_let_go_is_in_the_checkpoint(tmp_path, signal
     restart(path, report=messages.append)
     assert any(line.startswith("going on from equilibrium ") for line in messages)
     check_same(tmp_path / "whole.h5", path)
+
+
+def test_a_way_comes_back_whole():
+    """Every number, vector and list of it."""
+
+    class Kept(dict):
+        path = "kept"
+
+        def array(self, name, like):
+            assert self[name].shape == like.shape and self[name].dtype == like.dtype
+            return self[name]
+
+    rng = np.random.default_rng(2)
+    numbers = {name: kind(rng.integers(1, 9)) for name, kind in way.NUMBERS.items()}
+    given = way.Way(*rng.normal(size=(3, 12)), **{**numbers, "gain": 0.3, "V": -0.7, "calm": -2, "equilibria": 3})
+    given.seen = [(*rng.normal(size=4).tolist(), bool(i % 2)) for i in range(4)]
+    for given.drift in (None, way.Drift(rng.normal(size=12), 0.2, 4.0, 7)):
+        found = way.Way(*np.zeros((3, 12)))
+        found.restore(Kept(given.snapshot()))
+        for part in dataclasses.fields(way.Way):
+            one, other = getattr(found, part.name), getattr(given, part.name)
+            if part.name == "drift" and one is not None:
+                one, other = (np.append(d.motion, [d.V, d.drag, d.steps]) for d in (one, other))
+            assert np.array_equal(one, other) and type(one) is type(other), part.name
 
 
 def test_seating_goes_on_in_the_middle(tmp_path, signal_after):
