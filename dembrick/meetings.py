@@ -250,6 +250,22 @@ class Meetings:
         self.looked = here
         self._look(state, polygons, first)
 
+    def pressed(self, middle: np.ndarray) -> dict[str, np.ndarray]:
+        """The new contacts that carry something now, k of them: ``blocks`` (k, 2), ``point`` (k, 3) in the world, with
+        positions counted from ``middle`` so far, ``force`` (k, 3) on the second block, and ``normal`` (k,) its part
+        along the normal; m, N."""
+        touching = self.touching
+        if touching is None:
+            return {"blocks": np.zeros((0, 2), np.int64), "point": np.zeros((0, 3)), "force": np.zeros((0, 3)),
+                    "normal": np.zeros(0)}  # fmt: skip
+        on = touching.normal > 0.0
+        return {
+            "blocks": touching.parts.owner[np.column_stack([touching.first, touching.second])[on]],
+            "point": touching.point[on] + middle,
+            "force": touching.force[on],
+            "normal": touching.normal[on],
+        }
+
     def left_to_joints(self) -> np.ndarray:
         """Share (j,) of its force that each joint still carries, beside the contact that takes over from it."""
         share = np.where(self.retired, 0.0, 1.0)

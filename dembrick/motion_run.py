@@ -105,7 +105,7 @@ def run(moving: Motion, control, driving: Driving, session: Session) -> MotionRu
     """Seat the blocks and live through the run; the session's observer gets rows and frames.
 
     Raises NotConvergedError where the blocks find no rest before it, where a tilt or a push brings nothing down, and
-    where contacts would form anew; DivergedError.
+    where blocks are pressed too deep into each other; DivergedError.
     """
     dynamic, to_collapse = control.kind == "dynamic", drives_to_collapse(control)
     jack = _jack(moving, control)

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -15,6 +16,7 @@ from dembrick.model import Block, JointLaw, Material, Output, Scenario, Wall
 from dembrick.polygons import mean_distance
 from dembrick.result import restart, simulate
 
+SCENARIOS = Path(__file__).parent.parent / "scenarios"
 G = 9.81
 FLOOR = Block("floor", "stone", (4.0, 4.0, 0.1), (0.0, 0.0, -0.05), fixed=True)
 OBLIQUE = tuple(np.array([0.92, 0.1, 0.2, 0.31]) / np.linalg.norm([0.92, 0.1, 0.2, 0.31]))
@@ -132,6 +134,11 @@ def test_a_block_slides_off_a_table():
     slider = Block("block", "stone", (0.3, 0.2, 0.1), (0.3, 0.0, 0.55), velocity=(2.0, 0.0, 0.0))
     result = simulate(scene(DynamicControl(2.0), FLOOR, table, slider, friction=0.4))
     assert np.abs(result.frames["velocity"][-1]).max() < 1e-5
+    pressed = result.run.motion.meetings.pressed(result.run.motion.state.middle)
+    assert pressed["blocks"].tolist() == [[0, 2]]
+    np.testing.assert_allclose(pressed["force"], [[0.0, 0.0, 12.0 * G]], atol=1e-3)
+    np.testing.assert_allclose(pressed["point"][0, 2], 0.0, atol=1e-6)
+    np.testing.assert_allclose(pressed["point"][0, 0], 0.3 + result.displacement[2, 0], atol=1e-4)
     assert result.displacement[2, 2] == pytest.approx(-0.5, abs=1e-5)
     assert 0.4 < result.displacement[2, 0] < 1.0
 
@@ -189,6 +196,21 @@ def test_a_collapse_goes_on_from_a_checkpoint(tmp_path, monkeypatch, step):
     with h5py.File(tmp_path / "whole.h5") as one, h5py.File(tmp_path / "parts.h5") as other:
         for name in ("history/displacement", "frames/position", "frames/orientation"):
             assert one[name][()].tobytes() == other[name][()].tobytes()
+
+
+@pytest.mark.slow
+def test_a_wall_of_ten_by_ten_comes_to_rest_where_it_falls():
+    """All blocks lie on the ground or on blocks that do, nothing moves any more, and the energy is that of lying."""
+    result = simulate(SCENARIOS / "wall_collapse.toml")
+    motion = result.run.motion
+    height = motion.state.bodies.position[1:, 2] + motion.state.middle[2]
+    assert 0.049 < height.min() and height.max() < 0.2
+    assert np.abs(result.frames["velocity"][-1]).max() < 0.01
+    weight = G * result.assembly.mass[1:].sum()
+    held = motion.meetings.pressed(motion.state.middle)
+    on_ground = held["blocks"][:, 0] == 0
+    joints = motion.state.links.wrench[motion.state.links.other == 0, 2].sum()
+    assert held["force"][on_ground, 2].sum() + joints == pytest.approx(weight, rel=0.02)
 
 
 @pytest.mark.slow

@@ -15,6 +15,7 @@ from dembrick.lab import scenario_folder
 
 ASSEMBLIES = {  # free blocks, joints
     "wall_tilt": (105, 285),
+    "wall_collapse": (105, 285),
     "wall_corner": (102, 263),
     "arch": (17, 18),
     "arch_tilt": (17, 18),

@@ -5,8 +5,9 @@
 
 ``joint.png``: set 4a pushed at a constant rate, with contact points at the corners and with the exact limit surface;
 ``path.png``: the same on their yield domains; ``page.png``: the web page of one of them, as a headless Chromium shows
-it (left out, and said, where there is none); ``wall.png``: a wall on a tilting table at its collapse (left out where
-this machine cannot draw off screen). ``curves.png`` and ``fig5_domains.png`` are those of ``dembrick lab``.
+it (left out, and said, where there is none); ``wall.png``: a wall on a tilting table at its collapse, and
+``collapse.png``: one where its blocks have come to rest, a minute and a half of work (both left out where this machine
+cannot draw off screen). ``curves.png`` and ``fig5_domains.png`` are those of ``dembrick lab``.
 ``--pack`` draws nothing: it writes PNG files of other tools again with 256 colours, at their own resolution, a third
 of the size in a repository and the same to the eye.
 """
@@ -77,8 +78,11 @@ def main() -> None:
             dembrick.simulate(ROOT / "scenarios" / "wall_tilt.toml", folder / "wall.h5")
             with history.read(folder / "wall.h5") as run:
                 print(render.picture(run, out / "wall.png", size=PICTURE))
+            dembrick.simulate(ROOT / "scenarios" / "wall_collapse.toml", folder / "collapse.h5")
+            with history.read(folder / "collapse.h5") as run:
+                print(render.picture(run, out / "collapse.png", magnification=1.0, size=PICTURE))
         except MissingDependency as error:
-            print(f"wall.png is left out: {error}")
+            print(f"wall.png and collapse.png are left out: {error}")
         if browsers.find() is None:
             print("page.png is left out: there is no Chromium on this machine")
             return
