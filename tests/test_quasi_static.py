@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import math
 
+import h5py
 import numpy as np
 import pytest
 from scipy.optimize import linprog
 
-from dembrick import assembly, replay
+from dembrick import assembly, history, replay
 from dembrick.controls import PushoverControl, TiltControl
 from dembrick.equilibrium import seat
 from dembrick.errors import NotConvergedError, ScenarioError
+from dembrick.export.text import to_csv
 from dembrick.generators import Arch, Dome, Wall
+from dembrick.history.layout import load_of
 from dembrick.lab import scenario_folder
 from dembrick.model import Actuator, Block, JointLaw, Load, Material, Scenario
 from dembrick.result import simulate
@@ -302,3 +305,17 @@ def test_what_does_not_go_together():
 def test_an_arch_too_thin_stands_no_load():
     with pytest.raises(NotConvergedError, match="no equilibrium under the dead loads"):
         simulate(scene(PushoverControl((1.0, 0.0, 0.0)), arches=(arch(0.10, 17),)))
+
+
+def test_the_load_of_a_tilt_is_a_number_and_that_of_jacks_a_force(tmp_path):
+    """In the history and in the text made of it; a name alone in the text of a scenario is no kind of control."""
+    path, text = tmp_path / "tilt.h5", tmp_path / "tilt.csv"
+    simulate(on_table(0.3, tilt()), path)
+    with h5py.File(path) as file:
+        assert {file[f"history/{name}"].attrs["units"] for name in ("load", "lower", "upper")} == {"1"}
+    with history.read(path) as found:
+        to_csv(found, text)
+    assert text.read_text().splitlines()[0].startswith("time [s],load [1],")
+    assert load_of('title = "a tilt"\n[control]\nkind = "yield"')[0] == "N"
+    assert load_of('[control]\nkind = "base-motion"')[0] == "m/s2"
+    assert load_of("tilt =")[0] == "N"

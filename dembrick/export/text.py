@@ -10,7 +10,7 @@ import numpy as np
 
 from dembrick.export.files import checked_target, writing
 from dembrick.history import History, replacing
-from dembrick.history.layout import JOINT_CHANNELS
+from dembrick.history.layout import JOINT_CHANNELS, load_of
 
 _ROWS = 4096  # rows held at a time
 
@@ -18,7 +18,8 @@ _ROWS = 4096  # rows held at a time
 def to_csv(history: History, path: str | os.PathLike, report: Callable[[str], None] | None = None) -> list[str]:
     """All series as text, a column each with its unit in the header; numbers read back exactly."""
     target = checked_target(history, path, frames=False)
-    columns = [("time", ["time [s]"]), ("load", ["load [N]"]), ("displacement", ["displacement [m]"])]
+    units, _ = load_of(history.scenario_text)
+    columns = [("time", ["time [s]"]), ("load", [f"load [{units}]"]), ("displacement", ["displacement [m]"])]
     jacks, watched = [jack["name"] for jack in history.actuators], []
     columns.append(("actuator_displacement", [f"displacement of {name} [m]" for name in jacks]))
     columns.append(("actuator_force", [f"force of {name} [N]" for name in jacks]))

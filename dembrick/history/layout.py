@@ -8,7 +8,9 @@ are valid: in a file that is still being written the growing datasets are longer
 from __future__ import annotations
 
 import os
+import tomllib
 from collections.abc import Container, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 
 import h5py
@@ -25,6 +27,13 @@ JOINT_CHANNELS = {
     "M_1": ("N m", "bending moment on block b about the joint's first axis"),
     "M_2": ("N m", "bending moment on block b about the joint's second axis"),
     "slip": ("m", "irreversible part of the shear displacement"),
+}
+
+_LOADS = {  # units and description of the load by the kind of control, where it is not a force of jacks
+    "tilt": ("1", "load factor: the tangent of the angle of the table"),
+    "pushover": ("1", "load factor: the share of its weight by which every block is pushed"),
+    "base-motion": ("m/s2", "acceleration of the supports along the direction of their motion"),
+    "dynamic": ("1", "nought: no load grows"),
 }
 
 _TEXT = h5py.string_dtype()
@@ -64,18 +73,28 @@ class Table:
     description: str
 
 
-def fields(assembly, channels: Container[str], energy: Iterable[str]) -> tuple[Field, ...]:
+def load_of(scenario_text: str) -> tuple[str, str]:
+    """Units and description of the load, by the kind of control in the text of a scenario."""
+    kind = ""
+    if any(name in scenario_text for name in _LOADS):  # that of a search is not parsed once more
+        with suppress(tomllib.TOMLDecodeError):
+            kind = tomllib.loads(scenario_text).get("control", {}).get("kind", "")
+    return _LOADS.get(kind, ("N", "load multiplier V: the force of a jack of weight 1"))
+
+
+def fields(assembly, channels: Container[str], energy: Iterable[str], scenario_text: str = "") -> tuple[Field, ...]:
     """The growing datasets of the channels (see ``model.Output``); ``energy``: names of the energies."""
     n_actuator, n_joint, n_block = len(assembly.actuators.names), len(assembly.joints), len(assembly.names)
+    units, about_load = load_of(scenario_text)
     rows = [
         Field("history/time", (), "s", "time of the row"),
-        Field("history/load", (), "N", "load multiplier V: the force of a jack of weight 1"),
+        Field("history/load", (), units, about_load),
         Field("history/displacement", (), "m", "driven displacement: sum(weight u) / sum|weight| over the jacks"),
         Field("history/actuator_displacement", (n_actuator,), "m", "displacement of each jack's point, from the start"),
         Field("history/actuator_force", (n_actuator,), "N", "force of each jack"),
         Field("history/unbalanced", (), "1", "unbalanced-force ratio"),
-        Field("history/lower", (), "N", "lower bound of the limit load so far"),
-        Field("history/upper", (), "N", "upper bound of the limit load so far; 1e300 stands for none"),
+        Field("history/lower", (), units, "lower bound of the limit load so far"),
+        Field("history/upper", (), units, "upper bound of the limit load so far; 1e300 stands for none"),
     ]
     watched = len(assembly.control_points.names)
     if watched:

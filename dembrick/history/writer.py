@@ -78,7 +78,7 @@ class HistoryWriter:
             self._begin()
 
     def _set_fields(self, energy) -> None:
-        self._fields = layout.fields(self._assembly, self._channels, energy)
+        self._fields = layout.fields(self._assembly, self._channels, energy, self._scenario_text)
         self._energy = tuple(energy)
         self._frame_fields = [f.path.removeprefix("frames/") for f in self._fields if f.is_frame]
 
