@@ -68,7 +68,10 @@ def replay_lab(
     curves: bool = False,
     progress: Callable[[int, int, str], None] | None = None,
 ) -> LabReplay:
-    """Replay the lab tests; histories go to ``folder``, and with ``curves`` the constant-rate tests too."""
+    """Replay the lab tests; histories go to ``folder``, and with ``curves`` the constant-rate tests too.
+
+    An interrupt carries the rows that were done as its ``answer``, the object of ``lab --json``.
+    """
     for name in sets:
         if name not in SETS:
             raise ScenarioError(f"unknown set {name!r}: use {', '.join(SETS)}")
@@ -93,23 +96,25 @@ def replay_lab(
         done += 1
         return result
 
-    rows, agrees = [], True
-    for set_name, formulation, height in cases:
-        name = f"set{set_name}" + ("_mid" if height else "")
-        result = run(name, formulation, f"{name}_{formulation}")
-        agrees &= result.agrees()
-        rows.append(_row(set_name, formulation, height, result))
-    rows_table_1 = []
-    for joint, formulation in joints:
-        result = run(joint.scenario, formulation, f"{joint.scenario}_{formulation}")
-        agrees &= result.agrees()
-        rows_table_1.append(_row_table_1(joint, formulation, result))
-    files = []
-    if curves:
-        for set_name in sets:
+    rows, rows_table_1, files, agrees = [], [], [], True
+    try:
+        for set_name, formulation, height in cases:
+            name = f"set{set_name}" + ("_mid" if height else "")
+            result = run(name, formulation, f"{name}_{formulation}")
+            agrees &= result.agrees()
+            rows.append(_row(set_name, formulation, height, result))
+        for joint, formulation in joints:
+            result = run(joint.scenario, formulation, f"{joint.scenario}_{formulation}")
+            agrees &= result.agrees()
+            rows_table_1.append(_row_table_1(joint, formulation, result))
+        for set_name in sets if curves else ():
             for formulation in formulations:
                 stem = f"set{set_name}_curve_{formulation}"
                 files.append(run(f"set{set_name}_curve", formulation, stem).history)
+    except KeyboardInterrupt as stopped:
+        wall["total"] = time.perf_counter() - began
+        stopped.answer = LabReplay(rows, rows_table_1, wall, agrees, files).as_dict() | {"status": "interrupted"}
+        raise
     if progress:
         progress(total, total, "")
     wall["total"] = time.perf_counter() - began

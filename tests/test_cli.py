@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -13,8 +14,9 @@ import h5py
 import pytest
 
 import dembrick
-from dembrick import history
+from dembrick import history, lab
 from dembrick.cli import main
+from dembrick.interruption import Interrupted
 from dembrick.lab import scenario_folder
 
 SET_4A = str((scenario_folder() / "set4a.toml").resolve())
@@ -211,3 +213,21 @@ def test_module_is_the_command():
         module, command = run("-m", "dembrick", *arguments, NO_COLOR="1"), run("-c", script, *arguments)
         assert (module.returncode, module.stdout, module.stderr) == (command.returncode, command.stdout, command.stderr)
         assert "\033" not in module.stderr and "Traceback" not in module.stderr
+
+
+def test_an_interrupted_lab_prints_the_rows_it_has(capsys, tmp_path, monkeypatch):
+    done, original = [], lab.simulate
+
+    def interrupted(*given, **options):
+        if len(done) == 3:
+            raise Interrupted(signal.SIGINT, "interrupted after step 7")
+        done.append(original(*given, **options))
+        return done[-1]
+
+    monkeypatch.setattr(lab, "simulate", interrupted)
+    options = ["--formulation", "concave", "--no-figures", "--json", "--quiet", "--out", str(tmp_path)]
+    assert main(["lab", *options]) == 130
+    data = json.loads(capsys.readouterr().out)
+    assert data["status"] == "interrupted"
+    assert [(row["set"], row["load_height"]) for row in data["rows"]] == [("2a", 0.0), ("2a", 0.05), ("2b", 0.0)]
+    assert data["rows_table_1"] == [] and data["wall"]["total"] > 0.0

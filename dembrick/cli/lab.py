@@ -22,14 +22,19 @@ def run(options, console) -> int:
     from dembrick.model import FORMULATIONS
 
     folder = str(make_folder(options.out) if options.out else make_folder(default_output("lab")))
-    replayed = lab.replay_lab(
-        options.sets or tuple(SETS),
-        options.formulation or FORMULATIONS,
-        options.tolerance,
-        folder,
-        curves=not options.no_figures,
-        progress=console.progress,
-    )
+    try:
+        replayed = lab.replay_lab(
+            options.sets or tuple(SETS),
+            options.formulation or FORMULATIONS,
+            options.tolerance,
+            folder,
+            curves=not options.no_figures,
+            progress=console.progress,
+        )
+    except KeyboardInterrupt as stopped:
+        if console.json and hasattr(stopped, "answer"):
+            console.result(stopped.answer, "")
+        raise
     lab.write_csv(replayed.rows, os.path.join(folder, "yield_points.csv"))
     text = [lab.table_3(replayed.rows), "", lab.notes(replayed.rows)]
     if replayed.rows_table_1:
