@@ -202,6 +202,19 @@ def test_check_info_yield_export(call, folder):
     assert code == 0 and all(Path(name).exists() for name in json.loads(out)["files"])
 
 
+def test_warmup_runs_every_kind_of_loop(call, monkeypatch):
+    from dembrick import _jit, result
+
+    ran = []
+    simulate = result.simulate
+    monkeypatch.setattr(result, "simulate", lambda scenario: ran.append(simulate(scenario)))
+    code, out, _ = call("warmup", "--json")
+    assert code == 0 and json.loads(out)["cache"] == str(_jit.CACHE_FOLDER)
+    assert {one.scenario.control.kind for one in ran} == {"yield", "displacement", "pushover", "dynamic"}
+    touching = [one.run.motion.meetings.touching for one in ran if one.scenario.control.kind == "dynamic"]
+    assert [one is None for one in touching] == [True, False, True, False]
+
+
 def test_module_is_the_command():
     def run(*command: str, **variables: str) -> subprocess.CompletedProcess:
         root = str(Path(dembrick.__file__).parent.parent)
