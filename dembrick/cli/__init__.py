@@ -5,11 +5,13 @@ The first word is read by hand, so that ``dembrick --help`` costs little more th
 
 from __future__ import annotations
 
+import gc
 import sys
 
 from dembrick import __version__
 from dembrick.errors import DembrickError
 
+GARBAGE = 100_000  # new objects before a look for garbage: importing and loading kernels makes none
 VERBS = {
     "lab": "replay the four laboratory tests for all formulations and print Table 3",
     "run": "run a scenario",
@@ -70,6 +72,7 @@ def main(arguments: list[str] | None = None) -> int:
         hint = f"did you mean {nearest[0]!r}?" if nearest else f"use one of {', '.join(VERBS)}"
         print(f"error: unknown command {verb!r}; {hint}", file=sys.stderr)
         return 2
+    gc.set_threshold(GARBAGE)
     module = _module(verb)
     parser = _verb_parser(verb)
     module.add_arguments(parser)

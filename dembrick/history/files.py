@@ -35,12 +35,15 @@ def clear_parts(path: str) -> None:
     folder, name = os.path.split(path)
     if os.name != "posix":  # where asking for a process may end it
         return
+    before, after = f".{name}.", ".part"
     for entry in os.listdir(folder or "."):
-        found = re.fullmatch(rf"\.{re.escape(name)}\.([0-9]{{1,9}})\.part", entry)
-        if found is None:
+        if not (entry.startswith(before) and entry.endswith(after)):
+            continue
+        process = entry[len(before) : -len(after)]
+        if not re.fullmatch("[0-9]{1,9}", process):
             continue
         try:
-            os.kill(int(found.group(1)), 0)
+            os.kill(int(process), 0)
         except ProcessLookupError:
             with suppress(OSError):
                 os.unlink(os.path.join(folder, entry))
