@@ -542,6 +542,16 @@ def test_a_cut_file_is_refused_at_every_length(tmp_path):
         assert str(cut) in str(caught.value) and "\n" not in str(caught.value)
 
 
+def test_a_file_that_is_replaced_while_it_is_read(tmp_path):
+    """A run puts a new file in the place of the old one; who has the old one open reads on."""
+    path = finished(tmp_path / "run.h5")
+    with history.read(path) as found:
+        (tmp_path / "other").write_bytes(b"short")
+        os.replace(tmp_path / "other", path)
+        assert len(found.block_names) == found.n_block == 2
+        assert found.position0.shape == (2, 3)
+
+
 def read_all(path):
     """Touch everything that a history offers."""
     with history.read(path) as found:

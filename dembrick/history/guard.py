@@ -99,7 +99,8 @@ def dataset(file: h5py.File, path: str, kind: str, shape: tuple[int | None, ...]
         ):
             wanted = " x ".join("any" if n is None else str(n) for n in shape)
             raise HistoryError(f"{where} has the shape {data.shape}; {wanted or 'a single value'} was expected")
-        _check_storage(data, where, os.path.getsize(file.filename))
+        # of the file that is open: by now a run may have put another, smaller one in its place
+        _check_storage(data, where, os.fstat(file.id.get_vfd_handle()).st_size)
         return h5py.Dataset(data)
 
 
