@@ -23,6 +23,7 @@ from dembrick.history.reader import History, status_of
 
 RUNNING = "running"
 _SLAB = 4 << 20  # bytes moved at a time: what a rewrite holds in memory
+_HELD = 4 << 20  # bytes that may wait for the file; a short run of few blocks has less in all
 _RESERVE = 16 << 20  # bytes reserved for rows, and again for frames, in a new file; a hole until it is written
 _PACK_FROM = 1 << 20  # bytes below which compressing a dataset is not tried
 _CHUNK = 256 << 10  # bytes of a compressed chunk
@@ -34,10 +35,10 @@ class HistoryWriter:
     """Writes one history file.
 
     ``append`` and ``append_frames`` bring rows and frames to the file at once; only during the first ``hold`` seconds
-    they stay in memory, so that a run of milliseconds writes its data a single time, finished; the file itself is
-    there from the start, unless it would take the place of a finished one. ``finish`` makes the final file: exact
-    lengths, compressed where that halves a long series. Until then the status is ``running``. ``resume`` goes on with
-    a file that was left behind.
+    they stay in memory, some megabytes at the most, so that a run of milliseconds writes its data a single time,
+    finished; the file itself is there from the start, unless it would take the place of a finished one. ``finish``
+    makes the final file: exact lengths, compressed where that halves a long series. Until then the status is
+    ``running``. ``resume`` goes on with a file that was left behind.
     ``channels``: what is recorded (see ``model.Output``). ``energy``: names of the energies in the records, if known;
     else the first record tells.
 
@@ -69,7 +70,7 @@ class HistoryWriter:
         self._offsets: dict[str, int] = {}
         self._capacity = self._stored = (0, 0)  # rows and frames: reserved in the file, and valid in it
         self._pending: dict[str, list[np.ndarray]] = {}
-        self._pending_count = [0, 0]
+        self._pending_count, self._pending_bytes = [0, 0], 0
         self._source: History | None = None  # a file left behind, until what is kept of it has moved to ours
         self._closed = False
         self.run = os.urandom(8).hex()
@@ -152,7 +153,9 @@ class HistoryWriter:
         for path, array in arrays.items():
             self._pending.setdefault(path, []).append(array)
         self._pending_count[which] += count
-        if self._file is not None or time.monotonic() - self._opened >= self._hold:
+        self._pending_bytes += sum(array.nbytes for array in arrays.values())
+        late = time.monotonic() - self._opened >= self._hold
+        if self._file is not None or late or self._pending_bytes > _HELD:
             self.flush()
 
     def flush(self) -> None:
@@ -222,7 +225,7 @@ class HistoryWriter:
         return _Failures(self)
 
     def _forget_pending(self) -> None:
-        self._pending, self._pending_count = {}, [0, 0]
+        self._pending, self._pending_count, self._pending_bytes = {}, [0, 0], 0
 
     def _release(self) -> None:
         if self._file is not None:
