@@ -1,5 +1,7 @@
 """SIGINT and SIGTERM: a time loop ends after its chunk, anything else at once; a second signal kills.
 
+A signal that comes when a run has its answer finds the answer written first.
+
 Signals belong to the process, so what is known of them is kept here once. Without ``handled`` nothing changes:
 Python raises KeyboardInterrupt wherever it is.
 """

@@ -6,6 +6,7 @@ import dataclasses
 import os
 import time
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 
 import numpy as np
 
@@ -251,39 +252,48 @@ def _run(
 ) -> Result | MotionResult:
     """Replay, audit and judge. ``began``: when the work on it did; ``start_up``: seconds before."""
     path = keeper.path if isinstance(keeper, Keeper) else None
-    try:
-        assembly, placing = _placed(scenario, assembly)
-        if path:
-            keeper.place(assembly)
-        run = _replayed(scenario, assembly, keeper.session(scenario.output) if keeper else Session())
-        books = keeper.auditor.result(run.energy) if keeper and run.energy is not None else None
-    except WriteError as error:  # the disk has what it has
-        remedy = f"; once there is room again: dembrick restart {path}" if keeper.has_checkpoint else ""
-        failed = WriteError(f"{error}{remedy}")
-        failed.answer = failure(scenario, failed, path)
-        raise failed from error
-    except HistoryError:
-        raise  # the checkpoint does not fit; nothing was written
-    except DembrickError as error:
-        error.answer = failure(scenario, error, path)
-        if path:
-            keeper.finish("failed", error.answer)
-        raise
-    except BaseException as error:
-        if path:
-            keeper.finish("interrupted", {"scenario": scenario.path or "", "status": "interrupted"})
-        error = interruption.caused(error)
-        if path and isinstance(error, Interrupted):
-            raise Interrupted(error.signum, f"{error}; go on with: dembrick restart {path}") from None
-        raise
-    done = time.perf_counter()
+    with ExitStack() as until_written:
+        try:
+            assembly, placing = _placed(scenario, assembly)
+            if path:
+                keeper.place(assembly)
+            run = _replayed(scenario, assembly, keeper.session(scenario.output) if keeper else Session())
+            books = keeper.auditor.result(run.energy) if keeper and run.energy is not None else None
+            until_written.enter_context(interruption.deferred())  # a signal finds the answer there, and may not lose it
+        except WriteError as error:  # the disk has what it has
+            remedy = f"; once there is room again: dembrick restart {path}" if keeper.has_checkpoint else ""
+            failed = WriteError(f"{error}{remedy}")
+            failed.answer = failure(scenario, failed, path)
+            raise failed from error
+        except HistoryError:
+            raise  # the checkpoint does not fit; nothing was written
+        except DembrickError as error:
+            error.answer = failure(scenario, error, path)
+            if path:
+                keeper.finish("failed", error.answer)
+            raise
+        except BaseException as error:
+            if path:
+                keeper.finish("interrupted", {"scenario": scenario.path or "", "status": "interrupted"})
+            error = interruption.caused(error)
+            if path and isinstance(error, Interrupted):
+                raise Interrupted(error.signum, f"{error}; go on with: dembrick restart {path}") from None
+            raise
+        times = {"start_up": start_up, "placing": placing, "began": began}
+        return _judged(scenario, assembly, run, books, keeper, times, refine)
+
+
+def _judged(scenario, assembly, run, books, keeper, times, refine) -> Result | MotionResult:
+    """The result of a run that came to its end, compared with theory, and written."""
+    began, placing, done = times["began"], times["placing"], time.perf_counter()
+    path = keeper.path if isinstance(keeper, Keeper) else None
     expected = judge.theory_of(assembly) if run.yield_point is not None else None
     if expected is not None:
         expected = expected.compared(run.yield_point.V)
     finishing = time.perf_counter()
     write = keeper.write_seconds if keeper else 0.0
     wall = {
-        "start_up": start_up,
+        "start_up": times["start_up"],
         "build": max(0.0, done - began - placing - run.loop_seconds - run.compile_seconds - write),
         "compile": run.compile_seconds,
         "loop": run.loop_seconds + placing,

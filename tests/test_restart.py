@@ -4,6 +4,7 @@ import ctypes
 import dataclasses
 import json
 import os
+import pkgutil
 import random
 import signal
 import subprocess
@@ -217,9 +218,19 @@ def long_run(tmp_path_factory):
     return folder
 
 
-def dembrick(*arguments, **options):
+SLOW = """
+import sys, time
+from dembrick import interruption
+from dembrick.cli import main
+looked = interruption.requested
+interruption.requested = lambda: (time.sleep(0.05), looked())[1]
+sys.exit(main())
+"""  # some seconds, however fast the run is: a signal comes long before the end
+
+
+def dembrick(*arguments, code="import sys; from dembrick.cli import main; sys.exit(main())", **options):
     return subprocess.Popen(
-        [sys.executable, "-m", "dembrick", *arguments],
+        [sys.executable, "-c", code, *arguments],
         env={**os.environ, "PYTHONPATH": PACKAGE},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -240,7 +251,7 @@ def wait_for(condition, child, what):
 @pytest.mark.parametrize("signum", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_the_run_and_restart_finishes_it(tmp_path, long_run, signum):
     path = tmp_path / "run.h5"
-    child = dembrick("run", str(long_run / "long.toml"), "--out", str(path), "--json")
+    child = dembrick("run", str(long_run / "long.toml"), "--out", str(path), "--json", code=SLOW)
     wait_for(lambda: Checkpoints(path).existing(), child, "a checkpoint")
     child.send_signal(signum)
     out, err = child.communicate(timeout=60)
@@ -277,6 +288,25 @@ sys.exit(main(["run", {str(long_run / "long.toml")!r}, "--out", {str(tmp_path / 
     child.send_signal(signal.SIGTERM)
     child.communicate(timeout=20)
     assert child.returncode == -signal.SIGTERM  # 143 to a shell
+
+
+@pytest.mark.parametrize("late", ["dembrick.judge.theory_of", "dembrick.history.HistoryWriter.finish"])
+def test_a_signal_that_finds_the_answer_there_leaves_it_whole(tmp_path, capsys, monkeypatch, late):
+    """While it is compared with theory, and while it is written."""
+    (tmp_path / "set4a.toml").write_text(scenario.dumps(case("set4a", "concave")))
+    path, original = tmp_path / "run.h5", pkgutil.resolve_name(late)
+
+    def signalled(*arguments):
+        signal.raise_signal(signal.SIGTERM)
+        return original(*arguments)
+
+    monkeypatch.setattr(late, signalled)
+    assert main(["run", str(tmp_path / "set4a.toml"), "--out", str(path), "--json"]) == 143
+    out, err = capsys.readouterr()
+    assert json.loads(out)["status"] == "yield"
+    assert err == "interrupted after the work was done; nothing is missing\n"
+    with read(path) as file:
+        assert file.status == "yield"
 
 
 def test_a_signal_that_a_callback_swallows_is_not_lost(tmp_path, capsys, monkeypatch):

@@ -7,7 +7,7 @@ import signal
 
 import numpy as np
 import pytest
-from test_restart import check_same, dembrick, wait_for
+from test_restart import SLOW, check_same, dembrick, wait_for
 
 from dembrick import equilibrium, interruption, model, quasi_static, result, scenario, stepping, way
 from dembrick.controls import PushoverControl, TiltControl, YieldControl
@@ -227,7 +227,7 @@ def test_a_checkpoint_that_does_not_fit_is_refused(tmp_path, signal_after, name)
 
 @pytest.fixture(scope="module")
 def long_search(tmp_path_factory):
-    """A wall that takes some seconds, and its history."""
+    """A wall that is pushed over in many steps, and its history."""
     folder = tmp_path_factory.mktemp("search")
     given = scene(PushoverControl((0.0, 1.0, 0.0), 1e-5), "convex", **wall(9))
     given = dataclasses.replace(given, output=model.Output(checkpoint=0.05))
@@ -241,7 +241,7 @@ def test_a_search_that_is_stopped_or_killed_goes_on(tmp_path, long_search, signu
     path, rng = tmp_path / "run.h5", random.Random(int(signum))
     for stop in range(3):
         command = ["restart", str(path)] if stop else ["run", str(long_search / "wall.toml"), "--out", str(path)]
-        child = dembrick(*command)
+        child = dembrick(*command, code=SLOW)
         before = rows_of(path)
         wait_for(lambda before=before: rows_of(path) > before and Checkpoints(path).existing(), child, "more rows")
         for _ in range(rng.randrange(1 << 18)):

@@ -78,12 +78,16 @@ def main(arguments: list[str] | None = None) -> int:
     module.add_arguments(parser)
     options = parser.parse_args(rest)
     from dembrick.cli.console import Console
-    from dembrick.interruption import handled
+    from dembrick.interruption import handled, requested
 
     console = Console(json=options.json, quiet=options.quiet, verbose=options.verbose)
     try:
         with handled():
-            return module.run(options, console)
+            code = module.run(options, console)
+            if signum := requested():  # it came too late to stop anything, yet whoever called should know
+                console.say("interrupted after the work was done; nothing is missing")
+                return 128 + signum
+            return code
     except DembrickError as error:
         console.error(str(error))
         return error.exit_code
