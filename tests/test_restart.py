@@ -355,9 +355,8 @@ def test_killed_and_restarted_again_and_again(tmp_path, long_run):
     """Killed before the first row, then at random moments of the time loop, and in the end let finish."""
     path, rng, numbers = tmp_path / "run.h5", random.Random(4), []
     for kill, rows in enumerate((0, 1, rng.randrange(300, 900), rng.randrange(900, 1800))):
-        child = dembrick(
-            *(["restart", str(path)] if kill else ["run", str(long_run / "long.toml"), "--out", str(path)])
-        )
+        command = ["restart", str(path)] if kill else ["run", str(long_run / "long.toml"), "--out", str(path)]
+        child = dembrick(*command, code=SLOW)
         wait_for(lambda rows=rows: rows_of(path) >= rows, child, f"row {rows}")
         time.sleep(rng.uniform(0.0, 0.1))
         child.kill()
