@@ -7,11 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dembrick import assembly
 from dembrick import scenario as scenarios
 from dembrick.cli import main
 from dembrick.controls import BaseMotionControl, DynamicControl, Pulse, PushoverControl, Sine, TiltControl
 from dembrick.curves import pulse_velocity, read_samples, sampled_velocity, sine_velocity
+from dembrick.driving import Driving
+from dembrick.dynamics import advance, motion, seat
 from dembrick.errors import NotConvergedError, ScenarioError
+from dembrick.kernels.dynamics import Limits
 from dembrick.model import Block, JointLaw, Load, Material, Scenario, Wall
 from dembrick.result import simulate
 from dembrick.theory.motion import toppling_tilt
@@ -129,6 +133,26 @@ def still(courses, blocks, duration):
 def test_a_wall_left_alone_stays():
     moved, drift = still(4, 3, 1.0)
     assert moved < 1e-6 and drift < 1e-9
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+def test_a_wall_that_lands_comes_to_rest(formulation):
+    """Thrown against its base at 10 mm/s, a little aslant, it slips and then lies as still as one left alone, 10 s."""
+    moving = motion(assembly.build(wall(DynamicControl(10.0), 4, 4, formulation)), damping=0.2, step_factor=0.8)
+    driving, bodies = Driving(np.array([0.0, 0.0, -9.81])), moving.state.bodies
+    seat(moving, driving)
+    bodies.velocity[bodies.free] = (3e-3, 1e-3, -1e-2)
+    top = [i for i, name in enumerate(moving.assembly.names) if name.startswith("wall.4.")]
+    steps, limits = round(0.5 / moving.time_step), Limits(1.0, 1.0)
+    times, path = [], []
+    for _ in range(22):
+        advance(moving, driving, steps, limits)
+        times.append(moving.time)
+        path.append(moving.displacement[top].ravel())
+    landed = np.array(path)[1:]  # a second after it was thrown
+    assert np.abs(landed[-1]).max() > 5e-7  # it has slipped
+    assert np.abs(landed - landed[0]).max() < 1e-9
+    assert np.abs(np.polyfit(times[1:], landed, 1)[0]).max() < 1e-9
 
 
 @pytest.mark.slow
