@@ -184,8 +184,8 @@ def main() -> None:
         thread_gain(courses, 80)
     print()
     tilted_walls([(10, 12.015, []), (10, 12.015, ["joint.normal_stiffness=4e9", "joint.shear_stiffness=1.6e9"]),
-                  (30, 4.560, ["joint.normal_stiffness=2.2e10", "joint.shear_stiffness=8e9", "control.damping=0.02",
-                               "solver.step_factor=0.95"])])  # fmt: skip
+                  (30, 4.560, ["joint.normal_stiffness=1.9e10", "joint.shear_stiffness=6e9", "control.damping=0.01",
+                               "solver.step_factor=0.98"])])  # fmt: skip
 
 
 if __name__ == "__main__":
