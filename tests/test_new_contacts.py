@@ -330,3 +330,61 @@ def test_memory_turns_with_both_blocks():
         pair.bodies.velocity[:] = (pair.bodies.position - before) / dt
         last = pair.touch(dt)[:3]
     np.testing.assert_allclose(turn.T @ last, force, atol=1e-5 * np.linalg.norm(force))
+
+
+def strengths(place, orientation, depth):
+    """The wrench on a block flush on another (moments over 0.1 m), and the shear and torsion at which friction gives
+    way: after a step in which the elastic forces alone would be several times as large."""
+    found = []
+    for velocity, spin in (((5e6 * depth, 0.0, 0.0), 0.0), ((0.0, 0.0, 0.0), 5e7 * depth)):
+        pair = Pair(BLOCK, BLOCK)
+        wrench = pair.wrench(place, orientation)
+        pair.bodies.velocity[1], pair.bodies.spin[1, 2] = velocity, spin
+        found.append(pair.touch())
+    return np.array([*wrench[:3], *(wrench[3:] / 0.1), -found[0][0], -found[1][5] / 0.1])
+
+
+FLUSH = {  # what takes side faces through one plane: by how far (m or rad), place and orientation
+    "turn": (1e-3, lambda s: ((0.0, 0.0, 0.0), turned(((0, 0, 1), s)))),
+    "shift along": (1e-3, lambda s: ((s, 0.0, 0.0), turned())),
+    "shift across": (1e-3, lambda s: ((0.0, s, 0.0), turned())),
+}
+
+
+@pytest.mark.parametrize("depth", [1e-7, 1e-5, 1e-4])
+@pytest.mark.parametrize("name", FLUSH)
+def test_flush_side_faces_change_no_strength(name, depth):
+    """Side faces that pass through one plane move the resultant and the strength by no more than twice the overlap
+    over the shorter edge; a joint whose four points become eight would lose 14 % there."""
+    far, path = FLUSH[name]
+    found = []
+    for s in far * np.array([-1.0, -0.1, -1e-3, -1e-6, 0.0, 1e-6, 1e-3, 0.1, 1.0]):
+        place, orientation = path(s)
+        found.append(strengths(np.array(place) + (0.0, 0.0, 0.1 - depth), orientation, depth))
+    found = np.array(found) / (K_N * 0.06 * depth)
+    bound = 2.0 * depth / 0.2
+    assert found[4, 2] == pytest.approx(1.0, abs=bound)
+    assert found[4, 6] == pytest.approx(0.6, abs=bound)
+    # from just this side of flush to just that side: the jump; the two thousandths besides move the common area by 1e-5
+    assert np.ptp(found[3:6], axis=0).max() < bound + 1e-5
+    # 1e-3 further the common area has shrunk by 1/200 at the most, and its middle has moved by 1/200 of 0.1 m
+    assert np.ptp(found, axis=0).max() < bound + 0.01
+
+
+@pytest.mark.parametrize("depth", [1e-6, 1e-4])
+def test_a_seam_between_flush_tops_is_not_felt(depth):
+    """Slid over the seam of two blocks side by side, normal force and push along stay within overlap over length."""
+    half = box((0.5, 1.0, 0.2))
+    found = []
+    for x in np.concatenate([np.linspace(-0.2, 0.2, 81), 0.15 + depth * np.linspace(-2.0, 2.0, 41)]):
+        wrench = np.zeros(6)
+        for side in (-0.25, 0.25):
+            pair = Pair(half, BLOCK, friction=0.0)
+            pair.place(0, (side, 0.0, 0.0))
+            pair.place(1, (x, 0.0, 0.15 - depth))
+            wrench += pair.touch()
+        found.append(wrench)
+    found = np.array(found) / (K_N * 0.06 * depth)
+    np.testing.assert_allclose(found[:, 2], 1.0, atol=3.0 * depth / 0.2)
+    assert np.abs(found[:, :2]).max() < 2.0 * depth / 0.3
+    assert np.abs(found[:, 3:]).max() < 2.0 * depth
