@@ -23,6 +23,7 @@ from dembrick.theory.limit_surface import Law, PointLaw
 
 _TINY = 1e-300
 _SMOOTHING = [0.1**k for k in range(1, 14)]
+_SHARP = 4  # lengths of a step tried on the sharp D of points: shorter ones are wanted on the way into a kink only
 
 
 @dataclass(frozen=True)
@@ -98,8 +99,13 @@ def _newton_step(g: np.ndarray, H: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return step, -np.sum(step * g, axis=1)
 
 
-def _minimise(problem: _Problem, z: np.ndarray, at: np.ndarray, smoothing: float, iterations: int = 100):
-    """Guarded Newton from z (k, 2) for the loads ``at``: (z, converged), converged to rounding in the objective."""
+def _minimise(
+    problem: _Problem, z: np.ndarray, at: np.ndarray, smoothing: float, iterations: int = 100, halvings: int = 50
+):
+    """Guarded Newton from z (k, 2) for the loads ``at``: (z, converged), converged to rounding in the objective.
+
+    A load whose step must be halved more than ``halvings`` times is given up.
+    """
     z = z.copy()
     converged = np.zeros(len(z), bool)
     live = np.arange(len(z))
@@ -119,7 +125,7 @@ def _minimise(problem: _Problem, z: np.ndarray, at: np.ndarray, smoothing: float
         if not len(live):
             break
         length, pending = np.ones(len(live)), np.arange(len(live))
-        for _halving in range(50):
+        for _halving in range(halvings):
             trial = z[live[pending]] + length[pending, None] * step[pending]
             v_new, g_new, H_new = problem.evaluate(trial, at[live[pending]], smoothing)
             good = v_new < value[pending] - 1e-4 * length[pending] * decrement[pending]
@@ -182,7 +188,7 @@ def _solve_points(
         turned, converged = np.ones(len(open_), bool), np.zeros(len(open_), bool)
         smooth = np.flatnonzero(~optimal)  # at an optimal kink a sharp D has no gradient to go by
         if len(smooth):
-            sharp, converged[smooth] = _minimise(problem, z[open_[smooth]], open_[smooth], 0.0, 30)
+            sharp, converged[smooth] = _minimise(problem, z[open_[smooth]], open_[smooth], 0.0, 30, _SHARP)
             sharp_value = problem.evaluate(sharp, open_[smooth], 0.0)[0]
             turned[smooth] = best[smooth] < sharp_value
             away = ~turned[smooth]
