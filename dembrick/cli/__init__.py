@@ -5,6 +5,7 @@ The first word is read by hand, so that ``dembrick --help`` costs little more th
 
 from __future__ import annotations
 
+import atexit
 import gc
 import sys
 
@@ -73,6 +74,7 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"error: unknown command {verb!r}; {hint}", file=sys.stderr)
         return 2
     gc.set_threshold(GARBAGE)
+    atexit.register(gc.freeze)  # at the end there is nothing left to gain by looking for garbage
     module = _module(verb)
     parser = _verb_parser(verb)
     module.add_arguments(parser)
