@@ -18,6 +18,7 @@ import numpy as np
 from dembrick.driving import Driving
 from dembrick.errors import DivergedError, NotConvergedError
 from dembrick.frequencies import (
+    contact_time_step,
     critical_time_step,
     joint_matrices,
     pair_frequencies,
@@ -26,7 +27,7 @@ from dembrick.frequencies import (
 )
 from dembrick.kernels.dynamics import DIVERGED, MEETING, REACHED, RUNNING, STALE, Limits, Loads, advance_bodies
 from dembrick.kernels.touching import CROWDED, DEEP, DEEPEST
-from dembrick.meetings import Meetings, contact_time_step
+from dembrick.meetings import Meetings
 from dembrick.model import show
 from dembrick.moving_polygons import Polygons
 from dembrick.moving_state import MovingState, moving_state, out_of_balance

@@ -12,186 +12,24 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from dembrick import polygons
 from dembrick.errors import HistoryError
 from dembrick.joints import Joint, JointTable
-from dembrick.kernels.patches import Parts, Scratch
 from dembrick.kernels.touching import PARTED, SINK, SLIP, TURN, Touching
 from dembrick.moving_polygons import Polygons
 from dembrick.moving_state import MovingState
 from dembrick.neighbours import bodies_of, close_pairs, overlap_depths
 from dembrick.session import Snapshot
-from dembrick.shapes import Polyhedron, parts_of
+from dembrick.shapes import parts_of
+from dembrick.touching_state import parts_table, scratch_for, touching_pairs
 
 MARGIN = 0.03  # of a part's diameter: parts that are nearer than the sum of theirs are watched
 FIRST = 5e-4  # of the smallest block's diameter: no one looks before blocks have moved so far
 STIRRED = 0.3  # of what begins to hand a joint over: from there on joints are watched
-COARSE = 1.2  # rad in a step: contacts that swing faster damp as such
 LOOSE = 1e-3  # of its size: a joint that has moved so far is watched too, where anything is
 # what a pair keeps when the pairs are looked for again
 REMEMBERED = ("weight", "plane", "elastic", "stiffness", "slip", "normal", "area", "point", "force", "torque")
 
 PAIRS = ("first", "second", "joint")
-
-
-def parts_table(shapes) -> Parts:
-    """The convex parts of all blocks as the kernels want them; equal shapes are stored once."""
-    known: dict[int, tuple[int, int]] = {}
-    vertices, normals, offsets = [], [], []
-    vertex_start, face_start, vertex_count, face_count = [], [], [], []
-    owner, centre, radius, inner = [], [], [], []
-    rows = faces = 0
-    for block, shape in enumerate(shapes):
-        for number, (place, part) in enumerate(parts_of(shape)):
-            key = (id(shape), number)
-            if key not in known:
-                known[key] = (rows, faces)
-                vertices.append(part.vertices + place)
-                normals.append(part.face_normals)
-                offsets.append(part.face_offsets + part.face_normals @ place)
-                rows, faces = rows + len(part.vertices), faces + len(part.faces)
-            own = known[key]
-            owner.append(block)
-            vertex_start.append(own[0])
-            face_start.append(own[1])
-            vertex_count.append(len(part.vertices))
-            face_count.append(len(part.faces))
-            centre.append(place)
-            radius.append(0.5 * part.diameter)
-            inner.append(part.face_offsets.min())
-    integers = (np.array(values, np.int64) for values in (owner, vertex_start, vertex_count, face_start, face_count))
-    return Parts(
-        *integers,
-        vertex=np.concatenate(vertices),
-        normal=np.concatenate(normals),
-        offset=np.concatenate(offsets),
-        centre=np.array(centre, float).reshape(-1, 3),
-        radius=np.array(radius),
-        inner=np.array(inner),
-    )
-
-
-def scratch_for(parts: Parts) -> Scratch:
-    """Room for the contact surface of any two of the parts."""
-    faces, vertices = int(parts.face_count.max()), int(parts.vertex_count.max())
-    patches = faces * faces
-    corners = (
-        6 * patches + 16 * faces + 64
-    )  # a map of so many plane cells has six corners each at the most, but for its rim
-    return Scratch(
-        normal=np.zeros((2 * faces, 3)),
-        offset=np.zeros(2 * faces),
-        face=np.zeros(2 * faces, np.int64),
-        vertex=np.zeros((2 * vertices, 3)),
-        turn=np.zeros((3, 3)),
-        x=np.zeros(corners),
-        y=np.zeros(corners),
-        spare_x=np.zeros(2 * faces + 8),
-        spare_y=np.zeros(2 * faces + 8),
-        start=np.zeros(patches + 1, np.int64),
-        frame=np.zeros((patches, 3, 4)),
-        depth=np.zeros((patches, 4)),
-        sums=np.zeros((patches, 5)),
-    )
-
-
-def touching_pairs(parts: Parts, scratch: Scratch, free, pairs, joints, laws, ratio: float, hand_over=None) -> Touching:
-    """Pairs (t, 2) of parts with their ``joints`` (t,; -1 for none) and ``laws``, nothing remembered yet.
-
-    ``hand_over``: what is known of all joints, for those that are handed over: size and whether it is less than its
-    face (j,), `seen` at the start (j, 9) and shift (j, 2).
-    """
-    pairs = np.asarray(pairs, np.int64).reshape(-1, 2)
-    n = len(pairs)
-    joints = np.asarray(joints, np.int64)
-    size, partial, start, shift = hand_over or (np.ones(1), np.zeros(1, bool), np.zeros((1, 9)), np.zeros((1, 2)))
-    return Touching(
-        parts=parts,
-        scratch=scratch,
-        free=np.asarray(free, float),
-        first=pairs[:, 0].copy(),
-        second=pairs[:, 1].copy(),
-        joint=joints,
-        k_n=np.array([law.normal_stiffness for law in laws], float),
-        k_s=np.array([law.shear_stiffness for law in laws], float),
-        friction=np.array([law.friction for law in laws], float),
-        weight=(joints < 0).astype(float),
-        size=size[joints],
-        partial=partial[joints],
-        start=start,
-        shift=shift,
-        plane=np.full(n, -1, np.int64),
-        elastic=np.zeros((n, 4)),
-        stiffness=np.zeros((n, 2)),
-        slip=np.zeros(n),
-        normal=np.zeros(n),
-        area=np.zeros(n),
-        point=np.zeros((n, 3)),
-        force=np.zeros((n, 3)),
-        torque=np.zeros((n, 3)),
-        dashpot=dashpot_polynomial(ratio),
-        room=np.zeros(1),
-        trouble=np.zeros(1, np.int64),
-    )
-
-
-def dashpot_polynomial(ratio: float) -> np.ndarray:
-    """Dashpot over spring of a contact, times its swing in a step (rad), as a polynomial (8,) in that swing; the last
-    of the nine numbers is the greatest swing that it holds for, well within what is stable.
-
-    The equation of `frequencies.stepped_dashpots`, by its parameter s.
-    """
-    s = np.linspace(1e-3, 2.0, 2000)
-    decay, damped = np.exp(-ratio * s), np.sqrt(1.0 - ratio * ratio)
-    swing = np.sqrt(1.0 + decay**2 - 2.0 * decay * np.cos(damped * s))
-    peak = int(np.argmax(swing))
-    greatest = min(COARSE, 0.8 * swing[peak])
-    held = slice(0, np.searchsorted(swing[: peak + 1], greatest))
-    fit = np.polynomial.polynomial.polyfit(swing[held], (1.0 - decay[held] ** 2) / swing[held], 7)
-    return np.append(fit, greatest)
-
-
-def contact_time_step(assembly, damping: float) -> float:
-    """Greatest stable time step (s) for a block that lies on any one of its faces with the stiffest law of the scene.
-
-    Two free blocks of one size that lie on each other swing with twice the square of that frequency.
-    """
-    laws = assembly.laws.all
-    k_n, k_s = max(law.normal_stiffness for law in laws), max(law.shear_stiffness for law in laws)
-    free = np.flatnonzero(~assembly.fixed)
-    known: dict[tuple[int, float], float] = {}
-    for block in free.tolist():
-        key = (id(assembly.shapes[block]), float(assembly.mass[block]))
-        if key not in known:
-            known[key] = max(
-                _fastest(part, number, place, k_n, k_s, assembly.mass[block], assembly.inertia[block])
-                for place, part in parts_of(assembly.shapes[block])
-                for number in range(len(part.faces))
-            )
-    spring = max(known.values()) * (2.0 if len(free) > 1 else 1.0)
-    dashpot = 2.0 * damping * np.sqrt(spring)
-    return float((np.sqrt(dashpot**2 + 4.0 * spring) - dashpot) / spring)
-
-
-def _fastest(part: Polyhedron, number: int, place, k_n: float, k_s: float, mass: float, inertia) -> float:
-    """Square of the greatest frequency (1/s2) of a block that lies with a face of a part on something fixed."""
-    normal = part.face_normals[number]
-    first = part.edge_axes[int(np.argmin(np.abs(part.edge_axes @ normal)))]
-    axes = np.stack([first, np.cross(normal, first), normal])
-    corners = (place + part.vertices[list(part.faces[number])]) @ axes.T
-    area, x, y = polygons.area_and_centroid(corners[:, :2])
-    yy, xx, xy = polygons.second_moments(corners[:, :2] - (x, y))
-    arm = np.array([x, y, corners[0, 2]])
-    stiffness = np.zeros((6, 6))
-    stiffness[:3, :3] = np.diag([k_s, k_s, k_n]) * area
-    stiffness[3:, 3:] = np.array([[k_n * yy, -k_n * xy, 0.0], [-k_n * xy, k_n * xx, 0.0], [0.0, 0.0, k_s * (xx + yy)]])
-    # the face moves by u + r x arm
-    root = np.linalg.cholesky(np.linalg.inv(axes @ inertia @ axes.T))
-    to_face = np.zeros((6, 6))
-    to_face[:3, :3] = np.eye(3) / np.sqrt(mass)
-    to_face[3:, 3:] = root
-    to_face[:3, 3:] = np.cross(root, arm[:, None], axis=0)
-    return float(np.linalg.eigvalsh(to_face.T @ stiffness @ to_face)[-1])
 
 
 @dataclass

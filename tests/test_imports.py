@@ -37,6 +37,7 @@ FLOORS = {
     7: ["assembly", "simulation"],
     7.1: ["moving_state", "driving"],
     7.2: ["moving_polygons", "frequencies", "pushing"],
+    7.3: ["touching_state"],
     8: ["session", "stability", "certificate", "elastic"],
     8.5: ["meetings"],
     9: ["recorder", "snapshots", "yield_point", "dynamics"],

@@ -10,11 +10,11 @@ from dembrick.kernels.bodies import Bodies
 from dembrick.kernels.laws import no_tension
 from dembrick.kernels.moving_joints import Links
 from dembrick.kernels.touching import CROWDED, DEEP, TOUCHED, clear_applied, returned, touch
-from dembrick.meetings import parts_table, scratch_for, touching_pairs
 from dembrick.model import JointLaw
 from dembrick.neighbours import bodies_of, overlap_depths
 from dembrick.polyhedra import hull, prism
 from dembrick.shapes import box, quaternion_product, rotation_matrix, unit_quaternion
+from dembrick.touching_state import parts_table, scratch_for, touching_pairs
 
 K_N, K_S = 1e10, 4e9
 BLOCK = box((0.3, 0.2, 0.1))
