@@ -37,9 +37,9 @@ from dembrick.session import Observer, Plan, Session, Snapshot
 from dembrick.simulation import State, block_stiffness, initial_state, load_vectors, new_energy
 from dembrick.stability import Dashpots, block_inertia, critical_time_step, dashpots
 from dembrick.state import Energy, Inertia
-from dembrick.steadiness import steady
+from dembrick.steadiness import refuse_unsound, steady
 from dembrick.stepping import Loop, Stepper
-from dembrick.yield_point import YieldPoint, read_off
+from dembrick.yield_point import YieldPoint, joint_reach, read_off
 
 # Numerical choices; answers do not depend on them beyond the tolerance, and a test says so.
 VISCOUS = 0.5  # dashpot force over spring force for the same increment, in contacts and jack, while searching
@@ -187,7 +187,8 @@ def push_at_constant_rate(
 
     The bracket is what the record allows: strict at any rate, as narrow as the rate lets it be. Where it is not strict,
     V is the mean load of the last quarter of the travel. Raises DivergedError, and NotConvergedError where the dead
-    loads alone bring the blocks down, or where the load of an uncertified test still rises or swings at the end.
+    loads alone bring the blocks down, where the load of an uncertified test still rises or swings at the end, or where
+    that of a slow certified one swings wildly or stays far below its bracket.
     """
     session = Session.of(session)
     setup = _Setup(assembly, tolerance=0.0, session=session)
@@ -226,7 +227,11 @@ def push_at_constant_rate(
     refuse_divergence(status, assembly, state, loop.step, dt, critical)
     chosen = {"rate": rate, "inertia": "physical"}
     replay = setup.replay(True, loop, critical, compiled, setup.settings(drive) | chosen)
-    if not setup.certificate.strict:
+    if setup.certificate.strict:
+        slip = replay.yield_point.V_lower * setup.compliance / setup.weight
+        pace = rate * critical / slip if slip > 0.0 else math.inf
+        refuse_unsound(replay.yield_point, guard, pace, float(joint_reach(state).max()))
+    else:
         replay.yield_point = steady(replay.yield_point, guard, least=1e-3 * setup.dead_strength())
     return replay
 

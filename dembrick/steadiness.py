@@ -17,7 +17,41 @@ from dembrick.yield_point import YieldPoint
 
 STEADY = 1e-2  # of the mean load: swing (rms) and missing growth that are let pass
 MISSING = 5.5  # times the growth from the third to the last quarter: what 1 - c/sqrt(u) still lacks
+SLOW = 0.1  # elastic slips per critical time step: a head that is no faster cannot make a load swing
+NEAR = 1e-2  # of the joint's reach: a block that has moved no further is where its limit load is defined
+WILD = 0.1  # of the load: a swing (rms), or a want of load, that no slow test of a sound integration has
 FEWEST = 8  # stretches of the travel that must have been summed
+
+
+def _swing(guard: Guard) -> float:
+    """Root mean square (N) of the load about its trend over the second half of the travel."""
+    steps, mean, square = guard.load[guard.load[:, 0] > 0.0].T
+    mean, square = mean / steps, square / steps
+    done = (np.cumsum(steps) - 0.5 * steps) / steps.sum()
+    half = done > 0.5
+    trend = np.polyval(np.polyfit(done[half], mean[half], 1), done[half])
+    # mean of (V - trend)^2 over each stretch
+    spread = square[half] - 2.0 * mean[half] * trend + trend**2
+    return float(np.sqrt(max(np.average(spread, weights=steps[half]), 0.0)))
+
+
+def refuse_unsound(point: YieldPoint, guard: Guard, pace: float, reach: float) -> None:
+    """NotConvergedError where the curve of a slow certified test is none: its load swings, or stays below the bracket.
+
+    ``pace``: elastic slips of the head per critical time step, ``reach`` (m) of the joint. A fast test may swing, and a
+    block that has moved far may carry less; the bracket of the start holds all the same.
+    """
+    steps, mean = guard.load[guard.load[:, 0] > 0.0].T[:2]
+    if pace > SLOW or point.displacement > NEAR * reach or len(steps) < FEWEST:
+        return
+    late = np.cumsum(steps) > 0.5 * steps.sum()
+    load, swing, allowed = float(mean[late].sum() / steps[late].sum()), _swing(guard), WILD * point.V_lower
+    if not (swing <= allowed and load >= point.V_lower - allowed):
+        raise NotConvergedError(
+            f"over the second half of a slow test V swings by {swing:.3g} N (rms) about {load:.6g} N, and is at least "
+            f"{point.V_lower:.6g} N at the limit: the time step does not resolve this motion; lower solver.step_factor",
+            point,
+        )
 
 
 def steady(point: YieldPoint, guard: Guard, least: float) -> YieldPoint:
@@ -30,15 +64,11 @@ def steady(point: YieldPoint, guard: Guard, least: float) -> YieldPoint:
         raise NotConvergedError(
             f"{int(steps.sum())} steps are too few to tell whether the load is steady; lengthen control.travel", point
         )
-    mean, square = mean / steps, square / steps
+    mean, swing = mean / steps, _swing(guard)
     done = (np.cumsum(steps) - 0.5 * steps) / steps.sum()
     last, half = done > 0.75, done > 0.5
     V = float(np.average(mean[last], weights=steps[last]))
     growth = V - float(np.average(mean[half & ~last], weights=steps[half & ~last]))
-    trend = np.polyval(np.polyfit(done[half], mean[half], 1), done[half])
-    # mean of (V - trend)^2 over each stretch
-    spread = square[half] - 2.0 * mean[half] * trend + trend**2
-    swing = float(np.sqrt(max(np.average(spread, weights=steps[half]), 0.0)))
     above = None if point.V_upper is None else max(point.V_upper, V)
     point = replace(point, V=V, V_lower=min(point.V_lower, V), V_upper=above)
     allowed = STEADY * max(abs(V), least)

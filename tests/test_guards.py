@@ -14,7 +14,7 @@ from dembrick.kernels import guard as kernel
 from dembrick.kernels.advance import DIVERGED, RUNAWAY, RUNNING
 from dembrick.lab import lab_scenario
 from dembrick.simulation import initial_state
-from dembrick.steadiness import STEADY, steady
+from dembrick.steadiness import STEADY, refuse_unsound, steady
 from dembrick.yield_point import YieldPoint
 
 
@@ -172,3 +172,22 @@ def test_an_uncertified_test_that_ends_on_the_way_up_has_no_limit_load():
         replay.push_at_constant_rate(built, 1e-4, 3e-7, 0.9)
     point = replay.push_at_constant_rate(built, 1e-4, 5e-5, 0.9).yield_point
     assert point.bracket != "certified" and point.V == pytest.approx(252.0031, rel=1e-3)
+
+
+CERTIFIED = dataclasses.replace(POINT, V=100.0, V_lower=99.0, V_upper=101.0, bracket="certified", displacement=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("mean", "swing", "stops"), [(99.0, 0.0, False), (92.0, 5.0, False), (88.5, 0.0, True), (99.0, 10.5, True)]
+)
+def test_a_slow_certified_test_carries_what_its_bracket_says(built, mean, swing, stops):
+    """A load that stays below the certified one, or swings, is refused; not that of a fast test or of a far travel."""
+    guard = new_guard(built, initial_state(built), 1000)
+    guard.load[:20] = [10.0, 10.0 * mean, 10.0 * (mean**2 + swing**2)]
+    refuse_unsound(CERTIFIED, guard, 1.0, 0.18)
+    refuse_unsound(dataclasses.replace(CERTIFIED, displacement=0.01), guard, 0.01, 0.18)
+    if stops:
+        with pytest.raises(NotConvergedError, match="at the limit"):
+            refuse_unsound(CERTIFIED, guard, 0.01, 0.18)
+    else:
+        refuse_unsound(CERTIFIED, guard, 0.01, 0.18)
