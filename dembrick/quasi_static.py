@@ -92,7 +92,7 @@ class _Follower:
         self.compliance = float(self.trial.load @ self.answer)
         self.seated = 0.0
         if recorder is not None:
-            self.seated = elastic_energy(state.blocks, state.joints, state.points, state.areas)
+            self.seated = elastic_energy(state.joints, state.points, state.areas, None)
         self.seated_at = state.blocks.displacement.copy()
         self.session, self.turn_began = session, {}
         self.search.pause = lambda: session.pause(self, within=True)
@@ -340,7 +340,7 @@ class _Follower:
         lower, upper = self.certificate.bracket
         energy = record.energy[record.count[0]]
         energy[:] = 0.0
-        energy[ELASTIC] = elastic_energy(state.blocks, state.joints, state.points, state.areas) - self.seated
+        energy[ELASTIC] = elastic_energy(state.joints, state.points, state.areas, None) - self.seated
         if number:
             energy[EXTERNAL], energy[FRICTION] = self.way.external, self.way.friction
         write_row(

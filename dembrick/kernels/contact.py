@@ -8,7 +8,7 @@ opening and the tilts. It returns N and the action on b: V_1, V_2, M_T, M_1, M_2
 from numpy import uint64
 
 from dembrick._jit import jit
-from dembrick.kernels.laws import coulomb, no_tension, squared_penetration
+from dembrick.kernels.laws import coulomb, no_tension
 from dembrick.kernels.limit_surface import proximal_map, surface
 from dembrick.kernels.pressed import follow_pressure
 
@@ -256,11 +256,3 @@ def area_dissipation(areas, a, normal, q1, q2, qr):
         qr / size,
     )[0]
     return areas.friction[a] * normal * size * d
-
-
-@jit
-def area_normal_energy(areas, a, dn, r1, r2):
-    """Elastic energy (J) of the normal action of joint ``a``: half the integral of k_n <penetration>+ squared."""
-    return 0.5 * areas.k_n[a] * squared_penetration(
-        areas.x, areas.y, areas.start[a], areas.start[a + 1], -dn, r2, -r1
-    )  # fmt: skip

@@ -8,7 +8,6 @@ or closes within a step, and, in finite motion, the turning of the geometry with
 from numpy import uint64
 
 from dembrick._jit import jit
-from dembrick.kernels.contact import area_normal_energy
 
 KINETIC, ELASTIC, JACK_SPRING, EXTERNAL, FRICTION, DASHPOTS = range(6)
 
@@ -38,29 +37,40 @@ def add_dead_torque_work(work, turned, blocks, dt):
 def open_books(energy, blocks, joints, points, areas):
     """Note what there is at the start; blocks at rest."""
     if energy is not None:
-        energy.start[0] = elastic_energy(blocks, joints, points, areas)
+        energy.start[0] = elastic_energy(joints, points, areas, None)
         energy.start[1] = dead_force_work(blocks)
 
 
 @jit
-def elastic_energy(blocks, joints, points, areas):
-    """Energy (J) in the springs of all joints now."""
+def normal_energy(joints, j, dash):
+    """Energy (J) in the normal springs of joint ``j``: half their resultant times its opening and tilts.
+
+    That is half the sum, or integral, of k_n <g>+ squared, since <g>+ squared is <g>+ g and g is linear over the joint.
+    The springs carry N, M_1, M_2 less what the dashpots do (``dash``; None where there are none).
+    """
+    now = joints.resultant[j]
+    seen = joints.opening[j]
+    twice = now[4] * seen[1] + now[5] * seen[2] - now[0] * seen[0]
+    if dash is not None:
+        twice -= dash[j, 4] * seen[1] + dash[j, 5] * seen[2] - dash[j, 3] * seen[0]
+    return 0.5 * twice
+
+
+@jit
+def elastic_energy(joints, points, areas, dash):
+    """Energy (J) in the springs of all joints now; ``dash`` as in `normal_energy`."""
     total = 0.0
     if points is not None:
-        pressed = sheared_1 = sheared_2 = 0.0
         for p in range(points.joint.size):
-            seen = joints.opening[points.joint[p]]
+            sheared_1 = sheared_2 = 0.0
             for i in range(uint64(points.start[p]), uint64(points.start[p + 1])):
-                penetration = max(-(seen[0] + seen[1] * points.y_n[i] - seen[2] * points.x_n[i]), 0.0)
                 softness = 1.0 / points.k_s[i]
-                pressed += points.k_n[i] * penetration * penetration
                 sheared_1 += points.elastic_1[i] * points.elastic_1[i] * softness
                 sheared_2 += points.elastic_2[i] * points.elastic_2[i] * softness
-        total += 0.5 * (pressed + sheared_1 + sheared_2)
+            total += normal_energy(joints, points.joint[p], dash) + 0.5 * (sheared_1 + sheared_2)
     if areas is not None:
         for a in range(areas.joint.size):
-            seen = joints.opening[areas.joint[a]]
-            total += area_normal_energy(areas, a, seen[0], seen[1], seen[2])
+            total += normal_energy(joints, areas.joint[a], dash)
             k_t = areas.k_s[a] * areas.area[a]
             k_r = areas.k_s[a] * (areas.second[a, 0] + areas.second[a, 1])
             e = areas.elastic[a]
@@ -79,17 +89,11 @@ def kinetic_energy(blocks, scaled, inertia, dt):
         if scaled is not None:
             m = scaled.matrix[b]
             for i in range(3):
+                push = twist = 0.0
                 for k in range(3):
-                    total += (
-                        0.5
-                        * blocks.velocity[b, i]
-                        * (m[i, k] * blocks.velocity[b, k] + m[i, k + 3] * blocks.spin[b, k])
-                    )
-                    total += (
-                        0.5
-                        * blocks.spin[b, i]
-                        * (m[i + 3, k] * blocks.velocity[b, k] + m[i + 3, k + 3] * blocks.spin[b, k])
-                    )
+                    push += m[i, k] * blocks.velocity[b, k] + m[i, k + 3] * blocks.spin[b, k]
+                    twist += m[i + 3, k] * blocks.velocity[b, k] + m[i + 3, k + 3] * blocks.spin[b, k]
+                total += 0.5 * (blocks.velocity[b, i] * push + blocks.spin[b, i] * twist)
         if inertia is not None:
             for i in range(3):
                 total += 0.5 * inertia.mass[b] * blocks.velocity[b, i] ** 2
@@ -105,7 +109,7 @@ def balance(energy, blocks, joints, points, areas, jacks, drive, scaled, inertia
         weights += abs(jacks.weight[i])
     spring = jacks.drive[0] - jacks.drive[1]
     out[KINETIC] = kinetic_energy(blocks, scaled, inertia, dt)
-    out[ELASTIC] = elastic_energy(blocks, joints, points, areas) - energy.start[0]
+    out[ELASTIC] = elastic_energy(joints, points, areas, energy.dash) - energy.start[0]
     out[JACK_SPRING] = 0.5 * drive.stiffness * spring * spring * weights
     out[EXTERNAL] = energy.work[0] + energy.work[1] + (dead_force_work(blocks) - energy.start[1])
     out[FRICTION] = energy.work[2]

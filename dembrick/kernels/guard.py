@@ -34,7 +34,7 @@ class Guard(NamedTuple):
 def open_guard(guard, blocks, joints, points, areas):
     """Note what energy there is at the start; blocks at rest."""
     if guard is not None:
-        guard.start[0] = elastic_energy(blocks, joints, points, areas)
+        guard.start[0] = elastic_energy(joints, points, areas, None)
         guard.start[1] = guard.start[0] - dead_force_work(blocks)
 
 

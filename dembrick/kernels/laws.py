@@ -79,34 +79,3 @@ def no_tension(x, y, first, last, g0, gx, gy):
             moment_y += double * (pg * py + qg * qy + total * (y0 + py + qy)) / 24.0
         xa, ya, ga = xb, yb, gb
     return volume, moment_x, moment_y
-
-
-@jit
-def squared_penetration(x, y, first, last, g0, gx, gy):
-    """Integral over a polygon of <g>+ squared for g = g0 + gx x + gy y, by the same fan of triangles, or about O."""
-    slope = gx * gx + gy * gy
-    closed = True
-    for i in range(first, last):
-        closed = closed and g0 + gx * x[i] + gy * y[i] >= 0.0
-    x0 = y0 = 0.0
-    apex = g0
-    if not closed:
-        if slope == 0.0:
-            return 0.0
-        x0 = -g0 * gx / slope
-        y0 = -g0 * gy / slope
-        apex = 0.0
-    total = 0.0
-    xa = x[last - 1]
-    ya = y[last - 1]
-    ga = g0 + gx * xa + gy * ya
-    for i in range(first, last):
-        xb = x[i]
-        yb = y[i]
-        gb = g0 + gx * xb + gy * yb
-        if ga > 0.0 or gb > 0.0:
-            px, py, pg, qx, qy, qg = pressed_part(xa, ya, ga, xb, yb, gb)
-            double = (px - x0) * (qy - y0) - (py - y0) * (qx - x0)
-            total += double * (apex * apex + pg * pg + qg * qg + apex * pg + pg * qg + qg * apex) / 12.0
-        xa, ya, ga = xb, yb, gb
-    return total
