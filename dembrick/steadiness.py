@@ -23,16 +23,17 @@ WILD = 0.1  # of the load: a swing (rms), or a want of load, that no slow test o
 FEWEST = 8  # stretches of the travel that must have been summed
 
 
-def _swing(guard: Guard) -> float:
-    """Root mean square (N) of the load about its trend over the second half of the travel."""
+def _late(guard: Guard) -> tuple[float, float]:
+    """Over the second half of the travel: swing of the load about its linear trend (rms), and the trend's end (N)."""
     steps, mean, square = guard.load[guard.load[:, 0] > 0.0].T
     mean, square = mean / steps, square / steps
     done = (np.cumsum(steps) - 0.5 * steps) / steps.sum()
     half = done > 0.5
-    trend = np.polyval(np.polyfit(done[half], mean[half], 1), done[half])
+    line = np.polyfit(done[half], mean[half], 1)
+    trend = np.polyval(line, done[half])
     # mean of (V - trend)^2 over each stretch
     spread = square[half] - 2.0 * mean[half] * trend + trend**2
-    return float(np.sqrt(max(np.average(spread, weights=steps[half]), 0.0)))
+    return float(np.sqrt(max(np.average(spread, weights=steps[half]), 0.0))), float(np.polyval(line, 1.0))
 
 
 def refuse_unsound(point: YieldPoint, guard: Guard, pace: float, reach: float) -> None:
@@ -41,15 +42,14 @@ def refuse_unsound(point: YieldPoint, guard: Guard, pace: float, reach: float) -
     ``pace``: elastic slips of the head per critical time step, ``reach`` (m) of the joint. A fast test may swing, and a
     block that has moved far may carry less; the bracket of the start holds all the same.
     """
-    steps, mean = guard.load[guard.load[:, 0] > 0.0].T[:2]
-    if pace > SLOW or point.displacement > NEAR * reach or len(steps) < FEWEST:
+    if pace > SLOW or point.displacement > NEAR * reach or np.count_nonzero(guard.load[:, 0]) < FEWEST:
         return
-    late = np.cumsum(steps) > 0.5 * steps.sum()
-    load, swing, allowed = float(mean[late].sum() / steps[late].sum()), _swing(guard), WILD * point.V_lower
+    (swing, load), allowed = _late(guard), WILD * point.V_lower
     if not (swing <= allowed and load >= point.V_lower - allowed):
         raise NotConvergedError(
-            f"over the second half of a slow test V swings by {swing:.3g} N (rms) about {load:.6g} N, and is at least "
-            f"{point.V_lower:.6g} N at the limit: the time step does not resolve this motion; lower solver.step_factor",
+            f"over the second half of a slow test V swings by {swing:.3g} N (rms) towards {load:.6g} N, and at least "
+            f"{point.V_lower:.6g} N is carried at the limit: the time step does not resolve this motion; "
+            "lower solver.step_factor",
             point,
         )
 
@@ -64,7 +64,7 @@ def steady(point: YieldPoint, guard: Guard, least: float) -> YieldPoint:
         raise NotConvergedError(
             f"{int(steps.sum())} steps are too few to tell whether the load is steady; lengthen control.travel", point
         )
-    mean, swing = mean / steps, _swing(guard)
+    mean, swing = mean / steps, _late(guard)[0]
     done = (np.cumsum(steps) - 0.5 * steps) / steps.sum()
     last, half = done > 0.75, done > 0.5
     V = float(np.average(mean[last], weights=steps[last]))
