@@ -22,6 +22,8 @@ from typing import NamedTuple
 from numpy import ndarray
 
 from dembrick._jit import jit
+from dembrick.kernels.laws import pressed_part
+from dembrick.kernels.pressed import cut
 from dembrick.kernels.vec3 import columns_times, cross, rows_times
 
 SAME = 1e-12  # |n_i - n_j|^2 below which two faces look the same way and have no plane between them
@@ -54,8 +56,8 @@ class Scratch(NamedTuple):
     turn: ndarray  # (3, 3) from the axes of B's block to those of A's
     x: ndarray  # (c,) m, corners of all patches in their planes, counter-clockwise about the normal
     y: ndarray  # (c,) m
-    spare_x: ndarray  # (2 F + 8,) m, where a polygon is cut
-    spare_y: ndarray  # (2 F + 8,) m
+    spare_x: ndarray  # (c,) m, where a polygon is cut
+    spare_y: ndarray  # (c,) m
     start: ndarray  # (q + 1,) int64, first corner of each patch
     frame: ndarray  # (q, 3, 4) axes t1, t2, n of each patch as rows, n from A to B; last column: its origin (m)
     depth: ndarray  # (q, 4) penetration at the origin (m), its slopes along t1 and t2; last: |n_i - n_j|/2
@@ -122,43 +124,6 @@ def near_faces(scratch, first, count, from_vertex, vertices, depth):
                 scratch.face[first] = f
             found += 1
     return found
-
-
-@jit
-def cut(scratch, first, count, q0, q1, q2):
-    """Keep what has q0 + q1 x + q2 y >= 0 of the ``count`` corners from ``first``; returns how many are left."""
-    x = scratch.x
-    y = scratch.y
-    outside = 0
-    for k in range(first, first + count):
-        if q0 + q1 * x[k] + q2 * y[k] < 0.0:
-            outside += 1
-    if outside == 0:
-        return count
-    if outside == count:
-        return 0
-    kept = 0
-    xa = x[first + count - 1]
-    ya = y[first + count - 1]
-    qa = q0 + q1 * xa + q2 * ya
-    for k in range(first, first + count):
-        xb = x[k]
-        yb = y[k]
-        qb = q0 + q1 * xb + q2 * yb
-        if (qa < 0.0) != (qb < 0.0):
-            s = qa / (qa - qb)
-            scratch.spare_x[kept] = xa + s * (xb - xa)
-            scratch.spare_y[kept] = ya + s * (yb - ya)
-            kept += 1
-        if qb >= 0.0:
-            scratch.spare_x[kept] = xb
-            scratch.spare_y[kept] = yb
-            kept += 1
-        xa, ya, qa = xb, yb, qb
-    for k in range(kept):
-        x[first + k] = scratch.spare_x[k]
-        y[first + k] = scratch.spare_y[k]
-    return kept
 
 
 @jit
@@ -303,7 +268,7 @@ def contact_surface(parts, bodies, a, b, scratch):
             y[used + 2] = half
             x[used + 3] = -half
             y[used + 3] = half
-            count = cut(scratch, used, 4, g0, gx, gy)
+            count = cut(scratch, used, 4, gx, gy, g0, 0.0)
             for k in range(near_a + near_b):
                 if count == 0:
                     break
@@ -321,8 +286,8 @@ def contact_surface(parts, bodies, a, b, scratch):
                     d3 = h[2] - f[2]
                     count = cut(
                         scratch, used, count,
-                        d1 * c1 + d2 * c2 + d3 * c3 - (scratch.offset[own] - scratch.offset[other]),
                         d1 * u1 + d2 * u2 + d3 * u3, d1 * w1 + d2 * w2 + d3 * w3,
+                        d1 * c1 + d2 * c2 + d3 * c3 - (scratch.offset[own] - scratch.offset[other]), 0.0,
                     )  # fmt: skip
             if count < 3:
                 continue
@@ -366,15 +331,14 @@ def positive_part(x, y, first, last, p0, px, py):
         most = max(most, p)
     if most <= 0.0:
         return 0.0, 0.0, 0.0
-    if least >= 0.0:  # the fan from the first corner
-        x0 = y0 = f0 = 0.0
-    else:  # the fan from a point of the line p = 0, so that the cut itself adds nothing
+    x0 = y0 = 0.0
+    apex = p0  # the fan from the first corner
+    if least < 0.0:  # or from a point of the line p = 0, so that the cut itself adds nothing
         slope2 = px * px + py * py
         x0 = -p0 * px / slope2
         y0 = -p0 * py / slope2
-        f0 = 0.0
+        apex = 0.0
     total = moment_x = moment_y = 0.0
-    apex = p0 if least >= 0.0 else f0
     xa = x[last - 1]
     ya = y[last - 1]
     pa = p0 + px * xa + py * ya
@@ -383,17 +347,7 @@ def positive_part(x, y, first, last, p0, px, py):
         yb = y[k]
         pb = p0 + px * xb + py * yb
         if pa > 0.0 or pb > 0.0 or least >= 0.0:
-            x1, y1, p1, x2, y2, p2 = xa, ya, pa, xb, yb, pb
-            if pa < 0.0 and least < 0.0:
-                s = pa / (pa - pb)
-                x1 = xa + s * (xb - xa)
-                y1 = ya + s * (yb - ya)
-                p1 = 0.0
-            elif pb < 0.0 and least < 0.0:
-                s = pa / (pa - pb)
-                x2 = xa + s * (xb - xa)
-                y2 = ya + s * (yb - ya)
-                p2 = 0.0
+            x1, y1, p1, x2, y2, p2 = pressed_part(xa, ya, pa, xb, yb, pb)
             double = (x1 - x0) * (y2 - y0) - (y1 - y0) * (x2 - x0)
             mean = apex + p1 + p2
             total += double * mean / 6.0

@@ -45,10 +45,11 @@ _WEIGHTS = (
 
 
 @jit
-def cut(pressed, first, count, nx, ny, d, slack):
-    """Keep what has nx x + ny y + d >= 0 of the convex polygon of ``count`` corners; returns how many it has then."""
-    x = pressed.x
-    y = pressed.y
+def cut(room, first, count, nx, ny, d, slack):
+    """Keep what has nx x + ny y + d >= -slack of the convex polygon of ``count`` corners from ``first`` in ``room``
+    (x, y, spare_x, spare_y); returns how many it has then."""
+    x = room.x
+    y = room.y
     least = d + nx * x[first] + ny * y[first]
     for i in range(first + 1, first + count):
         least = min(least, d + nx * x[i] + ny * y[i])
@@ -64,17 +65,17 @@ def cut(pressed, first, count, nx, ny, d, slack):
         db = d + nx * xb + ny * yb
         if (da < -slack) != (db < -slack):
             t = min(max(da / (da - db), 0.0), 1.0)
-            pressed.spare_x[kept] = xa + t * (xb - xa)
-            pressed.spare_y[kept] = ya + t * (yb - ya)
+            room.spare_x[kept] = xa + t * (xb - xa)
+            room.spare_y[kept] = ya + t * (yb - ya)
             kept += 1
         if db >= -slack:
-            pressed.spare_x[kept] = xb
-            pressed.spare_y[kept] = yb
+            room.spare_x[kept] = xb
+            room.spare_y[kept] = yb
             kept += 1
         xa, ya, da = xb, yb, db
     for i in range(first, kept):
-        x[i] = pressed.spare_x[i]
-        y[i] = pressed.spare_y[i]
+        x[i] = room.spare_x[i]
+        y[i] = room.spare_y[i]
     return kept - first
 
 
