@@ -241,7 +241,7 @@ def dembrick(*arguments, code="import sys; from dembrick.cli import main; sys.ex
 
 def wait_for(condition, child, what):
     """Wait until ``condition`` holds while the child lives."""
-    deadline = time.monotonic() + 120
+    deadline = time.monotonic() + 600
     while not condition():
         assert child.poll() is None, f"the child ended before {what}: {child.stderr.read()}"
         assert time.monotonic() < deadline, what
