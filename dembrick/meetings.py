@@ -104,6 +104,11 @@ class Meetings:
             "normal": touching.normal[on],
         }
 
+    @property
+    def carrying(self) -> int:
+        """How many new contacts carry a force now."""
+        return 0 if self.touching is None else int(np.count_nonzero(self.touching.normal > 0.0))
+
     def left_to_joints(self) -> np.ndarray:
         """Share (j,) of its force that each joint still carries, beside the contact that takes over from it."""
         share = np.where(self.retired, 0.0, 1.0)

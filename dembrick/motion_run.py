@@ -301,6 +301,7 @@ class _Recorder:
             "actuator_displacement": np.zeros((1, 0)),
             "actuator_force": np.zeros((1, 0)),
             "energy": {},
+            "new_contacts": np.array([float(moving.meetings.carrying)]),
         }
         watched = moving.assembly.control_points
         if watched.names:

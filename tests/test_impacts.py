@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 import pytest
 
-from dembrick import dynamics, interruption
+from dembrick import dynamics, history, interruption
 from dembrick.controls import BaseMotionControl, DynamicControl, Pulse
 from dembrick.errors import NotConvergedError
 from dembrick.interruption import Interrupted
@@ -311,3 +311,15 @@ def test_threads_change_no_bit(monkeypatch):
     monkeypatch.setattr(dynamics, "MANY", 1)
     together = simulate(collapse())
     assert together.displacement.tobytes() == alone.displacement.tobytes()
+
+
+def test_a_history_counts_new_contacts(tmp_path):
+    """A block falls 5 mm on the floor and stays there: no new contact on the way down, one when it has landed."""
+    made = scene(DynamicControl(0.15, 0.2), FLOOR, block(0.005), stiffness=1e8, output=Output(("frames",), 50, 10))
+    result = simulate(made, history=tmp_path / "run.h5")
+    with history.read(result.history) as file:
+        time, count = file.time, file.new_contacts
+        assert file.series("new_contacts").shape == file.time.shape
+    landing = math.sqrt(2.0 * 0.005 / G)
+    assert (count[time < 0.95 * landing] == 0.0).all()
+    assert count[-1] == 1.0

@@ -67,7 +67,7 @@ class History:
         self.n_joint = guard.dataset(self._file, "geometry/joints/blocks", "integer", (None, 3)).shape[0]
         self.n_actuator = guard.dataset(self._file, "geometry/actuators/name", "text", (None,)).shape[0]
         tails = dict.fromkeys(("time", "load", "displacement", "unbalanced"), ())
-        tails |= {name: () for name in ("lower", "upper") if name in found}
+        tails |= {name: () for name in ("lower", "upper", "new_contacts") if name in found}
         tails |= dict.fromkeys(("actuator_displacement", "actuator_force"), (self.n_actuator,))
         if "control_point" in found:
             self.n_control_point = guard.dataset(self._file, "geometry/control_points/name", "text", (None,)).shape[0]
@@ -223,6 +223,11 @@ class History:
     def energy(self) -> dict[str, np.ndarray]:
         """Energies by name, each (T,) J."""
         return {name: self.series(f"energy/{name}") for name in self.energy_names}
+
+    @cached_property
+    def new_contacts(self) -> np.ndarray:
+        """(T,): how many contacts formed since the start carry a force; nought in runs that know none."""
+        return self.series("new_contacts") if "history/new_contacts" in self._series else np.zeros(self.n_row)
 
     @cached_property
     def control_point(self) -> np.ndarray:
