@@ -97,17 +97,19 @@ def dashpots(state: State, inertia: np.ndarray, jack: np.ndarray) -> Dashpots:
     """
     joints, free = state.joints, state.blocks.free
     alone = block_stiffness(state, shared=1.0)
+    moves = np.zeros(len(inertia), bool)
+    moves[free] = True
     lower = np.zeros_like(inertia)
     lower[free] = np.linalg.inv(np.linalg.cholesky(inertia[free]))
     squares = np.zeros(len(joints.block_a))
     stiffness = joint_stiffness(state)
     for side, arm in ((joints.block_a, joints.arm_a), (joints.block_b, joints.arm_b)):
-        mine = np.flatnonzero(np.isin(side, free))
+        mine = np.flatnonzero(moves[side])
         there = to_joint(joints.axes[mine], arm[mine])
         own = np.swapaxes(there, 1, 2) @ stiffness[mine] @ there + jack[side[mine]]
         squares[mine] = np.maximum(squares[mine], _greatest_eigenvalues(lower[side[mine]], own))
     times = 2.0 * DAMPING_RATIO / np.sqrt(np.where(squares > 0.0, squares, np.inf))
-    loaded = np.intersect1d(state.jacks.block, free)
+    loaded = state.jacks.block[moves[state.jacks.block]]
     square = _greatest_eigenvalues(lower[loaded], alone[loaded] + jack[loaded]).max()
     jack_time = 2.0 * DAMPING_RATIO / math.sqrt(square)
     k = greatest_frequency(state, inertia, alone, jack) ** 2

@@ -12,7 +12,7 @@ import sys
 from dembrick import __version__
 from dembrick.errors import DembrickError
 
-GARBAGE = 100_000  # new objects before a look for garbage: importing and loading kernels makes none
+GARBAGE = 400_000  # new objects before a look for garbage: importing and loading kernels makes none
 VERBS = {
     "lab": "replay the four laboratory tests for all formulations and print Table 3",
     "run": "run a scenario",

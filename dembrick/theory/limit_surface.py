@@ -14,6 +14,7 @@ Everything is vectorised over twists: q has shape (k, 3), or (3,) for one.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import cache
 from typing import Protocol
 
 import numpy as np
@@ -67,6 +68,13 @@ class _Law:
         q = np.asarray(twist, float)
         D, G, H = self.derivatives(q.reshape(-1, 3))
         return D.reshape(q.shape[:-1]), G.reshape(q.shape), H.reshape(*q.shape, 3)
+
+
+@cache
+def _gauss(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Points and weights of the Gauss rule from 0 to 1."""
+    x, weight = np.polynomial.legendre.leggauss(count)
+    return (x + 1.0) / 2.0, weight / 2.0
 
 
 def _sum_over_points(
@@ -151,9 +159,7 @@ class PolygonLaw(_Law):
 
     def _far_rule(self, start: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Points (about O) and signed weights of a Gauss rule on the triangles from the middle to the edges."""
-        xi, w_xi = np.polynomial.legendre.leggauss(12)
-        eta, w_eta = np.polynomial.legendre.leggauss(10)
-        xi, w_xi, eta, w_eta = (xi + 1.0) / 2.0, w_xi / 2.0, (eta + 1.0) / 2.0, w_eta / 2.0
+        xi, w_xi, eta, w_eta = *_gauss(12), *_gauss(10)
         p, p_1 = start - self.middle, end - self.middle
         cross = p[:, 0] * p_1[:, 1] - p[:, 1] * p_1[:, 0]
         on_edge = p[:, None] + xi[:, None] * (p_1 - p)[:, None]
