@@ -59,7 +59,8 @@ def made_up(path: Path, n_block: int, n_frame: int, formulation: str, channels: 
             joint[..., 0] = 10.0 + above[a]
             joint[..., 2] = 0.6 * t[:, None] * joint[..., 0]
             joint[..., 3] = 0.02 * t[:, None] * joint[..., 0] * np.sin(np.arange(len(joints)))
-            rows = dict.fromkeys(("time", "load", "displacement", "unbalanced", "lower", "upper"), t)
+            names = ("time", "load", "displacement", "unbalanced", "lower", "upper", "new_contacts")
+            rows = dict.fromkeys(names, t)
             none = np.zeros((len(t), 0))
             writer.append(rows | {"actuator_displacement": none, "actuator_force": none, "joint": joint})
             angle = 0.5 * t[:, None] ** 2 * height * ~assembly.fixed
