@@ -1,14 +1,16 @@
-"""Stand-ins for an assembly, and records whose every number is known, for the tests of history files."""
+"""Stand-ins for an assembly, records whose every number is known, and what a reader must find of them."""
 
 from types import SimpleNamespace
 
 import numpy as np
 
+from dembrick import history, model
 from dembrick.attachments import NO_CONTROL_POINTS, ControlPoints
 
 SCENARIO = 'title = "two blocks, one joint"\ngravity = [0.0, 0.0, -9.81]\n'
 FACES = ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7))
 ENERGIES = ("kinetic", "friction", "work")
+RESULTS = {"title": "two blocks", "V": np.float64(216.05), "list": np.arange(2), "none": None}
 
 
 def shape(edges):
@@ -127,3 +129,42 @@ def motion(start, stop, n_block=2, n_point=4):
         "spin": -frame + 0.2 * axis + 10.0 * block,
         "contact_force": 100.0 * frame + axis + 0.01 * point,
     }
+
+
+def open_writer(path, blocks=None, **options):
+    return history.HistoryWriter(path, SCENARIO, blocks or assembly(), {"time_step": 1e-5}, **options)
+
+
+def finished(path, **options):
+    """A finished history of 20 rows and 4 frames at ``path``, with all channels."""
+    with open_writer(path, channels=model.CHANNELS, **options) as out:
+        out.append(record(0, 20))
+        out.append_frames(*frames(0, 4), **motion(0, 4))
+        out.finish("yield", RESULTS)
+    return path
+
+
+def check_rows(found, stop, n_joint=1, n_actuator=1):
+    """All series hold exactly rows 0 to stop of ``record``."""
+    expected = record(0, stop, n_joint, n_actuator)
+    assert found.n_row == stop
+    for name in ("time", "load", "displacement", "unbalanced", "actuator_displacement", "actuator_force"):
+        np.testing.assert_array_equal(getattr(found, name), expected[name], err_msg=name)
+    for name in ("lower", "upper"):
+        np.testing.assert_array_equal(found.series(name), expected[name], err_msg=name)
+    for i, name in enumerate(("N", "V_1", "V_2", "M_T", "M_1", "M_2", "slip")):
+        np.testing.assert_array_equal(found.joint(name), expected["joint"][:, :, i], err_msg=name)
+    assert set(found.energy) == set(ENERGIES)
+    for name, values in found.energy.items():
+        np.testing.assert_array_equal(values, expected["energy"][name], err_msg=name)
+
+
+def check_frames(found, stop, blocks):
+    """The frames are exactly 0 to stop of ``frames``."""
+    times, displacement, orientation = frames(0, stop, len(blocks.names))
+    assert found.n_frames == stop
+    np.testing.assert_array_equal(found.frame_time, times)
+    for k in range(stop):
+        np.testing.assert_array_equal(found.frame_displacement(k), displacement[k])
+        np.testing.assert_array_equal(found.frame_orientation(k), orientation[k])
+        np.testing.assert_array_equal(found.frame_position(k), blocks.position + displacement[k])
