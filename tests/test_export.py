@@ -1,8 +1,10 @@
 """Exports, read back by VTK's own reader and by meshio; every expected point is computed here by Rodrigues' formula."""
 
 import csv
+import importlib
 import os
 import xml.etree.ElementTree as ElementTree
+from pathlib import Path
 
 import history_cases as cases
 import numpy as np
@@ -394,3 +396,17 @@ def test_only_some_layers(tmp_path, capsys, only, names):
     assert sorted(os.listdir(tmp_path)) == sorted([*names, "run.h5"])
     with pytest.raises(ScenarioError, match="blocks, joints, contacts"):
         export.export(found, tmp_path / "x.vtkhdf", only=["block"])
+
+
+def test_the_benchmark_of_pictures_makes_up_histories_that_are_exported(tmp_path, monkeypatch):
+    """Its smallest walls, of every kind that it measures."""
+    monkeypatch.syspath_prepend(str(Path(__file__).parent.parent / "tools"))
+    bench = importlib.import_module("bench_pictures")
+    assert len(bench.WALLS) == 3
+    for name, (formulation, channels) in bench.WALLS.items():
+        path, target = tmp_path / f"{name}.h5", tmp_path / f"{name}.vtkhdf"
+        bench.made_up(path, 4, bench.CHUNK + 2, formulation, channels)
+        with history.read(path) as found:
+            assert found.n_frames == bench.CHUNK + 2 and found.meets_anew
+        assert main(["export", str(path), "--to", str(target), "--quiet"]) == 0
+        assert target.exists()

@@ -38,6 +38,11 @@ courses = {courses}
 blocks = {blocks}
 base = 0.1
 """
+WALLS = {  # what is exported: formulation and channels
+    "blocks only": ("convex", ("frames", "velocity")),
+    "convex joints": ("convex", ("joints", "frames")),
+    "four-point joints": ("concave", ("joints", "frames", "velocity", "contacts")),
+}
 CHUNK = 20  # frames written at a time
 
 
@@ -109,10 +114,8 @@ def main() -> None:
     options = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="dembrick-bench-") as folder:
         folder = Path(folder)
-        walls = [("blocks only", "convex", ("frames", "velocity")), ("convex joints", "convex", ("joints", "frames"))]
-        walls.append(("four-point joints", "concave", ("joints", "frames", "velocity", "contacts")))
         print(f"{'':44} {'clock':>9}  {'processor':>9}  {'memory':>9}  {'written':>11}")
-        for name, formulation, channels in walls:
+        for name, (formulation, channels) in WALLS.items():
             path, target = folder / "wall.h5", folder / "out.vtkhdf"
             made_up(path, options.blocks, options.frames, formulation, channels)
             row(f"export, {name}", ["export", str(path), "--to", str(target), "--quiet"], target, options.rounds)

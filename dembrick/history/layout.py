@@ -73,29 +73,20 @@ class Table:
     description: str
 
 
-def _control_of(scenario_text: str) -> Mapping:
-    """The control in the text of a scenario; empty where it drives jacks."""
-    if any(name in scenario_text for name in _LOADS):  # that of a search is not parsed once more
-        with suppress(tomllib.TOMLDecodeError):
-            return tomllib.loads(scenario_text).get("control", {})
-    return {}
-
-
 def load_of(scenario_text: str) -> tuple[str, str]:
     """Units and description of the load, by the kind of control in the text of a scenario."""
-    kind = _control_of(scenario_text).get("kind", "")
+    kind = ""
+    if any(name in scenario_text for name in _LOADS):  # that of a search is not parsed once more
+        with suppress(tomllib.TOMLDecodeError):
+            kind = tomllib.loads(scenario_text).get("control", {}).get("kind", "")
     return _LOADS.get(kind, ("N", "load multiplier V: the force of a jack of weight 1"))
 
 
-def meets_anew(scenario_text: str) -> bool:
-    """Whether the run of a scenario is one in real time, in which blocks part and meet anew."""
-    control = _control_of(scenario_text)
-    kind = control.get("kind", "")
-    return kind in _LOADS and not control.get("quasi_static", kind == "pushover")
-
-
-def fields(assembly, channels: Container[str], energy: Iterable[str], scenario_text: str = "") -> tuple[Field, ...]:
-    """The growing datasets of the channels (see ``model.Output``); ``energy``: names of the energies."""
+def fields(
+    assembly, channels: Container[str], energy: Iterable[str], scenario_text: str = "", meets_anew: bool = False
+) -> tuple[Field, ...]:
+    """The growing datasets of the channels (see ``model.Output``); ``energy``: names of the energies; ``meets_anew``:
+    whether blocks of the run can part and meet anew."""
     n_actuator, n_joint, n_block = len(assembly.actuators.names), len(assembly.joints), len(assembly.names)
     units, about_load = load_of(scenario_text)
     rows = [
@@ -108,7 +99,7 @@ def fields(assembly, channels: Container[str], energy: Iterable[str], scenario_t
         Field("history/lower", (), units, "lower bound of the limit load so far"),
         Field("history/upper", (), units, "upper bound of the limit load so far; 1e300 stands for none"),
     ]
-    if meets_anew(scenario_text):
+    if meets_anew:
         rows.append(Field("history/new_contacts", (), "1", "contacts formed since the start that carry a force now"))
     watched = len(assembly.control_points.names)
     if watched:

@@ -224,10 +224,15 @@ class History:
         """Energies by name, each (T,) J."""
         return {name: self.series(f"energy/{name}") for name in self.energy_names}
 
+    @property
+    def meets_anew(self) -> bool:
+        """Whether the run was one in real time, in which blocks part and meet anew."""
+        return "history/new_contacts" in self._series
+
     @cached_property
     def new_contacts(self) -> np.ndarray:
         """(T,): how many contacts formed since the start carry a force; nought in runs that know none."""
-        return self.series("new_contacts") if "history/new_contacts" in self._series else np.zeros(self.n_row)
+        return self.series("new_contacts") if self.meets_anew else np.zeros(self.n_row)
 
     @cached_property
     def control_point(self) -> np.ndarray:

@@ -39,8 +39,8 @@ class HistoryWriter:
     finished; the file itself is there from the start, unless it would take the place of a finished one. ``finish``
     makes the final file: exact lengths, compressed where that halves a long series. Until then the status is
     ``running``. ``resume`` goes on with a file that was left behind.
-    ``channels``: what is recorded (see ``model.Output``). ``energy``: names of the energies in the records, if known;
-    else the first record tells.
+    ``channels``: what is recorded (see ``model.Output``). ``energy``: names of the energies in the records, and
+    ``meets_anew``: whether these count contacts that form anew, if known; else the first record tells.
 
     Raises OutputError where the path cannot be used, WriteError where a write fails; what was flushed before
     stays readable.
@@ -56,6 +56,7 @@ class HistoryWriter:
         channels: Iterable[str] = ("joints", "energy", "frames"),
         energy: tuple[str, ...] = (),
         hold: float = 0.1,
+        meets_anew: bool = False,
     ):
         self.path = os.fspath(path)
         self._target = check_output(path)
@@ -74,13 +75,13 @@ class HistoryWriter:
         self._source: History | None = None  # a file left behind, until what is kept of it has moved to ours
         self._closed = False
         self.run = os.urandom(8).hex()
-        self._set_fields(energy)
+        self._set_fields(energy, meets_anew)
         if not os.path.exists(self._target) or os.path.getsize(self._target) == 0 or not force:
             self._begin()
 
-    def _set_fields(self, energy) -> None:
-        self._fields = layout.fields(self._assembly, self._channels, energy, self._scenario_text)
-        self._energy = tuple(energy)
+    def _set_fields(self, energy, meets_anew: bool) -> None:
+        self._fields = layout.fields(self._assembly, self._channels, energy, self._scenario_text, meets_anew)
+        self._energy, self._meets_anew = tuple(energy), meets_anew
         self._frame_fields = [f.path.removeprefix("frames/") for f in self._fields if f.is_frame]
 
     @classmethod
@@ -89,7 +90,9 @@ class HistoryWriter:
 
         The others are dropped; ``left`` is closed.
         """
-        self = cls(left.path, left.scenario_text, assembly, settings, True, channels, left.energy_names, hold=0.0)
+        self = cls(
+            left.path, left.scenario_text, assembly, settings, True, channels, left.energy_names, 0.0, left.meets_anew
+        )
         self._source, self._stored, self.run = left, (rows, frames), left.run or self.run
         with self._failures():
             self._grow((rows, frames))
@@ -108,17 +111,20 @@ class HistoryWriter:
     def place(self, assembly) -> None:
         """Take the assembly with its contact points where they stay, before the first row."""
         self._assembly, self._tables = assembly, None
-        self._set_fields(self._energy)
+        self._set_fields(self._energy, self._meets_anew)
 
     def append(self, record: Mapping) -> None:
         """Add T rows: ``time``, ``load``, ``displacement``, ``unbalanced`` (T,), ``actuator_displacement`` and
-        ``actuator_force`` (T, n_actuator), ``joint`` (T, n_joint, 7), optionally ``energy``: name -> (T,); what is no
-        channel of this history is left out."""
+        ``actuator_force`` (T, n_actuator), ``joint`` (T, n_joint, 7), optionally ``energy``: name -> (T,) and, in
+        a run in real time, ``new_contacts`` (T,); what is no channel of this history is left out."""
         energy = (record.get("energy") if "energy" in self._channels else None) or {}
-        if set(energy) != set(self._energy):
-            if self.n_row:
+        meets_anew = "new_contacts" in record
+        if set(energy) != set(self._energy) or meets_anew != self._meets_anew:
+            if self.n_row and set(energy) != set(self._energy):
                 raise ValueError(f"energies {sorted(energy)} differ from the first record's {sorted(self._energy)}")
-            self._reopen_with(tuple(energy))
+            if self.n_row:
+                raise ValueError("either every record of a history counts new contacts or none does")
+            self._reopen_with(tuple(energy), meets_anew)
         channels = {}
         if "joints" in self._channels:
             joint = np.asarray(record["joint"], float)
@@ -235,10 +241,10 @@ class HistoryWriter:
             self._source.close()
             self._source = None
 
-    def _reopen_with(self, energy: tuple[str, ...]) -> None:
+    def _reopen_with(self, energy: tuple[str, ...], meets_anew: bool) -> None:
         if any("/" in name or not name for name in energy):
             raise ValueError(f"energy names {energy} must not be empty or hold a slash")
-        self._set_fields(energy)
+        self._set_fields(energy, meets_anew)
         if self._file is not None:
             with self._failures():
                 self._grow((0, self.n_frames))
