@@ -7,7 +7,7 @@ import signal
 
 import numpy as np
 import pytest
-from test_restart import SLOW, check_same, dembrick, wait_for
+from restart_cases import SLOW, check_same, dembrick, wait_for
 
 from dembrick import equilibrium, interruption, model, quasi_static, result, scenario, stepping, way
 from dembrick.controls import PushoverControl, TiltControl, YieldControl

@@ -1,0 +1,27 @@
+"""What several test modules ask for by name."""
+
+import os
+import signal
+
+import pytest
+
+from dembrick import interruption, stepping
+
+
+@pytest.fixture
+def stop_after(monkeypatch):
+    """Chunks of one step, and a way to have a signal come after so many of them; without waiting for the disk."""
+    monkeypatch.setattr(os, "fsync", lambda _: None)
+    monkeypatch.setattr(stepping, "FIRST_WORK", 1)
+    monkeypatch.setattr(stepping, "CHUNK_SECONDS", 0.0)
+
+    def arm(chunks, signum=signal.SIGINT):
+        left = [chunks]
+
+        def requested():
+            left[0] -= 1
+            return signum if left[0] == 0 else 0
+
+        monkeypatch.setattr(interruption, "requested", requested)
+
+    return arm
