@@ -100,11 +100,12 @@ def find_limit_load(
         replay = _by_equilibria(setup, session, goal or 0.0, steps)
     if not replay.converged:
         point = replay.yield_point
-        above = "without an upper bound" if point.V_upper is None else f"at most {point.V_upper:.6g} N"
+        name, unit = ("the load factor", "") if goal is not None else ("V", " N")
+        above = "without an upper bound" if point.V_upper is None else f"at most {point.V_upper:.6g}{unit}"
         raise NotConvergedError(
-            f"the limit load was not bracketed within {tolerance:g} after {replay.steps} steps: V is at least "
-            f"{point.V_lower:.6g} N, {above}. Allow a larger control.tolerance, or check that the load can move the "
-            "block at all",
+            f"the limit load was not bracketed within {tolerance:g} after {replay.steps} steps: {name} is at least "
+            f"{point.V_lower:.6g}{unit}, {above}. Allow a larger control.tolerance, or check that the load can move "
+            "the block at all",
             point,
         )
     return replay

@@ -116,9 +116,13 @@ def mechanism(twist, tilt, reach: float) -> tuple[tuple[float, float] | None, st
 
 
 def last_moves(state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """How far the rim of each joint slid, turned about the normal and tilted in the last step (j,) in m."""
-    joints, reach = state.joints, joint_reach(state)
-    slid = np.hypot(joints.step[:, 0], joints.step[:, 1])
+    """How far the rim of each joint slid, turned about the normal and tilted in the last step (j,) in m.
+
+    What moves past an open joint does not slide on it: joints without a normal force count for nothing.
+    """
+    joints = state.joints
+    reach = joint_reach(state) * (joints.resultant[:, 0] > 0.0)
+    slid = np.hypot(joints.step[:, 0], joints.step[:, 1]) * (joints.resultant[:, 0] > 0.0)
     return slid, reach * np.abs(joints.step[:, 2]), reach * np.hypot(joints.tilt[:, 0], joints.tilt[:, 1])
 
 

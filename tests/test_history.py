@@ -122,7 +122,7 @@ def test_the_file_is_what_other_scripts_expect(tmp_path):
 @pytest.mark.parametrize("known", [False, True])
 def test_the_record_says_whether_blocks_meet_anew(tmp_path, known):
     """Not the text of the scenario: the rows that come in count new contacts, or they do not."""
-    with open_writer(tmp_path / "run.h5", meets_anew=known) as out:
+    with cases.open_writer(tmp_path / "run.h5", meets_anew=known) as out:
         for start in (0, 4):
             out.append(cases.record(start, start + 4) | {"new_contacts": np.arange(start, start + 4.0)})
         with pytest.raises(ValueError, match="counts new contacts or none does"):
@@ -130,8 +130,8 @@ def test_the_record_says_whether_blocks_meet_anew(tmp_path, known):
         out.finish("completed", {})
     with history.read(tmp_path / "run.h5") as found:
         assert found.meets_anew and found.new_contacts.tolist() == list(range(8))
-        check_rows(found, 8)
-    with history.read(finished(tmp_path / "other.h5")) as found:
+        cases.check_rows(found, 8)
+    with history.read(cases.finished(tmp_path / "other.h5")) as found:
         assert not found.meets_anew and not found.new_contacts.any() and len(found.new_contacts) == found.n_row
         assert "new_contacts" not in found.series_names("history")
 

@@ -1,0 +1,114 @@
+"""Load factors of assemblies in space against limit analysis by linear programming (static theorem).
+
+Any forces in equilibrium within Coulomb's cones bound the load factor from below if sliding dilates, so the largest
+such factor is never less than what blocks carry that slide level; where the blocks only rock, the two are the same.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import linprog
+from scipy.sparse import coo_array
+
+from dembrick import assembly
+from dembrick.collapse import refined
+from dembrick.controls import PushoverControl
+from dembrick.generators import Arch, Stack, Wall
+from dembrick.model import JointLaw, Material, Scenario
+from dembrick.result import simulate
+
+FACETS = 64  # of a cone; they stand around it, so that the programme allows 0.12 % more friction
+
+
+def scene(direction, friction=0.7, **parts) -> Scenario:
+    law, stone = JointLaw("concave", friction, 1e10, 4e9), {"stone": Material(2000.0)}
+    return Scenario("pushed", (0.0, 0.0, -9.81), law, stone, (), PushoverControl(direction), **parts)
+
+
+def wall(block, courses, blocks, heading=0.0):
+    return {"walls": (Wall("wall", "stone", block, courses, blocks, base=0.2, heading=heading),)}
+
+
+def stack(blocks, height):
+    return Stack("pile", "stone", blocks, (0.3, 0.25, height), base=0.2)
+
+
+def rigid_load_factor(scenario: Scenario) -> float:
+    """Largest share of the weights along the direction that forces at the corners of the joints can balance."""
+    built = assembly.build(scenario)
+    push = np.array(scenario.control.direction) / np.linalg.norm(scenario.control.direction)
+    row = np.where(built.fixed, -1, 6 * (np.cumsum(~built.fixed) - 1))
+    entries, number = [], 0
+    for joint in built.joints:
+        for corner in joint.polygon:
+            place = joint.origin + corner @ joint.axes[:2]
+            for force in (joint.axes[2], joint.axes[0], joint.axes[1]):
+                for block, sign in ((joint.block_b, 1.0), (joint.block_a, -1.0)):
+                    wrench = sign * np.append(force, np.cross(place - built.position[block], force))
+                    if row[block] >= 0:
+                        entries += [(row[block] + i, number, value) for i, value in enumerate(wrench)]
+                number += 1
+    dead = np.zeros(6 * (~built.fixed).sum())
+    for block in np.flatnonzero(~built.fixed):
+        weight = built.mass[block] * 9.81
+        dead[row[block] + 2] = weight
+        entries += [(row[block] + i, number, weight * push[i]) for i in range(3)]
+    rows, columns, values = map(np.array, zip(*entries, strict=True))
+    equations = coo_array((values, (rows, columns)), shape=(len(dead), number + 1))
+
+    angle = 2.0 * np.pi * np.arange(FACETS) / FACETS
+    cone = np.stack([np.full(FACETS, -scenario.joint.friction), np.cos(angle), np.sin(angle)], axis=1)
+    rows = np.repeat(np.arange(FACETS * number // 3), 3)
+    columns = (3 * np.arange(number // 3)[:, None, None] + np.arange(3) + np.zeros((FACETS, 1), int)).ravel()
+    cones = coo_array((np.tile(cone.ravel(), number // 3), (rows, columns)), shape=(len(rows) // 3, number + 1))
+
+    worth = np.zeros(number + 1)
+    worth[-1] = -1.0
+    bounds = [(0, None), (None, None), (None, None)] * (number // 3) + [(0, None)]
+    found = linprog(worth, cones, np.zeros(len(rows) // 3), equations, dead, bounds, method="highs")
+    assert found.status == 0, found.message
+    return float(found.x[-1])
+
+
+ROCKING = {
+    "stack across a corner": scene((0.6, 0.4, 0.0), 1.0, stacks=(stack(3, 0.2),)),
+    "stack, pushed up too": scene((0.6, 0.4, 0.2), 1.0, stacks=(stack(2, 0.4),)),
+    "arch, askew": scene((0.9, 0.5, 0.0), 3.0, arches=(Arch("arch", "stone", 1.5, 0.3, 0.5, 9, heading=40.0),)),
+    "arch, nearly along": scene((0.8, -0.6, 0.0), 1.0, arches=(Arch("arch", "stone", 2.0, 0.3, 0.5, 10),)),
+    "wall, out of its plane": scene((-0.06, 1.0, 0.0), 0.64, **wall((0.3, 0.15, 0.1), 4, 4)),
+}
+
+
+@pytest.mark.parametrize("scenario", ROCKING.values(), ids=ROCKING)
+def test_blocks_that_only_rock_meet_the_programme(scenario):
+    found = simulate(scenario, record=False).collapse
+    assert found["mechanism"] == "rocking"
+    assert found["load_factor"] == pytest.approx(rigid_load_factor(scenario), rel=1e-3)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_no_wall_carries_more_than_the_programme(seed):
+    rng = np.random.default_rng(seed)
+    block = rng.uniform((0.2, 0.1, 0.08), (0.5, 0.3, 0.25))
+    angle = rng.uniform(0.0, 2.0 * np.pi)
+    parts = wall(tuple(block), int(rng.integers(2, 5)), int(rng.integers(2, 5)), float(rng.choice([0.0, 30.0])))
+    scenario = scene((np.cos(angle), np.sin(angle), 0.0), float(rng.choice([0.3, 0.64, 1.0])), **parts)
+    bound = rigid_load_factor(scenario)
+    found = simulate(scenario, record=False).collapse["load_factor"]
+    assert 0.4 * bound < found <= bound * (1.0 + 1e-3)
+
+
+def test_refining_shows_what_the_path_leaves_open():
+    """A wall whose end turns over along rough head joints: the way it was loaded decides what those still carry."""
+    scenario = scene((0.114, 0.993, 0.0), 3.0, **wall((0.24, 0.11, 0.24), 2, 5, 77.0))
+    fallen = simulate(scenario, refine=True).collapse
+    assert fallen["mechanism"] == "rocking"
+    found = [simulate(one, record=False).collapse["load_factor"] for one in refined(scenario)]
+    assert fallen["error_estimate"] > 0.01 * fallen["load_factor"]
+    assert max(abs(factor - fallen["load_factor"]) for factor in found) == pytest.approx(
+        fallen["error_estimate"], rel=0.5
+    )
+    pushed = PushoverControl(scenario.control.direction, displacement=3e-4, quasi_static=False, rate=1e-4)
+    slow = simulate(replace(scenario, control=pushed), record=False).collapse["load_factor"]
+    assert abs(slow - fallen["load_factor"]) < fallen["error_estimate"]
