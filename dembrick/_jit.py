@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numba
 from numba import get_num_threads, prange
+from numba.core.caching import FunctionCache
 
 __all__ = ["CACHE_FOLDER", "get_num_threads", "jit", "jit_parallel", "kernel_hash", "prange"]
 
@@ -62,13 +63,30 @@ CACHE_FOLDER = cache_folder()
 FLOATS = {"contract"}
 
 
-def _compiled(function, **options):
+class _Cache(FunctionCache):
+    """numba's cache, but machine code that is found there is loaded as it is.
+
+    numba first prepares for all that could be compiled, which took longer than loading the kernels of a short run.
+    A kernel without the memory runtime needs none of it, and where nothing is found the compiler prepares itself.
+    """
+
+    def load_overload(self, sig, target_context):
+        """See numba."""
+        with self._guard_against_spurious_io_errors():
+            return self._load_overload(sig, target_context)
+
+
+def _compiled(function, cache=_Cache, **options):
+    kernel = numba.njit(error_model="numpy", fastmath=FLOATS, **options)(function)
+    if kernel is function:  # NUMBA_DISABLE_JIT
+        return function
     previous = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = str(CACHE_FOLDER)
     try:
-        return numba.njit(cache=True, error_model="numpy", fastmath=FLOATS, **options)(function)
+        kernel._cache = cache(function)  # what ``cache=True`` does
     finally:
         numba.config.CACHE_DIR = previous
+    return kernel
 
 
 def jit(function):
@@ -88,4 +106,4 @@ def entry(function):
 
 def jit_parallel(function):
     """The same for a loop over threads (``prange``); it compiles for much longer, so only large scenes call for it."""
-    return _compiled(function, parallel=True)
+    return _compiled(function, FunctionCache, parallel=True)

@@ -241,6 +241,18 @@ def test_a_plain_run_loads_no_screens():
     assert not loaded & {"pyvista", "vtk", "vtkmodules", "matplotlib", "meshio"}
 
 
+def test_a_warm_run_does_not_prepare_to_compile():
+    """Machine code that is there already is loaded without what numba needs to make some, to the same answer."""
+    code = """
+import sys
+from dembrick.lab import lab_scenario
+from dembrick.result import simulate
+print(simulate(lab_scenario('set4a', 'concave')).yield_point.V, 'numba.np.linalg' in sys.modules)
+"""
+    (first, _), (V, prepared) = (loaded_after(code)[1].split()[:2] for _ in range(2))  # the first fills the cache
+    assert V == first and prepared == "False"
+
+
 def test_the_package_asks_for_no_scipy():
     """numba takes scipy up where it is installed; the package itself runs where it cannot be found."""
     code = """
