@@ -178,9 +178,9 @@ def test_a_disk_that_fills_up_leaves_something_to_go_on_with(tmp_path, stop_afte
     simulate(given, tmp_path / "whole.h5")
     path = tmp_path / "run.h5"
     stop_after(0)
-    from dembrick.history import writer
+    from dembrick.history import layout
 
-    put, calls = writer._put, []
+    put, calls = layout.put, []
 
     def full(*args):
         calls.append(1)
@@ -188,11 +188,11 @@ def test_a_disk_that_fills_up_leaves_something_to_go_on_with(tmp_path, stop_afte
             raise OSError(28, "No space left on device")
         put(*args)
 
-    monkeypatch.setattr(writer, "_put", full)
+    monkeypatch.setattr(layout, "put", full)
     with pytest.raises(WriteError, match=f"No space left on device.*dembrick restart {path}") as caught:
         simulate(given, path)
     assert caught.value.answer["status"] == "failed" and caught.value.exit_code == 1
-    monkeypatch.setattr(writer, "_put", put)
+    monkeypatch.setattr(layout, "put", put)
     with read(path) as file:
         assert file.status == "running" and file.n_row > 0
     restart(path)

@@ -15,7 +15,7 @@ import pytest
 
 from dembrick import history
 from dembrick.errors import WriteError
-from dembrick.history import files, writer
+from dembrick.history import files, layout
 
 # --- failing disks ---
 
@@ -66,7 +66,7 @@ def test_a_write_that_fails_in_the_reserved_space(tmp_path, monkeypatch):
     """No space left in the middle of a row: what was flushed stays, and the next attempt goes on from there."""
     out = cases.open_writer(tmp_path / "run.h5", hold=0.0)
     out.append(cases.record(0, 6))
-    put, calls = writer._put, []
+    put, calls = layout.put, []
 
     def full(*args):
         calls.append(1)
@@ -74,12 +74,12 @@ def test_a_write_that_fails_in_the_reserved_space(tmp_path, monkeypatch):
             raise OSError(28, "No space left on device")
         put(*args)
 
-    monkeypatch.setattr(writer, "_put", full)
+    monkeypatch.setattr(layout, "put", full)
     with pytest.raises(WriteError, match="No space left on device.*the 6 rows and 0 frames"):
         out.append(cases.record(6, 12))
     with history.read(tmp_path / "run.h5") as found:
         cases.check_rows(found, 6)
-    monkeypatch.setattr(writer, "_put", put)
+    monkeypatch.setattr(layout, "put", put)
     out.append(cases.record(12, 14))
     with history.read(tmp_path / "run.h5") as found:
         cases.check_rows(found, 14)

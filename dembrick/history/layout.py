@@ -7,11 +7,15 @@ are valid: in a file that is still being written the growing datasets are longer
 
 from __future__ import annotations
 
+import math
 import os
 import tomllib
 from collections.abc import Container, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import lru_cache
+from types import MappingProxyType
+from typing import NamedTuple
 
 import h5py
 import numpy as np
@@ -43,6 +47,22 @@ _NUMBER_TYPES = {"<f8": h5t.IEEE_F64LE, "<i8": h5t.STD_I64LE, "|u1": h5t.STD_U8L
 _SCALAR = h5s.create(h5s.SCALAR)
 _LINKS = h5p.create(h5p.LINK_CREATE)
 _LINKS.set_create_intermediate_group(True)
+_SHARED = 256 << 10  # bytes of numbers up to which files with the same datasets start as copies of one skeleton
+
+
+class Dataset(NamedTuple):
+    """A dataset without its values; ``kind``: numpy's string of its type."""
+
+    path: str
+    kind: str
+    shape: tuple[int, ...]
+    units: str
+    description: str
+
+    @property
+    def bytes(self) -> int:
+        """What its values take in the file."""
+        return int(self.kind[-1]) * math.prod(self.shape) if self.kind in _NUMBER_TYPES else 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +82,10 @@ class Field:
     def is_frame(self) -> bool:
         return self.path.startswith("frames/")
 
+    def dataset(self, count: int) -> Dataset:
+        """With so many entries."""
+        return Dataset(self.path, "<f8", (count, *self.tail), self.units, self.description)
+
 
 @dataclass(frozen=True, slots=True)
 class Table:
@@ -72,6 +96,11 @@ class Table:
     units: str
     description: str
 
+    @property
+    def dataset(self) -> Dataset:
+        """All but the values."""
+        return Dataset(self.path, self.value.dtype.str, self.value.shape, self.units, self.description)
+
 
 def load_of(scenario_text: str) -> tuple[str, str]:
     """Units and description of the load, by the kind of control in the text of a scenario."""
@@ -80,6 +109,15 @@ def load_of(scenario_text: str) -> tuple[str, str]:
         with suppress(tomllib.TOMLDecodeError):
             kind = tomllib.loads(scenario_text).get("control", {}).get("kind", "")
     return _LOADS.get(kind, ("N", "load multiplier V: the force of a jack of weight 1"))
+
+
+_WRITTEN = Dataset(
+    WRITTEN,
+    "<i8",
+    (2,),
+    "1",
+    "rows of /history and entries of /frames that are valid; what lies beyond is reserved space",
+)
 
 
 def fields(
@@ -193,70 +231,106 @@ def create(
     attributes: Mapping[str, object],
     packed: Mapping[str, int],
 ) -> dict[str, int]:
-    """Make a file with every dataset in place and closed again; return where each growing dataset starts in it.
+    """Make a file with every dataset in place and closed again; return where each dataset of numbers starts in it.
 
     ``growing``: entries to reserve for each field. They are contiguous and unwritten (a hole on most disks), so that
     whoever writes into them at the returned offsets never touches the structure of the file. ``packed``: fields to
-    compress instead, with the entries a chunk; they have no offset. h5py's low-level calls, because a short run spends
-    most of its time here. With nothing growing there is no count of it either.
+    compress instead, with the entries a chunk; they have no offset. With nothing growing there is no count either.
+
+    A short run spends most of its time here: hence h5py's low-level calls, and a small file starts as a copy of the
+    skeleton that files with the same datasets share.
     """
-    access = h5p.create(h5p.FILE_ACCESS)
-    access.set_libver_bounds(h5f.LIBVER_V18, h5f.LIBVER_V18)  # readable by any HDF5 in use; no open-for-writing marks
-    access.set_fclose_degree(h5f.CLOSE_STRONG)
-    file = h5f.create(os.fsencode(path), h5f.ACC_TRUNC, fapl=access)
-    offsets = {}
+    tables = list(tables)
+    skeleton = (*(table.dataset for table in tables), *(field.dataset(count) for field, count in growing.items()))
+    if growing:
+        skeleton += (_WRITTEN,)
+    packing = tuple(packed.items())
+    if sum(data.bytes for data in skeleton) <= _SHARED:
+        image, offsets = _image(skeleton, packing)
+        with open(path, "wb") as file:
+            file.write(image)
+    else:
+        file = h5f.create(os.fsencode(path), h5f.ACC_TRUNC, fapl=_access())
+        try:
+            offsets = _lay_out(file, skeleton, packing)
+        finally:
+            file.close()
+    file = h5f.open(os.fsencode(path), h5f.ACC_RDWR, fapl=_access())
     try:
+        root = h5g.open(file, b"/")
         for name, value in attributes.items():
-            _attribute(h5g.open(file, b"/"), name.encode(), value)
+            _attribute(root, name.encode(), value)
         for table in tables:
-            _table(file, table)
-        early = h5p.create(h5p.DATASET_CREATE)
-        early.set_layout(h5d.CONTIGUOUS)
-        early.set_alloc_time(h5d.ALLOC_TIME_EARLY)
-        early.set_fill_time(h5d.FILL_TIME_NEVER)
-        for field, count in growing.items():
-            how = _chunked(field, packed[field.path]) if field.path in packed else early
-            space = h5s.create_simple((count, *field.tail))
-            data = h5d.create(file, field.path.encode(), h5t.IEEE_F64LE, space, how, _LINKS)
-            _describe(data, field.units, field.description)
-            offset = None if field.path in packed else data.get_offset()
-            if offset is not None:
-                offsets[field.path] = offset
-        if growing:
-            offsets[WRITTEN] = _written(file, early)
+            if table.value.dtype.kind == "O" and table.value.size:
+                h5d.open(file, table.path.encode()).write(h5s.ALL, h5s.ALL, table.value, mtype=_TEXT_IN_MEMORY)
     finally:
         file.close()
+    with open(path, "r+b", buffering=0) as file:
+        for table in tables:
+            if table.path in offsets:
+                put(file, offsets[table.path], table.value)
     return offsets
 
 
-def _written(file, how) -> int:
-    data = h5d.create(file, WRITTEN.encode(), h5t.STD_I64LE, h5s.create_simple((2,)), how)
-    _describe(data, "1", "rows of /history and entries of /frames that are valid; what lies beyond is reserved space")
-    return data.get_offset()
+def put(file, position: int, array: np.ndarray) -> None:
+    """Write an array at a place in the file; unbuffered files may take it in pieces."""
+    rest = memoryview(np.ascontiguousarray(array)).cast("B") if array.size else b""
+    file.seek(position)
+    while len(rest):
+        rest = rest[file.write(rest) :]
 
 
-def _chunked(field: Field, entries: int):
+def _access():
+    access = h5p.create(h5p.FILE_ACCESS)
+    access.set_libver_bounds(h5f.LIBVER_V18, h5f.LIBVER_V18)  # readable by any HDF5 in use; no open-for-writing marks
+    access.set_fclose_degree(h5f.CLOSE_STRONG)
+    return access
+
+
+@lru_cache(maxsize=64)
+def _image(skeleton: tuple[Dataset, ...], packing: tuple[tuple[str, int], ...]) -> tuple[bytes, Mapping[str, int]]:
+    """The bytes of a file with these datasets, made in memory, and where each dataset of numbers starts in it."""
+    access = _access()
+    access.set_fapl_core(_SHARED, backing_store=False)
+    file = h5f.create(b"skeleton", h5f.ACC_TRUNC, fapl=access)
+    try:
+        offsets = _lay_out(file, skeleton, packing)
+        h5f.flush(file)
+        return file.get_file_image(), offsets
+    finally:
+        file.close()
+
+
+def _lay_out(file, skeleton: Iterable[Dataset], packing: Iterable[tuple[str, int]]) -> Mapping[str, int]:
+    """Make the datasets in an open file, with nothing in them; return where each one of numbers starts."""
+    reserved = h5p.create(h5p.DATASET_CREATE)
+    reserved.set_layout(h5d.CONTIGUOUS)
+    reserved.set_alloc_time(h5d.ALLOC_TIME_EARLY)
+    reserved.set_fill_time(h5d.FILL_TIME_NEVER)
+    packed, offsets = dict(packing), {}
+    for data in skeleton:
+        how, kind = reserved, _NUMBER_TYPES.get(data.kind)
+        if kind is None:
+            how, kind = None, _TEXT_TYPE
+        elif data.path in packed:
+            how = _chunked(data, packed[data.path])
+        space = h5s.create_simple(data.shape) if data.shape else _SCALAR
+        made = h5d.create(file, data.path.encode(), kind, space, how, _LINKS)
+        _attribute(made, b"units", data.units)
+        _attribute(made, b"description", data.description)
+        offset = made.get_offset() if how is reserved else None
+        if offset is not None:
+            offsets[data.path] = offset
+    return MappingProxyType(offsets)
+
+
+def _chunked(data: Dataset, entries: int):
     how = h5p.create(h5p.DATASET_CREATE)
-    how.set_chunk((entries, *field.tail))
+    how.set_chunk((entries, *data.shape[1:]))
     how.set_shuffle()
     how.set_deflate(1)
     how.set_fill_time(h5d.FILL_TIME_NEVER)
     return how
-
-
-def _table(file, table: Table) -> None:
-    value = table.value
-    kind = _TEXT_TYPE if value.dtype.kind == "O" else _NUMBER_TYPES[value.dtype.str]
-    space = h5s.create_simple(value.shape) if value.shape else _SCALAR
-    data = h5d.create(file, table.path.encode(), kind, space, None, _LINKS)
-    if value.size:
-        data.write(h5s.ALL, h5s.ALL, value, mtype=_TEXT_IN_MEMORY if kind is _TEXT_TYPE else kind)
-    _describe(data, table.units, table.description)
-
-
-def _describe(data, units: str, description: str) -> None:
-    _attribute(data, b"units", units)
-    _attribute(data, b"description", description)
 
 
 def _attribute(owner, name: bytes, value) -> None:

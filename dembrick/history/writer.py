@@ -174,10 +174,10 @@ class HistoryWriter:
                 entry = self._stored[field.is_frame]
                 for array in self._pending.get(field.path, ()):
                     if array.size:
-                        _put(self._file, self._offsets[field.path] + entry * field.entry_bytes, array)
+                        layout.put(self._file, self._offsets[field.path] + entry * field.entry_bytes, array)
                     entry += len(array)
             # The count goes last: whatever it covers is in the file already.
-            _put(self._file, self._offsets[layout.WRITTEN], np.array(wanted, "<i8"))
+            layout.put(self._file, self._offsets[layout.WRITTEN], np.array(wanted, "<i8"))
             self._stored = wanted
             self._forget_pending()
 
@@ -276,9 +276,9 @@ class HistoryWriter:
                 if field.path in offsets:
                     position = offsets[field.path]
                     for array in self._slabs(field, pending=final):
-                        _put(file, position, array)
+                        layout.put(file, position, array)
                         position += array.nbytes
-            _put(file, offsets[layout.WRITTEN], np.array(counts if final else self._stored, "<i8"))
+            layout.put(file, offsets[layout.WRITTEN], np.array(counts if final else self._stored, "<i8"))
         if packed:
             with h5py.File(part, "r+") as file:
                 for field in self._fields:
@@ -362,14 +362,6 @@ def _refuse_finished(path: str, target: str) -> None:
         raise OutputError(
             f"{path}: a finished history (status {status}) is there; choose another name, or --force replaces it"
         )
-
-
-def _put(file, position: int, array: np.ndarray) -> None:
-    """Write an array at a place in the file; unbuffered files may take it in pieces."""
-    rest = memoryview(np.ascontiguousarray(array)).cast("B") if array.size else b""
-    file.seek(position)
-    while len(rest):
-        rest = rest[file.write(rest) :]
 
 
 def _json(value) -> str:
