@@ -67,10 +67,9 @@ def restitution_of_damping(ratio: float) -> float:
 
 @dataclass
 class Motion:
-    """An assembly that can be seated and moved: its state, time step (s), and how long it took (s)."""
+    """An assembly that can be seated and moved: its time step (s), and how long it took (s)."""
 
     assembly: object
-    state: MovingState
     polygons: Polygons
     time_step: float
     critical_time_step: float
@@ -86,6 +85,15 @@ class Motion:
 
     def __post_init__(self):
         self.meetings = Meetings(self.assembly, self.damping)
+
+    @property
+    def state(self) -> MovingState:
+        """Blocks and joints now."""
+        return self.polygons.state
+
+    @state.setter
+    def state(self, state: MovingState) -> None:
+        self.polygons.state = state
 
     @property
     def time(self) -> float:
@@ -111,7 +119,7 @@ def motion(assembly, damping: float, step_factor: float, impacts: float = 1.0) -
         critical = min(critical_time_step(state, time_constants(frequency, damping)), impacts * of_faces)
     dt = step_factor / impacts * critical
     state.links.viscous[:] = stepped_dashpots(frequency * dt, damping)
-    return Motion(assembly, state, Polygons(assembly, state), dt, critical, damping)
+    return Motion(assembly, Polygons(assembly, state), dt, critical, damping)
 
 
 def seat(motion: Motion, driving: Driving, sticking: bool = False) -> float:
@@ -150,6 +158,7 @@ def seat(motion: Motion, driving: Driving, sticking: bool = False) -> float:
     motion.seating_steps = steps
     if len(held.free) and len(state.links.host) and not ratio <= enough:
         if sticking:
+            motion.state = state  # without the room that cutting has made since
             for array, value in zip(arrays, before, strict=True):
                 array[...] = value
             return 1.0
@@ -242,6 +251,7 @@ def _advance(motion: Motion, bodies, driving: Driving, times, limits: Limits, da
         motion._pace.note(which, some, took)
         if status == STALE:
             motion.polygons.cut_stale()
+            state = motion.state
         motion.loop_seconds += time.perf_counter() - began
     return status, done
 

@@ -29,7 +29,7 @@ IMPACTS = 3.0  # where blocks may bounce the step is so much shorter: the stated
 NO_LIMIT = 1e150  # m
 AT_ONCE = 2_000_000  # blocks and joints, times steps: a signal waits for some tenths of a second
 PARTS = ("bodies", "links", "corners", "faces")  # of the state, that a checkpoint holds
-COUNTERS = ("faces.count",)  # integers among them that change
+COUNTERS = ("faces.outline", "faces.count")  # integers among them that change
 
 
 @dataclass
@@ -258,12 +258,16 @@ class _Past:
         moving.steps, moving.time_step, moving.seating_steps = int(steps), dt, int(seating)
         for name, own in self._arrays().items():
             own[...] = snapshot.array(name, own)
+        faces = moving.state.faces
+        if faces is not None:
+            outline = snapshot.array("faces.outline", faces.outline)
+            if int(outline.max()) >= len(faces.count) + len(outline):
+                raise HistoryError(f"{snapshot.path}: faces.outline leads out of its polygons")
+            moving.polygons.make_room(int(outline.max()) + 1)
         parts = {name: restored(name, getattr(moving.state, name), snapshot, COUNTERS) for name in PARTS}
         faces = parts["faces"]
-        if faces is not None:
-            room = np.diff(np.append(faces.start, len(faces.x)))
-            if (faces.count < 0).any() or (faces.count > room).any():
-                raise HistoryError(f"{snapshot.path}: faces.count leads out of its polygons")
+        if faces is not None and ((faces.count < 0).any() or (faces.count > faces.x.shape[1]).any()):
+            raise HistoryError(f"{snapshot.path}: faces.count leads out of its polygons")
         moving.state = moving.state._replace(**parts)
         moving.meetings.restore(moving.state, moving.polygons, snapshot)
 

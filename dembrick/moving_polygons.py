@@ -17,7 +17,7 @@ import numpy as np
 from dembrick import polygons
 from dembrick.clipping import clip, simplify
 from dembrick.joints import JointTable
-from dembrick.moving_state import MovingState, put_outlines
+from dembrick.moving_state import MovingState, put_outlines, with_outlines
 from dembrick.shapes import parts_of
 
 STALE = 2e-4  # of the polygon's short side
@@ -27,14 +27,16 @@ GONE = 1e-9  # of the polygon's area at the start: less than that is no contact 
 class Polygons:
     """The polygons of all joints as they were at the start, and the faces they lie on.
 
-    ``shift`` (j, 2): where O is now, from where it was on the host at the start (m, along e1 and e2); ``whole`` (j,):
-    nothing of the polygon has been cut off; ``size`` (j,): greatest distance of a corner from O at the start (m);
-    ``start`` (j, 9): `Links.seen` then.
+    ``state``: the joints as they are now, with as much room for polygons as cutting has asked for; ``shift`` (j, 2):
+    where O is now, from where it was on the host at the start (m, along e1 and e2); ``whole`` (j,): nothing of the
+    polygon has been cut off; ``size`` (j,): greatest distance of a corner from O at the start (m); ``start`` (j, 9):
+    `Links.seen` then.
     """
 
     def __init__(self, assembly, state: MovingState):
         joints = JointTable.of(assembly.joints)
-        self._state, self._joints, self._shapes = state, joints, assembly.shapes
+        self.state, self._joints, self._shapes = state, joints, assembly.shapes
+        self._shared = 0 if state.faces is None else len(state.faces.count)  # polygons that no joint has for itself
         self._points = assembly.contact_points
         self.start = state.links.seen.copy()
         self.bound = np.empty(len(joints))
@@ -51,7 +53,7 @@ class Polygons:
 
     def cut_stale(self) -> int:
         """Cut all polygons that have moved too far; returns how many."""
-        links = self._state.links
+        links = self.state.links
         moved = links.seen[:, [0, 1, 3, 4]] - links.kept
         distance = np.hypot(moved[:, 0], moved[:, 1]) + links.reach * np.hypot(moved[:, 2], moved[:, 3])
         # a little before the kernel does, whose square roots may round the other way
@@ -60,10 +62,18 @@ class Polygons:
             self._cut(j)
         return len(stale)
 
+    def make_room(self, rows: int) -> None:
+        """Have room for that many polygons of convex joints, and as a rule for more."""
+        own = rows - self._shared
+        if own > 0:
+            room = self._shared + max(8, 1 << (own - 1).bit_length())
+            if room > len(self.state.faces.count):
+                self.state = self.state._replace(faces=with_outlines(self.state.faces, room))
+
     def _away(self) -> np.ndarray:
         """How far O of the start and both tangents have moved, in the plane's axes (j, 3, 3)."""
-        away = (self._state.links.seen - self.start).reshape(-1, 3, 3)
-        away[:, 0] -= np.einsum("ji,jik->jk", self.shift, self._state.links.seen[:, 3:].reshape(-1, 2, 3))
+        away = (self.state.links.seen - self.start).reshape(-1, 3, 3)
+        away[:, 0] -= np.einsum("ji,jik->jk", self.shift, self.state.links.seen[:, 3:].reshape(-1, 2, 3))
         return away
 
     def moved(self) -> np.ndarray:
@@ -78,11 +88,11 @@ class Polygons:
 
     def retire(self, j: int) -> None:
         """Let joint ``j`` carry nothing any more."""
-        links, i = self._state.links, self._place[j]
+        links, i = self.state.links, self._place[j]
         if self._joints[j].law.formulation == "convex":
-            self._state.faces.k_n[i] = 0.0
+            self.state.faces.k_n[i] = 0.0
         else:
-            corners = self._state.corners
+            corners = self.state.corners
             corners.area[corners.start[i] : corners.start[i + 1]] = 0.0
         links.slack[j] = np.inf  # it never needs to be cut again
         links.wrench[j] = 0.0
@@ -90,7 +100,7 @@ class Polygons:
     def _face(self, j: int) -> np.ndarray:
         """Corners (m, 2) of the other's face in the plane's axes from its centroid, counter-clockwise about m."""
         if j not in self._face_of:
-            links = self._state.links
+            links = self.state.links
             a_is_other = links.sense[j] > 0.0
             part = int((self._joints.part_a if a_is_other else self._joints.part_b)[j])
             place, shape = parts_of(self._shapes[links.other[j]])[part]
@@ -101,7 +111,7 @@ class Polygons:
         return self._face_of[j]
 
     def _cut(self, j: int) -> None:
-        links, face, outline = self._state.links, self._face(j), self._joints[j].polygon
+        links, face, outline = self.state.links, self._face(j), self._joints[j].polygon
         seen = links.seen[j]
         tangents = seen[[[3, 4], [6, 7]]]
         origin = seen[:2] - self.shift[j] @ tangents  # where O of the start is now
@@ -117,7 +127,7 @@ class Polygons:
 
     def _move_origin(self, j: int, to: np.ndarray) -> np.ndarray:
         """Put O of joint ``j`` at ``to`` (from O of the start, along e1 and e2); returns how far that is (2,)."""
-        links = self._state.links
+        links = self.state.links
         step = to - self.shift[j]
         links.lever[j] += step @ links.axes[links.tangents[j]]
         links.seen[j, :3] += step @ links.seen[j, 3:].reshape(2, 3)
@@ -126,7 +136,7 @@ class Polygons:
 
     def _project(self, j: int, i: int, origin, tangents, face) -> None:
         """Corners beyond the edge move to the nearest point of the face."""
-        corners = self._state.corners
+        corners = self.state.corners
         points = slice(corners.start[i], corners.start[i + 1])
         placed = nearest_inside(origin + self._joints[j].polygon @ tangents, face)
         outline = (placed - origin) @ np.linalg.inv(tangents)
@@ -140,11 +150,11 @@ class Polygons:
         start = self._points[j].normal_arm
         shrink = np.abs(start).max() / np.abs(self._joints[j].polygon).max()
         corners.x[points], corners.y[points] = shrink * outline.T
-        self._state.links.reach[j] = np.sqrt((outline**2).sum(axis=1).max())
+        self.state.links.reach[j] = np.sqrt((outline**2).sum(axis=1).max())
 
     def _fade(self, j: int, i: int, origin, tangents, face) -> None:
         """A point loses its area while the edge passes through its cell."""
-        corners, start = self._state.corners, self._points[j]
+        corners, start = self.state.corners, self._points[j]
         cell = np.sqrt(start.area)
 
         def inside(o, t):
@@ -156,7 +166,7 @@ class Polygons:
 
     def _clip(self, j: int, i: int, origin, tangents, face) -> None:
         """The polygon of an integral is what both faces share."""
-        faces, links = self._state.faces, self._state.links
+        faces, links = self.state.faces, self.state.links
         placed = origin + self._joints[j].polygon @ tangents
         shared, count = simplify(*clip(placed[None], face[None]), np.array([1e-9 * links.reach[j]]))
         outline = (shared[0, : int(count[0])] - origin) @ np.linalg.inv(tangents)
@@ -165,7 +175,11 @@ class Polygons:
             faces.k_n[i] = 0.0
             return
         step = self._move_origin(j, np.array([x, y]))
-        put_outlines(faces, np.array([i]), (outline - (x, y))[None])
+        if faces.outline[i] < self._shared:
+            self.make_room(int(faces.outline.max()) + 2)
+            faces = self.state.faces
+            faces.outline[i] = faces.outline.max() + 1
+        put_outlines(faces, faces.outline[[i]], (outline - (x, y))[None], np.array([i]), np.array([0]))
         faces.k_n[i] = self._joints[j].law.normal_stiffness
         faces.elastic[i, 2] -= step[0] * faces.elastic[i, 1] - step[1] * faces.elastic[i, 0]
         links.reach[j] = faces.reach[i]

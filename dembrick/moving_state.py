@@ -18,6 +18,7 @@ from dembrick.kernels.moving_joints import Corners, Faces, Links
 from dembrick.point_table import PointTable
 
 NEGLIGIBLE = 1e-5  # of the lighter block's weight: head joints of a wall carry so little, and slip all the time
+EQUAL = 12  # digits to which polygons are the same: rounding makes those of a wall differ in the last one or two
 
 
 class MovingState(NamedTuple):
@@ -148,29 +149,34 @@ def _faces(assembly) -> Faces | None:
     # a polygon cut by a face has at most as many corners more
     longest = np.array([shape.longest_face for shape in assembly.shapes])
     most = np.maximum(longest[joints.block_a], longest[joints.block_b])[chosen]
-    start = np.concatenate([[0], np.cumsum(np.diff(joints.start)[chosen] + most)]).astype(np.int64)
-    n, total = len(chosen), int(start[-1])
+    room = int((np.diff(joints.start)[chosen] + most).max())
+    n = len(chosen)
     faces = Faces(
-        joint=chosen,
-        start=start[:-1].copy(),
-        count=np.zeros(n, np.int64),
+        joint=chosen.astype(np.uint32),
+        outline=np.zeros(n, np.uint32),
         k_n=np.array([law.normal_stiffness for law in laws]),
         k_s=np.array([law.shear_stiffness for law in laws]),
         friction=np.array([law.friction for law in laws]),
-        x=np.zeros(total),
-        y=np.zeros(total),
         area=np.zeros(n),
         second=np.zeros((n, 3)),
         negligible=NEGLIGIBLE * _lightest(assembly, joints)[chosen],
         reach=np.zeros(n),
         radius=np.zeros(n),
-        far=np.zeros((n, 42)),
         elastic=np.zeros((n, 3)),
         twist=np.zeros((n, 3)),
         slip=np.zeros(n),
+        count=np.zeros(0, np.int64),
+        x=np.zeros((0, room)),
+        y=np.zeros((0, room)),
+        far=np.zeros((0, 42)),
     )
     for numbers, outlines in joints.by_corners(chosen):
-        put_outlines(faces, np.searchsorted(chosen, numbers), outlines)
+        size = np.abs(outlines).max(axis=(1, 2), keepdims=True)
+        form = np.concatenate([(outlines / size).reshape(len(size), -1), np.log(size)[:, :, 0]], axis=1)
+        _, first, which = np.unique(np.round(form, EQUAL) + 0.0, axis=0, return_index=True, return_inverse=True)
+        rows = len(faces.count) + np.arange(len(first))
+        faces = with_outlines(faces, len(faces.count) + len(first))
+        put_outlines(faces, rows, outlines[first], np.searchsorted(chosen, numbers), which.reshape(-1))
     return faces
 
 
@@ -180,16 +186,27 @@ def _lightest(assembly, joints: JointTable) -> np.ndarray:
     return np.minimum(weight[joints.block_a], weight[joints.block_b])
 
 
-def put_outlines(faces: Faces, i: np.ndarray, outlines: np.ndarray) -> None:
-    """Give the convex joints ``i`` (g,) polygons (g, m, 2) about their centroids, and the numbers that follow."""
-    where = faces.start[i][:, None] + np.arange(outlines.shape[1])
-    faces.x[where], faces.y[where] = outlines[..., 0], outlines[..., 1]
-    faces.count[i] = outlines.shape[1]
-    faces.area[i] = polygons.area(outlines)
-    faces.second[i] = np.stack(polygons.second_moments(outlines), axis=1)
-    faces.reach[i] = np.sqrt((outlines**2).sum(axis=2).max(axis=1))
-    faces.radius[i] = limit_set.area_radius(outlines)
-    faces.far[i] = limit_set.far_moments(outlines)
+def with_outlines(faces: Faces, rows: int) -> Faces:
+    """The same joints with room for that many polygons."""
+    table = {}
+    for name in ("count", "x", "y", "far"):
+        array = getattr(faces, name)
+        table[name] = np.concatenate([array, np.zeros((rows - len(array), *array.shape[1:]), array.dtype)])
+    return faces._replace(**table)
+
+
+def put_outlines(faces: Faces, rows: np.ndarray, outlines: np.ndarray, i: np.ndarray, which: np.ndarray) -> None:
+    """Write polygons (g, m, 2) about their centroids, and their series, into the ``rows`` (g,) for them; and give the
+    convex joints ``i`` (k,) ``which`` (k,) of them, with the numbers that follow."""
+    m = outlines.shape[1]
+    faces.count[rows] = m
+    faces.x[rows, :m], faces.y[rows, :m] = outlines[..., 0], outlines[..., 1]
+    faces.far[rows] = limit_set.far_moments(outlines)
+    faces.outline[i] = rows[which]
+    faces.area[i] = polygons.area(outlines)[which]
+    faces.second[i] = np.stack(polygons.second_moments(outlines), axis=1)[which]
+    faces.reach[i] = np.sqrt((outlines**2).sum(axis=2).max(axis=1))[which]
+    faces.radius[i] = limit_set.area_radius(outlines)[which]
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:

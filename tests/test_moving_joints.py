@@ -11,7 +11,7 @@ from dembrick.driving import Driving
 from dembrick.dynamics import Motion, advance, joint_forces, motion, seat
 from dembrick.kernels.bodies import turn_body
 from dembrick.kernels.dynamics import Limits
-from dembrick.model import Block, JointLaw, Material, Scenario
+from dembrick.model import Block, JointLaw, Material, Scenario, Wall
 from dembrick.moving_polygons import distance_outside, nearest_inside
 from dembrick.moving_state import joint_resultants, seen
 from dembrick.shapes import quaternion_product, rotation_matrix
@@ -195,6 +195,65 @@ def test_sliding_off_the_edge(formulation):
     assert normal == pytest.approx(0.5 * 117.72, rel=0.01)  # the closing stayed the same
     if formulation != "distributed":
         assert moving.polygons.shift[0, 0] == pytest.approx(-0.075, rel=0.01)
+
+
+def test_equal_polygons_are_kept_once_until_they_are_cut():
+    """Twelve blocks on twelve floors: each that slides over its edge gets a polygon of its own, and carries what it
+    would carry alone; the rest is left as it was."""
+    n, out = 12, 10
+    stones = [
+        Block(f"{kind}{i}", "stone", (0.3, 0.2, 0.1), (float(i), 0.0, z), fixed=z < 0.0)
+        for i in range(n)
+        for kind, z in (("floor", -0.05), ("block", 0.05))
+    ]
+    built = assembly.build(
+        Scenario(
+            title="pairs", gravity=tuple(GRAVITY), joint=JointLaw("convex", 0.64, 1e10, 4e9),
+            materials={"stone": Material(2000.0)}, blocks=tuple(stones), control=DynamicControl(duration=1.0),
+        )
+    )  # fmt: skip
+    moving, driving = motion(built, 0.1, 0.3), Driving(GRAVITY)
+    seat(moving, driving)
+    faces = moving.state.faces
+    assert len(faces.count) == 1 and not faces.outline.any()
+    far = faces.far[0].copy()
+    for step in range(2):
+        for i in range(out):
+            place(moving, (0.01 * (i + 1), 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), 2 * i + 1)
+        joint_forces(moving, driving)
+        assert moving.polygons.cut_stale() == out
+        assert sorted(moving.state.faces.outline) == [0, 0, *range(1, out + 1)], step
+    joint_forces(moving, driving)
+    faces, found = moving.state.faces, joint_resultants(moving.state)
+    np.testing.assert_array_equal(faces.far[0], far)
+    for i in range(n):
+        alone, driving_alone = seated("convex")
+        alone.state.links.viscous[:] = moving.state.links.viscous[i]
+        for _ in range(2 if i < out else 0):
+            place(alone, (0.01 * (i + 1), 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
+            joint_forces(alone, driving_alone)
+            alone.polygons.cut_stale()
+        joint_forces(alone, driving_alone)
+        own = alone.state.faces
+        np.testing.assert_allclose(found[i], joint_resultants(alone.state)[0], rtol=1e-6, atol=1e-6)
+        np.testing.assert_allclose(faces.far[faces.outline[i]], own.far[own.outline[0]], rtol=1e-9, atol=1e-12)
+        assert faces.area[i] == pytest.approx(0.2 * (0.3 - (0.02 * (i + 1) if i < out else 0.0)), rel=1e-9)
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+def test_a_wall_takes_less_than_2_kb_a_block(formulation):
+    blocks, joint = 400, JointLaw(formulation, 0.64, 1e10, 4e9)
+    built = assembly.build(
+        Scenario(
+            title="wall", gravity=tuple(GRAVITY), joint=joint, materials={"stone": Material(2000.0)},
+            walls=(Wall("wall", "stone", (0.3, 0.2, 0.1), 20, 20, base=0.1),),
+            control=DynamicControl(duration=1.0),
+        )
+    )  # fmt: skip
+    moving = motion(built, 0.05, 0.9)
+    assert sum(array.nbytes for array in moving.state.arrays) < 2000 * blocks
+    if formulation == "convex":
+        assert len(moving.state.faces.count) <= 4  # a head joint, one of half a block, one of a whole one, the last bed
 
 
 def test_polygons_inside_the_face_are_left_alone():

@@ -5,11 +5,13 @@ import json
 import os
 import signal
 
+import numpy as np
 import pytest
 from restart_cases import SCENARIOS, case, check_same, content
 
 from dembrick import model, motion_run, scenario
 from dembrick.cli import main
+from dembrick.errors import HistoryError
 from dembrick.history import Checkpoints, read
 from dembrick.interruption import Interrupted
 from dembrick.result import restart, simulate
@@ -129,6 +131,77 @@ def test_a_run_in_real_time_stops_between_two_rows(tmp_path, stop_after, monkeyp
         stop_after(0)
         restart(path)
         check_same(tmp_path / "whole.h5", path)
+
+
+SLIDING = """
+title = "Plates that slide over the edges of their floors"
+gravity = [0.0, 0.0, -9.81]
+
+[joint]
+formulation = "convex"
+friction = 0.2
+normal_stiffness = 1.0e9
+shear_stiffness = 4.0e8
+
+[materials.stone]
+density = 2000.0
+
+[control]
+kind = "dynamic"
+duration = 0.04
+"""
+PLATE = """
+[[blocks]]
+name = "floor {0}"
+material = "stone"
+box = [0.3, 0.2, 0.1]
+position = [{0}, 0.0, -0.05]
+fixed = true
+
+[[blocks]]
+name = "plate {0}"
+material = "stone"
+box = [0.3, 0.2, 0.1]
+position = [{0}, 0.0, 0.05]
+velocity = [{1}, 0.2, 0.0]
+"""
+
+
+@pytest.mark.parametrize("row", [2, 12])
+def test_polygons_that_were_cut_go_on(tmp_path, stop_after, row):
+    """Ten plates share a polygon until each has one of its own; stopped before that and after."""
+    given = scenario.loads(SLIDING + "".join(PLATE.format(i, 0.1 * i + 0.01) for i in range(10)))
+    given = dataclasses.replace(given, output=model.Output(model.CHANNELS, rows=20, frames=10, checkpoint=1e9))
+    stop_after(0)
+    whole = simulate(given, tmp_path / "whole.h5")
+    faces = whole.run.motion.state.faces
+    assert sorted(faces.outline) == list(range(1, 11)) and len(faces.count) == 17
+    path = tmp_path / "parts.h5"
+    stop_after(row)
+    with pytest.raises(Interrupted):
+        simulate(given, path)
+    stop_after(0)
+    restart(path)
+    check_same(tmp_path / "whole.h5", path)
+
+
+@pytest.mark.parametrize("array", ["faces.outline", "faces.count"])
+def test_a_polygon_that_is_not_there_is_refused(tmp_path, stop_after, array):
+    given = scenario.loads(SLIDING + PLATE.format(0, 0.5))
+    given = dataclasses.replace(given, output=model.Output(rows=20, frames=10, checkpoint=1e9))
+    path = tmp_path / "run.h5"
+    stop_after(5)
+    with pytest.raises(Interrupted):
+        simulate(given, path)
+    for one in Checkpoints(path).existing():
+        with np.load(one) as found:
+            arrays = dict(found)
+        arrays[array] = arrays[array] + np.array(1000, arrays[array].dtype)
+        with open(one, "wb") as file:
+            np.savez(file, **arrays)
+    stop_after(0)
+    with pytest.raises(HistoryError, match=f"{array} leads out of its polygons"):
+        restart(path)
 
 
 def test_a_history_is_enough_to_run_again(tmp_path, monkeypatch, capsys):

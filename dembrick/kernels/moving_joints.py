@@ -61,25 +61,25 @@ class Corners(NamedTuple):
 
 
 class Faces(NamedTuple):
-    """Convex joints."""
+    """Convex joints. Equal polygons share their vertices and their series; a joint that was cut has its own."""
 
-    joint: ndarray  # (a,) int64
-    start: ndarray  # (a,) int64, first vertex of each
-    count: ndarray  # (a,) int64, vertices
+    joint: ndarray  # (a,) uint32
+    outline: ndarray  # (a,) uint32, which polygon: a row of `count`, `x`, `y` and `far`
     k_n: ndarray  # (a,) Pa/m
     k_s: ndarray  # (a,) Pa/m
     friction: ndarray  # (a,)
-    x: ndarray  # (v,) m, vertices from O along e1, counter-clockwise about e1 x e2
-    y: ndarray  # (v,) m, along e2
     area: ndarray  # (a,) m2
     second: ndarray  # (a, 3) m4, integrals of y^2, x^2, x y about O, the centroid
     negligible: ndarray  # (a,) N, friction strength up to which the limit surface need not be the exact one
     reach: ndarray  # (a,) m, greatest vertex distance from O
     radius: ndarray  # (a,) m, torsion strength over V_0
-    far: ndarray  # (a, 42) series of the limit surface about pure translation
     elastic: ndarray  # (a, 3) N, N, N m, in the sense in which the host slips, polygon axes
     twist: ndarray  # (a, 3) m, m, rad, last plastic twist
     slip: ndarray  # (a,) m, length of the slip path
+    count: ndarray  # (o,) int64, vertices of each polygon
+    x: ndarray  # (o, v) m, vertices from O along e1, counter-clockwise about e1 x e2
+    y: ndarray  # (o, v) m, along e2
+    far: ndarray  # (o, 42) series of the limit surface about pure translation
 
 
 @jit
@@ -274,12 +274,14 @@ def corner_forces(links, corners, bodies, first, last, force_out):
 def pressed(faces, a, viscous, g0, gx, gy, d0, dx, dy):
     """Integrals over the polygon of <h>+, x <h>+ and y <h>+ (x, y from O): h is the penetration g = g0 + gx x + gy y
     and ``viscous`` times what it grew by in the step, d = d0 + dx x + dy y. All nought where g is nowhere positive."""
-    first = faces.start[a]
-    last = first + faces.count[a]
+    outline = faces.outline[a]
+    count = faces.count[outline]
+    x = faces.x[outline]
+    y = faces.y[outline]
     least, most, before = 1e300, -1e300, -1e300
-    for i in range(first, last):
-        g = g0 + gx * faces.x[i] + gy * faces.y[i]
-        d = d0 + dx * faces.x[i] + dy * faces.y[i]
+    for i in range(count):
+        g = g0 + gx * x[i] + gy * y[i]
+        d = d0 + dx * x[i] + dy * y[i]
         least = min(least, g + viscous * d)
         most = max(most, g)
         before = max(before, g - d)
@@ -293,12 +295,12 @@ def pressed(faces, a, viscous, g0, gx, gy, d0, dx, dy):
         hx = gx + met(gx, viscous * dx, viscous)
         hy = gy + met(gy, viscous * dy, viscous)
         least = 1e300
-        for i in range(first, last):
-            least = min(least, h0 + hx * faces.x[i] + hy * faces.y[i])
+        for i in range(count):
+            least = min(least, h0 + hx * x[i] + hy * y[i])
     if least >= 0.0:
         second = faces.second[a]
         return faces.area[a] * h0, second[1] * hx + second[2] * hy, second[2] * hx + second[0] * hy
-    return no_tension(faces.x, faces.y, first, last, h0, hx, hy)
+    return no_tension(x, y, 0, count, h0, hx, hy)
 
 
 @jit
@@ -362,11 +364,12 @@ def face_forces(links, faces, bodies, first, last):
                 elastic[1] = t2
                 elastic[2] = tm
             else:
-                start = faces.start[a]
+                outline = faces.outline[a]
                 twist = faces.twist[a]
                 t1, t2, tm, q1, q2, qr, twist[0], twist[1], twist[2], _ = proximal_map(
-                    faces.x, faces.y, start, start + faces.count[a], area, faces.reach[a], faces.far[a], None, a,
-                    faces.radius[a], strength, damped * k_t, damped * k_r, t1, t2, tm, twist[0], twist[1], twist[2],
+                    faces.x[outline], faces.y[outline], 0, faces.count[outline], area, faces.reach[a],
+                    faces.far[outline], None, a, faces.radius[a], strength, damped * k_t, damped * k_r, t1, t2, tm,
+                    twist[0], twist[1], twist[2],
                 )  # fmt: skip
                 elastic[0] += k_t * (s1 - q1)
                 elastic[1] += k_t * (s2 - q2)
