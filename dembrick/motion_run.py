@@ -199,12 +199,13 @@ def _set_going(moving: Motion, driving: Driving) -> None:
 def _collapse(moving: Motion, control, jack: Jack | None, at_rest: np.ndarray) -> dict:
     """What came down, when, and how: the object of the JSON output. The load factor of a push is its peak."""
     away = np.linalg.norm(moving.displacement, axis=1)
-    angle = control.rate * moving.time if jack is None else None
+    time = float(moving.time)
+    angle = control.rate * time if jack is None else None
     worst = float(away.max())
     return {
         "angle": angle,
         "load_factor": math.tan(math.radians(angle)) if jack is None else float(jack.peak[0]),
-        "time": moving.time,
+        "time": time,
         "displacement": worst,
         "mechanism": mechanism(moving, at_rest),
         "blocks": [moving.assembly.names[i] for i in np.flatnonzero(away > MOVED * worst)],

@@ -100,12 +100,13 @@ def find_limit_load(
         replay = _by_equilibria(setup, session, goal or 0.0, steps)
     if not replay.converged:
         point = replay.yield_point
-        name, unit = ("the load factor", "") if goal is not None else ("V", " N")
+        name, unit, remedy = "V", " N", "check that the load can move the block at all"
+        if goal is not None:
+            name, unit, remedy = "the load factor", "", "live through the collapse with control.quasi_static = false"
         above = "without an upper bound" if point.V_upper is None else f"at most {point.V_upper:.6g}{unit}"
         raise NotConvergedError(
             f"the limit load was not bracketed within {tolerance:g} after {replay.steps} steps: {name} is at least "
-            f"{point.V_lower:.6g}{unit}, {above}. Allow a larger control.tolerance, or check that the load can move "
-            "the block at all",
+            f"{point.V_lower:.6g}{unit}, {above}. Allow a larger control.tolerance, or {remedy}",
             point,
         )
     return replay
