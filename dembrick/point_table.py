@@ -11,8 +11,6 @@ from dembrick import polygons
 from dembrick.joints import JointTable
 from dembrick.point_rules import ContactPoints, contact_points
 
-_AT_CORNERS = ("concave", "corrected", "corrected-shear")
-
 
 @dataclass(frozen=True, eq=False)
 class PointTable(Sequence[ContactPoints | None]):
@@ -71,7 +69,7 @@ def place_points(joints: JointTable, tolerance: float) -> PointTable:
         return PointTable(joints.corner, joints.corner, area, joints.start, np.zeros(len(joints), bool))
     alone = formulation == "distributed"
     alone[[j for j in joints.pieces if formulation[j] != "convex"]] = True
-    at_corners = np.isin(formulation, _AT_CORNERS) & ~alone
+    at_corners = (formulation != "convex") & ~alone
     single = {int(j): contact_points(joints[j], tolerance) for j in np.flatnonzero(alone)}
     count = np.where(at_corners, np.diff(joints.start), 0)
     for j, points in single.items():

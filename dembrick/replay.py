@@ -284,8 +284,7 @@ class _LoadSystem:
         self.stiffness = block_stiffness(self.state, shared=2.0)
         self.load = load_vectors(self.state)
         self.weight = float(np.abs(self.state.jacks.weight).sum())
-        loaded = np.unique(self.state.jacks.block)
-        loaded = loaded[np.isin(loaded, self.state.blocks.free)]
+        loaded = sorted(set(self.state.jacks.block.tolist()) & set(self.state.blocks.free.tolist()))
         if not len(loaded):
             raise ScenarioError("every actuator pushes a fixed block: nothing can move; let one push a free block")
         self.compliance = sum(float(self.load[b] @ np.linalg.solve(self.stiffness[b], self.load[b])) for b in loaded)
@@ -387,7 +386,7 @@ def _steps(rate: float, travel: float, dt: float) -> int:
 
 def _rough_strength(state: State, certificate: Certificate, load: np.ndarray) -> float:
     """A scale for V (N), right to a factor of a few: what it takes to slide and twist the loaded blocks' joints."""
-    loaded = np.unique(state.jacks.block)
+    loaded = set(state.jacks.block.tolist())
     capacity = 0.0
     for family in (state.points, state.areas):
         if family is None:

@@ -7,6 +7,7 @@ import os
 import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,11 +21,13 @@ from dembrick.errors import DembrickError, HistoryError, NotConvergedError, Writ
 from dembrick.interruption import Interrupted
 from dembrick.keeper import Keeper, Memory
 from dembrick.model import Scenario
-from dembrick.motion_result import MotionResult, lived_through
-from dembrick.motion_run import MotionRun
 from dembrick.session import Session
 from dembrick.simulation import rotations
 from dembrick.yield_point import YieldPoint
+
+if TYPE_CHECKING:
+    from dembrick.motion_result import MotionResult  # and its kernels: for runs in real time only
+    from dembrick.motion_run import MotionRun
 
 BRACKET_SLACK = 1e-9  # of V: rounding by which theory may lie outside a certified bracket
 
@@ -302,6 +305,8 @@ def _judged(scenario, assembly, run, books, keeper, times, refine) -> Result | M
     }
     rows, frames = (keeper.rows, keeper.frames) if keeper else ({}, {})
     if in_real_time(scenario.control):
+        from dembrick.motion_result import MotionResult
+
         result = MotionResult(scenario, assembly, run, rows, frames, wall, path)
     else:
         fallen = collapse_of(run, assembly, scenario.control) if on_all_blocks(scenario.control) else None
@@ -346,6 +351,8 @@ def _refined_factor(scenario: Scenario) -> float:
 def _replayed(scenario: Scenario, assembly, session: Session) -> replay.Replay | MotionRun:
     control, factor = scenario.control, scenario.solver.step_factor
     if in_real_time(control):
+        from dembrick.motion_result import lived_through
+
         return lived_through(scenario, assembly, session)
     if on_all_blocks(control):
         return replay.find_limit_load(assembly, control.tolerance, factor, session, control.displacement or 0.0)

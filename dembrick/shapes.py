@@ -133,10 +133,10 @@ def parts_of(shape: Shape) -> list[tuple[np.ndarray, Polyhedron]]:
 
 
 def _distinct_directions(directions: np.ndarray) -> np.ndarray:
-    kept: list[np.ndarray] = []
-    for direction in directions:
-        if all(np.linalg.norm(np.cross(direction, other)) > _PARALLEL for other in kept):
-            kept.append(direction)
+    kept, rest = [], directions
+    while len(rest):
+        kept.append(rest[0])
+        rest = rest[np.linalg.norm(np.cross(rest, rest[0]), axis=1) > _PARALLEL]
     return np.array(kept)
 
 

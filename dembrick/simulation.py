@@ -220,7 +220,11 @@ def to_joint(axes: np.ndarray, arm: np.ndarray) -> np.ndarray:
     """Matrices (..., 6, 6) from the motion (u, r) of a block about its centroid to that of O in the joint's axes."""
     matrix = np.zeros((*axes.shape[:-2], 6, 6))
     matrix[..., :3, :3] = matrix[..., 3:, 3:] = axes
-    matrix[..., :3, 3:] = np.cross(arm[..., None, :], axes)  # t . (r x arm) = (arm x t) . r
+    x, y, z = np.moveaxis(arm, -1, 0)
+    about = np.zeros_like(axes)  # row t times it is arm x t, and t . (r x arm) = (arm x t) . r
+    about[..., 0, 1], about[..., 0, 2], about[..., 1, 2] = z, -y, x
+    about[..., 1, 0], about[..., 2, 0], about[..., 2, 1] = -z, y, -x
+    matrix[..., :3, 3:] = axes @ about
     return matrix
 
 
@@ -259,6 +263,8 @@ def couplings(state: State, times: np.ndarray | None = None) -> tuple[np.ndarray
     free = np.zeros(len(state.blocks.displacement), bool)
     free[state.blocks.free] = True
     chosen = np.flatnonzero(free[joints.block_a] & free[joints.block_b])
+    if not len(chosen):
+        return chosen, chosen, np.zeros((0, 6, 6))
     k, (left, right) = _ends(state, times)
     blocks = -left[chosen].transpose(0, 2, 1) @ k[chosen] @ right[chosen]
     return joints.block_a[chosen], joints.block_b[chosen], blocks
