@@ -1,4 +1,4 @@
-"""The one decorator of the compiled kernels (in three strengths), and where their machine code is kept.
+"""The one decorator of the compiled kernels (in four strengths), and where their machine code is kept.
 
 numba's cache looks at the file of a kernel only: after an edit in a helper module it would go on serving the old
 physics. So the cache folder carries a hash of all kernel sources and of numba's version in its name.
@@ -15,7 +15,7 @@ import numba
 from numba import get_num_threads, prange
 from numba.core.caching import FunctionCache
 
-__all__ = ["CACHE_FOLDER", "get_num_threads", "jit", "jit_parallel", "kernel_hash", "prange"]
+__all__ = ["CACHE_FOLDER", "get_num_threads", "jit", "jit_parallel", "jit_sum", "kernel_hash", "prange"]
 
 PACKAGE = Path(__file__).parent
 
@@ -76,8 +76,8 @@ class _Cache(FunctionCache):
             return self._load_overload(sig, target_context)
 
 
-def _compiled(function, cache=_Cache, **options):
-    kernel = numba.njit(error_model="numpy", fastmath=FLOATS, **options)(function)
+def _compiled(function, cache=_Cache, fastmath=FLOATS, **options):
+    kernel = numba.njit(error_model="numpy", fastmath=fastmath, **options)(function)
     if kernel is function:  # NUMBA_DISABLE_JIT
         return function
     previous = numba.config.CACHE_DIR
@@ -97,6 +97,11 @@ def jit(function):
     lock is let go of, so that threads can share a batch.
     """
     return _compiled(function, nogil=True, _nrt=False, forceinline=True)
+
+
+def jit_sum(function):
+    """The same for a sum whose terms may be added in any order, and so several at once; no block must move by it."""
+    return _compiled(function, fastmath=FLOATS | {"reassoc"}, nogil=True, _nrt=False, forceinline=True)
 
 
 def entry(function):

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from dembrick.errors import EnergyAuditError
-from dembrick.state import Energy
+from dembrick.state import BY_LAW, LEAST, SLIDING, Energy
 
 LIMIT = 1e-3  # of the external work: beyond it the integration is not to be trusted
 NEGATIVE = 1e-12  # of the external work: friction work of one increment below minus this is no rounding
@@ -51,8 +51,8 @@ class Auditor:
         """The audit; EnergyAuditError where the books do not balance."""
         residual, scale = (float(value) for value in self.worst)
         relative = residual / scale if scale else 0.0
-        by_law, friction = float(books.work[5]), float(books.work[2])
-        result = EnergyAudit(relative, friction / by_law - 1.0 if by_law else 0.0, float(books.least[0]))
+        by_law, friction = float(books.work[BY_LAW]), float(books.work[SLIDING])
+        result = EnergyAudit(relative, friction / by_law - 1.0 if by_law else 0.0, float(books.work[LEAST]))
         if not relative <= LIMIT:
             raise EnergyAuditError(
                 f"the energy books are off by {relative:.2g} of the external work (limit {LIMIT:g}): the time step "

@@ -309,11 +309,8 @@ def new_energy(state: State) -> Energy:
         terms = np.stack([k, k * x, k * y, k * x**2, k * y**2, k * x * y], axis=1)
         normal = np.ascontiguousarray(np.add.reduceat(terms, p.start[:-1]))
     return Energy(
-        work=np.zeros(6),
-        least=np.zeros(1),
-        start=np.zeros(2),
+        work=np.zeros(9),
         turned=turned_blocks(state),
-        dash=np.zeros((len(state.joints.block_a), 6)),
+        dash=np.zeros((len(state.joints.block_a) + 1, 6)),
         normal=normal,
-        jack=np.zeros(1),
     )

@@ -144,13 +144,21 @@ class Jacks(NamedTuple):
     drive: ndarray  # (5,) head (m), driven displacement (m), V (N); greatest V so far (N), where (m)
 
 
-class Energy(NamedTuple):
-    """The books of a run: work summed step by step, and what the last step left behind for the next."""
+# Entries of `Energy.work` (J). Work of the jack head and of the dead torques; lost in friction, in dashpots of contacts
+# and to calming, and in the jack's dashpot; mu N |slip|; the smallest friction work of an increment; at the start, the
+# elastic energy of the seated joints, and the work of the dead forces up to then.
+HEAD, TORQUES, SLIDING, DAMPING, JACK_DAMPING, BY_LAW, LEAST, SEATED, SEATING = range(9)
 
-    work: ndarray  # (6,) J: of jack head, dead torques; lost in friction, in dashpots and calming, by jack; mu N |slip|
-    least: ndarray  # (1,) J, smallest friction work of an increment
-    start: ndarray  # (2,) J: elastic energy of the seated joints, work of the dead forces up to then
+
+class Energy(NamedTuple):
+    """The books of a run: work summed step by step, and what the last step left behind for the next.
+
+    Few arrays: a search is so short that a third of a microsecond counts, which each one takes on the way into a loop.
+    """
+
+    work: ndarray  # (9,) J, one entry for each name above
     turned: ndarray  # (t,) int64, free blocks with a dead torque
-    dash: ndarray  # (j, 6) N, N m: V_1, V_2, M_T, N, M_1, M_2 of the dashpots of each joint, last step
+    dash: (
+        ndarray  # (j + 1, 6) N, N m: V_1, V_2, M_T, N, M_1, M_2 of each joint's dashpots, last step; last, the jack's V
+    )
     normal: ndarray  # (p, 6) N/m, N, N m: sums of k_n (1, x, y, x^2, y^2, x y) over each point joint
-    jack: ndarray  # (1,) N, of the jack's dashpot, last step

@@ -14,6 +14,7 @@ from dembrick.kernels import guard as kernel
 from dembrick.kernels.advance import DIVERGED, RUNAWAY, RUNNING
 from dembrick.lab import lab_scenario
 from dembrick.simulation import initial_state
+from dembrick.state import HEAD, SEATED, SEATING, TORQUES
 from dembrick.steadiness import STEADY, refuse_unsound, steady
 from dembrick.yield_point import YieldPoint
 
@@ -41,15 +42,15 @@ def test_the_energy_put_in_is_that_of_the_books(built, monkeypatch):
     rows = []
     run = replay.push_at_constant_rate(built, 1e-3, 2.5e-5, 0.9, lambda r, f: rows.append(r))
     guard, blocks, dt = seen["guard"], run.state.blocks, run.time_step
-    assert guard.work[0] * dt * guard.weights == pytest.approx(run.energy.work[0], rel=4e-3)
+    assert guard.work[0] * dt * guard.weights == pytest.approx(run.energy.work[HEAD], rel=4e-3)
     # the dead forces work on the way that the blocks went after they were seated
     dead, seated = (float((blocks.dead_force * way).sum()) for way in (run.moved, blocks.displacement - run.moved))
-    tiny = 1e-9 * run.energy.work[0]
-    assert kernel.dead_force_work(blocks) - run.energy.start[1] == pytest.approx(dead, rel=1e-6, abs=tiny)
-    assert run.energy.start[1] == pytest.approx(seated, rel=1e-12)
-    assert guard.start[1] == guard.start[0] - run.energy.start[1]
-    assert guard.work[1] == run.energy.work[1] == 0.0  # no dead torque here
-    assert guard.start[0] == run.energy.start[0]
+    tiny = 1e-9 * run.energy.work[HEAD]
+    assert kernel.dead_force_work(blocks) - run.energy.work[SEATING] == pytest.approx(dead, rel=1e-6, abs=tiny)
+    assert run.energy.work[SEATING] == pytest.approx(seated, rel=1e-12)
+    assert guard.start[1] == guard.start[0] - run.energy.work[SEATING]
+    assert guard.work[1] == run.energy.work[TORQUES] == 0.0  # no dead torque here
+    assert guard.start[0] == run.energy.work[SEATED]
     load = np.concatenate([r["load"] for r in rows])
     assert guard.load[:, 1].sum() / guard.load[:, 0].sum() == pytest.approx(load.mean(), rel=0.02)
     assert guard.load[:, 0].sum() + guard.sums[0] == run.steps

@@ -11,6 +11,7 @@ from dembrick._jit import jit
 from dembrick.kernels.laws import coulomb, no_tension
 from dembrick.kernels.limit_surface import proximal_map, surface
 from dembrick.kernels.pressed import follow_pressure
+from dembrick.state import BY_LAW, DAMPING, LEAST, SLIDING
 
 
 @jit
@@ -93,10 +94,10 @@ def point_shears(points, p, p1, p2, pr, viscous, energy):
     if energy is not None:
         # Spring and dashpot stand side by side behind the slider, t = e + viscous (e - old): so the work of friction,
         # (old + e) q / 2 for the plastic increment q, is that of the old spring force and of t = cap q / |q| in parts.
-        energy.work[2] += 0.5 * ((2.0 - share) * held + share * by_law)
-        energy.work[5] += by_law
+        energy.work[SLIDING] += 0.5 * ((2.0 - share) * held + share * by_law)
+        energy.work[BY_LAW] += by_law
         if least < 0.0:
-            energy.least[0] = min(energy.least[0], 0.5 * least)
+            energy.work[LEAST] = min(energy.work[LEAST], 0.5 * least)
     return v1, v2, mt, slip / weight, (2.0 - share) * lost
 
 
@@ -116,8 +117,8 @@ def point_forces(points, p, before, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscou
         # closed points add up in closed form.
         r = energy.normal[p]
         dash = energy.dash[points.joint[p]]
-        share = viscous_s / (1.0 + viscous_s)
-        energy.work[3] += 0.5 * lost + 0.5 * dashpot_work(
+        share = 1.0 - 1.0 / (1.0 + viscous_s)  # the quotient is there already
+        energy.work[DAMPING] += 0.5 * lost + 0.5 * dashpot_work(
             dash,
             share * (v1 - before[1] + dash[0]),
             share * (v2 - before[2] + dash[1]),
@@ -221,12 +222,12 @@ def area_forces(areas, a, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, visco
         areas.slip[a] += by_law / strength
     if energy is not None:
         friction = 0.5 * ((old_1 + e1) * q1 + (old_2 + e2) * q2 + (old_r + er) * qr)
-        energy.work[2] += friction
-        energy.work[5] += by_law
+        energy.work[SLIDING] += friction
+        energy.work[BY_LAW] += by_law
         if friction < 0.0:
-            energy.least[0] = min(energy.least[0], friction)
+            energy.work[LEAST] = min(energy.work[LEAST], friction)
         still_n, still_1, still_2 = area_normal(areas, a, dn, r1, r2)
-        energy.work[3] += 0.5 * dashpot_work(
+        energy.work[DAMPING] += 0.5 * dashpot_work(
             energy.dash[areas.joint[a]], v1 - e1, v2 - e2, mt - er, n - still_n, m1 - still_1, m2 - still_2,
             p1, p2, pr, pn, pr1, pr2,
         )  # fmt: skip

@@ -7,7 +7,8 @@ or closes within a step, and, in finite motion, the turning of the geometry with
 
 from numpy import uint64
 
-from dembrick._jit import jit
+from dembrick._jit import jit, jit_sum
+from dembrick.state import DAMPING, HEAD, JACK_DAMPING, SEATED, SEATING, SLIDING, TORQUES
 
 KINETIC, ELASTIC, JACK_SPRING, EXTERNAL, FRICTION, DASHPOTS = range(6)
 
@@ -25,20 +26,20 @@ def dead_force_work(blocks):
 
 @jit
 def add_dead_torque_work(work, turned, blocks, dt):
-    """Add to ``work[1]`` that (J) of the dead torques on the blocks ``turned`` over the last step: it depends on the
-    way they turn."""
+    """Add to ``work[TORQUES]`` that (J) of the dead torques on the blocks ``turned`` over the last step: it depends on
+    the way they turn."""
     for t in range(turned.size):
         b = turned[t]
         for i in range(3):
-            work[1] += dt * blocks.dead_torque[b, i] * blocks.spin[b, i]
+            work[TORQUES] += dt * blocks.dead_torque[b, i] * blocks.spin[b, i]
 
 
 @jit
 def open_books(energy, blocks, joints, points, areas):
     """Note what there is at the start; blocks at rest."""
     if energy is not None:
-        energy.start[0] = elastic_energy(joints, points, areas, None)
-        energy.start[1] = dead_force_work(blocks)
+        energy.work[SEATED] = elastic_energy(joints, points, areas, None)
+        energy.work[SEATING] = dead_force_work(blocks)
 
 
 @jit
@@ -56,18 +57,22 @@ def normal_energy(joints, j, dash):
     return 0.5 * twice
 
 
+@jit_sum
+def shear_energy(points, p):
+    """Energy (J) in the shear springs of point joint ``p``."""
+    twice = 0.0
+    for i in range(uint64(points.start[p]), uint64(points.start[p + 1])):
+        twice += (points.elastic_1[i] * points.elastic_1[i] + points.elastic_2[i] * points.elastic_2[i]) / points.k_s[i]
+    return 0.5 * twice
+
+
 @jit
 def elastic_energy(joints, points, areas, dash):
     """Energy (J) in the springs of all joints now; ``dash`` as in `normal_energy`."""
     total = 0.0
     if points is not None:
         for p in range(points.joint.size):
-            sheared_1 = sheared_2 = 0.0
-            for i in range(uint64(points.start[p]), uint64(points.start[p + 1])):
-                softness = 1.0 / points.k_s[i]
-                sheared_1 += points.elastic_1[i] * points.elastic_1[i] * softness
-                sheared_2 += points.elastic_2[i] * points.elastic_2[i] * softness
-            total += normal_energy(joints, points.joint[p], dash) + 0.5 * (sheared_1 + sheared_2)
+            total += normal_energy(joints, points.joint[p], dash) + shear_energy(points, p)
     if areas is not None:
         for a in range(areas.joint.size):
             total += normal_energy(joints, areas.joint[a], dash)
@@ -109,8 +114,8 @@ def balance(energy, blocks, joints, points, areas, jacks, drive, scaled, inertia
         weights += abs(jacks.weight[i])
     spring = jacks.drive[0] - jacks.drive[1]
     out[KINETIC] = kinetic_energy(blocks, scaled, inertia, dt)
-    out[ELASTIC] = elastic_energy(joints, points, areas, energy.dash) - energy.start[0]
+    out[ELASTIC] = elastic_energy(joints, points, areas, energy.dash) - energy.work[SEATED]
     out[JACK_SPRING] = 0.5 * drive.stiffness * spring * spring * weights
-    out[EXTERNAL] = energy.work[0] + energy.work[1] + (dead_force_work(blocks) - energy.start[1])
-    out[FRICTION] = energy.work[2]
-    out[DASHPOTS] = energy.work[3] + energy.work[4]
+    out[EXTERNAL] = energy.work[HEAD] + energy.work[TORQUES] + (dead_force_work(blocks) - energy.work[SEATING])
+    out[FRICTION] = energy.work[SLIDING]
+    out[DASHPOTS] = energy.work[DAMPING] + energy.work[JACK_DAMPING]

@@ -11,6 +11,7 @@ from dembrick.kernels.contact import area_forces, point_forces
 from dembrick.kernels.finite_motion import finite_jack, finite_relative
 from dembrick.kernels.small_motion import small_jack, small_relative
 from dembrick.kernels.vec3 import columns_times, cross
+from dembrick.state import HEAD, JACK_DAMPING
 
 
 @jit
@@ -105,9 +106,10 @@ def jack_forces(blocks, jacks, drive, inertia, rate, dt, energy):
     v = drive.stiffness * (state[0] - driven) + dash
     if energy is not None:
         head = rate * dt * total
-        energy.work[0] += 0.5 * (state[2] + v) * head
-        energy.work[4] += 0.5 * (energy.jack[0] + dash) * (head - (driven - state[1]) * total)
-        energy.jack[0] = dash
+        last = energy.dash[energy.dash.shape[0] - 1]
+        energy.work[HEAD] += 0.5 * (state[2] + v) * head
+        energy.work[JACK_DAMPING] += 0.5 * (last[0] + dash) * (head - (driven - state[1]) * total)
+        last[0] = dash
     moved = (driven - state[1]) * total
     state[1] = driven
     state[2] = v

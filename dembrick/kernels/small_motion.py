@@ -7,6 +7,7 @@ nothing drifts.
 from dembrick._jit import jit
 from dembrick.kernels.skyline import solve_in_place
 from dembrick.kernels.vec3 import cross, rows_times
+from dembrick.state import DAMPING
 
 
 @jit
@@ -144,7 +145,7 @@ def small_step(blocks, inertia, dt, calming, memory, energy):
         b = blocks.free[f]
         if calming > 0.0:
             if energy is not None:
-                energy.work[3] += calming_loss(blocks, b, inertia.matrix[b], dt, calming)
+                energy.work[DAMPING] += calming_loss(blocks, b, inertia.matrix[b], dt, calming)
             for i in range(3):
                 blocks.velocity[b, i] -= calming * (blocks.velocity[b, i] - mean[b, i])
                 blocks.spin[b, i] -= calming * (blocks.spin[b, i] - mean[b, i + 3])
