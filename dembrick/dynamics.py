@@ -43,6 +43,7 @@ LONGEST_CHUNK = 2048  # steps
 MANY = 2000  # joints from which a step may be worth sharing among threads
 TRIAL = 16  # steps in which one thread and several show how fast they are
 AGAIN = 500  # calls of the loop after which they show it again
+BETWEEN = ("seating", "contact_search", "geometry", "record")  # what a run does beside its steps
 
 
 def damping_of_restitution(restitution: float) -> float:
@@ -67,7 +68,10 @@ def restitution_of_damping(ratio: float) -> float:
 
 @dataclass
 class Motion:
-    """An assembly that can be seated and moved: its time step (s), and how long it took (s)."""
+    """An assembly that can be seated and moved: its time step (s), and how long it took (s).
+
+    ``loop_seconds`` went into compiled steps, ``phases`` into what lies between them.
+    """
 
     assembly: object
     polygons: Polygons
@@ -76,6 +80,7 @@ class Motion:
     damping: float
     compile_seconds: float = 0.0
     loop_seconds: float = 0.0
+    phases: dict[str, float] = field(default_factory=lambda: dict.fromkeys(BETWEEN, 0.0))
     steps: int = 0
     seating_steps: int = 0
     meetings: Meetings = field(init=False)
@@ -179,7 +184,7 @@ def advance(motion: Motion, driving: Driving, n_steps: int, limits: Limits) -> i
     last = motion.steps + n_steps
     meetings, dt = motion.meetings, motion.time_step
     if meetings.looked is None:
-        meetings.follow(motion.state, motion.polygons, called=True)
+        _follow(motion, called=True)
     while motion.steps < last:
         most = min(LONGEST_CHUNK, last - motion.steps)
         times = (motion.steps + np.arange(most)) * dt
@@ -197,10 +202,17 @@ def advance(motion: Motion, driving: Driving, n_steps: int, limits: Limits) -> i
             )
         if status in (DEEP, CROWDED):
             raise NotConvergedError(_trouble(motion, status))
-        meetings.follow(motion.state, motion.polygons, called=status == MEETING)
+        _follow(motion, called=status == MEETING)
         if status == REACHED:
             return REACHED
     return RUNNING
+
+
+def _follow(motion: Motion, called: bool) -> None:
+    """Look for new contacts where that is due."""
+    began = time.perf_counter()
+    motion.meetings.follow(motion.state, motion.polygons, called)
+    motion.phases["contact_search"] += time.perf_counter() - began
 
 
 def _trouble(motion: Motion, status: int) -> str:
@@ -249,10 +261,12 @@ def _advance(motion: Motion, bodies, driving: Driving, times, limits: Limits, da
         done += some
         took = time.perf_counter() - began
         motion._pace.note(which, some, took)
+        motion.loop_seconds += took
         if status == STALE:
+            began = time.perf_counter()
             motion.polygons.cut_stale()
             state = motion.state
-        motion.loop_seconds += time.perf_counter() - began
+            motion.phases["geometry"] += time.perf_counter() - began
     return status, done
 
 

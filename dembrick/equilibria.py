@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable
 
 import numpy as np
@@ -94,7 +95,7 @@ class Equilibria:
     """Finds equilibria of ``state`` under V times the unit ``load`` (n, 6) at a given driven displacement.
 
     ``balanced``: the out-of-balance over the joint forces that is none. ``iterations``: of Newton's method so far;
-    ``pause`` is called before each.
+    ``pause`` is called before each. ``phases``: seconds that went into joint forces and into equations.
     """
 
     def __init__(self, state: State, load: np.ndarray, factor: Factor, balanced: float):
@@ -103,6 +104,7 @@ class Equilibria:
         self.rows = factor.place[:, None] + np.arange(6)
         self.trial = _new_trial(state, load, factor)
         self.iterations = 0
+        self.phases = {"joint_forces": 0.0, "equations": 0.0}
         self.pause: Callable[[], None] = lambda: None
 
     def motion(self) -> np.ndarray:
@@ -114,7 +116,7 @@ class Equilibria:
 
     def attempt(self, motion: np.ndarray, V: float, with_tangent: bool) -> float:
         """Out-of-balance of a motion under the load V: the square root of the elastic energy that it would give (J)."""
-        state = self.state
+        began, state = time.perf_counter(), self.state
         blocks = state.blocks
         rows = motion[self.rows]
         blocks.displacement[self.free], blocks.rotation[self.free] = rows[:, :3], rows[:, 3:]
@@ -122,7 +124,9 @@ class Equilibria:
             self.trial, blocks, state.joints, state.points, state.areas, state.jacks, V, with_tangent
         )  # fmt: skip
         residual = self.trial.residual[self.rows]
-        return math.sqrt(max(0.0, float((residual * self.factor.answer(residual)).sum())))
+        energy = float((residual * self.factor.answer(residual)).sum())
+        self.phases["joint_forces"] += time.perf_counter() - began
+        return math.sqrt(max(0.0, energy))
 
     def out_of_balance(self) -> float:
         """Out-of-balance force or moment over the greatest joint force, the worst block."""
@@ -167,6 +171,12 @@ class Equilibria:
 
     def solve(self) -> bool:
         """Solve for the answers of the tangent to the out-of-balance and to the unit load; False where it has none."""
+        began = time.perf_counter()
+        solved = self._solve()
+        self.phases["equations"] += time.perf_counter() - began
+        return solved
+
+    def _solve(self) -> bool:
         trial = self.trial
         assemble_tangent(trial, self.state.joints)
         system, rows = (trial.band, trial.half_width, trial.by_residual, trial.by_load), len(trial.residual)

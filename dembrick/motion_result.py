@@ -122,7 +122,7 @@ class MotionResult:
         lines.append(f"simulated     {motion.time:.6g} s")
         lines.append(
             f"time step     {motion.time_step:.3g} s (critical {motion.critical_time_step:.3g} s), "
-            f"{motion.steps} steps, loop {motion.loop_seconds:.3g} s"
+            f"{motion.steps} steps, loop {self.run.loop_seconds:.3g} s"
         )
         lines.append(f"history       {self.history}")
         return "\n".join(lines)

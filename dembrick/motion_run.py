@@ -51,7 +51,12 @@ class MotionRun:
     @property
     def loop_seconds(self) -> float:
         """Spent in the loop, seating counted."""
-        return self.motion.loop_seconds
+        return sum(self.phases.values())
+
+    @property
+    def phases(self) -> dict[str, float]:
+        """The same by phase; the compiled steps are one."""
+        return {"steps": self.motion.loop_seconds, **self.motion.phases}
 
 
 def prepare(assembly, control, step_factor: float) -> Motion:
@@ -109,11 +114,12 @@ def run(moving: Motion, control, driving: Driving, session: Session) -> MotionRu
     """
     dynamic, to_collapse = control.kind == "dynamic", drives_to_collapse(control)
     jack = _jack(moving, control)
-    past = _Past(moving, jack)
+    past = Past(moving, jack)
     if session.resumed:
         past.restore(session.resumed)
     else:
         past.unbalanced[0] = seat(moving, replace(driving, support_velocity=None), sticking=dynamic)
+        moving.phases["seating"], moving.loop_seconds = moving.loop_seconds, 0.0
         past.at_rest[:] = seen(moving.state.bodies, moving.state.links)
         if dynamic:
             _set_going(moving, driving)
@@ -223,21 +229,21 @@ def mechanism(moving: Motion, at_rest: np.ndarray) -> str:
     return max((slid, "sliding"), (rocked, "rocking"), (twisted, "torsion"))[1]
 
 
-class _Past:
+class Past:
     """What a run remembers beside its state, so that it can go on from a checkpoint."""
 
     def __init__(self, moving: Motion, jack: Jack | None):
-        self._moving, self._jack = moving, jack
+        self.moving, self._jack = moving, jack
         self.unbalanced = np.zeros(1)  # after the seating
         self.at_rest = np.zeros((len(moving.state.links.host), 9))  # `seen` then
 
     @property
     def where(self) -> str:
         """Steps done, and the time."""
-        return step_at(self._moving.steps, self._moving.time_step)
+        return step_at(self.moving.steps, self.moving.time_step)
 
     def _arrays(self) -> dict[str, np.ndarray]:
-        moving = self._moving
+        moving = self.moving
         arrays = {"past.unbalanced": self.unbalanced, "past.at_rest": self.at_rest, "motion.travel": moving._travel}
         if self._jack is not None:
             arrays |= {"jack.present": self._jack.present, "jack.peak": self._jack.peak}
@@ -245,14 +251,14 @@ class _Past:
 
     def snapshot(self) -> dict[str, np.ndarray]:
         """Everything that the run goes on from."""
-        moving = self._moving
+        moving = self.moving
         loop = np.array([moving.steps, moving.time_step, moving.seating_steps])
         parts = {name: getattr(moving.state, name) for name in PARTS}
         return {"loop": loop, **moving.meetings.snapshot(), **self._arrays(), **flattened(parts)}
 
     def restore(self, snapshot: Snapshot) -> None:
         """Take it from a snapshot of the same scene; HistoryError where it is of another."""
-        moving = self._moving
+        moving = self.moving
         steps, dt, seating = snapshot.array("loop", np.zeros(3)).tolist()
         if not (steps > 0.0 and steps.is_integer() and seating >= 0.0 and seating.is_integer() and 0.0 < dt < math.inf):
             raise HistoryError(f"{snapshot.path}: this checkpoint is of no step of this run")
@@ -294,6 +300,7 @@ class _Recorder:
         """A row of the present state, and a frame where one is due."""
         if self._session.observe is None:
             return
+        began = time.perf_counter()
         moving, channels = self._moving, self._session.output.channels
         away = moving.displacement
         rows = {
@@ -326,6 +333,7 @@ class _Recorder:
                 frames["velocity"], frames["spin"] = bodies.velocity[None][due].copy(), bodies.spin[None][due].copy()
             if "contacts" in channels:
                 frames["contact_force"] = contact_forces(moving.state, moving.meetings.left_to_joints())[None][due]
+        moving.phases["record"] += time.perf_counter() - began
         self._session.observe(rows, frames)
 
     def _displacement(self, away: np.ndarray) -> float:

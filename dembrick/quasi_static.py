@@ -13,6 +13,7 @@ the elastic stiffness as a drag at each joint they drift to where they come to r
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,11 +49,13 @@ MEMORY = ("base", "elastic_1", "elastic_2", "point_slip", "elastic", "twist", "a
 
 @dataclass
 class Path:
-    """A followed path: whether the bracket became narrow enough, Newton iterations and equilibria it took."""
+    """A followed path: whether the bracket became narrow enough, Newton iterations and equilibria it took, and seconds
+    by phase; ``path`` is what is left, the choice of steps."""
 
     converged: bool
     iterations: int
     equilibria: int
+    phases: dict[str, float]
 
 
 def follow(
@@ -96,6 +99,8 @@ class _Follower:
         self.seated_at = state.blocks.displacement.copy()
         self.session, self.turn_began = session, {}
         self.search.pause = lambda: session.pause(self, within=True)
+        self.phases = {**self.search.phases, "bracket": 0.0, "record": 0.0, "path": 0.0}
+        self.elsewhere = 0.0  # s, with whoever gets the record, and with checkpoints
 
     def compile(self) -> None:
         """Call every kernel once, at the motion of now."""
@@ -108,6 +113,7 @@ class _Follower:
             self.recorder.record.count[:] = 0
 
     def run(self, strength: float, goal: float) -> Path:
+        began = time.perf_counter()
         way = self.way = self._at_start(strength)
         if self.session.resumed is not None:
             self._restore(self.session.resumed)
@@ -117,13 +123,17 @@ class _Follower:
         converged, more = False, True
         with interruption.deferred():
             while more and (way.drift or (way.equilibria < MOST_EQUILIBRIA and way.step > SHORTEST * way.longest)):
+                paused = time.perf_counter()
                 if self.session.keep is not None:
                     self.turn_began = self._snapshot()
                 self.session.pause(self)
+                self.elsewhere += time.perf_counter() - paused
                 V, more = self._drifted() if way.drift else self._stepped()
                 if V is not None and self._went_to(V) and self._moved() >= goal:
                     converged, more = True, False
-        return Path(converged, way.iterations, way.equilibria)
+        phases = self.phases | self.search.phases
+        phases["path"] = time.perf_counter() - began - self.elsewhere - sum(phases.values())
+        return Path(converged, way.iterations, way.equilibria, phases)
 
     def _at_start(self, strength: float) -> Way:
         motion = self.search.motion()
@@ -266,9 +276,11 @@ class _Follower:
         jacks.drive[:3] = way.driven, way.driven, V
         if V > jacks.drive[3]:
             jacks.drive[3:5] = V, way.driven
+        began = time.perf_counter()
         lower, upper = instant_bounds(
             blocks, state.joints, state.points, state.areas, V, moved, 1.0
         )  # fmt: skip
+        self.phases["bracket"] += time.perf_counter() - began
         given = way.driven - way.start - V * self.compliance / self.weight
         way.seen.append((given, V, float(lower), float(upper), closing))
 
@@ -331,8 +343,12 @@ class _Follower:
 
     def _record(self) -> None:
         if self.recorder is not None:
+            began = time.perf_counter()
             self._write(len(self.way.seen) - 1)
+            written = time.perf_counter()
             self.recorder.drain()
+            self.phases["record"] += written - began
+            self.elsewhere += time.perf_counter() - written
 
     def _write(self, number: int) -> None:
         """Add the equilibrium of now, that with this ``number``, to the record."""

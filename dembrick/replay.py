@@ -75,6 +75,7 @@ class Replay:
     energy: Energy | None = None
     settings: dict = field(default_factory=dict)
     moved: np.ndarray | None = None  # (n, 3) m, since the blocks were seated
+    phases: dict | None = None  # s, of the loop, where it was timed by phase
 
 
 def find_limit_load(
@@ -125,7 +126,7 @@ def _by_equilibria(setup: _Setup, session: Session, goal: float, steps: float) -
     strength = GUESS * float(np.linalg.norm(state.blocks.dead_force[state.blocks.free], axis=1).sum()) / setup.weight
     strength = min(strength, _rough_strength(state, certificate, setup.load)) or GUESS
     path = follow(state, setup.load, setup.factor, certificate, steps * strength, recorder, goal, session)
-    done = time.perf_counter()
+    phases = {"seating": setup.loop_seconds, **path.phases}
     return Replay(
         yield_point=read_off(state, certificate, setup.assembly.names),
         state=state,
@@ -136,9 +137,10 @@ def _by_equilibria(setup: _Setup, session: Session, goal: float, steps: float) -
         simulated_time=float(path.equilibria),
         unbalanced=setup.unbalanced,
         compile_seconds=setup.compile_seconds + ready - began,
-        loop_seconds=setup.loop_seconds + done - ready,
+        loop_seconds=sum(phases.values()),
         settings={"equilibria": path.equilibria, "inertia": "none"},
         moved=state.blocks.displacement - setup.seated,
+        phases=phases,
     )
 
 

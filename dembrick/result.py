@@ -303,6 +303,8 @@ def _judged(scenario, assembly, run, books, keeper, times, refine) -> Result | M
         "write": write,
         "total": finishing - began,
     }
+    if run.phases is not None:
+        wall["phases"] = run.phases
     rows, frames = (keeper.rows, keeper.frames) if keeper else ({}, {})
     if in_real_time(scenario.control):
         from dembrick.motion_result import MotionResult

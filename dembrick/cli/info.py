@@ -50,7 +50,7 @@ def _report(file, options, console) -> int:
     if point:
         half = math.inf if point["V_upper"] is None else 0.5 * (point["V_upper"] - point["V_lower"])
         lines.append(f"V             {point['V']:.6g} N +- {half:.2g} N ({point['bracket']}), {point['mechanism']}")
-    lines += [f"{part:14}{seconds:.6f} s" for part, seconds in wall.items()]
+    lines += [f"{part:14}{seconds:.6f} s" for part, seconds in wall.items() if _is_number(seconds)]
     lines.append("versions      " + ", ".join(f"{name} {version}" for name, version in file.versions.items()))
     console.result(data, "\n".join(lines))
     return 0
@@ -60,25 +60,31 @@ def _profile(file, results: dict, console) -> int:
     """Where the time went, the loop by phases as `dembrick.profile` tells them apart."""
     from dembrick import scenario as scenarios
     from dembrick.errors import HistoryError, ScenarioError
-    from dembrick.profile import loop_shares
+    from dembrick.profile import loop_phases
 
     wall, steps = results.get("wall"), results.get("steps")
-    if not isinstance(wall, dict) or not isinstance(steps, int) or not all(_is_number(t) for t in wall.values()):
+    wall = dict(wall) if isinstance(wall, dict) else {}
+    measured = wall.pop("phases", {})
+    timed = isinstance(measured, dict) and isinstance(steps, int)
+    if not timed or not all(_is_number(t) for t in (wall.get("loop"), *wall.values(), *measured.values())):
         raise HistoryError(f"{file.path}: status {file.status}; only a run that was finished has a profile")
-    phases, why = None, ""
+    why = "measured in the run"
+    if not measured or "steps" in measured:
+        why = "the loop is split by timing short loops of this scenario on this machine"
+        why = f"{why}; what lies between its compiled steps was measured in the run" if measured else why
     try:
-        shares = loop_shares(scenarios.loads(file.scenario_text, file.path), steps)
-        phases = {name: share * wall.get("loop", 0.0) for name, share in shares.items()}
+        phases = loop_phases(scenarios.loads(file.scenario_text, file.path), results)
     except ScenarioError as error:
-        why = str(error)
+        phases, why = measured or None, str(error)
     lines = []
     for part, seconds in wall.items():
         lines.append(f"{part.replace('_', '-'):16}{seconds:12.6f} s")
         if part == "loop" and phases:
             lines += [
-                f"  {name.replace('_', ' '):14}{t:12.6f} s {100 * shares[name]:5.1f} %" for name, t in phases.items()
+                f"  {name.replace('_', ' '):14}{t:12.6f} s {100 * t / max(seconds, 1e-300):5.1f} %"
+                for name, t in phases.items()
             ]
-    lines += ["the loop is split by timing short loops of this scenario on this machine" if phases else why]
+    lines += [why]
     console.result({"history": file.path, "wall": wall, "loop": phases}, "\n".join(lines))
     return 0
 
