@@ -97,6 +97,19 @@ def vtk_steps(path):
     return times, steps
 
 
+@pytest.mark.parametrize("ending", ["vtkhdf", "csv"])
+def test_files_are_named_from_where_they_were_asked_for(tmp_path, monkeypatch, ending):
+    """In the words of the path that was given: relative ones stay so; where a link leads elsewhere, as they are."""
+    found = make(tmp_path)
+    (tmp_path / "here" / "sub").mkdir(parents=True)
+    (tmp_path / "here" / f"link.{ending}").symlink_to(tmp_path / f"there.{ending}")
+    monkeypatch.chdir(tmp_path / "here")
+    assert export.export(found, f"out.{ending}")[0] == f"out.{ending}"
+    assert export.export(found, os.path.join("sub", f"out.{ending}"))[0] == os.path.join("sub", f"out.{ending}")
+    assert export.export(found, tmp_path / f"out.{ending}")[0] == str(tmp_path / f"out.{ending}")
+    assert export.export(found, f"link.{ending}")[0] == os.path.realpath(tmp_path / f"there.{ending}")
+
+
 def test_vtk_reads_the_blocks_at_every_step(tmp_path):
     assembly = cases.mixed_assembly()
     written = export.export(make(tmp_path, assembly), tmp_path / "out.vtkhdf")

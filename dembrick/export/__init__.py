@@ -26,7 +26,8 @@ def export(
     report: Callable[[str], None] | None = None,
     only: Collection[str] = LAYERS,
 ) -> list[str]:
-    """Write the history in the format that the ending of ``path`` names; returns the files written.
+    """Write the history in the format that the ending of ``path`` names; returns the files written, as ``path`` names
+    its folder.
 
     ``report`` gets a sentence for each quantity that the history does not hold, with the remedy. ``only``: the layers
     to write (blocks, joints, contacts); text always has all series.
@@ -38,4 +39,9 @@ def export(
     writers = {".vtkhdf": partial(to_vtkhdf, only=only), ".pvd": partial(to_pvd, only=only), ".csv": to_csv}
     if ending not in writers:
         raise OutputError(f"{path}: no export has the ending {ending!r}; the known endings are {', '.join(writers)}")
-    return writers[ending](history, path, report)
+    folder = os.path.dirname(os.fspath(path))
+    home = os.path.join(os.path.realpath(folder), "")
+    return [
+        os.path.join(folder, file.removeprefix(home)) if file.startswith(home) else file  # a link led elsewhere
+        for file in writers[ending](history, path, report)
+    ]
