@@ -11,6 +11,8 @@ from dembrick.driving import Driving
 from dembrick.dynamics import Motion, advance, joint_forces, motion, seat
 from dembrick.kernels.bodies import turn_body
 from dembrick.kernels.dynamics import Limits
+from dembrick.kernels.laws import no_tension
+from dembrick.kernels.moving_joints import pressed
 from dembrick.model import Block, JointLaw, Material, Scenario, Wall
 from dembrick.moving_polygons import distance_outside, nearest_inside
 from dembrick.moving_state import joint_resultants, seen
@@ -195,6 +197,30 @@ def test_sliding_off_the_edge(formulation):
     assert normal == pytest.approx(0.5 * 117.72, rel=0.01)  # the closing stayed the same
     if formulation != "distributed":
         assert moving.polygons.shift[0, 0] == pytest.approx(-0.075, rel=0.01)
+
+
+def test_pressed_polygon_with_and_without_a_look_at_its_vertices():
+    """The closed form for closed joints holds wherever it is used: fully pressed, nearly, and with an edge open."""
+    moving = two_blocks("convex")
+    faces = moving.state.faces
+    x, y = faces.x[0, :4], faces.y[0, :4]
+    rng = np.random.default_rng(0)
+    closed = short = 0
+    for _ in range(4000):
+        g0, gx, gy = 1e-6 * rng.normal(1.0, 0.3), *(1e-5 * rng.standard_normal(2))
+        d0, dx, dy = 1e-7 * rng.standard_normal(3)
+        viscous = 0.3
+        h0, hx, hy = g0 + viscous * d0, gx + viscous * dx, gy + viscous * dy
+        found = pressed(faces, 0, viscous, g0, gx, gy, d0, dx, dy)
+        everywhere = (h0 + hx * x + hy * y).min() > 0.0
+        closed += everywhere
+        short += h0 > math.hypot(0.15, 0.1) * math.hypot(hx, hy)
+        # a plane that is open somewhere far outside: the general integral, not the closed form
+        expected = no_tension(x, y, 0, 4, h0, hx, hy)
+        scale = abs(expected[0])
+        np.testing.assert_allclose(found[0], expected[0], rtol=1e-9)
+        np.testing.assert_allclose(found[1:], expected[1:], rtol=0.0, atol=1e-9 * scale)
+    assert 500 < short < closed < 3500
 
 
 def test_equal_polygons_are_kept_once_until_they_are_cut():

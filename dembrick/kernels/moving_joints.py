@@ -196,24 +196,28 @@ def corner_forces(links, corners, bodies, first, last, force_out):
         seen[6] = g1
         seen[7] = g2
         seen[8] = g3
-        # penetration of a point, and what drives its normal force: the dashpot sees a fraction of a step ahead
-        sense = links.sense[j]
-        offset = links.offset[j]
-        viscous = links.viscous[j, 0]
-        g0 = sense * (offset - o3)
-        gx = -sense * e3
-        gy = -sense * g3
-        h0 = g0 - sense * viscous * p3
-        hx = gx - sense * viscous * x3
-        hy = gy - sense * viscous * y3
+        # forces by area: of the penetration, alone and with the dashpot, which sees a fraction of a step ahead, ...
         law = corners.law[p]
-        arm = corners.shear_arm[law]
-        x1 *= arm
-        x2 *= arm
-        y1 *= arm
-        y2 *= arm
         k_n = corners.k_n[law]
         k_s = corners.k_s[law]
+        sense = links.sense[j]
+        viscous = links.viscous[j, 0]
+        pull = -sense * k_n
+        g0 = pull * (o3 - links.offset[j])
+        gx = pull * e3
+        gy = pull * g3
+        pull *= viscous
+        h0 = g0 + pull * p3
+        hx = gx + pull * x3
+        hy = gy + pull * y3
+        # ... and of its slip in the step
+        arm = corners.shear_arm[law]
+        p1 *= k_s
+        p2 *= k_s
+        x1 *= k_s * arm
+        x2 *= k_s * arm
+        y1 *= k_s * arm
+        y2 *= k_s * arm
         damped = 1.0 + links.viscous[j, 1]
         mu = corners.friction[law]
         a1 = a2 = a3 = b1 = b2 = b3 = c1 = c2 = c3 = 0.0
@@ -224,28 +228,29 @@ def corner_forces(links, corners, bodies, first, last, force_out):
             g = g0 + x * gx + y * gy
             force = 0.0
             if g > 0.0:
-                ahead = h0 + x * hx + y * hy - g
-                if ahead >= viscous * g:  # it was open a step ago: see `met`
-                    ahead = met(g, ahead, viscous)
-                force = k_n * area * (g + ahead)
+                h = h0 + x * hx + y * hy
+                if h >= (1.0 + viscous) * g:  # it was open a step ago
+                    h = g + met(g, h - g, viscous)
+                force = area * h
             elastic = corners.elastic[i]
             if force > 0.0:
-                k = k_s * area
-                s1 = k * (p1 + x * x1 + y * y1)
-                s2 = k * (p2 + x * x2 + y * y2)
-                t1 = elastic[0] + damped * s1
-                t2 = elastic[1] + damped * s2
+                before1 = elastic[0]
+                before2 = elastic[1]
+                s1 = area * (p1 + x * x1 + y * y1)
+                s2 = area * (p2 + x * x2 + y * y2)
+                t1 = before1 + damped * s1
+                t2 = before2 + damped * s2
                 size2 = t1 * t1 + t2 * t2
                 cap = mu * force
                 if size2 <= cap * cap:
-                    elastic[0] += s1
-                    elastic[1] += s2
+                    elastic[0] = before1 + s1
+                    elastic[1] = before2 + s2
                 else:
                     size = sqrt(size2)
                     plastic = (size - cap) / (size * damped)
-                    elastic[0] += s1 - plastic * t1
-                    elastic[1] += s2 - plastic * t2
-                    corners.slip[i] += plastic * size / k
+                    elastic[0] = before1 + s1 - plastic * t1
+                    elastic[1] = before2 + s2 - plastic * t2
+                    corners.slip[i] += plastic * size / (k_s * area)
                     t1 *= cap / size
                     t2 *= cap / size
                 a1 -= t1
@@ -274,33 +279,36 @@ def corner_forces(links, corners, bodies, first, last, force_out):
 def pressed(faces, a, viscous, g0, gx, gy, d0, dx, dy):
     """Integrals over the polygon of <h>+, x <h>+ and y <h>+ (x, y from O): h is the penetration g = g0 + gx x + gy y
     and ``viscous`` times what it grew by in the step, d = d0 + dx x + dy y. All nought where g is nowhere positive."""
-    outline = faces.outline[a]
-    count = faces.count[outline]
-    x = faces.x[outline]
-    y = faces.y[outline]
-    least, most, before = 1e300, -1e300, -1e300
-    for i in range(count):
-        g = g0 + gx * x[i] + gy * y[i]
-        d = d0 + dx * x[i] + dy * y[i]
-        least = min(least, g + viscous * d)
-        most = max(most, g)
-        before = max(before, g - d)
-    if most <= 0.0:
-        return 0.0, 0.0, 0.0
     h0 = g0 + viscous * d0
     hx = gx + viscous * dx
     hy = gy + viscous * dy
-    if before <= 0.0:
-        h0 = g0 + met(g0, viscous * d0, viscous)
-        hx = gx + met(gx, viscous * dx, viscous)
-        hy = gy + met(gy, viscous * dy, viscous)
-        least = 1e300
+    # h and g positive on the circle around the polygon, and contact at O a step ago: no vertex needs to be looked at
+    reach = faces.reach[a]
+    if min(h0 - reach * sqrt(hx * hx + hy * hy), g0, g0 - d0) <= 0.0:
+        outline = faces.outline[a]
+        count = faces.count[outline]
+        x = faces.x[outline]
+        y = faces.y[outline]
+        least, most, before = 1e300, -1e300, -1e300
         for i in range(count):
-            least = min(least, h0 + hx * x[i] + hy * y[i])
-    if least >= 0.0:
-        second = faces.second[a]
-        return faces.area[a] * h0, second[1] * hx + second[2] * hy, second[2] * hx + second[0] * hy
-    return no_tension(x, y, 0, count, h0, hx, hy)
+            g = g0 + gx * x[i] + gy * y[i]
+            d = d0 + dx * x[i] + dy * y[i]
+            least = min(least, g + viscous * d)
+            most = max(most, g)
+            before = max(before, g - d)
+        if most <= 0.0:
+            return 0.0, 0.0, 0.0
+        if before <= 0.0:
+            h0 = g0 + met(g0, viscous * d0, viscous)
+            hx = gx + met(gx, viscous * dx, viscous)
+            hy = gy + met(gy, viscous * dy, viscous)
+            least = 1e300
+            for i in range(count):
+                least = min(least, h0 + hx * x[i] + hy * y[i])
+        if least < 0.0:
+            return no_tension(x, y, 0, count, h0, hx, hy)
+    second = faces.second[a]
+    return faces.area[a] * h0, second[1] * hx + second[2] * hy, second[2] * hx + second[0] * hy
 
 
 @jit
