@@ -303,11 +303,12 @@ def turned_blocks(state: State) -> np.ndarray:
 
 def new_energy(state: State) -> Energy:
     """Empty books for a run that starts from ``state``."""
-    normal = np.zeros((0, 6))
+    normal = np.zeros((0, 7))
     if state.points is not None:
         p, k, x, y = state.points, state.points.k_n, state.points.x_n, state.points.y_n
         terms = np.stack([k, k * x, k * y, k * x**2, k * y**2, k * x * y], axis=1)
-        normal = np.ascontiguousarray(np.add.reduceat(terms, p.start[:-1]))
+        reach = np.maximum.reduceat(np.hypot(x, y), p.start[:-1])
+        normal = np.column_stack([np.add.reduceat(terms, p.start[:-1]), reach])
     return Energy(
         work=np.zeros(9),
         turned=turned_blocks(state),

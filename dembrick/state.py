@@ -161,4 +161,4 @@ class Energy(NamedTuple):
     dash: (
         ndarray  # (j + 1, 6) N, N m: V_1, V_2, M_T, N, M_1, M_2 of each joint's dashpots, last step; last, the jack's V
     )
-    normal: ndarray  # (p, 6) N/m, N, N m: sums of k_n (1, x, y, x^2, y^2, x y) over each point joint
+    normal: ndarray  # (p, 7) N/m, N, N m: sums of k_n (1, x, y, x^2, y^2, x y) over each point joint; m, its reach

@@ -29,13 +29,9 @@ def dashpot_work(dash, v1, v2, mt, n, m1, m2, p1, p2, pr, pn, pr1, pr2):
 
 
 @jit
-def point_normals(points, p, dn, r1, r2, pn, pr1, pr2, viscous, energy):
-    """Normal forces of the points of joint ``p``; returns their resultant N, M_1, M_2.
-
-    With ``energy``, also how far the resultant of all springs, had none of them let go, is from that of the springs:
-    the sums of k_n times the penetration, where that is negative, and of the same times x and y.
-    """
-    n = m1 = m2 = open_n = open_x = open_y = 0.0
+def point_normals(points, p, dn, r1, r2, pn, pr1, pr2, viscous):
+    """Normal forces of the points of joint ``p``; returns their resultant N, M_1, M_2."""
+    n = m1 = m2 = 0.0
     for i in range(uint64(points.start[p]), uint64(points.start[p + 1])):
         x = points.x_n[i]
         y = points.y_n[i]
@@ -44,16 +40,31 @@ def point_normals(points, p, dn, r1, r2, pn, pr1, pr2, viscous, energy):
         if penetration > 0.0:
             closing = -(pn + pr1 * y - pr2 * x)
             normal = max(points.k_n[i] * (penetration + viscous * closing), 0.0)
-        elif energy is not None:
-            pull = points.k_n[i] * penetration
-            open_n += pull
-            open_x += pull * x
-            open_y += pull * y
         points.normal[i] = normal
         n += normal
         m1 -= y * normal
         m2 += x * normal
-    return n, m1, m2, open_n, open_x, open_y
+    return n, m1, m2
+
+
+@jit
+def spring_resultant(points, p, sums, dn, r1, r2):
+    """N, M_1, M_2 of the normal springs of point joint ``p`` without its dashpots; ``sums`` is its `Energy.normal`.
+
+    In closed form as if all were closed; where a point may be open, less what the open ones would pull.
+    """
+    n = -(sums[0] * dn + sums[2] * r1 - sums[1] * r2)
+    m1 = sums[2] * dn + sums[4] * r1 - sums[5] * r2
+    m2 = -(sums[1] * dn + sums[5] * r1 - sums[3] * r2)
+    if dn + sums[6] * (abs(r1) + abs(r2)) > 0.0:
+        for i in range(uint64(points.start[p]), uint64(points.start[p + 1])):
+            x = points.x_n[i]
+            y = points.y_n[i]
+            pull = points.k_n[i] * max(dn + r1 * y - r2 * x, 0.0)
+            n += pull
+            m1 -= pull * y
+            m2 += pull * x
+    return n, m1, m2
 
 
 @jit
@@ -108,14 +119,13 @@ def point_forces(points, p, before, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscou
     With ``energy`` (not None) the work of the step goes into the books, by the trapezoidal rule over the increment;
     ``before`` is the resultant of the last step.
     """
-    n, m1, m2, open_n, open_x, open_y = point_normals(points, p, dn, r1, r2, pn, pr1, pr2, viscous_n, energy)
+    n, m1, m2 = point_normals(points, p, dn, r1, r2, pn, pr1, pr2, viscous_n)
     v1, v2, mt, slip, lost = point_shears(points, p, p1, p2, pr, viscous_s, energy)
     if energy is not None:
         # The dashpots carry what the springs do not. All points move with one rigid motion, so the work of their
         # resultant is the sum of theirs. At every point, stuck, sliding or open, t = e + d with d = viscous (e - old),
-        # so that d = viscous (t - t_old + d_old) / (1 + viscous), and with it the resultants; the normal springs of
-        # closed points add up in closed form.
-        r = energy.normal[p]
+        # so that d = viscous (t - t_old + d_old) / (1 + viscous), and with it the resultants.
+        still_n, still_1, still_2 = spring_resultant(points, p, energy.normal[p], dn, r1, r2)
         dash = energy.dash[points.joint[p]]
         share = 1.0 - 1.0 / (1.0 + viscous_s)  # the quotient is there already
         energy.work[DAMPING] += 0.5 * lost + 0.5 * dashpot_work(
@@ -123,9 +133,9 @@ def point_forces(points, p, before, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscou
             share * (v1 - before[1] + dash[0]),
             share * (v2 - before[2] + dash[1]),
             share * (mt - before[3] + dash[2]),
-            n + r[0] * dn + r[2] * r1 - r[1] * r2 + open_n,
-            m1 - (r[2] * dn + r[4] * r1 - r[5] * r2 + open_y),
-            m2 + (r[1] * dn + r[5] * r1 - r[3] * r2 + open_x),
+            n - still_n,
+            m1 - still_1,
+            m2 - still_2,
             p1, p2, pr, pn, pr1, pr2,
         )  # fmt: skip
     return n, v1, v2, mt, m1, m2, slip
