@@ -367,6 +367,7 @@ def _settings(tolerance: float, eta: float) -> Settings:
         momentum=equilibrium.MOMENTUM,
         eta=eta,
         slip_per_step=replay.SLIP_PER_STEP,
+        gently=replay.GENTLY,
         ramp=float(replay.RAMP),
         steady=16 * replay.HALVING,
         slowing=0.5 ** (1.0 / replay.HALVING),
@@ -377,9 +378,7 @@ def _settings(tolerance: float, eta: float) -> Settings:
         chunk=replay.CHUNK_OF_SEARCH,
         most_steps=replay.MOST_STEPS,
         window=certificate.WINDOW,
-        long_window=replay.LONG_WINDOW,
         mask=guards.LOOK - 1,
-        never=guards.NEVER,
         stretch=1 << 62,
     )
 
@@ -399,11 +398,11 @@ def _run(cases: Cases, faces: _Faces) -> LimitLoads:
         size=guards.LONGEST_MOVE * faces.width[cases.shape],
     )
     counts = np.zeros((2, k), np.int64)
-    answer = Answer(np.zeros((k, 2)), np.zeros((k, 4)), np.zeros((k, 3)), *counts)
+    answer = Answer(np.zeros((k, 2)), np.zeros((k, 5)), np.zeros((k, 3)), *counts)
     basis = Basis(
-        np.zeros(3), np.zeros(3), np.zeros(2), np.zeros(1 if points is None else len(points.k_n)), np.zeros(4)
+        np.zeros(3), np.zeros(3), np.zeros(2), np.zeros(1 if points is None else len(points.k_n)), np.zeros(5)
     )
-    room = Room(np.zeros((replay.LONG_WINDOW, 4)), np.zeros(4), np.zeros(2), np.zeros(2), np.zeros(3), np.zeros((1, 3)))
+    room = Room(np.zeros((certificate.WINDOW, 4)), np.zeros(4), np.zeros(2), np.zeros(2), np.zeros(3), np.zeros((1, 3)))
     replay_batch(
         0, k, blocks, joints, points, areas, jacks, cases.jack_weight.shape[1],
         _inertia(stiffness), _inertia(stiffness / eta**2), loading, Lone(np.zeros(1, np.int64), np.ones(1, np.int64)),

@@ -8,7 +8,7 @@ from dembrick.kernels.bracket import NEVER, Certificate
 from dembrick.kernels.certify import Basis, at_joint, certify
 from dembrick.simulation import State
 
-WINDOW = 16  # steps over which an indicator must hold still
+WINDOW = 32  # steps over which an indicator must hold still
 CAUTION = 0.5  # an indicator must be this much narrower than asked: what still drifts is not in it
 
 
@@ -34,6 +34,7 @@ def certificate(state: State, load: np.ndarray, elastic: float, tolerance: float
         "radius": 1.0,
         "normal": 0.0,
         "rest": np.zeros(1),
+        "tilts": True,
     }
     if len(state.joints.block_a) == 1:
         parts |= _single_joint(state, load)
@@ -70,13 +71,13 @@ def _single_joint(state: State, load: np.ndarray) -> dict:
         dead=np.zeros(3),
         centre=np.zeros(2),
         rest=np.zeros(1 if points is None else len(points.normal)),
-        scalars=np.zeros(4),
+        scalars=np.zeros(5),
     )
     unit, dead = np.zeros(6), np.zeros(6)
     at_joint(joints, 0, np.ascontiguousarray(load[b]), unit)
     at_joint(joints, 0, np.concatenate([state.blocks.dead_force[b], state.blocks.dead_torque[b]]), dead)
     certify(joints, points, areas, unit, dead, basis)
-    strict, dead_gauge, radius, normal = (float(value) for value in basis.scalars)
+    strict, dead_gauge, radius, normal, tilts = (float(value) for value in basis.scalars)
     return {
         "strict": strict == 1.0,
         "family": 0 if areas is None else 1,
@@ -87,4 +88,5 @@ def _single_joint(state: State, load: np.ndarray) -> dict:
         "radius": radius,
         "normal": normal,
         "rest": basis.rest,
+        "tilts": tilts == 1.0,
     }

@@ -11,7 +11,6 @@ from dembrick.kernels.guard import Guard
 from dembrick.simulation import State, turned_blocks
 
 LONGEST_MOVE = 0.1  # of the smallest block: a step that moves a block further has diverged
-NEVER = (1 << 62) - 1  # mask of a guard that does not look at the energy
 LOOK = 64  # steps between two looks at the energy, at most; a power of two
 STRETCHES = 64  # of a constant-rate test, over which its load is summed
 

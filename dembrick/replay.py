@@ -22,18 +22,18 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from dembrick.certificate import certificate, empty_window, frictionless
+from dembrick.certificate import certificate, frictionless
 from dembrick.controls import on_all_blocks
 from dembrick.elastic import elastic_factor, touches_itself
 from dembrick.equilibrium import inverse_inertia, seat
 from dembrick.errors import NotConvergedError, ScenarioError
-from dembrick.guards import NEVER, new_guard, refuse_divergence
+from dembrick.guards import new_guard, refuse_divergence
 from dembrick.kernels.advance import CONVERGED, RUNNING, Drive
 from dembrick.kernels.bracket import Certificate
 from dembrick.model import Output
 from dembrick.quasi_static import follow, prepare
 from dembrick.recorder import Recorder
-from dembrick.session import Observer, Plan, Session, Snapshot
+from dembrick.session import Observer, Plan, Session
 from dembrick.simulation import State, block_stiffness, initial_state, load_vectors, new_energy
 from dembrick.stability import Dashpots, block_inertia, critical_time_step, dashpots
 from dembrick.state import Energy, Inertia
@@ -45,9 +45,9 @@ from dembrick.yield_point import YieldPoint, joint_reach, read_off
 VISCOUS = 0.5  # dashpot force over spring force for the same increment, in contacts and jack, while searching
 JACK = 1.0  # stiffness of the jack over that of the joints along the load
 SLIP_PER_STEP = 1.0  # elastic slips that the head moves in a step towards a limit load
+GENTLY = 0.3  # of that, where the load tilts a block, which a fast head sets rocking as it slides
 GUESS = 0.25  # of the weight of all blocks: a first guess of a load on all of them
-CALMING = 0.2  # of the swing of a block's velocity that a step takes away, once a search takes long
-LONG_WINDOW = 64  # steps over which an indicator must then hold still
+CALMING = 0.2  # of the swing of a block's velocity that a step takes away, where the load tilts it
 MEMORY = 1.0 / 16.0  # weight of the latest step in the mean that it swings about
 RAMP = 8  # steps over which the head speeds up
 CHUNK_OF_SEARCH = 256  # steps of a search between two looks at it
@@ -154,11 +154,15 @@ def _by_inertia(setup: _Setup, step_factor: float, session: Session) -> Replay:
     dt = step_factor * critical
     inertia = inverse_inertia(state, setup.stiffness * (dt / eta) ** 2)
     scale = _rough_strength(state, setup.certificate, load) * setup.compliance / setup.weight
-    drive = setup.drive(SLIP_PER_STEP * scale / dt, dt)._replace(steady=16 * HALVING, slowing=0.5 ** (1.0 / HALVING))
+    rate = float(SLIP_PER_STEP * scale / dt)
+    drive = setup.drive(rate, dt)._replace(steady=16 * HALVING, slowing=0.5 ** (1.0 / HALVING))
+    if setup.certificate.tilts:
+        rate *= GENTLY
+        drive = drive._replace(rate=rate, calming=CALMING)
     frames_every = 1 if len(assembly.names) <= 100 else 8
     watched = assembly.control_points
     recorder = Recorder(state, session, CHUNK_OF_SEARCH, 1, frames_every, watched) if session.observe else None
-    status, strict = RUNNING, setup.certificate.strict
+    status = RUNNING
     if frictionless(state, setup.certificate):
         setup.certificate.bracket[:] = 0.0
         status = CONVERGED
@@ -168,19 +172,13 @@ def _by_inertia(setup: _Setup, step_factor: float, session: Session) -> Replay:
     loop.advance(0, recorder.record if recorder else None)  # no step: compiles, or loads the cache
     compiled = time.perf_counter() - began
     if session.resumed:
-        _resume_search(loop, session.resumed)
+        loop.restore(session.resumed)
     stepper = Stepper(loop, session, recorder, CHUNK_OF_SEARCH)
     while status == RUNNING and loop.step < MOST_STEPS:
-        if loop.step >= CHUNK_OF_SEARCH and not strict and loop.drive.calming == 0.0:
-            # what has not come to rest by now swings, as blocks do that rock: still it, and watch it for longer
-            loop.drive = loop.drive._replace(calming=CALMING)
-            state.blocks.mean_velocity[:, :3] = state.blocks.velocity
-            state.blocks.mean_velocity[:, 3:] = state.blocks.spin
-            _watch_longer(loop)
         status = stepper.to(loop.step - loop.step % CHUNK_OF_SEARCH + CHUNK_OF_SEARCH)
     steps = loop.step
     refuse_divergence(status, assembly, state, steps, dt, critical)
-    chosen = {"eta": float(eta), "rate": float(SLIP_PER_STEP * scale / dt), "inertia": "scaled"}
+    chosen = {"eta": float(eta), "rate": rate, "inertia": "scaled"}
     return setup.replay(status == CONVERGED, loop, critical, compiled, setup.settings(drive) | chosen)
 
 
@@ -238,20 +236,6 @@ def push_at_constant_rate(
     else:
         replay.yield_point = steady(replay.yield_point, guard, least=1e-3 * setup.dead_strength())
     return replay
-
-
-def _watch_longer(loop: Loop) -> None:
-    """For a search that takes to calming: a longer window, and no guard of the energy, to which calming may add."""
-    loop.certificate = loop.certificate._replace(window=empty_window(LONG_WINDOW))
-    loop.guard = loop.guard._replace(mask=NEVER)
-
-
-def _resume_search(loop: Loop, snapshot: Snapshot) -> None:
-    """Restore a search, which watches more steps once it has taken to calming."""
-    calming = snapshot.array("drive.calming", np.zeros(()))
-    if calming > 0.0:
-        _watch_longer(loop)
-    loop.restore(snapshot)
 
 
 def plan(assembly, control, step_factor: float, output: Output | None = None) -> Plan:

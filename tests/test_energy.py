@@ -55,14 +55,13 @@ def test_the_work_of_dead_torques_is_in_the_books(formulation):
 
 @pytest.mark.parametrize("formulation", ["concave", "corrected-shear"])
 def test_what_calming_takes_from_a_rocking_block_is_in_the_books(formulation):
-    """Pushed near its top, the block overturns: V = N (b / 2) / h. The search takes long, and stills its swing."""
+    """Pushed near its top, the block overturns: V = N (b / 2) / h. The search stills its swing."""
     scenario = lab.lab_scenario("set4a", formulation)
     jack = dataclasses.replace(scenario.actuators[0], point=(0.0, 0.0, 0.09))
     law = dataclasses.replace(scenario.joint, friction=9.0)
     result = simulate(dataclasses.replace(scenario, joint=law, actuators=(jack,)))
     assert result.yield_point.mechanism == "rocking"
     assert result.yield_point.V == pytest.approx(467.0 * 0.1 / 0.09, rel=1e-3)
-    assert result.replay.steps > replay.CHUNK_OF_SEARCH  # calming has set in
     assert result.energy.relative_residual < 1e-3
 
 

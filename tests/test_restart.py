@@ -42,13 +42,13 @@ def test_stop_and_restart_is_one_run(tmp_path, stop_after, name, formulation):
     assert sorted(os.listdir(tmp_path)) == ["parts.h5", "whole.h5"]  # no checkpoint stays behind
 
 
-def test_a_search_that_takes_to_calming_can_be_stopped_there(tmp_path, stop_after):
-    """After 256 steps an indicator is watched for longer: stopped right before and after that, nothing changes."""
+def test_a_search_that_is_calmed_can_be_stopped_anywhere(tmp_path, stop_after):
+    """The means about which its blocks swing go on, as does the window of the last instants."""
     given = case("set4b_mid", "concave", 1e-6)
     given = dataclasses.replace(given, output=model.Output(checkpoint=1e9))  # only where it is stopped
     whole = simulate(given, tmp_path / "whole.h5")
-    assert whole.replay.steps > 300
-    for step in (256, 300):
+    assert whole.replay.steps > 100
+    for step in (7, 100):
         path = tmp_path / f"{step}.h5"
         stop_after(step)
         with pytest.raises(Interrupted, match=f"after step {step} "):

@@ -31,6 +31,7 @@ class Settings(NamedTuple):
     momentum: float
     eta: float  # circular frequency of the blocks times the time step
     slip_per_step: float
+    gently: float  # of it, where the load tilts the block
     ramp: float
     steady: int
     slowing: float
@@ -38,12 +39,10 @@ class Settings(NamedTuple):
     viscous: float
     calming: float
     memory: float
-    chunk: int  # steps before an indicator is calmed
+    chunk: int  # steps between two looks at the clock
     most_steps: int
-    window: int  # steps of the window of an indicator, first and later
-    long_window: int
+    window: int  # steps of the window of an indicator
     mask: int  # of the guard, first and later
-    never: int
     stretch: int
 
 
@@ -57,7 +56,7 @@ class Lone(NamedTuple):
 class Room(NamedTuple):
     """Where the scenes of one call work, one after another."""
 
-    window: ndarray  # (long window, 4), see `Certificate`
+    window: ndarray  # (window, 4), see `Certificate`
     doubling: ndarray  # (4,)
     start: ndarray  # (2,), see `Guard`
     work: ndarray  # (2,)
@@ -79,7 +78,7 @@ class Answer(NamedTuple):
     """What became of each of k scenes; the rest is in their state."""
 
     bracket: ndarray  # (k, 2) N, bounds of V
-    basis: ndarray  # (k, 4) strict, gauge of the dead load, torsion radius, N; see `certify`
+    basis: ndarray  # (k, 5) strict, gauge of the dead load, torsion radius, N, tilts; see `certify`
     twist: ndarray  # (k, 3) m, m, rad: slip that gave the upper bound, where strict
     status: ndarray  # (k,) int64
     steps: ndarray  # (k,) int64
@@ -149,7 +148,7 @@ def jacks_of(jacks, i, each):
 
 @jit
 def empty(room, steps):
-    """Let the first ``steps`` rows of the window hold nothing."""
+    """Let the ``steps`` rows of the window hold nothing."""
     for i in range(steps):
         room.window[i, 0] = 0.0
         room.window[i, 1] = NEVER
@@ -219,34 +218,29 @@ def replay_one(i, blocks, joints, points, areas, jacks, seating, pushing, loadin
     stiffness = settings.jack * loading.weight[i] / loading.compliance[i]
     elastic = loading.weight[i] / loading.compliance[i]
     empty(room, settings.window)
-    held = room.window[: settings.window]
     clear(room)
-    mask = settings.mask
     calming = 0.0
+    slip = settings.slip_per_step
+    tilts = basis.scalars[4] == 1.0
+    if tilts:
+        slip *= settings.gently
+        calming = settings.calming
     status = RUNNING
     step = answer.steps[i]  # 0, of the type that a scene of its own has compiled
     while status == RUNNING and step < settings.most_steps:
-        if step >= settings.chunk and not strict and calming == 0.0:
-            calming = settings.calming
-            for c in range(3):
-                blocks.mean_velocity[1, c] = blocks.velocity[1, c]
-                blocks.mean_velocity[1, c + 3] = blocks.spin[1, c]
-            empty(room, settings.long_window)
-            held = room.window[: settings.long_window]
-            mask = settings.never  # calming may add energy
         guard = Guard(
-            loading.size[i], mask, settings.stretch, loading.weight[i], lone.one, room.start, room.work, room.sums,
-            room.load,
+            loading.size[i], settings.mask, settings.stretch, loading.weight[i], lone.one, room.start, room.work,
+            room.sums, room.load,
         )  # fmt: skip
         drive = Drive(
-            settings.slip_per_step * strength * loading.compliance[i] / loading.weight[i], settings.ramp,
+            slip * strength * loading.compliance[i] / loading.weight[i], settings.ramp,
             settings.steady, settings.slowing, stiffness, settings.viscous * stiffness, settings.viscous,
             settings.viscous, calming, settings.memory,
         )  # fmt: skip
         certificate = Certificate(
             1, strict, 0, family, 0, unit, basis.dead, basis.scalars[1], basis.centre, radius, normal, basis.rest,
-            settings.tolerance if strict else settings.caution * settings.tolerance, bracket, elastic, room.doubling,
-            answer.twist[i], held,
+            tilts, settings.tolerance if strict else settings.caution * settings.tolerance, bracket, elastic,
+            room.doubling, answer.twist[i], room.window,
         )  # fmt: skip
         status, step = advance(
             step, settings.chunk, 1.0, blocks, joints, points, areas, jacks, pushing, None, drive, certificate, None,
@@ -304,5 +298,5 @@ def replay_batch(
             )  # fmt: skip
         answer.status[i] = status
         answer.steps[i] = steps
-        for c in range(4):
+        for c in range(5):
             answer.basis[i, c] = basis.scalars[c]

@@ -20,7 +20,7 @@ NEVER = 1e300  # an upper bound that does not bind
 
 
 class Certificate(NamedTuple):
-    """What the bracket of the limit load needs to know; all but the last seven only of a strict one.
+    """What the bracket of the limit load needs to know; all but the last eight only of a strict one.
 
     Strict: one joint, whose normal forces do not depend on the load (its axes, moments about O).
     """
@@ -37,6 +37,7 @@ class Certificate(NamedTuple):
     radius: float  # m, torsion strength over V_0
     normal: float  # N, before the jacks push
     rest: ndarray  # (c,) N, of the contact points before the jacks push
+    tilts: bool  # the load moves the pressure: a block that it pushes too fast rocks
     tolerance: float
     bracket: ndarray  # (2,) bounds of V, in and out
     elastic: float  # N/m, elastic stiffness of V against the driven displacement

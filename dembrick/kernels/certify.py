@@ -23,7 +23,7 @@ class Basis(NamedTuple):
     dead: ndarray  # (3,) likewise of the dead load
     centre: ndarray  # (2,) m, centre of pressure where friction follows the pressure, else O
     rest: ndarray  # (c,) N, of the contact points
-    scalars: ndarray  # (4,) strict (1 or 0), gauge of the dead load, torsion radius (m), N
+    scalars: ndarray  # (5,) strict (1 or 0), gauge of the dead load, torsion radius (m), N, tilts (1 or 0)
 
 
 @jit
@@ -129,7 +129,7 @@ def certify(joints, points, areas, unit, dead, basis):
     ``unit`` and ``dead`` (6,) are the wrenches of the unit load and of the dead load on b about O (`at_joint`). Strict
     where the friction of the joint does not depend on the load: where it follows the pressure, while the load neither
     presses nor tilts; under the full pressure of a convex joint while it does not press, and slides before it could
-    overturn.
+    overturn. A load ``tilts`` that moves the pressure, whatever friction makes of it.
     """
     resultant = joints.resultant[0]
     normal = resultant[0]
@@ -160,7 +160,9 @@ def certify(joints, points, areas, unit, dead, basis):
         follows = pressure_centre(areas.pressed, areas, basis)
     size = max(max(abs(unit[0]), abs(unit[1])), abs(unit[5]) / reach)
     strict = abs(unit[2]) <= NONE * size
+    tilts = not strict
     if max(abs(unit[3]), abs(unit[4])) > NONE * size * reach:
+        tilts = True
         if follows:
             strict = False
         if areas is not None:
@@ -191,3 +193,4 @@ def certify(joints, points, areas, unit, dead, basis):
     basis.scalars[0] = 1.0 if strict else 0.0
     basis.scalars[1] = taken
     basis.scalars[3] = normal
+    basis.scalars[4] = 1.0 if tilts else 0.0
