@@ -14,7 +14,8 @@ import numpy as np
 
 from dembrick.errors import HistoryError
 from dembrick.joints import Joint, JointTable
-from dembrick.kernels.touching import PARTED, SINK, SLIP, TURN, Touching
+from dembrick.kernels.handing_over import PARTED, SINK, SLIP, TURN
+from dembrick.kernels.touching import Touching
 from dembrick.moving_polygons import Polygons
 from dembrick.moving_state import MovingState
 from dembrick.neighbours import bodies_of, close_pairs, overlap_depths
@@ -27,7 +28,8 @@ FIRST = 5e-4  # of the smallest block's diameter: no one looks before blocks hav
 STIRRED = 0.3  # of what begins to hand a joint over: from there on joints are watched
 LOOSE = 1e-3  # of its size: a joint that has moved so far is watched too, where anything is
 # what a pair keeps when the pairs are looked for again
-REMEMBERED = ("weight", "plane", "elastic", "stiffness", "slip", "normal", "area", "point", "force", "torque")
+REMEMBERED = ("weight", "plane", "elastic", "stiffness", "twist", "slip", "normal", "area", "point", "force",
+              "torque")  # fmt: skip
 
 PAIRS = ("first", "second", "joint")
 

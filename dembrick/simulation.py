@@ -179,6 +179,7 @@ def pressed_room(pressures: Sequence[str], corners: Sequence[int]) -> Pressed | 
     a, total = len(room), sum(room)
     return Pressed(
         kind=np.array([PRESSURES.index(pressure) for pressure in pressures], np.int64),
+        pieces=np.ones(a, np.int64),
         start=np.cumsum([0, *room[:-1]]).astype(np.int64),
         count=np.zeros(a, np.int64),
         x=np.zeros(total),

@@ -94,9 +94,11 @@ class Points(NamedTuple):
 
 
 class Pressed(NamedTuple):
-    """The pressed part of convex joints whose friction follows the bending; (u,) is room for its corners."""
+    """The pressed part of convex joints whose friction follows the bending, a polygon each; or the pieces of one new
+    contact, one after the other (`kernels.rubbing`). (u,) is room for the corners."""
 
-    kind: ndarray  # (a,) int64, pressure: 0 full, 1 effective, 2 linear
+    kind: ndarray  # (a,) int64, pressure: 0 full, 1 effective, 2 linear, 3 of a new contact
+    pieces: ndarray  # (a,) int64, how many polygons from this number on belong together
     start: ndarray  # (a,) int64, first corner of each
     count: ndarray  # (a,) int64, corners now
     x: ndarray  # (u,) m, corners about the centre of pressure along t1, counter-clockwise

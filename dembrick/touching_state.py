@@ -6,8 +6,10 @@ import numpy as np
 
 from dembrick.frequencies import COARSE
 from dembrick.kernels.patches import Parts, Scratch
+from dembrick.kernels.pressed import PATCHES
 from dembrick.kernels.touching import Touching
 from dembrick.shapes import parts_of
+from dembrick.state import Pressed
 
 
 def parts_table(shapes) -> Parts:
@@ -67,7 +69,25 @@ def scratch_for(parts: Parts) -> Scratch:
         start=np.zeros(patches + 1, np.int64),
         frame=np.zeros((patches, 3, 4)),
         depth=np.zeros((patches, 4)),
-        sums=np.zeros((patches, 5)),
+        sums=np.zeros((patches, 6)),
+    )
+
+
+def pressed_room(scratch: Scratch) -> Pressed:
+    """Room for the pressure of one contact, with linear pieces as many as ``scratch`` has patches."""
+    patches = len(scratch.depth)
+    integers = (np.zeros(patches, np.int64) for _ in range(3))
+    return Pressed(
+        np.full(patches, PATCHES),
+        *integers,
+        x=np.zeros_like(scratch.x),
+        y=np.zeros_like(scratch.y),
+        spare_x=np.zeros(0),
+        spare_y=np.zeros(0),
+        centre=np.zeros((1, 2)),
+        density=np.zeros((patches, 3)),
+        reach=np.zeros(1),
+        radius=np.zeros(1),
     )
 
 
@@ -84,6 +104,7 @@ def touching_pairs(parts: Parts, scratch: Scratch, free, pairs, joints, laws, ra
     return Touching(
         parts=parts,
         scratch=scratch,
+        pressed=pressed_room(scratch),
         free=np.asarray(free, float),
         first=pairs[:, 0].copy(),
         second=pairs[:, 1].copy(),
@@ -99,6 +120,7 @@ def touching_pairs(parts: Parts, scratch: Scratch, free, pairs, joints, laws, ra
         plane=np.full(n, -1, np.int64),
         elastic=np.zeros((n, 4)),
         stiffness=np.zeros((n, 2)),
+        twist=np.zeros((n, 3)),
         slip=np.zeros(n),
         normal=np.zeros(n),
         area=np.zeros(n),

@@ -155,6 +155,23 @@ def test_spin_down_after_landing():
     assert slowing == pytest.approx(12.0 * 0.64 * G * arm / (0.3**2 + 0.2**2), rel=2e-3)
 
 
+@pytest.mark.parametrize(
+    "spin, x, y, angle", [(5.0, -0.00126, 0.09238, 0.58576), (10.0, -0.00500, 0.12630, 1.28769)]
+)  # fmt: skip
+def test_a_plate_lands_sliding_and_spinning(spin, x, y, angle):
+    """1 mm thick, from a micrometre, at 1 m/s: it goes as far as under the exact limit surface, bounces and all."""
+    plate = Block(
+        "plate", "stone", (0.3, 0.2, 0.001), (0.0, 0.0, 0.0005 + 1e-6), velocity=(0.0, 1.0, 0.0),
+        angular_velocity=(0.0, 0.0, spin),
+    )  # fmt: skip
+    result = simulate(scene(DynamicControl(0.35), FLOOR, plate, formulation="convex", stiffness=1e9))
+    assert not len(result.assembly.joints)
+    q = result.frames["orientation"][-1, 1]
+    assert 2.0 * math.atan2(q[3], q[0]) == pytest.approx(angle, rel=1e-3)
+    assert result.displacement[1, 1] == pytest.approx(y, rel=1e-3)
+    assert result.displacement[1, 0] == pytest.approx(x, abs=2e-3 * y)
+
+
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 def test_a_block_that_rocks_over_comes_to_rest_on_its_side(formulation):
     """Its joint hands over to an edge, then to a face; lying, its centroid is half its thickness above the floor."""

@@ -155,8 +155,8 @@ def test_kernels_are_in_order():
     """vec3, skyline, band < laws, pressed < limit_surface < motion < contact < energy < forces < bracket < advance."""
     order = ["vec3", "skyline", "band", "laws", "pressed", "limit_surface", "gauge", "small_motion", "finite_motion"]
     order += ["contact", "energy", "guard", "forces", "tangent", "bracket", "record", "advance", "bodies"]
-    order += ["moving_joints", "motion_record", "patches", "touching", "dynamics", "dynamics_parallel", "certify"]
-    order += ["batch", "recorded_motion"]
+    order += ["moving_joints", "motion_record", "patches", "rubbing", "handing_over", "touching", "dynamics"]
+    order += ["dynamics_parallel", "certify", "batch", "recorded_motion"]
     inside, _ = arrows(modules())
     for name, target in inside:
         if head(name) == head(target) == "kernels" and "." in name:

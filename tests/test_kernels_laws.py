@@ -368,14 +368,14 @@ def test_gauge_against_theory(scale):
         forces[0, 2] = forces[1, 0] = forces[1, 1] = 0.0  # pure shear, pure torsion
         for force, expected in zip(forces, theory.gauge(law, forces), strict=True):
             start = rng.normal(size=3) * [1.0, 1.0, 1.0 / reach] if rng.random() < 0.5 else np.zeros(3)
-            value, *q = limit_surface.gauge(*arguments, *force, *start, False)
+            value, *q = limit_surface.gauge(*arguments, *force, *start, 0.0)
             assert value == pytest.approx(expected, rel=1e-10)
             # the twist that shows it
             assert force @ q / law.dissipation(q) == pytest.approx(expected, rel=1e-10)
-            early = limit_surface.gauge(*arguments, *force, *start, True)[0]
+            early = limit_surface.gauge(*arguments, *force, *start, limit_set.area_radius(polygon))[0]
             assert (early > 1.0) == (expected > 1.0)
             assert early <= expected * (1 + 1e-12)
-    assert limit_surface.gauge(*arguments, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False)[0] == 0.0
+    assert limit_surface.gauge(*arguments, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)[0] == 0.0
 
 
 # --- the proximal map

@@ -1,109 +1,14 @@
 """Contacts that form anew: the surface of equal penetration, its forces, and what friction remembers."""
 
-import functools
 import math
 
 import numpy as np
 import pytest
+from pairs import BLOCK, K_N, K_S, SETTINGS, Pair, no_joints, quaternion, set_up, turned
 
-from dembrick.kernels.bodies import Bodies
 from dembrick.kernels.laws import no_tension
-from dembrick.kernels.moving_joints import Links
-from dembrick.kernels.touching import CROWDED, DEEP, TOUCHED, clear_applied, returned, touch
-from dembrick.model import JointLaw
-from dembrick.neighbours import bodies_of, overlap_depths
-from dembrick.polyhedra import hull, prism
-from dembrick.shapes import box, quaternion_product, rotation_matrix, unit_quaternion
-from dembrick.touching_state import parts_table, scratch_for, touching_pairs
-
-K_N, K_S = 1e10, 4e9
-BLOCK = box((0.3, 0.2, 0.1))
-
-
-def quaternion(axis, angle):
-    axis = np.asarray(axis, float) / np.linalg.norm(axis)
-    return np.array([math.cos(angle / 2), *(math.sin(angle / 2) * axis)])
-
-
-def no_joints():
-    numbers, lengths = np.zeros(0, np.uint32), np.zeros(0, np.float32)
-    shapes = [(0,), (0, 2), (0, 9), (0, 9), (0, 4)]
-    axes = (np.zeros((0, 3)), numbers, numbers, np.zeros((0, 2, 3)))
-    return Links(numbers, numbers, np.zeros(0), *axes, *(np.zeros(shape) for shape in shapes), lengths, lengths)
-
-
-class Pair:
-    """Two blocks of one convex part each, and the contact between them."""
-
-    def __init__(self, first, second, friction=0.6, ratio=0.0):
-        self.shapes = (first, second)
-        mass = np.array([2000.0 * shape.volume for shape in self.shapes])
-        inertia = np.array([2000.0 * shape.inertia for shape in self.shapes])
-        self.bodies = Bodies(
-            np.arange(2, dtype=np.uint32), np.zeros((2, 3)), np.zeros((2, 3, 3)), np.zeros((2, 4)),
-            *np.zeros((3, 2, 3)), mass, np.linalg.inv(inertia),
-            np.array([0.5 * shape.diameter for shape in self.shapes]), np.zeros((2, 3)), np.zeros((2, 6)),
-            np.zeros(3, np.uint32), np.zeros(0, np.uint32),
-        )  # fmt: skip
-        parts = parts_table(self.shapes)
-        law = JointLaw("convex", friction, K_N, K_S)
-        self.contact = touching_pairs(parts, scratch_for(parts), np.ones(2), [[0, 1]], [-1], [law], ratio)
-        self.place(0, (0.0, 0.0, 0.0))
-
-    def place(self, block, position, orientation=(1.0, 0.0, 0.0, 0.0)):
-        q = unit_quaternion(orientation)
-        self.bodies.position[block], self.bodies.orientation[block] = position, q
-        self.bodies.rotation[block] = rotation_matrix(q)
-
-    def touch(self, dt=1e-6):
-        clear_applied(self.contact, self.bodies)
-        status = touch(self.contact, no_joints(), self.bodies, dt)
-        assert status == TOUCHED
-        return self.bodies.applied[1].copy()
-
-    def wrench(self, position, orientation=(1.0, 0.0, 0.0, 0.0)):
-        """Force and torque on the second block where it is put."""
-        self.place(1, position, orientation)
-        return self.touch()
-
-    def potential(self):
-        """Integral of the smaller pressure over the common volume, and the wrench on the second block that is its
-        derivative: of -2 kn n over where that block is the less deep. By points that know of no surface."""
-        ends = [(self.corners(i).min(axis=0), self.corners(i).max(axis=0)) for i in (0, 1)]
-        low, high = np.max([low for low, _ in ends], axis=0), np.min([high for _, high in ends], axis=0)
-        golden = 1.2207440846057596  # the root of x^4 = x + 1 spreads points evenly, on no planes
-        for n in (300_000, 300_001, 1_000_000):
-            points = low + (high - low) * ((np.arange(n)[:, None] * golden ** -np.arange(1.0, 4.0) + 0.5) % 1.0)
-            if n < 1_000_000:  # a closer box about what is common
-                inside = points[np.minimum(self.depth(0, points)[0], self.depth(1, points)[0]) > 0.0]
-                low, high = (
-                    np.maximum(low, inside.min(axis=0) - 0.3 * np.ptp(inside, axis=0)),
-                    np.minimum(high, inside.max(axis=0) + 0.3 * np.ptp(inside, axis=0)),
-                )
-        cell = np.prod(high - low) / n
-        depth, normal = zip(*(self.depth(i, points) for i in (0, 1)), strict=True)
-        common = (depth[0] > 0.0) & (depth[1] > 0.0)
-        energy = 2.0 * K_N * np.minimum(*depth)[common].sum() * cell
-        own = common & (depth[1] < depth[0])
-        force = -2.0 * K_N * cell * normal[1][own]
-        torque = np.cross(points[own] - self.bodies.position[1], force)
-        return energy, np.concatenate([force.sum(axis=0), torque.sum(axis=0)])
-
-    def corners(self, block):
-        return self.bodies.position[block] + self.shapes[block].vertices @ self.bodies.rotation[block].T
-
-    def depth(self, block, points):
-        """Distance to the nearest face plane and that face's normal, for points (k, 3)."""
-        normals = self.shapes[block].face_normals @ self.bodies.rotation[block].T
-        heights = self.shapes[block].face_offsets - (points - self.bodies.position[block]) @ normals.T
-        return heights.min(axis=1), normals[np.argmin(heights, axis=1)]
-
-
-def turned(*turns):
-    q = np.array([1.0, 0.0, 0.0, 0.0])
-    for axis, angle in turns:
-        q = quaternion_product(quaternion(axis, angle), q)
-    return q
+from dembrick.kernels.touching import CROWDED, DEEP, touch
+from dembrick.shapes import box, quaternion_product, rotation_matrix
 
 
 @pytest.mark.parametrize("depth", [1e-7, 1e-5])
@@ -135,34 +40,6 @@ def test_slightly_tilted_faces_carry_the_joints_integral(tilt):
     )
     assert wrench[2] == pytest.approx(K_N * force, rel=3e-4)
     assert wrench[4] == pytest.approx(-K_N * about_x, rel=1e-3)
-
-
-WEDGE = prism([(-0.1, 0.0), (0.1, 0.0), (0.0, 0.15)], 0.2)
-TETRA = hull([(0.0, 0.0, 0.0), (0.2, 0.0, 0.02), (0.0, 0.25, 0.0), (0.03, 0.02, 0.2)])
-SETTINGS = {  # shape, direction in which it comes, orientation, overlap (m)
-    "edge in face": (BLOCK, (0.1, 0.05, 1.0), turned(((0, 1, 0), 0.7)), 4e-3),
-    "corner in face": (BLOCK, (0.1, 0.05, 1.0), turned(((0, 1, 0), 0.7), ((1, 0, 0), 0.5)), 8e-3),
-    "edge on edge": (BLOCK, (1.0, 0.02, 0.9), turned(((0, 1, 0), 0.8), ((0, 0, 1), 0.9)), 6e-3),
-    "corner at corner": (BLOCK, (0.25, 0.17, 0.1), turned(((1, 2, 3), 0.6)), 5e-3),
-    "face in face, askew": (BLOCK, (0.2, 0.1, 1.0), turned(((0, 0, 1), 0.4), ((1, 0, 0), 0.03)), 5e-3),
-    "face on edge of face": (BLOCK, (1.4, 0.1, 1.0), turned(((0, 0, 1), 0.2), ((0, 1, 0), 0.05)), 4e-3),
-    "wedge": (WEDGE, (0.1, 0.05, 1.0), turned(((1, 1, 0), 1.2)), 4e-3),
-    "tetrahedron": (TETRA, (0.5, 0.3, 1.0), turned(((1, -1, 2), 2.2)), 4e-3),
-}
-
-
-@functools.cache
-def set_up(name, **more):
-    """The pair of a setting, the second block moved out along the direction until the overlap is the stated one."""
-    shape, direction, orientation, overlap = SETTINGS[name]
-    pair = Pair(BLOCK, shape, **more)
-    near, far = 0.0, 1.0
-    for _ in range(60):
-        middle = 0.5 * (near + far)
-        pair.place(1, middle * np.array(direction), orientation)
-        parts = bodies_of(pair.shapes, pair.bodies.position, pair.bodies.rotation)
-        near, far = (middle, far) if overlap_depths(parts, np.array([[0, 1]]))[0] > overlap else (near, middle)
-    return pair
 
 
 @pytest.mark.parametrize("name", SETTINGS)
@@ -299,14 +176,6 @@ def test_pure_torsion_is_that_of_the_mean_distance():
     assert found[3, 5] == pytest.approx(-K_S * polar * 4e-6, rel=1e-3)
     radius = mean_distance(np.array([(-0.15, -0.1), (0.15, -0.1), (0.15, 0.1), (-0.15, 0.1)]))[0]
     assert found[-1, 5] == pytest.approx(-0.6 * normal * radius, rel=1e-5)
-
-
-@pytest.mark.parametrize(
-    "shear, torsion, ratio", [(2.0, 0.0, 1.0), (0.0, 3.0, 0.2), (0.9, 0.8, 5.0), (1e4, 2.0, 0.01), (1.2, 1e6, 30.0)]
-)
-def test_return_to_the_ellipse(shear, torsion, ratio):
-    factor = returned(shear, torsion, ratio)
-    assert shear / (1.0 + factor) ** 2 + torsion / (1.0 + ratio * factor) ** 2 == pytest.approx(1.0, rel=1e-12)
 
 
 def test_memory_turns_with_both_blocks():

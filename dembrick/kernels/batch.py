@@ -120,8 +120,8 @@ def pressed_of(pressed, i):
     """The pressed part of scene ``i``, whose corners are numbered as in the batch."""
     s = slice(i, i + 1)
     return Pressed(
-        pressed.kind[s], pressed.start[s], pressed.count[s], pressed.x, pressed.y, pressed.spare_x, pressed.spare_y,
-        pressed.centre[s], pressed.density[s], pressed.reach[s], pressed.radius[s],
+        pressed.kind[s], pressed.pieces[s], pressed.start[s], pressed.count[s], pressed.x, pressed.y, pressed.spare_x,
+        pressed.spare_y, pressed.centre[s], pressed.density[s], pressed.reach[s], pressed.radius[s],
     )  # fmt: skip
 
 

@@ -106,7 +106,7 @@ def area_gauge(areas, f1, f2, m):
     """Gauge of a tangential force over V_0 in the limit set of the one convex joint, as it is pressed now."""
     return gauge(
         areas.x, areas.y, areas.start[0], areas.start[1], areas.area[0], areas.reach[0], areas.far[0], areas.pressed, 0,
-        f1, f2, m, 0.0, 0.0, 0.0, False,
+        f1, f2, m, 0.0, 0.0, 0.0, 0.0,
     )[0]  # fmt: skip
 
 

@@ -285,7 +285,7 @@ def area_gauges(x, y, start, area, reach, far, shape, joint, pressed, bending, s
                 g, q1, q2, q3 = gauge(
                     x, y, start[i], start[i + 1], area[i], reach[i], far[i], pressed, a,
                     force[k, j, 0] / strong, force[k, j, 1] / strong, force[k, j, 2] / strong,
-                    twist[a, 0], twist[a, 1], twist[a, 2], False,
+                    twist[a, 0], twist[a, 1], twist[a, 2], 0.0,
                 )  # fmt: skip
                 gauge_out[k, j] = g
                 twist[a, 0] = q1

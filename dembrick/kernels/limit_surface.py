@@ -28,8 +28,8 @@ PROXIMAL_TOLERANCE = 1e-13
 MAX_NEWTON = 60
 # A Newton decrement below this part of the gauge changes no digit of it.
 LOST = 1e-18
-# A Newton decrement below this part of phi is lost in its rounding.
-RESOLVED = 1e-11
+# A Newton decrement below this many tolerances, as a part of phi, is lost in its rounding.
+RESOLVED = 100.0
 
 
 @jit
@@ -138,16 +138,8 @@ def far_field(moments, v1, v2, w):
 
 
 @jit
-def surface(x, y, first, last, area, reach, moments, pressed, index, v1, v2, w):
-    """D(q), its gradient (the limit force per unit V_0) and second derivatives at q = (v1, v2, w) != 0.
-
-    ``area`` of the polygon, ``reach`` its greatest vertex distance from O. Where friction follows the bending,
-    ``pressed`` (else None) says where and how the joint number ``index`` is pressed. Returns the ten values of
-    `far_field`.
-    """
-    if pressed is not None:
-        if pressed.kind[index] != FULL:
-            return pressed_surface(pressed, index, v1, v2, w)
+def even_surface(x, y, first, last, area, reach, moments, v1, v2, w):
+    """`surface` under a pressure that is the same all over the polygon."""
     if sqrt(v1 * v1 + v2 * v2) > FAR * reach * abs(w):
         # D is homogeneous: at length one the powers of a slip of 1e-20 m, with nothing on the joint, do not overflow
         v = sqrt(v1 * v1 + v2 * v2)
@@ -172,6 +164,23 @@ def surface(x, y, first, last, area, reach, moments, pressed, index, v1, v2, w):
 
 
 @jit
+def surface(x, y, first, last, area, reach, moments, pressed, index, v1, v2, w):
+    """D(q), its gradient (the limit force per unit V_0) and second derivatives at q = (v1, v2, w) != 0.
+
+    ``area`` of the polygon, ``reach`` its greatest vertex distance from O. Where friction follows the pressure,
+    ``pressed`` (else None) says where and how the contact number ``index`` is pressed; where that is all there
+    is to know ``x``, ``y`` and ``moments`` are None. Returns the ten values of `far_field`.
+    """
+    d = g1 = g2 = g3 = h11 = h12 = h22 = h13 = h23 = h33 = 0.0
+    if pressed is not None:
+        if pressed.kind[index] != FULL:
+            return pressed_surface(pressed, index, v1, v2, w)
+    if x is not None:
+        d, g1, g2, g3, h11, h12, h22, h13, h23, h33 = even_surface(x, y, first, last, area, reach, moments, v1, v2, w)
+    return d, g1, g2, g3, h11, h12, h22, h13, h23, h33
+
+
+@jit
 def solve_symmetric(h11, h12, h22, h13, h23, h33, r1, r2, r3):
     """Solution of the positive definite 3 x 3 system by LDL^T."""
     l21 = h12 / h11
@@ -189,11 +198,24 @@ def solve_symmetric(h11, h12, h22, h13, h23, h33, r1, r2, r3):
 
 
 @jit
-def gauge(x, y, first, last, area, reach, moments, pressed, index, f1, f2, m, q1, q2, q3, stop_above_one):
+def chord(pressed, index, radius, f1, f2, m):
+    """|V| + |M|/r >= gauge of the force (f1, f2, m) / V_0 by convexity, at no cost; M about the centre of pressure,
+    through which pure shear acts, and ``radius`` r no more than the torsion strength over V_0."""
+    if pressed is not None:
+        if pressed.kind[index] != FULL:
+            m -= pressed.centre[index, 0] * f2 - pressed.centre[index, 1] * f1
+            radius = pressed.radius[index]
+    return sqrt(f1 * f1 + f2 * f2) + abs(m) / radius
+
+
+@jit
+def gauge(x, y, first, last, area, reach, moments, pressed, index, f1, f2, m, q1, q2, q3, radius):
     """Gauge of the force (f1, f2, m) / V_0 in the limit set: the least g with force in g times the set.
 
     Minimises D^2/2 - f.q, smooth and convex, whose minimum is at D(q) = gauge(f); (q1, q2, q3) is the start.
-    With ``stop_above_one`` it returns as soon as a twist shows that the gauge exceeds one. Returns gauge, q.
+    With a ``radius``, the torsion strength over V_0 or less, it returns as soon as it is known whether the gauge
+    exceeds one: a twist shows that it does, or the part on the surface and the chord of the rest add up to less.
+    Returns gauge, q.
     """
     if f1 == 0.0 and f2 == 0.0 and m == 0.0:
         return 0.0, q1, q2, q3
@@ -214,11 +236,11 @@ def gauge(x, y, first, last, area, reach, moments, pressed, index, f1, f2, m, q1
     h11, h12, h22, h13, h23, h33 = h11 / s, h12 / s, h22 / s, h13 / s, h23 / s, h33 / s
     value = -0.5 * d * d
     for _ in range(MAX_NEWTON):
-        if stop_above_one and best > 1.0:
-            break
         r1 = f1 - d * g1
         r2 = f2 - d * g2
         r3 = m - d * g3
+        if radius > 0.0 and (best > 1.0 or d + chord(pressed, index, radius, r1, r2, r3) <= 1.0):
+            break
         if max(abs(r1), abs(r2), abs(r3) / reach) <= 1e-14 * d:
             break
         p1, p2, p3 = solve_symmetric(
@@ -262,24 +284,18 @@ def gauge(x, y, first, last, area, reach, moments, pressed, index, f1, f2, m, q1
 
 @jit
 def proximal_map(
-    x, y, first, last, area, reach, moments, pressed, index, radius, strength, k_t, k_r, f1, f2, m, q1, q2, q3
+    x, y, first, last, area, reach, moments, pressed, index, radius, strength, k_t, k_r, f1, f2, m, q1, q2, q3,
+    tolerance=PROXIMAL_TOLERANCE,
 ):  # fmt: skip
     """Return of the trial force f = (f1, f2, m) to the limit surface, with the plastic twist that does it.
 
     Minimises phi(q) = q.Kq/2 - f.q + V_0 D(q) with K = diag(k_t, k_t, k_r), ``strength`` V_0 and ``radius`` the
-    torsion strength over V_0; (q1, q2, q3) is the last plastic twist, the start. Returns t1, t2, tm (the joint's
+    torsion strength over V_0; (q1, q2, q3) is the last plastic twist, the start; ``tolerance``: out-of-balance gradient
+    over V_0 that ends it. Returns t1, t2, tm (the joint's
     force, exactly on the surface where plastic), the plastic twist, the twist to start from next time, and the number
     of evaluations of the surface.
     """
-    # the force is inside the set when its parts are: |V|/V_0 + |M|/M_T0 <= 1 by convexity, at no cost
-    shear = sqrt(f1 * f1 + f2 * f2)
-    twisting = m
-    if pressed is not None:
-        if pressed.kind[index] != FULL:
-            # about the centre of pressure, through which pure shear acts
-            twisting -= pressed.centre[index, 0] * f2 - pressed.centre[index, 1] * f1
-            radius = pressed.radius[index]
-    if shear + abs(twisting) / radius <= strength:
+    if chord(pressed, index, radius, f1, f2, m) <= strength:
         return f1, f2, m, 0.0, 0.0, 0.0, q1, q2, q3, 0
     if strength <= 0.0:
         return 0.0, 0.0, 0.0, f1 / k_t, f2 / k_t, m / k_r, 0.0, 0.0, 0.0, 0
@@ -310,7 +326,7 @@ def proximal_map(
             q1,
             q2,
             q3,
-            True,
+            radius,
         )
         evaluations += 4
         if size <= 1.0:
@@ -333,7 +349,7 @@ def proximal_map(
         r1 = f1 - k_t * q1 - strength * g1
         r2 = f2 - k_t * q2 - strength * g2
         r3 = m - k_r * q3 - strength * g3
-        if max(abs(r1), abs(r2), abs(r3) / reach) <= PROXIMAL_TOLERANCE * strength:
+        if max(abs(r1), abs(r2), abs(r3) / reach) <= tolerance * strength:
             break
         p1, p2, p3 = solve_symmetric(
             k_t + strength * h11,
@@ -360,7 +376,7 @@ def proximal_map(
                 evaluations += 1
                 quadratic = 0.5 * (k_t * (t1 * t1 + t2 * t2) + k_r * t3 * t3)
                 trial = quadratic + strength * dt - (f1 * t1 + f2 * t2 + m * t3)
-                if slope <= RESOLVED * (quadratic + strength * dt):
+                if slope <= RESOLVED * tolerance * (quadratic + strength * dt):
                     # phi cannot tell the points apart any more, its gradient still can
                     size = max(
                         abs(f1 - k_t * t1 - strength * a1),

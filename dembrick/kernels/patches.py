@@ -61,7 +61,8 @@ class Scratch(NamedTuple):
     start: ndarray  # (q + 1,) int64, first corner of each patch
     frame: ndarray  # (q, 3, 4) axes t1, t2, n of each patch as rows, n from A to B; last column: its origin (m)
     depth: ndarray  # (q, 4) penetration at the origin (m), its slopes along t1 and t2; last: |n_i - n_j|/2
-    sums: ndarray  # (q, 5) area, integrals of the penetration and of x and y times it, polar second moment
+    sums: ndarray  # (q, 6) area, integrals of the penetration and of x and y times it, polar second moment; of the
+    # penetration along the mean normal, 0 where that counts nothing
 
 
 @jit

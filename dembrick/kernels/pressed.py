@@ -1,7 +1,8 @@
-"""The limit surface of a convex joint whose friction follows the bending: pressures "effective" and "linear".
+"""The limit surface of a contact whose pressure is linear: of convex joints whose friction follows the bending, by the
+pressures "effective" and "linear", and of new contacts, on the patches of which it is linear (`rubbing`).
 
-Both are a share p of the normal force per area, linear over a convex part of the joint polygon, seen from the centre
-of pressure e = (M_2, -M_1)/N:
+It is a share p of the normal force per area, linear over a convex polygon; that of a new contact may be several. The
+polygon of a joint is a part of its own, seen from the centre of pressure e = (M_2, -M_1)/N:
 
 - effective: p is the same all over the largest part that is centrally symmetric about e, which is the intersection of
   the polygon with its reflection through e (a rectangle a x b: a x (b - 2e));
@@ -23,7 +24,7 @@ from math import log, pi, sqrt
 
 from dembrick._jit import jit
 
-FULL, EFFECTIVE, LINEAR = 0, 1, 2
+FULL, EFFECTIVE, LINEAR, PATCHES = 0, 1, 2, 3  # the last of new contacts
 
 # Beyond this many half diameters of the pressed part the Gauss rule below is exact to rounding.
 FAR = 8.0
@@ -33,15 +34,18 @@ EDGE = 1.0 - 1e-5
 THIN = 1e-4
 # Corners so little outside an edge (in half diameters of the joint) are on it.
 _ON_EDGE = 1e-13
-# Gauss rule of six points from 0 to 1.
-_NODES = (
+# Gauss rules of six and of three points from 0 to 1. With three the sums over a new contact are right to 1e-6 where it
+# is far.
+SIX_NODES = (
     0.03376524289842403, 0.16939530676686776, 0.38069040695840156,
     0.6193095930415985, 0.8306046932331322, 0.9662347571015759,
 )  # fmt: skip
-_WEIGHTS = (
+SIX_WEIGHTS = (
     0.08566224618958514, 0.18038078652406936, 0.23395696728634552,
     0.23395696728634552, 0.18038078652406936, 0.08566224618958514,
 )  # fmt: skip
+THREE_NODES = 0.1127016653792583, 0.5, 0.8872983346207417
+THREE_WEIGHTS = 5.0 / 18.0, 8.0 / 18.0, 5.0 / 18.0
 
 
 @jit
@@ -253,7 +257,7 @@ def weighted_edge_sums(x, y, first, last, p0, px, py, c1, c2):
 
 
 @jit
-def gauss_sums(x, y, first, last, p0, px, py, v1, v2, w):
+def gauss_sums(x, y, first, last, p0, px, py, v1, v2, w, nodes, weights):
     """D, its gradient and second derivatives about the polygon's origin by a Gauss rule on the fan of triangles.
 
     For torsion centres further than ``FAR`` half diameters. Returns D, V1, V2, M, H11, H12, H22, H13, H23, H33.
@@ -265,12 +269,12 @@ def gauss_sums(x, y, first, last, p0, px, py, v1, v2, w):
         ex = x[k] - xa
         ey = y[k] - ya
         double = xa * ey - ya * ex
-        for i in range(6):
-            r = _NODES[i]
-            for j in range(6):
-                rx = r * (xa + _NODES[j] * ex)
-                ry = r * (ya + _NODES[j] * ey)
-                weight = double * r * _WEIGHTS[i] * _WEIGHTS[j] * (p0 + px * rx + py * ry)
+        for i in range(len(nodes)):
+            r = nodes[i]
+            for j in range(len(nodes)):
+                rx = r * (xa + nodes[j] * ex)
+                ry = r * (ya + nodes[j] * ey)
+                weight = double * r * weights[i] * weights[j] * (p0 + px * rx + py * ry)
                 s1 = v1 - w * ry
                 s2 = v2 + w * rx
                 speed = sqrt(s1 * s1 + s2 * s2)
@@ -298,24 +302,56 @@ def gauss_sums(x, y, first, last, p0, px, py, v1, v2, w):
 
 @jit
 def pressed_surface(pressed, a, v1, v2, w):
-    """D(q)/V_0 of joint ``a``, its gradient and second derivatives for the twist q = (v1, v2, w) != 0 about O."""
-    first = pressed.start[a]
-    last = first + pressed.count[a]
+    """D(q)/V_0 of contact ``a``, its gradient and second derivatives for the twist q = (v1, v2, w) != 0 about O.
+
+    It presses on ``pressed.pieces[a]`` polygons, those from number ``a`` on.
+    """
     e1 = pressed.centre[a, 0]
     e2 = pressed.centre[a, 1]
-    p0 = pressed.density[a, 0]
-    px = pressed.density[a, 1]
-    py = pressed.density[a, 2]
+    x = pressed.x
+    y = pressed.y
     v1 -= w * e2
     v2 += w * e1
+    d = g1 = g2 = g3 = h11 = h12 = h22 = h13 = h23 = h33 = 0.0
     if sqrt(v1 * v1 + v2 * v2) > FAR * pressed.reach[a] * abs(w):
-        d, g1, g2, g3, h11, h12, h22, h13, h23, h33 = gauss_sums(
-            pressed.x, pressed.y, first, last, p0, px, py, v1, v2, w
-        )
+        for i in range(a, a + pressed.pieces[a]):
+            first = pressed.start[i]
+            p = pressed.density[i]
+            last = first + pressed.count[i]
+            if pressed.kind[a] == PATCHES:
+                d_, g1_, g2_, g3_, h11_, h12_, h22_, h13_, h23_, h33_ = gauss_sums(
+                    x, y, first, last, p[0], p[1], p[2], v1, v2, w, THREE_NODES, THREE_WEIGHTS
+                )
+            else:
+                d_, g1_, g2_, g3_, h11_, h12_, h22_, h13_, h23_, h33_ = gauss_sums(
+                    x, y, first, last, p[0], p[1], p[2], v1, v2, w, SIX_NODES, SIX_WEIGHTS
+                )
+            d += d_
+            g1 += g1_
+            g2 += g2_
+            g3 += g3_
+            h11 += h11_
+            h12 += h12_
+            h22 += h22_
+            h13 += h13_
+            h23 += h23_
+            h33 += h33_
     else:
         c1 = -v2 / w
         c2 = v1 / w
-        f, b1, b2, t11, t12, t22 = weighted_edge_sums(pressed.x, pressed.y, first, last, p0, px, py, c1, c2)
+        f = b1 = b2 = t11 = t12 = t22 = 0.0
+        for i in range(a, a + pressed.pieces[a]):
+            first = pressed.start[i]
+            p = pressed.density[i]
+            f_, b1_, b2_, t11_, t12_, t22_ = weighted_edge_sums(
+                x, y, first, first + pressed.count[i], p[0], p[1], p[2], c1, c2
+            )
+            f += f_
+            b1 += b1_
+            b2 += b2_
+            t11 += t11_
+            t12 += t12_
+            t22 += t22_
         sign = 1.0 if w > 0.0 else -1.0
         d = abs(w) * f
         g1 = -sign * b2
