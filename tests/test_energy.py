@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from dembrick import assembly, audit, lab, replay
+from dembrick import assembly, audit, lab, model, replay
 from dembrick.errors import EnergyAuditError
 from dembrick.kernels.contact import point_forces
 from dembrick.model import FORMULATIONS
@@ -63,6 +63,28 @@ def test_what_calming_takes_from_a_rocking_block_is_in_the_books(formulation):
     assert result.yield_point.mechanism == "rocking"
     assert result.yield_point.V == pytest.approx(467.0 * 0.1 / 0.09, rel=1e-3)
     assert result.energy.relative_residual < 1e-3
+
+
+@pytest.mark.parametrize("formulation", ["convex", "distributed", "concave"])
+def test_a_rough_block_pushed_above_its_joint_slides_without_rocking(formulation):
+    """A fast head would set it rocking for thousands of steps, whose books do not balance."""
+    blocks = (
+        model.Block("base", "stone", (1.0, 1.0, 0.1), (0.0, 0.0, -0.05), fixed=True),
+        model.Block("block", "stone", (0.27, 0.31, 0.12), (0.0, 0.0, 0.06)),
+    )
+    scenario = model.Scenario(
+        "pushed above its joint",
+        (0.0, 0.0, -9.81),
+        model.JointLaw(formulation, 1.0, 1e10, 4e9),
+        {"stone": model.Material(2000.0)},
+        blocks,
+        model.YieldControl(1e-3),
+        loads=(model.Load("block", (0.0, 0.0, -500.0)),),
+        actuators=(model.Actuator("jack", "block", (0.09, -0.08, 0.086), (0.84, 0.54, 0.0)),),
+    )
+    result = simulate(scenario)
+    assert result.energy.relative_residual < 1e-4
+    assert result.replay.steps < 500
 
 
 def test_points_that_miss_the_continuum_are_not_passed_over():
