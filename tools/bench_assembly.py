@@ -95,7 +95,7 @@ def joint_costs(sizes, rounds: int, speed: float) -> None:
     """Nanoseconds a joint and step by size and formulation, one thread."""
     numba.set_num_threads(1)
     print(f"{'blocks':>8}{'joints':>8}{'plain':>8}{'concave':>9}{'ratio':>7}{'convex':>8}{'/ concave':>10}"
-          f"{'bytes/block':>13}{'bytes/joint step':>18}{'of bandwidth':>14}")  # fmt: skip
+          f"{'bytes/block':>13}{'convex':>8}{'bytes/joint step':>18}{'of bandwidth':>14}")  # fmt: skip
     for courses, blocks, steps in sizes:
         gc.collect()
         calls, moving = {}, {}
@@ -109,7 +109,8 @@ def joint_costs(sizes, rounds: int, speed: float) -> None:
         touched = touched_bytes(m) / j
         yardstick = best["plain"]
         print(f"{n:8}{j:8}{yardstick:8.1f}{best['concave']:9.1f}{best['concave'] / yardstick:7.2f}"
-              f"{best['convex']:8.1f}{best['convex'] / best['concave']:10.2f}{state_bytes(m) / n:13.0f}{touched:18.0f}"
+              f"{best['convex']:8.1f}{best['convex'] / best['concave']:10.2f}{state_bytes(m) / n:13.0f}"
+              f"{state_bytes(moving['convex']) / n:8.0f}{touched:18.0f}"
               f"{100 * touched / (best['concave'] * 1e-9) / speed:12.0f} %", flush=True)  # fmt: skip
 
 
@@ -146,21 +147,26 @@ def thread_gain(courses: int, rounds: int) -> None:
 
 
 def tilted_walls(cases) -> None:
-    """Angle at 20 mm, and processor time a simulated second on one thread."""
+    """Angle at 20 mm, and what a simulated second takes: processor time on one thread, time of the clock on two."""
     numba.set_num_threads(1)
     for n, rigid, changes in cases:
         changes = [f"walls.0.courses={n}", f"walls.0.blocks={n}", *changes]
         began = time.thread_time()
-        result = simulate(scenarios.load(scenario_folder() / "wall_tilt.toml", changes))
+        scenario = scenarios.load(scenario_folder() / "wall_tilt.toml", changes)
+        result = simulate(scenario)
         took = time.thread_time() - began
         motion, angle = result.run.motion, result.collapse["angle"]
+        numba.set_num_threads(min(2, numba.config.NUMBA_NUM_THREADS))
+        two = simulate(scenario)
+        numba.set_num_threads(1)
         joints, stiffness = len(result.assembly.joints), result.scenario.joint.normal_stiffness
         plain = plain_wall.at_rest(n)
         yardstick = min(plain_wall.nanoseconds(plain) for _ in range(10))
         bare = 1e-9 * yardstick * joints / motion.time_step
         print(f"{n} x {n}, kn = {stiffness:g} Pa/m, steps of {motion.time_step:.3g} s: 20 mm at {angle:.4f} deg "
               f"(rigid {rigid}: {100 * (angle / rigid - 1):+.2f} %), {took / motion.time:.2f} s a simulated second, all"
-              f" counted; a plain loop with that step {bare:.2f} s", flush=True)  # fmt: skip
+              f" counted; a plain loop with that step {bare:.2f} s; loop on two threads "
+              f"{two.run.loop_seconds / two.run.motion.time:.2f} s of the clock", flush=True)  # fmt: skip
 
 
 def main() -> None:
