@@ -156,17 +156,19 @@ def tilted_walls(cases) -> None:
         result = simulate(scenario)
         took = time.thread_time() - began
         motion, angle = result.run.motion, result.collapse["angle"]
-        numba.set_num_threads(min(2, numba.config.NUMBA_NUM_THREADS))
-        two = simulate(scenario)
-        numba.set_num_threads(1)
         joints, stiffness = len(result.assembly.joints), result.scenario.joint.normal_stiffness
+        shared = ""
+        if joints >= dynamics.MANY:
+            numba.set_num_threads(min(2, numba.config.NUMBA_NUM_THREADS))
+            two = simulate(scenario).run
+            numba.set_num_threads(1)
+            shared = f"; its loop on two threads {two.loop_seconds / two.motion.time:.2f} s of the clock"
         plain = plain_wall.at_rest(n)
         yardstick = min(plain_wall.nanoseconds(plain) for _ in range(10))
         bare = 1e-9 * yardstick * joints / motion.time_step
         print(f"{n} x {n}, kn = {stiffness:g} Pa/m, steps of {motion.time_step:.3g} s: 20 mm at {angle:.4f} deg "
               f"(rigid {rigid}: {100 * (angle / rigid - 1):+.2f} %), {took / motion.time:.2f} s a simulated second, all"
-              f" counted; a plain loop with that step {bare:.2f} s; loop on two threads "
-              f"{two.run.loop_seconds / two.run.motion.time:.2f} s of the clock", flush=True)  # fmt: skip
+              f" counted; a plain loop with that step {bare:.2f} s{shared}", flush=True)  # fmt: skip
 
 
 def main() -> None:
