@@ -29,6 +29,7 @@ from dembrick.kernels.dynamics import DIVERGED, MEETING, REACHED, RUNNING, STALE
 from dembrick.kernels.touching import CROWDED, DEEP, DEEPEST
 from dembrick.meetings import Meetings
 from dembrick.model import show
+from dembrick.motion_books import MotionBooks
 from dembrick.moving_polygons import Polygons
 from dembrick.moving_state import MovingState, moving_state, out_of_balance
 
@@ -84,12 +85,15 @@ class Motion:
     steps: int = 0
     seating_steps: int = 0
     meetings: Meetings = field(init=False)
+    books: MotionBooks = field(init=False)
     _travel: np.ndarray = field(default_factory=lambda: np.zeros(1))
     _pace: _Pace = field(default_factory=lambda: _Pace())
     _compiled: set = field(default_factory=set)
+    _unbooked: MotionBooks = field(init=False)
 
     def __post_init__(self):
         self.meetings = Meetings(self.assembly, self.damping)
+        self.books = self._unbooked = MotionBooks(self.state, wanted=False)
 
     @property
     def state(self) -> MovingState:
@@ -191,7 +195,7 @@ def advance(motion: Motion, driving: Driving, n_steps: int, limits: Limits) -> i
         gravity, _ = driving.at(times[[0, -1]], dt)
         n = int(min(most, meetings.steps_to_go(motion.state, float(np.abs(gravity).max()), dt)))
         status, done = _advance(
-            motion, motion.state.bodies, driving, times[:n], limits, 0.0, dt, meetings.touching
+            motion, motion.state.bodies, driving, times[:n], limits, 0.0, dt, meetings.touching, motion.books
         )  # fmt: skip
         motion.steps += done
         if status == DIVERGED:
@@ -236,9 +240,19 @@ def joint_forces(motion: Motion, driving: Driving) -> None:
     _advance(motion, held, driving, np.zeros(1), Limits(1.0, 1.0), 0.0, motion.time_step)
 
 
-def _advance(motion: Motion, bodies, driving: Driving, times, limits: Limits, damping: float, dt: float, touching=None):
+def _advance(
+    motion: Motion,
+    bodies,
+    driving: Driving,
+    times,
+    limits: Limits,
+    damping: float,
+    dt: float,
+    touching=None,
+    books=None,
+):
     """A chunk of steps at ``times``, polygons cut where that is due; returns the status and the steps done."""
-    state = motion.state
+    state, books = motion.state, books or motion._unbooked
     gravity, force = driving.at(times, dt)
     loads = Loads(driving.block, driving.lever, force, gravity)
     loops = _loops(state, bodies)
@@ -246,7 +260,7 @@ def _advance(motion: Motion, bodies, driving: Driving, times, limits: Limits, da
         motion._compiled.add(touching is None)
         began = time.perf_counter()
         for loop, shares in loops:
-            loop(0, dt, bodies, *state[1:4], loads, limits, damping, motion._travel, touching, *shares)
+            loop(0, dt, bodies, *state[1:4], loads, limits, damping, motion._travel, touching, books.table, *shares)
         motion.compile_seconds += time.perf_counter() - began
     done, status = 0, RUNNING
     while status == STALE or (status == RUNNING and done < len(times)):
@@ -256,7 +270,7 @@ def _advance(motion: Motion, bodies, driving: Driving, times, limits: Limits, da
         began = time.perf_counter()
         status, some = loop(
             min(most, len(times) - done), dt, bodies, *state[1:4], rest, limits, damping, motion._travel, touching,
-            *shares,
+            books.table, *shares,
         )  # fmt: skip
         done += some
         took = time.perf_counter() - began
@@ -264,7 +278,7 @@ def _advance(motion: Motion, bodies, driving: Driving, times, limits: Limits, da
         motion.loop_seconds += took
         if status == STALE:
             began = time.perf_counter()
-            motion.polygons.cut_stale()
+            books.cut(motion.polygons)
             state = motion.state
             motion.phases["geometry"] += time.perf_counter() - began
     return status, done

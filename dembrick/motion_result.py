@@ -9,6 +9,7 @@ import numpy as np
 
 from dembrick import assembly as assemblies
 from dembrick import motion_run
+from dembrick.audit import EnergyAudit
 from dembrick.collapse import collapse_lines
 from dembrick.loading import driving_of
 from dembrick.model import Scenario
@@ -20,9 +21,9 @@ class MotionResult:
     """What a dynamic run gave: the state it ended in, the record, and the collapse if there was one.
 
     ``rows``: time, load, displacement (of the block that has moved furthest; of a push the driven one), unbalanced
-    (T,), joint (T, j, 7: N, V_1, V_2, M_T, M_1, M_2, slip). ``frames``: time (F,), displacement (F, n, 3), orientation
-    (F, n, 4), velocity and spin (F, n, 3), contact_force (F, c, 3; on block b, at the moment of the last
-    forces, a step before). Everything is seen from the supports. SI units.
+    (T,), joint (T, j, 7: N, V_1, V_2, M_T, M_1, M_2, slip), energy (name: (T,), of the last forces, a step before).
+    ``frames``: time (F,), displacement (F, n, 3), orientation (F, n, 4), velocity and spin (F, n, 3), contact_force
+    (F, c, 3; on block b, at the moment of the last forces). Everything is seen from the supports. SI units.
     """
 
     scenario: Scenario
@@ -32,6 +33,7 @@ class MotionResult:
     frames: Mapping[str, np.ndarray]
     wall: dict
     history: str | None = None
+    energy: EnergyAudit | None = None
 
     @property
     def status(self) -> str:
@@ -81,7 +83,7 @@ class MotionResult:
             "displacement": float(np.linalg.norm(self.displacement, axis=1).max()),
             "unbalanced": self.run.unbalanced,
             "control_points": self.control_points,
-            "energy": None,
+            "energy": None if self.energy is None else self.energy.as_dict(),
             "wall": self.wall,
             "history": self.history,
         }
@@ -124,6 +126,8 @@ class MotionResult:
             f"time step     {motion.time_step:.3g} s (critical {motion.critical_time_step:.3g} s), "
             f"{motion.steps} steps, loop {self.run.loop_seconds:.3g} s"
         )
+        if self.energy is not None:
+            lines.append(f"energy        books off by {self.energy.relative_residual:.1e} of what was put in")
         lines.append(f"history       {self.history}")
         return "\n".join(lines)
 
@@ -131,5 +135,6 @@ class MotionResult:
 def lived_through(scenario: Scenario, assembly, session: Session) -> motion_run.MotionRun:
     """Run a scenario that moves blocks in real time on its assembly; it raises what ``motion_run.run`` does."""
     moving = motion_run.prepare(assembly, scenario.control, scenario.solver.step_factor)
-    motion_run.ask_for(moving, scenario.output)
-    return motion_run.run(moving, scenario.control, driving_of(scenario, assembly, moving.time_step), session)
+    driving = driving_of(scenario, assembly, moving.time_step)
+    motion_run.ask_for(moving, scenario.output, len(driving.block))
+    return motion_run.run(moving, scenario.control, driving, session)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from dembrick import interruption
+from dembrick.audit import Sums
 from dembrick.checks import show
 from dembrick.controls import drives_to_collapse
 from dembrick.driving import Driving
@@ -17,6 +18,7 @@ from dembrick.errors import HistoryError, NotConvergedError, ScenarioError
 from dembrick.kernels.dynamics import REACHED, Limits
 from dembrick.kernels.motion_record import unbalanced_ratio
 from dembrick.model import Output
+from dembrick.motion_books import MotionBooks
 from dembrick.moving_state import contact_forces, joint_resultants, out_of_balance, seen, with_contact_forces
 from dembrick.pushing import STRONGEST, Jack, jack_of
 from dembrick.session import Plan, Session, Snapshot, step_at
@@ -41,7 +43,8 @@ class MotionRun:
     collapse: dict | None
     unbalanced: float
     settings: dict = field(default_factory=dict)
-    energy = yield_point = None  # a run in real time keeps no books, and looks for no limit load
+    energy: Sums | None = None
+    yield_point = None  # a run in real time looks for no limit load
 
     @property
     def compile_seconds(self) -> float:
@@ -72,8 +75,10 @@ def prepare(assembly, control, step_factor: float) -> Motion:
     return motion(assembly, damping_of_restitution(control.restitution), step_factor, IMPACTS)
 
 
-def ask_for(moving: Motion, output: Output) -> None:
-    """Have the loop write down what ``output`` names beside what it needs itself, before it is compiled."""
+def ask_for(moving: Motion, output: Output, loads: int) -> None:
+    """Have the loop write down what ``output`` names beside what it needs itself; there are so many ``loads``."""
+    if "energy" in output.channels:
+        moving.books = MotionBooks(moving.state, loads)
     if "contacts" in output.channels:
         moving.state = with_contact_forces(moving.state)
 
@@ -123,6 +128,10 @@ def run(moving: Motion, control, driving: Driving, session: Session) -> MotionRu
         past.at_rest[:] = seen(moving.state.bodies, moving.state.links)
         if dynamic:
             _set_going(moving, driving)
+        else:
+            still = np.zeros_like(moving.state.bodies.velocity)
+            moving.books.begin(moving.state, still, still, _turned_inertia(moving), still[0], 0.0)
+        moving.books.open(moving.state)
     goal = control.displacement if to_collapse else NO_LIMIT
     steps = _most_steps(moving, control, jack)
     # a run that ends early still has some rows: a block falls within a second or so
@@ -154,11 +163,12 @@ def run(moving: Motion, control, driving: Driving, session: Session) -> MotionRu
     unbalanced, at_rest = float(past.unbalanced[0]), past.at_rest
     settings = {"contact_damping": moving.damping, "seating_steps": moving.seating_steps, "inertia": "physical"}
     if not to_collapse:
-        return MotionRun(moving, "completed", None, unbalanced, settings)
+        return MotionRun(moving, "completed", None, unbalanced, settings, moving.books.sums())
     if status != REACHED:
         least = f"the table stood at {STEEPEST:g} deg" if jack is None else f"the load factor came near {STRONGEST:g}"
         raise NotConvergedError(f"no block moved by {goal:.6g} m before {least}; ask for a smaller displacement")
-    return MotionRun(moving, "collapse", _collapse(moving, control, jack, at_rest), unbalanced, settings)
+    collapse = _collapse(moving, control, jack, at_rest)
+    return MotionRun(moving, "collapse", collapse, unbalanced, settings, moving.books.sums())
 
 
 def _push(moving: Motion, jack: Jack, driving: Driving, n_steps: int, limits: Limits) -> int:
@@ -190,16 +200,23 @@ def _set_going(moving: Motion, driving: Driving) -> None:
     kept = [array.copy() for array in memory]
     state.links.seen[:] = came_from
     joint_forces(moving, driving)
+    gravity, _ = driving.at(np.zeros(1), dt)
+    inertia = _turned_inertia(moving)
+    moving.books.begin(state, velocity, spin, inertia, gravity[0], dt)
     for array, value in zip(memory, kept, strict=True):  # the first step looks again
         array[...] = value
     state.links.seen[:] = came_from
-    gravity, _ = driving.at(np.zeros(1), dt)
     force, torque = out_of_balance(state, gravity[0])
-    inertia = bodies.rotation @ assembly.inertia @ np.swapaxes(bodies.rotation, 1, 2)
     momentum = np.einsum("nij,nj->ni", inertia, spin)
     bodies.velocity[free] = velocity[free] - 0.5 * dt * force[free] / bodies.mass[free, None]
     bodies.momentum[free] = momentum[free] - 0.5 * dt * torque[free]
     bodies.spin[free] = spin[free]
+
+
+def _turned_inertia(moving: Motion) -> np.ndarray:
+    """Inertia (n, 3, 3) of the blocks about their centroids now, world axes."""
+    turn = moving.state.bodies.rotation
+    return turn @ moving.assembly.inertia @ np.swapaxes(turn, 1, 2)
 
 
 def _collapse(moving: Motion, control, jack: Jack | None, at_rest: np.ndarray) -> dict:
@@ -247,6 +264,7 @@ class Past:
         arrays = {"past.unbalanced": self.unbalanced, "past.at_rest": self.at_rest, "motion.travel": moving._travel}
         if self._jack is not None:
             arrays |= {"jack.present": self._jack.present, "jack.peak": self._jack.peak}
+        arrays |= moving.books.arrays
         return arrays | {"polygons.shift": moving.polygons.shift, "polygons.whole": moving.polygons.whole}
 
     def snapshot(self) -> dict[str, np.ndarray]:
@@ -303,6 +321,7 @@ class _Recorder:
         began = time.perf_counter()
         moving, channels = self._moving, self._session.output.channels
         away = moving.displacement
+        books = moving.books.energies(moving.state, moving.time_step)
         rows = {
             "time": np.array([moving.time]),
             "load": np.array([self._load()]),
@@ -312,7 +331,7 @@ class _Recorder:
             "upper": np.zeros(1),
             "actuator_displacement": np.zeros((1, 0)),
             "actuator_force": np.zeros((1, 0)),
-            "energy": {},
+            "energy": {name: np.array([value]) for name, value in books.items()},
             "new_contacts": np.array([float(moving.meetings.carrying)]),
         }
         watched = moving.assembly.control_points

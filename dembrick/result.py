@@ -309,7 +309,7 @@ def _judged(scenario, assembly, run, books, keeper, times, refine) -> Result | M
     if in_real_time(scenario.control):
         from dembrick.motion_result import MotionResult
 
-        result = MotionResult(scenario, assembly, run, rows, frames, wall, path)
+        result = MotionResult(scenario, assembly, run, rows, frames, wall, path, books)
     else:
         fallen = collapse_of(run, assembly, scenario.control) if on_all_blocks(scenario.control) else None
         result = Result(scenario, assembly, run, expected, rows, frames, wall, books, path, fallen)

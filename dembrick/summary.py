@@ -81,9 +81,13 @@ def key_numbers(results: Mapping) -> list[KeyNumber]:
     lines += _of_collapse(collapse, has_bracket="V" in point)
     lines += _of_yield(point, "" if collapse else "N")
     lines += _of_theory(part(results, "theory"))
-    residual = number(part(results, "energy").get("relative_residual"))
+    books = part(results, "energy")
+    residual, stepping = number(books.get("relative_residual")), number(books.get("step_error"))
     if residual is not None:
-        lines.append(KeyNumber("energy books", f"{residual:.1e}", "residual over the energy put in"))
+        remark = "residual over the energy put in"
+        if stepping is not None:
+            remark += f"; {stepping:.1e} of it went in joints that open or close within a step"
+        lines.append(KeyNumber("energy books", f"{residual:.1e}", remark))
     steps, seconds = number(results.get("steps")), number(part(results, "wall").get("loop"))
     if steps is not None:
         lines.append(KeyNumber("steps", f"{steps:.0f}", "" if seconds is None else f"{seconds:.2g} s in the loop"))

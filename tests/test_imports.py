@@ -38,6 +38,8 @@ FLOORS = {
     7.1: ["moving_state", "driving"],
     7.2: ["moving_polygons", "frequencies", "pushing"],
     7.3: ["touching_state"],
+    7.4: ["audit"],
+    7.5: ["motion_books"],
     8: ["session", "stability", "certificate", "elastic"],
     8.5: ["meetings"],
     9: ["recorder", "snapshots", "yield_point", "dynamics"],
@@ -155,7 +157,7 @@ def test_kernels_are_in_order():
     """vec3, skyline, band < laws, pressed < limit_surface < motion < contact < energy < forces < bracket < advance."""
     order = ["vec3", "skyline", "band", "laws", "pressed", "limit_surface", "gauge", "small_motion", "finite_motion"]
     order += ["contact", "energy", "guard", "forces", "tangent", "bracket", "record", "advance", "bodies"]
-    order += ["moving_joints", "motion_record", "patches", "rubbing", "handing_over", "touching", "dynamics"]
+    order += ["books", "moving_joints", "motion_record", "patches", "rubbing", "handing_over", "touching", "dynamics"]
     order += ["dynamics_parallel", "certify", "batch", "recorded_motion"]
     inside, _ = arrows(modules())
     for name, target in inside:

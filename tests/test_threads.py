@@ -12,6 +12,7 @@ from dembrick.controls import DynamicControl
 from dembrick.driving import Driving
 from dembrick.kernels.dynamics import Limits
 from dembrick.model import JointLaw, Material, Scenario, Wall
+from dembrick.motion_books import MotionBooks
 
 
 def wall(formulation, courses=5, blocks=4):
@@ -31,7 +32,7 @@ def wall(formulation, courses=5, blocks=4):
 def test_any_number_of_threads_gives_the_same_bits(formulation, monkeypatch):
     built = wall(formulation)
     before = built.rotation.copy()
-    ends = []
+    ends, books = [], []
     for threads in (None, *range(1, numba.config.NUMBA_NUM_THREADS + 1)):
         monkeypatch.setattr(dynamics, "MANY", 0 if threads else 10**9)
         monkeypatch.setattr(dynamics._Pace, "choose", lambda _, loops: (loops - 1, 2048))
@@ -39,14 +40,18 @@ def test_any_number_of_threads_gives_the_same_bits(formulation, monkeypatch):
             numba.set_num_threads(threads)
         moving = dynamics.motion(built, 0.1, 0.5)
         driving = Driving(built.gravity)
+        moving.books = MotionBooks(moving.state)
+        moving.books.open(moving.state)
         dynamics.advance(moving, driving, 300, Limits(1.0, 1.0))
         ends.append(moving.state)
+        books.append(moving.books.energies(moving.state, moving.time_step))
     numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
     for end in ends[1:]:
         np.testing.assert_array_equal(end.bodies.position, ends[0].bodies.position)
         np.testing.assert_array_equal(end.bodies.orientation, ends[0].bodies.orientation)
         np.testing.assert_array_equal(end.links.wrench, ends[0].links.wrench)
     assert np.abs(ends[0].links.wrench).max() > 100.0
+    assert books[1:] == books[:1] * len(books[1:]) and books[0]["kinetic"] > 0.0 and books[0]["dashpots"] > 0.0
     np.testing.assert_array_equal(built.rotation, before)  # a run leaves the assembly as it was
 
 

@@ -33,6 +33,18 @@ JOINT_CHANNELS = {
     "slip": ("m", "irreversible part of the shear displacement"),
 }
 
+_ENERGIES = {  # descriptions by name
+    "kinetic": "kinetic energy",
+    "elastic": "energy in the springs of the joints, since the start",
+    "jack_spring": "energy in the spring of the jacks",
+    "external": "work of gravity, loads and jacks since the start",
+    "friction": "work taken by friction",
+    "dashpots": "work taken by dashpots",
+    "released": "energy that springs of joints lost in letting go or in being cut or handed over",
+    "stepping": "work taken by springs of joints that open or close within a time step: an error of second order in it",
+    "new_contacts": "work done on contacts that formed since the start: what they hold, and what they took",
+}
+
 _LOADS = {  # units and description of the load by the kind of control, where it is not a force of jacks
     "tilt": ("1", "load factor: the tangent of the angle of the table"),
     "pushover": ("1", "load factor: the share of its weight by which every block is pushed"),
@@ -145,7 +157,8 @@ def fields(
         rows.append(Field("history/control_point", (watched, 3), "m", about))
     if "joints" in channels:
         rows += [Field(f"history/joint/{name}", (n_joint,), *about) for name, about in JOINT_CHANNELS.items()]
-    rows += [Field(f"history/energy/{name}", (), "J", f"energy: {name.replace('_', ' ')}") for name in energy]
+    when = " (of the last forces, a step before the row)" if meets_anew else ""
+    rows += [Field(f"history/energy/{name}", (), "J", f"{_ENERGIES.get(name, name)}{when}") for name in energy]
     if "frames" not in channels:
         return tuple(rows)
     frames = [

@@ -144,14 +144,16 @@ def resisted(f, v, damping):
 
 
 @jit
-def step_bodies(bodies, wrench, first, last, g1, g2, g3, dt, damping):
+def step_bodies(bodies, wrench, first, last, g1, g2, g3, dt, damping, fallen, m1, m2, m3):
     """Move the free blocks ``first`` to ``last`` through a step, under gravity (g1, g2, g3), loads and joints.
 
     Every block gathers the forces of its joints in their order, so the sums do not depend on who else works on them.
-    ``damping`` is local damping (quasi-static seating only; zero in a dynamic run). Returns the squares of the
-    longest move of a material point of a block in this step and of the longest displacement since the start (m2).
+    ``damping`` is local damping (quasi-static seating only; zero in a dynamic run). ``fallen`` (n,) gets the momentum
+    times (m1, m2, m3) on top, the work of gravity over the step before, unless it has no entry. Returns the squares of
+    the longest move of a material point of a block in this step and of the longest displacement since the start (m2).
     """
     moved = away = 0.0
+    booked = fallen.size > 0
     for f in range(first, last):
         b = bodies.free[f]
         mass = bodies.mass[b]
@@ -188,6 +190,8 @@ def step_bodies(bodies, wrench, first, last, g1, g2, g3, dt, damping):
             t1 = resisted(t1, L[0], damping)
             t2 = resisted(t2, L[1], damping)
             t3 = resisted(t3, L[2], damping)
+        if booked:
+            fallen[b] += mass * (m1 * v[0] + m2 * v[1] + m3 * v[2])
         h = dt / mass
         v1 = v[0] + h * f1
         v2 = v[1] + h * f2

@@ -11,6 +11,7 @@ from numpy import ndarray
 
 from dembrick._jit import jit
 from dembrick.kernels.bodies import step_bodies
+from dembrick.kernels.books import book_step
 from dembrick.kernels.moving_joints import corner_forces, face_forces, least_slack
 from dembrick.kernels.touching import TOUCHED, clear_applied, touch
 from dembrick.kernels.vec3 import cross, rows_times
@@ -56,13 +57,14 @@ def apply_loads(loads, bodies, step):
 
 
 @jit
-def advance_bodies(n_steps, dt, bodies, links, corners, faces, loads, limits, damping, travel, touching):
+def advance_bodies(n_steps, dt, bodies, links, corners, faces, loads, limits, damping, travel, touching, books):
     """Advance up to ``n_steps`` steps of ``dt``; ``corners`` or ``faces`` is None where no joint is of that family.
 
     ``travel`` (1,): m, what any two blocks may still move against each other before a polygon could be stale. Returns
     a status and the steps done: RUNNING when all are, REACHED (a centroid has gone as far as ``limits`` says), STALE
     (polygons must be cut again before the next step), DIVERGED, or what comes of ``touching``, the contacts that form
-    anew (None where there are none): MEETING (pairs must be looked for again), DEEP, CROWDED.
+    anew (None where there are none): MEETING (pairs must be looked for again), DEEP, CROWDED. ``books``: the energy
+    books, without entries where nobody asks for them.
     """
     goal2 = limits.displacement**2
     longest2 = limits.longest**2
@@ -77,15 +79,18 @@ def advance_bodies(n_steps, dt, bodies, links, corners, faces, loads, limits, da
             clear_applied(touching, bodies)
         apply_loads(loads, bodies, step)
         if corners is not None:
-            corner_forces(links, corners, bodies, 0, corners.joint.size, corners.force)
+            corner_forces(links, corners, bodies, 0, corners.joint.size, corners.force, books)
         if faces is not None:
-            face_forces(links, faces, bodies, 0, faces.joint.size)
+            face_forces(links, faces, bodies, 0, faces.joint.size, books)
         if touching is not None:
             touched = touch(touching, links, bodies, dt)
             if touched != TOUCHED:
                 return touched, step
         g = loads.gravity[step]
-        moved2, away2 = step_bodies(bodies, links.wrench, 0, bodies.free.size, g[0], g[1], g[2], dt, damping)
+        m1, m2, m3 = book_step(books, bodies, links, corners, faces, loads, touching, step, dt)
+        moved2, away2 = step_bodies(
+            bodies, links.wrench, 0, bodies.free.size, g[0], g[1], g[2], dt, damping, books.fallen, m1, m2, m3
+        )
         if not moved2 <= longest2:
             return DIVERGED, step + 1
         if away2 >= goal2:

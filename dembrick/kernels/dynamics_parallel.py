@@ -10,6 +10,7 @@ import numpy as np
 
 from dembrick._jit import get_num_threads, jit_parallel, prange
 from dembrick.kernels.bodies import step_bodies
+from dembrick.kernels.books import book_step
 from dembrick.kernels.dynamics import DIVERGED, MEETING, REACHED, RUNNING, STALE, apply_loads
 from dembrick.kernels.moving_joints import corner_forces, face_forces, least_slack
 from dembrick.kernels.touching import TOUCHED, clear_applied, touch
@@ -26,7 +27,7 @@ def shares(corners, faces, bodies) -> tuple[np.ndarray, ...]:
 
 @jit_parallel
 def advance_bodies_together(
-    n_steps, dt, bodies, links, corners, faces, loads, limits, damping, travel, touching,
+    n_steps, dt, bodies, links, corners, faces, loads, limits, damping, travel, touching, books,
     share_corners, share_faces, share_bodies, moved, away,
 ):  # fmt: skip
     """As `advance_bodies`, with the work shared; new contacts, few beside the joints, are one thread's.
@@ -48,17 +49,19 @@ def advance_bodies_together(
         apply_loads(loads, bodies, step)
         for t in prange(moved.size):
             if corners is not None:
-                corner_forces(links, corners, bodies, share_corners[t], share_corners[t + 1], corners.force)
+                corner_forces(links, corners, bodies, share_corners[t], share_corners[t + 1], corners.force, books)
             if faces is not None:
-                face_forces(links, faces, bodies, share_faces[t], share_faces[t + 1])
+                face_forces(links, faces, bodies, share_faces[t], share_faces[t + 1], books)
         if touching is not None:
             touched = touch(touching, links, bodies, dt)
             if touched != TOUCHED:
                 return touched, step
+        m1, m2, m3 = book_step(books, bodies, links, corners, faces, loads, touching, step, dt)
         for t in prange(moved.size):
             moved[t], away[t] = step_bodies(
                 bodies, links.wrench, share_bodies[t], share_bodies[t + 1], loads.gravity[step, 0],
                 loads.gravity[step, 1], loads.gravity[step, 2], dt, damping,
+                books.fallen, m1, m2, m3,
             )  # fmt: skip
         moved2 = away2 = 0.0
         for t in range(moved.size):

@@ -18,6 +18,16 @@ from typing import NamedTuple
 from numpy import ndarray
 
 from dembrick._jit import jit
+from dembrick.kernels.books import (
+    book_corners,
+    book_losses,
+    book_pressure,
+    book_shear,
+    book_slip,
+    closed_pressure,
+    let_go,
+    spring_pressure,
+)
 from dembrick.kernels.laws import no_tension
 from dembrick.kernels.limit_surface import proximal_map
 from dembrick.kernels.vec3 import cross, rows_times
@@ -169,11 +179,12 @@ def write_force(out, i, a1, a2, a3, u1, u2, u3, w1, w2, w3):
 
 
 @jit
-def corner_forces(links, corners, bodies, first, last, force_out):
+def corner_forces(links, corners, bodies, first, last, force_out, books):
     """Forces of the point joints ``first`` to ``last``: Coulomb friction and a no-tension spring at every point.
 
-    ``force_out`` is ``corners.force``, given apart so that its code goes where it is None.
+    ``force_out`` is ``corners.force``, given apart so that its code goes where it is None; ``books``: the energy books.
     """
+    booked = books.fallen.size > 0
     for p in range(first, last):
         j = corners.joint[p]
         o1, o2, o3, e1, e2, e3, g1, g2, g3, u1, u2, u3, w1, w2, w3, d, r = look(links, bodies, j)
@@ -221,6 +232,8 @@ def corner_forces(links, corners, bodies, first, last, force_out):
         damped = 1.0 + links.viscous[j, 1]
         mu = corners.friction[law]
         a1 = a2 = a3 = b1 = b2 = b3 = c1 = c2 = c3 = 0.0
+        n = nx = ny = 0.0  # what dashpots add to the normal force
+        friction = by_law = released = stepping = least = 0.0
         for i in range(corners.start[p], corners.start[p + 1]):
             x = corners.x[i]
             y = corners.y[i]
@@ -230,10 +243,18 @@ def corner_forces(links, corners, bodies, first, last, force_out):
             if g > 0.0:
                 h = h0 + x * hx + y * hy
                 if h >= (1.0 + viscous) * g:  # it was open a step ago
+                    if booked:
+                        was = g + sense * k_n * (p3 + x * x3 + y * y3)
+                        stepping -= 0.5 * area / k_n * g * min(was, 0.0)
                     h = g + met(g, h - g, viscous)
                 force = area * h
             elastic = corners.elastic[i]
             if force > 0.0:
+                if booked:
+                    extra = force - area * g
+                    n += extra
+                    nx += x * extra
+                    ny += y * extra
                 before1 = elastic[0]
                 before2 = elastic[1]
                 s1 = area * (p1 + x * x1 + y * y1)
@@ -250,7 +271,13 @@ def corner_forces(links, corners, bodies, first, last, force_out):
                     plastic = (size - cap) / (size * damped)
                     elastic[0] = before1 + s1 - plastic * t1
                     elastic[1] = before2 + s2 - plastic * t2
-                    corners.slip[i] += plastic * size / (k_s * area)
+                    slid = plastic * size / (k_s * area)
+                    if booked:
+                        held = slid / size * 0.5 * ((before1 + elastic[0]) * t1 + (before2 + elastic[1]) * t2)
+                        friction += held
+                        least = min(least, held)
+                        by_law += cap * slid
+                    corners.slip[i] += slid
                     t1 *= cap / size
                     t2 *= cap / size
                 a1 -= t1
@@ -265,6 +292,19 @@ def corner_forces(links, corners, bodies, first, last, force_out):
                 if force_out is not None:
                     write_force(force_out, i, -t1, -t2, sense * force, u1, u2, u3, w1, w2, w3)
             else:
+                if booked:
+                    if g > 0.0:  # the dashpot takes off what the spring presses
+                        extra = -area * g
+                        n += extra
+                        nx += x * extra
+                        ny += y * extra
+                    else:
+                        was = g + sense * k_n * (p3 + x * x3 + y * y3)
+                        stepping += 0.5 * area / k_n * g * max(was, 0.0)
+                    if area > 0.0 and (elastic[0] != 0.0 or elastic[1] != 0.0):
+                        s1 = area * (p1 + x * x1 + y * y1)
+                        s2 = area * (p2 + x * x2 + y * y2)
+                        released += let_go(books.joint[j], x, y, elastic[0], elastic[1], s1, s2, k_s * area)
                 elastic[0] = 0.0
                 elastic[1] = 0.0
                 if force_out is not None:
@@ -273,6 +313,13 @@ def corner_forces(links, corners, bodies, first, last, force_out):
             links, j, a1, a2, sense * a3, arm * b1, arm * b2, sense * b3, arm * c1, arm * c2, sense * c3, 0.0,
             u1, u2, u3, w1, w2, w3, d, r,
         )  # fmt: skip
+        if booked:
+            book_corners(
+                books.joint[j], sense, damped, k_s, -a1, -a2, -b1, -b2, -c1, -c2, n, nx, ny,
+                p1, p2, p3, x1, x2, x3, y1, y2, y3,
+            )  # fmt: skip
+            if by_law != 0.0 or released != 0.0 or stepping != 0.0:
+                book_losses(books, j, friction, by_law, released, stepping, least)
 
 
 @jit
@@ -312,18 +359,23 @@ def pressed(faces, a, viscous, g0, gx, gy, d0, dx, dy):
 
 
 @jit
-def face_forces(links, faces, bodies, first, last):
+def face_forces(links, faces, bodies, first, last, books):
     """Forces of the convex joints ``first`` to ``last``: exact no-tension integral, exact limit surface."""
+    booked = books.fallen.size > 0
     for a in range(first, last):
         j = faces.joint[a]
         o1, o2, o3, e1, e2, e3, g1, g2, g3, u1, u2, u3, w1, w2, w3, d, r = look(links, bodies, j)
         seen = links.seen[j]
         sense = links.sense[j]
         viscous = links.viscous[j, 0]
-        n, nx, ny = pressed(
-            faces, a, viscous, -sense * (o3 - links.offset[j]), -sense * e3, -sense * g3,
-            -sense * (o3 - seen[2]), -sense * (e3 - seen[5]), -sense * (g3 - seen[8]),
-        )  # fmt: skip
+        # penetration, and what it grew by in the step
+        h0 = -sense * (o3 - links.offset[j])
+        hx = -sense * e3
+        hy = -sense * g3
+        d0 = -sense * (o3 - seen[2])
+        dx = -sense * (e3 - seen[5])
+        dy = -sense * (g3 - seen[8])
+        n, nx, ny = pressed(faces, a, viscous, h0, hx, hy, d0, dx, dy)
         k_n = faces.k_n[a]
         n *= k_n
         nx *= k_n
@@ -345,9 +397,14 @@ def face_forces(links, faces, bodies, first, last):
         seen[7] = g2
         seen[8] = g3
         elastic = faces.elastic[a]
+        b1 = elastic[0]
+        b2 = elastic[1]
+        bm = elastic[2]
+        s1 = cosine * p1 + sine * p2
+        s2 = cosine * p2 - sine * p1
+        t1 = t2 = tm = 0.0
+        slides = True
         if n > 0.0:
-            s1 = cosine * p1 + sine * p2
-            s2 = cosine * p2 - sine * p1
             area = faces.area[a]
             k_t = faces.k_s[a] * area
             k_r = faces.k_s[a] * (faces.second[a, 0] + faces.second[a, 1])
@@ -362,6 +419,7 @@ def face_forces(links, faces, bodies, first, last):
                 elastic[0] += k_t * s1
                 elastic[1] += k_t * s2
                 elastic[2] += k_r * turn
+                slides = False
             elif strength <= faces.negligible[a]:
                 # the safe chord |V|/V_0 + |M|/M_T0 = 1 of the limit surface is good enough for next to nothing
                 scale = strength / (sqrt(t1 * t1 + t2 * t2) + abs(tm) / faces.radius[a])
@@ -394,6 +452,16 @@ def face_forces(links, faces, bodies, first, last):
             elastic[1] = 0.0
             elastic[2] = 0.0
             links.wrench[j, :] = 0.0
+        if booked:
+            row = books.joint[j]
+            if h0 >= faces.reach[a] * sqrt(hx * hx + hy * hy):
+                q0, qx, qy = closed_pressure(faces, a, h0, hx, hy)
+            else:
+                q0, qx, qy = spring_pressure(faces, a, h0, hx, hy)
+            book_pressure(row, q0, qx, qy, n, nx, ny, h0, hx, hy, d0, dx, dy)
+            book_shear(row, elastic, s1, s2, turn, t1, t2, tm)
+            if slides:
+                book_slip(books, faces, a, n, s1, s2, turn, t1, t2, tm, b1, b2, bm)
 
 
 @jit

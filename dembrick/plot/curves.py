@@ -135,7 +135,8 @@ def unbalanced(histories, labels: Sequence[str] | None = None, ax: Axes | None =
 
 
 def energies(histories, labels: Sequence[str] | None = None, ax: Axes | None = None) -> Figure:
-    """The energies of histories over time, a panel each; HistoryError where none was recorded.
+    """The energies of histories over time, a panel each; HistoryError where none was recorded. Terms that stay nought
+    are left out.
 
     ``ax``: one axes, or one for each history.
     """
@@ -153,7 +154,8 @@ def energies(histories, labels: Sequence[str] | None = None, ax: Axes | None = N
         if len(panels) != len(histories):
             raise ScenarioError(f"{len(panels)} axes for {len(histories)} histories; give one each")
         for axes, history, label in zip(panels, histories, labels, strict=True):
-            for i, (name, values) in enumerate(history.energy.items()):
+            shown = {name: values for name, values in history.energy.items() if values.any()}
+            for i, (name, values) in enumerate((shown or history.energy).items()):
                 colour, line, _ = style.CYCLE[i % len(style.CYCLE)]
                 axes.plot(history.time, values, color=colour, ls=line, label=style.plain(name.replace("_", " ")))
             axes.set_xlabel("time [s]")

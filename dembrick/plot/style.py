@@ -25,6 +25,7 @@ CYCLE = (  # colour, line style, marker of overlaid curves
     (ORANGE, (0, (8, 2)), "v"),
     (PURPLE, (0, (3, 1, 1, 1, 1, 1)), "P"),
     (SKY, (0, (1, 2, 6, 2)), "X"),
+    (GREY, (0, (5, 1, 1, 1)), "*"),
 )
 FORMULATION = {
     "convex": (BLUE, "-", "o"),

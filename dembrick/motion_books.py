@@ -1,0 +1,174 @@
+"""The energy books of a run in real time, seen from outside: opened at the start, read at every row, and audited.
+
+Everything is seen from the supports: what shaking or tilting them does is work of gravity, which they turn about and
+add to. A row's energies are those of the last forces, a step before it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dembrick.audit import Sums
+from dembrick.kernels.books import (
+    BY_LAW,
+    CONTACTS,
+    FRICTION,
+    HANDED,
+    LOADS,
+    RELEASED,
+    STEPPING,
+    Books,
+    kinetic_energy,
+    take_stock,
+)
+from dembrick.moving_polygons import Polygons
+from dembrick.moving_state import MovingState, out_of_balance, seen
+
+ENERGIES = ("kinetic", "elastic", "external", "friction", "dashpots", "released", "stepping", "new_contacts")
+
+FLOOR = 1e-3  # of what the springs hold at the start: where less is put in, errors are rounding
+
+
+class MotionBooks:
+    """The books of one run: ``table`` is what the loop writes into, empty where nobody asks for them.
+
+    ``start`` (2,) J: kinetic energy, and energy in the springs of the joints, when time began.
+    """
+
+    def __init__(self, state: MovingState, loads: int = 0, wanted: bool = True):
+        n, j, k = (len(state.bodies.mass), len(state.links.host), loads) if wanted else (0, 0, 0)
+        place = np.zeros(j, np.int64)
+        if wanted and state.corners is not None:
+            place[state.corners.joint] = np.arange(len(state.corners.joint))
+        if wanted and state.faces is not None:
+            place[state.faces.joint] = -1 - np.arange(len(state.faces.joint))
+        self.start = np.zeros(2)
+        self.table = Books(
+            joint=np.zeros((j, 16)),
+            damped=np.zeros(j),
+            lost=np.zeros((j, 4)),
+            least=np.zeros(j),
+            share=np.ones(j),
+            place=place,
+            fallen=np.zeros(n),
+            load=np.zeros((k, 6)),
+            push=np.zeros((n, 6)),
+            total=np.zeros(3),
+            gravity=np.zeros(3),
+            begun=np.zeros(1),
+        )
+
+    @property
+    def wanted(self) -> bool:
+        """Whether anything is booked."""
+        return len(self.table.fallen) > 0
+
+    def begin(self, state: MovingState, velocity, spin, inertia, gravity, dt: float) -> None:
+        """Note what there is when time begins: blocks with ``velocity`` and ``spin`` (n, 3), inertia (n, 3, 3) in world
+        axes; after the first forces, under ``gravity``. Of the leap-frog energy, as it is at every later row."""
+        if not self.wanted:
+            return
+        free, half = state.bodies.free, 0.5 * dt
+        force, torque = out_of_balance(state, gravity)
+        mass, v, w = state.bodies.mass[free, None], velocity[free], spin[free]
+        moved = half * force[free] / mass
+        turned = np.linalg.solve(inertia[free], half * torque[free, :, None])[..., 0]
+        twice = (mass * (v * v - moved * moved)).sum()
+        twice += (np.einsum("nij,nj,ni->n", inertia[free], w, w) - half * (torque[free] * turned).sum(axis=1)).sum()
+        self.start[:] = 0.5 * twice, self._springs(state)[1].sum()
+
+    def open(self, state: MovingState) -> None:
+        """Take the springs of the joints into the books, before the first step."""
+        if self.wanted:
+            self.table.joint[:, :6] = self._springs(state)[0][:, :6]
+
+    def cut(self, polygons: Polygons) -> None:
+        """Cut the polygons that have moved too far; what their springs hold less of then is let go.
+
+        The blocks have moved on meanwhile, and over that step half the work is that of the forces before the cut.
+        """
+        if not self.wanted:
+            polygons.cut_stale()
+            return
+        held, before = self._springs(polygons.state)
+        worked = _work_ahead(polygons.state, held)
+        polygons.cut_stale()
+        after, energy = self._springs(polygons.state)
+        worked -= _work_ahead(polygons.state, after)
+        changed = (after != held).any(axis=1) | (energy != before)
+        self.table.joint[changed, :6] = after[changed, :6]
+        self.table.lost[:, RELEASED] += self.table.share * (before - energy + 0.5 * worked)
+
+    def _springs(self, state: MovingState) -> tuple[np.ndarray, np.ndarray]:
+        """Resultants, the first six of (j, 16), and energy (j,) J of the springs of all joints."""
+        n = len(state.links.host)
+        held, energy = np.zeros((n, 16)), np.zeros(n)
+        take_stock(state.links, state.corners, state.faces, held, energy)
+        return held, energy
+
+    def _lost(self) -> np.ndarray:
+        """The four columns of `Books.lost`, summed (J)."""
+        table = self.table
+        lost = table.lost.sum(axis=0)
+        convex = table.place < 0
+        lost[STEPPING] += (table.share * table.joint[:, 9])[convex].sum()
+        return lost
+
+    def energies(self, state: MovingState, dt: float) -> dict[str, float]:
+        """The books of the last forces (J): kinetic, elastic since the start, work of gravity and loads, friction,
+        dashpots, springs let go, contacts that opened or closed within a step, work done on new contacts."""
+        if not self.wanted:
+            return {}
+        table = self.table
+        if not table.begun[0]:
+            return dict.fromkeys(ENERGIES, 0.0) | {"kinetic": float(self.start[0])}
+        lost = self._lost()
+        kinetic = kinetic_energy(state.bodies, state.links.wrench, *table.gravity.tolist(), dt)
+        return {
+            "kinetic": kinetic,
+            "elastic": float((table.share * self._springs(state)[1]).sum() - self.start[1]),
+            "external": float(table.fallen.sum() + table.total[LOADS]),
+            "friction": float(lost[FRICTION]),
+            "dashpots": float((table.damped + table.share * table.joint[:, 15]).sum()),
+            "released": float(lost[RELEASED] + table.total[HANDED]),
+            "stepping": float(lost[STEPPING]),
+            "new_contacts": float(-table.total[CONTACTS]),
+        }
+
+    def sums(self) -> Sums | None:
+        """What the audit wants; None where nothing was booked."""
+        if not self.wanted:
+            return None
+        lost = self._lost()
+        least = float(self.table.least.min(initial=0.0))
+        return Sums(float(lost[FRICTION]), float(lost[BY_LAW]), least, float(lost[STEPPING]), FLOOR * self.start[1])
+
+    @property
+    def arrays(self) -> dict[str, np.ndarray]:
+        """All that a run goes on from."""
+        return {f"books.{name}": array for name, array in self.table._asdict().items()} | {"books.start": self.start}
+
+
+def _work_ahead(state: MovingState, held: np.ndarray) -> np.ndarray:
+    """What the springs of each joint (j,) would take over the step that the blocks have made since the last forces, if
+    their forces stayed (J); ``held``: see `take_stock`."""
+    links, corners, faces = state.links, state.corners, state.faces
+    here, now = seen(state.bodies, links), links.seen
+    moved, work = here - now, np.zeros(len(links.host))
+    if corners is not None:
+        count = np.diff(corners.start)
+        j, law, x, y = np.repeat(corners.joint, count), np.repeat(corners.law, count), corners.x, corners.y
+        step, sense, arm = moved[j], links.sense[j], corners.shear_arm[law]
+        depth = np.maximum(sense * (links.offset[j] - now[j, 2] - x * now[j, 5] - y * now[j, 8]), 0.0)
+        of_point = -corners.k_n[law] * corners.area * depth * sense * (step[:, 2] + x * step[:, 5] + y * step[:, 8])
+        of_point += corners.elastic[:, 0] * (step[:, 0] + arm * (x * step[:, 3] + y * step[:, 6]))
+        of_point += corners.elastic[:, 1] * (step[:, 1] + arm * (x * step[:, 4] + y * step[:, 7]))
+        work += np.bincount(j, of_point, len(work))
+    if faces is not None:
+        j, e = faces.joint, faces.elastic
+        step, tangent = moved[j], here[j, 3:5] / np.hypot(here[j, 3], here[j, 4])[:, None]
+        work[j] -= links.sense[j] * (held[j, :3] * step[:, [2, 5, 8]]).sum(axis=1)
+        work[j] += e[:, 0] * (tangent * step[:, :2]).sum(axis=1)
+        work[j] += e[:, 1] * (tangent[:, 0] * step[:, 1] - tangent[:, 1] * step[:, 0])
+        work[j] += e[:, 2] * (now[j, 3] * tangent[:, 1] - now[j, 4] * tangent[:, 0])
+    return work

@@ -1,0 +1,284 @@
+"""The energy books of runs in real time: they balance, each term is what a closed form says, and wrong ones fail."""
+
+import dataclasses
+import json
+import math
+
+import numpy as np
+import pytest
+
+from dembrick import audit, history, model
+from dembrick.controls import BaseMotionControl, DynamicControl, Pulse, PushoverControl, Sine
+from dembrick.errors import EnergyAuditError
+from dembrick.model import Block, JointLaw, Load, Material, Output, Scenario, Solver
+from dembrick.motion_books import ENERGIES
+from dembrick.result import simulate
+
+FORMULATIONS = ("concave", "corrected-shear", "distributed", "convex")
+G = 9.81
+
+
+def scene(formulation, control, *blocks, friction=0.64, gravity=(0.0, 0.0, -G), stiffness=1e9, factor=0.9, loads=()):
+    """Blocks on a large floor."""
+    return Scenario(
+        title="books",
+        gravity=gravity,
+        joint=JointLaw(formulation, friction, stiffness, 0.4 * stiffness),
+        materials={"stone": Material(2000.0)},
+        blocks=(Block("floor", "stone", (4.0, 4.0, 0.1), (0.0, 0.0, -0.05), fixed=True), *blocks),
+        control=control,
+        solver=Solver(step_factor=factor),
+        output=Output(("joints", "energy", "frames", "velocity"), rows=400, frames=400),
+        loads=loads,
+    )
+
+
+def block(edges=(0.3, 0.2, 0.1), place=(0.0, 0.0), lift=0.0, name="block", **more):
+    return Block(name, "stone", edges, (*place, 0.5 * edges[2] + lift), **more)
+
+
+def mass(edges=(0.3, 0.2, 0.1)):
+    return 2000.0 * math.prod(edges)
+
+
+def off(energies):
+    """The residual of every row (J)."""
+    gone = sum(values for name, values in energies.items() if name != "external")
+    return gone - energies["external"] - energies["kinetic"][0]
+
+
+def slope(formulation):
+    psi = math.radians(40.0)
+    gravity = (10.0 * math.sin(psi), 0.0, -10.0 * math.cos(psi))
+    return scene(formulation, DynamicControl(0.1), block(), friction=math.tan(math.radians(20.0)), gravity=gravity)
+
+
+def spinning(formulation):
+    return scene(formulation, DynamicControl(0.3), block((0.3, 0.2, 0.01), angular_velocity=(0.0, 0.0, 10.0)))
+
+
+def rocking(formulation, factor=0.9, stiffness=1e9):
+    """Thrown up about one edge, the block comes down on the other, twice over."""
+    free = block((0.2, 0.6, 1.0), angular_velocity=(0.0, 0.8, 0.0))
+    return scene(formulation, DynamicControl(1.2), free, factor=factor, stiffness=stiffness)
+
+
+def swinging(formulation):
+    """Up and down on soft springs that never open, undamped."""
+    control = DynamicControl(0.1, restitution=1.0)
+    return scene(formulation, control, block(velocity=(0.0, 0.0, -1e-3)), stiffness=1e7, factor=0.2)
+
+
+def landing(formulation):
+    """One block falls 1 mm on another that stands."""
+    return scene(formulation, DynamicControl(0.2), block(), block(place=(0.05, 0.0), lift=0.101, name="upper"))
+
+
+def handed_over(formulation):
+    """A block that overturns about an edge: its joint hands over to a new contact."""
+    return scene(formulation, DynamicControl(0.7), block((0.2, 0.3, 0.5)), friction=2.0, gravity=(5.0, 0.0, -G))
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_gravity_drives_and_friction_brakes_on_a_slope(formulation):
+    """Work of gravity m g s sin(psi), of friction mu m g s cos(psi), over the way of the last forces."""
+    result = simulate(slope(formulation))
+    energies, dt = result.rows["energy"], result.run.motion.time_step
+    psi = math.radians(40.0)
+    way = (result.frames["displacement"][:, 1] - dt * result.frames["velocity"][:, 1])[:, 0]
+    way -= way[0]  # seating comes before
+    assert way[-1] == pytest.approx(0.5 * 3.63970 * 0.1**2, rel=2e-3)
+    assert energies["external"][-1] == pytest.approx(mass() * 10.0 * math.sin(psi) * way[-1], rel=1e-5)
+    pressed = mass() * 10.0 * math.cos(psi) * math.tan(math.radians(20.0)) * way[-1]
+    assert energies["friction"][-1] == pytest.approx(pressed, rel=2e-3)  # but for the elastic slip before it slides
+    speed = result.frames["velocity"][-1, 1, 0]
+    assert energies["kinetic"][-1] == pytest.approx(0.5 * mass() * speed**2, rel=2e-3)
+    assert np.abs(off(energies)).max() < 1e-10 * energies["external"].max()
+    assert result.energy.relative_residual < 1e-10
+    assert abs(result.energy.friction_law_error) < 1e-3
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+def test_shaken_supports_put_in_what_friction_takes(formulation):
+    """Newmark's pulse: once the block has stopped, both are mu m g times its slip of 0.14715 m."""
+    control = BaseMotionControl(1.0, (1.0, 0.0, 0.0), pulse=Pulse(0.5 * G, 0.2))
+    edges = (0.3, 0.2, 0.01)
+    result = simulate(scene(formulation, control, block(edges), friction=0.2))
+    energies, expected = result.rows["energy"], 0.2 * mass(edges) * G * 0.14715
+    assert energies["external"][-1] == pytest.approx(expected, rel=1e-3)
+    assert energies["friction"][-1] == pytest.approx(expected, rel=1e-3)
+    assert result.energy.relative_residual < 1e-10
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_friction_takes_all_of_a_spin(formulation):
+    edges = (0.3, 0.2, 0.01)
+    result = simulate(spinning(formulation))
+    energies = result.rows["energy"]
+    spun = 0.5 * mass(edges) * (edges[0] ** 2 + edges[1] ** 2) / 12.0 * 10.0**2
+    assert energies["kinetic"][0] == pytest.approx(spun, rel=1e-6)
+    assert energies["friction"][-1] == pytest.approx(spun, rel=3e-3)
+    assert np.abs(energies["external"]).max() < 1e-6 * spun
+    assert result.energy.relative_residual < 1e-5
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+def test_springs_that_stay_closed_keep_all_energy(formulation):
+    """A swing of the speed v = a sin(w dt) / dt on the stiffness k A, sin(w dt / 2) = (dt / 2) sqrt(k A / m): the
+    springs hold N^2 / (2 k A), and a swing takes it between what they hold a above and a below."""
+    result = simulate(swinging(formulation))
+    energies = result.rows["energy"]
+    put_in = 0.5 * mass() * 1e-3**2
+    assert energies["kinetic"][0] == pytest.approx(put_in, rel=1e-6)
+    for name in ("friction", "dashpots", "released", "stepping", "new_contacts"):
+        assert np.abs(energies[name]).max() < 1e-9 * put_in, name
+    k, dt = 1e7 * 0.3 * 0.2, result.run.motion.time_step
+    depth, swing = mass() * G / k, 1e-3 * dt / math.sin(2.0 * math.asin(0.5 * dt * math.sqrt(k / mass())))
+    for extreme, height in ((energies["elastic"].min(), swing), (energies["elastic"].max(), -swing)):
+        assert extreme == pytest.approx(0.5 * k * ((depth - height) ** 2 - depth**2), rel=2e-3)
+    assert np.abs(off(energies)).max() < 1e-8 * put_in
+
+
+@pytest.mark.parametrize("formulation", ["concave", "distributed", "convex"])
+def test_free_rocking_loses_energy_in_impacts_only(formulation):
+    """Between impacts the sum of kinetic, elastic and potential energy stays, but for what still trembles."""
+    result = simulate(rocking(formulation))
+    energies, time = result.rows["energy"], result.rows["time"]
+    assert result.energy.relative_residual < 1e-5
+    lost = sum(energies[name] for name in ("friction", "dashpots", "released", "stepping"))
+    assert lost[-1] > 0.5 * energies["kinetic"][0]
+    rate = np.diff(lost) / np.diff(time)
+    free = np.sort(np.abs(rate))[: len(rate) // 2]  # most of the time it is in the air, on an edge
+    assert free.max() * time[-1] < 0.02 * energies["kinetic"][0]
+    assert abs(result.energy.step_error) < 5e-3
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+def test_residual_falls_with_the_square_of_the_step(formulation):
+    """What does not balance is the turning of the joint within a step."""
+    coarse, fine = (simulate(rocking(formulation, factor)).energy.relative_residual for factor in (0.9, 0.225))
+    assert fine < coarse / 8.0
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+def test_a_block_that_lands_on_another_leaves_its_fall_with_new_contacts_and_joints(formulation):
+    result = simulate(landing(formulation))
+    energies = result.rows["energy"]
+    fallen = mass() * G * (1e-3 + 2e-6)
+    assert energies["external"][-1] == pytest.approx(fallen, rel=0.01)
+    assert energies["new_contacts"][-1] > 0.1 * fallen
+    assert energies["new_contacts"][0] == 0.0 and energies["kinetic"][-1] < 1e-6 * fallen
+    assert result.energy.relative_residual < 1e-5
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+def test_books_go_on_where_joints_are_handed_over(formulation):
+    result = simulate(handed_over(formulation))
+    assert result.run.motion.books.table.share[0] == 0.0
+    assert result.rows["new_contacts"].max() > 0
+    assert np.abs(result.rows["energy"]["new_contacts"]).max() > 0.01 * result.rows["energy"]["kinetic"][0]
+    assert result.energy.relative_residual < 1e-4
+
+
+def test_work_of_a_load_that_varies_beside_the_centroid():
+    """A block is pushed back and forth and twisted; without the work of the couple the books would not balance."""
+    control = DynamicControl(0.2)
+    load = Load("block", (40.0, 10.0, 0.0), point=(0.1, 0.05, 0.06), sine=model.Sine(1.0, 8.0, 0.3))
+    result = simulate(scene("concave", control, block(), friction=0.1, loads=(load,)))
+    energies = result.rows["energy"]
+    assert energies["external"].max() > 0.05
+    assert result.energy.relative_residual < 1e-8
+
+
+def test_a_push_in_real_time_balances():
+    control = PushoverControl((1.0, 0.0, 0.0), quasi_static=False, displacement=0.004, rate=0.02)
+    walls = (model.Wall("wall", "stone", (0.3, 0.2, 0.1), 2, 2, base=0.1),)
+    pushed = dataclasses.replace(scene("concave", control), blocks=(), walls=walls)
+    result = simulate(pushed)
+    assert result.rows["energy"]["friction"][-1] > 0.5 * result.rows["energy"]["external"][-1]
+    assert result.energy.relative_residual < 1e-5
+
+
+BALANCED = {  # scene, greatest residual over what was put in, terms that are then known to a per cent
+    "slope": (slope, 1e-10, ("kinetic", "external", "friction")),
+    "spinning": (spinning, 1e-5, ("kinetic", "friction")),
+    "swinging": (swinging, 1e-8, ("kinetic", "elastic", "external")),
+    "rocking": (rocking, 5e-6, ("kinetic", "elastic", "external", "friction", "dashpots")),
+    "landing": (landing, 1e-5, ("kinetic", "external", "dashpots", "new_contacts")),
+}
+
+
+@pytest.mark.parametrize("name", BALANCED)
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+def test_a_term_that_is_one_per_cent_off_is_seen(formulation, name):
+    make, bound, terms = BALANCED[name]
+    energies = simulate(make(formulation)).rows["energy"]
+    scale = (np.abs(energies["external"]) + energies["kinetic"][0]).max()
+    assert set(energies) == set(ENERGIES)
+    assert np.abs(off(energies)).max() < bound * scale
+    for term in terms:
+        wrong = energies | {term: 1.01 * energies[term]}
+        if term == "kinetic":  # the first row stands for what there was
+            wrong["kinetic"] = np.append(energies["kinetic"][:1], wrong["kinetic"][1:])
+        assert np.abs(off(wrong)).max() > bound * scale, term
+
+
+def test_what_points_let_go_and_steps_take_is_seen_as_well():
+    """Both are small: a tenth of them is seen."""
+    energies = simulate(rocking("concave")).rows["energy"]
+    scale = (np.abs(energies["external"]) + energies["kinetic"][0]).max()
+    for term in ("released", "stepping"):
+        assert np.abs(off(energies | {term: 1.1 * energies[term]})).max() > 5e-6 * scale, term
+
+
+def test_books_that_do_not_balance_fail_the_run(monkeypatch):
+    monkeypatch.setattr(audit, "MOTION", 1e-20)
+    with pytest.raises(EnergyAuditError, match="off by"):
+        simulate(rocking("concave"))
+    monkeypatch.undo()
+    monkeypatch.setattr(audit, "STEPPING", 1e-9)
+    with pytest.raises(EnergyAuditError, match="open and close within a time step"):
+        simulate(rocking("concave"))
+
+
+def test_nothing_is_booked_where_nobody_asks_and_the_motion_is_the_same():
+    asked = rocking("concave")
+    silent = simulate(dataclasses.replace(asked, output=Output(("frames",), rows=400, frames=400)))
+    assert silent.rows["energy"] == {} and silent.energy is None and silent.as_dict()["energy"] is None
+    booked = simulate(asked)
+    np.testing.assert_array_equal(silent.frames["displacement"], booked.frames["displacement"])
+    shown = booked.as_dict()["energy"]
+    assert shown == dataclasses.asdict(booked.energy)
+    assert set(shown) == {
+        "relative_residual", "friction_law_error", "least_friction_increment", "step_error"
+    }  # fmt: skip
+    json.dumps(shown)
+
+
+def test_a_history_has_every_energy(tmp_path):
+    path = tmp_path / "run.h5"
+    result = simulate(landing("concave"), path)
+    with history.read(path) as found:
+        assert set(found.energy_names) == set(ENERGIES)
+        np.testing.assert_array_equal(found.energy["friction"], result.rows["energy"]["friction"])
+        assert found.results["energy"]["relative_residual"] == result.energy.relative_residual
+
+
+def test_polygons_that_are_cut_keep_the_books():
+    """A block slides over the edge of another: what its springs hold less of is let go."""
+    below = Block("below", "stone", (0.3, 0.3, 0.1), (0.0, 0.0, 0.05), fixed=True)
+    over = Block("over", "stone", (0.3, 0.2, 0.1), (0.0, 0.0, 0.15), velocity=(0.9, 0.0, 0.0))
+    for formulation in ("concave", "distributed", "convex"):
+        result = simulate(scene(formulation, DynamicControl(0.15), below, over))
+        assert result.displacement[-1, 0] > 0.05
+        assert result.energy.relative_residual < 1e-4, formulation
+
+
+def test_a_wall_at_rest_is_held_against_what_its_springs_hold():
+    """Next to nothing is put in: what the books are off by is rounding, and no failure."""
+    walls = (model.Wall("wall", "stone", (0.3, 0.2, 0.1), 3, 3, base=0.1),)
+    still = dataclasses.replace(scene("concave", DynamicControl(0.2)), blocks=(), walls=walls)
+    result = simulate(still)
+    assert result.energy.relative_residual < 1e-4
+    shaken = dataclasses.replace(still, control=BaseMotionControl(0.5, (0.0, 1.0, 0.0), sine=Sine(4.0, 2.0)))
+    assert simulate(shaken).energy.relative_residual < 1e-6
