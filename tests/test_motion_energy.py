@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from dembrick import audit, history, model
+from dembrick.cli import main
 from dembrick.controls import BaseMotionControl, DynamicControl, Pulse, PushoverControl, Sine
 from dembrick.errors import EnergyAuditError
 from dembrick.model import Block, JointLaw, Load, Material, Output, Scenario, Solver
@@ -255,13 +256,17 @@ def test_nothing_is_booked_where_nobody_asks_and_the_motion_is_the_same():
     json.dumps(shown)
 
 
-def test_a_history_has_every_energy(tmp_path):
+def test_a_history_has_every_energy(tmp_path, capsys):
     path = tmp_path / "run.h5"
     result = simulate(landing("concave"), path)
     with history.read(path) as found:
         assert set(found.energy_names) == set(ENERGIES)
         np.testing.assert_array_equal(found.energy["friction"], result.rows["energy"]["friction"])
         assert found.results["energy"]["relative_residual"] == result.energy.relative_residual
+    assert main(["info", str(path)]) == 0
+    shown = capsys.readouterr().out
+    assert f"energy        books off by {result.energy.relative_residual:.1e}" in shown
+    assert f"books off by {result.energy.relative_residual:.1e}" in result.text()
 
 
 def test_polygons_that_are_cut_keep_the_books():
