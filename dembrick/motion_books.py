@@ -90,14 +90,14 @@ class MotionBooks:
         if not self.wanted:
             polygons.cut_stale()
             return
+        stale, table = polygons.stale(), self.table
         held, before = self._springs(polygons.state)
-        worked = _work_ahead(polygons.state, held)
+        worked = _work_ahead(polygons.state, held, stale, table.place)
         polygons.cut_stale()
         after, energy = self._springs(polygons.state)
-        worked -= _work_ahead(polygons.state, after)
-        changed = (after != held).any(axis=1) | (energy != before)
-        self.table.joint[changed, :6] = after[changed, :6]
-        self.table.lost[:, RELEASED] += self.table.share * (before - energy + 0.5 * worked)
+        worked -= _work_ahead(polygons.state, after, stale, table.place)
+        table.joint[stale, :6] = after[stale, :6]
+        table.lost[stale, RELEASED] += table.share[stale] * ((before - energy)[stale] + 0.5 * worked)
 
     def _springs(self, state: MovingState) -> tuple[np.ndarray, np.ndarray]:
         """Resultants, the first six of (j, 16), and energy (j,) J of the springs of all joints."""
@@ -149,26 +149,27 @@ class MotionBooks:
         return {f"books.{name}": array for name, array in self.table._asdict().items()} | {"books.start": self.start}
 
 
-def _work_ahead(state: MovingState, held: np.ndarray) -> np.ndarray:
-    """What the springs of each joint (j,) would take over the step that the blocks have made since the last forces, if
-    their forces stayed (J); ``held``: see `take_stock`."""
-    links, corners, faces = state.links, state.corners, state.faces
-    here, now = seen(state.bodies, links), links.seen
-    moved, work = here - now, np.zeros(len(links.host))
-    if corners is not None:
-        count = np.diff(corners.start)
-        j, law, x, y = np.repeat(corners.joint, count), np.repeat(corners.law, count), corners.x, corners.y
-        step, sense, arm = moved[j], links.sense[j], corners.shear_arm[law]
-        depth = np.maximum(sense * (links.offset[j] - now[j, 2] - x * now[j, 5] - y * now[j, 8]), 0.0)
-        of_point = -corners.k_n[law] * corners.area * depth * sense * (step[:, 2] + x * step[:, 5] + y * step[:, 8])
-        of_point += corners.elastic[:, 0] * (step[:, 0] + arm * (x * step[:, 3] + y * step[:, 6]))
-        of_point += corners.elastic[:, 1] * (step[:, 1] + arm * (x * step[:, 4] + y * step[:, 7]))
-        work += np.bincount(j, of_point, len(work))
-    if faces is not None:
-        j, e = faces.joint, faces.elastic
-        step, tangent = moved[j], here[j, 3:5] / np.hypot(here[j, 3], here[j, 4])[:, None]
-        work[j] -= links.sense[j] * (held[j, :3] * step[:, [2, 5, 8]]).sum(axis=1)
-        work[j] += e[:, 0] * (tangent * step[:, :2]).sum(axis=1)
-        work[j] += e[:, 1] * (tangent[:, 0] * step[:, 1] - tangent[:, 1] * step[:, 0])
-        work[j] += e[:, 2] * (now[j, 3] * tangent[:, 1] - now[j, 4] * tangent[:, 0])
+def _work_ahead(state: MovingState, held: np.ndarray, joints: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """What the springs of ``joints`` (k,) would take over the step that the blocks have made since the last forces, if
+    their forces stayed (k,), J; ``held``: see `take_stock`, ``place``: see `Books`."""
+    links = state.links
+    wanted = {name: getattr(links, name)[joints] for name in ("host", "other", "lever", "tangents", "plane")}
+    ends, work = seen(state.bodies, links._replace(**wanted)), np.zeros(len(joints))
+    for i, j in enumerate(joints.tolist()):
+        now, step = links.seen[j], ends[i] - links.seen[j]
+        if place[j] >= 0:
+            corners, p = state.corners, place[j]
+            own, law = slice(corners.start[p], corners.start[p + 1]), corners.law[p]
+            x, y, arm = corners.x[own], corners.y[own], corners.shear_arm[law]
+            depth = np.maximum(links.sense[j] * (links.offset[j] - now[2] - x * now[5] - y * now[8]), 0.0)
+            pressed = -corners.k_n[law] * links.sense[j] * corners.area[own] * depth
+            of_point = pressed * (step[2] + x * step[5] + y * step[8])
+            of_point += corners.elastic[own, 0] * (step[0] + arm * (x * step[3] + y * step[6]))
+            of_point += corners.elastic[own, 1] * (step[1] + arm * (x * step[4] + y * step[7]))
+            work[i] = of_point.sum()
+        else:
+            e, along = state.faces.elastic[-1 - place[j]], ends[i, 3:5] / np.hypot(*ends[i, 3:5])
+            work[i] = -links.sense[j] * (held[j, :3] @ step[[2, 5, 8]]) + e[0] * (along @ step[:2])
+            work[i] += e[1] * (along[0] * step[1] - along[1] * step[0])
+            work[i] += e[2] * (now[3] * along[1] - now[4] * along[0])
     return work

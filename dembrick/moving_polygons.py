@@ -51,13 +51,17 @@ class Polygons:
         self._place = {int(j): i for family in families if family is not None for i, j in enumerate(family.joint)}
         state.links.slack[:] = self.bound
 
-    def cut_stale(self) -> int:
-        """Cut all polygons that have moved too far; returns how many."""
+    def stale(self) -> np.ndarray:
+        """The joints whose polygons have moved too far."""
         links = self.state.links
         moved = links.seen[:, [0, 1, 3, 4]] - links.kept
         distance = np.hypot(moved[:, 0], moved[:, 1]) + links.reach * np.hypot(moved[:, 2], moved[:, 3])
         # a little before the kernel does, whose square roots may round the other way
-        stale = np.flatnonzero(distance >= links.slack.astype(float) * (1.0 - 1e-9))
+        return np.flatnonzero(distance >= links.slack.astype(float) * (1.0 - 1e-9))
+
+    def cut_stale(self) -> int:
+        """Cut all polygons that have moved too far; returns how many."""
+        stale = self.stale()
         for j in stale.tolist():
             self._cut(j)
         return len(stale)
