@@ -17,6 +17,7 @@ import numpy as np
 from h5py import h5a, h5d, h5g, h5l, h5t, h5z
 
 from dembrick.errors import HistoryError
+from dembrick.history.heaps import check_heaps
 
 MAX_READ = 4 << 30  # bytes of one read: a longer one is a mistake or an attack
 _CACHE = 1 << 20  # bytes of unpacked chunks kept for each dataset; some versions of HDF5 would keep eight times that
@@ -44,6 +45,7 @@ def open_file(path: str | os.PathLike) -> h5py.File:
         raise HistoryError(f"{path}: this is not a file; give the name of a history (.h5)")
     if not os.access(path, os.R_OK):
         raise HistoryError(f"{path}: no permission to read this file")
+    check_heaps(path)
     try:
         return h5py.File(path, "r", locking=False, rdcc_nbytes=_CACHE)
     except _DAMAGE as error:
