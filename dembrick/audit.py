@@ -38,6 +38,7 @@ class EnergyAudit:
 class MotionAudit(EnergyAudit):
     """Result of the audit of a run in real time, over the external work and the kinetic energy of the start.
 
+    That holds for ``friction_law_error`` too, friction work less its law's: friction may be next to nothing in impacts.
     ``step_error``: what contacts that open or close within a time step took out of the motion, less what they gave.
     It is of second order in the step; at an impact no more than (w dt)^2 / 4 of its energy, w the frequency of the
     contact.
@@ -103,7 +104,7 @@ class Auditor:
 def _of_motion(residual: float, scale: float, books: Sums) -> MotionAudit:
     """The audit of a run in real time, residual and scale in J."""
     relative, stepping = (residual / scale, books.stepping / scale) if scale else (0.0, 0.0)
-    law_error = books.friction / books.by_law - 1.0 if books.by_law else 0.0
+    law_error = (books.friction - books.by_law) / scale if scale else 0.0
     result = MotionAudit(relative, law_error, books.least, stepping)
     if not relative <= MOTION:
         raise EnergyAuditError(

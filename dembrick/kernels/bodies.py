@@ -144,6 +144,37 @@ def resisted(f, v, damping):
 
 
 @jit
+def gathered(bodies, b, wrench, g1, g2, g3):
+    """Force and couple (6) at the centroid of block ``b``: gravity, what is applied, its joints in their order."""
+    mass = bodies.mass[b]
+    load = bodies.applied
+    f1 = mass * g1 + load[b, 0]
+    f2 = mass * g2 + load[b, 1]
+    f3 = mass * g3 + load[b, 2]
+    t1 = load[b, 3]
+    t2 = load[b, 4]
+    t3 = load[b, 5]
+    for k in range(bodies.side_start[b], bodies.side_start[b + 1]):
+        side = bodies.side[k]
+        j = side >> 1
+        if side & 1:
+            f1 += wrench[j, 0]
+            f2 += wrench[j, 1]
+            f3 += wrench[j, 2]
+            t1 += wrench[j, 3]
+            t2 += wrench[j, 4]
+            t3 += wrench[j, 5]
+        else:
+            f1 -= wrench[j, 0]
+            f2 -= wrench[j, 1]
+            f3 -= wrench[j, 2]
+            t1 += wrench[j, 6]
+            t2 += wrench[j, 7]
+            t3 += wrench[j, 8]
+    return f1, f2, f3, t1, t2, t3
+
+
+@jit
 def step_bodies(bodies, wrench, first, last, g1, g2, g3, dt, damping, fallen, m1, m2, m3):
     """Move the free blocks ``first`` to ``last`` through a step, under gravity (g1, g2, g3), loads and joints.
 
@@ -157,30 +188,7 @@ def step_bodies(bodies, wrench, first, last, g1, g2, g3, dt, damping, fallen, m1
     for f in range(first, last):
         b = bodies.free[f]
         mass = bodies.mass[b]
-        load = bodies.applied
-        f1 = mass * g1 + load[b, 0]
-        f2 = mass * g2 + load[b, 1]
-        f3 = mass * g3 + load[b, 2]
-        t1 = load[b, 3]
-        t2 = load[b, 4]
-        t3 = load[b, 5]
-        for k in range(bodies.side_start[b], bodies.side_start[b + 1]):
-            side = bodies.side[k]
-            j = side >> 1
-            if side & 1:
-                f1 += wrench[j, 0]
-                f2 += wrench[j, 1]
-                f3 += wrench[j, 2]
-                t1 += wrench[j, 3]
-                t2 += wrench[j, 4]
-                t3 += wrench[j, 5]
-            else:
-                f1 -= wrench[j, 0]
-                f2 -= wrench[j, 1]
-                f3 -= wrench[j, 2]
-                t1 += wrench[j, 6]
-                t2 += wrench[j, 7]
-                t3 += wrench[j, 8]
+        f1, f2, f3, t1, t2, t3 = gathered(bodies, b, wrench, g1, g2, g3)
         v = bodies.velocity[b]
         L = bodies.momentum[b]
         if damping > 0.0:

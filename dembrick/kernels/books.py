@@ -14,6 +14,7 @@ from typing import NamedTuple
 from numpy import ndarray
 
 from dembrick._jit import entry, jit
+from dembrick.kernels.bodies import gathered
 from dembrick.kernels.laws import no_tension
 from dembrick.kernels.vec3 import cross, rows_times
 
@@ -253,29 +254,7 @@ def kinetic_energy(bodies, wrench, g1, g2, g3, dt):
     for f in range(bodies.free.size):
         b = bodies.free[f]
         mass = bodies.mass[b]
-        load = bodies.applied[b]
-        f1 = mass * g1 + load[0]
-        f2 = mass * g2 + load[1]
-        f3 = mass * g3 + load[2]
-        t1 = load[3]
-        t2 = load[4]
-        t3 = load[5]
-        for k in range(bodies.side_start[b], bodies.side_start[b + 1]):
-            j = bodies.side[k] >> 1
-            if bodies.side[k] & 1:
-                f1 += wrench[j, 0]
-                f2 += wrench[j, 1]
-                f3 += wrench[j, 2]
-                t1 += wrench[j, 3]
-                t2 += wrench[j, 4]
-                t3 += wrench[j, 5]
-            else:
-                f1 -= wrench[j, 0]
-                f2 -= wrench[j, 1]
-                f3 -= wrench[j, 2]
-                t1 += wrench[j, 6]
-                t2 += wrench[j, 7]
-                t3 += wrench[j, 8]
+        f1, f2, f3, t1, t2, t3 = gathered(bodies, b, wrench, g1, g2, g3)
         v = bodies.velocity[b]
         w = bodies.spin[b]
         L = bodies.momentum[b]
