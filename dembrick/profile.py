@@ -59,14 +59,17 @@ class _RunUp(Session):
 
     def __init__(self, output: Output, steps: int):
         super().__init__(self._look, output, longest_chunk=max(1, steps // 4))
-        self._half, self._began = steps // 2, time.perf_counter()
+        self._half, self._began = steps // 2, None
 
     def _look(self, _rows, _frames) -> None:
         """Without an observer the loop would have no record."""
 
     def pause(self, run, within: bool = False) -> None:
         """See `Session.pause`."""
-        late = time.perf_counter() - self._began > RUN_UP
+        now = time.perf_counter()
+        if self._began is None:  # what compiles is over
+            self._began = now
+        late = now - self._began > RUN_UP
         if isinstance(run, Stepper) and (run.loop.step >= self._half or late):
             raise _Enough(run)
         if isinstance(run, Past) and (run.moving.steps >= self._half or late):

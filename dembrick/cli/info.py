@@ -73,7 +73,7 @@ def _profile(file, results: dict, console) -> int:
         raise HistoryError(f"{file.path}: status {file.status}; only a run that was finished has a profile")
     why = "measured in the run"
     if not measured or "steps" in measured:
-        why = "the loop is split by timing short loops of this scenario on this machine"
+        why = "the loop is split by timing short loops here, of this scenario half-way or after a second's run"
         why = f"{why}; what lies between its compiled steps was measured in the run" if measured else why
     try:
         phases = loop_phases(scenarios.loads(file.scenario_text, file.path), results)
