@@ -1,7 +1,6 @@
 """Limit loads of many two-block scenes at once: one compiled call instead of an assembly, a state and a file for each.
 
-A case is a joint between a fixed and a free block with its dead load and its jacks, all in the joint's own axes about
-its centroid O. Every case is stepped through time by the kernels of a scene of its own (``replay.find_limit_load``)
+Every case (see `cases`) is stepped through time by the kernels of a scene of its own (``replay.find_limit_load``)
 and ends with the same bracket; a test holds the two against each other. Cases run in blocks of `BLOCK`, so memory does
 not grow with their number, and the compiled call lets go of Python's lock, so that threads share them. Whatever the
 number of threads, the answers are the same to the last bit.
@@ -14,14 +13,14 @@ number of threads, the answers are the same to the last bit.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 
 from dembrick import certificate, equilibrium, guards, polygons, replay, simulation
-from dembrick.errors import ScenarioError
+from dembrick.cases import Cases, check, wrench
 from dembrick.joints import Joint
 from dembrick.kernels.advance import CONVERGED
 from dembrick.kernels.batch import UNSEATED, Answer, Loading, Lone, Room, Settings, replay_batch
@@ -34,106 +33,7 @@ from dembrick.state import Areas, Blocks, Jacks, Joints, Points, Pressed, Scaled
 from dembrick.yield_point import OPEN
 
 BLOCK = 128  # cases prepared and run at a time
-STIFF = 1e-6  # elastic closing and slip over the short side, where no stiffness is given: a numerical choice
 STEP_FACTOR = 0.9  # of the time step that is stable
-
-
-@dataclass(frozen=True)
-class Cases:
-    """k two-block scenes of one formulation. SI units, joint axes (t1, t2, n) about O; forces act on the free block b.
-
-    ``polygons``: the different joint polygons, each (m, 2) about its centroid, counter-clockwise, convex; ``shape``
-    (k,) says which of them a case has. ``friction``, ``normal_stiffness``, ``shear_stiffness`` (k,). ``dead`` (k, 6):
-    force and moment of the dead load (a pressing force has dead[:, 2] < 0). ``jack_point``, ``jack_direction``
-    (k, j, 3) and ``jack_weight`` (k, j): the j jacks of each case; a height above the joint is jack_point[..., 2].
-    ``tolerance``: relative half-width of the brackets. ``points``: (n, m) of ``distributed``, None for as many as the
-    tolerance needs.
-    """
-
-    formulation: str
-    polygons: Sequence[np.ndarray]
-    shape: np.ndarray
-    friction: np.ndarray
-    normal_stiffness: np.ndarray
-    shear_stiffness: np.ndarray
-    dead: np.ndarray
-    jack_point: np.ndarray
-    jack_direction: np.ndarray
-    jack_weight: np.ndarray
-    pressure: str = "full"
-    points: tuple[int, int] | None = None
-    tolerance: float = 1e-3
-
-    @property
-    def count(self) -> int:
-        """k."""
-        return len(self.shape)
-
-    @classmethod
-    def on(
-        cls,
-        polygons_,
-        formulation: str,
-        *,
-        friction,
-        normal_force,
-        jack_point,
-        jack_direction,
-        jack_weight=1.0,
-        shape=0,
-        eccentricity=(0.0, 0.0),
-        dead_shear=(0.0, 0.0),
-        normal_stiffness=None,
-        shear_stiffness=None,
-        **options,
-    ) -> Cases:
-        """Cases from whatever broadcasts to k: numbers, or arrays with k rows.
-
-        ``polygons_`` is one polygon (m, 2) or a list of them. N acts at ``eccentricity`` (..., 2), ``dead_shear``
-        (..., 2) is a tangential dead force at O. ``jack_point`` and ``jack_direction`` (j, 3) or (k, j, 3). Without
-        stiffnesses the joint is so stiff that it closes and shears by a millionth of its short side.
-        """
-        single = np.ndim(polygons_[0]) == 2
-        shapes = [np.ascontiguousarray(p, float) for p in (polygons_ if single else [polygons_])]
-        point, direction = (np.asarray(v, float) for v in (jack_point, jack_direction))
-        weight = np.asarray(jack_weight, float)
-        k = np.broadcast_shapes(
-            *(np.shape(v) for v in (shape, friction, normal_force)),
-            *(np.shape(v)[:-1] for v in (eccentricity, dead_shear)),
-            *(v.shape[:-2] for v in (point, direction)),
-            weight.shape[:-1],
-        )
-        k = k if k else (1,)
-        each = np.broadcast_shapes(point.shape[-2:-1], direction.shape[-2:-1], weight.shape[-1:])
-        shape = np.broadcast_to(np.asarray(shape, np.int64), k)
-        N, mu = (np.broadcast_to(np.asarray(v, float), k) for v in (normal_force, friction))
-        e, shear = (np.broadcast_to(np.asarray(v, float), (*k, 2)) for v in (eccentricity, dead_shear))
-        dead = np.zeros((*k, 6))
-        dead[:, :2], dead[:, 2] = shear, -N
-        dead[:, 3], dead[:, 4] = -N * e[:, 1], N * e[:, 0]
-        stiff = np.array([1.0 / (polygons.area(p) * STIFF * polygons.width(p)) for p in shapes])[shape]
-        kn = N * stiff if normal_stiffness is None else np.broadcast_to(np.asarray(normal_stiffness, float), k)
-        ks = np.maximum(mu, 1.0) * N * stiff if shear_stiffness is None else np.broadcast_to(shear_stiffness, k)
-        length = np.sqrt((direction**2).sum(axis=-1, keepdims=True))
-        return cls(
-            formulation, shapes, shape, mu, kn, np.asarray(ks, float), dead,
-            np.broadcast_to(point, (*k, *each, 3)), np.broadcast_to(direction / length, (*k, *each, 3)),
-            np.broadcast_to(weight, (*k, *each)), **options,
-        )  # fmt: skip
-
-    @classmethod
-    def rectangle(cls, a: float, b: float, formulation: str, **options) -> Cases:
-        """Cases of one rectangle a (along t1) x b (along t2); options as of `on`."""
-        corners = np.array([[-a, -b], [a, -b], [a, b], [-a, b]]) / 2.0
-        return cls.on(corners, formulation, **options)
-
-    def part(self, first: int, last: int) -> Cases:
-        """Cases ``first`` to ``last`` - 1."""
-        s = slice(first, last)
-        rows = ("shape", "friction", "normal_stiffness", "shear_stiffness", "dead")
-        rows += ("jack_point", "jack_direction", "jack_weight")
-        fields = {name: getattr(self, name) for name in self.__dataclass_fields__}
-        return Cases(**(fields | {name: fields[name][s] for name in rows}))
 
 
 @dataclass(frozen=True)
@@ -179,7 +79,7 @@ def find_limit_loads(
     Cases that have no answer say so in ``status``, and the others go on. ``progress`` gets the number of cases done
     and of all. ScenarioError where the cases are no tests: shapes, signs, a load that does not push along the joint.
     """
-    _check(cases)
+    check(cases)
     starts = range(0, cases.count, BLOCK)
     parts = [cases.part(first, min(first + BLOCK, cases.count)) for first in starts]
     faces = _Faces(cases)
@@ -199,57 +99,6 @@ def find_limit_loads(
                 progress(done, cases.count)
     names = LimitLoads.__dataclass_fields__
     return LimitLoads(**{name: np.concatenate([getattr(result, name) for result in found]) for name in names})
-
-
-def _check(cases: Cases) -> None:
-    def require(condition, what: str, bound: str) -> None:
-        bad = np.flatnonzero(~np.asarray(condition))
-        if len(bad):
-            raise ScenarioError(f"case {int(bad[0])}: {what} is out of range: {bound}")
-
-    if not cases.count:
-        raise ScenarioError("there are no cases: give at least one")
-    if not 1e-8 <= cases.tolerance <= 0.1:
-        raise ScenarioError(f"tolerance = {cases.tolerance!r} is out of range: it is a relative error from 1e-8 to 0.1")
-    JointLaw(cases.formulation, 0.0, 1.0, 1.0, points=cases.points, pressure=cases.pressure)  # checks the names
-    rows = np.isfinite(cases.dead).all(1) & np.isfinite(cases.jack_point).all((1, 2))
-    rows &= np.isfinite(cases.jack_direction).all((1, 2)) & np.isfinite(cases.jack_weight).all(1)
-    require(rows, "a load or a jack", "it must be made of finite numbers, and no direction may be 0")
-    require(np.isfinite(cases.friction) & (cases.friction >= 0.0), "friction", "it must be at least 0")
-    for name in ("normal_stiffness", "shear_stiffness"):
-        value = getattr(cases, name)
-        require(np.isfinite(value) & (value > 0.0), name, "it must be greater than 0 Pa/m")
-    require(cases.dead[:, 2] < 0.0, "the dead load", "it must press the joint (N greater than 0)")
-    for i, polygon in enumerate(cases.polygons):
-        _check_polygon(i, polygon)
-    unit = _wrench(cases)
-    reach = np.array([np.hypot(*p.T).max() for p in cases.polygons])[cases.shape]
-    pushing = np.hypot(unit[:, 0], unit[:, 1]) * reach + np.abs(unit[:, 5])
-    most = np.abs(cases.jack_weight).sum(1) * reach
-    require(pushing > 1e-12 * most, "the load of the jacks", "it must have a part along the joint or turn it")
-
-
-def _check_polygon(i: int, polygon: np.ndarray) -> None:
-    where = f"polygon {i}"
-    if polygon.ndim != 2 or polygon.shape[1] != 2 or len(polygon) < 3 or not np.isfinite(polygon).all():
-        raise ScenarioError(f"{where} needs at least three corners (x, y) of finite numbers")
-    edges = np.roll(polygon, -1, axis=0) - polygon
-    turns = edges[:, 0] * np.roll(edges[:, 1], -1) - edges[:, 1] * np.roll(edges[:, 0], -1)
-    size = float(np.ptp(polygon, axis=0).max())
-    if not (turns > 1e-12 * size * size).all():
-        raise ScenarioError(
-            f"{where} is not convex, runs clockwise, or has a corner on the line of its neighbours: list the corners "
-            "of a convex polygon counter-clockwise, each once"
-        )
-    _, x, y = polygons.area_and_centroid([tuple(corner) for corner in polygon.tolist()])
-    if np.hypot(x, y) > 1e-9 * size:
-        raise ScenarioError(f"{where} is not about its centroid, which lies at ({x:.6g}, {y:.6g}) m: shift it there")
-
-
-def _wrench(cases: Cases) -> np.ndarray:
-    """Force and moment (k, 6) of the jacks for V = 1 about O."""
-    force = cases.jack_direction * cases.jack_weight[:, :, None]
-    return np.concatenate([force.sum(1), np.cross(cases.jack_point, force).sum(1)], axis=1)
 
 
 def face(polygon: np.ndarray, law: JointLaw) -> Joint:
@@ -389,7 +238,7 @@ def _run(cases: Cases, faces: _Faces) -> LimitLoads:
     blocks, joints, jacks = _blocks(k, cases.dead), _joints(k), _jacks(cases)
     stiffness = simulation.joint_stiffness(simulation.State(blocks, joints, points, areas, jacks))
     eta = STEP_FACTOR * critical_time_step(float(np.sqrt(1.0 + replay.JACK)), replay.VISCOUS)
-    unit = _wrench(cases)
+    unit = wrench(cases)
     loading = Loading(
         unit=unit,
         dead=np.array(cases.dead, float),

@@ -24,6 +24,7 @@ FLOORS = {
     0: ["_jit", "state", "model"],
     1: ["kernels"],
     2: ["polygons"],
+    2.5: ["cases"],
     3: ["shapes"],
     3.1: ["polyhedra"],
     3.15: ["mesh_file"],
