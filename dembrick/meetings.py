@@ -28,10 +28,13 @@ FIRST = 5e-4  # of the smallest block's diameter: no one looks before blocks hav
 STIRRED = 0.3  # of what begins to hand a joint over: from there on joints are watched
 LOOSE = 1e-3  # of its size: a joint that has moved so far is watched too, where anything is
 # what a pair keeps when the pairs are looked for again
-REMEMBERED = ("weight", "plane", "elastic", "stiffness", "twist", "slip", "normal", "area", "point", "force",
-              "torque")  # fmt: skip
+REMEMBERED = ("weight", "plane", "elastic", "stiffness", "twist", "slip", "normal", "area", "point", "axis",
+              "force", "torque")  # fmt: skip
 
 PAIRS = ("first", "second", "joint")
+# what is told of a contact that carries something: its type and shape
+NEW_CONTACT = {"blocks": (np.int64, (2,)), "point": (float, (3,)), "normal": (float, (3,)), "force": (float, (3,)),
+               "torque": (float, (3,)), "area": (float, ()), "slip": (float, ())}  # fmt: skip
 
 
 @dataclass
@@ -91,19 +94,24 @@ class Meetings:
         self._look(state, polygons, first)
 
     def pressed(self, middle: np.ndarray) -> dict[str, np.ndarray]:
-        """The new contacts that carry something now, k of them: ``blocks`` (k, 2), ``point`` (k, 3) in the world, with
-        positions counted from ``middle`` so far, ``force`` (k, 3) on the second block, and ``normal`` (k,) its part
-        along the normal; m, N."""
+        """The new contacts that carry something now, k of them, of the last forces.
+
+        ``blocks`` (k, 2); ``point`` (k, 3) m, the centre of pressure in the world, with positions counted from
+        ``middle`` so far; ``normal`` (k, 3), from the first block to the second; ``force`` (k, 3) N on the second
+        and ``torque`` (k, 3) N m on it about the point; ``area`` (k,) m2; ``slip`` (k,) m, the length of its path.
+        """
         touching = self.touching
         if touching is None:
-            return {"blocks": np.zeros((0, 2), np.int64), "point": np.zeros((0, 3)), "force": np.zeros((0, 3)),
-                    "normal": np.zeros(0)}  # fmt: skip
+            return {name: np.zeros((0, *tail), kind) for name, (kind, tail) in NEW_CONTACT.items()}
         on = touching.normal > 0.0
         return {
             "blocks": touching.parts.owner[np.column_stack([touching.first, touching.second])[on]],
             "point": touching.point[on] + middle,
+            "normal": touching.axis[on],
             "force": touching.force[on],
-            "normal": touching.normal[on],
+            "torque": touching.torque[on],
+            "area": touching.area[on],
+            "slip": touching.slip[on],
         }
 
     @property

@@ -30,6 +30,7 @@ MOVED = 0.1  # of the longest displacement: blocks that have moved further belon
 IMPACTS = 3.0  # where blocks may bounce the step is so much shorter: the stated restitution is then met to some 3 %
 NO_LIMIT = 1e150  # m
 AT_ONCE = 2_000_000  # blocks and joints, times steps: a signal waits for some tenths of a second
+MEETINGS = 6  # new contacts a block in a frame, at the most: each of two has it, and twelve equal blocks fit round one
 PARTS = ("bodies", "links", "corners", "faces")  # of the state, that a checkpoint holds
 COUNTERS = ("faces.outline", "faces.count")  # integers among them that change
 
@@ -91,8 +92,9 @@ def plan(moving: Motion, control, output: Output) -> Plan:
     rows = min(steps, 2 * output.rows)
     frames = min(rows, 2 * output.frames)
     points = len(moving.state.corners.x) if "contacts" in output.channels and moving.state.corners is not None else 0
+    meet = MEETINGS * n if "contacts" in output.channels else 0
     memory = sum(array.nbytes for array in moving.state.arrays) + 8 * (
-        rows * (6 + 7 * j) + frames * (13 * n + 3 * points)
+        rows * (6 + 7 * j) + frames * (13 * n + 3 * points + 16 * meet)
     )
     return Plan(moving.time_step, moving.critical_time_step, steps, memory)
 
@@ -297,6 +299,12 @@ class Past:
         moving.meetings.restore(moving.state, moving.polygons, snapshot)
 
 
+def _in_frames(pressed: dict[str, np.ndarray], due: slice) -> dict[str, np.ndarray]:
+    """New contacts of a frame, or of none where none is ``due``; ``count`` says how many."""
+    count = np.array([len(pressed["area"])])[due]
+    return {"count": count, **{name: values[: int(count.sum())] for name, values in pressed.items()}}
+
+
 class _Recorder:
     """Hands rows and frames of a run to the observer of a session."""
 
@@ -352,6 +360,7 @@ class _Recorder:
                 frames["velocity"], frames["spin"] = bodies.velocity[None][due].copy(), bodies.spin[None][due].copy()
             if "contacts" in channels:
                 frames["contact_force"] = contact_forces(moving.state, moving.meetings.left_to_joints())[None][due]
+                frames["new_contacts"] = _in_frames(moving.meetings.pressed(moving.state.middle), due)
         moving.phases["record"] += time.perf_counter() - began
         self._session.observe(rows, frames)
 

@@ -125,6 +125,7 @@ def touching_pairs(parts: Parts, scratch: Scratch, free, pairs, joints, laws, ra
         normal=np.zeros(n),
         area=np.zeros(n),
         point=np.zeros((n, 3)),
+        axis=np.zeros((n, 3)),
         force=np.zeros((n, 3)),
         torque=np.zeros((n, 3)),
         dashpot=dashpot_polynomial(ratio),

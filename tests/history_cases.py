@@ -131,15 +131,36 @@ def motion(start, stop, n_block=2, n_point=4):
     }
 
 
+def new_contacts(start, stop):
+    """New contacts of frames start to stop: none, one, two or three a frame; every number says which it is."""
+    count = np.arange(start, stop) % 4
+    number = np.arange(count.sum()) + (np.arange(start) % 4).sum()
+    along, value = np.arange(3.0), number[:, None] + 0.25
+    values = {"point": value + along, "normal": value - along, "force": value * 10.0 + along, "torque": -value - along}
+    blocks = np.column_stack([np.zeros_like(number), np.ones_like(number)])
+    return {"count": count, "blocks": blocks, **values, "area": 0.5 * number, "slip": number + 0.125}
+
+
+def check_new_contacts(found, stop):
+    """The new contacts are exactly those of frames 0 to stop of ``new_contacts``, whichever frames are asked for."""
+    for start in {0, stop // 2, max(stop - 1, 0)}:
+        expected = new_contacts(start, stop)
+        starts, values = found.frame_new_contacts(start, stop)
+        np.testing.assert_array_equal(np.diff(starts), expected.pop("count"))
+        assert set(values) == set(expected)
+        for name, value in expected.items():
+            np.testing.assert_array_equal(values[name], value, err_msg=name)
+
+
 def open_writer(path, blocks=None, **options):
     return history.HistoryWriter(path, SCENARIO, blocks or assembly(), {"time_step": 1e-5}, **options)
 
 
-def finished(path, **options):
+def finished(path, in_real_time=False, **options):
     """A finished history of 20 rows and 4 frames at ``path``, with all channels."""
     with open_writer(path, channels=model.CHANNELS, **options) as out:
-        out.append(record(0, 20))
-        out.append_frames(*frames(0, 4), **motion(0, 4))
+        out.append(record(0, 20) | ({"new_contacts": np.arange(20) % 4} if in_real_time else {}))
+        out.append_frames(*frames(0, 4), **motion(0, 4), new_contacts=new_contacts(0, 4))
         out.finish("yield", RESULTS)
     return path
 

@@ -89,6 +89,44 @@ def test_the_channels_that_were_asked_for_come_back(tmp_path):
             found.joint("N")
 
 
+@pytest.mark.parametrize("hold", [0.0, 10.0])
+def test_new_contacts_come_back_however_many_a_frame_has(tmp_path, monkeypatch, hold):
+    """Written a few frames at a time, through growths of the file, and gone on with after a kill at any of them."""
+    monkeypatch.setattr(writer, "_RESERVE", 3000)
+    channels = model.CHANNELS
+
+    def add(out, start, stop):
+        out.append(cases.record(start, stop) | {"new_contacts": np.arange(start, stop) % 4})
+        met = cases.new_contacts(start, stop)
+        out.append_frames(*cases.frames(start, stop), **cases.motion(start, stop), new_contacts=met)
+
+    with cases.open_writer(tmp_path / "run.h5", hold=hold, channels=channels) as out:
+        for start in range(0, 300, 5):
+            add(out, start, start + 5)
+            if hold == 0.0 and start % 50 == 0:
+                with history.read(tmp_path / "run.h5") as found:
+                    assert found.status == "running"
+                    cases.check_new_contacts(found, start + 5)
+        with pytest.raises(ValueError, match="new_contacts/force has shape"):
+            wrong = cases.new_contacts(300, 305) | {"force": np.zeros((2, 3))}
+            out.append_frames(*cases.frames(300, 305), **cases.motion(300, 305), new_contacts=wrong)
+    left = history.read(tmp_path / "run.h5")
+    assert left.n_frames == 300 and (left.new_contacts_before(0), left.new_contacts_before(4)) == (0, 6)
+    with history.HistoryWriter.resume(left, cases.assembly(), {}, channels, 203, 203) as out:
+        add(out, 203, 401)
+        out.finish("completed", {})
+    with history.read(tmp_path / "run.h5") as found:
+        cases.check_rows(found, 401)
+        cases.check_new_contacts(found, 401)
+        with pytest.raises(IndexError):
+            found.frame_new_contacts(0, 402)
+    with h5py.File(tmp_path / "run.h5") as file:
+        met = file["frames/new_contacts"]
+        assert len(met["force"]) == met["end"][-1] == (np.arange(401) % 4).sum() and met["blocks"].dtype == np.int64
+    with history.read(cases.finished(tmp_path / "other.h5")) as found:
+        assert found.frame_new_contacts(0, 4) is None and not found.has_new_contacts
+
+
 def test_jacks_come_back(tmp_path):
     with history.read(cases.finished(tmp_path / "run.h5")) as found:
         (jack,) = found.actuators

@@ -125,11 +125,12 @@ out = history.HistoryWriter({path!r}, cases.SCENARIO, cases.many_blocks(n), {{}}
 print("start", flush=True)
 rows = frames = 0
 for round in range(10**6):
-    out.append(cases.record(rows, rows + 1 + round % 7))
+    out.append(cases.record(rows, rows + 1 + round % 7) | {{"new_contacts": [0.0] * (1 + round % 7)}})
     rows += 1 + round % 7
     print(rows, frames, flush=True)
     if round % 2:
-        out.append_frames(*cases.frames(frames, frames + 1, n), **cases.motion(frames, frames + 1, n))
+        met = cases.new_contacts(frames, frames + 1)
+        out.append_frames(*cases.frames(frames, frames + 1, n), **cases.motion(frames, frames + 1, n), new_contacts=met)
         frames += 1
         print(rows, frames, flush=True)
     if round % 40 == 39:
@@ -172,6 +173,8 @@ def kill_and_read(folder, rng):
             np.testing.assert_array_equal(found.frame_velocity(k), motion["velocity"][k])
             np.testing.assert_array_equal(found.frame_spin(k), motion["spin"][k])
             np.testing.assert_array_equal(found.frame_contact_force(k), motion["contact_force"][k])
+        if found.n_frames:
+            cases.check_new_contacts(found, found.n_frames)
     return len(reports)
 
 

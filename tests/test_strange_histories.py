@@ -46,6 +46,7 @@ def read_all(path):
         for k in range(found.n_frames):
             found.frame_position(k), found.frame_displacement(k), found.frame_orientation(k)
             found.frame_velocity(k), found.frame_spin(k), found.frame_contact_force(k)
+            found.frame_new_contacts(k, k + 1)
 
 
 def replaced(name, make):
@@ -149,6 +150,16 @@ STRANGE = {
     "absurd velocity": replaced("frames/velocity", absurd((10**12, 2, 3), chunks=(64, 2, 3))),
     "external spin": replaced("frames/spin", external),
     "soft contacts": replaced("frames/contact_force", soft),
+    "new contacts backwards": lambda file, _: file["frames/new_contacts/end"].__setitem__(1, 5),
+    "new contacts negative": lambda file, _: file["frames/new_contacts/end"].__setitem__(0, -1),
+    "new contacts beyond": lambda file, _: file["frames/new_contacts/end"].__setitem__(3, 7),
+    "new contacts without end": lambda file, _: file.__delitem__("frames/new_contacts/end"),
+    "new contacts between nothing": lambda file, _: file["frames/new_contacts/blocks"].__setitem__((0, 1), 2),
+    "new contacts in part": lambda file, _: file.__delitem__("frames/new_contacts/torque"),
+    "soft new contacts": replaced("frames/new_contacts", soft),
+    "external new contacts": replaced("frames/new_contacts/force", external),
+    "absurd new contacts": replaced("frames/new_contacts/point", absurd((10**12, 3), chunks=(64, 3))),
+    "ends as numbers": replaced("frames/new_contacts/end", put(np.zeros(4))),
     "external mass": replaced("geometry/blocks/mass", external),
     "inertia of another shape": replaced("geometry/blocks/inertia", put(np.zeros((2, 3)))),
     "mass not a number": lambda file, _: file["geometry/blocks/mass"].__setitem__(1, np.nan),
@@ -158,7 +169,7 @@ STRANGE = {
 
 @pytest.mark.parametrize("edit", STRANGE.values(), ids=STRANGE)
 def test_a_strange_file_gives_one_sentence(tmp_path, edit):
-    path = cases.finished(tmp_path / "run.h5")
+    path = cases.finished(tmp_path / "run.h5", in_real_time=True)
     read_all(path)
     with h5py.File(path, "r+") as file:
         edit(file, tmp_path)
@@ -170,7 +181,7 @@ def test_a_strange_file_gives_one_sentence(tmp_path, edit):
 
 def test_flipped_bytes_never_give_another_error(tmp_path):
     """Random damage is either noticed with our own error, or falls on numbers and reads as other numbers."""
-    whole = cases.finished(tmp_path / "run.h5").read_bytes()
+    whole = cases.finished(tmp_path / "run.h5", in_real_time=True).read_bytes()
     rng = random.Random(3)
     bad, noticed = tmp_path / "bad.h5", 0
     for _ in range(150):

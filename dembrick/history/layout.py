@@ -1,8 +1,13 @@
 """The layout of a history file: which datasets it has, and how its skeleton is made.
 
-A history is one HDF5 file. Numbers that grow with the run are :class:`Field`\\ s, with one entry a row (``/history``)
-or one a frame (``/frames``); what is known at the start is a :class:`Table`. ``/written`` says how many rows and frames
-are valid: in a file that is still being written the growing datasets are longer, and zero beyond.
+A history is one HDF5 file. Numbers that grow with the run are :class:`Field`\\ s, with one entry a row (``/history``),
+one a frame (``/frames``), or one for each new contact of a frame (``/frames/new_contacts``); what is known at the start
+is a :class:`Table`. ``/written`` says how many rows and frames are valid: in a file that is still being written the
+growing datasets are longer, and zero beyond.
+
+A frame may have any number of new contacts, those of all frames stand one after the other, and
+``/frames/new_contacts/end`` says for each frame where its own end. So the number of valid ones follows from that of
+the frames, and a file that was cut off by a kill is as whole as its frames are.
 """
 
 from __future__ import annotations
@@ -32,6 +37,18 @@ JOINT_CHANNELS = {
     "M_2": ("N m", "bending moment on block b about the joint's second axis"),
     "slip": ("m", "irreversible part of the shear displacement"),
 }
+
+# of every contact that carries something in a frame: type, shape, units, description
+NEW_CONTACTS = {
+    "blocks": ("<i8", (2,), "1", "the two blocks, as numbers in geometry/blocks"),
+    "point": ("<f8", (3,), "m", "centre of pressure, world axes"),
+    "normal": ("<f8", (3,), "1", "mean normal of the contact, from the first block to the second, world axes"),
+    "force": ("<f8", (3,), "N", "force on the second block, world axes"),
+    "torque": ("<f8", (3,), "N m", "torque on the second block about the point, world axes"),
+    "area": ("<f8", (), "m2", "area of the contact"),
+    "slip": ("<f8", (), "m", "length of its slip path"),
+}
+ROWS, FRAMES, CONTACTS = 0, 1, 2  # what a field has an entry for
 
 _ENERGIES = {  # descriptions by name
     "kinetic": "kinetic energy",
@@ -79,24 +96,31 @@ class Dataset(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """A growing dataset of float64: ``tail`` is the shape of one entry."""
+    """A growing dataset of numbers of eight bytes: ``tail`` is the shape of one entry."""
 
     path: str
     tail: tuple[int, ...]
     units: str
     description: str
+    kind: str = "<f8"
 
     @property
     def entry_bytes(self) -> int:
         return 8 * int(np.prod(self.tail, dtype=np.int64))
 
     @property
-    def is_frame(self) -> bool:
-        return self.path.startswith("frames/")
+    def grows_by(self) -> int:
+        """ROWS, FRAMES or CONTACTS."""
+        if not self.path.startswith("frames/"):
+            return ROWS
+        return CONTACTS if self.path in _OF_CONTACTS else FRAMES
 
     def dataset(self, count: int) -> Dataset:
         """With so many entries."""
-        return Dataset(self.path, "<f8", (count, *self.tail), self.units, self.description)
+        return Dataset(self.path, self.kind, (count, *self.tail), self.units, self.description)
+
+
+_OF_CONTACTS = frozenset(f"frames/new_contacts/{name}" for name in NEW_CONTACTS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,6 +199,13 @@ def fields(
     if "contacts" in channels:
         about = "force on block b at each contact point, world axes; the points are those of geometry/joints/point"
         frames.append(Field("frames/contact_force", (contact_points(assembly), 3), "N", about))
+        if meets_anew:
+            about = "entries of frames/new_contacts of all frames up to this one"
+            frames.append(Field("frames/new_contacts/end", (), "1", about, "<i8"))
+            frames += [
+                Field(f"frames/new_contacts/{name}", tail, units, about, kind)
+                for name, (kind, tail, units, about) in NEW_CONTACTS.items()
+            ]
     return (*rows, *frames)
 
 

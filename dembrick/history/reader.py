@@ -11,7 +11,7 @@ import numpy as np
 
 from dembrick.errors import HistoryError
 from dembrick.history import guard
-from dembrick.history.layout import FORMAT, JOINT_CHANNELS, WRITTEN
+from dembrick.history.layout import FORMAT, JOINT_CHANNELS, NEW_CONTACTS, WRITTEN
 
 
 def read(path: str | os.PathLike) -> History:
@@ -87,15 +87,25 @@ class History:
             if "contact_force" in framed:
                 n_point = guard.dataset(self._file, "geometry/joints/point", "number", (None, 5)).shape[0]
                 blocks["contact_force"] = (n_point, 3)
+            if "new_contacts" in framed:
+                blocks["new_contacts/end"] = ()
             tails |= {f"frames/{name}": tail for name, tail in blocks.items()}
         for name, tail in tails.items():
-            data = guard.dataset(self._file, name, "number", (None, *tail))
-            count = self.n_frames if name.startswith("frames/") else self.n_row
-            if not 0 <= count <= len(data):
-                raise HistoryError(f"{self.path}: {name} has {len(data)} entries where {count} were written")
-            self._series[name] = data
+            kind = "integer" if name.endswith("/end") else "number"
+            self._open(name, kind, tail, self.n_frames if name.startswith("frames/") else self.n_row)
+        if "frames/new_contacts/end" in self._series:
+            count = self.new_contacts_before(self.n_frames)
+            for name, (kind, tail, _, _) in NEW_CONTACTS.items():
+                self._open(f"frames/new_contacts/{name}", "integer" if kind == "<i8" else "number", tail, count)
         if self.n_frames and not self.has_frames:
             raise HistoryError(f"{self.path}: frames/time is missing, so this is not a history of ours")
+
+    def _open(self, name: str, kind: str, tail: tuple[int, ...], count: int) -> None:
+        """A dataset that grows, of which ``count`` entries were written."""
+        data = guard.dataset(self._file, name, kind, (None, *tail))
+        if not 0 <= count <= len(data):
+            raise HistoryError(f"{self.path}: {name} has {len(data)} entries where {count} were written")
+        self._series[name] = data
 
     def close(self) -> None:
         self._file.close()
@@ -280,6 +290,40 @@ class History:
             raise IndexError(f"frames {start} to {stop} of {self.path}, which has {self.n_frames}")
         data = self._series.get(f"frames/{name}")
         return None if data is None else guard.values(data, start, stop)
+
+    @property
+    def has_new_contacts(self) -> bool:
+        """Whether the forces of contacts that formed since the start were recorded."""
+        return "frames/new_contacts/end" in self._series
+
+    def new_contacts_before(self, frame: int) -> int:
+        """How many new contacts the frames before ``frame`` have in all; nought where they were not recorded."""
+        data = self._series.get("frames/new_contacts/end")
+        if data is None or frame <= 0:
+            return 0
+        return int(guard.values(data, frame - 1, frame)[0])
+
+    def frame_new_contacts(self, start: int, stop: int) -> tuple[np.ndarray, dict[str, np.ndarray]] | None:
+        """New contacts of the frames start to stop, None if not recorded: where those of each frame begin and the last
+        ones end (f + 1,), and of all of them (c, ...) ``blocks`` (2,), ``point`` (3,) m, ``normal`` (3,) from the first
+        block to the second, ``force`` (3,) N on the second, ``torque`` (3,) N m on it about the point, ``area`` m2 and
+        ``slip`` m; world axes.
+        """
+        if not 0 <= start <= stop <= self.n_frames:
+            raise IndexError(f"frames {start} to {stop} of {self.path}, which has {self.n_frames}")
+        if not self.has_new_contacts:
+            return None
+        first = self.new_contacts_before(start)
+        ends = guard.values(self._series["frames/new_contacts/end"], start, stop).astype(np.int64)
+        starts = np.concatenate([[first], ends])
+        last = int(starts[-1])
+        if (np.diff(starts) < 0).any() or not 0 <= first <= last <= len(self._series["frames/new_contacts/area"]):
+            raise HistoryError(f"{self.path}: frames/new_contacts/end does not divide the contacts of its frames")
+        found = {name: guard.values(self._series[f"frames/new_contacts/{name}"], first, last) for name in NEW_CONTACTS}
+        blocks = found["blocks"]
+        if blocks.size and not 0 <= blocks.min() <= blocks.max() < self.n_block:
+            raise HistoryError(f"{self.path}: frames/new_contacts/blocks names a block that is not there")
+        return starts - first, found
 
     def _frame(self, name: str, k: int) -> np.ndarray | None:
         if not -self.n_frames <= k < self.n_frames:

@@ -32,20 +32,25 @@ class Rows(Mapping):
 
 
 class Frames(Mapping):
-    """All frames, a channel at a time: ``time`` (F,), ``displacement`` (F, n, 3) and so on."""
+    """All frames, a channel at a time: ``time`` (F,), ``displacement`` (F, n, 3) and so on; ``new_contacts`` is a
+    mapping with the ``count`` (F,) of each frame and the rest of all (C, ...)."""
 
     def __init__(self, path: str):
         self._path = path
 
-    def __getitem__(self, name: str) -> np.ndarray:
+    def __getitem__(self, name: str):
         with read(self._path) as file:
-            if name not in file.series_names("frames"):
+            if name == "new_contacts" and file.has_new_contacts:
+                starts, found = file.frame_new_contacts(0, file.n_frames)
+                return {"count": np.diff(starts), **found}
+            if name not in file.series_names("frames") or "/" in name:
                 raise KeyError(name)
             return file.entries(f"frames/{name}", 0, file.n_frames)
 
     def __iter__(self) -> Iterator[str]:
         with read(self._path) as file:
-            return iter([name for name in file.series_names("frames") if name != "position"])
+            names = [name for name in file.series_names("frames") if name != "position" and "/" not in name]
+            return iter(names + ["new_contacts"] * file.has_new_contacts)
 
     def __len__(self) -> int:
         return len(list(iter(self)))

@@ -69,9 +69,10 @@ class HistoryWriter:
         self._tables: list[layout.Table] | None = None
         self._file = None
         self._offsets: dict[str, int] = {}
-        self._capacity = self._stored = (0, 0)  # rows and frames: reserved in the file, and valid in it
+        # rows, frames and new contacts: reserved in the file, and valid in it
+        self._capacity = self._stored = (0, 0, 0)
         self._pending: dict[str, list[np.ndarray]] = {}
-        self._pending_count, self._pending_bytes = [0, 0], 0
+        self._pending_count, self._pending_bytes = [0, 0, 0], 0
         self._source: History | None = None  # a file left behind, until what is kept of it has moved to ours
         self._closed = False
         self.run = os.urandom(8).hex()
@@ -82,7 +83,7 @@ class HistoryWriter:
     def _set_fields(self, energy, meets_anew: bool) -> None:
         self._fields = layout.fields(self._assembly, self._channels, energy, self._scenario_text, meets_anew)
         self._energy, self._meets_anew = tuple(energy), meets_anew
-        self._frame_fields = [f.path.removeprefix("frames/") for f in self._fields if f.is_frame]
+        self._frame_fields = [f.path.removeprefix("frames/") for f in self._fields if f.grows_by != layout.ROWS]
 
     @classmethod
     def resume(cls, left: History, assembly, settings: Mapping, channels: Iterable[str], rows: int, frames: int):
@@ -93,20 +94,30 @@ class HistoryWriter:
         self = cls(
             left.path, left.scenario_text, assembly, settings, True, channels, left.energy_names, 0.0, left.meets_anew
         )
-        self._source, self._stored, self.run = left, (rows, frames), left.run or self.run
+        self._source, self._stored, self.run = (
+            left,
+            (rows, frames, left.new_contacts_before(frames)),
+            left.run or self.run,
+        )
         with self._failures():
-            self._grow((rows, frames))
+            self._grow(self._stored)
         return self
+
+    @property
+    def _counts(self) -> tuple[int, int, int]:
+        """Rows, frames and new contacts appended so far."""
+        rows, frames, contacts = (a + b for a, b in zip(self._stored, self._pending_count, strict=True))
+        return rows, frames, contacts
 
     @property
     def n_row(self) -> int:
         """Rows appended so far."""
-        return self._stored[0] + self._pending_count[0]
+        return self._counts[layout.ROWS]
 
     @property
     def n_frames(self) -> int:
         """Frames appended so far."""
-        return self._stored[1] + self._pending_count[1]
+        return self._counts[layout.FRAMES]
 
     def place(self, assembly) -> None:
         """Take the assembly with its contact points where they stay, before the first row."""
@@ -131,34 +142,43 @@ class HistoryWriter:
             channels = {f"history/joint/{name}": joint[..., i] for i, name in enumerate(layout.JOINT_CHANNELS)}
         channels |= {f"history/energy/{name}": value for name, value in energy.items()}
         for field in self._fields:
-            if not field.is_frame and field.path not in channels:
+            if field.grows_by == layout.ROWS and field.path not in channels:
                 channels[field.path] = record[field.path.removeprefix("history/")]
-        self._add(channels, 0, len(record["time"]))
+        self._add(channels, (len(record["time"]), 0, 0))
 
-    def append_frames(self, time, displacement, orientation, velocity=None, spin=None, contact_force=None) -> None:
+    def append_frames(
+        self, time, displacement, orientation, velocity=None, spin=None, contact_force=None, new_contacts=None
+    ) -> None:
         """Add F frames: ``time`` (F,), ``displacement`` from the start (F, n_block, 3), ``orientation``
         (F, n_block, 4); ``velocity`` and ``spin`` (F, n_block, 3) and ``contact_force`` (F, n_point, 3) where they are
-        channels of this history."""
+        channels of this history; ``new_contacts`` with the latter in a run in real time: ``count`` (F,), how many each
+        frame has, and what `layout.NEW_CONTACTS` names of all of them (C, ...)."""
         if "frames" not in self._channels:
             raise ValueError("this history was opened without frames")
         displacement = np.asarray(displacement, float)
         frames = {"time": time, "position": self._position0 + displacement, "displacement": displacement}
         frames |= {"orientation": orientation, "velocity": velocity, "spin": spin, "contact_force": contact_force}
-        self._add({f"frames/{name}": frames[name] for name in self._frame_fields}, 1, len(displacement))
+        contacts = 0
+        if "new_contacts/end" in self._frame_fields:
+            end = self._counts[layout.CONTACTS] + np.cumsum(new_contacts["count"], dtype=np.int64)
+            contacts = int(end[-1]) - self._counts[layout.CONTACTS] if len(end) else 0
+            frames |= {f"new_contacts/{name}": new_contacts[name] for name in layout.NEW_CONTACTS}
+            frames["new_contacts/end"] = end
+        self._add({f"frames/{name}": frames[name] for name in self._frame_fields}, (0, len(displacement), contacts))
 
-    def _add(self, channels: Mapping, which: int, count: int) -> None:
+    def _add(self, channels: Mapping, counts: tuple[int, int, int]) -> None:
         if self._closed:
             raise ValueError(f"the history {self.path} is closed")
         arrays = {}
         for field in self._fields:
             if field.path in channels:
-                array = np.ascontiguousarray(channels[field.path], "<f8")
-                if array.shape != (count, *field.tail):
-                    raise ValueError(f"{field.path} has shape {array.shape}, expected {(count, *field.tail)}")
+                array, expected = np.ascontiguousarray(channels[field.path], field.kind), counts[field.grows_by]
+                if array.shape != (expected, *field.tail):
+                    raise ValueError(f"{field.path} has shape {array.shape}, expected {(expected, *field.tail)}")
                 arrays[field.path] = array
         for path, array in arrays.items():
             self._pending.setdefault(path, []).append(array)
-        self._pending_count[which] += count
+        self._pending_count = [a + b for a, b in zip(self._pending_count, counts, strict=True)]
         self._pending_bytes += sum(array.nbytes for array in arrays.values())
         late = time.monotonic() - self._opened >= self._hold
         if self._file is not None or late or self._pending_bytes > _HELD:
@@ -167,17 +187,17 @@ class HistoryWriter:
     def flush(self) -> None:
         """Bring everything to the file now. A kill after this call loses none of it."""
         with self._failures():
-            wanted = (self.n_row, self.n_frames)
-            if self._file is None or wanted[0] > self._capacity[0] or wanted[1] > self._capacity[1]:
+            wanted = self._counts
+            if self._file is None or any(a > b for a, b in zip(wanted, self._capacity, strict=True)):
                 self._grow(wanted)
             for field in self._fields:
-                entry = self._stored[field.is_frame]
+                entry = self._stored[field.grows_by]
                 for array in self._pending.get(field.path, ()):
                     if array.size:
                         layout.put(self._file, self._offsets[field.path] + entry * field.entry_bytes, array)
                     entry += len(array)
             # The count goes last: whatever it covers is in the file already.
-            layout.put(self._file, self._offsets[layout.WRITTEN], np.array(wanted, "<i8"))
+            layout.put(self._file, self._offsets[layout.WRITTEN], np.array(wanted[:2], "<i8"))
             self._stored = wanted
             self._forget_pending()
 
@@ -190,10 +210,10 @@ class HistoryWriter:
             self.flush()  # should the final file fail, the running one has everything
         sync = time.monotonic() - self._opened > _SYNC_AFTER
         with self._failures(), replacing(self._target, sync) as part:
-            self._write_whole(part, (self.n_row, self.n_frames), status, results, final=True)
+            self._write_whole(part, self._counts, status, results, final=True)
             self._release()  # before the rename: an open file cannot be replaced everywhere
         self._closed = True
-        self._stored = (self.n_row, self.n_frames)
+        self._stored = self._counts
         self._forget_pending()
 
     def close(self) -> None:
@@ -231,7 +251,7 @@ class HistoryWriter:
         return _Failures(self)
 
     def _forget_pending(self) -> None:
-        self._pending, self._pending_count, self._pending_bytes = {}, [0, 0], 0
+        self._pending, self._pending_count, self._pending_bytes = {}, [0, 0, 0], 0
 
     def _release(self) -> None:
         if self._file is not None:
@@ -247,29 +267,29 @@ class HistoryWriter:
         self._set_fields(energy, meets_anew)
         if self._file is not None:
             with self._failures():
-                self._grow((0, self.n_frames))
+                self._grow((0, *self._counts[1:]))
 
-    def _grow(self, wanted: tuple[int, int]) -> None:
+    def _grow(self, wanted: tuple[int, int, int]) -> None:
         """A new running file with room for twice the entries, holding what the old one holds."""
-        sizes = [sum(f.entry_bytes for f in self._fields if f.is_frame == which) for which in (False, True)]
-        room = [
+        sizes = [sum(f.entry_bytes for f in self._fields if f.grows_by == what) for what in range(3)]
+        rows, frames, contacts = (
             max(16, 2 * max(count, 1), min(_RESERVE // max(size, 1), 1 << 16))
             for count, size in zip(wanted, sizes, strict=True)
-        ]
+        )
         with replacing(self._target) as part:
-            offsets = self._write_whole(part, (room[0], room[1]), RUNNING, {}, final=False)
+            offsets = self._write_whole(part, (rows, frames, contacts), RUNNING, {}, final=False)
             self._release()
         self._file = open(self._target, "r+b", buffering=0)  # noqa: SIM115
-        self._offsets, self._capacity = offsets, (room[0], room[1])
+        self._offsets, self._capacity = offsets, (rows, frames, contacts)
 
-    def _write_whole(self, part: str, counts: tuple[int, int], status: str, results: Mapping, final: bool) -> dict:
+    def _write_whole(self, part: str, counts: tuple[int, int, int], status: str, results: Mapping, final: bool) -> dict:
         if self._tables is None:
             self._tables = [layout.scenario_table(self._scenario_text), *layout.geometry(self._assembly)]
         packed = {}
         if final:
-            chunks = {f.path: self._worth_packing(f, counts[f.is_frame]) for f in self._fields}
+            chunks = {f.path: self._worth_packing(f, counts[f.grows_by]) for f in self._fields}
             packed = {path: entries for path, entries in chunks.items() if entries}
-        growing = {field: counts[field.is_frame] for field in self._fields}
+        growing = {field: counts[field.grows_by] for field in self._fields}
         offsets = layout.create(part, growing, self._tables, self._attributes(status, results), packed)
         with open(part, "r+b", buffering=0) as file:
             for field in self._fields:
@@ -278,7 +298,7 @@ class HistoryWriter:
                     for array in self._slabs(field, pending=final):
                         layout.put(file, position, array)
                         position += array.nbytes
-            layout.put(file, offsets[layout.WRITTEN], np.array(counts if final else self._stored, "<i8"))
+            layout.put(file, offsets[layout.WRITTEN], np.array((counts if final else self._stored)[:2], "<i8"))
         if packed:
             with h5py.File(part, "r+") as file:
                 for field in self._fields:
@@ -291,7 +311,7 @@ class HistoryWriter:
 
     def _slabs(self, field: Field, pending: bool) -> Iterator[np.ndarray]:
         """All entries of a field, a few megabytes at a time: those in the file, then those in memory."""
-        stored = self._stored[field.is_frame]
+        stored = self._stored[field.grows_by]
         if self._source is not None or (self._file is not None and field.path in self._offsets):
             # whole chunks, so that no chunk of a compressed dataset is packed twice
             chunk = self._chunk(field)
@@ -306,7 +326,7 @@ class HistoryWriter:
             return self._source.entries(field.path, start, stop)
         self._file.seek(self._offsets[field.path] + start * field.entry_bytes)
         raw = self._file.read((stop - start) * field.entry_bytes)
-        return np.frombuffer(raw, "<f8").reshape(-1, *field.tail)
+        return np.frombuffer(raw, field.kind).reshape(-1, *field.tail)
 
     def _chunk(self, field: Field) -> int:
         return max(1, _CHUNK // max(field.entry_bytes, 1))
@@ -316,7 +336,7 @@ class HistoryWriter:
         if count * field.entry_bytes < _PACK_FROM:
             return 0
         entries = min(self._chunk(field), count)
-        stored = self._stored[field.is_frame]
+        stored = self._stored[field.grows_by]
         if stored >= entries and self._file is not None:
             start = (stored - entries) // 2
             sample = self._stored_entries(field, start, start + entries)
@@ -337,7 +357,7 @@ class _Failures:
 
     def __exit__(self, _kind, error, _trace) -> None:
         if isinstance(error, _FAILURES):
-            rows, frames = self._writer._stored
+            rows, frames, _ = self._writer._stored
             # A file that could not be opened again must not be replaced by one without its rows.
             self._writer._closed |= self._writer._file is None and rows + frames > 0
             kept = f"the {rows} rows and {frames} frames written before stay readable in it"

@@ -53,6 +53,7 @@ class Touching(NamedTuple):
     normal: ndarray  # (t,) N, normal force
     area: ndarray  # (t,) m2, of the patches
     point: ndarray  # (t, 3) m, centre of pressure, world
+    axis: ndarray  # (t, 3) mean normal there, from A to B, world
     force: ndarray  # (t, 3) N, on B, world
     torque: ndarray  # (t, 3) N m, on B about that point, world
     dashpot: ndarray  # (9,) dashpot over spring, times w, as a polynomial in the swing w (rad) of a step; greatest w
@@ -270,6 +271,10 @@ def press(touching, bodies, t, patches, dt, x1, x2, x3, y1, y2, y3):
     point[0] = bodies.position[a, 0] + x1 + d1
     point[1] = bodies.position[a, 1] + x2 + d2
     point[2] = bodies.position[a, 2] + x3 + d3
+    axis = touching.axis[t]
+    axis[0] = n1
+    axis[1] = n2
+    axis[2] = n3
     give(bodies, a, -1.0, force, torque, x1 + d1, x2 + d2, x3 + d3)
     give(bodies, b, 1.0, force, torque, y1 + d1, y2 + d2, y3 + d3)
 

@@ -1,0 +1,159 @@
+"""The record of contacts that form anew: with the joints' contact points and gravity they are what moves the blocks."""
+
+import h5py
+import numpy as np
+import pytest
+
+from dembrick import history, interruption
+from dembrick.controls import DynamicControl
+from dembrick.history.layout import NEW_CONTACTS
+from dembrick.interruption import Interrupted
+from dembrick.model import CHANNELS, Block, JointLaw, Material, Output, Scenario
+from dembrick.result import restart, simulate
+from dembrick.shapes import rotation_matrix
+
+G = 9.81
+FLOOR = Block("floor", "stone", (4.0, 4.0, 0.1), (0.0, 0.0, -0.05), fixed=True)
+BOX = (0.3, 0.2, 0.1)
+OBLIQUE = tuple(np.array([0.92, 0.1, 0.3, 0.23]) / np.linalg.norm([0.92, 0.1, 0.3, 0.23]))
+
+
+def scene(*blocks, duration, rows=100_000, formulation="concave", gravity=(0.0, 0.0, -G), **output):
+    return Scenario(
+        title="thrown",
+        gravity=gravity,
+        joint=JointLaw(formulation, 0.5, 2e8, 8e7),
+        materials={"stone": Material(2000.0)},
+        blocks=blocks,
+        control=DynamicControl(duration, 0.3),
+        output=Output(CHANNELS, rows=rows, frames=rows, **output),
+    )
+
+
+def thrown(**more):
+    """A block that turns off another, which lies on the floor, while a third one falls on both: joints are handed over
+    to new contacts, and there are two of these at once."""
+    lower = Block("lower", "stone", BOX, (0.0, 0.0, 0.05))
+    upper = Block("upper", "stone", BOX, (0.0, 0.0, 0.15), velocity=(0.3, 0.0, 0.1), angular_velocity=(0.5, 6.0, 1.0))
+    third = Block("third", "stone", BOX, (0.1, 0.05, 0.36), OBLIQUE, velocity=(0.0, 0.0, -2.0))
+    return scene(FLOOR, lower, upper, third, **({"duration": 0.08} | more))
+
+
+def forces_on_blocks(result):
+    """Sum of all recorded forces but gravity on every block in every frame, and that of new contacts; (F, n, 3) N."""
+    frames, joints = result.frames, result.assembly.joints
+    count = len(frames["time"])
+    new = np.zeros((count, len(result.assembly.names), 3))
+    met = frames["new_contacts"]
+    of = np.repeat(np.arange(count), met["count"])
+    np.add.at(new, (of, met["blocks"][:, 1]), met["force"])
+    np.add.at(new, (of, met["blocks"][:, 0]), -met["force"])
+    on_b = frames["contact_force"]
+    own = np.repeat(np.arange(len(joints)), [len(points.area) for points in result.assembly.contact_points])
+    a, b = (np.array([getattr(joint, side) for joint in joints])[own] for side in ("block_a", "block_b"))
+    both = new.copy()
+    np.add.at(both, (slice(None), b), on_b)
+    np.add.at(both, (slice(None), a), -on_b)
+    return both, new
+
+
+def test_recorded_forces_change_the_momentum_of_every_block():
+    """Every step a frame: m (v - v before) / dt is the sum of the recorded forces and the weight, to rounding."""
+    result = simulate(thrown())
+    frames, mass, dt = result.frames, result.assembly.mass, result.run.motion.time_step
+    np.testing.assert_allclose(np.diff(frames["time"]), dt, rtol=1e-9)
+    force, new = forces_on_blocks(result)
+    change = mass[1:, None] * np.diff(frames["velocity"], axis=0)[:, 1:] / dt
+    weight = mass[1:, None] * [0.0, 0.0, -G]
+    size = np.abs(force).max()
+    # the first steps start from velocities of time nought, not of half a step before
+    np.testing.assert_allclose((force[1:, 1:] + weight)[2:], change[2:], atol=1e-9 * size)
+    met = frames["new_contacts"]
+    assert size > 25.0 * np.abs(weight).max() and met["count"].max() >= 2
+    # joints and new contacts take turns, and share a pair of blocks while it is handed over
+    both = (np.abs(new).max(axis=(1, 2)) > 1.0) & (np.abs(force - new).max(axis=(1, 2)) > 1.0)
+    assert both.sum() > 100
+    # the normal leads from the first block to the second; friction lies across it, but for a contact over an edge,
+    # whose pressure is not all along the mean normal
+    along = (met["force"] * met["normal"]).sum(axis=1)
+    across = np.linalg.norm(met["force"] - along[:, None] * met["normal"], axis=1)
+    np.testing.assert_allclose(np.linalg.norm(met["normal"], axis=1), 1.0, rtol=1e-12)
+    assert (along > 0.0).all() and (across < 0.75 * along).all() and (across <= 0.5 * along).mean() > 0.5
+    assert (met["area"] > 0.0).all() and (met["slip"] >= 0.0).all() and met["slip"].max() > 1e-3
+
+
+def test_recorded_contacts_turn_the_blocks():
+    """In free fall of three blocks against each other, with no joint: torques about the centroids, from points, forces
+    and couples as recorded, change the angular momenta."""
+    one = Block("one", "stone", BOX, (0.0, 0.0, 0.0), angular_velocity=(3.0, 0.0, 2.0))
+    two = Block("two", "stone", BOX, (0.05, 0.02, 0.31), OBLIQUE, velocity=(0.0, 0.1, -2.0))
+    far = Block("far", "stone", BOX, (0.0, 0.0, -9.0), fixed=True)
+    result = simulate(scene(far, one, two, duration=0.12, gravity=(0.0, 0.0, 0.0)))
+    frames, dt = result.frames, result.run.motion.time_step
+    met, count = frames["new_contacts"], len(frames["time"])
+    of = np.repeat(np.arange(count), met["count"])
+    place = result.assembly.position + frames["displacement"]
+    torque = np.zeros((count, 3, 3))
+    # forces are of where the blocks were a step before
+    for side, sign in ((0, -1.0), (1, 1.0)):
+        block = met["blocks"][:, side]
+        arm = met["point"] - place[of - 1, block]
+        np.add.at(torque, (of, block), sign * (np.cross(arm, met["force"]) + met["torque"]))
+    turn = rotation_matrix(frames["orientation"])
+    inertia = turn @ result.assembly.inertia @ np.swapaxes(turn, 2, 3)
+    # spin is that of half a step before the frame, to first order in the step
+    momentum = np.einsum("fnij,fnj->fni", inertia, frames["spin"])
+    first, last = met["count"].nonzero()[0][[0, -1]] + [-2, 2]
+    given = np.cumsum(torque[first + 1 : last], axis=0) * dt
+    change = momentum[first + 1 : last] - momentum[first]
+    size = np.abs(change[:, 1:]).max()
+    assert met["count"].sum() > 50 and size > 0.1
+    np.testing.assert_allclose(given[:, 1:], change[:, 1:], atol=2e-3 * size)
+    assert np.abs(met["torque"]).max() * dt > 0.0
+
+
+def test_what_a_landed_block_stands_on_carries_its_weight(tmp_path):
+    """Read back from the file: the new contact of a block that has come to rest on a fixed plate."""
+    dropped = Block("block", "stone", BOX, (0.1, 0.0, 0.06))
+    result = simulate(scene(FLOOR, dropped, duration=0.6, rows=60), tmp_path / "run.h5")
+    weight = G * result.assembly.mass[1]
+    with history.read(tmp_path / "run.h5") as found:
+        starts, met = found.frame_new_contacts(found.n_frames - 1, found.n_frames)
+        assert starts.tolist() == [0, 1] and met["blocks"].tolist() == [[0, 1]]
+        np.testing.assert_allclose(met["force"], [[0.0, 0.0, weight]], atol=1e-6 * weight)
+        # the middle of the overlap, which is as deep as the springs of this stiffness are pressed
+        np.testing.assert_allclose(met["point"], [[0.1, 0.0, -0.5 * weight / (0.06 * 2e8)]], atol=1e-9)
+        np.testing.assert_allclose(met["normal"], [[0.0, 0.0, 1.0]], atol=1e-9)
+        assert met["area"][0] == pytest.approx(0.06, rel=1e-4)
+        all_starts, _ = found.frame_new_contacts(0, found.n_frames)
+        counts = np.diff(all_starts)
+        at_rows = found.new_contacts[np.searchsorted(found.time, found.frame_time)]
+        np.testing.assert_array_equal(counts, at_rows)
+        assert counts[0] == 0 and counts[-1] == 1
+
+
+def test_a_run_that_was_stopped_records_the_same_contacts(tmp_path, monkeypatch):
+    given = thrown(rows=400, checkpoint=1e9)
+    whole = simulate(given, tmp_path / "whole.h5")
+    left = [300]
+
+    def requested():
+        left[0] -= 1
+        return 2 if left[0] == 0 else 0
+
+    monkeypatch.setattr(interruption, "requested", requested)
+    with pytest.raises(Interrupted):
+        simulate(given, tmp_path / "parts.h5")
+    left[0] = 0
+    with history.read(tmp_path / "parts.h5") as found:
+        assert 0 < found.n_frames < len(whole.frames["time"]) and found.new_contacts_before(found.n_frames) > 0
+    restart(tmp_path / "parts.h5")
+    with h5py.File(tmp_path / "whole.h5") as one, h5py.File(tmp_path / "parts.h5") as other:
+        names = list(one["frames/new_contacts"])
+        assert set(names) == {"end", *NEW_CONTACTS}
+        for name in names:
+            value = one[f"frames/new_contacts/{name}"][()]
+            assert len(value) and value.tobytes() == other[f"frames/new_contacts/{name}"][()].tobytes()
+    memory = simulate(given).frames["new_contacts"]
+    for name, values in whole.frames["new_contacts"].items():
+        np.testing.assert_array_equal(values, memory[name])
