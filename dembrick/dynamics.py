@@ -86,7 +86,7 @@ class Motion:
     seating_steps: int = 0
     meetings: Meetings = field(init=False)
     books: MotionBooks = field(init=False)
-    _travel: np.ndarray = field(default_factory=lambda: np.zeros(1))
+    _travel: np.ndarray = field(default_factory=lambda: np.zeros(2))
     _pace: _Pace = field(default_factory=lambda: _Pace())
     _compiled: set = field(default_factory=set)
     _unbooked: MotionBooks = field(init=False)
@@ -215,7 +215,7 @@ def advance(motion: Motion, driving: Driving, n_steps: int, limits: Limits) -> i
 def _follow(motion: Motion, called: bool) -> None:
     """Look for new contacts where that is due."""
     began = time.perf_counter()
-    motion.meetings.follow(motion.state, motion.polygons, called)
+    motion.meetings.follow(motion.state, motion.polygons, called, motion._travel[1:])
     motion.phases["contact_search"] += time.perf_counter() - began
 
 

@@ -57,7 +57,11 @@ class Meetings:
         self._joints = JointTable.of(self.assembly.joints)
         self.retired = np.zeros(len(self._joints), bool)
         self._size = min(part.diameter for shape in shapes for _, part in parts_of(shape))
-        self._parts = self._scratch = None
+        self._parts = self._scratch = self._bodies = None
+        self._codes = None
+        self._free = np.where(self.assembly.fixed, 0.0, 1.0)
+        self._quiet = 0.0  # m, that any block may move before `follow` need look at more than that,
+        self._far_turned = np.zeros(0, np.int64)  # and the joints that have done their work once they are open
         self._partial = np.array([self._is_partial(joint) for joint in self._joints], bool)
 
     def _is_partial(self, joint: Joint) -> bool:
@@ -78,17 +82,23 @@ class Meetings:
         fastest, far = float(speed.max()), max(0.5 * self.patience, 0.25 * FIRST * self._size)
         return max(1.0, 2.0 * far / (fastest + np.sqrt(fastest**2 + 2.0 * gravity * far) + 1e-300) / dt)
 
-    def follow(self, state: MovingState, polygons: Polygons, called: bool) -> None:
-        """Look for pairs where that is due: because the loop ``called`` for it, or blocks or joints have moved."""
+    def follow(self, state: MovingState, polygons: Polygons, called: bool, travel: np.ndarray) -> None:
+        """Look for pairs where that is due: because the loop ``called`` for it, or blocks or joints have moved.
+
+        ``travel`` (1,): m, how far any block can have moved since this last put it to nought.
+        """
+        if not called and (self.touching is not None or (travel[0] < self._quiet and not self._lifted(state))):
+            return
+        self._quiet = travel[0] = 0.0
         here = np.concatenate([state.bodies.position[:, None], state.bodies.rotation.transpose(0, 2, 1)], axis=1)
         first = self.looked is None
         if not (first or called):
-            if self.touching is not None:
-                return
             away = here - self.looked
             moved = np.sqrt((away[:, 0] ** 2).sum(axis=1))
             moved += state.bodies.reach * np.sqrt((away[:, 1:] ** 2).sum(axis=(1, 2)))
-            if moved.max() < 0.5 * self.patience and not self._stirred(state, polygons).any():
+            turn, slip = self._turn(state), polygons.slipped()
+            if moved.max() < 0.5 * self.patience and not self._stirred(state, polygons, turn, slip).any():
+                self._quiet = self._patient(state, polygons, turn, slip, float(moved.max()))
                 return
         self.looked = here
         self._look(state, polygons, first)
@@ -127,14 +137,45 @@ class Meetings:
             share[self.touching.joint[handed]] = 1.0 - self.touching.weight[handed]
         return share
 
-    def _stirred(self, state: MovingState, polygons: Polygons) -> np.ndarray:
-        """Joints (j,) that will be handed over soon, or have opened for good."""
-        turn, slip = self._turn(state), polygons.slipped()
+    def _stirred(self, state: MovingState, polygons: Polygons, turn: np.ndarray, slip: np.ndarray) -> np.ndarray:
+        """Joints (j,) that will be handed over soon, by their ``turn`` and ``slip`` (j,), or have opened for good."""
         size = polygons.size
         due = (turn > STIRRED * TURN[0]) | (
             self._partial & ((slip > STIRRED * SLIP[0] * size) | (slip * turn > STIRRED * SINK[0] * size))
         )
         return ~self.retired & (due | self._parted(state, polygons))
+
+    def _lifted(self, state: MovingState) -> bool:
+        """Whether any of the joints that only their forces keep has none."""
+        return len(self._far_turned) > 0 and not state.links.wrench[self._far_turned, :3].any(axis=1).all()
+
+    def _patient(self, state: MovingState, polygons: Polygons, turn, slip, moved: float) -> float:
+        """How far (m) any block may move before `follow` can find anything due, who now finds nothing.
+
+        Notes the joints that only their forces keep. While no block moves by more than s, the turn between two grows by
+        at most s (1/R + 1/R') with their reaches R, and a point of the one, at d from the other's centroid, moves past
+        that by at most s (2 + d/R'); less where one is fixed.
+        """
+        far = (0.5 * self.patience - moved) / np.sqrt(2.0)
+        if len(self._joints):
+            links, size, reach = state.links, polygons.size, state.bodies.reach
+            host, other = self._free[links.host], self._free[links.other]
+            away = np.sqrt((links.seen[:, :3] ** 2).sum(axis=1))
+            turning = np.maximum(host / reach[links.host] + other / reach[links.other], 1e-300)
+            passing = 0.1 + host + other * (1.0 + away / reach[links.other])
+            slipping = passing + turning * (np.abs(polygons.shift).sum(axis=1) + 2.0 * size)
+            gap = links.sense * (links.seen[:, 2] - links.offset)
+            parting = PARTED * size - gap - size * turn
+            self._far_turned = np.flatnonzero((parting < 0.0) & ~self.retired)
+            parting = np.where(parting < 0.0, np.inf, parting)
+            rooms = [(STIRRED * TURN[0] - turn) / turning, parting / (passing + size * turning)]
+            a, b = slipping * turning, slip * turning + turn * slipping
+            c = STIRRED * SINK[0] * size - slip * turn
+            sinking = 2.0 * c / (b + np.sqrt(b * b + 4.0 * a * c))
+            slid = np.minimum((STIRRED * SLIP[0] * size - slip) / slipping, sinking)
+            rooms.append(np.where(self._partial, slid, np.inf))
+            far = min(far, float(np.where(self.retired, np.inf, np.min(rooms, axis=0)).min()))
+        return 0.99 * max(0.0, far)
 
     def _turn(self, state: MovingState) -> np.ndarray:
         seen = state.links.seen
@@ -149,7 +190,9 @@ class Meetings:
 
     def _look(self, state: MovingState, polygons: Polygons, first: bool) -> None:
         assembly, bodies = self.assembly, state.bodies
-        parts = bodies_of(assembly.shapes, bodies.position, bodies.rotation)
+        if self._bodies is None:
+            self._bodies = bodies_of(assembly.shapes, bodies.position, bodies.rotation)
+        parts = self._bodies.moved(bodies.position, bodies.rotation)
         pairs = close_pairs(parts, MARGIN)
         ends = parts.owner[pairs]
         free = ~assembly.fixed
@@ -161,7 +204,7 @@ class Meetings:
         self._retire(state, polygons, joint, depth)
         watched = np.zeros(len(self._joints) + 1, bool)  # the last for pairs without a joint
         watched[-1] = True
-        stirred = self._stirred(state, polygons)
+        stirred = self._stirred(state, polygons, self._turn(state), polygons.slipped())
         if self.touching is not None:
             stirred[self.touching.joint[(self.touching.joint >= 0) & (self.touching.weight > 0.0)]] = True
         joint = np.where(np.append(self.retired, False)[joint], -1, joint)
@@ -178,17 +221,19 @@ class Meetings:
 
     def _joint_of(self, owner: np.ndarray, pairs: np.ndarray) -> np.ndarray:
         """The joint of each pair of parts (p,), or -1."""
-        joints = self._joints
-        first = np.searchsorted(owner, np.arange(len(self.assembly.shapes)))
-        a, b = first[joints.block_a] + joints.part_a, first[joints.block_b] + joints.part_b
-        count = len(owner)
-        codes = np.minimum(a, b) * count + np.maximum(a, b)
-        order = np.argsort(codes)
-        wanted = pairs[:, 0] * count + pairs[:, 1]
-        place = np.minimum(np.searchsorted(codes[order], wanted), max(len(codes) - 1, 0))
-        if not len(codes):
+        joints, count = self._joints, len(owner)
+        if not len(joints):
             return np.full(len(pairs), -1)
-        return np.where(codes[order][place] == wanted, order[place], -1)
+        if self._codes is None:
+            first = np.searchsorted(owner, np.arange(len(self.assembly.shapes)))
+            a, b = first[joints.block_a] + joints.part_a, first[joints.block_b] + joints.part_b
+            codes = np.minimum(a, b) * count + np.maximum(a, b)
+            order = np.argsort(codes)
+            self._codes = codes[order], order
+        codes, order = self._codes
+        wanted = pairs[:, 0] * count + pairs[:, 1]
+        place = np.minimum(np.searchsorted(codes, wanted), len(codes) - 1)
+        return np.where(codes[place] == wanted, order[place], -1)
 
     def _retire(self, state: MovingState, polygons: Polygons, joint: np.ndarray, depth: np.ndarray) -> None:
         """Let go of joints whose contact has taken over all, or whose blocks have parted and lie apart."""

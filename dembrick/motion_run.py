@@ -263,7 +263,7 @@ class Past:
 
     def _arrays(self) -> dict[str, np.ndarray]:
         moving = self.moving
-        arrays = {"past.unbalanced": self.unbalanced, "past.at_rest": self.at_rest, "motion.travel": moving._travel}
+        arrays = {"past.unbalanced": self.unbalanced, "past.at_rest": self.at_rest, "motion.travel": moving._travel[:1]}
         if self._jack is not None:
             arrays |= {"jack.present": self._jack.present, "jack.peak": self._jack.peak}
         arrays |= moving.books.arrays

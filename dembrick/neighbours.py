@@ -68,6 +68,13 @@ class Bodies(NamedTuple):
     position: np.ndarray  # (p, 3) m, centroid of the part, world
     rotation: np.ndarray  # (p, 3, 3) body axes to world
     arm: np.ndarray  # (p, 3) m, from the centroid of the block to that of the part, world
+    place: np.ndarray  # (p, 3) m, the same in body axes
+
+    def moved(self, positions: np.ndarray, rotations: np.ndarray) -> Bodies:
+        """The same parts of blocks that now stand at ``positions`` (n, 3)."""
+        turn = rotations[self.owner]
+        arm = np.einsum("pij,pj->pi", turn, self.place)
+        return self._replace(position=positions[self.owner] + arm, rotation=turn, arm=arm)
 
 
 def bodies_of(shapes: Sequence[Shape], positions: np.ndarray, rotations: np.ndarray) -> Bodies:
@@ -76,9 +83,9 @@ def bodies_of(shapes: Sequence[Shape], positions: np.ndarray, rotations: np.ndar
     parts = [known[id(shape)] for shape in shapes]
     owner = np.repeat(np.arange(len(shapes)), [len(own) for own in parts])
     places = np.array([place for own in parts for place, _ in own]).reshape(-1, 3)
-    arm = np.einsum("pij,pj->pi", rotations[owner], places)
     table = ShapeTable([part for own in parts for _, part in own])
-    return Bodies(owner, table, positions[owner] + arm, rotations[owner], arm)
+    none = np.zeros(0)
+    return Bodies(owner, table, none, none, none, places).moved(positions, rotations)
 
 
 def close_pairs(bodies: Bodies, tolerance: float) -> np.ndarray:
@@ -95,8 +102,9 @@ def close_pairs(bodies: Bodies, tolerance: float) -> np.ndarray:
     for kind, stack in enumerate(table.stacks):
         members = np.flatnonzero(table.kind == kind)
         corners = np.einsum("bij,bvj->bvi", rotations[members], stack.vertices[table.row[members]])
-        low[members] = centred[members] + corners.min(axis=1) - margin[members, None]
-        high[members] = centred[members] + corners.max(axis=1) + margin[members, None]
+        least, most = _ends(corners, 1)
+        low[members] = centred[members] + least - margin[members, None]
+        high[members] = centred[members] + most + margin[members, None]
     cell = 2.0 * np.median(high - low, axis=0)
     first = np.floor(low / cell).astype(np.int64)
     counts = np.floor(high / cell).astype(np.int64) - first + 1
@@ -133,6 +141,12 @@ def _cell_pairs(blocks: np.ndarray, first: np.ndarray, counts: np.ndarray) -> np
     return np.stack([owner[later], owner[earlier]], axis=1)
 
 
+def _ends(values: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
+    """Least and greatest along a short axis, which numpy is quick to find along the first only."""
+    first = np.ascontiguousarray(np.moveaxis(values, axis, 0))
+    return first.min(axis=0), first.max(axis=0)
+
+
 def overlap_depths(bodies: Bodies, pairs: np.ndarray) -> np.ndarray:
     """How deep each pair of bodies (p, 2) overlaps (p,): the shortest way out (m); negative when they are apart.
 
@@ -159,7 +173,8 @@ def overlap_depths(bodies: Bodies, pairs: np.ndarray) -> np.ndarray:
             reach_a = axes @ (stack_a.vertices[row_a] @ turn_a).transpose(0, 2, 1)
             reach_b = axes @ (stack_b.vertices[row_b] @ turn_b).transpose(0, 2, 1)
             between = (axes @ (positions[b] - positions[a])[:, :, None])[:, :, 0]
-            up = reach_a.max(axis=2) - reach_b.min(axis=2) - between
-            down = reach_b.max(axis=2) - reach_a.min(axis=2) + between
-            depths[chosen[some]] = np.where(useful, np.minimum(up, down), np.inf).min(axis=1)
+            (least_a, most_a), (least_b, most_b) = _ends(reach_a, 2), _ends(reach_b, 2)
+            up = most_a - least_b - between
+            down = most_b - least_a + between
+            depths[chosen[some]] = _ends(np.where(useful, np.minimum(up, down), np.inf), 1)[0]
     return depths

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 
 from dembrick.frequencies import COARSE
@@ -134,6 +136,7 @@ def touching_pairs(parts: Parts, scratch: Scratch, free, pairs, joints, laws, ra
     )
 
 
+@functools.cache
 def dashpot_polynomial(ratio: float) -> np.ndarray:
     """Dashpot over spring of a contact, times its swing in a step (rad), as a polynomial (8,) in that swing; the last
     of the nine numbers is the greatest swing that it holds for, well within what is stable.

@@ -12,6 +12,7 @@ from dembrick import dynamics, history, interruption
 from dembrick.controls import BaseMotionControl, DynamicControl, Pulse
 from dembrick.errors import NotConvergedError
 from dembrick.interruption import Interrupted
+from dembrick.meetings import Meetings
 from dembrick.model import Arch, Block, JointLaw, Material, Output, Scenario, Wall
 from dembrick.neighbours import bodies_of, overlap_depths
 from dembrick.polygons import mean_distance
@@ -340,3 +341,19 @@ def test_a_history_counts_new_contacts(tmp_path):
     landing = math.sqrt(2.0 * 0.005 / G)
     assert (count[time < 0.95 * landing] == 0.0).all()
     assert count[-1] == 1.0
+
+
+@pytest.mark.parametrize("made", [collapse(), SCENARIOS / "rocking_block.toml"], ids=["collapse", "rocking"])
+def test_pairs_are_looked_for_no_later_for_looking_seldom(monkeypatch, made):
+    """Nobody looks until blocks have moved far enough; who asks after every chunk looks at the same moments."""
+    asked, looked = [], []
+    stirred, look = Meetings._stirred, Meetings._look
+    monkeypatch.setattr(Meetings, "_stirred", lambda *given: asked.append(0) or stirred(*given))
+    monkeypatch.setattr(Meetings, "_look", lambda *given: looked.append(given[0].looked.tobytes()) or look(*given))
+    simulate(made)
+    few, moments = len(asked), looked.copy()
+    asked.clear(), looked.clear()
+    monkeypatch.setattr(Meetings, "_patient", lambda *given: 0.0)
+    simulate(made)
+    assert few < len(asked) and len(moments) > 20
+    assert looked == moments

@@ -60,7 +60,8 @@ def apply_loads(loads, bodies, step):
 def advance_bodies(n_steps, dt, bodies, links, corners, faces, loads, limits, damping, travel, touching, books):
     """Advance up to ``n_steps`` steps of ``dt``; ``corners`` or ``faces`` is None where no joint is of that family.
 
-    ``travel`` (1,): m, what any two blocks may still move against each other before a polygon could be stale. Returns
+    ``travel`` (2,): m, what any two blocks may still move against each other before a polygon could be stale; and how
+    far any one can have moved since the caller last put it to nought. Returns
     a status and the steps done: RUNNING when all are, REACHED (a centroid has gone as far as ``limits`` says), STALE
     (polygons must be cut again before the next step), DIVERGED, or what comes of ``touching``, the contacts that form
     anew (None where there are none): MEETING (pairs must be looked for again), DEEP, CROWDED. ``books``: the energy
@@ -95,7 +96,9 @@ def advance_bodies(n_steps, dt, bodies, links, corners, faces, loads, limits, da
             return DIVERGED, step + 1
         if away2 >= goal2:
             return REACHED, step + 1
-        travel[0] -= 2.0 * sqrt(moved2)
+        move = sqrt(moved2)
+        travel[0] -= 2.0 * move
+        travel[1] += move
         if touching is not None:
-            touching.room[0] -= sqrt(moved2)
+            touching.room[0] -= move
     return RUNNING, n_steps

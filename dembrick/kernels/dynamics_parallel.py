@@ -72,7 +72,9 @@ def advance_bodies_together(
             return DIVERGED, step + 1
         if away2 >= goal2:
             return REACHED, step + 1
-        travel[0] -= 2.0 * sqrt(moved2)
+        move = sqrt(moved2)
+        travel[0] -= 2.0 * move
+        travel[1] += move
         if touching is not None:
-            touching.room[0] -= sqrt(moved2)
+            touching.room[0] -= move
     return RUNNING, n_steps
