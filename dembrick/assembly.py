@@ -29,7 +29,7 @@ from dembrick.errors import ScenarioError
 from dembrick.joints import TOLERANCE, JointTable, find_joints
 from dembrick.model import JointLaw, Scenario
 from dembrick.neighbours import Bodies, bodies_of, close_pairs, overlap_depths
-from dembrick.point_table import PointTable, place_points
+from dembrick.point_table import PointTable, place_points, widest_rim
 from dembrick.shapes import Shape, rotation_matrix, unit_quaternion
 from dembrick.solids import shapes_of
 
@@ -170,10 +170,13 @@ def loaded(scenario: Scenario, bare: Assembly, points: bool = True) -> Assembly:
     tolerance = getattr(scenario.control, "tolerance", _DISCRETISATION)
     if len(joints) == 1:  # the search for its limit load places the points of a lone joint itself
         tolerance = max(tolerance, _DISCRETISATION)
+    contact_points = place_points(joints, tolerance) if points else _NO_POINTS
+    if points and (len(joints) > 1 or scenario.control.kind not in ("yield", "displacement")):
+        warnings += _check_rim(scenario, joints, contact_points)
     return replace(
         bare,
         joints=joints,
-        contact_points=place_points(joints, tolerance) if points else _NO_POINTS,
+        contact_points=contact_points,
         gravity=gravity,
         dead_force=dead_force,
         dead_torque=dead_torque,
@@ -329,6 +332,19 @@ def _refuse_unsupported(scenario: Scenario, shapes, position, orientation, fixed
     others = f" (nor from {int(loose.sum()) - 1} more)" if loose.sum() > 1 else ""
     _refuse(
         scenario, f"block {name} rests on nothing: no chain of joints leads from it to a fixed block{others}; {hint}"
+    )
+
+
+def _check_rim(scenario: Scenario, joints: JointTable, points: PointTable) -> tuple[str, ...]:
+    """Warn where blocks that rock would topple early, because no contact point reaches the edge of their joint."""
+    gap, j = widest_rim(joints, points)
+    if not gap > _DISCRETISATION:
+        return ()
+    first, second = (show(scenario.all_blocks[i].name) for i in (joints.block_a[j], joints.block_b[j]))
+    return (
+        f"the outermost points of the distributed joint between {first} and {second} stay {100.0 * gap:.2g} % of its "
+        "half width inside the edge: what rocks there topples that much early. Use concave or convex joints, or more "
+        "joint.points",
     )
 
 

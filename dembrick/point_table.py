@@ -92,3 +92,31 @@ def place_points(joints: JointTable, tolerance: float) -> PointTable:
         some = slice(start[j], start[j + 1])
         normal_arm[some], shear_arm[some], area[some] = points.normal_arm, points.shear_arm, points.area
     return PointTable(normal_arm, shear_arm, area, start, formulation == "convex")
+
+
+def rim_gap(joints: JointTable, points: PointTable, numbers: np.ndarray) -> np.ndarray:
+    """How far the outermost contact points of some joints stay inside an edge of the polygon, over the distance of that
+    edge from O (k,): a block that rocks about the edge topples that much early."""
+    gaps = np.zeros(len(numbers))
+    for place, j in enumerate(np.asarray(numbers).tolist()):
+        corners = joints[j].polygon
+        edge = np.roll(corners, -1, axis=0) - corners
+        outward = np.stack([edge[:, 1], -edge[:, 0]], axis=1)
+        far = (corners * outward).sum(axis=1)
+        reached = (points[j].normal_arm @ outward.T).max(axis=0)
+        gaps[place] = float(((far - reached) / far).max())
+    return gaps
+
+
+def widest_rim(joints: JointTable, points: PointTable, chosen: bool = False) -> tuple[float, int]:
+    """The greatest `rim_gap` of the distributed joints, and the joint that has it; nought where there are none. With
+    ``chosen`` only joints count whose points the program chose."""
+    numbers = [
+        j
+        for j, law in enumerate(joints.law)
+        if law.formulation == "distributed" and not (chosen and law.points is not None)
+    ]
+    if not numbers:
+        return 0.0, -1
+    gaps = rim_gap(joints, points, np.array(numbers))
+    return float(gaps.max()), numbers[int(np.argmax(gaps))]

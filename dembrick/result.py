@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import os
 import time
 from collections.abc import Callable, Mapping
@@ -21,6 +22,7 @@ from dembrick.errors import DembrickError, HistoryError, NotConvergedError, Writ
 from dembrick.interruption import Interrupted
 from dembrick.keeper import Keeper, Memory
 from dembrick.model import Scenario
+from dembrick.point_table import widest_rim
 from dembrick.session import Session
 from dembrick.simulation import rotations
 from dembrick.yield_point import YieldPoint
@@ -86,20 +88,25 @@ class Result:
 
     @property
     def points_miss(self) -> float | None:
-        """The relative gap between the points of a `distributed` joint that the program chose and the continuum, where
+        """The relative gap between the points of `distributed` joints that the program chose and the continuum, where
         it is beyond the tolerance (as where a joint overturns, whose last edge no points reach); else None."""
-        if self.theory is None or self.theory.discretisation_error is None or self.scenario.control.kind != "yield":
-            return None
-        chosen = self.scenario.joint.points is None
-        gap = self.theory.discretisation_error
-        return gap if chosen and abs(gap) > self.scenario.control.tolerance else None
+        control = self.scenario.control
+        if self.theory is None:
+            mechanism = self.yield_point.mechanism if self.collapse is None else self.collapse["mechanism"]
+            table = self.assembly.joints, self.assembly.contact_points
+            gap = -widest_rim(*table, chosen=True)[0] if mechanism == "rocking" else 0.0
+        else:
+            gap = self.theory.discretisation_error
+            if gap is None or control.kind != "yield" or self.scenario.joint.points is not None:
+                return None
+        return gap if abs(gap) > getattr(control, "tolerance", math.inf) else None
 
     def agrees(self) -> bool:
         """Whether theory lies in the bracket and, for a limit load, V is within the tolerance of it."""
-        if self.theory is None:
-            return True
         if self.points_miss is not None:
             return False
+        if self.theory is None:
+            return True
         V, point = self.theory.V, self.yield_point
         slack = BRACKET_SLACK * abs(V)
         inside = point.V_lower - slack <= V and (point.V_upper is None or V <= point.V_upper + slack)

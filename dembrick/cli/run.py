@@ -66,9 +66,11 @@ def answer(simulated: Callable, path: str, console) -> int:
     if result.agrees():
         return 0
     if getattr(result, "points_miss", None) is not None:
+        alone = result.theory is not None
+        remedy = 'Take pressure = "linear" of a convex joint' if alone else "Take concave or convex joints"
         console.error(
-            f"the contact points of the joint miss the continuum by {100 * result.points_miss:+.2g} %, more than the "
-            'tolerance: the joint opens. Take pressure = "linear" of a convex joint, or state joint.points of your own'
+            f"the contact points of a distributed joint miss the continuum by {100 * result.points_miss:+.2g} %, more "
+            f"than the tolerance: it opens. {remedy}, or state joint.points of your own"
         )
         return 3
     console.error(

@@ -1,0 +1,87 @@
+"""Distributed points stop short of the edge: a block that rocks on them topples early, which must not pass unsaid."""
+
+import numpy as np
+import pytest
+
+from dembrick import assembly, cli
+from dembrick.controls import DynamicControl, TiltControl, YieldControl
+from dembrick.model import Actuator, JointLaw, Material, Scenario, Stack
+from dembrick.point_table import rim_gap
+from dembrick.result import simulate
+
+WIDE, HIGH, STONES = 0.3, 0.2, 4  # m: a pile that rocks at psi = atan(WIDE / (STONES * HIGH))
+
+
+def pile(formulation, points=None, control=None, **more):
+    return Scenario(
+        title="pile",
+        gravity=(0.0, 0.0, -9.81),
+        joint=JointLaw(formulation, 0.7, 1e11, 4e10, points),
+        materials={"stone": Material(2000.0)},
+        stacks=(Stack("pile", "stone", STONES, box=(0.5, WIDE, HIGH), base=0.1),),
+        control=control or TiltControl((1.0, 0.0, 0.0), 1.0, 0.02, quasi_static=True),
+        **more,
+    )
+
+
+@pytest.mark.parametrize("points", [None, (5, 4), (8, 20)])
+def test_the_rim_is_what_is_missing(points):
+    """The load factor is that of a pile narrower by the gap; the program answers for points that it chose itself."""
+    given = pile("distributed", points)
+    result = simulate(given, record=False)
+    built = assembly.build(given)
+    across = [built.contact_points[j].normal_arm @ built.joints[j].axes[:2, 1] for j in range(len(built.joints))]
+    reached = min(np.abs(arm).max() for arm in across)
+    assert result.collapse["mechanism"] == "rocking"
+    assert result.collapse["load_factor"] == pytest.approx(2.0 * reached / (STONES * HIGH), rel=2e-3)
+    assert len(built.warnings) == 1 and "inside the edge" in built.warnings[0]
+    if points is None:
+        assert result.points_miss == pytest.approx(2.0 * reached / WIDE - 1.0, abs=0.02) and not result.agrees()
+    else:
+        assert result.points_miss is None and result.agrees()
+
+
+def test_nothing_is_missing_elsewhere():
+    for formulation in ("concave", "convex"):
+        given = pile(formulation)
+        assert assembly.build(given).warnings == ()
+    result = simulate(pile("concave"), record=False)
+    assert result.points_miss is None
+    assert result.collapse["load_factor"] == pytest.approx(WIDE / (STONES * HIGH), rel=1e-3)
+
+
+def test_a_pile_pushed_at_its_top_and_one_that_slides():
+    """A jack that overturns the pile is told so; where it only slides nothing is missing."""
+
+    def pushed(point):
+        jack = Actuator("jack", "pile.4", point, (0.0, 1.0, 0.0))
+        return simulate(pile("distributed", control=YieldControl(1e-3), actuators=(jack,)), record=False)
+
+    high, low = pushed((0.0, 0.0, 0.8)), pushed((0.0, 0.0, 0.605))
+    assert high.yield_point.mechanism == "rocking" and high.points_miss < -0.01 and not high.agrees()
+    assert low.yield_point.mechanism == "sliding" and low.points_miss is None and low.agrees()
+
+
+def test_it_is_said_in_motion_too():
+    assert "inside the edge" in assembly.build(pile("distributed", control=DynamicControl(0.1))).warnings[0]
+
+
+def test_gap_of_four_points():
+    """They stand at the Gauss positions of both edges."""
+    given = pile("distributed", (2, 2))
+    built = assembly.build(given)
+    gap = rim_gap(built.joints, built.contact_points, np.arange(len(built.joints)))
+    np.testing.assert_allclose(gap, 1.0 - 1.0 / np.sqrt(3.0), rtol=1e-9)
+
+
+def test_the_command_line_ends_with_three(tmp_path, monkeypatch, capsys):
+    (tmp_path / "pile.toml").write_text(
+        'title = "pile"\ngravity = [0, 0, -9.81]\n[joint]\nformulation = "distributed"\nfriction = 0.7\n'
+        "normal_stiffness = 1e11\nshear_stiffness = 4e10\n[materials.stone]\ndensity = 2000.0\n[[stacks]]\n"
+        'name = "pile"\nmaterial = "stone"\nblocks = 4\nbox = [0.5, 0.3, 0.2]\nbase = 0.1\n[control]\nkind = "tilt"\n'
+        "rate = 1.0\ndisplacement = 0.02\naxis = [1, 0, 0]\nquasi_static = true\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["run", "pile.toml"]) == 3
+    said = capsys.readouterr().err
+    assert "half width inside the edge" in said and "miss the continuum by -" in said and "joint.points" in said
