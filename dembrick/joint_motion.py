@@ -14,7 +14,13 @@ from functools import cached_property
 import numpy as np
 
 from dembrick.kernels.gauge import area_gauges, point_gauges
-from dembrick.kernels.recorded_motion import normal_parts, relative_motions, ride, shared_normals
+from dembrick.kernels.recorded_motion import (
+    normal_parts,
+    relative_motions,
+    ride,
+    ride_in_plane,
+    shared_normals,
+)
 from dembrick.limit_set import far_moments
 from dembrick.polygons import area
 from dembrick.relative_motion import STATES, RelativeMotion, torsion_centre
@@ -39,6 +45,7 @@ class JointMotion:
         self.block_a, self.block_b, self.host = (
             np.array([joint[name] for joint in joints], np.int64) for name in ("block_a", "block_b", "host")
         )
+        self.other = self.block_a + self.block_b - self.host
         self.origin = np.array([joint["origin"] for joint in joints], float).reshape(-1, 3)
         self.axes = np.array([joint["axes"] for joint in joints], float).reshape(-1, 3, 3)
         self.area = np.array([joint["area"] for joint in joints], float)
@@ -53,6 +60,7 @@ class JointMotion:
         self.point_start = np.cumsum([0, *(len(joint["areas"]) for joint in joints)])
         self.arm_a = self.origin - history.position0[self.block_a]
         self.arm_b = self.origin - history.position0[self.block_b]
+        self.arm_host = np.where((self.host == self.block_a)[:, None], self.arm_a, self.arm_b)
         self.back = history.orientation0 * np.array([1.0, -1.0, -1.0, -1.0])
 
     def at(self, frames) -> JointFrames:
@@ -234,6 +242,34 @@ class JointFrames:
         """(f, j, 3, 3): the joints' axes riding on a, world, as rows."""
         return self._places[1]
 
+    @cached_property
+    def shift(self) -> np.ndarray:
+        """(f, j, 2) m: where O is on the block that the polygon rides on, from O of the start: elsewhere where part of
+        the polygon was cut off, because it slid over the edge of the other block's face."""
+        found = self._values("joint_shift")
+        return np.zeros((len(self._frames), self.joints.n_joint, 2)) if found is None else found
+
+    @cached_property
+    def _acting(self) -> tuple[np.ndarray, np.ndarray]:
+        joints, (displacement, orientation) = self.joints, self._poses
+        origin = np.empty((len(displacement), joints.n_joint, 3))
+        axes = np.empty((*origin.shape, 3))
+        pair, start = (joints.host, joints.other), (joints.arm_host, joints.origin, joints.axes)
+        ride_in_plane(displacement, orientation, joints.back, *pair, *start, self.shift, origin, axes)
+        return origin, axes
+
+    @property
+    def acting_origin(self) -> np.ndarray:
+        """(f, j, 3) m: the points O in the world about which the resultants are, on the block that the polygon rides
+        on."""
+        return self._acting[0]
+
+    @property
+    def acting_axes(self) -> np.ndarray:
+        """(f, j, 3, 3): the axes of the resultants, world, as rows: t1 of the block that the polygon rides on, laid
+        into the plane of the other's face, t2, and the normal of that face from a to b."""
+        return self._acting[1]
+
     # --- forces ---
 
     @cached_property
@@ -262,7 +298,7 @@ class JointFrames:
         arms, _, areas, owner = joints.points
         found = np.empty((len(self._frames), len(owner)))
         if self.point_forces is not None:
-            normal_parts(self.point_forces, self.axes, joints.point_start, found)
+            normal_parts(self.point_forces, self.acting_axes, joints.point_start, found)
         elif len(owner):
             whole = np.ascontiguousarray(self.resultants[..., 0])
             shared_normals(self.relative.plane, whole, joints.point_start, np.ascontiguousarray(arms), areas, found)

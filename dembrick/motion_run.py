@@ -19,7 +19,14 @@ from dembrick.kernels.dynamics import REACHED, Limits
 from dembrick.kernels.motion_record import unbalanced_ratio
 from dembrick.model import Output
 from dembrick.motion_books import MotionBooks
-from dembrick.moving_state import contact_forces, joint_resultants, out_of_balance, seen, with_contact_forces
+from dembrick.moving_state import (
+    contact_arms,
+    contact_forces,
+    joint_resultants,
+    out_of_balance,
+    seen,
+    with_contact_forces,
+)
 from dembrick.pushing import STRONGEST, Jack, jack_of
 from dembrick.session import Plan, Session, Snapshot, step_at
 from dembrick.shapes import quaternion_product, rotation_matrix, unit_quaternion
@@ -94,7 +101,7 @@ def plan(moving: Motion, control, output: Output) -> Plan:
     points = len(moving.state.corners.x) if "contacts" in output.channels and moving.state.corners is not None else 0
     meet = MEETINGS * n if "contacts" in output.channels else 0
     memory = sum(array.nbytes for array in moving.state.arrays) + 8 * (
-        rows * (6 + 7 * j) + frames * (13 * n + 3 * points + 16 * meet)
+        rows * (6 + 7 * j) + frames * (13 * n + 2 * j + 5 * points + 16 * meet)
     )
     return Plan(moving.time_step, moving.critical_time_step, steps, memory)
 
@@ -198,7 +205,8 @@ def _set_going(moving: Motion, driving: Driving) -> None:
     )
     came_from = seen(before, state.links)
     families = [family for family in (state.corners, state.faces) if family is not None]
-    memory = [array for family in families for array in family if array is not None]
+    written = None if state.corners is None else state.corners.force  # at the points: of the same forces as the joints'
+    memory = [array for family in families for array in family if array is not None and array is not written]
     kept = [array.copy() for array in memory]
     state.links.seen[:] = came_from
     joint_forces(moving, driving)
@@ -358,7 +366,11 @@ class _Recorder:
             frames["orientation"] = bodies.orientation[None][due].copy()
             if "velocity" in channels:
                 frames["velocity"], frames["spin"] = bodies.velocity[None][due].copy(), bodies.spin[None][due].copy()
+            shift = moving.polygons.shift
+            if "joints" in channels:
+                frames["joint_shift"] = shift[None][due].copy()
             if "contacts" in channels:
+                frames["contact_arm"] = contact_arms(moving.state, shift)[None][due]
                 frames["contact_force"] = contact_forces(moving.state, moving.meetings.left_to_joints())[None][due]
                 frames["new_contacts"] = _in_frames(moving.meetings.pressed(moving.state.middle), due)
         moving.phases["record"] += time.perf_counter() - began

@@ -255,6 +255,18 @@ def contact_forces(state: MovingState, share: np.ndarray) -> np.ndarray:
     return on_b[:, None] * corners.force
 
 
+def contact_arms(state: MovingState, shift: np.ndarray) -> np.ndarray:
+    """Where every contact point is on its host (c, 2), along the joint's tangents from O of the start (m).
+
+    ``shift`` (j, 2): where O is now, from there, see `Polygons`.
+    """
+    if state.corners is None:
+        return np.zeros((0, 2))
+    corners = state.corners
+    own = np.repeat(corners.joint, np.diff(corners.start))
+    return np.column_stack([corners.x, corners.y]) + shift[own]
+
+
 def out_of_balance(state: MovingState, gravity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Force (n, 3) and torque (n, 3) on every block under ``gravity`` (3,), loads and the last joint forces."""
     bodies, links = state.bodies, state.links

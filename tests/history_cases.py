@@ -160,7 +160,8 @@ def finished(path, in_real_time=False, **options):
     """A finished history of 20 rows and 4 frames at ``path``, with all channels."""
     with open_writer(path, channels=model.CHANNELS, **options) as out:
         out.append(record(0, 20) | ({"new_contacts": np.arange(20) % 4} if in_real_time else {}))
-        out.append_frames(*frames(0, 4), **motion(0, 4), new_contacts=new_contacts(0, 4))
+        shifted = {"joint_shift": np.zeros((4, 1, 2)), "contact_arm": np.zeros((4, 4, 2))}
+        out.append_frames(*frames(0, 4), **motion(0, 4), **shifted, new_contacts=new_contacts(0, 4))
         out.finish("yield", RESULTS)
     return path
 

@@ -234,13 +234,93 @@ def test_vtk_reads_the_contact_forces_at_every_step(tmp_path):
         arms = np.column_stack([assembly.joints[0].polygon, np.full(4, -0.05)])
         world = [0.0, 0.0, 0.05] + displacement[0, 1] + [rotated(orientation[0, 1], p) for p in arms]
         np.testing.assert_allclose(step["points"][:4], world, rtol=0, atol=1e-15)
-        # the convex joint's resultant: M_1 = -y N, M_2 = x N, seen from block 1, which carries O and the axes
+        # the convex joint's resultant: M_1 = -y N, M_2 = x N, from O on block 2, on which the polygon rides, in the
+        # plane of block 1 and along the first tangent of block 2 that is laid into it
         N, V_1, V_2, _, M_1, M_2, _ = 10.0 * k + 10.0 + 0.1 * np.arange(7)
-        turn = orientation[0, 1]
-        at = [0.0, 0.0, 0.05] + displacement[0, 1] + rotated(turn, [M_2 / N, -M_1 / N, 0.05])
-        np.testing.assert_allclose(step["points"][4], at, rtol=0, atol=1e-15)
-        np.testing.assert_allclose(step["at_points"]["force"][4], rotated(turn, [-V_1, -V_2, N]), rtol=1e-6)
+
+        def turned(i, vector, now=orientation[0]):
+            return rotated(now[i], rotated(assembly.orientation[i] * [1, -1, -1, -1], np.array(vector)))
+
+        normal, t1 = turned(1, [0.0, 0.0, 1.0]), turned(2, [1.0, 0.0, 0.0])
+        t1 = (t1 - (t1 @ normal) * normal) / np.linalg.norm(t1 - (t1 @ normal) * normal)
+        t2, host = np.cross(normal, t1), assembly.position[2]
+        at = host + displacement[0, 2] + turned(2, [0.0, 0.0, 0.1] - host) + (M_2 * t1 - M_1 * t2) / N
+        np.testing.assert_allclose(step["points"][4], at, rtol=0, atol=1e-12)  # 1 km away
+        force = -V_1 * t1 - V_2 * t2 + N * normal
+        np.testing.assert_allclose(step["at_points"]["force"][4], force, rtol=1e-5)
     assert steps[0]["vertices"] == [(0,), (1,), (2,), (3,), (4,)]
+
+
+def real_time(folder, n_frame=N_FRAME):
+    """A finished history whose frames have new contacts: none, one, two or three each."""
+    assembly = cases.assembly()
+    with history.HistoryWriter(folder / "run.h5", cases.SCENARIO, assembly, {}, channels=EVERYTHING) as writer:
+        writer.append(cases.record(0, n_frame) | {"new_contacts": np.arange(n_frame) % 4})
+        met, arms = cases.new_contacts(0, n_frame), np.tile(assembly.joints[0].polygon, (n_frame, 1, 1))
+        arms[2:, 1] += [-0.02, 0.03]
+        moving = cases.motion(0, n_frame) | {"joint_shift": np.zeros((n_frame, 1, 2)), "contact_arm": arms}
+        writer.append_frames(*cases.frames(0, n_frame), **moving, new_contacts=met)
+        writer.finish("completed", {})
+    return history.read(folder / "run.h5")
+
+
+@pytest.mark.parametrize("together", [1 << 22, 20_000])
+def test_vtk_reads_the_new_contacts_of_every_step(tmp_path, monkeypatch, together):
+    """As many vertices as a step has, also none; two steps at a time, too."""
+    monkeypatch.setattr(vtkhdf, "_HELD", together)
+    written = export.to_vtkhdf(real_time(tmp_path), tmp_path / "out.vtkhdf", only=["contacts"])
+    assert [os.path.basename(name) for name in written] == ["out_contacts.vtkhdf", "out_new_contacts.vtkhdf"]
+    times, steps = vtk_steps(written[1])
+    assert times == cases.frames(0, N_FRAME)[0].tolist()
+    for k, step in enumerate(steps):
+        met = cases.new_contacts(k, k + 1)
+        np.testing.assert_array_equal(step["points"], met["point"])
+        assert step["vertices"] == [(i,) for i in range(k % 4)] and step["faces"] == []
+        if k % 4:
+            for name in ("force", "torque", "normal", "area", "slip"):
+                np.testing.assert_allclose(step["at_points"][name], met[name], rtol=1e-6, err_msg=name)
+            normal = (met["force"] * met["normal"]).sum(axis=1)
+            np.testing.assert_allclose(step["at_points"]["normal_force"], normal, rtol=1e-6)
+            assert step["at_points"]["block_b"].tolist() == [1] * (k % 4)
+
+
+def test_contact_points_that_were_cut_are_shown_where_they_are(tmp_path):
+    """One of the four has moved on its block from the third frame on."""
+    written = export.to_vtkhdf(real_time(tmp_path), tmp_path / "out.vtkhdf", only=["contacts"])
+    for k, step in enumerate(vtk_steps(written[0])[1]):
+        arms = np.column_stack([cases.assembly().joints[0].polygon, np.full(4, -0.05)])
+        arms[1, :2] += np.array([-0.02, 0.03]) * (k >= 2)
+        _, displacement, orientation = cases.frames(k, k + 1)
+        world = [0.0, 0.0, 0.05] + displacement[0, 1] + [rotated(orientation[0, 1], arm) for arm in arms]
+        np.testing.assert_allclose(step["points"], world, rtol=0, atol=1e-15)
+
+
+def test_pvd_lists_the_new_contacts(tmp_path):
+    pytest.importorskip("meshio")
+    reader = pytest.importorskip("vtkmodules.vtkIOXML").vtkXMLUnstructuredGridReader()
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
+    written = [os.path.basename(name) for name in export.to_pvd(real_time(tmp_path), tmp_path / "out.pvd")]
+    assert written[:4] == ["out.pvd", "out_joints.pvd", "out_contacts.pvd", "out_new_contacts.pvd"]
+    for k in range(4):
+        reader.SetFileName(str(tmp_path / f"out_new_contacts_{k:05d}.vtu"))
+        reader.Update()
+        grid, met = reader.GetOutput(), cases.new_contacts(k, k + 1)
+        assert grid.GetNumberOfCells() == grid.GetNumberOfPoints() == k
+        if k:
+            np.testing.assert_array_equal(vtk_to_numpy(grid.GetPoints().GetData()), met["point"])
+            force = vtk_to_numpy(grid.GetPointData().GetArray("force"))
+            np.testing.assert_allclose(force, met["force"], rtol=1e-6)
+
+
+def test_an_export_says_that_new_contacts_were_not_recorded(tmp_path):
+    with history.HistoryWriter(tmp_path / "run.h5", cases.SCENARIO, cases.assembly(), {}) as writer:
+        writer.append(cases.record(0, 4) | {"new_contacts": np.arange(4)})
+        writer.append_frames(*cases.frames(0, 4), joint_shift=np.zeros((4, 1, 2)))
+        writer.finish("completed", {})
+    remarks = []
+    export.to_vtkhdf(history.read(tmp_path / "run.h5"), tmp_path / "out.vtkhdf", remarks.append)
+    assert sum("new contacts" in remark and '"contacts" in output.channels' in remark for remark in remarks) == 1
 
 
 def test_contacts_without_recorded_forces_show_the_normal_forces(tmp_path):

@@ -81,7 +81,7 @@ def run(
         series=lambda name, a, b: rows[a:b, :, CHANNELS.index(name.removeprefix("joint/"))],
     )
     channels = {"displacement": displacement, "orientation": orientation, "contact_force": forces}
-    found.frame_values = lambda name, a, b: None if channels[name] is None else channels[name][a:b]
+    found.frame_values = lambda name, a, b: None if channels.get(name) is None else channels[name][a:b]
     return found
 
 

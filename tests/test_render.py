@@ -170,11 +170,17 @@ def test_forces_of_joints(run, drawing):
     with drawn(run, forces=True, magnification=1.0) as found:
         arrows = found._arrows
         N, V_1, V_2, _, M_1, M_2, _ = JointMotion(run).resultants(3)[0]
-        np.testing.assert_allclose(arrows["force"][0], [-V_1, -V_2, N])
+        # the axes are those of the upper block, on which the polygon rides, laid into the plane of the lower one
+        axis, middle = np.array([1.0, 2.0, -2.0]) / 3.0, np.array([0.0, 0.0, 0.05])
+        t1 = rodrigues(np.array([[1.0, 0.0, 0.0]]), axis, 0.03)[0] * [1.0, 1.0, 0.0]
+        t1 /= np.linalg.norm(t1)
+        axes = np.array([t1, np.cross([0.0, 0.0, 1.0], t1), [0.0, 0.0, 1.0]])
+        np.testing.assert_allclose(arrows["force"][0], np.array([-V_1, -V_2, N]) @ axes)
         limit = np.hypot(0.15, 0.1)
-        at = np.array([M_2, -M_1]) / N
+        at = np.array([M_2, -M_1, 0.0]) / N
         at *= min(1.0, limit / np.linalg.norm(at))
-        np.testing.assert_allclose(arrows.points[0], [*at, 0.0], atol=1e-12)
+        place = middle + run.frame_displacement(3)[1] + rodrigues((at - middle)[None], axis, 0.03)[0]
+        np.testing.assert_allclose(arrows.points[0], place, atol=1e-12)
         assert arrows["length"][0] == pytest.approx(0.6 * 0.3)
         assert f"green: joint forces, the longest {np.sqrt(V_1**2 + V_2**2 + N**2):.4g} N" in found._text.input
         # blocks shine through: two faces on white, in the bar too
@@ -185,8 +191,10 @@ def test_forces_of_joints(run, drawing):
 
 
 def test_forces_ride_on_the_blocks_that_are_drawn(tmp_path, drawing):
-    """The second joint of three blocks, whose block a moves: ten times as far in the picture."""
-    with history.HistoryWriter(tmp_path / "run.h5", cases.SCENARIO, cases.mixed_assembly(), {}) as writer:
+    """The second joint of three blocks, whose polygon rides on the third: ten times as far in the picture."""
+    assembly = cases.mixed_assembly()
+    assembly.orientation[2] = [1.0, 0.0, 0.0, 0.0]
+    with history.HistoryWriter(tmp_path / "run.h5", cases.SCENARIO, assembly, {}) as writer:
         writer.append(cases.record(0, 31, 2, 0))
         writer.append_frames(*cases.frames(0, 4, 3))
         writer.finish("completed", {})
@@ -194,10 +202,10 @@ def test_forces_ride_on_the_blocks_that_are_drawn(tmp_path, drawing):
         N, V_1, V_2, _, M_1, M_2, _ = JointMotion(three).resultants(3)[1]
         at = np.array([M_2, -M_1, 0.0]) / N
         at *= min(1.0, np.hypot(0.15, 0.1) / np.linalg.norm(at))
-        axis, middle = np.array([1.0, 2.0, -2.0]) / 3.0, np.array([0.0, 0.0, 0.05])
+        axis, middle = np.array([1.0, 2.0, -2.0]) / 3.0, np.array([0.4, 1000.0, 0.2])
         arm = rodrigues((np.array([0.0, 0.0, 0.1]) + at - middle)[None], axis, 10.0 * 0.03)[0]
-        expected = middle + 10.0 * three.frame_displacement(3)[1] + arm
-        np.testing.assert_allclose(found._arrows.points[1], expected, rtol=0, atol=1e-12)
+        expected = middle + 10.0 * three.frame_displacement(3)[2] + arm
+        np.testing.assert_allclose(found._arrows.points[1], expected, rtol=0, atol=1e-10)
         force = rodrigues(np.array([[-V_1, -V_2, N]]), axis, 0.03)[0]
         np.testing.assert_allclose(found._arrows["force"][1], force, rtol=1e-12)
 

@@ -150,6 +150,8 @@ STRANGE = {
     "absurd velocity": replaced("frames/velocity", absurd((10**12, 2, 3), chunks=(64, 2, 3))),
     "external spin": replaced("frames/spin", external),
     "soft contacts": replaced("frames/contact_force", soft),
+    "shift of another shape": replaced("frames/joint_shift", put(np.zeros((4, 1)))),
+    "arms too short": replaced("frames/contact_arm", put(np.zeros((4, 3, 2)))),
     "new contacts backwards": lambda file, _: file["frames/new_contacts/end"].__setitem__(1, 5),
     "new contacts negative": lambda file, _: file["frames/new_contacts/end"].__setitem__(0, -1),
     "new contacts beyond": lambda file, _: file["frames/new_contacts/end"].__setitem__(3, 7),

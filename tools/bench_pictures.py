@@ -23,6 +23,7 @@ import numpy as np
 from dembrick import assembly as assemblies
 from dembrick import history
 from dembrick import scenario as scenarios
+from dembrick.history.layout import NEW_CONTACTS
 
 WALL = """
 title = "A wall of {blocks} blocks a course and {courses} courses, leaning over"
@@ -73,11 +74,16 @@ def made_up(path: Path, n_block: int, n_frame: int, formulation: str, channels: 
             shift[..., 1] = angle * place[:, 2]
             turn = np.zeros((len(t), len(mass), 4))
             turn[..., 0], turn[..., 1] = np.cos(angle / 2), -np.sin(angle / 2)
-            more = {}
+            more = {"joint_shift": np.zeros((len(t), len(joints), 2))}
             if "velocity" in channels:
-                more = {"velocity": shift, "spin": shift}
+                more |= {"velocity": shift, "spin": shift}
             if "contacts" in channels:
                 more["contact_force"] = np.tile([0.0, 1.0, 25.0], (len(t), points, 1))
+                arms = [points.normal_arm for points in assembly.contact_points if points is not None]
+                more["contact_arm"] = np.tile(np.concatenate([np.zeros((0, 2)), *arms]), (len(t), 1, 1))
+                more["new_contacts"] = {"count": np.zeros(len(t), int)} | {
+                    name: np.zeros((0, *tail)) for name, (_, tail, _, _) in NEW_CONTACTS.items()
+                }
             writer.append_frames(t, shift, turn, **more)
         writer.finish("completed", {})
     print(f"# {path.name}: {len(mass)} blocks, {len(joints)} joints, {points} contact points, {n_frame} frames")

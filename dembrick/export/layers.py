@@ -1,10 +1,11 @@
-"""What an export shows: blocks, joints and contact points as cells that move, with their quantities.
+"""What an export shows: blocks, joints and contacts as cells that move, with their quantities.
 
 | layer | cells | quantities |
 |---|---|---|
 | blocks | the faces of all blocks | block; displacement, velocity, spin, kinetic_energy; displacement of every vertex |
 | joints | the polygons, riding on their hosts | joint, block_a, block_b; N, V_1, V_2, V, M_T, M_1, M_2, slip, utilisation, state, open_share, torsion_centre, torsion_centre_joint; opening at every corner |
 | contacts | a vertex a contact point | joint; force on block b, normal_force |
+| new_contacts | a vertex a contact that formed in the run, as many as each frame has | block_a, block_b; force and torque on block b, normal, normal_force, area, slip |
 
 SI units, world axes. ``state``: 0 closed, 1 partly open, 2 open. ``torsion_centre`` is in the world,
 ``torsion_centre_joint`` along t1 and t2 from O; NaN where there is none. A convex joint has one contact, where its
@@ -26,7 +27,7 @@ from dembrick.joint_motion import CHANNELS, STATES, JointFrames, JointMotion, Re
 from dembrick.kernels.recorded_motion import resultant_points
 from dembrick.shapes import rotation_matrix
 
-LAYERS = ("blocks", "joints", "contacts")
+LAYERS = ("blocks", "joints", "contacts")  # the last with the new contacts, where there can be any
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,11 +71,15 @@ class Layer(Protocol):
 
 
 class Picture:
-    """The layers ``only`` that a history can fill, by the suffix of their files; ``report`` hears what is missing."""
+    """The layers ``only`` that a history can fill, by the suffix of their files; ``report`` hears what is missing.
+
+    ``scattered``: those whose cells are others in every frame.
+    """
 
     def __init__(self, history: History, report: Callable[[str], None] | None = None, only: Collection[str] = LAYERS):
         self._history, self._joints = history, None
         self.layers: dict[str, Layer] = {}
+        self.scattered: dict[str, NewContacts] = {}
         report = report or (lambda _: None)
         if "blocks" in only:
             self.layers[""] = blocks = Blocks(history)
@@ -82,6 +87,10 @@ class Picture:
                 report(
                     'velocities were not recorded: taken from the frames; "velocity" in output.channels records them'
                 )
+        if "contacts" in only and history.has_new_contacts:
+            self.scattered["_new_contacts"] = NewContacts(history)
+        elif "contacts" in only and history.meets_anew and history.new_contacts.any():
+            report('the forces of new contacts were not recorded; "contacts" in output.channels records them')
         if not (history.n_joint and {"joints", "contacts"} & set(only)):
             return
         forces = history.has_joints and history.n_row > 0
@@ -176,7 +185,10 @@ class Contacts:
     def __init__(self, history: History, joints: JointMotion, forces: bool):
         counts = np.diff(joints.point_start)
         arms, _, _, own = joints.points
-        self._motion = CarriedPoints(history, *_on_hosts(history, joints, own, arms))
+        body, self._host = _on_hosts(history, joints, own, arms)
+        self._motion, self._arms = CarriedPoints(history, body, self._host), arms
+        turn = rotation_matrix(history.orientation0)[self._host]
+        self._tangents = np.einsum("nji,nkj->nki", turn, joints.axes[own, :2])  # body axes of the hosts
         self._convex = np.flatnonzero(counts == 0) if forces else np.zeros(0, np.int64)
         owner = np.concatenate([own, self._convex])
         self.n_point = len(owner)
@@ -185,12 +197,14 @@ class Contacts:
 
     def frames(self, span: Span) -> Frames:
         """Points and values of some frames."""
-        joints, points = span.joints, self._motion.points(span.poses)
+        joints, points = span.joints, self._places(span)
         force, normal = joints.point_forces, joints.normal_forces
         if len(self._convex):
             resultants = joints.resultants[:, self._convex]
             own, at = np.empty((*resultants.shape[:2], 3)), np.empty((*resultants.shape[:2], 3))
-            resultant_points(resultants, joints.origin[:, self._convex], joints.axes[:, self._convex], own, at)
+            resultant_points(
+                resultants, *(values[:, self._convex] for values in (joints.acting_origin, joints.acting_axes)), own, at
+            )
             if not points.size:
                 force = own
             elif force is not None:
@@ -199,6 +213,35 @@ class Contacts:
             normal = np.concatenate([normal, resultants[..., 0]], axis=1)
         data = {"normal_force": normal} if force is None else {"force": force, "normal_force": normal}
         return Frames(points, {name: values.astype(np.float32) for name, values in data.items()}, {})
+
+    def _places(self, span: Span) -> np.ndarray:
+        """Where the points are (f, c, 3); those of a polygon that was cut have moved on their host."""
+        points = self._motion.points(span.poses)
+        arms = span.history.frame_values("contact_arm", span.start, span.stop)
+        if arms is None:
+            return points
+        moved = np.flatnonzero((arms != self._arms).any(axis=(0, 2)))
+        if len(moved):
+            away = np.einsum("fci,cik->fck", arms[:, moved] - self._arms[moved], self._tangents[moved])
+            points[:, moved] += np.einsum("fcik,fck->fci", span.poses.rotation[:, self._host[moved]], away)
+        return points
+
+
+class NewContacts:
+    """The contacts that formed in the run and carry a force, a vertex at the centre of pressure of each."""
+
+    def __init__(self, history: History):
+        self._history = history
+
+    def frames(self, start: int, stop: int) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+        """Frames start to stop: where the vertices of each begin and those of the last end (f + 1,), all points (c, 3)
+        m, and values by name (c, ...)."""
+        starts, found = self._history.frame_new_contacts(start, stop)
+        blocks, normal, force = (found[name] for name in ("blocks", "normal", "force"))
+        values = {"force": force, "normal_force": (force * normal).sum(axis=1), "normal": normal}
+        values |= {name: found[name] for name in ("torque", "area", "slip")}
+        values = {name: value.astype(np.float32) for name, value in values.items()}
+        return starts, found["point"], {**values, "block_a": blocks[:, 0], "block_b": blocks[:, 1]}
 
 
 def _on_hosts(history: History, joints: JointMotion, own: np.ndarray, arms: np.ndarray):

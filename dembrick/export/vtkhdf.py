@@ -13,9 +13,10 @@ import numpy as np
 from h5py import h5d, h5p, h5s, h5t
 
 from dembrick.export.files import checked_target, writing
-from dembrick.export.layers import LAYERS, Frames, Layer, Picture
+from dembrick.export.layers import LAYERS, Frames, Layer, NewContacts, Picture
 from dembrick.history import History, replacing
 
+_KINDS = ("Vertices", "Lines", "Polygons", "Strips")  # of cells: VTK wants all four
 _HELD = 1 << 22  # bytes of points held at a time
 
 
@@ -25,7 +26,8 @@ def to_vtkhdf(
     report: Callable[[str], None] | None = None,
     only: Collection[str] = LAYERS,
 ) -> list[str]:
-    """The blocks at ``path``, the joints at ``<stem>_joints.vtkhdf``, contact forces at ``<stem>_contacts.vtkhdf``."""
+    """The blocks at ``path``, the joints at ``<stem>_joints.vtkhdf``, contact forces at ``<stem>_contacts.vtkhdf``, and
+    those of contacts that formed in the run at ``<stem>_new_contacts.vtkhdf``."""
     target = checked_target(history, path)
     stem, ending = os.path.splitext(target)
     with writing(path), ExitStack() as stack:
@@ -44,8 +46,11 @@ def to_vtkhdf(
             if last is not None:
                 last.result()  # no more than two spans are held
             last = writer.submit(_fill, start, found)
-        last.result()
-    return [stem + suffix + ending for suffix in picture.layers]
+        if last is not None:
+            last.result()
+        for suffix, scattered in picture.scattered.items():
+            _scatter(stack.enter_context(replacing(stem + suffix + ending)), scattered, times)
+    return [stem + suffix + ending for suffix in (*picture.layers, *picture.scattered)]
 
 
 def _moving(frames: Frames) -> dict[str, np.ndarray]:
@@ -65,10 +70,8 @@ def _begin(path: str, layer: Layer, first: Frames, times: np.ndarray) -> dict[st
     """
     n_step, places = len(times), {}
     with h5py.File(path, "w") as file:
-        root = file.create_group("VTKHDF")
-        root.attrs["Version"] = np.array([2, 2])
-        root.attrs.create("Type", b"PolyData", dtype=h5py.string_dtype("ascii", 8))
-        for kind in ("Vertices", "Lines", "Polygons", "Strips"):
+        root, steps = _poly_data(file, times)
+        for kind in _KINDS:
             cells = layer.cells if kind == layer.kind else []
             group = root.create_group(kind)
             group["NumberOfCells"] = np.array([len(cells)])
@@ -77,9 +80,6 @@ def _begin(path: str, layer: Layer, first: Frames, times: np.ndarray) -> dict[st
             group["Connectivity"] = corners
             group["Offsets"] = np.cumsum([0, *map(len, cells)], dtype=np.int64)
         root["NumberOfPoints"] = np.array([layer.n_point])
-        steps = root.create_group("Steps")
-        steps.attrs["NSteps"] = n_step
-        steps["Values"] = times
         still, step = np.zeros(n_step, np.int64), np.arange(n_step)
         steps["PartOffsets"], steps["NumberOfParts"] = still, still + 1
         steps["PointOffsets"] = step * layer.n_point
@@ -96,6 +96,49 @@ def _begin(path: str, layer: Layer, first: Frames, times: np.ndarray) -> dict[st
                 kind, _, name = place.partition("/")
                 steps[f"{kind}Offsets/{name}"] = step * count
     return places
+
+
+def _poly_data(file: h5py.File, times: np.ndarray) -> tuple[h5py.Group, h5py.Group]:
+    """The groups of a PolyData, and of its steps."""
+    root = file.create_group("VTKHDF")
+    root.attrs["Version"] = np.array([2, 2])
+    root.attrs.create("Type", b"PolyData", dtype=h5py.string_dtype("ascii", 8))
+    steps = root.create_group("Steps")
+    steps.attrs["NSteps"] = len(times)
+    steps["Values"] = times
+    return root, steps
+
+
+def _scatter(path: str, layer: NewContacts, times: np.ndarray) -> None:
+    """Vertices that are others in every step: each step is a part of its own, with its connectivity."""
+    n_step, together = len(times), max(1, _HELD // 10_000)
+    with h5py.File(path, "w") as file:
+        root, steps = _poly_data(file, times)
+        counts = np.concatenate(
+            [np.diff(layer.frames(k, min(k + together, n_step))[0]) for k in range(0, n_step, together)]
+        )
+        total, first = int(counts.sum()), np.cumsum([0, *counts[:-1]])
+        for kind in _KINDS:
+            own = counts if kind == "Vertices" else np.zeros_like(counts)
+            group = root.create_group(kind)
+            group["NumberOfCells"] = group["NumberOfConnectivityIds"] = own
+            group["Connectivity"] = np.concatenate([*map(np.arange, own), ()]).astype(np.int64)
+            group["Offsets"] = np.concatenate([np.arange(count + 1) for count in own]).astype(np.int64)
+        root["NumberOfPoints"] = counts
+        step = np.arange(n_step)
+        steps["PartOffsets"], steps["NumberOfParts"], steps["PointOffsets"] = step, np.ones_like(step), first
+        before = np.zeros((n_step, len(_KINDS)), np.int64)
+        before[:, 0] = first
+        steps["CellOffsets"] = steps["ConnectivityIdOffsets"] = before
+        for start in range(0, n_step, together):
+            starts, points, values = layer.frames(start, min(start + together, n_step))
+            for name, array in {"Points": points, **{f"PointData/{name}": v for name, v in values.items()}}.items():
+                if name not in root:
+                    root.create_dataset(name, (total, *array.shape[1:]), array.dtype)
+                    if name != "Points":
+                        steps[f"PointDataOffsets/{name.removeprefix('PointData/')}"] = first
+                if len(array):
+                    root[name][first[start] : first[start] + starts[-1]] = array
 
 
 def _reserved():

@@ -196,10 +196,17 @@ def fields(
             Field("frames/velocity", (n_block, 3), "m/s", "velocity of each centroid half a step before, world axes"),
             Field("frames/spin", (n_block, 3), "rad/s", "angular velocity half a step before, world axes"),
         ]
+    if meets_anew and "joints" in channels:
+        about = "where O is on the block that the polygon rides on, from O of the start, along t1 and t2 of the joint"
+        frames.append(Field("frames/joint_shift", (len(assembly.joints), 2), "m", about))
     if "contacts" in channels:
         about = "force on block b at each contact point, world axes; the points are those of geometry/joints/point"
         frames.append(Field("frames/contact_force", (contact_points(assembly), 3), "N", about))
         if meets_anew:
+            about = (
+                "where each contact point is on the block that the polygon rides on, from O of the start, along t1, t2"
+            )
+            frames.append(Field("frames/contact_arm", (contact_points(assembly), 2), "m", about))
             about = "entries of frames/new_contacts of all frames up to this one"
             frames.append(Field("frames/new_contacts/end", (), "1", about, "<i8"))
             frames += [

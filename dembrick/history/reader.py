@@ -13,6 +13,8 @@ from dembrick.errors import HistoryError
 from dembrick.history import guard
 from dembrick.history.layout import FORMAT, JOINT_CHANNELS, NEW_CONTACTS, WRITTEN
 
+_AT_POINTS = {"contact_force": 3, "contact_arm": 2}  # numbers of a frame at every contact point of joints
+
 
 def read(path: str | os.PathLike) -> History:
     """Open a history file; HistoryError if it is not one. Close it, or use it in a ``with`` statement."""
@@ -84,9 +86,10 @@ class History:
             blocks = {"time": (), "position": (self.n_block, 3), "displacement": (self.n_block, 3)}
             blocks["orientation"] = (self.n_block, 4)
             blocks |= {name: (self.n_block, 3) for name in ("velocity", "spin") if name in framed}
-            if "contact_force" in framed:
-                n_point = guard.dataset(self._file, "geometry/joints/point", "number", (None, 5)).shape[0]
-                blocks["contact_force"] = (n_point, 3)
+            if "joint_shift" in framed:
+                blocks["joint_shift"] = (self.n_joint, 2)
+            n_point = guard.dataset(self._file, "geometry/joints/point", "number", (None, 5)).shape[0]
+            blocks |= {name: (n_point, wide) for name, wide in _AT_POINTS.items() if name in framed}
             if "new_contacts" in framed:
                 blocks["new_contacts/end"] = ()
             tails |= {f"frames/{name}": tail for name, tail in blocks.items()}
@@ -284,8 +287,8 @@ class History:
         return self._frame("contact_force", k)
 
     def frame_values(self, name: str, start: int, stop: int) -> np.ndarray | None:
-        """Frames start to stop of ``position``, ``displacement``, ``orientation``, ``velocity``, ``spin`` or
-        ``contact_force``, as (f, ...); None if not recorded."""
+        """Frames start to stop of ``position``, ``displacement``, ``orientation``, ``velocity``, ``spin``,
+        ``contact_force``, ``contact_arm`` or ``joint_shift``, as (f, ...); None if not recorded."""
         if not 0 <= start <= stop <= self.n_frames:
             raise IndexError(f"frames {start} to {stop} of {self.path}, which has {self.n_frames}")
         data = self._series.get(f"frames/{name}")

@@ -147,17 +147,18 @@ class HistoryWriter:
         self._add(channels, (len(record["time"]), 0, 0))
 
     def append_frames(
-        self, time, displacement, orientation, velocity=None, spin=None, contact_force=None, new_contacts=None
+        self, time, displacement, orientation, *, new_contacts: Mapping | None = None, **channels: np.ndarray
     ) -> None:
         """Add F frames: ``time`` (F,), ``displacement`` from the start (F, n_block, 3), ``orientation``
-        (F, n_block, 4); ``velocity`` and ``spin`` (F, n_block, 3) and ``contact_force`` (F, n_point, 3) where they are
-        channels of this history; ``new_contacts`` with the latter in a run in real time: ``count`` (F,), how many each
-        frame has, and what `layout.NEW_CONTACTS` names of all of them (C, ...)."""
+        (F, n_block, 4), and the ``channels`` of this history: ``velocity`` and ``spin`` (F, n_block, 3),
+        ``contact_force`` (F, n_point, 3); in a run in real time also ``joint_shift`` (F, n_joint, 2), ``contact_arm``
+        (F, n_point, 2) and ``new_contacts``: ``count`` (F,), how many each frame has, and what `layout.NEW_CONTACTS`
+        names of all of them (C, ...). What is no channel of this history is left out."""
         if "frames" not in self._channels:
             raise ValueError("this history was opened without frames")
         displacement = np.asarray(displacement, float)
         frames = {"time": time, "position": self._position0 + displacement, "displacement": displacement}
-        frames |= {"orientation": orientation, "velocity": velocity, "spin": spin, "contact_force": contact_force}
+        frames |= {"orientation": orientation, **channels}
         contacts = 0
         if "new_contacts/end" in self._frame_fields:
             end = self._counts[layout.CONTACTS] + np.cumsum(new_contacts["count"], dtype=np.int64)

@@ -78,6 +78,55 @@ def ride(displacement, orientation, back, block_a, arm, origin, axes, origin_out
 
 
 @entry
+def ride_in_plane(displacement, orientation, back, host, other, arm, origin, axes, shift, origin_out, axes_out):
+    """The points O (f, j, 3) where resultants act, and their axes (f, j, 3, 3) as rows, world.
+
+    As `ride`, but O rides on the ``host`` of the polygon, ``shift`` (f, j, 2) away from where it was on it, along its
+    tangents; the normal is that of the ``other``'s face, and t1 that of the host laid into its plane.
+    """
+    for k in range(displacement.shape[0]):
+        for j in range(host.size):
+            h = host[j]
+            q = orientation[k, h]
+            p = back[h]
+            w, x, y, z = product(q[0], q[1], q[2], q[3], p[0], p[1], p[2], p[3])
+            t = axes[j, 0]
+            s1 = shift[k, j, 0] * t[0] + shift[k, j, 1] * axes[j, 1, 0]
+            s2 = shift[k, j, 0] * t[1] + shift[k, j, 1] * axes[j, 1, 1]
+            s3 = shift[k, j, 0] * t[2] + shift[k, j, 1] * axes[j, 1, 2]
+            r1, r2, r3 = turning(w, x, y, z, arm[j, 0] + s1, arm[j, 1] + s2, arm[j, 2] + s3)
+            origin_out[k, j, 0] = origin[j, 0] + s1 + displacement[k, h, 0] + r1
+            origin_out[k, j, 1] = origin[j, 1] + s2 + displacement[k, h, 1] + r2
+            origin_out[k, j, 2] = origin[j, 2] + s3 + displacement[k, h, 2] + r3
+            t1, t2, t3 = turning(w, x, y, z, t[0], t[1], t[2])
+            t1 += t[0]
+            t2 += t[1]
+            t3 += t[2]
+            o = other[j]
+            q = orientation[k, o]
+            p = back[o]
+            w, x, y, z = product(q[0], q[1], q[2], q[3], p[0], p[1], p[2], p[3])
+            n = axes[j, 2]
+            n1, n2, n3 = turning(w, x, y, z, n[0], n[1], n[2])
+            n1 += n[0]
+            n2 += n[1]
+            n3 += n[2]
+            along = t1 * n1 + t2 * n2 + t3 * n3
+            t1 -= along * n1
+            t2 -= along * n2
+            t3 -= along * n3
+            size = sqrt(t1 * t1 + t2 * t2 + t3 * t3)
+            out = axes_out[k, j]
+            out[0, 0] = t1 / size
+            out[0, 1] = t2 / size
+            out[0, 2] = t3 / size
+            out[1, 0], out[1, 1], out[1, 2] = cross(n1, n2, n3, out[0, 0], out[0, 1], out[0, 2])
+            out[2, 0] = n1
+            out[2, 1] = n2
+            out[2, 2] = n3
+
+
+@entry
 def relative_motions(
     displacement, orientation, back, block_a, block_b, on_b, arm_a, arm_b, axes, turned, shift_out, turn_out, plane_out
 ):

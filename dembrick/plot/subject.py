@@ -109,9 +109,10 @@ class JointAlone:
         self.n_frames, self.frame_time, self.time = history.n_frames, history.frame_time, history.time
 
     def frame_values(self, name: str, start: int, stop: int) -> np.ndarray | None:
-        """Frames start to stop of a channel, (f, 2, ...) or (f, c, 3); None where not recorded."""
+        """Frames start to stop of a channel, (f, 2, ...), (f, c, ...) or (f, 1, 2); None where not recorded."""
         found = self._history.frame_values(name, start, stop)
-        return None if found is None else found[:, self._points if name == "contact_force" else self._blocks]
+        own = {"contact_force": self._points, "contact_arm": self._points, "joint_shift": [self._number]}
+        return None if found is None else found[:, own.get(name, self._blocks)]
 
     def series(self, name: str, start: int = 0, stop: int | None = None) -> np.ndarray:
         """(T, 1) of a channel of the joint."""

@@ -321,21 +321,19 @@ class Scene:
 
     def _joint_forces(self, frame: int, poses: Poses) -> tuple[np.ndarray, np.ndarray]:
         """Where the resultant of every joint passes, on the drawn blocks, and its force on b: (j, 3) m, (j, 3) N."""
-        joints = self._joints
-        resultants = joints.resultants(frame)
-        axes = joints.frame_axes(frame)
-        N, V_1, V_2, _, M_1, M_2 = resultants[:, :6].T
+        joints, now = self._joints, self._joints.at(range(frame, frame + 1))
+        N, V_1, V_2, _, M_1, M_2 = now.resultants[0, :, :6].T
         at = np.stack([M_2, -M_1], axis=1)
         at = np.divide(at, N[:, None], out=np.zeros_like(at), where=N[:, None] > 0.0)
         # the centre of pressure cannot be outside the joint but by rounding of a small N
         far = np.linalg.norm(at, axis=1)
         at *= np.minimum(1.0, np.divide(joints.size, far, out=np.ones_like(far), where=far > 0.0))[:, None]
-        first = rotation_matrix(self._history.orientation0)
-        turned = rotation_times(poses.rotation[0] @ first.swapaxes(1, 2), self._factor)[joints.block_a]
-        arm = joints.arm_a + np.einsum("ji,jik->jk", at, joints.axes[:, :2])
-        place = joints.origin - joints.arm_a + self._factor * poses.displacement[0, joints.block_a]
+        first, host = rotation_matrix(self._history.orientation0), joints.host
+        turned = rotation_times(poses.rotation[0] @ first.swapaxes(1, 2), self._factor)[host]
+        arm = joints.arm_host + np.einsum("ji,jik->jk", now.shift[0] + at, joints.axes[:, :2])
+        place = joints.origin - joints.arm_host + self._factor * poses.displacement[0, host]
         place = place + np.einsum("jik,jk->ji", turned, arm)
-        force = np.einsum("ji,jik->jk", np.stack([-V_1, -V_2, N], axis=1), axes)
+        force = np.einsum("ji,jik->jk", np.stack([-V_1, -V_2, N], axis=1), now.acting_axes[0])
         return place, force
 
     def _build_forces(self) -> None:
