@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from dembrick import interruption
 from dembrick.driving import Driving
 from dembrick.errors import DivergedError, NotConvergedError
 from dembrick.frequencies import (
@@ -39,6 +40,7 @@ SEATED = 1e-9  # out-of-balance force over joint forces that ends the seating
 ROUNDING = 4.0  # of the force that a rounded position makes: no less can be asked for
 SEATED_WITHIN = 0.01  # of the smallest block: sticking blocks that move further overturn
 MOST_SEATING = 200_000  # steps
+SEATING_CHUNK = 256  # steps after which it is seen whether the blocks rest
 LONGEST_MOVE = 0.1  # of the smallest block's reach: a step that moves a block further has diverged
 LONGEST_CHUNK = 2048  # steps
 MANY = 2000  # joints from which a step may be worth sharing among threads
@@ -131,13 +133,22 @@ def motion(assembly, damping: float, step_factor: float, impacts: float = 1.0) -
     return Motion(assembly, Polygons(assembly, state), dt, critical, damping)
 
 
-def seat(motion: Motion, driving: Driving, sticking: bool = False) -> float:
+def seat(
+    motion: Motion,
+    driving: Driving,
+    sticking: bool = False,
+    resume: Callable[[], None] | None = None,
+    pause: Callable[[], None] | None = None,
+) -> float:
     """Bring the blocks to rest under the loads of time nought; displacements count from there.
 
     Blocks that no chain of joints ties to a support are left where they are. Returns the out-of-balance force left,
     over the joint forces. Raises NotConvergedError where the blocks slide or overturn before time starts. With
     ``sticking`` no joint slips meanwhile, so that a block that is to slide from the start begins with its weight on the
     joint; and what overturns even so is put back, and begins to fall when time starts, out of balance by its weight.
+
+    ``pause`` is called between two chunks of steps, of which ``motion.seating_steps`` are done then; ``resume`` takes
+    state and steps back from there.
     """
     state = motion.state
     own = (motion._travel, motion.polygons.shift, motion.polygons.whole)
@@ -153,18 +164,24 @@ def seat(motion: Motion, driving: Driving, sticking: bool = False) -> float:
     limits = Limits(
         displacement=(SEATED_WITHIN if sticking else 1.0) * _smallest(motion), longest=LONGEST_MOVE * _smallest(motion)
     )
-    ratio, enough, steps, n = 1.0, SEATED, 0, 256
-    while steps < MOST_SEATING and len(held.free) and len(state.links.host):
-        status, done = _advance(motion, held, driving, np.zeros(n), limits, SEATING, SEATING_STEP * motion.time_step)
-        steps += done
-        ratio, enough = _unbalanced(state, driving, supported)
-        if ratio <= enough or status != RUNNING:
-            break
+    if resume is not None:
+        resume()
+    ratio, enough, begun = 1.0, SEATED, motion.seating_steps
+    dt = SEATING_STEP * motion.time_step
+    _advance(motion, held, driving, np.zeros(0), limits, SEATING, dt)  # compiles; a signal need not wait for that
+    with interruption.deferred():
+        while motion.seating_steps < MOST_SEATING and len(held.free) and len(state.links.host):
+            if pause is not None and motion.seating_steps > begun:
+                pause()
+            status, done = _advance(motion, held, driving, np.zeros(SEATING_CHUNK), limits, SEATING, dt)
+            motion.seating_steps += done
+            ratio, enough = _unbalanced(state, driving, supported)
+            if ratio <= enough or status != RUNNING:
+                break
     for family in (state.corners, state.faces):
         if family is not None:
             family.friction[:] = friction.pop(0)
     bodies.velocity[:], bodies.momentum[:], bodies.spin[:] = 0.0, 0.0, 0.0
-    motion.seating_steps = steps
     if len(held.free) and len(state.links.host) and not ratio <= enough:
         if sticking:
             motion.state = state  # without the room that cutting has made since
@@ -172,9 +189,9 @@ def seat(motion: Motion, driving: Driving, sticking: bool = False) -> float:
                 array[...] = value
             return 1.0
         raise NotConvergedError(
-            f"no equilibrium under the dead loads: after {steps} steps the out-of-balance force is still {ratio:.2g} "
-            "of the joint forces, so the blocks slide or overturn before the run begins; check loads, friction and "
-            "supports"
+            f"no equilibrium under the dead loads: after {motion.seating_steps} steps the out-of-balance force is "
+            f"still {ratio:.2g} of the joint forces, so the blocks slide or overturn before the run begins; check "
+            "loads, friction and supports"
         )
     bodies.start[:] = bodies.position
     return ratio

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -129,10 +130,12 @@ def run(moving: Motion, control, driving: Driving, session: Session) -> MotionRu
     dynamic, to_collapse = control.kind == "dynamic", drives_to_collapse(control)
     jack = _jack(moving, control)
     past = Past(moving, jack)
-    if session.resumed:
-        past.restore(session.resumed)
+    resume = partial(past.restore, session.resumed) if session.resumed else None
+    if resume is not None and past.has_begun(session.resumed):
+        resume()
     else:
-        past.unbalanced[0] = seat(moving, replace(driving, support_velocity=None), sticking=dynamic)
+        held = replace(driving, support_velocity=None)
+        past.unbalanced[0] = seat(moving, held, dynamic, resume, partial(session.pause, past))
         moving.phases["seating"], moving.loop_seconds = moving.loop_seconds, 0.0
         past.at_rest[:] = seen(moving.state.bodies, moving.state.links)
         if dynamic:
@@ -267,6 +270,8 @@ class Past:
     @property
     def where(self) -> str:
         """Steps done, and the time."""
+        if not self.moving.steps:
+            return f"step {self.moving.seating_steps} of the seating"
         return step_at(self.moving.steps, self.moving.time_step)
 
     def _arrays(self) -> dict[str, np.ndarray]:
@@ -282,13 +287,19 @@ class Past:
         moving = self.moving
         loop = np.array([moving.steps, moving.time_step, moving.seating_steps])
         parts = {name: getattr(moving.state, name) for name in PARTS}
-        return {"loop": loop, **moving.meetings.snapshot(), **self._arrays(), **flattened(parts)}
+        met = moving.meetings.snapshot() if moving.steps else {}  # nobody looks for pairs while blocks are seated
+        return {"loop": loop, **met, **self._arrays(), **flattened(parts)}
+
+    def has_begun(self, snapshot: Snapshot) -> bool:
+        """Whether the blocks were seated when the ``snapshot`` was taken, and time had begun."""
+        return bool(snapshot.array("loop", np.zeros(3))[0] > 0.0)
 
     def restore(self, snapshot: Snapshot) -> None:
         """Take it from a snapshot of the same scene; HistoryError where it is of another."""
         moving = self.moving
         steps, dt, seating = snapshot.array("loop", np.zeros(3)).tolist()
-        if not (steps > 0.0 and steps.is_integer() and seating >= 0.0 and seating.is_integer() and 0.0 < dt < math.inf):
+        counts = min(steps, seating) >= 0.0 < max(steps, seating) and steps.is_integer() and seating.is_integer()
+        if not (counts and 0.0 < dt < math.inf):
             raise HistoryError(f"{snapshot.path}: this checkpoint is of no step of this run")
         moving.steps, moving.time_step, moving.seating_steps = int(steps), dt, int(seating)
         for name, own in self._arrays().items():
@@ -304,7 +315,8 @@ class Past:
         if faces is not None and ((faces.count < 0).any() or (faces.count > faces.x.shape[1]).any()):
             raise HistoryError(f"{snapshot.path}: faces.count leads out of its polygons")
         moving.state = moving.state._replace(**parts)
-        moving.meetings.restore(moving.state, moving.polygons, snapshot)
+        if moving.steps:
+            moving.meetings.restore(moving.state, moving.polygons, snapshot)
 
 
 def _in_frames(pressed: dict[str, np.ndarray], due: slice) -> dict[str, np.ndarray]:
