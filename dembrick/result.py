@@ -87,6 +87,11 @@ class Result:
         return "yield" if self.scenario.control.kind == "yield" else "completed"
 
     @property
+    def counts_equilibria(self) -> bool:
+        """Whether the times of rows and frames are the numbers of equilibria."""
+        return on_all_blocks(self.scenario.control)
+
+    @property
     def points_miss(self) -> float | None:
         """The relative gap between the points of `distributed` joints that the program chose and the continuum, where
         it is beyond the tolerance (as where a joint overturns, whose last edge no points reach); else None."""

@@ -2,15 +2,18 @@
 
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 
+import h5py
 import history_cases as cases
 import numpy as np
 import pytest
 
-from dembrick import history, render
+from dembrick import export, history, plot, render
 from dembrick.cli import main
 from dembrick.errors import HistoryError, MissingDependency, OutputError, ScenarioError
 from dembrick.joint_motion import JointMotion
+from dembrick.model import CHANNELS
 from dembrick.render import images, scene, screen
 from dembrick.result import simulate
 from dembrick.shapes import box
@@ -210,6 +213,40 @@ def test_forces_ride_on_the_blocks_that_are_drawn(tmp_path, drawing):
         np.testing.assert_allclose(found._arrows["force"][1], force, rtol=1e-12)
 
 
+@pytest.mark.parametrize("factor", [1.0, 3.0])
+def test_forces_of_new_contacts(tmp_path, drawing, factor):
+    """As many arrows as the frame has, riding on the second block where that is drawn; the others have no length."""
+    with history.HistoryWriter(tmp_path / "run.h5", cases.SCENARIO, cases.assembly(), {}, channels=CHANNELS) as writer:
+        writer.append(cases.record(0, 5) | {"new_contacts": np.arange(5) % 4})
+        still = {"joint_shift": np.zeros((4, 1, 2)), "contact_arm": np.zeros((4, 4, 2))}
+        met = cases.new_contacts(0, 4)
+        writer.append_frames(*cases.frames(0, 4), **cases.motion(0, 4), **still, new_contacts=met)
+        writer.finish("completed", {})
+    axis, middle = np.array([1.0, 2.0, -2.0]) / 3.0, np.array([0.0, 0.0, 0.05])
+    with history.read(tmp_path / "run.h5") as found, drawn(
+        found, frames=(1, 2, 3), forces=True, magnification=factor
+    ) as shown:  # fmt: skip
+        for frame in (3, 1, 2):
+            shown.show(frame)
+            arrows, met = shown._met_arrows, cases.new_contacts(frame, frame + 1)
+            moved = found.frame_displacement(frame)[1]
+            # back to where the block stood, and on as far as it is drawn
+            start = rodrigues(met["point"] - middle - moved, axis, -0.01 * frame)
+            place = middle + factor * moved + rodrigues(start, axis, factor * 0.01 * frame)
+            np.testing.assert_allclose(arrows.points[:frame], place, atol=1e-5)
+            np.testing.assert_allclose(arrows["force"][:frame], met["force"])
+            size = np.linalg.norm(met["force"], axis=1)
+            np.testing.assert_allclose(arrows["length"][:frame] / size, arrows["length"][0] / size[0])
+            assert len(arrows["length"]) == 3 and not arrows["length"][frame:].any() and arrows["length"][0] > 0.0
+        assert "purple: those of new contacts" in shown._text.input
+    with history.HistoryWriter(tmp_path / "less.h5", cases.SCENARIO, cases.assembly(), {}) as writer:
+        writer.append(cases.record(0, 5) | {"new_contacts": np.arange(5) % 4})
+        writer.append_frames(*cases.frames(0, 4), joint_shift=np.zeros((4, 1, 2)))
+        writer.finish("completed", {})
+    with history.read(tmp_path / "less.h5") as found, drawn(found, forces=True) as shown:
+        assert "forces of new contacts were not recorded" in shown._text.input
+
+
 def test_torsion_centre_is_marked_where_it_is(run, drawing):
     centre = JointMotion(run).torsion_centre(3)[0]
     with drawn(run) as found:
@@ -287,6 +324,48 @@ def test_the_arrows_of_the_forces_fit_too(tmp_path, view, drawing):
         middle = np.array([0.0, 0.0, 0.09])
         y = in_picture(found._plotter, np.array([middle, -middle]))[1]
         assert scene._BOTTOM - 1e-9 <= y[1] < y[0] <= scene._TOP + 1e-9
+
+
+def at_times(times, **more):
+    """As much of a history as the choice of frames looks at."""
+    return SimpleNamespace(n_frames=len(times), frame_time=np.array(times), counts_equilibria=False, path="-", **more)
+
+
+def test_a_movie_takes_its_frames_evenly_in_time():
+    """Whatever the frames were recorded by; a frame is held as long as it is the nearest one."""
+    even = np.append(0.01 * np.arange(41), 0.403)
+    assert render.movie_frames(at_times(even), 100) == list(range(42))  # the last comes when the run ends
+    chosen = render.movie_frames(at_times(0.01 * np.arange(401)), 101)
+    assert chosen == list(range(0, 401, 4))
+    # taken every so much of an angle that grows with the square of time
+    times = np.sqrt(np.linspace(0.0, 4.0, 1001))
+    chosen = render.movie_frames(at_times(times), 51)
+    assert len(chosen) == 51 and chosen[0] == 0 and chosen[-1] == 1000
+    # as evenly as the frames allow: none is further away than half of the gap that it lies in
+    wanted = np.linspace(0.0, 2.0, 51)
+    gap = np.interp(wanted, times[1:], np.diff(times))
+    assert (np.abs(times[chosen] - wanted) <= 0.5 * np.maximum(gap, 1e-12) + 0.02 * (wanted < 0.1)).all()
+    held = render.movie_frames(at_times([0.0, 0.1, 0.2, 1.0]), 11)
+    assert held == [0, 1, 2, 2, 2, 2, 2, 3, 3, 3, 3] or held == [0, 1, 2, 2, 2, 2, 3, 3, 3, 3, 3]
+    assert render.movie_frames(at_times([0.5]), 10) == [0] and render.movie_frames(at_times([0.0, 0.0]), 10) == [0, 1]
+
+
+def test_equilibria_are_no_times(tmp_path, drawing):
+    """Of a push that is not lived through: the picture, the diagrams, the text and the file say what it counts."""
+    result = simulate(Path(__file__).parent.parent / "scenarios" / "oppenheim.toml", tmp_path / "run.h5")
+    assert result.counts_equilibria
+    with history.read(tmp_path / "run.h5") as found:
+        assert found.counts_equilibria and found.frame_time[1] == 1.0
+        chosen = render.movie_frames(found, 7)
+        assert chosen == np.unique(np.linspace(0, found.n_frames - 1, 7).round().astype(int)).tolist()
+        with drawn(found, frames=(1,)) as shown:
+            assert "equilibrium 1, " in shown._text.input and "time" not in shown._text.input
+        assert plot.unbalanced([found]).axes[0].get_xlabel() == "number of the equilibrium"
+        export.to_csv(found, tmp_path / "run.csv")
+    assert (tmp_path / "run.csv").read_text().startswith("equilibrium [1],")
+    with h5py.File(tmp_path / "run.h5") as file:
+        for name in ("history/time", "frames/time"):
+            assert file[name].attrs["units"] == "1" and "number of the equilibrium" in file[name].attrs["description"]
 
 
 @pytest.mark.parametrize("ending", ["gif", "mp4"])

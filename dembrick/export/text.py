@@ -19,7 +19,8 @@ def to_csv(history: History, path: str | os.PathLike, report: Callable[[str], No
     """All series as text, a column each with its unit in the header; numbers read back exactly."""
     target = checked_target(history, path, frames=False)
     units, _ = load_of(history.scenario_text)
-    columns = [("time", ["time [s]"]), ("load", [f"load [{units}]"]), ("displacement", ["displacement [m]"])]
+    time = "equilibrium [1]" if history.counts_equilibria else "time [s]"
+    columns = [("time", [time]), ("load", [f"load [{units}]"]), ("displacement", ["displacement [m]"])]
     jacks, watched = [jack["name"] for jack in history.actuators], []
     columns.append(("actuator_displacement", [f"displacement of {name} [m]" for name in jacks]))
     columns.append(("actuator_force", [f"force of {name} [N]" for name in jacks]))

@@ -138,13 +138,24 @@ class Table:
         return Dataset(self.path, self.value.dtype.str, self.value.shape, self.units, self.description)
 
 
-def load_of(scenario_text: str) -> tuple[str, str]:
-    """Units and description of the load, by the kind of control in the text of a scenario."""
+def _kind_of(scenario_text: str) -> str:
+    """The kind of control in the text of a scenario, where it is one of `_LOADS`; else nothing."""
     kind = ""
     if any(name in scenario_text for name in _LOADS):  # that of a search is not parsed once more
-        with suppress(tomllib.TOMLDecodeError):
+        with suppress(tomllib.TOMLDecodeError, RecursionError, AttributeError):
             kind = tomllib.loads(scenario_text).get("control", {}).get("kind", "")
-    return _LOADS.get(kind, ("N", "load multiplier V: the force of a jack of weight 1"))
+    return kind if isinstance(kind, str) else ""
+
+
+def load_of(scenario_text: str) -> tuple[str, str]:
+    """Units and description of the load, by the kind of control in the text of a scenario."""
+    return _LOADS.get(_kind_of(scenario_text), ("N", "load multiplier V: the force of a jack of weight 1"))
+
+
+def counts_equilibria(scenario_text: str, meets_anew: bool) -> bool:
+    """Whether the times of a record are the numbers of equilibria: it is of a tilt or a push that is not lived through,
+    which those are whose blocks ``meets_anew``."""
+    return not meets_anew and _kind_of(scenario_text) in ("tilt", "pushover")
 
 
 _WRITTEN = Dataset(
@@ -163,8 +174,10 @@ def fields(
     whether blocks of the run can part and meet anew."""
     n_actuator, n_joint, n_block = len(assembly.actuators.names), len(assembly.joints), len(assembly.names)
     units, about_load = load_of(scenario_text)
+    numbered = counts_equilibria(scenario_text, meets_anew)
+    time = ("1", "number of the equilibrium of the {}") if numbered else ("s", "time of the {}")
     rows = [
-        Field("history/time", (), "s", "time of the row"),
+        Field("history/time", (), time[0], time[1].format("row")),
         Field("history/load", (), units, about_load),
         Field("history/displacement", (), "m", "driven displacement: sum(weight u) / sum|weight| over the jacks"),
         Field("history/actuator_displacement", (n_actuator,), "m", "displacement of each jack's point, from the start"),
@@ -186,7 +199,7 @@ def fields(
     if "frames" not in channels:
         return tuple(rows)
     frames = [
-        Field("frames/time", (), "s", "time of the frame"),
+        Field("frames/time", (), time[0], time[1].format("frame")),
         Field("frames/position", (n_block, 3), "m", "centroid of each block, world axes"),
         Field("frames/displacement", (n_block, 3), "m", "movement of each centroid from the start, world axes"),
         Field("frames/orientation", (n_block, 4), "1", "quaternion (w, x, y, z) of each block, body to world"),

@@ -11,7 +11,7 @@ import numpy as np
 
 from dembrick.errors import HistoryError
 from dembrick.history import guard
-from dembrick.history.layout import FORMAT, JOINT_CHANNELS, NEW_CONTACTS, WRITTEN
+from dembrick.history.layout import FORMAT, JOINT_CHANNELS, NEW_CONTACTS, WRITTEN, counts_equilibria
 
 _AT_POINTS = {"contact_force": 3, "contact_arm": 2}  # numbers of a frame at every contact point of joints
 
@@ -241,6 +241,12 @@ class History:
     def meets_anew(self) -> bool:
         """Whether the run was one in real time, in which blocks part and meet anew."""
         return "history/new_contacts" in self._series
+
+    @cached_property
+    def counts_equilibria(self) -> bool:
+        """Whether times are the numbers of equilibria, of a run that looked for a collapse without living through
+        it."""
+        return counts_equilibria(self.scenario_text, self.meets_anew)
 
     @cached_property
     def new_contacts(self) -> np.ndarray:

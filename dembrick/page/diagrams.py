@@ -80,7 +80,8 @@ def yield_domain(history, record: Record, path: JointPath) -> dict:
 
 def readout(history, record: Record, path: JointPath | None) -> list[dict]:
     """The numbers that are shown under the picture, one of each a frame."""
-    items = [{"name": "time", "unit": "s", "digits": 4, "values": listed(record.time)}]
+    name, unit = ("equilibrium", "") if history.counts_equilibria else ("time", "s")
+    items = [{"name": name, "unit": unit, "digits": 4, "values": listed(record.time)}]
     if record.load is not None:
         name = "V" if record.diagram.unit == "N" else record.diagram.load
         items.append({"name": name, "unit": record.diagram.unit.strip("-"), "digits": 5, "values": listed(record.load)})

@@ -128,7 +128,7 @@ def unbalanced(histories, labels: Sequence[str] | None = None, ax: Axes | None =
             ratio = np.asarray(history.unbalanced, float)
             axes.plot(history.time, np.where(ratio > 0.0, ratio, np.nan), color=colour, ls=line, label=label)
         axes.set_yscale("log")
-        axes.set_xlabel("time [s]")
+        axes.set_xlabel(" or ".join(dict.fromkeys(map(subject.time_name, histories))))
         axes.set_ylabel("unbalanced-force ratio [-]")
         style.legend(figure, axes, ax is None, columns=1 if max(map(len, labels)) > 36 else 2)
     return figure
@@ -158,7 +158,7 @@ def energies(histories, labels: Sequence[str] | None = None, ax: Axes | None = N
             for i, (name, values) in enumerate((shown or history.energy).items()):
                 colour, line, _ = style.CYCLE[i % len(style.CYCLE)]
                 axes.plot(history.time, values, color=colour, ls=line, label=style.plain(name.replace("_", " ")))
-            axes.set_xlabel("time [s]")
+            axes.set_xlabel(subject.time_name(history))
             axes.set_title("\n".join(textwrap.wrap(label, 44)))
         panels[0].set_ylabel("energy [J]")
         style.legend(figure, panels[0], ax is None, columns=3)

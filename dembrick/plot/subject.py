@@ -13,6 +13,11 @@ from dembrick import summary, theory
 from dembrick.errors import HistoryError, ScenarioError
 
 
+def time_name(record) -> str:
+    """What the times of a record are, for an axis."""
+    return "number of the equilibrium" if getattr(record, "counts_equilibria", False) else "time [s]"
+
+
 def joint_names(history) -> list[str]:
     """``lower/upper`` for each joint: its two blocks, with its number where the same two share several joints."""
     pairs = _pairs(history)

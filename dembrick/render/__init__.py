@@ -11,6 +11,7 @@ import numpy as np
 from dembrick.block_motion import CarriedPoints, Poses, all_vertices
 from dembrick.errors import HistoryError, OutputError, ScenarioError
 from dembrick.history.files import check_output
+from dembrick.joint_motion import nearest
 from dembrick.render.colors import COLORS
 from dembrick.render.images import MOVIES, Movie, write_png
 from dembrick.render.scene import VIEWS, Look, Scene, automatic_magnification
@@ -19,11 +20,22 @@ from dembrick.render.screen import require_display, require_drawing
 if TYPE_CHECKING:
     import pyvista
 
-__all__ = ["COLORS", "VIEWS", "automatic_magnification", "meshes", "movie", "nearest_frame", "picture", "view"]
+__all__ = [
+    "COLORS",
+    "VIEWS",
+    "automatic_magnification",
+    "meshes",
+    "movie",
+    "movie_frames",
+    "nearest_frame",
+    "picture",
+    "view",
+]
 
 SIZE = (1600, 1200)  # pixels of a picture
 MOVIE_SIZE = (960, 720)
 MOVIE_FRAMES = 100  # most frames of a movie, unless more are asked for
+EVEN = 0.01  # of the time between two frames: what differs by less is as good as even
 
 
 def meshes(history, frame: int = -1, magnification: float = 1.0, time: float | None = None) -> pyvista.MultiBlock:
@@ -97,7 +109,7 @@ def movie(
 ) -> str:
     """Write the motion as an animated GIF or an MP4 by the ending of ``path``; the path.
 
-    At most ``count`` frames, spread evenly over those of the history, ``fps`` of them a second; the rest as for
+    At most ``count`` frames, ``fps`` of them a second, as :func:`movie_frames` chooses them; the rest as for
     :func:`picture`. MP4 needs the extra ``movie``.
     """
     path, look = os.fspath(path), Look(view, magnification, color, forces)
@@ -108,13 +120,12 @@ def movie(
     if count < 2:
         raise ScenarioError(f"count = {count!r} is out of range: a movie has at least 2 frames")
     target = check_output(path)
-    last = _frame(history, -1)
-    frames = np.unique(np.round(np.linspace(0, last, min(count, last + 1))).astype(int)).tolist()
+    frames = movie_frames(history, count)
     Movie.require(path)
     require_drawing()
     plotter = _plotter(size, smooth=False)  # smooth edges would take most of the time of a movie
     try:
-        scene = Scene(plotter, history, look, frames)
+        scene = Scene(plotter, history, look, sorted(set(frames)))
         # the scene shows the last frame, the one with most colours
         sample = plotter.screenshot(return_img=True)
         with Movie(path, target, fps, sample) as film:
@@ -127,6 +138,21 @@ def movie(
     finally:
         plotter.close()
     return path
+
+
+def movie_frames(history, count: int) -> list[int]:
+    """The frames of a movie of at most ``count``, so that equal times of the run take equal times of the movie.
+
+    All of them where there are no more and they follow each other evenly (but for the last, at which the run ended);
+    else those nearest to moments spread evenly over the run, one held as long as it is the nearest. Equilibria, which
+    know no time, are spread evenly by their numbers. Raises HistoryError where there are no frames.
+    """
+    last, times = _frame(history, -1), history.frame_time
+    steps = np.diff(times)
+    even = last < 2 or (np.ptp(steps[:-1]) <= EVEN * steps[:-1].max() and steps[-1] <= (1.0 + EVEN) * steps[:-1].max())
+    if history.counts_equilibria or (even and last < count) or not times[-1] > times[0]:
+        return np.unique(np.round(np.linspace(0, last, min(count, last + 1))).astype(int)).tolist()
+    return nearest(times, np.linspace(times[0], times[-1], count)).tolist()
 
 
 def view(

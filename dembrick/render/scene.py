@@ -26,9 +26,10 @@ VIEWS = {  # direction from the focus to the camera, and what is up in the pictu
 }
 # Where the blocks go in a picture, as parts of its width and height: text above them, the colour bar on the right.
 _LEFT, _RIGHT, _BOTTOM, _TOP = 0.03, 0.81, 0.04, 0.87
-_GREY, _ORANGE, _BLUE, _GREEN = "#CFCFCF", "#D55E00", "#0072B2", "#009E73"
+_GREY, _ORANGE, _BLUE, _GREEN, _PURPLE = "#CFCFCF", "#D55E00", "#0072B2", "#009E73", "#CC79A7"
 _ARROW = {"tip_length": 0.22, "tip_radius": 0.035, "shaft_radius": 0.012}
-_FEW = 50  # blocks: more are drawn with thin lines, and without where they started
+# blocks: more are drawn with thin lines, and without where they started; less where arrows stand between them
+_FEW, _FEW_WITH_FORCES = 50, 12
 _FORCE, _FORCE_OF_MANY = 0.6, 1.2  # of the largest block that is free to move: the longest arrow of a joint force
 _SEEN = 0.12  # of the largest block: how far the farthest corner moves in a picture by itself
 
@@ -36,7 +37,7 @@ _SEEN = 0.12  # of the largest block: how far the farthest corner moves in a pic
 @dataclass(frozen=True, slots=True)
 class Look:
     """How a history is shown: camera ``view``, ``magnification`` of the motion (None: so that it is seen), what the
-    blocks are coloured by, and whether the forces of the joints are drawn."""
+    blocks are coloured by, and whether the forces of joints and of new contacts are drawn."""
 
     view: str = "iso"
     magnification: float | None = None
@@ -86,6 +87,8 @@ class Scene:
         # rows: to the right and up in the picture, and towards the camera
         self._screen = np.array([right, np.cross(direction, right), direction])
         self._screen /= np.linalg.norm(self._screen, axis=1)[:, None]
+        self._many = history.n_block > (_FEW_WITH_FORCES if look.forces else _FEW)
+        self._meets = look.forces and history.has_new_contacts
         self._marked = self._marked_joint()
         self._survey(frames)
         self._build()
@@ -147,13 +150,16 @@ class Scene:
                 values = self._colouring.values(frame, poses)
                 largest = max(largest, float(values.max(initial=0.0, where=np.isfinite(values))))
             if self._look.forces:
-                force = self._joint_forces(frame, poses)[1]
-                self._largest_force = max(self._largest_force, float(np.linalg.norm(force, axis=1).max()))
+                for _, force in self._forces(frame, poses):
+                    self._largest_force = max(self._largest_force, float(np.linalg.norm(force, axis=1).max(initial=0)))
+        self._most_met = 0
         if self._look.forces:
             for frame in frames:
-                place, force = self._joint_forces(frame, self._poses(frame))
-                half = 0.5 * self._arrow_length(1.0) * force
-                self._make_room(np.concatenate([place - half, place + half]))
+                found = self._forces(frame, self._poses(frame))
+                self._most_met = max(self._most_met, len(found[1][0]))
+                for place, force in found:
+                    half = 0.5 * self._arrow_length(1.0) * force
+                    self._make_room(np.concatenate([place - half, place + half]))
         if self._colouring is not None:
             self._scale = self._colouring.scale(largest)
 
@@ -169,7 +175,7 @@ class Scene:
 
         plotter, history, fixed = self._plotter, self._history, self._history.block_fixed
         plotter.set_background("white")
-        many, forces = history.n_block > _FEW, self._look.forces
+        many, forces = self._many, self._look.forces
         # arrows stand between the blocks: the more blocks, the clearer these must be
         opacity = (0.1 if many else 0.35) if forces else 1.0
         free = [i for i in range(history.n_block) if not fixed[i]]
@@ -336,15 +342,36 @@ class Scene:
         force = np.einsum("ji,jik->jk", np.stack([-V_1, -V_2, N], axis=1), now.acting_axes[0])
         return place, force
 
+    def _met_forces(self, frame: int, poses: Poses) -> tuple[np.ndarray, np.ndarray]:
+        """Where the new contacts press, on the drawn second blocks, and their forces on these: (c, 3) m, (c, 3) N."""
+        if not self._meets:
+            return np.zeros((0, 3)), np.zeros((0, 3))
+        _, met = self._history.frame_new_contacts(frame, frame + 1)
+        block, turn = met["blocks"][:, 1], poses.rotation[0]
+        start = rotation_matrix(self._history.orientation0).swapaxes(1, 2)
+        drawn = rotation_times(turn @ start, self._factor) @ start.swapaxes(1, 2) @ turn.swapaxes(1, 2)
+        arm = np.einsum("cik,ck->ci", drawn[block], met["point"] - poses.position[0, block])
+        return self._history.position0[block] + self._factor * poses.displacement[0, block] + arm, met["force"]
+
+    def _forces(self, frame: int, poses: Poses) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+        """Places and forces of the joints, and of the new contacts."""
+        return self._joint_forces(frame, poses), self._met_forces(frame, poses)
+
     def _build_forces(self) -> None:
+        self._arrows = self._add_arrows(self._history.n_joint, _GREEN)
+        self._met_arrows = self._add_arrows(self._most_met, _PURPLE)
+
+    def _add_arrows(self, n: int, colour: str):
+        """Up to ``n`` arrows, whose points, directions and lengths are written into what is returned."""
         import pyvista
         from vtkmodules.vtkRenderingCore import vtkActor, vtkGlyph3DMapper
 
-        n = self._history.n_joint
-        self._arrows = pyvista.PolyData(np.zeros((n, 3)))
-        self._arrows.point_data["force"], self._arrows.point_data["length"] = np.zeros((n, 3)), np.zeros(n)
+        arrows = pyvista.PolyData(np.zeros((n, 3)))
+        if not n:
+            return arrows
+        arrows.point_data["force"], arrows.point_data["length"] = np.zeros((n, 3)), np.zeros(n)
         mapper = vtkGlyph3DMapper()
-        mapper.SetInputData(self._arrows)
+        mapper.SetInputData(arrows)
         mapper.SetSourceData(
             pyvista.Arrow(start=(-0.5, 0, 0), **(_ARROW | {"tip_radius": 0.07, "shaft_radius": 0.025}))
         )
@@ -354,34 +381,45 @@ class Scene:
         mapper.ScalarVisibilityOff()
         actor = vtkActor()
         actor.SetMapper(mapper)
-        actor.GetProperty().SetColor(pyvista.Color(_GREEN).float_rgb)
+        actor.GetProperty().SetColor(pyvista.Color(colour).float_rgb)
+        actor.GetProperty().SetAmbient(0.4)
+        actor.GetProperty().SetDiffuse(0.6)
         self._plotter.add_actor(actor)
+        return arrows
 
     def _arrow_length(self, force):
         """Length (m) of the arrow of a joint force (N)."""
-        longest = (_FORCE_OF_MANY if self._history.n_block > _FEW else _FORCE) * self._length
+        longest = (_FORCE_OF_MANY if self._many else _FORCE) * self._length
         return longest / (self._largest_force or 1.0) * force
 
     def _show_forces(self, frame: int, poses: Poses) -> None:
-        """Arrows of the joints' forces on their blocks b, as long as the force is large."""
-        place, force = self._joint_forces(frame, poses)
-        size = np.linalg.norm(force, axis=1)
-        self._arrows.points[:] = place
-        self._arrows.point_data["force"][:] = force
-        self._arrows.point_data["length"][:] = self._arrow_length(size)
-        self._arrows.Modified()
+        """Arrows of the forces of joints and new contacts on their second blocks, as long as the force is large."""
+        both = zip((self._arrows, self._met_arrows), self._forces(frame, poses), strict=True)
+        for arrows, (place, force) in both:
+            if not arrows.n_points:
+                continue
+            n = len(place)
+            arrows.points[:n], arrows.point_data["force"][:n] = place, force
+            arrows.point_data["length"][:n] = self._arrow_length(np.linalg.norm(force, axis=1))
+            arrows.point_data["length"][n:] = 0.0  # contacts that there are in other frames
+            arrows.points[n:] = self._start[0]
+            arrows.Modified()
 
     def _words(self, marked: bool) -> str:
         history = self._history
         shown = f"motion x {self._factor:g}" if self._factor != 1.0 else "true scale"
-        keys = ["grey: start"] if history.n_block <= _FEW else []
+        keys = ["grey: start"] if not self._many else []
         if self._jacks:
             keys.append("orange: jacks")
         if marked:
             keys.append("blue: torsion centre")
         if self._look.forces:
-            keys.append(f"green: joint forces, the longest {self._largest_force:.4g} N")
-        told = f"time {history.frame_time[self._frame]:.4g} s, {shown}"
+            met = " purple: those of new contacts," if self._most_met else ""
+            keys.append(f"green: joint forces,{met} the longest {self._largest_force:.4g} N")
+            if history.meets_anew and not self._meets and history.new_contacts.any():
+                keys.append("forces of new contacts were not recorded")
+        now = float(history.frame_time[self._frame])
+        told = f"equilibrium {now:g}, {shown}" if history.counts_equilibria else f"time {now:.4g} s, {shown}"
         return "\n".join([*textwrap.wrap(history.title, 84)[:2], told, "; ".join(keys)]).rstrip()
 
 
