@@ -157,6 +157,7 @@ def _work_ahead(state: MovingState, held: np.ndarray, joints: np.ndarray, place:
     ends, work = seen(state.bodies, links._replace(**wanted)), np.zeros(len(joints))
     for i, j in enumerate(joints.tolist()):
         now, step = links.seen[j], ends[i] - links.seen[j]
+        slip, turn = _of_feet(links.offset[j], now, step)
         if place[j] >= 0:
             corners, p = state.corners, place[j]
             own, law = slice(corners.start[p], corners.start[p + 1]), corners.law[p]
@@ -164,12 +165,23 @@ def _work_ahead(state: MovingState, held: np.ndarray, joints: np.ndarray, place:
             depth = np.maximum(links.sense[j] * (links.offset[j] - now[2] - x * now[5] - y * now[8]), 0.0)
             pressed = -corners.k_n[law] * links.sense[j] * corners.area[own] * depth
             of_point = pressed * (step[2] + x * step[5] + y * step[8])
-            of_point += corners.elastic[own, 0] * (step[0] + arm * (x * step[3] + y * step[6]))
-            of_point += corners.elastic[own, 1] * (step[1] + arm * (x * step[4] + y * step[7]))
+            of_point += corners.elastic[own, 0] * (slip[0] + arm * (x * slip[3] + y * slip[6]))
+            of_point += corners.elastic[own, 1] * (slip[1] + arm * (x * slip[4] + y * slip[7]))
             work[i] = of_point.sum()
         else:
             e, along = state.faces.elastic[-1 - place[j]], ends[i, 3:5] / np.hypot(*ends[i, 3:5])
-            work[i] = -links.sense[j] * (held[j, :3] @ step[[2, 5, 8]]) + e[0] * (along @ step[:2])
-            work[i] += e[1] * (along[0] * step[1] - along[1] * step[0])
-            work[i] += e[2] * (now[3] * along[1] - now[4] * along[0])
+            work[i] = -links.sense[j] * (held[j, :3] @ step[[2, 5, 8]]) + e[0] * (along @ slip[:2])
+            work[i] += e[1] * (along[0] * slip[1] - along[1] * slip[0]) + e[2] * turn
     return work
+
+
+def _of_feet(offset: float, now: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, float]:
+    """What a ``step`` (9,) of `Links.seen` from ``now`` moves the feet of points in the plane, where friction acts, in
+    the same form; and the turn about the plane's normal (rad)."""
+    middle = now + 0.5 * step
+    turn = np.cross(middle[3:6], step[3:6])
+    turn += (middle[3:6] @ np.cross(now[6:], step[6:])) * middle[3:6]
+    height, slip = middle[[2, 5, 8]] - (offset, 0.0, 0.0), step.copy()
+    slip[[0, 3, 6]] -= height * turn[1]
+    slip[[1, 4, 7]] += height * turn[0]
+    return slip, float(turn[2])

@@ -78,7 +78,7 @@ def test_out_of_balance_against_sums_by_block(formulation):
 
 @pytest.mark.parametrize("formulation", POINTS)
 def test_contact_forces_sum_up_to_the_joint(formulation):
-    """Force, and moment about the host's centroid (of normal forces alone, where friction acts at other points)."""
+    """Force, and moment about the host's centroid; friction acts at points of its own, in the plane below them."""
     state = rubbing(formulation).state
     links, corners, force = state.links, state.corners, contact_forces(state, np.ones(1)) * state.links.sense[0]
     scale = np.abs(links.wrench[0, :3]).max()
@@ -89,6 +89,8 @@ def test_contact_forces_sum_up_to_the_joint(formulation):
     normal = np.cross(*(links.axes[links.plane[0]] @ state.bodies.rotation[links.other[0]].T))
     pressed = (force @ normal)[:, None] * normal
     friction_arm = host @ links.lever[0] + corners.shear_arm[0] * (arm - host @ links.lever[0])
+    apart = state.bodies.position[links.host[0]] - state.bodies.position[links.other[0]]
+    friction_arm -= ((friction_arm + apart) @ normal - links.offset[0])[:, None] * normal
     moment = np.cross(arm, pressed).sum(axis=0) + np.cross(friction_arm, force - pressed).sum(axis=0)
     np.testing.assert_allclose(moment, links.wrench[0, 3:6], rtol=1e-11, atol=1e-12 * scale)
     assert np.ptp(force @ normal) > 0.01 * scale and np.abs(force - pressed).max() > 0.01 * scale

@@ -142,7 +142,7 @@ def test_gap_is_exact_for_large_turns(angle):
 @pytest.mark.parametrize("angle", [1e-4, 1e-2, 0.1])
 def test_strip_of_a_rocking_convex_joint(angle):
     """Turned on its edge, a convex joint is pressed on a strip w = sqrt(2 N / (kn L tan)), its resultant w/3 inside."""
-    moving, driving = seated("convex")
+    moving, driving = seated("convex", friction=0.0)
     bodies = moving.state.bodies
     toe = bodies.position[1] + (0.15, 0.0, -0.05)
     turn = about((0, 1, 0), angle)
@@ -154,6 +154,23 @@ def test_strip_of_a_rocking_convex_joint(angle):
     # the corner lies this deep, and so long is the strip along the turned face
     assert w == pytest.approx(2000.0 * 0.006 * 9.81 / (1e10 * 0.06) / math.sin(angle), rel=1e-6)
     assert abs(r[5]) / r[0] == pytest.approx((0.15 - w / 3.0) * math.cos(angle), rel=1e-4)
+
+
+def test_tilting_is_no_torsion():
+    """A convex joint that tilts about an oblique line of its plane through O neither slips nor twists, though the edges
+    of its polygon, seen along the normal, turn by angle^2 / 4."""
+    moving, driving = seated("convex")
+    bodies, links, faces = moving.state.bodies, moving.state.links, moving.state.faces
+    foot = bodies.position[1] + bodies.rotation[1] @ links.lever[0]
+    foot[2] -= links.seen[0, 2] - links.offset[0]  # O, seen in the plane
+    turn = about((math.sqrt(0.5), math.sqrt(0.5), 0.0), 0.05 / 200)
+    for _ in range(200):
+        arm = bodies.position[1] - foot
+        place(moving, rotation_matrix(turn) @ arm - arm, turn)
+        joint_forces(moving, driving)
+    strength = 0.64 * joint_resultants(moving.state)[0, 0]
+    assert np.abs(faces.elastic[0, :2]).max() < 1e-5 * strength
+    assert abs(faces.elastic[0, 2]) < 1e-5 * strength * faces.radius[0]
 
 
 def torsion_strength(moving: Motion, driving: Driving) -> float:

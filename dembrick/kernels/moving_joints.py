@@ -1,12 +1,13 @@
 """Joints between blocks that move and turn by any amount: exact geometry, no small angle anywhere.
 
-The contact polygon rides on one block, the *host*; the *other* block offers the plane. In the axes of that plane
-(u1, u2 and m = u1 x u2, which turn with the other block) the host's O and its two tangents e1, e2 are nine numbers,
-``seen``, and a point (x, y) of the polygon is O + x e1 + y e2: its gap is linear in x and y however far the blocks
-have turned. Slip and closing of a step are differences of ``seen``, so they add up to the total motion: nothing drifts,
-and a pair that moves as one rigid body sees nothing. Shear memory lives in the plane's axes (of convex joints, in the
-polygon's) and turns with them. The normal force acts along the other's normal, and force and reaction at one world
-point.
+The contact polygon rides on one block, the *host*; the *other* block offers the plane. In the axes of that plane (u1,
+u2 and m = u1 x u2, which turn with the other block) the host's O and its two tangents e1, e2 are nine numbers,
+``seen``, and a point (x, y) of the polygon is O + x e1 + y e2: its gap is linear in x and y however far the blocks have
+turned. Slip and closing of a step are differences of ``seen``, so they add up to the total motion: nothing drifts, and
+a pair that moves as one rigid body sees nothing. Friction acts in the plane, at the foot of the point that it belongs
+to: where a block rocks, that point (O of a convex joint) rises from the plane while its toe stays. Shear memory lives
+in the plane's axes (of convex joints, in the polygon's) and turns with them. The normal force acts along the other's
+normal, and force and reaction at one world point.
 
 A wrench row holds the force on the host (3), its torque about the host's centroid (3) and that of the reaction about
 the other's centroid (3), world axes.
@@ -96,19 +97,19 @@ class Faces(NamedTuple):
 def resultant(links, j, a1, a2, a3, b1, b2, b3, c1, c2, c3, twisting, u1, u2, u3, w1, w2, w3, d, r):
     """Write the wrench of joint ``j``.
 
-    a, b, c: sums over the polygon of the force on the host, in the plane's axes, and of x and y times it; ``twisting``
-    is a couple about m on top. u, w: the plane's axes u1, u2 in the world; d, r: O from the centroids of other, host.
+    a, b, c: sums over the polygon of the force on the host, in the plane's axes, and of x and y times it, of which the
+    parts along the plane act in it; ``twisting`` is a couple about m on top. u, w: the plane's axes u1, u2 in the
+    world; d, r: O from the centroids of other, host.
     """
     s = links.seen[j]
     m1, m2, m3 = cross(u1, u2, u3, w1, w2, w3)
     f1 = a1 * u1 + a2 * w1 + a3 * m1
     f2 = a1 * u2 + a2 * w2 + a3 * m2
     f3 = a1 * u3 + a2 * w3 + a3 * m3
-    p1, p2, p3 = cross(s[3], s[4], s[5], b1, b2, b3)
-    q1, q2, q3 = cross(s[6], s[7], s[8], c1, c2, c3)
-    p1 += q1
-    p2 += q2
-    p3 += q3 + twisting
+    height = s[2] - links.offset[j]
+    p1 = s[4] * b3 + s[7] * c3 + height * a2
+    p2 = -(s[3] * b3 + s[6] * c3 + height * a1)
+    p3 = s[3] * b2 - s[4] * b1 + s[6] * c2 - s[7] * c1 + twisting
     t1 = p1 * u1 + p2 * w1 + p3 * m1
     t2 = p1 * u2 + p2 * w2 + p3 * m2
     t3 = p1 * u3 + p2 * w3 + p3 * m3
@@ -159,6 +160,20 @@ def look(links, bodies, j):
 
 
 @jit
+def turned(seen, x1, x2, x3, y1, y2, y3):
+    """Turn (3) of the host against the plane in a step, in the plane's axes (rad), exact to its cube; x and y: change
+    of e1 and e2 since ``seen``. Where nothing changes it is nought, to the last bit."""
+    e1 = seen[3] + 0.5 * x1
+    e2 = seen[4] + 0.5 * x2
+    e3 = seen[5] + 0.5 * x3
+    a1, a2, a3 = cross(e1, e2, e3, x1, x2, x3)
+    b1, b2, b3 = cross(seen[6], seen[7], seen[8], y1, y2, y3)
+    # the first misses the turn about e1, which the second has
+    along = e1 * b1 + e2 * b2 + e3 * b3
+    return a1 + along * e1, a2 + along * e2, a3 + along * e3
+
+
+@jit
 def met(g, ahead, viscous):
     """What the dashpot adds to the penetration ``g`` where contact began within the last step; ``ahead`` is viscous
     times the whole closing d of that step.
@@ -198,6 +213,7 @@ def corner_forces(links, corners, bodies, first, last, force_out, books):
         y1 = g1 - seen[6]
         y2 = g2 - seen[7]
         y3 = g3 - seen[8]
+        turn1, turn2, _ = turned(seen, x1, x2, x3, y1, y2, y3)
         seen[0] = o1
         seen[1] = o2
         seen[2] = o3
@@ -221,8 +237,17 @@ def corner_forces(links, corners, bodies, first, last, force_out, books):
         h0 = g0 + pull * p3
         hx = gx + pull * x3
         hy = gy + pull * y3
-        # ... and of its slip in the step
+        # ... and of the slip of the step, of feet that stand in the plane by its middle
         arm = corners.shear_arm[law]
+        height = o3 - 0.5 * p3 - links.offset[j]
+        p1 -= height * turn2
+        p2 += height * turn1
+        height = e3 - 0.5 * x3
+        x1 -= height * turn2
+        x2 += height * turn1
+        height = g3 - 0.5 * y3
+        y1 -= height * turn2
+        y2 += height * turn1
         p1 *= k_s
         p2 *= k_s
         x1 *= k_s * arm
@@ -380,13 +405,16 @@ def face_forces(links, faces, bodies, first, last, books):
         n *= k_n
         nx *= k_n
         ny *= k_n
-        # slip of the step at O in the plane's axes, and what turns them into the polygon's
-        p1 = o1 - seen[0]
-        p2 = o2 - seen[1]
+        # slip of the step at the foot of O in the plane's axes, and what turns them into the polygon's
+        turn1, turn2, turn = turned(
+            seen, e1 - seen[3], e2 - seen[4], e3 - seen[5], g1 - seen[6], g2 - seen[7], g3 - seen[8]
+        )
+        height = 0.5 * (o3 + seen[2]) - links.offset[j]
+        p1 = o1 - seen[0] - height * turn2
+        p2 = o2 - seen[1] + height * turn1
         scale = 1.0 / sqrt(e1 * e1 + e2 * e2)
         cosine = e1 * scale
         sine = e2 * scale
-        turn = scale * scale * (seen[3] * e2 - seen[4] * e1)
         seen[0] = o1
         seen[1] = o2
         seen[2] = o3

@@ -1,0 +1,68 @@
+"""Whether a pulse of the ground overturns a block: a lone rigid block on its edge, with friction that holds it there.
+
+While the pulse a lasts, and after it, the block turns about its toe by theta'' = -p^2 (sin(alpha - theta) - a/g
+cos(alpha - theta)), with p^2 = 3 g / (4 R) (Housner 1963, of a rectangle). It falls if the energy at the end of the
+pulse takes it over theta = alpha. Close to that the block stands almost still at a large angle, and the least couple
+that a joint should not have keeps it there.
+"""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+from dembrick.controls import BaseMotionControl, Pulse
+from dembrick.model import Block, JointLaw, Material, Output, Scenario
+from dembrick.result import simulate
+
+G = 9.81
+
+
+def least_pulse(width, height, duration):
+    """The acceleration (m/s2) of a pulse so long that just overturns the block."""
+    alpha, p2 = math.atan(width / height), 3.0 * G / (2.0 * math.hypot(width, height))
+
+    def spare(acceleration):
+        def rate(_, y):
+            lean = alpha - y[0]
+            return y[1], -p2 * (math.sin(lean) - acceleration / G * math.cos(lean))
+
+        angle, speed = solve_ivp(rate, (0.0, duration), (0.0, 0.0), rtol=1e-10, atol=1e-12).y[:, -1]
+        return 0.5 * speed**2 - p2 * (1.0 - math.cos(alpha - angle))
+
+    return brentq(spare, 1.001 * G * width / height, 4.0 * G * width / height)
+
+
+def falls(acceleration, width, height, duration, formulation, heading=0.0):
+    """Whether the simulated block does."""
+    half = 0.5 * heading
+    turned = (math.cos(half), 0.0, 0.0, math.sin(half))
+    scene = Scenario(
+        title="overturning",
+        gravity=(0.0, 0.0, -G),
+        joint=JointLaw(formulation, 3.0, 1e11, 4e10),
+        materials={"stone": Material(2000.0)},
+        blocks=(
+            Block("floor", "stone", (6.0, 6.0, 0.2), (0.0, 0.0, -0.1), fixed=True),
+            Block("block", "stone", (width, 0.4, height), (0.0, 0.0, 0.5 * height), turned),
+        ),
+        control=BaseMotionControl(
+            2.5, (math.cos(heading), math.sin(heading), 0.0), pulse=Pulse(acceleration, duration)
+        ),
+        output=Output(rows=100, frames=100),
+    )
+    moved = np.linalg.norm(simulate(scene).frames["displacement"][:, 1], axis=1)
+    return bool(moved.max() > width)
+
+
+@pytest.mark.parametrize(
+    "formulation, early, late", [("concave", 0.995, 1.005), ("corrected-shear", 0.995, 1.005), ("convex", 0.97, 1.005)]
+)
+@pytest.mark.parametrize("width, height, duration", [(0.2, 1.0, 0.15), (0.3, 0.9, 0.2)])
+def test_a_pulse_overturns_a_block(width, height, duration, formulation, early, late):
+    """`convex` joints press a strip at the toe, so that the block turns a little inside its edge and falls early."""
+    least = least_pulse(width, height, duration)
+    assert not falls(early * least, width, height, duration, formulation)
+    assert falls(late * least, width, height, duration, formulation, heading=0.3)
