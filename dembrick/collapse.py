@@ -19,7 +19,9 @@ def collapse_of(run: Replay, assembly, control) -> dict:
     """The object ``collapse`` of the JSON output.
 
     ``load_factor`` is V of the limit, or of a peak on the way that lies above it; ``angle`` (deg) that of a table
-    tilted so far and ``time`` (s) when it stands so at its rate, both None for a pushover. ``displacement`` (m) is that
+    tilted so far and ``time`` (s) when it stands so at its rate, both None for a pushover. ``mechanism_load_factor`` is
+    what the blocks still carry while they come down: a peak above it rests on forces locked into the joints, and so on
+    the way they were loaded; where friction is great it may lie a tenth higher. ``displacement`` (m) is that
     of the block that has moved most since it was seated. ``error_estimate``, of the load factor, comes with a refined
     run.
     """
@@ -32,6 +34,7 @@ def collapse_of(run: Replay, assembly, control) -> dict:
     return {
         "angle": angle,
         "load_factor": factor,
+        "mechanism_load_factor": point.V,
         "time": None if angle is None else angle / control.rate,
         "displacement": float(np.linalg.norm(run.moved, axis=1).max()),
         "mechanism": max((slid, "sliding"), (tilted, "rocking"), (turned, "torsion"))[1],
@@ -71,7 +74,11 @@ def collapse_lines(collapse: dict) -> list[str]:
     bar = "no error bar: --refine gives one" if error is None else f"+- {error:.2g}"
     angle = "" if collapse["angle"] is None else f"{collapse['angle']:.5g} deg, "
     names, more = collapse["blocks"][:5], len(collapse["blocks"]) - 5
-    return [
+    lines = [
         f"collapse      {angle}load factor {collapse['load_factor']:.5g} ({bar}), by {collapse['mechanism']}",
         f"blocks        {', '.join(names)}{f' and {more} more' if more > 0 else ''}",
     ]
+    after = collapse.get("mechanism_load_factor")
+    if after is not None and after < collapse["load_factor"]:
+        lines.insert(1, f"after a peak  load factor {after:.5g}; how high the peak is depends on the way there")
+    return lines

@@ -17,6 +17,7 @@ from dembrick.yield_point import joint_reach
 
 MOST_ITERATIONS = 20  # for one equilibrium
 BACKTRACKS = 8  # of one iteration
+LOST = 1e4  # times the out-of-balance of the start: what is further away than that leads nowhere
 HELD = 1e-10  # of the elastic stiffness, added to the tangent
 DIFFERENCE = 1e-6  # of the elastic move of a joint, by which its tangent is taken
 MOST_ENTRIES = 60_000_000  # of the equations: 480 MB
@@ -142,9 +143,9 @@ class Equilibria:
     def find(self, motion: np.ndarray, V: float) -> tuple[float | None, int]:
         """V of the equilibrium at the driven displacement of ``motion``, near it; None where none is found."""
         trial = self.trial
-        size = self.attempt(motion, V, True)
+        start = size = self.attempt(motion, V, True)
         for iteration in range(MOST_ITERATIONS):
-            if not math.isfinite(size):
+            if not size <= LOST * start:
                 return None, iteration
             if self.out_of_balance() <= self.balanced:
                 return V, iteration

@@ -7,8 +7,12 @@ the laws themselves, implicit in the friction (backward Euler), in the geometry 
 elastic a step is exact; once a mechanism moves, V is that of the mechanism for steps of any length, and they are
 doubled until the memory of the elastic forces, and the strip of a convex joint that rocks, have become nothing.
 
-Where blocks snap from one state into another, no further equilibrium lies near. Then they are let go: with a part of
-the elastic stiffness as a drag at each joint they drift to where they come to rest, the driven displacement held.
+Where many contacts are at the brink of opening or slipping, Newton's method finds no way among them. Then a small part
+of the elastic stiffness drags at each joint during the step. V is that without the drag, by virtual work, and what the
+drag leaves out of balance counts against the lower bound: it is made so small that it does not matter.
+
+Where blocks snap from one state into another, no further equilibrium lies near. Then they are let go: with a greater
+drag they drift to where they come to rest, the driven displacement held.
 """
 
 from __future__ import annotations
@@ -22,7 +26,7 @@ from dembrick import interruption
 from dembrick.elastic import Factor
 from dembrick.equilibria import HELD, Equilibria
 from dembrick.kernels.bracket import MISSING, NEVER, STILL, Certificate, instant_bounds
-from dembrick.kernels.energy import ELASTIC, EXTERNAL, FRICTION, elastic_energy
+from dembrick.kernels.energy import DASHPOTS, ELASTIC, EXTERNAL, FRICTION, elastic_energy
 from dembrick.kernels.record import write_row
 from dembrick.kernels.tangent import remember
 from dembrick.recorder import Recorder
@@ -42,6 +46,10 @@ YIELDING = 0.5  # of the elastic slope of V: below it steps may grow
 MOST_DECAY = 0.95  # of what V grows while the blocks give way twice as far, over the same before
 TURNING = 0.02  # of the longest step so far: where none but shorter ones find equilibrium, the blocks are let go
 JUMP = 0.25  # of it: the step by which the jacks go on meanwhile
+LITTLE = 0.1  # of the tolerance: what a step with drag may leave out of balance over the joint forces
+FASTER = 4.0  # by which the drag of a step rises where it is too small to help, or falls at most to become little
+MOST_TRIES = 6  # of a step with less and less drag
+ALONG = 4  # steps with drag before one without is tried again
 MOST_JUMPS, MOST_DRIFTS, MOST_DRAG = 20, 300, 1e4  # of a path; steps of one; drag over elastic stiffness
 CLOSED = 1e-3  # of the fastest relative motion of a step: gaps and their closing below it are none
 MEMORY = ("base", "elastic_1", "elastic_2", "point_slip", "elastic", "twist", "area_slip")  # of a trial
@@ -163,7 +171,12 @@ class _Follower:
     def _stepped(self) -> tuple[float | None, bool]:
         """V of the next equilibrium, None without one yet; and whether there is anything left to try."""
         way = self.way
-        V, way.tried = self._found(way.motion + way.step * way.direction, way.V + way.step * way.gain)
+        guess = way.motion + way.step * way.direction, way.V + way.step * way.gain
+        V = None
+        if not way.dragged:
+            V, way.tried = self._found(*guess)
+        if V is None:
+            V, way.tried = self._dragged(*guess)
         if V is not None:
             return V, True
         if way.has_spare:
@@ -178,6 +191,41 @@ class _Follower:
             return None, False
         way.drift = Drift(way.motion + way.step * way.direction, way.V)
         return None, True
+
+    def _dragged(self, motion: np.ndarray, V: float) -> tuple[float | None, int]:
+        """The same as `_found` with a drag at each joint, made less and less until it is little; V without it."""
+        way, search = self.way, self.search
+        iterations, excess = 0, np.inf
+        for _ in range(MOST_TRIES):
+            self.trial.drag[:] = way.drag, way.drag
+            found, tried = self._found(motion, V)
+            self.trial.drag[:] = 0.0, HELD
+            iterations += tried
+            if found is None:
+                break
+            motion = search.motion()
+            search.attempt(motion, found, False)
+            work = float(self.trial.residual @ (motion - way.motion))
+            V = found - work / (way.step * self.weight)
+            search.attempt(motion, V, False)
+            excess = search.out_of_balance() / (LITTLE * self.certificate.tolerance)
+            if excess <= 1.0:
+                break
+            way.drag *= max(1.0 / FASTER, 0.5 / excess)
+        if excess > 1.0:
+            if found is None:
+                way.drag = min(FASTER * way.drag, MOST_DRAG)
+            return None, iterations
+        if not way.dragged:
+            found, tried = self._found(motion, V)  # from so near it may be had without any
+            iterations += tried
+            if found is not None:
+                return found, iterations
+            search.attempt(motion, V, False)
+        way.drag *= min(FASTER, 0.5 / max(excess, 0.1))
+        way.lost += work
+        way.dragged = way.dragged - 1 if way.dragged else ALONG - 1
+        return V, iterations
 
     def _went_to(self, V: float) -> bool:
         """Accept the equilibrium of now at V and choose the next step; whether the bracket is narrow enough."""
@@ -200,8 +248,12 @@ class _Follower:
         way.calm += 1
         if way.tried >= HARD:
             way.step *= SHRINKING
-        elif way.tried <= EASY and way.calm > 0 and slope <= YIELDING * self.weight / self.compliance:
-            way.step *= GROWTH
+        elif (
+            way.tried <= EASY
+            and way.calm > 0
+            and (slope <= YIELDING * self.weight / self.compliance or way.step <= SHRINKING * way.usual)
+        ):
+            way.step, way.drag = GROWTH * way.step, way.drag / GROWTH  # what drags is about the same
         return judged
 
     @property
@@ -274,8 +326,10 @@ class _Follower:
         turned = np.cross(blocks.rotation[jacks.block], jacks.arm)
         jacks.displacement[:] = ((blocks.displacement[jacks.block] + turned) * jacks.direction).sum(axis=1)
         jacks.drive[:3] = way.driven, way.driven, V
-        if V > jacks.drive[3]:
-            jacks.drive[3:5] = V, way.driven
+        unbalanced = self.search.out_of_balance()  # what a drag held up is no peak
+        sure = V if unbalanced <= self.search.balanced else V / (1.0 + unbalanced)
+        if sure > jacks.drive[3]:
+            jacks.drive[3:5] = sure, way.driven
         began = time.perf_counter()
         lower, upper = instant_bounds(
             blocks, state.joints, state.points, state.areas, V, moved, 1.0
@@ -358,7 +412,7 @@ class _Follower:
         energy[:] = 0.0
         energy[ELASTIC] = elastic_energy(state.joints, state.points, state.areas, None) - self.seated
         if number:
-            energy[EXTERNAL], energy[FRICTION] = self.way.external, self.way.friction
+            energy[EXTERNAL], energy[FRICTION], energy[DASHPOTS] = self.way.external, self.way.friction, self.way.lost
         write_row(
             record, number, float(number), state.blocks, state.joints, state.points, state.jacks, 0.0, lower, upper,
             False,

@@ -11,6 +11,7 @@ from dembrick.kernels.bracket import NEVER
 from dembrick.session import Snapshot
 
 MOST_EQUILIBRIA = 400  # of a path
+FIRST_DRAG = 0.01
 
 
 @dataclass
@@ -45,9 +46,12 @@ class Way:
     iterations: int = 0
     calm: int = 0  # steps since one failed
     jumps: int = 0  # times that the blocks were let go
+    drag: float = FIRST_DRAG  # over the elastic stiffness, of the next step that needs one
+    dragged: int = 0  # steps still to take with it
     kept: int = 0  # the same when a direction was last taken from where they came to rest
     external: float = 0.0  # J, work of jacks and dead loads
     friction: float = 0.0  # J
+    lost: float = 0.0  # J, to the drag
     # of every equilibrium: inelastic displacement (m), V, lower and upper bound (N), whether a gap is closing
     seen: list[tuple[float, float, float, float, bool]] = field(default_factory=lambda: [(0.0, 0.0, 0.0, NEVER, False)])
 

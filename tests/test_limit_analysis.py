@@ -12,22 +12,23 @@ from scipy.optimize import linprog
 from scipy.sparse import coo_array
 
 from dembrick import assembly
-from dembrick.collapse import refined
+from dembrick.collapse import collapse_lines, refined
 from dembrick.controls import PushoverControl
 from dembrick.generators import Arch, Stack, Wall
+from dembrick.generators.walls import Return
 from dembrick.model import JointLaw, Material, Scenario
 from dembrick.result import simulate
 
 FACETS = 64  # of a cone; they stand around it, so that the programme allows 0.12 % more friction
 
 
-def scene(direction, friction=0.7, **parts) -> Scenario:
-    law, stone = JointLaw("concave", friction, 1e10, 4e9), {"stone": Material(2000.0)}
+def scene(direction, friction=0.7, stiffness=(1e10, 4e9), **parts) -> Scenario:
+    law, stone = JointLaw("concave", friction, *stiffness), {"stone": Material(2000.0)}
     return Scenario("pushed", (0.0, 0.0, -9.81), law, stone, (), PushoverControl(direction), **parts)
 
 
-def wall(block, courses, blocks, heading=0.0):
-    return {"walls": (Wall("wall", "stone", block, courses, blocks, base=0.2, heading=heading),)}
+def wall(block, courses, blocks, heading=0.0, returns=()):
+    return {"walls": (Wall("wall", "stone", block, courses, blocks, base=0.2, heading=heading, returns=returns),)}
 
 
 def stack(blocks, height):
@@ -97,6 +98,43 @@ def test_no_wall_carries_more_than_the_programme(seed):
     bound = rigid_load_factor(scenario)
     found = simulate(scenario, record=False).collapse["load_factor"]
     assert 0.4 * bound < found <= bound * (1.0 + 1e-3)
+
+
+SLIDING = {
+    "along, soft in shear": scene((-1.0, 0.13, 0.0), 0.3, (1e11, 4e9), **wall((0.27, 0.29, 0.19), 5, 4)),
+    "along, turned": scene((-1.0, 0.03, 0.0), 0.64, (1e11, 4e9), **wall((0.25, 0.29, 0.13), 5, 4, 30.0)),
+    "a corner, pushed up too": scene(
+        (-0.56, -0.83, 0.2), 0.3, (1e11, 4e9), **wall((0.4, 0.2, 0.2), 4, 5, 0.0, (Return("right", "front", 3),))
+    ),
+    "a corner, stiff in shear": scene(
+        (-0.93, 0.37, 0.0), 0.3, (1e10, 4e10), **wall((0.34, 0.17, 0.086), 6, 5, 30.0, (Return("left", "back", 2),))
+    ),
+}
+
+
+@pytest.mark.parametrize("scenario", SLIDING.values(), ids=SLIDING)
+def test_a_wall_slides_as_a_whole_at_the_friction_of_its_bed(scenario):
+    """V c = mu (1 - V s) for a push at an angle of sine s upwards; many head joints are at the brink of closing."""
+    push = np.array(scenario.control.direction)
+    along, up = np.hypot(*push[:2]) / np.linalg.norm(push), push[2] / np.linalg.norm(push)
+    found = simulate(scenario, record=False)
+    mu = scenario.joint.friction
+    assert found.collapse["mechanism"] == "sliding"
+    assert found.collapse["load_factor"] == pytest.approx(mu / (along + mu * up), rel=1e-4)
+    assert found.yield_point.V_lower <= mu / (along + mu * up) * (1.0 + 1e-6) <= found.yield_point.V_upper * (1 + 1e-5)
+
+
+def test_a_peak_on_the_way_is_told_from_what_the_mechanism_carries():
+    """Rough joints lock forces in: how high the peak is depends on the stiffness, what comes after it does not."""
+    parts = wall((0.31, 0.17, 0.21), 5, 3)
+    found = [
+        simulate(scene((1.0, 0.07, 0.0), 3.0, stiffness, **parts), record=False).collapse
+        for stiffness in ((1e11, 4e9), (1e10, 4e9), (1e10, 4e10))
+    ]
+    peaks, after = ([one[name] for one in found] for name in ("load_factor", "mechanism_load_factor"))
+    assert max(peaks) > 1.01 * min(peaks)
+    assert max(after) < 1.0001 * min(after)
+    assert "after a peak" in "".join(collapse_lines(found[0]))
 
 
 def test_refining_shows_what_the_path_leaves_open():

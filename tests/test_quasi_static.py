@@ -101,6 +101,14 @@ def test_a_wall_turns_about_its_toe(formulation):
     assert result.status == "collapse" and result.as_dict()["collapse"]["time"] == pytest.approx(fallen["angle"])
 
 
+def test_a_large_wall_takes_few_newton_steps():
+    """Trial steps that lead nowhere are given up at once: nearly all that is asked for is elastic, or a mechanism."""
+    wall = Wall("wall", "stone", (0.3, 0.2, 0.1), courses=24, blocks=12, base=0.1)
+    result = simulate(scene(tilt(), friction=0.64, walls=(wall,)), record=False)
+    assert result.collapse["load_factor"] == pytest.approx(0.2 / 2.4, rel=1e-5)
+    assert result.replay.steps <= 40
+
+
 def test_corrected_joints_let_the_wall_fall_early():
     """Their points carry the weight too, and stand s = 0.537 of the half thickness from the middle."""
     assert simulate(leaf("corrected")).collapse["angle"] == pytest.approx(6.1302, rel=1e-3)

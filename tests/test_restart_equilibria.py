@@ -27,8 +27,8 @@ def scene(control, formulation="concave", friction=0.6, pressure="full", checkpo
     return Scenario("followed", (0.0, 0.0, -9.81), law, stone, parts.pop("blocks", ()), control, output=output, **parts)
 
 
-def wall(courses=4):
-    return {"walls": (Wall("wall", "stone", (0.3, 0.2, 0.1), courses=courses, blocks=3, base=0.1),)}
+def wall(courses=4, block=(0.3, 0.2, 0.1)):
+    return {"walls": (Wall("wall", "stone", block, courses=courses, blocks=3, base=0.1),)}
 
 
 def tower():
@@ -50,7 +50,10 @@ SCENES = {
     "convex wall tilted": lambda: scene(TILT, "convex", **wall()),
     "linear pressure": lambda: scene(TILT, "convex", pressure="linear", **wall(2)),
     "arch": lambda: shipped("arch.toml"),
-    "blocks that are let go": lambda: shipped("ferris_tinloi_3.toml", "control.quasi_static=true"),
+    "contacts at the brink": lambda: shipped("ferris_tinloi_3.toml", "control.quasi_static=true"),
+    "blocks that are let go": lambda: scene(
+        PushoverControl((-0.8, 0.6, 0.0), 1e-4), friction=3.0, **wall(2, (0.2, 0.22, 0.12))
+    ),
     "yield of a tower": lambda: scene(YieldControl(1e-3), "corrected-shear", **tower()),
     "constant rate on a tower": lambda: scene(model.DisplacementControl(1e-4, 1e-5), checkpoint=1e9, **tower()),
 }
