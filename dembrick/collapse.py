@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
-from dembrick.controls import Control, on_all_blocks
-from dembrick.model import JointLaw, Scenario
 from dembrick.replay import Replay
 from dembrick.yield_point import last_moves
 
@@ -41,31 +38,6 @@ def collapse_of(run: Replay, assembly, control) -> dict:
         "blocks": [assembly.names[i] for i in moving],
         "error_estimate": None,
     }
-
-
-def refined(scenario: Scenario) -> tuple[Scenario, ...]:
-    """The scenarios whose load factors differ from that of ``scenario`` by about its error.
-
-    In real time one, with joints twice as stiff at half the rate. A search through equilibria has two, with twice the
-    normal and with twice the shear stiffness: forces in equilibrium know no scale of stiffness, but the ratio of the
-    two decides how joints are loaded on the way, and so to which limit friction without dilatancy is led.
-    """
-    control = scenario.control
-    if not on_all_blocks(control):
-        return (_stiffer(scenario, 2.0, 2.0, replace(control, rate=0.5 * control.rate)),)
-    return _stiffer(scenario, 2.0, 1.0, control), _stiffer(scenario, 1.0, 2.0, control)
-
-
-def _stiffer(scenario: Scenario, normal: float, shear: float, control: Control) -> Scenario:
-    def law(given: JointLaw) -> JointLaw:
-        return replace(
-            given,
-            normal_stiffness=normal * given.normal_stiffness,
-            shear_stiffness=shear * given.shear_stiffness,
-        )
-
-    joints = tuple(replace(entry, law=law(entry.law)) for entry in scenario.joints)
-    return replace(scenario, joint=law(scenario.joint), joints=joints, control=control, text=None)
 
 
 def collapse_lines(collapse: dict) -> list[str]:

@@ -34,6 +34,7 @@ class MotionResult:
     wall: dict
     history: str | None = None
     energy: EnergyAudit | None = None
+    displacement_error: float | None = None
 
     @property
     def status(self) -> str:
@@ -81,6 +82,7 @@ class MotionResult:
             "critical_time_step": motion.critical_time_step,
             "simulated_time": motion.time,
             "displacement": float(np.linalg.norm(self.displacement, axis=1).max()),
+            "displacement_error": self.displacement_error,
             "unbalanced": self.run.unbalanced,
             "control_points": self.control_points,
             "energy": None if self.energy is None else self.energy.as_dict(),
@@ -120,7 +122,8 @@ class MotionResult:
             lines += collapse_lines(self.collapse)
         furthest = int(np.argmax(np.linalg.norm(self.displacement, axis=1)))
         away = float(np.linalg.norm(self.displacement[furthest]))
-        lines.append(f"displacement  {away:.5g} m, of {self.assembly.names[furthest]}")
+        bar = "" if self.displacement_error is None else f" +- {self.displacement_error:.2g}"
+        lines.append(f"displacement  {away:.5g}{bar} m, of {self.assembly.names[furthest]}")
         lines.append(f"simulated     {motion.time:.6g} s")
         lines.append(
             f"time step     {motion.time_step:.3g} s (critical {motion.critical_time_step:.3g} s), "

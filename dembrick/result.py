@@ -16,13 +16,14 @@ from dembrick import assembly as assemblies
 from dembrick import centred_points, interruption, judge, replay
 from dembrick import scenario as scenarios
 from dembrick.audit import EnergyAudit
-from dembrick.collapse import collapse_of, refined
+from dembrick.collapse import collapse_of
 from dembrick.controls import in_real_time, on_all_blocks
 from dembrick.errors import DembrickError, HistoryError, NotConvergedError, WriteError
 from dembrick.interruption import Interrupted
 from dembrick.keeper import Keeper, Memory
 from dembrick.model import Scenario
 from dembrick.point_table import widest_rim
+from dembrick.refinement import error_of, refinements
 from dembrick.session import Session
 from dembrick.simulation import rotations
 from dembrick.yield_point import YieldPoint
@@ -179,8 +180,8 @@ def simulate(
     """Run a scenario (or the TOML file of one) and return its Result, or its MotionResult where blocks move in time.
 
     ``history`` is the HDF5 file to write; ``force`` lets it replace a finished one. Without ``record`` (and without a
-    history) only the yield point is kept, which is what a batch wants. ``refine`` runs a tilt or a pushover once or
-    twice more, see `collapse.refined`, for an error estimate of its collapse. ``report`` gets warnings.
+    history) only the yield point is kept, which is what a batch wants. ``refine`` runs it once or twice more for an
+    error estimate of its collapse, or of how far blocks have moved, see `refinement`. ``report`` gets warnings.
 
     Raises ScenarioError for input that is not a test, OutputError for a path that cannot be used, NotConvergedError
     and DivergedError where there is no answer; the history then is kept, with the status "failed". Interrupted, which
@@ -189,6 +190,8 @@ def simulate(
     began, start_up = time.perf_counter(), _start_up()
     if not isinstance(scenario, Scenario):
         scenario = scenarios.load(scenario)
+    if refine:
+        refinements(scenario)  # refuses what cannot be refined before anything runs
     assembly = _built(scenario, report)
     keeper = Memory() if record else None
     if history is not None:
@@ -325,7 +328,7 @@ def _judged(scenario, assembly, run, books, keeper, times, refine) -> Result | M
     else:
         fallen = collapse_of(run, assembly, scenario.control) if on_all_blocks(scenario.control) else None
         result = Result(scenario, assembly, run, expected, rows, frames, wall, books, path, fallen)
-    missing = _estimate_error(result) if refine and result.collapse is not None else None
+    missing = _estimate_error(result) if refine else None
     if path:
         keeper.finish(result.status, result.as_dict(), run.settings)
         result.wall["write"] += time.perf_counter() - finishing
@@ -336,27 +339,33 @@ def _judged(scenario, assembly, run, books, keeper, times, refine) -> Result | M
 
 
 def _estimate_error(result: Result | MotionResult) -> BaseException | None:
-    """Give a collapse its error estimate; or return what came in between, which the run itself does not suffer from."""
+    """Give a run its error estimate; or return what came in between, which the run itself does not suffer from."""
+    scenario, fallen = result.scenario, result.collapse
+    found = result.displacement if fallen is None else fallen["load_factor"]
     try:
-        found = result.collapse["load_factor"]
-        finer = [_refined_factor(one) for one in refined(result.scenario)]
-        result.collapse["error_estimate"] = max(abs(factor - found) for factor in finer)
-        return None
+        error = error_of(scenario, found, [_refined(one.scenario) for one in refinements(scenario)])
     except (DembrickError, Interrupted) as error:
-        load_factor = f"load factor {result.collapse['load_factor']:.6g}"
-        kept = f"the run itself ({load_factor}) is complete" + (f" in {result.history}" if result.history else "")
+        answer = "" if fallen is None else f" (load factor {found:.6g})"
+        kept = f"the run itself{answer} is complete" + (f" in {result.history}" if result.history else "")
         if isinstance(error, Interrupted):
             return Interrupted(error.signum, f"interrupted while the error was estimated; {kept}")
         failed = type(error)(f"no error estimate: {error}; {kept}")
-        failed.answer = failure(result.scenario, failed, result.history)
+        failed.answer = failure(scenario, failed, result.history)
         return failed
+    if fallen is None:
+        result.displacement_error = error
+    else:
+        fallen["error_estimate"] = error
+    return None
 
 
-def _refined_factor(scenario: Scenario) -> float:
-    """Load factor of the collapse of a refined scenario; a search takes steps half as long."""
+def _refined(scenario: Scenario):
+    """Load factor of the collapse of a refined scenario, or the displacements of its blocks; a search takes steps half
+    as long."""
     control = scenario.control
     if not on_all_blocks(control):
-        return simulate(scenario, record=False).collapse["load_factor"]
+        result = simulate(scenario, record=False)
+        return result.displacement if result.collapse is None else result.collapse["load_factor"]
     assembly, goal = assemblies.build(scenario), control.displacement or 0.0
     run = replay.find_limit_load(assembly, control.tolerance, scenario.solver.step_factor, goal=goal, steps=0.5)
     return collapse_of(run, assembly, control)["load_factor"]

@@ -81,6 +81,7 @@ def key_numbers(results: Mapping) -> list[KeyNumber]:
     lines += _of_collapse(collapse, has_bracket="V" in point)
     lines += _of_yield(point, "" if collapse else "N")
     lines += _of_theory(part(results, "theory"))
+    lines += _of_motion(results) if not (point or collapse) else []
     books = part(results, "energy")
     residual, stepping = number(books.get("relative_residual")), number(books.get("step_error"))
     if residual is not None:
@@ -139,6 +140,16 @@ def _of_theory(theory: dict) -> list[KeyNumber]:
     return [KeyNumber("theory", f"{V:.7g} N", remark)]
 
 
+def _of_motion(results: Mapping) -> list[KeyNumber]:
+    """How far the block came that moved most."""
+    moved, error = number(results.get("displacement")), number(results.get("displacement_error"))
+    if moved is None:
+        return []
+    if error is None:
+        return [KeyNumber("greatest displacement", length(moved), "no error bar (--refine gives one)")]
+    return [KeyNumber("greatest displacement", with_error(moved, error, "m"), "from stiffer joints")]
+
+
 def _of_collapse(collapse: dict, has_bracket: bool) -> list[KeyNumber]:
     """The angle of the table, and the load factor unless a bracket says it better; with the refined estimate."""
     lines = []
@@ -151,7 +162,7 @@ def _of_collapse(collapse: dict, has_bracket: bool) -> list[KeyNumber]:
         lines.append(KeyNumber("collapse angle", text, none if error is None and not has_bracket else ""))
     if factor is not None and not (has_bracket and bar is None):
         text = f"{factor:.5g}" if bar is None else with_error(factor, abs(bar), "").rstrip()
-        source = "half the rate, twice the stiffness" if bar is not None else "" if lines else none
+        source = "from the run refined" if bar is not None else "" if lines else none
         lines.append(KeyNumber("load factor, refined" if has_bracket else "load factor", text, source))
     if isinstance(collapse.get("mechanism"), str) and not has_bracket:
         lines.append(KeyNumber("mechanism", collapse["mechanism"]))

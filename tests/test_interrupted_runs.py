@@ -129,7 +129,7 @@ def test_a_run_is_complete_whatever_becomes_of_its_error_estimate(tmp_path, monk
     def estimate(_):
         raise error
 
-    monkeypatch.setattr("dembrick.result._refined_factor", estimate)
+    monkeypatch.setattr("dembrick.result._refined", estimate)
     path = tmp_path / "run.h5"
     with pytest.raises(type(error), match=f"error.*; the run itself .* is complete in {path}"):
         simulate(given, path, refine=True)

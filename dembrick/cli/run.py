@@ -15,7 +15,9 @@ def add_arguments(parser) -> None:
     )
     parser.add_argument("--tolerance", type=float, help="short for --set control.tolerance=...")
     parser.add_argument(
-        "--refine", action="store_true", help="estimate the error of a collapse: stiffer joints, half the rate or steps"
+        "--refine",
+        action="store_true",
+        help="estimate the error of a run without a bracket: stiffer joints, half the rate or steps",
     )
     parser.add_argument("--force", action="store_true", help="replace a finished history")
 

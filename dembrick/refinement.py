@@ -1,0 +1,74 @@
+"""Error bars of runs that have no bracket of their own, or whose bracket does not tell all: the run refined.
+
+A run in real time, with joints of some stiffness and driven at some rate, stands for rigid blocks and, where it drives
+to a collapse, for a rate of nought. Each is refined by itself, because the two errors may differ in sign, and a
+difference counts for an error that fades as slowly as has been seen: with the rate to the power 2/3, the time that
+what has begun to fall takes; with the stiffness to the power -1/3, at joints that press a strip along their toe.
+
+A search through equilibria knows no rate, and its forces no scale of stiffness, but the ratio of the two stiffnesses
+decides how joints are loaded on the way, and so to which limit friction without dilatancy is led: each is doubled by
+itself, and the greater difference counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from dembrick.controls import drives_to_collapse, on_all_blocks
+from dembrick.errors import ScenarioError
+from dembrick.model import JointLaw, Scenario
+
+OF_RATE = 1.0 / (1.0 - 2.0 ** (-2.0 / 3.0))  # error over the difference that half the rate makes
+OF_STIFFNESS = 1.0 / (1.0 - 2.0 ** (-1.0 / 3.0))  # and twice the stiffness
+
+
+class Refinement(NamedTuple):
+    """A refined scenario, and the error over the difference that it makes."""
+
+    scenario: Scenario
+    weight: float
+
+
+def refinements(scenario: Scenario) -> tuple[Refinement, ...]:
+    """What ``scenario`` is compared with; ScenarioError for a limit load, whose bracket is its error bar."""
+    control = scenario.control
+    if control.kind in ("yield", "displacement"):
+        raise ScenarioError(
+            f'a run of kind "{control.kind}" has the bracket of its limit load for an error bar; --refine is for tilt, '
+            "pushover, base-motion and dynamic"
+        )
+    if on_all_blocks(control):
+        return tuple(Refinement(stiffer(scenario, *factors), 1.0) for factors in ((2.0, 1.0), (1.0, 2.0)))
+    found = [Refinement(stiffer(scenario, 2.0, 2.0), OF_STIFFNESS)]
+    if drives_to_collapse(control):
+        slower = replace(scenario, control=replace(control, rate=0.5 * control.rate), text=None)
+        found.append(Refinement(slower, OF_RATE))
+    return tuple(found)
+
+
+def error_of(scenario: Scenario, found, refined: Sequence) -> float:
+    """The error of an answer, given those of the `refinements`: load factors, or displacements (n, 3), m, of which the
+    block that is least certain counts."""
+    differences = [
+        refinement.weight * float(np.linalg.norm(np.atleast_2d(np.asarray(other) - found), axis=1).max())
+        for refinement, other in zip(refinements(scenario), refined, strict=True)
+    ]
+    return max(differences) if on_all_blocks(scenario.control) else sum(differences)
+
+
+def stiffer(scenario: Scenario, normal: float, shear: float) -> Scenario:
+    """The same scenario with normal and shear stiffness of all joints times these factors."""
+
+    def law(given: JointLaw) -> JointLaw:
+        return replace(
+            given,
+            normal_stiffness=normal * given.normal_stiffness,
+            shear_stiffness=shear * given.shear_stiffness,
+        )
+
+    joints = tuple(replace(entry, law=law(entry.law)) for entry in scenario.joints)
+    return replace(scenario, joint=law(scenario.joint), joints=joints, text=None)
