@@ -10,7 +10,7 @@ import numpy as np
 
 from dembrick.elastic import Factor
 from dembrick.errors import ScenarioError
-from dembrick.kernels.band import eliminate, substitute
+from dembrick.kernels.band import WIDE, eliminate, substitute
 from dembrick.kernels.tangent import Trial, assemble_tangent, try_motion
 from dembrick.simulation import State, joint_stiffness, to_joint
 from dembrick.yield_point import joint_reach
@@ -54,7 +54,7 @@ def _new_trial(state: State, load: np.ndarray, factor: Factor) -> Trial:
     row[free] = factor.place
     seen_a, seen_b = to_joint(joints.axes, joints.arm_a), to_joint(joints.axes, joints.arm_b)
     ends = np.stack([row[joints.block_a], row[joints.block_b]])
-    half_width = int(np.abs(ends[0] - ends[1])[(ends >= 0).all(axis=0)].max(initial=0)) + 5
+    half_width = int(np.abs(ends[0] - ends[1])[(ends >= 0).all(axis=0)].max(initial=0)) + 5 + WIDE - 1
     rows = 6 * len(free)
     if rows * (3 * half_width + 1) > MOST_ENTRIES:
         raise ScenarioError(
@@ -181,7 +181,7 @@ class Equilibria:
         trial = self.trial
         assemble_tangent(trial, self.state.joints)
         system, rows = (trial.band, trial.half_width, trial.by_residual, trial.by_load), len(trial.residual)
-        stride = max(1, AT_ONCE // (2 * trial.half_width**2))
+        stride = WIDE * max(1, AT_ONCE // (2 * WIDE * trial.half_width**2))
         for first in range(0, rows, stride):
             if not eliminate(*system, first, min(first + stride, rows)):
                 return False
