@@ -323,7 +323,7 @@ def test_the_load_of_a_tilt_is_a_number_and_that_of_jacks_a_force(tmp_path):
         assert {file[f"history/{name}"].attrs["units"] for name in ("load", "lower", "upper")} == {"1"}
     with history.read(path) as found:
         to_csv(found, text)
-    assert text.read_text().splitlines()[0].startswith("time [s],load [1],")
+    assert text.read_text().splitlines()[0].startswith("equilibrium [1],load [1],")
     assert load_of('title = "a tilt"\n[control]\nkind = "yield"')[0] == "N"
     assert load_of('[control]\nkind = "base-motion"')[0] == "m/s2"
     assert load_of("tilt =")[0] == "N"
