@@ -29,11 +29,6 @@ def load_system(scenario, number, position, mass, fixed) -> tuple[np.ndarray, np
     control, free = scenario.control, np.flatnonzero(~fixed)
     if scenario.actuators:
         raise ScenarioError(f"control kind {show(control.kind)} has no use for [[actuators]]; remove them")
-    for load in scenario.loads:
-        if load.varies:
-            raise ScenarioError(
-                f"the load on {show(load.block)} varies with time, which a quasi-static {control.kind} does not know"
-            )
     gravity = np.array(scenario.gravity, float)
     block, point = list(free), list(position[free])
     if control.kind == "pushover":

@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from dembrick import curves
-from dembrick.controls import drives_to_collapse
 from dembrick.driving import Driving
 from dembrick.errors import ScenarioError
+
+RESOLVED = 4.0  # time steps in the period of a load: fewer would make another load of it
 
 
 def driving_of(scenario, assembly, time_step: float) -> Driving:
@@ -18,16 +19,18 @@ def driving_of(scenario, assembly, time_step: float) -> Driving:
     A file is looked for beside the scenario.
     """
     control = scenario.control
-    duration = getattr(control, "duration", 0.0)
+    duration, place = getattr(control, "duration", 0.0), f"{scenario.path}: " if scenario.path else ""
     number = {name: i for i, name in enumerate(assembly.names)}
     blocks, levers, forces, factors = [], [], [], []
-    for load in scenario.loads:
-        if drives_to_collapse(control) and load.varies:
-            raise ScenarioError(
-                f"the load on {load.block!r} varies with time, which a {control.kind} test has no use for"
-            )
+    for count, load in enumerate(scenario.loads, 1):
         factor = None
         if load.sine is not None:
+            period = 1.0 / load.sine.frequency
+            if period < RESOLVED * time_step:
+                raise ScenarioError(
+                    f"{place}load number {count}: sine.frequency = {load.sine.frequency:g} Hz swings in {period:.3g} "
+                    f"s, and the time step is {time_step:.3g} s; lower the frequency, or solver.step_factor"
+                )
             factor = curves.sine(load.sine)
         if load.history is not None:
             factor = curves.linear(_samples(scenario, load.history, duration, time_step))

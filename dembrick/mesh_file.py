@@ -19,6 +19,7 @@ from dembrick.polyhedra import FLAT, hull, mass_properties
 from dembrick.shapes import Polyhedron
 
 ENDINGS = (".stl", ".obj", ".ply", ".msh", ".vtu")
+SMALLEST, LARGEST = 1e-6, 1e6  # m: a mesh beyond is one in another unit
 _SAME = 1e-9  # of the size: corners so near are one
 _MOST_CORNERS = 2000  # of a convex block: a hull of more is no block but a scan
 _SURFACES = ("triangle", "quad", "polygon")
@@ -53,6 +54,11 @@ def checked(points: np.ndarray, faces: list[tuple[int, ...]]) -> Polyhedron:
     size = float(np.ptp(points[used], axis=0).max())
     if not size > 0.0:
         raise ScenarioError("all corners are at one point; a block needs a volume")
+    if not SMALLEST <= size <= LARGEST:
+        raise ScenarioError(
+            f"the surface is {size:.3g} m across; blocks measure from {SMALLEST:g} to {LARGEST:g} m: give the unit of "
+            "its lengths by scale"
+        )
     points, faces = _welded(points, faces, _SAME * size)
     if not faces:
         raise ScenarioError("no face of the surface has an area; a block needs a volume")
@@ -98,6 +104,8 @@ def _read(path: str) -> tuple[np.ndarray, list[tuple[int, ...]]]:
     except (Exception, SystemExit) as error:  # whatever its readers raise on a broken file
         reason = " ".join(str(error).split()) or type(error).__name__
         raise ScenarioError(f"mesh file {path}: it cannot be read as {ending[1:]}: {reason[:200]}") from None
+    if not len(mesh.points):
+        raise ScenarioError(f"mesh file {path}: there is no surface in it; a block needs one that is closed")
     points = np.asarray(mesh.points, float)
     if points.ndim != 2 or points.shape[1] != 3:
         raise ScenarioError(f"mesh file {path}: its corners have {points.shape[-1]} coordinates; a block needs 3")

@@ -7,6 +7,7 @@ a negative friction, a number given as text or a load on a block that is not the
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from numbers import Integral
 
@@ -275,6 +276,10 @@ class Scenario:
         lists["control_points"] = ControlPoint
         for key, kind in (lists | GENERATORS).items():
             assign(self, **{key: members_of(key, getattr(self, key), kind)})
+        if self.control.kind == "tilt":
+            along = abs(sum(a * g for a, g in zip(self.control.axis, self.gravity, strict=True)))
+            crosses = along < (1.0 - 1e-12) * math.hypot(*self.gravity)
+            require(crosses, "control.axis", self.control.axis, "it lies along gravity, which a tilt has to turn")
         self._lay()
         if not self.all_blocks:
             raise ScenarioError("a scenario needs at least one block")
@@ -298,7 +303,7 @@ class Scenario:
 
     def _check_names(self):
         """Names are unique, and whatever is referred to is there."""
-        blocks = {block.name: None for block in self.all_blocks}
+        blocks = {block.name: i for i, block in enumerate(self.all_blocks)}
         for kind, members, names in (
             ("block", self.all_blocks, blocks),
             ("actuator", self.actuators, {actuator.name for actuator in self.actuators}),
@@ -311,6 +316,12 @@ class Scenario:
                         message = f"two {kind}s are named {show(member.name)}; every {kind} needs its own name"
                         raise ScenarioError(message)
                     seen.add(member.name)
+        for block in self.all_blocks:
+            if block.fixed and any((*block.velocity, *block.angular_velocity)):
+                raise ScenarioError(
+                    f"block {show(block.name)} is fixed and has a velocity; remove one of the two (supports that move: "
+                    'control.kind = "base-motion")'
+                )
         for name in self.groups:
             if name in blocks:
                 raise ScenarioError(f"{show(name)} names a block and a group; give one of them another name")
@@ -323,6 +334,16 @@ class Scenario:
             if load.point is not None and load.block in self.groups:
                 message = f"load number {i} has a point and acts on group {show(load.block)}; name one of its blocks"
                 raise ScenarioError(message)
+            if all(self.all_blocks[k].fixed for k in self.groups.get(load.block) or (blocks[load.block],)):
+                raise ScenarioError(
+                    f"load number {i} acts on {show(load.block)}, which is fixed, so that nothing feels it; remove the "
+                    "load, or name a block that can move"
+                )
+            if load.varies and self.control.kind not in ("dynamic", "base-motion"):
+                raise ScenarioError(
+                    f"load number {i} on {show(load.block)} varies with time, which a test of kind "
+                    f"{show(self.control.kind)} does not know; remove its {'history' if load.history else 'sine'}"
+                )
         for actuator in self.actuators:
             if actuator.block in self.groups:
                 label = f"block of actuator {show(actuator.name)} = {show(actuator.block)}"

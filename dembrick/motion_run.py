@@ -37,6 +37,7 @@ STEEPEST = 90.0  # deg: a tilt that brings nothing down ends there
 MOVED = 0.1  # of the longest displacement: blocks that have moved further belong to the mechanism
 IMPACTS = 3.0  # where blocks may bounce the step is so much shorter: the stated restitution is then met to some 3 %
 NO_LIMIT = 1e150  # m
+MOST_STEPS = 1e12  # of a run: a year for a single block
 AT_ONCE = 2_000_000  # blocks and joints, times steps: a signal waits for some tenths of a second
 MEETINGS = 6  # new contacts a block in a frame, at the most: each of two has it, and twelve equal blocks fit round one
 PARTS = ("bodies", "links", "corners", "faces")  # of the state, that a checkpoint holds
@@ -117,7 +118,14 @@ def _most_steps(moving: Motion, control, jack: Jack | None) -> int:
     """Steps after which the run ends if nothing ends it before."""
     if jack is not None:
         return jack.longest
-    seconds = STEEPEST / control.rate if control.kind == "tilt" else control.duration
+    tilts = control.kind == "tilt"
+    seconds = STEEPEST / control.rate if tilts else control.duration
+    if not seconds < MOST_STEPS * moving.time_step:
+        key, remedy = ("rate", "tilt faster") if tilts else ("duration", "shorten it")
+        raise ScenarioError(
+            f"control.{key} = {getattr(control, key):g} would take {seconds / moving.time_step:.3g} steps of "
+            f"{moving.time_step:.3g} s, and {MOST_STEPS:g} are the most; {remedy}"
+        )
     return math.ceil(seconds / moving.time_step * (1.0 - 1e-12))
 
 

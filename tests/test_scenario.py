@@ -362,6 +362,9 @@ def scenarios(draw):
     materials = draw(st.dictionaries(names, st.builds(model.Material, positive), min_size=1, max_size=3))
     block_names = draw(st.lists(names, min_size=2, max_size=4, unique=True))
     some_block = st.sampled_from(block_names)
+    fixed = {name: draw(st.booleans()) for name in block_names}
+    free, still = [name for name in block_names if not fixed[name]], st.just((0.0, 0.0, 0.0))
+    load = st.builds(model.Load, st.sampled_from(free), vectors, st.none() | vectors) if free else None
     edges = st.tuples(positive, positive, positive)
     quaternions = st.tuples(*[st.floats(-1.0, 1.0)] * 4).filter(lambda q: math.hypot(*q) > 0.1)
     units = quaternions.map(lambda q: tuple(c / math.hypot(*q) for c in q))
@@ -382,15 +385,15 @@ def scenarios(draw):
                 draw(edges),
                 draw(vectors),
                 draw(units),
-                draw(st.booleans()),
-                draw(vectors),
-                draw(vectors),
+                fixed[name],
+                draw(still if fixed[name] else vectors),
+                draw(still if fixed[name] else vectors),
             )
             for name in block_names
         ],
         control=draw(tolerances | st.builds(model.DisplacementControl, positive, positive)),
         joints=draw(st.lists(st.builds(model.JointOverride, pairs, laws()), max_size=3)),
-        loads=draw(st.lists(st.builds(model.Load, some_block, vectors, st.none() | vectors), max_size=3)),
+        loads=draw(st.lists(load, max_size=3)) if free else [],
         actuators=[
             model.Actuator(name, draw(some_block), draw(vectors), draw(directions), draw(finite.filter(bool)))
             for name in actuator_names
