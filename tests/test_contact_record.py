@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from dembrick import history, interruption
+from dembrick.cli import main
 from dembrick.controls import DynamicControl
 from dembrick.export.layers import Contacts, Picture
 from dembrick.history.layout import NEW_CONTACTS
@@ -114,7 +115,7 @@ def test_recorded_contacts_turn_the_blocks():
     assert np.abs(met["torque"]).max() * dt > 0.0
 
 
-def test_what_a_landed_block_stands_on_carries_its_weight(tmp_path):
+def test_what_a_landed_block_stands_on_carries_its_weight(tmp_path, capsys):
     """Read back from the file: the new contact of a block that has come to rest on a fixed plate."""
     dropped = Block("block", "stone", BOX, (0.1, 0.0, 0.06))
     result = simulate(scene(FLOOR, dropped, duration=0.6, rows=60), tmp_path / "run.h5")
@@ -132,6 +133,8 @@ def test_what_a_landed_block_stands_on_carries_its_weight(tmp_path):
         at_rows = found.new_contacts[np.searchsorted(found.time, found.frame_time)]
         np.testing.assert_array_equal(counts, at_rows)
         assert counts[0] == 0 and counts[-1] == 1
+    assert main(["info", str(tmp_path / "run.h5")]) == 0
+    assert f"new contacts  {counts.sum()} in all frames" in capsys.readouterr().out
 
 
 def test_a_run_that_was_stopped_records_the_same_contacts(tmp_path, monkeypatch):

@@ -247,6 +247,27 @@ def test_forces_of_new_contacts(tmp_path, drawing, factor):
         assert "forces of new contacts were not recorded" in shown._text.input
 
 
+def test_an_impact_leaves_the_other_forces_to_be_seen(tmp_path, drawing):
+    """A hundred times the weight in one frame of seven: its arrow is cut, and the picture says so."""
+    rows = cases.record(0, 7)
+    rows["joint"][..., 0, :] = [10.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+    rows["joint"][4, 0, 0] = 1000.0
+    with history.HistoryWriter(tmp_path / "run.h5", cases.SCENARIO, cases.assembly(), {}) as writer:
+        writer.append(rows)
+        writer.append_frames(rows["time"], *cases.frames(0, 7)[1:])
+        writer.finish("completed", {})
+    with history.read(tmp_path / "run.h5") as found:
+        with drawn(found, frames=range(7), forces=True) as shown:
+            longest, less = shown._arrow_length(10.0), shown._arrow_length(5.0)
+            assert less == pytest.approx(longest / 2.0) and "the longest 10 N or more" in shown._text.input
+            for frame, length in ((4, longest), (5, longest)):
+                shown.show(frame)
+                assert shown._arrows["length"][0] == pytest.approx(length)
+        assert shown.shades(30).shape == (128, 30, 3) and len(np.unique(shown.shades(2).reshape(-1, 3), axis=0)) == 16
+        with drawn(found, frames=(4,), forces=True) as shown:
+            assert shown._text.input.endswith("the longest 1000 N")
+
+
 def test_torsion_centre_is_marked_where_it_is(run, drawing):
     centre = JointMotion(run).torsion_centre(3)[0]
     with drawn(run) as found:

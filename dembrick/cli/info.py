@@ -36,6 +36,7 @@ def _report(file, options, console) -> int:
         "joints": file.n_joint,
         "rows": file.n_row,
         "frames": file.n_frames,
+        "new_contacts": file.new_contacts_before(file.n_frames) if file.has_new_contacts else None,
         "settings": file.settings,
         "versions": file.versions,
         "results": results,
@@ -47,6 +48,8 @@ def _report(file, options, console) -> int:
         f"blocks        {len(data['blocks'])}, joints {data['joints']}",
         f"rows          {data['rows']}, frames {data['frames']}",
     ]
+    if file.has_new_contacts:
+        lines.append(f"new contacts  {data['new_contacts']} in all frames")
     if point:
         half = math.inf if point["V_upper"] is None else 0.5 * (point["V_upper"] - point["V_lower"])
         lines.append(f"V             {point['V']:.6g} N +- {half:.2g} N ({point['bracket']}), {point['mechanism']}")

@@ -15,7 +15,9 @@ def add_arguments(parser) -> None:
     one.add_argument("--time", type=float, metavar="SECONDS", help="show the frame nearest to this time")
     movie = parser.add_argument_group("movie")
     movie.add_argument("--fps", type=float, default=20.0, help="frames a second (default: 20)")
-    movie.add_argument("--count", type=int, default=100, help="most frames, spread over the run (default: 100)")
+    movie.add_argument(
+        "--count", type=int, default=100, help="most frames, spread evenly over the time of the run (default: 100)"
+    )
     parser.add_argument("--size", type=int, nargs=2, metavar=("WIDTH", "HEIGHT"), help="pixels")
 
 
@@ -36,7 +38,7 @@ def add_look(parser) -> None:
         default="displacement",
         help="what the blocks are coloured by (default: displacement)",
     )
-    look.add_argument("--forces", action="store_true", help="draw the forces of the joints as arrows")
+    look.add_argument("--forces", action="store_true", help="draw the forces of joints and of new contacts as arrows")
 
 
 def run(options, console) -> int:

@@ -127,7 +127,8 @@ def movie(
     try:
         scene = Scene(plotter, history, look, sorted(set(frames)))
         # the scene shows the last frame, the one with most colours
-        sample = plotter.screenshot(return_img=True)
+        sample = plotter.screenshot(return_img=True)[..., :3]
+        sample = np.concatenate([sample, scene.shades(sample.shape[1])])
         with Movie(path, target, fps, sample) as film:
             for done, frame in enumerate(frames):
                 scene.show(frame)

@@ -31,6 +31,7 @@ _ARROW = {"tip_length": 0.22, "tip_radius": 0.035, "shaft_radius": 0.012}
 # blocks: more are drawn with thin lines, and without where they started; less where arrows stand between them
 _FEW, _FEW_WITH_FORCES = 50, 12
 _FORCE, _FORCE_OF_MANY = 0.6, 1.2  # of the largest block that is free to move: the longest arrow of a joint force
+IMPACT = 3.0  # of the greatest force in the usual frame: where there are greater ones, arrows end at that of the usual
 _SEEN = 0.12  # of the largest block: how far the farthest corner moves in a picture by itself
 
 
@@ -119,6 +120,15 @@ class Scene:
             self._show_forces(frame, poses)
         self._text.input = self._words(marked)
 
+    def shades(self, width: int) -> np.ndarray:
+        """Pixels (h, width, 3) of all shades of the arrows, thin as they are, for who chooses few colours."""
+        import pyvista
+
+        rows = [np.zeros((0, 3))]
+        for colour in (_GREEN, _PURPLE) if self._look.forces else ():
+            rows.append(np.outer(np.linspace(0.25, 1.0, 8), pyvista.Color(colour).int_rgb))
+        return np.repeat(np.repeat(np.concatenate(rows)[:, None], 8, axis=0), width, axis=1).astype(np.uint8)
+
     # --- once ---
 
     def _poses(self, frame: int) -> Poses:
@@ -135,7 +145,7 @@ class Scene:
     def _survey(self, frames: list[int]) -> None:
         """The room that the motion needs, seen from the camera, and the largest values, over all frames to be shown."""
         self._seen = np.array([np.full(3, np.inf), np.full(3, -np.inf)])
-        self._largest_force = largest = 0.0
+        largest, pressed = 0.0, []
         self._make_room(self._start)
         for frame in frames:
             poses = self._poses(frame)
@@ -150,15 +160,21 @@ class Scene:
                 values = self._colouring.values(frame, poses)
                 largest = max(largest, float(values.max(initial=0.0, where=np.isfinite(values))))
             if self._look.forces:
-                for _, force in self._forces(frame, poses):
-                    self._largest_force = max(self._largest_force, float(np.linalg.norm(force, axis=1).max(initial=0)))
+                forces = np.concatenate([force for _, force in self._forces(frame, poses)])
+                pressed.append(float(np.linalg.norm(forces, axis=1).max(initial=0.0)))
+        # an impact in one of the frames would leave nothing to be seen of the forces in all others
+        self._most_force = max(pressed, default=0.0)
+        usual = float(np.median(pressed or [0.0]))
+        self._largest_force = usual if 0.0 < IMPACT * usual < self._most_force else self._most_force
         self._most_met = 0
         if self._look.forces:
             for frame in frames:
                 found = self._forces(frame, self._poses(frame))
                 self._most_met = max(self._most_met, len(found[1][0]))
                 for place, force in found:
-                    half = 0.5 * self._arrow_length(1.0) * force
+                    size = np.linalg.norm(force, axis=1, keepdims=True)
+                    way = np.divide(force, size, out=np.zeros_like(force), where=size > 0.0)
+                    half = 0.5 * self._arrow_length(size) * way
                     self._make_room(np.concatenate([place - half, place + half]))
         if self._colouring is not None:
             self._scale = self._colouring.scale(largest)
@@ -388,9 +404,9 @@ class Scene:
         return arrows
 
     def _arrow_length(self, force):
-        """Length (m) of the arrow of a joint force (N)."""
+        """Length (m) of the arrow of a force (N); no arrow is longer than that of the largest one to be told apart."""
         longest = (_FORCE_OF_MANY if self._many else _FORCE) * self._length
-        return longest / (self._largest_force or 1.0) * force
+        return longest / (self._largest_force or 1.0) * np.minimum(force, self._largest_force)
 
     def _show_forces(self, frame: int, poses: Poses) -> None:
         """Arrows of the forces of joints and new contacts on their second blocks, as long as the force is large."""
@@ -414,8 +430,9 @@ class Scene:
         if marked:
             keys.append("blue: torsion centre")
         if self._look.forces:
+            more = " or more" if self._most_force > self._largest_force else ""
             met = " purple: those of new contacts," if self._most_met else ""
-            keys.append(f"green: joint forces,{met} the longest {self._largest_force:.4g} N")
+            keys.append(f"green: joint forces,{met} the longest {self._largest_force:.4g} N{more}")
             if history.meets_anew and not self._meets and history.new_contacts.any():
                 keys.append("forces of new contacts were not recorded")
         now = float(history.frame_time[self._frame])
