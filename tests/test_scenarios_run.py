@@ -20,6 +20,7 @@ ASSEMBLIES = {  # free blocks, joints
     "arch": (17, 18),
     "arch_tilt": (17, 18),
     "oppenheim": (7, 8),
+    "arch_shaken": (7, 8),
     "ferris_tinloi_1": (33, 83),
     "ferris_tinloi_2": (55, 141),
     "ferris_tinloi_3": (46, 102),
