@@ -27,6 +27,7 @@ from dembrick.checks import show
 from dembrick.controls import on_all_blocks
 from dembrick.errors import ScenarioError
 from dembrick.joints import TOLERANCE, JointTable, find_joints
+from dembrick.magnitudes import check_magnitudes
 from dembrick.model import JointLaw, Scenario
 from dembrick.neighbours import Bodies, bodies_of, close_pairs, overlap_depths
 from dembrick.point_table import PointTable, place_points, widest_rim
@@ -88,6 +89,7 @@ def at_rest(scenario: Scenario) -> Assembly:
     blocks = scenario.all_blocks
     names = tuple(block.name for block in blocks)
     try:
+        check_magnitudes(scenario)
         shapes = shapes_of(blocks, os.path.dirname(scenario.path or ""))
     except ScenarioError as error:
         _refuse(scenario, str(error))

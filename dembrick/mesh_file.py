@@ -15,11 +15,11 @@ import warnings
 import numpy as np
 
 from dembrick.errors import MissingDependency, ScenarioError
+from dembrick.magnitudes import LARGEST, SMALLEST
 from dembrick.polyhedra import FLAT, hull, mass_properties
 from dembrick.shapes import Polyhedron
 
 ENDINGS = (".stl", ".obj", ".ply", ".msh", ".vtu")
-SMALLEST, LARGEST = 1e-6, 1e6  # m: a mesh beyond is one in another unit
 _SAME = 1e-9  # of the size: corners so near are one
 _MOST_CORNERS = 2000  # of a convex block: a hull of more is no block but a scan
 _SURFACES = ("triangle", "quad", "polygon")
@@ -59,6 +59,9 @@ def checked(points: np.ndarray, faces: list[tuple[int, ...]]) -> Polyhedron:
             f"the surface is {size:.3g} m across; blocks measure from {SMALLEST:g} to {LARGEST:g} m: give the unit of "
             "its lengths by scale"
         )
+    spread = np.linalg.svd(points[used] - points[used].mean(axis=0), compute_uv=False)
+    if not spread[-1] > _SAME * spread[0]:
+        raise ScenarioError("the surface is flat: all its corners lie in a plane; a block needs a volume")
     points, faces = _welded(points, faces, _SAME * size)
     if not faces:
         raise ScenarioError("no face of the surface has an area; a block needs a volume")

@@ -6,9 +6,12 @@ import math
 import os
 from collections.abc import Sequence
 
+import numpy as np
+
 from dembrick.blocks import Block, Mesh, Part, Prism
 from dembrick.checks import show
 from dembrick.errors import ScenarioError
+from dembrick.magnitudes import LARGEST, SMALLEST, check_size
 from dembrick.polyhedra import compound, hull, prism, voussoir
 from dembrick.shapes import Polyhedron, Shape, box
 
@@ -25,11 +28,25 @@ def shapes_of(blocks: Sequence[Block], folder: str = "") -> tuple[Shape, ...]:
         shape = known.get(solid)
         if shape is None:
             try:
-                shape = known[solid] = _shape(*solid, folder)
+                shape = known[solid] = _sized(*solid, folder)
             except ScenarioError as error:
                 raise ScenarioError(f"block {show(block.name)}: {error}") from None
         shapes.append(shape)
     return tuple(shapes)
+
+
+def _sized(kind: str, description, folder: str) -> Shape:
+    """The shape, if it is of a size that can be computed with."""
+    with np.errstate(all="ignore"):  # of a size that cannot, volume and inertia overflow on the way
+        try:
+            shape = _shape(kind, description, folder)
+            size = shape.diameter
+        except (np.linalg.LinAlgError, ArithmeticError):
+            size = math.nan
+    if math.isnan(size):
+        raise ScenarioError(f"its lengths make no body; a block is from {SMALLEST:g} to {LARGEST:g} m across")
+    check_size(size)
+    return shape
 
 
 def _shape(kind: str, description, folder: str) -> Shape:

@@ -110,7 +110,7 @@ def test_what_can_be_meant_is_not(text):
     simulate(scenario.loads(BASE + text))
 
 
-@pytest.mark.parametrize("factor", [1e200, 1e-9])
+@pytest.mark.parametrize("factor", [1e200, 1e-12])
 def test_a_mesh_in_another_unit(tmp_path, capsys, factor):
     meshio = pytest.importorskip("meshio")
     corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], float)
@@ -124,3 +124,62 @@ def test_a_mesh_in_another_unit(tmp_path, capsys, factor):
     (tmp_path / "tall.obj").write_text("")
     assert main(["check", str(tmp_path / "scene.toml")]) == 2
     assert "tall.obj: there is no surface in it" in capsys.readouterr().err
+
+
+def test_a_flat_mesh(tmp_path, capsys):
+    """A box that was pressed flat: its surface is closed, and holds nothing."""
+    meshio = pytest.importorskip("meshio")
+    corners = np.array([[x, y, 0.0] for _ in range(2) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))]) @ np.array(
+        [[0.6, 0.0, 0.8], [0.0, 1.0, 0.0], [-0.8, 0.0, 0.6]]
+    )
+    faces = [(0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)]
+    meshio.write_points_cells(tmp_path / "flat.obj", corners, [("quad", np.array(faces))])
+    mesh = '[[blocks]]\nname = "mesh"\nmaterial = "stone"\nmesh = "flat.obj"\nposition = [0.0, 0.0, 1.0]\n'
+    (tmp_path / "scene.toml").write_text(BASE + mesh + DYNAMIC)
+    assert main(["check", str(tmp_path / "scene.toml")]) == 2
+    error = capsys.readouterr().err
+    assert "flat.obj: the surface is flat: all its corners lie in a plane; a block needs a volume" in error
+
+
+ABSURD = {
+    "a box too large": ("box = [0.3, 0.2, 0.1]", "box = [1e200, 1.0, 1.0]", "block 'block': it.* m across; from 1e-09"),
+    "a box too small": (
+        "box = [0.3, 0.2, 0.1]",
+        "box = [1e-99, 1e-99, 1e-99]",
+        "block 'block': it.* m across; from",
+    ),
+    "a block far away": (
+        "position = [0.0, 0.0, 0.05]",
+        "position = [0.0, 0.0, 1e300]",
+        "position of block 'block'.*from the",
+    ),
+    "a stiffness": ("= 2.0e8", "= 2.0e80", "normal_stiffness = 2e.80 is out of range: at most 1e.30 Pa/m"),
+    "a density": ("= 2000.0", "= 2e200", "density of material 'stone' = 2e.200 is out of range"),
+    "a gravity": ("-9.81", "-9.81e300", "gravity = .* is out of range: at most 1e.09 m/s2"),
+    "a friction": ("friction = 0.6", "friction = 6e100", "friction = 6e.100 is out of range: at most 1e.12 is taken"),
+}
+
+
+@pytest.mark.parametrize("old, new, match", ABSURD.values(), ids=ABSURD)
+@pytest.mark.filterwarnings("error")
+def test_numbers_that_cannot_be_computed_with(old, new, match):
+    assert BASE.count(old) == 1
+    with pytest.raises(ScenarioError, match=match):
+        simulate(scenario.loads(BASE.replace(old, new) + DYNAMIC))
+
+
+@pytest.mark.parametrize(
+    "more, match",
+    [
+        ("velocity = [1e300, 0.0, 0.0]\n" + DYNAMIC, "velocity of block 'block' = .* at most 1e.09 m/s"),
+        (
+            "angular_velocity = [0.0, 1e300, 0.0]\n" + DYNAMIC,
+            "angular_velocity of block 'block' = .* at most 1e.09 rad/s",
+        ),
+        (DYNAMIC + load("block").replace("1.0", "1e300"), "force of load number 1 = .* at most 1e.30 N is taken"),
+    ],
+)
+@pytest.mark.filterwarnings("error")
+def test_speeds_and_forces_that_cannot_be_computed_with(more, match):
+    with pytest.raises(ScenarioError, match=match):
+        simulate(scenario.loads(BASE + more))

@@ -111,9 +111,10 @@ def test_one_face_turned_round():
 
 
 def test_flat():
-    refused(CORNERS * (1, 1, 0), QUADS, "the surface is flat", "0 m3")
+    for faces in (QUADS, TRIANGLES):
+        refused(CORNERS * (1, 1, 0), faces, "the surface is flat", "lie in a plane")
     square = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]
-    refused(square, [(0, 1, 2, 3), (3, 2, 1, 0)], "flat", "0 m3")
+    refused(square, [(0, 1, 2, 3), (3, 2, 1, 0)], "flat", "lie in a plane")
 
 
 def test_not_convex():
