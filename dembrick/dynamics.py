@@ -26,9 +26,19 @@ from dembrick.frequencies import (
     stepped_dashpots,
     time_constants,
 )
-from dembrick.kernels.dynamics import DIVERGED, MEETING, REACHED, RUNNING, STALE, Limits, Loads, advance_bodies
+from dembrick.kernels.dynamics import (
+    DIVERGED,
+    MEETING,
+    OVERLOADED,
+    REACHED,
+    RUNNING,
+    STALE,
+    Limits,
+    Loads,
+    advance_bodies,
+)
 from dembrick.kernels.touching import CROWDED, DEEP, DEEPEST
-from dembrick.meetings import Meetings
+from dembrick.meetings import STABLE, Meetings
 from dembrick.model import show
 from dembrick.motion_books import MotionBooks
 from dembrick.moving_polygons import Polygons
@@ -125,12 +135,13 @@ def motion(assembly, damping: float, step_factor: float, impacts: float = 1.0) -
     """
     state = moving_state(assembly)
     frequency, of_faces = pair_frequencies(state), contact_time_step(assembly, damping)
-    critical = of_faces
-    if len(frequency):
-        critical = min(critical_time_step(state, time_constants(frequency, damping)), impacts * of_faces)
+    of_joints = critical_time_step(state, time_constants(frequency, damping))
+    critical = min(of_joints, impacts * of_faces) if len(frequency) else of_faces
     dt = step_factor / impacts * critical
     state.links.viscous[:] = stepped_dashpots(frequency * dt, damping)
-    return Motion(assembly, Polygons(assembly, state), dt, critical, damping)
+    moving = Motion(assembly, Polygons(assembly, state), dt, critical, damping)
+    moving.meetings.bearable -= STABLE * dt / of_joints  # at most: springs alone take its square
+    return moving
 
 
 def seat(
@@ -223,6 +234,8 @@ def advance(motion: Motion, driving: Driving, n_steps: int, limits: Limits) -> i
             )
         if status in (DEEP, CROWDED):
             raise NotConvergedError(_trouble(motion, status))
+        if status == OVERLOADED:
+            _examine(motion)
         _follow(motion, called=status == MEETING)
         if status == REACHED:
             return REACHED
@@ -234,6 +247,19 @@ def _follow(motion: Motion, called: bool) -> None:
     began = time.perf_counter()
     motion.meetings.follow(motion.state, motion.polygons, called, motion._travel[1:])
     motion.phases["contact_search"] += time.perf_counter() - began
+
+
+def _examine(motion: Motion) -> None:
+    """DivergedError where a block's contacts swing faster than the time step can follow."""
+    began, meetings = time.perf_counter(), motion.meetings
+    block = meetings.examine(motion.state, motion.time_step)
+    motion.phases["contact_search"] += time.perf_counter() - began
+    if block is not None:
+        raise DivergedError(
+            f"at t = {motion.time:.6g} s block {show(motion.assembly.names[block])} swings on all its contacts faster "
+            f"than steps of {motion.time_step:.3g} s can follow, which would make energy from nothing: lower "
+            "solver.step_factor"
+        )
 
 
 def _trouble(motion: Motion, status: int) -> str:

@@ -13,6 +13,7 @@ import math
 import numpy as np
 
 from dembrick import polygons
+from dembrick.kernels.touching import Touching
 from dembrick.moving_state import MovingState
 from dembrick.shapes import Polyhedron, parts_of
 
@@ -66,7 +67,7 @@ class JointOperator:
         free[bodies.free] = 1.0
         # columns of the square root of the inverse inertia, world axes: J^-1 = (R W)(R W)^T
         root = bodies.rotation @ np.linalg.cholesky(bodies.inverse)
-        self.blocks = n
+        self.blocks, self._root, self._free = n, root, free
         self.host, self.other = links.host, links.other
         self.to_host = self._to_joint(axes, arm_host, bodies.mass, root, free, links.host)
         self.to_other = self._to_joint(axes, arm_other, bodies.mass, root, free, links.other)
@@ -82,6 +83,29 @@ class JointOperator:
         matrix[:, 3:, 3:] = axes @ turn
         matrix[:, :3, 3:] = axes @ np.cross(turn, arm[:, :, None], axis=1)
         return matrix
+
+    def add(self, bodies, contacts: Touching) -> np.ndarray:
+        """Take in the new contacts that touch now; returns which of them (c,)."""
+        on = np.flatnonzero(contacts.area > 0.0)
+        springs, owner = contacts.springs[on], contacts.parts.owner
+        first, second = owner[contacts.first[on]], owner[contacts.second[on]]
+        normal, tangent = springs[:, 0:3], springs[:, 3:6]
+        axes = np.stack([tangent, np.cross(normal, tangent), normal], axis=1)
+        ends = []
+        for block in (first, second):
+            arm = contacts.point[on] - bodies.position[block]
+            ends.append(self._to_joint(axes, arm, bodies.mass, self._root, self._free, block))
+        k = np.zeros((len(on), 6, 6))
+        along, x, y, xx, xy, yy, _, across, shear, torsion = springs[:, 6:].T
+        entries = [(0, 0, shear + across), (1, 1, shear + across), (5, 5, torsion), (2, 2, along), (2, 3, y),
+                   (2, 4, -x), (3, 3, yy), (4, 4, xx), (3, 4, -xy)]  # fmt: skip
+        for row, column, value in entries:
+            k[:, row, column] = k[:, column, row] = value
+        self.host, self.other = np.append(self.host, first), np.append(self.other, second)
+        self.to_host = np.concatenate([self.to_host, ends[0]])
+        self.to_other = np.concatenate([self.to_other, ends[1]])
+        self.stiffness = np.concatenate([self.stiffness, k])
+        return on
 
     def greatest(self, normal: np.ndarray, shear: np.ndarray) -> float:
         """Greatest eigenvalue with the normal and the shear part of every joint weighted by (j,) each."""
@@ -171,6 +195,17 @@ def critical_time_step(state: MovingState, constants: np.ndarray) -> float:
     # the greatest eigenvalue of a sum is at most the sum of the greatest
     spring, dashpot = 4.0 / dt**2, operator.greatest(constants[:, 0], constants[:, 1])
     return (math.sqrt(dashpot**2 + 4.0 * spring) - dashpot) / spring
+
+
+def load_of_contacts(state: MovingState, contacts: Touching, left_to_joints: np.ndarray, dt: float) -> float:
+    """Greatest eigenvalue of M^-1 (dt^2 K + 2 dt C) with the joints that are closed now, each by its share (j,) of the
+    force, and the new contacts of the last step: steps are stable up to 4."""
+    operator, links = JointOperator(state), state.links
+    on = operator.add(state.bodies, contacts)
+    closed = np.where(links.wrench[:, :3].any(axis=1), left_to_joints, 0.0)[:, None] * (1.0 + 2.0 * links.viscous)
+    damped = 1.0 + 2.0 * contacts.springs[on, 12]
+    weights = (np.append(closed[:, i], damped) for i in (0, 1))
+    return dt * dt * operator.greatest(*weights)
 
 
 def contact_time_step(assembly, damping: float) -> float:

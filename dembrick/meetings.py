@@ -13,7 +13,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dembrick.errors import HistoryError
-from dembrick.joints import Joint, JointTable
+from dembrick.frequencies import load_of_contacts
+from dembrick.joints import TOLERANCE, Joint, JointTable
 from dembrick.kernels.handing_over import PARTED, SINK, SLIP, TURN
 from dembrick.kernels.touching import Touching
 from dembrick.moving_polygons import Polygons
@@ -27,6 +28,8 @@ MARGIN = 0.03  # of a part's diameter: parts that are nearer than the sum of the
 FIRST = 5e-4  # of the smallest block's diameter: no one looks before blocks have moved so far
 STIRRED = 0.3  # of what begins to hand a joint over: from there on joints are watched
 LOOSE = 1e-3  # of its size: a joint that has moved so far is watched too, where anything is
+STABLE = 4.0  # what springs and dashpots may do to a block in a step: the greatest eigenvalue of M^-1 (dt^2 K + 2 dt C)
+MOST = 8.0  # a bound, over twice what is stable, that is looked at again though a closer look has found less
 # what a pair keeps when the pairs are looked for again
 REMEMBERED = ("weight", "plane", "elastic", "stiffness", "twist", "slip", "normal", "area", "point", "axis",
               "force", "torque")  # fmt: skip
@@ -42,11 +45,13 @@ class Meetings:
     """What the loop must watch besides the joints; ``touching`` is None while nothing comes near.
 
     ``retired`` (j,): joints that new contacts have taken over from; ``looked`` (n, 4, 3): centroids and body axes when
-    pairs were looked for last; ``patience`` (m): how far blocks may move until they are looked for again.
+    pairs were looked for last; ``patience`` (m): how far blocks may move until they are looked for again; ``bearable``:
+    what contacts may do to a block in a step, on top of joints, before `examine` looks closer.
     """
 
     assembly: object
     ratio: float
+    bearable: float = STABLE
     touching: Touching | None = None
     looked: np.ndarray | None = None
     patience: float = 0.0
@@ -60,6 +65,7 @@ class Meetings:
         self._parts = self._scratch = self._bodies = None
         self._codes = None
         self._free = np.where(self.assembly.fixed, 0.0, 1.0)
+        self._bears = np.zeros(len(self._free))  # more than `bearable`, as far as `examine` has seen
         self._quiet = 0.0  # m, that any block may move before `follow` need look at more than that,
         self._far_turned = np.zeros(0, np.int64)  # and the joints that have done their work once they are open
         self._partial = np.array([self._is_partial(joint) for joint in self._joints], bool)
@@ -79,7 +85,7 @@ class Meetings:
             return np.inf
         bodies = state.bodies
         speed = np.sqrt((bodies.velocity**2).sum(axis=1)) + bodies.reach * np.sqrt((bodies.spin**2).sum(axis=1))
-        fastest, far = float(speed.max()), max(0.5 * self.patience, 0.25 * FIRST * self._size)
+        fastest, far = float(speed.max()), 0.5 * self.patience
         return max(1.0, 2.0 * far / (fastest + np.sqrt(fastest**2 + 2.0 * gravity * far) + 1e-300) / dt)
 
     def follow(self, state: MovingState, polygons: Polygons, called: bool, travel: np.ndarray) -> None:
@@ -102,6 +108,21 @@ class Meetings:
                 return
         self.looked = here
         self._look(state, polygons, first)
+
+    def examine(self, state: MovingState, dt: float) -> int | None:
+        """Look closer at what the last step's contacts do in a step of ``dt``: the block whose contacts swing too fast
+        for it, or None. Those that stand it may carry more from now on, by half of the room that is left."""
+        touching = self.touching
+        worst = int(np.argmax(touching.load - touching.bearable))
+        swing = load_of_contacts(state, touching, self.left_to_joints(), dt)
+        if swing >= STABLE:
+            return worst
+        over = touching.load > touching.bearable
+        more = np.minimum(touching.load * min(2.0, 0.5 * (1.0 + STABLE / swing)), MOST)
+        self._bears[over] = np.maximum(more, 1.1 * touching.load)[over]
+        touching.bearable[:] = np.maximum(self._bears, self.bearable)
+        touching.overloaded[0] = 0
+        return None
 
     def pressed(self, middle: np.ndarray) -> dict[str, np.ndarray]:
         """The new contacts that carry something now, k of them, of the last forces.
@@ -213,10 +234,17 @@ class Meetings:
         wanted = watched[joint]
         pairs, depth, joint = pairs[wanted], depth[wanted], joint[wanted]
         if first and len(pairs):
-            # what lies side by side from the start is watched when something stirs
+            # what lies side by side from the start is watched when something stirs; what is apart, by however little,
+            # is found again before two blocks can have met
             self.patience = max(2.0 * FIRST * self._size, float(np.maximum(-depth, 0.0).min()))
-            return
-        self.patience = MARGIN * self._size
+            apart = -depth > TOLERANCE * parts.table.diameter[pairs].min(axis=1)
+            self.patience = min(self.patience, 0.49 * float(-depth[apart].max(initial=-np.inf)))
+            if not (apart.any() and bodies.velocity.any()):
+                return
+            # what is thrown at something may be there after a step
+            pairs, depth, joint = pairs[apart], depth[apart], joint[apart]
+        else:
+            self.patience = MARGIN * self._size
         self._watch(state, polygons, parts.owner, pairs, depth, joint)
 
     def _joint_of(self, owner: np.ndarray, pairs: np.ndarray) -> np.ndarray:
@@ -262,6 +290,7 @@ class Meetings:
             for name in REMEMBERED:
                 getattr(fresh, name)[here] = getattr(before, name)[there]
         fresh.room[0] = self.patience
+        fresh.bearable[:] = np.maximum(self._bears, self.bearable)
         self.touching = fresh
 
     def _blank(self, polygons: Polygons, pairs, joint, laws) -> Touching:
@@ -306,6 +335,7 @@ class Meetings:
         for name in (*REMEMBERED, "room"):
             own = getattr(self.touching, name)
             own[...] = snapshot.array(f"meetings.{name}", own)
+        self.touching.bearable[:] = self.bearable
         faces = parts.face_count[pairs].sum(axis=1)
         if (self.touching.plane < -1).any() or (self.touching.plane >= faces).any():
             raise HistoryError(f"{snapshot.path}: meetings.plane leads out of its faces")

@@ -71,7 +71,8 @@ def scratch_for(parts: Parts) -> Scratch:
         start=np.zeros(patches + 1, np.int64),
         frame=np.zeros((patches, 3, 4)),
         depth=np.zeros((patches, 4)),
-        sums=np.zeros((patches, 6)),
+        side=np.zeros((patches, 2), np.int64),
+        sums=np.zeros((patches, 10)),
     )
 
 
@@ -130,6 +131,10 @@ def touching_pairs(parts: Parts, scratch: Scratch, free, pairs, joints, laws, ra
         axis=np.zeros((n, 3)),
         force=np.zeros((n, 3)),
         torque=np.zeros((n, 3)),
+        springs=np.zeros((n, 16)),
+        load=np.zeros(len(free)),
+        bearable=np.full(len(free), 4.0),
+        overloaded=np.zeros(1, np.int64),
         dashpot=dashpot_polynomial(ratio),
         room=np.zeros(1),
         trouble=np.zeros(1, np.int64),

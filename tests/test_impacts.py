@@ -13,7 +13,7 @@ from dembrick.controls import BaseMotionControl, DynamicControl, Pulse
 from dembrick.errors import NotConvergedError
 from dembrick.interruption import Interrupted
 from dembrick.meetings import Meetings
-from dembrick.model import Arch, Block, JointLaw, Material, Output, Scenario, Wall
+from dembrick.model import Arch, Block, JointLaw, Material, Output, Scenario, Solver, Wall
 from dembrick.neighbours import bodies_of, overlap_depths
 from dembrick.polygons import mean_distance
 from dembrick.result import restart, simulate
@@ -207,9 +207,9 @@ def test_a_block_slides_off_a_table():
 
 
 def test_too_hard_a_throw_is_said():
-    fast = block(0.01, velocity=(0.0, 0.0, -9.0))
+    fast = block(0.01, velocity=(0.0, 0.0, -12.0))
     with pytest.raises(NotConvergedError, match="blocks 'floor' and 'block' are pressed into each other.*stiffness"):
-        simulate(scene(DynamicControl(0.1), FLOOR, fast, stiffness=2e7))
+        simulate(scene(DynamicControl(0.1), FLOOR, fast, stiffness=2e7, solver=Solver(0.4)))
 
 
 def collapse(**output):
@@ -269,7 +269,7 @@ def test_an_arch_too_thin_falls_and_lies_still(formulation):
     assert lost > 0.7 * G * 0.6 * mass[free].sum()
     assert energy.max() < energy[0] + 1e-6 * lost
     # between impacts it may regain what was stored in contacts, no more
-    assert (energy - np.minimum.accumulate(energy)).max() < 0.02 * lost
+    assert (energy - np.minimum.accumulate(energy)).max() < 0.03 * lost
     # at rest, on the floor, and no deeper in it or in each other than the weight presses
     assert np.abs(frames["velocity"][-50:]).max() < 1e-9
     place = motion.state.bodies.position + motion.state.middle

@@ -159,8 +159,8 @@ def test_kernels_are_in_order():
     """vec3, skyline, band < laws, pressed < limit_surface < motion < contact < energy < forces < bracket < advance."""
     order = ["vec3", "skyline", "band", "laws", "pressed", "limit_surface", "gauge", "small_motion", "finite_motion"]
     order += ["contact", "energy", "guard", "forces", "tangent", "bracket", "record", "advance", "bodies"]
-    order += ["books", "moving_joints", "motion_record", "patches", "rubbing", "handing_over", "touching", "dynamics"]
-    order += ["dynamics_parallel", "certify", "batch", "recorded_motion"]
+    order += ["books", "moving_joints", "motion_record", "patches", "rubbing", "handing_over"]
+    order += ["contact_springs", "touching", "dynamics", "dynamics_parallel", "certify", "batch", "recorded_motion"]
     inside, _ = arrows(modules())
     for name, target in inside:
         if head(name) == head(target) == "kernels" and "." in name:

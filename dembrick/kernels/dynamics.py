@@ -16,7 +16,7 @@ from dembrick.kernels.moving_joints import corner_forces, face_forces, least_sla
 from dembrick.kernels.touching import TOUCHED, clear_applied, touch
 from dembrick.kernels.vec3 import cross, rows_times
 
-RUNNING, REACHED, STALE, DIVERGED, MEETING = 0, 1, 2, 3, 4
+RUNNING, REACHED, STALE, DIVERGED, MEETING, OVERLOADED = 0, 1, 2, 3, 4, 5
 
 
 class Loads(NamedTuple):
@@ -61,11 +61,11 @@ def advance_bodies(n_steps, dt, bodies, links, corners, faces, loads, limits, da
     """Advance up to ``n_steps`` steps of ``dt``; ``corners`` or ``faces`` is None where no joint is of that family.
 
     ``travel`` (2,): m, what any two blocks may still move against each other before a polygon could be stale; and how
-    far any one can have moved since the caller last put it to nought. Returns
-    a status and the steps done: RUNNING when all are, REACHED (a centroid has gone as far as ``limits`` says), STALE
-    (polygons must be cut again before the next step), DIVERGED, or what comes of ``touching``, the contacts that form
-    anew (None where there are none): MEETING (pairs must be looked for again), DEEP, CROWDED. ``books``: the energy
-    books, without entries where nobody asks for them.
+    far any one can have moved since the caller last put it to nought. Returns a status and the steps done: RUNNING when
+    all are, REACHED (a centroid has gone as far as ``limits`` says), STALE (polygons must be cut again before the next
+    step), DIVERGED, or what comes of ``touching``, the contacts that form anew (None where there are none): MEETING
+    (pairs must be looked for again), OVERLOADED (the step may be too long for what the contacts of a block did last),
+    DEEP, CROWDED. ``books``: the energy books, without entries where nobody asks for them.
     """
     goal2 = limits.displacement**2
     longest2 = limits.longest**2
@@ -77,6 +77,8 @@ def advance_bodies(n_steps, dt, bodies, links, corners, faces, loads, limits, da
         if touching is not None:
             if touching.room[0] <= 0.0:
                 return MEETING, step
+            if touching.overloaded[0] > 0:
+                return OVERLOADED, step
             clear_applied(touching, bodies)
         apply_loads(loads, bodies, step)
         if corners is not None:

@@ -11,7 +11,7 @@ import numpy as np
 from dembrick._jit import get_num_threads, jit_parallel, prange
 from dembrick.kernels.bodies import step_bodies
 from dembrick.kernels.books import book_step
-from dembrick.kernels.dynamics import DIVERGED, MEETING, REACHED, RUNNING, STALE, apply_loads
+from dembrick.kernels.dynamics import DIVERGED, MEETING, OVERLOADED, REACHED, RUNNING, STALE, apply_loads
 from dembrick.kernels.moving_joints import corner_forces, face_forces, least_slack
 from dembrick.kernels.touching import TOUCHED, clear_applied, touch
 
@@ -45,6 +45,8 @@ def advance_bodies_together(
         if touching is not None:
             if touching.room[0] <= 0.0:
                 return MEETING, step
+            if touching.overloaded[0] > 0:
+                return OVERLOADED, step
             clear_applied(touching, bodies)
         apply_loads(loads, bodies, step)
         for t in prange(moved.size):

@@ -61,8 +61,9 @@ class Scratch(NamedTuple):
     start: ndarray  # (q + 1,) int64, first corner of each patch
     frame: ndarray  # (q, 3, 4) axes t1, t2, n of each patch as rows, n from A to B; last column: its origin (m)
     depth: ndarray  # (q, 4) penetration at the origin (m), its slopes along t1 and t2; last: |n_i - n_j|/2
-    sums: ndarray  # (q, 6) area, integrals of the penetration and of x and y times it, polar second moment; of the
-    # penetration along the mean normal, 0 where that counts nothing
+    side: ndarray  # (q, 2) int64, the faces i of A and j of B that press there, as rows of `normal`
+    sums: ndarray  # (q, 10) area, integrals of the penetration and of x and y times it; of the penetration along the
+    # mean normal, 0 where that counts nothing; integrals of x, y, x^2, x y and y^2
 
 
 @jit
@@ -316,6 +317,8 @@ def contact_surface(parts, bodies, a, b, scratch):
             scratch.depth[patches, 1] = gx
             scratch.depth[patches, 2] = gy
             scratch.depth[patches, 3] = 0.5 * size
+            scratch.side[patches, 0] = i
+            scratch.side[patches, 1] = j
             patches += 1
             used += count
             scratch.start[patches] = used
@@ -360,8 +363,8 @@ def positive_part(x, y, first, last, p0, px, py):
 
 @jit
 def flat_sums(x, y, first, last):
-    """Area of a polygon, its first moments and the polar second moment about (0, 0), its first corner."""
-    area = moment_x = moment_y = polar = 0.0
+    """Area of a polygon and integrals of x, y, x^2, x y and y^2 over it, about (0, 0), its first corner."""
+    area = moment_x = moment_y = xx = xy = yy = 0.0
     for k in range(first + 1, last - 1):
         double = x[k] * y[k + 1] - y[k] * x[k + 1]
         sx = x[k] + x[k + 1]
@@ -369,5 +372,28 @@ def flat_sums(x, y, first, last):
         area += 0.5 * double
         moment_x += double * sx / 6.0
         moment_y += double * sy / 6.0
-        polar += double * (sx * sx - x[k] * x[k + 1] + sy * sy - y[k] * y[k + 1]) / 12.0
-    return area, moment_x, moment_y, polar
+        xx += double * (sx * sx - x[k] * x[k + 1]) / 12.0
+        yy += double * (sy * sy - y[k] * y[k + 1]) / 12.0
+        xy += double * (sx * sy + x[k] * y[k] + x[k + 1] * y[k + 1]) / 24.0
+    return area, moment_x, moment_y, xx, xy, yy
+
+
+@jit
+def sum_patches(scratch, patches):
+    """Area and integrals of the penetration D of every patch into `sums`; returns the sums over all of the area, of D
+    and of D times the normal (3)."""
+    area = total = e1 = e2 = e3 = 0.0
+    for p in range(patches):
+        first = scratch.start[p]
+        last = scratch.start[p + 1]
+        g = scratch.depth[p]
+        sums = scratch.sums[p]
+        sums[0], sums[5], sums[6], sums[7], sums[8], sums[9] = flat_sums(scratch.x, scratch.y, first, last)
+        sums[1], sums[2], sums[3] = positive_part(scratch.x, scratch.y, first, last, g[0], g[1], g[2])
+        F = scratch.frame[p]
+        area += sums[0]
+        total += sums[1]
+        e1 += sums[1] * F[2, 0]
+        e2 += sums[1] * F[2, 1]
+        e3 += sums[1] * F[2, 2]
+    return area, total, e1, e2, e3

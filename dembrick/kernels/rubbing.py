@@ -35,9 +35,9 @@ def share_pressure(scratch, patches, e1, e2, e3, size):
         sums = scratch.sums[p]
         along = F[2, 0] * e1 + F[2, 1] * e2 + F[2, 2] * e3
         if not along * sums[1] > RIM * size:
-            sums[5] = 0.0
+            sums[4] = 0.0
             continue
-        sums[5] = along * sums[1]
+        sums[4] = along * sums[1]
         whole += along * sums[1]
         c1 += along * (sums[1] * F[0, 3] + sums[2] * F[0, 0] + sums[3] * F[1, 0])
         c2 += along * (sums[1] * F[1, 3] + sums[2] * F[0, 1] + sums[3] * F[1, 1])
@@ -85,7 +85,7 @@ def flatten(pressed, scratch, patches, whole, c1, c2, c3, e1, e2, e3, t1, t2, t3
     pieces = used = 0
     reach2 = xx = xy = yy = 0.0
     for p in range(patches):
-        if not scratch.sums[p, 5] > 0.0:
+        if not scratch.sums[p, 4] > 0.0:
             continue
         F = scratch.frame[p]
         # x = x0 + a u + b v, y = y0 + c u + d v of the point (u, v) of the patch

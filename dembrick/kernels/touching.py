@@ -16,11 +16,11 @@ from typing import NamedTuple
 from numpy import ndarray
 
 from dembrick._jit import entry, jit
+from dembrick.kernels.contact_springs import damped_push, gather_springs, lightness, stepped_dashpot, weigh
 from dembrick.kernels.handing_over import GROWTH, hand_over
-from dembrick.kernels.moving_joints import met
-from dembrick.kernels.patches import Parts, Scratch, contact_surface, flat_sums, lies_apart, positive_part
+from dembrick.kernels.patches import Parts, Scratch, contact_surface, lies_apart, positive_part, sum_patches
 from dembrick.kernels.rubbing import flatten, rub, share_pressure
-from dembrick.kernels.vec3 import columns_times, cross, rows_times
+from dembrick.kernels.vec3 import columns_times, cross, rows_times, tangent
 from dembrick.state import Pressed
 
 TOUCHED, DEEP, CROWDED = 0, 11, 12  # apart from the loop's own states
@@ -56,6 +56,12 @@ class Touching(NamedTuple):
     axis: ndarray  # (t, 3) mean normal there, from A to B, world
     force: ndarray  # (t, 3) N, on B, world
     torque: ndarray  # (t, 3) N m, on B about that point, world
+    springs: ndarray  # (t, 16) of contacts now: normal and an axis t square to it (world); N/m: the springs along the
+    # normal, those times x and y (N) and x^2, x y, y^2 (N m), along t and u = n x t from the centre of pressure;
+    # dashpot over spring; N/m: what more there is across, and shear stiffness; N m: torsion stiffness
+    load: ndarray  # (n,) bound of what its contacts do to a block in a step: M^-1 (dt^2 K + 2 dt C), stable up to 4
+    bearable: ndarray  # (n,) load up to which no one need look closer
+    overloaded: ndarray  # (1,) int64, 1 where a block has more
     dashpot: ndarray  # (9,) dashpot over spring, times w, as a polynomial in the swing w (rad) of a step; greatest w
     room: ndarray  # (1,) m, how far blocks may still move until pairs must be looked for again
     trouble: ndarray  # (1,) int64, the pair that ended the run
@@ -66,9 +72,13 @@ def clear_applied(touching, bodies):
     """Nothing on the blocks that may touch, before loads and contacts of a step are put on them."""
     owner = touching.parts.owner
     for t in range(touching.first.size):
+        a = owner[touching.first[t]]
+        b = owner[touching.second[t]]
+        touching.load[a] = 0.0
+        touching.load[b] = 0.0
         for i in range(6):
-            bodies.applied[owner[touching.first[t]], i] = 0.0
-            bodies.applied[owner[touching.second[t]], i] = 0.0
+            bodies.applied[a, i] = 0.0
+            bodies.applied[b, i] = 0.0
 
 
 @jit
@@ -82,28 +92,6 @@ def give(bodies, b, sense, force, torque, r1, r2, r3):
     load[3] += sense * (t1 + torque[0])
     load[4] += sense * (t2 + torque[1])
     load[5] += sense * (t3 + torque[2])
-
-
-@jit
-def lightness(touching, bodies, b, r1, r2, r3, n1, n2, n3):
-    """Velocity along n that a unit impulse along n gives the point of block ``b`` at r from its centroid (1/kg)."""
-    R = bodies.rotation[b]
-    c1, c2, c3 = cross(r1, r2, r3, n1, n2, n3)
-    c1, c2, c3 = columns_times(R, c1, c2, c3)
-    d1, d2, d3 = rows_times(bodies.inverse[b], c1, c2, c3)
-    return touching.free[b] * (1.0 / bodies.mass[b] + c1 * d1 + c2 * d2 + c3 * d3)
-
-
-@jit
-def stepped_dashpot(polynomial, swing):
-    """Dashpot over spring for a contact that swings by ``swing`` (rad) in a step: `frequencies.stepped_dashpots`."""
-    if not swing > 0.0:
-        return 0.0
-    swing = min(swing, polynomial[8])
-    value = polynomial[7]
-    for k in range(6, -1, -1):
-        value = value * swing + polynomial[k]
-    return value / swing
 
 
 @jit
@@ -122,42 +110,10 @@ def rest(touching, t):
 
 
 @jit
-def sum_patches(scratch, patches):
-    """Area and integrals of the penetration D of every patch into `sums`; returns the sums over all of the area, of D
-    and of D times the normal (3)."""
-    area = total = e1 = e2 = e3 = 0.0
-    for p in range(patches):
-        first = scratch.start[p]
-        last = scratch.start[p + 1]
-        g = scratch.depth[p]
-        sums = scratch.sums[p]
-        sums[0], _, _, sums[4] = flat_sums(scratch.x, scratch.y, first, last)
-        sums[1], sums[2], sums[3] = positive_part(scratch.x, scratch.y, first, last, g[0], g[1], g[2])
-        F = scratch.frame[p]
-        area += sums[0]
-        total += sums[1]
-        e1 += sums[1] * F[2, 0]
-        e2 += sums[1] * F[2, 1]
-        e3 += sums[1] * F[2, 2]
-    return area, total, e1, e2, e3
-
-
-@jit
-def tangent(e1, e2, e3):
-    """A unit vector square to the unit vector e, which follows it smoothly while it stays about where it is."""
-    if abs(e1) < 0.8:
-        t1, t2, t3 = cross(e1, e2, e3, 1.0, 0.0, 0.0)
-    else:
-        t1, t2, t3 = cross(e1, e2, e3, 0.0, 1.0, 0.0)
-    scale = 1.0 / sqrt(t1 * t1 + t2 * t2 + t3 * t3)
-    return scale * t1, scale * t2, scale * t3
-
-
-@jit
-def press(touching, bodies, t, patches, dt, x1, x2, x3, y1, y2, y3):
+def press(touching, bodies, t, patches, depth, dt, x1, x2, x3, y1, y2, y3):
     """Normal pressure and friction of the patches in scratch, as `force`, `torque` and `point` of pair ``t``.
 
-    x, y: their origin from the centroids of the blocks of A and B, world.
+    ``depth``: the greatest penetration; x, y: the patches' origin from the centroids of the blocks of A and B, world.
     """
     scratch = touching.scratch
     area, total, e1, e2, e3 = sum_patches(scratch, patches)
@@ -175,65 +131,52 @@ def press(touching, bodies, t, patches, dt, x1, x2, x3, y1, y2, y3):
     whole, c1, c2, c3 = share_pressure(scratch, patches, e1, e2, e3, size)
     n1, n2, n3 = rows_times(R, e1, e2, e3)
     d1, d2, d3 = rows_times(R, c1, c2, c3)
-    # dashpot: the stated ratio for the mass that is felt there and the stiffness that there is now
+    t1, t2, t3 = tangent(e1, e2, e3)
+    springs = touching.springs[t]
+    polar, even = gather_springs(scratch, patches, springs, c1, c2, c3, e1, e2, e3, t1, t2, t3)
+    stiff = springs[6]
+    x1 += d1
+    x2 += d2
+    x3 += d3
+    y1 += d1
+    y2 += d2
+    y3 += d3
+    # dashpot: the stated ratio for the mass that is felt there, and for the linear spring that would hold the energy
+    # that there is at the force that there is, F^2 / (2 E): with that a contact F = c g^p is a linear oscillator in
+    # g^((p + 1) / 2) and in a time of its own (Antypov and Elliott, Europhysics Letters 94 (2011) 50004). On an edge
+    # the force grows with the square of the penetration, on a corner with its cube: all have one restitution
     k_n = touching.weight[t] * touching.k_n[t]
     k_s = touching.weight[t] * touching.k_s[t]
-    stiff = polar = 0.0
-    for p in range(patches):
-        F = scratch.frame[p]
-        sums = scratch.sums[p]
-        along = F[2, 0] * e1 + F[2, 1] * e2 + F[2, 2] * e3
-        stiff += sums[0] * scratch.depth[p, 3] * along * along
-        # polar moment of the area, from the centre of pressure
-        g1 = c1 - F[0, 3]
-        g2 = c2 - F[1, 3]
-        g3 = c3 - F[2, 3]
-        u = g1 * F[0, 0] + g2 * F[0, 1] + g3 * F[0, 2]
-        v = g1 * F[1, 0] + g2 * F[1, 1] + g3 * F[1, 2]
-        _, mu, mv, _ = flat_sums(scratch.x, scratch.y, scratch.start[p], scratch.start[p + 1])
-        polar += max(0.0, sums[4] - 2.0 * (u * mu + v * mv) + sums[0] * (u * u + v * v))
-    felt = lightness(touching, bodies, a, x1 + d1, x2 + d2, x3 + d3, n1, n2, n3)
-    felt += lightness(touching, bodies, b, y1 + d1, y2 + d2, y3 + d3, n1, n2, n3)
-    viscous = stepped_dashpot(touching.dashpot, sqrt(felt * k_n * stiff) * dt)
-    # what the last step brought the blocks nearer: a linear field, in A's axes at the patches' origin
+    felt = lightness(touching, bodies, a, x1, x2, x3, n1, n2, n3)
+    felt += lightness(touching, bodies, b, y1, y2, y3, n1, n2, n3)
+    viscous = stepped_dashpot(touching.dashpot, sqrt(felt * k_n * even) * dt) * even / stiff
+    # what the last step brought the blocks nearer at the centre of pressure, and turned them
     va = bodies.velocity[a]
     vb = bodies.velocity[b]
     wa = bodies.spin[a]
     wb = bodies.spin[b]
     p1, p2, p3 = cross(wa[0], wa[1], wa[2], x1, x2, x3)
     q1, q2, q3 = cross(wb[0], wb[1], wb[2], y1, y2, y3)
-    v1, v2, v3 = columns_times(
-        R, dt * (vb[0] + q1 - va[0] - p1), dt * (vb[1] + q2 - va[1] - p2), dt * (vb[2] + q3 - va[2] - p3)
-    )
+    ahead = (va[0] + p1 - vb[0] - q1) * n1 + (va[1] + p2 - vb[1] - q2) * n2 + (va[2] + p3 - vb[2] - q3) * n3
     w1, w2, w3 = columns_times(R, dt * (wb[0] - wa[0]), dt * (wb[1] - wa[1]), dt * (wb[2] - wa[2]))
+    # the dashpot against nearing is shared as the pressure is, so that none of it pulls before all of it would; that
+    # against turning is a linear field
+    deep = 2.0 * size / stiff
+    more = 1.0 + damped_push(deep, 2.0 * depth, dt * ahead, viscous, felt * k_n * stiff * dt * dt) / deep
     f1 = f2 = f3 = m1 = m2 = m3 = 0.0
     for p in range(patches):
         F = scratch.frame[p]
         g = scratch.depth[p]
-        first = scratch.start[p]
-        last = scratch.start[p + 1]
-        h1, h2, h3 = cross(w1, w2, w3, F[0, 3], F[1, 3], F[2, 3])
-        closing = -((v1 + h1) * F[2, 0] + (v2 + h2) * F[2, 1] + (v3 + h3) * F[2, 2])
+        h1, h2, h3 = cross(w1, w2, w3, F[0, 3] - c1, F[1, 3] - c2, F[2, 3] - c3)
+        closing = -(h1 * F[2, 0] + h2 * F[2, 1] + h3 * F[2, 2])
         h1, h2, h3 = cross(F[2, 0], F[2, 1], F[2, 2], w1, w2, w3)
-        # penetration in all and its growth in the step, from the patch's origin
-        g0 = 2.0 * g[0]
-        gx = 2.0 * g[1]
-        gy = 2.0 * g[2]
-        d0 = g[3] * closing
-        dx = -g[3] * (h1 * F[0, 0] + h2 * F[0, 1] + h3 * F[0, 2])
-        dy = -g[3] * (h1 * F[1, 0] + h2 * F[1, 1] + h3 * F[1, 2])
-        before = -1e300
-        for k in range(first, last):
-            before = max(before, g0 - d0 + (gx - dx) * scratch.x[k] + (gy - dy) * scratch.y[k])
-        if before <= 0.0:  # it was open a step ago: see `moving_joints.met`
-            force, about_x, about_y = positive_part(
-                scratch.x, scratch.y, first, last, g0 + met(g0, viscous * d0, viscous),
-                gx + met(gx, viscous * dx, viscous), gy + met(gy, viscous * dy, viscous),
-            )  # fmt: skip
-        else:
-            force, about_x, about_y = positive_part(
-                scratch.x, scratch.y, first, last, g0 + viscous * d0, gx + viscous * dx, gy + viscous * dy
-            )
+        turned = viscous * g[3]
+        force, about_x, about_y = positive_part(
+            scratch.x, scratch.y, scratch.start[p], scratch.start[p + 1],
+            2.0 * more * g[0] + turned * closing,
+            2.0 * more * g[1] - turned * (h1 * F[0, 0] + h2 * F[0, 1] + h3 * F[0, 2]),
+            2.0 * more * g[2] - turned * (h1 * F[1, 0] + h2 * F[1, 1] + h3 * F[1, 2]),
+        )  # fmt: skip
         force *= k_n
         f1 += force * F[2, 0]
         f2 += force * F[2, 1]
@@ -249,12 +192,23 @@ def press(touching, bodies, t, patches, dt, x1, x2, x3, y1, y2, y3):
     normal = sqrt(f1 * f1 + f2 * f2 + f3 * f3)
     f1, f2, f3 = rows_times(R, f1, f2, f3)
     m1, m2, m3 = rows_times(R, m1, m2, m3)
-    t1, t2, t3 = tangent(e1, e2, e3)
     wide = flatten(touching.pressed, scratch, patches, whole, c1, c2, c3, e1, e2, e3, t1, t2, t3)
     t1, t2, t3 = rows_times(R, t1, t2, t3)
+    springs[0] = n1
+    springs[1] = n2
+    springs[2] = n3
+    springs[3] = t1
+    springs[4] = t2
+    springs[5] = t3
+    for i in range(6, 14):
+        springs[i] *= k_n
+    springs[12] = viscous
+    springs[14] = k_s * area
+    springs[15] = k_s * polar
+    weigh(touching, bodies, a, b, springs, dt, x1, x2, x3, y1, y2, y3)
     s1, s2, s3, turn = rub(
         touching, bodies, t, a, b, dt, normal, wide, k_s * area, k_s * polar, 1.0 + viscous,
-        n1, n2, n3, t1, t2, t3, x1 + d1, x2 + d2, x3 + d3, y1 + d1, y2 + d2, y3 + d3,
+        n1, n2, n3, t1, t2, t3, x1, x2, x3, y1, y2, y3,
     )  # fmt: skip
     # friction is what acts on A
     touching.normal[t] = normal
@@ -267,16 +221,16 @@ def press(touching, bodies, t, patches, dt, x1, x2, x3, y1, y2, y3):
     torque[0] = m1 - turn * n1
     torque[1] = m2 - turn * n2
     torque[2] = m3 - turn * n3
-    point = touching.point[t]
-    point[0] = bodies.position[a, 0] + x1 + d1
-    point[1] = bodies.position[a, 1] + x2 + d2
-    point[2] = bodies.position[a, 2] + x3 + d3
     axis = touching.axis[t]
     axis[0] = n1
     axis[1] = n2
     axis[2] = n3
-    give(bodies, a, -1.0, force, torque, x1 + d1, x2 + d2, x3 + d3)
-    give(bodies, b, 1.0, force, torque, y1 + d1, y2 + d2, y3 + d3)
+    point = touching.point[t]
+    point[0] = bodies.position[a, 0] + x1
+    point[1] = bodies.position[a, 1] + x2
+    point[2] = bodies.position[a, 2] + x3
+    give(bodies, a, -1.0, force, torque, x1, x2, x3)
+    give(bodies, b, 1.0, force, torque, y1, y2, y3)
 
 
 @entry
@@ -327,7 +281,7 @@ def touch(touching, links, bodies, dt):
         x1, x2, x3 = rows_times(bodies.rotation[a], o1, o2, o3)
         x = bodies.position
         press(
-            touching, bodies, t, patches, dt, x1, x2, x3,
+            touching, bodies, t, patches, depth, dt, x1, x2, x3,
             x1 + (x[a, 0] - x[b, 0]), x2 + (x[a, 1] - x[b, 1]), x3 + (x[a, 2] - x[b, 2]),
         )  # fmt: skip
     return TOUCHED

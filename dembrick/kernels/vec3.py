@@ -85,3 +85,14 @@ def turned(q, b, r1, r2, r3):
     k = c * qz + z * qw + x * qy - y * qx
     n = 1.0 / sqrt(w * w + i * i + j * j + k * k)
     return w * n, i * n, j * n, k * n
+
+
+@jit
+def tangent(e1, e2, e3):
+    """A unit vector square to the unit vector e, which follows it smoothly while it stays about where it is."""
+    if abs(e1) < 0.8:
+        t1, t2, t3 = cross(e1, e2, e3, 1.0, 0.0, 0.0)
+    else:
+        t1, t2, t3 = cross(e1, e2, e3, 0.0, 1.0, 0.0)
+    scale = 1.0 / sqrt(t1 * t1 + t2 * t2 + t3 * t3)
+    return scale * t1, scale * t2, scale * t3
