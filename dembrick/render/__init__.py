@@ -193,7 +193,7 @@ def with_slider(plotter, history, look: Look) -> Scene:
         to_time,
         (float(times[0]), float(times[-1])),
         value=float(times[-1]),
-        title="time [s]",
+        title="equilibrium" if history.counts_equilibria else "time [s]",
         pointa=(0.1, 0.085),
         pointb=(0.8, 0.085),
         color="black",
