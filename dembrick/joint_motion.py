@@ -311,7 +311,8 @@ class JointFrames:
         ``convex``: the exact surface of the polygon under the pressure of its law. Point formulations: the set of all
         forces that Coulomb friction at the points can give, each under its own normal force. A joint without friction
         strength is at 0 when it carries nothing, and at infinity else. Where contact forces were not recorded, a joint
-        that touches at a corner with next to no force may read above 1.
+        that touches at a corner with next to no force may read above 1. NaN for a joint that was cut where it slid over
+        an edge, unless its contact points were recorded: its strength is that of a polygon which is not known.
         """
         joints, resultants = self.joints, self.resultants
         found = np.zeros(resultants.shape[:2])
@@ -325,13 +326,33 @@ class JointFrames:
                 bending = np.concatenate([resultants[..., [0, 4, 5]], opening], axis=-1)
             strength = joints.friction * resultants[..., 0]
             area_gauges(*joints.surfaces, pressed, bending, strength, force, joints.twist[0], found)
+        unknown = self.shift.any(axis=2) & (force != 0.0).any(axis=2)
         if joints.point_start[-1]:
             joint = np.flatnonzero(np.diff(joints.point_start))
             start = np.append(joints.point_start[joint], joints.point_start[-1])
             x, y = np.ascontiguousarray(joints.points[1].T)
             normal = np.ascontiguousarray(self.normal_forces)
-            point_gauges(x, y, start, joint, joints.friction, normal, force, joints.twist[1], np.zeros(6), found)
+            rest = (start, joint, joints.friction)
+            point_gauges(x, y, *rest, normal, force, joints.twist[1], np.zeros(6), found)
+            arms = self._values("contact_arm")
+            if arms is not None:
+                unknown[:, joint] = False
+                for k in np.flatnonzero((arms != joints.points[0]).any(axis=(1, 2))):
+                    x, y = self._shear_arms(k, arms[k])
+                    one = slice(k, k + 1)
+                    point_gauges(x, y, *rest, normal[one], force[one], joints.twist[1], np.zeros(6), found[one])
+        found[unknown] = np.nan
         return found
+
+    def _shear_arms(self, k: int, arms: np.ndarray) -> np.ndarray:
+        """Where friction acts (2, c) from O of now, in the ``k``-th frame: nearer to it than the ``arms`` (c, 2) of the
+        points from O of the start by as much as at the start."""
+        normal, shear, _, owner = self.joints.points
+        size = np.zeros((2, self.joints.n_joint))
+        for row, points in zip(size, (normal, shear), strict=True):
+            np.maximum.at(row, owner, np.abs(points).max(axis=1))
+        ratio = np.divide(size[1], size[0], out=np.ones_like(size[0]), where=size[0] > 0.0)
+        return np.ascontiguousarray((ratio[owner, None] * (arms - self.shift[k, owner])).T)
 
 
 def nearest(times: np.ndarray, wanted) -> np.ndarray:

@@ -1,5 +1,7 @@
 """The record of contacts that form anew: with the joints' contact points and gravity they are what moves the blocks."""
 
+import dataclasses
+
 import h5py
 import numpy as np
 import pytest
@@ -209,3 +211,27 @@ def test_contacts_of_a_plate_over_the_edge_stay_on_both_faces(tmp_path, formulat
             whole = np.cross(lever, carried) + couple
             # friction acts in the plane of the floor, below its points by how deep they are pressed in
             np.testing.assert_allclose(moment[:, :2], whole[:, :2], atol=2e-3 * np.abs(whole).max())
+
+
+@pytest.mark.parametrize("formulation", ["concave", "corrected", "corrected-shear", "distributed", "convex"])
+def test_utilisation_of_a_plate_that_slides_and_spins_over_the_edge(tmp_path, formulation):
+    """While every point slides the joint is on the edge of its yield domain, that of the points where they are now."""
+    given = slid_over_the_edge(formulation, 1.0)
+    floor, plate = given.blocks
+    plate = dataclasses.replace(plate, angular_velocity=(0.0, 0.0, 6.0))
+    simulate(dataclasses.replace(given, blocks=(floor, plate)), tmp_path / "run.h5")
+    with history.read(tmp_path / "run.h5") as found:
+        joints = JointMotion(found)
+        now = joints.at(range(found.n_frames))
+        used, cut = now.utilisation[:, 0], now.shift[:, 0].any(axis=1)
+        spin = np.abs(found.frame_values("spin", 0, found.n_frames)[:, 1, 2])
+        sliding = np.arange(found.n_frames) > 3
+        sliding &= spin > 0.5
+        speed = np.linalg.norm(found.frame_values("velocity", 0, found.n_frames)[:, 1], axis=1)
+        sliding &= speed > 0.2
+        if formulation == "convex":
+            assert cut.sum() > 10 and np.isnan(used[cut]).all()
+            np.testing.assert_allclose(used[sliding & ~cut], 1.0, atol=2e-3)
+        else:
+            assert formulation == "distributed" or (sliding & cut).sum() > 5
+            np.testing.assert_allclose(used[sliding], 1.0, atol=2e-3)

@@ -58,7 +58,7 @@ class Colouring:
             else joints.resultants(frame)[:, CHANNELS.index("slip")]
         )
         for blocks in (joints.block_a, joints.block_b):
-            np.maximum.at(found, blocks, of_joint)
+            np.fmax.at(found, blocks, of_joint)  # what is not known of a joint says nothing of its blocks
         return found
 
     def scale(self, largest: float) -> Scale:
