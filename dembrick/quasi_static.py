@@ -25,10 +25,11 @@ import numpy as np
 from dembrick import interruption
 from dembrick.elastic import Factor
 from dembrick.equilibria import HELD, Equilibria
-from dembrick.kernels.bracket import MISSING, NEVER, STILL, Certificate, instant_bounds
+from dembrick.kernels.bracket import NEVER, Certificate, instant_bounds
 from dembrick.kernels.energy import DASHPOTS, ELASTIC, EXTERNAL, FRICTION, elastic_energy
 from dembrick.kernels.record import write_row
 from dembrick.kernels.tangent import remember
+from dembrick.path_limit import limit_bounds
 from dembrick.recorder import Recorder
 from dembrick.session import Session, Snapshot
 from dembrick.simulation import State
@@ -43,7 +44,6 @@ SHORTEST = 1e-6  # of what the blocks have given way: steps below it lead nowher
 BALANCED = 1e-2  # of the tolerance: out-of-balance over joint forces at an equilibrium
 LEAST_BALANCED = 1e-9
 YIELDING = 0.5  # of the elastic slope of V: below it steps may grow
-MOST_DECAY = 0.95  # of what V grows while the blocks give way twice as far, over the same before
 TURNING = 0.02  # of the longest step so far: where none but shorter ones find equilibrium, the blocks are let go
 JUMP = 0.25  # of it: the step by which the jacks go on meanwhile
 LITTLE = 0.1  # of the tolerance: what a step with drag may leave out of balance over the joint forces
@@ -369,31 +369,13 @@ class _Follower:
         return work
 
     def _judged(self) -> bool:
-        """Fold the bounds into the bracket; True when it is narrow enough and V is that of a mechanism.
-
-        The bounds are those since the blocks had given way half as far. What V grew meanwhile shows how much is still
-        missing where a contact shrinks for ever (a convex joint that rocks): the sum of all growths to come, each
-        smaller than the last as the last was than the one before.
-        """
-        seen, bracket = self.way.seen, self.certificate.bracket
-        given, V = seen[-1][:2]
-        half = next((i for i in range(len(seen) - 1, -1, -1) if seen[i][0] <= 0.5 * given), 0)
-        quarter = next((i for i in range(half, -1, -1) if seen[i][0] <= 0.25 * given), 0)
-        growth, before = V - seen[half][1], seen[half][1] - seen[quarter][1]
-        decay = min(MOST_DECAY, growth / before) if before > 0.0 else 0.0
-        recent = seen[half + 1 :] or seen[-1:]
-        bracket[0] = max(0.0, min(s[2] for s in recent))
-        bracket[1] = max(s[3] for s in recent) + max(MISSING, decay / (1.0 - decay)) * max(growth, 0.0)
+        """Fold the bounds into the bracket; True when it is narrow enough and V is that of a mechanism."""
+        bracket = self.certificate.bracket
+        elastic = self.weight / self.compliance
+        *bracket[:], limit = limit_bounds(self.way.seen, elastic, self.state.areas is not None)
         self._record()
-        # over half the way and over the last step, V must grow more slowly than the elastic structure would let it
-        moved = given - seen[half][0]
-        limit = (
-            0.0 < seen[quarter][0]
-            and not any(s[4] for s in recent)
-            and growth <= STILL * self.weight / self.compliance * moved
-        )
         width = 2.0 * self.certificate.tolerance * bracket[0]
-        return limit and bracket[1] - bracket[0] <= width and width > 0.0
+        return bool(limit and bracket[1] - bracket[0] <= width and width > 0.0)
 
     def _record(self) -> None:
         if self.recorder is not None:

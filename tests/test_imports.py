@@ -45,7 +45,7 @@ FLOORS = {
     8: ["session", "stability", "certificate", "elastic"],
     8.5: ["meetings"],
     9: ["recorder", "snapshots", "yield_point", "dynamics"],
-    9.5: ["equilibrium", "equilibria", "way"],
+    9.5: ["equilibrium", "equilibria", "path_limit", "way"],
     10: ["stepping", "motion_run", "quasi_static"],
     10.5: ["guards", "steadiness"],
     11: ["replay"],

@@ -97,6 +97,17 @@ def test_towers_of_any_height(formulation, count, top):
     assert point.mechanism == ("rocking" if top else "torsion-shear")
 
 
+@pytest.mark.parametrize("formulation", ["convex", "corrected-shear"])
+@pytest.mark.parametrize("count, top, e", [(2, 0.0, 0.075), (20, 0.0, 0.12), (5, 2000.0, 0.0), (20, 2000.0, 0.075)])
+def test_towers_meet_their_closed_form(formulation, count, top, e):
+    """Torsion with shear by the exact limit surface, and overturning, to a hundred-thousandth."""
+    expected = weakest(formulation, count, top, e)
+    point = tower(count, formulation, pushed=count - 1, top=top, e=e, tolerance=1e-5)
+    assert point.V == pytest.approx(expected, rel=3e-6)
+    assert point.half_width <= 1e-5 * point.V
+    assert point.mechanism == ("rocking" if top else "torsion-shear")
+
+
 @pytest.mark.parametrize("steps", [0.1, 0.5, 3.0, 100.0])
 def test_any_first_step_will_do(steps, monkeypatch):
     """Even one that goes far beyond the limit at once, or lands short of it with joints that have opened."""

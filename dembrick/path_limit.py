@@ -1,0 +1,61 @@
+"""What a path of equilibria says of the limit load: bounds, and whether it is one."""
+
+from __future__ import annotations
+
+from dembrick.kernels.bracket import MISSING, STILL
+
+MOST_DECAY = 0.95  # of what V grows while the blocks give way twice as far, over the same before
+APART = 3.0  # times that estimates of the limit differ: how far it may be from the last of them
+
+Seen = tuple[float, float, float, float, bool]  # inelastic displacement (m), V, its bounds (N), whether a gap closes
+
+
+def limit_bounds(seen: list[Seen], elastic: float, strips: bool) -> tuple[float, float, bool]:
+    """Lower and upper bound of V from the equilibria ``seen`` so far, and whether V is that of a mechanism.
+
+    The bounds are those since the blocks had given way half as far. What V grew meanwhile shows how much is still
+    missing where a contact shrinks for ever (a convex joint that rocks): the sum of all growths to come, each smaller
+    than the last as the last was than the one before; or `_beyond_the_strip`, where there are ``strips`` and that tells
+    it closer. ``elastic`` (N/m): the slope of V before anything gives way.
+    """
+    given, V = seen[-1][:2]
+    half = _when(seen, 0.5 * given)
+    quarter = _when(seen, 0.25 * given)
+    growth, before = V - seen[half][1], seen[half][1] - seen[quarter][1]
+    decay = min(MOST_DECAY, growth / before) if before > 0.0 else 0.0
+    recent = seen[half + 1 :] or seen[-1:]
+    lower = max(0.0, min(s[2] for s in recent))
+    upper = max(s[3] for s in recent) + max(MISSING, decay / (1.0 - decay)) * max(growth, 0.0)
+    if strips:
+        closer = _beyond_the_strip([seen[_when(seen, 0.125 * given)], seen[quarter], seen[half], seen[-1]])
+        if closer is not None and closer[1] - closer[0] < upper - lower:
+            lower, upper = closer
+    # over half the way and over the last step, V must grow more slowly than the elastic structure would let it
+    limit = (
+        0.0 < seen[quarter][0] and not any(s[4] for s in recent) and growth <= STILL * elastic * (given - seen[half][0])
+    )
+    return lower, upper, limit
+
+
+def _when(seen: list[Seen], given: float) -> int:
+    """The last equilibrium before the blocks had given way so far."""
+    return next((i for i in range(len(seen) - 1, -1, -1) if seen[i][0] <= given), 0)
+
+
+def _beyond_the_strip(marks: list[Seen]) -> tuple[float, float] | None:
+    """Bounds of what V tends to while convex joints rock, from equilibria each about twice as far as the last; or None.
+
+    The strip that a joint presses is w = sqrt(2 N / (k_n L theta)) wide when it has turned by theta, and the resultant
+    stands w/3 inside the edge: V falls short by c / sqrt(theta). Two equilibria give c and the limit. How far those of
+    three pairs differ shows how good that is by now.
+    """
+    pairs = list(zip(marks, marks[1:], strict=False))
+    if not marks[0][0] > 0.0 or not all(now[1] > before[1] and now[0] > before[0] for before, now in pairs):
+        return None
+    limits = []
+    for before, now in pairs:
+        little, much = before[0] ** 0.5, now[0] ** 0.5
+        limits.append((now[1] * much - before[1] * little) / (much - little))
+    _, V, lower, upper, _ = marks[-1]
+    apart = APART * (max(limits) - min(limits))
+    return limits[-1] - apart - (V - lower), limits[-1] + apart + (upper - V)
