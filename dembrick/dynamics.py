@@ -37,6 +37,7 @@ from dembrick.kernels.dynamics import (
     Loads,
     advance_bodies,
 )
+from dembrick.kernels.lanes import VISCOUS, WORK, rows_of_lanes
 from dembrick.kernels.touching import CROWDED, DEEP, DEEPEST
 from dembrick.meetings import STABLE, Meetings
 from dembrick.model import show
@@ -101,11 +102,10 @@ class Motion:
     _travel: np.ndarray = field(default_factory=lambda: np.zeros(2))
     _pace: _Pace = field(default_factory=lambda: _Pace())
     _compiled: set = field(default_factory=set)
-    _unbooked: MotionBooks = field(init=False)
 
     def __post_init__(self):
         self.meetings = Meetings(self.assembly, self.damping)
-        self.books = self._unbooked = MotionBooks(self.state, wanted=False)
+        self.books = MotionBooks(self.state, wanted=False)
 
     @property
     def state(self) -> MovingState:
@@ -138,7 +138,7 @@ def motion(assembly, damping: float, step_factor: float, impacts: float = 1.0) -
     of_joints = critical_time_step(state, time_constants(frequency, damping))
     critical = min(of_joints, impacts * of_faces) if len(frequency) else of_faces
     dt = step_factor / impacts * critical
-    state.links.viscous[:] = stepped_dashpots(frequency * dt, damping)
+    state.links.put(VISCOUS, stepped_dashpots(frequency * dt, damping))
     moving = Motion(assembly, Polygons(assembly, state), dt, critical, damping)
     moving.meetings.bearable -= STABLE * dt / of_joints  # at most: springs alone take its square
     return moving
@@ -223,7 +223,7 @@ def advance(motion: Motion, driving: Driving, n_steps: int, limits: Limits) -> i
         gravity, _ = driving.at(times[[0, -1]], dt)
         n = int(min(most, meetings.steps_to_go(motion.state, float(np.abs(gravity).max()), dt)))
         status, done = _advance(
-            motion, motion.state.bodies, driving, times[:n], limits, 0.0, dt, meetings.touching, motion.books
+            motion, motion.state.bodies, driving, times[:n], limits, 0.0, dt, meetings.touching
         )  # fmt: skip
         motion.steps += done
         if status == DIVERGED:
@@ -292,10 +292,9 @@ def _advance(
     damping: float,
     dt: float,
     touching=None,
-    books=None,
 ):
     """A chunk of steps at ``times``, polygons cut where that is due; returns the status and the steps done."""
-    state, books = motion.state, books or motion._unbooked
+    state, books = motion.state, motion.books
     gravity, force = driving.at(times, dt)
     loads = Loads(driving.block, driving.lever, force, gravity)
     loops = _loops(state, bodies)
@@ -353,8 +352,8 @@ class _Pace:
 
 
 def _loops(state: MovingState, bodies) -> list[tuple]:
-    """The compiled loops for a scene of that size, each with the arguments that share the work of a large one."""
-    loops = [(advance_bodies, ())]
+    """The compiled loops for a scene of that size, each with its scratch and what shares the work of a large one."""
+    loops = [(advance_bodies, (rows_of_lanes(WORK),))]
     if len(state.links.host) >= MANY:
         from dembrick.kernels.dynamics_parallel import advance_bodies_together, shares
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from dembrick import polygons
 from dembrick.kernels.touching import Touching
-from dembrick.moving_state import MovingState
+from dembrick.moving_state import MovingState, arms
 from dembrick.shapes import Polyhedron, parts_of
 
 LANCZOS = 60  # iterations at most
@@ -32,9 +32,10 @@ def joint_matrices(state: MovingState) -> np.ndarray:
         count = np.diff(c.start)
         owner = np.repeat(np.arange(len(c.joint)), count)
         sums = {}
-        for name, x, y in (("n", c.x, c.y), ("s", arm[owner] * c.x, arm[owner] * c.y)):
+        at_x, at_y, area = c.x, c.y, c.area
+        for name, x, y in (("n", at_x, at_y), ("s", arm[owner] * at_x, arm[owner] * at_y)):
             for power, value in (("", 1.0), ("x", x), ("y", y), ("xx", x * x), ("yy", y * y), ("xy", x * y)):
-                sums[name + power] = np.add.reduceat(c.area * value, c.start[:-1])
+                sums[name + power] = np.add.reduceat(area * value, c.start[:-1])
         j, k_n, k_s = c.joint, c.k_n[c.law], c.k_s[c.law]
         entries = [(0, 0, k_s * sums["s"]), (1, 1, k_s * sums["s"]), (0, 5, -k_s * sums["sy"]),
                    (1, 5, k_s * sums["sx"]), (5, 5, k_s * (sums["sxx"] + sums["syy"])), (2, 2, k_n * sums["n"]),
@@ -61,7 +62,7 @@ class JointOperator:
         n = len(bodies.mass)
         u = np.einsum("jik,jlk->jli", bodies.rotation[links.other], links.axes[links.plane])
         axes = np.concatenate([u, np.cross(u[:, 0], u[:, 1])[:, None]], axis=1)
-        arm_host = np.einsum("jik,jk->ji", bodies.rotation[links.host], links.lever)
+        arm_host, _ = arms(bodies, links)
         arm_other = arm_host + bodies.position[links.host] - bodies.position[links.other]
         free = np.zeros(n)
         free[bodies.free] = 1.0

@@ -16,6 +16,7 @@ from dembrick.errors import HistoryError
 from dembrick.frequencies import load_of_contacts
 from dembrick.joints import TOLERANCE, Joint, JointTable
 from dembrick.kernels.handing_over import PARTED, SINK, SLIP, TURN
+from dembrick.kernels.lanes import SEEN
 from dembrick.kernels.touching import Touching
 from dembrick.moving_polygons import Polygons
 from dembrick.moving_state import MovingState
@@ -206,7 +207,7 @@ class Meetings:
         """Joints (j,) that are open, and have opened so far that they have done their work."""
         links = state.links
         is_open = (links.wrench[:, :3] == 0.0).all(axis=1)
-        gap = links.sense * (links.seen[:, 2] - links.offset)
+        gap = links.sense * (links.rows(SEEN + 2, 1)[:, 0] - links.offset)
         return is_open & (gap + polygons.size * self._turn(state) > PARTED * polygons.size)
 
     def _look(self, state: MovingState, polygons: Polygons, first: bool) -> None:

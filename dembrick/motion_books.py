@@ -12,15 +12,19 @@ from dembrick.audit import Sums
 from dembrick.kernels.books import (
     BY_LAW,
     CONTACTS,
+    DASHPOT,
     FRICTION,
     HANDED,
+    LEDGER,
     LOADS,
     RELEASED,
     STEPPING,
     Books,
     kinetic_energy,
+    settle_all,
     take_stock,
 )
+from dembrick.kernels.lanes import AREA, ELASTIC, POINT, X, Y, rows_of_lanes
 from dembrick.moving_polygons import Polygons
 from dembrick.moving_state import MovingState, out_of_balance, seen
 
@@ -30,38 +34,19 @@ FLOOR = 1e-3  # of what the springs hold at the start: where less is put in, err
 
 
 class MotionBooks:
-    """The books of one run: ``table`` is what the loop writes into, empty where nobody asks for them.
+    """The books of one run: ``table`` is what the loop writes into, None where nobody asks for them.
 
     ``start`` (2,) J: kinetic energy, and energy in the springs of the joints, when time began.
     """
 
     def __init__(self, state: MovingState, loads: int = 0, wanted: bool = True):
-        n, j, k = (len(state.bodies.mass), len(state.links.host), loads) if wanted else (0, 0, 0)
-        place = np.zeros(j, np.int64)
-        if wanted and state.corners is not None:
-            place[state.corners.joint] = np.arange(len(state.corners.joint))
-        if wanted and state.faces is not None:
-            place[state.faces.joint] = -1 - np.arange(len(state.faces.joint))
         self.start = np.zeros(2)
-        self.table = Books(
-            joint=np.zeros((j, 16)),
-            damped=np.zeros(j),
-            lost=np.zeros((j, 4)),
-            least=np.zeros(j),
-            share=np.ones(j),
-            place=place,
-            fallen=np.zeros(n),
-            load=np.zeros((k, 6)),
-            push=np.zeros((n, 6)),
-            total=np.zeros(3),
-            gravity=np.zeros(3),
-            begun=np.zeros(1),
-        )
+        self.table = _blank(state, loads) if wanted else None
 
     @property
     def wanted(self) -> bool:
         """Whether anything is booked."""
-        return len(self.table.fallen) > 0
+        return self.table is not None
 
     def begin(self, state: MovingState, velocity, spin, inertia, gravity, dt: float) -> None:
         """Note what there is when time begins: blocks with ``velocity`` and ``spin`` (n, 3), inertia (n, 3, 3) in world
@@ -78,9 +63,11 @@ class MotionBooks:
         self.start[:] = 0.5 * twice, self._springs(state)[1].sum()
 
     def open(self, state: MovingState) -> None:
-        """Take the springs of the joints into the books, before the first step."""
+        """Begin anew with the next step; what was booked before time began does not count."""
         if self.wanted:
-            self.table.joint[:, :6] = self._springs(state)[0][:, :6]
+            self.table.begun[:] = 0.0
+            if state.faces is not None:
+                self.table.face[:, :3] = self._springs(state)[0][state.faces.joint]
 
     def cut(self, polygons: Polygons) -> None:
         """Cut the polygons that have moved too far; what their springs hold less of then is let go.
@@ -96,81 +83,108 @@ class MotionBooks:
         polygons.cut_stale()
         after, energy = self._springs(polygons.state)
         worked -= _work_ahead(polygons.state, after, stale, table.place)
-        table.joint[stale, :6] = after[stale, :6]
+        convex = stale[table.place[stale] < 0]
+        table.face[-1 - table.place[convex], :3] = after[convex]
         table.lost[stale, RELEASED] += table.share[stale] * ((before - energy)[stale] + 0.5 * worked)
 
     def _springs(self, state: MovingState) -> tuple[np.ndarray, np.ndarray]:
-        """Resultants, the first six of (j, 16), and energy (j,) J of the springs of all joints."""
+        """N and its moments (j, 3) of the springs of convex joints, and energy (j,) J of those of all joints."""
         n = len(state.links.host)
-        held, energy = np.zeros((n, 16)), np.zeros(n)
+        held, energy = np.zeros((n, 3)), np.zeros(n)
         take_stock(state.links, state.corners, state.faces, held, energy)
         return held, energy
-
-    def _lost(self) -> np.ndarray:
-        """The four columns of `Books.lost`, summed (J)."""
-        table = self.table
-        lost = table.lost.sum(axis=0)
-        convex = table.place < 0
-        lost[STEPPING] += (table.share * table.joint[:, 9])[convex].sum()
-        return lost
 
     def energies(self, state: MovingState, dt: float) -> dict[str, float]:
         """The books of the last forces (J): kinetic, elastic since the start, work of gravity and loads, friction,
         dashpots, springs let go, contacts that opened or closed within a step, work done on new contacts."""
         if not self.wanted:
             return {}
-        table = self.table
-        if not table.begun[0]:
+        if not self.table.begun[0]:
             return dict.fromkeys(ENERGIES, 0.0) | {"kinetic": float(self.start[0])}
-        lost = self._lost()
+        table = self.table
+        settle_all(table, state.links)
+        lost = table.lost.sum(axis=0)
         kinetic = kinetic_energy(state.bodies, state.links.wrench, *table.gravity.tolist(), dt)
         return {
             "kinetic": kinetic,
             "elastic": float((table.share * self._springs(state)[1]).sum() - self.start[1]),
             "external": float(table.fallen.sum() + table.total[LOADS]),
             "friction": float(lost[FRICTION]),
-            "dashpots": float((table.damped + table.share * table.joint[:, 15]).sum()),
+            "dashpots": float(table.damped.sum()),
             "released": float(lost[RELEASED] + table.total[HANDED]),
             "stepping": float(lost[STEPPING]),
             "new_contacts": float(-table.total[CONTACTS]),
         }
 
-    def sums(self) -> Sums | None:
+    def sums(self, state: MovingState) -> Sums | None:
         """What the audit wants; None where nothing was booked."""
         if not self.wanted:
             return None
-        lost = self._lost()
-        least = float(self.table.least.min(initial=0.0))
+        table = self.table
+        settle_all(table, state.links)
+        lost, least = table.lost.sum(axis=0), float(table.least.min(initial=0.0))
         return Sums(float(lost[FRICTION]), float(lost[BY_LAW]), least, float(lost[STEPPING]), FLOOR * self.start[1])
 
     @property
     def arrays(self) -> dict[str, np.ndarray]:
         """All that a run goes on from."""
-        return {f"books.{name}": array for name, array in self.table._asdict().items()} | {"books.start": self.start}
+        table = {} if self.table is None else self.table._asdict()
+        return {f"books.{name}": array for name, array in table.items()} | {"books.start": self.start}
+
+
+def _blank(state: MovingState, loads: int) -> Books:
+    """Books in which nothing stands yet."""
+    n, j = len(state.bodies.mass), len(state.links.host)
+    place, points, tiles, convex = np.zeros(j, np.int64), 0, 0, 0
+    if state.corners is not None:
+        points, tiles = len(state.corners.points) // POINT, len(state.corners.used)
+        place[state.corners.joint] = np.arange(len(state.corners.joint))
+    if state.faces is not None:
+        convex = len(state.faces.joint)
+        place[state.faces.joint] = -1 - np.arange(convex)
+    return Books(
+        dashpots=rows_of_lanes(points * DASHPOT),
+        ledger=rows_of_lanes(tiles * LEDGER),
+        face=np.zeros((convex, 16)),
+        damped=np.zeros(j),
+        lost=np.zeros((j, 4)),
+        least=np.zeros(j),
+        share=np.ones(j),
+        place=place,
+        fallen=np.zeros(n),
+        load=np.zeros((loads, 6)),
+        push=np.zeros((n, 6)),
+        total=np.zeros(3),
+        gravity=np.zeros(3),
+        begun=np.zeros(1),
+    )
 
 
 def _work_ahead(state: MovingState, held: np.ndarray, joints: np.ndarray, place: np.ndarray) -> np.ndarray:
     """What the springs of ``joints`` (k,) would take over the step that the blocks have made since the last forces, if
     their forces stayed (k,), J; ``held``: see `take_stock`, ``place``: see `Books`."""
     links = state.links
-    wanted = {name: getattr(links, name)[joints] for name in ("host", "other", "lever", "tangents", "plane")}
-    ends, work = seen(state.bodies, links._replace(**wanted)), np.zeros(len(joints))
+    wanted = {name: getattr(links, name)[joints] for name in ("host", "other", "place", "tangents", "plane")}
+    own = links._replace(**wanted)
+    before, sense, offset = own.seen, own.sense, own.offset
+    steps, work = seen(state.bodies, own) - before, np.zeros(len(joints))
     for i, j in enumerate(joints.tolist()):
-        now, step = links.seen[j], ends[i] - links.seen[j]
-        slip, turn = _of_feet(links.offset[j], now, step)
+        now, step = before[i], steps[i]
+        slip, turn = _of_feet(offset[i], now, step)
         if place[j] >= 0:
             corners, p = state.corners, place[j]
-            own, law = slice(corners.start[p], corners.start[p + 1]), corners.law[p]
-            x, y, arm = corners.x[own], corners.y[own], corners.shear_arm[law]
-            depth = np.maximum(links.sense[j] * (links.offset[j] - now[2] - x * now[5] - y * now[8]), 0.0)
-            pressed = -corners.k_n[law] * links.sense[j] * corners.area[own] * depth
-            of_point = pressed * (step[2] + x * step[5] + y * step[8])
-            of_point += corners.elastic[own, 0] * (slip[0] + arm * (x * slip[3] + y * slip[6]))
-            of_point += corners.elastic[own, 1] * (slip[1] + arm * (x * slip[4] + y * slip[7]))
+            law = corners.law[p]
+            x, y, area, e1, e2 = (corners.row(row, p) for row in (X, Y, AREA, ELASTIC, ELASTIC + 1))
+            arm = corners.shear_arm[law]
+            depth = np.maximum(sense[i] * (offset[i] - now[2] - x * now[5] - y * now[8]), 0.0)
+            of_point = -corners.k_n[law] * sense[i] * area * depth * (step[2] + x * step[5] + y * step[8])
+            of_point += e1 * (slip[0] + arm * (x * slip[3] + y * slip[6]))
+            of_point += e2 * (slip[1] + arm * (x * slip[4] + y * slip[7]))
             work[i] = of_point.sum()
         else:
-            e, along = state.faces.elastic[-1 - place[j]], ends[i, 3:5] / np.hypot(*ends[i, 3:5])
-            work[i] = -links.sense[j] * (held[j, :3] @ step[[2, 5, 8]]) + e[0] * (along @ slip[:2])
+            e, after = state.faces.elastic[-1 - place[j]], now + step
+            along = after[3:5] / np.hypot(*after[3:5])
+            work[i] = -sense[i] * (held[j] @ step[[2, 5, 8]]) + e[0] * (along @ slip[:2])
             work[i] += e[1] * (along[0] * slip[1] - along[1] * slip[0]) + e[2] * turn
     return work
 

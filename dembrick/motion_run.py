@@ -17,6 +17,7 @@ from dembrick.driving import Driving
 from dembrick.dynamics import Motion, advance, damping_of_restitution, joint_forces, motion, seat
 from dembrick.errors import HistoryError, NotConvergedError, ScenarioError
 from dembrick.kernels.dynamics import REACHED, Limits
+from dembrick.kernels.lanes import SEEN
 from dembrick.kernels.motion_record import unbalanced_ratio
 from dembrick.model import Output
 from dembrick.motion_books import MotionBooks
@@ -100,8 +101,9 @@ def plan(moving: Motion, control, output: Output) -> Plan:
     steps, n, j = _most_steps(moving, control, jack), len(moving.assembly.names), len(moving.assembly.joints)
     rows = min(steps, 2 * output.rows)
     frames = min(rows, 2 * output.frames)
-    points = len(moving.state.corners.x) if "contacts" in output.channels and moving.state.corners is not None else 0
-    meet = MEETINGS * n if "contacts" in output.channels else 0
+    contacts, corners = "contacts" in output.channels, moving.state.corners
+    points = int(corners.start[-1]) if contacts and corners is not None else 0
+    meet = MEETINGS * n if contacts else 0
     memory = sum(array.nbytes for array in moving.state.arrays) + 8 * (
         rows * (6 + 7 * j) + frames * (13 * n + 2 * j + 5 * points + 16 * meet)
     )
@@ -183,12 +185,12 @@ def run(moving: Motion, control, driving: Driving, session: Session) -> MotionRu
     unbalanced, at_rest = float(past.unbalanced[0]), past.at_rest
     settings = {"contact_damping": moving.damping, "seating_steps": moving.seating_steps, "inertia": "physical"}
     if not to_collapse:
-        return MotionRun(moving, "completed", None, unbalanced, settings, moving.books.sums())
+        return MotionRun(moving, "completed", None, unbalanced, settings, moving.books.sums(moving.state))
     if status != REACHED:
         least = f"the table stood at {STEEPEST:g} deg" if jack is None else f"the load factor came near {STRONGEST:g}"
         raise NotConvergedError(f"no block moved by {goal:.6g} m before {least}; ask for a smaller displacement")
     collapse = _collapse(moving, control, jack, at_rest)
-    return MotionRun(moving, "collapse", collapse, unbalanced, settings, moving.books.sums())
+    return MotionRun(moving, "collapse", collapse, unbalanced, settings, moving.books.sums(moving.state))
 
 
 def _push(moving: Motion, jack: Jack, driving: Driving, n_steps: int, limits: Limits) -> int:
@@ -219,14 +221,14 @@ def _set_going(moving: Motion, driving: Driving) -> None:
     written = None if state.corners is None else state.corners.force  # at the points: of the same forces as the joints'
     memory = [array for family in families for array in family if array is not None and array is not written]
     kept = [array.copy() for array in memory]
-    state.links.seen[:] = came_from
+    state.links.put(SEEN, came_from)
     joint_forces(moving, driving)
     gravity, _ = driving.at(np.zeros(1), dt)
     inertia = _turned_inertia(moving)
     moving.books.begin(state, velocity, spin, inertia, gravity[0], dt)
     for array, value in zip(memory, kept, strict=True):  # the first step looks again
         array[...] = value
-    state.links.seen[:] = came_from
+    state.links.put(SEEN, came_from)
     force, torque = out_of_balance(state, gravity[0])
     momentum = np.einsum("nij,nj->ni", inertia, spin)
     bodies.velocity[free] = velocity[free] - 0.5 * dt * force[free] / bodies.mass[free, None]

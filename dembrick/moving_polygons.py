@@ -17,6 +17,7 @@ import numpy as np
 from dembrick import polygons
 from dembrick.clipping import clip, simplify
 from dembrick.joints import JointTable
+from dembrick.kernels.lanes import AREA, LEVER, SEEN, SENSE, X, Y
 from dembrick.moving_state import MovingState, put_outlines, with_outlines
 from dembrick.shapes import parts_of
 
@@ -76,8 +77,9 @@ class Polygons:
 
     def _away(self) -> np.ndarray:
         """How far O of the start and both tangents have moved, in the plane's axes (j, 3, 3)."""
-        away = (self.state.links.seen - self.start).reshape(-1, 3, 3)
-        away[:, 0] -= np.einsum("ji,jik->jk", self.shift, self.state.links.seen[:, 3:].reshape(-1, 2, 3))
+        now = self.state.links.seen
+        away = (now - self.start).reshape(-1, 3, 3)
+        away[:, 0] -= np.einsum("ji,jik->jk", self.shift, now[:, 3:].reshape(-1, 2, 3))
         return away
 
     def moved(self) -> np.ndarray:
@@ -97,7 +99,7 @@ class Polygons:
             self.state.faces.k_n[i] = 0.0
         else:
             corners = self.state.corners
-            corners.area[corners.start[i] : corners.start[i + 1]] = 0.0
+            corners.put(AREA, 0.0, i)
         links.slack[j] = np.inf  # it never needs to be cut again
         links.wrench[j] = 0.0
 
@@ -105,18 +107,19 @@ class Polygons:
         """Corners (m, 2) of the other's face in the plane's axes from its centroid, counter-clockwise about m."""
         if j not in self._face_of:
             links = self.state.links
-            a_is_other = links.sense[j] > 0.0
+            sense = float(links.rows(SENSE, 1, j)[0])
+            a_is_other = sense > 0.0
             part = int((self._joints.part_a if a_is_other else self._joints.part_b)[j])
             place, shape = parts_of(self._shapes[links.other[j]])[part]
             u = links.axes[links.plane[j]]
-            number = int(np.argmax(shape.face_normals @ (links.sense[j] * np.cross(u[0], u[1]))))
+            number = int(np.argmax(shape.face_normals @ (sense * np.cross(u[0], u[1]))))
             corners = (place + shape.vertices[list(shape.faces[number])]) @ u.T
-            self._face_of[j] = corners if links.sense[j] > 0.0 else corners[::-1]
+            self._face_of[j] = corners if a_is_other else corners[::-1]
         return self._face_of[j]
 
     def _cut(self, j: int) -> None:
         links, face, outline = self.state.links, self._face(j), self._joints[j].polygon
-        seen = links.seen[j]
+        seen = links.rows(SEEN, 9, j)
         tangents = seen[[[3, 4], [6, 7]]]
         origin = seen[:2] - self.shift[j] @ tangents  # where O of the start is now
         outside = distance_outside(origin + outline @ tangents, face)
@@ -133,27 +136,28 @@ class Polygons:
         """Put O of joint ``j`` at ``to`` (from O of the start, along e1 and e2); returns how far that is (2,)."""
         links = self.state.links
         step = to - self.shift[j]
-        links.lever[j] += step @ links.axes[links.tangents[j]]
-        links.seen[j, :3] += step @ links.seen[j, 3:].reshape(2, 3)
+        seen = links.rows(SEEN, 9, j)
+        links.put(LEVER, links.rows(LEVER, 2, j) + step, j)
+        links.put(SEEN, seen[:3] + step @ seen[3:].reshape(2, 3), j)
         self.shift[j] = to
         return step
 
     def _project(self, j: int, i: int, origin, tangents, face) -> None:
         """Corners beyond the edge move to the nearest point of the face."""
         corners = self.state.corners
-        points = slice(corners.start[i], corners.start[i + 1])
         placed = nearest_inside(origin + self._joints[j].polygon @ tangents, face)
         outline = (placed - origin) @ np.linalg.inv(tangents)
         area, x, y = polygons.area_and_centroid(outline)
         if not area > GONE * self._joints[j].area:
-            corners.area[points] = 0.0
+            corners.put(AREA, 0.0, i)
             return
         self._move_origin(j, np.array([x, y]))
         outline = outline - (x, y)
-        corners.area[points] = np.maximum(polygons.tributary_areas(outline), 0.0)
+        corners.put(AREA, np.maximum(polygons.tributary_areas(outline), 0.0), i)
         start = self._points[j].normal_arm
         shrink = np.abs(start).max() / np.abs(self._joints[j].polygon).max()
-        corners.x[points], corners.y[points] = shrink * outline.T
+        corners.put(X, shrink * outline[:, 0], i)
+        corners.put(Y, shrink * outline[:, 1], i)
         self.state.links.reach[j] = np.sqrt((outline**2).sum(axis=1).max())
 
     def _fade(self, j: int, i: int, origin, tangents, face) -> None:
@@ -166,7 +170,7 @@ class Polygons:
 
         seen = self.start[j]
         left = inside(origin, tangents) / inside(seen[:2], seen[[[3, 4], [6, 7]]])
-        corners.area[corners.start[i] : corners.start[i + 1]] = start.area * np.minimum(left, 1.0)
+        corners.put(AREA, start.area * np.minimum(left, 1.0), i)
 
     def _clip(self, j: int, i: int, origin, tangents, face) -> None:
         """The polygon of an integral is what both faces share."""

@@ -13,11 +13,31 @@ from dembrick import limit_set, polygons
 from dembrick.errors import ScenarioError
 from dembrick.joints import JointTable
 from dembrick.kernels.bodies import Bodies
+from dembrick.kernels.convex_joints import Faces
+from dembrick.kernels.lanes import (
+    AREA,
+    LEVER,
+    OFFSET,
+    PLANE,
+    POINT,
+    ROWS,
+    SEEN,
+    SENSE,
+    TANGENTS,
+    TILE,
+    Links,
+    W,
+    X,
+    Y,
+    rows_of_lanes,
+)
 from dembrick.kernels.motion_record import write_resultants
-from dembrick.kernels.moving_joints import Corners, Faces, Links
+from dembrick.kernels.point_joints import Corners
 from dembrick.point_table import PointTable
+from dembrick.shapes import frame_quaternion
 
 NEGLIGIBLE = 1e-5  # of the lighter block's weight: head joints of a wall carry so little, and slip all the time
+FEW = 8  # directions of normals: more are of no use, and joints near each other should stay so
 EQUAL = 12  # digits to which polygons are the same: rounding makes those of a wall differ in the last one or two
 
 
@@ -40,11 +60,38 @@ class MovingState(NamedTuple):
 def moving_state(assembly) -> MovingState:
     """State at the start: nothing displaced, no force in any joint, nothing moves."""
     middle = assembly.position.mean(axis=0)
-    links = _links(assembly)
+    corners = _corners(assembly)
+    faces = _faces(assembly, 0 if corners is None else len(corners.used))
+    links = _links(assembly, corners, faces)
     bodies = _bodies(assembly, links, middle)
-    links.seen[:] = seen(bodies, links)
+    links.put(SEEN, seen(bodies, links))
     links.kept[:] = links.seen[:, [0, 1, 3, 4]]
-    return MovingState(bodies, links, _corners(assembly), _faces(assembly), middle)
+    return MovingState(bodies, links, corners, faces, middle)
+
+
+def tiled(kind: np.ndarray, way: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Which of p joints each lane of t tiles has, (t, W), and how many of its lanes a tile uses, (t,).
+
+    Joints of one ``kind`` (p,) side by side, of those the ones whose normals go the same ``way`` (p,): head joints of a
+    wall slide all the time and beds hardly ever, and a tile where nothing slides is done sooner. The last joint stands
+    again in lanes that are left over.
+    """
+    lanes, used = [np.zeros((0, W), np.uint32)], [np.zeros(0, np.int64)]
+    for one in np.unique(kind):
+        members = np.flatnonzero(kind == one)
+        members = members[np.argsort(way[members], kind="stable")]
+        tiles = -(-len(members) // W)
+        padded = np.full(tiles * W, members[-1], np.uint32)
+        padded[: len(members)] = members
+        lanes.append(padded.reshape(tiles, W))
+        used.append(np.minimum(len(members) - W * np.arange(tiles), W))
+    return np.concatenate(lanes), np.concatenate(used)
+
+
+def _ways(normals: np.ndarray) -> np.ndarray:
+    """A number (p,) for the direction of each normal (p, 3); nought for all where there are more than a few."""
+    _, way = np.unique(np.round(np.abs(normals), 6), axis=0, return_inverse=True)
+    return way.reshape(-1) * (way.max() < FEW)
 
 
 def _bodies(assembly, links: Links, middle: np.ndarray) -> Bodies:
@@ -71,7 +118,7 @@ def _bodies(assembly, links: Links, middle: np.ndarray) -> Bodies:
     )
 
 
-def _links(assembly) -> Links:
+def _links(assembly, corners: Corners | None, faces: Faces | None) -> Links:
     table = JointTable.of(assembly.joints)
     n, a, b = len(table), table.block_a, table.block_b
     b_hosts = table.host == b
@@ -83,25 +130,36 @@ def _links(assembly) -> Links:
     # adding nought makes -0 the same as 0
     axes, row = np.unique(np.concatenate([tangents, plane]) + 0.0, axis=0, return_inverse=True)
     row = row.reshape(2, n).astype(np.uint32)
+    frames = np.array([frame_quaternion(pair) for pair in axes]).reshape(-1, 4)
+    place, tiles = np.zeros(n, np.uint32), 0
+    for family in (corners, faces):
+        if family is not None:
+            lanes = np.arange(W) < family.used[:, None]
+            where = W * ROWS * np.arange(tiles, tiles + len(lanes))[:, None] + np.arange(W)
+            place[family.joint[family.lane[lanes]]] = where[lanes]
+            tiles += len(lanes)
     reach = np.empty(n)
     for numbers, outlines in table.by_corners():
         reach[numbers] = np.sqrt((outlines**2).sum(axis=2).max(axis=1))
-    return Links(
+    links = Links(
         host=host.astype(np.uint32),
         other=other.astype(np.uint32),
-        sense=sense,
-        lever=np.einsum("jik,ji->jk", assembly.rotation[host], arm_host),
         tangents=row[0].copy(),
         plane=row[1].copy(),
         axes=axes,
-        offset=(arm_other * table.axes[:, 2]).sum(axis=1) - sense * table.gap,
-        viscous=np.zeros((n, 2)),
-        seen=np.zeros((n, 9)),
+        place=place,
+        tiles=rows_of_lanes(tiles * TILE),
         wrench=np.zeros((n, 9)),
         kept=np.zeros((n, 4)),
         reach=reach.astype(np.float32),
         slack=np.zeros(n, np.float32),
     )
+    links.put(PLANE, frames[links.plane])
+    links.put(TANGENTS, frames[links.tangents])
+    links.put(LEVER, np.einsum("jik,jk->ji", table.axes, arm_host))
+    links.put(SENSE, sense[:, None])
+    links.put(OFFSET, ((arm_other * table.axes[:, 2]).sum(axis=1) - sense * table.gap)[:, None])
+    return links
 
 
 def _corners(assembly) -> Corners | None:
@@ -117,24 +175,36 @@ def _corners(assembly) -> Corners | None:
     values = [(k.normal_stiffness, k.shear_stiffness, k.friction) for k in laws]
     distinct, law = np.unique(np.column_stack([values, np.round(shear_arm, 12)]), axis=0, return_inverse=True)
     k_n, k_s, friction, shear_arm = np.ascontiguousarray(distinct.T)
-    return Corners(
+    law = law.reshape(-1)
+    count = np.diff(start)
+    lane, used = tiled(law * (count.max() + 1) + count, _ways(joints.axes[chosen, 2]))
+    first = lane[:, 0]
+    tile_start = np.concatenate([[0], np.cumsum((count[first] + 1) // 2 * 2 * POINT)])
+    place = np.zeros(len(chosen), np.uint32)
+    own = np.arange(W) < used[:, None]
+    place[lane[own]] = (tile_start[:-1, None] + np.arange(W))[own]
+    corners = Corners(
         joint=chosen.astype(np.uint32),
         start=start.astype(np.uint32),
-        law=law.astype(np.uint32).reshape(-1),
+        place=place,
+        law=law.astype(np.uint32),
         k_n=k_n.copy(),
         k_s=k_s.copy(),
         friction=friction.copy(),
         shear_arm=shear_arm.copy(),
-        x=x,
-        y=y,
-        area=table.area.copy(),
-        elastic=np.zeros((len(x), 2)),
-        slip=np.zeros(len(x)),
+        lane=lane,
+        used=used,
+        tile_law=law[first].astype(np.int64),
+        tile_start=tile_start,
+        points=rows_of_lanes(int(tile_start[-1])),
         force=None,
     )
+    for row, values in ((X, x), (Y, y), (AREA, table.area)):
+        corners.put(row, values)
+    return corners
 
 
-def _faces(assembly) -> Faces | None:
+def _faces(assembly, first_tile: int) -> Faces | None:
     joints, table = JointTable.of(assembly.joints), PointTable.of(assembly.contact_points)
     chosen = np.flatnonzero(table.resultant)
     if not len(chosen):
@@ -151,8 +221,12 @@ def _faces(assembly) -> Faces | None:
     most = np.maximum(longest[joints.block_a], longest[joints.block_b])[chosen]
     room = int((np.diff(joints.start)[chosen] + most).max())
     n = len(chosen)
+    lane, used = tiled(np.zeros(n), _ways(joints.axes[chosen, 2]))
     faces = Faces(
         joint=chosen.astype(np.uint32),
+        tile=np.arange(len(used)) + first_tile,
+        lane=lane,
+        used=used,
         outline=np.zeros(n, np.uint32),
         k_n=np.array([law.normal_stiffness for law in laws]),
         k_s=np.array([law.shear_stiffness for law in laws]),
@@ -217,13 +291,19 @@ def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return out
 
 
+def arms(bodies: Bodies, links: Links) -> tuple[np.ndarray, np.ndarray]:
+    """Arms of O from the centroids of the hosts (j, 3) and tangents e1, e2 (j, 2, 3), world, where the blocks are."""
+    tangents = np.einsum("jik,jlk->jli", bodies.rotation[links.host], links.axes[links.tangents])
+    frame = np.concatenate([tangents, cross(tangents[:, 0], tangents[:, 1])[:, None]], axis=1)
+    return np.einsum("ji,jik->jk", links.lever, frame), tangents
+
+
 def seen(bodies: Bodies, links: Links) -> np.ndarray:
     """`Links.seen` (j, 9) of where the blocks are now."""
     u = np.einsum("jik,jlk->jli", bodies.rotation[links.other], links.axes[links.plane])
     axes = np.concatenate([u, cross(u[:, 0], u[:, 1])[:, None]], axis=1)
-    turn = bodies.rotation[links.host]
-    arm = np.einsum("jik,jk->ji", turn, links.lever) + bodies.position[links.host] - bodies.position[links.other]
-    tangents = np.einsum("jik,jlk->jli", turn, links.axes[links.tangents])
+    arm, tangents = arms(bodies, links)
+    arm = arm + bodies.position[links.host] - bodies.position[links.other]
     vectors = np.concatenate([arm[:, None], tangents], axis=1)
     return np.einsum("jvi,jki->jvk", vectors, axes).reshape(-1, 9)
 
@@ -239,7 +319,7 @@ def with_contact_forces(state: MovingState) -> MovingState:
     """The same state, the forces at its contact points written down at every step."""
     if state.corners is None:
         return state
-    return state._replace(corners=state.corners._replace(force=np.zeros((len(state.corners.x), 3))))
+    return state._replace(corners=state.corners._replace(force=np.zeros((int(state.corners.start[-1]), 3))))
 
 
 def contact_forces(state: MovingState, share: np.ndarray) -> np.ndarray:

@@ -174,6 +174,25 @@ def rotation_matrix(quaternion) -> np.ndarray:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
+def frame_quaternion(axes) -> np.ndarray:
+    """The quaternion (4,) of the frame with the first two axes ``axes`` (2, 3), columns of its rotation matrix.
+
+    From the greatest of its parts, so that no digits are lost.
+    """
+    R = np.column_stack([*axes, np.cross(*axes)])
+    trace = np.trace(R)
+    twice = np.array([trace, *(2.0 * np.diag(R) - trace)])  # 4 q^2 - 1
+    i = int(np.argmax(twice))
+    q = np.empty(4)
+    if i == 0:
+        q[:] = 1.0 + trace, R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
+    else:
+        a, b, c = i - 1, i % 3, (i + 1) % 3
+        q[0] = R[c, b] - R[b, c]
+        q[1 + a], q[1 + b], q[1 + c] = 1.0 + twice[i], R[b, a] + R[a, b], R[c, a] + R[a, c]
+    return unit_quaternion(q)
+
+
 def quaternion_product(first, second) -> np.ndarray:
     """The quaternion(s) of the turn ``second`` followed by the turn ``first`` (..., 4)."""
     a, b, c, d = (np.asarray(first, float)[..., i] for i in range(4))

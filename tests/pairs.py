@@ -6,7 +6,7 @@ import math
 import numpy as np
 
 from dembrick.kernels.bodies import Bodies
-from dembrick.kernels.moving_joints import Links
+from dembrick.kernels.lanes import Links
 from dembrick.kernels.touching import TOUCHED, clear_applied, touch
 from dembrick.model import JointLaw
 from dembrick.neighbours import bodies_of, overlap_depths
@@ -25,9 +25,8 @@ def quaternion(axis, angle):
 
 def no_joints():
     numbers, lengths = np.zeros(0, np.uint32), np.zeros(0, np.float32)
-    shapes = [(0,), (0, 2), (0, 9), (0, 9), (0, 4)]
-    axes = (np.zeros((0, 3)), numbers, numbers, np.zeros((0, 2, 3)))
-    return Links(numbers, numbers, np.zeros(0), *axes, *(np.zeros(shape) for shape in shapes), lengths, lengths)
+    axes, shapes = np.zeros((0, 2, 3)), [(0,), (0, 9), (0, 4)]
+    return Links(*[numbers] * 4, axes, numbers, *(np.zeros(shape) for shape in shapes), lengths, lengths)
 
 
 class Pair:

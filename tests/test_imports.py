@@ -159,7 +159,7 @@ def test_kernels_are_in_order():
     """vec3, skyline, band < laws, pressed < limit_surface < motion < contact < energy < forces < bracket < advance."""
     order = ["vec3", "skyline", "band", "laws", "pressed", "limit_surface", "gauge", "small_motion", "finite_motion"]
     order += ["contact", "energy", "guard", "forces", "tangent", "bracket", "record", "advance", "bodies"]
-    order += ["books", "moving_joints", "motion_record", "patches", "rubbing", "handing_over"]
+    order += ["lanes", "books", "point_joints", "convex_joints", "motion_record", "patches", "rubbing", "handing_over"]
     order += ["contact_springs", "touching", "dynamics", "dynamics_parallel", "certify", "batch", "recorded_motion"]
     inside, _ = arrows(modules())
     for name, target in inside:

@@ -23,6 +23,12 @@ POINTS = ("concave", "corrected", "corrected-shear", "distributed")
 ALL = model.CHANNELS
 
 
+def lever(links, host, j):
+    """From the centroid of the host, with the axes ``host`` (3, 3), to O of joint ``j`` in the world."""
+    tangents = links.axes[links.tangents[j]] @ host.T
+    return links.lever[j] @ [*tangents, np.cross(*tangents)]
+
+
 def naive_resultants(state):
     """The twin of `write_resultants`, joint by joint."""
     bodies, links = state.bodies, state.links
@@ -35,7 +41,7 @@ def naive_resultants(state):
         t1 -= t1 @ normal * normal
         t1 /= np.linalg.norm(t1)
         axes = np.array([t1, np.cross(normal, t1), normal])
-        force, moment = links.wrench[j, :3], links.wrench[j, 3:6] - np.cross(host @ links.lever[j], links.wrench[j, :3])
+        force, moment = links.wrench[j, :3], links.wrench[j, 3:6] - np.cross(lever(links, host, j), links.wrench[j, :3])
         f, m = links.sense[j] * (axes @ force), links.sense[j] * (axes @ moment)
         slip = 0.0
         if state.corners is not None:
@@ -85,10 +91,11 @@ def test_contact_forces_sum_up_to_the_joint(formulation):
     np.testing.assert_allclose(force.sum(axis=0), links.wrench[0, :3], rtol=1e-12, atol=1e-12 * scale)
     host = state.bodies.rotation[links.host[0]]
     tangents = links.axes[links.tangents[0]] @ host.T
-    arm = host @ links.lever[0] + corners.x[:, None] * tangents[0] + corners.y[:, None] * tangents[1]
+    to_origin = lever(links, host, 0)
+    arm = to_origin + corners.x[:, None] * tangents[0] + corners.y[:, None] * tangents[1]
     normal = np.cross(*(links.axes[links.plane[0]] @ state.bodies.rotation[links.other[0]].T))
     pressed = (force @ normal)[:, None] * normal
-    friction_arm = host @ links.lever[0] + corners.shear_arm[0] * (arm - host @ links.lever[0])
+    friction_arm = to_origin + corners.shear_arm[0] * (arm - to_origin)
     apart = state.bodies.position[links.host[0]] - state.bodies.position[links.other[0]]
     friction_arm -= ((friction_arm + apart) @ normal - links.offset[0])[:, None] * normal
     moment = np.cross(arm, pressed).sum(axis=0) + np.cross(friction_arm, force - pressed).sum(axis=0)

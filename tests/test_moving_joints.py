@@ -10,12 +10,13 @@ from dembrick.controls import DynamicControl
 from dembrick.driving import Driving
 from dembrick.dynamics import Motion, advance, joint_forces, motion, seat
 from dembrick.kernels.bodies import turn_body
+from dembrick.kernels.convex_joints import pressed
 from dembrick.kernels.dynamics import Limits
+from dembrick.kernels.lanes import VISCOUS
 from dembrick.kernels.laws import no_tension
-from dembrick.kernels.moving_joints import pressed
 from dembrick.model import Block, JointLaw, Material, Scenario, Wall
 from dembrick.moving_polygons import distance_outside, nearest_inside
-from dembrick.moving_state import joint_resultants, seen
+from dembrick.moving_state import arms, joint_resultants, seen
 from dembrick.shapes import quaternion_product, rotation_matrix
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
@@ -114,7 +115,8 @@ def test_the_same_in_any_frame(formulation):
     for turn in ((1.0, 0.0, 0.0, 0.0), TURNED):
         moving, driving = seated(formulation, turn=turn, floor=(2.0, 2.0, 0.1))
         R = rotation_matrix(np.array(turn))
-        moving.time_step, moving.state.links.viscous[:] = 2e-5, 0.1  # its bound has rounding of its own
+        moving.time_step = 2e-5  # its bound has rounding of its own
+        moving.state.links.put(VISCOUS, [[0.1, 0.1]])
         moving.state.bodies.velocity[1] = R @ start["velocity"]
         moving.state.bodies.momentum[1] = (R @ moving.assembly.inertia[1]) @ start["angular_velocity"]
         advance(moving, driving, 400, FAR)
@@ -161,7 +163,7 @@ def test_tilting_is_no_torsion():
     of its polygon, seen along the normal, turn by angle^2 / 4."""
     moving, driving = seated("convex")
     bodies, links, faces = moving.state.bodies, moving.state.links, moving.state.faces
-    foot = bodies.position[1] + bodies.rotation[1] @ links.lever[0]
+    foot = bodies.position[1] + arms(bodies, links)[0][0]
     foot[2] -= links.seen[0, 2] - links.offset[0]  # O, seen in the plane
     turn = about((math.sqrt(0.5), math.sqrt(0.5), 0.0), 0.05 / 200)
     for _ in range(200):
@@ -271,7 +273,7 @@ def test_equal_polygons_are_kept_once_until_they_are_cut():
     np.testing.assert_array_equal(faces.far[0], far)
     for i in range(n):
         alone, driving_alone = seated("convex")
-        alone.state.links.viscous[:] = moving.state.links.viscous[i]
+        alone.state.links.put(VISCOUS, moving.state.links.viscous[[i]])
         for _ in range(2 if i < out else 0):
             place(alone, (0.01 * (i + 1), 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
             joint_forces(alone, driving_alone)

@@ -24,6 +24,7 @@ from dembrick import assembly, dynamics, motion_run
 from dembrick import scenario as scenarios
 from dembrick.driving import Driving
 from dembrick.kernels.dynamics import Limits
+from dembrick.kernels.lanes import SEEN
 from dembrick.lab import scenario_folder
 from dembrick.moving_state import seen
 from dembrick.result import simulate
@@ -39,7 +40,7 @@ def wall(courses: int, blocks: int, formulation: str = "concave"):
     gravity = np.array(scenario.gravity)
     bodies, links = moving.state.bodies, moving.state.links
     bodies.position[:, 2] -= plain_wall.sunk(bodies.position[:, 2] + moving.state.middle[2], courses)
-    links.seen[:] = seen(bodies, links)
+    links.put(SEEN, seen(bodies, links))
     return moving, Driving(gravity, tilt=(np.array([1.0, 0.0, 0.0]), np.radians(1.0)))
 
 

@@ -15,23 +15,51 @@ from numpy import ndarray
 
 from dembrick._jit import entry, jit
 from dembrick.kernels.bodies import gathered
+from dembrick.kernels.lanes import (
+    AREA,
+    BEFORE,
+    DEPTH,
+    ELASTIC,
+    GROWTH,
+    MOVED,
+    NONE,
+    POINT,
+    SEEN,
+    TILE,
+    W,
+    X,
+    Y,
+    lane_of,
+    offset_of,
+    sense_of,
+    three,
+)
 from dembrick.kernels.laws import no_tension
 from dembrick.kernels.vec3 import cross, rows_times
 
 FRICTION, RELEASED, STEPPING, BY_LAW = range(4)
 LOADS, CONTACTS, HANDED = range(3)
 
+DASHPOT = 3 * W  # rows of a point in `Books.dashpots`
+
+# Rows of a tile of `Books.ledger`, J: what dashpots took; the smallest friction work of a step; what was lost, see
+# `Books.lost` (4). All since `share` changed
+OF_DASHPOTS, SMALLEST, GONE = 0, 1, 2
+LEDGER = 6 * W
+
 
 class Books(NamedTuple):
-    """What is booked, J; and what the last step left behind. Nothing is booked where ``fallen`` has no entry.
+    """What is booked, J; and what the last step left behind. None where nobody asks for it.
 
     Shear and torsion are in the sense in which the host slips; axes are those of the joint's elastic forces.
     """
 
-    joint: ndarray  # (j, 16) N, N m, J, one row because every step reads and writes it all. Springs (6): sums of e_1,
-    # x e_1, y e_1, e_2, x e_2, y e_2; of convex joints N and its x and y moments. Dashpots (9): shear in the same way,
-    # of convex joints V_1, V_2, M_T, and then what opening and closing within steps took; then N and its x and y
-    # moments. What dashpots took (1). All that was taken is since `share` changed
+    dashpots: ndarray  # N, their last forces at every point: shear in the sense in which the host slips (2), and N;
+    # three rows of every point of a tile, as in `Corners.points`
+    ledger: ndarray  # (t * LEDGER,) the books of the point joints, in tiles like theirs
+    face: ndarray  # (a, 16) N, N m, J, those of the convex joints, one row because every step reads and writes it all.
+    # Springs (3): N and its x and y moments. Dashpots: V_1, V_2, M_T (6 to 8), what opening and closing within steps
+    # took (9), N and its moments (12 to 14). What dashpots took (15). All that was taken is since `share` changed
     damped: ndarray  # (j,) what dashpots took until then
     lost: ndarray  # (j, 4) friction; springs let go; opening and closing within a step; friction by its law
     least: ndarray  # (j,) the smallest friction work of a step
@@ -45,65 +73,71 @@ class Books(NamedTuple):
     begun: ndarray  # (1,) 1 from the first forces on, which are where the books begin
 
 
-@jit
-def book_corners(row, sense, damped, k_s, a1, a2, b1, b2, c1, c2, n, nx, ny, p1, p2, p3, x1, x2, x3, y1, y2, y3):
-    """Dashpots of a point joint with the ``row`` (16,): shear forces a, b, c (sums, and sums with x and y), dashpots'
-    n, nx, ny along the normal; p, x, y: change of O, e1 and e2 in the step, those in the plane times k_s and
-    the arm of friction.
+@entry
+def book_losses(work, own, dashpots, which, k_n, k_s, friction, arm, ledger):
+    """Book what one point of every joint of a tile lost in a step, ``which`` of the two of `point_joints.press`.
 
-    At every closed point t = e' + d and d = viscous (e' - e), so that d = (t - e) viscous / (1 + viscous).
+    A spring that was loaded from b to e while the point moved by s/k took (b + e) s / 2k and holds (e^2 - b^2) / 2k
+    more: the rest went into friction, or was let go where the point has opened.
     """
-    viscous = 1.0 - 1.0 / damped
-    d1 = viscous * (a1 - row[0])
-    d2 = viscous * (b1 - row[1])
-    d3 = viscous * (c1 - row[2])
-    d4 = viscous * (a2 - row[3])
-    d5 = viscous * (b2 - row[4])
-    d6 = viscous * (c2 - row[5])
-    work = (row[6] + d1) * p1 + (row[7] + d2) * x1 + (row[8] + d3) * y1
-    turning = (row[9] + d4) * p2 + (row[10] + d5) * x2 + (row[11] + d6) * y2
-    closing = (row[12] + n) * p3 + (row[13] + nx) * x3 + (row[14] + ny) * y3
-    row[0] = a1 - d1
-    row[1] = b1 - d2
-    row[2] = c1 - d3
-    row[3] = a2 - d4
-    row[4] = b2 - d5
-    row[5] = c2 - d6
-    row[6] = d1
-    row[7] = d2
-    row[8] = d3
-    row[9] = d4
-    row[10] = d5
-    row[11] = d6
-    row[12] = n
-    row[13] = nx
-    row[14] = ny
-    row[15] += 0.5 * ((work + turning) / k_s - sense * closing)
+    for lane in range(W):
+        at = which * POINT + lane
+        x = own[X * W + at]
+        y = own[Y * W + at]
+        area = own[AREA * W + at]
+        e1 = own[ELASTIC * W + at]
+        e2 = own[(ELASTIC + 1) * W + at]
+        g0, gx, gy = three(work, DEPTH, lane)
+        d0, dx, dy = three(work, GROWTH, lane)
+        p1, p2, x1 = three(work, MOVED, lane)
+        x2, y1, y2 = three(work, MOVED + 3, lane)
+        b1, b2, slid = three(work, BEFORE + 3 * which, lane)
+        k = k_s * area
+        s1 = k * (p1 + arm * (x * x1 + y * y1)) - (e1 - b1)
+        s2 = k * (p2 + arm * (x * x2 + y * y2)) - (e2 - b2)
+        lost = 0.5 * ((b1 + e1) * s1 + (b2 + e2) * s2) / max(k, NONE)
+        held = lost if slid > 0.0 else 0.0
+        least = ledger[SMALLEST * W + lane]
+        ledger[SMALLEST * W + lane] = held if held < least else least
+        g = g0 + x * gx + y * gy
+        normal = dashpots[(which * 3 + 2) * W + lane] + k_n * area * max(g, 0.0)
+        let_go = lost if slid == 0.0 and e1 == 0.0 and e2 == 0.0 and area > 0.0 else 0.0
+        before = g - (d0 + x * dx + y * dy)
+        stepping = min(g, 0.0) * max(before, 0.0) - max(g, 0.0) * min(before, 0.0)
+        ledger[(GONE + FRICTION) * W + lane] += held
+        ledger[(GONE + RELEASED) * W + lane] += let_go
+        ledger[(GONE + STEPPING) * W + lane] += 0.5 * k_n * area * stepping
+        ledger[(GONE + BY_LAW) * W + lane] += friction * normal * slid
 
 
 @jit
-def book_losses(books, j, friction, by_law, released, stepping, least):
-    """Add what the points of joint ``j`` lost in a step."""
-    lost = books.lost[j]
+def settle(books, links, j):
+    """Put what a joint lost into its own books; what follows may have another share."""
     share = books.share[j]
-    lost[FRICTION] += share * friction
-    lost[BY_LAW] += share * by_law
-    lost[RELEASED] += share * released
-    lost[STEPPING] += share * stepping
-    books.least[j] = min(books.least[j], share * least)
+    place = books.place[j]
+    if place < 0:
+        row = books.face[-1 - place]
+        books.damped[j] += share * row[15]
+        row[15] = 0.0
+        books.lost[j, STEPPING] += share * row[9]
+        row[9] = 0.0
+    else:
+        begin = links.place[j] // TILE * LEDGER + links.place[j] % W
+        row = books.ledger[begin : begin + LEDGER - W + 1 : W]
+        books.damped[j] += share * row[OF_DASHPOTS]
+        row[OF_DASHPOTS] = 0.0
+        books.least[j] = min(books.least[j], share * row[SMALLEST])
+        row[SMALLEST] = 0.0
+        for i in range(4):
+            books.lost[j, i] += share * row[GONE + i]
+            row[GONE + i] = 0.0
 
 
-@jit
-def let_go(held, x, y, e1, e2, s1, s2, k):
-    """A point opens: its shear spring is none of ``held`` any more. Returns what it loses (J) over a step that would
-    have loaded it by s."""
-    held[0] -= e1
-    held[1] -= x * e1
-    held[2] -= y * e1
-    held[3] -= e2
-    held[4] -= x * e2
-    held[5] -= y * e2
-    return 0.5 * (e1 * (s1 + e1) + e2 * (s2 + e2)) / k
+@entry
+def settle_all(books, links):
+    """`settle` for all joints."""
+    for j in range(books.share.size):
+        settle(books, links, j)
 
 
 @jit
@@ -181,37 +215,24 @@ def book_slip(books, faces, a, normal, s1, s2, turn, t1, t2, tm, b1, b2, bm):
 
 
 @jit
-def corner_stock(links, corners, p, held):
-    """Energy (J) in the springs of point joint ``p``; writes their shear resultants into the first six of
-    ``held``."""
+def corner_stock(links, corners, p):
+    """Energy (J) in the springs of point joint ``p``."""
     j = corners.joint[p]
-    seen = links.seen[j]
-    sense = links.sense[j]
+    seen = links.tiles[lane_of(links, j, SEEN, 9)]
+    sense = sense_of(links, j)
+    offset = offset_of(links, j)
     law = corners.law[p]
-    twice = h1 = h2 = h3 = h4 = h5 = h6 = 0.0
-    for i in range(corners.start[p], corners.start[p + 1]):
-        x = corners.x[i]
-        y = corners.y[i]
-        area = corners.area[i]
-        e1 = corners.elastic[i, 0]
-        e2 = corners.elastic[i, 1]
-        g = sense * (links.offset[j] - seen[2] - x * seen[5] - y * seen[8])
+    twice = 0.0
+    for i in range(corners.start[p + 1] - corners.start[p]):
+        begin = corners.place[p] + i * POINT
+        point = corners.points[begin : begin + POINT : W]
+        e1 = point[ELASTIC]
+        e2 = point[ELASTIC + 1]
+        g = sense * (offset - seen[2] - point[X] * seen[5] - point[Y] * seen[8])
         if g > 0.0:
-            twice += corners.k_n[law] * area * g * g
-        if area > 0.0:
-            twice += (e1 * e1 + e2 * e2) / (corners.k_s[law] * area)
-        h1 += e1
-        h2 += x * e1
-        h3 += y * e1
-        h4 += e2
-        h5 += x * e2
-        h6 += y * e2
-    held[0] = h1
-    held[1] = h2
-    held[2] = h3
-    held[3] = h4
-    held[4] = h5
-    held[5] = h6
+            twice += corners.k_n[law] * point[AREA] * g * g
+        if point[AREA] > 0.0:
+            twice += (e1 * e1 + e2 * e2) / (corners.k_s[law] * point[AREA])
     return 0.5 * twice
 
 
@@ -220,9 +241,9 @@ def face_stock(links, faces, a, held):
     """Energy (J) in the springs of convex joint ``a``; writes their pressure and its moments into the first three of
     ``held``."""
     j = faces.joint[a]
-    seen = links.seen[j]
-    sense = links.sense[j]
-    g0 = sense * (links.offset[j] - seen[2])
+    seen = links.tiles[lane_of(links, j, SEEN, 9)]
+    sense = sense_of(links, j)
+    g0 = sense * (offset_of(links, j) - seen[2])
     gx = -sense * seen[5]
     gy = -sense * seen[8]
     held[0], held[1], held[2] = spring_pressure(faces, a, g0, gx, gy)
@@ -235,11 +256,10 @@ def face_stock(links, faces, a, held):
 
 @entry
 def take_stock(links, corners, faces, held_out, energy_out):
-    """Energy (j,) J in the springs of every joint and their resultants, the first of (j, 16), see `Books.joint`."""
+    """Energy (j,) J in the springs of every joint; of convex joints also N and its x and y moments (j, 3)."""
     if corners is not None:
         for p in range(corners.joint.size):
-            j = corners.joint[p]
-            energy_out[j] = corner_stock(links, corners, p, held_out[j])
+            energy_out[corners.joint[p]] = corner_stock(links, corners, p)
     if faces is not None:
         for a in range(faces.joint.size):
             j = faces.joint[a]
@@ -328,20 +348,15 @@ def book_handing_over(books, links, corners, faces, touching):
         if j >= 0:
             share = 1.0 - touching.weight[t]
             if share != books.share[j]:
+                settle(books, links, j)
                 place = books.place[j]
-                row = books.joint[j]
-                books.damped[j] += books.share[j] * row[15]
-                row[15] = 0.0
-                if place < 0:
-                    books.lost[j, STEPPING] += books.share[j] * row[9]
-                    row[9] = 0.0
                 energy = 0.0
                 if corners is not None:
                     if place >= 0:
-                        energy = corner_stock(links, corners, place, row)
+                        energy = corner_stock(links, corners, place)
                 if faces is not None:
                     if place < 0:
-                        energy = face_stock(links, faces, -1 - place, row)
+                        energy = face_stock(links, faces, -1 - place, books.face[-1 - place])
                 books.total[HANDED] += (books.share[j] - share) * energy
                 books.share[j] = share
 
@@ -352,8 +367,6 @@ def book_step(books, bodies, links, corners, faces, loads, touching, step, dt):
 
     Returns what gravity's work over the step that led here is to the momentum of a block: dt times its mean (3).
     """
-    if books.fallen.size == 0:
-        return 0.0, 0.0, 0.0
     book_loads(books, bodies, loads, step, dt)
     if touching is not None:
         book_contacts(books, bodies, touching, dt)
@@ -361,16 +374,16 @@ def book_step(books, bodies, links, corners, faces, loads, touching, step, dt):
     g = loads.gravity[step]
     last = books.gravity
     half = 0.5 * dt
-    if books.begun[0] == 0.0:  # there was no step before
+    if books.begun[0] == 0.0:  # there was no step before, and nothing that was booked counts
         books.begun[0] = 1.0
         half = 0.0
+        settle_all(books, links)
         for i in range(books.total.size):
             books.total[i] = 0.0
+        for b in range(books.fallen.size):
+            books.fallen[b] = 0.0
         for j in range(books.damped.size):
             books.damped[j] = 0.0
-            books.joint[j, 15] = 0.0
-            if books.place[j] < 0:
-                books.joint[j, 9] = 0.0
             books.least[j] = 0.0
             for i in range(books.lost.shape[1]):
                 books.lost[j, i] = 0.0

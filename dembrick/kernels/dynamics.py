@@ -12,7 +12,9 @@ from numpy import ndarray
 from dembrick._jit import jit
 from dembrick.kernels.bodies import step_bodies
 from dembrick.kernels.books import book_step
-from dembrick.kernels.moving_joints import corner_forces, face_forces, least_slack
+from dembrick.kernels.convex_joints import face_forces
+from dembrick.kernels.lanes import least_slack
+from dembrick.kernels.point_joints import corner_forces
 from dembrick.kernels.touching import TOUCHED, clear_applied, touch
 from dembrick.kernels.vec3 import cross, rows_times
 
@@ -57,7 +59,7 @@ def apply_loads(loads, bodies, step):
 
 
 @jit
-def advance_bodies(n_steps, dt, bodies, links, corners, faces, loads, limits, damping, travel, touching, books):
+def advance_bodies(n_steps, dt, bodies, links, corners, faces, loads, limits, damping, travel, touching, books, work):
     """Advance up to ``n_steps`` steps of ``dt``; ``corners`` or ``faces`` is None where no joint is of that family.
 
     ``travel`` (2,): m, what any two blocks may still move against each other before a polygon could be stale; and how
@@ -65,7 +67,7 @@ def advance_bodies(n_steps, dt, bodies, links, corners, faces, loads, limits, da
     all are, REACHED (a centroid has gone as far as ``limits`` says), STALE (polygons must be cut again before the next
     step), DIVERGED, or what comes of ``touching``, the contacts that form anew (None where there are none): MEETING
     (pairs must be looked for again), OVERLOADED (the step may be too long for what the contacts of a block did last),
-    DEEP, CROWDED. ``books``: the energy books, without entries where nobody asks for them.
+    DEEP, CROWDED. ``books``: the energy books, or None. ``work`` (WORK,): scratch.
     """
     goal2 = limits.displacement**2
     longest2 = limits.longest**2
@@ -82,18 +84,21 @@ def advance_bodies(n_steps, dt, bodies, links, corners, faces, loads, limits, da
             clear_applied(touching, bodies)
         apply_loads(loads, bodies, step)
         if corners is not None:
-            corner_forces(links, corners, bodies, 0, corners.joint.size, corners.force, books)
+            corner_forces(links, corners, bodies, 0, corners.used.size, corners.force, books, work)
         if faces is not None:
-            face_forces(links, faces, bodies, 0, faces.joint.size, books)
+            face_forces(links, faces, bodies, 0, faces.used.size, books, work)
         if touching is not None:
             touched = touch(touching, links, bodies, dt)
             if touched != TOUCHED:
                 return touched, step
         g = loads.gravity[step]
-        m1, m2, m3 = book_step(books, bodies, links, corners, faces, loads, touching, step, dt)
-        moved2, away2 = step_bodies(
-            bodies, links.wrench, 0, bodies.free.size, g[0], g[1], g[2], dt, damping, books.fallen, m1, m2, m3
-        )
+        if books is None:
+            moved2, away2 = step_bodies(bodies, links.wrench, 0, bodies.free.size, g, dt, damping, None, None, work)
+        if books is not None:
+            mean = book_step(books, bodies, links, corners, faces, loads, touching, step, dt)
+            moved2, away2 = step_bodies(
+                bodies, links.wrench, 0, bodies.free.size, g, dt, damping, books.fallen, mean, work
+            )
         if not moved2 <= longest2:
             return DIVERGED, step + 1
         if away2 >= goal2:

@@ -10,6 +10,7 @@ joint is open and the parts lie apart there is nothing to hand over, and it is 1
 from math import sqrt
 
 from dembrick._jit import jit
+from dembrick.kernels.lanes import SEEN, lane_of, offset_of, sense_of
 
 TURN = 0.2, 0.4  # sine of the turn of the faces at which the handing over of a joint begins, and ends
 SLIP = 0.05, 0.15  # of the joint's size: slip
@@ -33,7 +34,7 @@ def hand_over(touching, links, t):
     """
     joint = touching.joint[t]
     size = touching.size[t]
-    seen = links.seen[joint]
+    seen = links.tiles[lane_of(links, joint, SEEN, 9)]
     wrench = links.wrench[joint]
     turn = sqrt(seen[5] * seen[5] + seen[8] * seen[8])
     due = ramp(turn, TURN[0], TURN[1])
@@ -55,5 +56,5 @@ def hand_over(touching, links, t):
         is_open = is_open and wrench[i] == 0.0
     for i in range(9):
         wrench[i] *= 1.0 - weight
-    gap = links.sense[joint] * (seen[2] - links.offset[joint])
+    gap = sense_of(links, joint) * (seen[2] - offset_of(links, joint))
     return is_open, is_open and gap + size * turn > PARTED * size

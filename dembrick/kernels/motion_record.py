@@ -3,6 +3,7 @@
 from math import sqrt
 
 from dembrick._jit import jit
+from dembrick.kernels.lanes import AREA, LEVER, POINT, SLIP, W, lane_of, sense_of
 from dembrick.kernels.vec3 import cross, rows_times
 
 
@@ -22,6 +23,12 @@ def write_resultants(bodies, links, corners, faces, out):
         R = bodies.rotation[links.host[j]]
         t = links.axes[links.tangents[j]]
         x1, x2, x3 = rows_times(R, t[0, 0], t[0, 1], t[0, 2])
+        y1, y2, y3 = rows_times(R, t[1, 0], t[1, 1], t[1, 2])
+        z1, z2, z3 = cross(x1, x2, x3, y1, y2, y3)
+        lever = links.tiles[lane_of(links, j, LEVER, 3)]
+        r1 = lever[0] * x1 + lever[1] * y1 + lever[2] * z1
+        r2 = lever[0] * x2 + lever[1] * y2 + lever[2] * z2
+        r3 = lever[0] * x3 + lever[1] * y3 + lever[2] * z3
         along = x1 * n1 + x2 * n2 + x3 * n3
         x1 -= along * n1
         x2 -= along * n2
@@ -31,12 +38,10 @@ def write_resultants(bodies, links, corners, faces, out):
         x2 /= size
         x3 /= size
         y1, y2, y3 = cross(n1, n2, n3, x1, x2, x3)
-        lever = links.lever[j]
-        r1, r2, r3 = rows_times(R, lever[0], lever[1], lever[2])
         wrench = links.wrench[j]
         c1, c2, c3 = cross(r1, r2, r3, wrench[0], wrench[1], wrench[2])
         # the wrench acts on the host, which is b where sense is +1; the joint holds b against V and M
-        sense = links.sense[j]
+        sense = sense_of(links, j)
         f1 = sense * wrench[0]
         f2 = sense * wrench[1]
         f3 = sense * wrench[2]
@@ -52,9 +57,10 @@ def write_resultants(bodies, links, corners, faces, out):
     if corners is not None:
         for p in range(corners.joint.size):
             area = slip = 0.0
-            for i in range(corners.start[p], corners.start[p + 1]):
-                area += corners.area[i]
-                slip += corners.area[i] * corners.slip[i]
+            for i in range(corners.start[p + 1] - corners.start[p]):
+                at = corners.place[p] + i * POINT
+                area += corners.points[at + AREA * W]
+                slip += corners.points[at + AREA * W] * corners.points[at + SLIP * W]
             out[corners.joint[p], 6] = slip / area if area > 0.0 else 0.0
     if faces is not None:
         for a in range(faces.joint.size):

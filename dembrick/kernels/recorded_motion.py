@@ -6,7 +6,7 @@ Quaternions (w, x, y, z) keep the digits of small rotations, rotation matrices d
 from math import nan, sqrt
 
 from dembrick._jit import entry, jit
-from dembrick.kernels.vec3 import columns_times, cross, rows_times
+from dembrick.kernels.vec3 import columns_times, cross, product, rows_times
 
 # Of a joint's size: an opening below it is rounding.
 TOUCHING = 1e-12
@@ -18,17 +18,6 @@ PURE = 1e-7
 CLOSED = 0
 PARTLY_OPEN = 1
 OPEN = 2
-
-
-@jit
-def product(a, b, c, d, w, x, y, z):
-    """The quaternion of the turn (w, x, y, z) followed by the turn (a, b, c, d)."""
-    return (
-        a * w - b * x - c * y - d * z,
-        a * x + b * w + c * z - d * y,
-        a * y - b * z + c * w + d * x,
-        a * z + b * y - c * x + d * w,
-    )
 
 
 @jit

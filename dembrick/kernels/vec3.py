@@ -32,6 +32,17 @@ def columns_times(m, a1, a2, a3):
 
 
 @jit
+def product(a, b, c, d, w, x, y, z):
+    """The quaternion of the turn (w, x, y, z) followed by the turn (a, b, c, d)."""
+    return (
+        a * w - b * x - c * y - d * z,
+        a * x + b * w + c * z - d * y,
+        a * y - b * z + c * w + d * x,
+        a * z + b * y - c * x + d * w,
+    )
+
+
+@jit
 def rotate(q, b, a1, a2, a3):
     """R(q[b]) a: body vector to world by the unit quaternion of block ``b``."""
     w = q[b, 0]
