@@ -105,7 +105,7 @@ class Motion:
 
     def __post_init__(self):
         self.meetings = Meetings(self.assembly, self.damping)
-        self.books = MotionBooks(self.state, wanted=False)
+        self.books = MotionBooks(self.state)
 
     @property
     def state(self) -> MovingState:
@@ -295,6 +295,7 @@ def _advance(
 ):
     """A chunk of steps at ``times``, polygons cut where that is due; returns the status and the steps done."""
     state, books = motion.state, motion.books
+    books.fit(len(driving.block))
     gravity, force = driving.at(times, dt)
     loads = Loads(driving.block, driving.lever, force, gravity)
     loops = _loops(state, bodies)

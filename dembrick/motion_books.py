@@ -48,6 +48,11 @@ class MotionBooks:
         """Whether anything is booked."""
         return self.table is not None
 
+    def fit(self, loads: int) -> None:
+        """Have room for so many loads."""
+        if self.wanted and len(self.table.load) != loads:
+            self.table = self.table._replace(load=np.zeros((loads, 6)))
+
     def begin(self, state: MovingState, velocity, spin, inertia, gravity, dt: float) -> None:
         """Note what there is when time begins: blocks with ``velocity`` and ``spin`` (n, 3), inertia (n, 3, 3) in world
         axes; after the first forces, under ``gravity``. Of the leap-frog energy, as it is at every later row."""

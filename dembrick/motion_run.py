@@ -88,8 +88,7 @@ def prepare(assembly, control, step_factor: float) -> Motion:
 
 def ask_for(moving: Motion, output: Output, loads: int) -> None:
     """Have the loop write down what ``output`` names beside what it needs itself; there are so many ``loads``."""
-    if "energy" in output.channels:
-        moving.books = MotionBooks(moving.state, loads)
+    moving.books = MotionBooks(moving.state, loads, wanted="energy" in output.channels)
     if "contacts" in output.channels:
         moving.state = with_contact_forces(moving.state)
 

@@ -24,19 +24,21 @@ from dembrick import assembly, dynamics, motion_run
 from dembrick import scenario as scenarios
 from dembrick.driving import Driving
 from dembrick.kernels.dynamics import Limits
-from dembrick.kernels.lanes import SEEN
+from dembrick.kernels.lanes import ROWS, SEEN
 from dembrick.lab import scenario_folder
+from dembrick.motion_books import MotionBooks
 from dembrick.moving_state import seen
 from dembrick.result import simulate
 
 CALM = Limits(displacement=1.0, longest=1.0)
 
 
-def wall(courses: int, blocks: int, formulation: str = "concave"):
-    """A wall at rest, and what drives it: gravity, tilting slowly out of plane."""
+def wall(courses: int, blocks: int, formulation: str = "concave", booked: bool = False):
+    """A wall at rest, with energy books or without, and what drives it: gravity, tilting slowly out of plane."""
     changes = [f"walls.0.courses={courses}", f"walls.0.blocks={blocks}", f"joint.formulation={formulation}"]
     scenario = scenarios.load(scenario_folder() / "wall_tilt.toml", changes)
     moving = motion_run.prepare(assembly.build(scenario), scenario.control, scenario.solver.step_factor)
+    moving.books = MotionBooks(moving.state, wanted=booked)
     gravity = np.array(scenario.gravity)
     bodies, links = moving.state.bodies, moving.state.links
     bodies.position[:, 2] -= plain_wall.sunk(bodies.position[:, 2] + moving.state.middle[2], courses)
@@ -59,16 +61,17 @@ def state_bytes(moving) -> int:
     return sum(array.nbytes for array in moving.state.arrays)
 
 
-def touched_bytes(moving) -> int:
+def touched_bytes(moving) -> float:
     """Memory that a step reads and writes, at least once each."""
-    written = {"seen", "wrench", "elastic", "position", "rotation", "orientation", "velocity", "spin", "momentum"}
+    written = dict.fromkeys(("wrench", "position", "orientation", "velocity", "spin", "momentum"), 1.0)
+    written |= {"tiles": 9 / ROWS, "points": 0.5, "elastic": 1.0}
     parts = (moving.state.bodies, moving.state.links, moving.state.corners, moving.state.faces)
     return sum(
-        array.nbytes * (2 if name in written else 1)
+        array.nbytes * (1.0 + written.get(name, 0.0))
         for part in parts
         if part is not None
         for name, array in part._asdict().items()
-        if array is not None and name not in ("kept", "slack", "slip", "far", "twist")
+        if array is not None and name not in ("kept", "slack", "slip", "far", "twist", "tangents", "plane")
     )
 
 
@@ -95,24 +98,26 @@ def interleaved(calls: dict, rounds: int) -> dict:
 def joint_costs(sizes, rounds: int, speed: float) -> None:
     """Nanoseconds a joint and step by size and formulation, one thread."""
     numba.set_num_threads(1)
-    print(f"{'blocks':>8}{'joints':>8}{'plain':>8}{'concave':>9}{'ratio':>7}{'convex':>8}{'/ concave':>10}"
-          f"{'bytes/block':>13}{'convex':>8}{'bytes/joint step':>18}{'of bandwidth':>14}")  # fmt: skip
+    print(f"{'blocks':>8}{'joints':>8}{'plain':>8}{'concave':>9}{'ratio':>7}{'booked':>8}{'convex':>8}{'/ concave':>10}"
+          f"{'booked':>8}{'bytes/block':>13}{'convex':>8}{'bytes/joint step':>18}{'of bandwidth':>14}")  # fmt: skip
     for courses, blocks, steps in sizes:
         gc.collect()
-        calls, moving = {}, {}
+        calls, size = {}, {}
         for formulation in ("concave", "convex"):
-            moving[formulation], driving = wall(courses, blocks, formulation)
-            calls[formulation] = partial(chunk, moving[formulation], driving, steps)
+            for booked in (False, True):
+                moving, driving = wall(courses, blocks, formulation, booked)
+                calls[formulation, booked] = partial(chunk, moving, driving, steps)
+            size[formulation] = state_bytes(moving)
+            if formulation == "concave":
+                touched = touched_bytes(moving)
         calls["plain"] = partial(plain_wall.nanoseconds, plain_wall.at_rest(courses, blocks), steps)
         best = interleaved(calls, rounds)
-        m = moving["concave"]
-        n, j = len(m.assembly.names), len(m.assembly.joints)
-        touched = touched_bytes(m) / j
-        yardstick = best["plain"]
-        print(f"{n:8}{j:8}{yardstick:8.1f}{best['concave']:9.1f}{best['concave'] / yardstick:7.2f}"
-              f"{best['convex']:8.1f}{best['convex'] / best['concave']:10.2f}{state_bytes(m) / n:13.0f}"
-              f"{state_bytes(moving['convex']) / n:8.0f}{touched:18.0f}"
-              f"{100 * touched / (best['concave'] * 1e-9) / speed:12.0f} %", flush=True)  # fmt: skip
+        n, j = len(moving.assembly.names), len(moving.assembly.joints)
+        yardstick, concave, convex = best["plain"], best["concave", False], best["convex", False]
+        print(f"{n:8}{j:8}{yardstick:8.1f}{concave:9.1f}{concave / yardstick:7.2f}{best['concave', True]:8.1f}"
+              f"{convex:8.1f}{convex / concave:10.2f}{best['convex', True]:8.1f}{size['concave'] / n:13.0f}"
+              f"{size['convex'] / n:8.0f}{touched / j:18.0f}"
+              f"{100 * touched / j / (concave * 1e-9) / speed:12.0f} %", flush=True)  # fmt: skip
 
 
 def thread_gain(courses: int, rounds: int) -> None:
