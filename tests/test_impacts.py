@@ -277,8 +277,9 @@ def test_an_arch_too_thin_falls_and_lies_still(formulation):
     parts = bodies_of(result.assembly.shapes, place, motion.state.bodies.rotation)
     pairs = np.array([(i, j) for j in range(len(mass)) for i in range(j) if free[i] or free[j]])
     depth = overlap_depths(parts, pairs)
-    assert 0.0 < depth.max() < 2e-5
     weight = G * mass[free].sum()
+    # a stone that lies on a corner sinks in by d where kn d^3 carries it, on a face by a thousandth of that
+    assert 0.0 < depth.max() < (mass[free].max() * G / 1e9) ** (1.0 / 3.0)
     held = motion.meetings.pressed(motion.state.middle)
     below = held["blocks"][:, 0] == 0
     assert held["force"][below, 2].sum() == pytest.approx(weight, rel=1e-3)
