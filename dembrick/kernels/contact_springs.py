@@ -165,7 +165,7 @@ def damped_push(deep, depth, ahead, viscous, swing2):
     ``depth``: the greatest penetration; ``ahead``: closing of the last step; ``viscous``: dashpot over spring;
     ``swing2``: square of the swing (rad) in a step. A force stands for half a step on either side of its moment. Where
     contact began within the last step it has lasted for deep / ahead of it: the dashpot acts on deep + ahead / 2 (see
-    `moving_joints.met`), and the spring's impulse up to half a step on is that of (deep + ahead / 2)^2 / (2 ahead).
+    `laws.met`), and the spring's impulse up to half a step on is that of (deep + ahead / 2)^2 / (2 ahead).
     Where the force will end within the next step it is so too, backwards. Without that a flat bounce depends by some
     per cent on where in a step it begins and ends.
     """
