@@ -14,11 +14,14 @@ from dembrick.shapes import rotation_matrix
 from dembrick.theory.motion import housner_restitution
 
 FEET = {"face": (0.0, 0.0, -0.05), "edge": (0.15, 0.0, -0.05), "corner": (0.15, 0.1, -0.05)}  # of 0.3 x 0.2 x 0.1 m
-NEAR = {  # of the restitution: error of the mean, and half of what it makes where in a step contact begins
-    "face": {0.2: (0.03, 0.03), 0.5: (0.015, 0.015), 0.8: (0.005, 0.008), 1.0: (0.002, 0.005)},
-    "edge": {0.2: (0.015, 0.002), 0.5: (0.008, 0.002), 0.8: (0.004, 0.001), 1.0: (0.002, 0.001)},
-    "corner": {0.2: (0.015, 0.001), 0.5: (0.008, 0.001), 0.8: (0.004, 0.001), 1.0: (0.002, 0.001)},
-}
+NEAR = {  # how far the mean is off, between which two parts of the restitution; half of what makes where a step begins
+    "face": {0.2: (0.015, 0.025, 0.012), 0.5: (0.003, 0.012, 0.012), 0.8: (-0.002, 0.005, 0.008),
+             1.0: (-0.002, 0.002, 0.005)},
+    "edge": {0.2: (0.007, 0.015, 0.001), 0.5: (0.003, 0.009, 0.001), 0.8: (0.0, 0.004, 0.001),
+             1.0: (-0.002, 0.001, 0.001)},
+    "corner": {0.2: (-0.014, -0.006, 0.001), 0.5: (-0.009, -0.003, 0.001), 0.8: (-0.005, 0.0, 0.001),
+               1.0: (-0.002, 0.001, 0.001)},
+}  # fmt: skip
 LONG = {"face": 0.02, "edge": 0.02, "corner": 0.06}  # s
 SOFT = {"face": 1e10, "edge": 1e10, "corner": 1e12}  # Pa/m; a corner that sinks in less turns the block less
 
@@ -54,14 +57,14 @@ def bounce(foot, restitution, speed, gap):
 def test_a_central_impact_has_the_stated_restitution(foot, restitution):
     """Whatever it strikes with, at any speed, and wherever in a time step contact begins; from next to the floor too,
     where the first step may meet it."""
-    far, scatter = NEAR[foot][restitution]
+    low, high, scatter = NEAR[foot][restitution]
     for speed in (0.2, 1.0):
         _, dt = bounce(foot, restitution, speed, 1e-4)
         found = [
             bounce(foot, restitution, speed, (3.0 + phase) * speed * dt)[0] for phase in np.arange(0.05, 1.0, 0.15)
         ]
         found.append(bounce(foot, restitution, speed, 0.5 * speed * dt)[0])
-        assert np.mean(found) == pytest.approx(restitution, rel=far)
+        assert low < np.mean(found) / restitution - 1.0 < high
         assert np.ptp(found) < 2.0 * scatter * restitution
 
 
@@ -110,9 +113,9 @@ def test_an_edge_that_slides_gets_the_impulse_of_rigid_bodies(restitution, frict
     assert e == pytest.approx(restitution, abs=0.035)
     impulse = (1.0 + e) / rough
     push = -np.sign(sideways) * friction * impulse
-    assert mass * (velocity[2] + 1.0) == pytest.approx(impulse, rel=3e-3)
-    assert mass * (velocity[0] - sideways) == pytest.approx(push, abs=3e-3 * impulse)
-    assert inertia * spin == pytest.approx(z * push - x * impulse, rel=4e-3)
+    assert mass * (velocity[2] + 1.0) == pytest.approx(impulse, rel=1.2e-3)
+    assert mass * (velocity[0] - sideways) == pytest.approx(push, abs=1e-3 * impulse)
+    assert inertia * spin == pytest.approx(z * push - x * impulse, rel=1.2e-3)
 
 
 @pytest.mark.parametrize("restitution", [0.2, 0.8])
@@ -138,9 +141,9 @@ def test_heights_of_bounces_fall_with_the_square_of_the_restitution(restitution)
     z = height + result.frames["displacement"][:, 1, 2]
     tops = np.flatnonzero((z[1:-1] > z[:-2]) & (z[1:-1] >= z[2:]) & (z[1:-1] > 1e-5)) + 1
     heights = [height, *z[tops[:4]]]
-    near = 4.0 * NEAR["face"][restitution][0]
+    near = 0.03 if restitution == 0.5 else 0.012
     assert np.array(heights[1:]) / heights[:-1] == pytest.approx(restitution**2, rel=near)
-    assert heights[4] == pytest.approx(height * restitution**8, rel=2.0 * near)
+    assert heights[4] == pytest.approx(height * restitution**8, rel=0.03 if restitution == 0.5 else 0.01)
     assert result.energy.relative_residual < 1e-5
 
 
