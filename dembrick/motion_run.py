@@ -36,7 +36,7 @@ from dembrick.snapshots import flattened, restored
 
 STEEPEST = 90.0  # deg: a tilt that brings nothing down ends there
 MOVED = 0.1  # of the longest displacement: blocks that have moved further belong to the mechanism
-IMPACTS = 3.0  # where blocks may bounce the step is so much shorter: the stated restitution is then met to some 3 %
+IMPACTS = 3.0  # where blocks may bounce the step is so much shorter: the stated restitution is then met, by 1 to 3 %
 NO_LIMIT = 1e150  # m
 MOST_STEPS = 1e12  # of a run: a year for a single block
 AT_ONCE = 2_000_000  # blocks and joints, times steps: a signal waits for some tenths of a second
