@@ -101,13 +101,17 @@ def find_limit_load(
         replay = _by_equilibria(setup, session, goal or 0.0, steps)
     if not replay.converged:
         point = replay.yield_point
-        name, unit, remedy = "V", " N", "check that the load can move the block at all"
+        name, unit, remedies = "V", " N", ["allow a larger control.tolerance"]
         if goal is not None:
-            name, unit, remedy = "the load factor", "", "live through the collapse with control.quasi_static = false"
+            name, unit = "the load factor", ""
+            remedies.append("live through the collapse with control.quasi_static = false")
         above = "without an upper bound" if point.V_upper is None else f"at most {point.V_upper:.6g}{unit}"
+        if goal is None or point.V_upper is None:
+            remedies.insert(0, "check that the load can move the blocks at all")
+        remedy = ", or ".join(remedies)
         raise NotConvergedError(
             f"the limit load was not bracketed within {tolerance:g} after {replay.steps} steps: {name} is at least "
-            f"{point.V_lower:.6g}{unit}, {above}. Allow a larger control.tolerance, or {remedy}",
+            f"{point.V_lower:.6g}{unit}, {above}. {remedy[0].upper()}{remedy[1:]}",
             point,
         )
     return replay
