@@ -38,6 +38,7 @@ from dembrick.shapes import frame_quaternion
 
 NEGLIGIBLE = 1e-5  # of the lighter block's weight: head joints of a wall carry so little, and slip all the time
 FEW = 8  # directions of normals: more are of no use, and joints near each other should stay so
+STRETCH = 512  # joints that are sorted by their direction at a time
 EQUAL = 12  # digits to which polygons are the same: rounding makes those of a wall differ in the last one or two
 
 
@@ -73,13 +74,14 @@ def tiled(kind: np.ndarray, way: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Which of p joints each lane of t tiles has, (t, W), and how many of its lanes a tile uses, (t,).
 
     Joints of one ``kind`` (p,) side by side, of those the ones whose normals go the same ``way`` (p,): head joints of a
-    wall slide all the time and beds hardly ever, and a tile where nothing slides is done sooner. The last joint stands
-    again in lanes that are left over.
+    wall slide all the time and beds hardly ever, and a tile where nothing slides is done sooner. But only within
+    stretches of joints, so that what a tile wants of its blocks is still in the cache. The last joint stands again in
+    lanes that are left over.
     """
     lanes, used = [np.zeros((0, W), np.uint32)], [np.zeros(0, np.int64)]
     for one in np.unique(kind):
         members = np.flatnonzero(kind == one)
-        members = members[np.argsort(way[members], kind="stable")]
+        members = members[np.lexsort((way[members], np.arange(len(members)) // STRETCH))]
         tiles = -(-len(members) // W)
         padded = np.full(tiles * W, members[-1], np.uint32)
         padded[: len(members)] = members
