@@ -251,7 +251,7 @@ def falling_arch(formulation):
         materials={"stone": Material(2000.0)},
         blocks=(Block("floor", "stone", (8.0, 3.0, 0.1), (0.0, 0.0, -0.55), fixed=True),),
         arches=(Arch("arch", "stone", 1.0, 0.08, 0.3, 7),),
-        control=DynamicControl(3.0, 0.3),
+        control=DynamicControl(4.0, 0.3),
         output=Output(rows=500, frames=500),
     )
 
