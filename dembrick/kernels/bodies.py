@@ -89,52 +89,22 @@ def turn_body(bodies, b, dt):
     else:
         s = dt * (0.5 - angle2 * (1.0 / 48.0))
         c = 1.0 - 0.125 * angle2
-    x = s * w1
-    y = s * w2
-    z = s * w3
     q = bodies.orientation[b]
-    qw = q[0]
-    qx = q[1]
-    qy = q[2]
-    qz = q[3]
-    aw = qw * c - qx * x - qy * y - qz * z
-    ax = qw * x + qx * c + qy * z - qz * y
-    ay = qw * y - qx * z + qy * c + qz * x
-    az = qw * z + qx * y - qy * x + qz * c
+    a0, a1, a2, a3 = product(q[0], q[1], q[2], q[3], c, s * w1, s * w2, s * w3)
     # one Newton step to length 1, from next to it
-    n = 1.5 - 0.5 * (aw * aw + ax * ax + ay * ay + az * az)
-    aw *= n
-    ax *= n
-    ay *= n
-    az *= n
-    q[0] = aw
-    q[1] = ax
-    q[2] = ay
-    q[3] = az
+    n = 1.5 - 0.5 * (a0 * a0 + a1 * a1 + a2 * a2 + a3 * a3)
+    q[0] = n * a0
+    q[1] = n * a1
+    q[2] = n * a2
+    q[3] = n * a3
     # a turn leaves its own axis alone, so this is the spin in the world before and after it
     spin = bodies.spin[b]
     spin[0], spin[1], spin[2] = rows_times(R, w1, w2, w3)
-    x2 = ax + ax
-    y2 = ay + ay
-    z2 = az + az
-    xx = ax * x2
-    yy = ay * y2
-    zz = az * z2
-    xy = ax * y2
-    xz = ax * z2
-    yz = ay * z2
-    wx = aw * x2
-    wy = aw * y2
-    wz = aw * z2
-    R[0, 0] = 1.0 - yy - zz
-    R[0, 1] = xy - wz
-    R[0, 2] = xz + wy
-    R[1, 0] = xy + wz
-    R[1, 1] = 1.0 - xx - zz
-    R[1, 2] = yz - wx
-    R[2, 0] = xz - wy
-    R[2, 1] = yz + wx
-    R[2, 2] = 1.0 - xx - yy
+    u, w, m = axes_of((q[0], q[1], q[2], q[3]))
+    for i in range(3):
+        R[i, 0] = u[i]
+        R[i, 1] = w[i]
+        R[i, 2] = m[i]
     return angle2
 
 
