@@ -22,13 +22,17 @@ PACKAGE = Path(__file__).parent
 
 def kernel_hash() -> str:
     """Hash of everything that ends up in machine code."""
-    return _source_hash("")
+    return source_hash(PACKAGE)
 
 
-def _source_hash(place: str) -> str:
+def source_hash(package: Path, place: str = "") -> str:
+    """Hash of numba's version and of all sources of kernels in a copy of the package, at any depth below ``kernels``.
+
+    ``place`` is mixed in: two copies of the package with the same sources must not share a cache folder.
+    """
     digest = hashlib.sha256(f"{numba.__version__} {place}".encode())
-    for source in [PACKAGE / "_jit.py", PACKAGE / "state.py", *sorted((PACKAGE / "kernels").glob("*.py"))]:
-        digest.update(source.read_bytes())
+    for source in [package / "_jit.py", package / "state.py", *sorted((package / "kernels").rglob("*.py"))]:
+        digest.update(f"\n{source.relative_to(package).as_posix()}\n".encode() + source.read_bytes())
     return digest.hexdigest()[:16]
 
 
@@ -48,7 +52,7 @@ def cache_folder() -> Path:
     bases.append(Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "dembrick")
     bases.append(Path(tempfile.gettempdir()) / f"dembrick-{os.getuid() if hasattr(os, 'getuid') else 'user'}")
     for base in bases:
-        folder = base / _source_hash(str(PACKAGE))  # of this copy: two copies must not evict each other
+        folder = base / source_hash(PACKAGE, str(PACKAGE))  # of this copy: two copies must not evict each other
         if _writable(folder):
             return folder
     return Path(tempfile.mkdtemp(prefix="dembrick-"))
