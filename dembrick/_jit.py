@@ -31,7 +31,7 @@ def source_hash(package: Path, place: str = "") -> str:
     ``place`` is mixed in: two copies of the package with the same sources must not share a cache folder.
     """
     digest = hashlib.sha256(f"{numba.__version__} {place}".encode())
-    for source in [package / "_jit.py", package / "state.py", *sorted((package / "kernels").rglob("*.py"))]:
+    for source in [package / "_jit.py", *sorted((package / "kernels").rglob("*.py"))]:
         digest.update(f"\n{source.relative_to(package).as_posix()}\n".encode() + source.read_bytes())
     return digest.hexdigest()[:16]
 

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from dembrick.errors import EnergyAuditError
-from dembrick.state import BY_LAW, LEAST, SLIDING, Energy
+from dembrick.kernels.state import BY_LAW, LEAST, SLIDING, Energy
 
 LIMIT = 1e-3  # of the external work: beyond it the integration is not to be trusted
 MOTION = 1e-2  # of what was put in, in a run in real time: where blocks tumble, joints turn within a step

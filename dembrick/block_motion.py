@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dembrick.geometry.shapes import quaternion_product, rotation_matrix
 from dembrick.kernels.recorded_motion import carry
-from dembrick.shapes import quaternion_product, rotation_matrix
 
 
 @dataclass(frozen=True, slots=True)

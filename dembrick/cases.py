@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dembrick import polygons
 from dembrick.errors import ScenarioError
+from dembrick.geometry import polygons
 from dembrick.model import JointLaw
 
 STIFF = 1e-6  # elastic closing and slip over the short side, where no stiffness is given: a numerical choice

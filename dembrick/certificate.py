@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from dembrick.kernels.bracket import NEVER, Certificate
-from dembrick.kernels.certify import Basis, at_joint, certify
+from dembrick.kernels.statics.certify import Basis, at_joint, certify
+from dembrick.kernels.statics.load_bounds import NEVER, Certificate
 from dembrick.simulation import State
 
 WINDOW = 32  # steps over which an indicator must hold still

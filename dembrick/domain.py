@@ -8,9 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dembrick import point_rules, polygons, theory
+from dembrick import point_rules, theory
 from dembrick.batch import face
 from dembrick.errors import ScenarioError
+from dembrick.geometry import polygons
 from dembrick.model import FORMULATIONS, PRESSURES, JointLaw, nearest
 from dembrick.yield_domain import YieldDomain, directions, yield_domain
 

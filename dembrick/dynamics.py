@@ -26,7 +26,8 @@ from dembrick.frequencies import (
     stepped_dashpots,
     time_constants,
 )
-from dembrick.kernels.dynamics import (
+from dembrick.kernels.dynamics.contact_forces import CROWDED, DEEP, DEEPEST
+from dembrick.kernels.dynamics.loop import (
     DIVERGED,
     MEETING,
     OVERLOADED,
@@ -37,8 +38,7 @@ from dembrick.kernels.dynamics import (
     Loads,
     advance_bodies,
 )
-from dembrick.kernels.lanes import VISCOUS, WORK, rows_of_lanes
-from dembrick.kernels.touching import CROWDED, DEEP, DEEPEST
+from dembrick.kernels.dynamics.tiles import VISCOUS, WORK, rows_of_lanes
 from dembrick.meetings import STABLE, Meetings
 from dembrick.model import show
 from dembrick.motion_books import MotionBooks
@@ -368,7 +368,7 @@ def _loops(state: MovingState, bodies) -> list[tuple]:
     """The compiled loops for a scene of that size, each with its scratch and what shares the work of a large one."""
     loops = [(advance_bodies, (rows_of_lanes(WORK),))]
     if len(state.links.host) >= MANY:
-        from dembrick.kernels.dynamics_parallel import advance_bodies_together, shares
+        from dembrick.kernels.dynamics.loop_parallel import advance_bodies_together, shares
 
         arguments = shares(state.corners, state.faces, bodies)
         if len(arguments[-1]) > 1:

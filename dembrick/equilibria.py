@@ -10,8 +10,8 @@ import numpy as np
 
 from dembrick.elastic import Factor
 from dembrick.errors import ScenarioError
-from dembrick.kernels.band import WIDE, eliminate, substitute
-from dembrick.kernels.tangent import Trial, assemble_tangent, try_motion
+from dembrick.kernels.math.banded import WIDE, eliminate, substitute
+from dembrick.kernels.statics.newton import Trial, assemble_tangent, try_motion
 from dembrick.simulation import State, joint_stiffness, to_joint
 from dembrick.yield_point import joint_reach
 

@@ -9,11 +9,11 @@ import numpy as np
 from dembrick import interruption
 from dembrick.elastic import Factor, elastic_factor, touches_itself, whole_inertia
 from dembrick.errors import HistoryError, NotConvergedError
-from dembrick.kernels.advance import settle
+from dembrick.kernels.state import ScaledInertia
+from dembrick.kernels.statics.loop import settle
 from dembrick.session import Session, Snapshot
 from dembrick.simulation import State
 from dembrick.snapshots import flattened, restored_state
-from dembrick.state import ScaledInertia
 
 UNBALANCED = 1e-12  # of the joint forces
 MOST_STEPS = 20_000

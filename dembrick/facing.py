@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dembrick import clipping, polygons
+from dembrick.geometry import clipping, polygons
 from dembrick.neighbours import Bodies, Stack
 
 TOLERANCE = 1e-6  # of the smaller block's diameter for distances, and in radians for angles

@@ -12,10 +12,10 @@ import math
 
 import numpy as np
 
-from dembrick import polygons
-from dembrick.kernels.touching import Touching
+from dembrick.geometry import polygons
+from dembrick.geometry.shapes import Polyhedron, parts_of
+from dembrick.kernels.dynamics.contact_forces import Touching
 from dembrick.moving_state import MovingState, arms
-from dembrick.shapes import Polyhedron, parts_of
 
 LANCZOS = 60  # iterations at most
 CLOSE = 2e-3  # relative residual that ends them

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from dembrick.errors import DivergedError
-from dembrick.kernels.advance import DIVERGED, RUNAWAY
-from dembrick.kernels.guard import RUNAWAY as TIMES
-from dembrick.kernels.guard import Guard
+from dembrick.kernels.statics.divergence import RUNAWAY as TIMES
+from dembrick.kernels.statics.divergence import Guard
+from dembrick.kernels.statics.loop import DIVERGED, RUNAWAY
 from dembrick.simulation import State, turned_blocks
 
 LONGEST_MOVE = 0.1  # of the smallest block: a step that moves a block further has diverged

@@ -13,7 +13,9 @@ from functools import cached_property
 
 import numpy as np
 
-from dembrick.kernels.gauge import area_gauges, point_gauges
+from dembrick.geometry.friction_integrals import far_moments
+from dembrick.geometry.polygons import area
+from dembrick.kernels.joint.utilisation import area_gauges, point_gauges
 from dembrick.kernels.recorded_motion import (
     normal_parts,
     relative_motions,
@@ -21,8 +23,6 @@ from dembrick.kernels.recorded_motion import (
     ride_in_plane,
     shared_normals,
 )
-from dembrick.limit_set import far_moments
-from dembrick.polygons import area
 from dembrick.relative_motion import STATES, RelativeMotion, torsion_centre
 from dembrick.simulation import pressed_room
 

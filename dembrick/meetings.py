@@ -14,15 +14,15 @@ import numpy as np
 
 from dembrick.errors import HistoryError
 from dembrick.frequencies import load_of_contacts
+from dembrick.geometry.shapes import parts_of
 from dembrick.joints import TOLERANCE, Joint, JointTable
-from dembrick.kernels.handing_over import PARTED, SINK, SLIP, TURN
-from dembrick.kernels.lanes import SEEN
-from dembrick.kernels.touching import Touching
+from dembrick.kernels.dynamics.contact_forces import Touching
+from dembrick.kernels.dynamics.handover import PARTED, SINK, SLIP, TURN
+from dembrick.kernels.dynamics.tiles import SEEN
 from dembrick.moving_polygons import Polygons
 from dembrick.moving_state import MovingState
 from dembrick.neighbours import bodies_of, close_pairs, overlap_depths
 from dembrick.session import Snapshot
-from dembrick.shapes import parts_of
 from dembrick.touching_state import parts_table, scratch_for, touching_pairs
 
 MARGIN = 0.03  # of a part's diameter: parts that are nearer than the sum of theirs are watched

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from dembrick.audit import Sums
-from dembrick.kernels.books import (
+from dembrick.kernels.dynamics.energy import (
     BY_LAW,
     CONTACTS,
     DASHPOT,
@@ -24,7 +24,7 @@ from dembrick.kernels.books import (
     settle_all,
     take_stock,
 )
-from dembrick.kernels.lanes import AREA, ELASTIC, POINT, X, Y, rows_of_lanes
+from dembrick.kernels.dynamics.tiles import AREA, ELASTIC, POINT, X, Y, rows_of_lanes
 from dembrick.moving_polygons import Polygons
 from dembrick.moving_state import MovingState, out_of_balance, seen
 

@@ -16,9 +16,10 @@ from dembrick.controls import drives_to_collapse
 from dembrick.driving import Driving
 from dembrick.dynamics import Motion, advance, damping_of_restitution, joint_forces, motion, seat
 from dembrick.errors import HistoryError, NotConvergedError, ScenarioError
-from dembrick.kernels.dynamics import REACHED, Limits
-from dembrick.kernels.lanes import SEEN
-from dembrick.kernels.motion_record import unbalanced_ratio
+from dembrick.geometry.shapes import quaternion_product, rotation_matrix, unit_quaternion
+from dembrick.kernels.dynamics.loop import REACHED, Limits
+from dembrick.kernels.dynamics.record import unbalanced_ratio
+from dembrick.kernels.dynamics.tiles import SEEN
 from dembrick.model import Output
 from dembrick.motion_books import MotionBooks
 from dembrick.moving_state import (
@@ -31,7 +32,6 @@ from dembrick.moving_state import (
 )
 from dembrick.pushing import STRONGEST, Jack, jack_of
 from dembrick.session import Plan, Session, Snapshot, step_at
-from dembrick.shapes import quaternion_product, rotation_matrix, unit_quaternion
 from dembrick.snapshots import flattened, restored
 
 STEEPEST = 90.0  # deg: a tilt that brings nothing down ends there

@@ -14,12 +14,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from dembrick import polygons
-from dembrick.clipping import clip, simplify
+from dembrick.geometry import polygons
+from dembrick.geometry.clipping import clip, simplify
+from dembrick.geometry.shapes import parts_of
 from dembrick.joints import JointTable
-from dembrick.kernels.lanes import AREA, LEVER, SEEN, SENSE, X, Y
+from dembrick.kernels.dynamics.tiles import AREA, LEVER, SEEN, SENSE, X, Y
 from dembrick.moving_state import MovingState, put_outlines, with_outlines
-from dembrick.shapes import parts_of
 
 STALE = 2e-4  # of the polygon's short side
 GONE = 1e-9  # of the polygon's area at the start: less than that is no contact any more

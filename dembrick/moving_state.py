@@ -9,12 +9,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dembrick import limit_set, polygons
 from dembrick.errors import ScenarioError
+from dembrick.geometry import friction_integrals, polygons
+from dembrick.geometry.shapes import frame_quaternion
 from dembrick.joints import JointTable
-from dembrick.kernels.bodies import Bodies
-from dembrick.kernels.convex_joints import Faces
-from dembrick.kernels.lanes import (
+from dembrick.kernels.dynamics.area_joints import Faces
+from dembrick.kernels.dynamics.point_joints import Corners
+from dembrick.kernels.dynamics.record import write_resultants
+from dembrick.kernels.dynamics.rigid_bodies import Bodies
+from dembrick.kernels.dynamics.tiles import (
     AREA,
     LEVER,
     OFFSET,
@@ -31,10 +34,7 @@ from dembrick.kernels.lanes import (
     Y,
     rows_of_lanes,
 )
-from dembrick.kernels.motion_record import write_resultants
-from dembrick.kernels.point_joints import Corners
 from dembrick.point_table import PointTable
-from dembrick.shapes import frame_quaternion
 
 NEGLIGIBLE = 1e-5  # of the lighter block's weight: head joints of a wall carry so little, and slip all the time
 FEW = 8  # directions of normals: more are of no use, and joints near each other should stay so
@@ -277,12 +277,12 @@ def put_outlines(faces: Faces, rows: np.ndarray, outlines: np.ndarray, i: np.nda
     m = outlines.shape[1]
     faces.count[rows] = m
     faces.x[rows, :m], faces.y[rows, :m] = outlines[..., 0], outlines[..., 1]
-    faces.far[rows] = limit_set.far_moments(outlines)
+    faces.far[rows] = friction_integrals.far_moments(outlines)
     faces.outline[i] = rows[which]
     faces.area[i] = polygons.area(outlines)[which]
     faces.second[i] = np.stack(polygons.second_moments(outlines), axis=1)[which]
     faces.reach[i] = np.sqrt((outlines**2).sum(axis=2).max(axis=1))[which]
-    faces.radius[i] = limit_set.area_radius(outlines)[which]
+    faces.radius[i] = friction_integrals.area_radius(outlines)[which]
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:

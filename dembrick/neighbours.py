@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dembrick.shapes import Polyhedron, Shape, parts_of
+from dembrick.geometry.shapes import Polyhedron, Shape, parts_of
 
 _WIDE = 64  # a block that covers more cells than this is compared with all others directly
 _CHUNK = 4096  # pairs that the overlap test takes at a time

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dembrick.kernels.bracket import MISSING, STILL
+from dembrick.kernels.statics.load_bounds import MISSING, STILL
 
 MOST_DECAY = 0.95  # of what V grows while the blocks give way twice as far, over the same before
 APART = 3.0  # times that estimates of the limit differ: how far it may be from the last of them

@@ -23,7 +23,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from dembrick import polygons
+from dembrick.geometry import polygons
 
 _CONE = 0.30  # worst miss of the rule, uniform pressure, in units of h^3 / (A c_T)
 _BENDING = 2.0  # what a linear pressure on a closed joint may add, as a factor

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dembrick import polygons
+from dembrick.geometry import polygons
 from dembrick.joints import JointTable
 from dembrick.point_rules import ContactPoints, contact_points
 

@@ -29,7 +29,7 @@ from dembrick import replay
 from dembrick.controls import in_real_time
 from dembrick.dynamics import LONGEST_CHUNK, advance
 from dembrick.errors import DivergedError, NotConvergedError, ScenarioError
-from dembrick.kernels.dynamics import Limits
+from dembrick.kernels.dynamics.loop import Limits
 from dembrick.loading import driving_of
 from dembrick.model import Output, Scenario
 from dembrick.motion_result import lived_through

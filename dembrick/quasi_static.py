@@ -25,10 +25,10 @@ import numpy as np
 from dembrick import interruption
 from dembrick.elastic import Factor
 from dembrick.equilibria import HELD, Equilibria
-from dembrick.kernels.bracket import NEVER, Certificate, instant_bounds
-from dembrick.kernels.energy import DASHPOTS, ELASTIC, EXTERNAL, FRICTION, elastic_energy
-from dembrick.kernels.record import write_row
-from dembrick.kernels.tangent import remember
+from dembrick.kernels.statics.energy import DASHPOTS, ELASTIC, EXTERNAL, FRICTION, elastic_energy
+from dembrick.kernels.statics.load_bounds import NEVER, Certificate, instant_bounds
+from dembrick.kernels.statics.newton import remember
+from dembrick.kernels.statics.record import write_row
 from dembrick.path_limit import limit_bounds
 from dembrick.recorder import Recorder
 from dembrick.session import Session, Snapshot

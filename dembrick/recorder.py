@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dembrick.attachments import NO_CONTROL_POINTS, ControlPoints
-from dembrick.kernels.record import Record
+from dembrick.kernels.statics.record import Record
 from dembrick.session import Session
 from dembrick.simulation import State
 

@@ -28,15 +28,15 @@ from dembrick.elastic import elastic_factor, touches_itself
 from dembrick.equilibrium import inverse_inertia, seat
 from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.guards import new_guard, refuse_divergence
-from dembrick.kernels.advance import CONVERGED, RUNNING, Drive
-from dembrick.kernels.bracket import Certificate
+from dembrick.kernels.state import Energy, Inertia
+from dembrick.kernels.statics.load_bounds import Certificate
+from dembrick.kernels.statics.loop import CONVERGED, RUNNING, Drive
 from dembrick.model import Output
 from dembrick.quasi_static import follow, prepare
 from dembrick.recorder import Recorder
 from dembrick.session import Observer, Plan, Session
 from dembrick.simulation import State, block_stiffness, initial_state, load_vectors, new_energy
 from dembrick.stability import Dashpots, block_inertia, critical_time_step, dashpots
-from dembrick.state import Energy, Inertia
 from dembrick.steadiness import refuse_unsound, steady
 from dembrick.stepping import Loop, Stepper
 from dembrick.yield_point import YieldPoint, joint_reach, read_off

@@ -10,13 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dembrick import limit_set, polygons
 from dembrick.errors import ScenarioError
+from dembrick.geometry import friction_integrals, polygons
+from dembrick.geometry.shapes import quaternion_product, rotation_matrix
 from dembrick.joints import JointTable
+from dembrick.kernels.state import Areas, Blocks, Energy, Jacks, Joints, Points, Pressed
 from dembrick.model import PRESSURES
 from dembrick.point_table import PointTable
-from dembrick.shapes import quaternion_product, rotation_matrix
-from dembrick.state import Areas, Blocks, Energy, Jacks, Joints, Points, Pressed
 
 
 class State(NamedTuple):
@@ -148,8 +148,8 @@ def area_joints(assembly) -> Areas | None:
         some = np.searchsorted(chosen, numbers)
         second[some] = np.stack(polygons.second_moments(shapes), axis=1)
         reach[some] = np.sqrt((shapes**2).sum(axis=2).max(axis=1))
-        radius[some] = limit_set.area_radius(shapes)
-        far[some] = limit_set.far_moments(shapes)
+        radius[some] = friction_integrals.area_radius(shapes)
+        far[some] = friction_integrals.far_moments(shapes)
     return Areas(
         joint=chosen,
         start=start,

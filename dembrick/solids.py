@@ -11,9 +11,9 @@ import numpy as np
 from dembrick.blocks import Block, Mesh, Part, Prism
 from dembrick.checks import show
 from dembrick.errors import ScenarioError
+from dembrick.geometry.convex_hull import compound, hull, prism, voussoir
+from dembrick.geometry.shapes import Polyhedron, Shape, box
 from dembrick.magnitudes import LARGEST, SMALLEST, check_size
-from dembrick.polyhedra import compound, hull, prism, voussoir
-from dembrick.shapes import Polyhedron, Shape, box
 
 
 def shapes_of(blocks: Sequence[Block], folder: str = "") -> tuple[Shape, ...]:
@@ -71,7 +71,7 @@ def _convex(kind: str, description, folder: str) -> Polyhedron:
     if isinstance(description, Prism):
         return prism(description.polygon, description.height)
     if isinstance(description, Mesh):
-        from dembrick.mesh_file import convex_solid  # only scenes with meshes pay for the reader
+        from dembrick.geometry.mesh_file import convex_solid  # only scenes with meshes pay for the reader
 
         return convex_solid(os.path.join(folder, description.file), description.scale)
     stone = description

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from dembrick.errors import NotConvergedError
-from dembrick.kernels.guard import Guard
+from dembrick.kernels.statics.divergence import Guard
 from dembrick.yield_point import YieldPoint
 
 STEADY = 1e-2  # of the mean load: swing (rms) and missing growth that are let pass

@@ -13,14 +13,14 @@ import numpy as np
 
 from dembrick import interruption
 from dembrick.errors import HistoryError
-from dembrick.kernels.advance import FULL, RUNNING, Drive, advance
-from dembrick.kernels.bracket import Certificate
-from dembrick.kernels.guard import Guard
+from dembrick.kernels.state import Energy, Inertia, ScaledInertia
+from dembrick.kernels.statics.divergence import Guard
+from dembrick.kernels.statics.load_bounds import Certificate
+from dembrick.kernels.statics.loop import FULL, RUNNING, Drive, advance
 from dembrick.recorder import Recorder
 from dembrick.session import Session, Snapshot, step_at
 from dembrick.simulation import State
 from dembrick.snapshots import flattened, restored, restored_state
-from dembrick.state import Energy, Inertia, ScaledInertia
 
 CHUNK_SECONDS = 0.2  # of a chunk: a signal is answered within that
 FIRST_WORK = 200_000  # block and contact updates in the first chunk, before the pace is known

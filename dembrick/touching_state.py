@@ -7,11 +7,11 @@ import functools
 import numpy as np
 
 from dembrick.frequencies import COARSE
-from dembrick.kernels.patches import Parts, Scratch
-from dembrick.kernels.pressed import PATCHES
-from dembrick.kernels.touching import Touching
-from dembrick.shapes import parts_of
-from dembrick.state import Pressed
+from dembrick.geometry.shapes import parts_of
+from dembrick.kernels.dynamics.contact_forces import Touching
+from dembrick.kernels.dynamics.contact_surface import Parts, Scratch
+from dembrick.kernels.joint.pressure import PATCHES
+from dembrick.kernels.state import Pressed
 
 
 def parts_table(shapes) -> Parts:

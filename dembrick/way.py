@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 
 from dembrick.errors import HistoryError
-from dembrick.kernels.bracket import NEVER
+from dembrick.kernels.statics.load_bounds import NEVER
 from dembrick.session import Snapshot
 
 MOST_EQUILIBRIA = 400  # of a path

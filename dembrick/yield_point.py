@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from dembrick.errors import BracketError
-from dembrick.kernels.bracket import NEVER, Certificate
+from dembrick.kernels.statics.load_bounds import NEVER, Certificate
 from dembrick.simulation import State
 
 _CROSSED = 1e-10  # of V: bounds that have met may cross by rounding

@@ -5,13 +5,13 @@ import math
 
 import numpy as np
 
-from dembrick.kernels.bodies import Bodies
-from dembrick.kernels.lanes import Links
-from dembrick.kernels.touching import TOUCHED, clear_applied, touch
+from dembrick.geometry.convex_hull import hull, prism
+from dembrick.geometry.shapes import box, quaternion_product, rotation_matrix, unit_quaternion
+from dembrick.kernels.dynamics.contact_forces import TOUCHED, clear_applied, touch
+from dembrick.kernels.dynamics.rigid_bodies import Bodies
+from dembrick.kernels.dynamics.tiles import Links
 from dembrick.model import JointLaw
 from dembrick.neighbours import bodies_of, overlap_depths
-from dembrick.polyhedra import hull, prism
-from dembrick.shapes import box, quaternion_product, rotation_matrix, unit_quaternion
 from dembrick.touching_state import parts_table, scratch_for, touching_pairs
 
 K_N, K_S = 1e10, 4e9

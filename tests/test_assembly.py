@@ -8,6 +8,7 @@ import pytest
 from dembrick import assembly as assembly_module
 from dembrick.assembly import build, dead_joint_forces
 from dembrick.errors import ScenarioError
+from dembrick.geometry.shapes import rotation_matrix
 from dembrick.model import (
     Actuator,
     Block,
@@ -19,7 +20,6 @@ from dembrick.model import (
     Scenario,
     YieldControl,
 )
-from dembrick.shapes import rotation_matrix
 
 LAB = (0.3, 0.2, 0.1)
 LAW = JointLaw("concave", 0.64, 1e10, 4e9)

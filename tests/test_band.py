@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dembrick.kernels.band import WIDE, eliminate, substitute
+from dembrick.kernels.math.banded import WIDE, eliminate, substitute
 
 
 def stored(matrix, half_width):

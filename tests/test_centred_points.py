@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dembrick import assembly, judge, polygons, ray_rule, replay
+from dembrick import assembly, judge, ray_rule, replay
 from dembrick.centred_points import place_points
+from dembrick.geometry import polygons
 from dembrick.lab import lab_scenario
 
 RECTANGLE = np.array([[-0.15, -0.1], [0.15, -0.1], [0.15, 0.1], [-0.15, 0.1]])

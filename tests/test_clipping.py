@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dembrick import clipping, polygons
+from dembrick.geometry import clipping, polygons
 
 
 def plain_clip(subject, clipper):

@@ -9,12 +9,12 @@ from dembrick import scenario
 from dembrick.assembly import build
 from dembrick.blocks import Block, Part, Prism
 from dembrick.errors import ScenarioError
+from dembrick.geometry.convex_hull import compound
+from dembrick.geometry.friction_integrals import area_radius, far_moments
+from dembrick.geometry.shapes import box, rotation_matrix, unit_quaternion
 from dembrick.judge import theory_of
-from dembrick.limit_set import area_radius, far_moments
 from dembrick.model import Actuator, JointLaw, Load, Material, Scenario, YieldControl
-from dembrick.polyhedra import compound
 from dembrick.replay import find_limit_load
-from dembrick.shapes import box, rotation_matrix, unit_quaternion
 from dembrick.simulation import initial_state
 
 L_PARTS = (Part(box=(0.3, 0.1, 0.2), position=(0.15, 0.05, 0.1)), Part(box=(0.1, 0.2, 0.2), position=(0.05, 0.2, 0.1)))

@@ -13,12 +13,12 @@ from dembrick import frequencies, history, meetings
 from dembrick.cli import main
 from dembrick.controls import DynamicControl
 from dembrick.errors import DivergedError
-from dembrick.kernels.touching import clear_applied, touch
+from dembrick.geometry.shapes import box, quaternion_product
+from dembrick.kernels.dynamics.contact_forces import clear_applied, touch
 from dembrick.model import Block, Load, Output, Sine, Solver
 from dembrick.moving_state import MovingState
 from dembrick.result import simulate
 from dembrick.scenario import dumps
-from dembrick.shapes import box, quaternion_product
 
 DT = 1e-6
 

@@ -8,11 +8,11 @@ from scipy.special import ellipj, ellipk
 
 from dembrick import assembly, stability
 from dembrick._jit import jit
-from dembrick.kernels.finite_motion import finite_step, turn
+from dembrick.geometry.shapes import rotation_matrix
+from dembrick.kernels.state import Blocks, Inertia
+from dembrick.kernels.statics.finite_rotation import finite_step, turn
 from dembrick.model import Block, JointLaw, Material, Scenario, YieldControl
-from dembrick.shapes import rotation_matrix
 from dembrick.simulation import block_stiffness, initial_state, joint_stiffness, to_joint
-from dembrick.state import Blocks, Inertia
 
 
 def free_block(tensor, spin, orientation=(1.0, 0.0, 0.0, 0.0), mass=2.0):

@@ -10,11 +10,11 @@ import pytest
 from dembrick import assembly, replay
 from dembrick.errors import DivergedError, NotConvergedError
 from dembrick.guards import LOOK, STRETCHES, new_guard, refuse_divergence
-from dembrick.kernels import guard as kernel
-from dembrick.kernels.advance import DIVERGED, RUNAWAY, RUNNING
+from dembrick.kernels.state import HEAD, SEATED, SEATING, TORQUES
+from dembrick.kernels.statics import divergence as kernel
+from dembrick.kernels.statics.loop import DIVERGED, RUNAWAY, RUNNING
 from dembrick.lab import lab_scenario
 from dembrick.simulation import initial_state
-from dembrick.state import HEAD, SEATED, SEATING, TORQUES
 from dembrick.steadiness import STEADY, refuse_unsound, steady
 from dembrick.yield_point import YieldPoint
 

@@ -7,7 +7,7 @@ import pytest
 
 from dembrick import theory
 from dembrick.joint_motion import CHANNELS, STATES, JointMotion, nearest, torsion_centre
-from dembrick.kernels.gauge import best_kink, point_gauge
+from dembrick.kernels.joint.utilisation import best_kink, point_gauge
 
 A, B = 0.3, 0.2
 CORNERS = 0.5 * np.array([[-A, -B], [A, -B], [A, B], [-A, B]])

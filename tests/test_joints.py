@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dembrick import joints as joints_module
-from dembrick import polygons
+from dembrick.geometry import polygons
+from dembrick.geometry.shapes import Polyhedron, box, quaternion_product, rotation_matrix, unit_quaternion
 from dembrick.joints import find_joints
 from dembrick.model import JointLaw
-from dembrick.shapes import Polyhedron, box, quaternion_product, rotation_matrix, unit_quaternion
 
 UNTURNED = (1.0, 0.0, 0.0, 0.0)
 LAB = (0.3, 0.2, 0.1)

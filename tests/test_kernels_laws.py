@@ -7,9 +7,11 @@ import pytest
 from scipy.integrate import dblquad
 from scipy.optimize import minimize
 
-from dembrick import limit_set, polygons, theory
-from dembrick.kernels import certify, contact, laws, limit_surface
-from dembrick.state import Points
+from dembrick import theory
+from dembrick.geometry import friction_integrals, polygons
+from dembrick.kernels.joint import laws, limit_surface
+from dembrick.kernels.state import Points
+from dembrick.kernels.statics import certify, joint_forces
 
 A, B = 0.3, 0.2
 RECTANGLE = np.array([[-A, -B], [A, -B], [A, B], [-A, B]]) / 2
@@ -34,7 +36,7 @@ def surface_arguments(polygon, reach_factor=1.0):
     """What the kernels of the limit surface want of a polygon."""
     x, y = np.ascontiguousarray(polygon[:, 0]), np.ascontiguousarray(polygon[:, 1])
     reach = reach_factor * float(np.hypot(x, y).max())
-    return x, y, 0, len(x), polygons.area(polygon), reach, limit_set.far_moments(polygon), None, 0
+    return x, y, 0, len(x), polygons.area(polygon), reach, friction_integrals.far_moments(polygon), None, 0
 
 
 def about(c1, c2, w=1.0):
@@ -103,7 +105,7 @@ def test_coulomb_without_friction_or_without_motion():
         assert coulomb(3.0, 4.0, 0.0, 0.0, 1e6, 0.5, 6.0) == (False, 3.0, 4.0, 3.0, 4.0, 0.0, 0.0, 0.0)
 
 
-@pytest.mark.parametrize("point_forces", forms(contact.point_forces))
+@pytest.mark.parametrize("point_forces", forms(joint_forces.point_forces))
 def test_point_resultants_are_work_conjugate(point_forces):
     """What the resultants do on the joint's twist is what the points' forces do on their own slips and openings."""
     rng = np.random.default_rng(3)
@@ -138,7 +140,7 @@ def test_point_resultants_are_work_conjugate(point_forces):
         rate = pn + pr1 * points.y_n - pr2 * points.x_n
         assert normal * pn - m1 * pr1 - m2 * pr2 == pytest.approx(points.normal @ rate, rel=1e-11, abs=1e-12)
         assert slip == pytest.approx(points.k_s @ points.slip / points.k_s.sum(), rel=1e-13)
-        lost = contact.point_dissipation(points, 0, points.normal, p1, p2, pr)
+        lost = joint_forces.point_dissipation(points, 0, points.normal, p1, p2, pr)
         assert lost == pytest.approx(0.6 * points.normal @ np.linalg.norm(slips, axis=1), rel=1e-13)
         assert lost >= v1 * p1 + v2 * p2 + mt * pr - 1e-12
 
@@ -372,7 +374,7 @@ def test_gauge_against_theory(scale):
             assert value == pytest.approx(expected, rel=1e-10)
             # the twist that shows it
             assert force @ q / law.dissipation(q) == pytest.approx(expected, rel=1e-10)
-            early = limit_surface.gauge(*arguments, *force, *start, limit_set.area_radius(polygon))[0]
+            early = limit_surface.gauge(*arguments, *force, *start, friction_integrals.area_radius(polygon))[0]
             assert (early > 1.0) == (expected > 1.0)
             assert early <= expected * (1 + 1e-12)
     assert limit_surface.gauge(*arguments, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)[0] == 0.0
@@ -389,7 +391,7 @@ def random_returns(seed, count, far=2.0):
         if i % 20 == 0:
             polygon = random_polygon(rng, 10 ** rng.uniform(-3, 1))
             arguments = surface_arguments(polygon)
-            radius, reach = limit_set.area_radius(polygon), arguments[5]
+            radius, reach = friction_integrals.area_radius(polygon), arguments[5]
             yy, xx, _ = polygons.second_moments(polygon)
             law = theory.convex(polygon, 1.0, 1.0)
         strength, k = 10 ** rng.uniform(-2, 6), 10 ** rng.uniform(5, 12)
@@ -469,7 +471,7 @@ def test_proximal_map_against_a_naive_minimisation():
 
 def test_proximal_map_without_strength_and_at_rest():
     arguments = surface_arguments(RECTANGLE)
-    radius = limit_set.area_radius(RECTANGLE)
+    radius = friction_integrals.area_radius(RECTANGLE)
     for proximal_map in forms(limit_surface.proximal_map):
         out = proximal_map(*arguments, radius, 0.0, 2.0, 4.0, 1.0, -3.0, 2.0, 0.0, 0.0, 0.0)
         assert out[:6] == (0.0, 0.0, 0.0, 0.5, -1.5, 0.5)
@@ -481,12 +483,12 @@ def test_proximal_map_without_strength_and_at_rest():
 @pytest.mark.parametrize("scale", [1e-3, 1.0])
 def test_torsion_radius_of_polygons_and_points(scale):
     """M_T0 / V_0 is the least mean distance from any centre: c_T where the joint is symmetric, less where it is not."""
-    assert limit_set.area_radius(scale * RECTANGLE) == pytest.approx(scale * 0.09681061, rel=1e-7)
+    assert friction_integrals.area_radius(scale * RECTANGLE) == pytest.approx(scale * 0.09681061, rel=1e-7)
     rng = np.random.default_rng(12)
     for _ in range(20):
         polygon = random_polygon(rng, scale)
         law = theory.convex(polygon, 1.0, 1.0)
-        assert limit_set.area_radius(polygon) == pytest.approx(theory.torsion_strength(law), rel=1e-9)
+        assert friction_integrals.area_radius(polygon) == pytest.approx(theory.torsion_strength(law), rel=1e-9)
         weights = rng.uniform(0.1, 1.0, len(polygon))
         law = theory.points(polygon, weights / weights.sum(), 1.0)
         radius = certify.median_distance(*polygon.T.copy(), weights, 0, len(weights))

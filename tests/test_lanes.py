@@ -10,11 +10,11 @@ from dembrick import assembly
 from dembrick.controls import DynamicControl
 from dembrick.driving import Driving
 from dembrick.dynamics import joint_forces, motion, seat
-from dembrick.kernels.bodies import ANGLE2, fetch_block, turn_block, turn_body, turn_slowly
-from dembrick.kernels.lanes import OFFSET, VISCOUS, WORK, W, rows_of_lanes
+from dembrick.geometry.shapes import frame_quaternion, rotation_matrix, unit_quaternion
+from dembrick.kernels.dynamics.rigid_bodies import ANGLE2, fetch_block, turn_block, turn_body, turn_slowly
+from dembrick.kernels.dynamics.tiles import OFFSET, VISCOUS, WORK, W, rows_of_lanes
 from dembrick.model import Block, JointLaw, Material, Scenario
 from dembrick.moving_state import contact_forces, joint_resultants, tiled, with_contact_forces
-from dembrick.shapes import frame_quaternion, rotation_matrix, unit_quaternion
 
 LAWS = {  # nine points are an odd number
     "concave": {},

@@ -8,13 +8,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dembrick import assembly, limit_set, replay, simulation, stepping, theory
+from dembrick import assembly, replay, simulation, stepping, theory
 from dembrick.errors import DembrickError, NotConvergedError
-from dembrick.kernels import advance, bracket, contact, forces, limit_surface
+from dembrick.geometry import friction_integrals
+from dembrick.geometry.shapes import rotation_matrix
+from dembrick.kernels.joint import limit_surface
+from dembrick.kernels.statics import block_forces, joint_forces, load_bounds, loop
 from dembrick.lab import lab_scenario
 from dembrick.model import FORMULATIONS, Actuator, Block, JointLaw, Load, Material, Scenario, Solver, YieldControl
 from dembrick.result import simulate
-from dembrick.shapes import rotation_matrix
 
 SETS = ("2a", "2b", "4a", "4b")
 A, B, N, MU = 0.3, 0.2, 467.0, 0.64
@@ -414,17 +416,19 @@ def test_an_ellipse_for_the_exact_surface_is_caught(name, monkeypatch):
         with monkeypatch.context() as patch:
             if wrong:
                 patch.setattr(limit_surface, "surface", ellipse_surface)
-                patch.setattr(contact, "surface", ellipse_surface)
+                patch.setattr(joint_forces, "surface", ellipse_surface)
             for module, names in {
                 limit_surface: ("gauge", "proximal_map"),
-                contact: ("area_forces", "area_dissipation", "proximal_map"),
-                forces: ("joint_forces", "area_forces"),
-                bracket: ("dissipation", "upper_bound", "best_bound", "strict_bounds", "area_dissipation"),
-                advance: ("advance", "joint_forces", "strict_bounds", "settle"),
+                joint_forces: ("area_forces", "area_dissipation", "proximal_map"),
+                block_forces: ("joint_forces", "area_forces"),
+                load_bounds: ("dissipation", "upper_bound", "best_bound", "strict_bounds", "area_dissipation"),
+                loop: ("advance", "joint_forces", "strict_bounds", "settle"),
                 stepping: ("advance",),
             }.items():
                 for part in names:
-                    owner = next(m for m in (limit_surface, contact, forces, bracket, advance) if part in _own(m))
+                    owner = next(
+                        m for m in (limit_surface, joint_forces, block_forces, load_bounds, loop) if part in _own(m)
+                    )
                     patch.setattr(module, part, plain(_own(owner)[part]))
             return replay.find_limit_load(built, 1e-3, 0.9)
 
@@ -448,6 +452,6 @@ def _own(module):
 
 
 def test_the_radius_of_the_set_is_exact():
-    assert limit_set.area_radius(np.array([[-A, -B], [A, -B], [A, B], [-A, B]]) / 2) == pytest.approx(
+    assert friction_integrals.area_radius(np.array([[-A, -B], [A, -B], [A, B], [-A, B]]) / 2) == pytest.approx(
         theory.equations.torsion_parameter(A, B), rel=1e-12
     )

@@ -6,8 +6,8 @@ import pytest
 from dembrick import scenario
 from dembrick.assembly import build
 from dembrick.errors import ScenarioError
-from dembrick.mesh_file import checked, convex_solid
-from dembrick.shapes import box
+from dembrick.geometry.mesh_file import checked, convex_solid
+from dembrick.geometry.shapes import box
 
 meshio = pytest.importorskip("meshio")
 

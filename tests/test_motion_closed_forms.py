@@ -10,9 +10,9 @@ from dembrick.controls import BaseMotionControl, DynamicControl, Pulse, Sine
 from dembrick.driving import Driving
 from dembrick.dynamics import damping_of_restitution, restitution_of_damping
 from dembrick.frequencies import stepped_dashpots
+from dembrick.geometry.shapes import rotation_matrix
 from dembrick.model import Block, JointLaw, Load, Material, Output, Scenario
 from dembrick.result import simulate
-from dembrick.shapes import rotation_matrix
 from dembrick.theory import motion as theory
 
 DENSITY = 2000.0

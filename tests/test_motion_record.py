@@ -12,8 +12,8 @@ from dembrick.dynamics import advance, joint_forces
 from dembrick.export.layers import Contacts, Picture
 from dembrick.generators import Wall
 from dembrick.joint_motion import JointMotion
-from dembrick.kernels.dynamics import Limits
-from dembrick.kernels.motion_record import unbalanced_ratio
+from dembrick.kernels.dynamics.loop import Limits
+from dembrick.kernels.dynamics.record import unbalanced_ratio
 from dembrick.lab import scenario_folder
 from dembrick.model import JointLaw, Material, Output, Scenario
 from dembrick.moving_state import contact_forces, joint_resultants, out_of_balance, with_contact_forces

@@ -15,7 +15,7 @@ from dembrick.curves import pulse_velocity, read_samples, sampled_velocity, sine
 from dembrick.driving import Driving
 from dembrick.dynamics import advance, motion, seat
 from dembrick.errors import NotConvergedError, ScenarioError
-from dembrick.kernels.dynamics import Limits
+from dembrick.kernels.dynamics.loop import Limits
 from dembrick.model import Block, JointLaw, Load, Material, Scenario, Wall
 from dembrick.result import simulate
 from dembrick.theory.motion import toppling_tilt

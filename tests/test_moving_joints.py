@@ -9,15 +9,15 @@ from dembrick import assembly
 from dembrick.controls import DynamicControl
 from dembrick.driving import Driving
 from dembrick.dynamics import Motion, advance, joint_forces, motion, seat
-from dembrick.kernels.bodies import turn_body
-from dembrick.kernels.convex_joints import pressed
-from dembrick.kernels.dynamics import Limits
-from dembrick.kernels.lanes import VISCOUS
-from dembrick.kernels.laws import no_tension
+from dembrick.geometry.shapes import quaternion_product, rotation_matrix
+from dembrick.kernels.dynamics.area_joints import pressed
+from dembrick.kernels.dynamics.loop import Limits
+from dembrick.kernels.dynamics.rigid_bodies import turn_body
+from dembrick.kernels.dynamics.tiles import VISCOUS
+from dembrick.kernels.joint.laws import no_tension
 from dembrick.model import Block, JointLaw, Material, Scenario, Wall
 from dembrick.moving_polygons import distance_outside, nearest_inside
 from dembrick.moving_state import arms, joint_resultants, seen
-from dembrick.shapes import quaternion_product, rotation_matrix
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 FORMULATIONS = ("concave", "corrected", "corrected-shear", "convex", "distributed")

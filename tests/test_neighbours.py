@@ -5,7 +5,7 @@ import pytest
 from test_joints import LAB, UNTURNED, joints_of
 
 from dembrick import neighbours
-from dembrick.shapes import box, quaternion_product, rotation_matrix
+from dembrick.geometry.shapes import box, quaternion_product, rotation_matrix
 
 
 def scattered(rng, n):

@@ -7,9 +7,9 @@ import pytest
 from pairs import BLOCK, K_N, SETTINGS, Pair, set_up, turned
 from scipy.optimize import minimize
 
-from dembrick.kernels.pressed import pressed_surface
-from dembrick.polyhedra import prism
-from dembrick.shapes import box
+from dembrick.geometry.convex_hull import prism
+from dembrick.geometry.shapes import box
+from dembrick.kernels.joint.pressure import pressed_surface
 
 FRICTION = 0.6
 FLOOR = box((3.0, 3.0, 0.2))

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from pairs import BLOCK, K_N, K_S, SETTINGS, Pair, no_joints, quaternion, set_up, turned
 
-from dembrick.kernels.laws import no_tension
-from dembrick.kernels.touching import CROWDED, DEEP, touch
-from dembrick.shapes import box, quaternion_product, rotation_matrix
+from dembrick.geometry.shapes import box, quaternion_product, rotation_matrix
+from dembrick.kernels.dynamics.contact_forces import CROWDED, DEEP, touch
+from dembrick.kernels.joint.laws import no_tension
 
 
 @pytest.mark.parametrize("depth", [1e-7, 1e-5])
@@ -166,7 +166,7 @@ def test_friction_sticks_and_slips():
 
 def test_pure_torsion_is_that_of_the_mean_distance():
     """mu N c_T about the centre, paper eq. 1; ks J while it sticks."""
-    from dembrick.polygons import mean_distance
+    from dembrick.geometry.polygons import mean_distance
 
     pair = Pair(box((1.0, 1.0, 0.2)), BLOCK)
     pair.place(1, (0.0, 0.0, 0.15 - 1e-6))

@@ -5,9 +5,10 @@ import pytest
 from test_joints import lab_joint, rectangle
 from test_polygons import random_polygon
 
-from dembrick import point_rules, polygons
+from dembrick import point_rules
+from dembrick.geometry import polygons
+from dembrick.geometry.shapes import rotation_matrix
 from dembrick.joints import contact_points, second_moments, shrink_factor
-from dembrick.shapes import rotation_matrix
 
 
 def test_corner_formulations():

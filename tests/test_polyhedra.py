@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dembrick.errors import ScenarioError
-from dembrick.polyhedra import hull, mass_properties, prism, voussoir
-from dembrick.shapes import box, rotation_matrix, unit_quaternion
+from dembrick.geometry.convex_hull import hull, mass_properties, prism, voussoir
+from dembrick.geometry.shapes import box, rotation_matrix, unit_quaternion
 
 quaternion = st.tuples(*[st.floats(-1.0, 1.0)] * 4).filter(lambda q: sum(c * c for c in q) > 0.1).map(unit_quaternion)
 edge = st.floats(0.05, 3.0)

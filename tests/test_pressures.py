@@ -7,9 +7,10 @@ import pytest
 from test_kernels_laws import forms, matrix, random_polygon, slenderness
 from test_limit_load import MU, A, B, N, scene, single
 
-from dembrick import assembly, polygons, replay, simulation, theory
-from dembrick.kernels import pressed as kernels
-from dembrick.kernels.laws import no_tension
+from dembrick import assembly, replay, simulation, theory
+from dembrick.geometry import polygons
+from dembrick.kernels.joint import pressure as kernels
+from dembrick.kernels.joint.laws import no_tension
 from dembrick.lab import lab_scenario
 from dembrick.model import DisplacementControl, Load
 from dembrick.result import simulate

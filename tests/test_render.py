@@ -12,11 +12,11 @@ import pytest
 from dembrick import export, history, plot, render
 from dembrick.cli import main
 from dembrick.errors import HistoryError, MissingDependency, OutputError, ScenarioError
+from dembrick.geometry.shapes import box
 from dembrick.joint_motion import JointMotion
 from dembrick.model import CHANNELS
 from dembrick.render import images, scene, screen
 from dembrick.result import simulate
-from dembrick.shapes import box
 
 pyvista = pytest.importorskip("pyvista")
 

@@ -12,7 +12,7 @@ import pytest
 
 from dembrick import assembly, replay
 from dembrick.blocks import Prism
-from dembrick.kernels.advance import RUNNING
+from dembrick.kernels.statics.loop import RUNNING
 from dembrick.model import Actuator, Block, DisplacementControl, JointLaw, Load, Material, Scenario
 from dembrick.simulation import State, initial_state
 

@@ -10,7 +10,7 @@ import pytest
 from dembrick import assembly, dynamics
 from dembrick.controls import DynamicControl
 from dembrick.driving import Driving
-from dembrick.kernels.dynamics import Limits
+from dembrick.kernels.dynamics.loop import Limits
 from dembrick.model import JointLaw, Material, Scenario, Wall
 from dembrick.motion_books import MotionBooks
 
@@ -60,13 +60,13 @@ def test_a_small_scene_loads_no_parallel_code():
 import sys
 from dembrick import assembly, dynamics
 from dembrick.driving import Driving
-from dembrick.kernels.dynamics import Limits
+from dembrick.kernels.dynamics.loop import Limits
 sys.path.insert(0, "tests")
 from test_threads import wall
 built = wall("concave")
 moving = dynamics.motion(built, 0.1, 0.5)
 dynamics.advance(moving, Driving(built.gravity), 2, Limits(1.0, 1.0))
-assert "dembrick.kernels.dynamics_parallel" not in sys.modules
+assert "dembrick.kernels.dynamics.loop_parallel" not in sys.modules
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr

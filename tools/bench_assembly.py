@@ -24,8 +24,8 @@ import dembrick
 from dembrick import assembly, dynamics, motion_run
 from dembrick import scenario as scenarios
 from dembrick.driving import Driving
-from dembrick.kernels.dynamics import Limits
-from dembrick.kernels.lanes import ROWS, SEEN
+from dembrick.kernels.dynamics.loop import Limits
+from dembrick.kernels.dynamics.tiles import ROWS, SEEN
 from dembrick.lab import scenario_folder
 from dembrick.motion_books import MotionBooks
 from dembrick.moving_state import seen

@@ -19,13 +19,13 @@ import numpy as np
 from dembrick import assembly as assemblies
 from dembrick import replay
 from dembrick.guards import new_guard
-from dembrick.kernels.advance import RUNNING, advance
+from dembrick.kernels.state import Inertia
+from dembrick.kernels.statics.loop import RUNNING, advance
 from dembrick.lab import lab_scenario
 from dembrick.model import FORMULATIONS
 from dembrick.recorder import Recorder
 from dembrick.session import Session
 from dembrick.simulation import new_energy
-from dembrick.state import Inertia
 
 TURN = 4096  # steps
 ROWS_EVERY = 64  # steps, some 1000 rows in a test of 1e5 steps or less

@@ -25,10 +25,10 @@ from dembrick.audit import audit
 from dembrick.equilibrium import inverse_inertia, seat
 from dembrick.errors import DembrickError, EnergyAuditError, NotConvergedError, ScenarioError
 from dembrick.guards import new_guard, refuse_divergence
+from dembrick.kernels.state import Inertia
 from dembrick.model import Load, Scenario
 from dembrick.simulation import block_stiffness, initial_state
 from dembrick.stability import critical_time_step
-from dembrick.state import Inertia
 from dembrick.stepping import Loop
 
 STATUSES = ("right", "near", "stopped", "refused", "WRONG")

@@ -41,8 +41,9 @@ import numpy as np
 from bench_lab import wall
 
 from dembrick import assembly as assemblies
-from dembrick import centred_points, judge, point_rules, polygons, ray_rule, replay
+from dembrick import centred_points, judge, point_rules, ray_rule, replay
 from dembrick.errors import NotConvergedError
+from dembrick.geometry import polygons
 from dembrick.lab import lab_scenario, scenario_folder
 from dembrick.lab_data import SETS
 from dembrick.model import FORMULATIONS

@@ -22,10 +22,10 @@ from typing import Protocol
 import numpy as np
 
 from dembrick.block_motion import CarriedPoints, Poses, all_vertices, block_quantities
+from dembrick.geometry.shapes import rotation_matrix
 from dembrick.history import History
 from dembrick.joint_motion import CHANNELS, STATES, JointFrames, JointMotion, RelativeMotion, torsion_centre
 from dembrick.kernels.recorded_motion import resultant_points
-from dembrick.shapes import rotation_matrix
 
 LAYERS = ("blocks", "joints", "contacts")  # the last with the new contacts, where there can be any
 

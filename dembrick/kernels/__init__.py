@@ -1,3 +1,6 @@
-"""Compiled kernels, each importing only from those before it: vec3 < laws, limit_surface < contact < small_motion,
-finite_motion < forces < bracket, energy, record < advance. Nothing else of the package is imported but _jit.
+"""Compiled kernels: the arrays of a state and all laws that work on them, in numba.
+
+``math`` (vectors, banded and skyline factors) and ``joint`` (laws of a joint) serve both engines: ``statics`` (equilibria
+in the geometry of the start) and ``dynamics`` (true mass, finite rotations, contacts), which never import each other.
+In and out go NamedTuples of arrays; a kernel allocates nothing. Of the package only ``_jit`` is imported.
 """

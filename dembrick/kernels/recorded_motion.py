@@ -6,7 +6,7 @@ Quaternions (w, x, y, z) keep the digits of small rotations, rotation matrices d
 from math import nan, sqrt
 
 from dembrick._jit import entry, jit
-from dembrick.kernels.vec3 import columns_times, cross, product, rows_times
+from dembrick.kernels.math.vec3 import columns_times, cross, product, rows_times
 
 # Of a joint's size: an opening below it is rounding.
 TOUCHING = 1e-12

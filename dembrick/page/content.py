@@ -10,11 +10,11 @@ import numpy as np
 
 from dembrick import summary
 from dembrick.errors import HistoryError
+from dembrick.geometry.shapes import quaternion_product, rotation_matrix
 from dembrick.joint_motion import JointMotion
 from dembrick.page import diagrams
 from dembrick.plot.paths import JointPath, joint_path
 from dembrick.plot.subject import JointAlone
-from dembrick.shapes import quaternion_product, rotation_matrix
 
 MOST_FRAMES = 240
 MOST_BYTES = 8 << 20  # of packed frames

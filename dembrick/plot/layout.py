@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from dembrick.errors import ScenarioError
+from dembrick.geometry.shapes import rotation_matrix
 from dembrick.plot import style
-from dembrick.shapes import rotation_matrix
 from dembrick.theory.polygons import convex_hull
 
 if TYPE_CHECKING:

@@ -13,10 +13,10 @@ import numpy as np
 
 from dembrick.block_motion import CarriedPoints, Poses, all_vertices, rotation_times
 from dembrick.errors import HistoryError, ScenarioError
+from dembrick.geometry.shapes import rotation_matrix
 from dembrick.joint_motion import JointMotion
 from dembrick.plot.subject import JointAlone, chosen_joint
 from dembrick.render.colors import COLORS, Colouring
-from dembrick.shapes import rotation_matrix
 
 VIEWS = {  # direction from the focus to the camera, and what is up in the picture
     "iso": ((1.0, 1.5, 1.4), (0.0, 0.0, 1.0)),

@@ -1,0 +1,205 @@
+"""Shapes from mesh files: STL, OBJ, PLY, gmsh .msh and .vtu, read by meshio and checked here.
+
+A file is a surface of triangles and polygons, or a solid mesh whose skin is taken. Corners that nearly coincide are
+one corner (STL repeats them). The surface must be closed, look outward, and be convex; a message names the face that is
+wrong by its number in the file, from 0, and by its middle.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import warnings
+
+import numpy as np
+
+from dembrick.errors import MissingDependency, ScenarioError
+from dembrick.geometry.convex_hull import FLAT, hull, mass_properties
+from dembrick.geometry.shapes import Polyhedron
+from dembrick.magnitudes import LARGEST, SMALLEST
+
+ENDINGS = (".stl", ".obj", ".ply", ".msh", ".vtu")
+_SAME = 1e-9  # of the size: corners so near are one
+_MOST_CORNERS = 2000  # of a convex block: a hull of more is no block but a scan
+_SURFACES = ("triangle", "quad", "polygon")
+_SOLIDS = {  # faces of the cells of solid meshes, outward
+    "tetra": ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)),
+    "hexahedron": ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (2, 3, 7, 6), (0, 4, 7, 3), (1, 2, 6, 5)),
+    "wedge": ((0, 2, 1), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (0, 3, 5, 2)),
+    "pyramid": ((0, 3, 2, 1), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)),
+}
+
+
+def convex_solid(path: str, scale: float = 1.0) -> Polyhedron:
+    """The convex polyhedron whose surface is in a file, its lengths times ``scale`` in metres.
+
+    Raises ScenarioError for a file that cannot be read, and for a surface with holes, inside out, flat or not convex;
+    MissingDependency without meshio.
+    """
+    points, faces = _read(path)
+    try:
+        return checked(points * scale, faces)
+    except ScenarioError as error:
+        raise ScenarioError(f"{path}: {error}") from None
+
+
+def checked(points: np.ndarray, faces: list[tuple[int, ...]]) -> Polyhedron:
+    """The convex polyhedron with a surface of ``faces`` (numbers into ``points``), checked as the module says."""
+    if not faces:
+        raise ScenarioError("there is no surface in the file; a block needs one that is closed")
+    if not np.isfinite(points).all():
+        raise ScenarioError("a corner has a coordinate that is not a finite number")
+    used = np.unique(np.concatenate([np.array(face) for face in faces]))
+    size = float(np.ptp(points[used], axis=0).max())
+    if not size > 0.0:
+        raise ScenarioError("all corners are at one point; a block needs a volume")
+    if not SMALLEST <= size <= LARGEST:
+        raise ScenarioError(
+            f"the surface is {size:.3g} m across; blocks measure from {SMALLEST:g} to {LARGEST:g} m: give the unit of "
+            "its lengths by scale"
+        )
+    spread = np.linalg.svd(points[used] - points[used].mean(axis=0), compute_uv=False)
+    if not spread[-1] > _SAME * spread[0]:
+        raise ScenarioError("the surface is flat: all its corners lie in a plane; a block needs a volume")
+    points, faces = _welded(points, faces, _SAME * size)
+    if not faces:
+        raise ScenarioError("no face of the surface has an area; a block needs a volume")
+    _check_closed(points, faces)
+    volume, _, _ = mass_properties(points, [face for _, face in faces])
+    if abs(volume) <= _SAME * size**3:
+        raise ScenarioError(f"the surface is flat: it holds {abs(volume):.3g} m3; a block needs a volume")
+    if volume < 0.0:
+        raise ScenarioError(
+            f"the surface is inside out: its faces look inward (volume {volume:.6g} m3), {_face(points, faces[0])} for "
+            "one; turn the order of the corners of every face"
+        )
+    _check_convex(points, faces, size)
+    corners = np.unique(np.concatenate([np.array(face) for _, face in faces]))
+    if len(corners) > _MOST_CORNERS:
+        bound = f"at most {_MOST_CORNERS} are taken: simplify the mesh"
+        raise ScenarioError(f"the surface has {len(corners)} corners; {bound}")
+    solid = hull(points[corners])
+    if abs(solid.volume / volume - 1.0) > 10.0 * FLAT:
+        raise ScenarioError(
+            f"the surface holds {volume:.9g} m3 and its convex hull {solid.volume:.9g} m3: it covers itself or is not "
+            "convex; describe the block by convex parts"
+        )
+    return solid
+
+
+def _read(path: str) -> tuple[np.ndarray, list[tuple[int, ...]]]:
+    """Corners (n, 3) and faces of the surface in a file."""
+    ending = os.path.splitext(path)[1].lower()
+    if ending not in ENDINGS:
+        raise ScenarioError(f"mesh file {path}: its ending is {ending or 'none'}; known are {', '.join(ENDINGS)}")
+    if not os.path.isfile(path):
+        raise ScenarioError(f"mesh file {path}: there is no such file")
+    try:
+        import meshio
+    except ImportError as error:
+        raise MissingDependency("blocks from mesh files need meshio; install it with: pip install meshio") from error
+    try:
+        # meshio tells of some faults by SystemExit, and prints them; telling text from binary STL it warns
+        silence = contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO())
+        with silence[0], silence[1], warnings.catch_warnings(action="ignore"):
+            mesh = meshio.read(path)
+    except (Exception, SystemExit) as error:  # whatever its readers raise on a broken file
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise ScenarioError(f"mesh file {path}: it cannot be read as {ending[1:]}: {reason[:200]}") from None
+    if not len(mesh.points):
+        raise ScenarioError(f"mesh file {path}: there is no surface in it; a block needs one that is closed")
+    points = np.asarray(mesh.points, float)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise ScenarioError(f"mesh file {path}: its corners have {points.shape[-1]} coordinates; a block needs 3")
+    faces: list[tuple[int, ...]] = []
+    skin: dict[frozenset[int], tuple[int, ...] | None] = {}
+    for cells in mesh.cells:
+        kind = cells.type.rstrip("0123456789")
+        if kind in _SURFACES:
+            faces += [tuple(int(i) for i in cell) for cell in cells.data]
+        for face in _SOLIDS.get(cells.type, ()):
+            for cell in cells.data:
+                corners = tuple(int(cell[i]) for i in face)
+                key = frozenset(corners)
+                skin[key] = None if key in skin else corners  # a face between two cells is not on the skin
+    outside = [corners for corners in skin.values() if corners is not None]
+    found = outside or faces  # gmsh writes the surface of a solid too
+    if any(min(face) < 0 or max(face) >= len(points) for face in found):
+        raise ScenarioError(f"mesh file {path}: a face names a corner that is not there")
+    return points, found
+
+
+def _welded(points, faces, tolerance: float) -> tuple[np.ndarray, list[tuple[int, tuple[int, ...]]]]:
+    """Corners that coincide or nearly so made one; faces with their numbers, those without an area left out."""
+    points, number = np.unique(points, axis=0, return_inverse=True)
+    number = number.reshape(-1)
+    if len(points) > 10 * _MOST_CORNERS:
+        raise ScenarioError(
+            f"the file has {len(points)} different corners; at most {_MOST_CORNERS} are taken for a block"
+        )
+    same = np.arange(len(points))
+    for i in range(len(points)):  # sorted by x: those that may coincide follow closely
+        for j in range(i + 1, len(points)):
+            if points[j, 0] - points[i, 0] > tolerance:
+                break
+            if same[j] == j and (np.abs(points[j] - points[i]) <= tolerance).all():
+                same[j] = same[i]
+    kept = []
+    for index, face in enumerate(faces):
+        corners = [int(same[number[i]]) for i in face]
+        corners = [c for k, c in enumerate(corners) if c != corners[k - 1]]
+        if len(corners) >= 3 and len(set(corners)) == len(corners):
+            kept.append((index, tuple(corners)))
+    return points, kept
+
+
+def _face(points, numbered) -> str:
+    index, face = numbered
+    middle = points[list(face)].mean(axis=0)
+    return f"face {index} (about {middle[0]:.4g}, {middle[1]:.4g}, {middle[2]:.4g})"
+
+
+def _check_closed(points, faces) -> None:
+    """Every edge must be walked once each way: not at all by a hole, twice the same way by a face that is turned."""
+    walked: dict[tuple[int, int], tuple] = {}
+    for numbered in faces:
+        face = numbered[1]
+        for i in range(len(face)):
+            edge = (face[i - 1], face[i])
+            if edge in walked:
+                raise ScenarioError(
+                    f"{_face(points, numbered)} and {_face(points, walked[edge])} run along an edge the same way: one "
+                    "of them looks inward, or three faces meet in that edge; mend the mesh"
+                )
+            walked[edge] = numbered
+    open_edges = [numbered for (i, j), numbered in walked.items() if (j, i) not in walked]
+    if open_edges:
+        raise ScenarioError(
+            f"the surface is not closed: {len(open_edges)} edges have a face on one side only, one of them at "
+            f"{_face(points, open_edges[0])}; fill the holes"
+        )
+
+
+def _check_convex(points, faces, size: float) -> None:
+    """No corner lies before the plane of a face."""
+    corners = np.unique(np.concatenate([np.array(face) for _, face in faces]))
+    worst, where = 0.0, None
+    for numbered in faces:
+        p = points[list(numbered[1])]
+        normal = 0.5 * np.cross(p - p[0], np.roll(p, -1, axis=0) - p[0]).sum(axis=0)
+        length = float(np.linalg.norm(normal))
+        # a sliver has no plane worth the name
+        if length <= FLAT * size * float(np.sqrt(((p - np.roll(p, 1, axis=0)) ** 2).sum(axis=1)).max()):
+            continue
+        height = (points[corners] - p.mean(axis=0)) @ (normal / length)
+        bent = float(np.abs((p - p.mean(axis=0)) @ (normal / length)).max())
+        if bent > FLAT * size:
+            raise ScenarioError(f"{_face(points, numbered)} is not plane: its corners are up to {bent:.3g} m off")
+        if float(height.max()) > worst:
+            worst, where = float(height.max()), numbered
+    if worst > 2.0 * FLAT * size:
+        raise ScenarioError(
+            f"the surface is not convex: a corner stands {worst:.6g} m before the plane of {_face(points, where)}; "
+            "describe the block by convex parts, a file each"
+        )

@@ -1,0 +1,294 @@
+"""Forces of contacts that form anew, one for each pair of convex parts that overlap (`patches`).
+
+Pressure: 2 kn times the penetration, plus a dashpot of stated ratio that sees the closing of the last step, never
+negative. Friction: one elastic force in the plane square to the mean normal, and one torsion about it, at the centre of
+pressure; stiffness ks A and ks J of the patches, strength on the exact limit surface of the pressure there is
+(`rubbing`). What a contact remembers turns with both blocks and stays square to the normal; where patches shrink it
+shrinks with their stiffness, so that no loop of loads gives energy back that was not put in. It is forgotten where the
+overlap ends.
+
+A pair that has a joint is handed over (`handing_over`): the new contact counts by its weight, the joint by the rest.
+"""
+
+from math import sqrt
+from typing import NamedTuple
+
+from numpy import ndarray
+
+from dembrick._jit import entry, jit
+from dembrick.kernels.dynamics.contact_friction import flatten, rub, share_pressure
+from dembrick.kernels.dynamics.contact_stiffness import damped_push, gather_springs, lightness, stepped_dashpot, weigh
+from dembrick.kernels.dynamics.contact_surface import (
+    Parts,
+    Scratch,
+    contact_surface,
+    lies_apart,
+    positive_part,
+    sum_patches,
+)
+from dembrick.kernels.dynamics.handover import GROWTH, hand_over
+from dembrick.kernels.math.vec3 import columns_times, cross, rows_times, tangent
+from dembrick.kernels.state import Pressed
+
+TOUCHED, DEEP, CROWDED = 0, 11, 12  # apart from the loop's own states
+DEEPEST = 0.25  # of the thinner part's inner radius: a deeper penetration ends the run
+
+
+class Touching(NamedTuple):
+    """t pairs of parts that are near each other and have no joint, or one that is handed over."""
+
+    parts: Parts
+    scratch: Scratch
+    pressed: Pressed  # scratch: how one contact is pressed, seen from its centre of pressure, `kernels.rubbing`
+    free: ndarray  # (n,) 1 for blocks that move, 0 for fixed ones
+    first: ndarray  # (t,) int64, part A
+    second: ndarray  # (t,) int64, part B
+    joint: ndarray  # (t,) int64, their joint, or -1
+    k_n: ndarray  # (t,) Pa/m
+    k_s: ndarray  # (t,) Pa/m
+    friction: ndarray  # (t,)
+    weight: ndarray  # (t,) share of the new contact: 1 where there is no joint
+    size: ndarray  # (t,) m, greatest distance of the joint's polygon from its centroid at the start
+    partial: ndarray  # (t,) whether that polygon is less than the face that it rides on
+    start: ndarray  # (j, 9) `Links.seen` at the start, of all joints
+    shift: ndarray  # (j, 2) m, where their O is now on the host, from where it was then
+    plane: ndarray  # (t,) int64, the face that kept the parts apart last, those of B after those of A; -1: none
+    elastic: ndarray  # (t, 4) N, N m: elastic shear force on A (world), torsion on A about the normal from A to B
+    stiffness: ndarray  # (t, 2) N/m, N m: shear and torsion stiffness that these came with
+    twist: ndarray  # (t, 3) m, m, rad: plastic twist of the last plastic step, in the axes of the contact
+    slip: ndarray  # (t,) m, length of the slip path at the centre of pressure
+    normal: ndarray  # (t,) N, normal force
+    area: ndarray  # (t,) m2, of the patches
+    point: ndarray  # (t, 3) m, centre of pressure, world
+    axis: ndarray  # (t, 3) mean normal there, from A to B, world
+    force: ndarray  # (t, 3) N, on B, world
+    torque: ndarray  # (t, 3) N m, on B about that point, world
+    springs: ndarray  # (t, 16) of contacts now: normal and an axis t square to it (world); N/m: the springs along the
+    # normal, those times x and y (N) and x^2, x y, y^2 (N m), along t and u = n x t from the centre of pressure;
+    # dashpot over spring; N/m: what more there is across, and shear stiffness; N m: torsion stiffness
+    load: ndarray  # (n,) bound of what its contacts do to a block in a step: M^-1 (dt^2 K + 2 dt C), stable up to 4
+    bearable: ndarray  # (n,) load up to which no one need look closer
+    overloaded: ndarray  # (1,) int64, 1 where a block has more
+    dashpot: ndarray  # (9,) dashpot over spring, times w, as a polynomial in the swing w (rad) of a step; greatest w
+    room: ndarray  # (1,) m, how far blocks may still move until pairs must be looked for again
+    trouble: ndarray  # (1,) int64, the pair that ended the run
+
+
+@jit
+def clear_applied(touching, bodies):
+    """Nothing on the blocks that may touch, before loads and contacts of a step are put on them."""
+    owner = touching.parts.owner
+    for t in range(touching.first.size):
+        a = owner[touching.first[t]]
+        b = owner[touching.second[t]]
+        touching.load[a] = 0.0
+        touching.load[b] = 0.0
+        for i in range(6):
+            bodies.applied[a, i] = 0.0
+            bodies.applied[b, i] = 0.0
+
+
+@jit
+def give(bodies, b, sense, force, torque, r1, r2, r3):
+    """Put ``sense`` times a force and a couple, at r from the centroid of block ``b``, on it."""
+    t1, t2, t3 = cross(r1, r2, r3, force[0], force[1], force[2])
+    load = bodies.applied[b]
+    load[0] += sense * force[0]
+    load[1] += sense * force[1]
+    load[2] += sense * force[2]
+    load[3] += sense * (t1 + torque[0])
+    load[4] += sense * (t2 + torque[1])
+    load[5] += sense * (t3 + torque[2])
+
+
+@jit
+def rest(touching, t):
+    """No force, and nothing remembered."""
+    touching.normal[t] = 0.0
+    touching.area[t] = 0.0
+    for i in range(3):
+        touching.force[t, i] = 0.0
+        touching.torque[t, i] = 0.0
+        touching.twist[t, i] = 0.0
+    for i in range(4):
+        touching.elastic[t, i] = 0.0
+    touching.stiffness[t, 0] = 0.0
+    touching.stiffness[t, 1] = 0.0
+
+
+@jit
+def press(touching, bodies, t, patches, depth, dt, x1, x2, x3, y1, y2, y3):
+    """Normal pressure and friction of the patches in scratch, as `force`, `torque` and `point` of pair ``t``.
+
+    ``depth``: the greatest penetration; x, y: the patches' origin from the centroids of the blocks of A and B, world.
+    """
+    scratch = touching.scratch
+    area, total, e1, e2, e3 = sum_patches(scratch, patches)
+    size = sqrt(e1 * e1 + e2 * e2 + e3 * e3)
+    if not (total > 0.0 and size > 0.0):
+        rest(touching, t)
+        return
+    a = touching.parts.owner[touching.first[t]]
+    b = touching.parts.owner[touching.second[t]]
+    R = bodies.rotation[a]
+    # mean normal and centre of pressure, in A's axes and in the world's
+    e1 /= size
+    e2 /= size
+    e3 /= size
+    whole, c1, c2, c3 = share_pressure(scratch, patches, e1, e2, e3, size)
+    n1, n2, n3 = rows_times(R, e1, e2, e3)
+    d1, d2, d3 = rows_times(R, c1, c2, c3)
+    t1, t2, t3 = tangent(e1, e2, e3)
+    springs = touching.springs[t]
+    polar, even = gather_springs(scratch, patches, springs, c1, c2, c3, e1, e2, e3, t1, t2, t3)
+    stiff = springs[6]
+    x1 += d1
+    x2 += d2
+    x3 += d3
+    y1 += d1
+    y2 += d2
+    y3 += d3
+    # dashpot: the stated ratio for the mass that is felt there, and for the linear spring that would hold the energy
+    # that there is at the force that there is, F^2 / (2 E): with that a contact F = c g^p is a linear oscillator in
+    # g^((p + 1) / 2) and in a time of its own (Antypov and Elliott, Europhysics Letters 94 (2011) 50004). On an edge
+    # the force grows with the square of the penetration, on a corner with its cube: all have one restitution
+    k_n = touching.weight[t] * touching.k_n[t]
+    k_s = touching.weight[t] * touching.k_s[t]
+    felt = lightness(touching, bodies, a, x1, x2, x3, n1, n2, n3)
+    felt += lightness(touching, bodies, b, y1, y2, y3, n1, n2, n3)
+    viscous = stepped_dashpot(touching.dashpot, sqrt(felt * k_n * even) * dt) * even / stiff
+    # what the last step brought the blocks nearer at the centre of pressure, and turned them
+    va = bodies.velocity[a]
+    vb = bodies.velocity[b]
+    wa = bodies.spin[a]
+    wb = bodies.spin[b]
+    p1, p2, p3 = cross(wa[0], wa[1], wa[2], x1, x2, x3)
+    q1, q2, q3 = cross(wb[0], wb[1], wb[2], y1, y2, y3)
+    ahead = (va[0] + p1 - vb[0] - q1) * n1 + (va[1] + p2 - vb[1] - q2) * n2 + (va[2] + p3 - vb[2] - q3) * n3
+    w1, w2, w3 = columns_times(R, dt * (wb[0] - wa[0]), dt * (wb[1] - wa[1]), dt * (wb[2] - wa[2]))
+    # the dashpot against nearing is shared as the pressure is, so that none of it pulls before all of it would; that
+    # against turning is a linear field
+    deep = 2.0 * size / stiff
+    more = 1.0 + damped_push(deep, 2.0 * depth, dt * ahead, viscous, felt * k_n * stiff * dt * dt) / deep
+    f1 = f2 = f3 = m1 = m2 = m3 = 0.0
+    for p in range(patches):
+        F = scratch.frame[p]
+        g = scratch.depth[p]
+        h1, h2, h3 = cross(w1, w2, w3, F[0, 3] - c1, F[1, 3] - c2, F[2, 3] - c3)
+        closing = -(h1 * F[2, 0] + h2 * F[2, 1] + h3 * F[2, 2])
+        h1, h2, h3 = cross(F[2, 0], F[2, 1], F[2, 2], w1, w2, w3)
+        turned = viscous * g[3]
+        force, about_x, about_y = positive_part(
+            scratch.x, scratch.y, scratch.start[p], scratch.start[p + 1],
+            2.0 * more * g[0] + turned * closing,
+            2.0 * more * g[1] - turned * (h1 * F[0, 0] + h2 * F[0, 1] + h3 * F[0, 2]),
+            2.0 * more * g[2] - turned * (h1 * F[1, 0] + h2 * F[1, 1] + h3 * F[1, 2]),
+        )  # fmt: skip
+        force *= k_n
+        f1 += force * F[2, 0]
+        f2 += force * F[2, 1]
+        f3 += force * F[2, 2]
+        # force times point, about the centre of pressure
+        s1 = force * (F[0, 3] - c1) + k_n * (about_x * F[0, 0] + about_y * F[1, 0])
+        s2 = force * (F[1, 3] - c2) + k_n * (about_x * F[0, 1] + about_y * F[1, 1])
+        s3 = force * (F[2, 3] - c3) + k_n * (about_x * F[0, 2] + about_y * F[1, 2])
+        h1, h2, h3 = cross(s1, s2, s3, F[2, 0], F[2, 1], F[2, 2])
+        m1 += h1
+        m2 += h2
+        m3 += h3
+    normal = sqrt(f1 * f1 + f2 * f2 + f3 * f3)
+    f1, f2, f3 = rows_times(R, f1, f2, f3)
+    m1, m2, m3 = rows_times(R, m1, m2, m3)
+    wide = flatten(touching.pressed, scratch, patches, whole, c1, c2, c3, e1, e2, e3, t1, t2, t3)
+    t1, t2, t3 = rows_times(R, t1, t2, t3)
+    springs[0] = n1
+    springs[1] = n2
+    springs[2] = n3
+    springs[3] = t1
+    springs[4] = t2
+    springs[5] = t3
+    for i in range(6, 14):
+        springs[i] *= k_n
+    springs[12] = viscous
+    springs[14] = k_s * area
+    springs[15] = k_s * polar
+    weigh(touching, bodies, a, b, springs, dt, x1, x2, x3, y1, y2, y3)
+    s1, s2, s3, turn = rub(
+        touching, bodies, t, a, b, dt, normal, wide, k_s * area, k_s * polar, 1.0 + viscous,
+        n1, n2, n3, t1, t2, t3, x1, x2, x3, y1, y2, y3,
+    )  # fmt: skip
+    # friction is what acts on A
+    touching.normal[t] = normal
+    touching.area[t] = area
+    force = touching.force[t]
+    force[0] = f1 - s1
+    force[1] = f2 - s2
+    force[2] = f3 - s3
+    torque = touching.torque[t]
+    torque[0] = m1 - turn * n1
+    torque[1] = m2 - turn * n2
+    torque[2] = m3 - turn * n3
+    axis = touching.axis[t]
+    axis[0] = n1
+    axis[1] = n2
+    axis[2] = n3
+    point = touching.point[t]
+    point[0] = bodies.position[a, 0] + x1
+    point[1] = bodies.position[a, 1] + x2
+    point[2] = bodies.position[a, 2] + x3
+    give(bodies, a, -1.0, force, torque, x1, x2, x3)
+    give(bodies, b, 1.0, force, torque, y1, y2, y3)
+
+
+@entry
+def touch(touching, links, bodies, dt):
+    """Put the forces of all new contacts on their blocks, in the order of the pairs.
+
+    Returns TOUCHED; DEEP where parts overlap by more than `DEEPEST`; CROWDED where scratch has no room for a contact
+    surface; `trouble` is the pair then.
+    """
+    parts = touching.parts
+    for t in range(touching.first.size):
+        is_open = parted = False
+        if touching.joint[t] >= 0:
+            is_open, parted = hand_over(touching, links, t)
+            if touching.weight[t] <= 0.0 and not is_open:
+                continue
+        elif touching.weight[t] < 1.0:
+            touching.weight[t] = min(1.0, touching.weight[t] + GROWTH)
+        first = touching.first[t]
+        second = touching.second[t]
+        faces = parts.face_count[first]
+        plane = touching.plane[t]
+        apart = False
+        if plane >= faces:
+            apart = lies_apart(parts, bodies, second, first, plane - faces)
+        elif plane >= 0:
+            apart = lies_apart(parts, bodies, first, second, plane)
+        patches = 0
+        depth = o1 = o2 = o3 = 0.0
+        if not apart:
+            patches, depth, plane, o1, o2, o3 = contact_surface(parts, bodies, first, second, touching.scratch)
+            touching.plane[t] = plane
+        if patches == 0:
+            if parted:
+                touching.weight[t] = 1.0
+            rest(touching, t)
+            continue
+        if patches < 0:
+            touching.trouble[0] = t
+            return CROWDED
+        if depth > DEEPEST * min(parts.inner[first], parts.inner[second]):
+            touching.trouble[0] = t
+            return DEEP
+        if is_open:
+            touching.weight[t] = min(1.0, touching.weight[t] + GROWTH)
+        a = parts.owner[first]
+        b = parts.owner[second]
+        x1, x2, x3 = rows_times(bodies.rotation[a], o1, o2, o3)
+        x = bodies.position
+        press(
+            touching, bodies, t, patches, depth, dt, x1, x2, x3,
+            x1 + (x[a, 0] - x[b, 0]), x2 + (x[a, 1] - x[b, 1]), x3 + (x[a, 2] - x[b, 2]),
+        )  # fmt: skip
+    return TOUCHED

@@ -1,0 +1,234 @@
+"""Friction of contacts that form anew: the exact torsion-shear limit surface of the pressure on their patches.
+
+Friction acts in the plane through the centre of pressure c square to the mean normal e. Of the pressure on a patch it
+knows the part along e, p n.e dA: projected on the plane a patch is a polygon with a linear pressure again, as
+`pressed.pressed_surface` wants it. A flat contact is its own projection. What presses the other way counts nothing.
+
+A contact along an edge, or at a corner, is one too, however small. Where it is narrower than `THIN` of its length it is
+spread to that width, so that integrals over it keep their digits; its strength grows by less than 1e-4.
+"""
+
+from math import atan2, cos, sin, sqrt
+
+from dembrick._jit import jit
+from dembrick.kernels.dynamics.rigid_bodies import turned_back
+from dembrick.kernels.joint.limit_surface import proximal_map
+from dembrick.kernels.math.vec3 import cross
+
+RIM = 1e-4  # of the pressure: smaller patches count nothing for friction
+THIN = 3e-3  # of the length
+SLENDER = 1e-4  # smallest over greatest second moment, below which the width is looked at
+LOST = 1e-12  # of the length: a width that rounding has eaten
+CLOSE = 1e-8  # of the strength: friction is that near to the limit surface
+BAND = 0.999  # a stiffness that trembles by less than a thousandth wears nothing off what a contact remembers
+
+
+@jit
+def share_pressure(scratch, patches, e1, e2, e3, size):
+    """What every patch has of the pressure along e, as `sums`; returns their sum and the centre c (3) of it all.
+
+    ``size``: length of the integral of p n dA.
+    """
+    whole = c1 = c2 = c3 = 0.0
+    for p in range(patches):
+        F = scratch.frame[p]
+        sums = scratch.sums[p]
+        along = F[2, 0] * e1 + F[2, 1] * e2 + F[2, 2] * e3
+        if not along * sums[1] > RIM * size:
+            sums[4] = 0.0
+            continue
+        sums[4] = along * sums[1]
+        whole += along * sums[1]
+        c1 += along * (sums[1] * F[0, 3] + sums[2] * F[0, 0] + sums[3] * F[1, 0])
+        c2 += along * (sums[1] * F[1, 3] + sums[2] * F[0, 1] + sums[3] * F[1, 1])
+        c3 += along * (sums[1] * F[2, 3] + sums[2] * F[0, 2] + sums[3] * F[1, 2])
+    return whole, c1 / whole, c2 / whole, c3 / whole
+
+
+@jit
+def second_moments(x, y, first, last, p0, px, py):
+    """Integrals of p x^2, p x y and p y^2 over a polygon, p = p0 + px x + py y; a fan of triangles from the origin."""
+    xx = xy = yy = 0.0
+    xa = x[last - 1]
+    ya = y[last - 1]
+    pa = p0 + px * xa + py * ya
+    for k in range(first, last):
+        xb = x[k]
+        yb = y[k]
+        pb = p0 + px * xb + py * yb
+        area = (xa * yb - ya * xb) / 60.0
+        a = area * (p0 + 3.0 * pa + pb)
+        m = area * (p0 + 2.0 * (pa + pb))
+        b = area * (p0 + pa + 3.0 * pb)
+        xx += a * xa * xa + m * xa * xb + b * xb * xb
+        yy += a * ya * ya + m * ya * yb + b * yb * yb
+        xy += a * xa * ya + 0.5 * m * (xa * yb + xb * ya) + b * xb * yb
+        xa, ya, pa = xb, yb, pb
+    return xx, xy, yy
+
+
+@jit
+def flatten(pressed, scratch, patches, whole, c1, c2, c3, e1, e2, e3, t1, t2, t3):
+    """Put the patches, projected on the plane of t and e x t seen from c, into ``pressed``, with a pressure of one in
+    all; returns whether they are wide enough to have a limit surface.
+
+    `radius` there is a bound of the torsion strength over V_0 from below. About any C, at the distance d from c, the
+    mean distance of the pressure is at least its mean square over the greatest one,
+
+        (s^2 + d^2) / (R + d) >= 2 (sqrt(R^2 + s^2) - R),
+
+    with s^2 the mean square about c, R the reach, and the right side the smallest over d.
+    """
+    s1, s2, s3 = cross(e1, e2, e3, t1, t2, t3)
+    x = pressed.x
+    y = pressed.y
+    pieces = used = 0
+    reach2 = xx = xy = yy = 0.0
+    for p in range(patches):
+        if not scratch.sums[p, 4] > 0.0:
+            continue
+        F = scratch.frame[p]
+        # x = x0 + a u + b v, y = y0 + c u + d v of the point (u, v) of the patch
+        a = F[0, 0] * t1 + F[0, 1] * t2 + F[0, 2] * t3
+        b = F[1, 0] * t1 + F[1, 1] * t2 + F[1, 2] * t3
+        c = F[0, 0] * s1 + F[0, 1] * s2 + F[0, 2] * s3
+        d = F[1, 0] * s1 + F[1, 1] * s2 + F[1, 2] * s3
+        f1 = F[0, 3] - c1
+        f2 = F[1, 3] - c2
+        f3 = F[2, 3] - c3
+        x0 = f1 * t1 + f2 * t2 + f3 * t3
+        y0 = f1 * s1 + f2 * s2 + f3 * s3
+        g = scratch.depth[p]
+        scale = 1.0 / ((a * d - b * c) * whole)
+        px = scale * (g[1] * d - g[2] * c)
+        py = scale * (g[2] * a - g[1] * b)
+        p0 = g[0] / whole - px * x0 - py * y0
+        first = used
+        for k in range(scratch.start[p], scratch.start[p + 1]):
+            u = scratch.x[k]
+            v = scratch.y[k]
+            x[used] = x0 + a * u + b * v
+            y[used] = y0 + c * u + d * v
+            reach2 = max(reach2, x[used] * x[used] + y[used] * y[used])
+            used += 1
+        xx_, xy_, yy_ = second_moments(x, y, first, used, p0, px, py)
+        xx += xx_
+        xy += xy_
+        yy += yy_
+        pressed.start[pieces] = first
+        pressed.count[pieces] = used - first
+        density = pressed.density[pieces]
+        density[0] = p0
+        density[1] = px
+        density[2] = py
+        pieces += 1
+    pressed.pieces[0] = pieces
+    reach = sqrt(reach2)
+    square = xx + yy
+    if xx * yy - xy * xy < SLENDER * square * square:
+        if not widened(pressed, used, reach, xx, xy, yy):
+            return False
+        reach *= 1.0 + THIN
+    pressed.reach[0] = reach
+    pressed.radius[0] = 2.0 * (sqrt(reach * reach + square) - reach)
+    return square > 0.0
+
+
+@jit
+def widened(pressed, used, reach, xx, xy, yy):
+    """Spread a contact narrower than `THIN` of its length across to that width; whether it has any."""
+    angle = 0.5 * atan2(2.0 * xy, xx - yy)
+    m1 = -sin(angle)
+    m2 = cos(angle)
+    x = pressed.x
+    y = pressed.y
+    width = 0.0
+    for k in range(used):
+        width = max(width, abs(m1 * x[k] + m2 * y[k]))
+    if not width > LOST * reach:
+        return False
+    if width < THIN * reach:
+        spread = THIN * reach / width
+        for k in range(used):
+            out = (spread - 1.0) * (m1 * x[k] + m2 * y[k])
+            x[k] += out * m1
+            y[k] += out * m2
+        for i in range(pressed.pieces[0]):
+            density = pressed.density[i]
+            out = (1.0 / spread - 1.0) * (m1 * density[1] + m2 * density[2])
+            density[0] /= spread
+            density[1] = (density[1] + out * m1) / spread
+            density[2] = (density[2] + out * m2) / spread
+    return True
+
+
+@jit
+def forget(touching, t, k_t, k_r):
+    """Nothing remembered, for stiffnesses that are there now."""
+    for i in range(4):
+        touching.elastic[t, i] = 0.0
+    touching.stiffness[t, 0] = k_t
+    touching.stiffness[t, 1] = k_r
+
+
+@jit
+def moved(bodies, b, dt, r1, r2, r3):
+    """How far the point of block ``b`` at r from its centroid came in the last step."""
+    v = bodies.velocity[b]
+    w = bodies.spin[b]
+    p1, p2, p3 = turned_back(dt * w[0], dt * w[1], dt * w[2], r1, r2, r3)
+    return dt * v[0] + (r1 - p1), dt * v[1] + (r2 - p2), dt * v[2] + (r3 - p3)
+
+
+@jit
+def rub(
+    touching, bodies, t, a, b, dt, normal, wide, k_t, k_r, damped, n1, n2, n3, t1, t2, t3, r1, r2, r3, q1, q2, q3
+):  # fmt: skip
+    """Friction on A (3) and torsion on A about the normal n (world) of pair ``t``, whose pressure is in
+    ``touching.pressed`` with t as its first axis; ``wide``: whether it is. r, q: c from the centroids of A and B.
+
+    B slips against A by the difference of what their points there moved; the friction on A points that way.
+    """
+    strength = touching.friction[t] * normal
+    if not (wide and strength > 0.0 and k_t > 0.0 and k_r > 0.0):
+        forget(touching, t, k_t, k_r)
+        return 0.0, 0.0, 0.0, 0.0
+    elastic = touching.elastic[t]
+    stiffness = touching.stiffness[t]
+    wa = bodies.spin[a]
+    wb = bodies.spin[b]
+    half = -0.5 * dt
+    e1, e2, e3 = turned_back(
+        half * (wa[0] + wb[0]), half * (wa[1] + wb[1]), half * (wa[2] + wb[2]), elastic[0], elastic[1], elastic[2]
+    )
+    # in the plane, on t and u = n x t
+    u1, u2, u3 = cross(n1, n2, n3, t1, t2, t3)
+    loss = min(1.0, k_t / (BAND * stiffness[0])) if stiffness[0] > 0.0 else 1.0
+    e_t = loss * (e1 * t1 + e2 * t2 + e3 * t3)
+    e_u = loss * (e1 * u1 + e2 * u2 + e3 * u3)
+    e_m = elastic[3] * (min(1.0, k_r / (BAND * stiffness[1])) if stiffness[1] > 0.0 else 1.0)
+    stiffness[0] = min(max(stiffness[0], k_t), k_t / BAND)
+    stiffness[1] = min(max(stiffness[1], k_r), k_r / BAND)
+    s1, s2, s3 = moved(bodies, b, dt, q1, q2, q3)
+    p1, p2, p3 = moved(bodies, a, dt, r1, r2, r3)
+    s1 -= p1
+    s2 -= p2
+    s3 -= p3
+    s_t = s1 * t1 + s2 * t2 + s3 * t3
+    s_u = s1 * u1 + s2 * u2 + s3 * u3
+    turn = dt * ((wb[0] - wa[0]) * n1 + (wb[1] - wa[1]) * n2 + (wb[2] - wa[2]) * n3)
+    pressed = touching.pressed
+    twist = touching.twist[t]
+    f_t, f_u, f_m, slip_t, slip_u, slip_m, twist[0], twist[1], twist[2], _ = proximal_map(
+        None, None, 0, 0, 1.0, pressed.reach[0], None, pressed, 0, pressed.radius[0], strength, damped * k_t,
+        damped * k_r, e_t + damped * k_t * s_t, e_u + damped * k_t * s_u, e_m + damped * k_r * turn,
+        twist[0], twist[1], twist[2], CLOSE,
+    )  # fmt: skip
+    touching.slip[t] += sqrt(slip_t * slip_t + slip_u * slip_u)
+    e_t += k_t * (s_t - slip_t)
+    e_u += k_t * (s_u - slip_u)
+    elastic[0] = e_t * t1 + e_u * u1
+    elastic[1] = e_t * t2 + e_u * u2
+    elastic[2] = e_t * t3 + e_u * u3
+    elastic[3] = e_m + k_r * (turn - slip_m)
+    return f_t * t1 + f_u * u1, f_t * t2 + f_u * u2, f_t * t3 + f_u * u3, f_m

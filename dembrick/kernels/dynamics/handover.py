@@ -1,0 +1,60 @@
+"""When a joint hands its pair of blocks over to a new contact.
+
+The new contact counts by its weight, the joint by the rest. The weight grows with what the joint's polygon cannot
+follow, between two bounds each: the turn of the one face against the other; and, where the polygon is not the whole
+face that it rides on, the slip in the plane, because faces may share more then than they did, and slip times turn,
+which is how deep that may sink in unseen. It grows by no more than `GROWTH` in a step and never falls back. Where the
+joint is open and the parts lie apart there is nothing to hand over, and it is 1.
+"""
+
+from math import sqrt
+
+from dembrick._jit import jit
+from dembrick.kernels.dynamics.tiles import SEEN, lane_of, offset_of, sense_of
+
+TURN = 0.2, 0.4  # sine of the turn of the faces at which the handing over of a joint begins, and ends
+SLIP = 0.05, 0.15  # of the joint's size: slip
+SINK = 1e-4, 5e-4  # of its size: slip times turn
+PARTED = 0.02  # of its size: an open joint whose faces are so far apart has done its work
+GROWTH = 1.0 / 300.0  # in a step, of the weight of a new contact
+
+
+@jit
+def ramp(x, low, high):
+    """From 0 at ``low`` to 1 at ``high``, smoothly."""
+    s = min(1.0, max(0.0, (x - low) / (high - low)))
+    return s * s * (3.0 - 2.0 * s)
+
+
+@jit
+def hand_over(touching, links, t):
+    """Let the weight of pair ``t`` grow as its joint fails to follow, and leave the joint the rest of its force.
+
+    Returns whether the joint is open, and whether it has opened so far that it has done its work.
+    """
+    joint = touching.joint[t]
+    size = touching.size[t]
+    seen = links.tiles[lane_of(links, joint, SEEN, 9)]
+    wrench = links.wrench[joint]
+    turn = sqrt(seen[5] * seen[5] + seen[8] * seen[8])
+    due = ramp(turn, TURN[0], TURN[1])
+    if touching.partial[t]:
+        start = touching.start[joint]
+        shift = touching.shift[joint]
+        p1 = seen[0] - shift[0] * seen[3] - shift[1] * seen[6] - start[0]
+        p2 = seen[1] - shift[0] * seen[4] - shift[1] * seen[7] - start[1]
+        e1 = seen[3] - start[3]
+        e2 = seen[4] - start[4]
+        slip = sqrt(p1 * p1 + p2 * p2) + size * sqrt(e1 * e1 + e2 * e2)
+        due = max(due, ramp(slip, SLIP[0] * size, SLIP[1] * size))
+        due = max(due, ramp(slip * turn, SINK[0] * size, SINK[1] * size))
+    weight = touching.weight[t]
+    weight = max(weight, min(due, weight + GROWTH))
+    touching.weight[t] = weight
+    is_open = True
+    for i in range(3):
+        is_open = is_open and wrench[i] == 0.0
+    for i in range(9):
+        wrench[i] *= 1.0 - weight
+    gap = sense_of(links, joint) * (seen[2] - offset_of(links, joint))
+    return is_open, is_open and gap + size * turn > PARTED * size

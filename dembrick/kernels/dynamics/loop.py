@@ -1,0 +1,111 @@
+"""The compiled loop of dynamic runs: true mass, exact rotations, moving joints.
+
+Gravity and loads come as one entry a step, made by the caller for a chunk of steps: so tilting tables, shaken supports
+and load histories are all the same to the loop.
+"""
+
+from math import sqrt
+from typing import NamedTuple
+
+from numpy import ndarray
+
+from dembrick._jit import jit
+from dembrick.kernels.dynamics.area_joints import face_forces
+from dembrick.kernels.dynamics.contact_forces import TOUCHED, clear_applied, touch
+from dembrick.kernels.dynamics.energy import book_step
+from dembrick.kernels.dynamics.point_joints import corner_forces
+from dembrick.kernels.dynamics.rigid_bodies import step_bodies
+from dembrick.kernels.dynamics.tiles import least_slack
+from dembrick.kernels.math.vec3 import cross, rows_times
+
+RUNNING, REACHED, STALE, DIVERGED, MEETING, OVERLOADED = 0, 1, 2, 3, 4, 5
+
+
+class Loads(NamedTuple):
+    """Forces at material points of blocks, besides gravity, and gravity: one entry a step of the chunk."""
+
+    block: ndarray  # (k,) int64
+    lever: ndarray  # (k, 3) m, from the centroid in body axes
+    force: ndarray  # (s, k, 3) N, world
+    gravity: ndarray  # (s, 3) m/s2, world
+
+
+class Limits(NamedTuple):
+    """What ends a chunk before its time."""
+
+    displacement: float  # m, of any centroid from its start
+    longest: float  # m, a step that moves a block further has diverged
+
+
+@jit
+def apply_loads(loads, bodies, step):
+    """Put the loads of a step on the blocks."""
+    block = loads.block
+    for k in range(block.size):
+        for i in range(6):
+            bodies.applied[block[k], i] = 0.0
+    for k in range(block.size):
+        b = block[k]
+        f = loads.force[step, k]
+        r1, r2, r3 = rows_times(bodies.rotation[b], loads.lever[k, 0], loads.lever[k, 1], loads.lever[k, 2])
+        t1, t2, t3 = cross(r1, r2, r3, f[0], f[1], f[2])
+        load = bodies.applied[b]
+        load[0] += f[0]
+        load[1] += f[1]
+        load[2] += f[2]
+        load[3] += t1
+        load[4] += t2
+        load[5] += t3
+
+
+@jit
+def advance_bodies(n_steps, dt, bodies, links, corners, faces, loads, limits, damping, travel, touching, books, work):
+    """Advance up to ``n_steps`` steps of ``dt``; ``corners`` or ``faces`` is None where no joint is of that family.
+
+    ``travel`` (2,): m, what any two blocks may still move against each other before a polygon could be stale; and how
+    far any one can have moved since the caller last put it to nought. Returns a status and the steps done: RUNNING when
+    all are, REACHED (a centroid has gone as far as ``limits`` says), STALE (polygons must be cut again before the next
+    step), DIVERGED, or what comes of ``touching``, the contacts that form anew (None where there are none): MEETING
+    (pairs must be looked for again), OVERLOADED (the step may be too long for what the contacts of a block did last),
+    DEEP, CROWDED. ``books``: the energy books, or None. ``work`` (WORK,): scratch.
+    """
+    goal2 = limits.displacement**2
+    longest2 = limits.longest**2
+    for step in range(n_steps):
+        if travel[0] <= 0.0:
+            travel[0] = least_slack(links)
+            if travel[0] <= 0.0:
+                return STALE, step
+        if touching is not None:
+            if touching.room[0] <= 0.0:
+                return MEETING, step
+            if touching.overloaded[0] > 0:
+                return OVERLOADED, step
+            clear_applied(touching, bodies)
+        apply_loads(loads, bodies, step)
+        if corners is not None:
+            corner_forces(links, corners, bodies, 0, corners.used.size, corners.force, books, work)
+        if faces is not None:
+            face_forces(links, faces, bodies, 0, faces.used.size, books, work)
+        if touching is not None:
+            touched = touch(touching, links, bodies, dt)
+            if touched != TOUCHED:
+                return touched, step
+        g = loads.gravity[step]
+        if books is None:
+            moved2, away2 = step_bodies(bodies, links.wrench, 0, bodies.free.size, g, dt, damping, None, None, work)
+        if books is not None:
+            mean = book_step(books, bodies, links, corners, faces, loads, touching, step, dt)
+            moved2, away2 = step_bodies(
+                bodies, links.wrench, 0, bodies.free.size, g, dt, damping, books.fallen, mean, work
+            )
+        if not moved2 <= longest2:
+            return DIVERGED, step + 1
+        if away2 >= goal2:
+            return REACHED, step + 1
+        move = sqrt(moved2)
+        travel[0] -= 2.0 * move
+        travel[1] += move
+        if touching is not None:
+            touching.room[0] -= move
+    return RUNNING, n_steps

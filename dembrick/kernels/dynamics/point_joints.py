@@ -1,0 +1,279 @@
+"""Joints whose forces act at contact points: Coulomb friction and a no-tension spring at every point.
+
+Joints of a tile have one law and equally many points, which never change; the first two points of each, then the next
+two and so on are taken side by side. Where there is an odd number the last is followed by one without an area. Shear
+memory lives in the plane's axes and turns with them. The normal force acts along the other's normal, and force and
+reaction at one world point.
+"""
+
+from math import sqrt
+from typing import NamedTuple
+
+import numpy as np
+from numpy import ndarray
+
+from dembrick._jit import entry, jit
+from dembrick.kernels.dynamics.energy import DASHPOT, LEDGER, book_losses
+from dembrick.kernels.dynamics.tiles import (
+    AREA,
+    BEFORE,
+    DAMPED,
+    DAMPING,
+    DEPTH,
+    ELASTIC,
+    FORCE,
+    FRAME,
+    GROWTH,
+    LAST,
+    MOVED,
+    NONE,
+    NORMAL,
+    POINT,
+    SENSE,
+    SLIP,
+    TAKEN,
+    TILE,
+    TWISTING,
+    VISCOUS,
+    W,
+    X,
+    Y,
+    combined,
+    deliver,
+    fetch,
+    look,
+    put_three,
+    resultant,
+    three,
+)
+
+
+class Corners(NamedTuple):
+    """p joints with contact points, in t tiles. What stands in tiles can be read point by point under the names
+    below, as copies; `put` writes it."""
+
+    joint: ndarray  # (p,) uint32
+    start: ndarray  # (p + 1,) uint32, first contact point of each
+    place: ndarray  # (p,) uint32, where the first row of its first point is in `points`
+    law: ndarray  # (p,) uint32, which of the following
+    k_n: ndarray  # (l,) Pa/m
+    k_s: ndarray  # (l,) Pa/m
+    friction: ndarray  # (l,)
+    shear_arm: ndarray  # (l,) friction acts at this times the arm of the normal force
+    lane: ndarray  # (t, W) uint32, which of the p joints each lane has; the last one again where there are no more
+    used: ndarray  # (t,) uint32, lanes that have one of their own
+    tile_law: ndarray  # (t,) uint32
+    tile_start: ndarray  # (t + 1,) uint32, first element of each tile in `points`
+    points: ndarray  # point after point of a tile, rows as above
+    force: ndarray | None  # (c, 3) N, world, last force on the host at each point; None where nobody asks for it
+
+    def where(self, joint: int | None = None) -> ndarray:
+        """Where the first row of each contact point is, of all joints (c,) or of one."""
+        if joint is not None:
+            return int(self.place[joint]) + np.arange(int(self.start[joint + 1]) - int(self.start[joint])) * POINT
+        count = np.diff(self.start)
+        own = np.arange(int(self.start[-1])) - np.repeat(self.start[:-1].astype(np.int64), count)
+        return np.repeat(self.place.astype(np.int64), count) + own * POINT
+
+    def row(self, row: int, joint: int | None = None) -> ndarray:
+        """A copy of a row of contact points, of all joints (c,) or of one."""
+        found = self.points[self.where(joint) + row * W]
+        found.flags.writeable = False  # who writes into it means `put`
+        return found
+
+    def put(self, row: int, values, joint: int | None = None) -> None:
+        """Write a row of contact points, of all joints (c,) or of one."""
+        self.points[self.where(joint) + row * W] = values
+
+    @property
+    def x(self) -> ndarray:
+        """(c,) m, from O along e1."""
+        return self.row(X)
+
+    @property
+    def y(self) -> ndarray:
+        """(c,) m, along e2."""
+        return self.row(Y)
+
+    @property
+    def area(self) -> ndarray:
+        """(c,) m2, tributary."""
+        return self.row(AREA)
+
+    @property
+    def elastic(self) -> ndarray:
+        """(c, 2) N, elastic shear force, in the sense in which the host slips, along u1, u2."""
+        return np.stack([self.row(ELASTIC), self.row(ELASTIC + 1)], axis=1)
+
+    @property
+    def slip(self) -> ndarray:
+        """(c,) m, length of the slip path."""
+        return self.row(SLIP)
+
+
+@entry
+def begin(tile, work):
+    """Set the sums over the points to nought, and write down what all points of a joint need."""
+    nought = (0.0, 0.0, 0.0)
+    for lane in range(W):
+        damped = 1.0 + tile[(VISCOUS + 1) * W + lane]
+        work[NORMAL * W + lane] = tile[VISCOUS * W + lane]
+        work[DAMPED * W + lane] = damped
+        work[DAMPING * W + lane] = 1.0 / damped
+        put_three(work, FORCE, lane, nought)
+        put_three(work, FORCE + 3, lane, nought)
+        put_three(work, FORCE + 6, lane, nought)
+        work[TWISTING * W + lane] = 0.0
+        work[TAKEN * W + lane] = 0.0
+
+
+@jit
+def answer(work, own, which, lane, k_n, k_s, friction, arm, dashpots, force_out):
+    """One point of the pair that `press` takes, its ``which``: its arms of the normal force and of friction, its shear
+    force in the sense in which the host slips, its normal force, what its dashpots took, whether it lost something."""
+    at = which * POINT + lane
+    x = own[X * W + at]
+    y = own[Y * W + at]
+    area = own[AREA * W + at]
+    # the spring sees the penetration g, the dashpot what it grew by in the step, d. A force stands for half a step on
+    # either side of its moment; where contact began within the step it has lasted for g / d of the step behind, so the
+    # dashpot acts on g + d / 2. Without that a bounce depends by a tenth and more on where in a step it begins
+    g0, gx, gy = three(work, DEPTH, lane)
+    d0, dx, dy = three(work, GROWTH, lane)
+    g = g0 + x * gx + y * gy
+    d = d0 + x * dx + y * dy
+    behind = g + 0.5 * d if d >= g else d
+    k = k_n * area
+    h = k * (g + work[NORMAL * W + lane] * behind)
+    h = h if g > 0.0 else 0.0
+    normal = h if h > 0.0 else 0.0
+    closed = 1.0 if h > 0.0 else 0.0
+    # friction: the trial force, and back onto the circle of its strength
+    xs = arm * x
+    ys = arm * y
+    p1, p2, x1 = three(work, MOVED, lane)
+    x2, y1, y2 = three(work, MOVED + 3, lane)
+    u1 = p1 + xs * x1 + ys * y1
+    u2 = p2 + xs * x2 + ys * y2
+    b1 = own[ELASTIC * W + at]
+    b2 = own[(ELASTIC + 1) * W + at]
+    shear = k_s * area
+    damped = shear * work[DAMPED * W + lane]
+    t1 = b1 + damped * u1
+    t2 = b2 + damped * u2
+    size2 = t1 * t1 + t2 * t2
+    cap = friction * normal
+    # one over size and one over the stiffness by one division; nothing slides where they are nought
+    size = sqrt(max(size2, NONE))
+    divisor = max(shear, NONE)
+    both = 1.0 / (size * divisor)
+    kept = cap * divisor * both if size2 > cap * cap else 1.0
+    plastic = (1.0 - kept) * work[DAMPING * W + lane]
+    e1 = closed * (b1 + shear * u1 - plastic * t1)
+    e2 = closed * (b2 + shear * u2 - plastic * t2)
+    slid = closed * plastic * size * size * both
+    t1 *= kept
+    t2 *= kept
+    own[ELASTIC * W + at] = e1
+    own[(ELASTIC + 1) * W + at] = e2
+    own[SLIP * W + at] += slid
+    taken = 0.0
+    loses = 0
+    if dashpots is not None:
+        c1 = t1 - e1
+        c2 = t2 - e2
+        n = normal - k * max(g, 0.0)
+        last1, last2, last = three(dashpots, 0, which * DASHPOT + lane)
+        taken = (last1 + c1) * u1 + (last2 + c2) * u2 + (last + n) * d
+        put_three(dashpots, 0, which * DASHPOT + lane, (c1, c2, n))
+        put_three(work, BEFORE + 3 * which, lane, (b1, b2, slid))
+        # slides, or lets go of what it held, or opened or closed in the step
+        held = abs(b1) + abs(b2)
+        loses = 1 if slid > 0.0 or (closed == 0.0 and held > 0.0) or g * (g - d) < 0.0 else 0
+    if force_out is not None:
+        put_three(work, LAST + 3 * which, lane, (t1, t2, normal))
+    return x, y, xs, ys, t1, t2, normal, taken, loses
+
+
+@entry
+def press(work, own, k_n, k_s, friction, arm, dashpots, force_out):
+    """Forces of two points of every joint of a tile, and what they add to the sums of ``work``.
+
+    ``own``: the rows of the points; ``dashpots``: those of the books, see `Books.dashpots`, or None; ``force_out`` is
+    None where the forces of single points are not wanted. Returns how many lose something for `book_losses`.
+    """
+    losing = 0
+    for lane in range(W):
+        x, y, xs, ys, t1, t2, n, d, loses = answer(work, own, 0, lane, k_n, k_s, friction, arm, dashpots, force_out)
+        X, Y, XS, YS, T1, T2, N, D, LOSES = answer(work, own, 1, lane, k_n, k_s, friction, arm, dashpots, force_out)
+        a = FORCE * W + lane
+        work[a] -= t1 + T1
+        work[a + W] -= t2 + T2
+        work[a + 2 * W] += n + N
+        work[a + 3 * W] -= xs * t1 + XS * T1
+        work[a + 4 * W] -= xs * t2 + XS * T2
+        work[a + 5 * W] += x * n + X * N
+        work[a + 6 * W] -= ys * t1 + YS * T1
+        work[a + 7 * W] -= ys * t2 + YS * T2
+        work[a + 8 * W] += y * n + Y * N
+        if dashpots is not None:
+            work[TAKEN * W + lane] += 0.5 * (d + D)
+            losing += loses + LOSES
+    return losing
+
+
+@jit
+def write_forces(corners, t, first, sense, work, out):
+    """Write down the forces on the host, in the world, at the points ``first`` and, where there is one, first + 1 of
+    every joint of tile ``t``."""
+    for lane in range(corners.used[t]):
+        p = corners.lane[t, lane]
+        count = corners.start[p + 1] - corners.start[p]
+        for which in range(min(2, count - first)):
+            t1, t2, normal = three(work, LAST + 3 * which, lane)
+            force = combined(
+                (-t1, -t2, sense[lane] * normal), (0.0, 0.0, 0.0),
+                three(work, FRAME, lane), three(work, FRAME + 3, lane), three(work, FRAME + 6, lane),
+            )  # fmt: skip
+            row = out[corners.start[p] + first + which]
+            row[0] = force[0]
+            row[1] = force[1]
+            row[2] = force[2]
+
+
+@jit
+def corner_forces(links, corners, bodies, first, last, force_out, books, work):
+    """Forces of the point joints in the tiles ``first`` to ``last``; ``work`` (WORK,) is scratch.
+
+    ``force_out`` is ``corners.force``, given apart so that its code goes where it is None; ``books`` are the energy
+    books, or None.
+    """
+    for t in range(first, last):
+        tile = links.tiles[t * TILE : (t + 1) * TILE]
+        fetch(corners.joint, corners.lane[t], links, bodies, work)
+        look(tile, work)
+        begin(tile, work)
+        law = corners.tile_law[t]
+        k_n = corners.k_n[law]
+        k_s = corners.k_s[law]
+        friction = corners.friction[law]
+        arm = corners.shear_arm[law]
+        start = corners.tile_start[t]
+        for i in range(0, (corners.tile_start[t + 1] - start) // POINT, 2):
+            own = corners.points[start + i * POINT : start + (i + 2) * POINT]
+            if books is None:
+                press(work, own, k_n, k_s, friction, arm, None, force_out)
+            if books is not None:
+                of_books = (start // POINT + i) * DASHPOT
+                dashpots = books.dashpots[of_books : of_books + 2 * DASHPOT]
+                if press(work, own, k_n, k_s, friction, arm, dashpots, force_out) > 0:
+                    ledger = books.ledger[t * LEDGER : (t + 1) * LEDGER]
+                    for which in range(2):
+                        book_losses(work, own, dashpots, which, k_n, k_s, friction, arm, ledger)
+            if force_out is not None:
+                write_forces(corners, t, i, tile[SENSE * W : (SENSE + 1) * W], work, force_out)
+        resultant(tile, work)
+        deliver(corners.joint, corners.lane[t], corners.used[t], work, links.wrench)
+        if books is not None:
+            for lane in range(W):
+                books.ledger[t * LEDGER + lane] += work[TAKEN * W + lane]

@@ -1,0 +1,89 @@
+"""What is written down of a run in real time: resultants of the joints, and how far forces are from balance."""
+
+from math import sqrt
+
+from dembrick._jit import jit
+from dembrick.kernels.dynamics.tiles import AREA, LEVER, POINT, SLIP, W, lane_of, sense_of
+from dembrick.kernels.math.vec3 import cross, rows_times
+
+
+@jit
+def write_resultants(bodies, links, corners, faces, out):
+    """N, V_1, V_2, M_T, M_1, M_2 (action on b about O) and slip of every joint into ``out`` (j, 7), of the last forces.
+
+    The axes are t1, that of the host laid into the plane, t2 and the normal from a to b; slip is the length of its
+    path, averaged over the points of a joint by their areas (m).
+    """
+    for j in range(links.host.size):
+        u = links.axes[links.plane[j]]
+        R = bodies.rotation[links.other[j]]
+        u1, u2, u3 = rows_times(R, u[0, 0], u[0, 1], u[0, 2])
+        w1, w2, w3 = rows_times(R, u[1, 0], u[1, 1], u[1, 2])
+        n1, n2, n3 = cross(u1, u2, u3, w1, w2, w3)
+        R = bodies.rotation[links.host[j]]
+        t = links.axes[links.tangents[j]]
+        x1, x2, x3 = rows_times(R, t[0, 0], t[0, 1], t[0, 2])
+        y1, y2, y3 = rows_times(R, t[1, 0], t[1, 1], t[1, 2])
+        z1, z2, z3 = cross(x1, x2, x3, y1, y2, y3)
+        lever = links.tiles[lane_of(links, j, LEVER, 3)]
+        r1 = lever[0] * x1 + lever[1] * y1 + lever[2] * z1
+        r2 = lever[0] * x2 + lever[1] * y2 + lever[2] * z2
+        r3 = lever[0] * x3 + lever[1] * y3 + lever[2] * z3
+        along = x1 * n1 + x2 * n2 + x3 * n3
+        x1 -= along * n1
+        x2 -= along * n2
+        x3 -= along * n3
+        size = sqrt(x1 * x1 + x2 * x2 + x3 * x3)
+        x1 /= size
+        x2 /= size
+        x3 /= size
+        y1, y2, y3 = cross(n1, n2, n3, x1, x2, x3)
+        wrench = links.wrench[j]
+        c1, c2, c3 = cross(r1, r2, r3, wrench[0], wrench[1], wrench[2])
+        # the wrench acts on the host, which is b where sense is +1; the joint holds b against V and M
+        sense = sense_of(links, j)
+        f1 = sense * wrench[0]
+        f2 = sense * wrench[1]
+        f3 = sense * wrench[2]
+        m1 = sense * (wrench[3] - c1)
+        m2 = sense * (wrench[4] - c2)
+        m3 = sense * (wrench[5] - c3)
+        out[j, 0] = n1 * f1 + n2 * f2 + n3 * f3
+        out[j, 1] = -(x1 * f1 + x2 * f2 + x3 * f3)
+        out[j, 2] = -(y1 * f1 + y2 * f2 + y3 * f3)
+        out[j, 3] = -(n1 * m1 + n2 * m2 + n3 * m3)
+        out[j, 4] = -(x1 * m1 + x2 * m2 + x3 * m3)
+        out[j, 5] = -(y1 * m1 + y2 * m2 + y3 * m3)
+    if corners is not None:
+        for p in range(corners.joint.size):
+            area = slip = 0.0
+            for i in range(corners.start[p + 1] - corners.start[p]):
+                at = corners.place[p] + i * POINT
+                area += corners.points[at + AREA * W]
+                slip += corners.points[at + AREA * W] * corners.points[at + SLIP * W]
+            out[corners.joint[p], 6] = slip / area if area > 0.0 else 0.0
+    if faces is not None:
+        for a in range(faces.joint.size):
+            out[faces.joint[a], 6] = faces.slip[a]
+
+
+@jit
+def unbalanced_ratio(bodies, links, g1, g2, g3):
+    """Greatest out-of-balance force on a free block under gravity g, over the greatest joint force; 1 without any."""
+    worst = largest = 0.0
+    wrench = links.wrench
+    for f in range(bodies.free.size):
+        b = bodies.free[f]
+        f1 = bodies.mass[b] * g1 + bodies.applied[b, 0]
+        f2 = bodies.mass[b] * g2 + bodies.applied[b, 1]
+        f3 = bodies.mass[b] * g3 + bodies.applied[b, 2]
+        for k in range(bodies.side_start[b], bodies.side_start[b + 1]):
+            j = bodies.side[k] >> 1
+            sign = 1.0 if bodies.side[k] & 1 else -1.0
+            f1 += sign * wrench[j, 0]
+            f2 += sign * wrench[j, 1]
+            f3 += sign * wrench[j, 2]
+        worst = max(worst, f1 * f1 + f2 * f2 + f3 * f3)
+    for j in range(links.host.size):
+        largest = max(largest, wrench[j, 0] ** 2 + wrench[j, 1] ** 2 + wrench[j, 2] ** 2)
+    return sqrt(worst / largest) if largest > 0.0 else 1.0

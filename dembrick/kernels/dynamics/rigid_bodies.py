@@ -1,0 +1,286 @@
+"""Rigid blocks of an assembly in free motion: their arrays, and the step of one block.
+
+Central difference: positions and rotations at the whole steps, velocities and momenta half a step behind. Rotation
+keeps the angular momentum of the world; the spin of a step is that of the middle of the step, in body axes, and the
+block turns by its exact exponential.
+"""
+
+from math import cos, sin, sqrt
+from typing import NamedTuple
+
+from numpy import ndarray
+
+from dembrick._jit import entry, jit
+from dembrick.kernels.dynamics.tiles import W, axes_of, combined, dot, four, put_three, three
+from dembrick.kernels.math.vec3 import columns_times, cross, product, rows_times
+
+SLOW = 1e-4  # rad a step: up to here one correction of the spin, and a series for the turn, are exact to rounding
+
+# Rows of `work`, see `lanes`: orientation, angular momentum, inverse of the inertia (its six parts); the orientation a
+# step later, the spin, the axes then, the square of the angle of the turn
+ORIENTATION, MOMENTUM, INVERSE, TURNED, SPIN, AXES, ANGLE2 = 0, 4, 7, 13, 17, 20, 29
+
+
+class Bodies(NamedTuple):
+    """n blocks. World axes and positions from the middle of the scene, so that they keep their digits."""
+
+    free: ndarray  # (f,) uint32, blocks that move
+    position: ndarray  # (n, 3) m, centroids now
+    rotation: ndarray  # (n, 3, 3) body to world, now
+    orientation: ndarray  # (n, 4) the same as quaternions (w, x, y, z)
+    velocity: ndarray  # (n, 3) m/s, half a step back
+    spin: ndarray  # (n, 3) rad/s, half a step back
+    momentum: ndarray  # (n, 3) N m s, angular momentum about the centroid, half a step back
+    mass: ndarray  # (n,) kg
+    inverse: ndarray  # (n, 3, 3) 1/(kg m2), inverse of the inertia in body axes
+    reach: ndarray  # (n,) m, greatest distance of a vertex from the centroid
+    start: ndarray  # (n, 3) m, centroids that displacements count from
+    applied: ndarray  # (n, 6) N, N m, loads besides gravity
+    side_start: ndarray  # (n + 1,) uint32, first entry of each block in `side`
+    side: ndarray  # (2 j,) uint32, 2 joint + 1 where the block is its host, 2 joint where it is the other
+
+
+@jit
+def turned_back(r1, r2, r3, a1, a2, a3):
+    """exp(-r) a for a rotation vector r."""
+    c1, c2, c3 = cross(r1, r2, r3, a1, a2, a3)
+    d1, d2, d3 = cross(r1, r2, r3, c1, c2, c3)
+    angle2 = r1 * r1 + r2 * r2 + r3 * r3
+    if angle2 > SLOW:
+        angle = sqrt(angle2)
+        s = sin(angle) / angle
+        h = sin(0.5 * angle) / angle
+        k = 2.0 * h * h
+    else:
+        s = 1.0 - angle2 * (1.0 / 6.0 - angle2 * (1.0 / 120.0))
+        k = 0.5 - angle2 * (1.0 / 24.0 - angle2 * (1.0 / 720.0))
+    return a1 - s * c1 + k * d1, a2 - s * c2 + k * d2, a3 - s * c3 + k * d3
+
+
+@jit
+def turn_body(bodies, b, dt):
+    """Turn block ``b`` through a step under its angular momentum.
+
+    In body axes the momentum turns back by half the step's turn, and the spin is what the inertia makes of it there.
+    """
+    R = bodies.rotation[b]
+    inverse = bodies.inverse[b]
+    L = bodies.momentum
+    l1, l2, l3 = columns_times(R, L[b, 0], L[b, 1], L[b, 2])
+    w1, w2, w3 = rows_times(inverse, l1, l2, l3)
+    half = 0.5 * dt
+    m1, m2, m3 = turned_back(half * w1, half * w2, half * w3, l1, l2, l3)
+    w1, w2, w3 = rows_times(inverse, m1, m2, m3)
+    angle2 = dt * dt * (w1 * w1 + w2 * w2 + w3 * w3)
+    if angle2 > SLOW * SLOW:
+        for _ in range(10):
+            m1, m2, m3 = turned_back(half * w1, half * w2, half * w3, l1, l2, l3)
+            x1, x2, x3 = rows_times(inverse, m1, m2, m3)
+            change = abs(x1 - w1) + abs(x2 - w2) + abs(x3 - w3)
+            w1 = x1
+            w2 = x2
+            w3 = x3
+            if change * dt <= 1e-15:
+                break
+        angle2 = dt * dt * (w1 * w1 + w2 * w2 + w3 * w3)
+        angle = sqrt(angle2)
+        s = dt * sin(0.5 * angle) / angle
+        c = cos(0.5 * angle)
+    else:
+        s = dt * (0.5 - angle2 * (1.0 / 48.0))
+        c = 1.0 - 0.125 * angle2
+    q = bodies.orientation[b]
+    a0, a1, a2, a3 = product(q[0], q[1], q[2], q[3], c, s * w1, s * w2, s * w3)
+    # one Newton step to length 1, from next to it
+    n = 1.5 - 0.5 * (a0 * a0 + a1 * a1 + a2 * a2 + a3 * a3)
+    q[0] = n * a0
+    q[1] = n * a1
+    q[2] = n * a2
+    q[3] = n * a3
+    # a turn leaves its own axis alone, so this is the spin in the world before and after it
+    spin = bodies.spin[b]
+    spin[0], spin[1], spin[2] = rows_times(R, w1, w2, w3)
+    u, w, m = axes_of((q[0], q[1], q[2], q[3]))
+    for i in range(3):
+        R[i, 0] = u[i]
+        R[i, 1] = w[i]
+        R[i, 2] = m[i]
+    return angle2
+
+
+@entry
+def turn_slowly(work, dt):
+    """`turn_body` for the blocks in all lanes of ``work``, right for those that turn by no more than `SLOW`."""
+    half = 0.5 * dt
+    for lane in range(W):
+        q = four(work, ORIENTATION, lane)
+        u, w, m = axes_of(q)
+        L = three(work, MOMENTUM, lane)
+        ixx, ixy, ixz = three(work, INVERSE, lane)
+        iyy, iyz, izz = three(work, INVERSE + 3, lane)
+        l1 = dot(u, L)
+        l2 = dot(w, L)
+        l3 = dot(m, L)
+        # the momentum turns back by half the step's turn r
+        r1 = half * (ixx * l1 + ixy * l2 + ixz * l3)
+        r2 = half * (ixy * l1 + iyy * l2 + iyz * l3)
+        r3 = half * (ixz * l1 + iyz * l2 + izz * l3)
+        c1, c2, c3 = cross(r1, r2, r3, l1, l2, l3)
+        d1, d2, d3 = cross(r1, r2, r3, c1, c2, c3)
+        angle2 = r1 * r1 + r2 * r2 + r3 * r3
+        s = 1.0 - angle2 * (1.0 / 6.0)
+        k = 0.5 - angle2 * (1.0 / 24.0)
+        l1 += k * d1 - s * c1
+        l2 += k * d2 - s * c2
+        l3 += k * d3 - s * c3
+        w1 = ixx * l1 + ixy * l2 + ixz * l3
+        w2 = ixy * l1 + iyy * l2 + iyz * l3
+        w3 = ixz * l1 + iyz * l2 + izz * l3
+        angle2 = dt * dt * (w1 * w1 + w2 * w2 + w3 * w3)
+        s = dt * (0.5 - angle2 * (1.0 / 48.0))
+        a0, a1, a2, a3 = product(*q, 1.0 - 0.125 * angle2, s * w1, s * w2, s * w3)
+        # one Newton step to length 1, from next to it
+        n = 1.5 - 0.5 * (a0 * a0 + a1 * a1 + a2 * a2 + a3 * a3)
+        q = (n * a0, n * a1, n * a2, n * a3)
+        work[TURNED * W + lane] = q[0]
+        put_three(work, TURNED + 1, lane, (q[1], q[2], q[3]))
+        # a turn leaves its own axis alone, so this is the spin in the world before and after it
+        put_three(work, SPIN, lane, combined((w1, w2, w3), (0.0, 0.0, 0.0), u, w, m))
+        u, w, m = axes_of(q)
+        put_three(work, AXES, lane, u)
+        put_three(work, AXES + 3, lane, w)
+        put_three(work, AXES + 6, lane, m)
+        work[ANGLE2 * W + lane] = angle2
+
+
+@jit
+def fetch_block(bodies, b, work, lane):
+    """Bring what `turn_slowly` wants of block ``b`` into a lane of ``work``."""
+    q = bodies.orientation[b]
+    work[lane] = q[0]
+    work[W + lane] = q[1]
+    work[2 * W + lane] = q[2]
+    work[3 * W + lane] = q[3]
+    L = bodies.momentum[b]
+    put_three(work, MOMENTUM, lane, (L[0], L[1], L[2]))
+    inverse = bodies.inverse[b]
+    put_three(work, INVERSE, lane, (inverse[0, 0], inverse[0, 1], inverse[0, 2]))
+    put_three(work, INVERSE + 3, lane, (inverse[1, 1], inverse[1, 2], inverse[2, 2]))
+
+
+@jit
+def turn_block(bodies, b, work, lane, dt):
+    """Turn block ``b`` by what `turn_slowly` left in its lane, or by `turn_body`; returns the square of the angle."""
+    angle2 = work[ANGLE2 * W + lane]
+    if not angle2 <= SLOW * SLOW:
+        return turn_body(bodies, b, dt)
+    q = bodies.orientation[b]
+    for i in range(4):
+        q[i] = work[(TURNED + i) * W + lane]
+    spin = bodies.spin[b]
+    R = bodies.rotation[b]
+    for i in range(3):
+        spin[i] = work[(SPIN + i) * W + lane]
+        for k in range(3):
+            R[i, k] = work[(AXES + 3 * k + i) * W + lane]
+    return angle2
+
+
+@jit
+def resisted(f, v, damping):
+    """A force less its local damping: ``damping`` times its size, against the motion."""
+    if v > 0.0:
+        return f - damping * abs(f)
+    if v < 0.0:
+        return f + damping * abs(f)
+    return f
+
+
+@jit
+def gathered(bodies, b, wrench, g1, g2, g3):
+    """Force and couple (6) at the centroid of block ``b``: gravity, what is applied, its joints in their order."""
+    mass = bodies.mass[b]
+    load = bodies.applied
+    f1 = mass * g1 + load[b, 0]
+    f2 = mass * g2 + load[b, 1]
+    f3 = mass * g3 + load[b, 2]
+    t1 = load[b, 3]
+    t2 = load[b, 4]
+    t3 = load[b, 5]
+    for k in range(bodies.side_start[b], bodies.side_start[b + 1]):
+        side = bodies.side[k]
+        w = wrench[side >> 1]
+        hosts = side & 1
+        sign = 2.0 * hosts - 1.0
+        about = 6 - 3 * hosts
+        f1 += sign * w[0]
+        f2 += sign * w[1]
+        f3 += sign * w[2]
+        t1 += w[about]
+        t2 += w[about + 1]
+        t3 += w[about + 2]
+    return f1, f2, f3, t1, t2, t3
+
+
+@jit
+def step_bodies(bodies, wrench, first, last, g, dt, damping, fallen, mean, work):
+    """Move the free blocks ``first`` to ``last`` through a step, under gravity g (3,), loads and joints.
+
+    Every block gathers the forces of its joints in their order, so the sums do not depend on who else works on them.
+    ``damping`` is local damping (quasi-static seating only; zero in a dynamic run). ``fallen`` (n,) gets the momentum
+    times ``mean`` (3) on top, the work of gravity over the step before, unless it is None. ``work``: scratch, see
+    `lanes`. Returns the squares of the longest move of a material point of a block in this step and of the longest
+    displacement since the start (m2).
+    """
+    moved = away = 0.0
+    g1 = g[0]
+    g2 = g[1]
+    g3 = g[2]
+    for begin in range(first, last, W):
+        n = min(W, last - begin)
+        for lane in range(n):
+            b = bodies.free[begin + lane]
+            mass = bodies.mass[b]
+            f1, f2, f3, t1, t2, t3 = gathered(bodies, b, wrench, g1, g2, g3)
+            v = bodies.velocity[b]
+            L = bodies.momentum[b]
+            if damping > 0.0:
+                f1 = resisted(f1, v[0], damping)
+                f2 = resisted(f2, v[1], damping)
+                f3 = resisted(f3, v[2], damping)
+                t1 = resisted(t1, L[0], damping)
+                t2 = resisted(t2, L[1], damping)
+                t3 = resisted(t3, L[2], damping)
+            if fallen is not None:
+                fallen[b] += mass * (mean[0] * v[0] + mean[1] * v[1] + mean[2] * v[2])
+            h = dt / mass
+            v1 = v[0] + h * f1
+            v2 = v[1] + h * f2
+            v3 = v[2] + h * f3
+            v[0] = v1
+            v[1] = v2
+            v[2] = v3
+            L[0] += dt * t1
+            L[1] += dt * t2
+            L[2] += dt * t3
+            x = bodies.position[b]
+            x[0] += dt * v1
+            x[1] += dt * v2
+            x[2] += dt * v3
+            fetch_block(bodies, b, work, lane)
+        turn_slowly(work, dt)
+        for lane in range(n):
+            b = bodies.free[begin + lane]
+            angle2 = turn_block(bodies, b, work, lane, dt)
+            v = bodies.velocity[b]
+            x = bodies.position[b]
+            reach = bodies.reach[b]
+            step2 = 2.0 * (dt * dt * (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]) + angle2 * reach * reach)
+            if step2 > moved or step2 != step2:  # what is not a number stays
+                moved = step2
+            s = bodies.start[b]
+            d1 = x[0] - s[0]
+            d2 = x[1] - s[1]
+            d3 = x[2] - s[2]
+            away = max(away, d1 * d1 + d2 * d2 + d3 * d3)
+    return moved, away

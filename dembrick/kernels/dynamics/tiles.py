@@ -1,0 +1,320 @@
+"""Joints side by side: what every moving joint has, where its two blocks are now, and what its forces do to them.
+
+A processor adds eight numbers as fast as one, if they lie side by side. So joints live in *tiles* of `W` lanes, a
+joint a lane: a tile is a number of rows of `W` doubles, row after row, and number r of the joint in lane l is
+``tile[r * W + l]``. A tile is one flat array and every loop over lanes is a function of its own that is not inlined:
+then the compiler knows the distance of all rows, and makes such a loop a few wide instructions. What passes from one
+loop to the next stands in ``work``, rows in the same way, one for each thread and small enough to stay in the cache.
+
+The contact polygon rides on one block, the *host*; the *other* block offers the plane. The frame of the plane is
+u1, u2 and m = u1 x u2, that of the polygon e1, e2 and e1 x e2, each a quaternion in the axes of its block. Both blocks'
+quaternions give the turn of the one frame against the other, and with it the host's O and its two tangents in the
+plane's axes: nine numbers, `SEEN`. A point (x, y) of the polygon is O + x e1 + y e2: its gap is linear in x and y
+however far the blocks have turned. Slip and closing of a step are differences of what was seen, so they add up to the
+total motion: nothing drifts, and a pair that moves as one rigid body sees nothing. Friction acts in the plane, at the
+foot of the point that it belongs to: where a block rocks, that point (O of a convex joint) rises from the plane while
+its toe stays.
+"""
+
+from math import sqrt
+from typing import NamedTuple
+
+import numpy as np
+from numpy import ndarray
+
+from dembrick._jit import entry, jit
+from dembrick.kernels.math.vec3 import cross, product
+
+W = 16  # lanes of a tile
+LINE = 64  # bytes of a line of the cache
+NONE = 1e-140  # as good as nought, in a divisor
+
+# Rows of a tile of `Links`: quaternions (w, x, y, z) of the plane's frame in the axes of the other block and of the
+# polygon's in those of the host; arm of O from the host's centroid, along e1, e2 and e1 x e2 (m); +1 where the other's
+# outward normal is m, -1 where it is -m; distance of the plane from the other's centroid, along m (m); dashpot over
+# spring force for the same increment, normal and shear; O from the other's centroid, e1 and e2 in the plane's axes
+PLANE, TANGENTS, LEVER, SENSE, OFFSET, VISCOUS, SEEN = 0, 4, 8, 11, 12, 13, 15
+ROWS = 24
+TILE = ROWS * W
+
+# Rows of `work`: quaternions of the two blocks and centroid of the host from that of the other (m, world); the plane's
+# frame in the world; arm of O from the host's centroid in the plane's axes (m); penetration at O and its slopes along
+# e1 and e2, and what they grew by in the step; slip of the step along u1 and u2 at the foot of O, and its slopes along
+# e1 and e2; turn of the step about m (rad); sums over the polygon of the force on the host in the plane's axes, and of
+# x and y times it (N, N m); couple about m on top (N m); the wrench
+OTHER, HOST, APART, FRAME, ARM, DEPTH, GROWTH, MOVED = 0, 4, 8, 11, 20, 23, 26, 29
+TURN, FORCE, TWISTING, WRENCH = 35, 36, 45, 46
+# and, for the points of a joint: dashpot along the normal, one plus that in shear, one over that; of the last two
+# points the force in the sense in which the host slips, and along the normal (N); for the books what dashpots took in
+# the step (J), and of the last two points the elastic shear before the step (N) and the length they slid by (m)
+NORMAL, DAMPED, DAMPING, LAST, TAKEN, BEFORE = 55, 56, 57, 58, 64, 65
+WORK = 72 * W
+
+# Rows of a contact point: where it is, along e1 and e2 from O (m); its tributary area (m2); elastic shear force in the
+# sense in which the host slips, along u1 and u2 (N); length of its slip path (m)
+X, Y, AREA, ELASTIC, SLIP = 0, 1, 2, 3, 5
+POINT = 6 * W
+
+
+def rows_of_lanes(size: int) -> ndarray:
+    """Room (size,) for tiles, all nought, that begins where a line of the cache does: then no row lies across two."""
+    room = np.zeros(size + LINE // 8)
+    first = -room.ctypes.data % LINE // 8
+    return room[first : first + size]
+
+
+class Links(NamedTuple):
+    """j joints: which blocks, and where the polygon and the plane sit on them.
+
+    A wrench row holds the force on the host (3), its torque about the host's centroid (3) and that of the reaction
+    about the other's centroid (3), world axes. What stands in tiles can be read joint by joint under the names below,
+    as copies; `put` writes it.
+    """
+
+    host: ndarray  # (j,) uint32
+    other: ndarray  # (j,) uint32
+    tangents: ndarray  # (j,) uint32, e1, e2 in the host's body axes: a row of `axes`
+    plane: ndarray  # (j,) uint32, u1, u2 in the other's body axes: a row of `axes`
+    axes: ndarray  # (k, 2, 3) pairs of directions in body axes, each once: blocks of a wall have few
+    place: ndarray  # (j,) uint32, where the first row of the joint's lane is in `tiles`
+    tiles: ndarray  # (t * TILE,) see above
+    wrench: ndarray  # (j, 9) N, N m: see above
+    kept: ndarray  # (j, 4) O and e1 along u1 and u2, of `seen`, when the polygon was last cut to the other's face
+    reach: ndarray  # (j,) float32, m, greatest distance of the polygon from O
+    slack: ndarray  # (j,) float32, m, how far the polygon may move along the plane before it must be cut again
+
+    def rows(self, first: int, count: int, joints=slice(None)) -> ndarray:
+        """A copy (k, count) of rows that stand in tiles; (count,) for a single joint."""
+        found = self.tiles[self.place[joints, None] + np.arange(first, first + count) * W]
+        found.flags.writeable = False  # who writes into it means `put`
+        return found
+
+    def put(self, first: int, values, joints=slice(None)) -> None:
+        """Write rows: values (k, count); (count,) for a single joint."""
+        values = np.asarray(values, float)
+        self.tiles[self.place[joints, None] + np.arange(first, first + values.shape[-1]) * W] = values
+
+    @property
+    def seen(self) -> ndarray:
+        """(j, 9) O, e1, e2 of the host in the plane's axes, from the other's centroid, at the last forces."""
+        return self.rows(SEEN, 9)
+
+    @property
+    def lever(self) -> ndarray:
+        """(j, 3) m, from the host's centroid to O, along e1, e2 and e1 x e2."""
+        return self.rows(LEVER, 3)
+
+    @property
+    def sense(self) -> ndarray:
+        """(j,) +1 where the other's outward normal is m, -1 where it is -m."""
+        return self.rows(SENSE, 1)[:, 0]
+
+    @property
+    def offset(self) -> ndarray:
+        """(j,) m, distance of the plane from the other's centroid, along m."""
+        return self.rows(OFFSET, 1)[:, 0]
+
+    @property
+    def viscous(self) -> ndarray:
+        """(j, 2) dashpot over spring force for the same increment: normal, shear."""
+        return self.rows(VISCOUS, 2)
+
+
+@jit
+def three(rows, r, lane):
+    """A vector that begins in row r."""
+    return rows[r * W + lane], rows[(r + 1) * W + lane], rows[(r + 2) * W + lane]
+
+
+@jit
+def four(rows, r, lane):
+    """A quaternion."""
+    return rows[r * W + lane], rows[(r + 1) * W + lane], rows[(r + 2) * W + lane], rows[(r + 3) * W + lane]
+
+
+@jit
+def put_three(rows, r, lane, a):
+    """Write a vector."""
+    rows[r * W + lane] = a[0]
+    rows[(r + 1) * W + lane] = a[1]
+    rows[(r + 2) * W + lane] = a[2]
+
+
+@jit
+def axes_of(q):
+    """The three axes, in the world, of a frame with the unit quaternion q."""
+    w, x, y, z = q
+    x2 = x + x
+    y2 = y + y
+    z2 = z + z
+    xx = x * x2
+    yy = y * y2
+    zz = z * z2
+    xy = x * y2
+    xz = x * z2
+    yz = y * z2
+    wx = w * x2
+    wy = w * y2
+    wz = w * z2
+    return (
+        (1.0 - yy - zz, xy + wz, xz - wy),
+        (xy - wz, 1.0 - xx - zz, yz + wx),
+        (xz + wy, yz - wx, 1.0 - xx - yy),
+    )
+
+
+@jit
+def dot(a, b):
+    """a . b."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@jit
+def combined(a, f, r, s, t):
+    """a[0] r + a[1] s + a[2] t, plus f."""
+    return (
+        f[0] + a[0] * r[0] + a[1] * s[0] + a[2] * t[0],
+        f[1] + a[0] * r[1] + a[1] * s[1] + a[2] * t[1],
+        f[2] + a[0] * r[2] + a[1] * s[2] + a[2] * t[2],
+    )
+
+
+@jit
+def fetch(joint, number, links, bodies, work):
+    """Bring the places of the blocks of a tile's joints, ``joint`` [``number`` (W,)], into ``work``."""
+    q = bodies.orientation
+    x = bodies.position
+    for lane in range(W):
+        j = joint[number[lane]]
+        other = links.other[j]
+        host = links.host[j]
+        work[lane] = q[other, 0]
+        work[W + lane] = q[other, 1]
+        work[2 * W + lane] = q[other, 2]
+        work[3 * W + lane] = q[other, 3]
+        work[4 * W + lane] = q[host, 0]
+        work[5 * W + lane] = q[host, 1]
+        work[6 * W + lane] = q[host, 2]
+        work[7 * W + lane] = q[host, 3]
+        work[8 * W + lane] = x[host, 0] - x[other, 0]
+        work[9 * W + lane] = x[host, 1] - x[other, 1]
+        work[10 * W + lane] = x[host, 2] - x[other, 2]
+
+
+@entry
+def look(tile, work):
+    """See where the hosts are now and what moved since the last step; the sums of forces begin at nought."""
+    for lane in range(W):
+        p = product(*four(work, OTHER, lane), *four(tile, PLANE, lane))
+        t = product(*four(work, HOST, lane), *four(tile, TANGENTS, lane))
+        u, w, m = axes_of(p)
+        e, g, n = axes_of(product(p[0], -p[1], -p[2], -p[3], *t))
+        r = combined(three(tile, LEVER, lane), (0.0, 0.0, 0.0), e, g, n)
+        d = three(work, APART, lane)
+        o = (dot(d, u) + r[0], dot(d, w) + r[1], dot(d, m) + r[2])
+        o1, o2, o3 = three(tile, SEEN, lane)
+        e1, e2, e3 = three(tile, SEEN + 3, lane)
+        g1, g2, g3 = three(tile, SEEN + 6, lane)
+        sense = tile[SENSE * W + lane]
+        offset = tile[OFFSET * W + lane]
+        put_three(work, DEPTH, lane, (sense * (offset - o[2]), -sense * e[2], -sense * g[2]))
+        put_three(work, GROWTH, lane, (sense * (o3 - o[2]), sense * (e3 - e[2]), sense * (g3 - g[2])))
+        # the turn of the step, exact to its cube, and to the last bit nought where nothing turns
+        x1 = e[0] - e1
+        x2 = e[1] - e2
+        x3 = e[2] - e3
+        y1 = g[0] - g1
+        y2 = g[1] - g2
+        e1 += 0.5 * x1
+        e2 += 0.5 * x2
+        e3 += 0.5 * x3
+        r1, r2, r3 = cross(e1, e2, e3, x1, x2, x3)
+        about = dot((e1, e2, e3), cross(g1, g2, g3, y1, y2, g[2] - g3))  # r misses the turn about e1
+        r1 += about * e1
+        r2 += about * e2
+        r3 += about * e3
+        # feet that stand in the plane by its middle
+        h = 0.5 * (o[2] + o3) - offset
+        hy = 0.5 * (g[2] + g3)
+        put_three(work, MOVED, lane, (o[0] - o1 - h * r2, o[1] - o2 + h * r1, x1 - e3 * r2))
+        put_three(work, MOVED + 3, lane, (x2 + e3 * r1, y1 - hy * r2, y2 + hy * r1))
+        work[TURN * W + lane] = r3
+        put_three(work, FRAME, lane, u)
+        put_three(work, FRAME + 3, lane, w)
+        put_three(work, FRAME + 6, lane, m)
+        put_three(work, ARM, lane, r)
+        put_three(tile, SEEN, lane, o)
+        put_three(tile, SEEN + 3, lane, e)
+        put_three(tile, SEEN + 6, lane, g)
+
+
+@entry
+def resultant(tile, work):
+    """The wrenches of what `FORCE` and `TWISTING` hold, of which the parts along the plane act in it."""
+    for lane in range(W):
+        sense = tile[SENSE * W + lane]
+        a1, a2, a3 = three(work, FORCE, lane)
+        b1, b2, b3 = three(work, FORCE + 3, lane)
+        c1, c2, c3 = three(work, FORCE + 6, lane)
+        a3 *= sense
+        b3 *= sense
+        c3 *= sense
+        e1, e2, _ = three(tile, SEEN + 3, lane)
+        g1, g2, _ = three(tile, SEEN + 6, lane)
+        height = tile[(SEEN + 2) * W + lane] - tile[OFFSET * W + lane]
+        p1 = e2 * b3 + g2 * c3 + height * a2
+        p2 = -(e1 * b3 + g1 * c3 + height * a1)
+        p3 = e1 * b2 - e2 * b1 + g1 * c2 - g2 * c1 + work[TWISTING * W + lane]
+        h1, h2, h3 = cross(*three(work, ARM, lane), a1, a2, a3)
+        o1, o2, o3 = cross(*three(tile, SEEN, lane), a1, a2, a3)
+        u = three(work, FRAME, lane)
+        w = three(work, FRAME + 3, lane)
+        m = three(work, FRAME + 6, lane)
+        nought = (0.0, 0.0, 0.0)
+        put_three(work, WRENCH, lane, combined((a1, a2, a3), nought, u, w, m))
+        put_three(work, WRENCH + 3, lane, combined((p1 + h1, p2 + h2, p3 + h3), nought, u, w, m))
+        put_three(work, WRENCH + 6, lane, combined((-p1 - o1, -p2 - o2, -p3 - o3), nought, u, w, m))
+
+
+@jit
+def deliver(joint, number, used, work, wrench):
+    """Write the wrenches of a tile's joints into their rows; the first ``used`` lanes have some."""
+    for lane in range(used):
+        row = wrench[joint[number[lane]]]
+        for i in range(9):
+            row[i] = work[(WRENCH + i) * W + lane]
+
+
+@jit
+def lane_of(links, j, first, count):
+    """Where ``count`` rows of joint ``j`` are in `Links.tiles`: a kernel may not return them."""
+    begin = links.place[j] + first * W
+    return slice(begin, begin + count * W, W)
+
+
+@jit
+def sense_of(links, j):
+    """`Links.sense` of joint ``j``."""
+    return links.tiles[links.place[j] + SENSE * W]
+
+
+@jit
+def offset_of(links, j):
+    """`Links.offset` of joint ``j``."""
+    return links.tiles[links.place[j] + OFFSET * W]
+
+
+@jit
+def least_slack(links):
+    """How much farther a polygon may move along its plane before one must be cut again (m); nought or less: now."""
+    least = 1e300
+    for j in range(links.host.size):
+        kept = links.kept[j]
+        seen = links.tiles[lane_of(links, j, SEEN, 9)]
+        p1 = seen[0] - kept[0]
+        p2 = seen[1] - kept[1]
+        e1 = seen[3] - kept[2]
+        e2 = seen[4] - kept[3]
+        moved = sqrt(p1 * p1 + p2 * p2) + links.reach[j] * sqrt(e1 * e1 + e2 * e2)
+        least = min(least, links.slack[j] - moved)
+    return least

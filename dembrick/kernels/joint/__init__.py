@@ -1,0 +1,1 @@
+"""Laws of a joint: return mapping of friction, torsion-shear limit surface, no-tension pressure, utilisation."""

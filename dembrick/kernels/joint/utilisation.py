@@ -1,0 +1,293 @@
+"""Utilisation of joints: how much of its limit set a recorded force takes, for many joints in many frames.
+
+The gauge of a tangential force f = (f1, f2, m) is the least g for which f lies in g times the set of forces that the
+joint can give. It is the greatest f.q / D(q) over slip twists q, D the dissipation, so every twist tells a lower bound.
+The D of a convex joint is smooth (see `limit_surface.gauge`). Coulomb friction at points has kinks,
+where the joint turns about one of its points and that point sticks; whether the optimum is there is checked exactly.
+"""
+
+from math import inf, sqrt
+
+from dembrick._jit import jit
+from dembrick.kernels.joint.limit_surface import gauge
+from dembrick.kernels.joint.pressure import follow_pressure
+
+MAX_NEWTON = 30
+# What half a Newton decrement may leave of D.
+TOLERANCE = 1e-13
+# Kinks rounded off at 0.1, 0.01 ... of the speed, where the sharp problem is not solved at once: 1e-10 of D at the end.
+LEVELS = 10
+# Up to this many points all kinks are checked first; it costs a pair of points each.
+FEW = 8
+# A moment about the only point that carries, relative to force times distance, which is none: where normal forces
+# follow from recorded motion, the last millionth of a joint's force may have gone through another point.
+NO_MOMENT = 1e-4
+
+
+@jit
+def point_dissipation(x, y, weight, first, last, v1, v2, w, smoothing):
+    """D, its gradient (3) and second derivatives (6: 11, 12, 22, 13, 23, 33) of Coulomb friction at points.
+
+    ``smoothing`` is a speed that rounds the kinks off: sqrt(speed^2 + smoothing^2) in place of the speed.
+    """
+    d = g1 = g2 = g3 = h11 = h12 = h22 = h13 = h23 = h33 = 0.0
+    ss = smoothing * smoothing
+    for i in range(first, last):
+        px = x[i]
+        py = y[i]
+        u1 = v1 - w * py
+        u2 = v2 + w * px
+        speed = sqrt(u1 * u1 + u2 * u2 + ss)
+        if weight[i] > 0.0 and speed > 0.0:
+            slow = weight[i] / speed
+            d += weight[i] * speed
+            g1 += slow * u1
+            g2 += slow * u2
+            g3 += slow * (px * u2 - py * u1)
+            k = slow / (speed * speed)
+            a11 = k * (u2 * u2 + ss)
+            a12 = -k * u1 * u2
+            a22 = k * (u1 * u1 + ss)
+            h11 += a11
+            h12 += a12
+            h22 += a22
+            h13 += px * a12 - py * a11
+            h23 += px * a22 - py * a12
+            h33 += py * py * a11 - 2.0 * px * py * a12 + px * px * a22
+    return d, g1, g2, g3, h11, h12, h22, h13, h23, h33
+
+
+@jit
+def best_kink(x, y, weight, first, last, f1, f2, m):
+    """Greatest lower bound by turning about one of the points, the point, and whether it is the gauge itself."""
+    best = 0.0
+    where = first
+    for i in range(first, last):
+        if weight[i] > 0.0:
+            power = m + f1 * y[i] - f2 * x[i]
+            d = g1 = g2 = own = 0.0
+            for k in range(first, last):
+                if weight[k] > 0.0:
+                    dx = x[k] - x[i]
+                    dy = y[k] - y[i]
+                    r = sqrt(dx * dx + dy * dy)
+                    if r > 0.0:
+                        d += weight[k] * r
+                        g1 -= weight[k] * dy / r
+                        g2 += weight[k] * dx / r
+                    else:
+                        own += weight[k]
+            force = sqrt(f1 * f1 + f2 * f2)
+            if d == 0.0:
+                if abs(power) > NO_MOMENT * (force * sqrt(x[i] * x[i] + y[i] * y[i]) + abs(m)):
+                    return inf, i, True
+                return force / own, i, True
+            size = abs(power) / d
+            if power < 0.0:
+                g1 = -g1
+                g2 = -g2
+            # the others' friction leaves this rest for point i
+            r1 = f1 - size * g1
+            r2 = f2 - size * g2
+            if sqrt(r1 * r1 + r2 * r2) <= size * own * (1.0 + 1e-12):
+                return size, i, True
+            if size > best:
+                best = size
+                where = i
+    return best, where, False
+
+
+@jit
+def plane_step(e1, e2, e3, reach, z1, z2, b, x, y, weight, first, last, smoothing):
+    """D at the twist e + z1 b1 + z2 b2 (torsion times ``reach``), its gradient (2) and Hessian (3) in z."""
+    q1 = e1 + z1 * b[0] + z2 * b[3]
+    q2 = e2 + z1 * b[1] + z2 * b[4]
+    q3 = e3 + z1 * b[2] + z2 * b[5]
+    d, g1, g2, g3, h11, h12, h22, h13, h23, h33 = point_dissipation(
+        x, y, weight, first, last, q1, q2, q3 / reach, smoothing
+    )
+    g3 /= reach
+    h13 /= reach
+    h23 /= reach
+    h33 /= reach * reach
+    c1 = h11 * b[0] + h12 * b[1] + h13 * b[2]
+    c2 = h12 * b[0] + h22 * b[1] + h23 * b[2]
+    c3 = h13 * b[0] + h23 * b[1] + h33 * b[2]
+    k11 = c1 * b[0] + c2 * b[1] + c3 * b[2]
+    k12 = c1 * b[3] + c2 * b[4] + c3 * b[5]
+    c1 = h11 * b[3] + h12 * b[4] + h13 * b[5]
+    c2 = h12 * b[3] + h22 * b[4] + h23 * b[5]
+    c3 = h13 * b[3] + h23 * b[4] + h33 * b[5]
+    k22 = c1 * b[3] + c2 * b[4] + c3 * b[5]
+    return d, g1 * b[0] + g2 * b[1] + g3 * b[2], g1 * b[3] + g2 * b[4] + g3 * b[5], k11, k12, k22
+
+
+@jit
+def minimum(e1, e2, e3, reach, z1, z2, b, x, y, weight, first, last, smoothing, tolerance):
+    """Least D on the plane of twists with power one, by guarded Newton from (z1, z2); z1, z2, D, whether converged.
+
+    The Newton decrement, twice the expected gain, has then come below ``tolerance`` D.
+    """
+    d, g1, g2, h11, h12, h22 = plane_step(e1, e2, e3, reach, z1, z2, b, x, y, weight, first, last, smoothing)
+    for _ in range(MAX_NEWTON):
+        ridge = 1e-15 * (h11 + h22)
+        a = h11 + ridge
+        c = h22 + ridge
+        det = a * c - h12 * h12
+        if not det > 1e-15 * a * c:
+            det = 1e-15 * a * c
+            if det <= 0.0:
+                return z1, z2, d, False
+        p1 = -(c * g1 - h12 * g2) / det
+        p2 = -(a * g2 - h12 * g1) / det
+        decrement = -(p1 * g1 + p2 * g2)
+        if decrement <= tolerance * d:
+            return z1, z2, d, True
+        step = 1.0
+        moved = False
+        for _ in range(40):
+            t, b1, b2, k11, k12, k22 = plane_step(
+                e1, e2, e3, reach, z1 + step * p1, z2 + step * p2, b, x, y, weight, first, last, smoothing
+            )
+            if t < d - 1e-4 * step * decrement:
+                moved = True
+                break
+            step *= 0.5
+        if not moved:
+            return z1, z2, d, False
+        z1 += step * p1
+        z2 += step * p2
+        d, g1, g2, h11, h12, h22 = t, b1, b2, k11, k12, k22
+    return z1, z2, d, False
+
+
+@jit
+def point_gauge(x, y, weight, first, last, f1, f2, m, q, basis):
+    """Gauge of (f1, f2, m) where the points ``first:last`` give forces up to ``weight`` each.
+
+    The least D over the twists of power one is a convex problem in two unknowns. A kink that proves to be the optimum
+    ends it at once; else Newton's iteration from the twist ``q`` (3,), which is replaced; where that fails, close to a
+    kink, once more through a smoothed D. ``basis`` (6,) is for scratch.
+    """
+    if f1 == 0.0 and f2 == 0.0 and m == 0.0:
+        return 0.0
+    best = 0.0
+    if last - first <= FEW:
+        best, i, optimal = best_kink(x, y, weight, first, last, f1, f2, m)
+        if optimal:
+            return best
+    reach = 0.0
+    for i in range(first, last):
+        reach = max(reach, x[i] * x[i] + y[i] * y[i])
+    reach = sqrt(reach)
+    size = sqrt(f1 * f1 + f2 * f2 + m * m / (reach * reach))
+    e1 = f1 / size
+    e2 = f2 / size
+    e3 = m / (reach * size)
+    # two directions across the load: the axis it has least of, made orthogonal, and their cross product
+    a1 = abs(e1)
+    a2 = abs(e2)
+    a3 = abs(e3)
+    if a1 <= a2 and a1 <= a3:
+        b1, b2, b3 = 1.0 - e1 * e1, -e1 * e2, -e1 * e3
+    elif a2 <= a3:
+        b1, b2, b3 = -e2 * e1, 1.0 - e2 * e2, -e2 * e3
+    else:
+        b1, b2, b3 = -e3 * e1, -e3 * e2, 1.0 - e3 * e3
+    length = sqrt(b1 * b1 + b2 * b2 + b3 * b3)
+    b1 /= length
+    b2 /= length
+    b3 /= length
+    basis[0] = b1
+    basis[1] = b2
+    basis[2] = b3
+    basis[3] = e2 * b3 - e3 * b2
+    basis[4] = e3 * b1 - e1 * b3
+    basis[5] = e1 * b2 - e2 * b1
+    z1 = z2 = 0.0
+    power = e1 * q[0] + e2 * q[1] + e3 * q[2] * reach
+    if power > 1e-3 * sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] * reach * reach):
+        z1 = (basis[0] * q[0] + basis[1] * q[1] + basis[2] * q[2] * reach) / power
+        z2 = (basis[3] * q[0] + basis[4] * q[1] + basis[5] * q[2] * reach) / power
+    z1, z2, d, converged = minimum(e1, e2, e3, reach, z1, z2, basis, x, y, weight, first, last, 0.0, TOLERANCE)
+    best = max(best, size / d)
+    if not converged:
+        if last - first > FEW:
+            kink, i, optimal = best_kink(x, y, weight, first, last, f1, f2, m)
+            if optimal:
+                return kink
+            best = max(best, kink)
+        z1 = z2 = 0.0
+        smoothing = 1.0
+        for _ in range(LEVELS):
+            smoothing *= 0.1
+            z1, z2, d, converged = minimum(
+                e1, e2, e3, reach, z1, z2, basis, x, y, weight, first, last, smoothing, TOLERANCE
+            )
+            sharp = plane_step(e1, e2, e3, reach, z1, z2, basis, x, y, weight, first, last, 0.0)[0]
+            best = max(best, size / sharp)
+    q[0] = e1 + z1 * basis[0] + z2 * basis[3]
+    q[1] = e2 + z1 * basis[1] + z2 * basis[4]
+    q[2] = (e3 + z1 * basis[2] + z2 * basis[5]) / reach
+    return best
+
+
+@jit
+def point_gauges(x, y, start, joint, friction, normal, force, twist, basis, gauge_out):
+    """Utilisation of the joints ``joint`` (p,) whose points are ``start`` (p + 1,), in every frame.
+
+    ``normal`` (f, c) N, ``force`` (f, j, 3), ``twist`` (p, 3) memory from frame to frame, ``basis`` (6,) scratch,
+    ``gauge_out`` (f, j).
+    """
+    for k in range(force.shape[0]):
+        for p in range(joint.size):
+            j = joint[p]
+            mu = friction[j]
+            f1 = force[k, j, 0]
+            f2 = force[k, j, 1]
+            m = force[k, j, 2]
+            total = 0.0
+            for i in range(start[p], start[p + 1]):
+                total += normal[k, i]
+            if f1 == 0.0 and f2 == 0.0 and m == 0.0:
+                gauge_out[k, j] = 0.0
+            elif mu <= 0.0 or total <= 0.0:
+                gauge_out[k, j] = inf
+            else:
+                gauge_out[k, j] = point_gauge(
+                    x, y, normal[k], start[p], start[p + 1], f1 / mu, f2 / mu, m / mu, twist[p], basis
+                )
+
+
+@jit
+def area_gauges(x, y, start, area, reach, far, shape, joint, pressed, bending, strength, force, twist, gauge_out):
+    """Utilisation of the convex joints ``joint`` (a,), of the polygons ``shape`` (a,), in every frame.
+
+    ``strength`` (f, j) N is V_0, ``force`` (f, j, 3), ``twist`` (a, 3) memory, ``gauge_out`` (f, j). Polygon i has
+    the vertices ``start[i]:start[i + 1]`` of ``x``, ``y``. Where friction follows the bending, ``pressed`` (else None)
+    is room for that, and ``bending`` (f, j, 6) holds N, M_1, M_2 and the opening dn, r1, r2.
+    """
+    for k in range(force.shape[0]):
+        for a in range(joint.size):
+            j = joint[a]
+            i = shape[a]
+            strong = strength[k, j]
+            if force[k, j, 0] == 0.0 and force[k, j, 1] == 0.0 and force[k, j, 2] == 0.0:
+                gauge_out[k, j] = 0.0
+            elif strong <= 0.0:
+                gauge_out[k, j] = inf
+            else:
+                if pressed is not None:
+                    b = bending[k, j]
+                    follow_pressure(
+                        pressed, a, x, y, start[i], start[i + 1], reach[i], b[0], b[1], b[2], -b[3], b[5], -b[4]
+                    )
+                g, q1, q2, q3 = gauge(
+                    x, y, start[i], start[i + 1], area[i], reach[i], far[i], pressed, a,
+                    force[k, j, 0] / strong, force[k, j, 1] / strong, force[k, j, 2] / strong,
+                    twist[a, 0], twist[a, 1], twist[a, 2], 0.0,
+                )  # fmt: skip
+                gauge_out[k, j] = g
+                twist[a, 0] = q1
+                twist[a, 1] = q2
+                twist[a, 2] = q3

@@ -1,0 +1,1 @@
+"""Kernels of equilibria and limit loads in the geometry of the start: forces, Newton matrices, load bounds, loop."""

@@ -1,0 +1,302 @@
+"""Many scenes of a fixed and a free block in one compiled call: each is seated, pushed and bracketed by the same
+kernels as a scene of its own.
+
+The arrays of a batch are those of ``state`` for k scenes one after another: blocks 2 i (fixed) and 2 i + 1 (free),
+joint i between them, the jacks of scene i, and one row each of what a scene has once. A scene is a view of its rows;
+nothing is copied. Both blocks are seen from O, the centroid of the joint, along the joint's axes.
+"""
+
+from typing import NamedTuple
+
+from numpy import ndarray
+
+from dembrick._jit import entry, jit
+from dembrick.kernels.state import Areas, Blocks, Jacks, Joints, Points, Pressed, ScaledInertia
+from dembrick.kernels.statics.certify import certify
+from dembrick.kernels.statics.divergence import Guard
+from dembrick.kernels.statics.load_bounds import NEVER, Certificate
+from dembrick.kernels.statics.loop import CONVERGED, RUNNING, Drive, advance, settle
+
+UNSEATED = 5  # besides the states of `advance`: the dead loads alone bring the block down
+
+
+class Settings(NamedTuple):
+    """Numerical choices of the search for a limit load, as ``replay`` makes them; the time step is 1."""
+
+    tolerance: float
+    caution: float  # part of the tolerance that an indicator gets
+    unbalanced: float  # of the joint forces: equilibrium under the dead loads
+    first_steps: int  # of seating, without momentum
+    seating_steps: int
+    momentum: float
+    eta: float  # circular frequency of the blocks times the time step
+    slip_per_step: float
+    gently: float  # of it, where the load tilts the block
+    ramp: float
+    steady: int
+    slowing: float
+    jack: float  # stiffness of the jacks over that of the joint
+    viscous: float
+    calming: float
+    memory: float
+    chunk: int  # steps between two looks at the clock
+    most_steps: int
+    window: int  # steps of the window of an indicator
+    mask: int  # of the guard, first and later
+    stretch: int
+
+
+class Lone(NamedTuple):
+    """What all scenes share: the numbers of the one joint and of its blocks in their own arrays."""
+
+    zero: ndarray  # (1,) int64, 0
+    one: ndarray  # (1,) int64, 1
+
+
+class Room(NamedTuple):
+    """Where the scenes of one call work, one after another."""
+
+    window: ndarray  # (window, 4), see `Certificate`
+    doubling: ndarray  # (4,)
+    start: ndarray  # (2,), see `Guard`
+    work: ndarray  # (2,)
+    sums: ndarray  # (3,)
+    load: ndarray  # (1, 3)
+
+
+class Loading(NamedTuple):
+    """Loads of k scenes."""
+
+    unit: ndarray  # (k, 6) wrench of the jacks for V = 1 on b about O, the joint's axes
+    dead: ndarray  # (k, 6) wrench of the dead load likewise
+    compliance: ndarray  # (k,) m/N, unit load times the closed joint's answer to it
+    weight: ndarray  # (k,) sum of the jacks' weights without their signs
+    size: ndarray  # (k,) m, a step that moves a block further has diverged
+
+
+class Answer(NamedTuple):
+    """What became of each of k scenes; the rest is in their state."""
+
+    bracket: ndarray  # (k, 2) N, bounds of V
+    basis: ndarray  # (k, 5) strict, gauge of the dead load, torsion radius, N, tilts; see `certify`
+    twist: ndarray  # (k, 3) m, m, rad: slip that gave the upper bound, where strict
+    status: ndarray  # (k,) int64
+    steps: ndarray  # (k,) int64
+
+
+@jit
+def blocks_of(blocks, lone, i):
+    """The two blocks of scene ``i``."""
+    s = slice(2 * i, 2 * i + 2)
+    return Blocks(
+        lone.one, blocks.displacement[s], blocks.rotation[s], blocks.orientation[s], blocks.velocity[s],
+        blocks.spin[s], blocks.mean_velocity[s], blocks.momentum[s], blocks.force[s], blocks.torque[s],
+        blocks.dead_force[s], blocks.dead_torque[s],
+    )  # fmt: skip
+
+
+@jit
+def joint_of(joints, lone, i):
+    """The joint of scene ``i``."""
+    s = slice(i, i + 1)
+    return Joints(
+        lone.zero, lone.one, joints.host[s], joints.axes[s], joints.arm_a[s], joints.arm_b[s], joints.axes_a[s],
+        joints.axes_b[s], joints.lever_a[s], joints.lever_b[s], joints.offset[s], joints.gap[s], joints.relative[s],
+        joints.damping[s], joints.opening[s], joints.step[s], joints.tilt[s], joints.resultant[s],
+    )  # fmt: skip
+
+
+@jit
+def points_of(points, lone, i):
+    """The contact points of scene ``i``: their numbers are those of the batch."""
+    return Points(
+        lone.zero, points.start[i : i + 2], points.friction[i : i + 1], points.x_n, points.y_n, points.x_s,
+        points.y_s, points.k_n, points.k_s, points.normal, points.elastic_1, points.elastic_2, points.slip,
+    )  # fmt: skip
+
+
+@jit
+def pressed_of(pressed, i):
+    """The pressed part of scene ``i``, whose corners are numbered as in the batch."""
+    s = slice(i, i + 1)
+    return Pressed(
+        pressed.kind[s], pressed.pieces[s], pressed.start[s], pressed.count[s], pressed.x, pressed.y, pressed.spare_x,
+        pressed.spare_y, pressed.centre[s], pressed.density[s], pressed.reach[s], pressed.radius[s],
+    )  # fmt: skip
+
+
+@jit
+def area_of(areas, pressed, lone, i):
+    """The convex joint of scene ``i``, whose corners are numbered as in the batch, with its own pressed part."""
+    s = slice(i, i + 1)
+    return Areas(
+        lone.zero, areas.start[i : i + 2], areas.friction[s], areas.x, areas.y, areas.area[s], areas.second[s],
+        areas.reach[s], areas.radius[s], areas.far[s], areas.k_n[s], areas.k_s[s], areas.elastic[s], areas.twist[s],
+        areas.slip[s], areas.evaluations[s], pressed,
+    )  # fmt: skip
+
+
+@jit
+def jacks_of(jacks, i, each):
+    """The ``each`` jacks of scene ``i``."""
+    s = slice(each * i, each * i + each)
+    return Jacks(
+        jacks.block[s], jacks.arm[s], jacks.lever[s], jacks.start[s], jacks.direction[s], jacks.weight[s],
+        jacks.displacement[s], jacks.drive[i],
+    )  # fmt: skip
+
+
+@jit
+def empty(room, steps):
+    """Let the ``steps`` rows of the window hold nothing."""
+    for i in range(steps):
+        room.window[i, 0] = 0.0
+        room.window[i, 1] = NEVER
+        room.window[i, 2] = 0.0
+        room.window[i, 3] = 0.0
+
+
+@jit
+def clear(room):
+    """Let all sums start anew."""
+    for i in range(4):
+        room.doubling[i] = 0.0
+    for i in range(2):
+        room.start[i] = 0.0
+        room.work[i] = 0.0
+    for i in range(3):
+        room.sums[i] = 0.0
+        room.load[0, i] = 0.0
+
+
+@jit
+def seat_one(blocks, joints, points, areas, inertia, settings):
+    """Equilibrium under the dead loads, as ``equilibrium.seat`` finds it; False where there is none."""
+    ratio = 1.0
+    for attempt in range(2):
+        most = settings.first_steps if attempt == 0 else settings.seating_steps
+        momentum = 0.0 if attempt == 0 else settings.momentum
+        if not ratio <= settings.unbalanced:
+            ratio, _ = settle(0, most, settings.unbalanced, blocks, joints, points, areas, inertia, momentum)
+    for i in range(3):
+        blocks.velocity[1, i] = 0.0
+        blocks.spin[1, i] = 0.0
+        joints.step[0, i] = 0.0
+    return ratio <= settings.unbalanced
+
+
+@jit
+def replay_one(i, blocks, joints, points, areas, jacks, seating, pushing, loading, lone, basis, room, settings, answer):
+    """Seat and push scene ``i`` until its bracket is within tolerance; returns the status and the steps taken."""
+    if not seat_one(blocks, joints, points, areas, seating, settings):
+        return UNSEATED, 0
+    # the jacks come to a block that the dead load has moved already, and do not push it back
+    driven = 0.0
+    for c in range(3):
+        driven += loading.unit[i, c] * blocks.displacement[1, c] + loading.unit[i, c + 3] * blocks.rotation[1, c]
+    jacks.drive[0] = driven / loading.weight[i]
+    jacks.drive[1] = driven / loading.weight[i]
+    certify(joints, points, areas, loading.unit[i], loading.dead[i], basis)
+    strict = basis.scalars[0] == 1.0
+    radius = basis.scalars[2]
+    normal = basis.scalars[3]
+    bracket = answer.bracket[i]
+    bracket[0] = 0.0
+    bracket[1] = NEVER
+    mu = 0.0
+    family = 0
+    if points is not None:
+        mu = points.friction[0]
+    if areas is not None:
+        mu = areas.friction[0]
+        family = 1
+    if mu == 0.0:
+        bracket[1] = 0.0
+        return CONVERGED, 0
+    unit = basis.unit
+    strength = max(mu, 1e-3) * normal / ((unit[0] ** 2 + unit[1] ** 2) ** 0.5 + abs(unit[2]) / radius)
+    stiffness = settings.jack * loading.weight[i] / loading.compliance[i]
+    elastic = loading.weight[i] / loading.compliance[i]
+    empty(room, settings.window)
+    clear(room)
+    calming = 0.0
+    slip = settings.slip_per_step
+    tilts = basis.scalars[4] == 1.0
+    if tilts:
+        slip *= settings.gently
+        calming = settings.calming
+    status = RUNNING
+    step = answer.steps[i]  # 0, of the type that a scene of its own has compiled
+    while status == RUNNING and step < settings.most_steps:
+        guard = Guard(
+            loading.size[i], settings.mask, settings.stretch, loading.weight[i], lone.one, room.start, room.work,
+            room.sums, room.load,
+        )  # fmt: skip
+        drive = Drive(
+            slip * strength * loading.compliance[i] / loading.weight[i], settings.ramp,
+            settings.steady, settings.slowing, stiffness, settings.viscous * stiffness, settings.viscous,
+            settings.viscous, calming, settings.memory,
+        )  # fmt: skip
+        certificate = Certificate(
+            1, strict, 0, family, 0, unit, basis.dead, basis.scalars[1], basis.centre, radius, normal, basis.rest,
+            tilts, settings.tolerance if strict else settings.caution * settings.tolerance, bracket, elastic,
+            room.doubling, answer.twist[i], room.window,
+        )  # fmt: skip
+        status, step = advance(
+            step, settings.chunk, 1.0, blocks, joints, points, areas, jacks, pushing, None, drive, certificate, None,
+            None, guard,
+        )  # fmt: skip
+    return status, step
+
+
+@jit
+def replay_areas(
+    i, pressed, own, joint, areas, jacks, seating, pushing, loading, lone, basis, room, settings, answer
+):  # fmt: skip
+    """Scene ``i`` of convex joints; ``pressed`` is None where all pressures are full."""
+    if pressed is not None:
+        return replay_one(
+            i, own, joint, None, area_of(areas, pressed_of(pressed, i), lone, i), jacks, seating, pushing, loading,
+            lone, basis, room, settings, answer,
+        )  # fmt: skip
+    if pressed is None:
+        return replay_one(
+            i, own, joint, None, area_of(areas, pressed, lone, i), jacks, seating, pushing, loading, lone, basis,
+            room, settings, answer,
+        )  # fmt: skip
+    return RUNNING, 0
+
+
+@entry
+def replay_batch(
+    first, last, blocks, joints, points, areas, jacks, each, seating, pushing, loading, lone, basis, room, settings,
+    answer,
+):  # fmt: skip
+    """Replay the scenes ``first`` to ``last`` - 1 of a batch one after another.
+
+    Either ``points`` or ``areas`` is None. ``each``: jacks of a scene. ``seating`` and ``pushing`` are the scaled
+    inertia of the blocks (2 k, 6, 6) for either task. ``basis`` (`certify`) and ``room`` are to work in.
+    """
+    for i in range(first, last):
+        s = slice(2 * i, 2 * i + 2)
+        own = blocks_of(blocks, lone, i)
+        joint = joint_of(joints, lone, i)
+        pushed = jacks_of(jacks, i, each)
+        still = ScaledInertia(seating.inverse[s], seating.matrix[s], None)
+        moving = ScaledInertia(pushing.inverse[s], pushing.matrix[s], None)
+        status = RUNNING
+        steps = 0
+        if points is not None:
+            status, steps = replay_one(
+                i, own, joint, points_of(points, lone, i), None, pushed, still, moving, loading, lone, basis, room,
+                settings, answer,
+            )  # fmt: skip
+        if areas is not None:
+            status, steps = replay_areas(
+                i, areas.pressed, own, joint, areas, pushed, still, moving, loading, lone, basis, room, settings,
+                answer,
+            )  # fmt: skip
+        answer.status[i] = status
+        answer.steps[i] = steps
+        for c in range(5):
+            answer.basis[i, c] = basis.scalars[c]

@@ -1,0 +1,149 @@
+"""All forces on the blocks at an instant: dead loads, joints, jacks.
+
+``inertia`` tells the motion: with physical inertia (not None) the geometry follows the blocks, without it, in small
+motion, it stays that of the start.
+"""
+
+from math import sqrt
+
+from dembrick._jit import jit
+from dembrick.kernels.math.vec3 import columns_times, cross
+from dembrick.kernels.state import HEAD, JACK_DAMPING
+from dembrick.kernels.statics.finite_rotation import finite_jack, finite_relative
+from dembrick.kernels.statics.joint_forces import area_forces, point_forces
+from dembrick.kernels.statics.small_displacement import small_jack, small_relative
+
+
+@jit
+def clear_forces(blocks):
+    """Start the out-of-balance of the free blocks from the dead loads."""
+    for f in range(blocks.free.size):
+        b = blocks.free[f]
+        for i in range(3):
+            blocks.force[b, i] = blocks.dead_force[b, i]
+            blocks.torque[b, i] = blocks.dead_torque[b, i]
+
+
+@jit
+def add_force(blocks, b, sign, f1, f2, f3, m1, m2, m3, r1, r2, r3):
+    """Add ``sign`` times a force at the arm r from the centroid of ``b``, and a moment, to its out-of-balance."""
+    c1, c2, c3 = cross(r1, r2, r3, f1, f2, f3)
+    blocks.force[b, 0] += sign * f1
+    blocks.force[b, 1] += sign * f2
+    blocks.force[b, 2] += sign * f3
+    blocks.torque[b, 0] += sign * (m1 + c1)
+    blocks.torque[b, 1] += sign * (m2 + c2)
+    blocks.torque[b, 2] += sign * (m3 + c3)
+
+
+@jit
+def react(blocks, joints, j, n, v1, v2, mt, m1, m2, slip):
+    """Keep the resultant of joint ``j`` and put its reaction (-V_1, -V_2, +N; -M_1, -M_2, -M_T) on b, minus it on a."""
+    resultant = joints.resultant[j]
+    resultant[0] = n
+    resultant[1] = v1
+    resultant[2] = v2
+    resultant[3] = mt
+    resultant[4] = m1
+    resultant[5] = m2
+    resultant[6] = slip
+    axes = joints.axes[j]
+    f1, f2, f3 = columns_times(axes, -v1, -v2, n)
+    c1, c2, c3 = columns_times(axes, -m1, -m2, -mt)
+    arm = joints.arm_b
+    add_force(blocks, joints.block_b[j], 1.0, f1, f2, f3, c1, c2, c3, arm[j, 0], arm[j, 1], arm[j, 2])
+    arm = joints.arm_a
+    add_force(blocks, joints.block_a[j], -1.0, f1, f2, f3, c1, c2, c3, arm[j, 0], arm[j, 1], arm[j, 2])
+
+
+@jit
+def relative(blocks, joints, j, inertia, dt):
+    """What joint ``j`` sees of the motion: dn, r1, r2, pn, pr1, pr2, p1, p2, pr."""
+    if inertia is not None:
+        return finite_relative(blocks, joints, j, dt)
+    else:
+        return small_relative(blocks, joints, j)
+
+
+@jit
+def joint_forces(blocks, joints, points, areas, inertia, dt, viscous_n, viscous_s, energy):
+    """Forces of all joints, put on the blocks; ``viscous_*`` times the joint's own ``damping``."""
+    if points is not None:
+        for p in range(points.joint.size):
+            j = points.joint[p]
+            seen = relative(blocks, joints, j, inertia, dt)
+            more = joints.damping[j]
+            before = joints.resultant[j]
+            forces = point_forces(points, p, before, *seen, more * viscous_n, more * viscous_s, energy)
+            react(blocks, joints, j, *forces)
+    if areas is not None:
+        for a in range(areas.joint.size):
+            j = areas.joint[a]
+            seen = relative(blocks, joints, j, inertia, dt)
+            more = joints.damping[j]
+            react(blocks, joints, j, *area_forces(areas, a, *seen, more * viscous_n, more * viscous_s, energy))
+
+
+@jit
+def jack_forces(blocks, jacks, drive, inertia, rate, dt, energy):
+    """Move the jack head by one step at ``rate``, let spring and dashpot act, and put V weight_i on the blocks.
+
+    Returns V and the work-conjugate motion f.q of the last step.
+    """
+    driven = total = 0.0
+    for i in range(jacks.block.size):
+        if inertia is not None:
+            u = finite_jack(blocks, jacks, i)
+        else:
+            u = small_jack(blocks, jacks, i)
+        jacks.displacement[i] = u
+        driven += jacks.weight[i] * u
+        total += abs(jacks.weight[i])
+    driven /= total
+    state = jacks.drive
+    state[0] += rate * dt
+    dash = drive.dashpot * (rate - (driven - state[1]) / dt)
+    v = drive.stiffness * (state[0] - driven) + dash
+    if energy is not None:
+        head = rate * dt * total
+        last = energy.dash[energy.dash.shape[0] - 1]
+        energy.work[HEAD] += 0.5 * (state[2] + v) * head
+        energy.work[JACK_DAMPING] += 0.5 * (last[0] + dash) * (head - (driven - state[1]) * total)
+        last[0] = dash
+    moved = (driven - state[1]) * total
+    state[1] = driven
+    state[2] = v
+    if v > state[3]:
+        state[3] = v
+        state[4] = driven
+    for i in range(jacks.block.size):
+        f = v * jacks.weight[i]
+        d = jacks.direction
+        r = jacks.arm
+        add_force(blocks, jacks.block[i], f, d[i, 0], d[i, 1], d[i, 2], 0.0, 0.0, 0.0, r[i, 0], r[i, 1], r[i, 2])
+    return v, moved
+
+
+@jit
+def unbalanced_power(blocks):
+    """Power of the out-of-balance forces on the velocities of the free blocks (W)."""
+    power = 0.0
+    for f in range(blocks.free.size):
+        b = blocks.free[f]
+        for i in range(3):
+            power += blocks.force[b, i] * blocks.velocity[b, i] + blocks.torque[b, i] * blocks.spin[b, i]
+    return power
+
+
+@jit
+def unbalanced_ratio(blocks, joints):
+    """Greatest out-of-balance force on a free block over the greatest joint force."""
+    worst = 0.0
+    for f in range(blocks.free.size):
+        b = blocks.free[f]
+        worst = max(worst, blocks.force[b, 0] ** 2 + blocks.force[b, 1] ** 2 + blocks.force[b, 2] ** 2)
+    largest = 0.0
+    for j in range(joints.block_a.size):
+        r = joints.resultant[j]
+        largest = max(largest, r[0] ** 2 + r[1] ** 2 + r[2] ** 2)
+    return sqrt(worst / largest) if largest > 0.0 else 1.0

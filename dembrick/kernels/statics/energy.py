@@ -1,0 +1,121 @@
+"""The energy books: every term is summed or evaluated on its own, none is found as what is left over.
+
+Central differences balance exactly in this form: with the kinetic energy v(-1/2) M v(+1/2) / 2, its change over a step
+is the work of the forces by the trapezoidal rule over the step's motion. What does not balance is a contact that opens
+or closes within a step, and, in finite motion, the turning of the geometry within it.
+"""
+
+from numpy import uint64
+
+from dembrick._jit import jit, jit_sum
+from dembrick.kernels.state import DAMPING, HEAD, JACK_DAMPING, SEATED, SEATING, SLIDING, TORQUES
+
+KINETIC, ELASTIC, JACK_SPRING, EXTERNAL, FRICTION, DASHPOTS = range(6)
+
+
+@jit
+def dead_force_work(blocks):
+    """Work (J) of the dead forces over the displacements since the scenario's geometry."""
+    total = 0.0
+    for f in range(blocks.free.size):
+        b = blocks.free[f]
+        for i in range(3):
+            total += blocks.dead_force[b, i] * blocks.displacement[b, i]
+    return total
+
+
+@jit
+def add_dead_torque_work(work, turned, blocks, dt):
+    """Add to ``work[TORQUES]`` that (J) of the dead torques on the blocks ``turned`` over the last step: it depends on
+    the way they turn."""
+    for t in range(turned.size):
+        b = turned[t]
+        for i in range(3):
+            work[TORQUES] += dt * blocks.dead_torque[b, i] * blocks.spin[b, i]
+
+
+@jit
+def open_books(energy, blocks, joints, points, areas):
+    """Note what there is at the start; blocks at rest."""
+    if energy is not None:
+        energy.work[SEATED] = elastic_energy(joints, points, areas, None)
+        energy.work[SEATING] = dead_force_work(blocks)
+
+
+@jit
+def normal_energy(joints, j, dash):
+    """Energy (J) in the normal springs of joint ``j``: half their resultant times its opening and tilts.
+
+    That is half the sum, or integral, of k_n <g>+ squared, since <g>+ squared is <g>+ g and g is linear over the joint.
+    The springs carry N, M_1, M_2 less what the dashpots do (``dash``; None where there are none).
+    """
+    now = joints.resultant[j]
+    seen = joints.opening[j]
+    twice = now[4] * seen[1] + now[5] * seen[2] - now[0] * seen[0]
+    if dash is not None:
+        twice -= dash[j, 4] * seen[1] + dash[j, 5] * seen[2] - dash[j, 3] * seen[0]
+    return 0.5 * twice
+
+
+@jit_sum
+def shear_energy(points, p):
+    """Energy (J) in the shear springs of point joint ``p``."""
+    twice = 0.0
+    for i in range(uint64(points.start[p]), uint64(points.start[p + 1])):
+        twice += (points.elastic_1[i] * points.elastic_1[i] + points.elastic_2[i] * points.elastic_2[i]) / points.k_s[i]
+    return 0.5 * twice
+
+
+@jit
+def elastic_energy(joints, points, areas, dash):
+    """Energy (J) in the springs of all joints now; ``dash`` as in `normal_energy`."""
+    total = 0.0
+    if points is not None:
+        for p in range(points.joint.size):
+            total += normal_energy(joints, points.joint[p], dash) + shear_energy(points, p)
+    if areas is not None:
+        for a in range(areas.joint.size):
+            total += normal_energy(joints, areas.joint[a], dash)
+            k_t = areas.k_s[a] * areas.area[a]
+            k_r = areas.k_s[a] * (areas.second[a, 0] + areas.second[a, 1])
+            e = areas.elastic[a]
+            total += 0.5 * ((e[0] ** 2 + e[1] ** 2) / k_t + e[2] ** 2 / k_r)
+    return total
+
+
+@jit
+def kinetic_energy(blocks, scaled, inertia, dt):
+    """v(-1/2) M v(+1/2) / 2 of all free blocks (J), before the step is made."""
+    total = 0.0
+    for f in range(blocks.free.size):
+        b = blocks.free[f]
+        for i in range(3):
+            total += 0.5 * dt * (blocks.force[b, i] * blocks.velocity[b, i] + blocks.torque[b, i] * blocks.spin[b, i])
+        if scaled is not None:
+            m = scaled.matrix[b]
+            for i in range(3):
+                push = twist = 0.0
+                for k in range(3):
+                    push += m[i, k] * blocks.velocity[b, k] + m[i, k + 3] * blocks.spin[b, k]
+                    twist += m[i + 3, k] * blocks.velocity[b, k] + m[i + 3, k + 3] * blocks.spin[b, k]
+                total += 0.5 * (blocks.velocity[b, i] * push + blocks.spin[b, i] * twist)
+        if inertia is not None:
+            for i in range(3):
+                total += 0.5 * inertia.mass[b] * blocks.velocity[b, i] ** 2
+                total += 0.5 * blocks.momentum[b, i] * blocks.spin[b, i]
+    return total
+
+
+@jit
+def balance(energy, blocks, joints, points, areas, jacks, drive, scaled, inertia, dt, out):
+    """Write the six energies of this instant (J): kinetic, elastic, jack spring, external, friction, dashpots."""
+    weights = 0.0
+    for i in range(jacks.weight.size):
+        weights += abs(jacks.weight[i])
+    spring = jacks.drive[0] - jacks.drive[1]
+    out[KINETIC] = kinetic_energy(blocks, scaled, inertia, dt)
+    out[ELASTIC] = elastic_energy(joints, points, areas, energy.dash) - energy.work[SEATED]
+    out[JACK_SPRING] = 0.5 * drive.stiffness * spring * spring * weights
+    out[EXTERNAL] = energy.work[HEAD] + energy.work[TORQUES] + (dead_force_work(blocks) - energy.work[SEATING])
+    out[FRICTION] = energy.work[SLIDING]
+    out[DASHPOTS] = energy.work[DAMPING] + energy.work[JACK_DAMPING]

@@ -1,0 +1,118 @@
+"""The compiled time loops. Nothing is allocated in them; what a scene does not have is passed as None, and numba then
+leaves its code out: a family of joints, the record, the energy books, and either the scaled or the physical inertia.
+"""
+
+from typing import NamedTuple
+
+from dembrick._jit import entry
+from dembrick.kernels.statics.block_forces import (
+    clear_forces,
+    jack_forces,
+    joint_forces,
+    unbalanced_power,
+    unbalanced_ratio,
+)
+from dembrick.kernels.statics.divergence import jumped, open_guard, watch
+from dembrick.kernels.statics.energy import add_dead_torque_work, balance, open_books
+from dembrick.kernels.statics.finite_rotation import finite_step
+from dembrick.kernels.statics.load_bounds import instant_bounds, judge, strict_bounds
+from dembrick.kernels.statics.record import write_row
+from dembrick.kernels.statics.small_displacement import small_step
+
+RUNNING, CONVERGED, DIVERGED, FULL, RUNAWAY = 0, 1, 2, 3, 4
+
+
+class Drive(NamedTuple):
+    """How the jacks are driven and how contacts are damped; constant during a chunk."""
+
+    rate: float  # m/s of the head
+    ramp: float  # s, the head speeds up to that rate over this time
+    steady: int  # steps after which the head begins to slow down
+    slowing: float  # its rate after each of those steps over that before
+    stiffness: float  # N/m, of V against the driven displacement
+    dashpot: float  # N s/m, on the difference of head and driven velocity
+    viscous_n: float  # dashpot over spring force at a contact for the same increment, normal
+    viscous_s: float  # the same, shear
+    calming: float  # part of the swing of a velocity about its running mean that a step takes away (small motion)
+    memory: float  # weight of the latest step in that mean
+
+
+@entry
+def advance(
+    first, n_steps, dt, blocks, joints, points, areas, jacks, scaled, inertia, drive, certificate, record, energy, guard
+):  # fmt: skip
+    """Advance the replay from step ``first`` until ``n_steps`` more are done, or its bracket is within tolerance.
+
+    ``scaled`` inertia moves the blocks by small motion, physical ``inertia`` by finite motion; the other is None.
+    Returns the status (RUNNING when all steps are done, CONVERGED, DIVERGED where a block jumped or is no number,
+    RUNAWAY where there is more energy than was put in, FULL when the record has no room) and the number of steps done.
+    """
+    bracket = certificate.bracket
+    if first == 0 and n_steps > 0:
+        open_books(energy, blocks, joints, points, areas)
+        open_guard(guard, blocks, joints, points, areas)
+    for step in range(first, first + n_steps):
+        clear_forces(blocks)
+        joint_forces(blocks, joints, points, areas, inertia, dt, drive.viscous_n, drive.viscous_s, energy)
+        rate = drive.rate * min(1.0, (step + 1) * dt / drive.ramp) * drive.slowing ** max(step - drive.steady, 0)
+        v, moved = jack_forces(blocks, jacks, drive, inertia, rate, dt, energy)
+        if energy is not None:
+            add_dead_torque_work(energy.work, energy.turned, blocks, dt)
+        done = False
+        if step % certificate.every == 0:
+            if certificate.strict:
+                lower, upper = strict_bounds(certificate, joints, points, areas, v)
+            else:
+                lower, upper = instant_bounds(blocks, joints, points, areas, v, moved, dt)
+            done = judge(certificate, step // certificate.every, lower, upper, v, jacks.drive[1])
+        if record is not None:
+            if step % record.every[0] == 0 or done:
+                if energy is not None and record.count[0] < record.row.shape[0]:
+                    balance(
+                        energy, blocks, joints, points, areas, jacks, drive, scaled, inertia, dt,
+                        record.energy[record.count[0]],
+                    )  # fmt: skip
+                bounds = (bracket[0], bracket[1])
+                if not write_row(
+                    record, step, step * dt, blocks, joints, points, jacks, drive.viscous_s, *bounds, done
+                ):
+                    return FULL, step
+        if done:
+            return CONVERGED, step + 1
+        if not watch(guard, step, v, rate, blocks, scaled, inertia, dt):
+            return RUNAWAY, step + 1
+        longest = 0.0
+        if inertia is not None:
+            longest = finite_step(blocks, inertia, dt)
+        if scaled is not None:
+            longest = small_step(blocks, scaled, dt, drive.calming, drive.memory, energy)
+        if jumped(guard, longest):
+            return DIVERGED, step + 1
+    return RUNNING, first + n_steps
+
+
+@entry
+def settle(first, n_steps, tolerance, blocks, joints, points, areas, scaled, momentum):
+    """Relaxation under the dead loads from step ``first`` on, until ``n_steps`` more are done or forces balance.
+
+    Each block moves by its artificial inertia's answer to the out-of-balance.
+
+    For one block on a fixed base a step is a Newton step. ``momentum`` keeps part of the last move, while that goes
+    along with the forces. Returns the unbalanced-force ratio reached and the number of steps done.
+    """
+    ratio = 1.0
+    for step in range(first, first + n_steps):
+        clear_forces(blocks)
+        joint_forces(blocks, joints, points, areas, None, 1.0, 0.0, 0.0, None)
+        ratio = unbalanced_ratio(blocks, joints)
+        if step > 0 and ratio <= tolerance:
+            return ratio, step
+        # the first step is the elastic answer, and no start for a swing; what works against the forces has swung over
+        keep = momentum if step > 1 and unbalanced_power(blocks) > 0.0 else 0.0
+        for f in range(blocks.free.size):
+            b = blocks.free[f]
+            for i in range(3):
+                blocks.velocity[b, i] *= keep
+                blocks.spin[b, i] *= keep
+        small_step(blocks, scaled, 1.0, 0.0, 0.0, None)
+    return ratio, first + n_steps

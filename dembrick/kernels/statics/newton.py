@@ -1,0 +1,222 @@
+"""Equilibrium by Newton's method in small motion: forces of a trial motion and how they change with it.
+
+A joint answers the motion of b against a at O, u = (d1, d2, dn, r1, r2, rn) in its axes, by the force that does work on
+it, t = (V_1, V_2, -N, M_1, M_2, M_T). A trial starts from the memory of the last equilibrium, so that it may be
+repeated; the tangent dt/du is taken by differences of the law itself, whatever law that is.
+"""
+
+from typing import NamedTuple
+
+from numpy import ndarray
+
+from dembrick._jit import jit
+from dembrick.kernels.statics.block_forces import add_force, clear_forces, react
+from dembrick.kernels.statics.joint_forces import area_forces, point_forces
+
+
+class Trial(NamedTuple):
+    """Memory of the last equilibrium, and room for the forces and the tangent of a trial."""
+
+    seen_a: ndarray  # (j, 6, 6) from the motion of block a to that of O in the joint's axes
+    seen_b: ndarray  # (j, 6, 6) the same of b
+    row: ndarray  # (n,) int64, first row of each block in the equations, -1 where fixed
+    reach: ndarray  # (j,) m, greatest distance of a joint from its O
+    move: ndarray  # (j,) m, the difference in motion by which the tangent is taken
+    stiffness: ndarray  # (j, 6, 6) elastic stiffness of the joints
+    drag: ndarray  # (2,) parts of it that resist the motion of the trial: by forces, in the tangent
+    base: ndarray  # (j, 6) m, rad: motion of the joint at the last equilibrium
+    elastic_1: ndarray  # (c,) N: memory of the contact points, likewise
+    elastic_2: ndarray  # (c,)
+    point_slip: ndarray  # (c,)
+    elastic: ndarray  # (a, 3) memory of the convex joints, likewise
+    twist: ndarray  # (a, 3)
+    area_slip: ndarray  # (a,)
+    force: ndarray  # (7, 6) t of the trial and of its six neighbours
+    tangent: ndarray  # (j, 6, 6) dt/du
+    half_width: int  # of the equations
+    band: ndarray  # (6 f, 3 half_width + 1)
+    residual: ndarray  # (6 f,) out-of-balance
+    load: ndarray  # (6 f,) unit load
+    by_residual: ndarray  # (6 f,) answer of the tangent to the out-of-balance
+    by_load: ndarray  # (6 f,) answer of the tangent to the unit load
+
+
+@jit
+def remember(trial, joints, points, areas):
+    """Make the state of now the memory from which trials start."""
+    for j in range(joints.block_a.size):
+        for i in range(6):
+            trial.base[j, i] = joints.relative[j, i]
+    if points is not None:
+        for i in range(points.k_s.size):
+            trial.elastic_1[i] = points.elastic_1[i]
+            trial.elastic_2[i] = points.elastic_2[i]
+            trial.point_slip[i] = points.slip[i]
+    if areas is not None:
+        for a in range(areas.joint.size):
+            for i in range(3):
+                trial.elastic[a, i] = areas.elastic[a, i]
+                trial.twist[a, i] = areas.twist[a, i]
+            trial.area_slip[a] = areas.slip[a]
+
+
+@jit
+def point_answer(trial, points, p, gap, base, u1, u2, u3, r1, r2, r3):
+    """Resultant of point joint ``p`` for the motion (u, r), from the memory."""
+    for i in range(points.start[p], points.start[p + 1]):
+        points.elastic_1[i] = trial.elastic_1[i]
+        points.elastic_2[i] = trial.elastic_2[i]
+        points.slip[i] = trial.point_slip[i]
+    return point_forces(
+        points, p, None, u3 + gap, r1, r2, 0.0, 0.0, 0.0, u1 - base[0], u2 - base[1], r3 - base[5], 0.0, 0.0, None
+    )  # fmt: skip
+
+
+@jit
+def area_answer(trial, areas, a, gap, base, u1, u2, u3, r1, r2, r3):
+    """Resultant of convex joint ``a`` for the motion (u, r), from the memory."""
+    for i in range(3):
+        areas.elastic[a, i] = trial.elastic[a, i]
+        areas.twist[a, i] = trial.twist[a, i]
+    areas.slip[a] = trial.area_slip[a]
+    return area_forces(
+        areas, a, u3 + gap, r1, r2, 0.0, 0.0, 0.0, u1 - base[0], u2 - base[1], r3 - base[5], 0.0, 0.0, None
+    )  # fmt: skip
+
+
+@jit
+def answer(trial, points, areas, family, index, gap, base, u1, u2, u3, r1, r2, r3):
+    """Resultant (N, V_1, V_2, M_T, M_1, M_2, slip) of a joint by its family and number there."""
+    if points is not None:
+        if family == 0:
+            return point_answer(trial, points, index, gap, base, u1, u2, u3, r1, r2, r3)
+    if areas is not None:
+        if family == 1:
+            return area_answer(trial, areas, index, gap, base, u1, u2, u3, r1, r2, r3)
+    return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+
+
+@jit
+def try_joint(trial, blocks, joints, points, areas, family, index, j, with_tangent):
+    """Forces of joint ``j`` for the motion of the blocks, put on them; its tangent where wanted."""
+    a = joints.block_a[j]
+    b = joints.block_b[j]
+    u = joints.relative[j]
+    from_a = trial.seen_a[j]
+    from_b = trial.seen_b[j]
+    for i in range(6):
+        total = 0.0
+        for k in range(3):
+            total += from_b[i, k] * blocks.displacement[b, k] - from_a[i, k] * blocks.displacement[a, k]
+            total += from_b[i, k + 3] * blocks.rotation[b, k] - from_a[i, k + 3] * blocks.rotation[a, k]
+        u[i] = total
+    base = trial.base[j]
+    gap = joints.gap[j]
+    opening = joints.opening[j]
+    opening[0] = u[2] + gap
+    opening[1] = u[3]
+    opening[2] = u[4]
+    joints.step[j, 0] = u[0] - base[0]
+    joints.step[j, 1] = u[1] - base[1]
+    joints.step[j, 2] = u[5] - base[5]
+    joints.tilt[j, 0] = u[3] - base[3]
+    joints.tilt[j, 1] = u[4] - base[4]
+    t = trial.force
+    if with_tangent:
+        for i in range(6):
+            h = trial.move[j] if i < 3 else trial.move[j] / trial.reach[j]
+            n, v1, v2, mt, m1, m2, _ = answer(
+                trial, points, areas, family, index, gap, base,
+                u[0] + (h if i == 0 else 0.0), u[1] + (h if i == 1 else 0.0), u[2] + (h if i == 2 else 0.0),
+                u[3] + (h if i == 3 else 0.0), u[4] + (h if i == 4 else 0.0), u[5] + (h if i == 5 else 0.0),
+            )  # fmt: skip
+            t[i, 0] = v1
+            t[i, 1] = v2
+            t[i, 2] = -n
+            t[i, 3] = m1
+            t[i, 4] = m2
+            t[i, 5] = mt
+    n, v1, v2, mt, m1, m2, slip = answer(
+        trial, points, areas, family, index, gap, base, u[0], u[1], u[2], u[3], u[4], u[5]
+    )  # fmt: skip
+    if with_tangent:
+        t[6, 0] = v1
+        t[6, 1] = v2
+        t[6, 2] = -n
+        t[6, 3] = m1
+        t[6, 4] = m2
+        t[6, 5] = mt
+        for i in range(6):
+            h = trial.move[j] if i < 3 else trial.move[j] / trial.reach[j]
+            for k in range(6):
+                trial.tangent[j, k, i] = (t[i, k] - t[6, k]) / h + trial.drag[1] * trial.stiffness[j, k, i]
+    if trial.drag[0] > 0.0:
+        for k in range(6):
+            total = 0.0
+            for i in range(6):
+                total += trial.stiffness[j, k, i] * (u[i] - base[i])
+            t[6, k] = trial.drag[0] * total
+        v1 += t[6, 0]
+        v2 += t[6, 1]
+        n -= t[6, 2]
+        m1 += t[6, 3]
+        m2 += t[6, 4]
+        mt += t[6, 5]
+    react(blocks, joints, j, n, v1, v2, mt, m1, m2, slip)
+
+
+@jit
+def try_motion(trial, blocks, joints, points, areas, jacks, v, with_tangent):
+    """Out-of-balance of the blocks for their displacements and rotations and the load ``v``; and the tangents."""
+    clear_forces(blocks)
+    if points is not None:
+        for p in range(points.joint.size):
+            try_joint(trial, blocks, joints, points, areas, 0, p, points.joint[p], with_tangent)
+    if areas is not None:
+        for a in range(areas.joint.size):
+            try_joint(trial, blocks, joints, points, areas, 1, a, areas.joint[a], with_tangent)
+    for i in range(jacks.block.size):
+        f = v * jacks.weight[i]
+        d = jacks.direction
+        r = jacks.arm
+        add_force(blocks, jacks.block[i], f, d[i, 0], d[i, 1], d[i, 2], 0.0, 0.0, 0.0, r[i, 0], r[i, 1], r[i, 2])
+    for f in range(blocks.free.size):
+        b = blocks.free[f]
+        row = trial.row[b]
+        for i in range(3):
+            trial.residual[row + i] = blocks.force[b, i]
+            trial.residual[row + 3 + i] = blocks.torque[b, i]
+
+
+@jit
+def add_to_band(trial, row, left, tangent, right, column, sign):
+    """Add ``sign`` times left^T tangent right to the equations."""
+    h = trial.half_width
+    for i in range(6):
+        for m in range(6):
+            s = 0.0
+            for k in range(6):
+                s += left[k, i] * tangent[k, m]
+            if s != 0.0:
+                for c in range(6):
+                    trial.band[row + i, column + c - row - i + h] += sign * s * right[m, c]
+
+
+@jit
+def assemble_tangent(trial, joints):
+    """The equations of one step of Newton's method: how the blocks answer the out-of-balance and the unit load."""
+    for i in range(trial.band.shape[0]):
+        for k in range(trial.band.shape[1]):
+            trial.band[i, k] = 0.0
+        trial.by_residual[i] = trial.residual[i]
+        trial.by_load[i] = trial.load[i]
+    for j in range(joints.block_a.size):
+        a = trial.row[joints.block_a[j]]
+        b = trial.row[joints.block_b[j]]
+        if b >= 0:
+            add_to_band(trial, b, trial.seen_b[j], trial.tangent[j], trial.seen_b[j], b, 1.0)
+        if a >= 0:
+            add_to_band(trial, a, trial.seen_a[j], trial.tangent[j], trial.seen_a[j], a, 1.0)
+        if a >= 0 and b >= 0:
+            add_to_band(trial, a, trial.seen_a[j], trial.tangent[j], trial.seen_b[j], b, -1.0)
+            add_to_band(trial, b, trial.seen_b[j], trial.tangent[j], trial.seen_a[j], a, -1.0)

@@ -1,0 +1,114 @@
+"""What a replay writes down: rows of history and frames of motion, into arrays given to it.
+
+A channel that was not asked for has arrays without entries, so that leaving it out costs neither time nor memory.
+"""
+
+from math import sqrt
+from typing import NamedTuple
+
+from numpy import ndarray
+
+from dembrick._jit import jit
+from dembrick.kernels.math.vec3 import columns_times, cross, turned
+from dembrick.kernels.statics.block_forces import unbalanced_ratio
+
+
+class Record(NamedTuple):
+    """Rows and frames written by the loop."""
+
+    every: ndarray  # (2,) int64, steps between rows, between frames (a multiple)
+    count: ndarray  # (2,) int64, rows, frames so far
+    row: ndarray  # (r, 6) time, load, displacement, unbalanced, lower, upper
+    actuator: ndarray  # (r, k) m
+    joint: ndarray  # (r, j or 0, 7)
+    energy: ndarray  # (r, 6) J, see `energy.balance`
+    watched: ndarray  # (w,) int64, blocks of the control points
+    lever: ndarray  # (w, 3) m, from their centroids to the points, body axes
+    arm: ndarray  # (w, 3) m, the same at the start, world axes
+    way: ndarray  # (r, w, 3) m, displacement of the points
+    frame_time: ndarray  # (F,)
+    frame_displacement: ndarray  # (F, n, 3) m
+    frame_orientation: ndarray  # (F, n, 4)
+    frame_velocity: ndarray  # (F, n or 0, 3) m/s
+    frame_spin: ndarray  # (F, n or 0, 3) rad/s
+    frame_contact: ndarray  # (F, c or 0, 3) N, on block b at each contact point, world
+
+
+@jit
+def write_contacts(points, joints, viscous, out):
+    """Force (N, world) on block b at every contact point: normal force, and shear force with its dashpot part.
+
+    Stuck or sliding, the shear force is the elastic part and a dashpot on all of the slip, cut off at mu N (`coulomb`).
+    """
+    for p in range(points.joint.size):
+        j = points.joint[p]
+        axes = joints.axes[j]
+        slip = joints.step[j]
+        for i in range(points.start[p], points.start[p + 1]):
+            k = viscous * joints.damping[j] * points.k_s[i]
+            t1 = points.elastic_1[i] + k * (slip[0] - slip[2] * points.y_s[i])
+            t2 = points.elastic_2[i] + k * (slip[1] + slip[2] * points.x_s[i])
+            size = sqrt(t1 * t1 + t2 * t2)
+            cap = points.friction[p] * points.normal[i]
+            if size > cap:
+                t1 *= cap / size
+                t2 *= cap / size
+            force = columns_times(axes, -t1, -t2, points.normal[i])
+            for k in range(3):
+                out[i, k] = force[k]
+
+
+@jit
+def write_frame(record, time, blocks, joints, points, viscous):
+    """Add a frame to the record; there must be room. ``viscous`` is the dashpot ratio in shear."""
+    frame = record.count[1]
+    record.frame_time[frame] = time
+    for b in range(blocks.displacement.shape[0]):
+        q = turned(blocks.orientation, b, blocks.rotation[b, 0], blocks.rotation[b, 1], blocks.rotation[b, 2])
+        for i in range(3):
+            record.frame_displacement[frame, b, i] = blocks.displacement[b, i]
+        for i in range(4):
+            record.frame_orientation[frame, b, i] = q[i]
+    for b in range(record.frame_velocity.shape[1]):
+        for i in range(3):
+            record.frame_velocity[frame, b, i] = blocks.velocity[b, i]
+            record.frame_spin[frame, b, i] = blocks.spin[b, i]
+    if points is not None:
+        if record.frame_contact.shape[1] > 0:
+            write_contacts(points, joints, viscous, record.frame_contact[frame])
+    record.count[1] = frame + 1
+
+
+@jit
+def write_row(record, step, time, blocks, joints, points, jacks, viscous, lower, upper, last):
+    """Add a row to the record, with a frame where one is due or it is the ``last``; False when there is no room."""
+    row = record.count[0]
+    framed = record.frame_time.size > 0 and (last or step % record.every[1] == 0)
+    if row >= record.row.shape[0] or (framed and record.count[1] >= record.frame_time.size):
+        return False
+    record.row[row, 0] = time
+    record.row[row, 1] = jacks.drive[2]
+    record.row[row, 2] = jacks.drive[1]
+    record.row[row, 3] = unbalanced_ratio(blocks, joints)
+    record.row[row, 4] = lower
+    record.row[row, 5] = upper
+    for i in range(jacks.block.size):
+        record.actuator[row, i] = jacks.displacement[i]
+    for j in range(record.joint.shape[1]):
+        for i in range(7):
+            record.joint[row, j, i] = joints.resultant[j, i]
+    for w in range(record.watched.size):
+        b = record.watched[w]
+        r = blocks.rotation[b]
+        q0, q1, q2, q3 = turned(blocks.orientation, b, r[0], r[1], r[2])
+        x, y, z = record.lever[w]
+        # R v = v + 2 q x (q x v + q0 v)
+        c1, c2, c3 = cross(q1, q2, q3, x, y, z)
+        d1, d2, d3 = cross(q1, q2, q3, c1 + q0 * x, c2 + q0 * y, c3 + q0 * z)
+        record.way[row, w, 0] = blocks.displacement[b, 0] + (x + 2.0 * d1 - record.arm[w, 0])
+        record.way[row, w, 1] = blocks.displacement[b, 1] + (y + 2.0 * d2 - record.arm[w, 1])
+        record.way[row, w, 2] = blocks.displacement[b, 2] + (z + 2.0 * d3 - record.arm[w, 2])
+    record.count[0] = row + 1
+    if framed:
+        write_frame(record, time, blocks, joints, points, viscous)
+    return True

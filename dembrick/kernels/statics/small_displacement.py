@@ -1,0 +1,160 @@
+"""Small motion: the geometry stays that of the start, displacements and rotation vectors are infinitesimal.
+
+The limit load of the undeformed structure is what it finds. Relative motions are taken from the totals, so that
+nothing drifts.
+"""
+
+from dembrick._jit import jit
+from dembrick.kernels.math.skyline import solve_in_place
+from dembrick.kernels.math.vec3 import cross, rows_times
+from dembrick.kernels.state import DAMPING
+
+
+@jit
+def small_relative(blocks, joints, j):
+    """What joint ``j`` sees: opening and tilts now, their change in the last step, and the slip twist of it.
+
+    Returns dn, r1, r2, pn, pr1, pr2, p1, p2, pr (m, rad; the joint's axes, at O), and keeps them.
+    """
+    a = joints.block_a[j]
+    b = joints.block_b[j]
+    axes = joints.axes[j]
+    u = blocks.displacement
+    r = blocks.rotation
+    ca1, ca2, ca3 = cross(r[a, 0], r[a, 1], r[a, 2], joints.arm_a[j, 0], joints.arm_a[j, 1], joints.arm_a[j, 2])
+    cb1, cb2, cb3 = cross(r[b, 0], r[b, 1], r[b, 2], joints.arm_b[j, 0], joints.arm_b[j, 1], joints.arm_b[j, 2])
+    d1, d2, dn = rows_times(
+        axes, u[b, 0] - u[a, 0] + cb1 - ca1, u[b, 1] - u[a, 1] + cb2 - ca2, u[b, 2] - u[a, 2] + cb3 - ca3
+    )
+    r1, r2, rn = rows_times(axes, r[b, 0] - r[a, 0], r[b, 1] - r[a, 1], r[b, 2] - r[a, 2])
+    old = joints.relative[j]
+    p1 = d1 - old[0]
+    p2 = d2 - old[1]
+    pn = dn - old[2]
+    pr1 = r1 - old[3]
+    pr2 = r2 - old[4]
+    pr = rn - old[5]
+    old[0] = d1
+    old[1] = d2
+    old[2] = dn
+    old[3] = r1
+    old[4] = r2
+    old[5] = rn
+    step = joints.step[j]
+    step[0] = p1
+    step[1] = p2
+    step[2] = pr
+    tilt = joints.tilt[j]
+    tilt[0] = pr1
+    tilt[1] = pr2
+    opening = joints.opening[j]
+    opening[0] = dn + joints.gap[j]
+    opening[1] = r1
+    opening[2] = r2
+    return opening[0], opening[1], opening[2], pn, pr1, pr2, p1, p2, pr
+
+
+@jit
+def small_jack(blocks, jacks, i):
+    """Displacement of the loaded point of jack ``i`` along its direction (m)."""
+    b = jacks.block[i]
+    u = blocks.displacement
+    r = blocks.rotation
+    c1, c2, c3 = cross(r[b, 0], r[b, 1], r[b, 2], jacks.arm[i, 0], jacks.arm[i, 1], jacks.arm[i, 2])
+    d = jacks.direction
+    return (u[b, 0] + c1) * d[i, 0] + (u[b, 1] + c2) * d[i, 1] + (u[b, 2] + c3) * d[i, 2]
+
+
+@jit
+def accelerate_together(blocks, whole, dt):
+    """Change the velocities of all free blocks by dt M^-1 force, M = L L^T."""
+    x = whole.work
+    for f in range(blocks.free.size):
+        b = blocks.free[f]
+        row = whole.place[f]
+        for i in range(3):
+            x[row + i] = blocks.force[b, i]
+            x[row + 3 + i] = blocks.torque[b, i]
+    solve_in_place(whole.first, whole.start, whole.lower, x)
+    for f in range(blocks.free.size):
+        b = blocks.free[f]
+        row = whole.place[f]
+        for i in range(3):
+            blocks.velocity[b, i] += dt * x[row + i]
+            blocks.spin[b, i] += dt * x[row + 3 + i]
+
+
+@jit
+def accelerate_alone(blocks, inverse, dt):
+    """Change the velocity of every free block by dt M^-1 force, M its own 6 x 6 inertia."""
+    for f in range(blocks.free.size):
+        b = blocks.free[f]
+        m = inverse[b]
+        for i in range(3):
+            a = w = 0.0
+            for k in range(3):
+                a += m[i, k] * blocks.force[b, k] + m[i, k + 3] * blocks.torque[b, k]
+                w += m[i + 3, k] * blocks.force[b, k] + m[i + 3, k + 3] * blocks.torque[b, k]
+            blocks.velocity[b, i] += dt * a
+            blocks.spin[b, i] += dt * w
+
+
+@jit
+def accelerate(blocks, inverse, whole, dt):
+    """Central difference of the velocities with the artificial inertia, in one piece where that is given."""
+    if whole is not None:
+        accelerate_together(blocks, whole, dt)
+    else:
+        accelerate_alone(blocks, inverse, dt)
+
+
+@jit
+def calming_loss(blocks, b, matrix, dt, calming):
+    """Energy (J) that calming takes from block ``b``, with u its velocity that is about to be calmed.
+
+    The impulse of the calming, -c M w with w = u - mean, works over the motion before and after it, as a force does in
+    the trapezoidal rule: c (w . M (2 u - c w) - dt w . force) / 2.
+    """
+    u = blocks.velocity[b]
+    r = blocks.spin[b]
+    mean = blocks.mean_velocity[b]
+    lost = 0.0
+    for i in range(3):
+        w = u[i] - mean[i]
+        turn = r[i] - mean[i + 3]
+        lost -= dt * (w * blocks.force[b, i] + turn * blocks.torque[b, i])
+        for k in range(3):
+            v = 2.0 * u[k] - calming * (u[k] - mean[k])
+            spin = 2.0 * r[k] - calming * (r[k] - mean[k + 3])
+            lost += w * (matrix[i, k] * v + matrix[i, k + 3] * spin)
+            lost += turn * (matrix[i + 3, k] * v + matrix[i + 3, k + 3] * spin)
+    return 0.5 * calming * lost
+
+
+@jit
+def small_step(blocks, inertia, dt, calming, memory, energy):
+    """Central difference with the artificial inertia of the free blocks. Returns the longest move (m).
+
+    ``calming`` takes away that part of the difference between a block's velocity and its running mean over about
+    1/``memory`` steps: it stills what swings and leaves what moves steadily. What it takes goes into the books.
+    """
+    longest = 0.0
+    mean = blocks.mean_velocity
+    accelerate(blocks, inertia.inverse, inertia.whole, dt)
+    for f in range(blocks.free.size):
+        b = blocks.free[f]
+        if calming > 0.0:
+            if energy is not None:
+                energy.work[DAMPING] += calming_loss(blocks, b, inertia.matrix[b], dt, calming)
+            for i in range(3):
+                blocks.velocity[b, i] -= calming * (blocks.velocity[b, i] - mean[b, i])
+                blocks.spin[b, i] -= calming * (blocks.spin[b, i] - mean[b, i + 3])
+                mean[b, i] += memory * (blocks.velocity[b, i] - mean[b, i])
+                mean[b, i + 3] += memory * (blocks.spin[b, i] - mean[b, i + 3])
+        for i in range(3):
+            blocks.displacement[b, i] += dt * blocks.velocity[b, i]
+            blocks.rotation[b, i] += dt * blocks.spin[b, i]
+            move = abs(dt * blocks.velocity[b, i])
+            if move > longest or move != move:
+                longest = move
+    return longest
