@@ -10,9 +10,9 @@ Nothing heavy is imported until a name is used.
 __version__ = "0.1.0"
 
 _HOMES = {
-    "load": "dembrick.scenario",
-    "loads": "dembrick.scenario",
-    "dumps": "dembrick.scenario",
+    "load": "dembrick.scenario.toml",
+    "loads": "dembrick.scenario.toml",
+    "dumps": "dembrick.scenario.toml",
     "simulate": "dembrick.result",
     "restart": "dembrick.result",
     "simulate_domain": "dembrick.domain",

@@ -22,16 +22,16 @@ from dembrick.attachments import (
     jacks,
     jacks_on_all_blocks,
 )
-from dembrick.checks import show
-from dembrick.controls import on_all_blocks
 from dembrick.errors import ScenarioError
 from dembrick.geometry import polygons
 from dembrick.geometry.shapes import Shape, rotation_matrix, unit_quaternion
 from dembrick.joints import TOLERANCE, JointTable, find_joints
-from dembrick.magnitudes import check_magnitudes
-from dembrick.model import JointLaw, Scenario
 from dembrick.neighbours import Bodies, bodies_of, close_pairs, overlap_depths
 from dembrick.point_table import PointTable, place_points, widest_rim
+from dembrick.scenario.checks import show
+from dembrick.scenario.controls import on_all_blocks
+from dembrick.scenario.limits import check_magnitudes
+from dembrick.scenario.model import JointLaw, Scenario
 from dembrick.solids import shapes_of
 
 SOFT_WARNING = 1e-3  # elastic closing or sliding of a joint under its dead load, over its short side

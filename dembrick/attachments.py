@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from dembrick import body_forces
-from dembrick.checks import show
 from dembrick.errors import ScenarioError
 from dembrick.geometry.shapes import parts_of
+from dembrick.scenario.checks import show
 
 ON_FACE = 1e-9  # of the block's diameter: a point so little outside is on the face
 

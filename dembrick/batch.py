@@ -28,8 +28,8 @@ from dembrick.kernels.statics.batch import UNSEATED, Answer, Loading, Lone, Room
 from dembrick.kernels.statics.certify import Basis
 from dembrick.kernels.statics.load_bounds import NEVER
 from dembrick.kernels.statics.loop import CONVERGED
-from dembrick.model import JointLaw
 from dembrick.point_rules import ContactPoints, contact_points
+from dembrick.scenario.model import JointLaw
 from dembrick.stability import critical_time_step
 from dembrick.yield_point import OPEN
 

@@ -14,8 +14,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from dembrick.checks import show
 from dembrick.errors import ScenarioError
+from dembrick.scenario.checks import show
 
 _ALONG = 1e-9  # of a force: a part along the axis that is rounding
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from dembrick.errors import ScenarioError
 from dembrick.geometry import polygons
-from dembrick.model import JointLaw
+from dembrick.scenario.model import JointLaw
 
 STIFF = 1e-6  # elastic closing and slip over the short side, where no stiffness is given: a numerical choice
 

@@ -12,7 +12,7 @@ from dembrick import point_rules, theory
 from dembrick.batch import face
 from dembrick.errors import ScenarioError
 from dembrick.geometry import polygons
-from dembrick.model import FORMULATIONS, PRESSURES, JointLaw, nearest
+from dembrick.scenario.model import FORMULATIONS, PRESSURES, JointLaw, nearest
 from dembrick.yield_domain import YieldDomain, directions, yield_domain
 
 __all__ = ["DomainJoint", "Request", "by_simulation", "by_theory", "simulate_domain"]

@@ -40,10 +40,10 @@ from dembrick.kernels.dynamics.loop import (
 )
 from dembrick.kernels.dynamics.tiles import VISCOUS, WORK, rows_of_lanes
 from dembrick.meetings import STABLE, Meetings
-from dembrick.model import show
 from dembrick.motion_books import MotionBooks
 from dembrick.moving_polygons import Polygons
 from dembrick.moving_state import MovingState, moving_state, out_of_balance
+from dembrick.scenario.model import show
 
 SEATING = 0.8  # local damping while blocks are seated
 SEATING_STEP = 0.7  # of the time step then: against the motion, local damping makes a force 1.8 times as large

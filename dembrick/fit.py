@@ -22,10 +22,10 @@ from pathlib import Path
 
 import numpy as np
 
-from dembrick import scenario as scenarios
 from dembrick.errors import NotConvergedError, ScenarioError
-from dembrick.model import FORMULATIONS, Scenario, YieldControl, nearest, show
 from dembrick.result import simulate
+from dembrick.scenario import toml as scenarios
+from dembrick.scenario.model import FORMULATIONS, Scenario, YieldControl, nearest, show
 
 CONFIDENCE = 0.95
 _UNITS = {"N": 1.0, "kN": 1e3}

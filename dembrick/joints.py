@@ -10,9 +10,9 @@ import numpy as np
 from dembrick.facing import TOLERANCE, Contacts, shared_polygons
 from dembrick.geometry.polygons import second_moments, shrink_factor, tributary_areas
 from dembrick.geometry.shapes import Shape, rotation_matrix
-from dembrick.model import JointLaw
 from dembrick.neighbours import Bodies, bodies_of, close_pairs
 from dembrick.point_rules import ContactPoints, contact_points
+from dembrick.scenario.model import JointLaw
 
 __all__ = [
     "TOLERANCE",

@@ -12,7 +12,7 @@ import numpy as np
 from dembrick._jit import kernel_hash
 from dembrick.audit import Auditor
 from dembrick.errors import HistoryError
-from dembrick.model import Output
+from dembrick.scenario.model import Output
 from dembrick.session import Session
 
 

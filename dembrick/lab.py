@@ -14,12 +14,12 @@ from collections.abc import Callable, Iterable, Sequence
 from functools import lru_cache
 from pathlib import Path
 
-from dembrick import scenario as scenarios
 from dembrick.errors import ScenarioError
 from dembrick.history import check_output, replacing
 from dembrick.lab_data import FRICTION, MID_HEIGHT, SETS, TABLE_1
-from dembrick.model import FORMULATIONS, Scenario, YieldControl
 from dembrick.result import Result, simulate
+from dembrick.scenario import toml as scenarios
+from dembrick.scenario.model import FORMULATIONS, Scenario, YieldControl
 
 TABLE_1_FORMULATIONS = ("convex", "concave")
 

@@ -12,7 +12,7 @@ from dembrick import motion_run
 from dembrick.audit import EnergyAudit
 from dembrick.collapse import collapse_lines
 from dembrick.loading import driving_of
-from dembrick.model import Scenario
+from dembrick.scenario.model import Scenario
 from dembrick.session import Session
 
 

@@ -11,8 +11,6 @@ import numpy as np
 
 from dembrick import interruption
 from dembrick.audit import Sums
-from dembrick.checks import show
-from dembrick.controls import drives_to_collapse
 from dembrick.driving import Driving
 from dembrick.dynamics import Motion, advance, damping_of_restitution, joint_forces, motion, seat
 from dembrick.errors import HistoryError, NotConvergedError, ScenarioError
@@ -20,7 +18,6 @@ from dembrick.geometry.shapes import quaternion_product, rotation_matrix, unit_q
 from dembrick.kernels.dynamics.loop import REACHED, Limits
 from dembrick.kernels.dynamics.record import unbalanced_ratio
 from dembrick.kernels.dynamics.tiles import SEEN
-from dembrick.model import Output
 from dembrick.motion_books import MotionBooks
 from dembrick.moving_state import (
     contact_arms,
@@ -31,6 +28,9 @@ from dembrick.moving_state import (
     with_contact_forces,
 )
 from dembrick.pushing import STRONGEST, Jack, jack_of
+from dembrick.scenario.checks import show
+from dembrick.scenario.controls import drives_to_collapse
+from dembrick.scenario.model import Output
 from dembrick.session import Plan, Session, Snapshot, step_at
 from dembrick.snapshots import flattened, restored
 

@@ -26,14 +26,14 @@ import numpy as np
 
 from dembrick import assembly as assemblies
 from dembrick import replay
-from dembrick.controls import in_real_time
 from dembrick.dynamics import LONGEST_CHUNK, advance
 from dembrick.errors import DivergedError, NotConvergedError, ScenarioError
 from dembrick.kernels.dynamics.loop import Limits
 from dembrick.loading import driving_of
-from dembrick.model import Output, Scenario
 from dembrick.motion_result import lived_through
 from dembrick.motion_run import NO_LIMIT, Past
+from dembrick.scenario.controls import in_real_time
+from dembrick.scenario.model import Output, Scenario
 from dembrick.session import Session
 from dembrick.stepping import Loop, Stepper
 

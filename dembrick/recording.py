@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from dembrick import history
-from dembrick import scenario as scenarios
 from dembrick.errors import HistoryError
+from dembrick.scenario import toml as scenarios
 
 
 @contextmanager

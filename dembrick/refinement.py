@@ -18,9 +18,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dembrick.controls import drives_to_collapse, on_all_blocks
 from dembrick.errors import ScenarioError
-from dembrick.model import JointLaw, Scenario
+from dembrick.scenario.controls import drives_to_collapse, on_all_blocks
+from dembrick.scenario.model import JointLaw, Scenario
 
 OF_RATE = 1.0 / (1.0 - 2.0 ** (-2.0 / 3.0))  # error over the difference that half the rate makes
 OF_STIFFNESS = 1.0 / (1.0 - 2.0 ** (-1.0 / 3.0))  # and twice the stiffness

@@ -23,7 +23,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dembrick.certificate import certificate, frictionless
-from dembrick.controls import on_all_blocks
 from dembrick.elastic import elastic_factor, touches_itself
 from dembrick.equilibrium import inverse_inertia, seat
 from dembrick.errors import NotConvergedError, ScenarioError
@@ -31,9 +30,10 @@ from dembrick.guards import new_guard, refuse_divergence
 from dembrick.kernels.state import Energy, Inertia
 from dembrick.kernels.statics.load_bounds import Certificate
 from dembrick.kernels.statics.loop import CONVERGED, RUNNING, Drive
-from dembrick.model import Output
 from dembrick.quasi_static import follow, prepare
 from dembrick.recorder import Recorder
+from dembrick.scenario.controls import on_all_blocks
+from dembrick.scenario.model import Output
 from dembrick.session import Observer, Plan, Session
 from dembrick.simulation import State, block_stiffness, initial_state, load_vectors, new_energy
 from dembrick.stability import Dashpots, block_inertia, critical_time_step, dashpots

@@ -14,16 +14,16 @@ import numpy as np
 
 from dembrick import assembly as assemblies
 from dembrick import centred_points, interruption, judge, replay
-from dembrick import scenario as scenarios
 from dembrick.audit import EnergyAudit
 from dembrick.collapse import collapse_of
-from dembrick.controls import in_real_time, on_all_blocks
 from dembrick.errors import DembrickError, HistoryError, NotConvergedError, WriteError
 from dembrick.interruption import Interrupted
 from dembrick.keeper import Keeper, Memory
-from dembrick.model import Scenario
 from dembrick.point_table import widest_rim
 from dembrick.refinement import error_of, refinements
+from dembrick.scenario import toml as scenarios
+from dembrick.scenario.controls import in_real_time, on_all_blocks
+from dembrick.scenario.model import Scenario
 from dembrick.session import Session
 from dembrick.simulation import rotations
 from dembrick.yield_point import YieldPoint

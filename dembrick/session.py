@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from dembrick import interruption
-from dembrick.model import Output
+from dembrick.scenario.model import Output
 
 Observer = Callable[[Mapping[str, np.ndarray], Mapping[str, np.ndarray]], None]
 

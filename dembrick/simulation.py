@@ -15,8 +15,8 @@ from dembrick.geometry import friction_integrals, polygons
 from dembrick.geometry.shapes import quaternion_product, rotation_matrix
 from dembrick.joints import JointTable
 from dembrick.kernels.state import Areas, Blocks, Energy, Jacks, Joints, Points, Pressed
-from dembrick.model import PRESSURES
 from dembrick.point_table import PointTable
+from dembrick.scenario.model import PRESSURES
 
 
 class State(NamedTuple):

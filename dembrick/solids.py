@@ -8,12 +8,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dembrick.blocks import Block, Mesh, Part, Prism
-from dembrick.checks import show
 from dembrick.errors import ScenarioError
 from dembrick.geometry.convex_hull import compound, hull, prism, voussoir
 from dembrick.geometry.shapes import Polyhedron, Shape, box
-from dembrick.magnitudes import LARGEST, SMALLEST, check_size
+from dembrick.geometry.size import LARGEST, SMALLEST, check_size
+from dembrick.scenario.blocks import Block, Mesh, Part, Prism
+from dembrick.scenario.checks import show
 
 
 def shapes_of(blocks: Sequence[Block], folder: str = "") -> tuple[Shape, ...]:

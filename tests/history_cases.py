@@ -4,8 +4,9 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from dembrick import history, model
+from dembrick import history
 from dembrick.attachments import NO_CONTROL_POINTS, ControlPoints
+from dembrick.scenario import model
 
 SCENARIO = 'title = "two blocks, one joint"\ngravity = [0.0, 0.0, -9.81]\n'
 FACES = ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7))

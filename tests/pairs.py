@@ -10,8 +10,8 @@ from dembrick.geometry.shapes import box, quaternion_product, rotation_matrix, u
 from dembrick.kernels.dynamics.contact_forces import TOUCHED, clear_applied, touch
 from dembrick.kernels.dynamics.rigid_bodies import Bodies
 from dembrick.kernels.dynamics.tiles import Links
-from dembrick.model import JointLaw
 from dembrick.neighbours import bodies_of, overlap_depths
+from dembrick.scenario.model import JointLaw
 from dembrick.touching_state import parts_table, scratch_for, touching_pairs
 
 K_N, K_S = 1e10, 4e9

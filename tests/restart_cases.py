@@ -11,8 +11,8 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from dembrick import model
 from dembrick.lab import lab_scenario
+from dembrick.scenario import model
 
 SCENARIOS = Path(__file__).parent.parent / "scenarios"
 PACKAGE = str(Path(__file__).parent.parent)

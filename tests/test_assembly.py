@@ -9,7 +9,7 @@ from dembrick import assembly as assembly_module
 from dembrick.assembly import build, dead_joint_forces
 from dembrick.errors import ScenarioError
 from dembrick.geometry.shapes import rotation_matrix
-from dembrick.model import (
+from dembrick.scenario.model import (
     Actuator,
     Block,
     DisplacementControl,

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from dembrick import scenario
 from dembrick.cli import main
 from dembrick.errors import ScenarioError
 from dembrick.result import simulate
+from dembrick.scenario import toml
 
 BASE = """
 title = "bad"
@@ -97,7 +97,7 @@ BAD = {
 def test_what_cannot_be_meant_is_refused(text, match):
     text = text if text.startswith(("supports", "\ntitle")) else BASE + text
     with pytest.raises(ScenarioError, match=match) as caught:
-        simulate(scenario.loads(text))
+        simulate(toml.loads(text))
     assert "\n" not in str(caught.value)
 
 
@@ -107,7 +107,7 @@ SLAB = WALL.replace("0.7, 0.0]", "0.7, 0.1]").replace("courses", "base = 0.1\nco
 @pytest.mark.parametrize("text", [DYNAMIC + load("block", SINE), SLAB + DYNAMIC + load("wall")])
 def test_what_can_be_meant_is_not(text):
     """A load that varies while time passes; one on a whole wall, the slab under which is fixed."""
-    simulate(scenario.loads(BASE + text))
+    simulate(toml.loads(BASE + text))
 
 
 @pytest.mark.parametrize("factor", [1e200, 1e-12])
@@ -165,7 +165,7 @@ ABSURD = {
 def test_numbers_that_cannot_be_computed_with(old, new, match):
     assert BASE.count(old) == 1
     with pytest.raises(ScenarioError, match=match):
-        simulate(scenario.loads(BASE.replace(old, new) + DYNAMIC))
+        simulate(toml.loads(BASE.replace(old, new) + DYNAMIC))
 
 
 @pytest.mark.parametrize(
@@ -182,4 +182,4 @@ def test_numbers_that_cannot_be_computed_with(old, new, match):
 @pytest.mark.filterwarnings("error")
 def test_speeds_and_forces_that_cannot_be_computed_with(more, match):
     with pytest.raises(ScenarioError, match=match):
-        simulate(scenario.loads(BASE + more))
+        simulate(toml.loads(BASE + more))

@@ -9,8 +9,8 @@ from test_limit_load import MU, A, B, N, scene, single
 
 from dembrick import batch, theory, yield_domain
 from dembrick.errors import NotConvergedError, ScenarioError
-from dembrick.model import FORMULATIONS
 from dembrick.result import simulate
+from dembrick.scenario.model import FORMULATIONS
 
 RECTANGLE = theory.polygons.rectangle(A, B)
 FORCE = [0.6, 0.8, 0.0]

@@ -5,16 +5,16 @@ import math
 import numpy as np
 import pytest
 
-from dembrick import scenario
 from dembrick.assembly import build
-from dembrick.blocks import Block, Part, Prism
 from dembrick.errors import ScenarioError
 from dembrick.geometry.convex_hull import compound
 from dembrick.geometry.friction_integrals import area_radius, far_moments
 from dembrick.geometry.shapes import box, rotation_matrix, unit_quaternion
 from dembrick.judge import theory_of
-from dembrick.model import Actuator, JointLaw, Load, Material, Scenario, YieldControl
 from dembrick.replay import find_limit_load
+from dembrick.scenario import toml
+from dembrick.scenario.blocks import Block, Part, Prism
+from dembrick.scenario.model import Actuator, JointLaw, Load, Material, Scenario, YieldControl
 from dembrick.simulation import initial_state
 
 L_PARTS = (Part(box=(0.3, 0.1, 0.2), position=(0.15, 0.05, 0.1)), Part(box=(0.1, 0.2, 0.2), position=(0.05, 0.2, 0.1)))
@@ -235,11 +235,11 @@ def test_the_far_field_of_an_l_is_that_of_its_pieces():
 
 def test_parts_in_a_file():
     scene, _ = twisted(BLOCKS["an L"], 0.2)
-    text = scenario.dumps(scene)
+    text = toml.dumps(scene)
     assert "parts = [{ box = [0.3, 0.1, 0.2], position = [0.15, 0.05, 0.1] }" in text
-    assert scenario.loads(text) == scene
+    assert toml.loads(text) == scene
     with pytest.raises(ScenarioError, match=r"unknown key 'boxx' in parts\[0\] in \[\[blocks\]\] number 2"):
-        scenario.loads(text.replace("{ box", "{ boxx", 1))
+        toml.loads(text.replace("{ box", "{ boxx", 1))
 
 
 # --- joints of any two polygons ---------------------------------------------------------------------------------------

@@ -8,14 +8,14 @@ import pytest
 
 from dembrick import history, interruption
 from dembrick.cli import main
-from dembrick.controls import DynamicControl
 from dembrick.export.layers import Contacts, Picture
 from dembrick.geometry.shapes import rotation_matrix
 from dembrick.history.layout import NEW_CONTACTS
 from dembrick.interruption import Interrupted
 from dembrick.joint_motion import JointMotion
-from dembrick.model import CHANNELS, Block, JointLaw, Material, Output, Scenario
 from dembrick.result import restart, simulate
+from dembrick.scenario.controls import DynamicControl
+from dembrick.scenario.model import CHANNELS, Block, JointLaw, Material, Output, Scenario
 
 G = 9.81
 FLOOR = Block("floor", "stone", (4.0, 4.0, 0.1), (0.0, 0.0, -0.05), fixed=True)

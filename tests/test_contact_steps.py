@@ -11,14 +11,14 @@ from test_impacts import collapse, falling_arch, scene
 
 from dembrick import frequencies, history, meetings
 from dembrick.cli import main
-from dembrick.controls import DynamicControl
 from dembrick.errors import DivergedError
 from dembrick.geometry.shapes import box, quaternion_product
 from dembrick.kernels.dynamics.contact_forces import clear_applied, touch
-from dembrick.model import Block, Load, Output, Sine, Solver
 from dembrick.moving_state import MovingState
 from dembrick.result import simulate
-from dembrick.scenario import dumps
+from dembrick.scenario.controls import DynamicControl
+from dembrick.scenario.model import Block, Load, Output, Sine, Solver
+from dembrick.scenario.toml import dumps
 
 DT = 1e-6
 

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from dembrick import history, plot
-from dembrick import scenario as scenarios
 from dembrick.cli import main
 from dembrick.errors import HistoryError, ScenarioError
 from dembrick.result import simulate
+from dembrick.scenario import toml as scenarios
 
 SCENARIOS = Path(__file__).parent.parent / "scenarios"
 

@@ -7,12 +7,13 @@ import dataclasses
 import numpy as np
 import pytest
 
-from dembrick import assembly, audit, lab, model, replay
+from dembrick import assembly, audit, lab, replay
 from dembrick.errors import EnergyAuditError
 from dembrick.kernels.state import BY_LAW, DAMPING, HEAD, LEAST, SLIDING, TORQUES, Energy, Points
 from dembrick.kernels.statics.joint_forces import point_forces
-from dembrick.model import FORMULATIONS
 from dembrick.result import simulate
+from dembrick.scenario import model
+from dembrick.scenario.model import FORMULATIONS
 
 
 def books(name: str, formulation: str, step_factor: float = 0.9, rate: float | None = None):

@@ -11,7 +11,7 @@ from dembrick._jit import jit
 from dembrick.geometry.shapes import rotation_matrix
 from dembrick.kernels.state import Blocks, Inertia
 from dembrick.kernels.statics.finite_rotation import finite_step, turn
-from dembrick.model import Block, JointLaw, Material, Scenario, YieldControl
+from dembrick.scenario.model import Block, JointLaw, Material, Scenario, YieldControl
 from dembrick.simulation import block_stiffness, initial_state, joint_stiffness, to_joint
 
 

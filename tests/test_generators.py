@@ -6,12 +6,12 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from dembrick import memory, scenario
 from dembrick.assembly import build
-from dembrick.blocks import Block, Prism
 from dembrick.errors import ScenarioError
-from dembrick.generators import Arch, Dome, Opening, Return, Stack, Wall
-from dembrick.model import JointLaw, JointOverride, Load, Material, Scenario, YieldControl
+from dembrick.scenario import memory, toml
+from dembrick.scenario.blocks import Block, Prism
+from dembrick.scenario.generators import Arch, Dome, Opening, Return, Stack, Wall
+from dembrick.scenario.model import JointLaw, JointOverride, Load, Material, Scenario, YieldControl
 
 LAW = JointLaw("concave", 0.65, 1e10, 4e9)
 STONE = (0.4, 0.2, 0.175)
@@ -215,7 +215,7 @@ def test_a_dome_meets_face_to_face_everywhere():
 
 
 def test_a_wall_in_a_file():
-    found = scenario.loads(TOML)
+    found = toml.loads(TOML)
     assembly = build(found)
     assert found.groups["wall.1"] == tuple(range(6)) and found.groups["wall"] == tuple(range(len(found.all_blocks)))
     assert [b.name for b in found.all_blocks if b.fixed] == [f"wall.1.{k}" for k in range(1, 7)]
@@ -230,8 +230,8 @@ def test_a_wall_in_a_file():
     }  # fmt: skip
     assert laws["wall.2", "wall.3"] == 0.3 and laws["wall.3", "wall.4"] == 0.64 and laws["wall.2", "wall.2"] == 0.64
     assert found.law_between("wall.2.1", "wall.3.1").friction == 0.3
-    assert scenario.loads(scenario.dumps(found)) == found
-    assert scenario.loads(TOML, overrides=["walls.wall.courses=7"]).all_blocks[-1].name == "wall.right.7.4"
+    assert toml.loads(toml.dumps(found)) == found
+    assert toml.loads(TOML, overrides=["walls.wall.courses=7"]).all_blocks[-1].name == "wall.right.7.4"
 
 
 def test_every_shape_and_generator_survives_the_text():
@@ -249,7 +249,7 @@ def test_every_shape_and_generator_survives_the_text():
         loads=(Load("loose stones", (0, 0, -1)),),
         supports=("s.1",),
     )
-    again = scenario.loads(scenario.dumps(found) + '\n[[actuators]]\nname = "j"\nblock = "w.3.1"\n'
+    again = toml.loads(toml.dumps(found) + '\n[[actuators]]\nname = "j"\nblock = "w.3.1"\n'
                            "point = [9.1, 9, 0.5]\ndirection = [1, 0, 0]\n")  # fmt: skip
     for key in ("blocks", "walls", "stacks", "arches", "domes", "joints", "loads", "supports", "all_blocks", "groups"):
         assert getattr(again, key) == getattr(found, key), key
@@ -281,7 +281,7 @@ def test_what_is_refused(case):
     (old, new), *fragments = REFUSED[case]
     assert old in TOML
     with pytest.raises(ScenarioError) as caught:
-        build(scenario.loads(TOML.replace(old, new), "test.toml"))
+        build(toml.loads(TOML.replace(old, new), "test.toml"))
     message = str(caught.value)
     assert "test.toml" in message and "\n" not in message
     for fragment in fragments:

@@ -11,9 +11,10 @@ import history_cases as cases
 import numpy as np
 import pytest
 
-from dembrick import history, model
+from dembrick import history
 from dembrick.errors import HistoryError, OutputError, WriteError
 from dembrick.history import files, layout, writer
+from dembrick.scenario import model
 
 # --- what goes in comes out ---
 

@@ -120,7 +120,7 @@ from dembrick import history
 from dembrick.history import writer
 writer._RESERVE = 20_000  # many growths
 n = {n_block}
-from dembrick.model import CHANNELS
+from dembrick.scenario.model import CHANNELS
 out = history.HistoryWriter({path!r}, cases.SCENARIO, cases.many_blocks(n), {{}}, False, CHANNELS, hold=0.0)
 print("start", flush=True)
 rows = frames = 0

@@ -14,12 +14,13 @@ import numpy as np
 import pytest
 from restart_cases import PACKAGE, SCENARIOS, SLOW, case, check_same, dembrick, wait_for
 
-from dembrick import interruption, scenario
+from dembrick import interruption
 from dembrick.cli import main
 from dembrick.errors import NotConvergedError
 from dembrick.history import Checkpoint, Checkpoints, read
 from dembrick.interruption import Interrupted
 from dembrick.result import restart, simulate
+from dembrick.scenario import toml
 
 LONG = """
 [output]
@@ -86,7 +87,7 @@ sys.exit(main(["run", {str(long_run / "long.toml")!r}, "--out", {str(tmp_path / 
 @pytest.mark.parametrize("late", ["dembrick.judge.theory_of", "dembrick.history.HistoryWriter.finish"])
 def test_a_signal_that_finds_the_answer_there_leaves_it_whole(tmp_path, capsys, monkeypatch, late):
     """While it is compared with theory, and while it is written."""
-    (tmp_path / "set4a.toml").write_text(scenario.dumps(case("set4a", "concave")))
+    (tmp_path / "set4a.toml").write_text(toml.dumps(case("set4a", "concave")))
     path, original = tmp_path / "run.h5", pkgutil.resolve_name(late)
 
     def signalled(*arguments):
@@ -105,7 +106,7 @@ def test_a_signal_that_finds_the_answer_there_leaves_it_whole(tmp_path, capsys, 
 def test_a_signal_that_a_callback_swallows_is_not_lost(tmp_path, capsys, monkeypatch):
     """A compiler that is called back raises an error of its own then; what comes out is the interrupt, and no more."""
     given = case("set4a", "concave")
-    (tmp_path / "set4a.toml").write_text(scenario.dumps(given))
+    (tmp_path / "set4a.toml").write_text(toml.dumps(given))
 
     def compiling(*_):
         callback = ctypes.CFUNCTYPE(None)(lambda: signal.raise_signal(signal.SIGTERM))
@@ -124,7 +125,7 @@ def test_a_signal_that_a_callback_swallows_is_not_lost(tmp_path, capsys, monkeyp
 
 @pytest.mark.parametrize("error", [Interrupted(signal.SIGINT), NotConvergedError("no equilibrium")])
 def test_a_run_is_complete_whatever_becomes_of_its_error_estimate(tmp_path, monkeypatch, error):
-    given = scenario.load(SCENARIOS / "oppenheim.toml")
+    given = toml.load(SCENARIOS / "oppenheim.toml")
 
     def estimate(_):
         raise error
@@ -165,7 +166,7 @@ def test_killed_and_restarted_again_and_again(tmp_path, long_run):
 def test_a_run_killed_before_its_first_checkpoint_starts_anew(tmp_path, capsys):
     given = case("set4a", "concave")
     whole = simulate(given, tmp_path / "whole.h5")
-    (tmp_path / "set4a.toml").write_text(scenario.dumps(given))
+    (tmp_path / "set4a.toml").write_text(toml.dumps(given))
     code = f"""
 import os
 from dembrick import keeper

@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 
 from dembrick import history
-from dembrick import scenario as scenarios
 from dembrick.cli import main
 from dembrick.errors import HistoryError
 from dembrick.joint_table import UNITS, joint_table
 from dembrick.result import simulate
+from dembrick.scenario import toml as scenarios
 
 SCENARIOS = Path(__file__).parent.parent / "scenarios"
 

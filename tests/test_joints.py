@@ -9,7 +9,7 @@ from dembrick import joints as joints_module
 from dembrick.geometry import polygons
 from dembrick.geometry.shapes import Polyhedron, box, quaternion_product, rotation_matrix, unit_quaternion
 from dembrick.joints import find_joints
-from dembrick.model import JointLaw
+from dembrick.scenario.model import JointLaw
 
 UNTURNED = (1.0, 0.0, 0.0, 0.0)
 LAB = (0.3, 0.2, 0.1)

@@ -13,12 +13,12 @@ from scipy.sparse import coo_array
 
 from dembrick import assembly
 from dembrick.collapse import collapse_lines
-from dembrick.controls import PushoverControl
-from dembrick.generators import Arch, Stack, Wall
-from dembrick.generators.walls import Return
-from dembrick.model import JointLaw, Material, Scenario
 from dembrick.refinement import refinements
 from dembrick.result import simulate
+from dembrick.scenario.controls import PushoverControl
+from dembrick.scenario.generators import Arch, Stack, Wall
+from dembrick.scenario.generators.walls import Return
+from dembrick.scenario.model import JointLaw, Material, Scenario
 
 FACETS = 64  # of a cone; they stand around it, so that the programme allows 0.12 % more friction
 

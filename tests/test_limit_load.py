@@ -15,8 +15,18 @@ from dembrick.geometry.shapes import rotation_matrix
 from dembrick.kernels.joint import limit_surface
 from dembrick.kernels.statics import block_forces, joint_forces, load_bounds, loop
 from dembrick.lab import lab_scenario
-from dembrick.model import FORMULATIONS, Actuator, Block, JointLaw, Load, Material, Scenario, Solver, YieldControl
 from dembrick.result import simulate
+from dembrick.scenario.model import (
+    FORMULATIONS,
+    Actuator,
+    Block,
+    JointLaw,
+    Load,
+    Material,
+    Scenario,
+    Solver,
+    YieldControl,
+)
 
 SETS = ("2a", "2b", "4a", "4b")
 A, B, N, MU = 0.3, 0.2, 467.0, 0.64

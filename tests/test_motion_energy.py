@@ -7,13 +7,14 @@ import math
 import numpy as np
 import pytest
 
-from dembrick import audit, history, model
+from dembrick import audit, history
 from dembrick.cli import main
-from dembrick.controls import BaseMotionControl, DynamicControl, Pulse, PushoverControl, Sine
 from dembrick.errors import EnergyAuditError
-from dembrick.model import Block, JointLaw, Load, Material, Output, Scenario, Solver
 from dembrick.motion_books import ENERGIES
 from dembrick.result import simulate
+from dembrick.scenario import model
+from dembrick.scenario.controls import BaseMotionControl, DynamicControl, Pulse, PushoverControl, Sine
+from dembrick.scenario.model import Block, JointLaw, Load, Material, Output, Scenario, Solver
 
 FORMULATIONS = ("concave", "corrected-shear", "distributed", "convex")
 G = 9.81

@@ -6,18 +6,19 @@ import numpy as np
 import pytest
 from test_moving_joints import FORMULATIONS, about, place, seated
 
-from dembrick import history, model, scenario
-from dembrick.controls import DynamicControl, PushoverControl
+from dembrick import history
 from dembrick.dynamics import advance, joint_forces
 from dembrick.export.layers import Contacts, Picture
-from dembrick.generators import Wall
 from dembrick.joint_motion import JointMotion
 from dembrick.kernels.dynamics.loop import Limits
 from dembrick.kernels.dynamics.record import unbalanced_ratio
 from dembrick.lab import scenario_folder
-from dembrick.model import JointLaw, Material, Output, Scenario
 from dembrick.moving_state import contact_forces, joint_resultants, out_of_balance, with_contact_forces
 from dembrick.result import simulate
+from dembrick.scenario import model, toml
+from dembrick.scenario.controls import DynamicControl, PushoverControl
+from dembrick.scenario.generators import Wall
+from dembrick.scenario.model import JointLaw, Material, Output, Scenario
 
 POINTS = ("concave", "corrected", "corrected-shear", "distributed")
 ALL = model.CHANNELS
@@ -131,9 +132,9 @@ def test_a_wall_at_rest_against_its_equilibrium(formulation):
 @pytest.mark.parametrize("formulation", POINTS)
 def test_frames_of_a_tilting_wall_carry_what_its_rows_say(tmp_path, formulation):
     """Every frame of the history: the contact forces of a joint sum up to its N and V; open joints carry none."""
-    given = scenario.load(scenario_folder() / "wall_tilt.toml", [f'joint.formulation="{formulation}"'])
+    given = toml.load(scenario_folder() / "wall_tilt.toml", [f'joint.formulation="{formulation}"'])
     changes = ["walls.0.courses=3", "walls.0.blocks=2", "control.rate=10.0", "control.displacement=0.25"]
-    given = scenario.loads(scenario.text_of(given), None, changes)
+    given = toml.loads(toml.text_of(given), None, changes)
     given = dataclasses.replace(given, output=Output(ALL, rows=400, frames=40))
     result = simulate(given, tmp_path / "wall.h5")
     with history.read(tmp_path / "wall.h5") as found:

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from four_hinges import FourHinges
 
-from dembrick import scenario as scenarios
 from dembrick.result import simulate
+from dembrick.scenario import toml as scenarios
 
 SCENARIOS = Path(__file__).parent.parent / "scenarios"
 GRAVITY = 9.81

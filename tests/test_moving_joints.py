@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from dembrick import assembly
-from dembrick.controls import DynamicControl
 from dembrick.driving import Driving
 from dembrick.dynamics import Motion, advance, joint_forces, motion, seat
 from dembrick.geometry.shapes import quaternion_product, rotation_matrix
@@ -15,9 +14,10 @@ from dembrick.kernels.dynamics.loop import Limits
 from dembrick.kernels.dynamics.rigid_bodies import turn_body
 from dembrick.kernels.dynamics.tiles import VISCOUS
 from dembrick.kernels.joint.laws import no_tension
-from dembrick.model import Block, JointLaw, Material, Scenario, Wall
 from dembrick.moving_polygons import distance_outside, nearest_inside
 from dembrick.moving_state import arms, joint_resultants, seen
+from dembrick.scenario.controls import DynamicControl
+from dembrick.scenario.model import Block, JointLaw, Material, Scenario, Wall
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 FORMULATIONS = ("concave", "corrected", "corrected-shear", "convex", "distributed")

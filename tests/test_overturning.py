@@ -13,9 +13,9 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from dembrick.controls import BaseMotionControl, Pulse
-from dembrick.model import Block, JointLaw, Material, Output, Scenario
 from dembrick.result import simulate
+from dembrick.scenario.controls import BaseMotionControl, Pulse
+from dembrick.scenario.model import Block, JointLaw, Material, Output, Scenario
 
 G = 9.81
 

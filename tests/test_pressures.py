@@ -12,8 +12,8 @@ from dembrick.geometry import polygons
 from dembrick.kernels.joint import pressure as kernels
 from dembrick.kernels.joint.laws import no_tension
 from dembrick.lab import lab_scenario
-from dembrick.model import DisplacementControl, Load
 from dembrick.result import simulate
+from dembrick.scenario.model import DisplacementControl, Load
 
 RECTANGLE = theory.polygons.rectangle(A, B)
 # M_T / M_T0 of the rectangle at e_y / b

@@ -10,13 +10,13 @@ import pytest
 
 from dembrick import profile
 from dembrick.cli import main
-from dembrick.controls import DynamicControl, PushoverControl
 from dembrick.equilibria import Equilibria
 from dembrick.errors import ScenarioError
 from dembrick.lab import lab_scenario
-from dembrick.model import Block, DisplacementControl, JointLaw, Material, Scenario
 from dembrick.profile import NEVER, PHASES, STEPS, loop_shares, step_shares
 from dembrick.result import simulate
+from dembrick.scenario.controls import DynamicControl, PushoverControl
+from dembrick.scenario.model import Block, DisplacementControl, JointLaw, Material, Scenario
 
 COSTS = {"joint_forces": 50e-6, "block_motion": 20e-6, "bracket": 5e-6, "record": 25e-6}  # s a step
 

@@ -10,16 +10,16 @@ import pytest
 from scipy.optimize import linprog
 
 from dembrick import assembly, history, replay
-from dembrick.controls import PushoverControl, TiltControl
 from dembrick.equilibrium import seat
 from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.export.text import to_csv
-from dembrick.generators import Arch, Dome, Wall
 from dembrick.history.layout import load_of
 from dembrick.lab import scenario_folder
-from dembrick.model import Actuator, Block, JointLaw, Load, Material, Scenario
 from dembrick.result import simulate
-from dembrick.scenario import load
+from dembrick.scenario.controls import PushoverControl, TiltControl
+from dembrick.scenario.generators import Arch, Dome, Wall
+from dembrick.scenario.model import Actuator, Block, JointLaw, Load, Material, Scenario
+from dembrick.scenario.toml import load
 from dembrick.simulation import block_stiffness, initial_state
 
 

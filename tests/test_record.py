@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from dembrick import assembly as assemblies
-from dembrick import model, recorder, scenario
+from dembrick import recorder
 from dembrick.errors import ScenarioError
 from dembrick.lab import lab_scenario
 from dembrick.result import simulate
+from dembrick.scenario import model, toml
 from dembrick.session import Session
 from dembrick.simulation import initial_state
 
@@ -127,11 +128,11 @@ def test_the_buffer_of_a_big_scene_is_bounded():
 def test_what_cannot_be_recorded_is_refused(text, words):
     whole = (SCENARIOS / "set4a.toml").read_text() + f"\n[output]\n{text}\n"
     with pytest.raises(ScenarioError, match=words):
-        scenario.loads(whole)
+        toml.loads(whole)
 
 
 def test_the_output_table_comes_back():
     text = (SCENARIOS / "set4a.toml").read_text() + '\n[output]\nchannels = ["frames", "contacts"]\nframes = 12\n'
-    found = scenario.loads(text)
+    found = toml.loads(text)
     assert found.output == model.Output(("frames", "contacts"), frames=12)
-    assert scenario.loads(scenario.dumps(found)) == found
+    assert toml.loads(toml.dumps(found)) == found

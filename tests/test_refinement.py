@@ -5,10 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from dembrick import cli, scenario
+from dembrick import cli
 from dembrick.errors import ScenarioError
 from dembrick.refinement import refinements
 from dembrick.result import simulate
+from dembrick.scenario import toml
 from dembrick.summary import key_numbers
 
 SCENARIOS = Path(__file__).parent.parent / "scenarios"
@@ -17,7 +18,7 @@ PULSE = 9.81 * 0.5 * 0.2**2 * (0.5 - 0.2) * 0.5 / 0.2  # m: Newmark's block, 0.5
 
 def wall(formulation, *changes):
     given = (f'joint.formulation="{formulation}"', "walls.wall.courses=5", "walls.wall.blocks=2", *changes)
-    return scenario.load(SCENARIOS / "wall_tilt.toml", list(given))
+    return toml.load(SCENARIOS / "wall_tilt.toml", list(given))
 
 
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
@@ -32,7 +33,7 @@ def test_newmarks_block_is_in_the_bar_of_its_displacement():
     loose = "joint.shear_stiffness=2e7"
     bars = []
     for changes in ([], [loose]):
-        result = simulate(scenario.load(SCENARIOS / "newmark_pulse.toml", changes), record=False, refine=True)
+        result = simulate(toml.load(SCENARIOS / "newmark_pulse.toml", changes), record=False, refine=True)
         moved = result.as_dict()["displacement"]
         assert abs(moved - PULSE) < result.displacement_error
         bars.append(result.displacement_error)
@@ -42,10 +43,10 @@ def test_newmarks_block_is_in_the_bar_of_its_displacement():
 def test_every_kind_is_refined_or_refused():
     assert len(refinements(wall("concave"))) == 2
     assert len(refinements(wall("concave", "control.quasi_static=true"))) == 2
-    assert len(refinements(scenario.load(SCENARIOS / "rocking_block.toml"))) == 1
+    assert len(refinements(toml.load(SCENARIOS / "rocking_block.toml"))) == 1
     for stem in ("set4a", "set4a_curve"):
         with pytest.raises(ScenarioError, match="has the bracket of its limit load"):
-            refinements(scenario.load(SCENARIOS / f"{stem}.toml"))
+            refinements(toml.load(SCENARIOS / f"{stem}.toml"))
     slower, stiffer = wall("concave", "control.rate=0.5"), refinements(wall("concave"))
     assert slower.control == stiffer[1].scenario.control and stiffer[0].scenario.joint.shear_stiffness == 8e9
 

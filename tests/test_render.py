@@ -14,9 +14,9 @@ from dembrick.cli import main
 from dembrick.errors import HistoryError, MissingDependency, OutputError, ScenarioError
 from dembrick.geometry.shapes import box
 from dembrick.joint_motion import JointMotion
-from dembrick.model import CHANNELS
 from dembrick.render import images, scene, screen
 from dembrick.result import simulate
+from dembrick.scenario.model import CHANNELS
 
 pyvista = pytest.importorskip("pyvista")
 

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from dembrick import assembly, replay
-from dembrick.blocks import Prism
 from dembrick.kernels.statics.loop import RUNNING
-from dembrick.model import Actuator, Block, DisplacementControl, JointLaw, Load, Material, Scenario
+from dembrick.scenario.blocks import Prism
+from dembrick.scenario.model import Actuator, Block, DisplacementControl, JointLaw, Load, Material, Scenario
 from dembrick.simulation import State, initial_state
 
 

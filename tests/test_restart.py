@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 from restart_cases import SCENARIOS, case, check_same, content
 
-from dembrick import model, motion_run, scenario
+from dembrick import motion_run
 from dembrick.cli import main
 from dembrick.errors import HistoryError
 from dembrick.history import Checkpoints, read
 from dembrick.interruption import Interrupted
 from dembrick.result import restart, simulate
+from dembrick.scenario import model, toml
 
 
 @pytest.mark.parametrize("formulation", model.FORMULATIONS)
@@ -96,7 +97,7 @@ def test_a_run_to_collapse_in_real_time_goes_on_too(tmp_path, stop_after, formul
     text = (SCENARIOS / "set4a.toml").read_text().replace('"convex"', f'"{formulation}"')
     text = text[: text.index("[[loads]]")] + "[control]" + control
     text = text.replace("position = [0.0, 0.0, 0.05]", "position = [0.01, 0.02, 0.05]")
-    given = scenario.loads(text + "[output]\nrows = 400\nframes = 100\ncheckpoint = 1e9\n")
+    given = toml.loads(text + "[output]\nrows = 400\nframes = 100\ncheckpoint = 1e9\n")
     whole = simulate(given, tmp_path / "whole.h5")
     assert whole.status == "collapse" and whole.run.motion.steps > 1000
     n_row = len(whole.rows["time"])
@@ -114,9 +115,7 @@ def test_a_run_to_collapse_in_real_time_goes_on_too(tmp_path, stop_after, formul
 def test_a_run_in_real_time_stops_between_two_rows(tmp_path, stop_after, monkeypatch, formulation):
     """Where a row is many steps of a large scene, nobody waits for it."""
     monkeypatch.setattr(motion_run, "AT_ONCE", 60)  # 20 steps of two blocks and a joint
-    given = scenario.load(
-        SCENARIOS / "rocking_block.toml", ["control.duration=0.4", f"joint.formulation={formulation}"]
-    )
+    given = toml.load(SCENARIOS / "rocking_block.toml", ["control.duration=0.4", f"joint.formulation={formulation}"])
     given = dataclasses.replace(given, output=model.Output(model.CHANNELS, rows=20, frames=10, checkpoint=1e9))
     stop_after(0)
     whole = simulate(given, tmp_path / "whole.h5")
@@ -170,7 +169,7 @@ velocity = [{1}, 0.2, 0.0]
 @pytest.mark.parametrize("row", [2, 12])
 def test_polygons_that_were_cut_go_on(tmp_path, stop_after, row):
     """Ten plates share a polygon until each has one of its own; stopped before that and after."""
-    given = scenario.loads(SLIDING + "".join(PLATE.format(i, 0.1 * i + 0.01) for i in range(10)))
+    given = toml.loads(SLIDING + "".join(PLATE.format(i, 0.1 * i + 0.01) for i in range(10)))
     given = dataclasses.replace(given, output=model.Output(model.CHANNELS, rows=20, frames=10, checkpoint=1e9))
     stop_after(0)
     whole = simulate(given, tmp_path / "whole.h5")
@@ -187,7 +186,7 @@ def test_polygons_that_were_cut_go_on(tmp_path, stop_after, row):
 
 @pytest.mark.parametrize("array", ["faces.outline", "faces.count"])
 def test_a_polygon_that_is_not_there_is_refused(tmp_path, stop_after, array):
-    given = scenario.loads(SLIDING + PLATE.format(0, 0.5))
+    given = toml.loads(SLIDING + PLATE.format(0, 0.5))
     given = dataclasses.replace(given, output=model.Output(rows=20, frames=10, checkpoint=1e9))
     path = tmp_path / "run.h5"
     stop_after(5)

@@ -9,15 +9,16 @@ import numpy as np
 import pytest
 from restart_cases import SLOW, check_same, dembrick, wait_for
 
-from dembrick import equilibrium, interruption, model, quasi_static, result, scenario, stepping, way
-from dembrick.controls import PushoverControl, TiltControl, YieldControl
+from dembrick import equilibrium, interruption, quasi_static, result, stepping, way
 from dembrick.errors import HistoryError, OutputError
-from dembrick.generators import Wall
 from dembrick.history import Checkpoint, Checkpoints, read
 from dembrick.interruption import Interrupted
 from dembrick.lab import lab_scenario, scenario_folder
-from dembrick.model import Actuator, Block, JointLaw, Material, Scenario
 from dembrick.result import restart, simulate
+from dembrick.scenario import model, toml
+from dembrick.scenario.controls import PushoverControl, TiltControl, YieldControl
+from dembrick.scenario.generators import Wall
+from dembrick.scenario.model import Actuator, Block, JointLaw, Material, Scenario
 
 
 def scene(control, formulation="concave", friction=0.6, pressure="full", checkpoint=0.0, **parts):
@@ -40,7 +41,7 @@ def tower():
 
 
 def shipped(name, *changes):
-    given = scenario.load(scenario_folder() / name, changes)
+    given = toml.load(scenario_folder() / name, changes)
     return dataclasses.replace(given, output=model.Output(checkpoint=0.0))
 
 
@@ -234,8 +235,8 @@ def long_search(tmp_path_factory):
     folder = tmp_path_factory.mktemp("search")
     given = scene(PushoverControl((0.0, 1.0, 0.0), 1e-5), "convex", **wall(9))
     given = dataclasses.replace(given, output=model.Output(checkpoint=0.05))
-    (folder / "wall.toml").write_text(scenario.dumps(given))
-    simulate(scenario.load(folder / "wall.toml"), folder / "whole.h5")
+    (folder / "wall.toml").write_text(toml.dumps(given))
+    simulate(toml.load(folder / "wall.toml"), folder / "whole.h5")
     return folder
 
 

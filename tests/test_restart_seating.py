@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from restart_cases import SLOW, check_same, dembrick, wait_for
 
-from dembrick import dynamics, model, scenario
+from dembrick import dynamics
 from dembrick.errors import HistoryError
 from dembrick.history import Checkpoint, Checkpoints, read
 from dembrick.interruption import Interrupted
 from dembrick.result import restart, simulate
+from dembrick.scenario import model, toml
 
 SCENE = """
 title = "{formulation}"
@@ -52,7 +53,7 @@ CONTROL = {
 
 
 def given(formulation, control, checkpoint=1e9):
-    return scenario.loads(SCENE.format(formulation=formulation, checkpoint=checkpoint) + CONTROL[control])
+    return toml.loads(SCENE.format(formulation=formulation, checkpoint=checkpoint) + CONTROL[control])
 
 
 @pytest.mark.parametrize(
@@ -86,7 +87,7 @@ def test_seating_goes_on_where_it_was_stopped(tmp_path, stop_after, monkeypatch,
 def test_a_run_that_is_killed_in_its_seating(tmp_path):
     """By a signal that no one can wait for; it had written checkpoints."""
     scene, path = given("concave", "shaken", 0.0), tmp_path / "run.h5"
-    (tmp_path / "scene.toml").write_text(scenario.dumps(scene))
+    (tmp_path / "scene.toml").write_text(toml.dumps(scene))
     seen = "import dembrick.dynamics as d\nd.SEATING_CHUNK = 16\n"
     slow, quick = SLOW.replace("looked =", seen + "looked =", 1), SLOW.split("looked")[0] + seen + "sys.exit(main())"
     child = dembrick("run", str(tmp_path / "scene.toml"), "--out", str(path), code=slow)

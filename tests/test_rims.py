@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from dembrick import assembly, cli
-from dembrick.controls import DynamicControl, TiltControl, YieldControl
-from dembrick.model import Actuator, JointLaw, Material, Scenario, Stack
 from dembrick.point_table import rim_gap
 from dembrick.result import simulate
+from dembrick.scenario.controls import DynamicControl, TiltControl, YieldControl
+from dembrick.scenario.model import Actuator, JointLaw, Material, Scenario, Stack
 
 WIDE, HIGH, STONES = 0.3, 0.2, 4  # m: a pile that rocks at psi = atan(WIDE / (STONES * HIGH))
 

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dembrick import model, scenario
 from dembrick.errors import ScenarioError
+from dembrick.scenario import model, toml
 
 FOLDER = Path(__file__).parents[1] / "scenarios"
 FILES = sorted(FOLDER.glob("*.toml"))
@@ -61,7 +61,7 @@ tolerance = 1.0e-3
 
 def refused(text, *fragments, **options):
     with pytest.raises(ScenarioError) as caught:
-        scenario.loads(text, "test.toml", **options)
+        toml.loads(text, "test.toml", **options)
     message = str(caught.value)
     assert message.startswith("test.toml") or "of test.toml" in message or "in test.toml" in message
     assert "\n" not in message
@@ -104,12 +104,12 @@ def test_all_files_are_there_and_load():
 
 @pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)
 def test_file_says_the_same_after_a_round_trip(file):
-    s = scenario.load(file)
+    s = toml.load(file)
     assert s.path == str(file)
     assert s.text == file.read_text(encoding="utf-8")
     assert s.text.startswith("# ")
-    assert scenario.loads(scenario.dumps(s)) == s
-    assert scenario.text_of(s) is s.text
+    assert toml.loads(toml.dumps(s)) == s
+    assert toml.text_of(s) is s.text
 
 
 @pytest.mark.parametrize("curve", ["", "_curve"])
@@ -118,7 +118,7 @@ def test_file_says_the_same_after_a_round_trip(file):
     ("name", "arm", "net"), [("2a", 0.27, 0.0), ("2b", 0.15, 0.0), ("4a", 0.075, 1.0), ("4b", 0.135, 1.0)]
 )
 def test_lab_sets_are_the_tests_of_the_paper(name, arm, net, mid, z, curve):
-    s = scenario.load(FOLDER / f"set{name}{mid}{curve}.toml")
+    s = toml.load(FOLDER / f"set{name}{mid}{curve}.toml")
     normal, torsion, shear, joint, height = situation(s)
     assert normal == pytest.approx(467.0, rel=1e-14)
     assert torsion == pytest.approx(arm, rel=1e-14)
@@ -135,14 +135,14 @@ def test_lab_sets_are_the_tests_of_the_paper(name, arm, net, mid, z, curve):
 
 
 def test_pure_shear_passes_through_the_centroid():
-    normal, torsion, shear, _, height = situation(scenario.load(FOLDER / "shear.toml"))
+    normal, torsion, shear, _, height = situation(toml.load(FOLDER / "shear.toml"))
     assert (torsion, shear, height) == (0.0, [0.0, 1.0, 0.0], 0.0)
     assert 0.64 * normal == pytest.approx(298.88, rel=1e-14)
 
 
 @pytest.mark.parametrize(("name", "ratio"), [("025", 0.25), ("05", 0.5), ("1", 1.0), ("15", 1.5), ("2", 2.0)])
 def test_table_1_joints(name, ratio):
-    s = scenario.load(FOLDER / f"table1_{name}.toml")
+    s = toml.load(FOLDER / f"table1_{name}.toml")
     normal, torsion, shear, (a, b), height = situation(s)
     assert normal == pytest.approx(1000.0, rel=1e-14)
     assert s.joint.friction == 0.7
@@ -157,15 +157,15 @@ def test_table_1_joints(name, ratio):
 
 
 def with_joint(entry, joint=BASE):
-    return scenario.loads(f"{joint}\n[[joints]]\nbetween = ['lower', 'upper']\n{entry}").joints[0].law
+    return toml.loads(f"{joint}\n[[joints]]\nbetween = ['lower', 'upper']\n{entry}").joints[0].law
 
 
 def test_a_joint_overrides_only_what_it_names():
-    default = scenario.loads(BASE).joint
+    default = toml.loads(BASE).joint
     assert with_joint("friction = 0.3") == replace(default, friction=0.3)
     assert with_joint("shear_stiffness = 1e9") == replace(default, shear_stiffness=1e9)
     assert with_joint("") == default
-    s = scenario.loads(BASE + "\n[[joints]]\nbetween = ['upper', 'lower']\nfriction = 0.3")
+    s = toml.loads(BASE + "\n[[joints]]\nbetween = ['upper', 'lower']\nfriction = 0.3")
     assert s.law_between("lower", "upper").friction == 0.3 and s.joint.friction == 0.64
 
 
@@ -201,13 +201,13 @@ def test_bad_joints(entry, fragments):
 
 
 def changed(*assignments):
-    s = scenario.loads(BASE, overrides=assignments)
-    assert scenario.loads(s.text) == s  # what the history stores is what ran
+    s = toml.loads(BASE, overrides=assignments)
+    assert toml.loads(s.text) == s  # what the history stores is what ran
     return s
 
 
 def test_set_reaches_every_kind_of_place():
-    base = scenario.loads(BASE)
+    base = toml.loads(BASE)
     assert changed("control.tolerance=1e-4") == replace(base, control=model.YieldControl(1e-4))
     assert changed("joint.friction = 0.5").joint.friction == 0.5
     assert changed("title=Set 4a, e = 0.25 a").title == "Set 4a, e = 0.25 a"
@@ -226,19 +226,19 @@ def test_set_reaches_every_kind_of_place():
     assert changed("control={kind = 'displacement', rate = 1e-5, travel = 2e-5}").control.travel == 2e-5
     both = changed("joint.friction=0.1", "joint.friction=0.2", "control.tolerance=0.01")
     assert (both.joint.friction, both.control.tolerance) == (0.2, 0.01)
-    assert base == scenario.loads(BASE)
+    assert base == toml.loads(BASE)
 
 
 def test_set_leaves_a_note_in_the_text():
-    text = scenario.loads(BASE, overrides=["joint.friction=0.5", 'title="it\'s"']).text
+    text = toml.loads(BASE, overrides=["joint.friction=0.5", 'title="it\'s"']).text
     assert text.startswith("# --set 'joint.friction=0.5'\n# --set 'title=\"it\\'s\"'\ntitle = \"it's\"\n")
-    assert scenario.loads(BASE, overrides=[]).text == BASE
+    assert toml.loads(BASE, overrides=[]).text == BASE
 
 
 def test_set_finds_names_with_dots_and_blanks():
     text = BASE.replace('"lower"', '"row 1.left"').replace('"upper"', '"row 2"')
-    assert scenario.loads(text, overrides=['blocks."row 1.left".fixed=false']).blocks[0].fixed is False
-    assert scenario.loads(text, overrides=["blocks.row 2.position=[0, 0, 1]"]).blocks[1].position[2] == 1.0
+    assert toml.loads(text, overrides=['blocks."row 1.left".fixed=false']).blocks[0].fixed is False
+    assert toml.loads(text, overrides=["blocks.row 2.position=[0, 0, 1]"]).blocks[1].position[2] == 1.0
 
 
 @pytest.mark.parametrize(
@@ -266,7 +266,7 @@ def test_set_finds_names_with_dots_and_blanks():
 )
 def test_bad_set(assignment, fragments):
     with pytest.raises(ScenarioError) as caught:
-        scenario.loads(BASE, "test.toml", [assignment])
+        toml.loads(BASE, "test.toml", [assignment])
     for fragment in fragments:
         assert fragment in str(caught.value)
 
@@ -274,19 +274,19 @@ def test_bad_set(assignment, fragments):
 def test_set_wants_an_index_where_a_name_is_not_enough():
     two = BASE + '\n[[loads]]\nblock = "upper"\nforce = [1.0, 0.0, 0.0]\n'
     with pytest.raises(ScenarioError, match="2 entries of loads have block = 'upper'; use an index"):
-        scenario.loads(two, overrides=["loads.upper.force=[0, 0, 0]"])
-    assert scenario.loads(two, overrides=["loads.1.force=[2, 0, 0]"]).loads[1].force[0] == 2.0
+        toml.loads(two, overrides=["loads.upper.force=[0, 0, 0]"])
+    assert toml.loads(two, overrides=["loads.1.force=[2, 0, 0]"]).loads[1].force[0] == 2.0
 
 
 # --- scenarios written in Python -------------------------------------------------------------------------------------
 
 
 def test_a_changed_scenario_is_not_stored_as_the_file_it_came_from():
-    s = scenario.loads(BASE)
+    s = toml.loads(BASE)
     concave = replace(s, joint=replace(s.joint, formulation="concave"))
     assert concave.text == BASE
-    assert scenario.loads(scenario.text_of(concave)) == concave
-    assert scenario.text_of(s) == BASE
+    assert toml.loads(toml.text_of(concave)) == concave
+    assert toml.text_of(s) == BASE
 
 
 def test_python_values_are_checked_like_those_of_a_file():
@@ -298,7 +298,7 @@ def test_python_values_are_checked_like_those_of_a_file():
         model.Block("a", "tuff", numpy.array([0.3, 0.2]), (0.0, 0.0, 0.0))
     with pytest.raises(ScenarioError, match="friction"):
         model.JointLaw("convex", "0.64", 1e10, 4e9)
-    s = scenario.loads(BASE)
+    s = toml.loads(BASE)
     with pytest.raises(ScenarioError, match="is not the name of a block; did you mean 'upper'"):
         replace(s, loads=(model.Load("uppr", (0.0, 0.0, -1.0)),))
     with pytest.raises(ScenarioError, match="two actuators are named 'jack'"):
@@ -326,9 +326,9 @@ def test_a_direction_at_length_1_is_kept_to_the_last_bit():
 def test_a_joint_without_a_count_of_points_keeps_none_under_a_default_with_one():
     counted = model.JointLaw("distributed", 0.64, 1e10, 4e9, points=(8, 6))
     free = model.JointOverride(("lower", "upper"), replace(counted, points=None))
-    s = replace(scenario.loads(BASE), joint=counted, joints=(free,))
-    assert scenario.loads(scenario.dumps(s)) == s
-    assert scenario.loads(scenario.dumps(s)).joints[0].law.points is None
+    s = replace(toml.loads(BASE), joint=counted, joints=(free,))
+    assert toml.loads(toml.dumps(s)) == s
+    assert toml.loads(toml.dumps(s)).joints[0].law.points is None
 
 
 def test_a_rounded_quaternion_is_made_1():
@@ -405,14 +405,14 @@ def scenarios(draw):
 @settings(max_examples=150, deadline=None)
 @given(scenarios())
 def test_text_and_scenario_round_trip(s):
-    text = scenario.dumps(s)
-    assert scenario.loads(text) == s
-    assert scenario.dumps(scenario.loads(text)) == text
-    assert scenario.text_of(s) == text
+    text = toml.dumps(s)
+    assert toml.loads(text) == s
+    assert toml.dumps(toml.loads(text)) == text
+    assert toml.text_of(s) == text
 
 
 def test_reading_needs_no_heavy_module():
     code = "import sys, dembrick.scenario; print(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
-    assert "dembrick.scenario" in loaded
+    assert "dembrick.scenario.toml" in loaded
     assert not {"numpy", "numba", "h5py", "scipy", "difflib"} & set(loaded)

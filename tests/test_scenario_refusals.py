@@ -5,8 +5,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_scenario import BASE, refused
 
-from dembrick import model, scenario
 from dembrick.errors import ScenarioError
+from dembrick.scenario import model, toml
 
 BAD = {
     "unknown key": (
@@ -170,7 +170,7 @@ def test_bad_input_is_refused_in_clear_words(case):
 
 
 def test_the_base_of_all_these_is_right():
-    s = scenario.loads(BASE)
+    s = toml.loads(BASE)
     assert s.joint == model.JointLaw("convex", 0.64, 1.0e10, 4.0e9)
     assert s.blocks[0].fixed and not s.blocks[1].fixed
     assert s.solver == model.Solver()
@@ -192,12 +192,12 @@ def test_the_base_of_all_these_is_right():
     ],
 )
 def test_bounds_are_where_they_are_said_to_be(old, within, beyond):
-    scenario.loads(BASE.replace(old, within, 1))
+    toml.loads(BASE.replace(old, within, 1))
     refused(BASE.replace(old, beyond, 1), "is out of range")
 
 
 def test_an_integer_serves_as_a_float():
-    s = scenario.loads(BASE.replace("0.64", "1").replace("[0.0, 1.0, 0.0]", "[0, 2, 0]"))
+    s = toml.loads(BASE.replace("0.64", "1").replace("[0.0, 1.0, 0.0]", "[0, 2, 0]"))
     assert s.joint.friction == 1.0 and type(s.joint.friction) is float
     assert s.actuators[0].direction == (0.0, 1.0, 0.0)
 
@@ -205,7 +205,7 @@ def test_an_integer_serves_as_a_float():
 def test_files_that_cannot_be_read(tmp_path):
     def message(path):
         with pytest.raises(ScenarioError) as caught:
-            scenario.load(path)
+            toml.load(path)
         assert str(path) in str(caught.value) and caught.value.exit_code == 2
         return str(caught.value)
 
@@ -221,16 +221,16 @@ def test_files_that_cannot_be_read(tmp_path):
     file.write_bytes(b"\x89HDF\r\n\x1a\n\0\0\0\0")
     assert "UTF-8" in message(file)
     with open(file, "wb") as stream:
-        stream.truncate(scenario.LARGEST_FILE + 1)
+        stream.truncate(toml.LARGEST_FILE + 1)
     assert "16 MiB" in message(file)
-    file.write_bytes(b"#" * (scenario.LARGEST_FILE - len(BASE) - 1) + b"\n" + BASE.encode())
-    assert scenario.load(file).title == "One force at 0.25 a"
+    file.write_bytes(b"#" * (toml.LARGEST_FILE - len(BASE) - 1) + b"\n" + BASE.encode())
+    assert toml.load(file).title == "One force at 0.25 a"
 
 
 def test_windows_text_is_read(tmp_path):
     file = tmp_path / "scenario.toml"
     file.write_bytes(b"\xef\xbb\xbf" + BASE.replace("\n", "\r\n").encode())
-    assert scenario.load(file) == scenario.loads(BASE)
+    assert toml.load(file) == toml.loads(BASE)
 
 
 # --- nothing but ScenarioError ---------------------------------------------------------------------------------------
@@ -247,11 +247,11 @@ PATHS += ["control", "control.kind", "control.tolerance", "solver", "solver.step
 @given(st.integers(0, len(BASE)), st.integers(0, 30), st.sampled_from(TOKENS) | st.text(max_size=5))
 def test_a_text_with_a_piece_replaced_loads_or_is_refused(start, length, piece):
     try:
-        s = scenario.loads(BASE[:start] + piece + BASE[start + length :])
+        s = toml.loads(BASE[:start] + piece + BASE[start + length :])
     except ScenarioError as error:
         assert str(error).startswith(("the scenario: ", "unknown key ", "missing key "))
     else:
-        assert scenario.loads(scenario.dumps(s)) == s
+        assert toml.loads(toml.dumps(s)) == s
 
 
 @settings(max_examples=400, deadline=None)
@@ -260,10 +260,10 @@ def test_a_text_with_a_piece_replaced_loads_or_is_refused(start, length, piece):
 )
 def test_any_set_loads_or_is_refused(changes):
     try:
-        s = scenario.loads(BASE, overrides=[f"{path}={value}" for path, value in changes])
+        s = toml.loads(BASE, overrides=[f"{path}={value}" for path, value in changes])
     except ScenarioError:
         return
-    assert scenario.loads(s.text) == s
+    assert toml.loads(s.text) == s
 
 
 @settings(max_examples=100, deadline=None)
@@ -272,6 +272,6 @@ def test_any_bytes_load_or_are_refused(tmp_path_factory, data, keep):
     file = tmp_path_factory.getbasetemp() / "bytes.toml"
     file.write_bytes(BASE.encode()[:keep] + data)
     try:
-        scenario.load(file)
+        toml.load(file)
     except ScenarioError as error:
         assert "bytes.toml" in str(error)

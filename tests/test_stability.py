@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dembrick import assembly, stability
-from dembrick.model import Block, JointLaw, Material, Scenario, YieldControl
+from dembrick.scenario.model import Block, JointLaw, Material, Scenario, YieldControl
 from dembrick.simulation import assembled_stiffness, block_stiffness, initial_state, joint_stiffness, to_joint
 
 

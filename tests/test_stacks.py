@@ -7,7 +7,7 @@ import pytest
 
 from dembrick import assembly, joints, quasi_static, replay, theory
 from dembrick.errors import NotConvergedError
-from dembrick.model import Actuator, Block, JointLaw, Load, Material, Scenario, YieldControl
+from dembrick.scenario.model import Actuator, Block, JointLaw, Load, Material, Scenario, YieldControl
 
 A, B, H, MU = 0.3, 0.2, 0.1, 0.64
 WEIGHT = 1500.0 * A * B * H * 9.81

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from dembrick.assembly import build
-from dembrick.blocks import Block, Prism
-from dembrick.generators import Wall
-from dembrick.model import JointLaw, JointOverride, Material, Scenario, YieldControl
+from dembrick.scenario.blocks import Block, Prism
+from dembrick.scenario.generators import Wall
+from dembrick.scenario.model import JointLaw, JointOverride, Material, Scenario, YieldControl
 from dembrick.simulation import (
     assembled_stiffness,
     block_stiffness,

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from dembrick import assembly, dynamics
-from dembrick.controls import DynamicControl
 from dembrick.driving import Driving
 from dembrick.kernels.dynamics.loop import Limits
-from dembrick.model import JointLaw, Material, Scenario, Wall
 from dembrick.motion_books import MotionBooks
+from dembrick.scenario.controls import DynamicControl
+from dembrick.scenario.model import JointLaw, Material, Scenario, Wall
 
 
 def wall(formulation, courses=5, blocks=4):

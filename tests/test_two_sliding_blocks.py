@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from dembrick.controls import BaseMotionControl, Sine
-from dembrick.model import Block, JointLaw, JointOverride, Material, Output, Scenario
 from dembrick.result import simulate
+from dembrick.scenario.controls import BaseMotionControl, Sine
+from dembrick.scenario.model import Block, JointLaw, JointOverride, Material, Output, Scenario
 
 G = 9.81
 LOWER, UPPER = (0.8, 0.6, 0.02), (0.35, 0.4, 0.02)  # m: so flat that nothing rocks

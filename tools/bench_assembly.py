@@ -22,7 +22,6 @@ import plain_wall
 
 import dembrick
 from dembrick import assembly, dynamics, motion_run
-from dembrick import scenario as scenarios
 from dembrick.driving import Driving
 from dembrick.kernels.dynamics.loop import Limits
 from dembrick.kernels.dynamics.tiles import ROWS, SEEN
@@ -30,6 +29,7 @@ from dembrick.lab import scenario_folder
 from dembrick.motion_books import MotionBooks
 from dembrick.moving_state import seen
 from dembrick.result import simulate
+from dembrick.scenario import toml as scenarios
 
 CALM = Limits(displacement=1.0, longest=1.0)
 

@@ -22,8 +22,8 @@ from dembrick.guards import new_guard
 from dembrick.kernels.state import Inertia
 from dembrick.kernels.statics.loop import RUNNING, advance
 from dembrick.lab import lab_scenario
-from dembrick.model import FORMULATIONS
 from dembrick.recorder import Recorder
+from dembrick.scenario.model import FORMULATIONS
 from dembrick.session import Session
 from dembrick.simulation import new_energy
 

@@ -18,11 +18,11 @@ import tempfile
 import time
 from contextlib import suppress
 
-from dembrick import model
-from dembrick.blocks import Block
 from dembrick.errors import NotConvergedError
 from dembrick.history import read
 from dembrick.result import simulate
+from dembrick.scenario import model
+from dembrick.scenario.blocks import Block
 
 USUAL = model.Output().channels
 

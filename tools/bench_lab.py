@@ -36,7 +36,7 @@ import plain_loop
 import dembrick
 from dembrick.lab import lab_scenario, scenario_folder
 from dembrick.lab_data import SETS
-from dembrick.model import FORMULATIONS
+from dembrick.scenario.model import FORMULATIONS
 
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 COLUMNS = [

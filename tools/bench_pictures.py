@@ -22,8 +22,8 @@ import numpy as np
 
 from dembrick import assembly as assemblies
 from dembrick import history
-from dembrick import scenario as scenarios
 from dembrick.history.layout import NEW_CONTACTS
+from dembrick.scenario import toml as scenarios
 
 WALL = """
 title = "A wall of {blocks} blocks a course and {courses} courses, leaning over"

@@ -19,7 +19,7 @@ from bench_lab import wall
 from dembrick import assembly as assemblies
 from dembrick import replay
 from dembrick.lab import lab_scenario
-from dembrick.model import DisplacementControl, Output
+from dembrick.scenario.model import DisplacementControl, Output
 from dembrick.session import Session
 
 ROWS = 1000  # of the record

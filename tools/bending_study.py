@@ -20,7 +20,7 @@ import numpy as np
 
 from dembrick import batch, simulate, theory
 from dembrick.lab import lab_scenario
-from dembrick.model import Block, JointLaw, JointOverride
+from dembrick.scenario.model import Block, JointLaw, JointOverride
 from dembrick.yield_domain import directions, jacks_for
 
 A, B, MU, N = 0.3, 0.2, 0.64, 467.0  # the laboratory's joint

@@ -26,7 +26,7 @@ from dembrick.equilibrium import inverse_inertia, seat
 from dembrick.errors import DembrickError, EnergyAuditError, NotConvergedError, ScenarioError
 from dembrick.guards import new_guard, refuse_divergence
 from dembrick.kernels.state import Inertia
-from dembrick.model import Load, Scenario
+from dembrick.scenario.model import Load, Scenario
 from dembrick.simulation import block_stiffness, initial_state
 from dembrick.stability import critical_time_step
 from dembrick.stepping import Loop

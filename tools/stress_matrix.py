@@ -38,7 +38,7 @@ from stress_scenes import (
     stack_theory,
 )
 
-from dembrick.model import FORMULATIONS
+from dembrick.scenario.model import FORMULATIONS
 
 DENSITY = 1500.0
 

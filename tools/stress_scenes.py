@@ -9,7 +9,7 @@ import numpy as np
 
 from dembrick import assembly as assemblies
 from dembrick import judge, theory
-from dembrick.model import Actuator, Block, JointLaw, JointOverride, Load, Material, Scenario, YieldControl
+from dembrick.scenario.model import Actuator, Block, JointLaw, JointOverride, Load, Material, Scenario, YieldControl
 from dembrick.simulation import assembled_stiffness, initial_state, load_vectors
 
 GRAVITY = 9.81

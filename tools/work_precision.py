@@ -46,8 +46,8 @@ from dembrick.errors import NotConvergedError
 from dembrick.geometry import polygons
 from dembrick.lab import lab_scenario, scenario_folder
 from dembrick.lab_data import SETS
-from dembrick.model import FORMULATIONS
 from dembrick.plot import style
+from dembrick.scenario.model import FORMULATIONS
 
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 STEP_FACTORS = (0.3, 0.5, 0.7, 0.9, 0.95)

@@ -15,8 +15,8 @@ def run(options, console) -> int:
     """Describe the scenario."""
     from dembrick import assembly as assemblies
     from dembrick import motion_run, replay
-    from dembrick import scenario as scenarios
-    from dembrick.controls import in_real_time
+    from dembrick.scenario import toml as scenarios
+    from dembrick.scenario.controls import in_real_time
 
     scenario = scenarios.load(options.scenario, options.set)
     assembly = assemblies.build(scenario)

@@ -33,7 +33,7 @@ def run(options, console) -> int:
     from dembrick import domain
     from dembrick.errors import ScenarioError
     from dembrick.lab import write_csv
-    from dembrick.model import FORMULATIONS
+    from dembrick.scenario.model import FORMULATIONS
 
     joint, own = _joint(options)
     formulations = options.formulation or ([own] if own else FORMULATIONS)
@@ -78,9 +78,10 @@ def _joint(options):
     if options.scenario is not None:
         import dataclasses
 
-        from dembrick import assembly, scenario
+        from dembrick import assembly
+        from dembrick.scenario import toml
 
-        built = assembly.build(scenario.load(options.scenario))
+        built = assembly.build(toml.load(options.scenario))
         joint = DomainJoint.of_assembly(built)
         changed = {"friction": options.mu, "normal_force": options.N} | eccentricity
         changed = {key: value for key, value in changed.items() if value is not None}

@@ -15,7 +15,7 @@ def run(options, console) -> int:
     """Print mu under each formulation, with its confidence interval and the residual of every test."""
     from dembrick import fit
     from dembrick.errors import ScenarioError
-    from dembrick.model import FORMULATIONS, nearest, show
+    from dembrick.scenario.model import FORMULATIONS, nearest, show
 
     for name in options.formulation or ():
         if name not in FORMULATIONS:

@@ -64,9 +64,9 @@ def _report(file, options, console) -> int:
 
 def _profile(file, results: dict, console) -> int:
     """Where the time went, the loop by phases as `dembrick.profile` tells them apart."""
-    from dembrick import scenario as scenarios
     from dembrick.errors import HistoryError, ScenarioError
     from dembrick.profile import loop_phases
+    from dembrick.scenario import toml as scenarios
 
     wall, steps = results.get("wall"), results.get("steps")
     wall = dict(wall) if isinstance(wall, dict) else {}

@@ -19,7 +19,7 @@ def run(options, console) -> int:
     from dembrick import lab
     from dembrick.cli.paths import default_output, make_folder
     from dembrick.lab_data import SETS
-    from dembrick.model import FORMULATIONS
+    from dembrick.scenario.model import FORMULATIONS
 
     folder = str(make_folder(options.out) if options.out else make_folder(default_output("lab")))
     try:

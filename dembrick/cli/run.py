@@ -24,9 +24,9 @@ def add_arguments(parser) -> None:
 
 def run(options, console) -> int:
     """Run the scenario; exit code 3 where theory and replay disagree."""
-    from dembrick import scenario as scenarios
     from dembrick.cli.paths import default_output
     from dembrick.result import simulate
+    from dembrick.scenario import toml as scenarios
 
     changes = list(options.set)
     if options.tolerance is not None:

@@ -31,9 +31,9 @@ def run(options, console) -> int:
 
 def _scenes() -> dict:
     """Scenes by what they compile."""
-    from dembrick.controls import DynamicControl, PushoverControl
     from dembrick.lab import lab_scenario
-    from dembrick.model import Block, JointLaw, Material, Output, Scenario
+    from dembrick.scenario.controls import DynamicControl, PushoverControl
+    from dembrick.scenario.model import Block, JointLaw, Material, Output, Scenario
 
     def scene(formulation, control, *free) -> Scenario:
         return Scenario(

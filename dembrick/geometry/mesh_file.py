@@ -17,7 +17,7 @@ import numpy as np
 from dembrick.errors import MissingDependency, ScenarioError
 from dembrick.geometry.convex_hull import FLAT, hull, mass_properties
 from dembrick.geometry.shapes import Polyhedron
-from dembrick.magnitudes import LARGEST, SMALLEST
+from dembrick.geometry.size import LARGEST, SMALLEST
 
 ENDINGS = (".stl", ".obj", ".ply", ".msh", ".vtu")
 _SAME = 1e-9  # of the size: corners so near are one

@@ -6,10 +6,10 @@ import os
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from dembrick import scenario as scenarios
 from dembrick.errors import DembrickError
-from dembrick.model import Scenario
 from dembrick.result import failure, simulate
+from dembrick.scenario import toml as scenarios
+from dembrick.scenario.model import Scenario
 from dembrick.study.together import limit_loads
 
 # Column, and where its value stands in the JSON object of a run; a dot goes one level down, a number into a list.

@@ -14,7 +14,7 @@ from statistics import NormalDist
 import numpy as np
 
 from dembrick.errors import ScenarioError
-from dembrick.model import nearest, show
+from dembrick.scenario.model import nearest, show
 
 METHODS = ("monte-carlo", "latin-hypercube")
 _KEYS = {

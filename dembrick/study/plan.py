@@ -36,9 +36,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dembrick import scenario as scenarios
 from dembrick.errors import ScenarioError
-from dembrick.model import nearest, show
+from dembrick.scenario import toml as scenarios
+from dembrick.scenario.model import nearest, show
 from dembrick.study.draws import METHODS, Draws, distribution
 
 MOST_CASES = 10_000_000

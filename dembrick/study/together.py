@@ -17,7 +17,7 @@ import numpy as np
 from dembrick import assembly as assemblies
 from dembrick import batch, judge
 from dembrick.errors import ScenarioError
-from dembrick.model import Scenario, Solver, YieldControl
+from dembrick.scenario.model import Scenario, Solver, YieldControl
 from dembrick.yield_point import mechanism
 
 _NUMBERS = ("V", "V_lower", "V_upper", "N", "V_1", "V_2", "M_T")

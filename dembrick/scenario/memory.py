@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 import sys
 
-from dembrick.checks import show
 from dembrick.errors import ScenarioError
+from dembrick.scenario.checks import show
 
 # Bytes that a block of a wall takes at the peak of building, with its joints and the state of a run: 5.6 kB measured
 # with four-point joints, 8.9 kB with convex ones; rounded up. What a run keeps is a good part less.

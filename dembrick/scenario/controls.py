@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from dembrick.blocks import Vector
-from dembrick.checks import assign, check_name, one_of, real, require, require_type, unit_vector, vector
+from dembrick.scenario.blocks import Vector
+from dembrick.scenario.checks import assign, check_name, one_of, real, require, require_type, unit_vector, vector
 
 QUANTITIES = ("acceleration", "velocity", "displacement")
 

@@ -5,9 +5,17 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from dembrick.blocks import Block, Quaternion, Vector, Voussoir
-from dembrick.checks import assign, real, require, require_type
-from dembrick.generators.placing import Frame, about_y, about_z, check_common, check_count, check_lengths, product
+from dembrick.scenario.blocks import Block, Quaternion, Vector, Voussoir
+from dembrick.scenario.checks import assign, real, require, require_type
+from dembrick.scenario.generators.placing import (
+    Frame,
+    about_y,
+    about_z,
+    check_common,
+    check_count,
+    check_lengths,
+    product,
+)
 
 
 def _reach(radius: float, thickness: float) -> float:

@@ -4,9 +4,9 @@ A generator is frozen data like everything a scenario says; ``build()`` lays its
 how many there will be at most.
 """
 
-from dembrick.generators.arches import Arch, Dome
-from dembrick.generators.stacks import Stack
-from dembrick.generators.walls import Opening, Return, Wall
+from dembrick.scenario.generators.arches import Arch, Dome
+from dembrick.scenario.generators.stacks import Stack
+from dembrick.scenario.generators.walls import Opening, Return, Wall
 
 __all__ = ["GENERATORS", "Arch", "Dome", "Opening", "Return", "Stack", "Wall"]
 

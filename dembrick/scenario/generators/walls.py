@@ -9,10 +9,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from dembrick.blocks import Block, Vector
-from dembrick.checks import assign, members_of, one_of, real, require, require_type, show, vector
 from dembrick.errors import ScenarioError
-from dembrick.generators.placing import Frame, check_common, check_count, check_lengths
+from dembrick.scenario.blocks import Block, Vector
+from dembrick.scenario.checks import assign, members_of, one_of, real, require, require_type, show, vector
+from dembrick.scenario.generators.placing import Frame, check_common, check_count, check_lengths
 
 ENDS = ("half", "quoin", "toothed")
 PATTERN = {"1": (1.0, True), "h": (0.5, True), "q": (1.5, True), "o": (1.0, False), ".": (0.5, False)}

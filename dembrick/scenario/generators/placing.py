@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from dembrick.blocks import Quaternion, Vector
-from dembrick.checks import assign, check_name, one_line, real, require, require_type, vector
+from dembrick.scenario.blocks import Quaternion, Vector
+from dembrick.scenario.checks import assign, check_name, one_line, real, require, require_type, vector
 
 
 def about_z(angle: float) -> Quaternion:

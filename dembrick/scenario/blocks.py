@@ -11,8 +11,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from dembrick.checks import assign, check_name, real, require, require_type, show, unit_vector, vector
 from dembrick.errors import ScenarioError
+from dembrick.scenario.checks import assign, check_name, real, require, require_type, show, unit_vector, vector
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]

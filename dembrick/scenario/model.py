@@ -11,8 +11,9 @@ import math
 from dataclasses import dataclass, field, replace
 from numbers import Integral
 
-from dembrick.blocks import Block, Vector
-from dembrick.checks import (
+from dembrick.errors import ScenarioError
+from dembrick.scenario.blocks import Block, Vector
+from dembrick.scenario.checks import (
     assign,
     check_name,
     members_of,
@@ -26,7 +27,7 @@ from dembrick.checks import (
     unit_vector,
     vector,
 )
-from dembrick.controls import (  # noqa: F401 (all that a scenario is made of can be imported from here)
+from dembrick.scenario.controls import (  # noqa: F401 (all that a scenario is made of can be imported from here)
     BaseMotionControl,
     Control,
     DisplacementControl,
@@ -36,9 +37,8 @@ from dembrick.controls import (  # noqa: F401 (all that a scenario is made of ca
     TiltControl,
     YieldControl,
 )
-from dembrick.errors import ScenarioError
-from dembrick.generators import GENERATORS, Arch, Dome, Stack, Wall
-from dembrick.memory import check_memory
+from dembrick.scenario.generators import GENERATORS, Arch, Dome, Stack, Wall
+from dembrick.scenario.memory import check_memory
 
 FORMULATIONS = ("concave", "corrected", "corrected-shear", "convex", "distributed")
 PRESSURES = ("full", "effective", "linear")

@@ -15,12 +15,12 @@ from dataclasses import MISSING, fields, is_dataclass, replace
 from functools import lru_cache, partial
 from typing import Any, NamedTuple, NoReturn
 
-from dembrick.blocks import Mesh, Part, Prism, Voussoir
-from dembrick.checks import nearest, show
-from dembrick.controls import MOTIONS, Control, Pulse, Sine
 from dembrick.errors import ScenarioError
-from dembrick.generators import GENERATORS, Opening, Return
-from dembrick.model import (
+from dembrick.scenario.blocks import Mesh, Part, Prism, Voussoir
+from dembrick.scenario.checks import nearest, show
+from dembrick.scenario.controls import MOTIONS, Control, Pulse, Sine
+from dembrick.scenario.generators import GENERATORS, Opening, Return
+from dembrick.scenario.model import (
     Actuator,
     Block,
     ControlPoint,
@@ -32,7 +32,7 @@ from dembrick.model import (
     Scenario,
     Solver,
 )
-from dembrick.overrides import apply_overrides, assign
+from dembrick.scenario.overrides import apply_overrides, assign
 
 LARGEST_FILE = 16 * 1024 * 1024  # bytes; some hundred thousand blocks
 

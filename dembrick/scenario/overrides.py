@@ -12,8 +12,8 @@ import tomllib
 from collections.abc import Iterable, Mapping
 from functools import lru_cache
 
-from dembrick.checks import nearest, show
 from dembrick.errors import ScenarioError
+from dembrick.scenario.checks import nearest, show
 
 _BARE_WORD = re.compile(r"""[^\W\d][^\[\]{}"'\n]*""")
 

@@ -6,10 +6,9 @@ too many in an exponent, is told as such instead of coming out as an overflow so
 
 from __future__ import annotations
 
-from dembrick.checks import show
 from dembrick.errors import ScenarioError
+from dembrick.scenario.checks import show
 
-SMALLEST, LARGEST = 1e-9, 1e9  # m: of a block
 FARTHEST = 1e12  # m, from the origin
 GREATEST = {  # by key
     "gravity": (1e9, "m/s2"),
@@ -44,12 +43,6 @@ def check_magnitudes(scenario) -> None:
             _check(key, (getattr(law, key),), whose)
     for number, load in enumerate(scenario.loads, 1):
         _check("force", load.force, f" of load number {number}")
-
-
-def check_size(size: float) -> None:
-    """ScenarioError where a block is ``size`` (m) across and cannot be."""
-    if not SMALLEST <= size <= LARGEST:
-        raise ScenarioError(f"it is {size:.3g} m across; from {SMALLEST:g} to {LARGEST:g} m are taken")
 
 
 def _check(key: str, values, whose: str) -> None:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from dembrick.blocks import Block, Prism, Vector
-from dembrick.checks import assign, require, require_type, vector
 from dembrick.errors import ScenarioError
-from dembrick.generators.placing import Frame, check_common, check_count, check_lengths
+from dembrick.scenario.blocks import Block, Prism, Vector
+from dembrick.scenario.checks import assign, require, require_type, vector
+from dembrick.scenario.generators.placing import Frame, check_common, check_count, check_lengths
 
 
 @dataclass(frozen=True, slots=True)
