@@ -20,15 +20,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from dembrick import certificate, equilibrium, guards, replay, simulation
+from dembrick.assembly.joints import Joint
+from dembrick.assembly.quadrature import ContactPoints, contact_points
 from dembrick.cases import Cases, check, wrench
 from dembrick.geometry import polygons
-from dembrick.joints import Joint
 from dembrick.kernels.state import Areas, Blocks, Jacks, Joints, Points, Pressed, ScaledInertia
 from dembrick.kernels.statics.batch import UNSEATED, Answer, Loading, Lone, Room, Settings, replay_batch
 from dembrick.kernels.statics.certify import Basis
 from dembrick.kernels.statics.load_bounds import NEVER
 from dembrick.kernels.statics.loop import CONVERGED
-from dembrick.point_rules import ContactPoints, contact_points
 from dembrick.scenario.model import JointLaw
 from dembrick.stability import critical_time_step
 from dembrick.yield_point import OPEN

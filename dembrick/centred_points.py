@@ -13,9 +13,10 @@ import dataclasses
 
 import numpy as np
 
-from dembrick import ray_rule, replay
+from dembrick import replay
+from dembrick.assembly import ray_quadrature
+from dembrick.assembly.joints import ContactPoints, contact_points
 from dembrick.errors import NotConvergedError
-from dembrick.joints import ContactPoints, contact_points
 
 COUNTS = ((2, 2), (3, 2), (3, 3), (4, 3), (4, 4), (5, 5))  # rays a piece of an edge, points a piece of a ray
 _FEW = 3  # of them are tried while another round may still bring a better centre
@@ -35,7 +36,7 @@ def place_points(assembly, tolerance: float, step_factor: float):
     if joint.law.formulation != "distributed" or joint.law.points is not None:
         return assembly, 0.0
     centre, seconds = np.zeros(2), 0.0
-    points = ray_rule.rays(joint.polygon, centre, *COUNTS[0])
+    points = ray_quadrature.rays(joint.polygon, centre, *COUNTS[0])
     for rough in _ROUGH:
         try:
             run = replay.find_limit_load(_with(assembly, *points), max(rough, tolerance), step_factor)
@@ -56,7 +57,7 @@ def place_points(assembly, tolerance: float, step_factor: float):
         exact = _moments(joint.polygon, centre, unsure, pressure)
         settled = rough <= tolerance or unsure <= _SETTLED * size
         for counts in COUNTS if settled else COUNTS[:_FEW]:
-            points = ray_rule.rays(joint.polygon, centre, *counts)
+            points = ray_quadrature.rays(joint.polygon, centre, *counts)
             if _worst_gap(points, pressure, exact) <= 0.5 * tolerance:
                 return _with(assembly, *points), seconds
     lattice = contact_points(joint, tolerance)
@@ -73,11 +74,11 @@ def _moments(polygon, centre, radius: float, pressure) -> list[tuple[np.ndarray,
     angle = 2.0 * np.pi * np.arange(_AROUND) / _AROUND
     ring = centre + radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     return [
-        (c, ray_rule.friction_moment(*ray_rule.fine_rays(polygon, c), c, pressure))
+        (c, ray_quadrature.friction_moment(*ray_quadrature.fine_rays(polygon, c), c, pressure))
         for c in np.concatenate([centre[None], ring])
     ]
 
 
 def _worst_gap(points, pressure, exact) -> float:
     """Largest relative gap between the points' friction moments and the ``exact`` ones of the continuum."""
-    return max(abs(ray_rule.friction_moment(*points, c, pressure) / moment - 1.0) for c, moment in exact)
+    return max(abs(ray_quadrature.friction_moment(*points, c, pressure) / moment - 1.0) for c, moment in exact)

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dembrick import point_rules, theory
+from dembrick import theory
+from dembrick.assembly import quadrature
 from dembrick.batch import face
 from dembrick.errors import ScenarioError
 from dembrick.geometry import polygons
@@ -118,7 +119,7 @@ def _formulation(joint: DomainJoint, name: str, request: Request, continuum: boo
         pressure = request.pressure if name == "convex" else "linear"
         return theory.polygon_formulation(joint.polygon, joint.friction, pressure)
     law = JointLaw(name, joint.friction, 1.0, 1.0, points=request.points if name == "distributed" else None)
-    arms = point_rules.contact_points(face(joint.polygon, law), request.tolerance)
+    arms = quadrature.contact_points(face(joint.polygon, law), request.tolerance)
     return theory.point_formulation(arms.normal_arm, arms.area, joint.friction, arms.shear_arm, name)
 
 

@@ -12,16 +12,16 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from dembrick.assembly.broad_phase import bodies_of, close_pairs, overlap_depths
+from dembrick.assembly.joints import TOLERANCE, Joint, JointTable
 from dembrick.errors import HistoryError
 from dembrick.frequencies import load_of_contacts
 from dembrick.geometry.shapes import parts_of
-from dembrick.joints import TOLERANCE, Joint, JointTable
 from dembrick.kernels.dynamics.contact_forces import Touching
 from dembrick.kernels.dynamics.handover import PARTED, SINK, SLIP, TURN
 from dembrick.kernels.dynamics.tiles import SEEN
 from dembrick.moving_polygons import Polygons
 from dembrick.moving_state import MovingState
-from dembrick.neighbours import bodies_of, close_pairs, overlap_depths
 from dembrick.session import Snapshot
 from dembrick.touching_state import parts_table, scratch_for, touching_pairs
 

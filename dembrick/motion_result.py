@@ -7,8 +7,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from dembrick import assembly as assemblies
 from dembrick import motion_run
+from dembrick.assembly import build as assemblies
 from dembrick.audit import EnergyAudit
 from dembrick.collapse import collapse_lines
 from dembrick.loading import driving_of

@@ -14,10 +14,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from dembrick.assembly.joints import JointTable
 from dembrick.geometry import polygons
 from dembrick.geometry.clipping import clip, simplify
 from dembrick.geometry.shapes import parts_of
-from dembrick.joints import JointTable
 from dembrick.kernels.dynamics.tiles import AREA, LEVER, SEEN, SENSE, X, Y
 from dembrick.moving_state import MovingState, put_outlines, with_outlines
 

@@ -9,10 +9,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dembrick.assembly.contact_points import PointTable
+from dembrick.assembly.joints import JointTable
 from dembrick.errors import ScenarioError
 from dembrick.geometry import friction_integrals, polygons
 from dembrick.geometry.shapes import frame_quaternion
-from dembrick.joints import JointTable
 from dembrick.kernels.dynamics.area_joints import Faces
 from dembrick.kernels.dynamics.point_joints import Corners
 from dembrick.kernels.dynamics.record import write_resultants
@@ -34,7 +35,6 @@ from dembrick.kernels.dynamics.tiles import (
     Y,
     rows_of_lanes,
 )
-from dembrick.point_table import PointTable
 
 NEGLIGIBLE = 1e-5  # of the lighter block's weight: head joints of a wall carry so little, and slip all the time
 FEW = 8  # directions of normals: more are of no use, and joints near each other should stay so

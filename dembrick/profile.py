@@ -24,8 +24,8 @@ from contextlib import suppress
 
 import numpy as np
 
-from dembrick import assembly as assemblies
 from dembrick import replay
+from dembrick.assembly import build as assemblies
 from dembrick.dynamics import LONGEST_CHUNK, advance
 from dembrick.errors import DivergedError, NotConvergedError, ScenarioError
 from dembrick.kernels.dynamics.loop import Limits
@@ -99,7 +99,7 @@ def loop_shares(scenario: Scenario, steps: int) -> dict[str, float]:
     """
     control, factor = scenario.control, scenario.solver.step_factor
     session = _RunUp(scenario.output, max(steps, 8))
-    assembly = assemblies.build(scenario)
+    assembly = assemblies.assemble(scenario)
     try:
         if control.kind == "yield":
             replay.find_limit_load(assembly, 0.0, factor, session)  # a tolerance of nought ends no search
@@ -119,7 +119,7 @@ def step_shares(scenario: Scenario, steps: int) -> dict[str, float]:
 
     Raises ScenarioError where the run is so short that there is nothing to time.
     """
-    session, assembly = _RunUp(scenario.output, max(steps, 8)), assemblies.build(scenario)
+    session, assembly = _RunUp(scenario.output, max(steps, 8)), assemblies.assemble(scenario)
     try:
         lived_through(scenario, assembly, session)
     except (NotConvergedError, DivergedError) as error:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dembrick.attachments import NO_CONTROL_POINTS, ControlPoints
+from dembrick.assembly.actuators import NO_CONTROL_POINTS, ControlPoints
 from dembrick.kernels.statics.record import Record
 from dembrick.session import Session
 from dembrick.simulation import State

@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dembrick import assembly as assemblies
 from dembrick import centred_points, interruption, judge, replay
+from dembrick.assembly import build as assemblies
+from dembrick.assembly.contact_points import widest_rim
 from dembrick.audit import EnergyAudit
 from dembrick.collapse import collapse_of
 from dembrick.errors import DembrickError, HistoryError, NotConvergedError, WriteError
 from dembrick.interruption import Interrupted
 from dembrick.keeper import Keeper, Memory
-from dembrick.point_table import widest_rim
 from dembrick.refinement import error_of, refinements
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.controls import in_real_time, on_all_blocks
@@ -241,7 +241,7 @@ def _start_up() -> float:
 
 def _built(scenario: Scenario, report: Callable[[str], None] | None):
     """The assembly, its warnings reported."""
-    assembly = assemblies.build(scenario)
+    assembly = assemblies.assemble(scenario)
     for warning in assembly.warnings if report else ():
         report(warning)
     return assembly
@@ -366,7 +366,7 @@ def _refined(scenario: Scenario):
     if not on_all_blocks(control):
         result = simulate(scenario, record=False)
         return result.displacement if result.collapse is None else result.collapse["load_factor"]
-    assembly, goal = assemblies.build(scenario), control.displacement or 0.0
+    assembly, goal = assemblies.assemble(scenario), control.displacement or 0.0
     run = replay.find_limit_load(assembly, control.tolerance, scenario.solver.step_factor, goal=goal, steps=0.5)
     return collapse_of(run, assembly, control)["load_factor"]
 

@@ -10,12 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dembrick.assembly.contact_points import PointTable
+from dembrick.assembly.joints import JointTable
 from dembrick.errors import ScenarioError
 from dembrick.geometry import friction_integrals, polygons
 from dembrick.geometry.shapes import quaternion_product, rotation_matrix
-from dembrick.joints import JointTable
 from dembrick.kernels.state import Areas, Blocks, Energy, Jacks, Joints, Points, Pressed
-from dembrick.point_table import PointTable
 from dembrick.scenario.model import PRESSURES
 
 

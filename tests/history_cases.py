@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from dembrick import history
-from dembrick.attachments import NO_CONTROL_POINTS, ControlPoints
+from dembrick.assembly.actuators import NO_CONTROL_POINTS, ControlPoints
 from dembrick.scenario import model
 
 SCENARIO = 'title = "two blocks, one joint"\ngravity = [0.0, 0.0, -9.81]\n'

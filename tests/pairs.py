@@ -5,12 +5,12 @@ import math
 
 import numpy as np
 
+from dembrick.assembly.broad_phase import bodies_of, overlap_depths
 from dembrick.geometry.convex_hull import hull, prism
 from dembrick.geometry.shapes import box, quaternion_product, rotation_matrix, unit_quaternion
 from dembrick.kernels.dynamics.contact_forces import TOUCHED, clear_applied, touch
 from dembrick.kernels.dynamics.rigid_bodies import Bodies
 from dembrick.kernels.dynamics.tiles import Links
-from dembrick.neighbours import bodies_of, overlap_depths
 from dembrick.scenario.model import JointLaw
 from dembrick.touching_state import parts_table, scratch_for, touching_pairs
 

@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from dembrick import assembly as assembly_module
-from dembrick.assembly import build, dead_joint_forces
+from dembrick.assembly import build as assembly_module
+from dembrick.assembly.build import assemble, dead_joint_forces
 from dembrick.errors import ScenarioError
 from dembrick.geometry.shapes import rotation_matrix
 from dembrick.scenario.model import (
@@ -44,7 +44,7 @@ def refused(*parts, **other):
     """The message of a scenario that cannot be built; it must contain ``parts``."""
     blocks = [part for part in parts if isinstance(part, Block)]
     with pytest.raises(ScenarioError) as caught:
-        build(scenario(*blocks, **other))
+        assemble(scenario(*blocks, **other))
     message = str(caught.value)
     for part in parts:
         assert isinstance(part, Block) or part in message, message
@@ -60,7 +60,7 @@ def moved(block, /, **changes):
 
 
 def test_the_lab_scene():
-    found = build(scenario(loads=(Load("upper", (0.0, 0.0, -378.71)),), actuators=(JACK,)))
+    found = assemble(scenario(loads=(Load("upper", (0.0, 0.0, -378.71)),), actuators=(JACK,)))
     assert found.names == ("lower", "upper") and found.fixed.tolist() == [True, False]
     assert found.mass == pytest.approx([9.0, 9.0], rel=1e-15)
     a, b, c = LAB
@@ -79,7 +79,7 @@ def test_the_lab_scene():
 
 def test_loads_act_where_they_stand():
     loads = (Load("upper", (10.0, 0.0, 0.0), (0.15, 0.0, 0.1)), Load("upper", (0.0, 2.0, -300.0)))
-    found = build(scenario(loads=loads))
+    found = assemble(scenario(loads=loads))
     assert found.dead_force[1] == pytest.approx([10.0, 2.0, -300.0 - 9.0 * 9.81])
     assert found.dead_torque[1] == pytest.approx(np.cross([0.15, 0.0, 0.05], [10.0, 0.0, 0.0]))
     assert found.joint_force[0] == pytest.approx([-10.0, -2.0, 300.0 + 9.0 * 9.81])
@@ -89,7 +89,7 @@ def test_velocities_and_orientations_are_kept():
     turned = moved(
         UPPER, orientation=(np.sqrt(0.5), 0, 0, np.sqrt(0.5)), velocity=(1, 2, 3), angular_velocity=(0, 0, 4)
     )
-    found = build(scenario(LOWER, turned))
+    found = assemble(scenario(LOWER, turned))
     assert found.velocity[1].tolist() == [1, 2, 3] and found.angular_velocity[1].tolist() == [0, 0, 4]
     assert found.rotation[1] == pytest.approx(rotation_matrix(turned.orientation))
     assert np.linalg.norm(found.orientation, axis=1) == pytest.approx([1.0, 1.0], abs=1e-15)
@@ -98,7 +98,7 @@ def test_velocities_and_orientations_are_kept():
 def test_laws_of_named_pairs():
     other = dataclasses.replace(LAW, friction=0.3)
     third = Block("third", "tuff", LAB, (0.0, 0.0, 0.15))
-    found = build(scenario(LOWER, UPPER, third, joints=(JointOverride(("third", "upper"), other),)))
+    found = assemble(scenario(LOWER, UPPER, third, joints=(JointOverride(("third", "upper"), other),)))
     laws = {(joint.block_a, joint.block_b): joint.law for joint in found.joints}
     assert laws == {(0, 1): LAW, (1, 2): other}
 
@@ -108,21 +108,21 @@ def test_contact_points_follow_the_tolerance_of_the_control():
     third = Block("third", "tuff", LAB, (0.0, 0.0, 0.15))
 
     def count(tolerance, *blocks):
-        return len(build(scenario(*blocks, joint=law, control=YieldControl(tolerance))).contact_points[0].area)
+        return len(assemble(scenario(*blocks, joint=law, control=YieldControl(tolerance))).contact_points[0].area)
 
     assert count(1e-2, LOWER, UPPER, third) < 80 < 700 < count(1e-4, LOWER, UPPER, third)
     # the search for the limit load of a lone joint places its points anew
     assert count(1e-2) < 80 < count(1e-3) == count(1e-4)
-    curve = build(scenario(joint=law, control=DisplacementControl(rate=1e-4, travel=1e-3)))
-    assert len(curve.contact_points[0].area) == len(build(scenario(joint=law)).contact_points[0].area)
-    assert build(scenario(joint=JointLaw("convex", 0.64, 1e10, 4e9))).contact_points[:] == (None,)
+    curve = assemble(scenario(joint=law, control=DisplacementControl(rate=1e-4, travel=1e-3)))
+    assert len(curve.contact_points[0].area) == len(assemble(scenario(joint=law)).contact_points[0].area)
+    assert assemble(scenario(joint=JointLaw("convex", 0.64, 1e10, 4e9))).contact_points[:] == (None,)
 
 
 def test_a_scene_far_away_keeps_its_forces_and_arms():
     shift = np.array([1000.0, -2000.0, 500.0])
     blocks = [moved(b, position=tuple(shift + b.position)) for b in (LOWER, UPPER)]
-    near = build(scenario(actuators=(JACK,)))
-    far = build(scenario(*blocks, actuators=(moved(JACK, point=tuple(shift + JACK.point)),)))
+    near = assemble(scenario(actuators=(JACK,)))
+    far = assemble(scenario(*blocks, actuators=(moved(JACK, point=tuple(shift + JACK.point)),)))
     assert far.joint_force == pytest.approx(near.joint_force, rel=1e-15)
     assert far.actuators.arm == pytest.approx(near.actuators.arm, abs=5e-13)
 
@@ -132,7 +132,7 @@ def test_a_scene_far_away_keeps_its_forces_and_arms():
 
 def test_a_stack_carries_the_blocks_above_each_joint():
     stack = [LOWER] + [Block(f"b{k}", "tuff", LAB, (0.0, 0.0, 0.05 + 0.1 * k)) for k in range(4)]
-    found = build(scenario(*stack, loads=(Load("b2", (0.0, 5.0, -100.0)),)))
+    found = assemble(scenario(*stack, loads=(Load("b2", (0.0, 5.0, -100.0)),)))
     weight = 9.0 * 9.81
     expected = [[0, -5, 4 * weight + 100], [0, -5, 3 * weight + 100], [0, -5, 2 * weight + 100], [0, 0, weight]]
     assert found.joint_force == pytest.approx(np.array(expected)) and found.joint_force_exact
@@ -140,7 +140,7 @@ def test_a_stack_carries_the_blocks_above_each_joint():
 
 def test_a_stack_written_from_the_top_down_carries_the_same():
     stack = [Block(f"b{k}", "tuff", LAB, (0.0, 0.0, 0.05 + 0.1 * k)) for k in range(2, -1, -1)] + [LOWER]
-    found = build(scenario(*stack))
+    found = assemble(scenario(*stack))
     normal = [force @ joint.axes[2] for joint, force in zip(found.joints, found.joint_force, strict=True)]
     assert sorted(normal) == pytest.approx([88.29, 2 * 88.29, 3 * 88.29])  # compression, though a lies above b
 
@@ -148,7 +148,7 @@ def test_a_stack_written_from_the_top_down_carries_the_same():
 def test_a_hanging_block_pulls_whatever_the_order_of_the_blocks():
     for blocks in ((LOWER, UPPER), (UPPER, LOWER)):
         roof = [moved(b, position=tuple(-np.array(b.position))) for b in blocks]
-        found = build(scenario(*roof))
+        found = assemble(scenario(*roof))
         joint = found.joints[0]
         assert found.names[joint.block_a] == "lower" and found.joint_force[0] @ joint.axes[2] == pytest.approx(-88.29)
 
@@ -160,7 +160,7 @@ def test_a_wall_passes_its_weight_on_and_says_that_it_is_an_estimate():
         for c in range(5)
         for i in range(4)
     ]
-    found = build(scenario(floor, *wall))
+    found = assemble(scenario(floor, *wall))
     assert not found.joint_force_exact
     base = [k for k, joint in enumerate(found.joints) if joint.block_a == 0]
     assert found.joint_force[base].sum(axis=0) == pytest.approx([0, 0, 20 * 88.29], rel=1e-12)
@@ -170,7 +170,7 @@ def test_a_wall_passes_its_weight_on_and_says_that_it_is_an_estimate():
 
 def test_a_block_beside_a_support_hands_its_weight_to_the_joint_below():
     side = Block("side", "tuff", LAB, (0.3, 0.0, 0.05), fixed=True)
-    found = build(scenario(LOWER, UPPER, side))
+    found = assemble(scenario(LOWER, UPPER, side))
     below = [joint.block_a == 0 or joint.block_b == 0 for joint in found.joints]
     assert found.joint_force[below][0] == pytest.approx([0, 0, 88.29], rel=1e-9) and not found.joint_force_exact
 
@@ -191,7 +191,7 @@ def test_overlap_names_the_blocks_and_the_depth():
     assert "2 more pairs" in message and "third" in message and "fourth" in message
     twin = moved(LOWER, name="twin")
     refused(LOWER, twin, UPPER, "overlap by 0.1 m")
-    build(scenario(LOWER, moved(UPPER, position=(0.0, 0.0, 0.05 - 1e-7))))  # touching, to the stated tolerance
+    assemble(scenario(LOWER, moved(UPPER, position=(0.0, 0.0, 0.05 - 1e-7))))  # touching, to the stated tolerance
 
 
 def test_nothing_fixed():
@@ -218,10 +218,10 @@ def test_points_outside_their_block():
     refused("load number 2", "upper", "0.01 m outside",
             loads=(Load("upper", (0, 0, -1.0)), Load("upper", (0, 0, -1.0), (0.0, 0.11, 0.05))))  # fmt: skip
     for point in ((0.15, 0.1, 0.1), (-0.15, 0.0, 0.0), (0.15 + 1e-11, 0.0, 0.05)):
-        build(scenario(actuators=(moved(JACK, point=point),)))
+        assemble(scenario(actuators=(moved(JACK, point=point),)))
     refused("outside", actuators=(moved(JACK, point=(0.15 + 1e-8, 0.0, 0.05)),))
     turned = moved(UPPER, orientation=(np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)))
-    build(scenario(LOWER, turned, actuators=(moved(JACK, point=(0.0, 0.15, 0.05)),)))
+    assemble(scenario(LOWER, turned, actuators=(moved(JACK, point=(0.0, 0.15, 0.05)),)))
     refused(LOWER, turned, "0.05 m outside", actuators=(moved(JACK, point=(0.15, 0.0, 0.05)),))
 
 
@@ -246,20 +246,20 @@ def test_joints_too_soft_for_their_load():
     limit_n, limit_s = 467.0 / (0.06 * 0.2 * 1e-2), 0.64 * 467.0 / (0.06 * 0.2 * 1e-2)
     refused("lower", "upper", "467 N", "0.0101", "raise normal_stiffness", loads=loads, joint=law(limit_n / 1.01, 4e9))
     refused("298.88 N", "0.0101", "raise shear_stiffness", loads=loads, joint=law(1e10, limit_s / 1.01))
-    found = build(scenario(loads=loads, joint=law(limit_n * 1.01, limit_s * 1.01)))
+    found = assemble(scenario(loads=loads, joint=law(limit_n * 1.01, limit_s * 1.01)))
     assert len(found.warnings) == 1 and "normal_stiffness and shear_stiffness" in found.warnings[0]
     for kn, ks, count in ((9.9, 11.0, 1), (11.0, 9.9, 1), (10.1, 10.1, 0)):
-        assert len(build(scenario(loads=loads, joint=law(limit_n * kn, limit_s * ks))).warnings) == count
+        assert len(assemble(scenario(loads=loads, joint=law(limit_n * kn, limit_s * ks))).warnings) == count
 
 
 def test_messages_name_the_file():
     with pytest.raises(ScenarioError, match=r"^scene\.toml: blocks"):
-        build(scenario(LOWER, moved(UPPER, position=(0.0, 0.0, 0.04)), path="scene.toml"))
+        assemble(scenario(LOWER, moved(UPPER, position=(0.0, 0.0, 0.04)), path="scene.toml"))
 
 
 def test_kinds_that_need_no_support(monkeypatch):
     """Free flight and falling blocks are for dynamic kinds: the two checks ask the kind of control."""
     monkeypatch.setattr(assembly_module, "_QUASI_STATIC", ())
-    found = build(scenario(moved(UPPER, position=(0.0, 0.0, 1.0))))
+    found = assemble(scenario(moved(UPPER, position=(0.0, 0.0, 1.0))))
     assert not len(found.joints) and found.joint_force.shape == (0, 3) and not found.joint_force_exact
-    assert build(scenario(LOWER, moved(UPPER, position=(0.0, 0.0, 1.0)))).contact_points[:] == ()
+    assert assemble(scenario(LOWER, moved(UPPER, position=(0.0, 0.0, 1.0)))).contact_points[:] == ()

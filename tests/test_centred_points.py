@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dembrick import assembly, judge, ray_rule, replay
+from dembrick import judge, replay
+from dembrick.assembly import build, ray_quadrature
 from dembrick.centred_points import place_points
 from dembrick.geometry import polygons
 from dembrick.lab import lab_scenario
@@ -22,7 +23,7 @@ SHAPES = [RECTANGLE, TRIANGLE - np.mean(TRIANGLE, axis=0), RECTANGLE * [10.0, 1.
 @settings(max_examples=40, deadline=None)
 def test_rays_keep_area_centroid_and_second_moments(polygon, x, y):
     size = np.abs(polygon).max(axis=0)
-    arms, areas = ray_rule.rays(polygon, (x * size[0], y * size[1]), 2, 2)
+    arms, areas = ray_quadrature.rays(polygon, (x * size[0], y * size[1]), 2, 2)
     total = polygons.area(polygon)
     assert (areas > 0.0).all()
     assert areas.sum() == pytest.approx(total, rel=1e-12)
@@ -39,22 +40,22 @@ def test_friction_moment_about_the_centre_of_the_rays_converges_to_the_closed_fo
     centre = np.array([x, y]) * np.abs(polygon).max(axis=0)
     exact = polygons.mean_distance(polygon, [centre])[0] * polygons.area(polygon)
     for counts, most in (((2, 2), 3e-3), ((3, 3), 2e-4), ((5, 5), 2e-6), ((10, 8), 1e-7)):
-        moment = ray_rule.friction_moment(*ray_rule.rays(polygon, centre, *counts), centre, (1.0, 0.0, 0.0))
+        moment = ray_quadrature.friction_moment(*ray_quadrature.rays(polygon, centre, *counts), centre, (1.0, 0.0, 0.0))
         assert moment == pytest.approx(exact, rel=most)
 
 
 def test_forty_eight_points_do_what_a_lattice_needs_a_thousand_for():
     centre = np.array([-0.07, 0.01])
     exact = polygons.mean_distance(RECTANGLE, [centre])[0] * 0.06
-    arms, areas = ray_rule.rays(RECTANGLE, centre, 2, 2)
+    arms, areas = ray_quadrature.rays(RECTANGLE, centre, 2, 2)
     assert len(areas) <= 60
-    assert ray_rule.friction_moment(arms, areas, centre, (1.0, 0.0, 0.0)) == pytest.approx(exact, rel=1e-4)
+    assert ray_quadrature.friction_moment(arms, areas, centre, (1.0, 0.0, 0.0)) == pytest.approx(exact, rel=1e-4)
 
 
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-5])
 @pytest.mark.parametrize("name", ["set2a", "set4a", "set4b", "set4a_mid", "set4b_mid"])
 def test_placed_points_meet_the_continuum_within_half_the_tolerance(name, tolerance):
-    built = assembly.build(lab_scenario(name, "distributed", tolerance))
+    built = build.assemble(lab_scenario(name, "distributed", tolerance))
     placed, seconds = place_points(built, tolerance, 0.9)
     assert seconds > 0.0
     assert 20 <= len(placed.contact_points[0].area) <= 200
@@ -66,9 +67,9 @@ def test_placed_points_meet_the_continuum_within_half_the_tolerance(name, tolera
 
 def test_points_for_another_centre_would_miss():
     """The same number of points, placed for pure torsion, are wrong for set 4a: the placing is what counts."""
-    built = assembly.build(lab_scenario("set4a", "distributed", 1e-5))
+    built = build.assemble(lab_scenario("set4a", "distributed", 1e-5))
     placed, _ = place_points(built, 1e-5, 0.9)
-    arms, areas = ray_rule.rays(RECTANGLE, (0.0, 0.0), 3, 2)
+    arms, areas = ray_quadrature.rays(RECTANGLE, (0.0, 0.0), 3, 2)
     points = dataclasses.replace(placed.contact_points[0], normal_arm=arms, shear_arm=arms, area=areas)
     elsewhere = dataclasses.replace(built, contact_points=(points,))
     assert abs(judge.theory_of(elsewhere).discretisation_error) > 0.5e-5
@@ -78,7 +79,7 @@ def test_a_joint_that_opens_keeps_the_lattice():
     """Pushed 0.2 m above the joint the block stands on part of its bed when it slides."""
     scenario = lab_scenario("shear", "distributed", 1e-2)
     jacks = [dataclasses.replace(jack, point=(*jack.point[:2], 0.09)) for jack in scenario.actuators]
-    built = assembly.build(dataclasses.replace(scenario, actuators=tuple(jacks)))
+    built = build.assemble(dataclasses.replace(scenario, actuators=tuple(jacks)))
     placed, _ = place_points(built, 1e-2, 0.9)
     run = replay.find_limit_load(placed, 1e-2, 0.9)
     assert not (run.state.points.normal > 0.0).all()
@@ -87,5 +88,5 @@ def test_a_joint_that_opens_keeps_the_lattice():
 
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 def test_other_formulations_are_left_alone(formulation):
-    built = assembly.build(lab_scenario("set4a", formulation, 1e-3))
+    built = build.assemble(lab_scenario("set4a", formulation, 1e-3))
     assert place_points(built, 1e-3, 0.9) == (built, 0.0)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from dembrick.assembly import build
+from dembrick.assembly.build import assemble
 from dembrick.errors import ScenarioError
 from dembrick.geometry.convex_hull import compound
 from dembrick.geometry.friction_integrals import area_radius, far_moments
@@ -74,7 +74,7 @@ def least_mean_distance_by_quadrature(pieces):
 
 def test_an_l_has_the_mass_properties_of_its_two_boxes():
     """Parallel axes by hand: two boxes 0.3 x 0.1 and 0.1 x 0.2, 0.2 high."""
-    (block,) = build(on_a_floor(Block("l", "tuff", parts=L_PARTS, position=(0, 0, 0)))).shapes[1:]
+    (block,) = assemble(on_a_floor(Block("l", "tuff", parts=L_PARTS, position=(0, 0, 0)))).shapes[1:]
     assert block.volume == pytest.approx(L_AREA * 0.2, rel=1e-14)
     assert block.centroid == pytest.approx([*L_CENTRE, 0.1], rel=1e-14)
     inertia = np.zeros((3, 3))
@@ -108,7 +108,7 @@ def test_a_box_sawn_up_and_put_together_is_the_box():
 
 
 def test_an_l_on_a_floor_has_one_joint_of_two_pieces():
-    found = build(on_a_floor(Block("l", "tuff", parts=L_PARTS, position=(0.5, -0.3, 0.0))))
+    found = assemble(on_a_floor(Block("l", "tuff", parts=L_PARTS, position=(0.5, -0.3, 0.0))))
     (joint,) = found.joints
     assert joint.area == pytest.approx(L_AREA, rel=1e-14) and len(joint.pieces) == 2 and joint.gap == 0.0
     assert joint.origin == pytest.approx([0.5 + L_CENTRE[0], -0.3 + L_CENTRE[1], 0.0], abs=1e-15)
@@ -131,12 +131,12 @@ def test_an_l_on_a_floor_has_one_joint_of_two_pieces():
 def test_points_of_an_l_own_its_area_about_its_centroid():
     block = Block("l", "tuff", parts=L_PARTS, position=(0, 0, 0))
     for formulation in ("concave", "corrected", "corrected-shear", "distributed"):
-        (points,) = build(on_a_floor(block, joint=law(formulation), tolerance=1e-2)).contact_points
+        (points,) = assemble(on_a_floor(block, joint=law(formulation), tolerance=1e-2)).contact_points
         assert points.area.sum() == pytest.approx(L_AREA, rel=1e-12)
         assert points.area @ points.normal_arm == pytest.approx([0.0, 0.0], abs=1e-15)
         assert formulation != "concave" or len(points.area) == 8
-    joint = build(on_a_floor(block)).joints[0]
-    corrected = build(on_a_floor(block, joint=law("corrected"))).contact_points[0]
+    joint = assemble(on_a_floor(block)).joints[0]
+    corrected = assemble(on_a_floor(block, joint=law("corrected"))).contact_points[0]
     mean = corrected.area @ np.hypot(*corrected.shear_arm.T) / L_AREA  # the points' c_T is that of the area, eq. 9
     assert mean == pytest.approx(least_mean_distance_by_quadrature(joint.pieces)[1], rel=1e-6)
 
@@ -145,13 +145,13 @@ def test_two_feet_make_one_joint_and_steps_make_two():
     feet = (Part(box=(0.1, 0.2, 0.1), position=(-0.2, 0, 0.05)), Part(box=(0.1, 0.2, 0.1), position=(0.2, 0, 0.05)),
             Part(box=(0.5, 0.2, 0.1), position=(0, 0, 0.15)))  # fmt: skip
     table = Block("table", "tuff", parts=feet, position=(0, 0, 0))
-    (joint,) = build(on_a_floor(table)).joints
+    (joint,) = assemble(on_a_floor(table)).joints
     assert joint.area == pytest.approx(0.04) and joint.origin == pytest.approx(np.zeros(3), abs=1e-15)
     step = Block("step", "tuff", (0.2, 0.2, 0.1), (0.6, 0.0, 0.05))
     high = Block("high", "tuff", parts=(Part(box=(0.2, 0.2, 0.1), position=(0, 0, 0.15)),
                                         Part(box=(0.2, 0.2, 0.2), position=(0.2, 0, 0.1))),
                  position=(0.6, 0, 0))  # fmt: skip
-    found = build(on_a_floor(step, high))
+    found = assemble(on_a_floor(step, high))
     pairs = sorted((j.block_a, j.block_b, round(abs(j.axes[2][2]))) for j in found.joints)
     assert pairs == [(0, 1, 1), (0, 2, 1), (1, 2, 0), (1, 2, 1)]  # a bed and a head between the same two blocks
 
@@ -159,29 +159,29 @@ def test_two_feet_make_one_joint_and_steps_make_two():
 def test_what_is_refused():
     overlap = (L_PARTS[0], Part(box=(0.1, 0.2, 0.2), position=(0.05, 0.19, 0.1)))
     with pytest.raises(ScenarioError, match=r"parts\[0\] and parts\[1\] of block 'l' overlap by 0.01 m"):
-        build(on_a_floor(Block("l", "tuff", parts=overlap)))
+        assemble(on_a_floor(Block("l", "tuff", parts=overlap)))
     sunk = Block("l", "tuff", parts=L_PARTS, position=(0, 0, -0.01))
     with pytest.raises(ScenarioError, match=r"'floor' and 'l' overlap by 0.01 m"):
-        build(on_a_floor(sunk))
+        assemble(on_a_floor(sunk))
     wedge = Block("w", "tuff", prism=Prism(TRIANGLE, 0.2), position=(0, 0, 0.07))
     with pytest.raises(ScenarioError, match=r"'floor' and 'w' overlap by 0.03 m"):
-        build(on_a_floor(wedge))
+        assemble(on_a_floor(wedge))
     with pytest.raises(ScenarioError, match=r'pressure = "linear" holds for convex joints'):
-        build(on_a_floor(Block("l", "tuff", parts=L_PARTS), joint=law(pressure="linear")))
+        assemble(on_a_floor(Block("l", "tuff", parts=L_PARTS), joint=law(pressure="linear")))
     with pytest.raises(ScenarioError, match="has 2 shapes"):
         Block("x", "tuff", (1, 1, 1), (0, 0, 0), parts=L_PARTS)
     with pytest.raises(ScenarioError, match="has no shape"):
         Block("x", "tuff", position=(0, 0, 0))
     with pytest.raises(ScenarioError, match=r"block 'w': parts\[1\]: polygon: it is not convex"):
         bad = Part(prism=Prism([(0, 0), (2, 0), (2, 1), (1, 0.5), (0, 1)], 1.0))
-        build(on_a_floor(Block("w", "tuff", parts=(L_PARTS[0], bad))))
+        assemble(on_a_floor(Block("w", "tuff", parts=(L_PARTS[0], bad))))
 
 
 def test_a_jack_may_push_any_part():
     block = Block("l", "tuff", parts=L_PARTS, position=(0, 0, 0))
-    build(on_a_floor(block, jacks=(Actuator("j", "l", (0.05, 0.3, 0.1), (1, 0, 0)),)))
+    assemble(on_a_floor(block, jacks=(Actuator("j", "l", (0.05, 0.3, 0.1), (1, 0, 0)),)))
     with pytest.raises(ScenarioError, match=r"lies 0.05 m outside block 'l'"):
-        build(on_a_floor(block, jacks=(Actuator("j", "l", (0.15, 0.15, 0.1), (1, 0, 0)),)))
+        assemble(on_a_floor(block, jacks=(Actuator("j", "l", (0.15, 0.15, 0.1), (1, 0, 0)),)))
 
 
 # --- torsion ----------------------------------------------------------------------------------------------------------
@@ -189,8 +189,8 @@ def test_a_jack_may_push_any_part():
 
 def twisted(block, pieces_height, formulation="convex"):
     """A block pushed by a couple in the plane of its joint, with 1000 N of dead load more."""
-    vertices = build(on_a_floor(block)).shapes[1]
-    low = vertices.vertices + build(on_a_floor(block)).position[1]
+    vertices = assemble(on_a_floor(block)).shapes[1]
+    low = vertices.vertices + assemble(on_a_floor(block)).position[1]
     corners = low[np.abs(low[:, 2]) < 1e-12]
     first, second = corners[np.argmin(corners[:, 0])], corners[np.argmax(corners[:, 0])]
     jacks = (Actuator("j1", block.name, tuple(first), (0, -1, 0)), Actuator("j2", block.name, tuple(second), (0, 1, 0)))
@@ -208,7 +208,7 @@ BLOCKS = {
 def test_torsion_about_the_best_centre_by_independent_quadrature(shape):
     """The limit couple of the replay, of theory, and of a quadrature that knows neither; not c_T about O."""
     scene, arm = twisted(BLOCKS[shape], 0.2)
-    assembly = build(scene)
+    assembly = assemble(scene)
     joint = assembly.joints[0]
     normal = -assembly.dead_force[1][2]
     pieces = [np.asarray(p) for p in (joint.pieces or (joint.polygon,))]
@@ -224,7 +224,7 @@ def test_torsion_about_the_best_centre_by_independent_quadrature(shape):
 
 
 def test_the_far_field_of_an_l_is_that_of_its_pieces():
-    joint = build(on_a_floor(BLOCKS["an L"])).joints[0]
+    joint = assemble(on_a_floor(BLOCKS["an L"])).joints[0]
     areas = [abs(0.5 * sum(p[i - 1][0] * p[i][1] - p[i][0] * p[i - 1][1] for i in range(len(p)))) for p in joint.pieces]
     parts = sum(a * far_moments(np.asarray(p)) for a, p in zip(areas, joint.pieces, strict=True)) / sum(areas)
     assert far_moments(joint.polygon) == pytest.approx(parts, rel=1e-12, abs=1e-15)
@@ -257,9 +257,9 @@ def test_joints_of_prisms_that_overlap_anyhow():
     upper = Prism([(-0.9, -0.4), (0.9, -0.4), (0.0, 0.7)], 0.3)
     blocks.append(Block("high", "tuff", prism=upper, position=(0.9, 0.1, 0.15), orientation=turn))
     with pytest.raises(ScenarioError, match="'low0' and 'low1' overlap"):
-        build(Scenario("t", (0, 0, -9.81), law(), {"tuff": Material(2000.0)}, tuple(blocks), YieldControl()))
+        assemble(Scenario("t", (0, 0, -9.81), law(), {"tuff": Material(2000.0)}, tuple(blocks), YieldControl()))
     blocks[1] = Block("low1", "tuff", prism=lower[1], position=(2.05, 0, -0.25), fixed=True)
-    found = build(Scenario("t", (0, 0, -9.81), law(), {"tuff": Material(2000.0)}, tuple(blocks), YieldControl()))
+    found = assemble(Scenario("t", (0, 0, -9.81), law(), {"tuff": Material(2000.0)}, tuple(blocks), YieldControl()))
     assert sorted((j.block_a, j.block_b) for j in found.joints) == [(0, 2), (1, 2)]
     for joint in found.joints:
         shapes = [found.shapes[i].moved(found.position[i], found.orientation[i]) for i in (joint.block_a, 2)]
@@ -282,7 +282,7 @@ def test_t_and_l_contacts_of_walls_that_meet():
     first = Block("a", "tuff", (1.0, 0.2, 0.5), (0.0, 0.0, 0.25))
     tee = Block("t", "tuff", (0.2, 0.6, 0.5), (0.1, 0.4, 0.25))
     ell = Block("l", "tuff", (0.2, 0.6, 0.5), (0.6, 0.2, 0.25))
-    found = build(on_a_floor(first, tee, ell))
+    found = assemble(on_a_floor(first, tee, ell))
     beside = {(j.block_a, j.block_b): (round(j.area, 9), np.abs(j.axes[2]).round(9).tolist()) for j in found.joints}
     assert beside.pop((1, 2)) == (0.1, [0, 1, 0])
     assert beside.pop((1, 3)) == (0.1, [1, 0, 0])

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import dembrick
-from dembrick import assembly, domain
+from dembrick import domain
+from dembrick.assembly import build
 from dembrick.cli import main
 from dembrick.errors import ScenarioError
 from dembrick.lab import lab_scenario
@@ -66,7 +67,7 @@ def test_from_python():
 def test_the_joint_of_an_eccentric_scene():
     """N and where it acts, from statics, for either order of the blocks."""
     base = lab_scenario("set4a", "convex")
-    joint = domain.DomainJoint.of_assembly(assembly.build(base))
+    joint = domain.DomainJoint.of_assembly(build.assemble(base))
     assert joint.edges == pytest.approx((0.3, 0.2)) and joint.eccentricity == (0.0, 0.0)
 
 

@@ -7,7 +7,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from dembrick import assembly, audit, lab, replay
+from dembrick import audit, lab, replay
+from dembrick.assembly import build
 from dembrick.errors import EnergyAuditError
 from dembrick.kernels.state import BY_LAW, DAMPING, HEAD, LEAST, SLIDING, TORQUES, Energy, Points
 from dembrick.kernels.statics.joint_forces import point_forces
@@ -19,7 +20,7 @@ from dembrick.scenario.model import FORMULATIONS
 def books(name: str, formulation: str, step_factor: float = 0.9, rate: float | None = None):
     """Energies (T,) by name of a replay, its audit and the replay."""
     scenario = lab.lab_scenario(name, formulation)
-    built = assembly.build(scenario)
+    built = build.assemble(scenario)
     parts: list[dict] = []
 
     def observe(rows, _frames):

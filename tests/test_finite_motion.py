@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scipy.special import ellipj, ellipk
 
-from dembrick import assembly, stability
+from dembrick import stability
 from dembrick._jit import jit
+from dembrick.assembly import build
 from dembrick.geometry.shapes import rotation_matrix
 from dembrick.kernels.state import Blocks, Inertia
 from dembrick.kernels.statics.finite_rotation import finite_step, turn
@@ -172,7 +173,7 @@ CRITICAL = [  # formulation, ks/kn, dt_cr (s) of a block of 47.604 kg on 0.3 x 0
 def one_block(formulation, ratio, turn_by=(1.0, 0.0, 0.0, 0.0)):
     R = rotation_matrix(np.array(turn_by))
     block = {"material": "stone", "box": (0.3, 0.2, 0.1), "orientation": turn_by}
-    return assembly.build(
+    return build.assemble(
         Scenario(
             title="one block on a fixed one",
             gravity=tuple(R @ [0.0, 0.0, -9.81]),
@@ -218,7 +219,7 @@ def test_critical_step_is_where_central_differences_turn_unstable(viscous):
 def test_bound_of_a_stack_against_its_true_frequency():
     """Three blocks on each other: the bound from the blocks alone is not below the assembly's greatest frequency."""
     block = {"material": "stone", "box": (0.3, 0.2, 0.1)}
-    built = assembly.build(
+    built = build.assemble(
         Scenario(
             title="stack",
             gravity=(0.0, 0.0, -9.81),

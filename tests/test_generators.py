@@ -6,7 +6,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from dembrick.assembly import build
+from dembrick.assembly.build import assemble
 from dembrick.errors import ScenarioError
 from dembrick.scenario import memory, toml
 from dembrick.scenario.blocks import Block, Prism
@@ -64,7 +64,7 @@ def scene(**parts):
 
 
 def laid(*walls, **parts):
-    return build(scene(walls=walls, **parts))
+    return assemble(scene(walls=walls, **parts))
 
 
 def joints_between(assembly):
@@ -167,11 +167,11 @@ def test_returns_are_bonded_at_the_corner(thickness):
 
 
 def test_a_stack_of_boxes_and_a_column_of_drums():
-    found = build(scene(stacks=(Stack("pile", "tuff", 4, box=(0.3, 0.2, 0.1), base=0.1, heading=30.0),)))
+    found = assemble(scene(stacks=(Stack("pile", "tuff", 4, box=(0.3, 0.2, 0.1), base=0.1, heading=30.0),)))
     assert found.names == ("pile.1", "pile.2", "pile.3", "pile.4", "pile.base") and len(found.joints) == 4
     assert [j.area for j in found.joints] == pytest.approx([0.06] * 4)
     drum = Prism([(0.2 * math.cos(k * math.pi / 8), 0.2 * math.sin(k * math.pi / 8)) for k in range(16)], 0.25)
-    column = build(scene(stacks=(Stack("column", "tuff", 3, prism=drum, base=0.1, position=(1.0, 2.0, 3.0)),)))
+    column = assemble(scene(stacks=(Stack("column", "tuff", 3, prism=drum, base=0.1, position=(1.0, 2.0, 3.0)),)))
     area = 8 * 0.04 * math.sin(math.pi / 8)
     assert [j.area for j in column.joints] == pytest.approx([area] * 3) and len(column.joints[0].polygon) == 16
     assert column.position[:3, 2] == pytest.approx([3.125, 3.375, 3.625])
@@ -182,7 +182,7 @@ def test_a_stack_of_boxes_and_a_column_of_drums():
 def test_an_arch_has_radial_joints_and_springs_from_two_more(angle, curved):
     n, radius, thickness, depth = 11, 2.0, 0.3, 0.5
     arch = Arch("arch", "tuff", radius, thickness, depth, n, angle, curved, position=(5.0, 1.0, -1.0), heading=20.0)
-    found = build(scene(arches=(arch,)))
+    found = assemble(scene(arches=(arch,)))
     assert len(found.joints) == n + 1 and {j.gap for j in found.joints} == {0.0}
     assert [j.area for j in found.joints] == pytest.approx([thickness * depth] * (n + 1))
     assert sorted(found.names[i] for i in np.flatnonzero(found.fixed)) == ["arch.left", "arch.right"]
@@ -199,15 +199,15 @@ def test_an_arch_has_radial_joints_and_springs_from_two_more(angle, curved):
 
 def test_a_dome_meets_face_to_face_everywhere():
     n, rings, radius, thickness = 16, 6, 1.0, 0.1
-    found = build(scene(domes=(Dome("dome", "tuff", radius, thickness, rings, n, key=8.0),)))
+    found = assemble(scene(domes=(Dome("dome", "tuff", radius, thickness, rings, n, key=8.0),)))
     assert len(found.names) == n * rings + 1 + n
     assert len(found.joints) == n * rings * 2 + n and max(abs(j.gap) for j in found.joints) < 1e-12
     # stones lie on the sphere with their corners, so that they weigh a little less than the shell
     shell = 2.0 / 3.0 * math.pi * (1.05**3 - 0.95**3) * DENSITY
     assert 0.95 * shell < found.mass[~found.fixed].sum() < shell
-    finer = build(scene(domes=(Dome("dome", "tuff", radius, thickness, 4 * rings, 4 * n, key=2.0),)))
+    finer = assemble(scene(domes=(Dome("dome", "tuff", radius, thickness, 4 * rings, 4 * n, key=2.0),)))
     assert finer.mass[~finer.fixed].sum() == pytest.approx(shell, rel=4e-3)
-    eye = build(scene(domes=(Dome("dome", "tuff", radius, thickness, rings, n, oculus=20.0),)))
+    eye = assemble(scene(domes=(Dome("dome", "tuff", radius, thickness, rings, n, oculus=20.0),)))
     assert len(eye.joints) == n * rings * 2 and "dome.key" not in eye.names
 
 
@@ -216,7 +216,7 @@ def test_a_dome_meets_face_to_face_everywhere():
 
 def test_a_wall_in_a_file():
     found = toml.loads(TOML)
-    assembly = build(found)
+    assembly = assemble(found)
     assert found.groups["wall.1"] == tuple(range(6)) and found.groups["wall"] == tuple(range(len(found.all_blocks)))
     assert [b.name for b in found.all_blocks if b.fixed] == [f"wall.1.{k}" for k in range(1, 7)]
     course = [found.all_blocks[i].name for i in found.groups["wall.5"]]
@@ -281,7 +281,7 @@ def test_what_is_refused(case):
     (old, new), *fragments = REFUSED[case]
     assert old in TOML
     with pytest.raises(ScenarioError) as caught:
-        build(toml.loads(TOML.replace(old, new), "test.toml"))
+        assemble(toml.loads(TOML.replace(old, new), "test.toml"))
     message = str(caught.value)
     assert "test.toml" in message and "\n" not in message
     for fragment in fragments:

@@ -7,7 +7,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from dembrick import assembly, replay
+from dembrick import replay
+from dembrick.assembly import build
 from dembrick.errors import DivergedError, NotConvergedError
 from dembrick.guards import LOOK, STRETCHES, new_guard, refuse_divergence
 from dembrick.kernels.state import HEAD, SEATED, SEATING, TORQUES
@@ -21,7 +22,7 @@ from dembrick.yield_point import YieldPoint
 
 @pytest.fixture(scope="module")
 def built():
-    return assembly.build(lab_scenario("set4a_curve", "concave"))
+    return build.assemble(lab_scenario("set4a_curve", "concave"))
 
 
 @pytest.mark.parametrize("steps", [1, 9, 64, 1000, 4097, 1_000_003])
@@ -84,7 +85,7 @@ def test_energy_from_nowhere_is_seen(built):
 def test_no_false_alarm(name, rate):
     """Fast pushes throw the block about, and yet it has no more energy than it was given."""
     scenario = lab_scenario(name, "concave")
-    replay.push_at_constant_rate(assembly.build(scenario), rate, 2.5e-5, 0.9)
+    replay.push_at_constant_rate(build.assemble(scenario), rate, 2.5e-5, 0.9)
 
 
 def test_a_step_above_the_critical_one_names_itself(built):
@@ -168,7 +169,7 @@ def test_an_uncertified_test_that_ends_on_the_way_up_has_no_limit_load():
     """The load at mid-height moves the normal forces, so that no bracket is strict: half an elastic slip of travel."""
     scenario = lab_scenario("set4a_curve", "concave")
     jacks = tuple(dataclasses.replace(j, point=(*j.point[:2], 0.05)) for j in scenario.actuators)
-    built = assembly.build(dataclasses.replace(scenario, actuators=jacks))
+    built = build.assemble(dataclasses.replace(scenario, actuators=jacks))
     with pytest.raises(NotConvergedError, match="still rises"):
         replay.push_at_constant_rate(built, 1e-4, 3e-7, 0.9)
     point = replay.push_at_constant_rate(built, 1e-4, 5e-5, 0.9).yield_point

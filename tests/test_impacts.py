@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from dembrick import dynamics, history, interruption
+from dembrick.assembly.broad_phase import bodies_of, overlap_depths
 from dembrick.errors import NotConvergedError
 from dembrick.geometry.polygons import mean_distance
 from dembrick.geometry.shapes import rotation_matrix
 from dembrick.interruption import Interrupted
 from dembrick.meetings import Meetings
-from dembrick.neighbours import bodies_of, overlap_depths
 from dembrick.result import restart, simulate
 from dembrick.scenario.controls import BaseMotionControl, DynamicControl, Pulse
 from dembrick.scenario.model import Arch, Block, JointLaw, Material, Output, Scenario, Solver, Wall

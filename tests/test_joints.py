@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dembrick import joints as joints_module
+from dembrick.assembly import joints as joints_module
+from dembrick.assembly.joints import find_joints
 from dembrick.geometry import polygons
 from dembrick.geometry.shapes import Polyhedron, box, quaternion_product, rotation_matrix, unit_quaternion
-from dembrick.joints import find_joints
 from dembrick.scenario.model import JointLaw
 
 UNTURNED = (1.0, 0.0, 0.0, 0.0)

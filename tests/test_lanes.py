@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from test_moving_joints import GRAVITY, about, place
 
-from dembrick import assembly
+from dembrick.assembly import build
 from dembrick.driving import Driving
 from dembrick.dynamics import joint_forces, motion, seat
 from dembrick.geometry.shapes import frame_quaternion, rotation_matrix, unit_quaternion
@@ -26,7 +26,7 @@ LAWS = {  # nine points are an odd number
 
 def pairs(n, formulation):
     """``n`` blocks on as many floors, at rest, ready to write down the forces at their points."""
-    built = assembly.build(
+    built = build.assemble(
         Scenario(
             title="pairs",
             gravity=tuple(GRAVITY),

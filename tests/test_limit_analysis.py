@@ -11,7 +11,7 @@ import pytest
 from scipy.optimize import linprog
 from scipy.sparse import coo_array
 
-from dembrick import assembly
+from dembrick.assembly import build
 from dembrick.collapse import collapse_lines
 from dembrick.refinement import refinements
 from dembrick.result import simulate
@@ -38,7 +38,7 @@ def stack(blocks, height):
 
 def rigid_load_factor(scenario: Scenario) -> float:
     """Largest share of the weights along the direction that forces at the corners of the joints can balance."""
-    built = assembly.build(scenario)
+    built = build.assemble(scenario)
     push = np.array(scenario.control.direction) / np.linalg.norm(scenario.control.direction)
     row = np.where(built.fixed, -1, 6 * (np.cumsum(~built.fixed) - 1))
     entries, number = [], 0

@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dembrick import assembly, replay, simulation, stepping, theory
+from dembrick import replay, simulation, stepping, theory
+from dembrick.assembly import build
 from dembrick.errors import DembrickError, NotConvergedError
 from dembrick.geometry import friction_integrals
 from dembrick.geometry.shapes import rotation_matrix
@@ -419,7 +420,7 @@ def test_an_ellipse_for_the_exact_surface_is_caught(name, monkeypatch):
     """The common choice of robotics is unsafe by 9 and 8 % here: theory lies outside the bracket it gives."""
     expected = theory.limit_load(theory.formulation_law("convex", A, B, MU, N), lab_load(name)).V
     plain = lambda function: getattr(function, "py_func", function)  # noqa: E731
-    built = assembly.build(lab_scenario(f"set{name}", "convex", 1e-3))
+    built = build.assemble(lab_scenario(f"set{name}", "convex", 1e-3))
 
     def answer():
         # every kernel between the loop and the surface as plain Python, so that they look their parts up anew

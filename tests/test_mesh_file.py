@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dembrick.assembly import build
+from dembrick.assembly.build import assemble
 from dembrick.errors import ScenarioError
 from dembrick.geometry.mesh_file import checked, convex_solid
 from dembrick.geometry.shapes import box
@@ -79,7 +79,7 @@ def test_solid_meshes_give_their_skin(tmp_path, name):
 def test_a_scale_and_a_scene(tmp_path):
     write(tmp_path / "stone.stl", 1000.0 * CORNERS)
     (tmp_path / "scene.toml").write_text(SCENE)
-    found = build(toml.load(tmp_path / "scene.toml"))
+    found = assemble(toml.load(tmp_path / "scene.toml"))
     assert found.mass[1] == pytest.approx(12.0, rel=1e-6)
     assert found.position[1] == pytest.approx([0.25, 0.1, 0.05], rel=1e-6)
     assert len(found.joints) == 1 and found.joints[0].area == pytest.approx(0.06, rel=1e-6)
@@ -148,7 +148,7 @@ def test_files_that_cannot_be_read(tmp_path):
     with pytest.raises(ScenarioError, match="there is no such file"):
         convex_solid(str(tmp_path / "none.stl"))
     with pytest.raises(ScenarioError, match="block 'stone': mesh file stone.stl: there is no such file"):
-        build(toml.loads(SCENE))
+        assemble(toml.loads(SCENE))
 
 
 def test_corners_that_coincide_and_faces_without_an_area_are_taken_out():

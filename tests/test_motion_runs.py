@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dembrick import assembly
+from dembrick.assembly import build
 from dembrick.cli import main
 from dembrick.curves import pulse_velocity, read_samples, sampled_velocity, sine_velocity
 from dembrick.driving import Driving
@@ -138,7 +138,7 @@ def test_a_wall_left_alone_stays():
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 def test_a_wall_that_lands_comes_to_rest(formulation):
     """Thrown against its base at 10 mm/s, a little aslant, it slips and then lies as still as one left alone, 10 s."""
-    moving = motion(assembly.build(wall(DynamicControl(10.0), 4, 4, formulation)), damping=0.2, step_factor=0.8)
+    moving = motion(build.assemble(wall(DynamicControl(10.0), 4, 4, formulation)), damping=0.2, step_factor=0.8)
     driving, bodies = Driving(np.array([0.0, 0.0, -9.81])), moving.state.bodies
     seat(moving, driving)
     bodies.velocity[bodies.free] = (3e-3, 1e-3, -1e-2)

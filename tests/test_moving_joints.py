@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from dembrick import assembly
+from dembrick.assembly import build
 from dembrick.driving import Driving
 from dembrick.dynamics import Motion, advance, joint_forces, motion, seat
 from dembrick.geometry.shapes import quaternion_product, rotation_matrix
@@ -32,7 +32,7 @@ def two_blocks(
     R = rotation_matrix(np.array(turn))
     points = {"points": (6, 4)} if formulation == "distributed" else {}
     turned = {key: tuple(R @ value) for key, value in block.items()}
-    built = assembly.build(
+    built = build.assemble(
         Scenario(
             title="two blocks",
             gravity=tuple(R @ GRAVITY),
@@ -251,7 +251,7 @@ def test_equal_polygons_are_kept_once_until_they_are_cut():
         for i in range(n)
         for kind, z in (("floor", -0.05), ("block", 0.05))
     ]
-    built = assembly.build(
+    built = build.assemble(
         Scenario(
             title="pairs", gravity=tuple(GRAVITY), joint=JointLaw("convex", 0.64, 1e10, 4e9),
             materials={"stone": Material(2000.0)}, blocks=tuple(stones), control=DynamicControl(duration=1.0),
@@ -288,7 +288,7 @@ def test_equal_polygons_are_kept_once_until_they_are_cut():
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 def test_a_wall_takes_less_than_2_kb_a_block(formulation):
     blocks, joint = 400, JointLaw(formulation, 0.64, 1e10, 4e9)
-    built = assembly.build(
+    built = build.assemble(
         Scenario(
             title="wall", gravity=tuple(GRAVITY), joint=joint, materials={"stone": Material(2000.0)},
             walls=(Wall("wall", "stone", (0.3, 0.2, 0.1), 20, 20, base=0.1),),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from test_joints import LAB, UNTURNED, joints_of
 
-from dembrick import neighbours
+from dembrick.assembly import broad_phase
 from dembrick.geometry.shapes import box, quaternion_product, rotation_matrix
 
 
@@ -14,14 +14,14 @@ def scattered(rng, n):
     shapes = [box(e) for e in edges]
     position = rng.uniform(-1.5, 1.5, (n, 3))
     rotation = rotation_matrix(rng.normal(size=(n, 4)))
-    return neighbours.bodies_of(shapes, position, rotation), shapes
+    return broad_phase.bodies_of(shapes, position, rotation), shapes
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_the_search_finds_the_pairs_that_trying_all_pairs_finds(seed):
     bodies, shapes = scattered(np.random.default_rng(seed), 120)
     margin = 0.01 * bodies.table.diameter
-    found = neighbours.close_pairs(bodies, 0.01)
+    found = broad_phase.close_pairs(bodies, 0.01)
     world = [s.vertices @ r.T + p for s, p, r in zip(shapes, bodies.position, bodies.rotation, strict=True)]
     low = np.array([w.min(axis=0) for w in world]) - margin[:, None]
     high = np.array([w.max(axis=0) for w in world]) + margin[:, None]
@@ -41,8 +41,8 @@ def test_the_search_holds_a_pebble_and_a_kilometre():
 def test_the_search_does_not_try_all_pairs(monkeypatch):
     """A wall of 900 blocks on one long floor: some twenty comparisons a block, not 450."""
     tried = []
-    plain = neighbours._cell_pairs
-    monkeypatch.setattr(neighbours, "_cell_pairs", lambda *a: tried.append(plain(*a)) or tried[-1])
+    plain = broad_phase._cell_pairs
+    monkeypatch.setattr(broad_phase, "_cell_pairs", lambda *a: tried.append(plain(*a)) or tried[-1])
     wall = [(LAB, (0.3 * i + 0.15 * (c % 2), 0.0, 0.1 * c + 0.05), UNTURNED) for c in range(30) for i in range(30)]
     found = joints_of(*wall, ((12.0, 1.0, 0.1), (4.5, 0.0, -0.05), UNTURNED), fixed=[900])
     assert len(found) == 30 * 29 + 29 * 59 + 30
@@ -52,8 +52,8 @@ def test_the_search_does_not_try_all_pairs(monkeypatch):
 def test_overlap_of_turned_boxes_agrees_with_points_in_both():
     bodies, shapes = scattered(np.random.default_rng(7), 60)
     position, rotation = bodies.position, bodies.rotation
-    pairs = neighbours.close_pairs(bodies, 0.0)
-    depths = neighbours.overlap_depths(bodies, pairs)
+    pairs = broad_phase.close_pairs(bodies, 0.0)
+    depths = broad_phase.overlap_depths(bodies, pairs)
     rng = np.random.default_rng(8)
     agreed = 0
     for pair, depth in zip(pairs, depths, strict=True):
@@ -67,15 +67,15 @@ def test_overlap_of_turned_boxes_agrees_with_points_in_both():
         direction = position[j] - position[i]
         moved = position.copy()
         moved[j] += direction / np.linalg.norm(direction) * 0.99 * max(depth, 0.0)
-        still = neighbours.overlap_depths(bodies._replace(position=moved), np.array([[i, j]]))[0]
+        still = broad_phase.overlap_depths(bodies._replace(position=moved), np.array([[i, j]]))[0]
         assert depth <= 0.0 or still > 0.0
     assert agreed > 0.9 * len(pairs) > 50
 
 
 def test_overlap_depths_in_closed_form():
     def between(position, rotations):
-        bodies = neighbours.bodies_of([box((1, 1, 1))] * 2, np.array([(0, 0, 0), position], float), rotations)
-        return neighbours.overlap_depths(bodies, np.array([[0, 1]]))[0]
+        bodies = broad_phase.bodies_of([box((1, 1, 1))] * 2, np.array([(0, 0, 0), position], float), rotations)
+        return broad_phase.overlap_depths(bodies, np.array([[0, 1]]))[0]
 
     def depth(position, orientation):
         return between(position, rotation_matrix(np.array([UNTURNED, orientation])))

@@ -5,10 +5,10 @@ import pytest
 from test_joints import lab_joint, rectangle
 from test_polygons import random_polygon
 
-from dembrick import point_rules
+from dembrick.assembly import quadrature
+from dembrick.assembly.joints import contact_points, second_moments, shrink_factor
 from dembrick.geometry import polygons
 from dembrick.geometry.shapes import rotation_matrix
-from dembrick.joints import contact_points, second_moments, shrink_factor
 
 
 def test_corner_formulations():
@@ -29,7 +29,7 @@ def test_corner_formulations():
 
 @pytest.mark.parametrize("count", [*range(1, 14), 30, 61])
 def test_points_on_a_line_share_one_weight_and_meet_the_second_moment(count):
-    positions, weight = point_rules._line_rule(count)
+    positions, weight = quadrature._line_rule(count)
     assert len(positions) == count and weight == 1.0 / count
     assert positions == pytest.approx(-positions[::-1], abs=1e-15)
     assert (np.diff(positions) > 0.8 / count).all() and abs(positions).max(initial=0.0) < 0.5
@@ -88,7 +88,7 @@ def dense_gap(polygon, arms, areas, rng, pressure=None):
     if pressure is None:
         exact, weights = polygons.mean_distance(polygon, centres), areas
     else:
-        fine, fine_areas = point_rules.distributed_points(polygon, 1e-3, (160, 160))
+        fine, fine_areas = quadrature.distributed_points(polygon, 1e-3, (160, 160))
         fine_areas = fine_areas * (1.0 + fine @ pressure)
         exact = np.array([np.hypot(*(fine - c).T) @ fine_areas for c in centres]) / fine_areas.sum()
         weights = areas * (1.0 + arms @ pressure)
@@ -101,7 +101,7 @@ def dense_gap(polygon, arms, areas, rng, pressure=None):
 def test_points_follow_from_the_tolerance(aspect, tolerance):
     rng = np.random.default_rng(1)
     polygon = rectangle(0.2 * aspect, 0.2)
-    arms, areas = point_rules.distributed_points(polygon, tolerance)
+    arms, areas = quadrature.distributed_points(polygon, tolerance)
     moments_met(polygon, arms, areas)
     gap = dense_gap(polygon, arms, areas, rng)
     assert gap <= 1.05 * 0.25 * tolerance
@@ -116,7 +116,7 @@ def test_points_follow_from_the_tolerance(aspect, tolerance):
 @pytest.mark.parametrize("slope", [(2.0 / 0.3, 0.0), (0.0, 2.0 / 0.2), (-1.0 / 0.3, 1.0 / 0.2)])
 def test_bending_that_still_closes_the_joint_keeps_the_gap_below_half_the_tolerance(slope, tolerance):
     polygon = rectangle(0.3, 0.2)
-    arms, areas = point_rules.distributed_points(polygon, tolerance)
+    arms, areas = quadrature.distributed_points(polygon, tolerance)
     assert dense_gap(polygon, arms, areas, np.random.default_rng(2), np.array(slope)) <= 0.5 * tolerance
 
 
@@ -125,14 +125,14 @@ def test_points_fill_general_polygons(seed):
     rng = np.random.default_rng(seed)
     polygon = 0.2 * random_polygon(rng, n=int(rng.integers(3, 15)), stretch=rng.uniform(0.3, 3.0))
     for tolerance in (1e-2, 1e-3):
-        arms, areas = point_rules.distributed_points(polygon, tolerance)
+        arms, areas = quadrature.distributed_points(polygon, tolerance)
         moments_met(polygon, arms, areas)
         assert dense_gap(polygon, arms, areas, rng) <= 0.5 * tolerance
-    moments_met(polygon, *point_rules.distributed_points(polygon, 1e-3, (7, 5)))
+    moments_met(polygon, *quadrature.distributed_points(polygon, 1e-3, (7, 5)))
 
 
 def test_counts_stay_sensible_to_a_millionth():
-    counts = [len(point_rules.distributed_points(rectangle(0.3, 0.2), 10.0**-k)[1]) for k in range(2, 7)]
+    counts = [len(quadrature.distributed_points(rectangle(0.3, 0.2), 10.0**-k)[1]) for k in range(2, 7)]
     assert counts == sorted(counts) and 40 <= counts[0] <= 70 and 800 <= counts[2] <= 1200 and counts[4] < 25_000
     turned = rectangle(0.3, 0.2) @ rotation_matrix((np.cos(0.3), 0, 0, np.sin(0.3)))[:2, :2].T
-    assert len(point_rules.distributed_points(turned, 1e-3)[1]) == counts[1]  # no slivers where corners share a line
+    assert len(quadrature.distributed_points(turned, 1e-3)[1]) == counts[1]  # no slivers where corners share a line

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from test_joints import rectangle
 
+from dembrick.assembly.joints import second_moments, shrink_factor, tributary_areas
 from dembrick.geometry import polygons
 from dembrick.geometry.shapes import rotation_matrix
-from dembrick.joints import second_moments, shrink_factor, tributary_areas
 
 
 def random_polygon(rng, n=12, stretch=1.0):

@@ -7,7 +7,8 @@ import pytest
 from test_kernels_laws import forms, matrix, random_polygon, slenderness
 from test_limit_load import MU, A, B, N, scene, single
 
-from dembrick import assembly, replay, simulation, theory
+from dembrick import replay, simulation, theory
+from dembrick.assembly import build
 from dembrick.geometry import polygons
 from dembrick.kernels.joint import pressure as kernels
 from dembrick.kernels.joint.laws import no_tension
@@ -237,7 +238,7 @@ def test_constant_rate_keeps_its_books(pressure):
 def test_full_pressure_stays_out_of_it(monkeypatch):
     """A scene without these pressures carries no room for them; beside such joints full ones stay what they are."""
     base = lab_scenario("set4b_mid", "convex", 1e-5)
-    built = assembly.build(base)
+    built = build.assemble(base)
     assert simulation.initial_state(built).areas.pressed is None
     alone = replay.find_limit_load(built, 1e-5, 0.9).yield_point
     room = simulation.pressed_room

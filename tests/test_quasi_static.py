@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
-from dembrick import assembly, history, replay
+from dembrick import history, replay
+from dembrick.assembly import build
 from dembrick.equilibrium import seat
 from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.export.text import to_csv
@@ -146,7 +147,7 @@ def test_walls_in_plane(name, blocks, joints):
     lift what stands on them. W3 gives way in stages: blocks beside its openings let go and come to rest again."""
     pattern, courses, associative = WALLS[name]
     wall = Wall("wall", "stone", (0.4, 0.2, 0.175), courses=courses, pattern=pattern, base=0.2)
-    built = assembly.build(scene(PushoverControl((1.0, 0.0, 0.0)), friction=0.65, walls=(wall,)))
+    built = build.assemble(scene(PushoverControl((1.0, 0.0, 0.0)), friction=0.65, walls=(wall,)))
     assert (len(built.names) - 1, len(built.joints)) == (blocks, joints)
     point = replay.find_limit_load(built, 1e-3, 0.9).yield_point
     assert 0.85 * associative < point.V <= associative
@@ -212,7 +213,7 @@ def test_any_arch_agrees_with_linear_programming(seed):
     voussoirs, share = int(rng.integers(7, 51)), 10 ** rng.uniform(-2.0, -0.3)
     scenario = scene(PushoverControl((1.0, 0.0, 0.0)), arches=(arch(0.1075 * (1.0 + share), voussoirs),))
     expected = rigid_multiplier(0.1075 * (1.0 + share), voussoirs, 0.7)
-    point = replay.find_limit_load(assembly.build(scenario), 1e-3, 0.9).yield_point
+    point = replay.find_limit_load(build.assemble(scenario), 1e-3, 0.9).yield_point
     assert point.V == pytest.approx(expected, rel=1e-3)
     assert point.half_width <= 1e-3 * point.V
 
@@ -225,7 +226,7 @@ def test_least_thickness_of_a_semicircle(voussoirs, least):
     """An arch two thousandths thinner than the least does not stand, one two thousandths thicker does."""
 
     def stands(thickness):
-        built = assembly.build(scene(PushoverControl((1.0, 0.0, 0.0)), arches=(arch(thickness, voussoirs),)))
+        built = build.assemble(scene(PushoverControl((1.0, 0.0, 0.0)), arches=(arch(thickness, voussoirs),)))
         state = initial_state(built)
         try:
             seat(state, block_stiffness(state, shared=2.0))
@@ -272,7 +273,7 @@ def test_least_thickness_of_a_hemisphere():
     """0.0428 of the radius, without tension across any meridian."""
     for share, expected in ((0.97, False), (1.01, True)):
         dome = Dome("dome", "stone", 1.0, share * 0.0428, 12, 12, oculus=2.0)
-        state = initial_state(assembly.build(scene(PushoverControl((1.0, 0.0, 0.0)), domes=(dome,))))
+        state = initial_state(build.assemble(scene(PushoverControl((1.0, 0.0, 0.0)), domes=(dome,))))
         try:
             seat(state, block_stiffness(state, shared=2.0))
         except NotConvergedError:

@@ -9,7 +9,7 @@ import pytest
 
 import dembrick
 from dembrick import cli
-from dembrick.assembly import build
+from dembrick.assembly.build import assemble
 
 ROOT = Path(__file__).parent.parent
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -57,4 +57,4 @@ def test_its_wall_is_a_scenario():
     found = dembrick.loads(head + wall)
     assert {"wall", "wall.3", "wall.right", "wall.right.3"} <= set(found.groups)
     assert found.all_blocks[-1].name == "wall.base" and found.control.kind == "pushover"
-    assert len(build(found).joints) > 150
+    assert len(assemble(found).joints) > 150

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dembrick import assembly as assemblies
 from dembrick import recorder
+from dembrick.assembly import build as assemblies
 from dembrick.errors import ScenarioError
 from dembrick.lab import lab_scenario
 from dembrick.result import simulate
@@ -103,7 +103,7 @@ def test_a_short_buffer_loses_nothing(monkeypatch):
 
 
 def test_the_buffer_of_a_big_scene_is_bounded():
-    state = initial_state(assemblies.build(lab_scenario("set4a", "concave")))
+    state = initial_state(assemblies.assemble(lab_scenario("set4a", "concave")))
     blocks = state.blocks._replace(displacement=np.zeros((10_000, 3)))
     session = Session(lambda rows, frames: None, model.Output(rows=10_000, frames=10_000))
     record = recorder.Recorder(state._replace(blocks=blocks), session, 1 << 16).record

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dembrick import assembly, replay
+from dembrick import replay
+from dembrick.assembly import build
 from dembrick.kernels.statics.loop import RUNNING
 from dembrick.scenario.blocks import Prism
 from dembrick.scenario.model import Actuator, Block, DisplacementControl, JointLaw, Load, Material, Scenario
@@ -46,7 +47,7 @@ def two_pairs(formulation):
     """A pair that is pushed over its limit; and in its own words a pair held at a third of it, ASIDE of the first."""
     scenes = tool("stress_scenes")
     pushed = scenes.pair(formulation, scenes.jack(0.075))
-    limit = scenes.by_judge(assembly.build(pushed))
+    limit = scenes.by_judge(build.assemble(pushed))
     blocks = tuple(
         dataclasses.replace(b, name=f"other {b.name}", position=(b.position[0] + ASIDE, *b.position[1:]))
         for b in pushed.blocks
@@ -76,8 +77,8 @@ def test_a_block_beside_a_test_moves_as_it_does_alone(formulation):
     """Joints that are not connected share no arithmetic: at an equal time step the same to the last bit."""
     together, apart = two_pairs(formulation)
     judge = tool("stress_judge")
-    setup = replay._Setup(assembly.build(together), tolerance=0.0)
-    built = assembly.build(apart)
+    setup = replay._Setup(build.assemble(together), tolerance=0.0)
+    built = build.assemble(apart)
     alone = part_of(setup.state, initial_state(built))
     loop = judge._at_rest(setup, physical=True, rate=1e-4)
     alone = part_of(loop.state, alone)
@@ -120,7 +121,7 @@ def pushed_polygon(seed: int):
         actuators=(Actuator("jack", "upper", (*point, 0.0), (np.cos(direction), np.sin(direction), 0.0)),),
         control=DisplacementControl(1e-4, 1e-6),
     )
-    return assembly.build(scenario)
+    return build.assemble(scenario)
 
 
 @pytest.mark.parametrize("seed", range(12))

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from dembrick import assembly, cli
-from dembrick.point_table import rim_gap
+from dembrick import cli
+from dembrick.assembly import build
+from dembrick.assembly.contact_points import rim_gap
 from dembrick.result import simulate
 from dembrick.scenario.controls import DynamicControl, TiltControl, YieldControl
 from dembrick.scenario.model import Actuator, JointLaw, Material, Scenario, Stack
@@ -29,7 +30,7 @@ def test_the_rim_is_what_is_missing(points):
     """The load factor is that of a pile narrower by the gap; the program answers for points that it chose itself."""
     given = pile("distributed", points)
     result = simulate(given, record=False)
-    built = assembly.build(given)
+    built = build.assemble(given)
     across = [built.contact_points[j].normal_arm @ built.joints[j].axes[:2, 1] for j in range(len(built.joints))]
     reached = min(np.abs(arm).max() for arm in across)
     assert result.collapse["mechanism"] == "rocking"
@@ -44,7 +45,7 @@ def test_the_rim_is_what_is_missing(points):
 def test_nothing_is_missing_elsewhere():
     for formulation in ("concave", "convex"):
         given = pile(formulation)
-        assert assembly.build(given).warnings == ()
+        assert build.assemble(given).warnings == ()
     result = simulate(pile("concave"), record=False)
     assert result.points_miss is None
     assert result.collapse["load_factor"] == pytest.approx(WIDE / (STONES * HIGH), rel=1e-3)
@@ -63,13 +64,13 @@ def test_a_pile_pushed_at_its_top_and_one_that_slides():
 
 
 def test_it_is_said_in_motion_too():
-    assert "inside the edge" in assembly.build(pile("distributed", control=DynamicControl(0.1))).warnings[0]
+    assert "inside the edge" in build.assemble(pile("distributed", control=DynamicControl(0.1))).warnings[0]
 
 
 def test_gap_of_four_points():
     """They stand at the Gauss positions of both edges."""
     given = pile("distributed", (2, 2))
-    built = assembly.build(given)
+    built = build.assemble(given)
     gap = rim_gap(built.joints, built.contact_points, np.arange(len(built.joints)))
     np.testing.assert_allclose(gap, 1.0 - 1.0 / np.sqrt(3.0), rtol=1e-9)
 

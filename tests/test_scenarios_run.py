@@ -9,7 +9,7 @@ from __future__ import annotations
 import pytest
 
 import dembrick
-from dembrick.assembly import build
+from dembrick.assembly.build import assemble
 from dembrick.errors import NotConvergedError
 from dembrick.lab import scenario_folder
 
@@ -70,7 +70,7 @@ def test_there_is_a_file_for_every_number():
 
 @pytest.mark.parametrize("stem", ASSEMBLIES)
 def test_an_assembly_has_its_blocks_and_joints(stem):
-    assembly = build(dembrick.load(scenario_folder() / f"{stem}.toml"))
+    assembly = assemble(dembrick.load(scenario_folder() / f"{stem}.toml"))
     assert (int((~assembly.fixed).sum()), len(assembly.joints)) == ASSEMBLIES[stem]
     assert max(abs(joint.gap) for joint in assembly.joints) < 1e-12
 

@@ -7,12 +7,13 @@ import math
 import numpy as np
 import pytest
 
-from dembrick import assembly, stability
+from dembrick import stability
+from dembrick.assembly import build
 from dembrick.scenario.model import Block, JointLaw, Material, Scenario, YieldControl
 from dembrick.simulation import assembled_stiffness, block_stiffness, initial_state, joint_stiffness, to_joint
 
 
-def wall(courses: int, blocks: int, formulation: str, densities=(1500.0,)) -> assembly.Assembly:
+def wall(courses: int, blocks: int, formulation: str, densities=(1500.0,)) -> build.Assembly:
     """Running bond without half blocks: every other course is moved by half a block, on a base that carries both."""
     length, width, height = 0.3, 0.2, 0.1
     materials = {f"stone{i}": Material(density) for i, density in enumerate(densities)}
@@ -23,7 +24,7 @@ def wall(courses: int, blocks: int, formulation: str, densities=(1500.0,)) -> as
             x = length * (i + 0.5 + 0.5 * (row % 2))
             material = f"stone{(row + i) % len(densities)}"
             stones.append(Block(f"s{row}_{i}", material, (length, width, height), (x, 0.0, (row + 0.5) * height)))
-    return assembly.build(
+    return build.assemble(
         Scenario(
             title="wall",
             gravity=(0.0, 0.0, -9.81),

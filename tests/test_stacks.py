@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dembrick import assembly, joints, quasi_static, replay, theory
+from dembrick import quasi_static, replay, theory
+from dembrick.assembly import build, joints
 from dembrick.errors import NotConvergedError
 from dembrick.scenario.model import Actuator, Block, JointLaw, Load, Material, Scenario, YieldControl
 
@@ -27,7 +28,7 @@ def tower(count: int, formulation: str, pushed: int, e=0.075, top=400.0, frictio
         actuators=(Actuator("jack", f"b{pushed}", (e, 0.0, pushed * H + up), (0.0, 1.0, 0.0)),),
         control=YieldControl(tolerance),
     )
-    return replay.find_limit_load(assembly.build(scenario), tolerance, 0.9).yield_point
+    return replay.find_limit_load(build.assemble(scenario), tolerance, 0.9).yield_point
 
 
 def of_joint(formulation: str, normal: float, e: float = 0.075) -> float:

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from dembrick.assembly import build
+from dembrick.assembly.build import assemble
 from dembrick.scenario.blocks import Block, Prism
 from dembrick.scenario.generators import Wall
 from dembrick.scenario.model import JointLaw, JointOverride, Material, Scenario, YieldControl
@@ -31,7 +31,7 @@ def lab(formulation):
         Block("lower", "tuff", (A, B, 0.1), (0, 0, -0.05), fixed=True),
         Block("upper", "tuff", (A, B, 0.1), (0, 0, 0.05)),
     )
-    return initial_state(build(scene(formulation, blocks=blocks)))
+    return initial_state(assemble(scene(formulation, blocks=blocks)))
 
 
 @pytest.mark.parametrize(("formulation", "rotation", "torsion"), [
@@ -53,7 +53,7 @@ def test_a_triangle_couples_its_two_bendings():
         Block("floor", "tuff", (2, 2, 0.1), (0, 0, -0.05), fixed=True),
         Block("wedge", "tuff", prism=Prism(corners, 0.2), position=(0, 0, 0.1)),
     )
-    (k,) = joint_stiffness(initial_state(build(scene(blocks=blocks))))
+    (k,) = joint_stiffness(initial_state(assemble(scene(blocks=blocks))))
     about = corners - corners.mean(axis=0)
     area = 0.06
     moments = area / 12.0 * about.T @ about  # of a triangle: a twelfth of the sum over its corners
@@ -74,7 +74,7 @@ def test_walls_against_plain_loops(formulation):
     wall = Wall("w", "tuff", (0.3, 0.2, 0.1), courses=3, blocks=3, base=0.1, heading=25.0)
     parts = scene(formulation, walls=(wall,), joints=(JointOverride(("w.1", "w.2"), other),))
     law = parts.joint if formulation != "distributed" else dataclasses.replace(parts.joint, points=(4, 3))
-    state = initial_state(build(dataclasses.replace(parts, joint=law)))
+    state = initial_state(assemble(dataclasses.replace(parts, joint=law)))
     joints, n = state.joints, len(state.blocks.displacement)
     free = np.isin(np.arange(n), state.blocks.free)
     number = np.cumsum(free) - 1

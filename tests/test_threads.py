@@ -7,7 +7,8 @@ import numba
 import numpy as np
 import pytest
 
-from dembrick import assembly, dynamics
+from dembrick import dynamics
+from dembrick.assembly import build
 from dembrick.driving import Driving
 from dembrick.kernels.dynamics.loop import Limits
 from dembrick.motion_books import MotionBooks
@@ -16,7 +17,7 @@ from dembrick.scenario.model import JointLaw, Material, Scenario, Wall
 
 
 def wall(formulation, courses=5, blocks=4):
-    return assembly.build(
+    return build.assemble(
         Scenario(
             title="wall",
             gravity=(0.0, 1.0, -9.81),
@@ -58,7 +59,7 @@ def test_any_number_of_threads_gives_the_same_bits(formulation, monkeypatch):
 def test_a_small_scene_loads_no_parallel_code():
     code = """
 import sys
-from dembrick import assembly, dynamics
+from dembrick import dynamics
 from dembrick.driving import Driving
 from dembrick.kernels.dynamics.loop import Limits
 sys.path.insert(0, "tests")

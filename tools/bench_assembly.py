@@ -21,7 +21,8 @@ import numpy as np
 import plain_wall
 
 import dembrick
-from dembrick import assembly, dynamics, motion_run
+from dembrick import dynamics, motion_run
+from dembrick.assembly import build
 from dembrick.driving import Driving
 from dembrick.kernels.dynamics.loop import Limits
 from dembrick.kernels.dynamics.tiles import ROWS, SEEN
@@ -38,7 +39,7 @@ def wall(courses: int, blocks: int, formulation: str = "concave", booked: bool =
     """A wall at rest, with energy books or without, and what drives it: gravity, tilting slowly out of plane."""
     changes = [f"walls.0.courses={courses}", f"walls.0.blocks={blocks}", f"joint.formulation={formulation}"]
     scenario = scenarios.load(scenario_folder() / "wall_tilt.toml", changes)
-    moving = motion_run.prepare(assembly.build(scenario), scenario.control, scenario.solver.step_factor)
+    moving = motion_run.prepare(build.assemble(scenario), scenario.control, scenario.solver.step_factor)
     moving.books = MotionBooks(moving.state, wanted=booked)
     gravity = np.array(scenario.gravity)
     bodies, links = moving.state.bodies, moving.state.links

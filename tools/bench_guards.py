@@ -16,8 +16,8 @@ import time
 
 import numpy as np
 
-from dembrick import assembly as assemblies
 from dembrick import replay
+from dembrick.assembly import build as assemblies
 from dembrick.guards import new_guard
 from dembrick.kernels.state import Inertia
 from dembrick.kernels.statics.loop import RUNNING, advance
@@ -37,7 +37,7 @@ class Variant:
     """A run that goes on for as long as it is asked to, with or without guards and books."""
 
     def __init__(self, scenario, guarded: bool, audited: bool):
-        built = assemblies.build(scenario)
+        built = assemblies.assemble(scenario)
         setup = replay._Setup(built, tolerance=0.0)
         damping = setup.dashpots()
         self.dt = 0.9 * damping.critical_time_step

@@ -20,8 +20,8 @@ from pathlib import Path
 
 import numpy as np
 
-from dembrick import assembly as assemblies
 from dembrick import history
+from dembrick.assembly import build as assemblies
 from dembrick.history.layout import NEW_CONTACTS
 from dembrick.scenario import toml as scenarios
 
@@ -51,7 +51,7 @@ def made_up(path: Path, n_block: int, n_frame: int, formulation: str, channels: 
     """Write the history of a wall of about ``n_block`` blocks."""
     side = max(2, round(math.sqrt(n_block)))
     text = WALL.format(blocks=max(2, round(n_block / side)), courses=side, formulation=formulation)
-    assembly = assemblies.build(scenarios.loads(text))
+    assembly = assemblies.assemble(scenarios.loads(text))
     place, mass = assembly.position, assembly.mass
     height = (place[:, 2] - place[:, 2].min()) / np.ptp(place[:, 2])
     joints = list(assembly.joints)

@@ -16,8 +16,8 @@ import tempfile
 
 from bench_lab import wall
 
-from dembrick import assembly as assemblies
 from dembrick import replay
+from dembrick.assembly import build as assemblies
 from dembrick.lab import lab_scenario
 from dembrick.scenario.model import DisplacementControl, Output
 from dembrick.session import Session
@@ -53,7 +53,7 @@ def prepared(formulation: str, steps: int):
     scenario = lab_scenario("set4a_curve", formulation)
     if formulation == "distributed":
         scenario = dataclasses.replace(scenario, joint=dataclasses.replace(scenario.joint, points=(18, 12)))
-    assembly = assemblies.build(scenario)
+    assembly = assemblies.assemble(scenario)
     plan = replay.plan(assembly, scenario.control, 0.9)
     control = scenario.control
     return assembly, DisplacementControl(control.rate * plan.steps / steps, control.travel)

@@ -19,8 +19,8 @@ from collections.abc import Callable
 import numpy as np
 from stress_scenes import GRAVITY, A, B, H, N, by_judge, elastic_give, jack, pair
 
-from dembrick import assembly as assemblies
 from dembrick import replay
+from dembrick.assembly import build as assemblies
 from dembrick.audit import audit
 from dembrick.equilibrium import inverse_inertia, seat
 from dembrick.errors import DembrickError, EnergyAuditError, NotConvergedError, ScenarioError
@@ -140,7 +140,7 @@ def judge_rate(run: Callable, expected: float, slack: float, slow: bool, audited
 def push_to_limit(scenario: Scenario, expected: float | Callable, step_factor: float = VALID_STEP) -> Outcome:
     """A limit load, judged within its tolerance; ``expected`` may be found from the assembly."""
     try:
-        built = assemblies.build(scenario)
+        built = assemblies.assemble(scenario)
     except ScenarioError as error:
         return Outcome("refused", _named(error))
     tolerance = scenario.control.tolerance
@@ -153,7 +153,7 @@ def push_at_rate(
 ) -> Outcome:
     """A constant-rate test at ``pace`` elastic slips per critical time step over ``travel`` elastic slips."""
     try:
-        built = assemblies.build(scenario)
+        built = assemblies.assemble(scenario)
         value = expected(built)
         slip = value * elastic_give(built)
         critical = replay.plan(built, scenario.control, 1.0).critical_time_step
@@ -210,7 +210,7 @@ def _at_rest(setup: replay._Setup, physical: bool, rate: float = 0.0) -> Loop:
 def rest(scenario: Scenario, steps: int, physical: bool) -> Outcome:
     """Creep under the dead loads alone: displacement after ``steps`` against that after the first thousand."""
     try:
-        setup = replay._Setup(assemblies.build(scenario), tolerance=0.0)
+        setup = replay._Setup(assemblies.assemble(scenario), tolerance=0.0)
         loop = _at_rest(setup, physical)
         start, worst = None, 0.0
         while loop.step < steps:
@@ -233,7 +233,7 @@ def undisturbed(formulation: str, steps: int = BESIDE) -> Outcome:
     """A block held at a third of its limit beside one that is pushed over its own, or not: the same to the last bit."""
     jacks, aside = jack(0.25 * A), 2.0 * A
     scenario = pair(formulation, jacks)
-    limit = by_judge(assemblies.build(scenario))
+    limit = by_judge(assemblies.assemble(scenario))
     others = tuple(
         dataclasses.replace(b, name=f"other {b.name}", position=(b.position[0] + aside, *b.position[1:]))
         for b in scenario.blocks
@@ -246,7 +246,7 @@ def undisturbed(formulation: str, steps: int = BESIDE) -> Outcome:
     ends = []
     try:
         for rate in (0.0, 1e-4):
-            setup = replay._Setup(assemblies.build(scenario), tolerance=0.0)
+            setup = replay._Setup(assemblies.assemble(scenario), tolerance=0.0)
             loop = _at_rest(setup, physical=True, rate=rate)
             status = loop.advance(steps, None)
             refuse_divergence(status, setup.assembly, loop.state, loop.step, loop.dt, loop.dt / VALID_STEP)
@@ -267,7 +267,7 @@ def undisturbed(formulation: str, steps: int = BESIDE) -> Outcome:
 def seated(scenario: Scenario, densities) -> Outcome:
     """N of every joint of a tower after seating against the weight above it."""
     try:
-        built = assemblies.build(scenario)
+        built = assemblies.assemble(scenario)
         state = initial_state(built)
         seat(state, block_stiffness(state, shared=2.0))
     except ScenarioError as error:

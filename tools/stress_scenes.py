@@ -7,8 +7,8 @@ import math
 
 import numpy as np
 
-from dembrick import assembly as assemblies
 from dembrick import judge, theory
+from dembrick.assembly import build as assemblies
 from dembrick.scenario.model import Actuator, Block, JointLaw, JointOverride, Load, Material, Scenario, YieldControl
 from dembrick.simulation import assembled_stiffness, initial_state, load_vectors
 
@@ -132,7 +132,7 @@ def lab_jacks(z: float = 0.0) -> dict:
 def rest_scene(formulation: str, kind: str) -> Scenario:
     """Dead tangential load at 0.98 of its limit: in the middle of the joint, or at a quarter of its length."""
     jacks = jack(0.25 * A if kind == "eccentric" else 0.0)
-    limit = by_judge(assemblies.build(pair(formulation, jacks)))
+    limit = by_judge(assemblies.assemble(pair(formulation, jacks)))
     scenario = pair(formulation, jacks)
     point, direction, _ = jacks[0]
     load = Load("upper", tuple(0.98 * limit * d for d in direction), point)

@@ -40,8 +40,9 @@ from typing import NamedTuple
 import numpy as np
 from bench_lab import wall
 
-from dembrick import assembly as assemblies
-from dembrick import centred_points, judge, point_rules, ray_rule, replay
+from dembrick import centred_points, judge, replay
+from dembrick.assembly import build as assemblies
+from dembrick.assembly import quadrature, ray_quadrature
 from dembrick.errors import NotConvergedError
 from dembrick.geometry import polygons
 from dembrick.lab import lab_scenario, scenario_folder
@@ -129,7 +130,7 @@ def prepare(setting: Setting, set_name: str) -> Case:
         shear_stiffness=scenario.joint.shear_stiffness * setting.stiffness,
         points=setting.points,
     )
-    assembly = assemblies.build(dataclasses.replace(scenario, joint=law))
+    assembly = assemblies.assemble(dataclasses.replace(scenario, joint=law))
     theory = judge.theory_of(assembly)
     return Case(setting, set_name, assembly, theory.V / (1.0 + (theory.discretisation_error or 0.0)))
 
@@ -213,7 +214,7 @@ def rules(polygon: np.ndarray, n: int, m: int) -> dict[str, tuple[np.ndarray, np
         "vertices": product(vertices(n), vertices(m)),
         "cells": product(cells(n), cells(m)),
         "Gauss": product(gauss(n), gauss(m)),
-        "paired cells": point_rules.distributed_points(polygon, 1e-3, (n, m)),
+        "paired cells": quadrature.distributed_points(polygon, 1e-3, (n, m)),
     }
 
 
@@ -245,8 +246,8 @@ def rule_table() -> list[str]:
     centres = np.concatenate([np.zeros((1, 2)), quarter[::7], 1.7 * quarter[::7]])
     exact = polygons.mean_distance(corners, centres)
     for counts in centred_points.COUNTS:
-        sets = [ray_rule.rays(corners, c, *counts) for c in centres]
-        found = [ray_rule.friction_moment(*s, c, (1 / 0.06, 0, 0)) for s, c in zip(sets, centres, strict=True)]
+        sets = [ray_quadrature.rays(corners, c, *counts) for c in centres]
+        found = [ray_quadrature.friction_moment(*s, c, (1 / 0.06, 0, 0)) for s, c in zip(sets, centres, strict=True)]
         sizes = [len(areas) for _, areas in sets]
         lines.append(f"{counts}: {min(sizes):5} to {max(sizes):5} {np.abs(found / exact - 1.0).max():10.1e}")
     return lines

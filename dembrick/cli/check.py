@@ -13,13 +13,13 @@ def add_arguments(parser) -> None:
 
 def run(options, console) -> int:
     """Describe the scenario."""
-    from dembrick import assembly as assemblies
     from dembrick import motion_run, replay
+    from dembrick.assembly import build as assemblies
     from dembrick.scenario import toml as scenarios
     from dembrick.scenario.controls import in_real_time
 
     scenario = scenarios.load(options.scenario, options.set)
-    assembly = assemblies.build(scenario)
+    assembly = assemblies.assemble(scenario)
     for warning in assembly.warnings:
         console.remark(f"warning: {warning}")
     if in_real_time(scenario.control):

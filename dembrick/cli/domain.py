@@ -78,10 +78,10 @@ def _joint(options):
     if options.scenario is not None:
         import dataclasses
 
-        from dembrick import assembly
+        from dembrick.assembly import build
         from dembrick.scenario import toml
 
-        built = assembly.build(toml.load(options.scenario))
+        built = build.assemble(toml.load(options.scenario))
         joint = DomainJoint.of_assembly(built)
         changed = {"friction": options.mu, "normal_force": options.N} | eccentricity
         changed = {key: value for key, value in changed.items() if value is not None}

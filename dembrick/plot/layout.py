@@ -73,9 +73,9 @@ def _plan(source) -> Plan:
             centre = (origin + np.asarray(turning, float) @ joint["axes"][:2])[:2]
         where, title = source.position0[block], source.title
     else:
-        from dembrick.assembly import build
+        from dembrick.assembly.build import assemble
 
-        built = build(source)
+        built = assemble(source)
         if not built.actuators.names:
             raise ScenarioError("a loading layout needs an actuator, and this scenario has none")
         block = int(built.actuators.block[0])

@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from dembrick import assembly as assemblies
 from dembrick import batch, judge
+from dembrick.assembly import build as assemblies
 from dembrick.errors import ScenarioError
 from dembrick.scenario.model import Scenario, Solver, YieldControl
 from dembrick.yield_point import mechanism

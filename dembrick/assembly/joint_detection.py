@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dembrick.assembly.broad_phase import Bodies, Stack
 from dembrick.geometry import clipping, polygons
-from dembrick.neighbours import Bodies, Stack
 
 TOLERANCE = 1e-6  # of the smaller block's diameter for distances, and in radians for angles
 _ROUNDING = 1e-9  # of a length: below it, two lengths are the same

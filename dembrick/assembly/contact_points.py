@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dembrick.assembly.joints import JointTable
+from dembrick.assembly.quadrature import ContactPoints, contact_points
 from dembrick.geometry import polygons
-from dembrick.joints import JointTable
-from dembrick.point_rules import ContactPoints, contact_points
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,6 @@
 """From a scenario to its immutable geometry: blocks, joints, contact points, dead loads, and what is attached.
 
-:func:`build` also refuses what cannot be a test: blocks that overlap or hang in the air, jacks that push beside their
+:func:`assemble` also refuses what cannot be a test: blocks that overlap or hang in the air, jacks that push beside their
 block, joints too soft for their load. Its messages name the blocks and say how far off they are.
 """
 
@@ -12,7 +12,7 @@ from typing import NoReturn
 
 import numpy as np
 
-from dembrick.attachments import (
+from dembrick.assembly.actuators import (
     NO_ACTUATORS,
     NO_CONTROL_POINTS,
     Actuators,
@@ -22,17 +22,17 @@ from dembrick.attachments import (
     jacks,
     jacks_on_all_blocks,
 )
+from dembrick.assembly.block_shapes import shapes_of
+from dembrick.assembly.broad_phase import Bodies, bodies_of, close_pairs, overlap_depths
+from dembrick.assembly.contact_points import PointTable, place_points, widest_rim
+from dembrick.assembly.joints import TOLERANCE, JointTable, find_joints
 from dembrick.errors import ScenarioError
 from dembrick.geometry import polygons
 from dembrick.geometry.shapes import Shape, rotation_matrix, unit_quaternion
-from dembrick.joints import TOLERANCE, JointTable, find_joints
-from dembrick.neighbours import Bodies, bodies_of, close_pairs, overlap_depths
-from dembrick.point_table import PointTable, place_points, widest_rim
 from dembrick.scenario.checks import show
 from dembrick.scenario.controls import on_all_blocks
 from dembrick.scenario.limits import check_magnitudes
 from dembrick.scenario.model import JointLaw, Scenario
-from dembrick.solids import shapes_of
 
 SOFT_WARNING = 1e-3  # elastic closing or sliding of a joint under its dead load, over its short side
 SOFT_LIMIT = 1e-2
@@ -79,7 +79,7 @@ class Assembly:
 _NO_POINTS = place_points(JointTable.of(()), _DISCRETISATION)
 
 
-def build(scenario: Scenario) -> Assembly:
+def assemble(scenario: Scenario) -> Assembly:
     """Geometry, joints and dead loads of a scenario; ScenarioError where it cannot describe a test."""
     return loaded(scenario, at_rest(scenario))
 

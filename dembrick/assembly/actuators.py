@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dembrick import body_forces
+from dembrick.assembly import load_system
 from dembrick.errors import ScenarioError
 from dembrick.geometry.shapes import parts_of
 from dembrick.scenario.checks import show
@@ -83,7 +83,7 @@ def jacks(scenario, number: dict[str, int], bare) -> Actuators:
 
 def jacks_on_all_blocks(scenario, number: dict[str, int], bare) -> Actuators:
     """The load system of a quasi-static tilt or pushover, as jacks at centroids and at the points of the loads."""
-    block, point, force = body_forces.load_system(scenario, number, bare.position, bare.mass, bare.fixed)
+    block, point, force = load_system.load_system(scenario, number, bare.position, bare.mass, bare.fixed)
     weight = np.sqrt((force**2).sum(axis=1))
     return Actuators(
         names=tuple(f"load on {bare.names[i]}" for i in block),
