@@ -16,10 +16,10 @@ from pathlib import Path
 
 from dembrick.errors import ScenarioError
 from dembrick.history import check_output, replacing
-from dembrick.lab_data import FRICTION, MID_HEIGHT, SETS, TABLE_1
 from dembrick.result import Result, simulate
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.model import FORMULATIONS, Scenario, YieldControl
+from dembrick.theory.paper_tables import FRICTION, MID_HEIGHT, SETS, TABLE_1
 
 TABLE_1_FORMULATIONS = ("convex", "concave")
 

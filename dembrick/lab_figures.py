@@ -8,7 +8,7 @@ from dembrick import history, plot
 from dembrick.errors import MissingDependency
 from dembrick.export import export
 from dembrick.lab import LabReplay
-from dembrick.lab_data import SETS
+from dembrick.theory.paper_tables import SETS
 
 ENDINGS = (".png", ".pdf")
 TURNING = ("4b", "convex")  # the replay whose block is shown turning

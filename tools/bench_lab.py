@@ -35,8 +35,8 @@ import plain_loop
 
 import dembrick
 from dembrick.lab import lab_scenario, scenario_folder
-from dembrick.lab_data import SETS
 from dembrick.scenario.model import FORMULATIONS
+from dembrick.theory.paper_tables import SETS
 
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 COLUMNS = [

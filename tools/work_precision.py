@@ -46,9 +46,9 @@ from dembrick.assembly import quadrature, ray_quadrature
 from dembrick.errors import NotConvergedError
 from dembrick.geometry import polygons
 from dembrick.lab import lab_scenario, scenario_folder
-from dembrick.lab_data import SETS
 from dembrick.plot import style
 from dembrick.scenario.model import FORMULATIONS
+from dembrick.theory.paper_tables import SETS
 
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 STEP_FACTORS = (0.3, 0.5, 0.7, 0.9, 0.95)

@@ -18,8 +18,8 @@ def run(options, console) -> int:
     """Replay, print the tables, write histories, CSV and figures."""
     from dembrick import lab
     from dembrick.cli.paths import default_output, make_folder
-    from dembrick.lab_data import SETS
     from dembrick.scenario.model import FORMULATIONS
+    from dembrick.theory.paper_tables import SETS
 
     folder = str(make_folder(options.out) if options.out else make_folder(default_output("lab")))
     try:

@@ -10,8 +10,8 @@ import numpy as np
 
 from dembrick import theory
 from dembrick.errors import HistoryError, ScenarioError
-from dembrick.lab_data import SETS
 from dembrick.plot import style
+from dembrick.theory.paper_tables import SETS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
