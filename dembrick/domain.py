@@ -10,11 +10,11 @@ import numpy as np
 
 from dembrick import theory
 from dembrick.assembly import quadrature
-from dembrick.batch import face
 from dembrick.errors import ScenarioError
 from dembrick.geometry import polygons
 from dembrick.scenario.model import FORMULATIONS, PRESSURES, JointLaw, nearest
-from dembrick.yield_domain import YieldDomain, directions, yield_domain
+from dembrick.simulation.statics.batch import face
+from dembrick.simulation.statics.yield_domain import YieldDomain, directions, yield_domain
 
 __all__ = ["DomainJoint", "Request", "by_simulation", "by_theory", "simulate_domain"]
 

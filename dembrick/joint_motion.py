@@ -24,7 +24,7 @@ from dembrick.kernels.recorded_motion import (
     shared_normals,
 )
 from dembrick.relative_motion import STATES, RelativeMotion, torsion_centre
-from dembrick.simulation import pressed_room
+from dembrick.simulation.statics.state import pressed_room
 
 __all__ = ["CHANNELS", "STATES", "JointFrames", "JointMotion", "RelativeMotion", "nearest", "torsion_centre"]
 

@@ -10,10 +10,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from dembrick._jit import kernel_hash
-from dembrick.audit import Auditor
 from dembrick.errors import HistoryError
 from dembrick.scenario.model import Output
-from dembrick.session import Session
+from dembrick.simulation.energy_audit import Auditor
+from dembrick.simulation.session import Session
 
 
 class Memory:

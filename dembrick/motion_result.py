@@ -7,13 +7,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from dembrick import motion_run
 from dembrick.assembly import build as assemblies
-from dembrick.audit import EnergyAudit
 from dembrick.collapse import collapse_lines
-from dembrick.loading import driving_of
 from dembrick.scenario.model import Scenario
-from dembrick.session import Session
+from dembrick.simulation.dynamics import run as motion_run
+from dembrick.simulation.dynamics.loads import driving_of
+from dembrick.simulation.energy_audit import EnergyAudit
+from dembrick.simulation.session import Session
 
 
 @dataclasses.dataclass

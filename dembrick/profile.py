@@ -24,18 +24,18 @@ from contextlib import suppress
 
 import numpy as np
 
-from dembrick import replay
 from dembrick.assembly import build as assemblies
-from dembrick.dynamics import LONGEST_CHUNK, advance
 from dembrick.errors import DivergedError, NotConvergedError, ScenarioError
 from dembrick.kernels.dynamics.loop import Limits
-from dembrick.loading import driving_of
 from dembrick.motion_result import lived_through
-from dembrick.motion_run import NO_LIMIT, Past
 from dembrick.scenario.controls import in_real_time
 from dembrick.scenario.model import Output, Scenario
-from dembrick.session import Session
-from dembrick.stepping import Loop, Stepper
+from dembrick.simulation.dynamics.integrator import LONGEST_CHUNK, advance
+from dembrick.simulation.dynamics.loads import driving_of
+from dembrick.simulation.dynamics.run import NO_LIMIT, Past
+from dembrick.simulation.session import Session
+from dembrick.simulation.statics import limit_load
+from dembrick.simulation.statics.stepper import Loop, Stepper
 
 PHASES = ("joint_forces", "block_motion", "bracket", "record")
 STEPS = ("joint_forces", "new_contacts", "block_motion")  # of a run in real time
@@ -102,9 +102,9 @@ def loop_shares(scenario: Scenario, steps: int) -> dict[str, float]:
     assembly = assemblies.assemble(scenario)
     try:
         if control.kind == "yield":
-            replay.find_limit_load(assembly, 0.0, factor, session)  # a tolerance of nought ends no search
+            limit_load.find_limit_load(assembly, 0.0, factor, session)  # a tolerance of nought ends no search
         elif control.kind == "displacement":
-            replay.push_at_constant_rate(assembly, control.rate, control.travel, factor, session)
+            limit_load.push_at_constant_rate(assembly, control.rate, control.travel, factor, session)
         else:
             raise ScenarioError(NO_PHASES)
     except NotConvergedError as error:

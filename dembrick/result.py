@@ -12,25 +12,27 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dembrick import centred_points, interruption, judge, replay
+from dembrick import judge
 from dembrick.assembly import build as assemblies
 from dembrick.assembly.contact_points import widest_rim
-from dembrick.audit import EnergyAudit
 from dembrick.collapse import collapse_of
 from dembrick.errors import DembrickError, HistoryError, NotConvergedError, WriteError
-from dembrick.interruption import Interrupted
 from dembrick.keeper import Keeper, Memory
 from dembrick.refinement import error_of, refinements
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.controls import in_real_time, on_all_blocks
 from dembrick.scenario.model import Scenario
-from dembrick.session import Session
-from dembrick.simulation import rotations
-from dembrick.yield_point import YieldPoint
+from dembrick.simulation import interrupts
+from dembrick.simulation.energy_audit import EnergyAudit
+from dembrick.simulation.interrupts import Interrupted
+from dembrick.simulation.session import Session
+from dembrick.simulation.statics import limit_load, point_placement
+from dembrick.simulation.statics.state import rotations
+from dembrick.simulation.statics.yield_point import YieldPoint
 
 if TYPE_CHECKING:
     from dembrick.motion_result import MotionResult  # and its kernels: for runs in real time only
-    from dembrick.motion_run import MotionRun
+    from dembrick.simulation.dynamics.run import MotionRun
 
 BRACKET_SLACK = 1e-9  # of V: rounding by which theory may lie outside a certified bracket
 
@@ -47,7 +49,7 @@ class Result:
 
     scenario: Scenario
     assembly: assemblies.Assembly
-    replay: replay.Replay
+    replay: limit_load.Replay
     theory: judge.Theory | None
     rows: Mapping[str, np.ndarray]
     frames: Mapping[str, np.ndarray]
@@ -255,7 +257,7 @@ def _placed(scenario: Scenario, assembly):
     if scenario.control.kind != "yield":
         return assembly, 0.0
     try:
-        return centred_points.place_points(assembly, scenario.control.tolerance, scenario.solver.step_factor)
+        return point_placement.place_points(assembly, scenario.control.tolerance, scenario.solver.step_factor)
     except Interrupted as error:
         raise Interrupted(error.signum, "interrupted while the contact points were placed, before the run") from None
 
@@ -277,7 +279,7 @@ def _run(
                 keeper.place(assembly)
             run = _replayed(scenario, assembly, keeper.session(scenario.output) if keeper else Session())
             books = keeper.auditor.result(run.energy) if keeper and run.energy is not None else None
-            until_written.enter_context(interruption.deferred())  # a signal finds the answer there, and may not lose it
+            until_written.enter_context(interrupts.deferred())  # a signal finds the answer there, and may not lose it
         except WriteError as error:  # the disk has what it has
             remedy = f"; once there is room again: dembrick restart {path}" if keeper.has_checkpoint else ""
             failed = WriteError(f"{error}{remedy}")
@@ -293,7 +295,7 @@ def _run(
         except BaseException as error:
             if path:
                 keeper.finish("interrupted", {"scenario": scenario.path or "", "status": "interrupted"})
-            error = interruption.caused(error)
+            error = interrupts.caused(error)
             if path and isinstance(error, Interrupted):
                 raise Interrupted(error.signum, f"{error}; go on with: dembrick restart {path}") from None
             raise
@@ -367,21 +369,21 @@ def _refined(scenario: Scenario):
         result = simulate(scenario, record=False)
         return result.displacement if result.collapse is None else result.collapse["load_factor"]
     assembly, goal = assemblies.assemble(scenario), control.displacement or 0.0
-    run = replay.find_limit_load(assembly, control.tolerance, scenario.solver.step_factor, goal=goal, steps=0.5)
+    run = limit_load.find_limit_load(assembly, control.tolerance, scenario.solver.step_factor, goal=goal, steps=0.5)
     return collapse_of(run, assembly, control)["load_factor"]
 
 
-def _replayed(scenario: Scenario, assembly, session: Session) -> replay.Replay | MotionRun:
+def _replayed(scenario: Scenario, assembly, session: Session) -> limit_load.Replay | MotionRun:
     control, factor = scenario.control, scenario.solver.step_factor
     if in_real_time(control):
         from dembrick.motion_result import lived_through
 
         return lived_through(scenario, assembly, session)
     if on_all_blocks(control):
-        return replay.find_limit_load(assembly, control.tolerance, factor, session, control.displacement or 0.0)
+        return limit_load.find_limit_load(assembly, control.tolerance, factor, session, control.displacement or 0.0)
     if control.kind == "yield":
-        return replay.find_limit_load(assembly, control.tolerance, factor, session)
-    return replay.push_at_constant_rate(assembly, control.rate, control.travel, factor, session)
+        return limit_load.find_limit_load(assembly, control.tolerance, factor, session)
+    return limit_load.push_at_constant_rate(assembly, control.rate, control.travel, factor, session)
 
 
 def failure(scenario: Scenario, error: DembrickError, history=None) -> dict:

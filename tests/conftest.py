@@ -5,15 +5,16 @@ import signal
 
 import pytest
 
-from dembrick import interruption, stepping
+from dembrick.simulation import interrupts
+from dembrick.simulation.statics import stepper
 
 
 @pytest.fixture
 def stop_after(monkeypatch):
     """Chunks of one step, and a way to have a signal come after so many of them; without waiting for the disk."""
     monkeypatch.setattr(os, "fsync", lambda _: None)
-    monkeypatch.setattr(stepping, "FIRST_WORK", 1)
-    monkeypatch.setattr(stepping, "CHUNK_SECONDS", 0.0)
+    monkeypatch.setattr(stepper, "FIRST_WORK", 1)
+    monkeypatch.setattr(stepper, "CHUNK_SECONDS", 0.0)
 
     def arm(chunks, signum=signal.SIGINT):
         left = [chunks]
@@ -22,6 +23,6 @@ def stop_after(monkeypatch):
             left[0] -= 1
             return signum if left[0] == 0 else 0
 
-        monkeypatch.setattr(interruption, "requested", requested)
+        monkeypatch.setattr(interrupts, "requested", requested)
 
     return arm

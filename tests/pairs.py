@@ -12,7 +12,7 @@ from dembrick.kernels.dynamics.contact_forces import TOUCHED, clear_applied, tou
 from dembrick.kernels.dynamics.rigid_bodies import Bodies
 from dembrick.kernels.dynamics.tiles import Links
 from dembrick.scenario.model import JointLaw
-from dembrick.touching_state import parts_table, scratch_for, touching_pairs
+from dembrick.simulation.dynamics.contact_state import parts_table, scratch_for, touching_pairs
 
 K_N, K_S = 1e10, 4e9
 BLOCK = box((0.3, 0.2, 0.1))

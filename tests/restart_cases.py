@@ -52,7 +52,7 @@ def check_same(first, second):
 
 SLOW = """
 import sys, time
-from dembrick import interruption
+from dembrick.simulation import interrupts as interruption
 from dembrick.cli import main
 looked = interruption.requested
 interruption.requested = lambda: (time.sleep(0.05), looked())[1]

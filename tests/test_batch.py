@@ -7,10 +7,11 @@ import pytest
 from test_kernels_laws import random_polygon
 from test_limit_load import MU, A, B, N, scene, single
 
-from dembrick import batch, theory, yield_domain
+from dembrick import theory
 from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.result import simulate
 from dembrick.scenario.model import FORMULATIONS
+from dembrick.simulation.statics import batch, yield_domain
 
 RECTANGLE = theory.polygons.rectangle(A, B)
 FORCE = [0.6, 0.8, 0.0]

@@ -7,11 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dembrick import judge, replay
+from dembrick import judge
 from dembrick.assembly import build, ray_quadrature
-from dembrick.centred_points import place_points
 from dembrick.geometry import polygons
 from dembrick.lab import lab_scenario
+from dembrick.simulation.statics import limit_load
+from dembrick.simulation.statics.point_placement import place_points
 
 RECTANGLE = np.array([[-0.15, -0.1], [0.15, -0.1], [0.15, 0.1], [-0.15, 0.1]])
 TRIANGLE = np.array([[-0.4, -0.2], [0.5, -0.1], [-0.1, 0.3]])
@@ -61,7 +62,7 @@ def test_placed_points_meet_the_continuum_within_half_the_tolerance(name, tolera
     assert 20 <= len(placed.contact_points[0].area) <= 200
     theory = judge.theory_of(placed)
     assert abs(theory.discretisation_error) <= 0.5 * tolerance
-    V = replay.find_limit_load(placed, tolerance, 0.9).yield_point.V
+    V = limit_load.find_limit_load(placed, tolerance, 0.9).yield_point.V
     assert V / theory.V * (1.0 + theory.discretisation_error) == pytest.approx(1.0, abs=1.5 * tolerance)
 
 
@@ -81,7 +82,7 @@ def test_a_joint_that_opens_keeps_the_lattice():
     jacks = [dataclasses.replace(jack, point=(*jack.point[:2], 0.09)) for jack in scenario.actuators]
     built = build.assemble(dataclasses.replace(scenario, actuators=tuple(jacks)))
     placed, _ = place_points(built, 1e-2, 0.9)
-    run = replay.find_limit_load(placed, 1e-2, 0.9)
+    run = limit_load.find_limit_load(placed, 1e-2, 0.9)
     assert not (run.state.points.normal > 0.0).all()
     np.testing.assert_allclose(placed.contact_points[0].normal_arm, built.contact_points[0].normal_arm)
 

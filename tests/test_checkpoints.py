@@ -12,8 +12,8 @@ from restart_cases import case, check_same, content
 
 from dembrick.errors import HistoryError, WriteError
 from dembrick.history import Checkpoint, Checkpoints, read
-from dembrick.interruption import Interrupted
 from dembrick.result import restart, simulate
+from dembrick.simulation.interrupts import Interrupted
 
 
 @pytest.fixture

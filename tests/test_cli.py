@@ -16,8 +16,8 @@ import pytest
 import dembrick
 from dembrick import history, lab
 from dembrick.cli import main
-from dembrick.interruption import Interrupted
 from dembrick.lab import scenario_folder
+from dembrick.simulation.interrupts import Interrupted
 
 SET_4A = str((scenario_folder() / "set4a.toml").resolve())
 ROW_KEYS = [
@@ -132,8 +132,8 @@ def test_mistakes_exit_2(call, folder, arguments, said):
 
 
 def test_not_converged_keeps_the_history(call, folder, monkeypatch):
-    monkeypatch.setattr("dembrick.replay.MOST_STEPS", 12)
-    monkeypatch.setattr("dembrick.replay.CHUNK_OF_SEARCH", 12)
+    monkeypatch.setattr("dembrick.simulation.statics.limit_load.MOST_STEPS", 12)
+    monkeypatch.setattr("dembrick.simulation.statics.limit_load.CHUNK_OF_SEARCH", 12)
     code, out, err = call("run", SET_4A, "--json", "--tolerance", "1e-8", "--out", "a.h5")
     data = json.loads(out)
     assert (code, data["status"]) == (1, "failed")

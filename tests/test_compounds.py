@@ -11,11 +11,11 @@ from dembrick.geometry.convex_hull import compound
 from dembrick.geometry.friction_integrals import area_radius, far_moments
 from dembrick.geometry.shapes import box, rotation_matrix, unit_quaternion
 from dembrick.judge import theory_of
-from dembrick.replay import find_limit_load
 from dembrick.scenario import toml
 from dembrick.scenario.blocks import Block, Part, Prism
 from dembrick.scenario.model import Actuator, JointLaw, Load, Material, Scenario, YieldControl
-from dembrick.simulation import initial_state
+from dembrick.simulation.statics.limit_load import find_limit_load
+from dembrick.simulation.statics.state import initial_state
 
 L_PARTS = (Part(box=(0.3, 0.1, 0.2), position=(0.15, 0.05, 0.1)), Part(box=(0.1, 0.2, 0.2), position=(0.05, 0.2, 0.1)))
 L_AREA = 0.03 + 0.02

@@ -6,16 +6,17 @@ import h5py
 import numpy as np
 import pytest
 
-from dembrick import history, interruption
+from dembrick import history
 from dembrick.cli import main
 from dembrick.export.layers import Contacts, Picture
 from dembrick.geometry.shapes import rotation_matrix
 from dembrick.history.layout import NEW_CONTACTS
-from dembrick.interruption import Interrupted
 from dembrick.joint_motion import JointMotion
 from dembrick.result import restart, simulate
 from dembrick.scenario.controls import DynamicControl
 from dembrick.scenario.model import CHANNELS, Block, JointLaw, Material, Output, Scenario
+from dembrick.simulation import interrupts
+from dembrick.simulation.interrupts import Interrupted
 
 G = 9.81
 FLOOR = Block("floor", "stone", (4.0, 4.0, 0.1), (0.0, 0.0, -0.05), fixed=True)
@@ -148,7 +149,7 @@ def test_a_run_that_was_stopped_records_the_same_contacts(tmp_path, monkeypatch)
         left[0] -= 1
         return 2 if left[0] == 0 else 0
 
-    monkeypatch.setattr(interruption, "requested", requested)
+    monkeypatch.setattr(interrupts, "requested", requested)
     with pytest.raises(Interrupted):
         simulate(given, tmp_path / "parts.h5")
     left[0] = 0

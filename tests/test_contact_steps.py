@@ -9,16 +9,17 @@ from pairs import BLOCK, K_N, K_S, SETTINGS, Pair, no_joints, quaternion, set_up
 from scipy.linalg import eigh
 from test_impacts import collapse, falling_arch, scene
 
-from dembrick import frequencies, history, meetings
+from dembrick import history
 from dembrick.cli import main
 from dembrick.errors import DivergedError
 from dembrick.geometry.shapes import box, quaternion_product
 from dembrick.kernels.dynamics.contact_forces import clear_applied, touch
-from dembrick.moving_state import MovingState
 from dembrick.result import simulate
 from dembrick.scenario.controls import DynamicControl
 from dembrick.scenario.model import Block, Load, Output, Sine, Solver
 from dembrick.scenario.toml import dumps
+from dembrick.simulation.dynamics import contact_detection, time_step
+from dembrick.simulation.dynamics.state import MovingState
 
 DT = 1e-6
 
@@ -58,7 +59,7 @@ def masses(pair):
 def looked_at(pair):
     """What a closer look finds of the last step, and the bounds of both blocks."""
     state = MovingState(pair.bodies, no_joints(), None, None, np.zeros(3))
-    return frequencies.load_of_contacts(state, pair.contact, np.zeros(0), DT), pair.contact.load.copy()
+    return time_step.load_of_contacts(state, pair.contact, np.zeros(0), DT), pair.contact.load.copy()
 
 
 @pytest.mark.parametrize("name", SETTINGS)
@@ -85,7 +86,7 @@ def test_a_block_on_its_face_swings_as_the_time_step_expects(ratio):
     found, bounds = looked_at(pair)
     mass, inertia = pair.bodies.mass[1], np.linalg.inv(pair.bodies.inverse[1])
     number = int(np.argmin(BLOCK.face_normals[:, 2]))
-    spring = frequencies._fastest(BLOCK, number, np.zeros(3), K_N, K_S, mass, inertia)
+    spring = time_step._fastest(BLOCK, number, np.zeros(3), K_N, K_S, mass, inertia)
     swing = math.sqrt(K_N * 0.06 / mass) * DT
     dashpot = (1.0 - math.exp(-2.0 * ratio * swing)) / swing**2
     assert found == pytest.approx(DT**2 * spring * (1.0 + 2.0 * dashpot), rel=2e-3)
@@ -123,7 +124,7 @@ def test_many_small_faces_at_once_are_more_than_a_step_stands(monkeypatch):
     """Left alone the ball leaps off the floor with what no one gave it; the check ends the run before."""
     with pytest.raises(DivergedError, match=SAYS):
         simulate(squeezed())
-    monkeypatch.setattr(meetings, "STABLE", np.inf)
+    monkeypatch.setattr(contact_detection, "STABLE", np.inf)
     with pytest.raises(DivergedError, match="moves by more than 0.1 of a block in a step"):
         simulate(squeezed())
 
@@ -150,7 +151,7 @@ def test_what_was_simulated_is_on_disk(tmp_path, monkeypatch, capsys):
 @pytest.mark.parametrize("made", [collapse(), falling_arch("concave")], ids=["collapse", "arch"])
 def test_ordinary_heaps_are_far_from_it(monkeypatch, made):
     """A wall thrown over, an arch that falls: seldom looked at more closely, and never near the limit."""
-    found, look = [], meetings.load_of_contacts
-    monkeypatch.setattr(meetings, "load_of_contacts", lambda *given: found.append(look(*given)) or found[-1])
+    found, look = [], contact_detection.load_of_contacts
+    monkeypatch.setattr(contact_detection, "load_of_contacts", lambda *given: found.append(look(*given)) or found[-1])
     simulate(made)
     assert len(found) < 20 and max(found, default=0.0) < 2.0

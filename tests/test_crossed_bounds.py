@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from dembrick import replay, yield_point
 from dembrick.errors import BracketError
 from dembrick.lab import lab_scenario
 from dembrick.result import simulate
+from dembrick.simulation.statics import limit_load, yield_point
 
 
 @pytest.fixture(scope="module")
@@ -14,7 +14,7 @@ def ended():
     """State, certificate and names at the end of a replay of set 4a (V about 254.6 N under N = 467 N)."""
     caught = []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(replay, "read_off", lambda *given: caught.append(given) or yield_point.read_off(*given))
+        patch.setattr(limit_load, "read_off", lambda *given: caught.append(given) or yield_point.read_off(*given))
         simulate(lab_scenario("set4a", "concave"), record=False)
     return caught[0]
 

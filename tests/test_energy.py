@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from dembrick import audit, lab, replay
+from dembrick import lab
 from dembrick.assembly import build
 from dembrick.errors import EnergyAuditError
 from dembrick.kernels.state import BY_LAW, DAMPING, HEAD, LEAST, SLIDING, TORQUES, Energy, Points
@@ -15,6 +15,8 @@ from dembrick.kernels.statics.joint_forces import point_forces
 from dembrick.result import simulate
 from dembrick.scenario import model
 from dembrick.scenario.model import FORMULATIONS
+from dembrick.simulation import energy_audit
+from dembrick.simulation.statics import limit_load
 
 
 def books(name: str, formulation: str, step_factor: float = 0.9, rate: float | None = None):
@@ -28,11 +30,11 @@ def books(name: str, formulation: str, step_factor: float = 0.9, rate: float | N
 
     control = scenario.control
     if control.kind == "yield":
-        run = replay.find_limit_load(built, 1e-4, step_factor, observe)
+        run = limit_load.find_limit_load(built, 1e-4, step_factor, observe)
     else:
-        run = replay.push_at_constant_rate(built, rate or control.rate, control.travel, step_factor, observe)
+        run = limit_load.push_at_constant_rate(built, rate or control.rate, control.travel, step_factor, observe)
     energies = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
-    return energies, audit.audit(energies, run.energy), run
+    return energies, energy_audit.audit(energies, run.energy), run
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
@@ -134,12 +136,12 @@ def test_books_that_do_not_balance_fail_the_run(monkeypatch):
     energies, _, run = books("set4a", "concave")
     wrong = dict(energies, friction=1.01 * energies["friction"])
     with pytest.raises(EnergyAuditError, match="off by 0.009"):
-        audit.audit(wrong, run.energy)
+        energy_audit.audit(wrong, run.energy)
     giving = run.energy._replace(work=run.energy.work.copy())
     giving.work[LEAST] = -1e-6
     with pytest.raises(EnergyAuditError, match="friction gave back"):
-        audit.audit(energies, giving)
-    monkeypatch.setattr(audit, "LIMIT", 1e-20)
+        energy_audit.audit(energies, giving)
+    monkeypatch.setattr(energy_audit, "LIMIT", 1e-20)
     with pytest.raises(EnergyAuditError):
         simulate(lab.lab_scenario("set4a", "concave"))
 

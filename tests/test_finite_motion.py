@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from scipy.special import ellipj, ellipk
 
-from dembrick import stability
 from dembrick._jit import jit
 from dembrick.assembly import build
 from dembrick.geometry.shapes import rotation_matrix
 from dembrick.kernels.state import Blocks, Inertia
 from dembrick.kernels.statics.finite_rotation import finite_step, turn
 from dembrick.scenario.model import Block, JointLaw, Material, Scenario, YieldControl
-from dembrick.simulation import block_stiffness, initial_state, joint_stiffness, to_joint
+from dembrick.simulation.statics import critical_step
+from dembrick.simulation.statics.state import block_stiffness, initial_state, joint_stiffness, to_joint
 
 
 def free_block(tensor, spin, orientation=(1.0, 0.0, 0.0, 0.0), mass=2.0):
@@ -193,11 +193,13 @@ def one_block(formulation, ratio, turn_by=(1.0, 0.0, 0.0, 0.0)):
 def test_critical_step_of_one_block(formulation, ratio, expected, turn_by):
     built = one_block(formulation, ratio, turn_by)
     state = initial_state(built)
-    frequency = stability.greatest_frequency(state, stability.block_inertia(built), block_stiffness(state, shared=1.0))
-    assert stability.critical_time_step(frequency, 0.0) == pytest.approx(expected, rel=2e-4)
+    frequency = critical_step.greatest_frequency(
+        state, critical_step.block_inertia(built), block_stiffness(state, shared=1.0)
+    )
+    assert critical_step.critical_time_step(frequency, 0.0) == pytest.approx(expected, rel=2e-4)
     # a dashpot in parallel shortens it: w^2 dt^2 (1 + 2 beta) = 4
-    damped = stability.critical_time_step(frequency, 0.5)
-    assert damped == pytest.approx(stability.critical_time_step(frequency, 0.0) / math.sqrt(2.0), rel=1e-12)
+    damped = critical_step.critical_time_step(frequency, 0.5)
+    assert damped == pytest.approx(critical_step.critical_time_step(frequency, 0.0) / math.sqrt(2.0), rel=1e-12)
 
 
 @pytest.mark.parametrize("viscous", [0.0, 0.5, 1.0])
@@ -205,7 +207,7 @@ def test_critical_step_is_where_central_differences_turn_unstable(viscous):
     """One spring with a dashpot that acts on the last increment: bounded just below the critical step, not above."""
     frequency = 300.0
     for factor, bounded in ((0.999, True), (1.001, False)):
-        dt = factor * stability.critical_time_step(frequency, viscous)
+        dt = factor * critical_step.critical_time_step(frequency, viscous)
         x, v, last = 1.0, 0.0, 0.0
         for _ in range(20_000):
             v -= frequency**2 * dt * (x + viscous * last)
@@ -238,10 +240,10 @@ def test_bound_of_a_stack_against_its_true_frequency():
         T[:, 6 * b : 6 * b + 6] = to_joint(state.joints.axes[j], state.joints.arm_b[j])
         T[:, 6 * a : 6 * a + 6] = -to_joint(state.joints.axes[j], state.joints.arm_a[j])
         K += T.T @ k @ T
-    inertia = stability.block_inertia(built)
+    inertia = critical_step.block_inertia(built)
     M = np.zeros_like(K)
     for i in range(n):
         M[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] = inertia[i]
     true = math.sqrt(np.linalg.eigvals(np.linalg.solve(M[6:, 6:], K[6:, 6:])).real.max())
-    bound = stability.greatest_frequency(state, inertia, block_stiffness(state, shared=1.0))
+    bound = critical_step.greatest_frequency(state, inertia, block_stiffness(state, shared=1.0))
     assert true * (1 - 1e-12) <= bound <= 1.02 * true

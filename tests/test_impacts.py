@@ -8,16 +8,18 @@ import h5py
 import numpy as np
 import pytest
 
-from dembrick import dynamics, history, interruption
+from dembrick import history
 from dembrick.assembly.broad_phase import bodies_of, overlap_depths
 from dembrick.errors import NotConvergedError
 from dembrick.geometry.polygons import mean_distance
 from dembrick.geometry.shapes import rotation_matrix
-from dembrick.interruption import Interrupted
-from dembrick.meetings import Meetings
 from dembrick.result import restart, simulate
 from dembrick.scenario.controls import BaseMotionControl, DynamicControl, Pulse
 from dembrick.scenario.model import Arch, Block, JointLaw, Material, Output, Scenario, Solver, Wall
+from dembrick.simulation import interrupts
+from dembrick.simulation.dynamics import integrator
+from dembrick.simulation.dynamics.contact_detection import Meetings
+from dembrick.simulation.interrupts import Interrupted
 
 SCENARIOS = Path(__file__).parent.parent / "scenarios"
 G = 9.81
@@ -299,7 +301,7 @@ def test_a_collapse_goes_on_from_a_checkpoint(tmp_path, monkeypatch, step):
         left[0] -= 1
         return 2 if left[0] == 0 else 0
 
-    monkeypatch.setattr(interruption, "requested", requested)
+    monkeypatch.setattr(interrupts, "requested", requested)
     with pytest.raises(Interrupted):
         simulate(collapse(checkpoint=1e9), tmp_path / "parts.h5")
     left[0] = 0
@@ -329,7 +331,7 @@ def test_a_wall_of_ten_by_ten_comes_to_rest_where_it_falls():
 def test_threads_change_no_bit(monkeypatch):
     """New contacts are one thread's, in the order of the pairs."""
     alone = simulate(collapse())
-    monkeypatch.setattr(dynamics, "MANY", 1)
+    monkeypatch.setattr(integrator, "MANY", 1)
     together = simulate(collapse())
     assert together.displacement.tobytes() == alone.displacement.tobytes()
 

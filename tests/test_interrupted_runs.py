@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 from restart_cases import PACKAGE, SCENARIOS, SLOW, case, check_same, dembrick, wait_for
 
-from dembrick import interruption
 from dembrick.cli import main
 from dembrick.errors import NotConvergedError
 from dembrick.history import Checkpoint, Checkpoints, read
-from dembrick.interruption import Interrupted
 from dembrick.result import restart, simulate
 from dembrick.scenario import toml
+from dembrick.simulation import interrupts
+from dembrick.simulation.interrupts import Interrupted
 
 LONG = """
 [output]
@@ -113,13 +113,13 @@ def test_a_signal_that_a_callback_swallows_is_not_lost(tmp_path, capsys, monkeyp
         callback()
         raise RuntimeError("no compiled object yet")
 
-    monkeypatch.setattr("dembrick.replay.seat", compiling)
+    monkeypatch.setattr("dembrick.simulation.statics.limit_load.seat", compiling)
     path = tmp_path / "run.h5"
     assert main(["run", str(tmp_path / "set4a.toml"), "--out", str(path)]) == 143
     assert capsys.readouterr().err == f"interrupted; go on with: dembrick restart {path}\n"
     with read(path) as file:
         assert file.status == "interrupted"
-    with pytest.raises(RuntimeError, match="a fault"), interruption.handled():
+    with pytest.raises(RuntimeError, match="a fault"), interrupts.handled():
         raise RuntimeError("a fault")
 
 

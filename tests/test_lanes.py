@@ -7,14 +7,14 @@ import pytest
 from test_moving_joints import GRAVITY, about, place
 
 from dembrick.assembly import build
-from dembrick.driving import Driving
-from dembrick.dynamics import joint_forces, motion, seat
 from dembrick.geometry.shapes import frame_quaternion, rotation_matrix, unit_quaternion
 from dembrick.kernels.dynamics.rigid_bodies import ANGLE2, fetch_block, turn_block, turn_body, turn_slowly
 from dembrick.kernels.dynamics.tiles import OFFSET, VISCOUS, WORK, W, rows_of_lanes
-from dembrick.moving_state import contact_forces, joint_resultants, tiled, with_contact_forces
 from dembrick.scenario.controls import DynamicControl
 from dembrick.scenario.model import Block, JointLaw, Material, Scenario
+from dembrick.simulation.dynamics.driving import Driving
+from dembrick.simulation.dynamics.integrator import joint_forces, motion, seat
+from dembrick.simulation.dynamics.state import contact_forces, joint_resultants, tiled, with_contact_forces
 
 LAWS = {  # nine points are an odd number
     "concave": {},

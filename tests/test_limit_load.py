@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dembrick import replay, simulation, stepping, theory
+from dembrick import theory
 from dembrick.assembly import build
 from dembrick.errors import DembrickError, NotConvergedError
 from dembrick.geometry import friction_integrals
@@ -28,6 +28,8 @@ from dembrick.scenario.model import (
     Solver,
     YieldControl,
 )
+from dembrick.simulation.statics import limit_load, stepper
+from dembrick.simulation.statics import state as simulation
 
 SETS = ("2a", "2b", "4a", "4b")
 A, B, N, MU = 0.3, 0.2, 467.0, 0.64
@@ -262,7 +264,7 @@ def test_numerical_choices_do_not_count(formulation, monkeypatch):
             options = {k: v for k, v in choice.items() if k.islower()}
             for key, value in choice.items():
                 if key.isupper():
-                    patch.setattr(replay, key, value)
+                    patch.setattr(limit_load, key, value)
             result = run(formulation, jacks=jacks, tolerance=tolerance, **options)
             # each run places the points of ``distributed`` itself: their own limit load hardly moves
             own = theory.limit_load(formulation_of(result).law(N), (0, 1, 0.25 * A)).V
@@ -276,7 +278,7 @@ def test_stiffness_of_the_joint_itself_does_not_count(formulation, monkeypatch):
     jacks = single((0.25 * A, 0.0))
     base = run(formulation, jacks=jacks, tolerance=1e-5).yield_point
     exact = simulation.block_stiffness
-    monkeypatch.setattr(replay, "block_stiffness", lambda state, shared: 3.0 * exact(state, shared))
+    monkeypatch.setattr(limit_load, "block_stiffness", lambda state, shared: 3.0 * exact(state, shared))
     other = run(formulation, jacks=jacks, tolerance=1e-5).yield_point
     assert other.V == pytest.approx(base.V, rel=2e-5)
 
@@ -434,14 +436,14 @@ def test_an_ellipse_for_the_exact_surface_is_caught(name, monkeypatch):
                 block_forces: ("joint_forces", "area_forces"),
                 load_bounds: ("dissipation", "upper_bound", "best_bound", "strict_bounds", "area_dissipation"),
                 loop: ("advance", "joint_forces", "strict_bounds", "settle"),
-                stepping: ("advance",),
+                stepper: ("advance",),
             }.items():
                 for part in names:
                     owner = next(
                         m for m in (limit_surface, joint_forces, block_forces, load_bounds, loop) if part in _own(m)
                     )
                     patch.setattr(module, part, plain(_own(owner)[part]))
-            return replay.find_limit_load(built, 1e-3, 0.9)
+            return limit_load.find_limit_load(built, 1e-3, 0.9)
 
     wrong = False
     assert not caught(answer, expected)

@@ -6,13 +6,13 @@ import math
 import numpy as np
 import pytest
 
-from dembrick.driving import Driving
-from dembrick.dynamics import damping_of_restitution, restitution_of_damping
-from dembrick.frequencies import stepped_dashpots
 from dembrick.geometry.shapes import rotation_matrix
 from dembrick.result import simulate
 from dembrick.scenario.controls import BaseMotionControl, DynamicControl, Pulse, Sine
 from dembrick.scenario.model import Block, JointLaw, Load, Material, Output, Scenario
+from dembrick.simulation.dynamics.driving import Driving
+from dembrick.simulation.dynamics.integrator import damping_of_restitution, restitution_of_damping
+from dembrick.simulation.dynamics.time_step import stepped_dashpots
 from dembrick.theory import motion as theory
 
 DENSITY = 2000.0

@@ -7,14 +7,15 @@ import math
 import numpy as np
 import pytest
 
-from dembrick import audit, history
+from dembrick import history
 from dembrick.cli import main
 from dembrick.errors import EnergyAuditError
-from dembrick.motion_books import ENERGIES
 from dembrick.result import simulate
 from dembrick.scenario import model
 from dembrick.scenario.controls import BaseMotionControl, DynamicControl, Pulse, PushoverControl, Sine
 from dembrick.scenario.model import Block, JointLaw, Load, Material, Output, Scenario, Solver
+from dembrick.simulation import energy_audit
+from dembrick.simulation.dynamics.energy import ENERGIES
 
 FORMULATIONS = ("concave", "corrected-shear", "distributed", "convex")
 G = 9.81
@@ -234,11 +235,11 @@ def test_what_points_let_go_and_steps_take_is_seen_as_well():
 
 
 def test_books_that_do_not_balance_fail_the_run(monkeypatch):
-    monkeypatch.setattr(audit, "MOTION", 1e-20)
+    monkeypatch.setattr(energy_audit, "MOTION", 1e-20)
     with pytest.raises(EnergyAuditError, match="off by"):
         simulate(rocking("concave"))
     monkeypatch.undo()
-    monkeypatch.setattr(audit, "STEPPING", 1e-9)
+    monkeypatch.setattr(energy_audit, "STEPPING", 1e-9)
     with pytest.raises(EnergyAuditError, match="open and close within a time step"):
         simulate(rocking("concave"))
 

@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 
 from dembrick.assembly import build
-from dembrick.driving import Driving
-from dembrick.dynamics import Motion, advance, joint_forces, motion, seat
 from dembrick.geometry.shapes import quaternion_product, rotation_matrix
 from dembrick.kernels.dynamics.area_joints import pressed
 from dembrick.kernels.dynamics.loop import Limits
 from dembrick.kernels.dynamics.rigid_bodies import turn_body
 from dembrick.kernels.dynamics.tiles import VISCOUS
 from dembrick.kernels.joint.laws import no_tension
-from dembrick.moving_polygons import distance_outside, nearest_inside
-from dembrick.moving_state import arms, joint_resultants, seen
 from dembrick.scenario.controls import DynamicControl
 from dembrick.scenario.model import Block, JointLaw, Material, Scenario, Wall
+from dembrick.simulation.dynamics.driving import Driving
+from dembrick.simulation.dynamics.integrator import Motion, advance, joint_forces, motion, seat
+from dembrick.simulation.dynamics.joint_polygons import distance_outside, nearest_inside
+from dembrick.simulation.dynamics.state import arms, joint_resultants, seen
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 FORMULATIONS = ("concave", "corrected", "corrected-shear", "convex", "distributed")

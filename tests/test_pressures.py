@@ -7,7 +7,7 @@ import pytest
 from test_kernels_laws import forms, matrix, random_polygon, slenderness
 from test_limit_load import MU, A, B, N, scene, single
 
-from dembrick import replay, simulation, theory
+from dembrick import theory
 from dembrick.assembly import build
 from dembrick.geometry import polygons
 from dembrick.kernels.joint import pressure as kernels
@@ -15,6 +15,7 @@ from dembrick.kernels.joint.laws import no_tension
 from dembrick.lab import lab_scenario
 from dembrick.result import simulate
 from dembrick.scenario.model import DisplacementControl, Load
+from dembrick.simulation.statics import limit_load, state
 
 RECTANGLE = theory.polygons.rectangle(A, B)
 # M_T / M_T0 of the rectangle at e_y / b
@@ -28,7 +29,7 @@ TORSION = {
 def pressed_by(pressure, polygon, g0, gx, gy, follow=kernels.follow_pressure):
     """The pressed part of one joint under the penetration g0 + gx x + gy y, with N = 1 and its centre of pressure."""
     x, y = np.ascontiguousarray(polygon.T)
-    part = simulation.pressed_room([pressure], [len(x)])
+    part = state.pressed_room([pressure], [len(x)])
     if (g0 + polygon @ [gx, gy]).min() >= 0.0:
         yy, xx, xy = polygons.second_moments(polygon)
         volume, m_x, m_y = polygons.area(polygon) * g0, xx * gx + xy * gy, xy * gx + yy * gy
@@ -121,7 +122,7 @@ def test_surface_against_quadrature(pressure):
 def test_the_effective_part_of_a_rectangle():
     """Bending about one side leaves a x (b - 2 e), about both (a - 2 e_x) x (b - 2 e_y), centred on the resultant."""
     for e_x, e_y in ((0.0, 0.03), (0.0, -0.09), (0.12, 0.0), (0.04, -0.05), (0.0, 0.0)):
-        part = simulation.pressed_room(["effective"], [4])
+        part = state.pressed_room(["effective"], [4])
         kernels.follow_pressure(part, 0, *np.ascontiguousarray(RECTANGLE.T), 0, 4, 0.18, N, N * -e_y, N * e_x, 1, 0, 0)
         corners = np.stack([part.x[: part.count[0]], part.y[: part.count[0]]], axis=1)
         expected = theory.polygons.rectangle(A - 2 * abs(e_x), B - 2 * abs(e_y))
@@ -239,15 +240,15 @@ def test_full_pressure_stays_out_of_it(monkeypatch):
     """A scene without these pressures carries no room for them; beside such joints full ones stay what they are."""
     base = lab_scenario("set4b_mid", "convex", 1e-5)
     built = build.assemble(base)
-    assert simulation.initial_state(built).areas.pressed is None
-    alone = replay.find_limit_load(built, 1e-5, 0.9).yield_point
-    room = simulation.pressed_room
+    assert state.initial_state(built).areas.pressed is None
+    alone = limit_load.find_limit_load(built, 1e-5, 0.9).yield_point
+    room = state.pressed_room
     monkeypatch.setattr(
-        simulation,
+        state,
         "pressed_room",
         lambda pressures, corners: room(["linear"], corners)._replace(kind=np.zeros(1, np.int64)),
     )
-    assert simulation.initial_state(built).areas.pressed is not None
-    beside = replay.find_limit_load(built, 5e-6, 0.9).yield_point
+    assert state.initial_state(built).areas.pressed is not None
+    beside = limit_load.find_limit_load(built, 5e-6, 0.9).yield_point
     assert beside.V == pytest.approx(alone.V, rel=1e-5)
     assert beside.V == pytest.approx(161.9025, rel=1e-5)

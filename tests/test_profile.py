@@ -10,13 +10,13 @@ import pytest
 
 from dembrick import profile
 from dembrick.cli import main
-from dembrick.equilibria import Equilibria
 from dembrick.errors import ScenarioError
 from dembrick.lab import lab_scenario
 from dembrick.profile import NEVER, PHASES, STEPS, loop_shares, step_shares
 from dembrick.result import simulate
 from dembrick.scenario.controls import DynamicControl, PushoverControl
 from dembrick.scenario.model import Block, DisplacementControl, JointLaw, Material, Scenario
+from dembrick.simulation.statics.newton import Equilibria
 
 COSTS = {"joint_forces": 50e-6, "block_motion": 20e-6, "bracket": 5e-6, "record": 25e-6}  # s a step
 
@@ -173,9 +173,9 @@ def test_what_is_left_out_of_a_step_is_what_it_says(monkeypatch):
 @pytest.mark.parametrize(
     "phase, owner, name",
     [
-        ("contact_search", "dembrick.meetings.Meetings", "follow"),
-        ("geometry", "dembrick.moving_polygons.Polygons", "cut_stale"),
-        ("record", "dembrick.motion_run._Recorder", "_load"),
+        ("contact_search", "dembrick.simulation.dynamics.contact_detection.Meetings", "follow"),
+        ("geometry", "dembrick.simulation.dynamics.joint_polygons.Polygons", "cut_stale"),
+        ("record", "dembrick.simulation.dynamics.run._Recorder", "_load"),
     ],
 )
 def test_what_takes_long_is_booked_where_it_happens(monkeypatch, phase, owner, name):

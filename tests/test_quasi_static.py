@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
-from dembrick import history, replay
+from dembrick import history
 from dembrick.assembly import build
-from dembrick.equilibrium import seat
 from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.export.text import to_csv
 from dembrick.history.layout import load_of
@@ -21,7 +20,9 @@ from dembrick.scenario.controls import PushoverControl, TiltControl
 from dembrick.scenario.generators import Arch, Dome, Wall
 from dembrick.scenario.model import Actuator, Block, JointLaw, Load, Material, Scenario
 from dembrick.scenario.toml import load
-from dembrick.simulation import block_stiffness, initial_state
+from dembrick.simulation.statics import limit_load
+from dembrick.simulation.statics.dead_load import seat
+from dembrick.simulation.statics.state import block_stiffness, initial_state
 
 
 def scene(control, formulation="concave", friction=0.7, stiffness=1e10, **parts) -> Scenario:
@@ -149,7 +150,7 @@ def test_walls_in_plane(name, blocks, joints):
     wall = Wall("wall", "stone", (0.4, 0.2, 0.175), courses=courses, pattern=pattern, base=0.2)
     built = build.assemble(scene(PushoverControl((1.0, 0.0, 0.0)), friction=0.65, walls=(wall,)))
     assert (len(built.names) - 1, len(built.joints)) == (blocks, joints)
-    point = replay.find_limit_load(built, 1e-3, 0.9).yield_point
+    point = limit_load.find_limit_load(built, 1e-3, 0.9).yield_point
     assert 0.85 * associative < point.V <= associative
 
 
@@ -213,7 +214,7 @@ def test_any_arch_agrees_with_linear_programming(seed):
     voussoirs, share = int(rng.integers(7, 51)), 10 ** rng.uniform(-2.0, -0.3)
     scenario = scene(PushoverControl((1.0, 0.0, 0.0)), arches=(arch(0.1075 * (1.0 + share), voussoirs),))
     expected = rigid_multiplier(0.1075 * (1.0 + share), voussoirs, 0.7)
-    point = replay.find_limit_load(build.assemble(scenario), 1e-3, 0.9).yield_point
+    point = limit_load.find_limit_load(build.assemble(scenario), 1e-3, 0.9).yield_point
     assert point.V == pytest.approx(expected, rel=1e-3)
     assert point.half_width <= 1e-3 * point.V
 

@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dembrick import recorder
 from dembrick.assembly import build as assemblies
 from dembrick.errors import ScenarioError
 from dembrick.lab import lab_scenario
 from dembrick.result import simulate
 from dembrick.scenario import model, toml
-from dembrick.session import Session
-from dembrick.simulation import initial_state
+from dembrick.simulation.session import Session
+from dembrick.simulation.statics import recorder
+from dembrick.simulation.statics.state import initial_state
 
 SCENARIOS = Path(__file__).parent.parent / "scenarios"
 POINTS = ("concave", "corrected", "corrected-shear", "distributed")

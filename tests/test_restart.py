@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from restart_cases import SCENARIOS, case, check_same, content
 
-from dembrick import motion_run
 from dembrick.cli import main
 from dembrick.errors import HistoryError
 from dembrick.history import Checkpoints, read
-from dembrick.interruption import Interrupted
 from dembrick.result import restart, simulate
 from dembrick.scenario import model, toml
+from dembrick.simulation.dynamics import run
+from dembrick.simulation.interrupts import Interrupted
 
 
 @pytest.mark.parametrize("formulation", model.FORMULATIONS)
@@ -114,7 +114,7 @@ def test_a_run_to_collapse_in_real_time_goes_on_too(tmp_path, stop_after, formul
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 def test_a_run_in_real_time_stops_between_two_rows(tmp_path, stop_after, monkeypatch, formulation):
     """Where a row is many steps of a large scene, nobody waits for it."""
-    monkeypatch.setattr(motion_run, "AT_ONCE", 60)  # 20 steps of two blocks and a joint
+    monkeypatch.setattr(run, "AT_ONCE", 60)  # 20 steps of two blocks and a joint
     given = toml.load(SCENARIOS / "rocking_block.toml", ["control.duration=0.4", f"joint.formulation={formulation}"])
     given = dataclasses.replace(given, output=model.Output(model.CHANNELS, rows=20, frames=10, checkpoint=1e9))
     stop_after(0)

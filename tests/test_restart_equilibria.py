@@ -9,16 +9,18 @@ import numpy as np
 import pytest
 from restart_cases import SLOW, check_same, dembrick, wait_for
 
-from dembrick import equilibrium, interruption, quasi_static, result, stepping, way
+from dembrick import result
 from dembrick.errors import HistoryError, OutputError
 from dembrick.history import Checkpoint, Checkpoints, read
-from dembrick.interruption import Interrupted
 from dembrick.lab import lab_scenario, scenario_folder
 from dembrick.result import restart, simulate
 from dembrick.scenario import model, toml
 from dembrick.scenario.controls import PushoverControl, TiltControl, YieldControl
 from dembrick.scenario.generators import Wall
 from dembrick.scenario.model import Actuator, Block, JointLaw, Material, Scenario
+from dembrick.simulation import interrupts
+from dembrick.simulation.interrupts import Interrupted
+from dembrick.simulation.statics import dead_load, path_following, path_state, stepper
 
 
 def scene(control, formulation="concave", friction=0.6, pressure="full", checkpoint=0.0, **parts):
@@ -64,10 +66,10 @@ SCENES = {
 def signal_after(monkeypatch):
     """A signal that comes when the run has looked for one so many times; returns how often it looked. Short chunks."""
     monkeypatch.setattr(os, "fsync", lambda _: None)
-    monkeypatch.setattr(stepping, "FIRST_WORK", 1)
-    monkeypatch.setattr(stepping, "CHUNK_SECONDS", 0.0)
-    monkeypatch.setattr(equilibrium, "FEW", 1)
-    monkeypatch.setattr(equilibrium, "CHUNK_SECONDS", 0.0)
+    monkeypatch.setattr(stepper, "FIRST_WORK", 1)
+    monkeypatch.setattr(stepper, "CHUNK_SECONDS", 0.0)
+    monkeypatch.setattr(dead_load, "FEW", 1)
+    monkeypatch.setattr(dead_load, "CHUNK_SECONDS", 0.0)
 
     def arm(looks, signum=signal.SIGTERM):
         looked = [0]
@@ -76,7 +78,7 @@ def signal_after(monkeypatch):
             looked[0] += 1
             return signum if looked[0] == looks else 0
 
-        monkeypatch.setattr(interruption, "requested", requested)
+        monkeypatch.setattr(interrupts, "requested", requested)
         return looked
 
     return arm
@@ -115,14 +117,14 @@ def test_stopped_anywhere_and_restarted_is_one_run(tmp_path, signal_after, name)
 
 def test_the_way_of_blocks_that_are_let_go_is_in_the_checkpoint(tmp_path, signal_after, monkeypatch):
     """Stopped while they drift: nothing of the drift is done twice."""
-    given, drifted, drifting = SCENES["blocks that are let go"](), quasi_static._Follower._drifted, []
+    given, drifted, drifting = SCENES["blocks that are let go"](), path_following._Follower._drifted, []
 
     def spied(follower):
         if follower.way.drift.steps == 3:
             drifting.append(looked[0])
         return drifted(follower)
 
-    monkeypatch.setattr(quasi_static._Follower, "_drifted", spied)
+    monkeypatch.setattr(path_following._Follower, "_drifted", spied)
     looked = signal_after(0)
     simulate(given, tmp_path / "whole.h5")
     path, messages = tmp_path / "run.h5", []
@@ -148,13 +150,15 @@ def test_a_way_comes_back_whole():
             return self[name]
 
     rng = np.random.default_rng(2)
-    numbers = {name: kind(rng.integers(1, 9)) for name, kind in way.NUMBERS.items()}
-    given = way.Way(*rng.normal(size=(3, 12)), **{**numbers, "gain": 0.3, "V": -0.7, "calm": -2, "equilibria": 3})
+    numbers = {name: kind(rng.integers(1, 9)) for name, kind in path_state.NUMBERS.items()}
+    given = path_state.Way(
+        *rng.normal(size=(3, 12)), **{**numbers, "gain": 0.3, "V": -0.7, "calm": -2, "equilibria": 3}
+    )
     given.seen = [(*rng.normal(size=4).tolist(), bool(i % 2)) for i in range(4)]
-    for given.drift in (None, way.Drift(rng.normal(size=12), 0.2, 4.0, 7)):
-        found = way.Way(*np.zeros((3, 12)))
+    for given.drift in (None, path_state.Drift(rng.normal(size=12), 0.2, 4.0, 7)):
+        found = path_state.Way(*np.zeros((3, 12)))
         found.restore(Kept(given.snapshot()))
-        for part in dataclasses.fields(way.Way):
+        for part in dataclasses.fields(path_state.Way):
             one, other = getattr(found, part.name), getattr(given, part.name)
             if part.name == "drift" and one is not None:
                 one, other = (np.append(d.motion, [d.V, d.drag, d.steps]) for d in (one, other))

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from test_impacts import AWAY, FLOOR, G, scene
 
-from dembrick.dynamics import damping_of_restitution, restitution_of_damping
 from dembrick.geometry.shapes import rotation_matrix
 from dembrick.result import simulate
 from dembrick.scenario.controls import DynamicControl
 from dembrick.scenario.model import Block, Output
+from dembrick.simulation.dynamics.integrator import damping_of_restitution, restitution_of_damping
 from dembrick.theory.motion import housner_restitution
 
 FEET = {"face": (0.0, 0.0, -0.05), "edge": (0.15, 0.0, -0.05), "corner": (0.15, 0.1, -0.05)}  # of 0.3 x 0.2 x 0.1 m

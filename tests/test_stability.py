@@ -7,10 +7,16 @@ import math
 import numpy as np
 import pytest
 
-from dembrick import stability
 from dembrick.assembly import build
 from dembrick.scenario.model import Block, JointLaw, Material, Scenario, YieldControl
-from dembrick.simulation import assembled_stiffness, block_stiffness, initial_state, joint_stiffness, to_joint
+from dembrick.simulation.statics import critical_step
+from dembrick.simulation.statics.state import (
+    assembled_stiffness,
+    block_stiffness,
+    initial_state,
+    joint_stiffness,
+    to_joint,
+)
 
 
 def wall(courses: int, blocks: int, formulation: str, densities=(1500.0,)) -> build.Assembly:
@@ -38,7 +44,7 @@ def wall(courses: int, blocks: int, formulation: str, densities=(1500.0,)) -> bu
 
 def true_frequency(built) -> float:
     state = initial_state(built)
-    K, inertia = assembled_stiffness(state), stability.block_inertia(built)[state.blocks.free]
+    K, inertia = assembled_stiffness(state), critical_step.block_inertia(built)[state.blocks.free]
     M = np.zeros_like(K)
     for i, block in enumerate(inertia):
         M[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] = block
@@ -51,7 +57,9 @@ def true_frequency(built) -> float:
 def test_the_step_is_safe_and_not_wasteful(formulation, size, least):
     built = wall(*size, formulation)
     state = initial_state(built)
-    bound = stability.greatest_frequency(state, stability.block_inertia(built), block_stiffness(state, shared=1.0))
+    bound = critical_step.greatest_frequency(
+        state, critical_step.block_inertia(built), block_stiffness(state, shared=1.0)
+    )
     ratio = true_frequency(built) / bound
     assert least <= ratio <= 1.0 + 1e-12
 
@@ -60,7 +68,9 @@ def test_the_step_is_safe_and_not_wasteful(formulation, size, least):
 def test_the_step_is_safe_for_unequal_neighbours(ratio):
     built = wall(6, 2, "concave", densities=(1500.0, 1500.0 * ratio))
     state = initial_state(built)
-    bound = stability.greatest_frequency(state, stability.block_inertia(built), block_stiffness(state, shared=1.0))
+    bound = critical_step.greatest_frequency(
+        state, critical_step.block_inertia(built), block_stiffness(state, shared=1.0)
+    )
     assert 0.75 <= true_frequency(built) / bound <= 1.0 + 1e-12
 
 
@@ -68,7 +78,7 @@ def damped_rates(built, state, jack, found):
     """Eigenvalues (36 f,) z of a step of the damped scheme, at the critical time step it is given."""
     free = state.blocks.free
     joints = state.joints
-    M = stability.block_inertia(built)[free]
+    M = critical_step.block_inertia(built)[free]
     n = len(free)
     number = {b: i for i, b in enumerate(free)}
 
@@ -110,7 +120,7 @@ def test_the_damped_step_is_safe_and_not_wasteful(formulation, size, densities):
     push = np.array([0.0, 1.0, 0.0, 0.05, 0.0, 0.07])
     jack = np.zeros((len(built.names), 6, 6))
     jack[pushed] = 1e8 * np.outer(push, push)
-    found = stability.dashpots(state, stability.block_inertia(built), jack)
+    found = critical_step.dashpots(state, critical_step.block_inertia(built), jack)
     radius = damped_rates(built, state, jack, found)
     assert radius(0.999 * found.critical_time_step) <= 1.0 + 1e-9
     assert radius(1.35 * found.critical_time_step) > 1.0
@@ -123,10 +133,10 @@ def test_every_block_is_damped_by_its_own_frequency():
     jack = np.zeros((len(built.names), 6, 6))
     state = state._replace(jacks=state.jacks._replace(block=np.array([1])))
     upper = [j for j in range(len(built.joints)) if 0 not in (built.joints[j].block_a, built.joints[j].block_b)]
-    equal = stability.dashpots(state, stability.block_inertia(built), jack)
+    equal = critical_step.dashpots(state, critical_step.block_inertia(built), jack)
     state.areas.k_n[upper] *= 1e-4
     state.areas.k_s[upper] *= 1e-4
-    softer = stability.dashpots(state, stability.block_inertia(built), jack)
+    softer = critical_step.dashpots(state, critical_step.block_inertia(built), jack)
     np.testing.assert_allclose(softer.joints[upper], 100.0 * equal.joints[upper], rtol=1e-9)
     lower = [j for j in range(len(built.joints)) if j not in upper]
     np.testing.assert_allclose(softer.joints[lower], equal.joints[lower], rtol=1e-9)

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dembrick import quasi_static, replay, theory
+from dembrick import theory
 from dembrick.assembly import build, joints
 from dembrick.errors import NotConvergedError
 from dembrick.scenario.model import Actuator, Block, JointLaw, Load, Material, Scenario, YieldControl
+from dembrick.simulation.statics import limit_load, path_following
 
 A, B, H, MU = 0.3, 0.2, 0.1, 0.64
 WEIGHT = 1500.0 * A * B * H * 9.81
@@ -28,7 +29,7 @@ def tower(count: int, formulation: str, pushed: int, e=0.075, top=400.0, frictio
         actuators=(Actuator("jack", f"b{pushed}", (e, 0.0, pushed * H + up), (0.0, 1.0, 0.0)),),
         control=YieldControl(tolerance),
     )
-    return replay.find_limit_load(build.assemble(scenario), tolerance, 0.9).yield_point
+    return limit_load.find_limit_load(build.assemble(scenario), tolerance, 0.9).yield_point
 
 
 def of_joint(formulation: str, normal: float, e: float = 0.075) -> float:
@@ -112,7 +113,7 @@ def test_towers_meet_their_closed_form(formulation, count, top, e):
 @pytest.mark.parametrize("steps", [0.1, 0.5, 3.0, 100.0])
 def test_any_first_step_will_do(steps, monkeypatch):
     """Even one that goes far beyond the limit at once, or lands short of it with joints that have opened."""
-    monkeypatch.setattr(quasi_static, "ELASTIC_STEPS", steps)
+    monkeypatch.setattr(path_following, "ELASTIC_STEPS", steps)
     for formulation in ("concave", "convex"):
         for top in (0.0, 2000.0):
             point = tower(30, formulation, pushed=29, top=top)
@@ -127,7 +128,7 @@ def test_the_lower_of_two_blocks_slides_under_its_bending():
 
 
 def test_what_does_not_end_says_so(monkeypatch):
-    monkeypatch.setattr(quasi_static, "MOST_EQUILIBRIA", 10)
+    monkeypatch.setattr(path_following, "MOST_EQUILIBRIA", 10)
     with pytest.raises(NotConvergedError, match="not bracketed within 0.001 after .* steps") as caught:
         tower(5, "concave", pushed=4)
     assert caught.value.yield_point.V_lower <= (400.0 + 5 * WEIGHT) * 0.5 * B / (4 * H) * 1.001

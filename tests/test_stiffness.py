@@ -9,7 +9,7 @@ from dembrick.assembly.build import assemble
 from dembrick.scenario.blocks import Block, Prism
 from dembrick.scenario.generators import Wall
 from dembrick.scenario.model import JointLaw, JointOverride, Material, Scenario, YieldControl
-from dembrick.simulation import (
+from dembrick.simulation.statics.state import (
     assembled_stiffness,
     block_stiffness,
     couplings,

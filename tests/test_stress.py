@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from dembrick.errors import DivergedError, ScenarioError
-from dembrick.yield_point import YieldPoint
+from dembrick.simulation.statics.yield_point import YieldPoint
 
 TOOLS = Path(__file__).parent.parent / "tools"
 

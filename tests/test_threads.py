@@ -7,13 +7,13 @@ import numba
 import numpy as np
 import pytest
 
-from dembrick import dynamics
 from dembrick.assembly import build
-from dembrick.driving import Driving
 from dembrick.kernels.dynamics.loop import Limits
-from dembrick.motion_books import MotionBooks
 from dembrick.scenario.controls import DynamicControl
 from dembrick.scenario.model import JointLaw, Material, Scenario, Wall
+from dembrick.simulation.dynamics import integrator
+from dembrick.simulation.dynamics.driving import Driving
+from dembrick.simulation.dynamics.energy import MotionBooks
 
 
 def wall(formulation, courses=5, blocks=4):
@@ -35,15 +35,15 @@ def test_any_number_of_threads_gives_the_same_bits(formulation, monkeypatch):
     before = built.rotation.copy()
     ends, books = [], []
     for threads in (None, *range(1, numba.config.NUMBA_NUM_THREADS + 1)):
-        monkeypatch.setattr(dynamics, "MANY", 0 if threads else 10**9)
-        monkeypatch.setattr(dynamics._Pace, "choose", lambda _, loops: (loops - 1, 2048))
+        monkeypatch.setattr(integrator, "MANY", 0 if threads else 10**9)
+        monkeypatch.setattr(integrator._Pace, "choose", lambda _, loops: (loops - 1, 2048))
         if threads:
             numba.set_num_threads(threads)
-        moving = dynamics.motion(built, 0.1, 0.5)
+        moving = integrator.motion(built, 0.1, 0.5)
         driving = Driving(built.gravity)
         moving.books = MotionBooks(moving.state)
         moving.books.open(moving.state)
-        dynamics.advance(moving, driving, 300, Limits(1.0, 1.0))
+        integrator.advance(moving, driving, 300, Limits(1.0, 1.0))
         ends.append(moving.state)
         books.append(moving.books.energies(moving.state, moving.time_step))
     numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
@@ -59,8 +59,8 @@ def test_any_number_of_threads_gives_the_same_bits(formulation, monkeypatch):
 def test_a_small_scene_loads_no_parallel_code():
     code = """
 import sys
-from dembrick import dynamics
-from dembrick.driving import Driving
+from dembrick.simulation.dynamics import integrator as dynamics
+from dembrick.simulation.dynamics.driving import Driving
 from dembrick.kernels.dynamics.loop import Limits
 sys.path.insert(0, "tests")
 from test_threads import wall
@@ -76,7 +76,7 @@ assert "dembrick.kernels.dynamics.loop_parallel" not in sys.modules
 def test_a_wall_of_point_joints_takes_less_than_two_kilobytes_a_block():
     """Wide walls have three joints a block; joints of blocks alike share their axes."""
     scenario = wall("concave", courses=12, blocks=40)
-    moving = dynamics.motion(scenario, 0.1, 0.5)
+    moving = integrator.motion(scenario, 0.1, 0.5)
     joints, blocks = len(scenario.joints), len(scenario.names)
     assert joints / blocks > 2.8
     assert len(moving.state.links.axes) == 2

@@ -21,16 +21,16 @@ import numpy as np
 import plain_wall
 
 import dembrick
-from dembrick import dynamics, motion_run
 from dembrick.assembly import build
-from dembrick.driving import Driving
 from dembrick.kernels.dynamics.loop import Limits
 from dembrick.kernels.dynamics.tiles import ROWS, SEEN
 from dembrick.lab import scenario_folder
-from dembrick.motion_books import MotionBooks
-from dembrick.moving_state import seen
 from dembrick.result import simulate
 from dembrick.scenario import toml as scenarios
+from dembrick.simulation.dynamics import integrator, run
+from dembrick.simulation.dynamics.driving import Driving
+from dembrick.simulation.dynamics.energy import MotionBooks
+from dembrick.simulation.dynamics.state import seen
 
 CALM = Limits(displacement=1.0, longest=1.0)
 
@@ -39,7 +39,7 @@ def wall(courses: int, blocks: int, formulation: str = "concave", booked: bool =
     """A wall at rest, with energy books or without, and what drives it: gravity, tilting slowly out of plane."""
     changes = [f"walls.0.courses={courses}", f"walls.0.blocks={blocks}", f"joint.formulation={formulation}"]
     scenario = scenarios.load(scenario_folder() / "wall_tilt.toml", changes)
-    moving = motion_run.prepare(build.assemble(scenario), scenario.control, scenario.solver.step_factor)
+    moving = run.prepare(build.assemble(scenario), scenario.control, scenario.solver.step_factor)
     moving.books = MotionBooks(moving.state, wanted=booked)
     gravity = np.array(scenario.gravity)
     bodies, links = moving.state.bodies, moving.state.links
@@ -52,7 +52,7 @@ def chunk(moving, driving, steps: int) -> float:
     """Nanoseconds of this thread a joint and step of one call of the loop."""
     times = (moving.steps + np.arange(steps)) * moving.time_step
     began = time.thread_time()
-    dynamics._advance(moving, moving.state.bodies, driving, times, CALM, 0.0, moving.time_step)
+    integrator._advance(moving, moving.state.bodies, driving, times, CALM, 0.0, moving.time_step)
     took = time.thread_time() - began
     moving.steps += steps
     return 1e9 * took / steps / len(moving.assembly.joints)
@@ -128,7 +128,7 @@ def thread_gain(courses: int, rounds: int) -> None:
     Wall-clock time of short calls: on a shared machine only such ones find both cores free. All work on one state, so
     that it stays in the caches.
     """
-    dynamics._Pace.choose = lambda _, loops: (loops - 1, dynamics.LONGEST_CHUNK)  # no trial
+    integrator._Pace.choose = lambda _, loops: (loops - 1, integrator.LONGEST_CHUNK)  # no trial
     moving, driving = wall(courses, courses)
     joints = len(moving.assembly.joints)
     steps = max(4, 60_000 // joints)
@@ -147,7 +147,7 @@ def thread_gain(courses: int, rounds: int) -> None:
     for threads in (1, 2):
         numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
         end, driving = wall(courses, courses)
-        dynamics.advance(end, driving, 50, CALM)
+        integrator.advance(end, driving, 50, CALM)
         ends.append(end.state.bodies)
     same = all(np.array_equal(a, b) for a, b in zip(*ends, strict=True))
     print(f"{len(moving.assembly.names)} blocks: one thread {best[1]:.1f} ns, two {best[2]:.1f} ns, "
@@ -168,7 +168,7 @@ def tilted_walls(cases) -> None:
         joints, stiffness = len(result.assembly.joints), result.scenario.joint.normal_stiffness
         books = "with" if "energy" in result.scenario.output.channels else "without"
         shared = ""
-        if joints >= dynamics.MANY:
+        if joints >= integrator.MANY:
             numba.set_num_threads(min(2, numba.config.NUMBA_NUM_THREADS))
             two = simulate(scenario).run
             numba.set_num_threads(1)

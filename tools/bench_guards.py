@@ -16,16 +16,16 @@ import time
 
 import numpy as np
 
-from dembrick import replay
 from dembrick.assembly import build as assemblies
-from dembrick.guards import new_guard
 from dembrick.kernels.state import Inertia
 from dembrick.kernels.statics.loop import RUNNING, advance
 from dembrick.lab import lab_scenario
-from dembrick.recorder import Recorder
 from dembrick.scenario.model import FORMULATIONS
-from dembrick.session import Session
-from dembrick.simulation import new_energy
+from dembrick.simulation.session import Session
+from dembrick.simulation.statics import limit_load
+from dembrick.simulation.statics.guards import new_guard
+from dembrick.simulation.statics.recorder import Recorder
+from dembrick.simulation.statics.state import new_energy
 
 TURN = 4096  # steps
 ROWS_EVERY = 64  # steps, some 1000 rows in a test of 1e5 steps or less
@@ -38,7 +38,7 @@ class Variant:
 
     def __init__(self, scenario, guarded: bool, audited: bool):
         built = assemblies.assemble(scenario)
-        setup = replay._Setup(built, tolerance=0.0)
+        setup = limit_load._Setup(built, tolerance=0.0)
         damping = setup.dashpots()
         self.dt = 0.9 * damping.critical_time_step
         self.state = setup.state
@@ -46,7 +46,7 @@ class Variant:
         self.inertia = Inertia(
             np.array(built.mass, float), np.array(built.inertia, float), np.linalg.inv(built.inertia)
         )
-        replay._to_finite_motion(self.state)
+        limit_load._to_finite_motion(self.state)
         self.drive = setup.drive(RATE, self.dt)._replace(viscous_n=1.0, viscous_s=1.0)
         self.guard = new_guard(built, self.state) if guarded else None
         self.certificate = setup.certificate._replace(every=ROWS_EVERY)

@@ -16,11 +16,11 @@ import tempfile
 
 from bench_lab import wall
 
-from dembrick import replay
 from dembrick.assembly import build as assemblies
 from dembrick.lab import lab_scenario
 from dembrick.scenario.model import DisplacementControl, Output
-from dembrick.session import Session
+from dembrick.simulation.session import Session
+from dembrick.simulation.statics import limit_load
 
 ROWS = 1000  # of the record
 SWITCHES = {
@@ -44,7 +44,7 @@ def step_time(assembly, control, channels) -> float:
     session = None
     if channels is not None:
         session = Session(observe=lambda rows, frames: None, output=Output(channels=channels, rows=ROWS, frames=ROWS))
-    run = replay.push_at_constant_rate(assembly, control.rate, control.travel, 0.9, session)
+    run = limit_load.push_at_constant_rate(assembly, control.rate, control.travel, 0.9, session)
     return run.loop_seconds / run.steps
 
 
@@ -54,7 +54,7 @@ def prepared(formulation: str, steps: int):
     if formulation == "distributed":
         scenario = dataclasses.replace(scenario, joint=dataclasses.replace(scenario.joint, points=(18, 12)))
     assembly = assemblies.assemble(scenario)
-    plan = replay.plan(assembly, scenario.control, 0.9)
+    plan = limit_load.plan(assembly, scenario.control, 0.9)
     control = scenario.control
     return assembly, DisplacementControl(control.rate * plan.steps / steps, control.travel)
 

@@ -18,10 +18,11 @@ from pathlib import Path
 
 import numpy as np
 
-from dembrick import batch, simulate, theory
+from dembrick import simulate, theory
 from dembrick.lab import lab_scenario
 from dembrick.scenario.model import Block, JointLaw, JointOverride
-from dembrick.yield_domain import directions, jacks_for
+from dembrick.simulation.statics import batch
+from dembrick.simulation.statics.yield_domain import directions, jacks_for
 
 A, B, MU, N = 0.3, 0.2, 0.64, 467.0  # the laboratory's joint
 RECTANGLE = theory.polygons.rectangle(A, B)

@@ -19,17 +19,17 @@ from collections.abc import Callable
 import numpy as np
 from stress_scenes import GRAVITY, A, B, H, N, by_judge, elastic_give, jack, pair
 
-from dembrick import replay
 from dembrick.assembly import build as assemblies
-from dembrick.audit import audit
-from dembrick.equilibrium import inverse_inertia, seat
 from dembrick.errors import DembrickError, EnergyAuditError, NotConvergedError, ScenarioError
-from dembrick.guards import new_guard, refuse_divergence
 from dembrick.kernels.state import Inertia
 from dembrick.scenario.model import Load, Scenario
-from dembrick.simulation import block_stiffness, initial_state
-from dembrick.stability import critical_time_step
-from dembrick.stepping import Loop
+from dembrick.simulation.energy_audit import audit
+from dembrick.simulation.statics import limit_load
+from dembrick.simulation.statics.critical_step import critical_time_step
+from dembrick.simulation.statics.dead_load import inverse_inertia, seat
+from dembrick.simulation.statics.guards import new_guard, refuse_divergence
+from dembrick.simulation.statics.state import block_stiffness, initial_state
+from dembrick.simulation.statics.stepper import Loop
 
 STATUSES = ("right", "near", "stopped", "refused", "WRONG")
 VALID_STEP = 0.9  # largest step factor of a valid cell
@@ -145,7 +145,9 @@ def push_to_limit(scenario: Scenario, expected: float | Callable, step_factor: f
         return Outcome("refused", _named(error))
     tolerance = scenario.control.tolerance
     value = expected(built) if callable(expected) else expected
-    return judge_limit(lambda observe: replay.find_limit_load(built, tolerance, step_factor, observe), value, tolerance)
+    return judge_limit(
+        lambda observe: limit_load.find_limit_load(built, tolerance, step_factor, observe), value, tolerance
+    )
 
 
 def push_at_rate(
@@ -156,13 +158,13 @@ def push_at_rate(
         built = assemblies.assemble(scenario)
         value = expected(built)
         slip = value * elastic_give(built)
-        critical = replay.plan(built, scenario.control, 1.0).critical_time_step
+        critical = limit_load.plan(built, scenario.control, 1.0).critical_time_step
     except ScenarioError as error:
         return Outcome("refused", _named(error))
     short = min(scenario.blocks[-1].box[:2])
     slack = SLACK + (travel * slip / short) ** 2
     return judge_rate(
-        lambda observe: replay.push_at_constant_rate(
+        lambda observe: limit_load.push_at_constant_rate(
             built, pace * slip / critical, travel * slip, step_factor, observe
         ),
         value,
@@ -182,7 +184,7 @@ def must_fall(scenario: Scenario, expected: Callable, pace: float, height: float
 # --- at rest
 
 
-def _at_rest(setup: replay._Setup, physical: bool, rate: float = 0.0) -> Loop:
+def _at_rest(setup: limit_load._Setup, physical: bool, rate: float = 0.0) -> Loop:
     """A loop on the seated blocks: with physical inertia in finite motion, or scaled in small motion.
 
     Without a ``rate`` there is no jack either.
@@ -198,11 +200,11 @@ def _at_rest(setup: replay._Setup, physical: bool, rate: float = 0.0) -> Loop:
     if physical:
         state.joints.damping[:] = damping.joints / dt
         drive = drive._replace(viscous_n=1.0, viscous_s=1.0)
-        replay._to_finite_motion(state)
+        limit_load._to_finite_motion(state)
         inertia = Inertia(np.array(built.mass, float), np.array(built.inertia, float), np.linalg.inv(built.inertia))
     else:
         scaled = inverse_inertia(
-            state, setup.stiffness * (dt / (VALID_STEP * critical_time_step(1.0, replay.VISCOUS))) ** 2
+            state, setup.stiffness * (dt / (VALID_STEP * critical_time_step(1.0, limit_load.VISCOUS))) ** 2
         )
     return Loop(dt, state, scaled, inertia, drive, certificate, None, new_guard(built, state))
 
@@ -210,7 +212,7 @@ def _at_rest(setup: replay._Setup, physical: bool, rate: float = 0.0) -> Loop:
 def rest(scenario: Scenario, steps: int, physical: bool) -> Outcome:
     """Creep under the dead loads alone: displacement after ``steps`` against that after the first thousand."""
     try:
-        setup = replay._Setup(assemblies.assemble(scenario), tolerance=0.0)
+        setup = limit_load._Setup(assemblies.assemble(scenario), tolerance=0.0)
         loop = _at_rest(setup, physical)
         start, worst = None, 0.0
         while loop.step < steps:
@@ -246,7 +248,7 @@ def undisturbed(formulation: str, steps: int = BESIDE) -> Outcome:
     ends = []
     try:
         for rate in (0.0, 1e-4):
-            setup = replay._Setup(assemblies.assemble(scenario), tolerance=0.0)
+            setup = limit_load._Setup(assemblies.assemble(scenario), tolerance=0.0)
             loop = _at_rest(setup, physical=True, rate=rate)
             status = loop.advance(steps, None)
             refuse_divergence(status, setup.assembly, loop.state, loop.step, loop.dt, loop.dt / VALID_STEP)

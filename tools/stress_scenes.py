@@ -10,7 +10,7 @@ import numpy as np
 from dembrick import judge, theory
 from dembrick.assembly import build as assemblies
 from dembrick.scenario.model import Actuator, Block, JointLaw, JointOverride, Load, Material, Scenario, YieldControl
-from dembrick.simulation import assembled_stiffness, initial_state, load_vectors
+from dembrick.simulation.statics.state import assembled_stiffness, initial_state, load_vectors
 
 GRAVITY = 9.81
 A, B, H, N, MU, KN, KS_KN = 0.3, 0.2, 0.1, 467.0, 0.64, 1e10, 0.4

@@ -40,7 +40,7 @@ from typing import NamedTuple
 import numpy as np
 from bench_lab import wall
 
-from dembrick import centred_points, judge, replay
+from dembrick import judge
 from dembrick.assembly import build as assemblies
 from dembrick.assembly import quadrature, ray_quadrature
 from dembrick.errors import NotConvergedError
@@ -48,6 +48,7 @@ from dembrick.geometry import polygons
 from dembrick.lab import lab_scenario, scenario_folder
 from dembrick.plot import style
 from dembrick.scenario.model import FORMULATIONS
+from dembrick.simulation.statics import limit_load, point_placement
 from dembrick.theory.paper_tables import SETS
 
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
@@ -144,8 +145,8 @@ def measure_loops(cases: list[Case], repeats: int) -> list[Case]:
             for _ in range(0 if i in failed else burst):
                 try:
                     how = case.setting.tolerance, case.setting.step_factor
-                    placed, seconds = centred_points.place_points(case.assembly, *how)
-                    run = replay.find_limit_load(placed, *how)
+                    placed, seconds = point_placement.place_points(case.assembly, *how)
+                    run = limit_load.find_limit_load(placed, *how)
                 except NotConvergedError as error:
                     print(f"not converged: set {case.set_name}, {case.setting}: {error}")
                     failed.add(i)
@@ -245,7 +246,7 @@ def rule_table() -> list[str]:
     lines += ["", "Rays from the torsion centre: points (least and most), worst centre"]
     centres = np.concatenate([np.zeros((1, 2)), quarter[::7], 1.7 * quarter[::7]])
     exact = polygons.mean_distance(corners, centres)
-    for counts in centred_points.COUNTS:
+    for counts in point_placement.COUNTS:
         sets = [ray_quadrature.rays(corners, c, *counts) for c in centres]
         found = [ray_quadrature.friction_moment(*s, c, (1 / 0.06, 0, 0)) for s, c in zip(sets, centres, strict=True)]
         sizes = [len(areas) for _, areas in sets]

@@ -1,7 +1,7 @@
 """From a scenario to its immutable geometry: blocks, joints, contact points, dead loads, and what is attached.
 
-:func:`assemble` also refuses what cannot be a test: blocks that overlap or hang in the air, jacks that push beside their
-block, joints too soft for their load. Its messages name the blocks and say how far off they are.
+:func:`assemble` also refuses what cannot be a test: blocks that overlap or hang in the air, jacks that push beside
+their block, joints too soft for their load. Its messages name the blocks and say how far off they are.
 """
 
 from __future__ import annotations

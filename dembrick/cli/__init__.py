@@ -80,7 +80,7 @@ def main(arguments: list[str] | None = None) -> int:
     module.add_arguments(parser)
     options = parser.parse_args(rest)
     from dembrick.cli.console import Console
-    from dembrick.interruption import handled, requested
+    from dembrick.simulation.interrupts import handled, requested
 
     console = Console(json=options.json, quiet=options.quiet, verbose=options.verbose)
     try:

@@ -13,10 +13,11 @@ def add_arguments(parser) -> None:
 
 def run(options, console) -> int:
     """Describe the scenario."""
-    from dembrick import motion_run, replay
     from dembrick.assembly import build as assemblies
     from dembrick.scenario import toml as scenarios
     from dembrick.scenario.controls import in_real_time
+    from dembrick.simulation.dynamics import run as motion_run
+    from dembrick.simulation.statics import limit_load
 
     scenario = scenarios.load(options.scenario, options.set)
     assembly = assemblies.assemble(scenario)
@@ -26,7 +27,7 @@ def run(options, console) -> int:
         moving = motion_run.prepare(assembly, scenario.control, scenario.solver.step_factor)
         plan = motion_run.plan(moving, scenario.control, scenario.output)
     else:
-        plan = replay.plan(assembly, scenario.control, scenario.solver.step_factor, scenario.output)
+        plan = limit_load.plan(assembly, scenario.control, scenario.solver.step_factor, scenario.output)
     joints = [
         {
             "between": [assembly.names[joint.block_a], assembly.names[joint.block_b]],

@@ -49,7 +49,7 @@ def run(options, console) -> int:
 def answer(simulated: Callable, path: str, console) -> int:
     """Carry a run out and print what came of it; returns the exit code."""
     from dembrick.errors import DembrickError
-    from dembrick.interruption import Interrupted
+    from dembrick.simulation.interrupts import Interrupted
 
     try:
         result = simulated()

@@ -14,11 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from dembrick import batch, judge
+from dembrick import judge
 from dembrick.assembly import build as assemblies
 from dembrick.errors import ScenarioError
 from dembrick.scenario.model import Scenario, Solver, YieldControl
-from dembrick.yield_point import mechanism
+from dembrick.simulation.statics import batch
+from dembrick.simulation.statics.yield_point import mechanism
 
 _NUMBERS = ("V", "V_lower", "V_upper", "N", "V_1", "V_2", "M_T")
 _NO_PUSH = 1e-12  # of the jacks' force times the joint's size: what pushes less pushes nothing

@@ -6,14 +6,14 @@ import time
 
 import numpy as np
 
-from dembrick import interruption
-from dembrick.elastic import Factor, elastic_factor, touches_itself, whole_inertia
 from dembrick.errors import HistoryError, NotConvergedError
 from dembrick.kernels.state import ScaledInertia
 from dembrick.kernels.statics.loop import settle
-from dembrick.session import Session, Snapshot
-from dembrick.simulation import State
-from dembrick.snapshots import flattened, restored_state
+from dembrick.simulation import interrupts
+from dembrick.simulation.checkpoint_arrays import flattened, restored_state
+from dembrick.simulation.session import Session, Snapshot
+from dembrick.simulation.statics.elastic_factor import Factor, elastic_factor, touches_itself, whole_inertia
+from dembrick.simulation.statics.state import State
 
 UNBALANCED = 1e-12  # of the joint forces
 MOST_STEPS = 20_000
@@ -87,7 +87,7 @@ class _Seating:
         elif session.resumed is not None:
             session = Session(output=session.output)  # what is kept is further on, and must not be written over
         ratio, pace = 1.0, FEW
-        with interruption.deferred():
+        with interrupts.deferred():
             while True:
                 most, momentum = self._rounds[self._round]
                 steps, began = min(pace, most - self._step), time.perf_counter()

@@ -19,10 +19,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dembrick import certificate, equilibrium, guards, replay, simulation
 from dembrick.assembly.joints import Joint
 from dembrick.assembly.quadrature import ContactPoints, contact_points
-from dembrick.cases import Cases, check, wrench
 from dembrick.geometry import polygons
 from dembrick.kernels.state import Areas, Blocks, Jacks, Joints, Points, Pressed, ScaledInertia
 from dembrick.kernels.statics.batch import UNSEATED, Answer, Loading, Lone, Room, Settings, replay_batch
@@ -30,8 +28,10 @@ from dembrick.kernels.statics.certify import Basis
 from dembrick.kernels.statics.load_bounds import NEVER
 from dembrick.kernels.statics.loop import CONVERGED
 from dembrick.scenario.model import JointLaw
-from dembrick.stability import critical_time_step
-from dembrick.yield_point import OPEN
+from dembrick.simulation.statics import certificate, dead_load, guards, limit_load, state
+from dembrick.simulation.statics.batch_cases import Cases, check, wrench
+from dembrick.simulation.statics.critical_step import critical_time_step
+from dembrick.simulation.statics.yield_point import OPEN
 
 BLOCK = 128  # cases prepared and run at a time
 STEP_FACTOR = 0.9  # of the time step that is stable
@@ -116,7 +116,7 @@ class _Faces:
         self.joints = [face(polygon, law) for polygon in cases.polygons]
         self.contact_points: list[ContactPoints | None] = [contact_points(f, cases.tolerance) for f in self.joints]
         self.width = np.array([polygons.width(p) for p in cases.polygons])
-        self.points, self.areas = simulation.point_joints(self), simulation.area_joints(self)
+        self.points, self.areas = state.point_joints(self), state.area_joints(self)
 
 
 def _gathered(start: np.ndarray, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -145,7 +145,7 @@ def _area_joints(faces: _Faces, cases: Cases) -> Areas | None:
     values |= {"joint": np.arange(cases.count), "start": start, "friction": np.array(cases.friction)}
     values |= {"x": faces.areas.x[entry], "y": faces.areas.y[entry]} if len(entry) else {}
     values |= {"k_n": np.array(cases.normal_stiffness), "k_s": np.array(cases.shear_stiffness)}
-    pressed: Pressed | None = simulation.pressed_room([cases.pressure] * cases.count, np.diff(start).tolist())
+    pressed: Pressed | None = state.pressed_room([cases.pressure] * cases.count, np.diff(start).tolist())
     return Areas(**values, pressed=pressed)
 
 
@@ -211,22 +211,22 @@ def _settings(tolerance: float, eta: float) -> Settings:
     return Settings(
         tolerance=tolerance,
         caution=certificate.CAUTION,
-        unbalanced=equilibrium.UNBALANCED,
-        first_steps=equilibrium.FIRST_STEPS,
-        seating_steps=equilibrium.MOST_STEPS,
-        momentum=equilibrium.MOMENTUM,
+        unbalanced=dead_load.UNBALANCED,
+        first_steps=dead_load.FIRST_STEPS,
+        seating_steps=dead_load.MOST_STEPS,
+        momentum=dead_load.MOMENTUM,
         eta=eta,
-        slip_per_step=replay.SLIP_PER_STEP,
-        gently=replay.GENTLY,
-        ramp=float(replay.RAMP),
-        steady=16 * replay.HALVING,
-        slowing=0.5 ** (1.0 / replay.HALVING),
-        jack=replay.JACK,
-        viscous=replay.VISCOUS,
-        calming=replay.CALMING,
-        memory=replay.MEMORY,
-        chunk=replay.CHUNK_OF_SEARCH,
-        most_steps=replay.MOST_STEPS,
+        slip_per_step=limit_load.SLIP_PER_STEP,
+        gently=limit_load.GENTLY,
+        ramp=float(limit_load.RAMP),
+        steady=16 * limit_load.HALVING,
+        slowing=0.5 ** (1.0 / limit_load.HALVING),
+        jack=limit_load.JACK,
+        viscous=limit_load.VISCOUS,
+        calming=limit_load.CALMING,
+        memory=limit_load.MEMORY,
+        chunk=limit_load.CHUNK_OF_SEARCH,
+        most_steps=limit_load.MOST_STEPS,
         window=certificate.WINDOW,
         mask=guards.LOOK - 1,
         stretch=1 << 62,
@@ -237,8 +237,8 @@ def _run(cases: Cases, faces: _Faces) -> LimitLoads:
     k = cases.count
     points, areas = _point_joints(faces, cases), _area_joints(faces, cases)
     blocks, joints, jacks = _blocks(k, cases.dead), _joints(k), _jacks(cases)
-    stiffness = simulation.joint_stiffness(simulation.State(blocks, joints, points, areas, jacks))
-    eta = STEP_FACTOR * critical_time_step(float(np.sqrt(1.0 + replay.JACK)), replay.VISCOUS)
+    stiffness = state.joint_stiffness(state.State(blocks, joints, points, areas, jacks))
+    eta = STEP_FACTOR * critical_time_step(float(np.sqrt(1.0 + limit_load.JACK)), limit_load.VISCOUS)
     unit = wrench(cases)
     loading = Loading(
         unit=unit,

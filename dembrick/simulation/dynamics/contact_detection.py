@@ -15,15 +15,15 @@ import numpy as np
 from dembrick.assembly.broad_phase import bodies_of, close_pairs, overlap_depths
 from dembrick.assembly.joints import TOLERANCE, Joint, JointTable
 from dembrick.errors import HistoryError
-from dembrick.frequencies import load_of_contacts
 from dembrick.geometry.shapes import parts_of
 from dembrick.kernels.dynamics.contact_forces import Touching
 from dembrick.kernels.dynamics.handover import PARTED, SINK, SLIP, TURN
 from dembrick.kernels.dynamics.tiles import SEEN
-from dembrick.moving_polygons import Polygons
-from dembrick.moving_state import MovingState
-from dembrick.session import Snapshot
-from dembrick.touching_state import parts_table, scratch_for, touching_pairs
+from dembrick.simulation.dynamics.contact_state import parts_table, scratch_for, touching_pairs
+from dembrick.simulation.dynamics.joint_polygons import Polygons
+from dembrick.simulation.dynamics.state import MovingState
+from dembrick.simulation.dynamics.time_step import load_of_contacts
+from dembrick.simulation.session import Snapshot
 
 MARGIN = 0.03  # of a part's diameter: parts that are nearer than the sum of theirs are watched
 FIRST = 5e-4  # of the smallest block's diameter: no one looks before blocks have moved so far

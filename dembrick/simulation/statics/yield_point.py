@@ -9,7 +9,7 @@ import numpy as np
 
 from dembrick.errors import BracketError
 from dembrick.kernels.statics.load_bounds import NEVER, Certificate
-from dembrick.simulation import State
+from dembrick.simulation.statics.state import State
 
 _CROSSED = 1e-10  # of V: bounds that have met may cross by rounding
 _NOTHING = 1e-14  # of the largest joint force: a load that is nothing but rounding

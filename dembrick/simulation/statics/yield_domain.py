@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dembrick import batch
 from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.geometry import polygons
+from dembrick.simulation.statics import batch
 
 SPACES = ("quarter", "plane", "all")
 _NEIGHBOURS = 10  # directions around each, out of which the cones of the test of convexity are made

@@ -13,10 +13,10 @@ import dataclasses
 
 import numpy as np
 
-from dembrick import replay
 from dembrick.assembly import ray_quadrature
 from dembrick.assembly.joints import ContactPoints, contact_points
 from dembrick.errors import NotConvergedError
+from dembrick.simulation.statics import limit_load
 
 COUNTS = ((2, 2), (3, 2), (3, 3), (4, 3), (4, 4), (5, 5))  # rays a piece of an edge, points a piece of a ray
 _FEW = 3  # of them are tried while another round may still bring a better centre
@@ -39,7 +39,7 @@ def place_points(assembly, tolerance: float, step_factor: float):
     points = ray_quadrature.rays(joint.polygon, centre, *COUNTS[0])
     for rough in _ROUGH:
         try:
-            run = replay.find_limit_load(_with(assembly, *points), max(rough, tolerance), step_factor)
+            run = limit_load.find_limit_load(_with(assembly, *points), max(rough, tolerance), step_factor)
         except NotConvergedError:
             break
         seconds += run.loop_seconds

@@ -15,17 +15,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from dembrick import interruption
-from dembrick.driving import Driving
 from dembrick.errors import DivergedError, NotConvergedError
-from dembrick.frequencies import (
-    contact_time_step,
-    critical_time_step,
-    joint_matrices,
-    pair_frequencies,
-    stepped_dashpots,
-    time_constants,
-)
 from dembrick.kernels.dynamics.contact_forces import CROWDED, DEEP, DEEPEST
 from dembrick.kernels.dynamics.loop import (
     DIVERGED,
@@ -39,11 +29,21 @@ from dembrick.kernels.dynamics.loop import (
     advance_bodies,
 )
 from dembrick.kernels.dynamics.tiles import VISCOUS, WORK, rows_of_lanes
-from dembrick.meetings import STABLE, Meetings
-from dembrick.motion_books import MotionBooks
-from dembrick.moving_polygons import Polygons
-from dembrick.moving_state import MovingState, moving_state, out_of_balance
 from dembrick.scenario.model import show
+from dembrick.simulation import interrupts
+from dembrick.simulation.dynamics.contact_detection import STABLE, Meetings
+from dembrick.simulation.dynamics.driving import Driving
+from dembrick.simulation.dynamics.energy import MotionBooks
+from dembrick.simulation.dynamics.joint_polygons import Polygons
+from dembrick.simulation.dynamics.state import MovingState, moving_state, out_of_balance
+from dembrick.simulation.dynamics.time_step import (
+    contact_time_step,
+    critical_time_step,
+    joint_matrices,
+    pair_frequencies,
+    stepped_dashpots,
+    time_constants,
+)
 
 SEATING = 0.8  # local damping while blocks are seated
 SEATING_STEP = 0.7  # of the time step then: against the motion, local damping makes a force 1.8 times as large
@@ -180,7 +180,7 @@ def seat(
     ratio, enough, begun = 1.0, SEATED, motion.seating_steps
     dt = SEATING_STEP * motion.time_step
     _advance(motion, held, driving, np.zeros(0), limits, SEATING, dt)  # compiles; a signal need not wait for that
-    with interruption.deferred():
+    with interrupts.deferred():
         while motion.seating_steps < MOST_SEATING and len(held.free) and len(state.links.host):
             if pause is not None and motion.seating_steps > begun:
                 pause()

@@ -8,7 +8,7 @@ import numpy as np
 
 from dembrick.errors import HistoryError
 from dembrick.kernels.statics.load_bounds import NEVER
-from dembrick.session import Snapshot
+from dembrick.simulation.session import Snapshot
 
 MOST_EQUILIBRIA = 400  # of a path
 FIRST_DRAG = 0.01

@@ -6,8 +6,8 @@ import numpy as np
 
 from dembrick.assembly.actuators import NO_CONTROL_POINTS, ControlPoints
 from dembrick.kernels.statics.record import Record
-from dembrick.session import Session
-from dembrick.simulation import State
+from dembrick.simulation.session import Session
+from dembrick.simulation.statics.state import State
 
 ENERGIES = ("kinetic", "elastic", "jack_spring", "external", "friction", "dashpots")
 BUFFER_BYTES = 4 << 20  # memory that the rows of a chunk may take, and again its frames; a chunk ends before more

@@ -11,16 +11,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dembrick import interruption
 from dembrick.errors import HistoryError
 from dembrick.kernels.state import Energy, Inertia, ScaledInertia
 from dembrick.kernels.statics.divergence import Guard
 from dembrick.kernels.statics.load_bounds import Certificate
 from dembrick.kernels.statics.loop import FULL, RUNNING, Drive, advance
-from dembrick.recorder import Recorder
-from dembrick.session import Session, Snapshot, step_at
-from dembrick.simulation import State
-from dembrick.snapshots import flattened, restored, restored_state
+from dembrick.simulation import interrupts
+from dembrick.simulation.checkpoint_arrays import flattened, restored, restored_state
+from dembrick.simulation.session import Session, Snapshot, step_at
+from dembrick.simulation.statics.recorder import Recorder
+from dembrick.simulation.statics.state import State
 
 CHUNK_SECONDS = 0.2  # of a chunk: a signal is answered within that
 FIRST_WORK = 200_000  # block and contact updates in the first chunk, before the pace is known
@@ -96,7 +96,7 @@ class Stepper:
         Raises Interrupted at the end of the chunk in which a signal came.
         """
         status, record = RUNNING, self.recorder.record if self.recorder else None
-        with interruption.deferred():
+        with interrupts.deferred():
             while status == RUNNING and self.loop.step < last:
                 steps = min(self._pace, self._longest, last - self.loop.step)
                 began = time.perf_counter()

@@ -8,12 +8,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from dembrick.elastic import Factor
 from dembrick.errors import ScenarioError
 from dembrick.kernels.math.banded import WIDE, eliminate, substitute
 from dembrick.kernels.statics.newton import Trial, assemble_tangent, try_motion
-from dembrick.simulation import State, joint_stiffness, to_joint
-from dembrick.yield_point import joint_reach
+from dembrick.simulation.statics.elastic_factor import Factor
+from dembrick.simulation.statics.state import State, joint_stiffness, to_joint
+from dembrick.simulation.statics.yield_point import joint_reach
 
 MOST_ITERATIONS = 20  # for one equilibrium
 BACKTRACKS = 8  # of one iteration

@@ -17,8 +17,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from dembrick.driving import Driving
 from dembrick.errors import ScenarioError
+from dembrick.simulation.dynamics.driving import Driving
 
 HELD = 0.05  # rad of the jack's own swing for which V is held
 STRONGEST = 10.0  # load factor: blocks that do not give way before are not pushed over

@@ -19,7 +19,7 @@ from dembrick.geometry import polygons
 from dembrick.geometry.clipping import clip, simplify
 from dembrick.geometry.shapes import parts_of
 from dembrick.kernels.dynamics.tiles import AREA, LEVER, SEEN, SENSE, X, Y
-from dembrick.moving_state import MovingState, put_outlines, with_outlines
+from dembrick.simulation.dynamics.state import MovingState, put_outlines, with_outlines
 
 STALE = 2e-4  # of the polygon's short side
 GONE = 1e-9  # of the polygon's area at the start: less than that is no contact any more

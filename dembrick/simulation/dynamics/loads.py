@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from dembrick import curves
-from dembrick.driving import Driving
 from dembrick.errors import ScenarioError
+from dembrick.simulation.dynamics import time_histories
+from dembrick.simulation.dynamics.driving import Driving
 
 RESOLVED = 4.0  # time steps in the period of a load: fewer would make another load of it
 
@@ -31,9 +31,9 @@ def driving_of(scenario, assembly, time_step: float) -> Driving:
                     f"{place}load number {count}: sine.frequency = {load.sine.frequency:g} Hz swings in {period:.3g} "
                     f"s, and the time step is {time_step:.3g} s; lower the frequency, or solver.step_factor"
                 )
-            factor = curves.sine(load.sine)
+            factor = time_histories.sine(load.sine)
         if load.history is not None:
-            factor = curves.linear(_samples(scenario, load.history, duration, time_step))
+            factor = time_histories.linear(_samples(scenario, load.history, duration, time_step))
         for block in scenario.groups.get(load.block) or (number[load.block],):
             arm = np.zeros(3) if load.point is None else np.array(load.point, float) - assembly.position[block]
             blocks.append(block)
@@ -52,18 +52,18 @@ def driving_of(scenario, assembly, time_step: float) -> Driving:
     if control.kind == "base-motion":
         driving["direction"] = np.array(control.direction, float)
         if control.sine is not None:
-            driving["support_velocity"] = curves.sine_velocity(control.sine, control.quantity)
+            driving["support_velocity"] = time_histories.sine_velocity(control.sine, control.quantity)
         elif control.pulse is not None:
-            driving["support_velocity"] = curves.pulse_velocity(control.pulse, control.quantity)
+            driving["support_velocity"] = time_histories.pulse_velocity(control.pulse, control.quantity)
         else:
             samples = _samples(scenario, control.file, duration, time_step)
-            driving["support_velocity"] = curves.sampled_velocity(samples, control.quantity)
+            driving["support_velocity"] = time_histories.sampled_velocity(samples, control.quantity)
     return Driving(**driving)
 
 
-def _samples(scenario, file: str, duration: float, time_step: float) -> curves.Samples:
+def _samples(scenario, file: str, duration: float, time_step: float) -> time_histories.Samples:
     folder = Path(scenario.path).parent if scenario.path else Path()
-    samples = curves.read_samples(folder / file, duration)
+    samples = time_histories.read_samples(folder / file, duration)
     if samples.step < time_step:
         raise ScenarioError(
             f"{samples.path}: its step of {samples.step:.3g} s is shorter than the time step {time_step:.3g} s of the "

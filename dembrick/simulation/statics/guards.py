@@ -8,7 +8,7 @@ from dembrick.errors import DivergedError
 from dembrick.kernels.statics.divergence import RUNAWAY as TIMES
 from dembrick.kernels.statics.divergence import Guard
 from dembrick.kernels.statics.loop import DIVERGED, RUNAWAY
-from dembrick.simulation import State, turned_blocks
+from dembrick.simulation.statics.state import State, turned_blocks
 
 LONGEST_MOVE = 0.1  # of the smallest block: a step that moves a block further has diverged
 LOOK = 64  # steps between two looks at the energy, at most; a power of two

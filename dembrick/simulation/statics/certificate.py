@@ -6,7 +6,7 @@ import numpy as np
 
 from dembrick.kernels.statics.certify import Basis, at_joint, certify
 from dembrick.kernels.statics.load_bounds import NEVER, Certificate
-from dembrick.simulation import State
+from dembrick.simulation.statics.state import State
 
 WINDOW = 32  # steps over which an indicator must hold still
 CAUTION = 0.5  # an indicator must be this much narrower than asked: what still drifts is not in it

@@ -22,24 +22,24 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from dembrick.certificate import certificate, frictionless
-from dembrick.elastic import elastic_factor, touches_itself
-from dembrick.equilibrium import inverse_inertia, seat
 from dembrick.errors import NotConvergedError, ScenarioError
-from dembrick.guards import new_guard, refuse_divergence
 from dembrick.kernels.state import Energy, Inertia
 from dembrick.kernels.statics.load_bounds import Certificate
 from dembrick.kernels.statics.loop import CONVERGED, RUNNING, Drive
-from dembrick.quasi_static import follow, prepare
-from dembrick.recorder import Recorder
 from dembrick.scenario.controls import on_all_blocks
 from dembrick.scenario.model import Output
-from dembrick.session import Observer, Plan, Session
-from dembrick.simulation import State, block_stiffness, initial_state, load_vectors, new_energy
-from dembrick.stability import Dashpots, block_inertia, critical_time_step, dashpots
-from dembrick.steadiness import refuse_unsound, steady
-from dembrick.stepping import Loop, Stepper
-from dembrick.yield_point import YieldPoint, joint_reach, read_off
+from dembrick.simulation.session import Observer, Plan, Session
+from dembrick.simulation.statics.certificate import certificate, frictionless
+from dembrick.simulation.statics.critical_step import Dashpots, block_inertia, critical_time_step, dashpots
+from dembrick.simulation.statics.dead_load import inverse_inertia, seat
+from dembrick.simulation.statics.elastic_factor import elastic_factor, touches_itself
+from dembrick.simulation.statics.guards import new_guard, refuse_divergence
+from dembrick.simulation.statics.path_following import follow, prepare
+from dembrick.simulation.statics.recorder import Recorder
+from dembrick.simulation.statics.state import State, block_stiffness, initial_state, load_vectors, new_energy
+from dembrick.simulation.statics.steady_load import refuse_unsound, steady
+from dembrick.simulation.statics.stepper import Loop, Stepper
+from dembrick.simulation.statics.yield_point import YieldPoint, joint_reach, read_off
 
 # Numerical choices; answers do not depend on them beyond the tolerance, and a test says so.
 VISCOUS = 0.5  # dashpot force over spring force for the same increment, in contacts and jack, while searching

@@ -22,19 +22,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dembrick import interruption
-from dembrick.elastic import Factor
-from dembrick.equilibria import HELD, Equilibria
 from dembrick.kernels.statics.energy import DASHPOTS, ELASTIC, EXTERNAL, FRICTION, elastic_energy
 from dembrick.kernels.statics.load_bounds import NEVER, Certificate, instant_bounds
 from dembrick.kernels.statics.newton import remember
 from dembrick.kernels.statics.record import write_row
-from dembrick.path_limit import limit_bounds
-from dembrick.recorder import Recorder
-from dembrick.session import Session, Snapshot
-from dembrick.simulation import State
-from dembrick.snapshots import flattened, restored_state
-from dembrick.way import MOST_EQUILIBRIA, Drift, Way
+from dembrick.simulation import interrupts
+from dembrick.simulation.checkpoint_arrays import flattened, restored_state
+from dembrick.simulation.session import Session, Snapshot
+from dembrick.simulation.statics.elastic_factor import Factor
+from dembrick.simulation.statics.newton import HELD, Equilibria
+from dembrick.simulation.statics.path_bounds import limit_bounds
+from dembrick.simulation.statics.path_state import MOST_EQUILIBRIA, Drift, Way
+from dembrick.simulation.statics.recorder import Recorder
+from dembrick.simulation.statics.state import State
 
 ELASTIC_STEPS = 16  # to the limit load, as far as that can be guessed
 EASY, HARD = 6, 12  # iterations up to which a step may grow, from which it shrinks
@@ -129,7 +129,7 @@ class _Follower:
             remember(self.trial, self.state.joints, self.state.points, self.state.areas)
             self._record()
         converged, more = False, True
-        with interruption.deferred():
+        with interrupts.deferred():
             while more and (way.drift or (way.equilibria < MOST_EQUILIBRIA and way.step > SHORTEST * way.longest)):
                 paused = time.perf_counter()
                 if self.session.keep is not None:

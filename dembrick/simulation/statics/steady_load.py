@@ -13,7 +13,7 @@ import numpy as np
 
 from dembrick.errors import NotConvergedError
 from dembrick.kernels.statics.divergence import Guard
-from dembrick.yield_point import YieldPoint
+from dembrick.simulation.statics.yield_point import YieldPoint
 
 STEADY = 1e-2  # of the mean load: swing (rms) and missing growth that are let pass
 MISSING = 5.5  # times the growth from the third to the last quarter: what 1 - c/sqrt(u) still lacks

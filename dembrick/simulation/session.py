@@ -9,8 +9,8 @@ from typing import Protocol
 
 import numpy as np
 
-from dembrick import interruption
 from dembrick.scenario.model import Output
+from dembrick.simulation import interrupts
 
 Observer = Callable[[Mapping[str, np.ndarray], Mapping[str, np.ndarray]], None]
 
@@ -72,13 +72,13 @@ class Session:
 
         ``within`` a chunk, whose beginning the run still knows, only a signal counts.
         """
-        signum = interruption.requested()
+        signum = interrupts.requested()
         due = not within and time.monotonic() - self.last_kept >= self.output.checkpoint
         if self.keep is not None and (due or signum):
             self.keep(run.snapshot(), run.where)
             self.last_kept = time.monotonic()
         if signum:
-            raise interruption.Interrupted(signum, f"interrupted after {run.where}")
+            raise interrupts.Interrupted(signum, f"interrupted after {run.where}")
 
 
 def step_at(step: int, time_step: float) -> str:

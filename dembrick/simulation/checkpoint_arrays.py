@@ -7,7 +7,7 @@ from collections.abc import Container, Mapping
 import numpy as np
 
 from dembrick.errors import HistoryError
-from dembrick.session import Snapshot
+from dembrick.simulation.session import Snapshot
 
 COUNTERS = ("state.areas.evaluations", "state.areas.pressed.count")  # integers of a state that change
 

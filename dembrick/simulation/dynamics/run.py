@@ -9,17 +9,21 @@ from functools import partial
 
 import numpy as np
 
-from dembrick import interruption
-from dembrick.audit import Sums
-from dembrick.driving import Driving
-from dembrick.dynamics import Motion, advance, damping_of_restitution, joint_forces, motion, seat
 from dembrick.errors import HistoryError, NotConvergedError, ScenarioError
 from dembrick.geometry.shapes import quaternion_product, rotation_matrix, unit_quaternion
 from dembrick.kernels.dynamics.loop import REACHED, Limits
 from dembrick.kernels.dynamics.record import unbalanced_ratio
 from dembrick.kernels.dynamics.tiles import SEEN
-from dembrick.motion_books import MotionBooks
-from dembrick.moving_state import (
+from dembrick.scenario.checks import show
+from dembrick.scenario.controls import drives_to_collapse
+from dembrick.scenario.model import Output
+from dembrick.simulation import interrupts
+from dembrick.simulation.checkpoint_arrays import flattened, restored
+from dembrick.simulation.dynamics.driving import Driving
+from dembrick.simulation.dynamics.energy import MotionBooks
+from dembrick.simulation.dynamics.integrator import Motion, advance, damping_of_restitution, joint_forces, motion, seat
+from dembrick.simulation.dynamics.pushover import STRONGEST, Jack, jack_of
+from dembrick.simulation.dynamics.state import (
     contact_arms,
     contact_forces,
     joint_resultants,
@@ -27,12 +31,8 @@ from dembrick.moving_state import (
     seen,
     with_contact_forces,
 )
-from dembrick.pushing import STRONGEST, Jack, jack_of
-from dembrick.scenario.checks import show
-from dembrick.scenario.controls import drives_to_collapse
-from dembrick.scenario.model import Output
-from dembrick.session import Plan, Session, Snapshot, step_at
-from dembrick.snapshots import flattened, restored
+from dembrick.simulation.energy_audit import Sums
+from dembrick.simulation.session import Plan, Session, Snapshot, step_at
 
 STEEPEST = 90.0  # deg: a tilt that brings nothing down ends there
 MOVED = 0.1  # of the longest displacement: blocks that have moved further belong to the mechanism
@@ -168,7 +168,7 @@ def run(moving: Motion, control, driving: Driving, session: Session) -> MotionRu
     if not moving.steps:
         recorder.take()
     status = None
-    with interruption.deferred():
+    with interrupts.deferred():
         while moving.steps < steps and status != REACHED:
             n = min(stride, every - moving.steps % every, steps - moving.steps)
             if jack is None:

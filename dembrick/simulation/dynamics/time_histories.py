@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from dembrick.driving import Curve
 from dembrick.errors import ScenarioError
 from dembrick.scenario.checks import show
 from dembrick.scenario.controls import Pulse, Sine
+from dembrick.simulation.dynamics.driving import Curve
 
 GAP = 1.5  # of the usual step: a longer one means that samples are missing
 LARGEST_FILE = 64 << 20  # bytes

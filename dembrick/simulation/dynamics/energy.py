@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from dembrick.audit import Sums
 from dembrick.kernels.dynamics.energy import (
     BY_LAW,
     CONTACTS,
@@ -25,8 +24,9 @@ from dembrick.kernels.dynamics.energy import (
     take_stock,
 )
 from dembrick.kernels.dynamics.tiles import AREA, ELASTIC, POINT, X, Y, rows_of_lanes
-from dembrick.moving_polygons import Polygons
-from dembrick.moving_state import MovingState, out_of_balance, seen
+from dembrick.simulation.dynamics.joint_polygons import Polygons
+from dembrick.simulation.dynamics.state import MovingState, out_of_balance, seen
+from dembrick.simulation.energy_audit import Sums
 
 ENERGIES = ("kinetic", "elastic", "external", "friction", "dashpots", "released", "stepping", "new_contacts")
 

@@ -15,7 +15,7 @@ import numpy as np
 from dembrick.geometry import polygons
 from dembrick.geometry.shapes import Polyhedron, parts_of
 from dembrick.kernels.dynamics.contact_forces import Touching
-from dembrick.moving_state import MovingState, arms
+from dembrick.simulation.dynamics.state import MovingState, arms
 
 LANCZOS = 60  # iterations at most
 CLOSE = 2e-3  # relative residual that ends them
