@@ -13,13 +13,13 @@ _HOMES = {
     "load": "dembrick.scenario.toml",
     "loads": "dembrick.scenario.toml",
     "dumps": "dembrick.scenario.toml",
-    "simulate": "dembrick.result",
-    "restart": "dembrick.result",
-    "simulate_domain": "dembrick.domain",
-    "Result": "dembrick.result",
+    "simulate": "dembrick.runs.result",
+    "restart": "dembrick.runs.result",
+    "simulate_domain": "dembrick.runs.domain",
+    "Result": "dembrick.runs.result",
     "read_history": "dembrick.history",
-    "replay_lab": "dembrick.lab",
-    "sweep": "dembrick.study",
+    "replay_lab": "dembrick.runs.lab",
+    "sweep": "dembrick.runs.study",
 }
 __all__ = ["__version__", *_HOMES]
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from dembrick.lab import lab_scenario
+from dembrick.runs.lab import lab_scenario
 from dembrick.scenario import model
 
 SCENARIOS = Path(__file__).parent.parent / "scenarios"

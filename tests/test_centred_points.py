@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dembrick import judge
 from dembrick.assembly import build, ray_quadrature
 from dembrick.geometry import polygons
-from dembrick.lab import lab_scenario
+from dembrick.runs import theory_check
+from dembrick.runs.lab import lab_scenario
 from dembrick.simulation.statics import limit_load
 from dembrick.simulation.statics.point_placement import place_points
 
@@ -60,7 +60,7 @@ def test_placed_points_meet_the_continuum_within_half_the_tolerance(name, tolera
     placed, seconds = place_points(built, tolerance, 0.9)
     assert seconds > 0.0
     assert 20 <= len(placed.contact_points[0].area) <= 200
-    theory = judge.theory_of(placed)
+    theory = theory_check.theory_of(placed)
     assert abs(theory.discretisation_error) <= 0.5 * tolerance
     V = limit_load.find_limit_load(placed, tolerance, 0.9).yield_point.V
     assert V / theory.V * (1.0 + theory.discretisation_error) == pytest.approx(1.0, abs=1.5 * tolerance)
@@ -73,7 +73,7 @@ def test_points_for_another_centre_would_miss():
     arms, areas = ray_quadrature.rays(RECTANGLE, (0.0, 0.0), 3, 2)
     points = dataclasses.replace(placed.contact_points[0], normal_arm=arms, shear_arm=arms, area=areas)
     elsewhere = dataclasses.replace(built, contact_points=(points,))
-    assert abs(judge.theory_of(elsewhere).discretisation_error) > 0.5e-5
+    assert abs(theory_check.theory_of(elsewhere).discretisation_error) > 0.5e-5
 
 
 def test_a_joint_that_opens_keeps_the_lattice():

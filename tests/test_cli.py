@@ -14,9 +14,10 @@ import h5py
 import pytest
 
 import dembrick
-from dembrick import history, lab
+from dembrick import history
 from dembrick.cli import main
-from dembrick.lab import scenario_folder
+from dembrick.runs import lab
+from dembrick.runs.lab import scenario_folder
 from dembrick.simulation.interrupts import Interrupted
 
 SET_4A = str((scenario_folder() / "set4a.toml").resolve())
@@ -146,10 +147,10 @@ def test_not_converged_keeps_the_history(call, folder, monkeypatch):
 
 
 def test_disagreement_with_theory_exits_3(call, monkeypatch):
-    from dembrick import judge
+    from dembrick.runs import theory_check
 
-    true = judge.theory_of
-    monkeypatch.setattr(judge, "theory_of", lambda a: dataclasses.replace(true(a), V=1.01 * true(a).V))
+    true = theory_check.theory_of
+    monkeypatch.setattr(theory_check, "theory_of", lambda a: dataclasses.replace(true(a), V=1.01 * true(a).V))
     code, out, err = call("run", SET_4A, "--json")
     assert (code, json.loads(out)["status"]) == (3, "yield")
     assert "disagree" in err
@@ -203,7 +204,8 @@ def test_check_info_yield_export(call, folder):
 
 
 def test_warmup_runs_every_kind_of_loop(call, monkeypatch):
-    from dembrick import _jit, result
+    from dembrick import _jit
+    from dembrick.runs import result
 
     ran = []
     simulate = result.simulate

@@ -10,7 +10,7 @@ from dembrick.errors import ScenarioError
 from dembrick.geometry.convex_hull import compound
 from dembrick.geometry.friction_integrals import area_radius, far_moments
 from dembrick.geometry.shapes import box, rotation_matrix, unit_quaternion
-from dembrick.judge import theory_of
+from dembrick.runs.theory_check import theory_of
 from dembrick.scenario import toml
 from dembrick.scenario.blocks import Block, Part, Prism
 from dembrick.scenario.model import Actuator, JointLaw, Load, Material, Scenario, YieldControl

@@ -8,15 +8,15 @@ import pytest
 
 from dembrick import history
 from dembrick.cli import main
-from dembrick.export.layers import Contacts, Picture
 from dembrick.geometry.shapes import rotation_matrix
 from dembrick.history.layout import NEW_CONTACTS
-from dembrick.joint_motion import JointMotion
-from dembrick.result import restart, simulate
+from dembrick.runs.result import restart, simulate
 from dembrick.scenario.controls import DynamicControl
 from dembrick.scenario.model import CHANNELS, Block, JointLaw, Material, Output, Scenario
 from dembrick.simulation import interrupts
 from dembrick.simulation.interrupts import Interrupted
+from dembrick.views.export.layers import Contacts, Picture
+from dembrick.views.motion.joints import JointMotion
 
 G = 9.81
 FLOOR = Block("floor", "stone", (4.0, 4.0, 0.1), (0.0, 0.0, -0.05), fixed=True)

@@ -14,7 +14,7 @@ from dembrick.cli import main
 from dembrick.errors import DivergedError
 from dembrick.geometry.shapes import box, quaternion_product
 from dembrick.kernels.dynamics.contact_forces import clear_applied, touch
-from dembrick.result import simulate
+from dembrick.runs.result import simulate
 from dembrick.scenario.controls import DynamicControl
 from dembrick.scenario.model import Block, Load, Output, Sine, Solver
 from dembrick.scenario.toml import dumps

@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dembrick import history, plot
+from dembrick import history
 from dembrick.cli import main
 from dembrick.errors import HistoryError, ScenarioError
-from dembrick.result import simulate
+from dembrick.runs.result import simulate
 from dembrick.scenario import toml as scenarios
+from dembrick.views import plot
 
 SCENARIOS = Path(__file__).parent.parent / "scenarios"
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from dembrick.errors import BracketError
-from dembrick.lab import lab_scenario
-from dembrick.result import simulate
+from dembrick.runs.lab import lab_scenario
+from dembrick.runs.result import simulate
 from dembrick.simulation.statics import limit_load, yield_point
 
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import dembrick
-from dembrick import domain
 from dembrick.assembly import build
 from dembrick.cli import main
 from dembrick.errors import ScenarioError
-from dembrick.lab import lab_scenario
+from dembrick.runs import domain
+from dembrick.runs.lab import lab_scenario
 
 LAB = ["--a", "0.3", "--b", "0.2", "--mu", "0.64", "--N", "467"]
 OBLIQUE = "0,0;0.4,0;0.35,0.2;0.05,0.25"

@@ -7,12 +7,12 @@ import dataclasses
 import numpy as np
 import pytest
 
-from dembrick import lab
 from dembrick.assembly import build
 from dembrick.errors import EnergyAuditError
 from dembrick.kernels.state import BY_LAW, DAMPING, HEAD, LEAST, SLIDING, TORQUES, Energy, Points
 from dembrick.kernels.statics.joint_forces import point_forces
-from dembrick.result import simulate
+from dembrick.runs import lab
+from dembrick.runs.result import simulate
 from dembrick.scenario import model
 from dembrick.scenario.model import FORMULATIONS
 from dembrick.simulation import energy_audit

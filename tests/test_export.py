@@ -10,11 +10,12 @@ import history_cases as cases
 import numpy as np
 import pytest
 
-from dembrick import export, history
+from dembrick import history
 from dembrick.cli import main
 from dembrick.errors import HistoryError, MissingDependency, OutputError, ScenarioError, WriteError
-from dembrick.export import text, vtkhdf
-from dembrick.joint_motion import JointMotion
+from dembrick.views import export
+from dembrick.views.export import text, vtkhdf
+from dembrick.views.motion.joints import JointMotion
 
 N_FRAME = 7
 EVERYTHING = ("joints", "energy", "frames", "velocity", "contacts")

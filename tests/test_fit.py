@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from dembrick import fit
 from dembrick.cli import main
 from dembrick.errors import ScenarioError
-from dembrick.lab import scenario_folder
+from dembrick.runs import fit
+from dembrick.runs.lab import scenario_folder
 
 FOLDER = scenario_folder()
 

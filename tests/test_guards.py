@@ -12,7 +12,7 @@ from dembrick.errors import DivergedError, NotConvergedError
 from dembrick.kernels.state import HEAD, SEATED, SEATING, TORQUES
 from dembrick.kernels.statics import divergence as kernel
 from dembrick.kernels.statics.loop import DIVERGED, RUNAWAY, RUNNING
-from dembrick.lab import lab_scenario
+from dembrick.runs.lab import lab_scenario
 from dembrick.simulation.statics import limit_load
 from dembrick.simulation.statics.guards import LOOK, STRETCHES, new_guard, refuse_divergence
 from dembrick.simulation.statics.state import initial_state

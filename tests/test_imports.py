@@ -192,7 +192,7 @@ assert not code, code
 
 
 def test_a_plain_run_loads_no_screens():
-    loaded, _ = loaded_after("import dembrick.result, dembrick.history")
+    loaded, _ = loaded_after("import dembrick.runs.result, dembrick.history")
     assert {"numpy", "numba", "h5py"} <= loaded
     assert not loaded & {"pyvista", "vtk", "vtkmodules", "matplotlib", "meshio"}
 
@@ -201,8 +201,8 @@ def test_a_warm_run_does_not_prepare_to_compile():
     """Machine code that is there already is loaded without what numba needs to make some, to the same answer."""
     code = """
 import sys
-from dembrick.lab import lab_scenario
-from dembrick.result import simulate
+from dembrick.runs.lab import lab_scenario
+from dembrick.runs.result import simulate
 print(simulate(lab_scenario('set4a', 'concave')).yield_point.V, 'numba.np.linalg' in sys.modules)
 """
     (first, _), (V, prepared) = (loaded_after(code)[1].split()[:2] for _ in range(2))  # the first fills the cache
@@ -219,7 +219,8 @@ class Refuse:
             raise ModuleNotFoundError(name)
 sys.meta_path.insert(0, Refuse())
 import dembrick
-from dembrick import judge, lab, result, history
+from dembrick import history
+from dembrick.runs import lab, result, theory_check
 """
     loaded, _ = loaded_after(code)
     assert "scipy" not in loaded

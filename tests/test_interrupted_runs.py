@@ -17,7 +17,7 @@ from restart_cases import PACKAGE, SCENARIOS, SLOW, case, check_same, dembrick, 
 from dembrick.cli import main
 from dembrick.errors import NotConvergedError
 from dembrick.history import Checkpoint, Checkpoints, read
-from dembrick.result import restart, simulate
+from dembrick.runs.result import restart, simulate
 from dembrick.scenario import toml
 from dembrick.simulation import interrupts
 from dembrick.simulation.interrupts import Interrupted
@@ -68,7 +68,7 @@ def test_a_second_signal_kills_at_once(tmp_path, long_run, monkeypatch):
     """Whatever the first one is waiting for: here a checkpoint that never comes to its end."""
     code = f"""
 import signal, sys, time
-from dembrick import keeper
+from dembrick.runs import record_store as keeper
 from dembrick.cli import main
 keeper.Keeper.keep = lambda *_: (print("waiting", flush=True), time.sleep(60))
 sys.exit(main(["run", {str(long_run / "long.toml")!r}, "--out", {str(tmp_path / "run.h5")!r}]))
@@ -84,7 +84,7 @@ sys.exit(main(["run", {str(long_run / "long.toml")!r}, "--out", {str(tmp_path / 
     assert child.returncode == -signal.SIGTERM  # 143 to a shell
 
 
-@pytest.mark.parametrize("late", ["dembrick.judge.theory_of", "dembrick.history.HistoryWriter.finish"])
+@pytest.mark.parametrize("late", ["dembrick.runs.theory_check.theory_of", "dembrick.history.HistoryWriter.finish"])
 def test_a_signal_that_finds_the_answer_there_leaves_it_whole(tmp_path, capsys, monkeypatch, late):
     """While it is compared with theory, and while it is written."""
     (tmp_path / "set4a.toml").write_text(toml.dumps(case("set4a", "concave")))
@@ -130,7 +130,7 @@ def test_a_run_is_complete_whatever_becomes_of_its_error_estimate(tmp_path, monk
     def estimate(_):
         raise error
 
-    monkeypatch.setattr("dembrick.result._refined", estimate)
+    monkeypatch.setattr("dembrick.runs.result._refined", estimate)
     path = tmp_path / "run.h5"
     with pytest.raises(type(error), match=f"error.*; the run itself .* is complete in {path}"):
         simulate(given, path, refine=True)
@@ -169,7 +169,7 @@ def test_a_run_killed_before_its_first_checkpoint_starts_anew(tmp_path, capsys):
     (tmp_path / "set4a.toml").write_text(toml.dumps(given))
     code = f"""
 import os
-from dembrick import keeper
+from dembrick.runs import record_store as keeper
 from dembrick.cli import main
 keeper.Keeper.session = lambda *_: os.kill(os.getpid(), 9)
 main(["run", {str(tmp_path / "set4a.toml")!r}, "--out", {str(tmp_path / "run.h5")!r}])

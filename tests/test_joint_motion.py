@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from dembrick import theory
-from dembrick.joint_motion import CHANNELS, STATES, JointMotion, nearest, torsion_centre
 from dembrick.kernels.joint.utilisation import best_kink, point_gauge
+from dembrick.views.motion.joints import CHANNELS, STATES, JointMotion, nearest, torsion_centre
 
 A, B = 0.3, 0.2
 CORNERS = 0.5 * np.array([[-A, -B], [A, -B], [A, B], [-A, B]])

@@ -9,9 +9,9 @@ import pytest
 from dembrick import history
 from dembrick.cli import main
 from dembrick.errors import HistoryError
-from dembrick.joint_table import UNITS, joint_table
-from dembrick.result import simulate
+from dembrick.runs.result import simulate
 from dembrick.scenario import toml as scenarios
+from dembrick.views.motion.table import UNITS, joint_table
 
 SCENARIOS = Path(__file__).parent.parent / "scenarios"
 

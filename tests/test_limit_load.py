@@ -15,8 +15,8 @@ from dembrick.geometry import friction_integrals
 from dembrick.geometry.shapes import rotation_matrix
 from dembrick.kernels.joint import limit_surface
 from dembrick.kernels.statics import block_forces, joint_forces, load_bounds, loop
-from dembrick.lab import lab_scenario
-from dembrick.result import simulate
+from dembrick.runs.lab import lab_scenario
+from dembrick.runs.result import simulate
 from dembrick.scenario.model import (
     FORMULATIONS,
     Actuator,

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from dembrick.geometry.shapes import rotation_matrix
-from dembrick.result import simulate
+from dembrick.runs.result import simulate
 from dembrick.scenario.controls import BaseMotionControl, DynamicControl, Pulse, Sine
 from dembrick.scenario.model import Block, JointLaw, Load, Material, Output, Scenario
 from dembrick.simulation.dynamics.driving import Driving

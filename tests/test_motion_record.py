@@ -7,18 +7,18 @@ import pytest
 from test_moving_joints import FORMULATIONS, about, place, seated
 
 from dembrick import history
-from dembrick.export.layers import Contacts, Picture
-from dembrick.joint_motion import JointMotion
 from dembrick.kernels.dynamics.loop import Limits
 from dembrick.kernels.dynamics.record import unbalanced_ratio
-from dembrick.lab import scenario_folder
-from dembrick.result import simulate
+from dembrick.runs.lab import scenario_folder
+from dembrick.runs.result import simulate
 from dembrick.scenario import model, toml
 from dembrick.scenario.controls import DynamicControl, PushoverControl
 from dembrick.scenario.generators import Wall
 from dembrick.scenario.model import JointLaw, Material, Output, Scenario
 from dembrick.simulation.dynamics.integrator import advance, joint_forces
 from dembrick.simulation.dynamics.state import contact_forces, joint_resultants, out_of_balance, with_contact_forces
+from dembrick.views.export.layers import Contacts, Picture
+from dembrick.views.motion.joints import JointMotion
 
 POINTS = ("concave", "corrected", "corrected-shear", "distributed")
 ALL = model.CHANNELS

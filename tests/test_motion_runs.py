@@ -11,7 +11,7 @@ from dembrick.assembly import build
 from dembrick.cli import main
 from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.kernels.dynamics.loop import Limits
-from dembrick.result import simulate
+from dembrick.runs.result import simulate
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.controls import BaseMotionControl, DynamicControl, Pulse, PushoverControl, Sine, TiltControl
 from dembrick.scenario.model import Block, JointLaw, Load, Material, Scenario, Wall

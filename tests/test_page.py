@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 import dembrick
-from dembrick import history, page
+from dembrick import history
 from dembrick.cli import main
 from dembrick.errors import HistoryError, OutputError
-from dembrick.joint_motion import JointMotion
-from dembrick.lab import scenario_folder
-from dembrick.page import content
+from dembrick.runs.lab import scenario_folder
+from dembrick.views import page
+from dembrick.views.motion.joints import JointMotion
+from dembrick.views.page import content
 
 EVIL = '</script><script>document.title="hacked"</script><img src=x onerror="document.title=1">&lt;$title ${data}'
 POINT = {"V": 216.0, "V_lower": 215.0, "V_upper": 217.0, "bracket": "certified", "M_T": 16.2, "N": 467.0}

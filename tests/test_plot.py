@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 import dembrick
-from dembrick import cli, history, plot, theory
+from dembrick import cli, history, theory
 from dembrick.errors import HistoryError, OutputError, ScenarioError
-from dembrick.lab import scenario_folder
-from dembrick.plot import subject
+from dembrick.runs.lab import scenario_folder
+from dembrick.views import plot
+from dembrick.views.plot import subject
 
-joint_plane_module = sys.modules["dembrick.plot.joint_plane"]  # the package has the function under this name
+joint_plane_module = sys.modules["dembrick.views.plot.joint_plane"]  # the package has the function under this name
 
 POINT = {"V": 216.0, "V_lower": 215.0, "V_upper": 218.0, "bracket": "certified", "V_1": 0.0, "V_2": 216.0}
 POINT |= {"M_T": 16.2, "N": 467.0, "torsion_centre": [-0.12, 0.0]}

@@ -12,8 +12,8 @@ from dembrick.assembly import build
 from dembrick.geometry import polygons
 from dembrick.kernels.joint import pressure as kernels
 from dembrick.kernels.joint.laws import no_tension
-from dembrick.lab import lab_scenario
-from dembrick.result import simulate
+from dembrick.runs.lab import lab_scenario
+from dembrick.runs.result import simulate
 from dembrick.scenario.model import DisplacementControl, Load
 from dembrick.simulation.statics import limit_load, state
 

@@ -8,12 +8,12 @@ import time
 
 import pytest
 
-from dembrick import profile
 from dembrick.cli import main
 from dembrick.errors import ScenarioError
-from dembrick.lab import lab_scenario
-from dembrick.profile import NEVER, PHASES, STEPS, loop_shares, step_shares
-from dembrick.result import simulate
+from dembrick.runs import profile
+from dembrick.runs.lab import lab_scenario
+from dembrick.runs.profile import NEVER, PHASES, STEPS, loop_shares, step_shares
+from dembrick.runs.result import simulate
 from dembrick.scenario.controls import DynamicControl, PushoverControl
 from dembrick.scenario.model import Block, DisplacementControl, JointLaw, Material, Scenario
 from dembrick.simulation.statics.newton import Equilibria
@@ -92,7 +92,7 @@ def test_only_a_finished_run_has_a_profile(tmp_path, monkeypatch, capsys):
     def stop(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("dembrick.result._replayed", stop)
+    monkeypatch.setattr("dembrick.runs.result._replayed", stop)
     with pytest.raises(KeyboardInterrupt):
         simulate(lab_scenario("set4a", "concave"), tmp_path / "run.h5")
     assert main(["info", str(tmp_path / "run.h5"), "--profile"]) == 2

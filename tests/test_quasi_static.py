@@ -12,10 +12,9 @@ from scipy.optimize import linprog
 from dembrick import history
 from dembrick.assembly import build
 from dembrick.errors import NotConvergedError, ScenarioError
-from dembrick.export.text import to_csv
 from dembrick.history.layout import load_of
-from dembrick.lab import scenario_folder
-from dembrick.result import simulate
+from dembrick.runs.lab import scenario_folder
+from dembrick.runs.result import simulate
 from dembrick.scenario.controls import PushoverControl, TiltControl
 from dembrick.scenario.generators import Arch, Dome, Wall
 from dembrick.scenario.model import Actuator, Block, JointLaw, Load, Material, Scenario
@@ -23,6 +22,7 @@ from dembrick.scenario.toml import load
 from dembrick.simulation.statics import limit_load
 from dembrick.simulation.statics.dead_load import seat
 from dembrick.simulation.statics.state import block_stiffness, initial_state
+from dembrick.views.export.text import to_csv
 
 
 def scene(control, formulation="concave", friction=0.7, stiffness=1e10, **parts) -> Scenario:

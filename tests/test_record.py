@@ -8,8 +8,8 @@ import pytest
 
 from dembrick.assembly import build as assemblies
 from dembrick.errors import ScenarioError
-from dembrick.lab import lab_scenario
-from dembrick.result import simulate
+from dembrick.runs.lab import lab_scenario
+from dembrick.runs.result import simulate
 from dembrick.scenario import model, toml
 from dembrick.simulation.session import Session
 from dembrick.simulation.statics import recorder

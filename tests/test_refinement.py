@@ -7,10 +7,10 @@ import pytest
 
 from dembrick import cli
 from dembrick.errors import ScenarioError
-from dembrick.refinement import refinements
-from dembrick.result import simulate
+from dembrick.runs.error_estimate import refinements
+from dembrick.runs.result import simulate
 from dembrick.scenario import toml
-from dembrick.summary import key_numbers
+from dembrick.views.summary import key_numbers
 
 SCENARIOS = Path(__file__).parent.parent / "scenarios"
 PULSE = 9.81 * 0.5 * 0.2**2 * (0.5 - 0.2) * 0.5 / 0.2  # m: Newmark's block, 0.5 g for 0.2 s, friction 0.2

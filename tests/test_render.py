@@ -9,14 +9,15 @@ import history_cases as cases
 import numpy as np
 import pytest
 
-from dembrick import export, history, plot, render
+from dembrick import history
 from dembrick.cli import main
 from dembrick.errors import HistoryError, MissingDependency, OutputError, ScenarioError
 from dembrick.geometry.shapes import box
-from dembrick.joint_motion import JointMotion
-from dembrick.render import images, scene, screen
-from dembrick.result import simulate
+from dembrick.runs.result import simulate
 from dembrick.scenario.model import CHANNELS
+from dembrick.views import export, plot, render
+from dembrick.views.motion.joints import JointMotion
+from dembrick.views.render import images, scene, screen
 
 pyvista = pytest.importorskip("pyvista")
 

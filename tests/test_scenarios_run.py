@@ -11,7 +11,7 @@ import pytest
 import dembrick
 from dembrick.assembly.build import assemble
 from dembrick.errors import NotConvergedError
-from dembrick.lab import scenario_folder
+from dembrick.runs.lab import scenario_folder
 
 ASSEMBLIES = {  # free blocks, joints
     "wall_tilt": (105, 285),

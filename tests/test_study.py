@@ -11,11 +11,11 @@ import h5py
 import numpy as np
 import pytest
 
-from dembrick import study as studies
 from dembrick.errors import OutputError, ScenarioError
-from dembrick.lab import scenario_folder
-from dembrick.study.draws import Draws, distribution
-from dembrick.study.executors import ClusterError
+from dembrick.runs import study as studies
+from dembrick.runs.lab import scenario_folder
+from dembrick.runs.study.draws import Draws, distribution
+from dembrick.runs.study.executors import ClusterError
 
 BASE = (scenario_folder() / "set4a.toml").read_text(encoding="utf-8")
 THREE = '[grid]\n"joint.friction" = [0.5, 0.6, 0.7]\n'

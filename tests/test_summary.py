@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from dembrick import summary
-from dembrick.summary import KeyNumber, key_numbers, with_error
+from dembrick.views import summary
+from dembrick.views.summary import KeyNumber, key_numbers, with_error
 
 
 @pytest.mark.parametrize(

@@ -24,8 +24,8 @@ import dembrick
 from dembrick.assembly import build
 from dembrick.kernels.dynamics.loop import Limits
 from dembrick.kernels.dynamics.tiles import ROWS, SEEN
-from dembrick.lab import scenario_folder
-from dembrick.result import simulate
+from dembrick.runs.lab import scenario_folder
+from dembrick.runs.result import simulate
 from dembrick.scenario import toml as scenarios
 from dembrick.simulation.dynamics import integrator, run
 from dembrick.simulation.dynamics.driving import Driving

@@ -19,7 +19,7 @@ import numpy as np
 from dembrick.assembly import build as assemblies
 from dembrick.kernels.state import Inertia
 from dembrick.kernels.statics.loop import RUNNING, advance
-from dembrick.lab import lab_scenario
+from dembrick.runs.lab import lab_scenario
 from dembrick.scenario.model import FORMULATIONS
 from dembrick.simulation.session import Session
 from dembrick.simulation.statics import limit_load

@@ -34,7 +34,7 @@ from pathlib import Path
 import plain_loop
 
 import dembrick
-from dembrick.lab import lab_scenario, scenario_folder
+from dembrick.runs.lab import lab_scenario, scenario_folder
 from dembrick.scenario.model import FORMULATIONS
 from dembrick.theory.paper_tables import SETS
 

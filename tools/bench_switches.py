@@ -17,7 +17,7 @@ import tempfile
 from bench_lab import wall
 
 from dembrick.assembly import build as assemblies
-from dembrick.lab import lab_scenario
+from dembrick.runs.lab import lab_scenario
 from dembrick.scenario.model import DisplacementControl, Output
 from dembrick.simulation.session import Session
 from dembrick.simulation.statics import limit_load

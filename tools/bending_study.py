@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from dembrick import simulate, theory
-from dembrick.lab import lab_scenario
+from dembrick.runs.lab import lab_scenario
 from dembrick.scenario.model import Block, JointLaw, JointOverride
 from dembrick.simulation.statics import batch
 from dembrick.simulation.statics.yield_domain import directions, jacks_for
@@ -187,7 +187,7 @@ def drift_table(tolerance: float) -> None:
 
 def figure(folder: Path, table: dict) -> None:
     """Torsion against bending about both axes, and torsion against shear under bending of a third."""
-    from dembrick.plot import layout, style  # noqa: F401
+    from dembrick.views.plot import layout, style  # noqa: F401
 
     looks = {
         LAWS[0]: (*style.FORMULATION["concave"],),

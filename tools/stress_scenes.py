@@ -7,8 +7,9 @@ import math
 
 import numpy as np
 
-from dembrick import judge, theory
+from dembrick import theory
 from dembrick.assembly import build as assemblies
+from dembrick.runs import theory_check
 from dembrick.scenario.model import Actuator, Block, JointLaw, JointOverride, Load, Material, Scenario, YieldControl
 from dembrick.simulation.statics.state import assembled_stiffness, initial_state, load_vectors
 
@@ -121,7 +122,7 @@ def elastic_give(built) -> float:
 
 def by_judge(built) -> float:
     """Theory of a single joint."""
-    return judge.theory_of(built).V
+    return theory_check.theory_of(built).V
 
 
 def lab_jacks(z: float = 0.0) -> dict:

@@ -40,16 +40,16 @@ from typing import NamedTuple
 import numpy as np
 from bench_lab import wall
 
-from dembrick import judge
 from dembrick.assembly import build as assemblies
 from dembrick.assembly import quadrature, ray_quadrature
 from dembrick.errors import NotConvergedError
 from dembrick.geometry import polygons
-from dembrick.lab import lab_scenario, scenario_folder
-from dembrick.plot import style
+from dembrick.runs import theory_check
+from dembrick.runs.lab import lab_scenario, scenario_folder
 from dembrick.scenario.model import FORMULATIONS
 from dembrick.simulation.statics import limit_load, point_placement
 from dembrick.theory.paper_tables import SETS
+from dembrick.views.plot import style
 
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 STEP_FACTORS = (0.3, 0.5, 0.7, 0.9, 0.95)
@@ -132,7 +132,7 @@ def prepare(setting: Setting, set_name: str) -> Case:
         points=setting.points,
     )
     assembly = assemblies.assemble(dataclasses.replace(scenario, joint=law))
-    theory = judge.theory_of(assembly)
+    theory = theory_check.theory_of(assembly)
     return Case(setting, set_name, assembly, theory.V / (1.0 + (theory.discretisation_error or 0.0)))
 
 

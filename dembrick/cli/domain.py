@@ -30,9 +30,9 @@ def add_arguments(parser) -> None:
 
 def run(options, console) -> int:
     """Print the domains; 3 where replay and theory disagree, or certified points make no convex set."""
-    from dembrick import domain
     from dembrick.errors import ScenarioError
-    from dembrick.lab import write_csv
+    from dembrick.runs import domain
+    from dembrick.runs.lab import write_csv
     from dembrick.scenario.model import FORMULATIONS
 
     joint, own = _joint(options)
@@ -49,7 +49,7 @@ def run(options, console) -> int:
     if options.csv:
         write_csv([{key: row.get(key) for key in (rows + simulated)[-1]} for row in rows + simulated], options.csv)
     if options.plot:
-        from dembrick import plot
+        from dembrick.views import plot
 
         curves = [name for name in formulations if name in ("convex", "concave", "corrected")]
         shown = (*joint.edges, joint.friction, joint.normal_force)
@@ -68,8 +68,8 @@ def run(options, console) -> int:
 
 def _joint(options):
     """The joint asked for, and the formulation of its scenario (None without one)."""
-    from dembrick.domain import DomainJoint
     from dembrick.errors import ScenarioError
+    from dembrick.runs.domain import DomainJoint
 
     given = [options.a is not None or options.b is not None, options.polygon is not None, options.scenario is not None]
     if sum(given) != 1:

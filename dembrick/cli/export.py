@@ -14,7 +14,7 @@ def add_arguments(parser) -> None:
 def run(options, console) -> int:
     """Write the export."""
     from dembrick import history
-    from dembrick.export import export
+    from dembrick.views.export import export
 
     written = export(history.read(options.history), options.to, console.remark, options.layers)
     console.result({"files": [str(path) for path in written]}, "\n".join(str(path) for path in written))

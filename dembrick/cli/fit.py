@@ -13,8 +13,8 @@ def add_arguments(parser) -> None:
 
 def run(options, console) -> int:
     """Print mu under each formulation, with its confidence interval and the residual of every test."""
-    from dembrick import fit
     from dembrick.errors import ScenarioError
+    from dembrick.runs import fit
     from dembrick.scenario.model import FORMULATIONS, nearest, show
 
     for name in options.formulation or ():

@@ -65,7 +65,7 @@ def _report(file, options, console) -> int:
 def _profile(file, results: dict, console) -> int:
     """Where the time went, the loop by phases as `dembrick.profile` tells them apart."""
     from dembrick.errors import HistoryError, ScenarioError
-    from dembrick.profile import loop_phases
+    from dembrick.runs.profile import loop_phases
     from dembrick.scenario import toml as scenarios
 
     wall, steps = results.get("wall"), results.get("steps")

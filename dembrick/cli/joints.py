@@ -31,8 +31,8 @@ def add_arguments(parser) -> None:
 def run(options, console) -> int:
     """Print the table."""
     from dembrick import history
-    from dembrick.joint_table import joint_table
-    from dembrick.lab import write_csv
+    from dembrick.runs.lab import write_csv
+    from dembrick.views.motion.table import joint_table
 
     with history.read(options.history) as found:
         rows = joint_table(found, options.frame, options.time)

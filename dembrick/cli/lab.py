@@ -16,8 +16,8 @@ def add_arguments(parser) -> None:
 
 def run(options, console) -> int:
     """Replay, print the tables, write histories, CSV and figures."""
-    from dembrick import lab
     from dembrick.cli.paths import default_output, make_folder
+    from dembrick.runs import lab
     from dembrick.scenario.model import FORMULATIONS
     from dembrick.theory.paper_tables import SETS
 
@@ -42,7 +42,7 @@ def run(options, console) -> int:
         text += ["", lab.table_1(replayed.rows_table_1)]
     data = replayed.as_dict()
     if not options.no_figures:
-        from dembrick.lab_figures import draw
+        from dembrick.runs.lab_figures import draw
 
         data["figures"] = draw(replayed, folder, console)
         text += ["", "figures: " + ", ".join(data["figures"])]

@@ -37,9 +37,10 @@ def run(options, console) -> int:
     """Draw the figure."""
     from pathlib import Path
 
-    from dembrick import history, plot
+    from dembrick import history
     from dembrick.cli.paths import default_output
     from dembrick.errors import ScenarioError
+    from dembrick.views import plot
 
     if options.label and len(options.label) != len(options.histories):
         raise ScenarioError(

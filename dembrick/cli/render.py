@@ -45,12 +45,13 @@ def run(options, console) -> int:
     """Draw the picture, the movie or the page."""
     ending = options.to.lower().rpartition(".")[2]
     if ending in ("html", "htm"):
-        from dembrick import page
+        from dembrick.views import page
 
         page.write(options.history, options.to)
         console.result({"page": options.to}, f"page: {options.to}")
         return 0
-    from dembrick import history, render
+    from dembrick import history
+    from dembrick.views import render
 
     look = {"view": options.camera, "magnification": options.magnify, "color": options.color}
     look |= {"forces": options.forces}

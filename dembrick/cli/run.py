@@ -25,7 +25,7 @@ def add_arguments(parser) -> None:
 def run(options, console) -> int:
     """Run the scenario; exit code 3 where theory and replay disagree."""
     from dembrick.cli.paths import default_output
-    from dembrick.result import simulate
+    from dembrick.runs.result import simulate
     from dembrick.scenario import toml as scenarios
 
     changes = list(options.set)
@@ -97,7 +97,7 @@ def _text(result) -> str:
     lines = [result.scenario.title, f"formulation   {result.scenario.joint.formulation}"]
     unit = " N"
     if result.collapse is not None:
-        from dembrick.collapse import collapse_lines
+        from dembrick.runs.collapse import collapse_lines
 
         unit = ""
         lines += collapse_lines(result.collapse)

@@ -22,9 +22,9 @@ def run(options, console) -> int:
     """Run what is missing of the study; exit code 1 where cases failed."""
     import os
 
-    from dembrick import study as studies
     from dembrick.cli.paths import default_output
     from dembrick.errors import ScenarioError
+    from dembrick.runs import study as studies
 
     if options.jobs is not None and options.jobs < 1:
         raise ScenarioError(f"--jobs = {options.jobs} is out of range: it must be at least 1")

@@ -13,7 +13,8 @@ def add_arguments(parser) -> None:
 
 def run(options, console) -> int:
     """Open the window and wait until it is closed."""
-    from dembrick import history, render
+    from dembrick import history
+    from dembrick.views import render
 
     with history.read(options.history) as found:
         render.view(

@@ -11,9 +11,9 @@ def run(options, console) -> int:
     """Run one small scene of each family of joints and each way to run, and a few limit loads together."""
     import time
 
-    from dembrick import domain
     from dembrick._jit import CACHE_FOLDER
-    from dembrick.result import simulate
+    from dembrick.runs import domain
+    from dembrick.runs.result import simulate
 
     began = time.perf_counter()
     scenes = _scenes()
@@ -31,7 +31,7 @@ def run(options, console) -> int:
 
 def _scenes() -> dict:
     """Scenes by what they compile."""
-    from dembrick.lab import lab_scenario
+    from dembrick.runs.lab import lab_scenario
     from dembrick.scenario.controls import DynamicControl, PushoverControl
     from dembrick.scenario.model import Block, JointLaw, Material, Output, Scenario
 

@@ -16,7 +16,7 @@ def run(options, console) -> int:
     """Print the table of yield points."""
     from dembrick import history
     from dembrick.errors import HistoryError
-    from dembrick.lab import write_csv
+    from dembrick.runs.lab import write_csv
 
     files = [history.read(path) for path in options.histories]
     rows = []
@@ -41,7 +41,7 @@ def run(options, console) -> int:
     if options.csv:
         write_csv(rows, options.csv)
     if options.plot:
-        from dembrick import plot
+        from dembrick.views import plot
 
         plot.save(plot.domains(files), options.plot)
     console.result({"rows": rows}, _text(rows))

@@ -1,0 +1,214 @@
+"""The friction coefficient that best explains measured yield points, under each contact formulation.
+
+The measurements come as a CSV file, one test a line::
+
+    test,scenario,V [N],deviation [N],formulation
+    2a,set2a.toml,108,,
+
+``scenario`` is the test as a scenario file, seen from the folder of the CSV; its own friction is not looked at. ``V
+[N]`` (or ``V [kN]``) is the load at yield, in the sense of the scenario's jacks. ``deviation`` and ``formulation`` may
+be left out: without the first every test counts by its relative error, with the second a line stands for that
+formulation only. mu minimises sum(((V(mu) - V_i) / s_i)^2) with V(mu) simulated, s_i the deviation, or V_i itself.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from dembrick.errors import NotConvergedError, ScenarioError
+from dembrick.runs.result import simulate
+from dembrick.scenario import toml as scenarios
+from dembrick.scenario.model import FORMULATIONS, Scenario, YieldControl, nearest, show
+
+CONFIDENCE = 0.95
+_UNITS = {"N": 1.0, "kN": 1e3}
+_START = 0.5  # of mu; any other number gives the same answer
+_STEP = 0.01  # relative change of mu for the slope of V
+_TOLERANCE = 1e-5  # of the simulated limit loads
+_ITERATIONS = 20
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """A measured yield point: V and its standard deviation in N (None: not known)."""
+
+    test: str
+    scenario: Scenario
+    V: float
+    deviation: float | None = None
+    formulation: str | None = None
+
+
+@dataclass(frozen=True)
+class Fit:
+    """mu under one formulation (or, "as stated", each line under its own).
+
+    ``half_width`` is half the 95 % confidence interval by Student's t, from the scatter of the tests about the fit;
+    None for a single test. ``tests`` has V measured and fitted (N), their difference in % of the measured, and the mu
+    that this test alone implies.
+    """
+
+    formulation: str
+    mu: float
+    half_width: float | None
+    scatter: float | None
+    tests: list[dict]
+
+
+def read(path: str | os.PathLike) -> list[Measurement]:
+    """Measurements out of a CSV file; ScenarioError names the line and the column that is wrong."""
+    path = Path(path)
+    try:
+        with open(path, newline="", encoding="utf-8-sig") as file:
+            rows = [row for row in csv.reader(file) if row and not row[0].lstrip().startswith("#")]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise ScenarioError(f"{path}: the file cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    if len(rows) < 2:
+        raise ScenarioError(f"{path}: a header line and at least one test are needed")
+    columns = _columns(path, [name.strip() for name in rows[0]])
+    found = []
+    for number, row in enumerate(rows[1:], 2):
+        place = f"{path}, test number {number - 1}"
+        if len(row) != len(rows[0]):
+            raise ScenarioError(f"{place}: {len(row)} values under {len(rows[0])} column names")
+        cells = {name: (row[i].strip(), scale) for name, (i, scale) in columns.items()}
+        formulation = cells.get("formulation", ("", 1.0))[0] or None
+        if formulation is not None and formulation not in FORMULATIONS:
+            raise ScenarioError(
+                f"{place}: formulation {show(formulation)} is unknown; {nearest(formulation, FORMULATIONS)}"
+            )
+        V = _positive(place, "V", *cells["V"])
+        deviation = _positive(place, "deviation", *cells["deviation"]) if cells.get("deviation", ("",))[0] else None
+        scenario = scenarios.load(path.parent / cells["scenario"][0])
+        if not isinstance(scenario.control, YieldControl):
+            raise ScenarioError(f'{place}: {scenario.path} has no control.kind = "yield", so it has no yield point')
+        found.append(Measurement(cells["test"][0], scenario, V, deviation, formulation))
+    return found
+
+
+def _columns(path: Path, header: list[str]) -> dict[str, tuple[int, float]]:
+    """Where each column stands and what its unit is worth."""
+    known = ("test", "scenario", "V", "deviation", "formulation")
+    columns: dict[str, tuple[int, float]] = {}
+    for i, title in enumerate(header):
+        name, _, unit = title.partition("[")
+        name, unit = name.strip(), unit.strip().rstrip("]").strip()
+        if name not in known:
+            raise ScenarioError(f"{path}: unknown column {show(title)}; {nearest(name, known)}")
+        if name in columns:
+            raise ScenarioError(f"{path}: two columns are called {show(name)}")
+        if name in ("V", "deviation") and unit not in _UNITS:
+            raise ScenarioError(f"{path}: column {show(title)} needs its unit in the header: '{name} [N]' or '[kN]'")
+        columns[name] = (i, _UNITS.get(unit, 1.0))
+    for name in known[:3]:
+        if name not in columns:
+            raise ScenarioError(f"{path}: there is no column {show(name)}; the header is test,scenario,V [N]")
+    return columns
+
+
+def _positive(place: str, name: str, text: str, scale: float) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not (math.isfinite(value) and value > 0.0):
+        raise ScenarioError(f"{place}: {name} = {show(text)} must be a number greater than 0")
+    return scale * value
+
+
+def fit(
+    measurements: Sequence[Measurement],
+    formulations: Sequence[str] = FORMULATIONS,
+    progress: Callable[[int, int, str], None] | None = None,
+) -> list[Fit]:
+    """mu under each formulation, and under "as stated" where every measurement states its own.
+
+    Raises NotConvergedError where no mu is found, ScenarioError where V does not depend on friction at all.
+    """
+    groups = {name: [m for m in measurements if m.formulation in (None, name)] for name in formulations}
+    if all(m.formulation for m in measurements) and len({m.formulation for m in measurements}) > 1:
+        groups = {"as stated": list(measurements)} | groups
+    fits = []
+    for done, (name, group) in enumerate(groups.items()):
+        if progress:
+            progress(done, len(groups), name)
+        if group:
+            fits.append(_fitted(name, group))
+    if progress:
+        progress(len(groups), len(groups), "")
+    return fits
+
+
+def _fitted(name: str, group: list[Measurement]) -> Fit:
+    """Gauss-Newton on mu: two simulations of every test a round; V is nearly proportional to mu, so few are needed."""
+    measured = np.array([m.V for m in group])
+    scale = np.array([m.deviation or m.V for m in group])
+    mu = _START
+    for _ in range(_ITERATIONS):
+        V = _simulated(group, name, mu)
+        slope = (_simulated(group, name, mu * (1.0 + _STEP)) - V) / (mu * _STEP)
+        weight = slope / scale
+        if not np.abs(slope * mu).max() > 1e-6 * V.max():
+            raise ScenarioError(f"{name}: no test slips, so that none of them tells anything about friction")
+        change = float(weight @ ((measured - V) / scale) / (weight @ weight))
+        mu = max(mu + change, 0.1 * mu)
+        if abs(change) <= 10.0 * _TOLERANCE * mu:
+            break
+    else:
+        raise NotConvergedError(f"{name}: no friction coefficient was found in {_ITERATIONS} rounds, the last {mu:.6g}")
+    V = V + slope * change
+    scatter = half = None
+    if len(group) > 1:
+        scatter = math.sqrt(float((((V - measured) / scale) ** 2).sum()) / (len(group) - 1))
+        half = student(CONFIDENCE, len(group) - 1) * scatter / math.sqrt(float(weight @ weight))
+    tests = [
+        {
+            "test": m.test,
+            "formulation": m.formulation or name,
+            "V_measured": m.V,
+            "V_fitted": float(v),
+            "residual_percent": 100.0 * float(v / m.V - 1.0),
+            "mu": float(mu + (m.V - v) / s) if s else None,
+        }
+        for m, v, s in zip(group, V, slope, strict=True)
+    ]
+    return Fit(name, mu, half, scatter, tests)
+
+
+def _simulated(group: list[Measurement], name: str, mu: float) -> np.ndarray:
+    loads = []
+    for m in group:
+        law = replace(m.scenario.joint, formulation=m.formulation or name, friction=mu)
+        test = replace(m.scenario, joint=law, control=YieldControl(_TOLERANCE))
+        loads.append(simulate(test, record=False).yield_point.V)
+    return np.array(loads)
+
+
+def student(confidence: float, freedom: int) -> float:
+    """The t that a Student variable stays within, on both sides, with this probability.
+
+    With t = sqrt(freedom) tan(angle) the density becomes a power of the cosine on a finite interval.
+    """
+    nodes, weights = np.polynomial.legendre.leggauss(200)
+
+    def mass(angle: float) -> float:
+        return float(0.5 * angle * weights @ np.cos(0.5 * angle * (nodes + 1.0)) ** (freedom - 1))
+
+    wanted = confidence * mass(0.5 * math.pi)
+    low, high = 0.0, 0.5 * math.pi
+    for _ in range(100):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if mass(middle) < wanted else (low, middle)
+    return math.sqrt(freedom) * math.tan(low)
+
+
+def as_dicts(fits: Sequence[Fit]) -> list[dict]:
+    """The fits as in ``dembrick fit --json``."""
+    return [asdict(one) for one in fits]

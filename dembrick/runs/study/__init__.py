@@ -1,0 +1,165 @@
+"""Studies: one scenario with keys that change from case to case, run wherever there are cores, into one table.
+
+``sweep(study)`` runs what is still missing and writes ``table.csv`` and ``table.h5``.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import os
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from dembrick.errors import OutputError
+from dembrick.runs.study.case import FAILED, run_cases
+from dembrick.runs.study.executors import run_here, run_local, run_on_cluster
+from dembrick.runs.study.plan import Study, load, scenario_of, shard
+from dembrick.runs.study.table import Rows, stored, write_tables
+
+__all__ = ["Outcome", "Study", "load", "scenario_of", "sweep"]
+
+_CHUNK = 64  # cases that go to a worker at a time
+_COMPILED_BY = ("joint.formulation", "joint.pressure", "control.kind")  # keys that choose what is compiled
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a sweep left behind: how many cases have a row, how many of them failed, and the tables.
+
+    ``statistics``: a row for each combination of the keys that are not drawn at random, with the number of cases that
+    gave a V, the mean of V, its standard deviation and the standard error of the mean.
+    """
+
+    cases: int
+    ran: int
+    finished: int
+    failed: int
+    csv: str
+    h5: str
+    statistics: list[dict]
+    wall: float
+
+    def as_dict(self) -> dict:
+        """The JSON object of ``dembrick sweep --json``."""
+        return dict(self.__dict__)
+
+
+def sweep(
+    study: Study | str | os.PathLike,
+    folder: str | os.PathLike,
+    *,
+    jobs: int = 1,
+    part: str | None = None,
+    scheduler: str | None = None,
+    timeout: float = 30.0,
+    retry: bool = False,
+    progress: Callable[[int, int, str], None] | None = None,
+) -> Outcome:
+    """Run the cases of a study that have no row in ``folder`` yet, and write the tables of all that have.
+
+    ``jobs`` local processes, or a Dask ``scheduler`` (address or file) that must answer within ``timeout`` seconds.
+    ``part`` "i/n" runs every n-th case only; the shards may share the folder. ``retry`` runs failed cases again.
+
+    Raises ScenarioError for a study that is none, OutputError for a folder with rows of another study, ClusterError
+    for a scheduler that does not answer. A case that fails is a row with its error, and the rest goes on.
+    """
+    began = time.perf_counter()
+    study = study if isinstance(study, Study) else load(study)
+    numbers, label = shard(len(study), part)
+    folder = Path(folder)
+    _make(folder)
+    if study.histories:
+        _make(folder / "histories")
+    rows = Rows(folder, study.digest, len(study), label)
+    done = rows.done(retry)
+    todo = [number for number in numbers if number not in done]
+    ran = 0
+    with rows:
+        for finished in _run(study, folder, todo, jobs, scheduler, timeout):
+            rows.append(finished)
+            ran += len(finished)
+            if progress:
+                left = (time.perf_counter() - began) / ran * (len(todo) - ran)
+                progress(ran, len(todo), f"{_duration(left)} left")
+    csv_path, h5_path, total = write_tables(folder, study.digest, study.keys, study.title)
+    statistics, failed = _statistics(study, folder)
+    wall = time.perf_counter() - began
+    return Outcome(len(study), ran, total, failed, str(csv_path), str(h5_path), statistics, wall)
+
+
+def _run(study: Study, folder: Path, todo: list[int], jobs: int, scheduler, timeout) -> Iterator[list[dict]]:
+    def case(number: int) -> tuple:
+        history = str(folder / "histories" / f"case_{number:06d}.h5") if study.histories else None
+        return number, study.changes(number), history
+
+    def chunks(numbers, size):
+        numbers = iter(numbers)
+        while part := list(itertools.islice(numbers, size)):
+            yield [case(number) for number in part]
+
+    base = (study.base, study.base_path)
+    if jobs == 1 and scheduler is None:
+        yield from run_here(run_cases, chunks(todo, _CHUNK), *base)
+        return
+    # Two processes that fill a cold cache of compiled code can bring each other down: this one fills it first.
+    first = _first_of_each_kind(study, todo)
+    yield from run_here(run_cases, chunks(first, 1), *base)
+    rest = [number for number in todo if number not in set(first)]
+    size = max(1, min(_CHUNK, math.ceil(len(rest) / (4 * max(jobs, 1)))))
+    if scheduler is not None:
+        yield from run_on_cluster(run_cases, chunks(rest, size), scheduler, timeout, *base)
+    else:
+        yield from run_local(run_cases, chunks(rest, size), jobs, *base)
+
+
+def _first_of_each_kind(study: Study, todo: list[int]) -> list[int]:
+    """One case for every combination of the keys that choose what is compiled."""
+    varying = [key for key in study.keys if key in _COMPILED_BY]
+    seen: dict[str, int] = {}
+    for number in todo if varying else todo[:1]:
+        changes = study.changes(number)
+        seen.setdefault(repr([changes[key] for key in varying]), number)
+    return list(seen.values())
+
+
+def _statistics(study: Study, folder: Path) -> tuple[list[dict], int]:
+    """Mean and scatter of V over the draws of each population (Welford's sums), and how many cases failed."""
+    cells: dict[str, list] = {}
+    status: dict[int, str] = {}
+    for row in stored(folder):
+        status[row["case"]] = row["status"]
+        if row["V"] is None or row["status"] == FAILED:
+            continue
+        fixed = study.cell(row["case"])
+        sums = cells.setdefault(repr(fixed), [fixed, 0, 0.0, 0.0])
+        sums[1] += 1
+        step = row["V"] - sums[2]
+        sums[2] += step / sums[1]
+        sums[3] += step * (row["V"] - sums[2])
+    failed = sum(how == FAILED for how in status.values())
+    statistics = []
+    for fixed, count, mean, squares in cells.values():
+        deviation = math.sqrt(squares / (count - 1)) if count > 1 else None
+        error = None if deviation is None else deviation / math.sqrt(count)
+        statistics.append({**fixed, "count": count, "mean": mean, "deviation": deviation, "standard_error": error})
+    return statistics, failed
+
+
+def _make(folder: Path) -> None:
+    try:
+        folder.mkdir(exist_ok=True)
+    except FileNotFoundError:
+        raise OutputError(f"{folder}: its parent folder does not exist; make it first or choose another path") from None
+    except OSError as error:
+        raise OutputError(f"{folder}: the folder cannot be made ({error.strerror}); choose another path") from None
+
+
+def _duration(seconds: float) -> str:
+    """A rough time to wait, for a progress bar."""
+    for size, unit in ((3600.0, "h"), (60.0, "min")):
+        if seconds >= size:
+            return f"{seconds / size:.1f} {unit}"
+    return f"{seconds:.0f} s"

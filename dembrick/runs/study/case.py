@@ -1,0 +1,83 @@
+"""One case of a study, from the base scenario and its changes to a row of plain values: nothing else goes in or out."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from dembrick.errors import DembrickError
+from dembrick.runs.result import failure, simulate
+from dembrick.runs.study.together import limit_loads
+from dembrick.scenario import toml as scenarios
+from dembrick.scenario.model import Scenario
+
+# Column, and where its value stands in the JSON object of a run; a dot goes one level down, a number into a list.
+COLUMNS = {
+    "status": "status",
+    "V": "yield_point.V",
+    "V_lower": "yield_point.V_lower",
+    "V_upper": "yield_point.V_upper",
+    "bracket": "yield_point.bracket",
+    "V_peak": "yield_point.V_peak",
+    "V_1": "yield_point.V_1",
+    "V_2": "yield_point.V_2",
+    "M_T": "yield_point.M_T",
+    "N": "yield_point.N",
+    "torsion_centre_1": "yield_point.torsion_centre.0",
+    "torsion_centre_2": "yield_point.torsion_centre.1",
+    "displacement": "yield_point.displacement",
+    "mechanism": "yield_point.mechanism",
+    "collapse_angle": "collapse.angle",
+    "collapse_load_factor": "collapse.load_factor",
+    "collapse_displacement": "collapse.displacement",
+    "collapse_mechanism": "collapse.mechanism",
+    "theory": "theory.V",
+    "error_vs_theory": "theory.error",
+    "steps": "steps",
+    "loop": "wall.loop",
+    "history": "history",
+    "error": "error",
+}
+TEXTS = ("status", "bracket", "mechanism", "collapse_mechanism", "history", "error")
+FAILED = "failed"
+
+
+def run_cases(base: str, base_path: str, cases: Sequence[tuple[int, Mapping[str, Any], str | None]]) -> list[dict]:
+    """The rows of several cases, each given as (number, changes, history): the TOML text ``base`` with its changes.
+
+    A case that fails is a row too, with the status "failed" and the error.
+    """
+    os.environ.setdefault("NUMBA_NUM_THREADS", "1")  # workers share the cores among them, not each with all others
+    scenarios_: list[Scenario | DembrickError] = []
+    for _, changes, _ in cases:
+        try:
+            scenarios_.append(scenarios.varied(base, base_path, changes))
+        except DembrickError as error:
+            scenarios_.append(error)
+    alike = [i for i, one in enumerate(scenarios_) if isinstance(one, Scenario) and cases[i][2] is None]
+    together = limit_loads([scenarios_[i] for i in alike])
+    results = {alike[i]: result for i, result in together.items()}
+    rows = []
+    for i, (number, changes, history) in enumerate(cases):
+        result = results.get(i) or _alone(scenarios_[i], history)
+        rows.append({"case": number, **changes} | {name: _at(result, path) for name, path in COLUMNS.items()})
+    return rows
+
+
+def _alone(scenario: Scenario | DembrickError, history: str | None) -> dict[str, Any]:
+    """The JSON object of a run by itself."""
+    if not isinstance(scenario, Scenario):
+        return {"status": FAILED, "error": str(scenario)}
+    try:
+        return simulate(scenario, history, force=True, record=history is not None).as_dict()
+    except DembrickError as error:
+        return failure(scenario, error, history)
+
+
+def _at(result: Any, path: str) -> Any:
+    for part in path.split("."):
+        if result is None:
+            return None
+        result = result[int(part)] if isinstance(result, list | tuple) else result.get(part)
+    return result

@@ -1,0 +1,271 @@
+"""What a study asks for: a base scenario and the keys that change from case to case.
+
+A study is a TOML file::
+
+    title = "Scatter of the friction coefficient"
+    base  = "set4a.toml"                     # seen from the study's own folder
+
+    [grid]                                   # every combination
+    "joint.formulation" = ["concave", "convex"]
+    "control.tolerance" = { from = 1e-4, to = 1e-2, count = 3, spacing = "log" }
+
+    [list]                                   # columns of one length: a case a line; or [table] with file = "x.csv"
+    "actuators.jack.point" = [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]]
+
+    [draws]                                  # random numbers
+    count  = 1000
+    seed   = 1
+    method = "latin-hypercube"               # or "monte-carlo"
+    [draws.of]
+    "joint.friction" = { distribution = "normal", mean = 0.64, deviation = 0.03, lower = 0.0 }
+
+Keys are paths into the scenario, as for ``--set``. Where a study has several of the parts, every combination of them
+is a case: all formulations above see the same thousand frictions.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import json
+import math
+import os
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from dembrick.errors import ScenarioError
+from dembrick.runs.study.draws import METHODS, Draws, distribution
+from dembrick.scenario import toml as scenarios
+from dembrick.scenario.model import nearest, show
+
+MOST_CASES = 10_000_000
+_KEYS = ("title", "base", "histories", "grid", "list", "table", "draws")
+
+
+@dataclass(frozen=True)
+class Study:
+    """A study: its base scenario as text, the keys that change, and its cases by number.
+
+    ``digest`` tells one study from another: it covers the base scenario and everything that makes the cases.
+    """
+
+    title: str
+    path: str
+    base: str
+    base_path: str
+    histories: bool
+    keys: tuple[str, ...]
+    digest: str
+    _grid: dict[str, list]
+    _lines: list[dict[str, Any]]
+    _draws: Draws | None
+
+    def __len__(self) -> int:
+        return math.prod(map(len, self._grid.values())) * len(self._lines) * (self._draws.count if self._draws else 1)
+
+    def changes(self, number: int) -> dict[str, Any]:
+        """The keys of case ``number`` (counted from 0) with their values; the last part of the study runs fastest."""
+        if not 0 <= number < len(self):
+            raise IndexError(number)
+        found: dict[str, Any] = {}
+        if self._draws:
+            number, index = divmod(number, self._draws.count)
+            found = self._draws[index]
+        number, index = divmod(number, len(self._lines))
+        found = self._lines[index] | found
+        for key, values in reversed(self._grid.items()):
+            number, index = divmod(number, len(values))
+            found = {key: values[index]} | found
+        return {key: found[key] for key in self.keys}
+
+    def cell(self, number: int) -> dict[str, Any]:
+        """The part of the changes that is not drawn at random: cases that share it are draws of one population."""
+        return {
+            key: value for key, value in self.changes(number).items() if not (self._draws and key in self._draws.of)
+        }
+
+
+def load(path: str | os.PathLike) -> Study:
+    """Read a study file and check it down to its first case; ScenarioError says what is wrong."""
+    path = os.fsdecode(path)
+    try:
+        text = Path(path).read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise ScenarioError(f"{path}: the study cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise ScenarioError(f"{path}: not UTF-8 text; a study is a TOML file in UTF-8") from None
+    try:
+        document = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise ScenarioError(f"{path}: not valid TOML: {error}") from None
+    try:
+        return _study(document, path)
+    except ScenarioError as error:
+        raise ScenarioError(f"{path}: {error}") from None
+
+
+def _study(document: dict, path: str) -> Study:
+    for key in document:
+        if key not in _KEYS:
+            raise ScenarioError(f"unknown key {show(key)}; {nearest(key, _KEYS)}")
+    base_name = document.get("base")
+    if not isinstance(base_name, str):
+        raise ScenarioError('a study needs base = "SCENARIO.toml", seen from the folder of the study')
+    for key, kind in (("title", str), ("histories", bool)):
+        if not isinstance(document.get(key, kind()), kind):
+            raise ScenarioError(f"{key} = {show(document[key])} must be a {'text' if kind is str else 'true or false'}")
+    base_path = str(Path(path).parent / base_name)
+    base = scenarios.text_of(scenarios.load(base_path))
+    grid = {key: _grid_values(key, value) for key, value in _flat(document.get("grid", {}), "grid").items()}
+    lines = _lines(document, path)
+    draws = _draws(document["draws"]) if "draws" in document else None
+    keys = [*grid, *lines[0], *(draws.of if draws else ())]
+    double = next((key for key in keys if keys.count(key) > 1), None)
+    if double:
+        raise ScenarioError(f"two columns set the key {show(double)}; leave it in one of grid, list, table and draws")
+    if not keys:
+        raise ScenarioError("nothing changes from case to case: give a [grid], a [list], a [table] or [draws]")
+    description = json.dumps([base, grid, lines, document.get("draws")], sort_keys=True, default=str)
+    digest = hashlib.sha256(description.encode()).hexdigest()[:16]
+    histories = document.get("histories", False)
+    title = document.get("title", Path(path).stem)
+    study = Study(title, path, base, base_path, histories, tuple(keys), digest, grid, lines, draws)
+    if len(study) > MOST_CASES:
+        raise ScenarioError(f"{len(study)} cases are more than {MOST_CASES}: split the study")
+    scenario_of(study, 0)  # a key that the scenario does not have shows in any case
+    return study
+
+
+def scenario_of(study: Study, number: int):
+    """The checked scenario of a case."""
+    return scenarios.varied(study.base, study.base_path, study.changes(number))
+
+
+def _flat(table: Any, place: str) -> dict[str, Any]:
+    """A table of keys by their full path: dotted keys without quotes arrive as tables in tables."""
+    if not isinstance(table, dict):
+        raise ScenarioError(f"{place} must be a table of keys, not {show(table)}")
+    flat: dict[str, Any] = {}
+    for key, value in table.items():
+        if isinstance(value, dict) and not {"from", "distribution"} & value.keys():
+            inner = {f"{key}.{name}": item for name, item in _flat(value, f"{place}.{key}").items()}
+        else:
+            inner = {key: value}
+        for name, item in inner.items():
+            if name in flat:
+                raise ScenarioError(f"two columns of {place} set the key {show(name)}")
+            flat[name] = item
+    return flat
+
+
+def _grid_values(key: str, value: Any) -> list:
+    """The values of one key of the grid: a list, or a range from, to, count."""
+    place = f"grid.{key}"
+    if isinstance(value, dict):
+        known = ("from", "to", "count", "spacing")
+        for name in value:
+            if name not in known:
+                raise ScenarioError(f"{place}: unknown key {show(name)}; {nearest(name, known)}")
+        first, last, count = (value.get(name) for name in known[:3])
+        spacing = value.get("spacing", "linear")
+        numbers = all(isinstance(end, int | float) and not isinstance(end, bool) for end in (first, last))
+        if not numbers or not isinstance(count, int) or isinstance(count, bool) or count < 2:
+            raise ScenarioError(f"{place}: a range needs numbers 'from' and 'to' and a whole 'count' of at least 2")
+        if spacing == "linear":
+            return [first + (last - first) * i / (count - 1) for i in range(count)]
+        if spacing != "log" or not first > 0.0 or not last > 0.0:
+            raise ScenarioError(f'{place}: spacing = {show(spacing)} must be "linear", or "log" with both ends above 0')
+        return [first * (last / first) ** (i / (count - 1)) for i in range(count)]
+    if not isinstance(value, list):
+        raise ScenarioError(f"{place} = {show(value)} must be a list of values, or a range with from, to and count")
+    if not value:
+        raise ScenarioError(f"{place} is empty: a grid needs at least one value a key")
+    return value
+
+
+def _lines(document: dict, path: str) -> list[dict[str, Any]]:
+    """The cases that are written down one by one; a single one without changes where there are none."""
+    if "list" in document and "table" in document:
+        raise ScenarioError("a study has a [list] or a [table], not both")
+    if "list" in document:
+        columns = _flat(document["list"], "list")
+        for key, column in columns.items():
+            if not isinstance(column, list) or not column:
+                raise ScenarioError(f"list.{key} = {show(column)} must be a list with at least one value")
+        if len({len(column) for column in columns.values()}) != 1:
+            lengths = ", ".join(f"{key} {len(column)}" for key, column in columns.items()) or "none"
+            raise ScenarioError(f"the columns of [list] must have one length: {lengths}")
+        return [dict(zip(columns, line, strict=True)) for line in zip(*columns.values(), strict=True)]
+    if "table" in document:
+        table = document["table"]
+        name = table.get("file") if isinstance(table, dict) and set(table) == {"file"} else None
+        if not isinstance(name, str):
+            raise ScenarioError('[table] needs file = "CASES.csv" and nothing else')
+        return _read_csv(Path(path).parent / name)
+    return [{}]
+
+
+def _read_csv(path: Path) -> list[dict[str, Any]]:
+    """Cases out of a CSV file: the header names the keys, every value is TOML or a bare word."""
+    try:
+        with open(path, newline="", encoding="utf-8-sig") as file:
+            rows = [row for row in csv.reader(file) if row]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise ScenarioError(f"{path}: the table cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    if len(rows) < 2:
+        raise ScenarioError(f"{path}: a table needs a header line of keys and at least one case below it")
+    header = [key.strip() for key in rows[0]]
+    double = next((key for key in header if header.count(key) > 1), None)
+    if double is not None:
+        raise ScenarioError(f"{path}: two columns set the key {show(double)}")
+    for number, row in enumerate(rows[1:], 2):
+        if len(row) != len(header):
+            raise ScenarioError(f"{path}: line {number} has {len(row)} values for {len(header)} keys")
+    return [{key: _value(text.strip()) for key, text in zip(header, row, strict=True)} for row in rows[1:]]
+
+
+def _value(text: str) -> Any:
+    try:
+        document = tomllib.loads(f"value = {text}")
+    except (ValueError, RecursionError):
+        return text
+    return document["value"] if list(document) == ["value"] else text
+
+
+def _draws(table: Any) -> Draws:
+    known = ("count", "seed", "method", "of")
+    if not isinstance(table, dict):
+        raise ScenarioError(f"draws must be a table, not {show(table)}")
+    for name in table:
+        if name not in known:
+            raise ScenarioError(f"draws: unknown key {show(name)}; {nearest(name, known)}")
+    count, seed, method = table.get("count"), table.get("seed"), table.get("method", "monte-carlo")
+    for name, value, least in (("count", count, 1), ("seed", seed, 0)):
+        if not isinstance(value, int) or isinstance(value, bool) or not least <= value < 2**63:
+            raise ScenarioError(f"draws.{name} = {show(value)} must be a whole number of at least {least}")
+    if method not in METHODS:
+        raise ScenarioError(f"draws.method = {show(method)} is not one; {nearest(str(method), METHODS)}")
+    of = {}
+    for key, entry in _flat(table.get("of", {}), "draws.of").items():
+        if not isinstance(entry, dict):
+            raise ScenarioError(f"draws.of.{key} = {show(entry)} must state a distribution")
+        of[key] = distribution(key, entry)
+    if not of:
+        raise ScenarioError("draws: nothing is drawn; state a distribution for a key in [draws.of]")
+    return Draws(of, count, seed, method)
+
+
+def shard(cases: int, text: str | None) -> tuple[Sequence[int], str]:
+    """The case numbers of shard ``i/n`` (counted from 1) and its label; all of them without one."""
+    if text is None:
+        return range(cases), "1/1"
+    try:
+        part, of = (int(word) for word in text.split("/"))
+    except ValueError:
+        raise ScenarioError(f"--shard {show(text)}: write i/n, for instance 3/16") from None
+    if not 1 <= part <= of:
+        raise ScenarioError(f"--shard {show(text)}: i goes from 1 to n")
+    return range(part - 1, cases, of), f"{part}/{of}"

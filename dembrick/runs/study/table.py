@@ -1,0 +1,192 @@
+"""The rows of a study on disk: kept one by one while it runs, as one table when it is done.
+
+A study writes into a folder of its own. ``rows_I_of_N.jsonl`` (one a shard) takes a line a case as it is finished: a
+kill loses no more than the line being written, and finished cases are not run again. ``table.csv`` and ``table.h5``
+are made from all these lines, in the order of the cases. The first line of every file names the study by its digest,
+so that rows of another study are never mixed in.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from dembrick.errors import OutputError, WriteError
+from dembrick.history.files import check_output, reason, replacing
+from dembrick.runs.study.case import COLUMNS, FAILED, TEXTS
+
+FORMAT = 1
+_BATCH = 4096  # rows that the tables are written by
+_TEXT = h5py.string_dtype()
+
+
+class Rows:
+    """The row file of one shard of a study, open for appending; a context manager."""
+
+    def __init__(self, folder: str | os.PathLike, digest: str, cases: int, label: str = "1/1"):
+        self.folder = Path(folder)
+        self._head = {"dembrick_study": FORMAT, "digest": digest, "cases": cases}
+        self.path = self.folder / f"rows_{label.replace('/', '_of_')}.jsonl"
+        for other in row_files(self.folder):
+            _check_head(other, self._head)
+        check_output(self.path)
+        self._file = None
+
+    def done(self, retry: bool = False) -> set[int]:
+        """Numbers of the cases that have a row, in any shard's file; with ``retry`` without the failed ones."""
+        status = {row["case"]: row["status"] for row in stored(self.folder)}
+        return {number for number, how in status.items() if not (retry and how == FAILED)}
+
+    def __enter__(self) -> Rows:
+        fresh = not self.path.exists()
+        if not fresh:
+            _drop_torn_line(self.path)
+        self._file = open(self.path, "a", encoding="utf-8")  # noqa: SIM115 - closed by __exit__
+        if fresh or not self.path.stat().st_size:
+            self._write(self._head)
+        return self
+
+    def append(self, rows: Iterable[dict]) -> None:
+        """Add rows; they are with the system when this returns."""
+        for row in rows:
+            self._write(row)
+
+    def _write(self, item: dict) -> None:
+        try:
+            self._file.write(json.dumps(item, allow_nan=False) + "\n")
+            self._file.flush()
+        except OSError as error:
+            raise WriteError(
+                f"{self.path}: writing failed ({reason(error)}); the rows before are kept, and the same command goes "
+                "on where it stopped"
+            ) from error
+
+    def __exit__(self, *_) -> None:
+        self._file.close()
+
+
+def row_files(folder: str | os.PathLike) -> list[Path]:
+    """The row files in the folder of a study."""
+    return sorted(Path(folder).glob("rows_*_of_*.jsonl"))
+
+
+def stored(folder: str | os.PathLike) -> Iterator[dict]:
+    """All rows in the folder, file by file; a line that was torn by a kill is left out."""
+    for path in row_files(folder):
+        with open(path, encoding="utf-8") as file:
+            for line in file:
+                row = _parsed(line)
+                if row is not None and "case" in row:
+                    yield row
+
+
+def _parsed(line: str) -> dict | None:
+    try:
+        row = json.loads(line)
+    except ValueError:
+        return None
+    return row if isinstance(row, dict) else None
+
+
+def _check_head(path: Path, head: dict) -> None:
+    with open(path, encoding="utf-8", errors="replace") as file:
+        found = _parsed(file.readline())
+    if found is None and path.stat().st_size == 0:
+        return
+    if found != head:
+        raise OutputError(
+            f"{path}: these are rows of another study (or the study or its base scenario has changed since); choose "
+            "another --out, or remove the folder if its rows are not needed any more"
+        )
+
+
+def _drop_torn_line(path: Path) -> None:
+    """Cut off a last line without its end."""
+    with open(path, "rb+") as file:
+        end = file.seek(0, os.SEEK_END)
+        back = min(end, 1 << 20)
+        file.seek(end - back)
+        tail = file.read()
+        file.truncate(end - back + tail.rfind(b"\n") + 1)
+
+
+def write_tables(folder: str | os.PathLike, digest: str, keys: Sequence[str], title: str) -> tuple[Path, Path, int]:
+    """``table.csv`` and ``table.h5`` of all rows in the folder; returns both paths and the number of rows.
+
+    One row a case: where a case was run again after it had failed, the later row counts.
+    """
+    folder = Path(folder)
+    order = _order(folder)
+    names = ["case", *keys, *COLUMNS]
+    csv_path, h5_path = folder / "table.csv", folder / "table.h5"
+    with replacing(str(csv_path)) as part, open(part, "w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(names)
+        for row in _read(order):
+            writer.writerow(["" if row.get(name) is None else _cell(row[name]) for name in names])
+    with replacing(str(h5_path)) as part, h5py.File(part, "w") as file:
+        file.attrs.update({"format": FORMAT, "digest": digest, "title": title, "rows": len(order)})
+        _write_columns(file, names, keys, order)
+    return csv_path, h5_path, len(order)
+
+
+def _order(folder: Path) -> list[tuple[Path, int]]:
+    """Where the row of each case stands (file, offset), in the order of the cases."""
+    place: dict[int, tuple[Path, int]] = {}
+    for path in row_files(folder):
+        offset = 0
+        with open(path, "rb") as file:
+            for line in file:
+                row = _parsed(line.decode("utf-8", "replace"))
+                if row is not None and "case" in row:
+                    place[row["case"]] = (path, offset)
+                offset += len(line)
+    return [place[number] for number in sorted(place)]
+
+
+def _read(order: Iterable[tuple[Path, int]]) -> Iterator[dict]:
+    files: dict[Path, Any] = {}
+    try:
+        for path, offset in order:
+            if path not in files:
+                files[path] = open(path, "rb")  # noqa: SIM115 - closed below
+            files[path].seek(offset)
+            yield json.loads(files[path].readline())
+    finally:
+        for file in files.values():
+            file.close()
+
+
+def _cell(value: Any) -> Any:
+    return json.dumps(value) if isinstance(value, list | dict) else value
+
+
+def _write_columns(file, names: Sequence[str], keys: Sequence[str], order: list) -> None:
+    """A dataset a column, text or float64 with NaN for nothing; a key is text where any of its values is none."""
+    numeric = {name: name not in TEXTS for name in names}
+    for row in _read(order):
+        for key in keys:
+            if not isinstance(row.get(key), int | float) or isinstance(row.get(key), bool):
+                numeric[key] = False
+    for name in names:
+        kind = "<i8" if name == "case" else "<f8" if numeric[name] else _TEXT
+        data = file.create_dataset(
+            name.replace("/", "_"), (len(order),), kind, chunks=(max(1, min(len(order), _BATCH)),)
+        )
+        data.attrs["description"] = f"changed key {name}" if name in keys else name.replace("_", " ")
+    for start in range(0, len(order), _BATCH):
+        rows = list(_read(order[start : start + _BATCH]))
+        for name in names:
+            values = [row.get(name) for row in rows]
+            if numeric[name]:
+                column = np.array([np.nan if value is None else value for value in values], float)
+            else:
+                column = np.array(["" if value is None else str(_cell(value)) for value in values], object)
+            file[name.replace("/", "_")][start : start + len(rows)] = column

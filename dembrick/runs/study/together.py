@@ -1,0 +1,148 @@
+"""Cases that are limit loads of one joint each, run together in compiled calls instead of one by one.
+
+What two blocks with a joint between them come to is the same as in a run of their own, but for the frills: no record,
+no history, no comparison with theory. A case that does not fit, or finds no answer here, is left to a run of its own,
+which also words the error.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from dembrick.assembly import build as assemblies
+from dembrick.errors import ScenarioError
+from dembrick.runs import theory_check
+from dembrick.scenario.model import Scenario, Solver, YieldControl
+from dembrick.simulation.statics import batch
+from dembrick.simulation.statics.yield_point import mechanism
+
+_NUMBERS = ("V", "V_lower", "V_upper", "N", "V_1", "V_2", "M_T")
+_NO_PUSH = 1e-12  # of the jacks' force times the joint's size: what pushes less pushes nothing
+
+
+def fits(scenario: Scenario) -> bool:
+    """Whether a case may be run with others: a limit load of one free block on a fixed one, by points that are given
+    or by the area, with the default time step."""
+    law = scenario.joint
+    return (
+        isinstance(scenario.control, YieldControl)
+        and len(scenario.all_blocks) == 2
+        and sum(block.fixed for block in scenario.all_blocks) == 1
+        and not scenario.joints
+        and not scenario.supports
+        and scenario.solver == Solver()
+        and law.friction > 0.0
+        and (law.formulation != "distributed" or law.points is not None)
+    )
+
+
+def limit_loads(scenarios: Sequence[Scenario]) -> dict[int, dict[str, Any]]:
+    """The results, by index, of those scenarios that fit and have an answer, with the keys of a run's JSON object.
+
+    Raises ScenarioError never: what is wrong with a scenario shows when it is run by itself.
+    """
+    groups: dict[tuple, list[tuple[int, _Case]]] = {}
+    for index, scenario in enumerate(scenarios):
+        case = _case(scenario) if fits(scenario) else None
+        if case is not None:
+            law = scenario.joint
+            kind = (law.formulation, law.pressure, law.points, scenario.control.tolerance, len(case.weight))
+            groups.setdefault(kind, []).append((index, case))
+    results: dict[int, dict[str, Any]] = {}
+    for (formulation, pressure, points, tolerance, _), group in groups.items():
+        found = _run(formulation, pressure, points, tolerance, [case for _, case in group])
+        results |= {group[i][0]: result for i, result in found.items()}
+    return results
+
+
+class _Case:
+    """One joint under its loads, in its own axes about O."""
+
+    def __init__(self, scenario: Scenario, assembly):
+        joint = assembly.joints[0]
+        b, arm, axes = joint.block_b, np.asarray(joint.arm_b), np.asarray(joint.axes)
+        jacks = assembly.actuators
+        self.polygon, self.law = np.asarray(joint.polygon), scenario.joint
+        self.dead = theory_check.wrench(axes, arm, assembly.dead_force[b], assembly.dead_torque[b])
+        self.point = (jacks.arm - arm) @ axes.T
+        self.direction = jacks.direction @ axes.T
+        self.weight = jacks.weight
+        force = self.direction * self.weight[:, None]
+        turn = abs(float(np.cross(self.point, force)[:, 2].sum()))
+        self.reach = float(np.hypot(*self.polygon.T).max())
+        pushing = float(np.hypot(*force.sum(axis=0)[:2])) * self.reach + turn
+        self.sound = self.dead[2] < 0.0 and pushing > _NO_PUSH * float(np.abs(self.weight).sum()) * self.reach
+
+
+def _case(scenario: Scenario) -> _Case | None:
+    try:
+        bare = _at_rest(_Geometry(scenario))
+        if len(bare.joints) != 1:
+            return None
+        case = _Case(scenario, assemblies.loaded(scenario, bare, points=False))
+    except ScenarioError:
+        return None
+    return case if case.sound else None
+
+
+class _Geometry:
+    """The part of a scenario that its joints follow from, as a key: equal parts give equal joints."""
+
+    def __init__(self, scenario: Scenario):
+        self.scenario = scenario
+        densities = {name: material.density for name, material in scenario.materials.items()}
+        self._key = (scenario.all_blocks, tuple(sorted(densities.items())), scenario.path)
+
+    def __eq__(self, other) -> bool:
+        return self._key == other._key
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+
+@lru_cache(maxsize=64)
+def _at_rest(geometry: _Geometry):
+    return assemblies.at_rest(geometry.scenario)
+
+
+def _run(formulation: str, pressure: str, points, tolerance: float, cases: list[_Case]) -> dict[int, dict[str, Any]]:
+    """The results of cases of one kind that have an answer, by their place in the list."""
+    polygons: dict[bytes, int] = {}
+    shape = np.array([polygons.setdefault(case.polygon.tobytes(), len(polygons)) for case in cases])
+    corners = [np.frombuffer(polygon).reshape(-1, 2) for polygon in polygons]
+    law = [case.law for case in cases]
+    together = batch.Cases(
+        formulation,
+        corners,
+        shape,
+        friction=np.array([one.friction for one in law]),
+        normal_stiffness=np.array([one.normal_stiffness for one in law]),
+        shear_stiffness=np.array([one.shear_stiffness for one in law]),
+        dead=np.array([case.dead for case in cases]),
+        jack_point=np.array([case.point for case in cases]),
+        jack_direction=np.array([case.direction for case in cases]),
+        jack_weight=np.array([case.weight for case in cases]),
+        pressure=pressure,
+        points=points,
+        tolerance=tolerance,
+    )
+    began = time.perf_counter()
+    found = batch.find_limit_loads(together, threads=1)
+    seconds = (time.perf_counter() - began) / len(cases)
+    return {i: _result(found, i, case.reach, seconds) for i, case in enumerate(cases) if found.status[i] == "yield"}
+
+
+def _result(found: batch.LimitLoads, i: int, reach: float, seconds: float) -> dict[str, Any]:
+    """The JSON object of one case; its loop time is the mean of all that ran with it."""
+    centre, how = mechanism(found.twist[i], found.tilt[i], reach)
+    numbers = {
+        name: float(getattr(found, name)[i]) + 0.0 for name in ("V", "V_lower", "V_upper", "N", "V_1", "V_2", "M_T")
+    }
+    bracket = "certified" if found.certified[i] else "indicator"
+    point = {**numbers, "bracket": bracket, "torsion_centre": centre, "mechanism": how}
+    return {"status": "yield", "yield_point": point, "steps": int(found.steps[i]), "wall": {"loop": seconds}}

@@ -1,0 +1,47 @@
+"""Histories in the formats of other programs: VTKHDF and PVD for ParaView, CSV for everything else.
+
+A picture has three layers, each with a file of its own: the blocks, their joints (``<stem>_joints``) and the forces in
+the contact points (``<stem>_contacts``). See ``layers`` for what they carry.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Collection
+from functools import partial
+
+from dembrick.errors import OutputError, ScenarioError
+from dembrick.history import History
+from dembrick.views.export.layers import LAYERS
+from dembrick.views.export.pvd import to_pvd
+from dembrick.views.export.text import to_csv
+from dembrick.views.export.vtkhdf import to_vtkhdf
+
+__all__ = ["LAYERS", "export", "to_csv", "to_pvd", "to_vtkhdf"]
+
+
+def export(
+    history: History,
+    path: str | os.PathLike,
+    report: Callable[[str], None] | None = None,
+    only: Collection[str] = LAYERS,
+) -> list[str]:
+    """Write the history in the format that the ending of ``path`` names; returns the files written, as ``path`` names
+    its folder.
+
+    ``report`` gets a sentence for each quantity that the history does not hold, with the remedy. ``only``: the layers
+    to write (blocks, joints, contacts); text always has all series.
+    """
+    unknown = [layer for layer in only if layer not in LAYERS]
+    if unknown or not only:
+        raise ScenarioError(f"layers = {list(only)} are unknown or none; choose from {', '.join(LAYERS)}")
+    ending = os.path.splitext(os.fspath(path))[1].lower()
+    writers = {".vtkhdf": partial(to_vtkhdf, only=only), ".pvd": partial(to_pvd, only=only), ".csv": to_csv}
+    if ending not in writers:
+        raise OutputError(f"{path}: no export has the ending {ending!r}; the known endings are {', '.join(writers)}")
+    folder = os.path.dirname(os.fspath(path))
+    home = os.path.join(os.path.realpath(folder), "")
+    return [
+        os.path.join(folder, file.removeprefix(home)) if file.startswith(home) else file  # a link led elsewhere
+        for file in writers[ending](history, path, report)
+    ]

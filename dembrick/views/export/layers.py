@@ -1,0 +1,251 @@
+"""What an export shows: blocks, joints and contacts as cells that move, with their quantities.
+
+| layer | cells | quantities |
+|---|---|---|
+| blocks | the faces of all blocks | block; displacement, velocity, spin, kinetic_energy; displacement of every vertex |
+| joints | the polygons, riding on their hosts | joint, block_a, block_b; N, V_1, V_2, V, M_T, M_1, M_2, slip, utilisation, state, open_share, torsion_centre, torsion_centre_joint; opening at every corner |
+| contacts | a vertex a contact point | joint; force on block b, normal_force |
+| new_contacts | a vertex a contact that formed in the run, as many as each frame has | block_a, block_b; force and torque on block b, normal, normal_force, area, slip |
+
+SI units, world axes. ``state``: 0 closed, 1 partly open, 2 open. ``torsion_centre`` is in the world,
+``torsion_centre_joint`` along t1 and t2 from O; NaN where there is none. A convex joint has one contact, where its
+resultant passes.
+"""  # noqa: E501 - a table
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+
+from dembrick.geometry.shapes import rotation_matrix
+from dembrick.history import History
+from dembrick.kernels.recorded_motion import resultant_points
+from dembrick.views.motion.blocks import CarriedPoints, Poses, all_vertices, block_quantities
+from dembrick.views.motion.joints import CHANNELS, STATES, JointFrames, JointMotion, RelativeMotion, torsion_centre
+
+LAYERS = ("blocks", "joints", "contacts")  # the last with the new contacts, where there can be any
+
+
+@dataclass(frozen=True, slots=True)
+class Frames:
+    """Some moments: ``points`` (f, n, 3) m, and values by name at points and in cells, (f, n or n_cell, ...)."""
+
+    points: np.ndarray
+    at_points: dict[str, np.ndarray]
+    cells: dict[str, np.ndarray]
+
+
+class Span:
+    """Frames start to stop of a history: what its layers share is read and computed once."""
+
+    def __init__(self, history: History, joints: JointMotion | None, start: int, stop: int):
+        self._joints, self.history, self.start, self.stop = joints, history, start, stop
+
+    @cached_property
+    def poses(self) -> Poses:
+        return Poses.read(self.history, self.start, self.stop)
+
+    @cached_property
+    def joints(self) -> JointFrames:
+        return self._joints.at(range(self.start, self.stop))
+
+    @property
+    def before(self) -> RelativeMotion | None:
+        """The motion of the joints in the frame before the first."""
+        return self._joints.relative(range(self.start - 1, self.start)) if self.start else None
+
+
+class Layer(Protocol):
+    """Cells that keep their corners while the points move; ``fixed``: cell values that never change."""
+
+    kind: str
+    cells: list[tuple[int, ...]]
+    fixed: dict[str, np.ndarray]
+    n_point: int
+
+    def frames(self, span: Span) -> Frames: ...
+
+
+class Picture:
+    """The layers ``only`` that a history can fill, by the suffix of their files; ``report`` hears what is missing.
+
+    ``scattered``: those whose cells are others in every frame.
+    """
+
+    def __init__(self, history: History, report: Callable[[str], None] | None = None, only: Collection[str] = LAYERS):
+        self._history, self._joints = history, None
+        self.layers: dict[str, Layer] = {}
+        self.scattered: dict[str, NewContacts] = {}
+        report = report or (lambda _: None)
+        if "blocks" in only:
+            self.layers[""] = blocks = Blocks(history)
+            if not blocks.recorded:
+                report(
+                    'velocities were not recorded: taken from the frames; "velocity" in output.channels records them'
+                )
+        if "contacts" in only and history.has_new_contacts:
+            self.scattered["_new_contacts"] = NewContacts(history)
+        elif "contacts" in only and history.meets_anew and history.new_contacts.any():
+            report('the forces of new contacts were not recorded; "contacts" in output.channels records them')
+        if not (history.n_joint and {"joints", "contacts"} & set(only)):
+            return
+        forces = history.has_joints and history.n_row > 0
+        if not forces:
+            report('the forces of the joints were not recorded; run again with "joints" in output.channels')
+        self._joints = joints = JointMotion(history)
+        if "joints" in only:
+            self.layers["_joints"] = Joints(history, joints, forces)
+        recorded = history.frame_values("contact_force", 0, 1) is not None
+        if "contacts" in only and (recorded or forces):
+            if not recorded and joints.point_start[-1]:
+                report('contact forces were not recorded: only normal forces are shown; "contacts" in output.channels '
+                       "records them")  # fmt: skip
+            self.layers["_contacts"] = Contacts(history, joints, forces)
+
+    def span(self, start: int, stop: int) -> Span:
+        """Frames start to stop."""
+        return Span(self._history, self._joints, start, stop)
+
+
+class Blocks:
+    """The faces of all blocks."""
+
+    kind = "Polygons"
+
+    def __init__(self, history: History):
+        self.recorded = history.frame_values("velocity", 0, 1) is not None
+        body, block, starts = all_vertices(history)
+        self.cells, owner = [], []
+        for i in range(history.n_block):
+            for face in history.block_faces(i):
+                self.cells.append(tuple(starts[i] + number for number in face))
+                owner.append(i)
+        self._owner = np.array(owner, np.int64)
+        self.fixed = {"block": self._owner}
+        self.n_point = len(block)
+        self._motion = CarriedPoints(history, body, block)
+
+    def frames(self, span: Span) -> Frames:
+        """Points and values of some frames."""
+        poses = span.poses
+        found = block_quantities(span.history, poses, span.start, span.stop)
+        cells = {name: values.astype(np.float32).take(self._owner, axis=1) for name, values in found.items()}
+        moved = self._motion.moved(poses).astype(np.float32)
+        return Frames(self._motion.points(poses), {"displacement": moved}, cells)
+
+
+class Joints:
+    """The polygons of the joints."""
+
+    kind = "Polygons"
+
+    def __init__(self, history: History, joints: JointMotion, forces: bool):
+        self._forces = forces
+        starts = np.cumsum([0, *joints.n_corner]).tolist()
+        self.cells = [tuple(range(a, b)) for a, b in zip(starts, starts[1:], strict=False)]
+        self.n_point = starts[-1]
+        self._there = np.arange(joints.polygon.shape[1]) < joints.n_corner[:, None]
+        own = np.repeat(np.arange(joints.n_joint), joints.n_corner)
+        self._motion = CarriedPoints(history, *_on_hosts(history, joints, own, joints.polygon[self._there]))
+        self.fixed = {"joint": np.arange(joints.n_joint), "block_a": joints.block_a, "block_b": joints.block_b}
+
+    def frames(self, span: Span) -> Frames:
+        """Points and values of some frames."""
+        joints = span.joints
+        now, before = joints.relative, span.before
+        centre = np.full((*now.state.shape, 2), np.nan)
+        if before is not None:
+            centre[:1] = torsion_centre(before, now[:1])
+        centre[1:] = torsion_centre(now[:-1], now[1:])
+        centre[now.state == STATES.index("open")] = np.nan
+        cells = {}
+        if self._forces:
+            resultants = joints.resultants
+            cells = {name: resultants[..., i] for i, name in enumerate(CHANNELS)}
+            cells["V"] = np.hypot(cells["V_1"], cells["V_2"])
+            cells["utilisation"] = joints.utilisation
+        cells["open_share"] = now.open_share
+        cells["torsion_centre"] = joints.origin + np.einsum("fji,fjik->fjk", centre, joints.axes[:, :, :2])
+        cells["torsion_centre_joint"] = centre
+        cells = {name: values.astype(np.float32) for name, values in cells.items()}
+        cells["state"] = now.state.astype(np.int32)
+        opening = now.opening.astype(np.float32)[:, self._there]
+        return Frames(self._motion.points(span.poses), {"opening": opening}, cells)
+
+
+class Contacts:
+    """The contact points, riding on the hosts of their joints, and the point of a convex joint's resultant."""
+
+    kind = "Vertices"
+
+    def __init__(self, history: History, joints: JointMotion, forces: bool):
+        counts = np.diff(joints.point_start)
+        arms, _, _, own = joints.points
+        body, self._host = _on_hosts(history, joints, own, arms)
+        self._motion, self._arms = CarriedPoints(history, body, self._host), arms
+        turn = rotation_matrix(history.orientation0)[self._host]
+        self._tangents = np.einsum("nji,nkj->nki", turn, joints.axes[own, :2])  # body axes of the hosts
+        self._convex = np.flatnonzero(counts == 0) if forces else np.zeros(0, np.int64)
+        owner = np.concatenate([own, self._convex])
+        self.n_point = len(owner)
+        self.cells = [(i,) for i in range(len(owner))]
+        self.fixed = {"joint": owner}
+
+    def frames(self, span: Span) -> Frames:
+        """Points and values of some frames."""
+        joints, points = span.joints, self._places(span)
+        force, normal = joints.point_forces, joints.normal_forces
+        if len(self._convex):
+            resultants = joints.resultants[:, self._convex]
+            own, at = np.empty((*resultants.shape[:2], 3)), np.empty((*resultants.shape[:2], 3))
+            resultant_points(
+                resultants, *(values[:, self._convex] for values in (joints.acting_origin, joints.acting_axes)), own, at
+            )
+            if not points.size:
+                force = own
+            elif force is not None:
+                force = np.concatenate([force, own], axis=1)
+            points = np.concatenate([points, at], axis=1)
+            normal = np.concatenate([normal, resultants[..., 0]], axis=1)
+        data = {"normal_force": normal} if force is None else {"force": force, "normal_force": normal}
+        return Frames(points, {name: values.astype(np.float32) for name, values in data.items()}, {})
+
+    def _places(self, span: Span) -> np.ndarray:
+        """Where the points are (f, c, 3); those of a polygon that was cut have moved on their host."""
+        points = self._motion.points(span.poses)
+        arms = span.history.frame_values("contact_arm", span.start, span.stop)
+        if arms is None:
+            return points
+        moved = np.flatnonzero((arms != self._arms).any(axis=(0, 2)))
+        if len(moved):
+            away = np.einsum("fci,cik->fck", arms[:, moved] - self._arms[moved], self._tangents[moved])
+            points[:, moved] += np.einsum("fcik,fck->fci", span.poses.rotation[:, self._host[moved]], away)
+        return points
+
+
+class NewContacts:
+    """The contacts that formed in the run and carry a force, a vertex at the centre of pressure of each."""
+
+    def __init__(self, history: History):
+        self._history = history
+
+    def frames(self, start: int, stop: int) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+        """Frames start to stop: where the vertices of each begin and those of the last end (f + 1,), all points (c, 3)
+        m, and values by name (c, ...)."""
+        starts, found = self._history.frame_new_contacts(start, stop)
+        blocks, normal, force = (found[name] for name in ("blocks", "normal", "force"))
+        values = {"force": force, "normal_force": (force * normal).sum(axis=1), "normal": normal}
+        values |= {name: found[name] for name in ("torque", "area", "slip")}
+        values = {name: value.astype(np.float32) for name, value in values.items()}
+        return starts, found["point"], {**values, "block_a": blocks[:, 0], "block_b": blocks[:, 1]}
+
+
+def _on_hosts(history: History, joints: JointMotion, own: np.ndarray, arms: np.ndarray):
+    """Points of joints ``own`` (n,) at ``arms`` (n, 2) in the body axes of the hosts, and the hosts."""
+    host = joints.host[own]
+    world = joints.origin[own] - history.position0[host] + np.einsum("ni,nik->nk", arms, joints.axes[own, :2])
+    return np.einsum("nji,nj->ni", rotation_matrix(history.orientation0)[host], world), host

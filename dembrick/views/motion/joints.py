@@ -1,0 +1,360 @@
+"""What the joints of a recorded run do: motion, opening, slip, torsion centre, forces, utilisation.
+
+The motion of b against a is a finite rotation and a shift, seen by an observer who rides on a: the rotation is that of
+b's quaternion against a's, the shift goes from the point O of a to the point O of b. Both are measured from the start
+and written in the joint's axes t1, t2, n. Quaternions keep their digits for small rotations, rotation matrices do not.
+
+Arrays have the shape of the frames asked for in front: (j, ...) for one frame, (f, j, ...) for f of them.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from dembrick.geometry.friction_integrals import far_moments
+from dembrick.geometry.polygons import area
+from dembrick.kernels.joint.utilisation import area_gauges, point_gauges
+from dembrick.kernels.recorded_motion import (
+    normal_parts,
+    relative_motions,
+    ride,
+    ride_in_plane,
+    shared_normals,
+)
+from dembrick.simulation.statics.state import pressed_room
+from dembrick.views.motion.relative import STATES, RelativeMotion, torsion_centre
+
+__all__ = ["CHANNELS", "STATES", "JointFrames", "JointMotion", "RelativeMotion", "nearest", "torsion_centre"]
+
+CHANNELS = ("N", "V_1", "V_2", "M_T", "M_1", "M_2", "slip")
+
+
+class JointMotion:
+    """The joints of a history (or of anything with the same attributes).
+
+    ``polygon`` (j, m, 2): corners, those of joints with fewer than m repeat the last one; ``n_corner`` (j,);
+    ``size`` (j,) m: greatest distance of a corner from O; ``point_start`` (j + 1,) into the list of all contact points.
+    """
+
+    def __init__(self, history):
+        self.history = history
+        joints = history.joints
+        self.n_joint = len(joints)
+        self.block_a, self.block_b, self.host = (
+            np.array([joint[name] for joint in joints], np.int64) for name in ("block_a", "block_b", "host")
+        )
+        self.other = self.block_a + self.block_b - self.host
+        self.origin = np.array([joint["origin"] for joint in joints], float).reshape(-1, 3)
+        self.axes = np.array([joint["axes"] for joint in joints], float).reshape(-1, 3, 3)
+        self.area = np.array([joint["area"] for joint in joints], float)
+        self.friction = np.array([joint["friction"] for joint in joints], float)
+        self.n_corner = np.array([len(joint["polygon"]) for joint in joints], np.int64)
+        most = int(self.n_corner.max(initial=0))
+        self.polygon = np.empty((self.n_joint, most, 2))
+        for own, joint in zip(self.polygon, joints, strict=True):
+            own[:] = joint["polygon"][-1]
+            own[: len(joint["polygon"])] = joint["polygon"]
+        self.size = np.hypot(self.polygon[..., 0], self.polygon[..., 1]).max(axis=1, initial=0.0)
+        self.point_start = np.cumsum([0, *(len(joint["areas"]) for joint in joints)])
+        self.arm_a = self.origin - history.position0[self.block_a]
+        self.arm_b = self.origin - history.position0[self.block_b]
+        self.arm_host = np.where((self.host == self.block_a)[:, None], self.arm_a, self.arm_b)
+        self.back = history.orientation0 * np.array([1.0, -1.0, -1.0, -1.0])
+
+    def at(self, frames) -> JointFrames:
+        """The joints in some frames: a range, or a list of numbers."""
+        return JointFrames(self, frames)
+
+    def _in(self, frames, name: str):
+        """A quantity of `JointFrames` in some frames, or in a single one, counted from the end where negative."""
+        if np.ndim(frames):
+            return getattr(self.at(frames), name)
+        k = range(self.history.n_frames)[int(frames)]
+        found = getattr(self.at(range(k, k + 1)), name)
+        return None if found is None else found[0]
+
+    def relative(self, frames) -> RelativeMotion:
+        """Motion of b against a in a frame, or in each of several, since the start."""
+        return self._in(frames, "relative")
+
+    def torsion_centre(self, frame: int, since: int | None = None) -> np.ndarray:
+        """Torsion centre (j, 2) of every joint from O in its axes, for the increment from frame ``since`` (default:
+        the one before) to ``frame``; see :func:`torsion_centre`. NaN also in the first frame, and where the joint is
+        open."""
+        frame = range(self.history.n_frames)[frame]
+        since = frame - 1 if since is None else range(self.history.n_frames)[since]
+        if since < 0:
+            return np.full((self.n_joint, 2), np.nan)
+        both = self.relative([since, frame])
+        first, second = both[0], both[1]
+        return np.where((second.state == STATES.index("open"))[:, None], np.nan, torsion_centre(first, second))
+
+    def rows(self, frames) -> np.ndarray:
+        """The row nearest in time to each frame."""
+        return nearest(self.history.time, self.history.frame_time[frames])
+
+    def resultants(self, frames) -> np.ndarray:
+        """(j, 7): N, V_1, V_2, M_T, M_1, M_2 (N, N m; action on b about O) and slip (m), of the nearest row."""
+        return self._in(frames, "resultants")
+
+    def normal_forces(self, frames) -> np.ndarray:
+        """(c,) N: normal force of every contact point; see :attr:`JointFrames.normal_forces`."""
+        return self._in(frames, "normal_forces")
+
+    def point_forces(self, frames) -> np.ndarray | None:
+        """(c, 3) N: force on b at every contact point, world axes; None where the history does not have them."""
+        return self._in(frames, "point_forces")
+
+    def utilisation(self, frames) -> np.ndarray:
+        """(j,): how much of its strength each joint uses; see :attr:`JointFrames.utilisation`."""
+        return self._in(frames, "utilisation")
+
+    def frame_axes(self, frames) -> np.ndarray:
+        """(j, 3, 3): the joints' axes riding on a, world, as rows."""
+        return self._in(frames, "axes")
+
+    # --- what does not move ---
+
+    @cached_property
+    def points(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Normal arms (c, 2), shear arms (c, 2), tributary areas (c,) and joints (c,) of all contact points."""
+        joints = self.history.joints
+        normal, shear = (
+            np.concatenate([np.zeros((0, 2)), *(joint[name] for joint in joints)])
+            for name in ("normal_arms", "shear_arms")
+        )
+        areas = np.concatenate([np.zeros(0), *(joint["areas"] for joint in joints)])
+        return normal, shear, areas, np.repeat(np.arange(self.n_joint), np.diff(self.point_start))
+
+    @cached_property
+    def twist(self) -> tuple[np.ndarray, np.ndarray]:
+        """Slip twists that told the utilisation of convex joints and of those with points, where the next search
+        starts: that of a neighbouring frame is found five times as fast from there."""
+        with_points = np.diff(self.point_start) > 0
+        return np.zeros(((~with_points).sum(), 3)), np.zeros((with_points.sum(), 3))
+
+    @cached_property
+    def pressures(self) -> list[str]:
+        """Pressure that the law of each convex joint assumes."""
+        return [self.history.joints[j]["pressure"] for j in self.surfaces[-1]]
+
+    @cached_property
+    def surfaces(self) -> tuple[np.ndarray, ...] | None:
+        """The different polygons of joints without contact points, what `area_gauges` needs of them, and the joints."""
+        shapes: dict[tuple, int] = {}
+        polygons, which = [], []
+        joint = np.flatnonzero(np.diff(self.point_start) == 0)
+        for j in joint:
+            scaled = np.round(self.polygon[j] / self.size[j], 9) + 0.0
+            key = (int(self.n_corner[j]), f"{self.size[j]:.9e}", *scaled.ravel().tolist())
+            if key not in shapes:
+                shapes[key] = len(polygons)
+                polygons.append(self.polygon[j, : self.n_corner[j]])
+            which.append(shapes[key])
+        if not polygons:
+            return None
+        x, y = np.ascontiguousarray(np.concatenate(polygons).T)
+        return (
+            x,
+            y,
+            np.cumsum([0, *map(len, polygons)]),
+            np.array([area(polygon) for polygon in polygons]),
+            np.array([np.hypot(*polygon.T).max() for polygon in polygons]),
+            np.array([far_moments(polygon) for polygon in polygons]),
+            np.array(which),
+            joint,
+        )
+
+    def grid(self, joint: int, along: int = 12) -> np.ndarray:
+        """(k, 2) m: points of a square grid over the polygon of a joint, ``along`` of them over its longer side."""
+        polygon = self.polygon[joint, : self.n_corner[joint]]
+        low, extent = polygon.min(axis=0), np.ptp(polygon, axis=0)
+        counts = np.maximum(np.round(along * extent / extent.max()).astype(int), 1)
+        lines = [low[i] + extent[i] * (np.arange(counts[i]) + 0.5) / counts[i] for i in (0, 1)]
+        points = np.stack(np.meshgrid(*lines), axis=-1).reshape(-1, 2)
+        edge = np.roll(polygon, -1, axis=0) - polygon
+        from_corner = points[:, None] - polygon
+        inside = (edge[:, 0] * from_corner[..., 1] - edge[:, 1] * from_corner[..., 0] >= 0.0).all(axis=1)
+        return points[inside]
+
+
+class JointFrames:
+    """The joints of a history in some frames f, each quantity read and computed when it is first asked for.
+
+    Arrays start with (f, j, ...), those of contact points with (f, c, ...) in the order of ``JointMotion.point_start``.
+    """
+
+    def __init__(self, joints: JointMotion, frames):
+        self.joints, self._frames, self._history = joints, frames, joints.history
+
+    def _values(self, name: str) -> np.ndarray | None:
+        frames, read = self._frames, self._history.frame_values
+        if isinstance(frames, range) and frames.step == 1 and frames.start >= 0:
+            return read(name, frames.start, frames.stop)
+        numbers = [range(self._history.n_frames)[int(k)] for k in frames]
+        found = [read(name, k, k + 1) for k in numbers]
+        return None if any(one is None for one in found) else np.concatenate(found)
+
+    @cached_property
+    def _poses(self) -> tuple[np.ndarray, np.ndarray]:
+        return self._values("displacement"), self._values("orientation")
+
+    # --- places ---
+
+    @cached_property
+    def relative(self) -> RelativeMotion:
+        """Motion of b against a since the start."""
+        joints, (displacement, orientation) = self.joints, self._poses
+        shape = (len(displacement), joints.n_joint)
+        shift, turn, plane = np.empty((*shape, 3)), np.empty((*shape, 4)), np.empty((*shape, 3))
+        on_b, turned = joints.host == joints.block_b, np.empty_like(joints.back)
+        pairs, arms = (joints.block_a, joints.block_b, on_b), (joints.arm_a, joints.arm_b)
+        relative_motions(displacement, orientation, joints.back, *pairs, *arms, joints.axes, turned, shift, turn, plane)
+        return RelativeMotion(joints, shift, turn, plane)
+
+    @cached_property
+    def _places(self) -> tuple[np.ndarray, np.ndarray]:
+        joints, (displacement, orientation) = self.joints, self._poses
+        origin = np.empty((len(displacement), joints.n_joint, 3))
+        axes = np.empty((*origin.shape, 3))
+        ride(
+            displacement,
+            orientation,
+            joints.back,
+            joints.block_a,
+            joints.arm_a,
+            joints.origin,
+            joints.axes,
+            origin,
+            axes,
+        )
+        return origin, axes
+
+    @property
+    def origin(self) -> np.ndarray:
+        """(f, j, 3) m: the points O of the blocks a in the world."""
+        return self._places[0]
+
+    @property
+    def axes(self) -> np.ndarray:
+        """(f, j, 3, 3): the joints' axes riding on a, world, as rows."""
+        return self._places[1]
+
+    @cached_property
+    def shift(self) -> np.ndarray:
+        """(f, j, 2) m: where O is on the block that the polygon rides on, from O of the start: elsewhere where part of
+        the polygon was cut off, because it slid over the edge of the other block's face."""
+        found = self._values("joint_shift")
+        return np.zeros((len(self._frames), self.joints.n_joint, 2)) if found is None else found
+
+    @cached_property
+    def _acting(self) -> tuple[np.ndarray, np.ndarray]:
+        joints, (displacement, orientation) = self.joints, self._poses
+        origin = np.empty((len(displacement), joints.n_joint, 3))
+        axes = np.empty((*origin.shape, 3))
+        pair, start = (joints.host, joints.other), (joints.arm_host, joints.origin, joints.axes)
+        ride_in_plane(displacement, orientation, joints.back, *pair, *start, self.shift, origin, axes)
+        return origin, axes
+
+    @property
+    def acting_origin(self) -> np.ndarray:
+        """(f, j, 3) m: the points O in the world about which the resultants are, on the block that the polygon rides
+        on."""
+        return self._acting[0]
+
+    @property
+    def acting_axes(self) -> np.ndarray:
+        """(f, j, 3, 3): the axes of the resultants, world, as rows: t1 of the block that the polygon rides on, laid
+        into the plane of the other's face, t2, and the normal of that face from a to b."""
+        return self._acting[1]
+
+    # --- forces ---
+
+    @cached_property
+    def resultants(self) -> np.ndarray:
+        """(f, j, 7): N, V_1, V_2, M_T, M_1, M_2 (N, N m; action on b about O) and slip (m), of the nearest row."""
+        rows = self.joints.rows(self._frames)
+        first, last = (int(rows.min()), int(rows.max()) + 1) if len(rows) else (0, 0)
+        found = np.empty((len(rows), self.joints.n_joint, len(CHANNELS)))
+        for i, name in enumerate(CHANNELS):
+            found[..., i] = self._history.series(f"joint/{name}", first, last)[rows - first]
+        return found
+
+    @cached_property
+    def point_forces(self) -> np.ndarray | None:
+        """(f, c, 3) N: force on b at every contact point, world axes; None where the history does not have them."""
+        return self._values("contact_force")
+
+    @cached_property
+    def normal_forces(self) -> np.ndarray:
+        """(f, c) N: normal force of every contact point.
+
+        Recorded ones where the history has them; else the joint's N, shared as the springs share it: by tributary
+        area and penetration.
+        """
+        joints = self.joints
+        arms, _, areas, owner = joints.points
+        found = np.empty((len(self._frames), len(owner)))
+        if self.point_forces is not None:
+            normal_parts(self.point_forces, self.acting_axes, joints.point_start, found)
+        elif len(owner):
+            whole = np.ascontiguousarray(self.resultants[..., 0])
+            shared_normals(self.relative.plane, whole, joints.point_start, np.ascontiguousarray(arms), areas, found)
+        return found
+
+    @cached_property
+    def utilisation(self) -> np.ndarray:
+        """(f, j): gauge of (V_1, V_2, M_T) in the joint's own limit set at its N; 1 is the yield domain's edge.
+
+        ``convex``: the exact surface of the polygon under the pressure of its law. Point formulations: the set of all
+        forces that Coulomb friction at the points can give, each under its own normal force. A joint without friction
+        strength is at 0 when it carries nothing, and at infinity else. Where contact forces were not recorded, a joint
+        that touches at a corner with next to no force may read above 1. NaN for a joint that was cut where it slid over
+        an edge, unless its contact points were recorded: its strength is that of a polygon which is not known.
+        """
+        joints, resultants = self.joints, self.resultants
+        found = np.zeros(resultants.shape[:2])
+        force = np.ascontiguousarray(resultants[..., 1:4])
+        if joints.surfaces is not None:
+            joint = joints.surfaces[-1]
+            pressed = bending = None
+            if set(joints.pressures) - {"full"}:
+                pressed = pressed_room(joints.pressures, joints.n_corner[joint].tolist())
+                opening = self.relative.components[..., 2:5]
+                bending = np.concatenate([resultants[..., [0, 4, 5]], opening], axis=-1)
+            strength = joints.friction * resultants[..., 0]
+            area_gauges(*joints.surfaces, pressed, bending, strength, force, joints.twist[0], found)
+        unknown = self.shift.any(axis=2) & (force != 0.0).any(axis=2)
+        if joints.point_start[-1]:
+            joint = np.flatnonzero(np.diff(joints.point_start))
+            start = np.append(joints.point_start[joint], joints.point_start[-1])
+            x, y = np.ascontiguousarray(joints.points[1].T)
+            normal = np.ascontiguousarray(self.normal_forces)
+            rest = (start, joint, joints.friction)
+            point_gauges(x, y, *rest, normal, force, joints.twist[1], np.zeros(6), found)
+            arms = self._values("contact_arm")
+            if arms is not None:
+                unknown[:, joint] = False
+                for k in np.flatnonzero((arms != joints.points[0]).any(axis=(1, 2))):
+                    x, y = self._shear_arms(k, arms[k])
+                    one = slice(k, k + 1)
+                    point_gauges(x, y, *rest, normal[one], force[one], joints.twist[1], np.zeros(6), found[one])
+        found[unknown] = np.nan
+        return found
+
+    def _shear_arms(self, k: int, arms: np.ndarray) -> np.ndarray:
+        """Where friction acts (2, c) from O of now, in the ``k``-th frame: nearer to it than the ``arms`` (c, 2) of the
+        points from O of the start by as much as at the start."""
+        normal, shear, _, owner = self.joints.points
+        size = np.zeros((2, self.joints.n_joint))
+        for row, points in zip(size, (normal, shear), strict=True):
+            np.maximum.at(row, owner, np.abs(points).max(axis=1))
+        ratio = np.divide(size[1], size[0], out=np.ones_like(size[0]), where=size[0] > 0.0)
+        return np.ascontiguousarray((ratio[owner, None] * (arms - self.shift[k, owner])).T)
+
+
+def nearest(times: np.ndarray, wanted) -> np.ndarray:
+    """Index of the entry of ``times`` (ascending) next to each wanted time; halfway, the earlier one."""
+    return np.searchsorted(0.5 * (times[1:] + times[:-1]), wanted)

@@ -1,0 +1,56 @@
+"""What every joint of a recorded run carries at one moment, as a table."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dembrick.errors import HistoryError
+from dembrick.views.motion.joints import STATES, JointMotion, nearest
+
+UNITS = {
+    "N": "N",
+    "V_1": "N",
+    "V_2": "N",
+    "M_T": "N m",
+    "M_1": "N m",
+    "M_2": "N m",
+    "e_1": "m",
+    "e_2": "m",
+    "slip": "m",
+    "open_share": "1",
+    "utilisation": "1",
+}
+
+
+def joint_table(history, frame: int = -1, time: float | None = None) -> list[dict]:
+    """One dict a joint: ``joint`` (its two blocks), ``state`` and the quantities of ``UNITS``, in a frame or in the one
+    nearest to a ``time`` (s).
+
+    Resultants are the action on the second block about the joint's centroid O, in the axes t1 and t2 of the joint.
+    ``e_1`` and ``e_2``: the centre of pressure from O, (M_2, -M_1) / N; None where the joint carries nothing.
+    ``open_share``: the part of its area over which it is open. ``utilisation``: the gauge of V_1, V_2 and M_T in the
+    joint's yield domain at its N. HistoryError where frames or joint forces were not recorded.
+    """
+    if not history.n_frames:
+        raise HistoryError(f'{history.path}: no frames were recorded; run it again with "frames" in output.channels')
+    if not history.has_joints:
+        history.joint("N")  # says what to record
+    if time is not None:
+        frame = int(nearest(history.frame_time, [time])[0])
+    if not -history.n_frames <= frame < history.n_frames:
+        raise HistoryError(f"{history.path}: it has {history.n_frames} frames, and no frame {frame}")
+    frame %= history.n_frames
+    joints = JointMotion(history)
+    now = joints.at([frame])
+    columns = dict(zip(("N", "V_1", "V_2", "M_T", "M_1", "M_2", "slip"), now.resultants[0].T, strict=True))
+    carries = columns["N"] > 0.0
+    with np.errstate(divide="ignore", invalid="ignore"):
+        columns["e_1"] = np.where(carries, columns["M_2"] / columns["N"], np.nan)
+        columns["e_2"] = np.where(carries, -columns["M_1"] / columns["N"], np.nan)
+    columns["open_share"], columns["utilisation"] = now.relative.open_share[0], now.utilisation[0]
+    names, state = history.block_names, now.relative.state[0]
+    return [
+        {"joint": f"{names[joints.block_a[j]]}/{names[joints.block_b[j]]}", "state": STATES[state[j]]}
+        | {name: float(columns[name][j]) if np.isfinite(columns[name][j]) else None for name in UNITS}
+        for j in range(joints.n_joint)
+    ]

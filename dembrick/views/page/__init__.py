@@ -1,0 +1,143 @@
+"""One web page that holds a whole run: the motion in 3D, the curve, the path on the yield domain, the numbers.
+
+The page is a single file that asks nothing of the network. A history may come from anywhere, so whatever it says is
+escaped, and a content security policy lets the page run no script but its own, told by its hash.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import os
+from html import escape
+from importlib import resources
+from string import Template
+
+import dembrick
+from dembrick import history as histories
+from dembrick.errors import OutputError
+from dembrick.history.files import check_output, reason, replacing
+from dembrick.views import summary
+from dembrick.views.page import content
+
+ENDINGS = (".html", ".htm")
+_SCRIPTS = ("viewer.js", "charts.js", "page.js")
+_LONGEST_TEXT = 200_000  # characters of a scenario that are shown
+
+
+def write(history, path: str | os.PathLike) -> str:
+    """Write the page of a history (or of the file of one) to ``path``; returns the path.
+
+    Raises OutputError for a path that cannot be written, HistoryError where nothing was recorded that could be shown.
+    """
+    path = os.fspath(path)
+    if os.path.splitext(path)[1].lower() not in ENDINGS:
+        raise OutputError(f"{path}: a page is written as HTML; let the name end in .html")
+    target = check_output(path)
+    if isinstance(history, str | os.PathLike):
+        with histories.read(history) as opened:
+            text = document(opened)
+    else:
+        text = document(history)
+    try:
+        with replacing(target) as part, open(part, "w", encoding="utf-8", newline="\n") as file:
+            file.write(text)
+    except OSError as error:
+        raise OutputError(f"{path}: the page cannot be written ({reason(error)}); choose another path") from error
+    return path
+
+
+def document(history) -> str:
+    """The page as text."""
+    data = content.collect(history)
+    script = "\n".join(_own(name) for name in _SCRIPTS)
+    style = _own("style.css")
+    scenario = history.scenario_text
+    if len(scenario) > _LONGEST_TEXT:
+        scenario = scenario[:_LONGEST_TEXT] + f"\n... and {len(scenario) - _LONGEST_TEXT} characters more"
+    return Template(_own("template.html")).substitute(
+        version=escape(dembrick.__version__),
+        title=escape(history.title or os.path.basename(history.path)),
+        subtitle=escape(_subtitle(history)),
+        legend=escape(_legend(data)),
+        frames_note=escape(_frames_note(history, data)),
+        results=results_table(history.results),
+        scenario=escape(scenario),
+        footer=escape(_origin(history)),
+        style=style,
+        style_hash=_hash(style),
+        script=script,
+        script_hash=_hash(script),
+        data=_as_script(data),
+    )
+
+
+def fragment(result) -> str:
+    """What a notebook shows of a result: the title, the key numbers with their error bars, the curve."""
+    text = f"<strong>{escape(result.scenario.title)}</strong>{results_table(result.results)}"
+    if len(result.rows.get("load", ())):
+        from dembrick.views import plot
+
+        text += plot.inline_svg(plot.force_displacement([result]))
+    return text
+
+
+def results_table(results: dict) -> str:
+    """The key numbers of a run as an HTML table."""
+    lines = summary.key_numbers(results)
+    if not lines:
+        return "<p>There are no results yet: the run has not ended.</p>"
+    rows = []
+    for name, value, remark in lines:
+        note = f'<br><small class="quiet">{escape(remark)}</small>' if remark else ""
+        rows.append(f'<tr><th scope="row">{escape(name)}</th><td>{escape(value)}{note}</td></tr>')
+    return f"<table>{''.join(rows)}</table>"
+
+
+def _own(name: str) -> str:
+    return resources.files(__package__).joinpath(name).read_text(encoding="utf-8")
+
+
+def _hash(text: str) -> str:
+    return f"sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}"
+
+
+def _as_script(data: dict) -> str:
+    """JSON that cannot end the element it stands in, nor open a comment there."""
+    text = json.dumps(data, allow_nan=False, separators=(",", ":"))
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+
+
+def _subtitle(history) -> str:
+    """One line: formulation, status, how large."""
+    results = history.results
+    formulation = results.get("formulation")
+    words = [f"formulation {formulation}"] if isinstance(formulation, str) else []
+    words.append("still running, or stopped before its end" if history.status == "running" else history.status)
+    joints = "1 joint" if history.n_joint == 1 else f"{history.n_joint} joints"
+    return ", ".join([*words, f"{history.n_block} blocks, {joints}"])
+
+
+def _legend(data: dict) -> str:
+    """What the lines and arrows of the 3D picture mean."""
+    words = "Grey lines: where the blocks started."
+    if data["jacks"]:
+        words += " Orange arrows: jacks, as long as their load."
+    if data["centre"]:
+        words += " Blue rod: the torsion centre of the joint."
+    return words
+
+
+def _frames_note(history, data: dict) -> str:
+    """Says so where not all frames are on the page."""
+    shown = len(data["time"])
+    return "" if shown == history.n_frames else f"{shown} of {history.n_frames} recorded frames are shown."
+
+
+def _origin(history) -> str:
+    """Where the page comes from."""
+    versions = [f"{name} {version}" for name, version in history.versions.items()]
+    return f"dembrick {dembrick.__version__} made this page from {os.path.basename(history.path)}. The run: " + (
+        ", ".join(versions) or "no versions recorded"
+    )

@@ -1,0 +1,188 @@
+"""What the scripts of a page need of a history: geometry and frames packed as float32, jacks, torsion centres."""
+
+from __future__ import annotations
+
+import base64
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from dembrick.errors import HistoryError
+from dembrick.geometry.shapes import quaternion_product, rotation_matrix
+from dembrick.views import summary
+from dembrick.views.motion.joints import JointMotion
+from dembrick.views.page import diagrams
+from dembrick.views.plot.paths import JointPath, joint_path
+from dembrick.views.plot.subject import JointAlone
+
+MOST_FRAMES = 240
+MOST_BYTES = 8 << 20  # of packed frames
+_MAGNIFY = 0.12  # of the largest block: how far the farthest corner moves in a page that was just opened
+_FAR = 2.0  # of the scene: a torsion centre further away is that of a shear
+
+
+class Frames(NamedTuple):
+    """The frames of a page: their numbers (f,), time (f,) s, displacement (f, n, 3) m and rotation vectors (f, n, 3)
+    since the start, world axes."""
+
+    number: np.ndarray
+    time: np.ndarray
+    displacement: np.ndarray
+    rotation: np.ndarray
+
+
+def collect(history) -> dict:
+    """All that the scripts of a page need, as plain lists, numbers and base64."""
+    frames = chosen_frames(history)
+    rest = [history.block_vertices(i) @ rotation_matrix(history.orientation0[i]).T for i in range(history.n_block)]
+    blocks = np.repeat(np.arange(history.n_block), [len(own) for own in rest])
+    vertices = np.concatenate([np.zeros((0, 3)), *rest])
+    world = vertices + history.position0[blocks]
+    if not len(world):
+        raise HistoryError(f"{history.path}: its blocks have no corners, so there is nothing to draw")
+    middle = 0.5 * (world.min(axis=0) + world.max(axis=0))
+    moved = _greatest(vertices, blocks, frames)
+    largest = max(float(np.ptp(own, axis=0).max()) for own in rest if len(own))
+    start = automatic_magnification(float(moved[-1]), largest)
+    path = recorded_path(history)
+    record = diagrams.record_at(history, frames.time, moved)
+    pushed = record.load is not None and record.diagram.unit == "N"  # by jacks, not by the weight of a tilted structure
+    return {
+        "blocks": {
+            "count": history.n_block,
+            "fixed": [bool(fixed) for fixed in history.block_fixed],
+            "vertexStart": _packed(np.cumsum([0, *(len(own) for own in rest)]), "<u4"),
+            "vertices": _packed(vertices, "<f4"),
+            "places": _packed(history.position0 - middle, "<f4"),
+            "faces": _packed(_faces(history, rest), "<u4"),
+            "displacement": _packed(frames.displacement, "<f4"),
+            "rotation": _packed(frames.rotation, "<f4"),
+        },
+        "time": diagrams.listed(frames.time),
+        "load": diagrams.listed(record.load) if pushed else None,
+        "reach": 0.5 * float(np.linalg.norm(np.ptp(world, axis=0))),
+        "most": max(float(moved.max()), 1e-30),
+        "mostText": summary.length(float(moved.max())),
+        "magnification": {"start": math.log10(start), "most": max(1.0, math.ceil(math.log10(start) + 0.7))},
+        "jacks": [_jack(history, jack, rest[jack["block"]], middle) for jack in history.actuators if pushed],
+        "centre": _centres(history, path, frames, middle, float(np.ptp(world, axis=0).max())),
+        "curve": diagrams.curve(history, record),
+        "path": None if path is None else diagrams.yield_domain(history, record, path),
+        "readout": diagrams.readout(history, record, path),
+    }
+
+
+def chosen_frames(history) -> Frames:
+    """Frames spread evenly over the run, the first and the last among them, as many as a page should carry.
+
+    What follows the first frame that is not finite (a run that diverged) is left out.
+    """
+    if history.n_frames == 0:
+        raise HistoryError(f"{history.path}: no frames were recorded in this history, so there is nothing to draw")
+    most = int(np.clip(MOST_BYTES // (24 * max(1, history.n_block)), 2, MOST_FRAMES))
+    numbers = np.unique(np.linspace(0, history.n_frames - 1, min(most, history.n_frames)).round().astype(int))
+    back = history.orientation0 * np.array([1.0, -1.0, -1.0, -1.0])
+    displacement, rotation = [], []
+    for k in numbers.tolist():
+        shift = history.frame_displacement(k)
+        turned = _rotation_vector(quaternion_product(history.frame_orientation(k), back))
+        if not (np.isfinite(shift).all() and np.isfinite(turned).all()):
+            break
+        displacement.append(shift)
+        rotation.append(turned)
+    if not displacement:
+        raise HistoryError(f"{history.path}: its frames hold no finite numbers, so there is nothing to draw")
+    numbers = numbers[: len(displacement)]
+    return Frames(numbers, history.frame_time[numbers], np.array(displacement), np.array(rotation))
+
+
+def automatic_magnification(moved: float, largest: float) -> float:
+    """1, 2 or 5 times a power of ten, at least 1, that makes a motion of ``moved`` (m) of a block visible."""
+    if moved <= 1e-12 * largest:
+        return 1.0
+    wanted = _MAGNIFY * largest / moved
+    if wanted <= 1.0:
+        return 1.0
+    power = 10.0 ** math.floor(math.log10(wanted))
+    return max(step * power for step in (1.0, 2.0, 5.0) if step * power <= wanted * (1.0 + 1e-9))
+
+
+def _rotation_vector(quaternion: np.ndarray) -> np.ndarray:
+    w, v = quaternion[..., 0], quaternion[..., 1:]
+    sine = np.linalg.norm(v, axis=-1)
+    half = np.arctan2(np.where(w < 0.0, -sine, sine), np.abs(w))
+    return np.divide(2.0 * half, sine, out=np.full_like(sine, 2.0), where=sine > 0.0)[..., None] * v
+
+
+def _greatest(vertices: np.ndarray, blocks: np.ndarray, frames: Frames) -> np.ndarray:
+    """(f,) m: how far the farthest corner of any block has moved in each frame."""
+    greatest = np.zeros(len(frames.number))
+    for k, (shift, turn) in enumerate(zip(frames.displacement, frames.rotation, strict=True)):
+        angle = np.linalg.norm(turn, axis=-1)
+        axis = np.divide(turn, angle[:, None], out=np.zeros_like(turn), where=angle[:, None] > 0.0)[blocks]
+        once = np.cross(axis, vertices)
+        sine, versine = np.sin(angle)[blocks, None], 2.0 * np.sin(0.5 * angle)[blocks, None] ** 2
+        moved = shift[blocks] + sine * once + versine * np.cross(axis, once)
+        greatest[k] = np.linalg.norm(moved, axis=1).max()
+    return greatest
+
+
+def _faces(history, rest: list[np.ndarray]) -> np.ndarray:
+    """Every face as its number of corners and then the corners, numbered through all blocks."""
+    found, first = [], 0
+    for i, own in enumerate(rest):
+        for face in history.block_faces(i):
+            if len(face) > 2:
+                found += [len(face), *(first + corner for corner in face)]
+        first += len(own)
+    return np.array(found, np.int64)
+
+
+def _jack(history, jack: dict, vertices: np.ndarray, middle: np.ndarray) -> dict:
+    """Where a jack pushes and which way; ``out`` (m): from there to where the block ends, ahead and behind."""
+    way = jack["direction"] * math.copysign(1.0, jack["weight"])
+    along = (vertices - (jack["point"] - history.position0[jack["block"]])) @ way
+    out = [float(along.max()), float(-along.min())]
+    return {"block": jack["block"], "point": (jack["point"] - middle).tolist(), "direction": way.tolist(), "out": out}
+
+
+def recorded_path(history) -> JointPath | None:
+    """The path of the joint that gave way, None where no joint was recorded."""
+    if not (history.n_joint and history.n_row and history.has_joints):
+        return None
+    return joint_path(history)
+
+
+def _centres(history, path: JointPath | None, frames: Frames, middle: np.ndarray, size: float) -> dict | None:
+    """Torsion centre of the path's joint from frame to frame, at its place in the resting scene; it rides on block a.
+
+    None for frames between which nothing turned, or about a point far away.
+    """
+    if path is None or len(frames.number) < 2:
+        return None
+    joint = history.joints[path.number]
+    motion = JointMotion(JointAlone(history, path.number))
+    places: list = [None]
+    for k, since in zip(frames.number[1:], frames.number[:-1], strict=True):
+        found = motion.torsion_centre(int(k), int(since))[0]
+        near = np.isfinite(found).all() and np.hypot(*found) <= _FAR * size
+        places.append((joint["origin"] + found @ joint["axes"][:2] - middle).tolist() if near else None)
+    if not any(places):
+        return None
+    axis = joint["axes"][2].tolist()
+    return {"block": joint["block_a"], "axis": axis, "length": 1.5 * _depth(history, joint), "places": places}
+
+
+def _depth(history, joint: dict) -> float:
+    """Extent of the two blocks of a joint along its normal (m)."""
+    ends = []
+    for block in (joint["block_a"], joint["block_b"]):
+        own = history.block_vertices(block) @ rotation_matrix(history.orientation0[block]).T
+        ends.append((own + history.position0[block]) @ joint["axes"][2])
+    ends = np.concatenate(ends)
+    return float(np.ptp(ends))
+
+
+def _packed(values: np.ndarray, kind: str) -> str:
+    return base64.b64encode(np.ascontiguousarray(values, kind).tobytes()).decode()

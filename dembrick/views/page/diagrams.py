@@ -1,0 +1,114 @@
+"""The two diagrams of a page and the numbers under its picture: lines, and where the run is in each frame."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from dembrick.views import summary
+from dembrick.views.plot.paths import JointPath
+from dembrick.views.plot.subject import Diagram, diagram_of
+
+MOST_ROWS = 1500  # points of a line
+_MILLIMETRES_FROM = 2e-3  # m: longer travels are given in mm, shorter ones in um
+
+
+class Record(NamedTuple):
+    """The record at the time (f,) s of each frame.
+
+    ``load`` (f,): see ``diagram``, None where that has none; ``travel`` (f,) in ``unit``, ``factor`` of a metre: the
+    displacement of the diagram.
+    """
+
+    diagram: Diagram
+    time: np.ndarray
+    load: np.ndarray | None
+    travel: np.ndarray
+    unit: str
+    factor: float
+
+
+def record_at(history, time: np.ndarray, moved: np.ndarray) -> Record:
+    """The record at the times of the frames. ``moved`` (f,) m: the greatest displacement, shown if rows are missing."""
+    diagram = diagram_of(history)
+    if not history.n_row:
+        unit, factor = _unit(float(moved.max(initial=0.0)))
+        return Record(Diagram(None, "", "greatest displacement"), time, None, factor * moved, unit, factor)
+    unit, factor = _unit(float(np.abs(history.displacement).max()))
+    load = None if diagram.load is None else np.interp(time, history.time, history.load)
+    return Record(diagram, time, load, factor * np.interp(time, history.time, history.displacement), unit, factor)
+
+
+def curve(history, record: Record) -> dict:
+    """Load over displacement with bracket and theory, or displacement over time."""
+    x_name, travel = f"{record.diagram.displacement} [{record.unit}]", listed(record.travel)
+    if record.load is None:
+        line = {"x": listed(record.time), "y": travel, "look": "run", "name": ""}
+        return _chart("Displacement over time", "time [s]", x_name, [line], line["x"], travel)
+    kept = _thinned(history)
+    line = {"x": listed(record.factor * history.displacement[kept]), "y": listed(history.load[kept]), "look": "run"}
+    y_name = f"{record.diagram.load} [{record.diagram.unit}]"
+    chart = _chart("Load over displacement", x_name, y_name, [line | {"name": "run"}], travel, listed(record.load))
+    V, unit = summary.number(summary.part(history.results, "theory").get("V")), record.diagram.unit.strip("-")
+    if V is not None:
+        chart["levels"] = [{"y": V, "look": "theory", "name": f"theory {V:.6g} {unit}".rstrip()}]
+    point = summary.yield_point(history.results)
+    lower, upper = point.get("V_lower"), point.get("V_upper")
+    if lower is not None and upper is not None and point.get("bracket") != "open":
+        word = "bracket" if point.get("bracket") == "certified" else "indicator"
+        span = summary.with_error(0.5 * (lower + upper), 0.5 * (upper - lower), unit)
+        chart |= {"band": [lower, upper], "bandName": f"{word} {span}".rstrip()}
+    return chart
+
+
+def yield_domain(history, record: Record, path: JointPath) -> dict:
+    """Torsion over shear force of a joint on its limit surface."""
+    kept = _thinned(history)
+    lines = []
+    for section in path.sections:
+        exact = section.formulation == "convex"
+        name = "limit surface, convex (exact)" if exact else f"limit surface, {section.formulation}"
+        line = {"x": listed(section.V), "y": listed(section.M_T)}
+        lines.append(line | {"look": "exact" if exact else "own", "name": name})
+    lines.append({"x": listed(path.V[kept]), "y": listed(path.M_T[kept]), "look": "run", "name": "run"})
+    title = f"Yield domain of the joint {path.joint} at N = {path.normal_force:.5g} N"
+    now = [listed(np.interp(record.time, history.time, values)) for values in (path.V, path.M_T)]
+    return _chart(title, "shear force [N]", "torsion [N m]", lines, *now)
+
+
+def readout(history, record: Record, path: JointPath | None) -> list[dict]:
+    """The numbers that are shown under the picture, one of each a frame."""
+    name, unit = ("equilibrium", "") if history.counts_equilibria else ("time", "s")
+    items = [{"name": name, "unit": unit, "digits": 4, "values": listed(record.time)}]
+    if record.load is not None:
+        name = "V" if record.diagram.unit == "N" else record.diagram.load
+        items.append({"name": name, "unit": record.diagram.unit.strip("-"), "digits": 5, "values": listed(record.load)})
+    items.append({"name": "displacement", "unit": record.unit, "digits": 4, "values": listed(record.travel)})
+    if path is not None and record.diagram.unit == "N":
+        torsion = listed(np.interp(record.time, history.time, path.M_T))
+        items.append({"name": "torsion", "unit": "N m", "digits": 4, "values": torsion})
+    return items
+
+
+def listed(values: np.ndarray) -> list[float | None]:
+    """Numbers to eight digits, None where there is none."""
+    return [float(f"{value:.8g}") if math.isfinite(value) else None for value in np.asarray(values, float).tolist()]
+
+
+def _chart(title: str, x_name: str, y_name: str, lines: list[dict], x: list, y: list) -> dict:
+    chart = {"title": title, "xName": x_name, "yName": y_name, "lines": lines, "x": x, "y": y}
+    return chart | {"levels": [], "band": None, "bandName": ""}
+
+
+def _unit(longest: float) -> tuple[str, float]:
+    return ("mm", 1e3) if longest > _MILLIMETRES_FROM else ("µm", 1e6)
+
+
+def _thinned(history) -> np.ndarray:
+    """Numbers of the rows that a line goes through, the greatest load among them."""
+    if history.n_row <= MOST_ROWS:
+        return np.arange(history.n_row)
+    even = np.linspace(0, history.n_row - 1, MOST_ROWS).round().astype(int)
+    return np.unique(np.append(even, int(np.argmax(history.load))))

@@ -1,0 +1,36 @@
+"""Figures out of histories: force-displacement curves, yield domains with simulated points, loading layouts.
+
+Every function returns a matplotlib ``Figure`` and draws into ``ax`` where one is given. matplotlib is imported when a
+figure is made, never before; its state machine (pyplot) is not used, so no window or backend is touched.
+"""
+
+from dembrick.views.plot.curves import control_points, energies, force_displacement, unbalanced
+from dembrick.views.plot.domains import domain_points, domains, interaction
+from dembrick.views.plot.joint_plane import joint_plane, joint_stages
+from dembrick.views.plot.layout import layout
+from dembrick.views.plot.measured import MeasuredCurve, read_measured
+from dembrick.views.plot.panels import CurvePanel, curve_panels
+from dembrick.views.plot.paths import joint_path, load_path
+from dembrick.views.plot.style import FORMATS, inline_svg, save
+
+__all__ = [
+    "FORMATS",
+    "CurvePanel",
+    "MeasuredCurve",
+    "control_points",
+    "curve_panels",
+    "domain_points",
+    "domains",
+    "energies",
+    "force_displacement",
+    "inline_svg",
+    "interaction",
+    "joint_path",
+    "joint_plane",
+    "joint_stages",
+    "layout",
+    "load_path",
+    "read_measured",
+    "save",
+    "unbalanced",
+]

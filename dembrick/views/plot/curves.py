@@ -1,0 +1,184 @@
+"""Curves over the driven displacement or over time."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dembrick.errors import HistoryError, ScenarioError
+from dembrick.views import summary
+from dembrick.views.plot import style, subject
+from dembrick.views.plot.measured import MeasuredCurve
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+MEASURED = ("o", "s", "^", "D", "v", "P")  # markers of measured curves
+_MILLIMETRES_FROM = 2e-3  # m: longer travels are drawn in mm, shorter ones in um
+
+
+def force_displacement(
+    histories,
+    labels: Sequence[str] | None = None,
+    ax: Axes | None = None,
+    references: Mapping[str, float] | None = None,
+    bracket: bool = True,
+    measured: Sequence[MeasuredCurve] = (),
+) -> Figure:
+    """V (N) over the driven displacement of one or several histories (or results).
+
+    Of a table that tilts the load factor over the displacement of the block that moved furthest, of shaken and free
+    blocks that displacement over time.
+
+    ``references``: name -> V (N), drawn as horizontal lines (theory, experiment). ``bracket``: the band between the
+    bounds of each yield point. ``measured``: curves of the laboratory (see :mod:`dembrick.plot.measured`), laid over.
+    """
+    histories, labels = labelled(histories, labels)
+    diagram = _common_diagram(histories)
+    if measured and diagram.unit != "N":
+        raise ScenarioError("measured forces can be laid over runs with jacks only, and these have none")
+    with style.settings():
+        figure, axes = style.canvas(ax)
+        records = [subject.record_of(history) for history in histories]
+        travels = [np.abs(own.displacement) for own in (*records, *measured) if len(own.displacement)]
+        longest = max((float(travel.max()) for travel in travels), default=0.0)
+        unit, factor = ("mm", 1e3) if longest > _MILLIMETRES_FROM else ("µm", 1e6)
+        for i, (history, record, label) in enumerate(zip(histories, records, labels, strict=True)):
+            colour, line, _ = style.FORMULATION.get(label) or style.CYCLE[i % len(style.CYCLE)]
+            travel = factor * record.displacement
+            x, y = (record.time, travel) if diagram.load is None else (travel, record.load)
+            axes.plot(x, y, color=colour, ls=line, label=label)
+            point = summary.yield_point(history.results)
+            lower, upper = point.get("V_lower"), point.get("V_upper")
+            if bracket and lower is not None and upper is not None:
+                name = "bracket" if point.get("bracket") == "certified" else "indicator"
+                span = summary.with_error(
+                    0.5 * (lower + upper), 0.5 * (upper - lower), diagram.unit.strip("-")
+                ).rstrip()
+                text = f"{name} {span}" if len(histories) == 1 else None
+                axes.axhspan(lower, upper, color=colour, alpha=0.25, lw=0.6, label=text)
+        for i, curve in enumerate(measured):
+            marker = MEASURED[i % len(MEASURED)]
+            axes.plot(factor * curve.displacement, curve.load, color=style.BLACK, ls="-", lw=0.9, marker=marker, ms=4,
+                      mfc="white", markevery=max(1, len(curve.load) // 15), zorder=4,
+                      label=style.plain(f"measured: {curve.name}"))  # fmt: skip
+        for i, (name, value) in enumerate((references or {}).items()):
+            axes.axhline(
+                value,
+                color=style.GREY,
+                lw=1.0,
+                ls=(0, (6 - 2 * (i % 3), 2)),
+                label=style.plain(f"{name}: {value:.5g} N"),
+            )
+        names = (f"{diagram.displacement} [{unit}]", f"{diagram.load} [{diagram.unit}]")
+        axes.set_xlabel("time [s]" if diagram.load is None else names[0])
+        axes.set_ylabel(names[0] if diagram.load is None else names[1])
+        axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
+        style.legend(figure, axes, ax is None, columns=1 if max(map(len, labels)) > 36 else 2)
+    return figure
+
+
+def _common_diagram(histories) -> subject.Diagram:
+    diagrams = {subject.diagram_of(history) for history in histories}
+    if len(diagrams) > 1:
+        raise ScenarioError("the runs are driven in different ways, so their curves have no axes in common; draw each")
+    return diagrams.pop()
+
+
+def control_points(histories, labels: Sequence[str] | None = None, ax: Axes | None = None) -> Figure:
+    """The load over the length of the displacement of every control point, in time where no load grows; HistoryError
+    where a history has none."""
+    histories, labels = labelled(histories, labels)
+    for history in histories:
+        if not history.control_points:
+            raise HistoryError(f"{history.path}: it has no control points; add [[control_points]] and run it again")
+    diagram = _common_diagram(histories)
+    with style.settings():
+        figure, axes = style.canvas(ax)
+        travels = [np.sqrt((history.control_point**2).sum(axis=2)) for history in histories]
+        longest = max((float(travel.max()) for travel in travels if travel.size), default=0.0)
+        unit, factor = ("mm", 1e3) if longest > _MILLIMETRES_FROM else ("µm", 1e6)
+        lines = 0
+        for history, label, travel in zip(histories, labels, travels, strict=True):
+            record = subject.record_of(history)
+            for point, way in zip(history.control_points, factor * travel.T, strict=True):
+                colour, line, _ = style.CYCLE[lines % len(style.CYCLE)]
+                name = style.plain(point["name"]) if len(histories) == 1 else f"{style.plain(point['name'])}, {label}"
+                x, y = (record.time, way) if diagram.load is None else (way, record.load)
+                axes.plot(x, y, color=colour, ls=line, label=name)
+                lines += 1
+        names = (f"displacement of control points [{unit}]", f"{diagram.load} [{diagram.unit}]")
+        axes.set_xlabel("time [s]" if diagram.load is None else names[0])
+        axes.set_ylabel(names[0] if diagram.load is None else names[1])
+        style.legend(figure, axes, ax is None)
+    return figure
+
+
+def unbalanced(histories, labels: Sequence[str] | None = None, ax: Axes | None = None) -> Figure:
+    """Unbalanced-force ratio over time, logarithmic."""
+    histories, labels = labelled(histories, labels)
+    with style.settings():
+        figure, axes = style.canvas(ax, (5.2, 3.6))
+        for i, (history, label) in enumerate(zip(histories, labels, strict=True)):
+            colour, line, _ = style.CYCLE[i % len(style.CYCLE)]
+            ratio = np.asarray(history.unbalanced, float)
+            axes.plot(history.time, np.where(ratio > 0.0, ratio, np.nan), color=colour, ls=line, label=label)
+        axes.set_yscale("log")
+        axes.set_xlabel(" or ".join(dict.fromkeys(map(subject.time_name, histories))))
+        axes.set_ylabel("unbalanced-force ratio [-]")
+        style.legend(figure, axes, ax is None, columns=1 if max(map(len, labels)) > 36 else 2)
+    return figure
+
+
+def energies(histories, labels: Sequence[str] | None = None, ax: Axes | None = None) -> Figure:
+    """The energies of histories over time, a panel each; HistoryError where none was recorded. Terms that stay nought
+    are left out.
+
+    ``ax``: one axes, or one for each history.
+    """
+    histories, labels = labelled(histories, labels)
+    for history in histories:
+        if not history.energy:
+            raise HistoryError(f"{history.path}: no energies were recorded in this history")
+    with style.settings():
+        if ax is None:
+            figure = style.new_figure((max(5.2, 3.2 * len(histories)), 4.0))
+            panels = list(figure.subplots(1, len(histories), sharey=True, squeeze=False)[0])
+        else:
+            panels = list(np.ravel(np.asarray(ax, dtype=object)))
+            figure = panels[0].figure
+        if len(panels) != len(histories):
+            raise ScenarioError(f"{len(panels)} axes for {len(histories)} histories; give one each")
+        for axes, history, label in zip(panels, histories, labels, strict=True):
+            shown = {name: values for name, values in history.energy.items() if values.any()}
+            for i, (name, values) in enumerate((shown or history.energy).items()):
+                colour, line, _ = style.CYCLE[i % len(style.CYCLE)]
+                axes.plot(history.time, values, color=colour, ls=line, label=style.plain(name.replace("_", " ")))
+            axes.set_xlabel(subject.time_name(history))
+            axes.set_title("\n".join(textwrap.wrap(label, 44)))
+        panels[0].set_ylabel("energy [J]")
+        style.legend(figure, panels[0], ax is None, columns=3)
+    return figure
+
+
+def label_of(history) -> str:
+    """What a legend calls a history: the start of its title and its formulation."""
+    results = history.results
+    title = str(results.get("title") or getattr(history, "title", "") or "run").split(":")[0]
+    formulation = results.get("formulation")
+    return f"{title}, {formulation}" if formulation else title
+
+
+def labelled(histories, labels) -> tuple[list, list[str]]:
+    """Histories as a list, and a label for each that is safe to draw; without ``labels``, what the histories say."""
+    histories = list(histories) if isinstance(histories, list | tuple) else [histories]
+    if not histories:
+        raise ScenarioError("a figure needs at least one history")
+    labels = [label_of(history) for history in histories] if labels is None else list(labels)
+    if len(labels) != len(histories):
+        raise ScenarioError(f"{len(labels)} labels for {len(histories)} histories; give one each")
+    return histories, [style.plain(label) for label in labels]

@@ -1,0 +1,230 @@
+"""Torsion-shear yield domains with simulated and measured points on them (paper Fig. 4 and Fig. 5)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from dembrick import theory
+from dembrick.errors import HistoryError, ScenarioError
+from dembrick.theory.paper_tables import SETS
+from dembrick.views.plot import style
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+CURVES = ("convex", "concave", "corrected")
+_LAB_JOINT = (0.3, 0.2, 467.0)  # a, b (m), N of the laboratory's sets
+_SAME = 1e-3
+_APPROXIMATE = (":", "--", "-.", (0, (10, 3)))
+
+
+class RectangularJoint(NamedTuple):
+    """What a domain is drawn for: edges along t1 and t2 (m), friction, normal force (N)."""
+
+    a: float
+    b: float
+    friction: float
+    normal_force: float
+
+
+def domain_points(histories) -> list[dict]:
+    """One row a history with a yield point: ``V``, its bounds, ``V_1``, ``V_2``, ``M_T``, ``N``, the formulation,
+    edges ``a`` and ``b`` (m) of the joint and its ``friction``, ``load_height`` (m) of the jacks above it.
+
+    Histories that reached no yield point give no row; HistoryError where the joint is not a rectangle.
+    """
+    rows = []
+    for history in histories:
+        point = history.results.get("yield_point")
+        if not point or any(point.get(key) is None for key in ("V", "V_1", "V_2", "M_T", "N")):
+            continue
+        joint = _loaded_joint(history)
+        a, b = np.ptp(joint["polygon"], axis=0)
+        if abs(a * b - joint["area"]) > 1e-6 * joint["area"]:
+            raise HistoryError(f"{history.path}: its joint is not a rectangle, so no domain can be drawn for it")
+        heights = [(jack["point"] - joint["origin"]) @ joint["axes"][2] for jack in history.actuators]
+        row = {key: point.get(key) for key in ("V", "V_lower", "V_upper", "bracket", "V_1", "V_2", "M_T", "N")}
+        row |= {"a": float(a), "b": float(b), "friction": joint["friction"], "title": history.title}
+        row |= {"formulation": history.results.get("formulation", joint["formulation"])}
+        row |= {"load_height": float(np.mean(heights)) if heights else 0.0, "history": history.path}
+        rows.append(row)
+    return rows
+
+
+def _loaded_joint(history) -> dict:
+    """The joint under the block that the jacks push; the only joint of a laboratory test."""
+    loaded = {jack["block"] for jack in history.actuators}
+    for joint in history.joints:
+        if not loaded or loaded & {joint["block_a"], joint["block_b"]}:
+            return joint
+    raise HistoryError(f"{history.path}: it has no joint at the block that is pushed, so no domain can be drawn for it")
+
+
+def interaction(
+    points=(),
+    joint: Sequence[float] | None = None,
+    formulations: Sequence[str] = CURVES,
+    approximations: Sequence[str] = (),
+    ax: Axes | None = None,
+) -> Figure:
+    """Non-dimensional curves M_T / M_T0 over V / V_0 for a force along t2, as the paper's Fig. 4.
+
+    ``points``: histories, or rows as of :func:`domain_points`. ``joint``: (a, b, friction, N); without it the first
+    point's. Each point is normalised by its own V_0 and by the M_T0 of its formulation.
+    """
+    rows = _rows(points)
+    joint = _joint(rows, joint)
+    with style.settings():
+        figure, axes = style.canvas(ax)
+        for names in _same_shape(formulations):
+            v, m = theory.interaction_curve(names[0], *joint).normalised
+            colour, line, _ = style.FORMULATION[names[0]]
+            axes.plot(v, m, color=colour, ls=line, label=" = ".join(names))
+        for i, name in enumerate(approximations):
+            domain = theory.approximate_domain(name, *joint)
+            axes.plot(
+                *domain.curve(), color=style.GREY, lw=0.9, ls=_APPROXIMATE[i % len(_APPROXIMATE)], label=domain.label
+            )
+        for row in rows:
+            own = _joint([row], None, fallback=joint)
+            V_0 = own.friction * own.normal_force
+            M_T0 = _torsion_strength(row["formulation"], own)
+            _mark(axes, row, _shear(row) / V_0, abs(row["M_T"]) / M_T0)
+        axes.set_xlabel(r"$V / V_0$ [-]")
+        axes.set_ylabel(r"$M_T / M_{T0}$ [-]")
+        axes.set_title(f"a/b = {joint.a / joint.b:.3g}, shear along b")
+        _frame(axes)
+        axes.set_aspect("equal")
+        style.legend(figure, axes, ax is None)
+    return figure
+
+
+def domains(
+    points=(),
+    joint: Sequence[float] | None = None,
+    formulations: Sequence[str] = CURVES,
+    experiments: Mapping[str, tuple[float, float]] | None = None,
+    ax: Axes | None = None,
+) -> Figure:
+    """Dimensional domains M_T (N m) over V (N) with simulated and measured points, as the paper's Fig. 5.
+
+    ``points`` and ``joint`` as for :func:`interaction`. ``experiments``: name -> (V, M_T); left out, the measured
+    sets of the paper where the joint is the laboratory's, {} for none.
+    """
+    rows = _rows(points)
+    joint = _joint(rows, joint)
+    if experiments is None:
+        mine = (joint.a, joint.b, joint.normal_force)
+        is_lab = all(abs(x - y) <= _SAME * y for x, y in zip(mine, _LAB_JOINT, strict=True))
+        experiments = lab_points() if is_lab else {}
+    with style.settings():
+        figure, axes = style.canvas(ax)
+        for name in formulations:
+            curve = theory.interaction_curve(name, *joint)
+            colour, line, _ = style.FORMULATION[name]
+            axes.plot(curve.V, curve.M_T, color=colour, ls=line, label=name)
+        for row in rows:
+            _mark(axes, row, _shear(row), abs(row["M_T"]))
+        if experiments:
+            V, M_T = np.array(list(experiments.values())).T
+            axes.plot(V, M_T, label="experiment", zorder=5, clip_on=False, **style.EXPERIMENT)
+            named: dict[float, list[tuple[float, str]]] = {}
+            for name, (x, y) in experiments.items():
+                named.setdefault(x, []).append((y, name))
+            for x, column in named.items():  # one label a column of points, at its top
+                y, name = max(column)[0], ", ".join(name for _, name in sorted(column))
+                axes.annotate(name, (x, y), (7, 2), textcoords="offset points", ha="left", va="bottom")
+        axes.set_xlabel("V [N]")
+        axes.set_ylabel(r"$M_T$ [N m]")
+        a, b, friction, normal = joint
+        axes.set_title(f"joint {a:.3g} x {b:.3g} m, N = {normal:.4g} N, friction {friction:.3g}")
+        _frame(axes)
+        style.legend(figure, axes, ax is None)
+    return figure
+
+
+def lab_points() -> dict[str, tuple[float, float]]:
+    """The measured sets in the plane of Fig. 5: (V on the joint, M_T); a couple leaves no shear on the joint."""
+    a = _LAB_JOINT[0]
+    return {
+        name: (0.0 if own.loading == "couple" else own.experiment, own.arm_over_a * a * own.experiment)
+        for name, own in SETS.items()
+    }
+
+
+def _rows(points) -> list[dict]:
+    points = list(points) if isinstance(points, Iterable) and not isinstance(points, Mapping) else [points]
+    rows: list[dict] = []
+    for point in points:
+        rows += [dict(point)] if isinstance(point, Mapping) else domain_points([point])
+    needed = ("formulation", "V_1", "V_2", "M_T", "N")
+    for row in rows:
+        missing = [key for key in needed if row.get(key) is None]
+        if missing:
+            raise ScenarioError(f"a point of a yield domain needs {', '.join(needed)}; {', '.join(missing)} is missing")
+    return rows
+
+
+def _joint(rows: Sequence[Mapping], given, fallback: RectangularJoint | None = None) -> RectangularJoint:
+    """What was given, else the first row's joint."""
+    if given is not None:
+        return RectangularJoint(*(float(value) for value in given))
+    keys = ("a", "b", "friction", "N")
+    if rows and all(rows[0].get(key) is not None for key in keys):
+        return RectangularJoint(*(float(rows[0][key]) for key in keys))
+    if fallback is not None:
+        return fallback._replace(normal_force=float(rows[0]["N"])) if rows else fallback
+    raise ScenarioError("a yield domain needs a joint (a, b, friction, N) or a history that reached its yield point")
+
+
+def _torsion_strength(formulation: str, joint: RectangularJoint) -> float:
+    """M_T0 (N m); that of the whole area for ``distributed``, whose points tend to it."""
+    name = "convex" if formulation == "distributed" else formulation
+    return theory.torsion_strength(theory.formulation_law(name, *joint))
+
+
+def _same_shape(formulations: Sequence[str]) -> list[list[str]]:
+    """Formulations in groups with one non-dimensional curve: shrinking the points scales M_T and M_T0 alike."""
+    alike = [name for name in formulations if name in ("concave", "corrected", "corrected-shear")]
+    groups: list[list[str]] = []
+    for name in formulations:
+        if name not in alike:
+            groups.append([name])
+        elif name == alike[0]:
+            groups.append(alike)
+    return groups
+
+
+def _shear(row: Mapping) -> float:
+    return math.hypot(row["V_1"], row["V_2"])
+
+
+def _mark(axes, row: Mapping, x: float, y: float) -> None:
+    """A simulated point with its bracket; hollow with the load in the joint plane, filled when above it."""
+    colour, _, marker = style.FORMULATION[row["formulation"]]
+    height = row.get("load_height") or 0.0
+    label = f"DEM {row['formulation']}" + (f", load {1e3 * height:.3g} mm up" if abs(height) > 1e-9 else "")
+    V = row.get("V")
+    bars = {}
+    if V and row.get("V_lower") is not None and row.get("V_upper") is not None:
+        # the load grows along its ray, so both components share the relative error
+        below, above = (max(0.0, 1 - row["V_lower"] / V), max(0.0, row["V_upper"] / V - 1))
+        bars = {"xerr": [[x * below], [x * above]], "yerr": [[y * below], [y * above]]}
+    if label in axes.get_legend_handles_labels()[1]:
+        label = "_nolegend_"
+    fill = colour if abs(height) > 1e-9 else "white"
+    size = style.MARKER_SIZE[row["formulation"]]
+    axes.errorbar(
+        x, y, **bars, fmt=marker, color=colour, mfc=fill, mew=1.1, ms=size, zorder=4 - 0.1 * size,
+        elinewidth=1.0, capsize=2, label=label, clip_on=False,
+    )  # fmt: skip
+
+
+def _frame(axes) -> None:
+    axes.set_xlim(left=0.0)
+    axes.set_ylim(bottom=0.0)

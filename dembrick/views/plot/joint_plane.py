@@ -1,0 +1,275 @@
+"""The plane of one joint, stage by stage: how b moves over a, about which centre, and which friction resists it.
+
+This is the picture that tells the formulations apart. The centre about which a joint turns starts where its elastic
+stiffness puts it and moves, as the load grows, to where the limit surface has its normal: the contact points at the
+corners put it elsewhere than the whole area does.
+"""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from dembrick import theory
+from dembrick.errors import HistoryError, ScenarioError
+from dembrick.views import summary
+from dembrick.views.motion.joints import CHANNELS, JointMotion
+from dembrick.views.plot import style, subject
+from dembrick.views.plot.curves import labelled
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+SLIDES_FROM = 0.995  # utilisation from which the friction is drawn at its limit
+_MOST_POINTS = 40  # contact points drawn one by one; more of them, and convex joints, get a grid
+_GRID = 6  # points over the longer side of a joint
+_ARROW = {True: 0.22, False: 0.16}  # of the joint's size, the longest arrow: with few points, with many
+_SHEAR = 100.0  # joint's sizes from O: a centre beyond is that of a shear, and none is drawn
+_NEAR = 1.6  # joint's sizes from O: a centre further away is marked at the rim of the picture
+
+
+class Stage(NamedTuple):
+    """One moment of a joint, at ``points`` (k, 2) m.
+
+    ``load``: that of the row; ``movement`` (k, 2) m: of b over a since the stage before, elastic part included;
+    ``centre`` (2,) m: about which that turned, NaN in shear. ``friction`` (k, 2): on b, as it was recorded, or else
+    where the joint slides; None where it is not known. ``limit``: the greatest that friction can be at a point. Both
+    are in N at contact points, in Pa at points that only stand for the whole.
+    """
+
+    frame: int
+    time: float
+    load: float
+    utilisation: float
+    points: np.ndarray
+    movement: np.ndarray
+    centre: np.ndarray
+    friction: np.ndarray | None
+    limit: float
+
+
+def joint_plane(
+    history, joint: str | int | None = None, stages: int = 4, frames: Sequence[int] | None = None
+) -> list[Stage]:
+    """The stages of one joint. ``frames`` names them; without it ``stages`` of them follow the growing force.
+
+    Raises HistoryError where no motion was recorded, ScenarioError for frames that are not there.
+    """
+    number = subject.chosen_joint(history, joint)
+    subject.carried_by(history, number)
+    if history.n_frames < 2:
+        raise HistoryError(f"{history.path}: it takes two frames to see a joint move; record the channel frames")
+    if frames is None:
+        if stages < 1:
+            raise ScenarioError(f"stages = {stages} is out of range: at least one is drawn")
+        frames = _growing(history, number, stages)
+    else:
+        frames = [int(k) % history.n_frames for k in frames if -history.n_frames <= k < history.n_frames]
+        if not frames or sorted(set(frames)) != frames or frames[0] == 0:
+            raise ScenarioError(f"frames of a joint's stages must ascend and lie within 1 and {history.n_frames - 1}")
+    own, motion = history.joints[number], JointMotion(subject.JointAlone(history, number))
+    shown = _shown(own, motion)
+    points = motion.grid(0, _GRID) if shown is None else own["shear_arms"][shown]
+    found, since = [], 0
+    for frame in frames:
+        both = motion.relative([since, frame])
+        movement = both[1].slip(0, points) - both[0].slip(0, points)
+        used = float(motion.utilisation(frame)[0])
+        friction, limit = _friction(own, motion, frame, points, shown, SLIDES_FROM <= used < np.inf)
+        row = int(motion.rows(frame))
+        load = float(history.series("load", row, row + 1)[0])
+        centre = motion.torsion_centre(frame, since)[0]
+        centre = np.where(np.hypot(*centre) <= _SHEAR * motion.size[0], centre, np.nan)
+        found.append(
+            Stage(frame, float(history.frame_time[frame]), load, used, points, movement, centre, friction, limit)
+        )
+        since = frame
+    return found
+
+
+def _load_of(stage: Stage, diagram: subject.Diagram) -> str:
+    if diagram.load is None:
+        return f"at {stage.time:.4g} s"
+    return f"load factor {stage.load:.4g}" if diagram.unit == "-" else f"V = {stage.load:.4g} N"
+
+
+def _shown(joint: dict, motion: JointMotion) -> np.ndarray | None:
+    """Numbers of the contact points to draw: all, or those next to a grid where there are many; None without any."""
+    arms = joint["shear_arms"]
+    if not len(arms):
+        return None
+    if len(arms) <= _MOST_POINTS:
+        return np.arange(len(arms))
+    nearest = [int(np.argmin(((arms - place) ** 2).sum(axis=1))) for place in motion.grid(0, _GRID)]
+    return np.unique(nearest)
+
+
+def _friction(
+    joint: dict, motion: JointMotion, frame: int, points: np.ndarray, shown: np.ndarray | None, slides: bool
+) -> tuple[np.ndarray | None, float]:
+    """Friction on b at points and the greatest it can be: recorded, or where the joint slides that whose resultant the
+    joint carries, against the slip twist to which the limit surface is normal there."""
+    carried = motion.resultants(frame)[0]
+    law: theory.Law | None = None
+    if shown is None:
+        bent = dict(zip(CHANNELS, carried, strict=True))
+        law = subject.limit_surface(joint, bent)
+        if law is None:
+            return None, 0.0
+        pressed = points - subject.pressure_centre(bent)
+        limit = np.maximum(law.level + pressed @ law.slope, 0.0) * _inside(points, law.parts)
+    else:
+        normal, forces = motion.normal_forces(frame), motion.point_forces(frame)
+        share = 1.0 if len(shown) == len(normal) else joint["areas"][shown]
+        limit = joint["friction"] * normal[shown] / share
+        if forces is not None:
+            along = forces[shown] @ motion.frame_axes(frame)[0, :2].T
+            return along / np.reshape(share, (-1, 1)), float(limit.max())
+    if not slides:
+        return None, float(limit.max())
+    if law is None:
+        law = theory.points(joint["shear_arms"], normal, joint["friction"])
+    v_1, v_2, w = theory.limit_load(law, carried[1:4]).twist
+    slip = np.stack([v_1 - w * points[:, 1], v_2 + w * points[:, 0]], axis=1)
+    speed = np.linalg.norm(slip, axis=1, keepdims=True)
+    way = np.divide(slip, speed, out=np.zeros_like(slip), where=speed > 1e-9 * speed.max())
+    return -limit[:, None] * way, float(limit.max())
+
+
+def _inside(points: np.ndarray, parts) -> np.ndarray:
+    """Which points (k, 2) lie in a union of convex polygons."""
+    found = np.zeros(len(points), bool)
+    for part in parts:
+        edge, arm = np.roll(part, -1, axis=0) - part, points[:, None] - part
+        found |= (edge[:, 0] * arm[..., 1] - edge[:, 1] * arm[..., 0] >= 0.0).all(axis=1)
+    return found
+
+
+def _growing(history, number: int, stages: int) -> list[int]:
+    """Frames at which the joint's force first comes to half its last value, then ever closer to it; the last frame."""
+    motion = JointMotion(subject.JointAlone(history, number))
+    everyone = np.arange(1, history.n_frames)
+    force = motion.resultants(everyone)[:, 0, 1:4] * np.array([1.0, 1.0, 1.0 / motion.size[0]])
+    last = force[-1] @ force[-1]
+    reached = np.maximum.accumulate(force @ force[-1] / last if last > 0.0 else everyone / everyone[-1])
+    shares = 1.0 - 10.0 ** -np.linspace(math.log10(2.0), 3.0, stages - 1)
+    chosen = np.searchsorted(reached, shares)
+    return sorted({int(everyone[min(k, len(everyone) - 1)]) for k in chosen} | {int(everyone[-1])})
+
+
+def joint_stages(
+    histories,
+    labels: Sequence[str] | None = None,
+    joint: str | int | None = None,
+    stages: int = 4,
+    frames: Sequence[int] | None = None,
+    ax: Axes | Sequence[Axes] | None = None,
+) -> Figure:
+    """The stages of one joint side by side (see :func:`joint_plane`), a row for each history, all to one scale.
+
+    ``ax``: axes, one for each stage, row after row.
+    """
+    histories, labels = labelled(histories, labels)
+    rows = [joint_plane(history, joint, stages, frames) for history in histories]
+    polygons = [history.joints[subject.chosen_joint(history, joint)]["polygon"] for history in histories]
+    corners = np.concatenate([_extent(polygon, row) for polygon, row in zip(polygons, rows, strict=True)])
+    extent = np.stack([corners.min(axis=0), corners.max(axis=0)])
+    count, columns = sum(map(len, rows)), max(map(len, rows))
+    with style.settings():
+        if ax is None:
+            shape = np.ptp(extent, axis=0)
+            width = max(1.9, min(2.3, 1.7 * shape[0] / shape[1]))
+            high = width * shape[1] / shape[0] + 0.75
+            figure = style.new_figure((max(3.4, width * columns + 0.3), high * len(rows) + 0.45))
+            figure.get_layout_engine().set(h_pad=0.07)  # inches: between the titles and the row above
+            grid = figure.subplots(len(rows), columns, squeeze=False)
+            axes = [own for row, line in zip(rows, grid, strict=True) for own in line[: len(row)]]
+            for row, line, label in zip(rows, grid, labels, strict=True):
+                line[0].set_ylabel("\n".join(textwrap.wrap(label, 26)))
+                for unused in line[len(row) :]:
+                    unused.remove()
+        else:
+            axes = list(np.ravel(np.asarray(ax, dtype=object)))
+            figure = axes[0].figure
+        if len(axes) != count:
+            raise ScenarioError(f"{len(axes)} axes for {count} stages; give one each")
+        shown = [
+            (row[: i + 1], polygon, _load_of(row[i], subject.diagram_of(history)))
+            for history, row, polygon in zip(histories, rows, polygons, strict=True)
+            for i in range(len(row))
+        ]
+        named: dict = {}
+        for own, (so_far, polygon, load) in zip(axes, shown, strict=True):
+            _draw(own, polygon, so_far, extent, load)
+            named |= {label: handle for handle, label in zip(*own.get_legend_handles_labels(), strict=True)}
+        if ax is None:
+            figure.legend(named.values(), named.keys(), loc="outside lower center", ncols=4 if columns > 2 else 2)
+    return figure
+
+
+def _extent(polygon: np.ndarray, stages: list[Stage]) -> np.ndarray:
+    """Lower left and upper right corner of what all stages show: the joint with its arrows, and the centres near it."""
+    size = float(np.hypot(*polygon.T).max())
+    margin = 1.1 * _arrow_of(stages[0]) * size
+    shown = [polygon, *(_at_rim(stage.centre, size)[None] for stage in stages if np.isfinite(stage.centre).all())]
+    shown = np.concatenate(shown)
+    return np.stack([shown.min(axis=0) - margin, shown.max(axis=0) + margin])
+
+
+def _arrow_of(stage: Stage) -> float:
+    return _ARROW[len(stage.points) <= 12]
+
+
+def _at_rim(centre: np.ndarray, size: float) -> np.ndarray:
+    """A centre, or the point at the rim of the picture in its direction."""
+    return centre * min(1.0, _NEAR * size / max(float(np.hypot(*centre)), 1e-300))
+
+
+def _draw(axes, polygon: np.ndarray, stages: list[Stage], extent: np.ndarray, load: str) -> None:
+    """The last of ``stages`` under its ``load``, and the centres of those before it."""
+    from matplotlib.patches import Polygon
+
+    stage, size = stages[-1], float(np.hypot(*polygon.T).max())
+    axes.add_patch(Polygon(polygon, closed=True, fc="#F0F0F0", ec="black", lw=1.0, zorder=1))
+    axes.plot(0.0, 0.0, "+", color=style.GREY, ms=6, zorder=2)
+    length = _arrow_of(stage) * size
+    longest = float(np.linalg.norm(stage.movement, axis=1).max())
+    _arrows(axes, stage.points, stage.movement, length, longest, style.BLUE, "movement since the stage before")
+    if stage.friction is not None:
+        name = "friction (longest: at its limit)"
+        _arrows(axes, stage.points, stage.friction, length, stage.limit, style.VERMILLION, name)
+    axes.plot(*stage.points.T, ".", color="black", ms=2.5, zorder=4)
+    centres = [one.centre for one in stages if np.isfinite(one.centre).all()]
+    if centres:
+        axes.plot(*np.array([_at_rim(one, size) for one in centres]).T, color="black", lw=0.7, zorder=5)
+    for one in centres[:-1]:
+        axes.plot(
+            *_at_rim(one, size), "o", mfc="white", mec="black", mew=0.8, ms=4, zorder=6, label="its earlier places"
+        )
+    if np.isfinite(stage.centre).all():
+        place, far = _at_rim(stage.centre, size), float(np.hypot(*stage.centre))
+        axes.plot(*place, "X", mfc=style.ORANGE, mec="black", mew=0.8, ms=9, zorder=7, label="torsion centre")
+        if far > _NEAR * size:
+            side = "left" if place[0] < 0.0 else "right"  # inwards
+            axes.annotate(f"{1e3 * far:.3g} mm", place, (0, 7), textcoords="offset points", fontsize=7, ha=side)
+    axes.set_aspect("equal")
+    axes.set_xlim(*extent[:, 0])
+    axes.set_ylim(*extent[:, 1])
+    axes.set(xticks=[], yticks=[])
+    axes.grid(False)
+    axes.spines[:].set_visible(False)
+    moved = float(np.linalg.norm(stage.movement, axis=1).max())
+    axes.set_title(f"{load}\nutilisation {stage.utilisation:.3g}\nmoved {summary.length(moved)}", fontsize=8)
+
+
+def _arrows(axes, points: np.ndarray, vectors: np.ndarray, length: float, full: float, colour: str, label: str) -> None:
+    """Vectors as arrows; one of size ``full`` is as long as ``length`` (m)."""
+    if full > 0.0 and vectors.any():
+        axes.quiver(*points.T, *(vectors * (length / full)).T, color=colour, angles="xy", scale_units="xy", scale=1.0,
+                    units="inches", width=0.016, headwidth=4.0, headlength=4.5, headaxislength=4.0, minlength=0.5,
+                    zorder=3, label=label)  # fmt: skip

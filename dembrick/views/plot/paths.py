@@ -1,0 +1,136 @@
+"""The path of a joint's shear force and torsion on its yield domain."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from dembrick import theory
+from dembrick.views import summary
+from dembrick.views.plot import style, subject
+from dembrick.views.plot.curves import labelled
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_RAYS = 91  # of a section through a limit surface, from pure shear to pure torsion
+_PURE = 1e-6  # of the strength: a shear force that is not there
+
+
+class Section(NamedTuple):
+    """A quarter of a limit surface, cut by the plane of a shear direction and the torsion axis: V, M_T (N, N m)."""
+
+    formulation: str
+    V: np.ndarray
+    M_T: np.ndarray
+
+
+class JointPath(NamedTuple):
+    """How a joint was loaded. ``V`` (T,) N is the shear force along ``direction`` (in t1, t2), ``M_T`` (T,) N m the
+    torsion, both counted positive the way they went furthest; ``sections`` the joint's own yield domain at the last
+    row, and the exact one of the convex formulation where that is another."""
+
+    joint: str
+    number: int
+    normal_force: float
+    direction: np.ndarray
+    V: np.ndarray
+    M_T: np.ndarray
+    sections: tuple[Section, ...]
+
+
+def joint_path(history, joint: str | int | None = None) -> JointPath:
+    """The path of one joint (see :func:`dembrick.plot.subject.chosen_joint`) through the whole record."""
+    number = subject.chosen_joint(history, joint)
+    own, now = history.joints[number], subject.carried_by(history, number)
+    V_1, V_2, M_T = (history.joint(name)[:, number] for name in ("V_1", "V_2", "M_T"))
+    size = np.hypot(V_1, V_2)
+    furthest = int(np.argmax(size))
+    reach = float(np.hypot(*own["polygon"].T).max())
+    sliding = size[furthest] > _PURE * max(own["friction"] * now["N"], float(np.abs(M_T).max()) / reach)
+    direction = np.array([V_1[furthest], V_2[furthest]]) / size[furthest] if sliding else np.array([0.0, 1.0])
+    sense = -1.0 if M_T[int(np.argmax(np.abs(M_T)))] < 0.0 else 1.0
+    law = subject.limit_surface(own, now)
+    sections = [] if law is None else [_section(_formulation(own), law, direction, sense)]
+    if now["N"] > 0.0 and own["friction"] > 0.0 and _formulation(own) != "convex":
+        exact = theory.convex(own["polygon"], own["friction"], now["N"])
+        sections.append(_section("convex", exact, direction, sense))
+    along = np.stack([V_1, V_2], axis=1) @ direction
+    name = subject.joint_names(history)[number]
+    return JointPath(name, number, now["N"], direction, along, sense * M_T, tuple(sections))
+
+
+def _formulation(joint: dict) -> str:
+    """The formulation, with its pressure where that is not the paper's."""
+    follows = joint["formulation"] == "convex" and joint["pressure"] != "full"
+    return f"convex, {joint['pressure']} pressure" if follows else joint["formulation"]
+
+
+def _section(formulation: str, law: theory.Law, direction: np.ndarray, sense: float) -> Section:
+    angle = np.linspace(0.0, np.pi / 2.0, _RAYS)
+    v, m = np.cos(angle), law.radius * np.sin(angle)
+    v[-1] = m[0] = 0.0
+    rays = np.column_stack([v * direction[0], v * direction[1], sense * m])
+    found = theory.surface_along(law, rays)
+    return Section(formulation, found[:, :2] @ direction, sense * found[:, 2])
+
+
+def load_path(
+    histories, labels: Sequence[str] | None = None, ax: Axes | None = None, joint: str | int | None = None
+) -> Figure:
+    """V against M_T of one joint through the record, on its yield domain; several histories in one picture.
+
+    The domain is the formulation's own at the last normal force, and the exact one of the convex formulation beside
+    it. ``joint``: ``"a/b"`` by the names of its blocks; left out, the joint that gave way.
+    """
+    histories, labels = labelled(histories, labels)
+    paths = [joint_path(history, joint) for history in histories]
+    with style.settings():
+        figure, axes = style.canvas(ax)
+        formulations = [
+            history.joints[path.number]["formulation"] for history, path in zip(histories, paths, strict=True)
+        ]
+        told_apart = len(set(formulations)) == len(paths)  # else the domains step back behind the colours of the runs
+        drawn: list[tuple] = []
+        for section in (section for path in paths for section in path.sections):
+            key = (section.formulation, *(f"{value:.6g}" for value in (*section.V[::30], *section.M_T[::30])))
+            if key in drawn:
+                continue
+            drawn.append(key)
+            colour, line, _ = style.FORMULATION.get(section.formulation, (style.GREEN, "-.", ""))
+            colour = colour if told_apart else style.GREY
+            name = "convex, exact" if section.formulation == "convex" else section.formulation
+            axes.plot(section.V, section.M_T, color=colour, ls=line, lw=1.0, label=f"limit surface, {name}")
+        for i, (path, label, history) in enumerate(zip(paths, labels, histories, strict=True)):
+            colour, line, marker = (
+                style.FORMULATION[formulations[i]] if told_apart else style.CYCLE[i % len(style.CYCLE)]
+            )
+            if len(paths) == 1:
+                colour, line, marker = style.BLACK, "-", "o"
+            every = max(1, len(path.V) // 12)
+            axes.plot(path.V, path.M_T, color=colour, ls=line, lw=1.6, marker=marker, ms=2.8, markevery=every,
+                      label=label, zorder=3)  # fmt: skip
+            point = summary.yield_point(history.results)
+            if {"V_1", "V_2", "M_T"} <= set(point):
+                shear = abs(np.array([point["V_1"], point["V_2"]]) @ path.direction)
+                axes.plot(shear, abs(point["M_T"]), marker="*", ms=11, color=colour, mec="white", mew=0.7, ls="none",
+                          zorder=5, clip_on=False, label="_nolegend_" if i else "yield point")  # fmt: skip
+        first = paths[0]
+        axes.set_xlabel(f"shear force V {_named(first.direction)} [N]")
+        axes.set_ylabel(r"torsion $M_T$ [N m]")
+        axes.set_title(style.plain(f"joint {first.joint}, N = {first.normal_force:.4g} N"))
+        axes.set_xlim(left=min(0.0, 1.05 * min(float(path.V.min()) for path in paths)))
+        axes.set_ylim(bottom=min(0.0, 1.05 * min(float(path.M_T.min()) for path in paths)))
+        style.legend(figure, axes, ax is None, columns=1 if max(map(len, labels)) > 36 else 2)
+    return figure
+
+
+def _named(direction: np.ndarray) -> str:
+    """A direction in the joint in words: along an axis, or its angle from the first one."""
+    for i, name in enumerate(("$t_1$", "$t_2$")):
+        if abs(direction[i]) > 1.0 - 1e-4:
+            return f"along {name}"
+    return f"at {np.degrees(np.arctan2(direction[1], direction[0])):.3g}° from $t_1$"

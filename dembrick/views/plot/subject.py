@@ -1,0 +1,176 @@
+"""Which joint of a history a figure is about, and the limit surface that this joint has."""
+
+from __future__ import annotations
+
+import tomllib
+from collections import Counter
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from dembrick import theory
+from dembrick.errors import HistoryError, ScenarioError
+from dembrick.views import summary
+
+
+def time_name(record) -> str:
+    """What the times of a record are, for an axis."""
+    return "number of the equilibrium" if getattr(record, "counts_equilibria", False) else "time [s]"
+
+
+def joint_names(history) -> list[str]:
+    """``lower/upper`` for each joint: its two blocks, with its number where the same two share several joints."""
+    pairs = _pairs(history)
+    count = Counter(pairs)
+    return [f"{pair} #{i}" if count[pair] > 1 else pair for i, pair in enumerate(pairs)]
+
+
+def _pairs(history) -> list[str]:
+    names = history.block_names
+    return [f"{names[joint['block_a']]}/{names[joint['block_b']]}" for joint in history.joints]
+
+
+def chosen_joint(history, name: str | int | None = None) -> int:
+    """Number of the joint called ``a/b`` (or ``a/b #3``, or 3); without a name the one that gave way.
+
+    That is the joint of the yield point, else the first one of a block that is pushed, else the one that slipped most.
+    Raises HistoryError where there is no joint, ScenarioError for a name that no joint has.
+    """
+    joints = history.joints
+    if not joints:
+        raise HistoryError(f"{history.path}: it has no joint, so there is nothing to draw of one")
+    if isinstance(name, int):
+        if not 0 <= name < len(joints):
+            raise ScenarioError(f"joint {name} is out of range: {history.path} has the joints 0 to {len(joints) - 1}")
+        return name
+    pairs = _pairs(history)
+    if name:
+        names = joint_names(history)
+        for known in (names, pairs):
+            if name in known:
+                return known.index(name)
+        if name.isdecimal():
+            return chosen_joint(history, int(name))
+        shown = ", ".join(names[:8]) + (" ..." if len(names) > 8 else "")
+        raise ScenarioError(f"{history.path} has no joint {name!r}; its joints are {shown}")
+    of_yield = summary.part(history.results, "yield_point").get("joint")
+    if isinstance(of_yield, list | tuple) and "/".join(map(str, of_yield)) in pairs:
+        return pairs.index("/".join(map(str, of_yield)))
+    pushed = {jack["block"] for jack in history.actuators}
+    for i, joint in enumerate(joints):
+        if pushed & {joint["block_a"], joint["block_b"]}:
+            return i
+    return int(np.argmax(history.joint("slip")[-1])) if history.n_row and history.has_joints else 0
+
+
+def pressure_centre(carried: Mapping[str, float]) -> np.ndarray:
+    """Centre of pressure (2,) m from O: a normal force N there and the moments M_1, M_2 balance."""
+    return np.array([carried["M_2"], -carried["M_1"]]) / carried["N"]
+
+
+def limit_surface(joint: Mapping, carried: Mapping[str, float]) -> theory.Law | None:
+    """The torsion-shear limit surface of a joint's own formulation at what it carries (``N``, ``M_1``, ``M_2``).
+
+    Points press like springs under the eccentric normal force. None where the joint is open, has no friction, or is
+    pressed outside itself.
+    """
+    if not (carried["N"] > 0.0 and joint["friction"] > 0.0):
+        return None
+    try:
+        if joint["formulation"] == "convex":
+            own = theory.polygon_formulation(joint["polygon"], joint["friction"], joint["pressure"])
+        else:
+            own = theory.point_formulation(
+                joint["normal_arms"], joint["areas"], joint["friction"], joint["shear_arms"], joint["formulation"]
+            )
+        return own.law(carried["N"], pressure_centre(carried))
+    except ScenarioError:
+        return None
+
+
+def carried_by(history, number: int, row: int = -1) -> dict[str, float]:
+    """What joint ``number`` carries in a row: N, V_1, V_2, M_T, M_1, M_2 (N, N m)."""
+    if not (history.n_row and history.has_joints):
+        raise HistoryError(f"{history.path}: what its joints carry was not recorded; record the channel joints")
+    row %= history.n_row
+    names = ("N", "V_1", "V_2", "M_T", "M_1", "M_2")
+    return {name: float(history.series(f"joint/{name}", row, row + 1)[0, number]) for name in names}
+
+
+class JointAlone:
+    """One joint of a history with its two blocks, as what :class:`dembrick.joint_motion.JointMotion` asks for.
+
+    A figure of one joint of a large wall then reads frames, but does no work for the other joints.
+    """
+
+    def __init__(self, history, number: int):
+        joint = history.joints[number]
+        self._history, self._number = history, number
+        self._blocks = [joint["block_a"], joint["block_b"]]
+        before = sum(len(own["areas"]) for own in history.joints[:number])
+        self._points = slice(before, before + len(joint["areas"]))
+        self.joints = [joint | {"block_a": 0, "block_b": 1, "host": self._blocks.index(joint["host"])}]
+        self.position0, self.orientation0 = (a[self._blocks] for a in (history.position0, history.orientation0))
+        self.n_frames, self.frame_time, self.time = history.n_frames, history.frame_time, history.time
+
+    def frame_values(self, name: str, start: int, stop: int) -> np.ndarray | None:
+        """Frames start to stop of a channel, (f, 2, ...), (f, c, ...) or (f, 1, 2); None where not recorded."""
+        found = self._history.frame_values(name, start, stop)
+        own = {"contact_force": self._points, "contact_arm": self._points, "joint_shift": [self._number]}
+        return None if found is None else found[:, own.get(name, self._blocks)]
+
+    def series(self, name: str, start: int = 0, stop: int | None = None) -> np.ndarray:
+        """(T, 1) of a channel of the joint."""
+        return self._history.series(name, start, stop)[:, [self._number]]
+
+
+class Diagram(NamedTuple):
+    """What the diagram of a run shows: ``load`` names the load over the displacement, with its unit; None where the
+    blocks move in time under no growing load, and the displacement is shown over time."""
+
+    load: str | None
+    unit: str
+    displacement: str
+
+
+_DRIVEN = "driven displacement"
+_FURTHEST = "displacement of the block that moved furthest"
+_DIAGRAMS = {
+    "tilt": Diagram("load factor tan(angle)", "-", _FURTHEST),
+    "pushover": Diagram("load factor", "-", _DRIVEN),
+    "dynamic": Diagram(None, "", _FURTHEST),
+    "base-motion": Diagram(None, "", _FURTHEST),
+}
+
+
+class Record(NamedTuple):
+    """Time (T,) s, load (T,) and displacement (T,) m of a run."""
+
+    time: np.ndarray
+    load: np.ndarray
+    displacement: np.ndarray
+
+
+def record_of(source) -> Record:
+    """The rows of a history or of a result."""
+    rows = getattr(source, "rows", None)
+    return Record(*(np.asarray(getattr(source, n) if rows is None else rows[n]) for n in Record._fields))
+
+
+def diagram_of(source) -> Diagram:
+    """The diagram that suits a history or a result, by the kind of its control."""
+    scenario = getattr(source, "scenario", None)
+    if scenario is not None:
+        kind, driven = scenario.control.kind, getattr(scenario.control, "quasi_static", True)
+    else:
+        try:
+            control = tomllib.loads(source.scenario_text).get("control", {})
+            kind, driven = control.get("kind"), control.get("quasi_static") is True
+        except (tomllib.TOMLDecodeError, RecursionError, AttributeError):
+            kind = None
+        if not isinstance(kind, str):
+            kind = "yield" if source.n_actuator else "dynamic"
+    found = _DIAGRAMS.get(kind, Diagram("load V", "N", _DRIVEN))
+    # a quasi-static tilt pushes the blocks by their weights, as jacks would
+    return found._replace(displacement=_DRIVEN) if kind == "tilt" and driven else found

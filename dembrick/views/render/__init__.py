@@ -1,0 +1,247 @@
+"""Pictures and movies of the moving blocks, drawn without a display by pyvista, and a window to look at them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dembrick.errors import HistoryError, OutputError, ScenarioError
+from dembrick.history.files import check_output
+from dembrick.views.motion.blocks import CarriedPoints, Poses, all_vertices
+from dembrick.views.motion.joints import nearest
+from dembrick.views.render.colors import COLORS
+from dembrick.views.render.images import MOVIES, Movie, write_png
+from dembrick.views.render.scene import VIEWS, Look, Scene, automatic_magnification
+from dembrick.views.render.screen import require_display, require_drawing
+
+if TYPE_CHECKING:
+    import pyvista
+
+__all__ = [
+    "COLORS",
+    "VIEWS",
+    "automatic_magnification",
+    "meshes",
+    "movie",
+    "movie_frames",
+    "nearest_frame",
+    "picture",
+    "view",
+]
+
+SIZE = (1600, 1200)  # pixels of a picture
+MOVIE_SIZE = (960, 720)
+MOVIE_FRAMES = 100  # most frames of a movie, unless more are asked for
+EVEN = 0.01  # of the time between two frames: what differs by less is as good as even
+
+
+def meshes(history, frame: int = -1, magnification: float = 1.0, time: float | None = None) -> pyvista.MultiBlock:
+    """The blocks in one frame as a MultiBlock of PolyData, by name, with ``displacement`` (m, true) at the vertices.
+
+    ``time`` (s) takes the nearest frame instead of ``frame``. ``magnification`` multiplies the motion: translation
+    and turning angle of each block.
+    """
+    import pyvista
+
+    number = _frame(history, frame if time is None else nearest_frame(history, time))
+    body, block, starts = all_vertices(history)
+    carried, poses = CarriedPoints(history, body, block), Poses.read(history, number, number + 1)
+    drawn, moved = carried.magnified(poses, magnification)[0], carried.moved(poses)[0]
+    blocks = pyvista.MultiBlock()
+    for i, name in enumerate(history.block_names):
+        own = slice(starts[i], starts[i + 1])
+        faces = np.concatenate([(len(face), *face) for face in history.block_faces(i)])
+        mesh = pyvista.PolyData(drawn[own].copy(), faces=faces)
+        mesh.point_data["displacement"] = np.linalg.norm(moved[own], axis=1)
+        blocks.append(mesh, name)
+    return blocks
+
+
+def picture(
+    history,
+    path: str | os.PathLike,
+    *,
+    frame: int = -1,
+    time: float | None = None,
+    view: str = "iso",
+    magnification: float | None = None,
+    color: str = "displacement",
+    forces: bool = False,
+    size: tuple[int, int] = SIZE,
+) -> str:
+    """Write a PNG of one frame: the blocks, where they started, jacks, torsion centre; the path.
+
+    ``frame`` counts from the end where negative; ``time`` (s) takes the nearest frame instead. Without
+    ``magnification`` the motion is blown up until it is seen; the picture says how much. ``color``: displacement,
+    utilisation, slip (the greatest of a block's joints), energy (kinetic) or none; ``forces`` draws those of the
+    joints.
+    """
+    path, look = os.fspath(path), Look(view, magnification, color, forces)
+    if os.path.splitext(path)[1].lower() != ".png":
+        raise OutputError(f"{path}: a picture is written as PNG; let the name end in .png")
+    target = check_output(path)
+    number = _frame(history, frame if time is None else nearest_frame(history, time))
+    require_drawing()
+    plotter = _plotter(size, smooth=True)
+    try:
+        Scene(plotter, history, look, [number])
+        write_png(plotter.screenshot(return_img=True), path, target)
+    finally:
+        plotter.close()
+    return path
+
+
+def movie(
+    history,
+    path: str | os.PathLike,
+    *,
+    view: str = "iso",
+    magnification: float | None = None,
+    color: str = "displacement",
+    forces: bool = False,
+    size: tuple[int, int] = MOVIE_SIZE,
+    fps: float = 20.0,
+    count: int = MOVIE_FRAMES,
+    progress: Callable[[int, int], None] | None = None,
+) -> str:
+    """Write the motion as an animated GIF or an MP4 by the ending of ``path``; the path.
+
+    At most ``count`` frames, ``fps`` of them a second, as :func:`movie_frames` chooses them; the rest as for
+    :func:`picture`. MP4 needs the extra ``movie``.
+    """
+    path, look = os.fspath(path), Look(view, magnification, color, forces)
+    if os.path.splitext(path)[1].lower() not in MOVIES:
+        raise OutputError(f"{path}: a movie is written as {' or '.join(MOVIES)}; let the name end in one of them")
+    if not (np.isfinite(fps) and 0.1 <= fps <= 100.0):
+        raise ScenarioError(f"fps = {fps!r} is out of range: 0.1 to 100 frames a second")
+    if count < 2:
+        raise ScenarioError(f"count = {count!r} is out of range: a movie has at least 2 frames")
+    target = check_output(path)
+    frames = movie_frames(history, count)
+    Movie.require(path)
+    require_drawing()
+    plotter = _plotter(size, smooth=False)  # smooth edges would take most of the time of a movie
+    try:
+        scene = Scene(plotter, history, look, sorted(set(frames)))
+        # the scene shows the last frame, the one with most colours
+        sample = plotter.screenshot(return_img=True)[..., :3]
+        sample = np.concatenate([sample, scene.shades(sample.shape[1])])
+        with Movie(path, target, fps, sample) as film:
+            for done, frame in enumerate(frames):
+                scene.show(frame)
+                plotter.render()
+                film.add(plotter.screenshot(return_img=True))
+                if progress:
+                    progress(done + 1, len(frames))
+    finally:
+        plotter.close()
+    return path
+
+
+def movie_frames(history, count: int) -> list[int]:
+    """The frames of a movie of at most ``count``, so that equal times of the run take equal times of the movie.
+
+    All of them where there are no more and they follow each other evenly (but for the last, at which the run ended);
+    else those nearest to moments spread evenly over the run, one held as long as it is the nearest. Equilibria, which
+    know no time, are spread evenly by their numbers. Raises HistoryError where there are no frames.
+    """
+    last, times = _frame(history, -1), history.frame_time
+    steps = np.diff(times)
+    even = last < 2 or (np.ptp(steps[:-1]) <= EVEN * steps[:-1].max() and steps[-1] <= (1.0 + EVEN) * steps[:-1].max())
+    if history.counts_equilibria or (even and last < count) or not times[-1] > times[0]:
+        return np.unique(np.round(np.linspace(0, last, min(count, last + 1))).astype(int)).tolist()
+    return nearest(times, np.linspace(times[0], times[-1], count)).tolist()
+
+
+def view(
+    history,
+    *,
+    view: str = "iso",
+    magnification: float | None = None,
+    color: str = "displacement",
+    forces: bool = False,
+) -> None:
+    """Open a window with a time slider; the arrow keys go from frame to frame. Returns when it is closed."""
+    look = Look(view, magnification, color, forces)
+    _frame(history, -1)
+    require_display()
+    import pyvista
+
+    plotter = pyvista.Plotter(window_size=[1280, 960], title=f"dembrick: {history.title}")
+    with_slider(plotter, history, look)
+    plotter.show()
+
+
+def with_slider(plotter, history, look: Look) -> Scene:
+    """The scene of a history in a plotter, with a slider for the time and the arrow keys for single frames."""
+    last = _frame(history, -1)
+    every = max(1, last // MOVIE_FRAMES)
+    scene = Scene(plotter, history, look, sorted({*range(0, last + 1, every), last}), below=0.19 if last else 0.04)
+    times = history.frame_time
+    if last == 0:
+        return scene
+
+    def to_time(time: float) -> None:
+        frame = nearest_frame(history, float(np.clip(time, times[0], times[-1])))
+        if frame != scene.frame:
+            scene.show(frame)
+
+    slider = plotter.add_slider_widget(
+        to_time,
+        (float(times[0]), float(times[-1])),
+        value=float(times[-1]),
+        title="equilibrium" if history.counts_equilibria else "time [s]",
+        pointa=(0.1, 0.085),
+        pointb=(0.8, 0.085),
+        color="black",
+        slider_width=0.03,
+        tube_width=0.004,
+        title_height=0.022,
+        fmt="%.4g",
+        interaction_event="always",
+    )
+
+    def step(by: int) -> None:
+        scene.show(int(np.clip(scene.frame + by, 0, last)))
+        slider.GetRepresentation().SetValue(float(times[scene.frame]))
+        plotter.render()
+
+    plotter.add_key_event("Right", lambda: step(1))
+    plotter.add_key_event("Left", lambda: step(-1))
+    return scene
+
+
+def nearest_frame(history, time: float) -> int:
+    """Number of the frame nearest to a time (s); ScenarioError for a time that the history does not cover."""
+    _frame(history, 0)
+    first, last = float(history.frame_time[0]), float(history.frame_time[-1])
+    slack = 1e-9 * (last - first)
+    if not first - slack <= time <= last + slack:
+        raise ScenarioError(f"time = {time!r} s is out of range: {history.path} runs from {first:.6g} to {last:.6g} s")
+    return int(np.argmin(np.abs(history.frame_time - time)))
+
+
+def _frame(history, frame: int) -> int:
+    if history.n_frames == 0:
+        raise HistoryError(f"{history.path}: no frames were recorded in this history, so there is nothing to draw")
+    if not -history.n_frames <= frame < history.n_frames:
+        raise ScenarioError(f"frame {frame} is out of range: {history.path} has frames 0 to {history.n_frames - 1}")
+    return frame % history.n_frames
+
+
+def _plotter(size: tuple[int, int], smooth: bool) -> pyvista.Plotter:
+    import pyvista
+
+    width, height = size
+    if not (64 <= width <= 8192 and 64 <= height <= 8192):
+        raise ScenarioError(f"size = {width} x {height} pixels is out of range: 64 to 8192 each way")
+
+    plotter = pyvista.Plotter(off_screen=True, window_size=list(size))
+    if smooth:
+        plotter.enable_anti_aliasing("msaa", multi_samples=4)
+    else:
+        plotter.disable_anti_aliasing()
+    return plotter

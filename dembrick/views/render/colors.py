@@ -1,0 +1,80 @@
+"""The quantity that a picture colours the blocks by, and the unit that suits its size."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dembrick.errors import HistoryError
+from dembrick.views.motion.blocks import CarriedPoints, Poses, block_quantities
+from dembrick.views.motion.joints import CHANNELS, JointMotion
+
+COLORS = ("displacement", "utilisation", "slip", "energy", "none")
+_TITLES = {
+    "displacement": "displacement",
+    "utilisation": "utilisation of the\nmost used joint",
+    "slip": "greatest slip\nof its joints",
+    "energy": "kinetic energy",
+}
+_UNITS = {  # unit in steps of a thousand
+    "displacement": ("m", "mm", "µm", "nm"),
+    "slip": ("m", "mm", "µm", "nm"),
+    "energy": ("J", "mJ", "µJ", "nJ"),
+    "utilisation": ("-",),
+}
+
+
+class Colouring:
+    """Values of ``color`` at the vertices ("displacement") or of the blocks (all others), frame by frame.
+
+    Raises HistoryError where the history does not hold what they need.
+    """
+
+    def __init__(self, history, color: str, carried: CarriedPoints, joints: JointMotion | None):
+        self._history, self.color, self._carried, self._joints = history, color, carried, joints
+        if color in ("utilisation", "slip") and not (history.n_joint and history.has_joints and history.n_row):
+            raise HistoryError(
+                f"{history.path}: {color} cannot be shown because the forces of joints were not recorded; run it again "
+                'with "joints" in output.channels'
+            )
+        if color == "energy" and (history.block_mass is None or history.n_frames < 2):
+            raise HistoryError(f"{history.path}: energy cannot be shown: the file holds no masses, or a single frame")
+
+    @property
+    def at_vertices(self) -> bool:
+        return self.color == "displacement"
+
+    def values(self, frame: int, poses: Poses) -> np.ndarray:
+        """(n_vertex,) or (n_block,), in SI units, of one frame whose poses are given."""
+        if self.color == "displacement":
+            return np.linalg.norm(self._carried.moved(poses)[0], axis=1)
+        if self.color == "energy":
+            return block_quantities(self._history, poses, frame, frame + 1)["kinetic_energy"][0]
+        joints, found = self._joints, np.zeros(self._history.n_block)
+        of_joint = (
+            joints.utilisation(frame)
+            if self.color == "utilisation"
+            else joints.resultants(frame)[:, CHANNELS.index("slip")]
+        )
+        for blocks in (joints.block_a, joints.block_b):
+            np.fmax.at(found, blocks, of_joint)  # what is not known of a joint says nothing of its blocks
+        return found
+
+    def scale(self, largest: float) -> Scale:
+        """Unit and range for values up to ``largest``."""
+        units = _UNITS[self.color]
+        step = 0
+        while step < len(units) - 1 and 0.0 < largest * 1e3**step < 0.1:
+            step += 1
+        top = 1.0 if self.color == "utilisation" else max(largest * 1e3**step, 1e-12)
+        return Scale(f"{_TITLES[self.color]} [{units[step]}]", 1e3**step, top)
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """``factor`` from SI to the unit of ``title``; the colours reach up to ``top``."""
+
+    title: str
+    factor: float
+    top: float
