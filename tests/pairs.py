@@ -7,7 +7,8 @@ import numpy as np
 
 from dembrick.assembly.broad_phase import bodies_of, overlap_depths
 from dembrick.geometry.convex_hull import hull, prism
-from dembrick.geometry.shapes import box, quaternion_product, rotation_matrix, unit_quaternion
+from dembrick.geometry.rotations import quaternion_product, rotation_matrix, unit_quaternion
+from dembrick.geometry.shapes import box
 from dembrick.kernels.dynamics.contact_forces import TOUCHED, clear_applied, touch
 from dembrick.kernels.dynamics.rigid_bodies import Bodies
 from dembrick.kernels.dynamics.tiles import Links

@@ -8,7 +8,7 @@ import pytest
 from dembrick.assembly import build as assembly_module
 from dembrick.assembly.build import assemble, dead_joint_forces
 from dembrick.errors import ScenarioError
-from dembrick.geometry.shapes import rotation_matrix
+from dembrick.geometry.rotations import rotation_matrix
 from dembrick.scenario.model import (
     Actuator,
     Block,

@@ -9,7 +9,8 @@ from dembrick.assembly.build import assemble
 from dembrick.errors import ScenarioError
 from dembrick.geometry.convex_hull import compound
 from dembrick.geometry.friction_integrals import area_radius, far_moments
-from dembrick.geometry.shapes import box, rotation_matrix, unit_quaternion
+from dembrick.geometry.rotations import rotation_matrix, unit_quaternion
+from dembrick.geometry.shapes import box
 from dembrick.runs.theory_check import theory_of
 from dembrick.scenario import toml
 from dembrick.scenario.blocks import Block, Part, Prism

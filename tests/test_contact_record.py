@@ -8,7 +8,7 @@ import pytest
 
 from dembrick import history
 from dembrick.cli import main
-from dembrick.geometry.shapes import rotation_matrix
+from dembrick.geometry.rotations import rotation_matrix
 from dembrick.history.layout import NEW_CONTACTS
 from dembrick.runs.result import restart, simulate
 from dembrick.scenario.controls import DynamicControl

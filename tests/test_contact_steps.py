@@ -12,7 +12,8 @@ from test_impacts import collapse, falling_arch, scene
 from dembrick import history
 from dembrick.cli import main
 from dembrick.errors import DivergedError
-from dembrick.geometry.shapes import box, quaternion_product
+from dembrick.geometry.rotations import quaternion_product
+from dembrick.geometry.shapes import box
 from dembrick.kernels.dynamics.contact_forces import clear_applied, touch
 from dembrick.runs.result import simulate
 from dembrick.scenario.controls import DynamicControl

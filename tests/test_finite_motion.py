@@ -8,12 +8,13 @@ from scipy.special import ellipj, ellipk
 
 from dembrick._jit import jit
 from dembrick.assembly import build
-from dembrick.geometry.shapes import rotation_matrix
+from dembrick.geometry.rotations import rotation_matrix
 from dembrick.kernels.state import Blocks, Inertia
 from dembrick.kernels.statics.finite_rotation import finite_step, turn
 from dembrick.scenario.model import Block, JointLaw, Material, Scenario, YieldControl
 from dembrick.simulation.statics import critical_step
-from dembrick.simulation.statics.state import block_stiffness, initial_state, joint_stiffness, to_joint
+from dembrick.simulation.statics.state import initial_state
+from dembrick.simulation.statics.stiffness import block_stiffness, joint_stiffness, to_joint
 
 
 def free_block(tensor, spin, orientation=(1.0, 0.0, 0.0, 0.0), mass=2.0):

@@ -12,7 +12,7 @@ from dembrick import history
 from dembrick.assembly.broad_phase import bodies_of, overlap_depths
 from dembrick.errors import NotConvergedError
 from dembrick.geometry.polygons import mean_distance
-from dembrick.geometry.shapes import rotation_matrix
+from dembrick.geometry.rotations import rotation_matrix
 from dembrick.runs.result import restart, simulate
 from dembrick.scenario.controls import BaseMotionControl, DynamicControl, Pulse
 from dembrick.scenario.model import Arch, Block, JointLaw, Material, Output, Scenario, Solver, Wall

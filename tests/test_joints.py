@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from dembrick.assembly import joints as joints_module
 from dembrick.assembly.joints import find_joints
 from dembrick.geometry import polygons
-from dembrick.geometry.shapes import Polyhedron, box, quaternion_product, rotation_matrix, unit_quaternion
+from dembrick.geometry.rotations import quaternion_product, rotation_matrix, unit_quaternion
+from dembrick.geometry.shapes import Polyhedron, box
 from dembrick.scenario.model import JointLaw
 
 UNTURNED = (1.0, 0.0, 0.0, 0.0)

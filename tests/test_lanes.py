@@ -7,7 +7,7 @@ import pytest
 from test_moving_joints import GRAVITY, about, place
 
 from dembrick.assembly import build
-from dembrick.geometry.shapes import frame_quaternion, rotation_matrix, unit_quaternion
+from dembrick.geometry.rotations import frame_quaternion, rotation_matrix, unit_quaternion
 from dembrick.kernels.dynamics.rigid_bodies import ANGLE2, fetch_block, turn_block, turn_body, turn_slowly
 from dembrick.kernels.dynamics.tiles import OFFSET, VISCOUS, WORK, W, rows_of_lanes
 from dembrick.scenario.controls import DynamicControl

@@ -12,7 +12,7 @@ from dembrick import theory
 from dembrick.assembly import build
 from dembrick.errors import DembrickError, NotConvergedError
 from dembrick.geometry import friction_integrals
-from dembrick.geometry.shapes import rotation_matrix
+from dembrick.geometry.rotations import rotation_matrix
 from dembrick.kernels.joint import limit_surface
 from dembrick.kernels.statics import block_forces, joint_forces, load_bounds, loop
 from dembrick.runs.lab import lab_scenario
@@ -28,7 +28,7 @@ from dembrick.scenario.model import (
     Solver,
     YieldControl,
 )
-from dembrick.simulation.statics import limit_load, stepper
+from dembrick.simulation.statics import limit_load, stepper, stiffness
 from dembrick.simulation.statics import state as simulation
 
 SETS = ("2a", "2b", "4a", "4b")
@@ -277,7 +277,7 @@ def test_stiffness_of_the_joint_itself_does_not_count(formulation, monkeypatch):
     """Four corners are three times stiffer in rotation than the area they stand for: no yield point depends on it."""
     jacks = single((0.25 * A, 0.0))
     base = run(formulation, jacks=jacks, tolerance=1e-5).yield_point
-    exact = simulation.block_stiffness
+    exact = stiffness.block_stiffness
     monkeypatch.setattr(limit_load, "block_stiffness", lambda state, shared: 3.0 * exact(state, shared))
     other = run(formulation, jacks=jacks, tolerance=1e-5).yield_point
     assert other.V == pytest.approx(base.V, rel=2e-5)

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from dembrick.geometry.shapes import rotation_matrix
+from dembrick.geometry.rotations import rotation_matrix
 from dembrick.runs.result import simulate
 from dembrick.scenario.controls import BaseMotionControl, DynamicControl, Pulse, Sine
 from dembrick.scenario.model import Block, JointLaw, Load, Material, Output, Scenario

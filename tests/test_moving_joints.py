@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dembrick.assembly import build
-from dembrick.geometry.shapes import quaternion_product, rotation_matrix
+from dembrick.geometry.rotations import quaternion_product, rotation_matrix
 from dembrick.kernels.dynamics.area_joints import pressed
 from dembrick.kernels.dynamics.loop import Limits
 from dembrick.kernels.dynamics.rigid_bodies import turn_body

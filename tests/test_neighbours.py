@@ -5,7 +5,8 @@ import pytest
 from test_joints import LAB, UNTURNED, joints_of
 
 from dembrick.assembly import broad_phase
-from dembrick.geometry.shapes import box, quaternion_product, rotation_matrix
+from dembrick.geometry.rotations import quaternion_product, rotation_matrix
+from dembrick.geometry.shapes import box
 
 
 def scattered(rng, n):

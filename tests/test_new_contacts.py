@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from pairs import BLOCK, K_N, K_S, SETTINGS, Pair, no_joints, quaternion, set_up, turned
 
-from dembrick.geometry.shapes import box, quaternion_product, rotation_matrix
+from dembrick.geometry.rotations import quaternion_product, rotation_matrix
+from dembrick.geometry.shapes import box
 from dembrick.kernels.dynamics.contact_forces import CROWDED, DEEP, touch
 from dembrick.kernels.joint.laws import no_tension
 

@@ -8,7 +8,7 @@ from test_polygons import random_polygon
 from dembrick.assembly import quadrature
 from dembrick.assembly.joints import contact_points, second_moments, shrink_factor
 from dembrick.geometry import polygons
-from dembrick.geometry.shapes import rotation_matrix
+from dembrick.geometry.rotations import rotation_matrix
 
 
 def test_corner_formulations():

@@ -6,7 +6,7 @@ from test_joints import rectangle
 
 from dembrick.assembly.joints import second_moments, shrink_factor, tributary_areas
 from dembrick.geometry import polygons
-from dembrick.geometry.shapes import rotation_matrix
+from dembrick.geometry.rotations import rotation_matrix
 
 
 def random_polygon(rng, n=12, stretch=1.0):

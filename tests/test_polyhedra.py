@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from dembrick.errors import ScenarioError
 from dembrick.geometry.convex_hull import hull, mass_properties, prism, voussoir
-from dembrick.geometry.shapes import box, rotation_matrix, unit_quaternion
+from dembrick.geometry.rotations import rotation_matrix, unit_quaternion
+from dembrick.geometry.shapes import box
 
 quaternion = st.tuples(*[st.floats(-1.0, 1.0)] * 4).filter(lambda q: sum(c * c for c in q) > 0.1).map(unit_quaternion)
 edge = st.floats(0.05, 3.0)

@@ -21,7 +21,8 @@ from dembrick.scenario.model import Actuator, Block, JointLaw, Load, Material, S
 from dembrick.scenario.toml import load
 from dembrick.simulation.statics import limit_load
 from dembrick.simulation.statics.dead_load import seat
-from dembrick.simulation.statics.state import block_stiffness, initial_state
+from dembrick.simulation.statics.state import initial_state
+from dembrick.simulation.statics.stiffness import block_stiffness
 from dembrick.views.export.text import to_csv
 
 

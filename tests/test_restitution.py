@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from test_impacts import AWAY, FLOOR, G, scene
 
-from dembrick.geometry.shapes import rotation_matrix
+from dembrick.geometry.rotations import rotation_matrix
 from dembrick.runs.result import simulate
 from dembrick.scenario.controls import DynamicControl
 from dembrick.scenario.model import Block, Output

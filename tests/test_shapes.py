@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dembrick.geometry.shapes import box, quaternion_product, rotation_matrix, unit_quaternion
+from dembrick.geometry.rotations import quaternion_product, rotation_matrix, unit_quaternion
+from dembrick.geometry.shapes import box
 
 edge = st.floats(1e-3, 10.0)
 quaternion = st.tuples(*[st.floats(-1.0, 1.0)] * 4).filter(lambda q: sum(c * c for c in q) > 0.1).map(unit_quaternion)

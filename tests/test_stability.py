@@ -10,13 +10,8 @@ import pytest
 from dembrick.assembly import build
 from dembrick.scenario.model import Block, JointLaw, Material, Scenario, YieldControl
 from dembrick.simulation.statics import critical_step
-from dembrick.simulation.statics.state import (
-    assembled_stiffness,
-    block_stiffness,
-    initial_state,
-    joint_stiffness,
-    to_joint,
-)
+from dembrick.simulation.statics.state import initial_state
+from dembrick.simulation.statics.stiffness import assembled_stiffness, block_stiffness, joint_stiffness, to_joint
 
 
 def wall(courses: int, blocks: int, formulation: str, densities=(1500.0,)) -> build.Assembly:

@@ -9,11 +9,11 @@ from dembrick.assembly.build import assemble
 from dembrick.scenario.blocks import Block, Prism
 from dembrick.scenario.generators import Wall
 from dembrick.scenario.model import JointLaw, JointOverride, Material, Scenario, YieldControl
-from dembrick.simulation.statics.state import (
+from dembrick.simulation.statics.state import initial_state
+from dembrick.simulation.statics.stiffness import (
     assembled_stiffness,
     block_stiffness,
     couplings,
-    initial_state,
     joint_stiffness,
     to_joint,
 )

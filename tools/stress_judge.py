@@ -28,8 +28,9 @@ from dembrick.simulation.statics import limit_load
 from dembrick.simulation.statics.critical_step import critical_time_step
 from dembrick.simulation.statics.dead_load import inverse_inertia, seat
 from dembrick.simulation.statics.guards import new_guard, refuse_divergence
-from dembrick.simulation.statics.state import block_stiffness, initial_state
+from dembrick.simulation.statics.state import initial_state
 from dembrick.simulation.statics.stepper import Loop
+from dembrick.simulation.statics.stiffness import block_stiffness
 
 STATUSES = ("right", "near", "stopped", "refused", "WRONG")
 VALID_STEP = 0.9  # largest step factor of a valid cell

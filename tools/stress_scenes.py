@@ -11,7 +11,8 @@ from dembrick import theory
 from dembrick.assembly import build as assemblies
 from dembrick.runs import theory_check
 from dembrick.scenario.model import Actuator, Block, JointLaw, JointOverride, Load, Material, Scenario, YieldControl
-from dembrick.simulation.statics.state import assembled_stiffness, initial_state, load_vectors
+from dembrick.simulation.statics.state import initial_state, load_vectors
+from dembrick.simulation.statics.stiffness import assembled_stiffness
 
 GRAVITY = 9.81
 A, B, H, N, MU, KN, KS_KN = 0.3, 0.2, 0.1, 467.0, 0.64, 1e10, 0.4

@@ -11,6 +11,8 @@ from dembrick.assembly.joints import JointTable
 from dembrick.assembly.quadrature import ContactPoints, contact_points
 from dembrick.geometry import polygons
 
+DISCRETISATION = 1e-3  # tolerance of distributed points if the control has none
+
 
 @dataclass(frozen=True, eq=False)
 class PointTable(Sequence[ContactPoints | None]):

@@ -11,7 +11,8 @@ import math
 import numpy as np
 
 from dembrick.errors import ScenarioError
-from dembrick.geometry.shapes import Compound, Polyhedron, rotation_matrix
+from dembrick.geometry.rotations import rotation_matrix
+from dembrick.geometry.shapes import Compound, Polyhedron
 
 FLAT = 1e-6  # of the size of a shape: points so near to a plane or a line lie on it
 _THIN = 1e-9  # volume over the cube of the size, below which a shape has none

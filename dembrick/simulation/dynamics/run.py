@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from dembrick.errors import HistoryError, NotConvergedError, ScenarioError
-from dembrick.geometry.shapes import quaternion_product, rotation_matrix, unit_quaternion
+from dembrick.geometry.rotations import quaternion_product, rotation_matrix, unit_quaternion
 from dembrick.kernels.dynamics.loop import REACHED, Limits
 from dembrick.kernels.dynamics.record import unbalanced_ratio
 from dembrick.kernels.dynamics.tiles import SEEN

@@ -13,7 +13,7 @@ from dembrick.assembly.contact_points import PointTable
 from dembrick.assembly.joints import JointTable
 from dembrick.errors import ScenarioError
 from dembrick.geometry import friction_integrals, polygons
-from dembrick.geometry.shapes import frame_quaternion
+from dembrick.geometry.rotations import frame_quaternion
 from dembrick.kernels.dynamics.area_joints import Faces
 from dembrick.kernels.dynamics.point_joints import Corners
 from dembrick.kernels.dynamics.record import write_resultants

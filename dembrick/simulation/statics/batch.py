@@ -31,6 +31,7 @@ from dembrick.scenario.model import JointLaw
 from dembrick.simulation.statics import certificate, dead_load, guards, limit_load, state
 from dembrick.simulation.statics.batch_cases import Cases, check, wrench
 from dembrick.simulation.statics.critical_step import critical_time_step
+from dembrick.simulation.statics.stiffness import joint_stiffness
 from dembrick.simulation.statics.yield_point import OPEN
 
 BLOCK = 128  # cases prepared and run at a time
@@ -237,7 +238,7 @@ def _run(cases: Cases, faces: _Faces) -> LimitLoads:
     k = cases.count
     points, areas = _point_joints(faces, cases), _area_joints(faces, cases)
     blocks, joints, jacks = _blocks(k, cases.dead), _joints(k), _jacks(cases)
-    stiffness = state.joint_stiffness(state.State(blocks, joints, points, areas, jacks))
+    stiffness = joint_stiffness(state.State(blocks, joints, points, areas, jacks))
     eta = STEP_FACTOR * critical_time_step(float(np.sqrt(1.0 + limit_load.JACK)), limit_load.VISCOUS)
     unit = wrench(cases)
     loading = Loading(

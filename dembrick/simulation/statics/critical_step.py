@@ -18,7 +18,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dembrick.simulation.statics.state import State, block_stiffness, couplings, joint_stiffness, to_joint
+from dembrick.simulation.statics.state import State
+from dembrick.simulation.statics.stiffness import block_stiffness, couplings, joint_stiffness, to_joint
 
 POWER_ITERATIONS = 30
 DAMPING_RATIO = math.sqrt(0.125)  # of a block's fastest mode with physical inertia: a dashpot ratio of 1/2 at its step

@@ -13,7 +13,8 @@ import numpy as np
 from dembrick.errors import ScenarioError
 from dembrick.kernels.math.skyline import factorise, solve_in_place
 from dembrick.kernels.state import WholeInertia
-from dembrick.simulation.statics.state import State, block_stiffness, couplings
+from dembrick.simulation.statics.state import State
+from dembrick.simulation.statics.stiffness import block_stiffness, couplings
 
 MOST_ENTRIES = 30_000_000  # of a factor: 240 MB
 ROWS_AT_ONCE = 2000  # that are factorised in one go: a signal waits for some tenths of a second

@@ -36,9 +36,10 @@ from dembrick.simulation.statics.elastic_factor import elastic_factor, touches_i
 from dembrick.simulation.statics.guards import new_guard, refuse_divergence
 from dembrick.simulation.statics.path_following import follow, prepare
 from dembrick.simulation.statics.recorder import Recorder
-from dembrick.simulation.statics.state import State, block_stiffness, initial_state, load_vectors, new_energy
+from dembrick.simulation.statics.state import State, initial_state, load_vectors, new_energy
 from dembrick.simulation.statics.steady_load import refuse_unsound, steady
 from dembrick.simulation.statics.stepper import Loop, Stepper
+from dembrick.simulation.statics.stiffness import block_stiffness
 from dembrick.simulation.statics.yield_point import YieldPoint, joint_reach, read_off
 
 # Numerical choices; answers do not depend on them beyond the tolerance, and a test says so.

@@ -12,7 +12,8 @@ from dembrick.errors import ScenarioError
 from dembrick.kernels.math.banded import WIDE, eliminate, substitute
 from dembrick.kernels.statics.newton import Trial, assemble_tangent, try_motion
 from dembrick.simulation.statics.elastic_factor import Factor
-from dembrick.simulation.statics.state import State, joint_stiffness, to_joint
+from dembrick.simulation.statics.state import State
+from dembrick.simulation.statics.stiffness import joint_stiffness, to_joint
 from dembrick.simulation.statics.yield_point import joint_reach
 
 MOST_ITERATIONS = 20  # for one equilibrium

@@ -21,7 +21,7 @@ from typing import Protocol
 
 import numpy as np
 
-from dembrick.geometry.shapes import rotation_matrix
+from dembrick.geometry.rotations import rotation_matrix
 from dembrick.history import History
 from dembrick.kernels.recorded_motion import resultant_points
 from dembrick.views.motion.blocks import CarriedPoints, Poses, all_vertices, block_quantities

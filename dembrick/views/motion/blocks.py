@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dembrick.geometry.shapes import quaternion_product, rotation_matrix
+from dembrick.geometry.rotations import quaternion_product, rotation_matrix
 from dembrick.kernels.recorded_motion import carry
 
 

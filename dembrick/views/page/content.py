@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dembrick.errors import HistoryError
-from dembrick.geometry.shapes import quaternion_product, rotation_matrix
+from dembrick.geometry.rotations import quaternion_product, rotation_matrix
 from dembrick.views import summary
 from dembrick.views.motion.joints import JointMotion
 from dembrick.views.page import diagrams

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from dembrick.errors import ScenarioError
-from dembrick.geometry.shapes import rotation_matrix
+from dembrick.geometry.rotations import rotation_matrix
 from dembrick.theory.polygons import convex_hull
 from dembrick.views.plot import style
 

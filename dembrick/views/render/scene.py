@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dembrick.errors import HistoryError, ScenarioError
-from dembrick.geometry.shapes import rotation_matrix
+from dembrick.geometry.rotations import rotation_matrix
 from dembrick.views.motion.blocks import CarriedPoints, Poses, all_vertices, rotation_times
 from dembrick.views.motion.joints import JointMotion
 from dembrick.views.plot.subject import JointAlone, chosen_joint

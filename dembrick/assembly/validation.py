@@ -1,0 +1,154 @@
+"""Checks of an assembly: overlaps, missing supports, overrides that match no joint, joints too soft for their load.
+
+Each raises ScenarioError, or returns warnings; a message names the blocks and says how far off they are.
+"""
+
+from __future__ import annotations
+
+from typing import NoReturn
+
+import numpy as np
+
+from dembrick.assembly.broad_phase import Bodies, overlap_depths
+from dembrick.assembly.contact_points import DISCRETISATION, PointTable, widest_rim
+from dembrick.assembly.joints import TOLERANCE, JointTable, find_joints
+from dembrick.assembly.laws import Laws
+from dembrick.errors import ScenarioError
+from dembrick.geometry import polygons
+from dembrick.scenario.checks import show
+from dembrick.scenario.model import Scenario
+
+SOFT_WARNING = 1e-3  # elastic closing or sliding of a joint under its dead load, over its short side
+SOFT_LIMIT = 1e-2
+_FAR = 0.1  # of the smaller block's diameter: how far a message looks for the block that should have been touched
+
+
+def refuse(scenario: Scenario, message: str) -> NoReturn:
+    """Raise ScenarioError with the path of the scenario before the message."""
+    raise ScenarioError(f"{scenario.path}: {message}" if scenario.path else message)
+
+
+def check_overlap(scenario: Scenario, bodies: Bodies, pairs) -> None:
+    """Refuse blocks, or convex parts of one block, that overlap."""
+    depths = overlap_depths(bodies, pairs)
+    over = np.flatnonzero(depths > TOLERANCE * bodies.table.diameter[pairs].min(axis=1))
+    if not len(over):
+        return
+    worst = over[np.argmax(depths[over])]
+    blocks = bodies.owner[pairs[worst]]
+    first, second = (show(scenario.all_blocks[i].name) for i in blocks)
+    if blocks[0] == blocks[1]:
+        one, two = pairs[worst] - np.searchsorted(bodies.owner, blocks[0])
+        refuse(
+            scenario,
+            f"parts[{one}] and parts[{two}] of block {first} overlap by {depths[worst]:.6g} m; "
+            "their common volume would count twice: let them touch",
+        )
+    more = f" ({len(over) - 1} more pairs overlap less)" if len(over) > 1 else ""
+    refuse(
+        scenario, f"blocks {first} and {second} overlap by {depths[worst]:.6g} m{more}; move one of them that far out"
+    )
+
+
+def check_pieces(scenario: Scenario, joints: JointTable) -> None:
+    """The pressed part of a joint that is not convex is not defined for every pressure."""
+    for number in joints.pieces:
+        joint = joints[number]
+        if joint.law.pressure != "full":
+            first, second = (show(scenario.all_blocks[i].name) for i in (joint.block_a, joint.block_b))
+            refuse(
+                scenario,
+                f'pressure = "{joint.law.pressure}" holds for convex joints, and that between {first} and {second} is '
+                f'one of {len(joint.pieces)} pieces; use "full" or formulation = "distributed" there',
+            )
+
+
+def check_overrides(scenario: Scenario, laws: Laws, joints, fixed: np.ndarray) -> None:
+    """Refuse an entry of [[joints]] between blocks that have no joint."""
+    pairs = set(zip(joints.block_a.tolist(), joints.block_b.tolist(), strict=True)) if scenario.joints else ()
+    for number, entry in enumerate(scenario.joints):
+        if any(laws.covers(number, a, b) for a, b in pairs):
+            continue
+        first, second = laws.ends[number]
+        both_fixed = all(fixed[i] for i in first | second)
+        reason = "both are fixed" if both_fixed else "they do not touch face to face"
+        kind = "groups" if any(name in scenario.groups for name in entry.between) else "blocks"
+        refuse(
+            scenario,
+            f"[[joints]] between {show(entry.between)}: there is no joint between these {kind}, as {reason}; "
+            "remove the entry or move the blocks together",
+        )
+
+
+def refuse_unsupported(scenario: Scenario, shapes, position, orientation, fixed, loose: np.ndarray) -> NoReturn:
+    """Name the blocks that no chain of joints ties to a support, and the nearest face that they miss."""
+    missed = [
+        joint
+        for joint in find_joints(shapes, position, orientation, fixed, lambda a, b: scenario.joint, _FAR)
+        if loose[joint.block_a] != loose[joint.block_b]
+    ]
+    name, hint = show(scenario.all_blocks[int(np.flatnonzero(loose)[0])].name), "put it on another block, face to face"
+    if missed:
+        nearest = min(missed, key=lambda joint: abs(joint.gap))
+        pair = (nearest.block_a, nearest.block_b)
+        here, there = pair if loose[pair[0]] else pair[::-1]
+        name = show(scenario.all_blocks[here].name)
+        hint = f"the nearest face is that of {show(scenario.all_blocks[there].name)}, {abs(nearest.gap):.6g} m away"
+        if abs(nearest.gap) <= TOLERANCE * min(shapes[here].diameter, shapes[there].diameter):
+            hint = f"it touches {show(scenario.all_blocks[there].name)}, but their faces are not parallel"
+    others = f" (nor from {int(loose.sum()) - 1} more)" if loose.sum() > 1 else ""
+    refuse(
+        scenario, f"block {name} rests on nothing: no chain of joints leads from it to a fixed block{others}; {hint}"
+    )
+
+
+def check_rim(scenario: Scenario, joints: JointTable, points: PointTable) -> tuple[str, ...]:
+    """Warn where blocks that rock would topple early, because no contact point reaches the edge of their joint."""
+    gap, j = widest_rim(joints, points)
+    if not gap > DISCRETISATION:
+        return ()
+    first, second = (show(scenario.all_blocks[i].name) for i in (joints.block_a[j], joints.block_b[j]))
+    return (
+        f"the outermost points of the distributed joint between {first} and {second} stay {100.0 * gap:.2g} % of its "
+        "half width inside the edge: what rocks there topples that much early. Use concave or convex joints, or more "
+        "joint.points",
+    )
+
+
+def check_stiffness(scenario: Scenario, joints, joint_force: np.ndarray) -> tuple[str, ...]:
+    """Refuse joints that their dead load would close, or friction shear, by more than a hundredth of their short side.
+
+    The numbers of this project are those of stiff joints (undeformed geometry); a tenth of the limit is warned about.
+    """
+    if not len(joints):
+        return ()
+    laws, area, side = joints.law, joints.area, np.empty(len(joints))
+    for numbers, shapes in joints.by_corners():
+        side[numbers] = polygons.width(shapes)
+    for number, pieces in joints.pieces.items():
+        side[number] = max(polygons.width(piece) for piece in pieces)
+    normal = np.maximum((joint_force * joints.axes[:, 2]).sum(axis=1), 0.0)
+    strength = normal * [law.friction for law in laws]
+    closing = normal / (area * [law.normal_stiffness for law in laws] * side)
+    sliding = strength / (area * [law.shear_stiffness for law in laws] * side)
+    worst = int(np.argmax(np.maximum(closing, sliding)))
+    softness = max(closing[worst], sliding[worst])
+    if not softness > SOFT_WARNING:
+        return ()
+    first, second = (show(scenario.all_blocks[i].name) for i in (joints.block_a[worst], joints.block_b[worst]))
+    numbers = (
+        f"the joint between {first} and {second} is soft for its load: N = {normal[worst]:.6g} N closes it by "
+        f"N/(kn A) = {closing[worst]:.3g} of its short side ({side[worst]:.6g} m), and V_0 = {strength[worst]:.6g} N "
+        f"shears it by V_0/(ks A) = {sliding[worst]:.3g} of it"
+    )
+    keys = [
+        key
+        for key, value in (("normal_stiffness", closing[worst]), ("shear_stiffness", sliding[worst]))
+        if value > SOFT_WARNING
+    ]
+    if softness > SOFT_LIMIT:
+        refuse(scenario, f"{numbers}; at most {SOFT_LIMIT:g} is accepted: raise {' and '.join(keys)}")
+    count = int((np.maximum(closing, sliding) > SOFT_WARNING).sum())
+    more = f" ({count - 1} more joints are above it too)" if count > 1 else ""
+    effect = f"above {SOFT_WARNING:g} the deformed geometry shows in the result"
+    return (f"{numbers}; {effect}{more}: raise {' and '.join(keys)}",)

@@ -1,0 +1,54 @@
+"""Quaternions and rotation matrices in numpy: (w, x, y, z), from body axes to world axes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def unit_quaternion(quaternion) -> np.ndarray:
+    """The quaternion(s) (..., 4) scaled to length one."""
+    q = np.asarray(quaternion, float)
+    return q / np.sqrt((q * q).sum(axis=-1, keepdims=True))
+
+
+def rotation_matrix(quaternion) -> np.ndarray:
+    """Rotation matrix (..., 3, 3) of quaternion(s) (..., 4): its columns are the body axes in the world."""
+    q = unit_quaternion(quaternion)
+    w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
+    rows = [
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+    ]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def frame_quaternion(axes) -> np.ndarray:
+    """The quaternion (4,) of the frame with the first two axes ``axes`` (2, 3), columns of its rotation matrix.
+
+    From the greatest of its parts, so that no digits are lost.
+    """
+    R = np.column_stack([*axes, np.cross(*axes)])
+    trace = np.trace(R)
+    twice = np.array([trace, *(2.0 * np.diag(R) - trace)])  # 4 q^2 - 1
+    i = int(np.argmax(twice))
+    q = np.empty(4)
+    if i == 0:
+        q[:] = 1.0 + trace, R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
+    else:
+        a, b, c = i - 1, i % 3, (i + 1) % 3
+        q[0] = R[c, b] - R[b, c]
+        q[1 + a], q[1 + b], q[1 + c] = 1.0 + twice[i], R[b, a] + R[a, b], R[c, a] + R[a, c]
+    return unit_quaternion(q)
+
+
+def quaternion_product(first, second) -> np.ndarray:
+    """The quaternion(s) of the turn ``second`` followed by the turn ``first`` (..., 4)."""
+    a, b, c, d = (np.asarray(first, float)[..., i] for i in range(4))
+    w, x, y, z = (np.asarray(second, float)[..., i] for i in range(4))
+    found = np.empty((*np.broadcast_shapes(a.shape, w.shape), 4))
+    found[..., 0] = a * w - b * x - c * y - d * z
+    found[..., 1] = a * x + b * w + c * z - d * y
+    found[..., 2] = a * y - b * z + c * w + d * x
+    found[..., 3] = a * z + b * y - c * x + d * w
+    return found

@@ -1,0 +1,101 @@
+"""Elastic stiffness of joints, of blocks with their neighbours held, and of the whole assembly."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dembrick.simulation.statics.state import State
+
+
+def joint_stiffness(state: State) -> np.ndarray:
+    """Elastic stiffness (j, 6, 6) of every closed joint against (d1, d2, dn, r1, r2, rn) of b at O."""
+    k = np.zeros((len(state.joints.block_a), 6, 6))
+    if state.points is not None:
+        p = state.points
+        first = np.zeros((len(p.k_n), 6, 3))  # a column a direction: what the six motions move the point along it
+        first[:, 0, 0] = first[:, 1, 1] = first[:, 2, 2] = 1.0
+        first[:, 5, 0], first[:, 5, 1] = -p.y_s, p.x_s
+        first[:, 3, 2], first[:, 4, 2] = p.y_n, -p.x_n
+        stiffness = np.stack([p.k_s, p.k_s, p.k_n], axis=1)
+        each = (first * stiffness[:, None]) @ first.transpose(0, 2, 1)
+        k[p.joint] = np.add.reduceat(each, p.start[:-1], axis=0)
+    if state.areas is not None:
+        a, j = state.areas, state.areas.joint
+        yy, xx, xy = a.second.T
+        k[j, 0, 0] = k[j, 1, 1] = a.k_s * a.area
+        k[j, 5, 5] = a.k_s * (xx + yy)
+        k[j, 2, 2] = a.k_n * a.area
+        k[j, 3, 3] = a.k_n * yy
+        k[j, 4, 4] = a.k_n * xx
+        k[j, 3, 4] = k[j, 4, 3] = -a.k_n * xy
+    return k
+
+
+def to_joint(axes: np.ndarray, arm: np.ndarray) -> np.ndarray:
+    """Matrices (..., 6, 6) from the motion (u, r) of a block about its centroid to that of O in the joint's axes."""
+    matrix = np.zeros((*axes.shape[:-2], 6, 6))
+    matrix[..., :3, :3] = matrix[..., 3:, 3:] = axes
+    x, y, z = np.moveaxis(arm, -1, 0)
+    about = np.zeros_like(axes)  # row t times it is arm x t, and t . (r x arm) = (arm x t) . r
+    about[..., 0, 1], about[..., 0, 2], about[..., 1, 2] = z, -y, x
+    about[..., 1, 0], about[..., 2, 0], about[..., 2, 1] = -z, y, -x
+    matrix[..., :3, 3:] = axes @ about
+    return matrix
+
+
+def _ends(state: State, times: np.ndarray | None = None) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
+    """Stiffness (j, 6, 6) of the joints ``times`` (j,) a factor, and the matrices `to_joint` of their two blocks."""
+    joints, k = state.joints, joint_stiffness(state)
+    if times is not None:
+        k *= times[:, None, None]
+    return k, (to_joint(joints.axes, joints.arm_a), to_joint(joints.axes, joints.arm_b))
+
+
+def block_stiffness(state: State, shared: float, times: np.ndarray | None = None) -> np.ndarray:
+    """Stiffness (n, 6, 6) of each block about its centroid with all its neighbours held; zero for fixed blocks.
+
+    A joint between two free blocks counts ``shared`` times. With 2 the block matrices together bound the stiffness of
+    the assembly, because an element stores at most twice the energy of its two one-sided parts. ``times`` (j,) scales
+    the joints.
+    """
+    joints = state.joints
+    n = len(state.blocks.displacement)
+    stiffness = np.zeros((n, 6, 6))
+    free = np.zeros(n, bool)
+    free[state.blocks.free] = True
+    k, ends = _ends(state, times)
+    k *= np.where(free[joints.block_a] & free[joints.block_b], shared, 1.0)[:, None, None]
+    for block, t in zip((joints.block_a, joints.block_b), ends, strict=True):
+        np.add.at(stiffness, block, t.transpose(0, 2, 1) @ k @ t)
+    stiffness[~free] = 0.0
+    return stiffness
+
+
+def couplings(state: State, times: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Off-diagonal stiffness between free blocks: indices a (c,), b (c,) and blocks K_ab (c, 6, 6), a joint each;
+    ``times`` (j,) scales the joints."""
+    joints = state.joints
+    free = np.zeros(len(state.blocks.displacement), bool)
+    free[state.blocks.free] = True
+    chosen = np.flatnonzero(free[joints.block_a] & free[joints.block_b])
+    if not len(chosen):
+        return chosen, chosen, np.zeros((0, 6, 6))
+    k, (left, right) = _ends(state, times)
+    blocks = -left[chosen].transpose(0, 2, 1) @ k[chosen] @ right[chosen]
+    return joints.block_a[chosen], joints.block_b[chosen], blocks
+
+
+def assembled_stiffness(state: State) -> np.ndarray:
+    """Dense stiffness (6 f, 6 f) of the f free blocks with all joints closed and none slipping, in their order."""
+    joints, free = state.joints, state.blocks.free
+    number = np.full(len(state.blocks.displacement), -1)
+    number[free] = np.arange(len(free))
+    stiffness = np.zeros((len(free), 6, len(free), 6))
+    k, ends = _ends(state)
+    sides = [(number[joints.block_a], -ends[0]), (number[joints.block_b], ends[1])]
+    for m, left in sides:
+        for n, right in sides:
+            both = np.flatnonzero((m >= 0) & (n >= 0))
+            part = left[both].transpose(0, 2, 1) @ k[both] @ right[both]
+            np.add.at(stiffness, (m[both], slice(None), n[both]), part)
+    return stiffness.reshape(6 * len(free), 6 * len(free))
