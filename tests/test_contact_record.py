@@ -1,4 +1,4 @@
-"""The record of contacts that form anew: with the joints' contact points and gravity they are what moves the blocks."""
+"""The record of new contacts: with the joints' contact points and gravity they are what moves the blocks."""
 
 import dataclasses
 
@@ -72,7 +72,7 @@ def test_recorded_forces_change_the_momentum_of_every_block():
     change = mass[1:, None] * np.diff(frames["velocity"], axis=0)[:, 1:] / dt
     weight = mass[1:, None] * [0.0, 0.0, -G]
     size = np.abs(force).max()
-    # the first steps start from velocities of time nought, not of half a step before
+    # the first steps start from velocities of time zero, not of half a step before
     np.testing.assert_allclose((force[1:, 1:] + weight)[2:], change[2:], atol=1e-9 * size)
     met = frames["new_contacts"]
     assert size > 25.0 * np.abs(weight).max() and met["count"].max() >= 2

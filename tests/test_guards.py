@@ -156,7 +156,7 @@ def test_a_load_that_still_rises_is_refused():
 
 
 def test_nought_is_a_load_too():
-    """Without friction the load is nought, and rounding in it is no swing."""
+    """Without friction the load is zero, and rounding in it is no swing."""
     assert told(1e-9 * np.cos(40.0 * U)).V == pytest.approx(0.0, abs=1e-9)
 
 

@@ -1,4 +1,4 @@
-"""Blocks that part and meet anew, in runs from end to end: landing, rolling over, colliding, coming to rest."""
+"""Blocks that part and meet again, in runs from end to end: landing, rolling over, colliding, coming to rest."""
 
 import dataclasses
 import math

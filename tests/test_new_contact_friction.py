@@ -1,4 +1,4 @@
-"""The torsion-shear limit surface of contacts that form anew, against quadrature that knows no kernel."""
+"""The torsion-shear limit surface of new contacts, against quadrature that knows no kernel."""
 
 import math
 

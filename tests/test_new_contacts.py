@@ -104,7 +104,7 @@ def test_nothing_jumps(name):
 
 
 def test_a_square_loop_gives_nothing_back():
-    """The work of the normal forces round a closed path is nought, to the order of the quadrature."""
+    """The work of the normal forces round a closed path is zero, to the order of the quadrature."""
     pair = Pair(BLOCK, BLOCK, friction=0.0)
     q = turned(((0, 1, 0), 0.7), ((1, 0, 0), 0.5))
     angle = np.linspace(0.0, 2.0 * math.pi, 401)

@@ -131,7 +131,7 @@ def stack(control, gap=0.0):
 
 
 def dropped():
-    """The upper block lands on the lower one after 0.014 of 0.04 s: a joint, and a contact that forms anew."""
+    """The upper block lands on the lower one after 0.014 of 0.04 s: a joint, and a new contact."""
     return stack(DynamicControl(0.04), gap=1e-3)
 
 

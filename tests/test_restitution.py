@@ -70,7 +70,7 @@ def test_a_central_impact_has_the_stated_restitution(foot, restitution):
 
 def strike(restitution, sideways, friction, free):
     """Velocity (3,) and spin about y of a block whose edge has struck another beside both centroids; how far the edge
-    is from its centroid (x, z), its mass and inertia, and 1/m of the edge along and square to the normal, as if it
+    is from its centroid (x, z), its mass and inertia, and 1/m of the edge along and orthogonal to the normal, as if it
     slid in the sense in which it is thrown and without friction."""
     turn, speed, gap = 0.5, 1.0, 1e-4
     q = (math.cos(turn / 2), 0.0, math.sin(turn / 2), 0.0)

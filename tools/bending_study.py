@@ -61,7 +61,7 @@ def _law(law) -> JointLaw:
 
 
 def limits_by_theory(law, eccentricity, load):
-    """Limit multipliers of ``load`` (n, 3); nought where the joint tips over under N alone."""
+    """Limit multipliers of ``load`` (n, 3); zero where the joint tips over under N alone."""
     try:
         return theory.limit_loads(by_theory(law).law(N, eccentricity), load).V
     except theory.formulations.ScenarioError:
@@ -69,7 +69,7 @@ def limits_by_theory(law, eccentricity, load):
 
 
 def limits_by_replay(law, eccentricity, load, tolerance):
-    """The same by replays; nought where the dead load brings the block down."""
+    """The same by replays; zero where the dead load brings the block down."""
     point, direction, weight = jacks_for(load, 0.5 * C_T)
     cases = batch.Cases.on(
         RECTANGLE, law[0], friction=MU, normal_force=N, eccentricity=eccentricity, jack_point=point,

@@ -59,7 +59,7 @@ class PointTable(Sequence[ContactPoints | None]):
 
 
 def place_points(joints: JointTable, tolerance: float) -> PointTable:
-    """The contact points of every joint by its law; see :func:`dembrick.point_rules.contact_points`.
+    """The contact points of every joint by its law; see :func:`dembrick.assembly.quadrature.contact_points`.
 
     Joints with points at their corners are taken together, as many as have equally many corners.
     """
@@ -111,7 +111,7 @@ def rim_gap(joints: JointTable, points: PointTable, numbers: np.ndarray) -> np.n
 
 
 def widest_rim(joints: JointTable, points: PointTable, chosen: bool = False) -> tuple[float, int]:
-    """The greatest `rim_gap` of the distributed joints, and the joint that has it; nought where there are none. With
+    """The greatest `rim_gap` of the distributed joints, and the joint that has it; zero where there are none. With
     ``chosen`` only joints count whose points the program chose."""
     numbers = [
         j

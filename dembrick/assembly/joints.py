@@ -268,6 +268,6 @@ def _strung(pieces: list[np.ndarray]) -> np.ndarray:
     home = pieces[0][0]
     walk = [pieces[0], home[None]]
     for piece in pieces[1:]:
-        first = int(np.argmax(((piece - home) ** 2).sum(axis=1)))  # far from home: no step of length nought
+        first = int(np.argmax(((piece - home) ** 2).sum(axis=1)))  # far from home: no step of length zero
         walk += [piece[first:], piece[: first + 1], home[None]]
     return np.concatenate(walk[:-1])

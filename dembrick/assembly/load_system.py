@@ -53,7 +53,7 @@ def pushed(direction, gravity: np.ndarray, mass: np.ndarray) -> np.ndarray:
     """Force (n, 3) on each of n blocks at the load factor 1; ScenarioError without gravity."""
     weight = float(np.linalg.norm(gravity))
     if not weight > 0.0:
-        raise ScenarioError("gravity is nought, and a pushover pushes by shares of the weight: give gravity")
+        raise ScenarioError("gravity is zero, and a pushover pushes by shares of the weight: give gravity")
     return mass[:, None] * weight * np.asarray(direction, float)
 
 

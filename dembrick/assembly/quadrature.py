@@ -12,7 +12,7 @@ Over rectangles from 1:1 to 30:1, with 6 to 4000 points, the worst miss over all
 0.30 h^3 / (A c_T); a linear pressure that still closes the whole joint at most doubles it. The spacing for a
 tolerance follows from that, and is checked on the polygon at hand. Where bending opens part of the joint, the edge
 of the pressed part is resolved to h^2 only, and the gap can be larger. Where a limit load is searched on one closed
-joint, points on rays from its torsion centre do far better still: see ``ray_rule``.
+joint, points on rays from its torsion centre do far better still: see ``ray_quadrature``.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 MOST = 40  # lines of the printed table
-ROUNDING = 1e-8  # of the largest value of a column: less is printed as nought
+ROUNDING = 1e-8  # of the largest value of a column: less is printed as zero
 TITLES = ("N [N]", "V_1 [N]", "V_2 [N]", "M_T [N m]", "e_1 [mm]", "e_2 [mm]", "slip [mm]", "open", "utilisation")
 COLUMNS = {
     "N": 1.0,

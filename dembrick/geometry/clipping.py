@@ -59,7 +59,7 @@ def simplify(points: np.ndarray, count: np.ndarray, tolerance: np.ndarray) -> tu
         idle &= room < n
         found = idle.any(axis=1)
         active, first = active[found], np.argmax(idle[found], axis=1)
-        # the first idle corner goes, those after it move up; then the polygon is looked at anew
+        # the first idle corner goes, those after it move up; then the polygon is looked at again
         shifted = np.minimum(room + (room >= first[:, None]), len(room) - 1)
         points[active] = np.take_along_axis(points[active], shifted[..., None], axis=1)
         count[active] -= 1

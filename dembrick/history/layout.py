@@ -66,7 +66,7 @@ _LOADS = {  # units and description of the load by the kind of control, where it
     "tilt": ("1", "load factor: the tangent of the angle of the table"),
     "pushover": ("1", "load factor: the share of its weight by which every block is pushed"),
     "base-motion": ("m/s2", "acceleration of the supports along the direction of their motion"),
-    "dynamic": ("1", "nought: no load grows"),
+    "dynamic": ("1", "zero: no load grows"),
 }
 
 _TEXT = h5py.string_dtype()
@@ -171,7 +171,7 @@ def fields(
     assembly, channels: Container[str], energy: Iterable[str], scenario_text: str = "", meets_anew: bool = False
 ) -> tuple[Field, ...]:
     """The growing datasets of the channels (see ``model.Output``); ``energy``: names of the energies; ``meets_anew``:
-    whether blocks of the run can part and meet anew."""
+    whether blocks of the run can part and meet again."""
     n_actuator, n_joint, n_block = len(assembly.actuators.names), len(assembly.joints), len(assembly.names)
     units, about_load = load_of(scenario_text)
     numbered = counts_equilibria(scenario_text, meets_anew)

@@ -239,7 +239,7 @@ class History:
 
     @property
     def meets_anew(self) -> bool:
-        """Whether the run was one in real time, in which blocks part and meet anew."""
+        """Whether the run was one in real time, in which blocks part and meet again."""
         return "history/new_contacts" in self._series
 
     @cached_property
@@ -250,7 +250,7 @@ class History:
 
     @cached_property
     def new_contacts(self) -> np.ndarray:
-        """(T,): how many contacts formed since the start carry a force; nought in runs that know none."""
+        """(T,): how many contacts formed since the start carry a force; zero in runs that know none."""
         return self.series("new_contacts") if self.meets_anew else np.zeros(self.n_row)
 
     @cached_property
@@ -306,7 +306,7 @@ class History:
         return "frames/new_contacts/end" in self._series
 
     def new_contacts_before(self, frame: int) -> int:
-        """How many new contacts the frames before ``frame`` have in all; nought where they were not recorded."""
+        """How many new contacts the frames before ``frame`` have in all; zero where they were not recorded."""
         data = self._series.get("frames/new_contacts/end")
         if data is None or frame <= 0:
             return 0

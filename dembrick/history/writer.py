@@ -40,7 +40,7 @@ class HistoryWriter:
     makes the final file: exact lengths, compressed where that halves a long series. Until then the status is
     ``running``. ``resume`` goes on with a file that was left behind.
     ``channels``: what is recorded (see ``model.Output``). ``energy``: names of the energies in the records, and
-    ``meets_anew``: whether these count contacts that form anew, if known; else the first record tells.
+    ``meets_anew``: whether these count new contacts, if known; else the first record tells.
 
     Raises OutputError where the path cannot be used, WriteError where a write fails; what was flushed before
     stays readable.

@@ -1,7 +1,7 @@
 """Error bars of runs that have no bracket of their own, or whose bracket does not tell all: the run refined.
 
 A run in real time, with joints of some stiffness and driven at some rate, stands for rigid blocks and, where it drives
-to a collapse, for a rate of nought. Each is refined by itself, because the two errors may differ in sign, and a
+to a collapse, for a rate of zero. Each is refined by itself, because the two errors may differ in sign, and a
 difference counts for an error that fades as slowly as has been seen: with the rate to the power 2/3, the time that
 what has begun to fall takes; with the stiffness to the power -1/3, at joints that press a strip along their toe.
 

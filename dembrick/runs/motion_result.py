@@ -136,7 +136,7 @@ class MotionResult:
 
 
 def lived_through(scenario: Scenario, assembly, session: Session) -> motion_run.MotionRun:
-    """Run a scenario that moves blocks in real time on its assembly; it raises what ``motion_run.run`` does."""
+    """Run a scenario that moves blocks in real time on its assembly; it raises what ``dynamics.run`` does."""
     moving = motion_run.prepare(assembly, scenario.control, scenario.solver.step_factor)
     driving = driving_of(scenario, assembly, moving.time_step)
     motion_run.ask_for(moving, scenario.output, len(driving.block))

@@ -2,9 +2,9 @@
 
 Start-up, compiling, building, loop and writing are measured in the run itself, and so is what takes long enough to be
 timed there: all phases of a search for equilibria, and in real time whatever lies between two chunks of compiled steps
-(seating, search for new contacts, polygons cut anew, record). Timing the parts of a step there would cost more than the
-parts, so steps are split afterwards, on the machine that asks: the scenario is run again to the middle of its steps, or
-for a second, and from that state short loops are timed, all with the kernel of the run. Of a replay
+(dead-load equilibrium, contact detection, cutting of polygons, record). Timing the parts of a step there would cost
+more than the parts, so steps are split afterwards, on the machine that asks: the scenario is run again to the middle of
+its steps, or for a second, and from that state short loops are timed, all with the kernel of the run. Of a replay
 
     A  as the run was,  B  without looking at the bracket,  C  without taking rows and frames,
     D  without bracket, record and joints: what is left is the motion of the blocks (and the jack),
@@ -102,7 +102,7 @@ def loop_shares(scenario: Scenario, steps: int) -> dict[str, float]:
     assembly = assemblies.assemble(scenario)
     try:
         if control.kind == "yield":
-            limit_load.find_limit_load(assembly, 0.0, factor, session)  # a tolerance of nought ends no search
+            limit_load.find_limit_load(assembly, 0.0, factor, session)  # a tolerance of zero ends no search
         elif control.kind == "displacement":
             limit_load.push_at_constant_rate(assembly, control.rate, control.travel, factor, session)
         else:

@@ -89,9 +89,9 @@ class Keeper:
     def _take_checkpoint(self, left) -> tuple[int, int]:
         """The last good checkpoint, and how many rows and frames there were then."""
         found, faults = self._checkpoints.newest(left.run or "")
-        anew = f"run it again from the start: dembrick run {self.path} --force"
+        remedy = f"run it again from the start: dembrick run {self.path} --force"
         if found is None and faults:
-            raise HistoryError(f"{faults[0]}; {anew}")
+            raise HistoryError(f"{faults[0]}; {remedy}")
         rows = frames = 0
         if found is not None:
             for key, value in (("scenario", self._scenario), ("kernels", kernel_hash())):
@@ -99,13 +99,13 @@ class Keeper:
                     what = "scenario" if key == "scenario" else "version of dembrick"
                     raise HistoryError(
                         f"{found.path}: this checkpoint is of another {what} and would not go on to the same result; "
-                        f"{anew}"
+                        f"{remedy}"
                     )
             rows, frames = found.about["rows"], found.about["frames"]
             if rows > left.n_row or frames > left.n_frames:
                 raise HistoryError(
                     f"{self.path}: it has {left.n_row} rows and {left.n_frames} frames, and the run had written {rows} "
-                    f"and {frames}; {anew}"
+                    f"and {frames}; {remedy}"
                 )
             self.auditor.worst[:] = found.array("audit.worst", self.auditor.worst)
         self.checkpoint = found

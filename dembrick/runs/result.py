@@ -206,7 +206,7 @@ def restart(history: str | os.PathLike, *, report: Callable[[str], None] | None 
     """Go on with a run that was killed or interrupted, from its last good checkpoint; returns the Result of the whole.
 
     What the history holds beyond the checkpoint is dropped and comes again; rows, frames and result are to the last bit
-    those of a run that was never stopped. Without a checkpoint the run starts anew. Raises HistoryError where the file
+    those of a run that was never stopped. Without a checkpoint the run starts again. Raises HistoryError where the file
     is not a history, its run is over, or its checkpoints do not fit it.
     """
     from dembrick.history import read
@@ -236,7 +236,7 @@ class _Process:
 
 
 def _start_up() -> float:
-    """Processor time (s) of this process before its first run: interpreter and imports; nought for later runs."""
+    """Processor time (s) of this process before its first run: interpreter and imports; zero for later runs."""
     first, _Process.ran = not _Process.ran, True
     return time.process_time() if first else 0.0
 

@@ -26,7 +26,7 @@ class Sine:
 
 @dataclass(frozen=True, slots=True)
 class Pulse:
-    """``amplitude`` from ``start`` for ``duration`` (s), else nought."""
+    """``amplitude`` from ``start`` for ``duration`` (s), else zero."""
 
     amplitude: float
     duration: float

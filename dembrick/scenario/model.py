@@ -1,6 +1,6 @@
 """What a scenario says, as plain frozen data: the same names as in the TOML file, SI units, no files, no physics.
 
-``scenario.load`` makes a :class:`Scenario` out of a TOML file; it can as well be written in Python, with lists or
+``toml.load`` makes a :class:`Scenario` out of a TOML file; it can as well be written in Python, with lists or
 arrays for vectors, which become tuples of floats. Types, lengths, bounds and names are checked where they are made:
 a negative friction, a number given as text or a load on a block that is not there never gets further than this module.
 """

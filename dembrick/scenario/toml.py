@@ -1,8 +1,8 @@
-"""Scenario files: TOML text to :class:`dembrick.model.Scenario` and back, with every key checked.
+"""Scenario files: TOML text to :class:`dembrick.scenario.model.Scenario` and back, with every key checked.
 
-The tables of the file are the dataclasses of :mod:`dembrick.model`, key for field, so this module only knows which
-keys there are; types, bounds and names are checked by the classes themselves. Errors name the file, the table, the
-key, the value and what would be right. Reading runs no code and opens no file but the scenario.
+The tables of the file are the dataclasses of :mod:`dembrick.scenario.model`, key for field. This module knows which
+keys there are; types, bounds and names are checked by the classes themselves. Errors name the file, the table, the key,
+the value and what would be right. Reading runs no code and opens no file but the scenario.
 """
 
 from __future__ import annotations

@@ -60,7 +60,7 @@ class Faces(NamedTuple):
 @jit
 def pressed(faces, a, viscous, g0, gx, gy, d0, dx, dy):
     """Integrals over the polygon of <h>+, x <h>+ and y <h>+ (x, y from O): h is the penetration g = g0 + gx x + gy y
-    and ``viscous`` times what it grew by in the step, d = d0 + dx x + dy y. All nought where g is nowhere positive."""
+    and ``viscous`` times what it grew by in the step, d = d0 + dx x + dy y. All zero where g is nowhere positive."""
     h0 = g0 + viscous * d0
     hx = gx + viscous * dx
     hy = gy + viscous * dy

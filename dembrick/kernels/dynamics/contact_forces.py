@@ -1,13 +1,13 @@
-"""Forces of contacts that form anew, one for each pair of convex parts that overlap (`patches`).
+"""Forces of new contacts, one for each pair of convex parts that overlap (``contact_surface``).
 
 Pressure: 2 kn times the penetration, plus a dashpot of stated ratio that sees the closing of the last step, never
-negative. Friction: one elastic force in the plane square to the mean normal, and one torsion about it, at the centre of
-pressure; stiffness ks A and ks J of the patches, strength on the exact limit surface of the pressure there is
-(`rubbing`). What a contact remembers turns with both blocks and stays square to the normal; where patches shrink it
-shrinks with their stiffness, so that no loop of loads gives energy back that was not put in. It is forgotten where the
-overlap ends.
+negative. Friction: one elastic force in the plane orthogonal to the mean normal, and one torsion about it, at the
+centre of pressure; stiffness ks A and ks J of the patches, strength on the exact limit surface of the pressure
+(``contact_friction``). What a contact remembers turns with both blocks and stays orthogonal to the normal; if patches
+shrink it shrinks with their stiffness, so that no loop of loads returns energy that was not put in. It is forgotten
+when the overlap ends.
 
-A pair that has a joint is handed over (`handing_over`): the new contact counts by its weight, the joint by the rest.
+A pair that has a joint is handed over (``handover``): the new contact counts by its weight, the joint by the rest.
 """
 
 from math import sqrt
@@ -63,7 +63,9 @@ class Touching(NamedTuple):
     axis: ndarray  # (t, 3) mean normal there, from A to B, world
     force: ndarray  # (t, 3) N, on B, world
     torque: ndarray  # (t, 3) N m, on B about that point, world
-    springs: ndarray  # (t, 16) of contacts now: normal and an axis t square to it (world); N/m: the springs along the
+    springs: (
+        ndarray  # (t, 16) of contacts now: normal and an axis t orthogonal to it (world); N/m: the springs along the
+    )
     # normal, those times x and y (N) and x^2, x y, y^2 (N m), along t and u = n x t from the centre of pressure;
     # dashpot over spring; N/m: what more there is across, and shear stiffness; N m: torsion stiffness
     load: ndarray  # (n,) bound of what its contacts do to a block in a step: M^-1 (dt^2 K + 2 dt C), stable up to 4

@@ -1,8 +1,8 @@
-"""Friction of contacts that form anew: the exact torsion-shear limit surface of the pressure on their patches.
+"""Friction of new contacts: the exact torsion-shear limit surface of the pressure on their patches.
 
-Friction acts in the plane through the centre of pressure c square to the mean normal e. Of the pressure on a patch it
-knows the part along e, p n.e dA: projected on the plane a patch is a polygon with a linear pressure again, as
-`pressed.pressed_surface` wants it. A flat contact is its own projection. What presses the other way counts nothing.
+Friction acts in the plane through the centre of pressure c orthogonal to the mean normal e. Of the pressure on a
+patch it knows the part along e, p n.e dA: projected on the plane a patch is a polygon with a linear pressure again, as
+``pressure.pressed_surface`` wants it. A flat contact is its own projection. What presses the other way counts nothing.
 
 A contact along an edge, or at a corner, is one too, however small. Where it is narrower than `THIN` of its length it is
 spread to that width, so that integrals over it keep their digits; its strength grows by less than 1e-4.

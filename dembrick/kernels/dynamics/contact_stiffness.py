@@ -1,4 +1,4 @@
-"""The springs of a contact that forms anew, as its dashpot and the time step must know them: how stiff it is, where,
+"""The springs of a new contact, as its dashpot and the time step must know them: how stiff it is, where,
 and for which masses.
 """
 

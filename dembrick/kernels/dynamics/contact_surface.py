@@ -90,7 +90,7 @@ def lies_apart(parts, bodies, a, b, face):
 def shallowest(scratch, first, count, from_vertex, vertices, depth, plane):
     """The shortest way out through the faces ``first`` to ``first + count`` for the vertices of the other part, at
     most ``depth``, and its face, else ``plane``. Where a face keeps all of them out, it is that one, and the depth is
-    not above nought."""
+    not above zero."""
     for f in range(first, first + count):
         n = scratch.normal[f]
         least = 1e300
@@ -192,7 +192,7 @@ def place_parts(parts, bodies, a, b, scratch):
 def contact_surface(parts, bodies, a, b, scratch):
     """The patches between parts ``a`` and ``b`` into ``scratch``, in the body axes of A's block.
 
-    Returns how many (less than nought: scratch has no room for them); the greatest penetration on them (m); the number
+    Returns how many (less than zero: scratch has no room for them); the greatest penetration on them (m); the number
     of a face that keeps the parts apart, those of B counted after those of A, else -1; and the origin (3) that the
     patches are seen from, from the centroid of A's block.
     """
@@ -237,7 +237,7 @@ def contact_surface(parts, bodies, a, b, scratch):
             if half2 <= 0.0:
                 continue
             half = sqrt(half2)
-            # axes in the plane: t1 square to the direction that the normal has least of
+            # axes in the plane: t1 orthogonal to the direction that the normal has least of
             if abs(e1) <= abs(e2) and abs(e1) <= abs(e3):
                 u1, u2, u3 = cross(e1, e2, e3, 1.0, 0.0, 0.0)
             elif abs(e2) <= abs(e3):

@@ -113,16 +113,16 @@ class Corners(NamedTuple):
 
 @entry
 def begin(tile, work):
-    """Set the sums over the points to nought, and write down what all points of a joint need."""
-    nought = (0.0, 0.0, 0.0)
+    """Set the sums over the points to zero, and write down what all points of a joint need."""
+    zero = (0.0, 0.0, 0.0)
     for lane in range(W):
         damped = 1.0 + tile[(VISCOUS + 1) * W + lane]
         work[NORMAL * W + lane] = tile[VISCOUS * W + lane]
         work[DAMPED * W + lane] = damped
         work[DAMPING * W + lane] = 1.0 / damped
-        put_three(work, FORCE, lane, nought)
-        put_three(work, FORCE + 3, lane, nought)
-        put_three(work, FORCE + 6, lane, nought)
+        put_three(work, FORCE, lane, zero)
+        put_three(work, FORCE + 3, lane, zero)
+        put_three(work, FORCE + 6, lane, zero)
         work[TWISTING * W + lane] = 0.0
         work[TAKEN * W + lane] = 0.0
 
@@ -163,7 +163,7 @@ def answer(work, own, which, lane, k_n, k_s, friction, arm, dashpots, force_out)
     t2 = b2 + damped * u2
     size2 = t1 * t1 + t2 * t2
     cap = friction * normal
-    # one over size and one over the stiffness by one division; nothing slides where they are nought
+    # one over size and one over the stiffness by one division; nothing slides where they are zero
     size = sqrt(max(size2, NONE))
     divisor = max(shear, NONE)
     both = 1.0 / (size * divisor)

@@ -27,7 +27,7 @@ from dembrick.kernels.math.vec3 import cross, product
 
 W = 16  # lanes of a tile
 LINE = 64  # bytes of a line of the cache
-NONE = 1e-140  # as good as nought, in a divisor
+NONE = 1e-140  # as good as zero, in a divisor
 
 # Rows of a tile of `Links`: quaternions (w, x, y, z) of the plane's frame in the axes of the other block and of the
 # polygon's in those of the host; arm of O from the host's centroid, along e1, e2 and e1 x e2 (m); +1 where the other's
@@ -57,7 +57,7 @@ POINT = 6 * W
 
 
 def rows_of_lanes(size: int) -> ndarray:
-    """Room (size,) for tiles, all nought, that begins where a line of the cache does: then no row lies across two."""
+    """Room (size,) for tiles, all zero, that begins where a line of the cache does: then no row lies across two."""
     room = np.zeros(size + LINE // 8)
     first = -room.ctypes.data % LINE // 8
     return room[first : first + size]
@@ -203,7 +203,7 @@ def fetch(joint, number, links, bodies, work):
 
 @entry
 def look(tile, work):
-    """See where the hosts are now and what moved since the last step; the sums of forces begin at nought."""
+    """See where the hosts are now and what moved since the last step; the sums of forces begin at zero."""
     for lane in range(W):
         p = product(*four(work, OTHER, lane), *four(tile, PLANE, lane))
         t = product(*four(work, HOST, lane), *four(tile, TANGENTS, lane))
@@ -219,7 +219,7 @@ def look(tile, work):
         offset = tile[OFFSET * W + lane]
         put_three(work, DEPTH, lane, (sense * (offset - o[2]), -sense * e[2], -sense * g[2]))
         put_three(work, GROWTH, lane, (sense * (o3 - o[2]), sense * (e3 - e[2]), sense * (g3 - g[2])))
-        # the turn of the step, exact to its cube, and to the last bit nought where nothing turns
+        # the turn of the step, exact to its cube, and to the last bit zero where nothing turns
         x1 = e[0] - e1
         x2 = e[1] - e2
         x3 = e[2] - e3
@@ -270,10 +270,10 @@ def resultant(tile, work):
         u = three(work, FRAME, lane)
         w = three(work, FRAME + 3, lane)
         m = three(work, FRAME + 6, lane)
-        nought = (0.0, 0.0, 0.0)
-        put_three(work, WRENCH, lane, combined((a1, a2, a3), nought, u, w, m))
-        put_three(work, WRENCH + 3, lane, combined((p1 + h1, p2 + h2, p3 + h3), nought, u, w, m))
-        put_three(work, WRENCH + 6, lane, combined((-p1 - o1, -p2 - o2, -p3 - o3), nought, u, w, m))
+        zero = (0.0, 0.0, 0.0)
+        put_three(work, WRENCH, lane, combined((a1, a2, a3), zero, u, w, m))
+        put_three(work, WRENCH + 3, lane, combined((p1 + h1, p2 + h2, p3 + h3), zero, u, w, m))
+        put_three(work, WRENCH + 6, lane, combined((-p1 - o1, -p2 - o2, -p3 - o3), zero, u, w, m))
 
 
 @jit
@@ -306,7 +306,7 @@ def offset_of(links, j):
 
 @jit
 def least_slack(links):
-    """How much farther a polygon may move along its plane before one must be cut again (m); nought or less: now."""
+    """How much farther a polygon may move along its plane before one must be cut again (m); zero or less: now."""
     least = 1e300
     for j in range(links.host.size):
         kept = links.kept[j]

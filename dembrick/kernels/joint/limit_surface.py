@@ -84,7 +84,7 @@ def edge_sums(x, y, first, last, c1, c2):
 def far_field(moments, v1, v2, w):
     """D, its gradient and second derivatives by the series about pure translation, to eighth order in w r / |v|.
 
-    ``moments`` (42,) holds the coefficients of the forms J_2 ... J_8 (see ``limit_set.far_moments``):
+    ``moments`` (42,) holds the coefficients of the forms J_2 ... J_8 (see ``friction_integrals.far_moments``):
     D = |v| + sum over n of w^n J_n(v1, v2) |v|^(1 - 2n), J_n a form of degree n in v.
     Returns D, V1, V2, M, H11, H12, H22, H13, H23, H33.
     """

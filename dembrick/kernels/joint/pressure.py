@@ -1,5 +1,5 @@
 """The limit surface of a contact whose pressure is linear: of convex joints whose friction follows the bending, by the
-pressures "effective" and "linear", and of new contacts, on the patches of which it is linear (`rubbing`).
+pressures "effective" and "linear", and of new contacts, on the patches of which it is linear (``contact_friction``).
 
 It is a share p of the normal force per area, linear over a convex polygon; that of a new contact may be several. The
 polygon of a joint is a part of its own, seen from the centre of pressure e = (M_2, -M_1)/N:
@@ -304,7 +304,7 @@ def gauss_sums(x, y, first, last, p0, px, py, v1, v2, w, nodes, weights):
 def pressed_surface(pressed, a, v1, v2, w):
     """D(q)/V_0 of contact ``a``, its gradient and second derivatives for the twist q = (v1, v2, w) != 0 about O.
 
-    It presses on ``pressed.pieces[a]`` polygons, those from number ``a`` on.
+    It presses on ``pressure.pieces[a]`` polygons, those from number ``a`` on.
     """
     e1 = pressed.centre[a, 0]
     e2 = pressed.centre[a, 1]

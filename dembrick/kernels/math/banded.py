@@ -35,7 +35,7 @@ def take_six(a, m, b0, b1, b2, b3, b4, b5):
 def eliminate_six(band, h, x, y, start, reach):
     """Find the pivots of six columns from ``start`` on, and eliminate below them within these columns only.
 
-    What a row was multiplied by stays in the place of the entry that it made nought. Returns how far the rows of the
+    What a row was multiplied by stays in the place of the entry that it made zero. Returns how far the rows of the
     pivots reach, given how far those before did, or -1 where A is singular.
     """
     n = x.size

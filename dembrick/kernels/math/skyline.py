@@ -1,4 +1,4 @@
-"""Cholesky factors of stiffness matrices, stored by rows from the first entry that is not nought (skyline).
+"""Cholesky factors of stiffness matrices, stored by rows from the first entry that is not zero (skyline).
 
 Row i of the lower triangle holds the columns first[i] ... i, its diagonal last; entry (i, k) stands at
 ``start[i] + k - first[i]``. Nothing outside the skyline of a matrix fills in.

@@ -100,7 +100,7 @@ def turned(q, b, r1, r2, r3):
 
 @jit
 def tangent(e1, e2, e3):
-    """A unit vector square to the unit vector e, which follows it smoothly while it stays about where it is."""
+    """A unit vector orthogonal to the unit vector e, which follows it smoothly while it stays about where it is."""
     if abs(e1) < 0.8:
         t1, t2, t3 = cross(e1, e2, e3, 1.0, 0.0, 0.0)
     else:

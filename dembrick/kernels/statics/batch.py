@@ -158,7 +158,7 @@ def empty(room, steps):
 
 @jit
 def clear(room):
-    """Let all sums start anew."""
+    """Let all sums start again."""
     for i in range(4):
         room.doubling[i] = 0.0
     for i in range(2):
@@ -171,7 +171,7 @@ def clear(room):
 
 @jit
 def seat_one(blocks, joints, points, areas, inertia, settings):
-    """Equilibrium under the dead loads, as ``equilibrium.seat`` finds it; False where there is none."""
+    """Equilibrium under the dead loads, as ``dead_load.seat`` finds it; False where there is none."""
     ratio = 1.0
     for attempt in range(2):
         most = settings.first_steps if attempt == 0 else settings.seating_steps

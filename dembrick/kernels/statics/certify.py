@@ -17,7 +17,7 @@ NEVER_OVER = 1e300  # N, of a block that no load of this direction turns over
 
 
 class Basis(NamedTuple):
-    """What `certify` finds; see ``bracket.Certificate``."""
+    """What `certify` finds; see ``load_bounds.Certificate``."""
 
     unit: ndarray  # (3,) V_1, V_2, M_T of the unit load about O
     dead: ndarray  # (3,) likewise of the dead load

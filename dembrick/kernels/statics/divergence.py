@@ -2,7 +2,7 @@
 
 Friction and dashpots only take energy away. So the blocks never have more kinetic energy than the joints held at the
 start and jacks and dead loads have put in since; a motion that has RUNAWAY times as much makes its own, as a time step
-above the critical one does. What the load did is only summed here, see ``steadiness``.
+above the critical one does. What the load did is only summed here, see ``steady_load``.
 """
 
 from typing import NamedTuple

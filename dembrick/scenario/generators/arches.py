@@ -29,7 +29,7 @@ class Arch:
 
     ``angle`` (deg) is the angle of embrace, 180 for a semicircle. ``position`` is the centre of the circle; the arch
     stands in the x-z plane (or along ``heading``, deg) with its crown above the centre. ``curved``: mass, centroid
-    and inertia of the stones are those of pieces of a ring, see :class:`dembrick.blocks.Voussoir`. ``abutments``
+    and inertia of the stones are those of pieces of a ring (:class:`dembrick.scenario.blocks.Voussoir`). ``abutments``
     puts a fixed stone under each springing, wider than the arch; without them something else must carry it.
 
     Stones are called name.1, name.2, ... from the left springing (towards -x) to the right; the abutments name.left

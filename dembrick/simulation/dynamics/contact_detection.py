@@ -1,4 +1,4 @@
-"""Blocks that meet anew in a dynamic run: which pairs the loop must watch, and how joints are handed over to them.
+"""Blocks that meet again in a dynamic run: which pairs the loop must watch, and how joints are handed over to them.
 
 A joint goes on as long as its polygon describes how its blocks touch. Where the one face has turned far against the
 other, or the blocks have parted and moved on, the new contact of that pair of parts takes its place, for good. Pairs
@@ -92,7 +92,7 @@ class Meetings:
     def follow(self, state: MovingState, polygons: Polygons, called: bool, travel: np.ndarray) -> None:
         """Look for pairs where that is due: because the loop ``called`` for it, or blocks or joints have moved.
 
-        ``travel`` (1,): m, how far any block can have moved since this last put it to nought.
+        ``travel`` (1,): m, how far any block can have moved since this last put it to zero.
         """
         if not called and (self.touching is not None or (travel[0] < self._quiet and not self._lifted(state))):
             return

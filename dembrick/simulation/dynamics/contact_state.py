@@ -1,4 +1,4 @@
-"""The arrays that contacts which form anew work on: convex parts of all blocks, room for a contact surface, pairs."""
+"""The arrays that new contacts work on: convex parts of all blocks, room for a contact surface, pairs."""
 
 from __future__ import annotations
 

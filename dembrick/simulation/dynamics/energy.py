@@ -68,7 +68,7 @@ class MotionBooks:
         self.start[:] = 0.5 * twice, self._springs(state)[1].sum()
 
     def open(self, state: MovingState) -> None:
-        """Begin anew with the next step; what was booked before time began does not count."""
+        """Begin again with the next step; what was booked before time began does not count."""
         if self.wanted:
             self.table.begun[:] = 0.0
             if state.faces is not None:

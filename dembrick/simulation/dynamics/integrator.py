@@ -151,7 +151,7 @@ def seat(
     resume: Callable[[], None] | None = None,
     pause: Callable[[], None] | None = None,
 ) -> float:
-    """Bring the blocks to rest under the loads of time nought; displacements count from there.
+    """Bring the blocks to rest under the loads of time zero; displacements count from there.
 
     Blocks that no chain of joints ties to a support are left where they are. Returns the out-of-balance force left,
     over the joint forces. Raises NotConvergedError where the blocks slide or overturn before time starts. With

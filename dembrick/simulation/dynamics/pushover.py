@@ -69,7 +69,7 @@ def jack_of(control, assembly, gravity, time_step: float) -> Jack:
     """The jack of a `PushoverControl`; ScenarioError without gravity."""
     weight = float(np.linalg.norm(gravity))
     if not weight > 0.0:
-        raise ScenarioError("gravity is nought, and a pushover pushes by shares of the weight: give gravity")
+        raise ScenarioError("gravity is zero, and a pushover pushes by shares of the weight: give gravity")
     mass = np.where(assembly.fixed, 0.0, assembly.mass)
     swing = math.sqrt(weight / control.displacement)
     return Jack(

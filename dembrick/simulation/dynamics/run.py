@@ -202,7 +202,7 @@ def _push(moving: Motion, jack: Jack, driving: Driving, n_steps: int, limits: Li
 
 
 def _set_going(moving: Motion, driving: Driving) -> None:
-    """Give the blocks their velocities; half a step back, from where the forces of time nought take them on.
+    """Give the blocks their velocities; half a step back, from where the forces of time zero take them on.
 
     The joints first look at where the blocks came from, a step ago, so that what slides rubs from the start.
     """
@@ -402,7 +402,7 @@ class _Recorder:
         return float(np.linalg.norm(away, axis=1).max()) if self._jack is None else self._jack.mean(away)
 
     def _load(self) -> float:
-        """Load factor of a tilt or a push, acceleration of shaken supports (m/s2), else nought."""
+        """Load factor of a tilt or a push, acceleration of shaken supports (m/s2), else zero."""
         if self._jack is not None:
             return float(self._jack.present[0])
         if self._control.kind == "tilt":

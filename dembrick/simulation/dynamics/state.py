@@ -91,7 +91,7 @@ def tiled(kind: np.ndarray, way: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _ways(normals: np.ndarray) -> np.ndarray:
-    """A number (p,) for the direction of each normal (p, 3); nought for all where there are more than a few."""
+    """A number (p,) for the direction of each normal (p, 3); zero for all where there are more than a few."""
     _, way = np.unique(np.round(np.abs(normals), 6), axis=0, return_inverse=True)
     return way.reshape(-1) * (way.max() < FEW)
 
@@ -129,7 +129,7 @@ def _links(assembly, corners: Corners | None, faces: Faces | None) -> Links:
     arm_other = np.where(b_hosts[:, None], table.arm_a, table.arm_b)
     sense = np.where(b_hosts, 1.0, -1.0)
     tangents, plane = (table.axes[:, :2] @ assembly.rotation[block] for block in (host, other))
-    # adding nought makes -0 the same as 0
+    # adding zero makes -0 the same as 0
     axes, row = np.unique(np.concatenate([tangents, plane]) + 0.0, axis=0, return_inverse=True)
     row = row.reshape(2, n).astype(np.uint32)
     frames = np.array([frame_quaternion(pair) for pair in axes]).reshape(-1, 4)

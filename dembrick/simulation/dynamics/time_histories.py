@@ -131,7 +131,7 @@ def sampled_velocity(samples: Samples, quantity: str) -> Curve:
 
 
 def _from_the_start(curve: Curve) -> Curve:
-    """Before time nought the value at nought: whatever speed the supports begin with, the blocks share."""
+    """Before time zero the value at zero: whatever speed the supports begin with, the blocks share."""
     return lambda t: curve(np.maximum(t, 0.0))
 
 

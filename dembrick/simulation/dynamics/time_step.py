@@ -133,7 +133,7 @@ def _lanczos(apply, size: int) -> float:
     for _ in range(min(LANCZOS, size)):
         y = apply(basis[-1])
         diagonal.append(float(basis[-1] @ y))
-        for q in basis:  # twice is enough to keep them square to each other
+        for q in basis:  # twice is enough to keep them orthogonal to each other
             y -= (q @ y) * q
         for q in basis:
             y -= (q @ y) * q

@@ -1,6 +1,6 @@
 """Limit loads of many two-block scenes at once: one compiled call instead of an assembly, a state and a file for each.
 
-Every case (see `cases`) is stepped through time by the kernels of a scene of its own (``replay.find_limit_load``)
+Every case (see `cases`) is stepped through time by the kernels of a scene of its own (``limit_load.find_limit_load``)
 and ends with the same bracket; a test holds the two against each other. Cases run in blocks of `BLOCK`, so memory does
 not grow with their number, and the compiled call lets go of Python's lock, so that threads share them. Whatever the
 number of threads, the answers are the same to the last bit.

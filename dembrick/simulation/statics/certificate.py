@@ -56,7 +56,7 @@ def empty_window(steps: int) -> np.ndarray:
 
 
 def frictionless(state: State, certificate: Certificate) -> bool:
-    """Whether the one joint has no friction and the load asks for some: the limit load is nought."""
+    """Whether the one joint has no friction and the load asks for some: the limit load is zero."""
     if len(state.joints.block_a) != 1:
         return False
     family = state.points if state.points is not None else state.areas

@@ -4,7 +4,7 @@ The points need only be right for the torsion centre of the limit load, which no
 on in rounds: from points on rays from O a rough limit load gives a centre, points on rays from there give a better one,
 until the gap between points and continuum is within half the tolerance all around the last centre, as far as that has
 moved. Then the replay proper runs with these points. A joint that does not stay closed gets the lattice of
-``point_rules`` instead, as does every joint of an assembly and every test in which the centre wanders.
+``quadrature`` instead, as does every joint of an assembly and every test in which the centre wanders.
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ _TURN = (3.0 - 5.0**0.5) * np.pi  # golden angle
 
 @dataclass(frozen=True)
 class Check:
-    """A defect that should be nought, and what the error bars of the points allow it to be (relative, both)."""
+    """A defect that should be zero, and what the error bars of the points allow it to be (relative, both)."""
 
     value: float
     tolerance: float
@@ -91,7 +91,7 @@ class YieldDomain:
         """Greatest part by which a point does more work on the slip of another than that one itself.
 
         Slip normal to a convex set is that q_i which makes q_i.P the greatest at P_i (maximum dissipation), so
-        q_i.P_j / q_i.P_i - 1 is at most nought.
+        q_i.P_j / q_i.P_i - 1 is at most zero.
         """
         P = self.points
         q = self.limits.twist

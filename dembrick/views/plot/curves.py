@@ -35,7 +35,7 @@ def force_displacement(
     blocks that displacement over time.
 
     ``references``: name -> V (N), drawn as horizontal lines (theory, experiment). ``bracket``: the band between the
-    bounds of each yield point. ``measured``: curves of the laboratory (see :mod:`dembrick.plot.measured`), laid over.
+    bounds of each yield point. ``measured``: curves of the laboratory (:mod:`dembrick.views.plot.measured`), laid over.
     """
     histories, labels = labelled(histories, labels)
     diagram = _common_diagram(histories)
@@ -135,7 +135,7 @@ def unbalanced(histories, labels: Sequence[str] | None = None, ax: Axes | None =
 
 
 def energies(histories, labels: Sequence[str] | None = None, ax: Axes | None = None) -> Figure:
-    """The energies of histories over time, a panel each; HistoryError where none was recorded. Terms that stay nought
+    """The energies of histories over time, a panel each; HistoryError where none was recorded. Terms that stay zero
     are left out.
 
     ``ax``: one axes, or one for each history.

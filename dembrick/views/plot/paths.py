@@ -43,7 +43,7 @@ class JointPath(NamedTuple):
 
 
 def joint_path(history, joint: str | int | None = None) -> JointPath:
-    """The path of one joint (see :func:`dembrick.plot.subject.chosen_joint`) through the whole record."""
+    """The path of one joint (see :func:`dembrick.views.plot.subject.chosen_joint`) through the whole record."""
     number = subject.chosen_joint(history, joint)
     own, now = history.joints[number], subject.carried_by(history, number)
     V_1, V_2, M_T = (history.joint(name)[:, number] for name in ("V_1", "V_2", "M_T"))

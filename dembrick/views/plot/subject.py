@@ -99,7 +99,7 @@ def carried_by(history, number: int, row: int = -1) -> dict[str, float]:
 
 
 class JointAlone:
-    """One joint of a history with its two blocks, as what :class:`dembrick.joint_motion.JointMotion` asks for.
+    """One joint of a history with its two blocks, as what :class:`dembrick.views.motion.joints.JointMotion` asks for.
 
     A figure of one joint of a large wall then reads frames, but does no work for the other joints.
     """
