@@ -5,7 +5,7 @@ import pytest
 
 from dembrick.cli import main
 from dembrick.errors import ScenarioError
-from dembrick.runs.result import simulate
+from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml
 
 BASE = """

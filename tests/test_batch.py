@@ -9,7 +9,7 @@ from test_limit_load import MU, A, B, N, scene, single
 
 from dembrick import theory
 from dembrick.errors import NotConvergedError, ScenarioError
-from dembrick.runs.result import simulate
+from dembrick.runs.simulate import simulate
 from dembrick.scenario.model import FORMULATIONS
 from dembrick.simulation.statics import batch, yield_domain
 

@@ -12,7 +12,7 @@ from restart_cases import case, check_same, content
 
 from dembrick.errors import HistoryError, WriteError
 from dembrick.history import Checkpoint, Checkpoints, read
-from dembrick.runs.result import restart, simulate
+from dembrick.runs.simulate import restart, simulate
 from dembrick.simulation.interrupts import Interrupted
 
 
@@ -168,7 +168,7 @@ def test_checkpoints_of_an_earlier_run_are_not_taken(tmp_path, stopped):
 
 def interrupted_at_once(given, path):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("dembrick.runs.result._replayed", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+        patch.setattr("dembrick.runs.simulate._replayed", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
         simulate(given, path, force=True)
 
 

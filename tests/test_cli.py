@@ -205,11 +205,11 @@ def test_check_info_yield_export(call, folder):
 
 def test_warmup_runs_every_kind_of_loop(call, monkeypatch):
     from dembrick import _jit
-    from dembrick.runs import result
+    from dembrick.runs import simulate as simulate_module
 
     ran = []
-    simulate = result.simulate
-    monkeypatch.setattr(result, "simulate", lambda scenario: ran.append(simulate(scenario)))
+    simulate = simulate_module.simulate
+    monkeypatch.setattr(simulate_module, "simulate", lambda scenario: ran.append(simulate(scenario)))
     code, out, _ = call("warmup", "--json")
     assert code == 0 and json.loads(out)["cache"] == str(_jit.CACHE_FOLDER)
     assert {one.scenario.control.kind for one in ran} == {"yield", "displacement", "pushover", "dynamic"}

@@ -9,7 +9,7 @@ import pytest
 from dembrick import theory
 from dembrick.errors import ScenarioError
 from dembrick.runs.lab import lab_scenario
-from dembrick.runs.result import simulate
+from dembrick.runs.simulate import simulate
 from dembrick.scenario.model import FORMULATIONS, DisplacementControl, Load, Solver
 
 SETS = ("2a", "2b", "4a", "4b")

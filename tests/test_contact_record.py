@@ -10,7 +10,7 @@ from dembrick import history
 from dembrick.cli import main
 from dembrick.geometry.rotations import rotation_matrix
 from dembrick.history.layout import NEW_CONTACTS
-from dembrick.runs.result import restart, simulate
+from dembrick.runs.simulate import restart, simulate
 from dembrick.scenario.controls import DynamicControl
 from dembrick.scenario.model import CHANNELS, Block, JointLaw, Material, Output, Scenario
 from dembrick.simulation import interrupts

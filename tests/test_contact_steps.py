@@ -15,7 +15,7 @@ from dembrick.errors import DivergedError
 from dembrick.geometry.rotations import quaternion_product
 from dembrick.geometry.shapes import box
 from dembrick.kernels.dynamics.contact_forces import clear_applied, touch
-from dembrick.runs.result import simulate
+from dembrick.runs.simulate import simulate
 from dembrick.scenario.controls import DynamicControl
 from dembrick.scenario.model import Block, Load, Output, Sine, Solver
 from dembrick.scenario.toml import dumps

@@ -11,7 +11,7 @@ import pytest
 from dembrick import history
 from dembrick.cli import main
 from dembrick.errors import HistoryError, ScenarioError
-from dembrick.runs.result import simulate
+from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml as scenarios
 from dembrick.views import plot
 

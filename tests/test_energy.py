@@ -12,11 +12,11 @@ from dembrick.errors import EnergyAuditError
 from dembrick.kernels.state import BY_LAW, DAMPING, HEAD, LEAST, SLIDING, TORQUES, Energy, Points
 from dembrick.kernels.statics.joint_forces import point_forces
 from dembrick.runs import lab
-from dembrick.runs.result import simulate
+from dembrick.runs.simulate import simulate
 from dembrick.scenario import model
 from dembrick.scenario.model import FORMULATIONS
 from dembrick.simulation import energy_audit
-from dembrick.simulation.statics import limit_load
+from dembrick.simulation.statics import constant_rate, limit_load
 
 
 def books(name: str, formulation: str, step_factor: float = 0.9, rate: float | None = None):
@@ -32,7 +32,7 @@ def books(name: str, formulation: str, step_factor: float = 0.9, rate: float | N
     if control.kind == "yield":
         run = limit_load.find_limit_load(built, 1e-4, step_factor, observe)
     else:
-        run = limit_load.push_at_constant_rate(built, rate or control.rate, control.travel, step_factor, observe)
+        run = constant_rate.push_at_constant_rate(built, rate or control.rate, control.travel, step_factor, observe)
     energies = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
     return energies, energy_audit.audit(energies, run.energy), run
 

@@ -9,11 +9,11 @@ import pytest
 
 from dembrick.assembly import build
 from dembrick.errors import DivergedError, NotConvergedError
-from dembrick.kernels.state import HEAD, SEATED, SEATING, TORQUES
+from dembrick.kernels.state import HEAD, SEATED, SEATING, TORQUES, Inertia
 from dembrick.kernels.statics import divergence as kernel
 from dembrick.kernels.statics.loop import DIVERGED, RUNAWAY, RUNNING
 from dembrick.runs.lab import lab_scenario
-from dembrick.simulation.statics import limit_load
+from dembrick.simulation.statics import constant_rate
 from dembrick.simulation.statics.guards import LOOK, STRETCHES, new_guard, refuse_divergence
 from dembrick.simulation.statics.state import initial_state
 from dembrick.simulation.statics.steady_load import STEADY, refuse_unsound, steady
@@ -38,10 +38,10 @@ def test_stretches_part_the_travel(built, steps):
 def test_the_energy_put_in_is_that_of_the_books(built, monkeypatch):
     """Work of head and dead loads by the guard and by the books; and their sums of V are those of the record."""
     seen = {}
-    original = limit_load.new_guard
-    monkeypatch.setattr(limit_load, "new_guard", lambda *a: seen.setdefault("guard", original(*a)))
+    original = constant_rate.new_guard
+    monkeypatch.setattr(constant_rate, "new_guard", lambda *a: seen.setdefault("guard", original(*a)))
     rows = []
-    run = limit_load.push_at_constant_rate(built, 1e-3, 2.5e-5, 0.9, lambda r, f: rows.append(r))
+    run = constant_rate.push_at_constant_rate(built, 1e-3, 2.5e-5, 0.9, lambda r, f: rows.append(r))
     guard, blocks, dt = seen["guard"], run.state.blocks, run.time_step
     assert guard.work[0] * dt * guard.weights == pytest.approx(run.energy.work[HEAD], rel=4e-3)
     # the dead forces work on the way that the blocks went after they were seated
@@ -65,7 +65,7 @@ def watched(built, speed, steps=LOOK):
     blocks = state.blocks
     b = blocks.free[0]
     blocks.velocity[b] = speed
-    inertia = limit_load.Inertia(np.array(built.mass), np.array(built.inertia), np.linalg.inv(built.inertia))
+    inertia = Inertia(np.array(built.mass), np.array(built.inertia), np.linalg.inv(built.inertia))
     sane = [kernel.watch(guard, step, 0.0, 0.0, blocks, None, inertia, 1e-4) for step in range(steps)]
     assert all(sane[:-1])
     return bool(sane[-1])
@@ -85,12 +85,12 @@ def test_energy_from_nowhere_is_seen(built):
 def test_no_false_alarm(name, rate):
     """Fast pushes throw the block about, and yet it has no more energy than it was given."""
     scenario = lab_scenario(name, "concave")
-    limit_load.push_at_constant_rate(build.assemble(scenario), rate, 2.5e-5, 0.9)
+    constant_rate.push_at_constant_rate(build.assemble(scenario), rate, 2.5e-5, 0.9)
 
 
 def test_a_step_above_the_critical_one_names_itself(built):
     with pytest.raises(DivergedError) as caught:
-        limit_load.push_at_constant_rate(built, 1e-4, 2.5e-5, 2.2)
+        constant_rate.push_at_constant_rate(built, 1e-4, 2.5e-5, 2.2)
     text = str(caught.value)
     for part in ("at step ", "(t = ", "block 'upper'", "(joint lower-upper)", "is 2.20 of the critical one"):
         assert part in text, text
@@ -171,8 +171,8 @@ def test_an_uncertified_test_that_ends_on_the_way_up_has_no_limit_load():
     jacks = tuple(dataclasses.replace(j, point=(*j.point[:2], 0.05)) for j in scenario.actuators)
     built = build.assemble(dataclasses.replace(scenario, actuators=jacks))
     with pytest.raises(NotConvergedError, match="still rises"):
-        limit_load.push_at_constant_rate(built, 1e-4, 3e-7, 0.9)
-    point = limit_load.push_at_constant_rate(built, 1e-4, 5e-5, 0.9).yield_point
+        constant_rate.push_at_constant_rate(built, 1e-4, 3e-7, 0.9)
+    point = constant_rate.push_at_constant_rate(built, 1e-4, 5e-5, 0.9).yield_point
     assert point.bracket != "certified" and point.V == pytest.approx(252.0031, rel=1e-3)
 
 

@@ -13,7 +13,7 @@ from dembrick.assembly.broad_phase import bodies_of, overlap_depths
 from dembrick.errors import NotConvergedError
 from dembrick.geometry.polygons import mean_distance
 from dembrick.geometry.rotations import rotation_matrix
-from dembrick.runs.result import restart, simulate
+from dembrick.runs.simulate import restart, simulate
 from dembrick.scenario.controls import BaseMotionControl, DynamicControl, Pulse
 from dembrick.scenario.model import Arch, Block, JointLaw, Material, Output, Scenario, Solver, Wall
 from dembrick.simulation import interrupts

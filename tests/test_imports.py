@@ -192,7 +192,7 @@ assert not code, code
 
 
 def test_a_plain_run_loads_no_screens():
-    loaded, _ = loaded_after("import dembrick.runs.result, dembrick.history")
+    loaded, _ = loaded_after("import dembrick.runs.simulate, dembrick.history")
     assert {"numpy", "numba", "h5py"} <= loaded
     assert not loaded & {"pyvista", "vtk", "vtkmodules", "matplotlib", "meshio"}
 
@@ -202,7 +202,7 @@ def test_a_warm_run_does_not_prepare_to_compile():
     code = """
 import sys
 from dembrick.runs.lab import lab_scenario
-from dembrick.runs.result import simulate
+from dembrick.runs.simulate import simulate
 print(simulate(lab_scenario('set4a', 'concave')).yield_point.V, 'numba.np.linalg' in sys.modules)
 """
     (first, _), (V, prepared) = (loaded_after(code)[1].split()[:2] for _ in range(2))  # the first fills the cache
@@ -220,7 +220,7 @@ class Refuse:
 sys.meta_path.insert(0, Refuse())
 import dembrick
 from dembrick import history
-from dembrick.runs import lab, result, theory_check
+from dembrick.runs import lab, simulate, theory_check
 """
     loaded, _ = loaded_after(code)
     assert "scipy" not in loaded

@@ -17,7 +17,7 @@ from restart_cases import PACKAGE, SCENARIOS, SLOW, case, check_same, dembrick, 
 from dembrick.cli import main
 from dembrick.errors import NotConvergedError
 from dembrick.history import Checkpoint, Checkpoints, read
-from dembrick.runs.result import restart, simulate
+from dembrick.runs.simulate import restart, simulate
 from dembrick.scenario import toml
 from dembrick.simulation import interrupts
 from dembrick.simulation.interrupts import Interrupted
@@ -130,7 +130,7 @@ def test_a_run_is_complete_whatever_becomes_of_its_error_estimate(tmp_path, monk
     def estimate(_):
         raise error
 
-    monkeypatch.setattr("dembrick.runs.result._refined", estimate)
+    monkeypatch.setattr("dembrick.runs.simulate._refined", estimate)
     path = tmp_path / "run.h5"
     with pytest.raises(type(error), match=f"error.*; the run itself .* is complete in {path}"):
         simulate(given, path, refine=True)

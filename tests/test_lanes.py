@@ -12,8 +12,8 @@ from dembrick.kernels.dynamics.rigid_bodies import ANGLE2, fetch_block, turn_blo
 from dembrick.kernels.dynamics.tiles import OFFSET, VISCOUS, WORK, W, rows_of_lanes
 from dembrick.scenario.controls import DynamicControl
 from dembrick.scenario.model import Block, JointLaw, Material, Scenario
-from dembrick.simulation.dynamics.driving import Driving
 from dembrick.simulation.dynamics.integrator import joint_forces, motion, seat
+from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.state import contact_forces, joint_resultants, tiled, with_contact_forces
 
 LAWS = {  # nine points are an odd number

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from dembrick.geometry.rotations import rotation_matrix
-from dembrick.runs.result import simulate
+from dembrick.runs.simulate import simulate
 from dembrick.scenario.controls import BaseMotionControl, DynamicControl, Pulse, Sine
 from dembrick.scenario.model import Block, JointLaw, Load, Material, Output, Scenario
-from dembrick.simulation.dynamics.driving import Driving
 from dembrick.simulation.dynamics.integrator import damping_of_restitution, restitution_of_damping
+from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.time_step import stepped_dashpots
 from dembrick.theory import motion as theory
 

@@ -10,7 +10,7 @@ import pytest
 from dembrick import history
 from dembrick.cli import main
 from dembrick.errors import EnergyAuditError
-from dembrick.runs.result import simulate
+from dembrick.runs.simulate import simulate
 from dembrick.scenario import model
 from dembrick.scenario.controls import BaseMotionControl, DynamicControl, Pulse, PushoverControl, Sine
 from dembrick.scenario.model import Block, JointLaw, Load, Material, Output, Scenario, Solver

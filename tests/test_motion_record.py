@@ -10,7 +10,7 @@ from dembrick import history
 from dembrick.kernels.dynamics.loop import Limits
 from dembrick.kernels.dynamics.record import unbalanced_ratio
 from dembrick.runs.lab import scenario_folder
-from dembrick.runs.result import simulate
+from dembrick.runs.simulate import simulate
 from dembrick.scenario import model, toml
 from dembrick.scenario.controls import DynamicControl, PushoverControl
 from dembrick.scenario.generators import Wall

@@ -11,12 +11,12 @@ from dembrick.assembly import build
 from dembrick.cli import main
 from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.kernels.dynamics.loop import Limits
-from dembrick.runs.result import simulate
+from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.controls import BaseMotionControl, DynamicControl, Pulse, PushoverControl, Sine, TiltControl
 from dembrick.scenario.model import Block, JointLaw, Load, Material, Scenario, Wall
-from dembrick.simulation.dynamics.driving import Driving
 from dembrick.simulation.dynamics.integrator import advance, motion, seat
+from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.time_histories import pulse_velocity, read_samples, sampled_velocity, sine_velocity
 from dembrick.theory.motion import toppling_tilt
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from four_hinges import FourHinges
 
-from dembrick.runs.result import simulate
+from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml as scenarios
 
 SCENARIOS = Path(__file__).parent.parent / "scenarios"

@@ -14,9 +14,9 @@ from dembrick.kernels.dynamics.tiles import VISCOUS
 from dembrick.kernels.joint.laws import no_tension
 from dembrick.scenario.controls import DynamicControl
 from dembrick.scenario.model import Block, JointLaw, Material, Scenario, Wall
-from dembrick.simulation.dynamics.driving import Driving
 from dembrick.simulation.dynamics.integrator import Motion, advance, joint_forces, motion, seat
 from dembrick.simulation.dynamics.joint_polygons import distance_outside, nearest_inside
+from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.state import arms, joint_resultants, seen
 
 GRAVITY = np.array([0.0, 0.0, -9.81])

@@ -13,7 +13,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from dembrick.runs.result import simulate
+from dembrick.runs.simulate import simulate
 from dembrick.scenario.controls import BaseMotionControl, Pulse
 from dembrick.scenario.model import Block, JointLaw, Material, Output, Scenario
 

@@ -13,7 +13,7 @@ from dembrick.geometry import polygons
 from dembrick.kernels.joint import pressure as kernels
 from dembrick.kernels.joint.laws import no_tension
 from dembrick.runs.lab import lab_scenario
-from dembrick.runs.result import simulate
+from dembrick.runs.simulate import simulate
 from dembrick.scenario.model import DisplacementControl, Load
 from dembrick.simulation.statics import limit_load, state
 

@@ -13,7 +13,7 @@ from dembrick.errors import ScenarioError
 from dembrick.runs import profile
 from dembrick.runs.lab import lab_scenario
 from dembrick.runs.profile import NEVER, PHASES, STEPS, loop_shares, step_shares
-from dembrick.runs.result import simulate
+from dembrick.runs.simulate import simulate
 from dembrick.scenario.controls import DynamicControl, PushoverControl
 from dembrick.scenario.model import Block, DisplacementControl, JointLaw, Material, Scenario
 from dembrick.simulation.statics.newton import Equilibria
@@ -92,7 +92,7 @@ def test_only_a_finished_run_has_a_profile(tmp_path, monkeypatch, capsys):
     def stop(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("dembrick.runs.result._replayed", stop)
+    monkeypatch.setattr("dembrick.runs.simulate._replayed", stop)
     with pytest.raises(KeyboardInterrupt):
         simulate(lab_scenario("set4a", "concave"), tmp_path / "run.h5")
     assert main(["info", str(tmp_path / "run.h5"), "--profile"]) == 2
@@ -175,7 +175,7 @@ def test_what_is_left_out_of_a_step_is_what_it_says(monkeypatch):
     [
         ("contact_search", "dembrick.simulation.dynamics.contact_detection.Meetings", "follow"),
         ("geometry", "dembrick.simulation.dynamics.joint_polygons.Polygons", "cut_stale"),
-        ("record", "dembrick.simulation.dynamics.run._Recorder", "_load"),
+        ("record", "dembrick.simulation.dynamics.recorder.Recorder", "_load"),
     ],
 )
 def test_what_takes_long_is_booked_where_it_happens(monkeypatch, phase, owner, name):

@@ -14,7 +14,7 @@ from dembrick.assembly import build
 from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.history.layout import load_of
 from dembrick.runs.lab import scenario_folder
-from dembrick.runs.result import simulate
+from dembrick.runs.simulate import simulate
 from dembrick.scenario.controls import PushoverControl, TiltControl
 from dembrick.scenario.generators import Arch, Dome, Wall
 from dembrick.scenario.model import Actuator, Block, JointLaw, Load, Material, Scenario

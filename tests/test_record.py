@@ -9,7 +9,7 @@ import pytest
 from dembrick.assembly import build as assemblies
 from dembrick.errors import ScenarioError
 from dembrick.runs.lab import lab_scenario
-from dembrick.runs.result import simulate
+from dembrick.runs.simulate import simulate
 from dembrick.scenario import model, toml
 from dembrick.simulation.session import Session
 from dembrick.simulation.statics import recorder

@@ -13,7 +13,7 @@ from dembrick import history
 from dembrick.cli import main
 from dembrick.errors import HistoryError, MissingDependency, OutputError, ScenarioError
 from dembrick.geometry.shapes import box
-from dembrick.runs.result import simulate
+from dembrick.runs.simulate import simulate
 from dembrick.scenario.model import CHANNELS
 from dembrick.views import export, plot, render
 from dembrick.views.motion.joints import JointMotion
@@ -41,7 +41,7 @@ def drawn(run, frames=(3,), **look):
     """A scene off screen, small."""
     plotter = pyvista.Plotter(off_screen=True, window_size=[320, 240])
     try:
-        yield scene.Scene(plotter, run, scene.Look(**look), frames)
+        yield scene.Scene(plotter, run, render.Look(**look), frames)
     finally:
         plotter.close()
 
@@ -474,7 +474,7 @@ def test_the_slider_moves_the_block(run, drawing):
     plotter, keys = pyvista.Plotter(off_screen=True, window_size=[320, 240]), {}
     plotter.add_key_event = keys.__setitem__
     try:
-        found = render.with_slider(plotter, run, scene.Look(magnification=1.0))
+        found = render.with_slider(plotter, run, render.Look(magnification=1.0))
         assert found.frame == 3
         # nothing is drawn behind the slider, which stands at less than 0.17 of the height
         corner = np.concatenate([np.concatenate([m.points for m in render.meshes(run, k)]) for k in range(4)])

@@ -14,7 +14,7 @@ from dembrick.assembly import build
 from dembrick.kernels.statics.loop import RUNNING
 from dembrick.scenario.blocks import Prism
 from dembrick.scenario.model import Actuator, Block, DisplacementControl, JointLaw, Load, Material, Scenario
-from dembrick.simulation.statics import limit_load
+from dembrick.simulation.statics import limit_load, load_system
 from dembrick.simulation.statics.state import State, initial_state
 
 
@@ -77,7 +77,7 @@ def test_a_block_beside_a_test_moves_as_it_does_alone(formulation):
     """Joints that are not connected share no arithmetic: at an equal time step the same to the last bit."""
     together, apart = two_pairs(formulation)
     judge = tool("stress_judge")
-    setup = limit_load._Setup(build.assemble(together), tolerance=0.0)
+    setup = load_system.Setup(build.assemble(together), tolerance=0.0)
     built = build.assemble(apart)
     alone = part_of(setup.state, initial_state(built))
     loop = judge._at_rest(setup, physical=True, rate=1e-4)
@@ -129,7 +129,7 @@ def test_friction_is_opposite_to_slip(seed):
     """Every plastic increment above 1e-12 m of every corner points along the shear force on the lower block, whose size
     is mu N there: friction pushes back on the block that slips. The forces are those that the joint hands on."""
     built = pushed_polygon(seed)
-    setup = limit_load._Setup(built, tolerance=0.0)
+    setup = load_system.Setup(built, tolerance=0.0)
     loop = tool("stress_judge")._at_rest(setup, physical=True, rate=1e-4)
     points, joints, mu = loop.state.points, loop.state.joints, loop.state.points.friction[0]
     viscous = joints.damping[0]

@@ -12,7 +12,7 @@ from restart_cases import SCENARIOS, case, check_same, content
 from dembrick.cli import main
 from dembrick.errors import HistoryError
 from dembrick.history import Checkpoints, read
-from dembrick.runs.result import restart, simulate
+from dembrick.runs.simulate import restart, simulate
 from dembrick.scenario import model, toml
 from dembrick.simulation.dynamics import run
 from dembrick.simulation.interrupts import Interrupted

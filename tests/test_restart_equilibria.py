@@ -11,16 +11,15 @@ from restart_cases import SLOW, check_same, dembrick, wait_for
 
 from dembrick.errors import HistoryError, OutputError
 from dembrick.history import Checkpoint, Checkpoints, read
-from dembrick.runs import result
 from dembrick.runs.lab import lab_scenario, scenario_folder
-from dembrick.runs.result import restart, simulate
+from dembrick.runs.simulate import restart, simulate
 from dembrick.scenario import model, toml
 from dembrick.scenario.controls import PushoverControl, TiltControl, YieldControl
 from dembrick.scenario.generators import Wall
 from dembrick.scenario.model import Actuator, Block, JointLaw, Material, Scenario
 from dembrick.simulation import interrupts
 from dembrick.simulation.interrupts import Interrupted
-from dembrick.simulation.statics import dead_load, path_following, path_state, stepper
+from dembrick.simulation.statics import dead_load, path_following, path_state, point_placement, stepper
 
 
 def scene(control, formulation="concave", friction=0.6, pressure="full", checkpoint=0.0, **parts):
@@ -278,12 +277,12 @@ def test_stopped_while_points_are_placed_leaves_a_history_to_restart(tmp_path, m
     given = lab_scenario("set4a", "distributed")
     given = dataclasses.replace(given, output=model.Output(model.CHANNELS))
     simulate(given, tmp_path / "whole.h5")
-    place, path = result.point_placement.place_points, tmp_path / "run.h5"
+    place, path = point_placement.place_points, tmp_path / "run.h5"
 
     def interrupted(*_):
         raise Interrupted(signal.SIGINT)
 
-    monkeypatch.setattr(result.point_placement, "place_points", interrupted)
+    monkeypatch.setattr(point_placement, "place_points", interrupted)
     with pytest.raises(Interrupted, match=f"while the contact points were placed.*dembrick restart {path}") as stopped:
         simulate(given, path)
     assert stopped.value.exit_code == 130
@@ -291,7 +290,7 @@ def test_stopped_while_points_are_placed_leaves_a_history_to_restart(tmp_path, m
         assert (file.status, file.n_row, file.title) == ("interrupted", 0, given.title)
     with pytest.raises(OutputError, match="a finished history"):  # before anything is placed
         simulate(given, path)
-    monkeypatch.setattr(result.point_placement, "place_points", place)
+    monkeypatch.setattr(point_placement, "place_points", place)
     restart(path, report=print)
     assert "from the beginning" in capsys.readouterr().out
     check_same(tmp_path / "whole.h5", path)

@@ -10,7 +10,7 @@ from restart_cases import SLOW, check_same, dembrick, wait_for
 
 from dembrick.errors import HistoryError
 from dembrick.history import Checkpoint, Checkpoints, read
-from dembrick.runs.result import restart, simulate
+from dembrick.runs.simulate import restart, simulate
 from dembrick.scenario import model, toml
 from dembrick.simulation.dynamics import integrator
 from dembrick.simulation.interrupts import Interrupted

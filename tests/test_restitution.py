@@ -7,7 +7,7 @@ import pytest
 from test_impacts import AWAY, FLOOR, G, scene
 
 from dembrick.geometry.rotations import rotation_matrix
-from dembrick.runs.result import simulate
+from dembrick.runs.simulate import simulate
 from dembrick.scenario.controls import DynamicControl
 from dembrick.scenario.model import Block, Output
 from dembrick.simulation.dynamics.integrator import damping_of_restitution, restitution_of_damping

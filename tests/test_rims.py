@@ -6,7 +6,7 @@ import pytest
 from dembrick import cli
 from dembrick.assembly import build
 from dembrick.assembly.contact_points import rim_gap
-from dembrick.runs.result import simulate
+from dembrick.runs.simulate import simulate
 from dembrick.scenario.controls import DynamicControl, TiltControl, YieldControl
 from dembrick.scenario.model import Actuator, JointLaw, Material, Scenario, Stack
 

@@ -12,8 +12,8 @@ from dembrick.kernels.dynamics.loop import Limits
 from dembrick.scenario.controls import DynamicControl
 from dembrick.scenario.model import JointLaw, Material, Scenario, Wall
 from dembrick.simulation.dynamics import integrator
-from dembrick.simulation.dynamics.driving import Driving
 from dembrick.simulation.dynamics.energy import MotionBooks
+from dembrick.simulation.dynamics.loads import Driving
 
 
 def wall(formulation, courses=5, blocks=4):
@@ -60,7 +60,7 @@ def test_a_small_scene_loads_no_parallel_code():
     code = """
 import sys
 from dembrick.simulation.dynamics import integrator as dynamics
-from dembrick.simulation.dynamics.driving import Driving
+from dembrick.simulation.dynamics.loads import Driving
 from dembrick.kernels.dynamics.loop import Limits
 sys.path.insert(0, "tests")
 from test_threads import wall

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from dembrick.runs.result import simulate
+from dembrick.runs.simulate import simulate
 from dembrick.scenario.controls import BaseMotionControl, Sine
 from dembrick.scenario.model import Block, JointLaw, JointOverride, Material, Output, Scenario
 

@@ -25,11 +25,11 @@ from dembrick.assembly import build
 from dembrick.kernels.dynamics.loop import Limits
 from dembrick.kernels.dynamics.tiles import ROWS, SEEN
 from dembrick.runs.lab import scenario_folder
-from dembrick.runs.result import simulate
+from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml as scenarios
 from dembrick.simulation.dynamics import integrator, run
-from dembrick.simulation.dynamics.driving import Driving
 from dembrick.simulation.dynamics.energy import MotionBooks
+from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.state import seen
 
 CALM = Limits(displacement=1.0, longest=1.0)

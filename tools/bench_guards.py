@@ -22,7 +22,7 @@ from dembrick.kernels.statics.loop import RUNNING, advance
 from dembrick.runs.lab import lab_scenario
 from dembrick.scenario.model import FORMULATIONS
 from dembrick.simulation.session import Session
-from dembrick.simulation.statics import limit_load
+from dembrick.simulation.statics import constant_rate, load_system
 from dembrick.simulation.statics.guards import new_guard
 from dembrick.simulation.statics.recorder import Recorder
 from dembrick.simulation.statics.state import new_energy
@@ -38,7 +38,7 @@ class Variant:
 
     def __init__(self, scenario, guarded: bool, audited: bool):
         built = assemblies.assemble(scenario)
-        setup = limit_load._Setup(built, tolerance=0.0)
+        setup = load_system.Setup(built, tolerance=0.0)
         damping = setup.dashpots()
         self.dt = 0.9 * damping.critical_time_step
         self.state = setup.state
@@ -46,7 +46,7 @@ class Variant:
         self.inertia = Inertia(
             np.array(built.mass, float), np.array(built.inertia, float), np.linalg.inv(built.inertia)
         )
-        limit_load._to_finite_motion(self.state)
+        constant_rate._to_finite_motion(self.state)
         self.drive = setup.drive(RATE, self.dt)._replace(viscous_n=1.0, viscous_s=1.0)
         self.guard = new_guard(built, self.state) if guarded else None
         self.certificate = setup.certificate._replace(every=ROWS_EVERY)

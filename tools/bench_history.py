@@ -20,7 +20,7 @@ from contextlib import suppress
 
 from dembrick.errors import NotConvergedError
 from dembrick.history import read
-from dembrick.runs.result import simulate
+from dembrick.runs.simulate import simulate
 from dembrick.scenario import model
 from dembrick.scenario.blocks import Block
 

@@ -20,7 +20,7 @@ from dembrick.assembly import build as assemblies
 from dembrick.runs.lab import lab_scenario
 from dembrick.scenario.model import DisplacementControl, Output
 from dembrick.simulation.session import Session
-from dembrick.simulation.statics import limit_load
+from dembrick.simulation.statics import constant_rate, limit_load
 
 ROWS = 1000  # of the record
 SWITCHES = {
@@ -44,7 +44,7 @@ def step_time(assembly, control, channels) -> float:
     session = None
     if channels is not None:
         session = Session(observe=lambda rows, frames: None, output=Output(channels=channels, rows=ROWS, frames=ROWS))
-    run = limit_load.push_at_constant_rate(assembly, control.rate, control.travel, 0.9, session)
+    run = constant_rate.push_at_constant_rate(assembly, control.rate, control.travel, 0.9, session)
     return run.loop_seconds / run.steps
 
 

@@ -24,7 +24,7 @@ from dembrick.errors import DembrickError, EnergyAuditError, NotConvergedError, 
 from dembrick.kernels.state import Inertia
 from dembrick.scenario.model import Load, Scenario
 from dembrick.simulation.energy_audit import audit
-from dembrick.simulation.statics import limit_load
+from dembrick.simulation.statics import constant_rate, limit_load, load_system
 from dembrick.simulation.statics.critical_step import critical_time_step
 from dembrick.simulation.statics.dead_load import inverse_inertia, seat
 from dembrick.simulation.statics.guards import new_guard, refuse_divergence
@@ -165,7 +165,7 @@ def push_at_rate(
     short = min(scenario.blocks[-1].box[:2])
     slack = SLACK + (travel * slip / short) ** 2
     return judge_rate(
-        lambda observe: limit_load.push_at_constant_rate(
+        lambda observe: constant_rate.push_at_constant_rate(
             built, pace * slip / critical, travel * slip, step_factor, observe
         ),
         value,
@@ -185,7 +185,7 @@ def must_fall(scenario: Scenario, expected: Callable, pace: float, height: float
 # --- at rest
 
 
-def _at_rest(setup: limit_load._Setup, physical: bool, rate: float = 0.0) -> Loop:
+def _at_rest(setup: load_system.Setup, physical: bool, rate: float = 0.0) -> Loop:
     """A loop on the seated blocks: with physical inertia in finite motion, or scaled in small motion.
 
     Without a ``rate`` there is no jack either.
@@ -201,11 +201,11 @@ def _at_rest(setup: limit_load._Setup, physical: bool, rate: float = 0.0) -> Loo
     if physical:
         state.joints.damping[:] = damping.joints / dt
         drive = drive._replace(viscous_n=1.0, viscous_s=1.0)
-        limit_load._to_finite_motion(state)
+        constant_rate._to_finite_motion(state)
         inertia = Inertia(np.array(built.mass, float), np.array(built.inertia, float), np.linalg.inv(built.inertia))
     else:
         scaled = inverse_inertia(
-            state, setup.stiffness * (dt / (VALID_STEP * critical_time_step(1.0, limit_load.VISCOUS))) ** 2
+            state, setup.stiffness * (dt / (VALID_STEP * critical_time_step(1.0, load_system.VISCOUS))) ** 2
         )
     return Loop(dt, state, scaled, inertia, drive, certificate, None, new_guard(built, state))
 
@@ -213,7 +213,7 @@ def _at_rest(setup: limit_load._Setup, physical: bool, rate: float = 0.0) -> Loo
 def rest(scenario: Scenario, steps: int, physical: bool) -> Outcome:
     """Creep under the dead loads alone: displacement after ``steps`` against that after the first thousand."""
     try:
-        setup = limit_load._Setup(assemblies.assemble(scenario), tolerance=0.0)
+        setup = load_system.Setup(assemblies.assemble(scenario), tolerance=0.0)
         loop = _at_rest(setup, physical)
         start, worst = None, 0.0
         while loop.step < steps:
@@ -249,7 +249,7 @@ def undisturbed(formulation: str, steps: int = BESIDE) -> Outcome:
     ends = []
     try:
         for rate in (0.0, 1e-4):
-            setup = limit_load._Setup(assemblies.assemble(scenario), tolerance=0.0)
+            setup = load_system.Setup(assemblies.assemble(scenario), tolerance=0.0)
             loop = _at_rest(setup, physical=True, rate=rate)
             status = loop.advance(steps, None)
             refuse_divergence(status, setup.assembly, loop.state, loop.step, loop.dt, loop.dt / VALID_STEP)

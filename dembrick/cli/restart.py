@@ -11,6 +11,6 @@ def add_arguments(parser) -> None:
 def run(options, console) -> int:
     """Go on from the last good checkpoint; the result is that of one uninterrupted run."""
     from dembrick.cli.run import answer
-    from dembrick.runs.result import restart
+    from dembrick.runs.simulate import restart
 
     return answer(lambda: restart(options.history, report=console.remark), options.history, console)

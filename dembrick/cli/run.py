@@ -25,7 +25,7 @@ def add_arguments(parser) -> None:
 def run(options, console) -> int:
     """Run the scenario; exit code 3 where theory and replay disagree."""
     from dembrick.cli.paths import default_output
-    from dembrick.runs.result import simulate
+    from dembrick.runs.simulate import simulate
     from dembrick.scenario import toml as scenarios
 
     changes = list(options.set)

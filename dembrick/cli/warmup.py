@@ -13,7 +13,7 @@ def run(options, console) -> int:
 
     from dembrick._jit import CACHE_FOLDER
     from dembrick.runs import domain
-    from dembrick.runs.result import simulate
+    from dembrick.runs.simulate import simulate
 
     began = time.perf_counter()
     scenes = _scenes()

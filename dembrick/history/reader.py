@@ -12,6 +12,7 @@ import numpy as np
 from dembrick.errors import HistoryError
 from dembrick.history import guard
 from dembrick.history.layout import FORMAT, JOINT_CHANNELS, NEW_CONTACTS, WRITTEN, counts_equilibria
+from dembrick.history.rest_geometry import RestGeometry
 
 _AT_POINTS = {"contact_force": 3, "contact_arm": 2}  # numbers of a frame at every contact point of joints
 
@@ -38,7 +39,7 @@ def _status(file) -> str:
     return status
 
 
-class History:
+class History(RestGeometry):
     """A history file, open for reading.
 
     ``status``: ``running`` as long as the run goes on (or after it was killed), then what it ended with. ``begun`` is
@@ -340,143 +341,3 @@ class History:
         k %= self.n_frames
         data = self._series.get(f"frames/{name}")
         return None if data is None else guard.values(data, k, k + 1)[0]
-
-    # --- geometry at rest ---
-
-    def _table(self, path: str, *tail: int, count: int | None = None, kind: str = "number") -> np.ndarray:
-        if not self.begun:
-            return np.zeros((1 if path.endswith("_start") else 0, *tail), int if kind == "integer" else float)
-        found = guard.values(guard.dataset(self._file, f"geometry/{path}", kind, (count, *tail)))
-        if found.dtype.kind == "f" and not np.isfinite(found).all():
-            raise HistoryError(f"{self.path}: geometry/{path} holds a value that is not a finite number")
-        return found
-
-    def _texts(self, path: str, count: int) -> list[str]:
-        return guard.texts(guard.dataset(self._file, f"geometry/{path}", "text", (count,))) if self.begun else []
-
-    def _starts(self, path: str, count: int, total: int) -> list[int]:
-        starts = self._table(path, count=count + 1, kind="integer")
-        if starts[0] != 0 or starts[-1] != total or (np.diff(starts) < 0).any():
-            raise HistoryError(f"{self.path}: geometry/{path} does not divide its list")
-        return starts.tolist()
-
-    def _numbers(self, path: str, limit: int, *tail: int, count: int | None = None) -> np.ndarray:
-        found = self._table(path, *tail, count=count, kind="integer")
-        if found.size and not 0 <= found.min() <= found.max() < limit:
-            raise HistoryError(f"{self.path}: geometry/{path} names something that is not there")
-        return found.astype(np.int64)
-
-    @cached_property
-    def block_names(self) -> tuple[str, ...]:
-        return tuple(self._texts("blocks/name", self.n_block))
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        return self.block_names
-
-    @cached_property
-    def block_fixed(self) -> np.ndarray:
-        """(n_block,) bool: the supports."""
-        return self._table("blocks/fixed", count=self.n_block, kind="integer").astype(bool)
-
-    @cached_property
-    def block_mass(self) -> np.ndarray | None:
-        """(n_block,) kg; None in files of earlier versions."""
-        return self._optional("blocks/mass")
-
-    @cached_property
-    def block_inertia(self) -> np.ndarray | None:
-        """(n_block, 3, 3) kg m2 about the centroids, body axes; None in files of earlier versions."""
-        return self._optional("blocks/inertia", 3, 3)
-
-    def _optional(self, path: str, *tail: int) -> np.ndarray | None:
-        folder, _, name = f"geometry/{path}".rpartition("/")
-        there = name in guard.members(self._file, folder)
-        return self._table(path, *tail, count=self.n_block) if there else None
-
-    @cached_property
-    def position0(self) -> np.ndarray:
-        """(n_block, 3) m: centroids at the start."""
-        return self._table("blocks/position", 3, count=self.n_block)
-
-    @cached_property
-    def orientation0(self) -> np.ndarray:
-        """(n_block, 4): quaternions at the start."""
-        return self._table("blocks/orientation", 4, count=self.n_block)
-
-    @cached_property
-    def _shapes(self) -> tuple[list[np.ndarray], list[tuple[tuple[int, ...], ...]]]:
-        vertices = self._table("blocks/vertices", 3)
-        starts = self._starts("blocks/vertex_start", self.n_block, len(vertices))
-        corners = self._numbers("blocks/corner", len(vertices)).tolist()
-        n_face = len(self._table("blocks/corner_start", kind="integer")) - 1
-        if n_face < 0:
-            raise HistoryError(f"{self.path}: geometry/blocks/corner_start is empty")
-        corner_start = self._starts("blocks/corner_start", n_face, len(corners))
-        faces = [tuple(corners[a:b]) for a, b in zip(corner_start, corner_start[1:], strict=False)]
-        face_start = self._starts("blocks/face_start", self.n_block, n_face)
-        of_block = [tuple(faces[a:b]) for a, b in zip(face_start, face_start[1:], strict=False)]
-        points = [vertices[a:b] for a, b in zip(starts, starts[1:], strict=False)]
-        for i, (block, own) in enumerate(zip(of_block, points, strict=True)):
-            if any(number >= len(own) for face in block for number in face):
-                raise HistoryError(f"{self.path}: a face of block {i} names a vertex that is not there")
-        return points, of_block
-
-    def block_vertices(self, i: int) -> np.ndarray:
-        """(nv, 3) m: vertices of block i in its body frame."""
-        return self._shapes[0][i]
-
-    def block_faces(self, i: int) -> tuple[tuple[int, ...], ...]:
-        """Faces of block i as tuples of vertex numbers, counterclockwise seen from outside."""
-        return self._shapes[1][i]
-
-    @cached_property
-    def joints(self) -> list[dict]:
-        """One dict a joint: blocks, ``origin``, ``axes`` (rows t1, t2, n), ``polygon`` (m, 2), law, contact points."""
-        n = self.n_joint
-        if not n:
-            return []
-        blocks = self._numbers("joints/blocks", self.n_block, 3, count=n).tolist()
-        names = {"area": (), "friction": (), "origin": (3,), "axes": (3, 3)}
-        columns = {name: self._table(f"joints/{name}", *tail, count=n) for name, tail in names.items()}
-        formulation = self._texts("joints/formulation", n)
-        has_pressure = "pressure" in guard.members(self._file, "geometry/joints")
-        pressure = self._texts("joints/pressure", n) if has_pressure else ["full"] * n
-        polygons, points = self._table("joints/polygon", 2), self._table("joints/point", 5)
-        p = self._starts("joints/polygon_start", n, len(polygons))
-        c = self._starts("joints/point_start", n, len(points))
-        joints = []
-        for i in range(n):
-            joint = dict(zip(("block_a", "block_b", "host"), blocks[i], strict=True))
-            joint |= {"area": float(columns["area"][i]), "friction": float(columns["friction"][i])}
-            joint |= {"origin": columns["origin"][i], "axes": columns["axes"][i], "formulation": formulation[i]}
-            joint |= {"pressure": pressure[i]}
-            own = points[c[i] : c[i + 1]]
-            joint |= {"polygon": polygons[p[i] : p[i + 1]]}
-            joint |= {"normal_arms": own[:, :2], "shear_arms": own[:, 2:4], "areas": own[:, 4]}
-            joints.append(joint)
-        return joints
-
-    @cached_property
-    def actuators(self) -> list[dict]:
-        """One dict a jack: ``name``, ``block``, ``point``, ``direction``, ``weight``."""
-        n = self.n_actuator
-        names, blocks = self._texts("actuators/name", n), self._numbers("actuators/block", self.n_block, count=n)
-        point, direction = (self._table(f"actuators/{name}", 3, count=n) for name in ("point", "direction"))
-        weight = self._table("actuators/weight", count=n)
-        return [
-            {"name": names[i], "block": int(blocks[i]), "point": point[i], "direction": direction[i]}
-            | {"weight": float(weight[i])}
-            for i in range(n)
-        ]
-
-    @cached_property
-    def control_points(self) -> list[dict]:
-        """One dict a control point: ``name``, ``block``, ``point`` at the start."""
-        n = self.n_control_point
-        if not n:
-            return []
-        names = self._texts("control_points/name", n)
-        blocks = self._numbers("control_points/block", self.n_block, count=n)
-        point = self._table("control_points/point", 3, count=n)
-        return [{"name": names[i], "block": int(blocks[i]), "point": point[i]} for i in range(n)]

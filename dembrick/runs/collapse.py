@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from dembrick.simulation.statics.limit_load import Replay
+from dembrick.simulation.statics.load_system import Replay
 from dembrick.simulation.statics.yield_point import last_moves
 
 MOVED = 0.1  # of the fastest block: blocks that move faster belong to the mechanism

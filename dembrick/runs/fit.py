@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 
 from dembrick.errors import NotConvergedError, ScenarioError
-from dembrick.runs.result import simulate
+from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.model import FORMULATIONS, Scenario, YieldControl, nearest, show
 

@@ -16,7 +16,8 @@ from pathlib import Path
 
 from dembrick.errors import ScenarioError
 from dembrick.history import check_output, replacing
-from dembrick.runs.result import Result, simulate
+from dembrick.runs.result import Result
+from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.model import FORMULATIONS, Scenario, YieldControl
 from dembrick.theory.paper_tables import FRICTION, MID_HEIGHT, SETS, TABLE_1

@@ -30,11 +30,12 @@ from dembrick.kernels.dynamics.loop import Limits
 from dembrick.runs.motion_result import lived_through
 from dembrick.scenario.controls import in_real_time
 from dembrick.scenario.model import Output, Scenario
+from dembrick.simulation.dynamics.checkpoint import Past
 from dembrick.simulation.dynamics.integrator import LONGEST_CHUNK, advance
 from dembrick.simulation.dynamics.loads import driving_of
-from dembrick.simulation.dynamics.run import NO_LIMIT, Past
+from dembrick.simulation.dynamics.run import NO_LIMIT
 from dembrick.simulation.session import Session
-from dembrick.simulation.statics import limit_load
+from dembrick.simulation.statics import constant_rate, limit_load
 from dembrick.simulation.statics.stepper import Loop, Stepper
 
 PHASES = ("joint_forces", "block_motion", "bracket", "record")
@@ -104,7 +105,7 @@ def loop_shares(scenario: Scenario, steps: int) -> dict[str, float]:
         if control.kind == "yield":
             limit_load.find_limit_load(assembly, 0.0, factor, session)  # a tolerance of zero ends no search
         elif control.kind == "displacement":
-            limit_load.push_at_constant_rate(assembly, control.rate, control.travel, factor, session)
+            constant_rate.push_at_constant_rate(assembly, control.rate, control.travel, factor, session)
         else:
             raise ScenarioError(NO_PHASES)
     except NotConvergedError as error:

@@ -1,38 +1,22 @@
-"""One scenario run from end to end: simulate(scenario) -> Result, with or without a history file."""
+"""What a search or a constant-rate test gave: the yield point, the record, and what theory says of it."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-import os
-import time
-from collections.abc import Callable, Mapping
-from contextlib import ExitStack
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
 
 import numpy as np
 
 from dembrick.assembly import build as assemblies
 from dembrick.assembly.contact_points import widest_rim
-from dembrick.errors import DembrickError, HistoryError, NotConvergedError, WriteError
 from dembrick.runs import theory_check
-from dembrick.runs.collapse import collapse_of
-from dembrick.runs.error_estimate import error_of, refinements
-from dembrick.runs.record_store import Keeper, Memory
-from dembrick.scenario import toml as scenarios
-from dembrick.scenario.controls import in_real_time, on_all_blocks
+from dembrick.scenario.controls import on_all_blocks
 from dembrick.scenario.model import Scenario
-from dembrick.simulation import interrupts
 from dembrick.simulation.energy_audit import EnergyAudit
-from dembrick.simulation.interrupts import Interrupted
-from dembrick.simulation.session import Session
-from dembrick.simulation.statics import limit_load, point_placement
+from dembrick.simulation.statics import load_system
 from dembrick.simulation.statics.state import rotations
 from dembrick.simulation.statics.yield_point import YieldPoint
-
-if TYPE_CHECKING:
-    from dembrick.runs.motion_result import MotionResult  # and its kernels: for runs in real time only
-    from dembrick.simulation.dynamics.run import MotionRun
 
 BRACKET_SLACK = 1e-9  # of V: rounding by which theory may lie outside a certified bracket
 
@@ -49,7 +33,7 @@ class Result:
 
     scenario: Scenario
     assembly: assemblies.Assembly
-    replay: limit_load.Replay
+    replay: load_system.Replay
     theory: theory_check.Theory | None
     rows: Mapping[str, np.ndarray]
     frames: Mapping[str, np.ndarray]
@@ -168,233 +152,3 @@ class Result:
         from dembrick.views import page
 
         return page.fragment(self)
-
-
-def simulate(
-    scenario: Scenario | str | os.PathLike,
-    history: str | os.PathLike | None = None,
-    *,
-    force: bool = False,
-    record: bool = True,
-    refine: bool = False,
-    report: Callable[[str], None] | None = None,
-) -> Result | MotionResult:
-    """Run a scenario (or the TOML file of one) and return its Result, or its MotionResult where blocks move in time.
-
-    ``history`` is the HDF5 file to write; ``force`` lets it replace a finished one. Without ``record`` (and without a
-    history) only the yield point is kept, which is what a batch wants. ``refine`` runs it once or twice more for an
-    error estimate of its collapse, or of how far blocks have moved, see `refinement`. ``report`` gets warnings.
-
-    Raises ScenarioError for input that is not a test, OutputError for a path that cannot be used, NotConvergedError
-    and DivergedError where there is no answer; the history then is kept, with the status "failed". Interrupted, which
-    is a KeyboardInterrupt, leaves the status "interrupted", and `restart` goes on from there.
-    """
-    began, start_up = time.perf_counter(), _start_up()
-    if not isinstance(scenario, Scenario):
-        scenario = scenarios.load(scenario)
-    if refine:
-        refinements(scenario)  # refuses what cannot be refined before anything runs
-    assembly = _built(scenario, report)
-    keeper = Memory() if record else None
-    if history is not None:
-        settings = {"scenario": scenario.path or ""}
-        keeper = Keeper(history, scenarios.text_of(scenario), assembly, scenario.output, settings, force)
-    return _run(scenario, assembly, keeper, began, start_up, refine)
-
-
-def restart(history: str | os.PathLike, *, report: Callable[[str], None] | None = None) -> Result:
-    """Go on with a run that was killed or interrupted, from its last good checkpoint; returns the Result of the whole.
-
-    What the history holds beyond the checkpoint is dropped and comes again; rows, frames and result are to the last bit
-    those of a run that was never stopped. Without a checkpoint the run starts again. Raises HistoryError where the file
-    is not a history, its run is over, or its checkpoints do not fit it.
-    """
-    from dembrick.history import read
-
-    began, start_up = time.perf_counter(), _start_up()
-    left = read(history)
-    try:
-        if left.status not in ("running", "interrupted"):
-            raise HistoryError(
-                f"{left.path}: this run is over (status {left.status}); dembrick run {left.path} runs it again"
-            )
-        named = left.settings.get("scenario")
-        scenario = scenarios.loads(left.scenario_text, named if isinstance(named, str) and named else None)
-        assembly = _built(scenario, report)
-        settings = {"scenario": scenario.path or ""}
-        keeper = Keeper(history, left.scenario_text, assembly, scenario.output, settings, left=left)
-        if report:
-            left_at = keeper.checkpoint and keeper.checkpoint.about["where"]
-            report(f"going on from {left_at}" if left_at else "no checkpoint was written: starting from the beginning")
-        return _run(scenario, assembly, keeper, began, start_up)
-    finally:
-        left.close()
-
-
-class _Process:
-    ran = False
-
-
-def _start_up() -> float:
-    """Processor time (s) of this process before its first run: interpreter and imports; zero for later runs."""
-    first, _Process.ran = not _Process.ran, True
-    return time.process_time() if first else 0.0
-
-
-def _built(scenario: Scenario, report: Callable[[str], None] | None):
-    """The assembly, its warnings reported."""
-    assembly = assemblies.assemble(scenario)
-    for warning in assembly.warnings if report else ():
-        report(warning)
-    return assembly
-
-
-def _placed(scenario: Scenario, assembly):
-    """The assembly with the points of a lone distributed joint placed for its limit load, and the loop seconds of that.
-
-    Raises Interrupted.
-    """
-    if scenario.control.kind != "yield":
-        return assembly, 0.0
-    try:
-        return point_placement.place_points(assembly, scenario.control.tolerance, scenario.solver.step_factor)
-    except Interrupted as error:
-        raise Interrupted(error.signum, "interrupted while the contact points were placed, before the run") from None
-
-
-def _run(
-    scenario: Scenario,
-    assembly,
-    keeper: Keeper | Memory | None,
-    began: float,
-    start_up: float,
-    refine: bool = False,
-) -> Result | MotionResult:
-    """Replay, audit and judge. ``began``: when the work on it did; ``start_up``: seconds before."""
-    path = keeper.path if isinstance(keeper, Keeper) else None
-    with ExitStack() as until_written:
-        try:
-            assembly, placing = _placed(scenario, assembly)
-            if path:
-                keeper.place(assembly)
-            run = _replayed(scenario, assembly, keeper.session(scenario.output) if keeper else Session())
-            books = keeper.auditor.result(run.energy) if keeper and run.energy is not None else None
-            until_written.enter_context(interrupts.deferred())  # a signal finds the answer there, and may not lose it
-        except WriteError as error:  # the disk has what it has
-            remedy = f"; once there is room again: dembrick restart {path}" if keeper.has_checkpoint else ""
-            failed = WriteError(f"{error}{remedy}")
-            failed.answer = failure(scenario, failed, path)
-            raise failed from error
-        except HistoryError:
-            raise  # the checkpoint does not fit; nothing was written
-        except DembrickError as error:
-            error.answer = failure(scenario, error, path)
-            if path:
-                keeper.finish("failed", error.answer)
-            raise
-        except BaseException as error:
-            if path:
-                keeper.finish("interrupted", {"scenario": scenario.path or "", "status": "interrupted"})
-            error = interrupts.caused(error)
-            if path and isinstance(error, Interrupted):
-                raise Interrupted(error.signum, f"{error}; go on with: dembrick restart {path}") from None
-            raise
-        times = {"start_up": start_up, "placing": placing, "began": began}
-        return _judged(scenario, assembly, run, books, keeper, times, refine)
-
-
-def _judged(scenario, assembly, run, books, keeper, times, refine) -> Result | MotionResult:
-    """The result of a run that came to its end, compared with theory, and written."""
-    began, placing, done = times["began"], times["placing"], time.perf_counter()
-    path = keeper.path if isinstance(keeper, Keeper) else None
-    expected = theory_check.theory_of(assembly) if run.yield_point is not None else None
-    if expected is not None:
-        expected = expected.compared(run.yield_point.V)
-    finishing = time.perf_counter()
-    write = keeper.write_seconds if keeper else 0.0
-    wall = {
-        "start_up": times["start_up"],
-        "build": max(0.0, done - began - placing - run.loop_seconds - run.compile_seconds - write),
-        "compile": run.compile_seconds,
-        "loop": run.loop_seconds + placing,
-        "write": write,
-        "total": finishing - began,
-    }
-    if run.phases is not None:
-        wall["phases"] = run.phases
-    rows, frames = (keeper.rows, keeper.frames) if keeper else ({}, {})
-    if in_real_time(scenario.control):
-        from dembrick.runs.motion_result import MotionResult
-
-        result = MotionResult(scenario, assembly, run, rows, frames, wall, path, books)
-    else:
-        fallen = collapse_of(run, assembly, scenario.control) if on_all_blocks(scenario.control) else None
-        result = Result(scenario, assembly, run, expected, rows, frames, wall, books, path, fallen)
-    missing = _estimate_error(result) if refine else None
-    if path:
-        keeper.finish(result.status, result.as_dict(), run.settings)
-        result.wall["write"] += time.perf_counter() - finishing
-        result.wall["total"] = time.perf_counter() - began
-    if missing is not None:
-        raise missing
-    return result
-
-
-def _estimate_error(result: Result | MotionResult) -> BaseException | None:
-    """Give a run its error estimate; or return what came in between, which the run itself does not suffer from."""
-    scenario, fallen = result.scenario, result.collapse
-    found = result.displacement if fallen is None else fallen["load_factor"]
-    try:
-        error = error_of(scenario, found, [_refined(one.scenario) for one in refinements(scenario)])
-    except (DembrickError, Interrupted) as error:
-        answer = "" if fallen is None else f" (load factor {found:.6g})"
-        kept = f"the run itself{answer} is complete" + (f" in {result.history}" if result.history else "")
-        if isinstance(error, Interrupted):
-            return Interrupted(error.signum, f"interrupted while the error was estimated; {kept}")
-        failed = type(error)(f"no error estimate: {error}; {kept}")
-        failed.answer = failure(scenario, failed, result.history)
-        return failed
-    if fallen is None:
-        result.displacement_error = error
-    else:
-        fallen["error_estimate"] = error
-    return None
-
-
-def _refined(scenario: Scenario):
-    """Load factor of the collapse of a refined scenario, or the displacements of its blocks; a search takes steps half
-    as long."""
-    control = scenario.control
-    if not on_all_blocks(control):
-        result = simulate(scenario, record=False)
-        return result.displacement if result.collapse is None else result.collapse["load_factor"]
-    assembly, goal = assemblies.assemble(scenario), control.displacement or 0.0
-    run = limit_load.find_limit_load(assembly, control.tolerance, scenario.solver.step_factor, goal=goal, steps=0.5)
-    return collapse_of(run, assembly, control)["load_factor"]
-
-
-def _replayed(scenario: Scenario, assembly, session: Session) -> limit_load.Replay | MotionRun:
-    control, factor = scenario.control, scenario.solver.step_factor
-    if in_real_time(control):
-        from dembrick.runs.motion_result import lived_through
-
-        return lived_through(scenario, assembly, session)
-    if on_all_blocks(control):
-        return limit_load.find_limit_load(assembly, control.tolerance, factor, session, control.displacement or 0.0)
-    if control.kind == "yield":
-        return limit_load.find_limit_load(assembly, control.tolerance, factor, session)
-    return limit_load.push_at_constant_rate(assembly, control.rate, control.travel, factor, session)
-
-
-def failure(scenario: Scenario, error: DembrickError, history=None) -> dict:
-    """The JSON object of a run that gave no answer, with the best bracket found."""
-    point = error.yield_point if isinstance(error, NotConvergedError) else None
-    return {
-        "scenario": scenario.path or "",
-        "title": scenario.title,
-        "formulation": scenario.joint.formulation,
-        "status": "failed",
-        "error": str(error),
-        "yield_point": None if point is None else point.as_dict(),
-        "history": None if history is None else os.fspath(history),
-    }

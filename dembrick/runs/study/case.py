@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from dembrick.errors import DembrickError
-from dembrick.runs.result import failure, simulate
+from dembrick.runs.simulate import failure, simulate
 from dembrick.runs.study.together import limit_loads
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.model import Scenario

@@ -32,9 +32,9 @@ from dembrick.kernels.dynamics.tiles import VISCOUS, WORK, rows_of_lanes
 from dembrick.scenario.model import show
 from dembrick.simulation import interrupts
 from dembrick.simulation.dynamics.contact_detection import STABLE, Meetings
-from dembrick.simulation.dynamics.driving import Driving
 from dembrick.simulation.dynamics.energy import MotionBooks
 from dembrick.simulation.dynamics.joint_polygons import Polygons
+from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.state import MovingState, moving_state, out_of_balance
 from dembrick.simulation.dynamics.time_step import (
     contact_time_step,

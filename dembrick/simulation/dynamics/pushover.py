@@ -18,7 +18,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from dembrick.errors import ScenarioError
-from dembrick.simulation.dynamics.driving import Driving
+from dembrick.simulation.dynamics.loads import Driving
 
 HELD = 0.05  # rad of the jack's own swing for which V is held
 STRONGEST = 10.0  # load factor: blocks that do not give way before are not pushed over

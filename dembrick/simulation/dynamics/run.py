@@ -3,36 +3,32 @@
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
 
-from dembrick.errors import HistoryError, NotConvergedError, ScenarioError
+from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.geometry.rotations import quaternion_product, rotation_matrix, unit_quaternion
 from dembrick.kernels.dynamics.loop import REACHED, Limits
-from dembrick.kernels.dynamics.record import unbalanced_ratio
 from dembrick.kernels.dynamics.tiles import SEEN
 from dembrick.scenario.checks import show
 from dembrick.scenario.controls import drives_to_collapse
 from dembrick.scenario.model import Output
 from dembrick.simulation import interrupts
-from dembrick.simulation.checkpoint_arrays import flattened, restored
-from dembrick.simulation.dynamics.driving import Driving
+from dembrick.simulation.dynamics.checkpoint import Past
 from dembrick.simulation.dynamics.energy import MotionBooks
 from dembrick.simulation.dynamics.integrator import Motion, advance, damping_of_restitution, joint_forces, motion, seat
+from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.pushover import STRONGEST, Jack, jack_of
+from dembrick.simulation.dynamics.recorder import Recorder
 from dembrick.simulation.dynamics.state import (
-    contact_arms,
-    contact_forces,
-    joint_resultants,
     out_of_balance,
     seen,
     with_contact_forces,
 )
 from dembrick.simulation.energy_audit import Sums
-from dembrick.simulation.session import Plan, Session, Snapshot, step_at
+from dembrick.simulation.session import Plan, Session
 
 STEEPEST = 90.0  # deg: a tilt that brings nothing down ends there
 MOVED = 0.1  # of the longest displacement: blocks that have moved further belong to the mechanism
@@ -41,8 +37,6 @@ NO_LIMIT = 1e150  # m
 MOST_STEPS = 1e12  # of a run: a year for a single block
 AT_ONCE = 2_000_000  # blocks and joints, times steps: a signal waits for some tenths of a second
 MEETINGS = 6  # new contacts a block in a frame, at the most: each of two has it, and twelve equal blocks fit round one
-PARTS = ("bodies", "links", "corners", "faces")  # of the state, that a checkpoint holds
-COUNTERS = ("faces.outline", "faces.count")  # integers among them that change
 
 
 @dataclass
@@ -164,7 +158,7 @@ def run(moving: Motion, control, driving: Driving, session: Session) -> MotionRu
     stride = held * max(1, AT_ONCE // (len(moving.assembly.names) + len(moving.assembly.joints)) // held)
     frames_every = max(1, session.output.rows // session.output.frames)
     limits = Limits(displacement=goal, longest=0.1 * float(moving.state.bodies.reach.min()))
-    recorder = _Recorder(moving, control, driving, session, every, frames_every, jack)
+    recorder = Recorder(moving, control, driving, session, every, frames_every, jack)
     if not moving.steps:
         recorder.take()
     status = None
@@ -266,154 +260,3 @@ def mechanism(moving: Motion, at_rest: np.ndarray) -> str:
     rocked = (links.reach * np.hypot(change[:, 5], change[:, 8])).max()
     twisted = (links.reach * np.hypot(change[:, 3], change[:, 4])).max()
     return max((slid, "sliding"), (rocked, "rocking"), (twisted, "torsion"))[1]
-
-
-class Past:
-    """What a run remembers beside its state, so that it can go on from a checkpoint."""
-
-    def __init__(self, moving: Motion, jack: Jack | None):
-        self.moving, self._jack = moving, jack
-        self.unbalanced = np.zeros(1)  # after the seating
-        self.at_rest = np.zeros((len(moving.state.links.host), 9))  # `seen` then
-
-    @property
-    def where(self) -> str:
-        """Steps done, and the time."""
-        if not self.moving.steps:
-            return f"step {self.moving.seating_steps} of the seating"
-        return step_at(self.moving.steps, self.moving.time_step)
-
-    def _arrays(self) -> dict[str, np.ndarray]:
-        moving = self.moving
-        arrays = {"past.unbalanced": self.unbalanced, "past.at_rest": self.at_rest, "motion.travel": moving._travel[:1]}
-        if self._jack is not None:
-            arrays |= {"jack.present": self._jack.present, "jack.peak": self._jack.peak}
-        arrays |= moving.books.arrays
-        return arrays | {"polygons.shift": moving.polygons.shift, "polygons.whole": moving.polygons.whole}
-
-    def snapshot(self) -> dict[str, np.ndarray]:
-        """Everything that the run goes on from."""
-        moving = self.moving
-        loop = np.array([moving.steps, moving.time_step, moving.seating_steps])
-        parts = {name: getattr(moving.state, name) for name in PARTS}
-        met = moving.meetings.snapshot() if moving.steps else {}  # nobody looks for pairs while blocks are seated
-        return {"loop": loop, **met, **self._arrays(), **flattened(parts)}
-
-    def has_begun(self, snapshot: Snapshot) -> bool:
-        """Whether the blocks were seated when the ``snapshot`` was taken, and time had begun."""
-        return bool(snapshot.array("loop", np.zeros(3))[0] > 0.0)
-
-    def restore(self, snapshot: Snapshot) -> None:
-        """Take it from a snapshot of the same scene; HistoryError where it is of another."""
-        moving = self.moving
-        steps, dt, seating = snapshot.array("loop", np.zeros(3)).tolist()
-        counts = min(steps, seating) >= 0.0 < max(steps, seating) and steps.is_integer() and seating.is_integer()
-        if not (counts and 0.0 < dt < math.inf):
-            raise HistoryError(f"{snapshot.path}: this checkpoint is of no step of this run")
-        moving.steps, moving.time_step, moving.seating_steps = int(steps), dt, int(seating)
-        for name, own in self._arrays().items():
-            own[...] = snapshot.array(name, own)
-        faces = moving.state.faces
-        if faces is not None:
-            outline = snapshot.array("faces.outline", faces.outline)
-            if int(outline.max()) >= len(faces.count) + len(outline):
-                raise HistoryError(f"{snapshot.path}: faces.outline leads out of its polygons")
-            moving.polygons.make_room(int(outline.max()) + 1)
-        parts = {name: restored(name, getattr(moving.state, name), snapshot, COUNTERS) for name in PARTS}
-        faces = parts["faces"]
-        if faces is not None and ((faces.count < 0).any() or (faces.count > faces.x.shape[1]).any()):
-            raise HistoryError(f"{snapshot.path}: faces.count leads out of its polygons")
-        moving.state = moving.state._replace(**parts)
-        if moving.steps:
-            moving.meetings.restore(moving.state, moving.polygons, snapshot)
-
-
-def _in_frames(pressed: dict[str, np.ndarray], due: slice) -> dict[str, np.ndarray]:
-    """New contacts of a frame, or of none where none is ``due``; ``count`` says how many."""
-    count = np.array([len(pressed["area"])])[due]
-    return {"count": count, **{name: values[: int(count.sum())] for name, values in pressed.items()}}
-
-
-class _Recorder:
-    """Hands rows and frames of a run to the observer of a session."""
-
-    def __init__(
-        self, moving: Motion, control, driving: Driving, session: Session, rows_every: int, frames_every: int,
-        jack: Jack | None,
-    ):  # fmt: skip
-        self._moving, self._control, self._driving, self._session = moving, control, driving, session
-        self._jack = jack
-        self._frames_every, self._rows_every = frames_every, rows_every
-        self._origin = moving.assembly.position - moving.state.middle
-        began = time.perf_counter()
-        if session.observe is not None:  # compiles, or loads the cache
-            self._unbalanced()
-            joint_resultants(moving.state)
-        self.compile_seconds = time.perf_counter() - began
-
-    def take(self, last: bool = False) -> None:
-        """A row of the present state, and a frame where one is due."""
-        if self._session.observe is None:
-            return
-        began = time.perf_counter()
-        moving, channels = self._moving, self._session.output.channels
-        away = moving.displacement
-        books = moving.books.energies(moving.state, moving.time_step)
-        rows = {
-            "time": np.array([moving.time]),
-            "load": np.array([self._load()]),
-            "displacement": np.array([self._displacement(away)]),
-            "unbalanced": np.array([self._unbalanced()]),
-            "lower": np.zeros(1),
-            "upper": np.zeros(1),
-            "actuator_displacement": np.zeros((1, 0)),
-            "actuator_force": np.zeros((1, 0)),
-            "energy": {name: np.array([value]) for name, value in books.items()},
-            "new_contacts": np.array([float(moving.meetings.carrying)]),
-        }
-        watched = moving.assembly.control_points
-        if watched.names:
-            moved = moving.state.bodies.position - self._origin
-            rows["control_point"] = watched.displacement(moved, moving.state.bodies.rotation)[None]
-        if "joints" in channels:
-            rows["joint"] = joint_resultants(moving.state)[None]
-        frames = {}
-        if "frames" in channels:
-            row = moving.steps // self._rows_every
-            due = slice(0, 1 if last or row % self._frames_every == 0 else 0)
-            bodies = moving.state.bodies
-            frames["time"] = rows["time"][due]
-            frames["displacement"] = (bodies.position - self._origin)[None][due]
-            frames["orientation"] = bodies.orientation[None][due].copy()
-            if "velocity" in channels:
-                frames["velocity"], frames["spin"] = bodies.velocity[None][due].copy(), bodies.spin[None][due].copy()
-            shift = moving.polygons.shift
-            if "joints" in channels:
-                frames["joint_shift"] = shift[None][due].copy()
-            if "contacts" in channels:
-                frames["contact_arm"] = contact_arms(moving.state, shift)[None][due]
-                frames["contact_force"] = contact_forces(moving.state, moving.meetings.left_to_joints())[None][due]
-                frames["new_contacts"] = _in_frames(moving.meetings.pressed(moving.state.middle), due)
-        moving.phases["record"] += time.perf_counter() - began
-        self._session.observe(rows, frames)
-
-    def _displacement(self, away: np.ndarray) -> float:
-        """The one that a jack drives, else that of the block that has moved furthest."""
-        return float(np.linalg.norm(away, axis=1).max()) if self._jack is None else self._jack.mean(away)
-
-    def _load(self) -> float:
-        """Load factor of a tilt or a push, acceleration of shaken supports (m/s2), else zero."""
-        if self._jack is not None:
-            return float(self._jack.present[0])
-        if self._control.kind == "tilt":
-            return math.tan(math.radians(min(self._control.rate * self._moving.time, 89.999)))
-        if self._control.kind == "base-motion":
-            gravity, _ = self._driving.at(np.array([self._moving.time]), self._moving.time_step)
-            return float((self._driving.gravity - gravity[0]) @ self._driving.direction)
-        return 0.0
-
-    def _unbalanced(self) -> float:
-        state = self._moving.state
-        driving = self._driving if self._jack is None else self._jack.pushing(self._driving)
-        gravity, _ = driving.at(np.array([self._moving.time]), self._moving.time_step)
-        return unbalanced_ratio(state.bodies, state.links, *gravity[0].tolist())

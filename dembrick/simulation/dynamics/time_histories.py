@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,7 +13,8 @@ import numpy as np
 from dembrick.errors import ScenarioError
 from dembrick.scenario.checks import show
 from dembrick.scenario.controls import Pulse, Sine
-from dembrick.simulation.dynamics.driving import Curve
+
+Curve = Callable[[np.ndarray], np.ndarray]  # times (s,) -> values (s,)
 
 GAP = 1.5  # of the usual step: a longer one means that samples are missing
 LARGEST_FILE = 64 << 20  # bytes

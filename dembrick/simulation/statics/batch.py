@@ -28,7 +28,7 @@ from dembrick.kernels.statics.certify import Basis
 from dembrick.kernels.statics.load_bounds import NEVER
 from dembrick.kernels.statics.loop import CONVERGED
 from dembrick.scenario.model import JointLaw
-from dembrick.simulation.statics import certificate, dead_load, guards, limit_load, state
+from dembrick.simulation.statics import certificate, dead_load, guards, limit_load, load_system, state
 from dembrick.simulation.statics.batch_cases import Cases, check, wrench
 from dembrick.simulation.statics.critical_step import critical_time_step
 from dembrick.simulation.statics.stiffness import joint_stiffness
@@ -219,13 +219,13 @@ def _settings(tolerance: float, eta: float) -> Settings:
         eta=eta,
         slip_per_step=limit_load.SLIP_PER_STEP,
         gently=limit_load.GENTLY,
-        ramp=float(limit_load.RAMP),
+        ramp=float(load_system.RAMP),
         steady=16 * limit_load.HALVING,
         slowing=0.5 ** (1.0 / limit_load.HALVING),
-        jack=limit_load.JACK,
-        viscous=limit_load.VISCOUS,
+        jack=load_system.ACTUATOR_STIFFNESS,
+        viscous=load_system.VISCOUS,
         calming=limit_load.CALMING,
-        memory=limit_load.MEMORY,
+        memory=load_system.MEMORY,
         chunk=limit_load.CHUNK_OF_SEARCH,
         most_steps=limit_load.MOST_STEPS,
         window=certificate.WINDOW,
@@ -239,7 +239,7 @@ def _run(cases: Cases, faces: _Faces) -> LimitLoads:
     points, areas = _point_joints(faces, cases), _area_joints(faces, cases)
     blocks, joints, jacks = _blocks(k, cases.dead), _joints(k), _jacks(cases)
     stiffness = joint_stiffness(state.State(blocks, joints, points, areas, jacks))
-    eta = STEP_FACTOR * critical_time_step(float(np.sqrt(1.0 + limit_load.JACK)), limit_load.VISCOUS)
+    eta = STEP_FACTOR * critical_time_step(float(np.sqrt(1.0 + load_system.ACTUATOR_STIFFNESS)), load_system.VISCOUS)
     unit = wrench(cases)
     loading = Loading(
         unit=unit,

@@ -14,7 +14,8 @@ from dembrick.views.motion.blocks import CarriedPoints, Poses, all_vertices
 from dembrick.views.motion.joints import nearest
 from dembrick.views.render.colors import COLORS
 from dembrick.views.render.images import MOVIES, Movie, write_png
-from dembrick.views.render.scene import VIEWS, Look, Scene, automatic_magnification
+from dembrick.views.render.look import VIEWS, Look, automatic_magnification
+from dembrick.views.render.scene import Scene
 from dembrick.views.render.screen import require_display, require_drawing
 
 if TYPE_CHECKING:

@@ -7,23 +7,17 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 import numpy as np
 
-from dembrick.errors import HistoryError, ScenarioError
+from dembrick.errors import HistoryError
 from dembrick.geometry.rotations import rotation_matrix
 from dembrick.views.motion.blocks import CarriedPoints, Poses, all_vertices, rotation_times
 from dembrick.views.motion.joints import JointMotion
 from dembrick.views.plot.subject import JointAlone, chosen_joint
-from dembrick.views.render.colors import COLORS, Colouring
+from dembrick.views.render.colors import Colouring
+from dembrick.views.render.look import VIEWS, Look, automatic_magnification, largest_extent
 
-VIEWS = {  # direction from the focus to the camera, and what is up in the picture
-    "iso": ((1.0, 1.5, 1.4), (0.0, 0.0, 1.0)),
-    "front": ((0.0, -1.0, 0.0), (0.0, 0.0, 1.0)),
-    "side": ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
-    "top": ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0)),
-}
 # Where the blocks go in a picture, as parts of its width and height: text above them, the colour bar on the right.
 _LEFT, _RIGHT, _BOTTOM, _TOP = 0.03, 0.81, 0.04, 0.87
 _GREY, _ORANGE, _BLUE, _GREEN, _PURPLE = "#CFCFCF", "#D55E00", "#0072B2", "#009E73", "#CC79A7"
@@ -32,26 +26,6 @@ _ARROW = {"tip_length": 0.22, "tip_radius": 0.035, "shaft_radius": 0.012}
 _FEW, _FEW_WITH_FORCES = 50, 12
 _FORCE, _FORCE_OF_MANY = 0.6, 1.2  # of the largest block that is free to move: the longest arrow of a joint force
 IMPACT = 3.0  # of the greatest force in the usual frame: where there are greater ones, arrows end at that of the usual
-_SEEN = 0.12  # of the largest block: how far the farthest corner moves in a picture by itself
-
-
-@dataclass(frozen=True, slots=True)
-class Look:
-    """How a history is shown: camera ``view``, ``magnification`` of the motion (None: so that it is seen), what the
-    blocks are coloured by, and whether the forces of joints and of new contacts are drawn."""
-
-    view: str = "iso"
-    magnification: float | None = None
-    color: str = "displacement"
-    forces: bool = False
-
-    def __post_init__(self):
-        for name, value, known in (("view", self.view, VIEWS), ("color", self.color, COLORS)):
-            if value not in known:
-                raise ScenarioError(f"{name} = {value!r} is unknown; use one of {', '.join(known)}")
-        factor = self.magnification
-        if factor is not None and not (np.isfinite(factor) and factor >= 0.0):
-            raise ScenarioError(f"magnification = {factor!r} is out of range: it must be finite and at least 0")
 
 
 class Scene:
@@ -77,7 +51,7 @@ class Scene:
         first = Poses.read(history, 0, 1)
         self._start = self._carried.magnified(first, 0.0)[0]
         moving = [i for i in range(history.n_block) if not history.block_fixed[i]]
-        self._length = _largest(self._start, self._starts, moving or range(history.n_block))
+        self._length = largest_extent(self._start, self._starts, moving or range(history.n_block))
         self._factor = look.magnification
         if self._factor is None:
             self._factor = min(
@@ -438,27 +412,6 @@ class Scene:
         now = float(history.frame_time[self._frame])
         told = f"equilibrium {now:g}, {shown}" if history.counts_equilibria else f"time {now:.4g} s, {shown}"
         return "\n".join([*textwrap.wrap(history.title, 84)[:2], told, "; ".join(keys)]).rstrip()
-
-
-def automatic_magnification(history, frame: int) -> float:
-    """1, 2 or 5 times a power of ten, at least 1, that makes the farthest corner's motion visible; 1 without motion."""
-    body, block, starts = all_vertices(history)
-    carried, poses = CarriedPoints(history, body, block), Poses.read(history, frame, frame + 1)
-    start = carried.magnified(poses, 0.0)[0]
-    moved = float(np.linalg.norm(carried.moved(poses)[0], axis=1).max())
-    largest = _largest(start, starts, range(history.n_block))
-    if moved <= 1e-12 * largest:
-        return 1.0
-    wanted = _SEEN * largest / moved
-    if wanted <= 1.0:
-        return 1.0
-    power = 10.0 ** np.floor(np.log10(wanted))
-    return float(max(step * power for step in (1.0, 2.0, 5.0) if step * power <= wanted * (1.0 + 1e-9)))
-
-
-def _largest(points: np.ndarray, starts: list[int], blocks: Iterable[int]) -> float:
-    """Greatest extent along an axis of any of the blocks (m); the points of block i: ``starts[i]:starts[i + 1]``."""
-    return max(float(np.ptp(points[starts[i] : starts[i + 1]], axis=0).max()) for i in blocks)
 
 
 def _placed(origin, direction, length: float) -> np.ndarray:

@@ -1,0 +1,76 @@
+"""What a run in real time writes into its checkpoints, and goes on from."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from dembrick.errors import HistoryError
+from dembrick.simulation.checkpoint_arrays import flattened, restored
+from dembrick.simulation.dynamics.integrator import Motion
+from dembrick.simulation.dynamics.pushover import Jack
+from dembrick.simulation.session import Snapshot, step_at
+
+PARTS = ("bodies", "links", "corners", "faces")  # of the state, that a checkpoint holds
+COUNTERS = ("faces.outline", "faces.count")  # integers among them that change
+
+
+class Past:
+    """What a run remembers beside its state, so that it can go on from a checkpoint."""
+
+    def __init__(self, moving: Motion, jack: Jack | None):
+        self.moving, self._jack = moving, jack
+        self.unbalanced = np.zeros(1)  # after the seating
+        self.at_rest = np.zeros((len(moving.state.links.host), 9))  # `seen` then
+
+    @property
+    def where(self) -> str:
+        """Steps done, and the time."""
+        if not self.moving.steps:
+            return f"step {self.moving.seating_steps} of the seating"
+        return step_at(self.moving.steps, self.moving.time_step)
+
+    def _arrays(self) -> dict[str, np.ndarray]:
+        moving = self.moving
+        arrays = {"past.unbalanced": self.unbalanced, "past.at_rest": self.at_rest, "motion.travel": moving._travel[:1]}
+        if self._jack is not None:
+            arrays |= {"jack.present": self._jack.present, "jack.peak": self._jack.peak}
+        arrays |= moving.books.arrays
+        return arrays | {"polygons.shift": moving.polygons.shift, "polygons.whole": moving.polygons.whole}
+
+    def snapshot(self) -> dict[str, np.ndarray]:
+        """Everything that the run goes on from."""
+        moving = self.moving
+        loop = np.array([moving.steps, moving.time_step, moving.seating_steps])
+        parts = {name: getattr(moving.state, name) for name in PARTS}
+        met = moving.meetings.snapshot() if moving.steps else {}  # nobody looks for pairs while blocks are seated
+        return {"loop": loop, **met, **self._arrays(), **flattened(parts)}
+
+    def has_begun(self, snapshot: Snapshot) -> bool:
+        """Whether the blocks were seated when the ``snapshot`` was taken, and time had begun."""
+        return bool(snapshot.array("loop", np.zeros(3))[0] > 0.0)
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Take it from a snapshot of the same scene; HistoryError where it is of another."""
+        moving = self.moving
+        steps, dt, seating = snapshot.array("loop", np.zeros(3)).tolist()
+        counts = min(steps, seating) >= 0.0 < max(steps, seating) and steps.is_integer() and seating.is_integer()
+        if not (counts and 0.0 < dt < math.inf):
+            raise HistoryError(f"{snapshot.path}: this checkpoint is of no step of this run")
+        moving.steps, moving.time_step, moving.seating_steps = int(steps), dt, int(seating)
+        for name, own in self._arrays().items():
+            own[...] = snapshot.array(name, own)
+        faces = moving.state.faces
+        if faces is not None:
+            outline = snapshot.array("faces.outline", faces.outline)
+            if int(outline.max()) >= len(faces.count) + len(outline):
+                raise HistoryError(f"{snapshot.path}: faces.outline leads out of its polygons")
+            moving.polygons.make_room(int(outline.max()) + 1)
+        parts = {name: restored(name, getattr(moving.state, name), snapshot, COUNTERS) for name in PARTS}
+        faces = parts["faces"]
+        if faces is not None and ((faces.count < 0).any() or (faces.count > faces.x.shape[1]).any()):
+            raise HistoryError(f"{snapshot.path}: faces.count leads out of its polygons")
+        moving.state = moving.state._replace(**parts)
+        if moving.steps:
+            moving.meetings.restore(moving.state, moving.polygons, snapshot)

@@ -1,0 +1,110 @@
+"""Rows and frames of a run in real time, for the observer of a session."""
+
+from __future__ import annotations
+
+import math
+import time
+
+import numpy as np
+
+from dembrick.kernels.dynamics.record import unbalanced_ratio
+from dembrick.simulation.dynamics.integrator import Motion
+from dembrick.simulation.dynamics.loads import Driving
+from dembrick.simulation.dynamics.pushover import Jack
+from dembrick.simulation.dynamics.state import (
+    contact_arms,
+    contact_forces,
+    joint_resultants,
+)
+from dembrick.simulation.session import Session
+
+
+def _in_frames(pressed: dict[str, np.ndarray], due: slice) -> dict[str, np.ndarray]:
+    """New contacts of a frame, or of none where none is ``due``; ``count`` says how many."""
+    count = np.array([len(pressed["area"])])[due]
+    return {"count": count, **{name: values[: int(count.sum())] for name, values in pressed.items()}}
+
+
+class Recorder:
+    """Hands rows and frames of a run to the observer of a session."""
+
+    def __init__(
+        self, moving: Motion, control, driving: Driving, session: Session, rows_every: int, frames_every: int,
+        jack: Jack | None,
+    ):  # fmt: skip
+        self._moving, self._control, self._driving, self._session = moving, control, driving, session
+        self._jack = jack
+        self._frames_every, self._rows_every = frames_every, rows_every
+        self._origin = moving.assembly.position - moving.state.middle
+        began = time.perf_counter()
+        if session.observe is not None:  # compiles, or loads the cache
+            self._unbalanced()
+            joint_resultants(moving.state)
+        self.compile_seconds = time.perf_counter() - began
+
+    def take(self, last: bool = False) -> None:
+        """A row of the present state, and a frame where one is due."""
+        if self._session.observe is None:
+            return
+        began = time.perf_counter()
+        moving, channels = self._moving, self._session.output.channels
+        away = moving.displacement
+        books = moving.books.energies(moving.state, moving.time_step)
+        rows = {
+            "time": np.array([moving.time]),
+            "load": np.array([self._load()]),
+            "displacement": np.array([self._displacement(away)]),
+            "unbalanced": np.array([self._unbalanced()]),
+            "lower": np.zeros(1),
+            "upper": np.zeros(1),
+            "actuator_displacement": np.zeros((1, 0)),
+            "actuator_force": np.zeros((1, 0)),
+            "energy": {name: np.array([value]) for name, value in books.items()},
+            "new_contacts": np.array([float(moving.meetings.carrying)]),
+        }
+        watched = moving.assembly.control_points
+        if watched.names:
+            moved = moving.state.bodies.position - self._origin
+            rows["control_point"] = watched.displacement(moved, moving.state.bodies.rotation)[None]
+        if "joints" in channels:
+            rows["joint"] = joint_resultants(moving.state)[None]
+        frames = {}
+        if "frames" in channels:
+            row = moving.steps // self._rows_every
+            due = slice(0, 1 if last or row % self._frames_every == 0 else 0)
+            bodies = moving.state.bodies
+            frames["time"] = rows["time"][due]
+            frames["displacement"] = (bodies.position - self._origin)[None][due]
+            frames["orientation"] = bodies.orientation[None][due].copy()
+            if "velocity" in channels:
+                frames["velocity"], frames["spin"] = bodies.velocity[None][due].copy(), bodies.spin[None][due].copy()
+            shift = moving.polygons.shift
+            if "joints" in channels:
+                frames["joint_shift"] = shift[None][due].copy()
+            if "contacts" in channels:
+                frames["contact_arm"] = contact_arms(moving.state, shift)[None][due]
+                frames["contact_force"] = contact_forces(moving.state, moving.meetings.left_to_joints())[None][due]
+                frames["new_contacts"] = _in_frames(moving.meetings.pressed(moving.state.middle), due)
+        moving.phases["record"] += time.perf_counter() - began
+        self._session.observe(rows, frames)
+
+    def _displacement(self, away: np.ndarray) -> float:
+        """The one that a jack drives, else that of the block that has moved furthest."""
+        return float(np.linalg.norm(away, axis=1).max()) if self._jack is None else self._jack.mean(away)
+
+    def _load(self) -> float:
+        """Load factor of a tilt or a push, acceleration of shaken supports (m/s2), else zero."""
+        if self._jack is not None:
+            return float(self._jack.present[0])
+        if self._control.kind == "tilt":
+            return math.tan(math.radians(min(self._control.rate * self._moving.time, 89.999)))
+        if self._control.kind == "base-motion":
+            gravity, _ = self._driving.at(np.array([self._moving.time]), self._moving.time_step)
+            return float((self._driving.gravity - gravity[0]) @ self._driving.direction)
+        return 0.0
+
+    def _unbalanced(self) -> float:
+        state = self._moving.state
+        driving = self._driving if self._jack is None else self._jack.pushing(self._driving)
+        gravity, _ = driving.at(np.array([self._moving.time]), self._moving.time_step)
+        return unbalanced_ratio(state.bodies, state.links, *gravity[0].tolist())

@@ -1,0 +1,112 @@
+"""Constant-rate test, as the laboratory runs it (`push_at_constant_rate`): physical inertia, moving geometry.
+
+The head of the actuators moves at constant speed over a given travel; the record is the whole curve, past the peak.
+Dashpots are those of `critical_step.dashpots`: a part of the critical damping of each block, whatever the time step.
+If the bracket is no certified one, the load that is read off must be steady.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+
+import numpy as np
+
+from dembrick.errors import ScenarioError
+from dembrick.kernels.state import Inertia
+from dembrick.simulation.session import Observer, Session
+from dembrick.simulation.statics.guards import new_guard, refuse_divergence
+from dembrick.simulation.statics.load_system import (
+    MOST_STEPS_AT_RATE,
+    Replay,
+    Setup,
+)
+from dembrick.simulation.statics.recorder import Recorder
+from dembrick.simulation.statics.state import State, new_energy
+from dembrick.simulation.statics.steady_load import refuse_unsound, steady
+from dembrick.simulation.statics.stepper import Loop, Stepper
+from dembrick.simulation.statics.yield_point import joint_reach
+
+CHUNK = 1 << 16  # steps of a constant-rate test between two looks at the clock
+
+
+def push_at_constant_rate(
+    assembly, rate: float, travel: float, step_factor: float, session: Session | Observer | None = None
+) -> Replay:
+    """Move the jack head over ``travel`` (m) at ``rate`` (m/s) with physical inertia; returns a Replay.
+
+    The bracket is what the record allows: strict at any rate, as narrow as the rate lets it be. Where it is not strict,
+    V is the mean load of the last quarter of the travel. Raises DivergedError, and NotConvergedError where the dead
+    loads alone bring the blocks down, where the load of an uncertified test still rises or swings at the end, or where
+    that of a slow certified one swings wildly or stays far below its bracket.
+    """
+    session = Session.of(session)
+    setup = Setup(assembly, tolerance=0.0, session=session)
+    state = setup.state
+    if state.areas is not None and state.areas.pressed is not None:
+        # inertia above the joint moves the pressure, and the friction with it
+        setup.certificate = setup.certificate._replace(strict=False)
+    damping = setup.dashpots()
+    critical = damping.critical_time_step
+    dt = setup.time_step(step_factor * critical, rate)
+    steps_wanted = steps_at_rate(rate, travel, dt)
+    drive = setup.drive(rate, dt)._replace(dashpot=damping.jack * setup.jack_stiffness, viscous_n=1.0, viscous_s=1.0)
+    state.joints.damping[:] = damping.joints / dt
+    inertia = Inertia(
+        mass=np.array(assembly.mass, float),
+        tensor=np.array(assembly.inertia, float),
+        inverse=np.linalg.inv(assembly.inertia),
+    )
+    _to_finite_motion(state)
+    output = session.output
+    rows_every = max(1, steps_wanted // output.rows)
+    chunk = min(CHUNK, steps_wanted)
+    frames_every = max(1, min(steps_wanted, output.rows) // output.frames)
+    watched = assembly.control_points
+    recorder = Recorder(state, session, chunk, rows_every, frames_every, watched) if session.observe else None
+    setup.certificate = setup.certificate._replace(every=rows_every)
+    energy = new_energy(state) if recorder else None
+    guard = new_guard(assembly, state, steps_wanted)
+    loop = Loop(dt, state, None, inertia, drive, setup.certificate, energy, guard)
+    began = time.perf_counter()
+    loop.advance(0, recorder.record if recorder else None)  # no step: compiles, or loads the cache
+    compiled = time.perf_counter() - began
+    if session.resumed:
+        loop.restore(session.resumed)
+    status = Stepper(loop, session, recorder, CHUNK).to(steps_wanted)
+    refuse_divergence(status, assembly, state, loop.step, dt, critical)
+    chosen = {"rate": rate, "inertia": "physical"}
+    replay = setup.replay(True, loop, critical, compiled, setup.settings(drive) | chosen)
+    if setup.certificate.strict:
+        slip = replay.yield_point.V_lower * setup.compliance / setup.weight
+        pace = rate * critical / slip if slip > 0.0 else math.inf
+        refuse_unsound(replay.yield_point, guard, pace, float(joint_reach(state).max()))
+    else:
+        replay.yield_point = steady(replay.yield_point, guard, least=1e-3 * setup.dead_strength())
+    return replay
+
+
+def steps_at_rate(rate: float, travel: float, dt: float) -> int:
+    """Steps of a constant-rate test."""
+    wanted = travel / (rate * dt)
+    if wanted > MOST_STEPS_AT_RATE:
+        raise ScenarioError(
+            f"control.rate = {rate:g} m/s over control.travel = {travel:g} m takes {wanted:.3g} steps of {dt:.3g} s: "
+            "use a higher rate or a shorter travel"
+        )
+    return math.ceil(wanted)
+
+
+def _to_finite_motion(state: State) -> None:
+    """Turn the infinitesimal rotations of the seated state into orientations."""
+    blocks = state.blocks
+    for b in blocks.free:
+        half = 0.5 * blocks.rotation[b]
+        w, v = 1.0, half
+        q = blocks.orientation[b].copy()
+        blocks.orientation[b] = [
+            w * q[0] - v @ q[1:],
+            *(w * q[1:] + q[0] * v + np.cross(v, q[1:])),
+        ]
+        blocks.orientation[b] /= np.linalg.norm(blocks.orientation[b])
+    blocks.rotation[:] = 0.0

@@ -1,0 +1,169 @@
+"""The actuators of a scene as one load system, on the state that the dead loads leave."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dembrick.errors import ScenarioError
+from dembrick.kernels.state import Energy
+from dembrick.kernels.statics.load_bounds import Certificate
+from dembrick.kernels.statics.loop import Drive
+from dembrick.simulation.session import Session
+from dembrick.simulation.statics.certificate import certificate
+from dembrick.simulation.statics.critical_step import Dashpots, block_inertia, dashpots
+from dembrick.simulation.statics.dead_load import seat
+from dembrick.simulation.statics.elastic_factor import elastic_factor, touches_itself
+from dembrick.simulation.statics.state import State, initial_state, load_vectors
+from dembrick.simulation.statics.stepper import Loop
+from dembrick.simulation.statics.stiffness import block_stiffness
+from dembrick.simulation.statics.yield_point import YieldPoint, read_off
+
+# Numerical choices; answers do not depend on them beyond the tolerance, and a test says so.
+VISCOUS = 0.5  # dashpot force over spring force for the same increment, in contacts and jack, while searching
+ACTUATOR_STIFFNESS = 1.0  # stiffness of the jack over that of the joints along the load
+MEMORY = 1.0 / 16.0  # weight of the latest step in the mean that it swings about
+RAMP = 8  # steps over which the head speeds up
+MOST_STEPS_AT_RATE = 2_000_000_000  # of a constant-rate test
+FINEST = 0.25  # of what friction 1 would let the joints give, that the head may move in a step of a constant-rate test
+
+
+@dataclass
+class Replay:
+    """A finished search or test: the yield point, the final state, what the program chose, how long it took (s)."""
+
+    yield_point: YieldPoint
+    state: State
+    converged: bool
+    steps: int
+    time_step: float
+    critical_time_step: float
+    simulated_time: float
+    unbalanced: float
+    compile_seconds: float
+    loop_seconds: float
+    energy: Energy | None = None
+    settings: dict = field(default_factory=dict)
+    moved: np.ndarray | None = None  # (n, 3) m, since the blocks were seated
+    phases: dict | None = None  # s, of the loop, where it was timed by phase
+
+
+class LoadSystem:
+    """The jacks of a scene as one load system: unit load, compliance of the joints against it, jack stiffness."""
+
+    def __init__(self, assembly):
+        if not len(assembly.actuators.block):
+            raise ScenarioError("no [[actuators]]: a replay needs at least one jack to push with")
+        self.assembly = assembly
+        self.state = initial_state(assembly)
+        self.stiffness = block_stiffness(self.state, shared=2.0)
+        self.load = load_vectors(self.state)
+        self.weight = float(np.abs(self.state.jacks.weight).sum())
+        loaded = sorted(set(self.state.jacks.block.tolist()) & set(self.state.blocks.free.tolist()))
+        if not len(loaded):
+            raise ScenarioError("every actuator pushes a fixed block: nothing can move; let one push a free block")
+        self.compliance = sum(float(self.load[b] @ np.linalg.solve(self.stiffness[b], self.load[b])) for b in loaded)
+        if not self.compliance > 0.0:
+            raise ScenarioError("the actuators cancel out: together they push and twist no block; check directions")
+        self.jack_stiffness = ACTUATOR_STIFFNESS * self.weight / self.compliance
+        # the jack as a bound on the stiffness of each loaded block
+        self.jack = np.zeros_like(self.stiffness)
+        for b in loaded:
+            self.jack[b] = len(loaded) * self.jack_stiffness / self.weight * np.outer(self.load[b], self.load[b])
+
+    def dashpots(self) -> Dashpots:
+        """Those for physical inertia, with the critical time step that counts them and the jack."""
+        return dashpots(self.state, block_inertia(self.assembly), self.jack)
+
+    def dead_strength(self) -> float:
+        """V (N) that friction 1 would resist under the dead loads at the joints of the loaded blocks, roughly."""
+        joints, assembly = self.state.joints, self.assembly
+        normal = np.abs(np.einsum("ji,ji->j", assembly.joint_force, joints.axes[:, 2]))
+        at = np.isin(joints.block_a, self.state.jacks.block) | np.isin(joints.block_b, self.state.jacks.block)
+        lever = max(float(np.linalg.norm(arm, axis=1).max()) for arm in (joints.arm_a, joints.arm_b))
+        unit = np.linalg.norm(self.load[:, :3], axis=1).max() + np.linalg.norm(self.load[:, 3:], axis=1).max() / lever
+        return float(normal[at].sum()) / float(unit)
+
+    def time_step(self, most: float, rate: float) -> float:
+        """``most`` (s), or less where the head would outrun what the joints give and make the blocks jump."""
+        give = self.dead_strength() * self.compliance / self.weight
+        return min(most, FINEST * give / rate) if give > 0.0 else most
+
+
+class Setup(LoadSystem):
+    """The load system on the seated state, with the certificate of its limit load."""
+
+    def __init__(self, assembly, tolerance: float, session: Session | None = None, whole: bool = False):
+        super().__init__(assembly)
+        self.factor = elastic_factor(self.state) if whole or touches_itself(self.state) else None
+        seated = seat(self.state, self.stiffness, self.factor, session)
+        self.unbalanced, self.compile_seconds, self.loop_seconds = seated
+        self.seated = self.state.blocks.displacement.copy()
+        # the jacks come to blocks that the dead loads have moved already, and do not push them back
+        moved = np.concatenate([self.state.blocks.displacement, self.state.blocks.rotation], axis=1)
+        self.state.jacks.drive[:2] = float((self.load * moved).sum()) / self.weight
+        self.certificate: Certificate = certificate(
+            self.state, self.load, self.jack_stiffness / ACTUATOR_STIFFNESS, tolerance
+        )
+
+    def drive(self, rate: float, dt: float) -> Drive:
+        """The load system driven at a steady ``rate`` in steps of ``dt``, with the dashpots of a search."""
+        return Drive(
+            rate=rate,
+            ramp=RAMP * dt,
+            steady=MOST_STEPS_AT_RATE,
+            slowing=1.0,
+            stiffness=self.jack_stiffness,
+            dashpot=VISCOUS * self.jack_stiffness * dt,
+            viscous_n=VISCOUS,
+            viscous_s=VISCOUS,
+            calming=0.0,
+            memory=MEMORY,
+        )
+
+    def replay(self, converged: bool, loop: Loop, critical: float, compiled: float, settings: dict) -> Replay:
+        """What came of it; ``compiled``: seconds of compiling after the seating."""
+        return Replay(
+            yield_point=read_off(loop.state, loop.certificate, self.assembly.names),
+            state=loop.state,
+            converged=converged,
+            steps=loop.step,
+            time_step=loop.dt,
+            critical_time_step=critical,
+            simulated_time=loop.step * loop.dt,
+            unbalanced=self.unbalanced,
+            compile_seconds=self.compile_seconds + compiled,
+            loop_seconds=self.loop_seconds + loop.seconds,
+            energy=loop.energy,
+            settings=settings,
+            moved=loop.state.blocks.displacement - self.seated,
+        )
+
+    @staticmethod
+    def settings(drive: Drive) -> dict:
+        """What the program chose, for the history."""
+        return {
+            "jack_stiffness": drive.stiffness,
+            "jack_dashpot": drive.dashpot,
+            "contact_dashpot_ratio": drive.viscous_s,
+            "ramp": drive.ramp,
+        }
+
+
+def rough_strength(state: State, certificate: Certificate, load: np.ndarray) -> float:
+    """A scale for V (N), right to a factor of a few: what it takes to slide and twist the loaded blocks' joints."""
+    loaded = set(state.jacks.block.tolist())
+    capacity = 0.0
+    for family in (state.points, state.areas):
+        if family is None:
+            continue
+        for mu, j in zip(family.friction, family.joint, strict=True):
+            if state.joints.block_a[j] in loaded or state.joints.block_b[j] in loaded:
+                capacity += max(mu, 1e-3) * state.joints.resultant[j, 0]
+    unit = certificate.unit
+    if np.any(unit):
+        return capacity / (float(np.hypot(unit[0], unit[1])) + abs(float(unit[2])) / certificate.radius)
+    lever = max(float(np.linalg.norm(arm, axis=1).max()) for arm in (state.joints.arm_a, state.joints.arm_b))
+    forces = np.linalg.norm(load[:, :3], axis=1).max() + np.linalg.norm(load[:, 3:], axis=1).max() / lever
+    return capacity / float(forces)
