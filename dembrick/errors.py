@@ -51,7 +51,7 @@ class BracketError(DembrickError):
 
 
 class EnergyAuditError(DembrickError):
-    """The energy books of a run do not balance, or friction created energy."""
+    """The energy balance of a run is off, or friction created energy."""
 
 
 class MissingDependency(DembrickError):

@@ -18,8 +18,8 @@ FORCE = [0.6, 0.8, 0.0]
 
 
 def one_force(point, formulation="convex", **options):
-    options = {"friction": MU, "normal_force": N, "jack_direction": [FORCE]} | options
-    return batch.Cases.rectangle(A, B, formulation, jack_point=point, **options)
+    options = {"friction": MU, "normal_force": N, "actuator_direction": [FORCE]} | options
+    return batch.Cases.rectangle(A, B, formulation, actuator_point=point, **options)
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
@@ -40,7 +40,7 @@ def test_the_same_as_scene_by_scene(formulation, z):
             scene(formulation, jacks=single(arm, FORCE, z), tolerance=1e-4, points=points, height=0.1), record=False
         )
         point = alone.yield_point
-        for key in ("V", "V_lower", "V_upper", "N", "V_1", "V_2", "jack_load"):
+        for key in ("V", "V_lower", "V_upper", "N", "V_1", "V_2", "actuator_load"):
             assert getattr(found, key)[i] == pytest.approx(getattr(point, key), rel=1e-9, abs=1e-9 * MU * N), key
         assert found.M_T[i] == pytest.approx(point.M_T, abs=1e-9 * MU * N * A)
         assert found.steps[i] == alone.replay.steps
@@ -62,7 +62,7 @@ def test_random_convex_joints_against_theory(pressure):
     arm[..., 2] = direction[..., 2] = 0.0
     cases = batch.Cases.on(
         shapes, "convex", shape=np.arange(k), friction=mu, normal_force=normal, eccentricity=e, dead_shear=dead,
-        jack_point=arm, jack_direction=direction, pressure=pressure, tolerance=1e-5,
+        actuator_point=arm, actuator_direction=direction, pressure=pressure, tolerance=1e-5,
     )  # fmt: skip
     found = batch.find_limit_loads(cases, threads=2)
     direction /= np.linalg.norm(direction, axis=2, keepdims=True)
@@ -103,9 +103,12 @@ def test_no_friction_and_no_answer():
 
 BAD = {
     "friction": ({"friction": -0.1}, "case 0: friction"),
-    "no force": ({"jack_direction": [[0.0, 0.0, 0.0]]}, "case 0: a load or a jack"),
+    "no force": ({"actuator_direction": [[0.0, 0.0, 0.0]]}, "case 0: a load or an actuator"),
     "a pull": ({"normal_force": -1.0, "normal_stiffness": 1e9, "shear_stiffness": 1e9}, "must press"),
-    "a push across": ({"jack_direction": [[0.0, 0.0, -1.0]], "jack_point": [[0.0, 0.0, 0.0]]}, "the load of the jacks"),
+    "a push across": (
+        {"actuator_direction": [[0.0, 0.0, -1.0]], "actuator_point": np.zeros((1, 3))},
+        "load of the actuators",
+    ),
     "tolerance": ({"tolerance": 0.5}, "tolerance = 0.5"),
     "pressure": ({"pressure": "ful"}, "did you mean 'full'?"),
     "stiffness": ({"normal_stiffness": 0.0}, "normal_stiffness is out of range"),
@@ -120,7 +123,7 @@ def test_bad_cases(name):
 
 
 def _renamed(options):
-    return {"point" if key == "jack_point" else key: value for key, value in options.items()}
+    return {"point" if key == "actuator_point" else key: value for key, value in options.items()}
 
 
 @pytest.mark.parametrize(

@@ -213,7 +213,7 @@ def test_warmup_runs_every_kind_of_loop(call, monkeypatch):
     code, out, _ = call("warmup", "--json")
     assert code == 0 and json.loads(out)["cache"] == str(_jit.CACHE_FOLDER)
     assert {one.scenario.control.kind for one in ran} == {"yield", "displacement", "pushover", "dynamic"}
-    touching = [one.run.motion.meetings.touching for one in ran if one.scenario.control.kind == "dynamic"]
+    touching = [one.run.motion.contact_detection.touching for one in ran if one.scenario.control.kind == "dynamic"]
     assert [one is None for one in touching] == [True, False, True, False]
 
 

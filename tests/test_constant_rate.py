@@ -104,7 +104,7 @@ def test_the_jack_comes_to_blocks_that_stand_already(dead, expected):
     result = simulate(dataclasses.replace(scenario, loads=loads, control=control))
     assert abs(result.load[0]) < 0.4  # the dashpot of the head's first step, as without the dead load
     assert result.displacement[0] == pytest.approx(dead / (KS * A * B), rel=1e-6)
-    assert result.yield_point.jack_load == pytest.approx(expected, rel=1e-4)
+    assert result.yield_point.actuator_load == pytest.approx(expected, rel=1e-4)
     assert result.energy.relative_residual < 1e-9
 
 
@@ -136,7 +136,7 @@ def test_step_size_does_not_count():
     """A tenth of the step, the same plateau and nearly the same peak."""
     coarse, fine = (push("4b", "convex", 1e-4, 1e-5, factor) for factor in (0.9, 0.09))
     assert fine.replay.steps == pytest.approx(10 * coarse.replay.steps, rel=1e-2)
-    assert fine.yield_point.jack_load == pytest.approx(coarse.yield_point.jack_load, rel=1e-4)
+    assert fine.yield_point.actuator_load == pytest.approx(coarse.yield_point.actuator_load, rel=1e-4)
     assert fine.yield_point.V_peak == pytest.approx(coarse.yield_point.V_peak, rel=2e-2)
 
 

@@ -1,4 +1,4 @@
-"""The energy books: they balance, each term is what a closed form says, and a run whose books do not balance fails."""
+"""The energy balance: they balance, each term is what a closed form says, and a run whose balance is off fails."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ from dembrick.scenario.controls import BaseMotionControl, DynamicControl, Pulse
 from dembrick.scenario.model import Arch, Block, JointLaw, Material, Output, Scenario, Solver, Wall
 from dembrick.simulation import interrupts
 from dembrick.simulation.dynamics import integrator
-from dembrick.simulation.dynamics.contact_detection import Meetings
+from dembrick.simulation.dynamics.contact_detection import ContactDetection
 from dembrick.simulation.interrupts import Interrupted
 
 SCENARIOS = Path(__file__).parent.parent / "scenarios"
@@ -201,7 +201,7 @@ def test_a_block_slides_off_a_table():
     slider = Block("block", "stone", (0.3, 0.2, 0.1), (0.3, 0.0, 0.55), velocity=(2.0, 0.0, 0.0))
     result = simulate(scene(DynamicControl(2.0), FLOOR, table, slider, friction=0.4))
     assert np.abs(result.frames["velocity"][-1]).max() < 1e-5
-    pressed = result.run.motion.meetings.pressed(result.run.motion.state.middle)
+    pressed = result.run.motion.contact_detection.pressed(result.run.motion.state.middle)
     assert pressed["blocks"].tolist() == [[0, 2]]
     np.testing.assert_allclose(pressed["force"], [[0.0, 0.0, 12.0 * G]], atol=1e-3)
     np.testing.assert_allclose(pressed["point"][0, 2], 0.0, atol=1e-6)
@@ -233,7 +233,7 @@ def collapse(**output):
 def test_a_collapse_loses_energy_and_no_blocks():
     result = simulate(collapse(), record=True)
     bodies, motion = result.run.motion.state.bodies, result.run.motion
-    assert motion.meetings.retired.any() and motion.meetings.touching is not None
+    assert motion.contact_detection.retired.any() and motion.contact_detection.touching is not None
     # all lie on the floor, or on one that does; none has gone through it
     height = bodies.position[:, 2] + motion.state.middle[2]
     assert height[1:].min() > 0.049 and height.max() < 0.35
@@ -284,7 +284,7 @@ def test_an_arch_too_thin_falls_and_lies_still(formulation):
     weight = G * mass[free].sum()
     # a stone that lies on a corner sinks in by d where kn d^3 carries it, on a face by a thousandth of that
     assert 0.0 < depth.max() < (mass[free].max() * G / 1e9) ** (1.0 / 3.0)
-    held = motion.meetings.pressed(motion.state.middle)
+    held = motion.contact_detection.pressed(motion.state.middle)
     below = held["blocks"][:, 0] == 0
     assert held["force"][below, 2].sum() == pytest.approx(weight, rel=1e-3)
     again = simulate(falling_arch(formulation))
@@ -321,7 +321,7 @@ def test_a_wall_of_ten_by_ten_comes_to_rest_where_it_falls():
     assert 0.049 < height.min() and height.max() < 0.2
     assert np.abs(result.frames["velocity"][-1]).max() < 0.01
     weight = G * result.assembly.mass[1:].sum()
-    held = motion.meetings.pressed(motion.state.middle)
+    held = motion.contact_detection.pressed(motion.state.middle)
     on_ground = held["blocks"][:, 0] == 0
     joints = motion.state.links.wrench[motion.state.links.other == 0, 2].sum()
     assert held["force"][on_ground, 2].sum() + joints == pytest.approx(weight, rel=0.02)
@@ -352,13 +352,15 @@ def test_a_history_counts_new_contacts(tmp_path):
 def test_pairs_are_looked_for_no_later_for_looking_seldom(monkeypatch, made):
     """Nobody looks until blocks have moved far enough; who asks after every chunk looks at the same moments."""
     asked, looked = [], []
-    stirred, look = Meetings._stirred, Meetings._look
-    monkeypatch.setattr(Meetings, "_stirred", lambda *given: asked.append(0) or stirred(*given))
-    monkeypatch.setattr(Meetings, "_look", lambda *given: looked.append(given[0].looked.tobytes()) or look(*given))
+    stirred, look = ContactDetection._stirred, ContactDetection._look
+    monkeypatch.setattr(ContactDetection, "_stirred", lambda *given: asked.append(0) or stirred(*given))
+    monkeypatch.setattr(
+        ContactDetection, "_look", lambda *given: looked.append(given[0].looked.tobytes()) or look(*given)
+    )
     simulate(made)
     few, moments = len(asked), looked.copy()
     asked.clear(), looked.clear()
-    monkeypatch.setattr(Meetings, "_patient", lambda *given: 0.0)
+    monkeypatch.setattr(ContactDetection, "_patient", lambda *given: 0.0)
     simulate(made)
     assert few < len(asked) and len(moments) > 20
     assert looked == moments

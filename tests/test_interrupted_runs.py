@@ -68,9 +68,9 @@ def test_a_second_signal_kills_at_once(tmp_path, long_run, monkeypatch):
     """Whatever the first one is waiting for: here a checkpoint that never comes to its end."""
     code = f"""
 import signal, sys, time
-from dembrick.runs import record_store as keeper
+from dembrick.runs import record_store
 from dembrick.cli import main
-keeper.Keeper.keep = lambda *_: (print("waiting", flush=True), time.sleep(60))
+record_store.RecordStore.keep = lambda *_: (print("waiting", flush=True), time.sleep(60))
 sys.exit(main(["run", {str(long_run / "long.toml")!r}, "--out", {str(tmp_path / "run.h5")!r}]))
 """
     child = subprocess.Popen(
@@ -169,9 +169,9 @@ def test_a_run_killed_before_its_first_checkpoint_starts_anew(tmp_path, capsys):
     (tmp_path / "set4a.toml").write_text(toml.dumps(given))
     code = f"""
 import os
-from dembrick.runs import record_store as keeper
+from dembrick.runs import record_store
 from dembrick.cli import main
-keeper.Keeper.session = lambda *_: os.kill(os.getpid(), 9)
+record_store.RecordStore.session = lambda *_: os.kill(os.getpid(), 9)
 main(["run", {str(tmp_path / "set4a.toml")!r}, "--out", {str(tmp_path / "run.h5")!r}])
 """
     done = subprocess.run([sys.executable, "-c", code], env={**os.environ, "PYTHONPATH": PACKAGE}, timeout=120)

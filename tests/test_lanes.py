@@ -49,7 +49,7 @@ def pairs(n, formulation):
 def shake(moving, driving, numbers):
     """Push and turn the blocks, each by its number: some slip, some open, some lift off; twice, so that dashpots act
     and the books have a step."""
-    moving.books.open(moving.state)
+    moving.energy.open(moving.state)
     for _ in range(2):
         for k, i in enumerate(numbers):
             shift = (1e-8 * i, -3e-9 * i, 2e-8 * (i % 5 - 2) ** 3)
@@ -65,7 +65,7 @@ def test_a_joint_carries_what_it_would_carry_alone(formulation):
     shake(moving, driving, range(n))
     found, forces = joint_resultants(moving.state), contact_forces(moving.state, np.ones(n))
     per = len(forces) // n
-    energies = moving.books.energies(moving.state, moving.time_step)
+    energies = moving.energy.energies(moving.state, moving.time_step)
     sums = dict.fromkeys(("elastic", "friction", "dashpots", "released"), 0.0)
     for i in range(n):
         alone, driving_alone = pairs(1, formulation)
@@ -75,7 +75,7 @@ def test_a_joint_carries_what_it_would_carry_alone(formulation):
         np.testing.assert_allclose(
             forces[i * per : (i + 1) * per], contact_forces(alone.state, np.ones(1)), rtol=1e-5, atol=1e-4
         )
-        own = alone.books.energies(alone.state, alone.time_step)
+        own = alone.energy.energies(alone.state, alone.time_step)
         sums = {name: value + own[name] for name, value in sums.items()}
     assert (found[:, 0] == 0.0).any() and found[:, 0].max() > 200.0 and np.ptp(found[:, 1]) > 10.0
     for name, value in sums.items():

@@ -1,4 +1,4 @@
-"""The energy books of runs in real time: they balance, each term is what a closed form says, and wrong ones fail."""
+"""The energy balance of runs in real time: they balance, each term is what a closed form says, and wrong ones fail."""
 
 import dataclasses
 import json
@@ -177,7 +177,7 @@ def test_a_block_that_lands_on_another_leaves_its_fall_with_new_contacts_and_joi
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 def test_books_go_on_where_joints_are_handed_over(formulation):
     result = simulate(handed_over(formulation))
-    assert result.run.motion.books.table.share[0] == 0.0
+    assert result.run.motion.energy.table.share[0] == 0.0
     assert result.rows["new_contacts"].max() > 0
     assert np.abs(result.rows["energy"]["new_contacts"]).max() > 0.01 * result.rows["energy"]["kinetic"][0]
     assert result.energy.relative_residual < 1e-4
@@ -267,8 +267,8 @@ def test_a_history_has_every_energy(tmp_path, capsys):
         assert found.results["energy"]["relative_residual"] == result.energy.relative_residual
     assert main(["info", str(path)]) == 0
     shown = capsys.readouterr().out
-    assert f"energy        books off by {result.energy.relative_residual:.1e}" in shown
-    assert f"books off by {result.energy.relative_residual:.1e}" in result.text()
+    assert f"energy        balance off by {result.energy.relative_residual:.1e}" in shown
+    assert f"balance off by {result.energy.relative_residual:.1e}" in result.text()
 
 
 def test_polygons_that_are_cut_keep_the_books():

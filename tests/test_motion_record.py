@@ -147,7 +147,7 @@ def test_frames_of_a_tilting_wall_carry_what_its_rows_say(tmp_path, formulation)
         np.testing.assert_allclose(np.linalg.norm(summed, axis=2), size, rtol=1e-9, atol=1e-9 * size.max())
         np.testing.assert_array_equal(summed[N[..., 0] == 0.0], 0.0)
         assert (N[..., 0] == 0.0).any()
-        meetings = result.run.motion.meetings
+        meetings = result.run.motion.contact_detection
         assert meetings.touching is not None and (meetings.left_to_joints() < 1.0).any()
         shown = Contacts(found, joints, True).frames(Picture(found).span(0, found.n_frames)).at_points
         np.testing.assert_allclose(shown["force"], forces, rtol=1e-6, atol=1e-3)

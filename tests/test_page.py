@@ -83,7 +83,7 @@ def test_motion_is_that_of_the_history(tmp_path):
         np.testing.assert_allclose(corners, np.vstack([run.block_vertices(0), run.block_vertices(1)]), rtol=1e-6)
         assert data["blocks"]["fixed"] == [True, False]
         assert data["load"] == pytest.approx(run.load[[0, 10, 20, 30]])
-        (jack,) = data["jacks"]
+        (jack,) = data["actuators"]
         assert jack["point"] == pytest.approx([0.075, 0.0, 0.0]) and jack["direction"] == [0.0, 1.0, 0.0]
         assert jack["block"] == 1 and jack["out"] == pytest.approx([0.1, 0.1])
         # the farthest corner, by Rodrigues' formula
@@ -225,7 +225,7 @@ def test_what_cannot_be_shown_is_said(tmp_path):
 def test_scenes_without_jacks_or_rows(tmp_path):
     with history.read(written(tmp_path / "run.h5", {}, assembly=cases.mixed_assembly())) as run:
         data = data_of(page.document(run))
-    assert data["curve"]["title"] == "Displacement over time" and data["jacks"] == [] and data["load"] is None
+    assert data["curve"]["title"] == "Displacement over time" and data["actuators"] == [] and data["load"] is None
     with history.read(written(tmp_path / "bare.h5", {}, rows=0)) as run:
         data = data_of(page.document(run))
     assert data["path"] is None and data["curve"]["y"][-1] > 0.0

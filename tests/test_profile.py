@@ -154,7 +154,9 @@ def test_what_is_left_out_of_a_step_is_what_it_says(monkeypatch):
     def spy(own, driving, steps, limits):
         before = own.loop_seconds
         status = advance(own, driving, steps, limits)
-        seen.append((len(own.state.corners.joint), len(own.meetings.touching.first), own.loop_seconds > before))
+        seen.append(
+            (len(own.state.corners.joint), len(own.contact_detection.touching.first), own.loop_seconds > before)
+        )
         return status
 
     def kept(moving, driving):
@@ -173,7 +175,7 @@ def test_what_is_left_out_of_a_step_is_what_it_says(monkeypatch):
 @pytest.mark.parametrize(
     "phase, owner, name",
     [
-        ("contact_search", "dembrick.simulation.dynamics.contact_detection.Meetings", "follow"),
+        ("contact_search", "dembrick.simulation.dynamics.contact_detection.ContactDetection", "follow"),
         ("geometry", "dembrick.simulation.dynamics.joint_polygons.Polygons", "cut_stale"),
         ("record", "dembrick.simulation.dynamics.recorder.Recorder", "_load"),
     ],

@@ -116,14 +116,14 @@ def test_stopped_anywhere_and_restarted_is_one_run(tmp_path, signal_after, name)
 
 def test_the_way_of_blocks_that_are_let_go_is_in_the_checkpoint(tmp_path, signal_after, monkeypatch):
     """Stopped while they drift: nothing of the drift is done twice."""
-    given, drifted, drifting = SCENES["blocks that are let go"](), path_following._Follower._drifted, []
+    given, drifted, drifting = SCENES["blocks that are let go"](), path_following.PathFollower._drifted, []
 
     def spied(follower):
         if follower.way.drift.steps == 3:
             drifting.append(looked[0])
         return drifted(follower)
 
-    monkeypatch.setattr(path_following._Follower, "_drifted", spied)
+    monkeypatch.setattr(path_following.PathFollower, "_drifted", spied)
     looked = signal_after(0)
     simulate(given, tmp_path / "whole.h5")
     path, messages = tmp_path / "run.h5", []
@@ -150,14 +150,14 @@ def test_a_way_comes_back_whole():
 
     rng = np.random.default_rng(2)
     numbers = {name: kind(rng.integers(1, 9)) for name, kind in path_state.NUMBERS.items()}
-    given = path_state.Way(
+    given = path_state.PathState(
         *rng.normal(size=(3, 12)), **{**numbers, "gain": 0.3, "V": -0.7, "calm": -2, "equilibria": 3}
     )
     given.seen = [(*rng.normal(size=4).tolist(), bool(i % 2)) for i in range(4)]
     for given.drift in (None, path_state.Drift(rng.normal(size=12), 0.2, 4.0, 7)):
-        found = path_state.Way(*np.zeros((3, 12)))
+        found = path_state.PathState(*np.zeros((3, 12)))
         found.restore(Kept(given.snapshot()))
-        for part in dataclasses.fields(path_state.Way):
+        for part in dataclasses.fields(path_state.PathState):
             one, other = getattr(found, part.name), getattr(given, part.name)
             if part.name == "drift" and one is not None:
                 one, other = (np.append(d.motion, [d.V, d.drag, d.steps]) for d in (one, other))

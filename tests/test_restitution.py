@@ -48,7 +48,7 @@ def bounce(foot, restitution, speed, gap):
             stiffness=SOFT[foot], output=Output(rows=20, frames=20),
         )
     )  # fmt: skip
-    assert result.run.motion.meetings.carrying == 0
+    assert result.run.motion.contact_detection.carrying == 0
     return result.frames["velocity"][-1, 1, 2] / speed, result.run.motion.time_step
 
 
@@ -84,7 +84,7 @@ def strike(restitution, sideways, friction, free):
             stiffness=1e13, output=Output(rows=20, frames=20),
         )
     )  # fmt: skip
-    assert result.run.motion.meetings.carrying == 0
+    assert result.run.motion.contact_detection.carrying == 0
     mass, inertia, mu = (
         result.assembly.mass,
         [own[1, 1] for own in result.assembly.inertia],

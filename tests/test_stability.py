@@ -94,7 +94,7 @@ def damped_rates(built, state, jack, found):
         return np.concatenate([np.linalg.solve(M[i], K[6 * i : 6 * i + 6]) for i in range(n)])
 
     def radius(dt):
-        K, C = assembled(np.ones(len(joints.block_a)), 1.0), assembled(found.joints, found.jack)
+        K, C = assembled(np.ones(len(joints.block_a)), 1.0), assembled(found.joints, found.actuator)
         one = np.eye(6 * n)
         step = np.block([[2.0 * one - dt * dt * K - dt * C, dt * C - one], [one, 0.0 * one]])
         return float(np.abs(np.linalg.eigvals(step)).max())
@@ -111,7 +111,7 @@ def test_the_damped_step_is_safe_and_not_wasteful(formulation, size, densities):
     built = wall(*size, formulation, densities=tuple(1500.0 * d for d in densities))
     state = initial_state(built)
     pushed = int(state.blocks.free[0])
-    state = state._replace(jacks=state.jacks._replace(block=np.array([pushed])))
+    state = state._replace(actuators=state.actuators._replace(block=np.array([pushed])))
     push = np.array([0.0, 1.0, 0.0, 0.05, 0.0, 0.07])
     jack = np.zeros((len(built.names), 6, 6))
     jack[pushed] = 1e8 * np.outer(push, push)
@@ -126,7 +126,7 @@ def test_every_block_is_damped_by_its_own_frequency():
     built = wall(2, 1, "convex")
     state = initial_state(built)
     jack = np.zeros((len(built.names), 6, 6))
-    state = state._replace(jacks=state.jacks._replace(block=np.array([1])))
+    state = state._replace(actuators=state.actuators._replace(block=np.array([1])))
     upper = [j for j in range(len(built.joints)) if 0 not in (built.joints[j].block_a, built.joints[j].block_b)]
     equal = critical_step.dashpots(state, critical_step.block_inertia(built), jack)
     state.areas.k_n[upper] *= 1e-4

@@ -12,7 +12,7 @@ from dembrick.kernels.dynamics.loop import Limits
 from dembrick.scenario.controls import DynamicControl
 from dembrick.scenario.model import JointLaw, Material, Scenario, Wall
 from dembrick.simulation.dynamics import integrator
-from dembrick.simulation.dynamics.energy import MotionBooks
+from dembrick.simulation.dynamics.energy import MotionEnergy
 from dembrick.simulation.dynamics.loads import Driving
 
 
@@ -41,11 +41,11 @@ def test_any_number_of_threads_gives_the_same_bits(formulation, monkeypatch):
             numba.set_num_threads(threads)
         moving = integrator.motion(built, 0.1, 0.5)
         driving = Driving(built.gravity)
-        moving.books = MotionBooks(moving.state)
-        moving.books.open(moving.state)
+        moving.energy = MotionEnergy(moving.state)
+        moving.energy.open(moving.state)
         integrator.advance(moving, driving, 300, Limits(1.0, 1.0))
         ends.append(moving.state)
-        books.append(moving.books.energies(moving.state, moving.time_step))
+        books.append(moving.energy.energies(moving.state, moving.time_step))
     numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
     for end in ends[1:]:
         np.testing.assert_array_equal(end.bodies.position, ends[0].bodies.position)

@@ -28,7 +28,7 @@ from dembrick.runs.lab import scenario_folder
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml as scenarios
 from dembrick.simulation.dynamics import integrator, run
-from dembrick.simulation.dynamics.energy import MotionBooks
+from dembrick.simulation.dynamics.energy import MotionEnergy
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.state import seen
 
@@ -40,7 +40,7 @@ def wall(courses: int, blocks: int, formulation: str = "concave", booked: bool =
     changes = [f"walls.0.courses={courses}", f"walls.0.blocks={blocks}", f"joint.formulation={formulation}"]
     scenario = scenarios.load(scenario_folder() / "wall_tilt.toml", changes)
     moving = run.prepare(build.assemble(scenario), scenario.control, scenario.solver.step_factor)
-    moving.books = MotionBooks(moving.state, wanted=booked)
+    moving.energy = MotionEnergy(moving.state, wanted=booked)
     gravity = np.array(scenario.gravity)
     bodies, links = moving.state.bodies, moving.state.links
     bodies.position[:, 2] -= plain_wall.sunk(bodies.position[:, 2] + moving.state.middle[2], courses)

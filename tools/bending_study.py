@@ -22,7 +22,7 @@ from dembrick import simulate, theory
 from dembrick.runs.lab import lab_scenario
 from dembrick.scenario.model import Block, JointLaw, JointOverride
 from dembrick.simulation.statics import batch
-from dembrick.simulation.statics.yield_domain import directions, jacks_for
+from dembrick.simulation.statics.yield_domain import actuators_for, directions
 
 A, B, MU, N = 0.3, 0.2, 0.64, 467.0  # the laboratory's joint
 RECTANGLE = theory.polygons.rectangle(A, B)
@@ -70,10 +70,11 @@ def limits_by_theory(law, eccentricity, load):
 
 def limits_by_replay(law, eccentricity, load, tolerance):
     """The same by replays; zero where the dead load brings the block down."""
-    point, direction, weight = jacks_for(load, 0.5 * C_T)
+    point, direction, weight = actuators_for(load, 0.5 * C_T)
     cases = batch.Cases.on(
-        RECTANGLE, law[0], friction=MU, normal_force=N, eccentricity=eccentricity, jack_point=point,
-        jack_direction=direction, jack_weight=weight, pressure=law[1], points=_law(law).points, tolerance=tolerance,
+        RECTANGLE, law[0], friction=MU, normal_force=N, eccentricity=eccentricity, actuator_point=point,
+        actuator_direction=direction, actuator_weight=weight, pressure=law[1], points=_law(law).points,
+        tolerance=tolerance,
     )  # fmt: skip
     found = batch.find_limit_loads(cases)
     assert np.isin(found.status, ["yield", "not seated"]).all(), (law, eccentricity, set(found.status))

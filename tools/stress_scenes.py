@@ -118,7 +118,7 @@ def elastic_give(built) -> float:
     """Driven displacement (m) for V = 1 while all joints are closed and nothing slips."""
     state = initial_state(built)
     load = load_vectors(state)[state.blocks.free].ravel()
-    return float(load @ np.linalg.solve(assembled_stiffness(state), load) / np.abs(state.jacks.weight).sum())
+    return float(load @ np.linalg.solve(assembled_stiffness(state), load) / np.abs(state.actuators.weight).sum())
 
 
 def by_judge(built) -> float:

@@ -1,4 +1,4 @@
-"""What is attached to blocks at points: the jacks that push them, and the control points that are watched."""
+"""What is attached to blocks at points: the actuators that push them, and the control points that are watched."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ ON_FACE = 1e-9  # of the block's diameter: a point so little outside is on the f
 
 
 @dataclass(frozen=True, eq=False)
-class Actuators:
-    """Jacks: ``names``; ``block`` (k,); ``point`` (k, 3) at the start, world; ``arm`` (k, 3) the same from the block's
-    centroid; ``direction`` (k, 3) unit, world; ``weight`` (k,)."""
+class ActuatorTable:
+    """Actuators: ``names``; ``block`` (k,); ``point`` (k, 3) at the start, world; ``arm`` (k, 3) the same from the
+    block's centroid; ``direction`` (k, 3) unit, world; ``weight`` (k,)."""
 
     names: tuple[str, ...]
     block: np.ndarray
@@ -43,7 +43,7 @@ class ControlPoints:
         return moved[self.block] + np.einsum("wij,wj->wi", rotation[self.block], self.lever) - self.arm
 
 
-NO_ACTUATORS = Actuators((), np.zeros(0, np.int64), *np.zeros((3, 0, 3)), np.zeros(0))
+NO_ACTUATORS = ActuatorTable((), np.zeros(0, np.int64), *np.zeros((3, 0, 3)), np.zeros(0))
 NO_CONTROL_POINTS = ControlPoints((), np.zeros(0, np.int64), *np.zeros((3, 0, 3)))
 
 
@@ -62,8 +62,8 @@ def check_inside(what: str, point, bare, block: int) -> np.ndarray:
     return arm
 
 
-def jacks(scenario, number: dict[str, int], bare) -> Actuators:
-    """The jacks of a scenario; ``number`` of every block by name. ScenarioError where one cannot push its block."""
+def given_actuators(scenario, number: dict[str, int], bare) -> ActuatorTable:
+    """The actuators of a scenario; ``number`` of every block by name. ScenarioError where one cannot push its block."""
     block = np.array([number[actuator.block] for actuator in scenario.actuators], np.int64)
     arm = []
     for i, actuator in zip(block, scenario.actuators, strict=True):
@@ -71,7 +71,7 @@ def jacks(scenario, number: dict[str, int], bare) -> Actuators:
         if bare.fixed[i]:
             raise ScenarioError(f"{what} pushes block {show(actuator.block)}, which is fixed; push a free block")
         arm.append(check_inside(what, actuator.point, bare, i))
-    return Actuators(
+    return ActuatorTable(
         names=tuple(actuator.name for actuator in scenario.actuators),
         block=block,
         point=np.array([actuator.point for actuator in scenario.actuators], float).reshape(-1, 3),
@@ -81,11 +81,11 @@ def jacks(scenario, number: dict[str, int], bare) -> Actuators:
     )
 
 
-def jacks_on_all_blocks(scenario, number: dict[str, int], bare) -> Actuators:
-    """The load system of a quasi-static tilt or pushover, as jacks at centroids and at the points of the loads."""
+def actuators_on_all_blocks(scenario, number: dict[str, int], bare) -> ActuatorTable:
+    """The load system of a quasi-static tilt or pushover, as actuators at centroids and at the points of the loads."""
     block, point, force = load_system.load_system(scenario, number, bare.position, bare.mass, bare.fixed)
     weight = np.sqrt((force**2).sum(axis=1))
-    return Actuators(
+    return ActuatorTable(
         names=tuple(f"load on {bare.names[i]}" for i in block),
         block=block,
         point=point,

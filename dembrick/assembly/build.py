@@ -13,12 +13,12 @@ import numpy as np
 from dembrick.assembly.actuators import (
     NO_ACTUATORS,
     NO_CONTROL_POINTS,
-    Actuators,
+    ActuatorTable,
     ControlPoints,
+    actuators_on_all_blocks,
     check_inside,
     control_points,
-    jacks,
-    jacks_on_all_blocks,
+    given_actuators,
 )
 from dembrick.assembly.block_shapes import shapes_of
 from dembrick.assembly.broad_phase import bodies_of, close_pairs
@@ -74,7 +74,7 @@ class Assembly:
     dead_torque: np.ndarray
     joint_force: np.ndarray
     joint_force_exact: bool
-    actuators: Actuators
+    actuators: ActuatorTable
     control_points: ControlPoints
     warnings: tuple[str, ...]
     laws: Laws
@@ -150,7 +150,7 @@ def at_rest(scenario: Scenario) -> Assembly:
 
 
 def loaded(scenario: Scenario, bare: Assembly, points: bool = True) -> Assembly:
-    """The assembly ``bare`` with the loads, the jacks and the joint law of a scenario that has the same blocks,
+    """The assembly ``bare`` with the loads, the actuators and the joint law of a scenario that has the same blocks,
     materials, supports and [[joints]]; without ``points`` its joints get no contact points."""
     number = {name: i for i, name in enumerate(bare.names)}
     joints = bare.joints
@@ -166,7 +166,9 @@ def loaded(scenario: Scenario, bare: Assembly, points: bool = True) -> Assembly:
                 if load.point is not None:
                     arm = check_inside(f"load number {index}", load.point, bare, block)
                     dead_torque[block] += np.cross(arm, load.force)
-        actuators = (jacks_on_all_blocks if on_all_blocks(scenario.control) else jacks)(scenario, number, bare)
+        actuators = (actuators_on_all_blocks if on_all_blocks(scenario.control) else given_actuators)(
+            scenario, number, bare
+        )
         watched = control_points(scenario, number, bare)
     except ScenarioError as error:
         refuse(scenario, str(error))

@@ -53,9 +53,9 @@ def _report(file, options, console) -> int:
     if point:
         half = math.inf if point["V_upper"] is None else 0.5 * (point["V_upper"] - point["V_lower"])
         lines.append(f"V             {point['V']:.6g} N +- {half:.2g} N ({point['bracket']}), {point['mechanism']}")
-    books = results.get("energy")
-    if isinstance(books, dict) and _is_number(books.get("relative_residual")):
-        lines.append(f"energy        books off by {books['relative_residual']:.1e} of what was put in")
+    audit = results.get("energy")
+    if isinstance(audit, dict) and _is_number(audit.get("relative_residual")):
+        lines.append(f"energy        balance off by {audit['relative_residual']:.1e} of what was put in")
     lines += [f"{part:14}{seconds:.6f} s" for part, seconds in wall.items() if _is_number(seconds)]
     lines.append("versions      " + ", ".join(f"{name} {version}" for name, version in file.versions.items()))
     console.result(data, "\n".join(lines))

@@ -9,7 +9,7 @@ KINDS = {
     "points": "load, or time, against the displacement of the control points",
     "energies": "energies over time",
     "unbalanced": "out-of-balance force over time",
-    "layout": "plan of the blocks and jacks",
+    "layout": "plan of the blocks and actuators",
     "domain": "yield domains with the yield points of the histories",
 }
 LAB_FORMAT = (

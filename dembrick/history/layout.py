@@ -53,8 +53,8 @@ ROWS, FRAMES, CONTACTS = 0, 1, 2  # what a field has an entry for
 _ENERGIES = {  # descriptions by name
     "kinetic": "kinetic energy",
     "elastic": "energy in the springs of the joints, since the start",
-    "jack_spring": "energy in the spring of the jacks",
-    "external": "work of gravity, loads and jacks since the start",
+    "jack_spring": "energy in the spring of the actuators",
+    "external": "work of gravity, loads and actuators since the start",
     "friction": "work taken by friction",
     "dashpots": "work taken by dashpots",
     "released": "energy that springs of joints lost in letting go or in being cut or handed over",
@@ -62,7 +62,7 @@ _ENERGIES = {  # descriptions by name
     "new_contacts": "work done on contacts that formed since the start: what they hold, and what they took",
 }
 
-_LOADS = {  # units and description of the load by the kind of control, where it is not a force of jacks
+_LOADS = {  # units and description of the load by the kind of control, where it is not a force of actuators
     "tilt": ("1", "load factor: the tangent of the angle of the table"),
     "pushover": ("1", "load factor: the share of its weight by which every block is pushed"),
     "base-motion": ("m/s2", "acceleration of the supports along the direction of their motion"),
@@ -149,7 +149,7 @@ def _kind_of(scenario_text: str) -> str:
 
 def load_of(scenario_text: str) -> tuple[str, str]:
     """Units and description of the load, by the kind of control in the text of a scenario."""
-    return _LOADS.get(_kind_of(scenario_text), ("N", "load multiplier V: the force of a jack of weight 1"))
+    return _LOADS.get(_kind_of(scenario_text), ("N", "load multiplier V: the force of an actuator of weight 1"))
 
 
 def counts_equilibria(scenario_text: str, meets_anew: bool) -> bool:
@@ -179,9 +179,11 @@ def fields(
     rows = [
         Field("history/time", (), time[0], time[1].format("row")),
         Field("history/load", (), units, about_load),
-        Field("history/displacement", (), "m", "driven displacement: sum(weight u) / sum|weight| over the jacks"),
-        Field("history/actuator_displacement", (n_actuator,), "m", "displacement of each jack's point, from the start"),
-        Field("history/actuator_force", (n_actuator,), "N", "force of each jack"),
+        Field("history/displacement", (), "m", "driven displacement: sum(weight u) / sum|weight| over the actuators"),
+        Field(
+            "history/actuator_displacement", (n_actuator,), "m", "displacement of each actuator's point, from the start"
+        ),
+        Field("history/actuator_force", (n_actuator,), "N", "force of each actuator"),
         Field("history/unbalanced", (), "1", "unbalanced-force ratio"),
         Field("history/lower", (), units, "lower bound of the limit load so far"),
         Field("history/upper", (), units, "upper bound of the limit load so far; 1e300 stands for none"),
@@ -235,8 +237,8 @@ def contact_points(assembly) -> int:
 
 
 def geometry(assembly) -> list[Table]:
-    """Blocks, joints and jacks at rest, as far as a picture needs them; ragged lists as values and starts."""
-    shapes, joints, points, jacks = assembly.shapes, assembly.joints, assembly.contact_points, assembly.actuators
+    """Blocks, joints and actuators at rest, as far as a picture needs them; ragged lists as values and starts."""
+    shapes, joints, points, actuators = assembly.shapes, assembly.joints, assembly.contact_points, assembly.actuators
     faces = [face for shape in shapes for face in shape.faces]
     arms = np.concatenate(
         [np.column_stack([p.normal_arm, p.shear_arm, p.area]) for p in points if p is not None] or [np.zeros((0, 5))]
@@ -268,11 +270,11 @@ def geometry(assembly) -> list[Table]:
         Table(j + "friction", _floats([i.law.friction for i in joints]), "1", "friction coefficient"),
         Table(j + "point", arms, "m, m, m, m, m2", "contact points: normal arm (2), shear arm (2) from O, area"),
         Table(j + "point_start", _starts(0 if p is None else len(p.area) for p in points), "1", "first point, and end"),
-        Table(a + "name", _texts(jacks.names), "1", "name of each jack"),
-        Table(a + "block", _ints(jacks.block), "1", "block that the jack pushes"),
-        Table(a + "point", _floats(jacks.point, 3), "m", "its point at the start, world axes"),
-        Table(a + "direction", _floats(jacks.direction, 3), "1", "its direction, world axes"),
-        Table(a + "weight", _floats(jacks.weight), "1", "its share of the load"),
+        Table(a + "name", _texts(actuators.names), "1", "name of each actuator"),
+        Table(a + "block", _ints(actuators.block), "1", "block that the actuator pushes"),
+        Table(a + "point", _floats(actuators.point, 3), "m", "its point at the start, world axes"),
+        Table(a + "direction", _floats(actuators.direction, 3), "1", "its direction, world axes"),
+        Table(a + "weight", _floats(actuators.weight), "1", "its share of the load"),
     ]
     watched = assembly.control_points
     if watched.names:

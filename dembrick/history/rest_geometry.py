@@ -133,7 +133,7 @@ class RestGeometry:
 
     @cached_property
     def actuators(self) -> list[dict]:
-        """One dict a jack: ``name``, ``block``, ``point``, ``direction``, ``weight``."""
+        """One dict an actuator: ``name``, ``block``, ``point``, ``direction``, ``weight``."""
         n = self.n_actuator
         names, blocks = self._texts("actuators/name", n), self._numbers("actuators/block", self.n_block, count=n)
         point, direction = (self._table(f"actuators/{name}", 3, count=n) for name in ("point", "direction"))

@@ -133,7 +133,7 @@ class Areas(NamedTuple):
     pressed: Pressed | None  # None where all pressures are full
 
 
-class Jacks(NamedTuple):
+class Actuators(NamedTuple):
     """The load system: jack i carries V weight_i; one spring and dashpot drive the work-conjugate displacement."""
 
     block: ndarray  # (k,) int64

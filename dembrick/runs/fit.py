@@ -6,8 +6,8 @@ The measurements come as a CSV file, one test a line::
     2a,set2a.toml,108,,
 
 ``scenario`` is the test as a scenario file, seen from the folder of the CSV; its own friction is not looked at. ``V
-[N]`` (or ``V [kN]``) is the load at yield, in the sense of the scenario's jacks. ``deviation`` and ``formulation`` may
-be left out: without the first every test counts by its relative error, with the second a line stands for that
+[N]`` (or ``V [kN]``) is the load at yield, in the sense of the scenario's actuators. ``deviation`` and ``formulation``
+may be left out: without the first every test counts by its relative error, with the second a line stands for that
 formulation only. mu minimises sum(((V(mu) - V_i) / s_i)^2) with V(mu) simulated, s_i the deviation, or V_i itself.
 """
 

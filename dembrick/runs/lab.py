@@ -154,8 +154,8 @@ def _row(set_name: str, formulation: str, height: float, result: Result) -> dict
 
 def _row_table_1(joint, formulation: str, result: Result) -> dict:
     """V of the couple times its arm is the torsion strength."""
-    jacks = result.assembly.actuators
-    arm = abs(float((jacks.arm[:, 0] * jacks.direction[:, 1] * jacks.weight).sum()))
+    actuators = result.assembly.actuators
+    arm = abs(float((actuators.arm[:, 0] * actuators.direction[:, 1] * actuators.weight).sum()))
     point, expected = result.yield_point, result.theory
     return {
         "a_over_b": joint.a_over_b,
@@ -184,10 +184,10 @@ def write_csv(rows: Iterable[dict], path: str | os.PathLike) -> None:
 def table_3(rows: Sequence[dict]) -> str:
     """Table 3 with theory, replay and error bar, mid-height and the differences, as text."""
     lines = [
-        "Table 3: limit shear force V of one jack [N], mu = %g, N = 467 N" % FRICTION,
+        "Table 3: limit shear force V of one actuator [N], mu = %g, N = 467 N" % FRICTION,
         "",
         f"{'set':4}{'formulation':17}{'experiment':>11}{'printed':>9}{'theory':>11}{'DEM':>11}{'+-':>8}"
-        f"{'DEM-theory':>12}{'DEM-exp.':>10} |{'jack at mid-height':>22}{'+-':>8}{'gap':>8}",
+        f"{'DEM-theory':>12}{'DEM-exp.':>10} |{'actuator at mid-height':>22}{'+-':>8}{'gap':>8}",
         "-" * 132,
     ]
     middle = {(r["set"], r["formulation"]): r for r in rows if r["load_height"]}

@@ -130,7 +130,7 @@ class MotionResult:
             f"{motion.steps} steps, loop {self.run.loop_seconds:.3g} s"
         )
         if self.energy is not None:
-            lines.append(f"energy        books off by {self.energy.relative_residual:.1e} of what was put in")
+            lines.append(f"energy        balance off by {self.energy.relative_residual:.1e} of what was put in")
         lines.append(f"history       {self.history}")
         return "\n".join(lines)
 

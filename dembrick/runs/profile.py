@@ -7,7 +7,7 @@ more than the parts, so steps are split afterwards, on the machine that asks: th
 its steps, or for a second, and from that state short loops are timed, all with the kernel of the run. Of a replay
 
     A  as the run was,  B  without looking at the bracket,  C  without taking rows and frames,
-    D  without bracket, record and joints: what is left is the motion of the blocks (and the jack),
+    D  without bracket, record and joints: what is left is the motion of the blocks (and the actuator),
 
 each from a copy of the same state, best of several, less the cost of calling the kernel. The bracket then takes A - B,
 the record A - C, the motion D and the joint forces what is left; these shares are laid over the time of the run's loop.
@@ -141,7 +141,7 @@ def _step_shares(moving, driving) -> dict[str, float]:
         best = np.minimum(best, [_stepped(moving, driving, steps, without) for without in (None, *STEPS[:2])])
     whole, no_joints, no_contacts = best
     found = {"joint_forces": whole - no_joints, "new_contacts": whole - no_contacts}
-    if moving.meetings.touching is None:
+    if moving.contact_detection.touching is None:
         found["new_contacts"] = 0.0
     found = {name: min(max(0.0, float(seconds)), float(whole)) for name, seconds in found.items()}
     found["block_motion"] = max(0.0, float(whole) - sum(found.values()))
@@ -156,9 +156,9 @@ def _stepped(moving, driving, steps: int, without: str | None = None) -> float:
         families = {name: getattr(own.state, name) for name in ("corners", "faces")}
         apart = {name: part._replace(joint=part.joint[:0]) for name, part in families.items() if part is not None}
         own.state = own.state._replace(**apart)
-    touching = own.meetings.touching
+    touching = own.contact_detection.touching
     if without == "new_contacts" and touching is not None:
-        own.meetings.touching = touching._replace(first=touching.first[:0])
+        own.contact_detection.touching = touching._replace(first=touching.first[:0])
     own.loop_seconds = 0.0
     with suppress(NotConvergedError, DivergedError):
         advance(own, driving, steps, Limits(displacement=NO_LIMIT, longest=NO_LIMIT))

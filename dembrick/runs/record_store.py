@@ -46,7 +46,7 @@ class Memory:
         return _joined(self._frames)
 
 
-class Keeper:
+class RecordStore:
     """Passes the record on to a history writer and holds nothing of it; writes checkpoints beside the history.
 
     ``text`` is the scenario; ``left``: a history file that was left behind, to go on with, else a new one is made.

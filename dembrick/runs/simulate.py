@@ -13,7 +13,7 @@ from dembrick.errors import DembrickError, HistoryError, NotConvergedError, Writ
 from dembrick.runs import theory_check
 from dembrick.runs.collapse import collapse_of
 from dembrick.runs.error_estimate import error_of, refinements
-from dembrick.runs.record_store import Keeper, Memory
+from dembrick.runs.record_store import Memory, RecordStore
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.controls import in_real_time, on_all_blocks
 from dembrick.scenario.model import Scenario
@@ -53,11 +53,11 @@ def simulate(
     if refine:
         refinements(scenario)  # refuses what cannot be refined before anything runs
     assembly = _built(scenario, report)
-    keeper = Memory() if record else None
+    store = Memory() if record else None
     if history is not None:
         settings = {"scenario": scenario.path or ""}
-        keeper = Keeper(history, scenarios.text_of(scenario), assembly, scenario.output, settings, force)
-    return _run(scenario, assembly, keeper, began, start_up, refine)
+        store = RecordStore(history, scenarios.text_of(scenario), assembly, scenario.output, settings, force)
+    return _run(scenario, assembly, store, began, start_up, refine)
 
 
 def restart(history: str | os.PathLike, *, report: Callable[[str], None] | None = None) -> Result:
@@ -80,11 +80,11 @@ def restart(history: str | os.PathLike, *, report: Callable[[str], None] | None 
         scenario = scenarios.loads(left.scenario_text, named if isinstance(named, str) and named else None)
         assembly = _built(scenario, report)
         settings = {"scenario": scenario.path or ""}
-        keeper = Keeper(history, left.scenario_text, assembly, scenario.output, settings, left=left)
+        store = RecordStore(history, left.scenario_text, assembly, scenario.output, settings, left=left)
         if report:
-            left_at = keeper.checkpoint and keeper.checkpoint.about["where"]
+            left_at = store.checkpoint and store.checkpoint.about["where"]
             report(f"going on from {left_at}" if left_at else "no checkpoint was written: starting from the beginning")
-        return _run(scenario, assembly, keeper, began, start_up)
+        return _run(scenario, assembly, store, began, start_up)
     finally:
         left.close()
 
@@ -123,23 +123,23 @@ def _placed(scenario: Scenario, assembly):
 def _run(
     scenario: Scenario,
     assembly,
-    keeper: Keeper | Memory | None,
+    store: RecordStore | Memory | None,
     began: float,
     start_up: float,
     refine: bool = False,
 ) -> Result | MotionResult:
     """Replay, audit and judge. ``began``: when the work on it did; ``start_up``: seconds before."""
-    path = keeper.path if isinstance(keeper, Keeper) else None
+    path = store.path if isinstance(store, RecordStore) else None
     with ExitStack() as until_written:
         try:
             assembly, placing = _placed(scenario, assembly)
             if path:
-                keeper.place(assembly)
-            run = _replayed(scenario, assembly, keeper.session(scenario.output) if keeper else Session())
-            books = keeper.auditor.result(run.energy) if keeper and run.energy is not None else None
+                store.place(assembly)
+            run = _replayed(scenario, assembly, store.session(scenario.output) if store else Session())
+            audit = store.auditor.result(run.energy) if store and run.energy is not None else None
             until_written.enter_context(interrupts.deferred())  # a signal finds the answer there, and may not lose it
         except WriteError as error:  # the disk has what it has
-            remedy = f"; once there is room again: dembrick restart {path}" if keeper.has_checkpoint else ""
+            remedy = f"; once there is room again: dembrick restart {path}" if store.has_checkpoint else ""
             failed = WriteError(f"{error}{remedy}")
             failed.answer = failure(scenario, failed, path)
             raise failed from error
@@ -148,28 +148,28 @@ def _run(
         except DembrickError as error:
             error.answer = failure(scenario, error, path)
             if path:
-                keeper.finish("failed", error.answer)
+                store.finish("failed", error.answer)
             raise
         except BaseException as error:
             if path:
-                keeper.finish("interrupted", {"scenario": scenario.path or "", "status": "interrupted"})
+                store.finish("interrupted", {"scenario": scenario.path or "", "status": "interrupted"})
             error = interrupts.caused(error)
             if path and isinstance(error, Interrupted):
                 raise Interrupted(error.signum, f"{error}; go on with: dembrick restart {path}") from None
             raise
         times = {"start_up": start_up, "placing": placing, "began": began}
-        return _judged(scenario, assembly, run, books, keeper, times, refine)
+        return _finished(scenario, assembly, run, audit, store, times, refine)
 
 
-def _judged(scenario, assembly, run, books, keeper, times, refine) -> Result | MotionResult:
+def _finished(scenario, assembly, run, audit, store, times, refine) -> Result | MotionResult:
     """The result of a run that came to its end, compared with theory, and written."""
     began, placing, done = times["began"], times["placing"], time.perf_counter()
-    path = keeper.path if isinstance(keeper, Keeper) else None
+    path = store.path if isinstance(store, RecordStore) else None
     expected = theory_check.theory_of(assembly) if run.yield_point is not None else None
     if expected is not None:
         expected = expected.compared(run.yield_point.V)
     finishing = time.perf_counter()
-    write = keeper.write_seconds if keeper else 0.0
+    write = store.write_seconds if store else 0.0
     wall = {
         "start_up": times["start_up"],
         "build": max(0.0, done - began - placing - run.loop_seconds - run.compile_seconds - write),
@@ -180,17 +180,17 @@ def _judged(scenario, assembly, run, books, keeper, times, refine) -> Result | M
     }
     if run.phases is not None:
         wall["phases"] = run.phases
-    rows, frames = (keeper.rows, keeper.frames) if keeper else ({}, {})
+    rows, frames = (store.rows, store.frames) if store else ({}, {})
     if in_real_time(scenario.control):
         from dembrick.runs.motion_result import MotionResult
 
-        result = MotionResult(scenario, assembly, run, rows, frames, wall, path, books)
+        result = MotionResult(scenario, assembly, run, rows, frames, wall, path, audit)
     else:
         fallen = collapse_of(run, assembly, scenario.control) if on_all_blocks(scenario.control) else None
-        result = Result(scenario, assembly, run, expected, rows, frames, wall, books, path, fallen)
+        result = Result(scenario, assembly, run, expected, rows, frames, wall, audit, path, fallen)
     missing = _estimate_error(result) if refine else None
     if path:
-        keeper.finish(result.status, result.as_dict(), run.settings)
+        store.finish(result.status, result.as_dict(), run.settings)
         result.wall["write"] += time.perf_counter() - finishing
         result.wall["total"] = time.perf_counter() - began
     if missing is not None:

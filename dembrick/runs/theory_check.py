@@ -48,8 +48,8 @@ def theory_of(assembly) -> Theory | None:
     arm = np.asarray(joint.arm_b)
     dead = wrench(joint.axes, arm, assembly.dead_force[b], assembly.dead_torque[b])
     unit = np.zeros(6)
-    jacks = assembly.actuators
-    for lever, direction, weight in zip(jacks.arm, jacks.direction, jacks.weight, strict=True):
+    actuators = assembly.actuators
+    for lever, direction, weight in zip(actuators.arm, actuators.direction, actuators.weight, strict=True):
         force = weight * np.asarray(direction)
         unit += wrench(joint.axes, arm, force, np.cross(lever, force))
     reach = float(np.abs(joint.polygon).max())

@@ -149,9 +149,9 @@ class Load:
 
 @dataclass(frozen=True, slots=True)
 class Actuator:
-    """A jack: a spring at a material ``point`` (m, world at the start), along a ``direction`` fixed in the world.
+    """An actuator: a spring at a material ``point`` (m, world at the start), along a ``direction`` fixed in the world.
 
-    ``direction`` is stored at length 1. The jack carries ``weight`` times the load of the system of all jacks.
+    ``direction`` is stored at length 1. The actuator carries ``weight`` times the load of the system of all actuators.
     """
 
     name: str
@@ -347,7 +347,7 @@ class Scenario:
         for actuator in self.actuators:
             if actuator.block in self.groups:
                 label = f"block of actuator {show(actuator.name)} = {show(actuator.block)}"
-                raise ScenarioError(f"{label} is a group; a jack pushes one block, so name one of the group")
+                raise ScenarioError(f"{label} is a group; an actuator pushes one block, so name one of the group")
             self._check_reference(f"block of actuator {show(actuator.name)}", actuator.block, blocks, {})
         for point in self.control_points:
             if point.block in self.groups:

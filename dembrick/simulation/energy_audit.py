@@ -1,4 +1,4 @@
-"""The energy audit of a run: do the books balance, and did friction only ever take energy away?"""
+"""The energy audit of a run: does the energy balance, and did friction only ever take energy away?"""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ NEGATIVE = 1e-12  # of the external work: friction work of one increment below m
 class EnergyAudit:
     """Result of the audit.
 
-    ``relative_residual``: kinetic + elastic + jack spring + friction + dashpots - external work, the worst row, over
-    the external work. ``friction_law_error``: friction work over the sum of mu N |slip increment| (the dissipation
+    ``relative_residual``: kinetic + elastic + actuator spring + friction + dashpots - external work, the worst row,
+    over the external work. ``friction_law_error``: friction work over the sum of mu N |slip increment| (the dissipation
     function for a convex joint), minus 1; of first order in the step. ``least_friction_increment`` (J).
     """
 
@@ -90,7 +90,7 @@ class Auditor:
         result = EnergyAudit(relative, friction / by_law - 1.0 if by_law else 0.0, float(books.work[LEAST]))
         if not relative <= LIMIT:
             raise EnergyAuditError(
-                f"the energy books are off by {relative:.2g} of the external work (limit {LIMIT:g}): the time step "
+                f"the energy balance is off by {relative:.2g} of the external work (limit {LIMIT:g}): the time step "
                 "does not resolve this motion; lower solver.step_factor or the rate"
             )
         if result.least_friction_increment < -NEGATIVE * scale:
@@ -108,8 +108,8 @@ def _of_motion(residual: float, scale: float, books: Sums) -> MotionAudit:
     result = MotionAudit(relative, law_error, books.least, stepping)
     if not relative <= MOTION:
         raise EnergyAuditError(
-            f"the energy books are off by {relative:.2g} of what was put in (limit {MOTION:g}): the time step does not "
-            "resolve this motion; lower solver.step_factor"
+            f"the energy balance is off by {relative:.2g} of what was put in (limit {MOTION:g}): the time step does "
+            "not resolve this motion; lower solver.step_factor"
         )
     if not abs(stepping) <= STEPPING:
         raise EnergyAuditError(

@@ -82,13 +82,13 @@ def key_numbers(results: Mapping) -> list[KeyNumber]:
     lines += _of_yield(point, "" if collapse else "N")
     lines += _of_theory(part(results, "theory"))
     lines += _of_motion(results) if not (point or collapse) else []
-    books = part(results, "energy")
-    residual, stepping = number(books.get("relative_residual")), number(books.get("step_error"))
+    audit = part(results, "energy")
+    residual, stepping = number(audit.get("relative_residual")), number(audit.get("step_error"))
     if residual is not None:
         remark = "residual over the energy put in"
         if stepping is not None:
             remark += f"; {stepping:.1e} of it went in joints that open or close within a step"
-        lines.append(KeyNumber("energy books", f"{residual:.1e}", remark))
+        lines.append(KeyNumber("energy balance", f"{residual:.1e}", remark))
     steps, seconds = number(results.get("steps")), number(part(results, "wall").get("loop"))
     if steps is not None:
         lines.append(KeyNumber("steps", f"{steps:.0f}", "" if seconds is None else f"{seconds:.2g} s in the loop"))
@@ -102,7 +102,7 @@ def _of_yield(point: dict, unit: str) -> list[KeyNumber]:
         return []
     lower, upper, kind = point.get("V_lower"), point.get("V_upper"), point.get("bracket", "open")
     if lower is None or upper is None or kind == "open":
-        remark = "no upper bound: what the jacks carried at the end"
+        remark = "no upper bound: what the actuators carried at the end"
         if lower is not None:
             remark += f"; the limit is at least {lower:.6g} {unit}".rstrip()
         lines = [KeyNumber(load[0], f"{point['V']:.6g} {unit}".rstrip(), remark)]

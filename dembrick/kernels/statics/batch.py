@@ -11,7 +11,7 @@ from typing import NamedTuple
 from numpy import ndarray
 
 from dembrick._jit import entry, jit
-from dembrick.kernels.state import Areas, Blocks, Jacks, Joints, Points, Pressed, ScaledInertia
+from dembrick.kernels.state import Actuators, Areas, Blocks, Joints, Points, Pressed, ScaledInertia
 from dembrick.kernels.statics.certify import certify
 from dembrick.kernels.statics.divergence import Guard
 from dembrick.kernels.statics.load_bounds import NEVER, Certificate
@@ -140,7 +140,7 @@ def area_of(areas, pressed, lone, i):
 def jacks_of(jacks, i, each):
     """The ``each`` jacks of scene ``i``."""
     s = slice(each * i, each * i + each)
-    return Jacks(
+    return Actuators(
         jacks.block[s], jacks.arm[s], jacks.lever[s], jacks.start[s], jacks.direction[s], jacks.weight[s],
         jacks.displacement[s], jacks.drive[i],
     )  # fmt: skip

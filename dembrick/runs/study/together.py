@@ -22,7 +22,7 @@ from dembrick.simulation.statics import batch
 from dembrick.simulation.statics.yield_point import mechanism
 
 _NUMBERS = ("V", "V_lower", "V_upper", "N", "V_1", "V_2", "M_T")
-_NO_PUSH = 1e-12  # of the jacks' force times the joint's size: what pushes less pushes nothing
+_NO_PUSH = 1e-12  # of the actuators' force times the joint's size: what pushes less pushes nothing
 
 
 def fits(scenario: Scenario) -> bool:
@@ -66,12 +66,12 @@ class _Case:
     def __init__(self, scenario: Scenario, assembly):
         joint = assembly.joints[0]
         b, arm, axes = joint.block_b, np.asarray(joint.arm_b), np.asarray(joint.axes)
-        jacks = assembly.actuators
+        actuators = assembly.actuators
         self.polygon, self.law = np.asarray(joint.polygon), scenario.joint
         self.dead = theory_check.wrench(axes, arm, assembly.dead_force[b], assembly.dead_torque[b])
-        self.point = (jacks.arm - arm) @ axes.T
-        self.direction = jacks.direction @ axes.T
-        self.weight = jacks.weight
+        self.point = (actuators.arm - arm) @ axes.T
+        self.direction = actuators.direction @ axes.T
+        self.weight = actuators.weight
         force = self.direction * self.weight[:, None]
         turn = abs(float(np.cross(self.point, force)[:, 2].sum()))
         self.reach = float(np.hypot(*self.polygon.T).max())
@@ -124,9 +124,9 @@ def _run(formulation: str, pressure: str, points, tolerance: float, cases: list[
         normal_stiffness=np.array([one.normal_stiffness for one in law]),
         shear_stiffness=np.array([one.shear_stiffness for one in law]),
         dead=np.array([case.dead for case in cases]),
-        jack_point=np.array([case.point for case in cases]),
-        jack_direction=np.array([case.direction for case in cases]),
-        jack_weight=np.array([case.weight for case in cases]),
+        actuator_point=np.array([case.point for case in cases]),
+        actuator_direction=np.array([case.direction for case in cases]),
+        actuator_weight=np.array([case.weight for case in cases]),
         pressure=pressure,
         points=points,
         tolerance=tolerance,

@@ -9,7 +9,7 @@ import numpy as np
 from dembrick.errors import HistoryError
 from dembrick.simulation.checkpoint_arrays import flattened, restored
 from dembrick.simulation.dynamics.integrator import Motion
-from dembrick.simulation.dynamics.pushover import Jack
+from dembrick.simulation.dynamics.pushover import PushController
 from dembrick.simulation.session import Snapshot, step_at
 
 PARTS = ("bodies", "links", "corners", "faces")  # of the state, that a checkpoint holds
@@ -19,8 +19,8 @@ COUNTERS = ("faces.outline", "faces.count")  # integers among them that change
 class Past:
     """What a run remembers beside its state, so that it can go on from a checkpoint."""
 
-    def __init__(self, moving: Motion, jack: Jack | None):
-        self.moving, self._jack = moving, jack
+    def __init__(self, moving: Motion, controller: PushController | None):
+        self.moving, self._controller = moving, controller
         self.unbalanced = np.zeros(1)  # after the seating
         self.at_rest = np.zeros((len(moving.state.links.host), 9))  # `seen` then
 
@@ -34,9 +34,9 @@ class Past:
     def _arrays(self) -> dict[str, np.ndarray]:
         moving = self.moving
         arrays = {"past.unbalanced": self.unbalanced, "past.at_rest": self.at_rest, "motion.travel": moving._travel[:1]}
-        if self._jack is not None:
-            arrays |= {"jack.present": self._jack.present, "jack.peak": self._jack.peak}
-        arrays |= moving.books.arrays
+        if self._controller is not None:
+            arrays |= {"controller.present": self._controller.present, "controller.peak": self._controller.peak}
+        arrays |= moving.energy.arrays
         return arrays | {"polygons.shift": moving.polygons.shift, "polygons.whole": moving.polygons.whole}
 
     def snapshot(self) -> dict[str, np.ndarray]:
@@ -44,7 +44,9 @@ class Past:
         moving = self.moving
         loop = np.array([moving.steps, moving.time_step, moving.seating_steps])
         parts = {name: getattr(moving.state, name) for name in PARTS}
-        met = moving.meetings.snapshot() if moving.steps else {}  # nobody looks for pairs while blocks are seated
+        met = (
+            moving.contact_detection.snapshot() if moving.steps else {}
+        )  # nobody looks for pairs while blocks are seated
         return {"loop": loop, **met, **self._arrays(), **flattened(parts)}
 
     def has_begun(self, snapshot: Snapshot) -> bool:
@@ -73,4 +75,4 @@ class Past:
             raise HistoryError(f"{snapshot.path}: faces.count leads out of its polygons")
         moving.state = moving.state._replace(**parts)
         if moving.steps:
-            moving.meetings.restore(moving.state, moving.polygons, snapshot)
+            moving.contact_detection.restore(moving.state, moving.polygons, snapshot)

@@ -42,7 +42,7 @@ NEW_CONTACT = {"blocks": (np.int64, (2,)), "point": (float, (3,)), "normal": (fl
 
 
 @dataclass
-class Meetings:
+class ContactDetection:
     """What the loop must watch besides the joints; ``touching`` is None while nothing comes near.
 
     ``retired`` (j,): joints that new contacts have taken over from; ``looked`` (n, 4, 3): centroids and body axes when
@@ -305,38 +305,38 @@ class Meetings:
         """Everything that a run goes on from, besides its state."""
         count = -1.0 if self.touching is None else float(len(self.touching.first))
         arrays = {
-            "meetings.loop": np.array([self.patience, count]),
-            "meetings.retired": self.retired,
-            "meetings.looked": self.looked,
+            "contacts.loop": np.array([self.patience, count]),
+            "contacts.retired": self.retired,
+            "contacts.looked": self.looked,
         }
         for name in (*PAIRS, *REMEMBERED, "room") if self.touching is not None else ():
-            arrays[f"meetings.{name}"] = getattr(self.touching, name)
+            arrays[f"contacts.{name}"] = getattr(self.touching, name)
         return arrays
 
     def restore(self, state: MovingState, polygons: Polygons, snapshot: Snapshot) -> None:
         """Take it from a snapshot of the same scene; HistoryError where it is of another."""
-        self.patience, count = snapshot.array("meetings.loop", np.zeros(2)).tolist()
-        self.retired[:] = snapshot.array("meetings.retired", self.retired)
-        self.looked = snapshot.array("meetings.looked", np.zeros((len(state.bodies.mass), 4, 3))).copy()
+        self.patience, count = snapshot.array("contacts.loop", np.zeros(2)).tolist()
+        self.retired[:] = snapshot.array("contacts.retired", self.retired)
+        self.looked = snapshot.array("contacts.looked", np.zeros((len(state.bodies.mass), 4, 3))).copy()
         self.touching = None
         if count == -1.0:
             return
         parts, joints = parts_table(self.assembly.shapes), len(self.retired)
         most = len(parts.owner) ** 2
         if not (0.0 < count <= most and count.is_integer()):
-            raise HistoryError(f"{snapshot.path}: meetings.loop is not that of this scenario")
+            raise HistoryError(f"{snapshot.path}: contacts.loop is not that of this scenario")
         first, second, joint = (
-            snapshot.array(f"meetings.{name}", np.zeros(int(count), np.int64)).copy() for name in PAIRS
+            snapshot.array(f"contacts.{name}", np.zeros(int(count), np.int64)).copy() for name in PAIRS
         )
         pairs = np.column_stack([first, second])
         if (pairs < 0).any() or (pairs >= len(parts.owner)).any() or (joint < -1).any() or (joint >= joints).any():
-            raise HistoryError(f"{snapshot.path}: the pairs of meetings are not of this scenario")
+            raise HistoryError(f"{snapshot.path}: the pairs of contacts are not of this scenario")
         laws = [self.assembly.laws.between(a, b) for a, b in parts.owner[pairs].tolist()]
         self.touching = self._blank(polygons, pairs, joint, laws)
         for name in (*REMEMBERED, "room"):
             own = getattr(self.touching, name)
-            own[...] = snapshot.array(f"meetings.{name}", own)
+            own[...] = snapshot.array(f"contacts.{name}", own)
         self.touching.bearable[:] = self.bearable
         faces = parts.face_count[pairs].sum(axis=1)
         if (self.touching.plane < -1).any() or (self.touching.plane >= faces).any():
-            raise HistoryError(f"{snapshot.path}: meetings.plane leads out of its faces")
+            raise HistoryError(f"{snapshot.path}: contacts.plane leads out of its faces")

@@ -1,4 +1,4 @@
-"""The energy books of a run in real time, seen from outside: opened at the start, read at every row, and audited.
+"""The energy balance of a run in real time, seen from outside: opened at the start, read at every row, and audited.
 
 Everything is seen from the supports: what shaking or tilting them does is work of gravity, which they turn about and
 add to. A row's energies are those of the last forces, a step before it.
@@ -33,7 +33,7 @@ ENERGIES = ("kinetic", "elastic", "external", "friction", "dashpots", "released"
 FLOOR = 1e-3  # of what the springs hold at the start: where less is put in, errors are rounding
 
 
-class MotionBooks:
+class MotionEnergy:
     """The books of one run: ``table`` is what the loop writes into, None where nobody asks for them.
 
     ``start`` (2,) J: kinetic energy, and energy in the springs of the joints, when time began.

@@ -3,7 +3,7 @@
 A run has two parts. First the blocks are seated under their dead loads, with local damping and no meaning of time.
 Then time starts: what drives the run (`driving`) moves them, chunk after chunk of compiled steps; between two chunks
 polygons that have slid over an edge are cut again, and blocks that come to meet where no joint is are found
-(`meetings`).
+(`contact_detection`).
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ from dembrick.kernels.dynamics.loop import (
 from dembrick.kernels.dynamics.tiles import VISCOUS, WORK, rows_of_lanes
 from dembrick.scenario.model import show
 from dembrick.simulation import interrupts
-from dembrick.simulation.dynamics.contact_detection import STABLE, Meetings
-from dembrick.simulation.dynamics.energy import MotionBooks
+from dembrick.simulation.dynamics.contact_detection import STABLE, ContactDetection
+from dembrick.simulation.dynamics.energy import MotionEnergy
 from dembrick.simulation.dynamics.joint_polygons import Polygons
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.state import MovingState, moving_state, out_of_balance
@@ -97,15 +97,15 @@ class Motion:
     phases: dict[str, float] = field(default_factory=lambda: dict.fromkeys(BETWEEN, 0.0))
     steps: int = 0
     seating_steps: int = 0
-    meetings: Meetings = field(init=False)
-    books: MotionBooks = field(init=False)
+    contact_detection: ContactDetection = field(init=False)
+    energy: MotionEnergy = field(init=False)
     _travel: np.ndarray = field(default_factory=lambda: np.zeros(2))
     _pace: _Pace = field(default_factory=lambda: _Pace())
     _compiled: set = field(default_factory=set)
 
     def __post_init__(self):
-        self.meetings = Meetings(self.assembly, self.damping)
-        self.books = MotionBooks(self.state)
+        self.contact_detection = ContactDetection(self.assembly, self.damping)
+        self.energy = MotionEnergy(self.state)
 
     @property
     def state(self) -> MovingState:
@@ -140,7 +140,7 @@ def motion(assembly, damping: float, step_factor: float, impacts: float = 1.0) -
     dt = step_factor / impacts * critical
     state.links.put(VISCOUS, stepped_dashpots(frequency * dt, damping))
     moving = Motion(assembly, Polygons(assembly, state), dt, critical, damping)
-    moving.meetings.bearable -= STABLE * dt / of_joints  # at most: springs alone take its square
+    moving.contact_detection.bearable -= STABLE * dt / of_joints  # at most: springs alone take its square
     return moving
 
 
@@ -214,16 +214,16 @@ def advance(motion: Motion, driving: Driving, n_steps: int, limits: Limits) -> i
     Raises DivergedError, and NotConvergedError where blocks press too deep into each other.
     """
     last = motion.steps + n_steps
-    meetings, dt = motion.meetings, motion.time_step
-    if meetings.looked is None:
+    detection, dt = motion.contact_detection, motion.time_step
+    if detection.looked is None:
         _follow(motion, called=True)
     while motion.steps < last:
         most = min(LONGEST_CHUNK, last - motion.steps)
         times = (motion.steps + np.arange(most)) * dt
         gravity, _ = driving.at(times[[0, -1]], dt)
-        n = int(min(most, meetings.steps_to_go(motion.state, float(np.abs(gravity).max()), dt)))
+        n = int(min(most, detection.steps_to_go(motion.state, float(np.abs(gravity).max()), dt)))
         status, done = _advance(
-            motion, motion.state.bodies, driving, times[:n], limits, 0.0, dt, meetings.touching
+            motion, motion.state.bodies, driving, times[:n], limits, 0.0, dt, detection.touching
         )  # fmt: skip
         motion.steps += done
         if status == DIVERGED:
@@ -245,14 +245,14 @@ def advance(motion: Motion, driving: Driving, n_steps: int, limits: Limits) -> i
 def _follow(motion: Motion, called: bool) -> None:
     """Look for new contacts where that is due."""
     began = time.perf_counter()
-    motion.meetings.follow(motion.state, motion.polygons, called, motion._travel[1:])
+    motion.contact_detection.follow(motion.state, motion.polygons, called, motion._travel[1:])
     motion.phases["contact_search"] += time.perf_counter() - began
 
 
 def _examine(motion: Motion) -> None:
     """DivergedError where a block's contacts swing faster than the time step can follow."""
-    began, meetings = time.perf_counter(), motion.meetings
-    block = meetings.examine(motion.state, motion.time_step)
+    began, detection = time.perf_counter(), motion.contact_detection
+    block = detection.examine(motion.state, motion.time_step)
     motion.phases["contact_search"] += time.perf_counter() - began
     if block is not None:
         raise DivergedError(
@@ -264,7 +264,7 @@ def _examine(motion: Motion) -> None:
 
 def _trouble(motion: Motion, status: int) -> str:
     """What is wrong with the contact that ended the run."""
-    touching = motion.meetings.touching
+    touching = motion.contact_detection.touching
     pair = int(touching.trouble[0])
     blocks = touching.parts.owner[[touching.first[pair], touching.second[pair]]]
     first, second = (show(motion.assembly.names[i]) for i in blocks)
@@ -294,8 +294,8 @@ def _advance(
     touching=None,
 ):
     """A chunk of steps at ``times``, polygons cut where that is due; returns the status and the steps done."""
-    state, books = motion.state, motion.books
-    books.fit(len(driving.block))
+    state, energy = motion.state, motion.energy
+    energy.fit(len(driving.block))
     gravity, force = driving.at(times, dt)
     loads = Loads(driving.block, driving.lever, force, gravity)
     loops = _loops(state, bodies)
@@ -303,7 +303,7 @@ def _advance(
         motion._compiled.add(touching is None)
         began = time.perf_counter()
         for loop, shares in loops:
-            loop(0, dt, bodies, *state[1:4], loads, limits, damping, motion._travel, touching, books.table, *shares)
+            loop(0, dt, bodies, *state[1:4], loads, limits, damping, motion._travel, touching, energy.table, *shares)
         motion.compile_seconds += time.perf_counter() - began
     done, status = 0, RUNNING
     while status == STALE or (status == RUNNING and done < len(times)):
@@ -313,7 +313,7 @@ def _advance(
         began = time.perf_counter()
         status, some = loop(
             min(most, len(times) - done), dt, bodies, *state[1:4], rest, limits, damping, motion._travel, touching,
-            books.table, *shares,
+            energy.table, *shares,
         )  # fmt: skip
         done += some
         took = time.perf_counter() - began
@@ -321,7 +321,7 @@ def _advance(
         motion.loop_seconds += took
         if status == STALE:
             began = time.perf_counter()
-            books.cut(motion.polygons)
+            energy.cut(motion.polygons)
             state = motion.state
             motion.phases["geometry"] += time.perf_counter() - began
     return status, done

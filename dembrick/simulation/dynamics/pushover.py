@@ -1,9 +1,9 @@
-"""The jack of a pushover in real time: every block pushed by the same share of its weight, under displacement control.
+"""Displacement control of a pushover in real time: every block is pushed by the same share of its weight.
 
-The jack acts on all free blocks at their centroids, by the load factor V times their weight, along a direction. What is
-work-conjugate to V is their mean displacement u along it, weighted by mass. The head of the jack moves at a constant
-rate, a spring joins it to the blocks, and a dashpot holds the mean motion back, so that V rises to the peak and falls
-again behind it, as far as the blocks carry less and less.
+The load acts on all free blocks at their centroids: the load factor V times their weight, along a direction. What is
+work-conjugate to V is their mean displacement u along it, weighted by mass. The head of the controller moves at a
+constant rate, a spring joins it to the blocks, and a dashpot holds the mean motion back, so that V rises to the peak
+and falls again behind it, as far as the blocks carry less and less.
 
 The spring is soft: a load factor of 1 stretches it by the displacement D that is asked for. Its frequency sqrt(g / D)
 lies far below that of the joints, so V can be held for many steps at a time; a stiffer one would only add what inertia
@@ -20,12 +20,12 @@ import numpy as np
 from dembrick.errors import ScenarioError
 from dembrick.simulation.dynamics.loads import Driving
 
-HELD = 0.05  # rad of the jack's own swing for which V is held
+HELD = 0.05  # rad of the controller's own swing for which V is held
 STRONGEST = 10.0  # load factor: blocks that do not give way before are not pushed over
 
 
 @dataclass
-class Jack:
+class PushController:
     """Drives the mean displacement (m) along ``direction`` (3,) at ``rate`` (m/s); ``stretch``: m for V = 1.
 
     ``share`` (n,): of each block in the mean. ``steps``: for how many of ``time_step`` (s) V is held. ``present`` holds
@@ -65,14 +65,14 @@ class Jack:
         return replace(driving, gravity=driving.gravity + self.present[0] * self.weight * self.direction)
 
 
-def jack_of(control, assembly, gravity, time_step: float) -> Jack:
-    """The jack of a `PushoverControl`; ScenarioError without gravity."""
+def controller_of(control, assembly, gravity, time_step: float) -> PushController:
+    """The controller of a `PushoverControl`; ScenarioError without gravity."""
     weight = float(np.linalg.norm(gravity))
     if not weight > 0.0:
         raise ScenarioError("gravity is zero, and a pushover pushes by shares of the weight: give gravity")
     mass = np.where(assembly.fixed, 0.0, assembly.mass)
     swing = math.sqrt(weight / control.displacement)
-    return Jack(
+    return PushController(
         direction=np.array(control.direction, float),
         rate=control.rate,
         stretch=control.displacement,

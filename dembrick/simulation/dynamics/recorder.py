@@ -10,7 +10,7 @@ import numpy as np
 from dembrick.kernels.dynamics.record import unbalanced_ratio
 from dembrick.simulation.dynamics.integrator import Motion
 from dembrick.simulation.dynamics.loads import Driving
-from dembrick.simulation.dynamics.pushover import Jack
+from dembrick.simulation.dynamics.pushover import PushController
 from dembrick.simulation.dynamics.state import (
     contact_arms,
     contact_forces,
@@ -30,10 +30,10 @@ class Recorder:
 
     def __init__(
         self, moving: Motion, control, driving: Driving, session: Session, rows_every: int, frames_every: int,
-        jack: Jack | None,
+        controller: PushController | None,
     ):  # fmt: skip
         self._moving, self._control, self._driving, self._session = moving, control, driving, session
-        self._jack = jack
+        self._controller = controller
         self._frames_every, self._rows_every = frames_every, rows_every
         self._origin = moving.assembly.position - moving.state.middle
         began = time.perf_counter()
@@ -49,7 +49,7 @@ class Recorder:
         began = time.perf_counter()
         moving, channels = self._moving, self._session.output.channels
         away = moving.displacement
-        books = moving.books.energies(moving.state, moving.time_step)
+        energy = moving.energy.energies(moving.state, moving.time_step)
         rows = {
             "time": np.array([moving.time]),
             "load": np.array([self._load()]),
@@ -59,8 +59,8 @@ class Recorder:
             "upper": np.zeros(1),
             "actuator_displacement": np.zeros((1, 0)),
             "actuator_force": np.zeros((1, 0)),
-            "energy": {name: np.array([value]) for name, value in books.items()},
-            "new_contacts": np.array([float(moving.meetings.carrying)]),
+            "energy": {name: np.array([value]) for name, value in energy.items()},
+            "new_contacts": np.array([float(moving.contact_detection.carrying)]),
         }
         watched = moving.assembly.control_points
         if watched.names:
@@ -83,19 +83,21 @@ class Recorder:
                 frames["joint_shift"] = shift[None][due].copy()
             if "contacts" in channels:
                 frames["contact_arm"] = contact_arms(moving.state, shift)[None][due]
-                frames["contact_force"] = contact_forces(moving.state, moving.meetings.left_to_joints())[None][due]
-                frames["new_contacts"] = _in_frames(moving.meetings.pressed(moving.state.middle), due)
+                frames["contact_force"] = contact_forces(moving.state, moving.contact_detection.left_to_joints())[None][
+                    due
+                ]
+                frames["new_contacts"] = _in_frames(moving.contact_detection.pressed(moving.state.middle), due)
         moving.phases["record"] += time.perf_counter() - began
         self._session.observe(rows, frames)
 
     def _displacement(self, away: np.ndarray) -> float:
-        """The one that a jack drives, else that of the block that has moved furthest."""
-        return float(np.linalg.norm(away, axis=1).max()) if self._jack is None else self._jack.mean(away)
+        """The one that a controller drives, else that of the block that has moved furthest."""
+        return float(np.linalg.norm(away, axis=1).max()) if self._controller is None else self._controller.mean(away)
 
     def _load(self) -> float:
         """Load factor of a tilt or a push, acceleration of shaken supports (m/s2), else zero."""
-        if self._jack is not None:
-            return float(self._jack.present[0])
+        if self._controller is not None:
+            return float(self._controller.present[0])
         if self._control.kind == "tilt":
             return math.tan(math.radians(min(self._control.rate * self._moving.time, 89.999)))
         if self._control.kind == "base-motion":
@@ -105,6 +107,6 @@ class Recorder:
 
     def _unbalanced(self) -> float:
         state = self._moving.state
-        driving = self._driving if self._jack is None else self._jack.pushing(self._driving)
+        driving = self._driving if self._controller is None else self._controller.pushing(self._driving)
         gravity, _ = driving.at(np.array([self._moving.time]), self._moving.time_step)
         return unbalanced_ratio(state.bodies, state.links, *gravity[0].tolist())

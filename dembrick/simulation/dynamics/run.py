@@ -17,10 +17,10 @@ from dembrick.scenario.controls import drives_to_collapse
 from dembrick.scenario.model import Output
 from dembrick.simulation import interrupts
 from dembrick.simulation.dynamics.checkpoint import Past
-from dembrick.simulation.dynamics.energy import MotionBooks
+from dembrick.simulation.dynamics.energy import MotionEnergy
 from dembrick.simulation.dynamics.integrator import Motion, advance, damping_of_restitution, joint_forces, motion, seat
 from dembrick.simulation.dynamics.loads import Driving
-from dembrick.simulation.dynamics.pushover import STRONGEST, Jack, jack_of
+from dembrick.simulation.dynamics.pushover import STRONGEST, PushController, controller_of
 from dembrick.simulation.dynamics.recorder import Recorder
 from dembrick.simulation.dynamics.state import (
     out_of_balance,
@@ -82,7 +82,7 @@ def prepare(assembly, control, step_factor: float) -> Motion:
 
 def ask_for(moving: Motion, output: Output, loads: int) -> None:
     """Have the loop write down what ``output`` names beside what it needs itself; there are so many ``loads``."""
-    moving.books = MotionBooks(moving.state, loads, wanted="energy" in output.channels)
+    moving.energy = MotionEnergy(moving.state, loads, wanted="energy" in output.channels)
     if "contacts" in output.channels:
         moving.state = with_contact_forces(moving.state)
 
@@ -90,8 +90,8 @@ def ask_for(moving: Motion, output: Output, loads: int) -> None:
 def plan(moving: Motion, control, output: Output) -> Plan:
     """What the run will take: the steps of its whole duration, or of a tilt to the vertical or of the longest push, and
     bytes at the most."""
-    jack = _jack(moving, control)
-    steps, n, j = _most_steps(moving, control, jack), len(moving.assembly.names), len(moving.assembly.joints)
+    controller = _controller(moving, control)
+    steps, n, j = _most_steps(moving, control, controller), len(moving.assembly.names), len(moving.assembly.joints)
     rows = min(steps, 2 * output.rows)
     frames = min(rows, 2 * output.frames)
     contacts, corners = "contacts" in output.channels, moving.state.corners
@@ -103,16 +103,16 @@ def plan(moving: Motion, control, output: Output) -> Plan:
     return Plan(moving.time_step, moving.critical_time_step, steps, memory)
 
 
-def _jack(moving: Motion, control) -> Jack | None:
+def _controller(moving: Motion, control) -> PushController | None:
     if control.kind != "pushover":
         return None
-    return jack_of(control, moving.assembly, moving.assembly.gravity, moving.time_step)
+    return controller_of(control, moving.assembly, moving.assembly.gravity, moving.time_step)
 
 
-def _most_steps(moving: Motion, control, jack: Jack | None) -> int:
+def _most_steps(moving: Motion, control, controller: PushController | None) -> int:
     """Steps after which the run ends if nothing ends it before."""
-    if jack is not None:
-        return jack.longest
+    if controller is not None:
+        return controller.longest
     tilts = control.kind == "tilt"
     seconds = STEEPEST / control.rate if tilts else control.duration
     if not seconds < MOST_STEPS * moving.time_step:
@@ -131,8 +131,8 @@ def run(moving: Motion, control, driving: Driving, session: Session) -> MotionRu
     where blocks are pressed too deep into each other; DivergedError.
     """
     dynamic, to_collapse = control.kind == "dynamic", drives_to_collapse(control)
-    jack = _jack(moving, control)
-    past = Past(moving, jack)
+    controller = _controller(moving, control)
+    past = Past(moving, controller)
     resume = partial(past.restore, session.resumed) if session.resumed else None
     if resume is not None and past.has_begun(session.resumed):
         resume()
@@ -145,30 +145,31 @@ def run(moving: Motion, control, driving: Driving, session: Session) -> MotionRu
             _set_going(moving, driving)
         else:
             still = np.zeros_like(moving.state.bodies.velocity)
-            moving.books.begin(moving.state, still, still, _turned_inertia(moving), still[0], 0.0)
-        moving.books.open(moving.state)
+            moving.energy.begin(moving.state, still, still, _turned_inertia(moving), still[0], 0.0)
+        moving.energy.open(moving.state)
     goal = control.displacement if to_collapse else NO_LIMIT
-    steps = _most_steps(moving, control, jack)
+    steps = _most_steps(moving, control, controller)
     # a run that ends early still has some rows: a block falls within a second or so
     rows = max(1, (min(steps, math.ceil(20.0 / moving.time_step)) if to_collapse else steps))
     every = max(1, rows // session.output.rows)
-    held = 1 if jack is None else jack.steps  # neither a row nor a checkpoint falls into steps for which V is held
+    # neither a row nor a checkpoint falls into steps for which V is held
+    held = 1 if controller is None else controller.steps
     every = held * max(1, round(every / held))
     # by the size of the scene and not by the clock, so that a run is the same wherever it is stopped
     stride = held * max(1, AT_ONCE // (len(moving.assembly.names) + len(moving.assembly.joints)) // held)
     frames_every = max(1, session.output.rows // session.output.frames)
     limits = Limits(displacement=goal, longest=0.1 * float(moving.state.bodies.reach.min()))
-    recorder = Recorder(moving, control, driving, session, every, frames_every, jack)
+    recorder = Recorder(moving, control, driving, session, every, frames_every, controller)
     if not moving.steps:
         recorder.take()
     status = None
     with interrupts.deferred():
         while moving.steps < steps and status != REACHED:
             n = min(stride, every - moving.steps % every, steps - moving.steps)
-            if jack is None:
+            if controller is None:
                 status = advance(moving, driving, n, limits)
             else:
-                status = _push(moving, jack, driving, n, limits)
+                status = _push(moving, controller, driving, n, limits)
             over = status == REACHED or moving.steps >= steps
             if over or moving.steps % every == 0:
                 recorder.take(last=over)
@@ -178,20 +179,22 @@ def run(moving: Motion, control, driving: Driving, session: Session) -> MotionRu
     unbalanced, at_rest = float(past.unbalanced[0]), past.at_rest
     settings = {"contact_damping": moving.damping, "seating_steps": moving.seating_steps, "inertia": "physical"}
     if not to_collapse:
-        return MotionRun(moving, "completed", None, unbalanced, settings, moving.books.sums(moving.state))
+        return MotionRun(moving, "completed", None, unbalanced, settings, moving.energy.sums(moving.state))
     if status != REACHED:
-        least = f"the table stood at {STEEPEST:g} deg" if jack is None else f"the load factor came near {STRONGEST:g}"
+        least = (
+            f"the table stood at {STEEPEST:g} deg" if controller is None else f"the load factor came near {STRONGEST:g}"
+        )
         raise NotConvergedError(f"no block moved by {goal:.6g} m before {least}; ask for a smaller displacement")
-    collapse = _collapse(moving, control, jack, at_rest)
-    return MotionRun(moving, "collapse", collapse, unbalanced, settings, moving.books.sums(moving.state))
+    collapse = _collapse(moving, control, controller, at_rest)
+    return MotionRun(moving, "collapse", collapse, unbalanced, settings, moving.energy.sums(moving.state))
 
 
-def _push(moving: Motion, jack: Jack, driving: Driving, n_steps: int, limits: Limits) -> int:
-    """`advance` under the jack, which looks again at the blocks after every ``jack.steps``."""
+def _push(moving: Motion, controller: PushController, driving: Driving, n_steps: int, limits: Limits) -> int:
+    """`advance` under the controller, which looks again at the blocks after every ``controller.steps``."""
     last, status = moving.steps + n_steps, None
     while moving.steps < last and status != REACHED:
-        jack.press(moving.steps, moving.displacement, moving.state.bodies.velocity)
-        status = advance(moving, jack.pushing(driving), min(jack.steps, last - moving.steps), limits)
+        controller.press(moving.steps, moving.displacement, moving.state.bodies.velocity)
+        status = advance(moving, controller.pushing(driving), min(controller.steps, last - moving.steps), limits)
     return status
 
 
@@ -218,7 +221,7 @@ def _set_going(moving: Motion, driving: Driving) -> None:
     joint_forces(moving, driving)
     gravity, _ = driving.at(np.zeros(1), dt)
     inertia = _turned_inertia(moving)
-    moving.books.begin(state, velocity, spin, inertia, gravity[0], dt)
+    moving.energy.begin(state, velocity, spin, inertia, gravity[0], dt)
     for array, value in zip(memory, kept, strict=True):  # the first step looks again
         array[...] = value
     state.links.put(SEEN, came_from)
@@ -235,15 +238,15 @@ def _turned_inertia(moving: Motion) -> np.ndarray:
     return turn @ moving.assembly.inertia @ np.swapaxes(turn, 1, 2)
 
 
-def _collapse(moving: Motion, control, jack: Jack | None, at_rest: np.ndarray) -> dict:
+def _collapse(moving: Motion, control, controller: PushController | None, at_rest: np.ndarray) -> dict:
     """What came down, when, and how: the object of the JSON output. The load factor of a push is its peak."""
     away = np.linalg.norm(moving.displacement, axis=1)
     time = float(moving.time)
-    angle = control.rate * time if jack is None else None
+    angle = control.rate * time if controller is None else None
     worst = float(away.max())
     return {
         "angle": angle,
-        "load_factor": math.tan(math.radians(angle)) if jack is None else float(jack.peak[0]),
+        "load_factor": math.tan(math.radians(angle)) if controller is None else float(controller.peak[0]),
         "time": time,
         "displacement": worst,
         "mechanism": mechanism(moving, at_rest),

@@ -327,7 +327,7 @@ def with_contact_forces(state: MovingState) -> MovingState:
 def contact_forces(state: MovingState, share: np.ndarray) -> np.ndarray:
     """Force (c, 3) on block b at every contact point of `with_contact_forces`, world axes (N), of the last forces.
 
-    ``share`` (j,): what of it the joints still carry, see `Meetings.left_to_joints`.
+    ``share`` (j,): what of it the joints still carry, see `ContactDetection.left_to_joints`.
     """
     if state.corners is None:
         return np.zeros((0, 3))

@@ -6,7 +6,7 @@ not grow with their number, and the compiled call lets go of Python's lock, so t
 number of threads, the answers are the same to the last bit.
 
     >>> cases = Cases.rectangle(0.3, 0.2, "convex", friction=0.64, normal_force=467.0,
-    ...                         jack_point=[[0.075, 0.0, 0.05]], jack_direction=[[0.0, 1.0, 0.0]])
+    ...                         actuator_point=[[0.075, 0.0, 0.05]], actuator_direction=[[0.0, 1.0, 0.0]])
     >>> find_limit_loads(cases).V
 """
 
@@ -22,7 +22,7 @@ import numpy as np
 from dembrick.assembly.joints import Joint
 from dembrick.assembly.quadrature import ContactPoints, contact_points
 from dembrick.geometry import polygons
-from dembrick.kernels.state import Areas, Blocks, Jacks, Joints, Points, Pressed, ScaledInertia
+from dembrick.kernels.state import Actuators, Areas, Blocks, Joints, Points, Pressed, ScaledInertia
 from dembrick.kernels.statics.batch import UNSEATED, Answer, Loading, Lone, Room, Settings, replay_batch
 from dembrick.kernels.statics.certify import Basis
 from dembrick.kernels.statics.load_bounds import NEVER
@@ -54,7 +54,7 @@ class LimitLoads:
     V_upper: np.ndarray
     certified: np.ndarray
     status: np.ndarray
-    jack_load: np.ndarray
+    actuator_load: np.ndarray
     N: np.ndarray
     V_1: np.ndarray
     V_2: np.ndarray
@@ -185,16 +185,16 @@ def _blocks(k: int, dead: np.ndarray) -> Blocks:
     )
 
 
-def _jacks(cases: Cases) -> Jacks:
-    k, each = cases.jack_weight.shape
-    arm = np.array(cases.jack_point, float).reshape(-1, 3)
-    return Jacks(
+def _actuators(cases: Cases) -> Actuators:
+    k, each = cases.actuator_weight.shape
+    arm = np.array(cases.actuator_point, float).reshape(-1, 3)
+    return Actuators(
         block=np.ones(k * each, np.int64),
         arm=arm.copy(),
         lever=arm.copy(),
         start=arm.copy(),
-        direction=np.array(cases.jack_direction, float).reshape(-1, 3),
-        weight=np.array(cases.jack_weight, float).reshape(-1),
+        direction=np.array(cases.actuator_direction, float).reshape(-1, 3),
+        weight=np.array(cases.actuator_weight, float).reshape(-1),
         displacement=np.zeros(k * each),
         drive=np.zeros((k, 5)),
     )
@@ -237,15 +237,15 @@ def _settings(tolerance: float, eta: float) -> Settings:
 def _run(cases: Cases, faces: _Faces) -> LimitLoads:
     k = cases.count
     points, areas = _point_joints(faces, cases), _area_joints(faces, cases)
-    blocks, joints, jacks = _blocks(k, cases.dead), _joints(k), _jacks(cases)
-    stiffness = joint_stiffness(state.State(blocks, joints, points, areas, jacks))
+    blocks, joints, actuators = _blocks(k, cases.dead), _joints(k), _actuators(cases)
+    stiffness = joint_stiffness(state.State(blocks, joints, points, areas, actuators))
     eta = STEP_FACTOR * critical_time_step(float(np.sqrt(1.0 + load_system.ACTUATOR_STIFFNESS)), load_system.VISCOUS)
     unit = wrench(cases)
     loading = Loading(
         unit=unit,
         dead=np.array(cases.dead, float),
         compliance=(unit * np.linalg.solve(stiffness, unit[:, :, None])[:, :, 0]).sum(1),
-        weight=np.abs(cases.jack_weight).sum(1),
+        weight=np.abs(cases.actuator_weight).sum(1),
         size=guards.LONGEST_MOVE * faces.width[cases.shape],
     )
     counts = np.zeros((2, k), np.int64)
@@ -255,7 +255,7 @@ def _run(cases: Cases, faces: _Faces) -> LimitLoads:
     )
     room = Room(np.zeros((certificate.WINDOW, 4)), np.zeros(4), np.zeros(2), np.zeros(2), np.zeros(3), np.zeros((1, 3)))
     replay_batch(
-        0, k, blocks, joints, points, areas, jacks, cases.jack_weight.shape[1],
+        0, k, blocks, joints, points, areas, actuators, cases.actuator_weight.shape[1],
         _inertia(stiffness), _inertia(stiffness / eta**2), loading, Lone(np.zeros(1, np.int64), np.ones(1, np.int64)),
         basis, room, _settings(cases.tolerance, eta), answer,
     )  # fmt: skip
@@ -271,7 +271,7 @@ def _run(cases: Cases, faces: _Faces) -> LimitLoads:
         V_upper=np.where(unbounded, np.inf, upper),
         certified=strict,
         status=status,
-        jack_load=jacks.drive[:, 2].copy(),
+        actuator_load=actuators.drive[:, 2].copy(),
         N=resultant[:, 0].copy(),
         V_1=resultant[:, 1].copy(),
         V_2=resultant[:, 2].copy(),

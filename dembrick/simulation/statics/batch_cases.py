@@ -1,6 +1,7 @@
 """Many two-block scenes as arrays: what a test is made of, in the joint's own axes, and which of them are none.
 
-A case is a joint between a fixed and a free block with its dead load and its jacks, all about the joint's centroid O.
+A case is a joint between a fixed and a free block with its dead load and its actuators, all about the joint's centroid
+O.
 """
 
 from __future__ import annotations
@@ -23,10 +24,10 @@ class Cases:
 
     ``polygons``: the different joint polygons, each (m, 2) about its centroid, counter-clockwise, convex; ``shape``
     (k,) says which of them a case has. ``friction``, ``normal_stiffness``, ``shear_stiffness`` (k,). ``dead`` (k, 6):
-    force and moment of the dead load (a pressing force has dead[:, 2] < 0). ``jack_point``, ``jack_direction``
-    (k, j, 3) and ``jack_weight`` (k, j): the j jacks of each case; a height above the joint is jack_point[..., 2].
-    ``tolerance``: relative half-width of the brackets. ``points``: (n, m) of ``distributed``, None for as many as the
-    tolerance needs.
+    force and moment of the dead load (a pressing force has dead[:, 2] < 0). ``actuator_point``, ``actuator_direction``
+    (k, j, 3) and ``actuator_weight`` (k, j): the j actuators of each case; a height above the joint is
+    actuator_point[..., 2]. ``tolerance``: relative half-width of the brackets. ``points``: (n, m) of ``distributed``,
+    None for as many as the tolerance needs.
     """
 
     formulation: str
@@ -36,9 +37,9 @@ class Cases:
     normal_stiffness: np.ndarray
     shear_stiffness: np.ndarray
     dead: np.ndarray
-    jack_point: np.ndarray
-    jack_direction: np.ndarray
-    jack_weight: np.ndarray
+    actuator_point: np.ndarray
+    actuator_direction: np.ndarray
+    actuator_weight: np.ndarray
     pressure: str = "full"
     points: tuple[int, int] | None = None
     tolerance: float = 1e-3
@@ -56,9 +57,9 @@ class Cases:
         *,
         friction,
         normal_force,
-        jack_point,
-        jack_direction,
-        jack_weight=1.0,
+        actuator_point,
+        actuator_direction,
+        actuator_weight=1.0,
         shape=0,
         eccentricity=(0.0, 0.0),
         dead_shear=(0.0, 0.0),
@@ -68,14 +69,14 @@ class Cases:
     ) -> Cases:
         """Cases from whatever broadcasts to k: numbers, or arrays with k rows.
 
-        ``polygons_`` is one polygon (m, 2) or a list of them. N acts at ``eccentricity`` (..., 2), ``dead_shear``
-        (..., 2) is a tangential dead force at O. ``jack_point`` and ``jack_direction`` (j, 3) or (k, j, 3). Without
+        ``polygons_`` is one polygon (m, 2) or a list of them. N acts at ``eccentricity`` (..., 2), ``dead_shear`` (...,
+        2) is a tangential dead force at O. ``actuator_point`` and ``actuator_direction`` (j, 3) or (k, j, 3). Without
         stiffnesses the joint is so stiff that it closes and shears by a millionth of its short side.
         """
         single = np.ndim(polygons_[0]) == 2
         shapes = [np.ascontiguousarray(p, float) for p in (polygons_ if single else [polygons_])]
-        point, direction = (np.asarray(v, float) for v in (jack_point, jack_direction))
-        weight = np.asarray(jack_weight, float)
+        point, direction = (np.asarray(v, float) for v in (actuator_point, actuator_direction))
+        weight = np.asarray(actuator_weight, float)
         k = np.broadcast_shapes(
             *(np.shape(v) for v in (shape, friction, normal_force)),
             *(np.shape(v)[:-1] for v in (eccentricity, dead_shear)),
@@ -110,15 +111,15 @@ class Cases:
         """Cases ``first`` to ``last`` - 1."""
         s = slice(first, last)
         rows = ("shape", "friction", "normal_stiffness", "shear_stiffness", "dead")
-        rows += ("jack_point", "jack_direction", "jack_weight")
+        rows += ("actuator_point", "actuator_direction", "actuator_weight")
         fields = {name: getattr(self, name) for name in self.__dataclass_fields__}
         return Cases(**(fields | {name: fields[name][s] for name in rows}))
 
 
 def wrench(cases: Cases) -> np.ndarray:
-    """Force and moment (k, 6) of the jacks for V = 1 about O."""
-    force = cases.jack_direction * cases.jack_weight[:, :, None]
-    return np.concatenate([force.sum(1), np.cross(cases.jack_point, force).sum(1)], axis=1)
+    """Force and moment (k, 6) of the actuators for V = 1 about O."""
+    force = cases.actuator_direction * cases.actuator_weight[:, :, None]
+    return np.concatenate([force.sum(1), np.cross(cases.actuator_point, force).sum(1)], axis=1)
 
 
 def check(cases: Cases) -> None:
@@ -134,9 +135,9 @@ def check(cases: Cases) -> None:
     if not 1e-8 <= cases.tolerance <= 0.1:
         raise ScenarioError(f"tolerance = {cases.tolerance!r} is out of range: it is a relative error from 1e-8 to 0.1")
     JointLaw(cases.formulation, 0.0, 1.0, 1.0, points=cases.points, pressure=cases.pressure)  # checks the names
-    rows = np.isfinite(cases.dead).all(1) & np.isfinite(cases.jack_point).all((1, 2))
-    rows &= np.isfinite(cases.jack_direction).all((1, 2)) & np.isfinite(cases.jack_weight).all(1)
-    require(rows, "a load or a jack", "it must be made of finite numbers, and no direction may be 0")
+    rows = np.isfinite(cases.dead).all(1) & np.isfinite(cases.actuator_point).all((1, 2))
+    rows &= np.isfinite(cases.actuator_direction).all((1, 2)) & np.isfinite(cases.actuator_weight).all(1)
+    require(rows, "a load or an actuator", "it must be made of finite numbers, and no direction may be 0")
     require(np.isfinite(cases.friction) & (cases.friction >= 0.0), "friction", "it must be at least 0")
     for name in ("normal_stiffness", "shear_stiffness"):
         value = getattr(cases, name)
@@ -147,8 +148,8 @@ def check(cases: Cases) -> None:
     unit = wrench(cases)
     reach = np.array([np.hypot(*p.T).max() for p in cases.polygons])[cases.shape]
     pushing = np.hypot(unit[:, 0], unit[:, 1]) * reach + np.abs(unit[:, 5])
-    most = np.abs(cases.jack_weight).sum(1) * reach
-    require(pushing > 1e-12 * most, "the load of the jacks", "it must have a part along the joint or turn it")
+    most = np.abs(cases.actuator_weight).sum(1) * reach
+    require(pushing > 1e-12 * most, "the load of the actuators", "it must have a part along the joint or turn it")
 
 
 def _check_polygon(i: int, polygon: np.ndarray) -> None:

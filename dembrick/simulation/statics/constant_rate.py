@@ -33,7 +33,7 @@ CHUNK = 1 << 16  # steps of a constant-rate test between two looks at the clock
 def push_at_constant_rate(
     assembly, rate: float, travel: float, step_factor: float, session: Session | Observer | None = None
 ) -> Replay:
-    """Move the jack head over ``travel`` (m) at ``rate`` (m/s) with physical inertia; returns a Replay.
+    """Move the actuator head over ``travel`` (m) at ``rate`` (m/s) with physical inertia; returns a Replay.
 
     The bracket is what the record allows: strict at any rate, as narrow as the rate lets it be. Where it is not strict,
     V is the mean load of the last quarter of the travel. Raises DivergedError, and NotConvergedError where the dead
@@ -50,7 +50,9 @@ def push_at_constant_rate(
     critical = damping.critical_time_step
     dt = setup.time_step(step_factor * critical, rate)
     steps_wanted = steps_at_rate(rate, travel, dt)
-    drive = setup.drive(rate, dt)._replace(dashpot=damping.jack * setup.jack_stiffness, viscous_n=1.0, viscous_s=1.0)
+    drive = setup.drive(rate, dt)._replace(
+        dashpot=damping.actuator * setup.actuator_stiffness, viscous_n=1.0, viscous_s=1.0
+    )
     state.joints.damping[:] = damping.joints / dt
     inertia = Inertia(
         mass=np.array(assembly.mass, float),

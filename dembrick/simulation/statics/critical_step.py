@@ -1,4 +1,4 @@
-"""The critical time step of central differences, counted with contacts, jacks and dashpots.
+"""The critical time step of central differences, counted with contacts, actuators and dashpots.
 
 A spring of stiffness k on a mass m with a dashpot that adds beta times the spring force of the same increment is
 stable while w^2 dt^2 (1 + 2 beta) <= 4, w^2 = k/m, because the dashpot acts half a step late. Rotation and its
@@ -7,8 +7,8 @@ joint rocking governs, not translation.
 
 Where the time step is that of the fastest block, a dashpot in proportion to it hardly damps a block a hundred times as
 heavy, or on a joint a hundred times as soft, and steady sliding on point springs can then flutter: rocking changes the
-friction of the points, which rocks the block. With physical inertia every joint and the jack therefore get dashpots for
-their own frequency.
+friction of the points, which rocks the block. With physical inertia every joint and the actuator therefore get dashpots
+for their own frequency.
 """
 
 from __future__ import annotations
@@ -85,16 +85,17 @@ class Dashpots:
     """Dashpots over springs as times (s), force = stiffness x time x velocity, and the critical time step (s)."""
 
     joints: np.ndarray
-    jack: float
+    actuator: float
     critical_time_step: float
 
 
-def dashpots(state: State, inertia: np.ndarray, jack: np.ndarray) -> Dashpots:
+def dashpots(state: State, inertia: np.ndarray, actuator: np.ndarray) -> Dashpots:
     """Dashpots for physical inertia (n, 6, 6), each for DAMPING_RATIO of the frequency at which it moves its blocks.
 
-    That is the greatest of a block on this joint and the jack alone; for the jack, on it and all its joints. ``jack``
-    (n, 6, 6) is the stiffness that the jack adds to the loaded blocks. With springs K and dashpots C the scheme is
-    stable while dt^2 k + 2 dt c <= 4 for any bounds k, c of the greatest eigenvalues of K and C against M.
+    That is the greatest of a block on this joint and the actuator alone; for the actuator, on it and all its joints.
+    ``actuator`` (n, 6, 6) is the stiffness that the actuator adds to the loaded blocks. With springs K and dashpots C
+    the scheme is stable while dt^2 k + 2 dt c <= 4 for any bounds k, c of the greatest eigenvalues of K and C against
+    M.
     """
     joints, free = state.joints, state.blocks.free
     alone = block_stiffness(state, shared=1.0)
@@ -107,15 +108,15 @@ def dashpots(state: State, inertia: np.ndarray, jack: np.ndarray) -> Dashpots:
     for side, arm in ((joints.block_a, joints.arm_a), (joints.block_b, joints.arm_b)):
         mine = np.flatnonzero(moves[side])
         there = to_joint(joints.axes[mine], arm[mine])
-        own = np.swapaxes(there, 1, 2) @ stiffness[mine] @ there + jack[side[mine]]
+        own = np.swapaxes(there, 1, 2) @ stiffness[mine] @ there + actuator[side[mine]]
         squares[mine] = np.maximum(squares[mine], _greatest_eigenvalues(lower[side[mine]], own))
     times = 2.0 * DAMPING_RATIO / np.sqrt(np.where(squares > 0.0, squares, np.inf))
-    loaded = state.jacks.block[moves[state.jacks.block]]
-    square = _greatest_eigenvalues(lower[loaded], alone[loaded] + jack[loaded]).max()
-    jack_time = 2.0 * DAMPING_RATIO / math.sqrt(square)
-    k = greatest_frequency(state, inertia, alone, jack) ** 2
-    c = greatest_frequency(state, inertia, block_stiffness(state, 1.0, times), jack * jack_time, times) ** 2
-    return Dashpots(times, jack_time, (math.sqrt(c * c + 4.0 * k) - c) / k)
+    loaded = state.actuators.block[moves[state.actuators.block]]
+    square = _greatest_eigenvalues(lower[loaded], alone[loaded] + actuator[loaded]).max()
+    actuator_time = 2.0 * DAMPING_RATIO / math.sqrt(square)
+    k = greatest_frequency(state, inertia, alone, actuator) ** 2
+    c = greatest_frequency(state, inertia, block_stiffness(state, 1.0, times), actuator * actuator_time, times) ** 2
+    return Dashpots(times, actuator_time, (math.sqrt(c * c + 4.0 * k) - c) / k)
 
 
 def critical_time_step(frequency: float, viscous: float) -> float:

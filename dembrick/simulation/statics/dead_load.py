@@ -1,4 +1,4 @@
-"""Equilibrium under the dead loads, before any jack moves: found directly, not waited for."""
+"""Equilibrium under the dead loads, before any actuator moves: found directly, not waited for."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def seat(
     if not ratio <= UNBALANCED:
         raise NotConvergedError(
             f"no equilibrium under the dead loads: after {steps} steps the out-of-balance force is still {ratio:.2g} "
-            "of the joint forces, so the blocks slide or overturn before any jack moves; check loads, friction and "
+            "of the joint forces, so the blocks slide or overturn before any actuator moves; check loads, friction and "
             "supports"
         )
     state.blocks.velocity[:] = 0.0

@@ -26,7 +26,7 @@ def new_guard(assembly, state: State, steps: int | None = None) -> Guard:
         longest=LONGEST_MOVE * min(float(np.ptp(shape.vertices, axis=0).min()) for shape in assembly.shapes),
         mask=look - 1,
         stretch=stretch,
-        weights=float(np.abs(state.jacks.weight).sum()),
+        weights=float(np.abs(state.actuators.weight).sum()),
         turned=turned_blocks(state),
         start=np.zeros(2),
         work=np.zeros(2),
@@ -49,7 +49,7 @@ def refuse_divergence(status: int, assembly, state: State, steps: int, dt: float
         b, did = int(lost[0]), "has a velocity that is no number"
     elif status == RUNAWAY:
         b = _most_energy(assembly, state)
-        did = f"moves where the blocks have more than {TIMES:g} times the energy that dead loads and jacks put in"
+        did = f"moves where the blocks have more than {TIMES:g} times the energy that dead loads and actuators put in"
     else:
         b = int(np.argmax(np.abs(blocks.velocity).max(axis=1)))
         did = f"moved more than {LONGEST_MOVE:g} of the smallest block in one step"

@@ -97,7 +97,7 @@ def _by_equilibria(setup: Setup, session: Session, goal: float, steps: float) ->
     began = time.perf_counter()
     prepare(state, setup.load, setup.factor, certificate, recorder)
     ready = time.perf_counter()
-    # a load on all blocks is resisted by some part of their weight, one jack by a few joints
+    # a load on all blocks is resisted by some part of their weight, one actuator by a few joints
     strength = GUESS * float(np.linalg.norm(state.blocks.dead_force[state.blocks.free], axis=1).sum()) / setup.weight
     strength = min(strength, rough_strength(state, certificate, setup.load)) or GUESS
     path = follow(state, setup.load, setup.factor, certificate, steps * strength, recorder, goal, session)
@@ -123,7 +123,7 @@ def _by_inertia(setup: Setup, step_factor: float, session: Session) -> Replay:
     """The search where every free block touches fixed ones only: with artificial inertia."""
     assembly = setup.assembly
     state, load = setup.state, setup.load
-    # All frequencies of the scaled blocks are eta/dt; jack and dashpots bring the critical eta below 2.
+    # All frequencies of the scaled blocks are eta/dt; actuator and dashpots bring the critical eta below 2.
     eta = step_factor * critical_time_step(math.sqrt(1.0 + ACTUATOR_STIFFNESS), VISCOUS)
     critical = setup.dashpots().critical_time_step
     dt = step_factor * critical

@@ -21,8 +21,8 @@ from dembrick.simulation.statics.stiffness import block_stiffness
 from dembrick.simulation.statics.yield_point import YieldPoint, read_off
 
 # Numerical choices; answers do not depend on them beyond the tolerance, and a test says so.
-VISCOUS = 0.5  # dashpot force over spring force for the same increment, in contacts and jack, while searching
-ACTUATOR_STIFFNESS = 1.0  # stiffness of the jack over that of the joints along the load
+VISCOUS = 0.5  # dashpot force over spring force for the same increment, in contacts and actuator, while searching
+ACTUATOR_STIFFNESS = 1.0  # stiffness of the actuator over that of the joints along the load
 MEMORY = 1.0 / 16.0  # weight of the latest step in the mean that it swings about
 RAMP = 8  # steps over which the head speeds up
 MOST_STEPS_AT_RATE = 2_000_000_000  # of a constant-rate test
@@ -50,37 +50,39 @@ class Replay:
 
 
 class LoadSystem:
-    """The jacks of a scene as one load system: unit load, compliance of the joints against it, jack stiffness."""
+    """The actuators as one load system: unit load, compliance of the joints against it, actuator stiffness."""
 
     def __init__(self, assembly):
         if not len(assembly.actuators.block):
-            raise ScenarioError("no [[actuators]]: a replay needs at least one jack to push with")
+            raise ScenarioError("no [[actuators]]: a replay needs at least one actuator to push with")
         self.assembly = assembly
         self.state = initial_state(assembly)
         self.stiffness = block_stiffness(self.state, shared=2.0)
         self.load = load_vectors(self.state)
-        self.weight = float(np.abs(self.state.jacks.weight).sum())
-        loaded = sorted(set(self.state.jacks.block.tolist()) & set(self.state.blocks.free.tolist()))
+        self.weight = float(np.abs(self.state.actuators.weight).sum())
+        loaded = sorted(set(self.state.actuators.block.tolist()) & set(self.state.blocks.free.tolist()))
         if not len(loaded):
             raise ScenarioError("every actuator pushes a fixed block: nothing can move; let one push a free block")
         self.compliance = sum(float(self.load[b] @ np.linalg.solve(self.stiffness[b], self.load[b])) for b in loaded)
         if not self.compliance > 0.0:
             raise ScenarioError("the actuators cancel out: together they push and twist no block; check directions")
-        self.jack_stiffness = ACTUATOR_STIFFNESS * self.weight / self.compliance
-        # the jack as a bound on the stiffness of each loaded block
-        self.jack = np.zeros_like(self.stiffness)
+        self.actuator_stiffness = ACTUATOR_STIFFNESS * self.weight / self.compliance
+        # the actuator as a bound on the stiffness of each loaded block
+        self.actuator = np.zeros_like(self.stiffness)
         for b in loaded:
-            self.jack[b] = len(loaded) * self.jack_stiffness / self.weight * np.outer(self.load[b], self.load[b])
+            self.actuator[b] = (
+                len(loaded) * self.actuator_stiffness / self.weight * np.outer(self.load[b], self.load[b])
+            )
 
     def dashpots(self) -> Dashpots:
-        """Those for physical inertia, with the critical time step that counts them and the jack."""
-        return dashpots(self.state, block_inertia(self.assembly), self.jack)
+        """Those for physical inertia, with the critical time step that counts them and the actuator."""
+        return dashpots(self.state, block_inertia(self.assembly), self.actuator)
 
     def dead_strength(self) -> float:
         """V (N) that friction 1 would resist under the dead loads at the joints of the loaded blocks, roughly."""
         joints, assembly = self.state.joints, self.assembly
         normal = np.abs(np.einsum("ji,ji->j", assembly.joint_force, joints.axes[:, 2]))
-        at = np.isin(joints.block_a, self.state.jacks.block) | np.isin(joints.block_b, self.state.jacks.block)
+        at = np.isin(joints.block_a, self.state.actuators.block) | np.isin(joints.block_b, self.state.actuators.block)
         lever = max(float(np.linalg.norm(arm, axis=1).max()) for arm in (joints.arm_a, joints.arm_b))
         unit = np.linalg.norm(self.load[:, :3], axis=1).max() + np.linalg.norm(self.load[:, 3:], axis=1).max() / lever
         return float(normal[at].sum()) / float(unit)
@@ -100,11 +102,11 @@ class Setup(LoadSystem):
         seated = seat(self.state, self.stiffness, self.factor, session)
         self.unbalanced, self.compile_seconds, self.loop_seconds = seated
         self.seated = self.state.blocks.displacement.copy()
-        # the jacks come to blocks that the dead loads have moved already, and do not push them back
+        # the actuators come to blocks that the dead loads have moved already, and do not push them back
         moved = np.concatenate([self.state.blocks.displacement, self.state.blocks.rotation], axis=1)
-        self.state.jacks.drive[:2] = float((self.load * moved).sum()) / self.weight
+        self.state.actuators.drive[:2] = float((self.load * moved).sum()) / self.weight
         self.certificate: Certificate = certificate(
-            self.state, self.load, self.jack_stiffness / ACTUATOR_STIFFNESS, tolerance
+            self.state, self.load, self.actuator_stiffness / ACTUATOR_STIFFNESS, tolerance
         )
 
     def drive(self, rate: float, dt: float) -> Drive:
@@ -114,8 +116,8 @@ class Setup(LoadSystem):
             ramp=RAMP * dt,
             steady=MOST_STEPS_AT_RATE,
             slowing=1.0,
-            stiffness=self.jack_stiffness,
-            dashpot=VISCOUS * self.jack_stiffness * dt,
+            stiffness=self.actuator_stiffness,
+            dashpot=VISCOUS * self.actuator_stiffness * dt,
             viscous_n=VISCOUS,
             viscous_s=VISCOUS,
             calming=0.0,
@@ -153,7 +155,7 @@ class Setup(LoadSystem):
 
 def rough_strength(state: State, certificate: Certificate, load: np.ndarray) -> float:
     """A scale for V (N), right to a factor of a few: what it takes to slide and twist the loaded blocks' joints."""
-    loaded = set(state.jacks.block.tolist())
+    loaded = set(state.actuators.block.tolist())
     capacity = 0.0
     for family in (state.points, state.areas):
         if family is None:

@@ -123,7 +123,7 @@ class Equilibria:
         rows = motion[self.rows]
         blocks.displacement[self.free], blocks.rotation[self.free] = rows[:, :3], rows[:, 3:]
         try_motion(
-            self.trial, blocks, state.joints, state.points, state.areas, state.jacks, V, with_tangent
+            self.trial, blocks, state.joints, state.points, state.areas, state.actuators, V, with_tangent
         )  # fmt: skip
         residual = self.trial.residual[self.rows]
         energy = float((residual * self.factor.answer(residual)).sum())

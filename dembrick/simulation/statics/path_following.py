@@ -32,7 +32,7 @@ from dembrick.simulation.session import Session, Snapshot
 from dembrick.simulation.statics.elastic_factor import Factor
 from dembrick.simulation.statics.newton import HELD, Equilibria
 from dembrick.simulation.statics.path_bounds import limit_bounds
-from dembrick.simulation.statics.path_state import MOST_EQUILIBRIA, Drift, Way
+from dembrick.simulation.statics.path_state import MOST_EQUILIBRIA, Drift, PathState
 from dembrick.simulation.statics.recorder import Recorder
 from dembrick.simulation.statics.state import State
 
@@ -45,7 +45,7 @@ BALANCED = 1e-2  # of the tolerance: out-of-balance over joint forces at an equi
 LEAST_BALANCED = 1e-9
 YIELDING = 0.5  # of the elastic slope of V: below it steps may grow
 TURNING = 0.02  # of the longest step so far: where none but shorter ones find equilibrium, the blocks are let go
-JUMP = 0.25  # of it: the step by which the jacks go on meanwhile
+JUMP = 0.25  # of it: the step by which the actuators go on meanwhile
 LITTLE = 0.1  # of the tolerance: what a step with drag may leave out of balance over the joint forces
 FASTER = 4.0  # by which the drag of a step rises where it is too small to help, or falls at most to become little
 MOST_TRIES = 6  # of a step with less and less drag
@@ -82,22 +82,22 @@ def follow(
     its number for a time. The path goes on until a block has moved by ``goal`` (m). ``session`` keeps checkpoints and
     may go on from one. Raises Interrupted.
     """
-    return _Follower(state, load, factor, certificate, recorder, session or Session()).run(strength, goal)
+    return PathFollower(state, load, factor, certificate, recorder, session or Session()).run(strength, goal)
 
 
 def prepare(state: State, load: np.ndarray, factor: Factor, certificate: Certificate, recorder: Recorder | None):
     """Compile what `follow` needs, or load it from the cache, and leave the ``state`` as it is."""
-    follower = _Follower(state, load, factor, certificate, recorder, Session())
+    follower = PathFollower(state, load, factor, certificate, recorder, Session())
     remember(follower.trial, state.joints, state.points, state.areas)
     follower.compile()
 
 
-class _Follower:
+class PathFollower:
     def __init__(self, state: State, load, factor: Factor, certificate: Certificate, recorder, session: Session):
         self.state, self.certificate, self.recorder = state, certificate, recorder
         self.search = Equilibria(state, load, factor, max(BALANCED * certificate.tolerance, LEAST_BALANCED))
         self.free, self.rows, self.trial = self.search.free, self.search.rows, self.search.trial
-        self.weight = float(np.abs(state.jacks.weight).sum())
+        self.weight = float(np.abs(state.actuators.weight).sum())
         self.answer = np.empty(self.rows.size)
         self.answer[self.rows] = factor.answer(load[self.free])
         self.compliance = float(self.trial.load @ self.answer)
@@ -143,14 +143,14 @@ class _Follower:
         phases["path"] = time.perf_counter() - began - self.elsewhere - sum(phases.values())
         return Path(converged, way.iterations, way.equilibria, phases)
 
-    def _at_start(self, strength: float) -> Way:
+    def _at_start(self, strength: float) -> PathState:
         motion = self.search.motion()
         driven = float(self.trial.load @ motion) / self.weight
-        self.state.jacks.drive[:2] = driven
+        self.state.actuators.drive[:2] = driven
         step = strength * self.compliance / self.weight / ELASTIC_STEPS
         direction = self.answer / self.compliance * self.weight
         gain = self.weight / self.compliance
-        return Way(
+        return PathState(
             motion,
             direction,
             direction.copy(),
@@ -311,7 +311,7 @@ class _Follower:
         return None, drift.steps < MOST_DRIFTS
 
     def _accept(self, change: np.ndarray, V: float, step: float) -> None:
-        """Keep an equilibrium: memory, jacks, and the bounds of this instant."""
+        """Keep an equilibrium: memory, actuators, and the bounds of this instant."""
         state, blocks, way = self.state, self.state.blocks, self.way
         rows = change[self.rows]
         blocks.velocity[self.free], blocks.spin[self.free] = rows[:, :3], rows[:, 3:]
@@ -322,14 +322,14 @@ class _Follower:
         closing = self._closes_gaps()
         remember(self.trial, state.joints, state.points, state.areas)
         way.V, way.driven = V, way.driven + step
-        jacks = state.jacks
-        turned = np.cross(blocks.rotation[jacks.block], jacks.arm)
-        jacks.displacement[:] = ((blocks.displacement[jacks.block] + turned) * jacks.direction).sum(axis=1)
-        jacks.drive[:3] = way.driven, way.driven, V
+        actuators = state.actuators
+        turned = np.cross(blocks.rotation[actuators.block], actuators.arm)
+        actuators.displacement[:] = ((blocks.displacement[actuators.block] + turned) * actuators.direction).sum(axis=1)
+        actuators.drive[:3] = way.driven, way.driven, V
         unbalanced = self.search.out_of_balance()  # what a drag held up is no peak
         sure = V if unbalanced <= self.search.balanced else V / (1.0 + unbalanced)
-        if sure > jacks.drive[3]:
-            jacks.drive[3:5] = sure, way.driven
+        if sure > actuators.drive[3]:
+            actuators.drive[3:5] = sure, way.driven
         began = time.perf_counter()
         lower, upper = instant_bounds(
             blocks, state.joints, state.points, state.areas, V, moved, 1.0
@@ -396,6 +396,6 @@ class _Follower:
         if number:
             energy[EXTERNAL], energy[FRICTION], energy[DASHPOTS] = self.way.external, self.way.friction, self.way.lost
         write_row(
-            record, number, float(number), state.blocks, state.joints, state.points, state.jacks, 0.0, lower, upper,
+            record, number, float(number), state.blocks, state.joints, state.points, state.actuators, 0.0, lower, upper,
             False,
         )  # fmt: skip

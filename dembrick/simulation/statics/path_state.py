@@ -25,7 +25,7 @@ class Drift:
 
 
 @dataclass
-class Way:
+class PathState:
     """How far a path has come, and how it is to go on. Motions (6 f,) are those of the free blocks."""
 
     motion: np.ndarray  # at the last equilibrium
@@ -49,7 +49,7 @@ class Way:
     drag: float = FIRST_DRAG  # over the elastic stiffness, of the next step that needs one
     dragged: int = 0  # steps still to take with it
     kept: int = 0  # the same when a direction was last taken from where they came to rest
-    external: float = 0.0  # J, work of jacks and dead loads
+    external: float = 0.0  # J, work of actuators and dead loads
     friction: float = 0.0  # J
     lost: float = 0.0  # J, to the drag
     # of every equilibrium: inelastic displacement (m), V, lower and upper bound (N), whether a gap is closing
@@ -88,4 +88,4 @@ class Way:
 
 
 _KINDS = {"float": float, "int": int, "bool": bool}
-NUMBERS = {part.name: _KINDS[part.type] for part in fields(Way) if part.type in _KINDS}
+NUMBERS = {part.name: _KINDS[part.type] for part in fields(PathState) if part.type in _KINDS}

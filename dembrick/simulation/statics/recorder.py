@@ -33,24 +33,30 @@ class Recorder:
         frames_every: int = 1,
         watched: ControlPoints = NO_CONTROL_POINTS,
     ):
-        n_block, n_joint, n_jack = len(state.blocks.displacement), len(state.joints.block_a), len(state.jacks.block)
+        n_block, n_joint, n_actuator = (
+            len(state.blocks.displacement),
+            len(state.joints.block_a),
+            len(state.actuators.block),
+        )
         channels = session.output.channels
         joints = n_joint if "joints" in channels else 0
         moving = n_block if "velocity" in channels else 0
         points = len(state.points.k_n) if "contacts" in channels and state.points is not None else 0
-        rows = _capacity(chunk // rows_every, 8 * (6 + len(ENERGIES) + n_jack + 7 * joints + 3 * len(watched.block)))
+        rows = _capacity(
+            chunk // rows_every, 8 * (6 + len(ENERGIES) + n_actuator + 7 * joints + 3 * len(watched.block))
+        )
         self.longest_chunk = min(chunk, (rows - 2) * rows_every)
         frames = 0
         if "frames" in channels:
             every = rows_every * frames_every
             frames = _capacity(chunk // every, 8 * (1 + 7 * n_block + 6 * moving + 3 * points))
             self.longest_chunk = min(self.longest_chunk, (frames - 2) * every)
-        self._observe, self._weight, self._channels = session.observe, state.jacks.weight, channels
+        self._observe, self._weight, self._channels = session.observe, state.actuators.weight, channels
         self.record = Record(
             every=np.array([rows_every, rows_every * frames_every], np.int64),
             count=np.zeros(2, np.int64),
             row=np.empty((rows, 6)),
-            actuator=np.empty((rows, n_jack)),
+            actuator=np.empty((rows, n_actuator)),
             joint=np.empty((rows, joints, 7)),
             energy=np.zeros((rows, len(ENERGIES))),
             watched=watched.block,

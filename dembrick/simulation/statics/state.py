@@ -15,7 +15,7 @@ from dembrick.assembly.joints import JointTable
 from dembrick.errors import ScenarioError
 from dembrick.geometry import friction_integrals, polygons
 from dembrick.geometry.rotations import quaternion_product, rotation_matrix
-from dembrick.kernels.state import Areas, Blocks, Energy, Jacks, Joints, Points, Pressed
+from dembrick.kernels.state import Actuators, Areas, Blocks, Energy, Joints, Points, Pressed
 from dembrick.scenario.model import PRESSURES
 
 
@@ -26,11 +26,11 @@ class State(NamedTuple):
     joints: Joints
     points: Points | None
     areas: Areas | None
-    jacks: Jacks
+    actuators: Actuators
 
 
 def initial_state(assembly) -> State:
-    """State at the start: nothing displaced, no force in any joint, no force in any jack."""
+    """State at the start: nothing displaced, no force in any joint, no force in any actuator."""
     n = len(assembly.names)
     blocks = Blocks(
         free=np.flatnonzero(~assembly.fixed).astype(np.int64),
@@ -46,8 +46,8 @@ def initial_state(assembly) -> State:
         dead_force=np.array(assembly.dead_force, float),
         dead_torque=np.array(assembly.dead_torque, float),
     )
-    jacks = _jacks(assembly)
-    return State(blocks, _joints(assembly), point_joints(assembly), area_joints(assembly), jacks)
+    actuators = _actuators(assembly)
+    return State(blocks, _joints(assembly), point_joints(assembly), area_joints(assembly), actuators)
 
 
 def rotations(state: State) -> np.ndarray:
@@ -58,11 +58,11 @@ def rotations(state: State) -> np.ndarray:
     return rotation_matrix(quaternion_product(turn, blocks.orientation))
 
 
-def _jacks(assembly) -> Jacks:
+def _actuators(assembly) -> Actuators:
     actuators = assembly.actuators
     arm = np.array(actuators.arm, float).reshape(-1, 3)
     rotation = assembly.rotation[actuators.block]
-    return Jacks(
+    return Actuators(
         block=np.array(actuators.block, np.int64),
         arm=arm,
         lever=np.einsum("kji,kj->ki", rotation, arm),
@@ -195,10 +195,10 @@ def pressed_room(pressures: Sequence[str], corners: Sequence[int]) -> Pressed | 
 
 def load_vectors(state: State) -> np.ndarray:
     """Force and moment about the centroid (n, 6) on every block for V = 1."""
-    jacks = state.jacks
+    actuators = state.actuators
     load = np.zeros((len(state.blocks.displacement), 6))
-    force = jacks.direction * jacks.weight[:, None]
-    np.add.at(load, jacks.block, np.concatenate([force, np.cross(jacks.arm, force)], axis=1))
+    force = actuators.direction * actuators.weight[:, None]
+    np.add.at(load, actuators.block, np.concatenate([force, np.cross(actuators.arm, force)], axis=1))
     return load
 
 
@@ -209,7 +209,7 @@ def turned_blocks(state: State) -> np.ndarray:
 
 
 def new_energy(state: State) -> Energy:
-    """Empty books for a run that starts from ``state``."""
+    """Energy terms, all zero, of a run that starts from ``state``."""
     normal = np.zeros((0, 7))
     if state.points is not None:
         p, k, x, y = state.points, state.points.k_n, state.points.x_n, state.points.y_n

@@ -150,8 +150,8 @@ def directions(count: int, space: str, shear_angle: float = 90.0) -> np.ndarray:
     return found
 
 
-def jacks_for(load: np.ndarray, lever: float, height: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Two parallel jacks for each unit load (n, 3), ``lever`` (m) to either side of O: points, directions, weights."""
+def actuators_for(load: np.ndarray, lever: float, height: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Two parallel actuators for each unit load (n, 3), ``lever`` (m) to either side of O: point, direction, weight."""
     force = np.hypot(load[:, 0], load[:, 1])
     along = np.where(force[:, None] > 0.0, load[:, :2], [0.0, 1.0])
     along /= np.hypot(along[:, 0], along[:, 1])[:, None]
@@ -182,8 +182,8 @@ def yield_domain(
 ) -> YieldDomain:
     """Replays in ``count`` :func:`directions` on a joint ``polygon`` (m, 2) about its centroid.
 
-    N acts at ``eccentricity`` (m, about O), the jacks ``height`` (m) above the joint. Raises ScenarioError for what is
-    no test, NotConvergedError where a direction has no answer.
+    N acts at ``eccentricity`` (m, about O), the actuators ``height`` (m) above the joint. Raises ScenarioError for what
+    is no test, NotConvergedError where a direction has no answer.
     """
     polygon = np.asarray(polygon, float)
     if not (np.isfinite([friction, normal_force]).all() and friction > 0.0 and normal_force > 0.0):
@@ -193,10 +193,10 @@ def yield_domain(
         )
     lever = float(np.average(np.hypot(*polygon.T), weights=polygons.tributary_areas(polygon)))
     load = directions(count, space, shear_angle) * [1.0, 1.0, lever]
-    point, direction, weight = jacks_for(load, 0.5 * lever, height)
+    point, direction, weight = actuators_for(load, 0.5 * lever, height)
     cases = batch.Cases.on(
         polygon, formulation, friction=friction, normal_force=normal_force, eccentricity=eccentricity,
-        jack_point=point, jack_direction=direction, jack_weight=weight, pressure=pressure, points=points,
+        actuator_point=point, actuator_direction=direction, actuator_weight=weight, pressure=pressure, points=points,
         tolerance=tolerance,
     )  # fmt: skip
     limits = batch.find_limit_loads(cases, threads, progress)

@@ -23,10 +23,10 @@ class YieldPoint:
 
     ``V`` is the middle of the bracket. ``bracket`` is "certified" where the normal forces do not depend on the load,
     else "indicator"; "open" where the bounds are further apart than a limit load allows (or ``V_upper`` is None: there
-    is no upper one), and V then only what the jacks carry at the end. ``jack_load`` is what the jacks carried when the
-    replay ended, ``displacement`` the driven one there; ``V_peak`` the largest V of the record, with its rate effect.
-    ``V_1``, ``V_2``, ``M_T``, ``N`` are carried by the joint, ``torsion_centre`` is measured from its O (None in pure
-    shear).
+    is no upper one), and V then only what the actuators carry at the end. ``actuator_load`` is what the actuators
+    carried when the replay ended, ``displacement`` the driven one there; ``V_peak`` the largest V of the record, with
+    its rate effect. ``V_1``, ``V_2``, ``M_T``, ``N`` are carried by the joint, ``torsion_centre`` is measured from its
+    O (None in pure shear).
     """
 
     V: float
@@ -35,7 +35,7 @@ class YieldPoint:
     bracket: str
     V_peak: float
     displacement_at_peak: float
-    jack_load: float
+    actuator_load: float
     V_1: float
     V_2: float
     M_T: float
@@ -59,7 +59,7 @@ def read_off(state: State, certificate: Certificate, names) -> YieldPoint:
     """The yield point of a replay that has ended; BracketError where the two bounds contradict each other."""
     lower, upper = (float(v) for v in certificate.bracket)
     if upper < NEVER:
-        carried = float(np.abs(state.joints.resultant[:, :3]).max() / np.abs(state.jacks.weight).sum())
+        carried = float(np.abs(state.joints.resultant[:, :3]).max() / np.abs(state.actuators.weight).sum())
         if lower - upper > max(_CROSSED * abs(lower), _NOTHING * carried):
             raise BracketError(
                 f"the lower bound {lower:.9g} N of the limit load lies above the upper one {upper:.9g} N, so one of "
@@ -69,12 +69,12 @@ def read_off(state: State, certificate: Certificate, names) -> YieldPoint:
     kind = "certified" if certificate.strict else "indicator"
     V = 0.5 * (lower + upper)
     if upper >= NEVER or (not certificate.strict and upper - lower > OPEN * abs(lower)):
-        kind, V = "open", float(state.jacks.drive[2])
+        kind, V = "open", float(state.actuators.drive[2])
     slid, turned, tilted = last_moves(state)
     j = int(np.argmax(np.maximum(np.maximum(slid, turned), tilted)))
     resultant = state.joints.resultant[j]
     centre, mechanism = _mechanism(state, j)
-    drive = state.jacks.drive
+    drive = state.actuators.drive
     # + 0.0: a negative zero would only puzzle the reader
     return YieldPoint(
         V=V,
@@ -83,7 +83,7 @@ def read_off(state: State, certificate: Certificate, names) -> YieldPoint:
         bracket=kind,
         V_peak=float(drive[3]),
         displacement_at_peak=float(drive[4]),
-        jack_load=float(drive[2]),
+        actuator_load=float(drive[2]),
         V_1=float(resultant[1]) + 0.0,
         V_2=float(resultant[2]) + 0.0,
         M_T=float(resultant[3]) + 0.0,

@@ -21,9 +21,9 @@ def to_csv(history: History, path: str | os.PathLike, report: Callable[[str], No
     units, _ = load_of(history.scenario_text)
     time = "equilibrium [1]" if history.counts_equilibria else "time [s]"
     columns = [("time", [time]), ("load", [f"load [{units}]"]), ("displacement", ["displacement [m]"])]
-    jacks, watched = [jack["name"] for jack in history.actuators], []
-    columns.append(("actuator_displacement", [f"displacement of {name} [m]" for name in jacks]))
-    columns.append(("actuator_force", [f"force of {name} [N]" for name in jacks]))
+    actuators, watched = [actuator["name"] for actuator in history.actuators], []
+    columns.append(("actuator_displacement", [f"displacement of {name} [m]" for name in actuators]))
+    columns.append(("actuator_force", [f"force of {name} [N]" for name in actuators]))
     for point in history.control_points:
         watched += [f"u_{axis} of {point['name']} [m]" for axis in "xyz"]
     if watched:

@@ -122,8 +122,8 @@ def _subtitle(history) -> str:
 def _legend(data: dict) -> str:
     """What the lines and arrows of the 3D picture mean."""
     words = "Grey lines: where the blocks started."
-    if data["jacks"]:
-        words += " Orange arrows: jacks, as long as their load."
+    if data["actuators"]:
+        words += " Orange arrows: actuators, as long as their load."
     if data["centre"]:
         words += " Blue rod: the torsion centre of the joint."
     return words

@@ -1,4 +1,4 @@
-"""What the scripts of a page need of a history: geometry and frames packed as float32, jacks, torsion centres."""
+"""What the scripts of a page need of a history: geometry and frames packed as float32, actuators, torsion centres."""
 
 from __future__ import annotations
 
@@ -47,7 +47,8 @@ def collect(history) -> dict:
     start = automatic_magnification(float(moved[-1]), largest)
     path = recorded_path(history)
     record = diagrams.record_at(history, frames.time, moved)
-    pushed = record.load is not None and record.diagram.unit == "N"  # by jacks, not by the weight of a tilted structure
+    # by actuators, not by the weight of a tilted structure
+    pushed = record.load is not None and record.diagram.unit == "N"
     return {
         "blocks": {
             "count": history.n_block,
@@ -65,7 +66,9 @@ def collect(history) -> dict:
         "most": max(float(moved.max()), 1e-30),
         "mostText": summary.length(float(moved.max())),
         "magnification": {"start": math.log10(start), "most": max(1.0, math.ceil(math.log10(start) + 0.7))},
-        "jacks": [_jack(history, jack, rest[jack["block"]], middle) for jack in history.actuators if pushed],
+        "actuators": [
+            _actuator(history, actuator, rest[actuator["block"]], middle) for actuator in history.actuators if pushed
+        ],
         "centre": _centres(history, path, frames, middle, float(np.ptp(world, axis=0).max())),
         "curve": diagrams.curve(history, record),
         "path": None if path is None else diagrams.yield_domain(history, record, path),
@@ -139,12 +142,17 @@ def _faces(history, rest: list[np.ndarray]) -> np.ndarray:
     return np.array(found, np.int64)
 
 
-def _jack(history, jack: dict, vertices: np.ndarray, middle: np.ndarray) -> dict:
-    """Where a jack pushes and which way; ``out`` (m): from there to where the block ends, ahead and behind."""
-    way = jack["direction"] * math.copysign(1.0, jack["weight"])
-    along = (vertices - (jack["point"] - history.position0[jack["block"]])) @ way
+def _actuator(history, actuator: dict, vertices: np.ndarray, middle: np.ndarray) -> dict:
+    """Where an actuator pushes and which way; ``out`` (m): from there to where the block ends, ahead and behind."""
+    way = actuator["direction"] * math.copysign(1.0, actuator["weight"])
+    along = (vertices - (actuator["point"] - history.position0[actuator["block"]])) @ way
     out = [float(along.max()), float(-along.min())]
-    return {"block": jack["block"], "point": (jack["point"] - middle).tolist(), "direction": way.tolist(), "out": out}
+    return {
+        "block": actuator["block"],
+        "point": (actuator["point"] - middle).tolist(),
+        "direction": way.tolist(),
+        "out": out,
+    }
 
 
 def recorded_path(history) -> JointPath | None:

@@ -3,7 +3,7 @@
 // Blocks in WebGL 1: the scene is moved on the processor, frame by frame, and drawn as flat triangles and edges.
 
 const CIVIDIS = [[0, 34, 78], [44, 65, 114], [87, 93, 109], [125, 124, 120], [165, 156, 116], [210, 192, 96], [254, 232, 56]];
-const STONE = [0.78, 0.78, 0.76], JACK = [0.84, 0.37, 0], CENTRE = [0, 0.45, 0.7];
+const STONE = [0.78, 0.78, 0.76], ACTUATOR = [0.84, 0.37, 0], CENTRE = [0, 0.45, 0.7];
 const VIEWS = {iso: [1, 1.5, 1.4], front: [0, -1, 0], side: [1, 0, 0], top: [0, 0, 1]};
 const NEAR_POLE = 1.5533; // rad: the view never tips over
 
@@ -199,11 +199,11 @@ function makeViewer(canvas, scene) {
 
   function marks() {
     const out = [], share = scene.loadAt(frame);
-    for (const jack of scene.jacks) {
-      const length = Math.max(Math.abs(share), 0.02) * 0.45 * scene.reach, way = jack.direction.map((x) => (share < 0 ? -x : x));
+    for (const actuator of scene.actuators) {
+      const length = Math.max(Math.abs(share), 0.02) * 0.45 * scene.reach, way = actuator.direction.map((x) => (share < 0 ? -x : x));
       // the arrow leaves the block where its line of action does, so that it is never hidden inside
-      rod(plus(carried(jack.block, jack.point), way, jack.out[share < 0 ? 1 : 0]), way, length, 0.014 * scene.reach,
-        Math.min(0.13 * scene.reach, 0.6 * length), JACK, out);
+      rod(plus(carried(actuator.block, actuator.point), way, actuator.out[share < 0 ? 1 : 0]), way, length, 0.014 * scene.reach,
+        Math.min(0.13 * scene.reach, 0.6 * length), ACTUATOR, out);
     }
     const rest = scene.centreAt(frame);
     if (rest) {

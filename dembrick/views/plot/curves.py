@@ -40,7 +40,7 @@ def force_displacement(
     histories, labels = labelled(histories, labels)
     diagram = _common_diagram(histories)
     if measured and diagram.unit != "N":
-        raise ScenarioError("measured forces can be laid over runs with jacks only, and these have none")
+        raise ScenarioError("measured forces can be laid over runs with actuators only, and these have none")
     with style.settings():
         figure, axes = style.canvas(ax)
         records = [subject.record_of(history) for history in histories]

@@ -34,7 +34,7 @@ class RectangularJoint(NamedTuple):
 
 def domain_points(histories) -> list[dict]:
     """One row a history with a yield point: ``V``, its bounds, ``V_1``, ``V_2``, ``M_T``, ``N``, the formulation,
-    edges ``a`` and ``b`` (m) of the joint and its ``friction``, ``load_height`` (m) of the jacks above it.
+    edges ``a`` and ``b`` (m) of the joint and its ``friction``, ``load_height`` (m) of the actuators above it.
 
     Histories that reached no yield point give no row; HistoryError where the joint is not a rectangle.
     """
@@ -47,7 +47,7 @@ def domain_points(histories) -> list[dict]:
         a, b = np.ptp(joint["polygon"], axis=0)
         if abs(a * b - joint["area"]) > 1e-6 * joint["area"]:
             raise HistoryError(f"{history.path}: its joint is not a rectangle, so no domain can be drawn for it")
-        heights = [(jack["point"] - joint["origin"]) @ joint["axes"][2] for jack in history.actuators]
+        heights = [(actuator["point"] - joint["origin"]) @ joint["axes"][2] for actuator in history.actuators]
         row = {key: point.get(key) for key in ("V", "V_lower", "V_upper", "bracket", "V_1", "V_2", "M_T", "N")}
         row |= {"a": float(a), "b": float(b), "friction": joint["friction"], "title": history.title}
         row |= {"formulation": history.results.get("formulation", joint["formulation"])}
@@ -57,8 +57,8 @@ def domain_points(histories) -> list[dict]:
 
 
 def _loaded_joint(history) -> dict:
-    """The joint under the block that the jacks push; the only joint of a laboratory test."""
-    loaded = {jack["block"] for jack in history.actuators}
+    """The joint under the block that the actuators push; the only joint of a laboratory test."""
+    loaded = {actuator["block"] for actuator in history.actuators}
     for joint in history.joints:
         if not loaded or loaded & {joint["block_a"], joint["block_b"]}:
             return joint

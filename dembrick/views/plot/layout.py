@@ -1,4 +1,4 @@
-"""Loading layouts in plan: the pushed block, its jacks with their arms, the torsion centre (paper Table 2)."""
+"""Loading layouts in plan: the pushed block, its actuators with their arms, the torsion centre (paper Table 2)."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _PANEL = (2.3, 2.9)  # inches
 
 
 class Plan(NamedTuple):
-    """What a panel shows, in plan (x, y), m: the outline (k, 2), the joint's centroid, jacks, torsion centre."""
+    """What a panel shows, in plan (x, y), m: the outline (k, 2), the joint's centroid, actuators, torsion centre."""
 
     title: str
     outline: np.ndarray
@@ -58,13 +58,13 @@ def layout(sources, ax: Axes | None = None, torsion_centre: bool = True) -> Figu
 def _plan(source) -> Plan:
     """Plan of a history; a scenario is built into its geometry first."""
     if hasattr(source, "block_vertices"):
-        jacks = source.actuators
-        if not jacks:
-            raise ScenarioError(f"{source.path}: it has no jack, so there is no loading layout to draw")
-        block = jacks[0]["block"]
+        actuators = source.actuators
+        if not actuators:
+            raise ScenarioError(f"{source.path}: it has no actuator, so there is no loading layout to draw")
+        block = actuators[0]["block"]
         vertices = source.block_vertices(block) @ rotation_matrix(source.orientation0[block]).T
-        point, direction = (np.array([jack[key] for jack in jacks]) for key in ("point", "direction"))
-        weight = np.array([jack["weight"] for jack in jacks])
+        point, direction = (np.array([actuator[key] for actuator in actuators]) for key in ("point", "direction"))
+        weight = np.array([actuator["weight"] for actuator in actuators])
         joint = next((j for j in source.joints if block in (j["block_a"], j["block_b"])), None)
         origin = source.position0[block] if joint is None else joint["origin"]
         turning = (source.results.get("yield_point") or {}).get("torsion_centre")
@@ -101,7 +101,7 @@ def _draw(axes, plan: Plan, torsion_centre: bool) -> None:
     for i, (point, force) in enumerate(zip(plan.points, forces, strict=True)):
         length = float(np.hypot(*force))
         if length < 1e-9:
-            continue  # a jack along z shows nothing in plan
+            continue  # an actuator along z shows nothing in plan
         tip = point + 0.42 * size * force / length
         _arrow(axes, point, tip, style.VERMILLION, "-|>", 1.8)
         axes.plot(*point, "o", color=style.VERMILLION, ms=3.5)
@@ -124,7 +124,7 @@ def _draw(axes, plan: Plan, torsion_centre: bool) -> None:
 
 
 def _arms(axes, plan: Plan, forces: np.ndarray, size: float, a: float) -> None:
-    """The arm of a couple of jacks, or the eccentricity of a single one, measured across the force."""
+    """The arm of a couple of actuators, or the eccentricity of a single one, measured across the force."""
     sizes = np.hypot(*forces.T)
     couple = len(forces) == 2 and np.allclose(forces.sum(axis=0), 0.0, atol=1e-9) and sizes[0] > 1e-9
     if not (couple or (len(forces) == 1 and sizes[0] > 1e-9)):

@@ -57,7 +57,7 @@ def chosen_joint(history, name: str | int | None = None) -> int:
     of_yield = summary.part(history.results, "yield_point").get("joint")
     if isinstance(of_yield, list | tuple) and "/".join(map(str, of_yield)) in pairs:
         return pairs.index("/".join(map(str, of_yield)))
-    pushed = {jack["block"] for jack in history.actuators}
+    pushed = {actuator["block"] for actuator in history.actuators}
     for i, joint in enumerate(joints):
         if pushed & {joint["block_a"], joint["block_b"]}:
             return i
@@ -172,5 +172,5 @@ def diagram_of(source) -> Diagram:
         if not isinstance(kind, str):
             kind = "yield" if source.n_actuator else "dynamic"
     found = _DIAGRAMS.get(kind, Diagram("load V", "N", _DRIVEN))
-    # a quasi-static tilt pushes the blocks by their weights, as jacks would
+    # a quasi-static tilt pushes the blocks by their weights, as actuators would
     return found._replace(displacement=_DRIVEN) if kind == "tilt" and driven else found

@@ -73,7 +73,7 @@ def picture(
     forces: bool = False,
     size: tuple[int, int] = SIZE,
 ) -> str:
-    """Write a PNG of one frame: the blocks, where they started, jacks, torsion centre; the path.
+    """Write a PNG of one frame: the blocks, where they started, actuators, torsion centre; the path.
 
     ``frame`` counts from the end where negative; ``time`` (s) takes the nearest frame instead. Without
     ``magnification`` the motion is blown up until it is seen; the picture says how much. ``color``: displacement,

@@ -29,7 +29,7 @@ IMPACT = 3.0  # of the greatest force in the usual frame: where there are greate
 
 
 class Scene:
-    """Blocks, jacks, torsion centre and joint forces of ``history`` in a pyvista ``plotter``.
+    """Blocks, actuators, torsion centre and joint forces of ``history`` in a pyvista ``plotter``.
 
     ``frames``: those that will be shown; the colours and the camera suit all of them. ``below``: the part of the
     picture's height that is left free at its foot.
@@ -88,7 +88,7 @@ class Scene:
                 self._free.point_data["shown"][:] = values
             else:
                 self._free.cell_data["shown"][:] = np.minimum(values, 1e30)[self._owner]
-        self._show_jacks(poses)
+        self._show_actuators(poses)
         marked = self._show_centre(frame)
         if self._look.forces:
             self._show_forces(frame, poses)
@@ -109,7 +109,7 @@ class Scene:
         return Poses.read(self._history, frame, frame + 1)
 
     def _marked_joint(self) -> tuple[dict, JointMotion] | None:
-        """The joint whose torsion centre is marked: the one that gave way under a jack."""
+        """The joint whose torsion centre is marked: the one that gave way under an actuator."""
         history = self._history
         if not (history.n_joint and history.actuators):
             return None
@@ -199,11 +199,11 @@ class Scene:
             rest = self._edges(free)
             rest.points[:] = self._start
             plotter.add_mesh(rest, color="#777777", line_width=2, opacity=0.8)
-        self._jacks = []
+        self._actuators = []
         for _ in history.actuators:
             arrow = plotter.add_mesh(pyvista.Arrow(start=(0, 0, 0), direction=(1, 0, 0), **_ARROW), color=_ORANGE)
             point = plotter.add_mesh(pyvista.Sphere(radius=0.015 * self._length), color=_ORANGE)
-            self._jacks.append((arrow, point))
+            self._actuators.append((arrow, point))
         if self._marked:
             rod = pyvista.Cylinder(direction=(1, 0, 0), radius=0.006 * self._length, height=self._length)
             self._rod = plotter.add_mesh(rod, color=_BLUE)
@@ -274,24 +274,24 @@ class Scene:
     # --- frame by frame ---
 
     def _arrows_of(self, poses: Poses) -> list[tuple[np.ndarray, np.ndarray, float]]:
-        """Loaded point on the drawn block, direction and length of the arrow of each jack."""
+        """Loaded point on the drawn block, direction and length of the arrow of each actuator."""
         history, arrows = self._history, []
-        for jack in history.actuators:
-            i = jack["block"]
+        for actuator in history.actuators:
+            i = actuator["block"]
             first = rotation_matrix(history.orientation0[i])
             turn = rotation_times(poses.rotation[0, i] @ first.T, self._factor)
             tip = history.position0[i] + self._factor * poses.displacement[0, i]
-            tip = tip + turn @ (jack["point"] - history.position0[i])
-            way = jack["direction"] * np.sign(jack["weight"])
-            # the head of the arrow lies outside the block, so that a jack inside it is seen in every view
+            tip = tip + turn @ (actuator["point"] - history.position0[i])
+            way = actuator["direction"] * np.sign(actuator["weight"])
+            # the head of the arrow lies outside the block, so that an actuator inside it is seen in every view
             corners = history.block_vertices(i) @ first.T @ way
-            reach = float(corners.max() - (jack["point"] - history.position0[i]) @ way)
+            reach = float(corners.max() - (actuator["point"] - history.position0[i]) @ way)
             arrows.append((tip, way, reach + 0.35 * self._length))
         return arrows
 
-    def _show_jacks(self, poses: Poses) -> None:
-        """An arrow of one length a jack, pushing at its point."""
-        for (arrow, point), (tip, way, length) in zip(self._jacks, self._arrows_of(poses), strict=True):
+    def _show_actuators(self, poses: Poses) -> None:
+        """An arrow of one length an actuator, pushing at its point."""
+        for (arrow, point), (tip, way, length) in zip(self._actuators, self._arrows_of(poses), strict=True):
             arrow.user_matrix = _placed(tip, way, length)
             point.user_matrix = _placed(tip, way, 1.0)
 
@@ -399,8 +399,8 @@ class Scene:
         history = self._history
         shown = f"motion x {self._factor:g}" if self._factor != 1.0 else "true scale"
         keys = ["grey: start"] if not self._many else []
-        if self._jacks:
-            keys.append("orange: jacks")
+        if self._actuators:
+            keys.append("orange: actuators")
         if marked:
             keys.append("blue: torsion centre")
         if self._look.forces:
