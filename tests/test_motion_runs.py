@@ -208,8 +208,16 @@ def block_on_floor(control, loads=(), friction=0.2):
     )
 
 
-def write(path, time, value, heading="time, value"):
-    lines = [heading] * bool(heading) + [f"{float(t)!r}, {float(v)!r}" for t, v in zip(time, value, strict=True)]
+HEADINGS = {
+    "acceleration": "time [s], acceleration [m/s2]",
+    "velocity": "time [s], velocity [m/s]",
+    "displacement": "time [s], displacement [m]",
+    "factor": "time [s], factor [1]",
+}
+
+
+def write(path, time, value, quantity="acceleration"):
+    lines = [HEADINGS[quantity], *(f"{float(t)!r}, {float(v)!r}" for t, v in zip(time, value, strict=True))]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return path.name
 
@@ -221,7 +229,7 @@ def test_a_file_shakes_as_the_curve_that_it_samples(quantity, tmp_path, monkeypa
         Sine({"acceleration": 4.0, "velocity": 0.6, "displacement": 0.1}[quantity], 1.0, 0.3),
         np.linspace(0, 1, 1001),
     )
-    file = write(tmp_path / "base.csv", time, shape.amplitude * np.sin(2.0 * math.pi * time + 0.3))
+    file = write(tmp_path / "base.csv", time, shape.amplitude * np.sin(2.0 * math.pi * time + 0.3), quantity)
     common = {"duration": 0.8, "direction": (0.0, 1.0, 0.0), "quantity": quantity}
     by_curve = simulate(block_on_floor(BaseMotionControl(sine=shape, **common)))
     by_file = simulate(block_on_floor(BaseMotionControl(file=file, **common)))
@@ -245,31 +253,30 @@ def test_curves_of_supports_are_consistent():
 def test_spline_of_a_cubic(tmp_path):
     """The natural spline is exact for a straight line, and close inside a smooth curve."""
     time = np.linspace(0.0, 1.0, 201)
-    write(tmp_path / "line.csv", time, 3.0 * time)
-    slope = sampled_velocity(read_samples(tmp_path / "line.csv", 1.0), "displacement")
+    write(tmp_path / "line.csv", time, 3.0 * time, "displacement")
+    slope = sampled_velocity(read_samples(tmp_path / "line.csv", 1.0, "displacement"), "displacement")
     np.testing.assert_allclose(slope(np.array([0.0, 0.123, 0.99])), 3.0, rtol=1e-12)
-    write(tmp_path / "sine.csv", time, np.sin(3.0 * time))
-    slope = sampled_velocity(read_samples(tmp_path / "sine.csv", 1.0), "displacement")
+    write(tmp_path / "sine.csv", time, np.sin(3.0 * time), "displacement")
+    slope = sampled_velocity(read_samples(tmp_path / "sine.csv", 1.0, "displacement"), "displacement")
     np.testing.assert_allclose(slope(np.array([0.3, 0.456])), 3.0 * np.cos(3.0 * np.array([0.3, 0.456])), rtol=1e-6)
 
 
 BAD_FILES = {
-    "gap": ("0,0\n0.01,1\n0.02,1\n0.05,1\n0.06,1\n", "line 4: time leaves a gap of 0.03 s"),
-    "backwards": ("0,0\n0.01,1\n0.005,1\n0.06,1\n", "line 3: time goes back"),
-    "three columns": ("t,x,y\n0,0,0\n0.01,1,1\n", "line 1: 't, x, y' is not time and value"),
-    "text": ("0,0\n0.01,much\n", "line 2: '0.01, much' is not time and value"),
-    "not a number": ("0,0\n0.01,nan\n", "line 2: '0.01, nan' must be two finite numbers"),
+    "gap": ("0,0\n0.01,1\n0.02,1\n0.05,1\n0.06,1\n", "line 5: time leaves a gap of 0.03 s"),
+    "backwards": ("0,0\n0.01,1\n0.005,1\n0.06,1\n", "line 4: time goes back"),
+    "text": ("0,0\n0.01,much\n", "line 3: 'much' in column 'a' is no finite number"),
+    "not a number": ("0,0\n0.01,nan\n", "line 3: 'nan' in column 'a' is no finite number"),
     "too short": ("0,0\n0.01,1\n0.02,1\n", "covers 0 to 0.02 s, the run lasts from 0 to 1 s"),
-    "empty": ("time,value\n", "at least two lines"),
+    "empty": ("", "at least 2 lines"),
 }
 
 
 @pytest.mark.parametrize("name", BAD_FILES)
 def test_histories_that_are_refused(name, tmp_path):
     text, message = BAD_FILES[name]
-    (tmp_path / "base.csv").write_text(text, encoding="utf-8")
+    (tmp_path / "base.csv").write_text("t [s],a [m/s2]\n" + text, encoding="utf-8")
     with pytest.raises(ScenarioError, match=message.replace("(", r"\(")):
-        read_samples(tmp_path / "base.csv", 1.0)
+        read_samples(tmp_path / "base.csv", 1.0, "acceleration")
 
 
 def test_a_history_finer_than_the_time_step_is_refused(tmp_path, monkeypatch):
@@ -278,14 +285,14 @@ def test_a_history_finer_than_the_time_step_is_refused(tmp_path, monkeypatch):
     file = write(tmp_path / "base.csv", time, np.zeros(len(time)))
     with pytest.raises(ScenarioError, match=r"base.csv: its step of 1e-06 s is shorter than the time step"):
         simulate(block_on_floor(BaseMotionControl(0.01, (1.0, 0.0, 0.0), file=file)))
-    with pytest.raises(ScenarioError, match="there.csv: the history cannot be read: No such file"):
+    with pytest.raises(ScenarioError, match="there.csv: there is no such file"):
         simulate(block_on_floor(BaseMotionControl(0.01, (1.0, 0.0, 0.0), file="there.csv")))
 
 
 def test_a_load_history_pushes(tmp_path, monkeypatch):
     """A force that a file doubles half way: F/m less friction, twice."""
     monkeypatch.chdir(tmp_path)
-    file = write(tmp_path / "push.csv", [0.0, 0.1, 0.2, 0.3], [1.0, 1.0, 1.0, 1.0])
+    file = write(tmp_path / "push.csv", [0.0, 0.1, 0.2, 0.3], [1.0, 1.0, 1.0, 1.0], "factor")
     push = Load("block", (12.0 * 4.0, 0.0, 0.0), history=file)
     result = simulate(block_on_floor(DynamicControl(0.25), (push,)))
     time = result.run.motion.time

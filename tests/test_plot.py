@@ -305,6 +305,7 @@ def curve_file(tmp_path, text):
         "# rig 2\n\nforce [N]; displacement [µm]\n0;0\n200;500\n160;1250\n",
         "\ufeffload [N]\tdisplacement [m]\n0\t0\n200,0\t0,0005\n160\t1.25e-3\n",
         '"displacement [um]","Force [N]"\n0,0\n500,2e2\n1250,160\n',
+        "time [s];Displacement (mm);Force (kN)\r\n0;0;0\r\n1;0,5;0,2\r\n2;1,25;0,16\r\n;;\r\n",
     ],
 )
 def test_measured_curves_are_read_in_their_units(tmp_path, text):
@@ -318,16 +319,16 @@ def test_measured_curves_are_read_in_their_units(tmp_path, text):
     "text, said",
     [
         ("", "is empty"),
-        ("0,0\n1,2\n", "has no unit"),
+        ("0,0\n1,2\n", "the first line must name the columns and their units"),
         ("displacement,force\n0,0\n1,1\n", "'displacement' has no unit"),
-        ("displacement [inch],force [N]\n0,0\n1,1\n", "'inch' .* m, mm, um, µm"),
+        ("displacement [inch],force [N]\n0,0\n1,1\n", "'inch' .* m, cm, mm, um, µm"),
         ("displacement [mm],force [lbf]\n0,0\n1,1\n", "'lbf' .* N, kN"),
-        ("displacement [mm],time [s]\n0,0\n1,1\n", "'time' is unknown"),
-        ("displacement [mm],displacement [m]\n0,0\n1,1\n", "one column of displacement and one of force"),
+        ("displacement [mm],time [s]\n0,0\n1,1\n", "no column has a unit of force"),
+        ("displacement [mm],displacement [m],force [N]\n0,0,0\n1,1,1\n", "all have a unit of displacement"),
         ("displacement [mm],force [N]\n0,0\n1\n", "line 3: 1 values for 2"),
-        ("displacement [mm],force [N]\n0,0\n1,two\n", "line 3: the force 'two'"),
-        ("displacement [mm],force [N]\n0,0\n1,nan\n", "line 3: the force 'nan'"),
-        ("displacement [mm],force [N]\n0,0\n", "at least two points"),
+        ("displacement [mm],force [N]\n0,0\n1,two\n", "line 3: 'two' in column 'force'"),
+        ("displacement [mm],force [N]\n0,0\n1,nan\n", "line 3: 'nan' in column 'force'"),
+        ("displacement [mm],force [N]\n0,0\n", "at least 2 lines"),
     ],
 )
 def test_measured_curves_that_are_none(tmp_path, text, said):
@@ -336,7 +337,7 @@ def test_measured_curves_that_are_none(tmp_path, text, said):
 
 
 def test_measured_files_that_cannot_be_read(tmp_path):
-    with pytest.raises(ScenarioError, match="No such file"):
+    with pytest.raises(ScenarioError, match="there is no such file"):
         plot.read_measured(tmp_path / "none.csv")
     (tmp_path / "photo.csv").write_bytes(b"\xff\xd8\xff\xe0")
     with pytest.raises(ScenarioError, match="UTF-8"):
@@ -366,7 +367,7 @@ def test_the_command_draws_every_kind(pushed, tmp_path, capsys, kind):
     "words, said",
     [
         (["--label", "one", "--label", "two"], "2 labels for 1 histories"),
-        (["--lab", "none.csv"], "none.csv: the measured curve cannot be read"),
+        (["--lab", "none.csv"], "none.csv: there is no such file"),
         (["--kind", "path", "--lab", "none.csv"], "belong to --kind curve"),
         (["--kind", "path", "--joint", "a/b"], "has no joint 'a/b'"),
     ],

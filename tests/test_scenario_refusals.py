@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from test_scenario import BASE, refused
 
 from dembrick.errors import ScenarioError
-from dembrick.scenario import model, toml
+from dembrick.scenario import model, text_files, toml
 
 BAD = {
     "unknown key": (
@@ -221,9 +221,9 @@ def test_files_that_cannot_be_read(tmp_path):
     file.write_bytes(b"\x89HDF\r\n\x1a\n\0\0\0\0")
     assert "UTF-8" in message(file)
     with open(file, "wb") as stream:
-        stream.truncate(toml.LARGEST_FILE + 1)
+        stream.truncate(text_files.LARGEST_FILE + 1)
     assert "16 MiB" in message(file)
-    file.write_bytes(b"#" * (toml.LARGEST_FILE - len(BASE) - 1) + b"\n" + BASE.encode())
+    file.write_bytes(b"#" * (text_files.LARGEST_FILE - len(BASE) - 1) + b"\n" + BASE.encode())
     assert toml.load(file).title == "One force at 0.25 a"
 
 

@@ -134,7 +134,7 @@ def test_a_case_draws_the_same_whatever_was_drawn_before():
             '[draws]\ncount = 2\nseed = 1\n[draws.of]\n"joint.friction" = { distribution = "normal", mean = 1.0 }\n',
             ["deviation", "no default"],
         ),
-        ('[table]\nfile = "none.csv"\n', ["none.csv", "cannot be read"]),
+        ('[table]\nfile = "none.csv"\n', ["none.csv", "there is no such file"]),
     ],
 )
 def test_what_is_no_study_is_refused_in_one_sentence(write, body, words):

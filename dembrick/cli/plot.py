@@ -13,8 +13,8 @@ KINDS = {
     "domain": "yield domains with the yield points of the histories",
 }
 LAB_FORMAT = (
-    "a measured curve to lay over (may be repeated): CSV whose first line names two columns with their units, such as "
-    "'displacement [mm],force [N]'; units m, mm, um and N, kN; lines that begin with # are remarks"
+    "a measured curve to lay over (may be repeated): CSV whose first line names its columns with their units, such as "
+    "'displacement [mm],force [N]'; lines that begin with # are remarks"
 )
 
 

@@ -13,7 +13,6 @@ formulation only. mu minimises sum(((V(mu) - V_i) / s_i)^2) with V(mu) simulated
 
 from __future__ import annotations
 
-import csv
 import math
 import os
 from collections.abc import Callable, Sequence
@@ -25,10 +24,11 @@ import numpy as np
 from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml as scenarios
+from dembrick.scenario.csv_tables import Table, cells_by_name, name_of, read_table
 from dembrick.scenario.model import FORMULATIONS, Scenario, YieldControl, nearest, show
 
 CONFIDENCE = 0.95
-_UNITS = {"N": 1.0, "kN": 1e3}
+_COLUMNS = {"test": True, "scenario": True, "V": True, "deviation": False, "formulation": False}  # needed or not
 _START = 0.5  # of mu; any other number gives the same answer
 _STEP = 0.01  # relative change of mu for the slope of V
 _TOLERANCE = 1e-5  # of the simulated limit loads
@@ -65,62 +65,35 @@ class Fit:
 def read(path: str | os.PathLike) -> list[Measurement]:
     """Measurements out of a CSV file; ScenarioError names the line and the column that is wrong."""
     path = Path(path)
-    try:
-        with open(path, newline="", encoding="utf-8-sig") as file:
-            rows = [row for row in csv.reader(file) if row and not row[0].lstrip().startswith("#")]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise ScenarioError(f"{path}: the file cannot be read: {getattr(error, 'strerror', None) or error}") from None
-    if len(rows) < 2:
+    table = read_table(path, "a file of measured yield points")
+    columns = cells_by_name(table, _COLUMNS, ("V", "deviation"))
+    if not table.lines:
         raise ScenarioError(f"{path}: a header line and at least one test are needed")
-    columns = _columns(path, [name.strip() for name in rows[0]])
     found = []
-    for number, row in enumerate(rows[1:], 2):
-        place = f"{path}, test number {number - 1}"
-        if len(row) != len(rows[0]):
-            raise ScenarioError(f"{place}: {len(row)} values under {len(rows[0])} column names")
-        cells = {name: (row[i].strip(), scale) for name, (i, scale) in columns.items()}
-        formulation = cells.get("formulation", ("", 1.0))[0] or None
+    for number, row in table.lines:
+        place = f"{path}, line {number}"
+        cells = {name: row[i].strip() for name, (i, _) in columns.items()}
+        formulation = cells.get("formulation") or None
         if formulation is not None and formulation not in FORMULATIONS:
             raise ScenarioError(
                 f"{place}: formulation {show(formulation)} is unknown; {nearest(formulation, FORMULATIONS)}"
             )
-        V = _positive(place, "V", *cells["V"])
-        deviation = _positive(place, "deviation", *cells["deviation"]) if cells.get("deviation", ("",))[0] else None
-        scenario = scenarios.load(path.parent / cells["scenario"][0])
+        V = _positive(table, number, row, *columns["V"])
+        deviation = _positive(table, number, row, *columns["deviation"]) if cells.get("deviation") else None
+        scenario = scenarios.load(path.parent / cells["scenario"], regular=True)
         if not isinstance(scenario.control, YieldControl):
             raise ScenarioError(f'{place}: {scenario.path} has no control.kind = "yield", so it has no yield point')
-        found.append(Measurement(cells["test"][0], scenario, V, deviation, formulation))
+        found.append(Measurement(cells["test"], scenario, V, deviation, formulation))
     return found
 
 
-def _columns(path: Path, header: list[str]) -> dict[str, tuple[int, float]]:
-    """Where each column stands and what its unit is worth."""
-    known = ("test", "scenario", "V", "deviation", "formulation")
-    columns: dict[str, tuple[int, float]] = {}
-    for i, title in enumerate(header):
-        name, _, unit = title.partition("[")
-        name, unit = name.strip(), unit.strip().rstrip("]").strip()
-        if name not in known:
-            raise ScenarioError(f"{path}: unknown column {show(title)}; {nearest(name, known)}")
-        if name in columns:
-            raise ScenarioError(f"{path}: two columns are called {show(name)}")
-        if name in ("V", "deviation") and unit not in _UNITS:
-            raise ScenarioError(f"{path}: column {show(title)} needs its unit in the header: '{name} [N]' or '[kN]'")
-        columns[name] = (i, _UNITS.get(unit, 1.0))
-    for name in known[:3]:
-        if name not in columns:
-            raise ScenarioError(f"{path}: there is no column {show(name)}; the header is test,scenario,V [N]")
-    return columns
-
-
-def _positive(place: str, name: str, text: str, scale: float) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not (math.isfinite(value) and value > 0.0):
-        raise ScenarioError(f"{place}: {name} = {show(text)} must be a number greater than 0")
-    return scale * value
+def _positive(table: Table, number: int, row: Sequence[str], column: int, size: float) -> float:
+    """A number greater than 0 in SI."""
+    value = table.number(number, table.titles[column], row[column])
+    if not value > 0.0:
+        name = name_of(table.titles[column])
+        raise ScenarioError(f"{table.path}, line {number}: {name} = {value:g} must be greater than 0")
+    return size * value
 
 
 def fit(

@@ -165,8 +165,12 @@ class DynamicControl:
 
 @dataclass(frozen=True, slots=True)
 class BaseMotionControl:
-    """Supports that shake along ``direction`` for ``duration`` (s), by a ``sine``, a ``pulse`` or a CSV ``file`` of
-    time (s) and value, which ``quantity`` says is an acceleration (m/s2), a velocity or a displacement."""
+    """Supports that shake along ``direction`` for ``duration`` (s), by a ``sine``, a ``pulse`` or a ``file``, whose
+    ``quantity`` is an acceleration, a velocity or a displacement.
+
+    The file is a CSV whose first line names its columns with their units, such as "time [s], acceleration [g]", or a
+    PEER record (.AT2, .VT2, .DT2). ``columns`` picks two of its columns by name, time first, where units do not tell.
+    """
 
     duration: float
     direction: Vector
@@ -175,6 +179,7 @@ class BaseMotionControl:
     pulse: Pulse | None = None
     quantity: str = "acceleration"
     restitution: float = 0.5
+    columns: tuple[str, str] | None = None
 
     kind = "base-motion"
 
@@ -186,12 +191,24 @@ class BaseMotionControl:
         one_of("quantity", self.quantity, QUANTITIES)
         if self.file is not None:
             check_name("file", self.file)
+        assign(self, columns=checked_columns(self.columns, self.file))
         require_type(self.sine is None or isinstance(self.sine, Sine), "sine", self.sine, "a Sine")
         require_type(self.pulse is None or isinstance(self.pulse, Pulse), "pulse", self.pulse, "a Pulse")
         given = [key for key in ("file", "sine", "pulse") if getattr(self, key) is not None]
         require(len(given) == 1, "control", given, "a base motion needs exactly one of file, sine and pulse")
         still = self.pulse is not None and self.quantity == "displacement"
         require(not still, "quantity", self.quantity, "a pulse of displacement has no finite velocity; use another")
+
+
+def checked_columns(columns, file: str | None) -> tuple[str, str] | None:
+    """Names of the columns of time and of values in a ``file``, None where it does not need them."""
+    if columns is None:
+        return None
+    require(file is not None, "columns", columns, "they belong to a file, and none is named")
+    require_type(isinstance(columns, list | tuple), "columns", columns, "a list of two names, of time and of values")
+    require(len(columns) == 2, "columns", columns, "it must name two columns, of time and of values")
+    time, value = (check_name(f"columns[{i}]", name) for i, name in enumerate(columns))
+    return time, value
 
 
 def _check_motion(control) -> None:

@@ -36,6 +36,7 @@ from dembrick.scenario.controls import (  # noqa: F401 (all that a scenario is m
     Sine,
     TiltControl,
     YieldControl,
+    checked_columns,
 )
 from dembrick.scenario.generators import GENERATORS, Arch, Dome, Stack, Wall
 from dembrick.scenario.memory import check_memory
@@ -121,7 +122,7 @@ class Load:
     """A dead load: ``force`` (N, world) on ``block`` at ``point`` (m, world at the start; None: the centroid).
 
     ``block`` may name a group: then each of its blocks bears that force, at its centroid. In a dynamic run ``sine``, or
-    the values of a CSV file ``history`` (time in s, factor), multiply the force.
+    the values of a CSV file ``history`` ("time [s], factor [1]"; ``columns`` picks two by name), multiply the force.
     """
 
     block: str
@@ -129,6 +130,7 @@ class Load:
     point: Vector | None = None
     sine: Sine | None = None
     history: str | None = None
+    columns: tuple[str, str] | None = None
 
     def __post_init__(self):
         label = f" of the load on block {show(check_name('block', self.block))}"
@@ -138,6 +140,7 @@ class Load:
         require_type(self.sine is None or isinstance(self.sine, Sine), f"sine{label}", self.sine, "a Sine")
         if self.history is not None:
             check_name(f"history{label}", self.history)
+        assign(self, columns=checked_columns(self.columns, self.history))
         both = self.sine is not None and self.history is not None
         require(not both, f"history{label}", self.history, "a load has either a sine or a history")
 

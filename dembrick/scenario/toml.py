@@ -33,8 +33,7 @@ from dembrick.scenario.model import (
     Solver,
 )
 from dembrick.scenario.overrides import apply_overrides, assign
-
-LARGEST_FILE = 16 * 1024 * 1024  # bytes; some hundred thousand blocks
+from dembrick.scenario.text_files import read_text
 
 _CONTROLS = {control.kind: control for control in Control.__args__}
 _LISTS = {"blocks": Block, **GENERATORS, "loads": Load, "actuators": Actuator, "control_points": ControlPoint}
@@ -43,27 +42,13 @@ _TABLE_LISTS = {"parts": Part, "openings": Opening, "returns": Return}
 _OWN_KEYS = {"points": "distributed", "pressure": "convex"}  # law keys that belong to one formulation
 
 
-def load(path: str | os.PathLike, overrides: Iterable[str] = ()) -> Scenario:
-    """Read a scenario file; ``overrides`` are ``key.path=value`` texts, as for ``--set``."""
+def load(path: str | os.PathLike, overrides: Iterable[str] = (), regular: bool = False) -> Scenario:
+    """Read a scenario file; ``overrides`` are ``key.path=value`` texts, as for ``--set``.
+
+    ``regular``: whether a pipe, which a user may well read from, is refused, as where another file names the scenario.
+    """
     path = os.fsdecode(path)
-    try:
-        with open(path, "rb") as file:
-            data = file.read(LARGEST_FILE + 1)
-    except FileNotFoundError:
-        raise ScenarioError(f"{path}: there is no such file") from None
-    except IsADirectoryError:
-        raise ScenarioError(f"{path}: this is a folder; name a scenario file in it") from None
-    except (OSError, ValueError) as error:  # ValueError: a name with a null character
-        reason = getattr(error, "strerror", None) or error
-        raise ScenarioError(f"{path}: the file cannot be read: {reason}") from None
-    if len(data) > LARGEST_FILE:
-        raise ScenarioError(f"{path}: longer than {LARGEST_FILE // 2**20} MiB, this is no scenario file")
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
-        raise ScenarioError(f"{path}: not UTF-8 text (line {line}); a scenario is a TOML file in UTF-8") from None
-    return loads(text, path, overrides)
+    return loads(read_text(path, "a scenario file (TOML)", regular), path, overrides)
 
 
 def loads(text: str, path: str | os.PathLike | None = None, overrides: Iterable[str] = ()) -> Scenario:

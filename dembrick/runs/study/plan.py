@@ -25,11 +25,11 @@ is a case: all formulations above see the same thousand frictions.
 
 from __future__ import annotations
 
-import csv
 import hashlib
 import json
 import math
 import os
+import re
 import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -39,9 +39,12 @@ from typing import Any
 from dembrick.errors import ScenarioError
 from dembrick.runs.study.draws import METHODS, Draws, distribution
 from dembrick.scenario import toml as scenarios
+from dembrick.scenario.csv_tables import read_table
 from dembrick.scenario.model import nearest, show
+from dembrick.scenario.text_files import read_text
 
 MOST_CASES = 10_000_000
+_DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+(?:[eE][-+]?\d+)?")
 _KEYS = ("title", "base", "histories", "grid", "list", "table", "draws")
 
 
@@ -91,12 +94,7 @@ class Study:
 def load(path: str | os.PathLike) -> Study:
     """Read a study file and check it down to its first case; ScenarioError says what is wrong."""
     path = os.fsdecode(path)
-    try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise ScenarioError(f"{path}: the study cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise ScenarioError(f"{path}: not UTF-8 text; a study is a TOML file in UTF-8") from None
+    text = read_text(path, "a study (TOML)")
     try:
         document = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
@@ -118,7 +116,7 @@ def _study(document: dict, path: str) -> Study:
         if not isinstance(document.get(key, kind()), kind):
             raise ScenarioError(f"{key} = {show(document[key])} must be a {'text' if kind is str else 'true or false'}")
     base_path = str(Path(path).parent / base_name)
-    base = scenarios.text_of(scenarios.load(base_path))
+    base = scenarios.text_of(scenarios.load(base_path, regular=True))
     grid = {key: _grid_values(key, value) for key, value in _flat(document.get("grid", {}), "grid").items()}
     lines = _lines(document, path)
     draws = _draws(document["draws"]) if "draws" in document else None
@@ -210,24 +208,20 @@ def _lines(document: dict, path: str) -> list[dict[str, Any]]:
 
 def _read_csv(path: Path) -> list[dict[str, Any]]:
     """Cases out of a CSV file: the header names the keys, every value is TOML or a bare word."""
-    try:
-        with open(path, newline="", encoding="utf-8-sig") as file:
-            rows = [row for row in csv.reader(file) if row]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise ScenarioError(f"{path}: the table cannot be read: {getattr(error, 'strerror', None) or error}") from None
-    if len(rows) < 2:
+    table = read_table(path, "a table of cases")
+    if not table.lines:
         raise ScenarioError(f"{path}: a table needs a header line of keys and at least one case below it")
-    header = [key.strip() for key in rows[0]]
+    header = [key.strip() for key in table.titles]
     double = next((key for key in header if header.count(key) > 1), None)
     if double is not None:
         raise ScenarioError(f"{path}: two columns set the key {show(double)}")
-    for number, row in enumerate(rows[1:], 2):
-        if len(row) != len(header):
-            raise ScenarioError(f"{path}: line {number} has {len(row)} values for {len(header)} keys")
-    return [{key: _value(text.strip()) for key, text in zip(header, row, strict=True)} for row in rows[1:]]
+    point = _DECIMAL_COMMA if table.decimal_comma else None
+    return [{key: _value(text.strip(), point) for key, text in zip(header, row, strict=True)} for _, row in table.lines]
 
 
-def _value(text: str) -> Any:
+def _value(text: str, decimal_comma: re.Pattern | None = None) -> Any:
+    if decimal_comma is not None and decimal_comma.fullmatch(text):
+        text = text.replace(",", ".")
     try:
         document = tomllib.loads(f"value = {text}")
     except (ValueError, RecursionError):

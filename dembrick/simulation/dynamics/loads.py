@@ -83,7 +83,9 @@ def driving_of(scenario, assembly, time_step: float) -> Driving:
                 )
             factor = time_histories.sine(load.sine)
         if load.history is not None:
-            factor = time_histories.linear(_samples(scenario, load.history, duration, time_step))
+            factor = time_histories.linear(
+                _samples(scenario, load.history, "factor", load.columns, duration, time_step)
+            )
         for block in scenario.groups.get(load.block) or (number[load.block],):
             arm = np.zeros(3) if load.point is None else np.array(load.point, float) - assembly.position[block]
             blocks.append(block)
@@ -106,14 +108,14 @@ def driving_of(scenario, assembly, time_step: float) -> Driving:
         elif control.pulse is not None:
             driving["support_velocity"] = time_histories.pulse_velocity(control.pulse, control.quantity)
         else:
-            samples = _samples(scenario, control.file, duration, time_step)
+            samples = _samples(scenario, control.file, control.quantity, control.columns, duration, time_step)
             driving["support_velocity"] = time_histories.sampled_velocity(samples, control.quantity)
     return Driving(**driving)
 
 
-def _samples(scenario, file: str, duration: float, time_step: float) -> time_histories.Samples:
+def _samples(scenario, file: str, quantity: str, columns, duration: float, time_step: float) -> time_histories.Samples:
     folder = Path(scenario.path).parent if scenario.path else Path()
-    samples = time_histories.read_samples(folder / file, duration)
+    samples = time_histories.read_samples(folder / file, duration, quantity, columns)
     if samples.step < time_step:
         raise ScenarioError(
             f"{samples.path}: its step of {samples.step:.3g} s is shorter than the time step {time_step:.3g} s of the "

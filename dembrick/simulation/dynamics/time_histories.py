@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import csv
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from dembrick.errors import ScenarioError
-from dembrick.scenario.checks import show
 from dembrick.scenario.controls import Pulse, Sine
+from dembrick.scenario.csv_tables import read_columns
 
 Curve = Callable[[np.ndarray], np.ndarray]  # times (s,) -> values (s,)
 
 GAP = 1.5  # of the usual step: a longer one means that samples are missing
-LARGEST_FILE = 64 << 20  # bytes
 
 
 @dataclass(frozen=True)
@@ -34,39 +32,14 @@ class Samples:
         return float(np.diff(self.time).min())
 
 
-def read_samples(path: str | Path, duration: float) -> Samples:
-    """Two columns of a CSV file, time (s) and value; a first line that is no number is a heading.
+def read_samples(path: str | Path, duration: float, quantity: str, columns: Sequence[str] | None = None) -> Samples:
+    """Time (s) and ``quantity`` (SI; see `scenario.units`) out of a CSV file or a PEER record.
 
-    ScenarioError where a line has not two numbers, where time does not grow by one step, apart from rounding, or where
-    the history ends before ``duration`` (s).
+    ``columns`` names the two columns where the units do not tell them. ScenarioError where a line has no numbers, where
+    time does not grow by one step, apart from rounding, or where the history ends before ``duration`` (s).
     """
-    path = Path(path)
-    try:
-        if path.stat().st_size > LARGEST_FILE:
-            raise ScenarioError(f"{path}: longer than {LARGEST_FILE >> 20} MiB, this is no history of a motion")
-        with open(path, newline="", encoding="utf-8-sig") as file:
-            numbered = enumerate(csv.reader(file), 1)
-            lines = [(number, row) for number, row in numbered if any(cell.strip() for cell in row)]
-    except OSError as error:
-        raise ScenarioError(f"{path}: the history cannot be read: {error.strerror or error}") from None
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise ScenarioError(f"{path}: not a CSV file of two columns: {error}") from None
-    rows = []
-    for i, (number, row) in enumerate(lines):
-        try:
-            time, value = (float(cell) for cell in row)
-        except ValueError:
-            if i == 0 and len(row) == 2:
-                continue
-            raise ScenarioError(
-                f"{path}, line {number}: {show(', '.join(row))} is not time and value; write two columns of numbers"
-            ) from None
-        if not (math.isfinite(time) and math.isfinite(value)):
-            raise ScenarioError(f"{path}, line {number}: {show(', '.join(row))} must be two finite numbers")
-        rows.append((time, value, number))
-    if len(rows) < 2:
-        raise ScenarioError(f"{path}: a history needs at least two lines of time and value")
-    time, value, numbers = (np.array(column) for column in zip(*rows, strict=True))
+    found, numbers = read_columns(path, "a history in time", ("time", quantity), columns)
+    time, value = found["time"], found[quantity]
     steps = np.diff(time)
     usual = float(np.median(steps))
     wrong = np.flatnonzero((steps <= 0.0) | (steps > GAP * usual))
@@ -74,7 +47,7 @@ def read_samples(path: str | Path, duration: float) -> Samples:
         first = int(wrong[0])
         what = "goes back" if steps[first] <= 0.0 else f"leaves a gap of {steps[first]:.6g} s"
         raise ScenarioError(
-            f"{path}, line {int(numbers[first + 1])}: time {what} (the usual step is {usual:.6g} s); give samples in "
+            f"{path}, line {numbers[first + 1]}: time {what} (the usual step is {usual:.6g} s); give samples in "
             "order and without gaps"
         )
     if time[0] > 0.0 or time[-1] < duration:

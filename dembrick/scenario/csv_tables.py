@@ -1,0 +1,291 @@
+"""The one reader of CSV files: motions of supports, load histories, laboratory curves, measured yield points, studies.
+
+The first line that is no remark (``#``) names the columns, with their units in brackets::
+
+    time [s], acceleration [g]
+    0.00, 0.000
+    0.01, 0.012
+
+Columns are divided by commas, semicolons or tabs, whichever the first line has; between semicolons or tabs decimals may
+have a comma. A byte order mark, either kind of line end and empty lines do no harm. Every column of numbers states its
+unit, ``[mm]`` or ``(mm)``: see `units`. A column is found by its unit; where several have a unit that fits, by its
+name. Records of the PEER data base (``.AT2``, ``.VT2``, ``.DT2``) are read as well.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import os
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dembrick.errors import ScenarioError
+from dembrick.scenario import units
+from dembrick.scenario.checks import nearest, show
+from dembrick.scenario.text_files import read_text
+
+PEER = {".at2": "acceleration", ".vt2": "velocity", ".dt2": "displacement"}  # endings of records of the data base
+_TITLE = re.compile(r"\s*(.*?)\s*(?:\[\s*([^\[\]]*?)\s*\]|\(\s*([^()]*?)\s*\))?\s*", re.DOTALL)
+_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][-+]?\d+)?")
+_ALSO = {"time": "t", "force": "load"}  # other names of columns
+_EXAMPLES = {"time": "time [s]", "displacement": "displacement [mm]", "velocity": "velocity [m/s]",
+             "acceleration": "acceleration [m/s2]", "force": "force [N]", "factor": "factor [1]"}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Table:
+    """A CSV file as text: ``titles`` of the columns, and the other lines as (number in the file, cells)."""
+
+    path: str
+    titles: tuple[str, ...]
+    lines: tuple[tuple[int, tuple[str, ...]], ...]
+    decimal_comma: bool
+
+    def number(self, line: int, title: str, cell: str) -> float:
+        """A finite number out of a cell; ScenarioError names the line and the column."""
+        text = cell.strip()
+        if self.decimal_comma:
+            text = text.replace(",", ".")
+        try:
+            value = math.nan if "_" in text else float(text)
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            what = show(name_of(title))
+            raise ScenarioError(f"{self.path}, line {line}: {show(cell.strip())} in column {what} is no finite number")
+        return value
+
+
+def read_table(path: str | os.PathLike, what: str) -> Table:
+    """The cells of a CSV file; ``what`` names it in messages, "a measured curve". ScenarioError names the line."""
+    path = os.fsdecode(path)
+    text = read_text(path, f"{what} (CSV)")
+    titles: tuple[str, ...] = ()
+    lines, divider = [], ","
+    for number, line in enumerate(text.replace("\r\n", "\n").replace("\r", "\n").split("\n"), 1):
+        if not line.strip() or line.lstrip().startswith("#"):
+            continue
+        if not titles:
+            divider = next((sign for sign in ("\t", ";") if sign in line), ",")
+            titles = _cells(path, number, line, divider)
+            continue
+        cells = _cells(path, number, line, divider)
+        if not any(cell.strip() for cell in cells):
+            continue  # what a spreadsheet leaves of an empty line
+        if len(cells) != len(titles):
+            raise ScenarioError(f"{path}, line {number}: {len(cells)} values for {len(titles)} columns")
+        lines.append((number, cells))
+    if not titles:
+        raise ScenarioError(f"{path}: the file is empty; {what} begins with a line that names its columns")
+    return Table(path, titles, tuple(lines), divider != ",")
+
+
+def _cells(path: str, number: int, line: str, divider: str) -> tuple[str, ...]:
+    """The cells of one line; a quoted cell ends in the line where it begins."""
+    if '"' not in line:
+        return tuple(line.split(divider))
+    try:
+        return tuple(next(csv.reader([line], delimiter=divider, strict=True, skipinitialspace=True)))
+    except csv.Error as error:
+        raise ScenarioError(f"{path}, line {number}: {error}") from None
+
+
+def name_of(title: str) -> str:
+    """The name in the title of a column, without its unit."""
+    return _parts(title)[0]
+
+
+def _parts(title: str) -> tuple[str, str | None]:
+    """Name and unit of a column; no unit is None."""
+    name, square, round_ = _TITLE.fullmatch(title).groups()
+    return name, square if square is not None else round_
+
+
+def read_columns(
+    path: str | os.PathLike, what: str, quantities: Sequence[str], columns: Sequence[str] | None = None, least: int = 2
+) -> tuple[dict[str, np.ndarray], list[int]]:
+    """One column for each of the ``quantities`` (of `units.UNITS`), in SI, and the lines of the file they stand in.
+
+    ``columns`` picks them by name, in the order of the quantities; else each is the column whose unit fits. Raises
+    ScenarioError with the line and with what to write, also for fewer than ``least`` lines of numbers.
+    """
+    path = os.fsdecode(path)
+    ending = os.path.splitext(path)[1].lower()
+    if ending in PEER:
+        found, numbers = _read_peer(path, what, quantities)
+    else:
+        table = read_table(path, what)
+        places = _places(table, quantities, columns)
+        found = {
+            quantity: np.array([size * table.number(k, table.titles[i], cells[i]) for k, cells in table.lines])
+            for quantity, (i, size) in places.items()
+        }
+        numbers = [number for number, _ in table.lines]
+    if len(numbers) < least:
+        raise ScenarioError(f"{path}: {what} needs at least {least} lines of numbers below its header")
+    return found, numbers
+
+
+def example(quantities: Sequence[str]) -> str:
+    """A header that would be right, for a message."""
+    return f'write a first line such as "{", ".join(_EXAMPLES[quantity] for quantity in quantities)}"'
+
+
+def _places(table: Table, quantities: Sequence[str], columns: Sequence[str] | None) -> dict[str, tuple[int, float]]:
+    """For each quantity, the number of its column and what its unit is worth in SI."""
+    parts = [_parts(title) for title in table.titles]
+    names = [name for name, _ in parts]
+    if columns is not None:
+        if len(columns) != len(quantities):
+            wanted = ", ".join(quantities)
+            raise ScenarioError(f"{table.path}: columns = {show(list(columns))} must name {len(quantities)}: {wanted}")
+        return {
+            quantity: _picked(table, parts, quantity, name) for quantity, name in zip(quantities, columns, strict=True)
+        }
+    places = {}
+    for quantity in quantities:
+        fitting = [
+            i for i, (_, unit) in enumerate(parts) if unit is not None and units.size_of(quantity, unit) is not None
+        ]
+        if len(fitting) > 1:
+            named = [i for i in fitting if names[i].lower() in (quantity, _ALSO.get(quantity))]
+            if len(named) != 1:
+                both = ", ".join(show(names[i]) for i in fitting)
+                raise ScenarioError(
+                    f"{table.path}: the columns {both} all have a unit of {quantity}; pick one by columns = "
+                    f"[...], or call one {quantity!r}"
+                )
+            fitting = named
+        if not fitting:
+            raise ScenarioError(_missing(table, parts, quantity, quantities))
+        (i,) = fitting
+        places[quantity] = i, units.size_of(quantity, parts[i][1])
+    return places
+
+
+def _missing(table: Table, parts: Sequence[tuple[str, str | None]], quantity: str, quantities: Sequence[str]) -> str:
+    """What is wrong where no column has a unit of the quantity, and what to write."""
+    if all(_NUMBER.fullmatch(title.strip()) for title in table.titles):
+        return f"{table.path}: the first line must name the columns and their units; {example(quantities)}"
+    named = [i for i, (name, _) in enumerate(parts) if _stem(name) == _stem(quantity)]
+    others = [i for i, (_, unit) in enumerate(parts) if unit is None or not _is_unit(unit)]
+    suspect = (named or (others if len(others) == 1 else []))[:1]
+    for i in suspect:
+        name, unit = parts[i]
+        if unit is None:
+            return (
+                f"{table.path}: the column {show(name)} has no unit; write it in brackets, as in "
+                f"{_EXAMPLES[quantity]!r}; known are {units.known(quantity)}"
+            )
+        if not _is_unit(unit):
+            return (
+                f"{table.path}: the unit {show(unit)} of the column {show(name)} is unknown; write one of "
+                f"{units.known(quantity)}"
+            )
+    have = ", ".join(show(title.strip()) for title in table.titles)
+    return (
+        f"{table.path}: no column has a unit of {quantity} ({units.known(quantity)}), the columns are {have}; "
+        f"{example(quantities)}"
+    )
+
+
+def _stem(name: str) -> str:
+    """What names of one quantity have in common: "acc", "Acceleration x" and "acceleration" begin alike."""
+    name = name.strip().lower()
+    return next((quantity for quantity, other in _ALSO.items() if name == other), name)[:3]
+
+
+def _is_unit(unit: str) -> bool:
+    return any(units.size_of(quantity, unit) is not None for quantity in units.UNITS)
+
+
+def _picked(table: Table, parts: Sequence[tuple[str, str | None]], quantity: str, name: str) -> tuple[int, float]:
+    """The column of that name, with or without its unit, which must fit the quantity."""
+    names = [own for own, _ in parts]
+    found = [i for i, own in enumerate(names) if name.strip() in (own, table.titles[i].strip())]
+    if not found:
+        raise ScenarioError(f"{table.path}: there is no column {show(name)}; {nearest(name, names)}")
+    if len(found) > 1:
+        raise ScenarioError(f"{table.path}: two columns are called {show(name)}; give each its own name")
+    (i,) = found
+    unit = parts[i][1]
+    size = None if unit is None else units.size_of(quantity, unit)
+    if size is None:
+        state = "has no unit" if unit is None else f"has the unit {show(unit)}, which is none of {quantity}"
+        raise ScenarioError(
+            f"{table.path}: the column {show(name)} {state}; write one of {units.known(quantity)} in brackets behind "
+            f"its name, as in {_EXAMPLES[quantity]!r}"
+        )
+    return i, size
+
+
+def cells_by_name(table: Table, known: Mapping[str, bool], with_unit: Sequence[str] = (), quantity: str = "force"):
+    """Columns of a table of texts and numbers by name: (number, what its unit is worth).
+
+    ``known``: names that may be there, and whether they must; those of ``with_unit`` state a unit of the ``quantity``.
+    """
+    columns: dict[str, tuple[int, float]] = {}
+    for i, title in enumerate(table.titles):
+        name, unit = _parts(title)
+        if name not in known:
+            raise ScenarioError(f"{table.path}: unknown column {show(title.strip())}; {nearest(name, known)}")
+        if name in columns:
+            raise ScenarioError(f"{table.path}: two columns are called {show(name)}")
+        size = 1.0
+        if name in with_unit:
+            found = None if unit is None else units.size_of(quantity, unit)
+            if found is None:
+                raise ScenarioError(
+                    f"{table.path}: column {show(title.strip())} needs its unit in the header: "
+                    f"{' or '.join(repr(f'{name} [{one}]') for one in units.UNITS[quantity])}"
+                )
+            size = found
+        columns[name] = i, size
+    for name, required in known.items():
+        if required and name not in columns:
+            header = ",".join(f"{key} [{next(iter(units.UNITS[quantity]))}]" if key in with_unit else key
+                              for key, needed in known.items() if needed)  # fmt: skip
+            raise ScenarioError(f"{table.path}: there is no column {show(name)}; the header is {header}")
+    return columns
+
+
+def _read_peer(path: str, what: str, quantities: Sequence[str]) -> tuple[dict[str, np.ndarray], list[int]]:
+    """A record of the PEER data base: four lines of header, the third with the unit, the fourth with the number of
+    values and their step in seconds, then the values."""
+    lines = read_text(path, f"{what} (PEER record)").replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    if len(lines) < 5:
+        raise ScenarioError(f"{path}: a PEER record has four lines of header and its values below them")
+    unit = re.search(r"UNITS\s+OF\s+([A-Za-z/0-9]+)", lines[2], re.IGNORECASE)
+    if unit is None:
+        raise ScenarioError(f"{path}, line 3: a PEER record states its unit here, as in 'IN UNITS OF G'")
+    spelled = unit.group(1).lower().replace("sec", "s")
+    quantity = next((one for one in units.UNITS if units.size_of(one, spelled) is not None), None)
+    if quantity not in quantities:
+        read = f"of {quantity} ({unit.group(1)})" if quantity else f"in the unit {show(unit.group(1))}"
+        wanted = " or ".join(one for one in quantities if one != "time")
+        raise ScenarioError(f"{path}, line 3: the record is {read}, and {wanted} is asked for: see control.quantity")
+    size = units.size_of(quantity, spelled)
+    counted = re.search(r"NPTS\s*=\s*(\d+)\s*,?\s*DT\s*=\s*([0-9.eE+-]+)", lines[3], re.IGNORECASE)
+    counted = counted or re.match(r"\s*(\d+)\s+([0-9.eE+-]+)\s+NPTS", lines[3], re.IGNORECASE)
+    try:
+        count, step = int(counted.group(1)), float(counted.group(2).rstrip("."))
+    except (AttributeError, ValueError):
+        count, step = 0, 0.0
+    if not (0 < count <= 100_000_000 and 0.0 < step < math.inf):
+        raise ScenarioError(
+            f"{path}, line 4: a PEER record states NPTS= and DT= here, as in 'NPTS= 7807, DT= .0050 SEC'"
+        )
+    values, numbers = [], []
+    for number, line in enumerate(lines[4:], 5):
+        if _NUMBER.sub("", line).strip():
+            raise ScenarioError(f"{path}, line {number}: {show(line.strip())} is not a line of numbers")
+        found = [float(text.lower().replace("d", "e")) for text in _NUMBER.findall(line)]
+        values += found
+        numbers += [number] * len(found)
+    if len(values) != count or not np.isfinite(values).all():
+        raise ScenarioError(f"{path}: {len(values)} values where line 4 says NPTS= {count}; the record is not whole")
+    return {"time": step * np.arange(count), quantity: size * np.array(values)}, numbers

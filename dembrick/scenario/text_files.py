@@ -1,0 +1,55 @@
+"""Text files that a user names: read whole, of bounded size, and only where they are regular files.
+
+A scenario may come from a stranger and name any path: a device that never ends, a pipe that nobody writes to and a file
+of gigabytes are refused before they are read.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+
+from dembrick.errors import ScenarioError
+
+LARGEST_FILE = 16 << 20  # bytes; a scenario of some hundred thousand blocks, or a million lines of numbers
+
+
+def read_bytes(path: str | os.PathLike, what: str, regular: bool = True) -> bytes:
+    """The bytes of a file; ``what`` names it in messages, "a scenario file".
+
+    ScenarioError for a file that is not there, cannot be read, is larger than ``LARGEST_FILE`` or, if it has to be
+    ``regular``, is a device, a pipe or a socket.
+    """
+    path = os.fsdecode(path)
+    try:
+        handle = os.open(path, os.O_RDONLY | (getattr(os, "O_NONBLOCK", 0) if regular else 0) | _BINARY)
+        with open(handle, "rb") as file:
+            mode = os.fstat(file.fileno()).st_mode
+            if stat.S_ISDIR(mode):
+                raise ScenarioError(f"{path}: this is a folder; name {what} in it")
+            if regular and not stat.S_ISREG(mode):
+                raise ScenarioError(f"{path}: not an ordinary file (a device or a pipe); name {what}")
+            data = file.read(LARGEST_FILE + 1)
+    except FileNotFoundError:
+        raise ScenarioError(f"{path}: there is no such file") from None
+    except IsADirectoryError:
+        raise ScenarioError(f"{path}: this is a folder; name {what} in it") from None
+    except (OSError, ValueError) as error:  # ValueError: a name with a null character
+        reason = getattr(error, "strerror", None) or error
+        raise ScenarioError(f"{path}: the file cannot be read: {reason}") from None
+    if len(data) > LARGEST_FILE:
+        raise ScenarioError(f"{path}: longer than {LARGEST_FILE >> 20} MiB, this is not {what}")
+    return data
+
+
+def read_text(path: str | os.PathLike, what: str, regular: bool = True) -> str:
+    """The text of a file in UTF-8, with or without a byte order mark; ScenarioError as `read_bytes`."""
+    data = read_bytes(path, what, regular)
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise ScenarioError(f"{os.fsdecode(path)}: not UTF-8 text (line {line}); {what} is text in UTF-8") from None
+
+
+_BINARY = getattr(os, "O_BINARY", 0)
