@@ -35,8 +35,9 @@ def place_points(assembly, tolerance: float, step_factor: float):
     joint = assembly.joints[0]
     if joint.law.formulation != "distributed" or joint.law.points is not None:
         return assembly, 0.0
+    pieces = joint.pieces or (joint.polygon,)
     centre, seconds = np.zeros(2), 0.0
-    points = ray_quadrature.rays(joint.polygon, centre, *COUNTS[0])
+    points = ray_quadrature.rays_over(pieces, centre, *COUNTS[0])
     for rough in _ROUGH:
         try:
             run = limit_load.find_limit_load(_with(assembly, *points), max(rough, tolerance), step_factor)
@@ -54,10 +55,10 @@ def place_points(assembly, tolerance: float, step_factor: float):
         # V is stationary in the centre, so that a relative error of V belongs to the square root of it in the centre
         size = float(np.abs(joint.polygon).max())
         unsure = min(moved, float(np.sqrt(max(rough, tolerance))) * size)
-        exact = _moments(joint.polygon, centre, unsure, pressure)
+        exact = _moments(pieces, centre, unsure, pressure)
         settled = rough <= tolerance or unsure <= _SETTLED * size
         for counts in COUNTS if settled else COUNTS[:_FEW]:
-            points = ray_quadrature.rays(joint.polygon, centre, *counts)
+            points = ray_quadrature.rays_over(pieces, centre, *counts)
             if _worst_gap(points, pressure, exact) <= 0.5 * tolerance:
                 return _with(assembly, *points), seconds
     lattice = contact_points(joint, tolerance)
@@ -69,12 +70,12 @@ def _with(assembly, arms, areas):
     return dataclasses.replace(assembly, contact_points=(ContactPoints(arms, arms, areas),))
 
 
-def _moments(polygon, centre, radius: float, pressure) -> list[tuple[np.ndarray, float]]:
+def _moments(pieces, centre, radius: float, pressure) -> list[tuple[np.ndarray, float]]:
     """Friction moments of the continuum under a linear pressure, about the centre and ``radius`` around it."""
     angle = 2.0 * np.pi * np.arange(_AROUND) / _AROUND
     ring = centre + radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     return [
-        (c, ray_quadrature.friction_moment(*ray_quadrature.fine_rays(polygon, c), c, pressure))
+        (c, ray_quadrature.friction_moment(*ray_quadrature.fine_rays(pieces, c), c, pressure))
         for c in np.concatenate([centre[None], ring])
     ]
 
