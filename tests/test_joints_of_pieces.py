@@ -13,7 +13,7 @@ import pytest
 from scipy.optimize import minimize
 
 from dembrick.errors import DembrickError
-from dembrick.runs.result import simulate
+from dembrick.runs.simulate import simulate
 from dembrick.scenario.blocks import Part
 from dembrick.scenario.model import Actuator, Block, JointLaw, Load, Material, Scenario, YieldControl
 
