@@ -8,6 +8,8 @@ import pytest
 from dembrick.simulation import interrupts
 from dembrick.simulation.statics import stepper
 
+pytest.register_assert_rewrite("helpers")
+
 
 @pytest.fixture
 def stop_after(monkeypatch):

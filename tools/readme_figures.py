@@ -23,12 +23,11 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 
-import browser as browsers  # noqa: E402
-
 import dembrick  # noqa: E402
 from dembrick import history  # noqa: E402
 from dembrick.errors import MissingDependency  # noqa: E402
 from dembrick.views import page, plot, render  # noqa: E402
+from helpers import browser as browsers  # noqa: E402
 
 DOTS_PER_INCH = 150  # enough for a screen, and small enough for a repository
 WINDOW = (1180, 790)

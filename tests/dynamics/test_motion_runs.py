@@ -1,0 +1,451 @@
+"""Tilting tables, shaken supports and load histories from end to end, and what they refuse."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from dembrick.assembly import build
+from dembrick.cli import main
+from dembrick.errors import NotConvergedError, ScenarioError
+from dembrick.kernels.dynamics.loop import Limits
+from dembrick.runs.simulate import simulate
+from dembrick.scenario import toml as scenarios
+from dembrick.scenario.controls import BaseMotionControl, DynamicControl, Pulse, PushoverControl, Sine, TiltControl
+from dembrick.scenario.model import Block, JointLaw, Load, Material, Scenario, Wall
+from dembrick.simulation.dynamics.integrator import advance, motion, seat
+from dembrick.simulation.dynamics.loads import Driving
+from dembrick.simulation.dynamics.time_histories import pulse_velocity, read_samples, sampled_velocity, sine_velocity
+from dembrick.theory.motion import toppling_tilt
+from helpers.places import SCENARIOS
+
+
+def wall(control, courses=4, blocks=2, formulation="concave", friction=0.64, stiffness=1e10, **more):
+    """A straight wall of 0.3 x 0.2 x 0.1 m blocks in running bond, on a slab."""
+    return Scenario(
+        title="wall",
+        gravity=(0.0, 0.0, -9.81),
+        joint=JointLaw(formulation, friction, stiffness, 0.4 * stiffness),
+        materials={"stone": Material(2000.0)},
+        walls=(Wall("wall", "stone", (0.3, 0.2, 0.1), courses=courses, blocks=blocks, base=0.1),),
+        control=control,
+        **more,
+    )
+
+
+def tilt(displacement=0.02, rate=5.0, axis=(1.0, 0.0, 0.0), **more):
+    return TiltControl(axis, rate, displacement, **more)
+
+
+def rigid(courses, rate=5.0, displacement=0.02):
+    """Angle (deg) at which the top course of a rigid wall on its toe has moved."""
+    height = 0.1 * courses
+    lever = math.hypot(0.1, height - 0.05)
+    return math.degrees(toppling_tilt(0.2, height, math.radians(rate), lever, displacement))
+
+
+@pytest.mark.parametrize("axis", [(1.0, 0.0, 0.0), (-1.0, 0.0, 0.0)])
+@pytest.mark.parametrize("formulation", ["concave", "corrected-shear"])
+def test_wall_tilted_out_of_plane(formulation, axis):
+    """It turns on its toe as the rigid wall does."""
+    result = simulate(wall(tilt(axis=axis), formulation=formulation))
+    assert result.status == "collapse"
+    fallen = result.collapse
+    assert fallen["angle"] == pytest.approx(rigid(4), rel=1e-3)
+    assert fallen["load_factor"] == pytest.approx(math.tan(math.radians(fallen["angle"])))
+    assert fallen["displacement"] == pytest.approx(0.02, rel=1e-2)
+    assert fallen["mechanism"] == "rocking"
+    assert {f"wall.4.{i}" for i in (1, 2)} <= set(fallen["blocks"])
+    # turned about +x by the right-hand rule its far side, +y, rises, and it falls to -y
+    top = result.assembly.names.index("wall.4.1")
+    assert math.copysign(1.0, result.displacement[top, 1]) == -axis[0]
+
+
+def test_convex_joints_fall_early_by_the_pressed_strip():
+    """Their toe lies within the edge by a third of the strip in contact, w = sqrt(2 N / (kn L theta)).
+
+    At a given turn that vanishes as 1/sqrt(kn). The greatest moment, where w/3 and the shift h theta of the weight cost
+    the least together (w = 6 h theta), loses 3 h theta ~ kn^-1/3; a fall that is timed lies in between.
+    """
+    missing = []
+    for stiffness in (1e10, 1.6e11):
+        result = simulate(wall(tilt(), formulation="convex", stiffness=stiffness))
+        missing.append(1.0 - result.collapse["angle"] / rigid(4))
+    assert 0.0 < missing[1] < 0.03
+    assert 16 ** (1 / 3) < missing[0] / missing[1] < 16 ** (1 / 2)
+
+
+def test_corrected_joints_topple_on_their_shrunk_polygons():
+    """s = 0.54 of the lever remains: the wall falls at about half of its angle."""
+    result = simulate(wall(tilt(), formulation="corrected"))
+    assert math.tan(math.radians(result.collapse["angle"])) / math.tan(math.radians(rigid(4))) == pytest.approx(
+        0.56, abs=0.03
+    )
+
+
+def test_sliding_comes_first_on_a_slippery_joint():
+    result = simulate(wall(tilt(displacement=0.002, rate=2.0), courses=2, friction=0.3))
+    assert result.collapse["mechanism"] == "sliding"
+    # from atan(mu) on it gains g cos(psi) rate t: the cubic that it has slid by then
+    late = math.degrees((6.0 * 0.002 * math.radians(2.0) ** 2 / (9.81 * 1.045)) ** (1 / 3))
+    assert result.collapse["angle"] == pytest.approx(math.degrees(math.atan(0.3)) + late, rel=3e-3)
+
+
+def test_tilt_by_the_command_line(capsys, tmp_path):
+    code = main(["run", str(SCENARIOS / "wall_tilt.toml"), "--out", str(tmp_path / "wall.h5"), "--json",
+                 "--set", "walls.0.courses=2", "--set", "walls.0.blocks=1", "--set", "control.rate=10.0"])  # fmt: skip
+    answer = json.loads(capsys.readouterr().out)
+    assert code == 0 and answer["status"] == "collapse"
+    assert set(answer["collapse"]) >= {"angle", "load_factor", "time", "displacement", "mechanism", "blocks"}
+    assert answer["collapse"]["error_estimate"] is None
+    assert (tmp_path / "wall.h5").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("formulation", ["concave", "corrected-shear"])
+def test_ten_by_ten(formulation):
+    """20 mm at 12.015 deg within 0.1 %."""
+    scenario = scenarios.load(SCENARIOS / "wall_tilt.toml", [f"joint.formulation={formulation}"])
+    assert simulate(scenario, record=False).collapse["angle"] == pytest.approx(12.015, rel=1e-3)
+
+
+@pytest.mark.slow
+def test_thirty_by_thirty():
+    """20 mm at 4.560 deg within 0.5 %: thirty joints give way a little, so they must be twice as stiff."""
+    changes = ["walls.0.courses=30", "walls.0.blocks=30", "joint.normal_stiffness=2.2e10", "joint.shear_stiffness=8e9"]
+    scenario = scenarios.load(SCENARIOS / "wall_tilt.toml", changes)
+    assert simulate(scenario, record=False).collapse["angle"] == pytest.approx(4.560, rel=5e-3)
+
+
+def still(courses, blocks, duration):
+    """How far the top course has moved since it was seated (m), and the speed fitted to its path (m/s)."""
+    result = simulate(wall(DynamicControl(duration), courses, blocks))
+    top = [i for i, name in enumerate(result.assembly.names) if name.startswith(f"wall.{courses}.")]
+    path = result.frames["displacement"][:, top] - result.frames["displacement"][:1, top]
+    time = result.frames["time"]
+    slope = np.polyfit(time, path.reshape(len(time), -1), 1)[0]
+    return np.abs(path).max(), np.abs(slope).max()
+
+
+def test_a_wall_left_alone_stays():
+    moved, drift = still(4, 3, 1.0)
+    assert moved < 1e-6 and drift < 1e-9
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+def test_a_wall_that_lands_comes_to_rest(formulation):
+    """Thrown against its base at 10 mm/s, a little aslant, it slips and then lies as still as one left alone, 10 s."""
+    moving = motion(build.assemble(wall(DynamicControl(10.0), 4, 4, formulation)), damping=0.2, step_factor=0.8)
+    driving, bodies = Driving(np.array([0.0, 0.0, -9.81])), moving.state.bodies
+    seat(moving, driving)
+    bodies.velocity[bodies.free] = (3e-3, 1e-3, -1e-2)
+    top = [i for i, name in enumerate(moving.assembly.names) if name.startswith("wall.4.")]
+    steps, limits = round(0.5 / moving.time_step), Limits(1.0, 1.0)
+    times, path = [], []
+    for _ in range(22):
+        advance(moving, driving, steps, limits)
+        times.append(moving.time)
+        path.append(moving.displacement[top].ravel())
+    landed = np.array(path)[1:]  # a second after it was thrown
+    assert np.abs(landed[-1]).max() > 5e-7  # it has slipped
+    assert np.abs(landed - landed[0]).max() < 1e-9
+    assert np.abs(np.polyfit(times[1:], landed, 1)[0]).max() < 1e-9
+
+
+@pytest.mark.slow
+def test_thirty_by_thirty_stays_for_ten_seconds():
+    moved, drift = still(30, 30, 10.0)
+    assert moved < 1e-6 and drift < 1e-9
+
+
+# --- scenarios
+
+
+def test_scenario_newmark_pulse():
+    result = simulate(scenarios.load(SCENARIOS / "newmark_pulse.toml"))
+    assert -result.displacement[1, 0] == pytest.approx(0.14715, rel=1e-3)
+
+
+def test_scenario_spinning_plate():
+    result = simulate(scenarios.load(SCENARIOS / "spinning_plate.toml"))
+    q = result.frames["orientation"][-1, 1]
+    end = [*result.displacement[1, :2], 2.0 * math.atan2(q[3], q[0])]
+    np.testing.assert_allclose(end, [-0.00126, 0.09238, 0.58576], rtol=5e-3)
+
+
+def test_scenario_rocking_block():
+    """Up and down its first quarter swings; then it rocks on with less at every impact."""
+    result = simulate(scenarios.load(SCENARIOS / "rocking_block.toml"))
+    time, q = result.frames["time"], result.frames["orientation"][:, 1]
+    angle = 2.0 * np.arctan2(q[:, 2], q[:, 0])
+    back = int(np.flatnonzero((angle[:-1] > 0.0) & (angle[1:] <= 0.0))[0])
+    impact = np.interp(0.0, -angle[[back, back + 1]], time[[back, back + 1]])
+    assert 2.0 * impact == pytest.approx(0.94481, rel=5e-3)
+    assert angle.max() == pytest.approx(0.3 * math.atan2(0.2, 1.0), rel=1e-3)
+    assert 0.8 < -angle.min() / angle.max() < 1.0
+    last = np.abs(angle[time > 1.5]).max()
+    assert last < -angle.min()
+
+
+# --- supports that shake
+
+
+def block_on_floor(control, loads=(), friction=0.2):
+    return Scenario(
+        title="block",
+        gravity=(0.0, 0.0, -9.81),
+        joint=JointLaw("convex", friction, 1e9, 1e9),
+        materials={"stone": Material(2000.0)},
+        blocks=(
+            Block("floor", "stone", (4.0, 4.0, 0.1), (0.0, 0.0, -0.05), fixed=True),
+            Block("block", "stone", (0.3, 0.2, 0.1), (0.0, 0.0, 0.05)),
+        ),
+        control=control,
+        loads=loads,
+    )
+
+
+HEADINGS = {
+    "acceleration": "time [s], acceleration [m/s2]",
+    "velocity": "time [s], velocity [m/s]",
+    "displacement": "time [s], displacement [m]",
+    "factor": "time [s], factor [1]",
+}
+
+
+def write(path, time, value, quantity="acceleration"):
+    lines = [HEADINGS[quantity], *(f"{float(t)!r}, {float(v)!r}" for t, v in zip(time, value, strict=True))]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path.name
+
+
+@pytest.mark.parametrize("quantity", ["acceleration", "velocity", "displacement"])
+def test_a_file_shakes_as_the_curve_that_it_samples(quantity, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    shape, time = (
+        Sine({"acceleration": 4.0, "velocity": 0.6, "displacement": 0.1}[quantity], 1.0, 0.3),
+        np.linspace(0, 1, 1001),
+    )
+    file = write(tmp_path / "base.csv", time, shape.amplitude * np.sin(2.0 * math.pi * time + 0.3), quantity)
+    common = {"duration": 0.8, "direction": (0.0, 1.0, 0.0), "quantity": quantity}
+    by_curve = simulate(block_on_floor(BaseMotionControl(sine=shape, **common)))
+    by_file = simulate(block_on_floor(BaseMotionControl(file=file, **common)))
+    np.testing.assert_allclose(by_file.displacement, by_curve.displacement, rtol=3e-5, atol=1e-10)
+    assert 0.01 < abs(by_curve.displacement[1, 1]) < 1.0
+
+
+def test_curves_of_supports_are_consistent():
+    """Acceleration, velocity and displacement of one motion give one velocity."""
+    t = np.linspace(0.0, 2.0, 50)
+    omega = 2.0 * math.pi * 0.7
+    shapes = {"displacement": (0.1, 0.2), "velocity": (0.1 * omega, 0.2 + math.pi / 2),
+              "acceleration": (-0.1 * omega**2, 0.2)}  # fmt: skip
+    gained = {q: sine_velocity(Sine(a, 0.7, p), q)(t) for q, (a, p) in shapes.items()}
+    for values in gained.values():
+        np.testing.assert_allclose(values - values[0], gained["velocity"] - gained["velocity"][0], atol=1e-12)
+    pulse = pulse_velocity(Pulse(2.0, 0.5, 0.1), "acceleration")
+    np.testing.assert_allclose(pulse(np.array([0.0, 0.1, 0.35, 0.6, 5.0])), [0.0, 0.0, 0.5, 1.0, 1.0])
+
+
+def test_spline_of_a_cubic(tmp_path):
+    """The natural spline is exact for a straight line, and close inside a smooth curve."""
+    time = np.linspace(0.0, 1.0, 201)
+    write(tmp_path / "line.csv", time, 3.0 * time, "displacement")
+    slope = sampled_velocity(read_samples(tmp_path / "line.csv", 1.0, "displacement"), "displacement")
+    np.testing.assert_allclose(slope(np.array([0.0, 0.123, 0.99])), 3.0, rtol=1e-12)
+    write(tmp_path / "sine.csv", time, np.sin(3.0 * time), "displacement")
+    slope = sampled_velocity(read_samples(tmp_path / "sine.csv", 1.0, "displacement"), "displacement")
+    np.testing.assert_allclose(slope(np.array([0.3, 0.456])), 3.0 * np.cos(3.0 * np.array([0.3, 0.456])), rtol=1e-6)
+
+
+BAD_FILES = {
+    "gap": ("0,0\n0.01,1\n0.02,1\n0.05,1\n0.06,1\n", "line 5: time leaves a gap of 0.03 s"),
+    "backwards": ("0,0\n0.01,1\n0.005,1\n0.06,1\n", "line 4: time goes back"),
+    "text": ("0,0\n0.01,much\n", "line 3: 'much' in column 'a' is no finite number"),
+    "not a number": ("0,0\n0.01,nan\n", "line 3: 'nan' in column 'a' is no finite number"),
+    "too short": ("0,0\n0.01,1\n0.02,1\n", "covers 0 to 0.02 s, the run lasts from 0 to 1 s"),
+    "empty": ("", "at least 2 lines"),
+}
+
+
+@pytest.mark.parametrize("name", BAD_FILES)
+def test_histories_that_are_refused(name, tmp_path):
+    text, message = BAD_FILES[name]
+    (tmp_path / "base.csv").write_text("t [s],a [m/s2]\n" + text, encoding="utf-8")
+    with pytest.raises(ScenarioError, match=message.replace("(", r"\(")):
+        read_samples(tmp_path / "base.csv", 1.0, "acceleration")
+
+
+def test_a_history_finer_than_the_time_step_is_refused(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    time = np.arange(0.0, 0.011, 1e-6)
+    file = write(tmp_path / "base.csv", time, np.zeros(len(time)))
+    with pytest.raises(ScenarioError, match=r"base.csv: its step of 1e-06 s is shorter than the time step"):
+        simulate(block_on_floor(BaseMotionControl(0.01, (1.0, 0.0, 0.0), file=file)))
+    with pytest.raises(ScenarioError, match="there.csv: there is no such file"):
+        simulate(block_on_floor(BaseMotionControl(0.01, (1.0, 0.0, 0.0), file="there.csv")))
+
+
+def test_a_load_history_pushes(tmp_path, monkeypatch):
+    """A force that a file doubles half way: F/m less friction, twice."""
+    monkeypatch.chdir(tmp_path)
+    file = write(tmp_path / "push.csv", [0.0, 0.1, 0.2, 0.3], [1.0, 1.0, 1.0, 1.0], "factor")
+    push = Load("block", (12.0 * 4.0, 0.0, 0.0), history=file)
+    result = simulate(block_on_floor(DynamicControl(0.25), (push,)))
+    time = result.run.motion.time
+    assert result.displacement[1, 0] == pytest.approx(0.5 * (4.0 - 1.962) * time**2, rel=2e-3)
+
+
+def push(displacement=0.02, rate=2e-3, direction=(0.0, 1.0, 0.0), **more):
+    return PushoverControl(direction, displacement, quasi_static=False, rate=rate, **more)
+
+
+def test_push_over_an_edge():
+    """A block pushed by a share V of its weight turns on its toe at V = tan(alpha - theta), on and on past the peak;
+    its centroid has moved by R (sin(alpha) - sin(alpha - theta))."""
+    b, h = 0.2, 1.0
+    result = simulate(scenarios.load(SCENARIOS / "rocking_push.toml"))
+    alpha, R = math.atan(b / h), 0.5 * math.hypot(b, h)
+    assert result.status == "collapse"
+    assert result.collapse["angle"] is None
+    assert result.collapse["mechanism"] == "rocking"
+    inertia = 5e-3 * math.sqrt(9.81 / 0.06) / 9.81  # rate times frequency of the jack over g
+    assert 0.0 < result.collapse["load_factor"] - math.tan(alpha) < inertia
+    u, V = result.rows["displacement"], result.rows["load"]
+    theta = alpha - np.arcsin(np.sin(alpha) - np.clip(u, 0.0, None) / R)
+    past = u > 0.01
+    assert past.sum() > 50
+    assert V[past] == pytest.approx(np.tan(alpha - theta[past]), abs=1e-4)
+    assert u[-1] == pytest.approx(0.06, rel=0.03)  # the way of the centroid, a little longer by its rise
+
+
+def test_push_of_a_sliding_block():
+    result = simulate(
+        tower(push(displacement=2e-3, rate=1e-3, direction=(0.0, -1.0, 0.0)), (0.3, 0.2, 0.1), friction=0.3)
+    )
+    assert 0.0 < result.collapse["load_factor"] - 0.3 < 1e-3 * math.sqrt(9.81 / 2e-3) / 9.81
+    assert result.collapse["mechanism"] == "sliding"
+    slid = result.rows["displacement"] > 1e-3
+    assert slid.sum() > 20
+    assert result.rows["load"][slid] == pytest.approx(0.3, rel=1e-3)
+
+
+def test_a_wall_pushed_out_of_plane_and_what_refines_it():
+    result = simulate(wall(push(displacement=0.01, rate=4e-3)), refine=True)
+    quasi_static = simulate(wall(PushoverControl((0.0, 1.0, 0.0))))
+    expected = quasi_static.collapse["load_factor"]
+    assert expected == pytest.approx(0.5, rel=2e-3)  # t / H
+    assert result.collapse["load_factor"] == pytest.approx(expected, rel=0.015)
+    # half the rate: half of what inertia carries is gone
+    assert result.collapse["error_estimate"] > 0.3 * abs(result.collapse["load_factor"] - expected)
+
+
+def test_a_push_that_brings_nothing_down():
+    with pytest.raises(NotConvergedError, match="before the load factor came near 10"):
+        simulate(tower(push(displacement=2e-3, rate=0.05, direction=(0.0, 0.0, -1.0)), (0.3, 0.2, 0.1)))
+
+
+def tower(control, box, friction=0.8):
+    """A block of that box on a floor."""
+    return Scenario(
+        title="block",
+        gravity=(0.0, 0.0, -9.81),
+        joint=JointLaw("concave", friction, 1e10, 4e9),
+        materials={"stone": Material(2000.0)},
+        blocks=(
+            Block("floor", "stone", (2.0, 2.0, 0.1), (0.0, 0.0, -0.05), fixed=True),
+            Block("block", "stone", box, (0.0, 0.0, 0.5 * box[2])),
+        ),
+        control=control,
+    )
+
+
+# --- what ends a run, and what is no run
+
+
+def test_blocks_that_meet_anew_go_on():
+    """A block slides into a pillar, which it pushes on; neither goes through the other."""
+    scenario = block_on_floor(DynamicControl(0.3))
+    pillar = Block("pillar", "stone", (0.1, 0.1, 0.12), (0.3, 0.0, 0.06))
+    slider = Block("block", "stone", (0.3, 0.2, 0.1), (0.0, 0.0, 0.05), velocity=(1.0, 0.0, 0.0))
+    result = simulate(Scenario(**_fields(scenario) | {"blocks": (scenario.blocks[0], slider, pillar)}))
+    before = result.frames["displacement"][result.frames["time"] < 0.1]
+    assert np.abs(before[:, 2]).max() < 1e-5
+    apart = 0.1 + result.frames["displacement"][:, 2, 0] - result.frames["displacement"][:, 1, 0]
+    assert result.displacement[2, 0] > 0.05 and apart.min() > -3e-4
+    assert result.frames["velocity"][-1, 1, 0] < 0.5
+
+
+def _fields(scenario):
+    names = ("title", "gravity", "joint", "materials", "blocks", "control")
+    return {name: getattr(scenario, name) for name in names}
+
+
+def test_what_cannot_stand_falls_from_where_it_was():
+    """A block that lies on its floor by a third only begins to fall about the edge: alpha = m g arm / I_edge."""
+    a, b, c, out = 0.3, 0.2, 0.1, 0.05
+    scenario = Scenario(
+        title="over the edge",
+        gravity=(0.0, 0.0, -9.81),
+        joint=JointLaw("concave", 0.9, 1e10, 4e9),
+        materials={"stone": Material(2000.0)},
+        blocks=(
+            Block("floor", "stone", (1.0, 1.0, 0.5), (-0.5, 0.0, -0.25), fixed=True),
+            Block("block", "stone", (a, b, c), (out, 0.0, c / 2)),
+        ),
+        control=DynamicControl(0.1),
+    )
+    result = simulate(scenario)
+    inertia = (a * a + c * c) / 12.0 + out**2 + (c / 2) ** 2
+    q = result.frames["orientation"][-1, 1]
+    angle, time = 2.0 * math.atan2(q[2], q[0]), result.run.motion.time
+    alpha = 9.81 * out / inertia
+    # the arm grows as it turns: alpha t^2/2 (1 + ...), 2 % by then
+    assert angle == pytest.approx(0.5 * alpha * time**2, rel=0.05)
+    assert result.run.unbalanced == 1.0
+
+
+def test_what_cannot_stand_is_said_before_it_falls():
+    loads = (Load("wall.4.1", (0.0, 600.0, 0.0)), Load("wall.4.2", (0.0, 600.0, 0.0)))
+    with pytest.raises(NotConvergedError, match="no equilibrium under the dead loads"):
+        simulate(wall(tilt(), loads=loads))
+
+
+@pytest.mark.parametrize(
+    "make, message",
+    [
+        (lambda: TiltControl((0, 0, 0), 1.0, 0.02), "axis"),
+        (lambda: TiltControl((1, 0, 0), -1.0, 0.02), "rate = -1.0"),
+        (lambda: TiltControl((1, 0, 0), 1.0, 0.0), "displacement = 0.0"),
+        (lambda: DynamicControl(0.0), "duration = 0.0"),
+        (lambda: DynamicControl(1.0, 1.5), "restitution = 1.5"),
+        (lambda: BaseMotionControl(1.0, (1, 0, 0)), "exactly one of file, sine and pulse"),
+        (lambda: BaseMotionControl(1.0, (1, 0, 0), pulse=Pulse(1.0, 0.1), file="a.csv"), "exactly one of"),
+        (lambda: BaseMotionControl(1.0, (1, 0, 0), pulse=Pulse(1.0, 0.1), quantity="speed"), "quantity = 'speed'"),
+        (lambda: Sine(1.0, 0.0), "frequency = 0.0"),
+        (lambda: Load("block", (1, 0, 0), sine=Sine(1.0, 1.0), history="a.csv"), "either a sine or a history"),
+    ],
+)
+def test_controls_that_are_refused(make, message):
+    with pytest.raises(ScenarioError, match=message):
+        make()
+
+
+def test_controls_survive_a_round_trip():
+    for control in (
+        tilt(damping=0.1),
+        DynamicControl(2.0, 0.3),
+        BaseMotionControl(1.0, (0.0, 1.0, 0.0), sine=Sine(1.0, 2.0)),
+        BaseMotionControl(1.0, (0.0, 1.0, 0.0), pulse=Pulse(1.0, 0.2), quantity="velocity"),
+    ):
+        sine = None if control.kind == "tilt" else Sine(1.0, 2.0, 0.1)
+        scenario = wall(control, loads=(Load("wall.1.1", (1.0, 0.0, 0.0), sine=sine),))
+        again = scenarios.loads(scenarios.dumps(scenario))
+        assert again == scenario
+
+
+def test_very_stiff_joints_are_seated_to_their_rounding():
+    """kn = 64,000 GPa/m: a position in its last digit is 1e-8 of the joint force."""
+    result = simulate(wall(DynamicControl(1e-5), stiffness=6.4e13))
+    assert 1e-10 < result.run.unbalanced < 5e-6

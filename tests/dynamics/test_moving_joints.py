@@ -1,0 +1,311 @@
+"""Joints between moving blocks: objectivity, large turns, polygons that slide over edges."""
+
+import math
+
+import numpy as np
+import pytest
+
+from dembrick.assembly import build
+from dembrick.geometry.rotations import rotation_matrix
+from dembrick.kernels.dynamics.area_joints import pressed
+from dembrick.kernels.dynamics.loop import Limits
+from dembrick.kernels.dynamics.rigid_bodies import turn_body
+from dembrick.kernels.dynamics.tiles import VISCOUS
+from dembrick.kernels.joint.laws import no_tension
+from dembrick.scenario.controls import DynamicControl
+from dembrick.scenario.model import Block, JointLaw, Material, Scenario, Wall
+from dembrick.simulation.dynamics.integrator import Motion, advance, joint_forces, motion, seat
+from dembrick.simulation.dynamics.joint_polygons import distance_outside, nearest_inside
+from dembrick.simulation.dynamics.loads import Driving
+from dembrick.simulation.dynamics.state import arms, joint_resultants, seen
+from helpers.seated_blocks import FORMULATIONS, GRAVITY, about, place, seated, two_blocks
+
+FAR = Limits(displacement=1e6, longest=1.0)
+TURNED = (0.8, 0.0, 0.36, -0.48)
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_a_pair_that_turns_as_one_feels_nothing(formulation):
+    """Forces turn with the pair, to the last digits, after a whole turn in a hundred steps too."""
+    moving, driving = seated(formulation)
+    state = moving.state
+    place(moving, (2e-8, 1e-8, 0.0), about((0, 0, 1), 1e-7))  # some shear and torsion in memory, no slip
+    for _ in range(2):  # the dashpots rest again
+        joint_forces(moving, driving)
+    before = joint_resultants(state)
+    assert abs(before[0, 1]) > 1.0 and abs(before[0, 3]) > 0.01
+    axis = np.array([2.0, -1.0, 2.0]) / 3.0
+    centre = state.bodies.position.mean(axis=0) + 0.3
+    force = state.links.wrench[0, :3].copy()
+    for _ in range(100):
+        turn = about(axis, 2.0 * math.pi / 300)
+        for b in range(2):
+            arm = state.bodies.position[b] - centre
+            place(moving, rotation_matrix(turn) @ arm - arm, turn, b)
+        joint_forces(moving, driving)
+    np.testing.assert_allclose(joint_resultants(state), before, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(
+        state.links.wrench[0, :3], rotation_matrix(about(axis, 2.0 * math.pi / 3)) @ force, rtol=1e-6, atol=1e-5
+    )
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_action_and_reaction_at_one_point(formulation):
+    """The wrench on the other is minus that on the host: forces, and torques about any one point."""
+    moving, driving = seated(formulation)
+    place(moving, (1e-7, 2e-7, -1e-6), about((0.6, 0.8, 0.0), 2e-5))
+    joint_forces(moving, driving)
+    bodies, links = moving.state.bodies, moving.state.links
+    force, on_host, on_other = links.wrench[0].reshape(3, 3)
+    arm = bodies.position[links.host[0]] - bodies.position[links.other[0]]
+    np.testing.assert_allclose(on_other, -(on_host + np.cross(arm, force)), rtol=1e-9, atol=1e-9)
+    assert np.linalg.norm(force) > 100.0
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex", "distributed"])
+def test_the_same_in_any_frame(formulation):
+    """A block that slides, spins and rocks moves alike wherever the world's axes are."""
+    start = {"velocity": (0.3, 0.2, 0.0), "angular_velocity": (0.0, 0.0, 2.0)}
+    ends = []
+    for turn in ((1.0, 0.0, 0.0, 0.0), TURNED):
+        moving, driving = seated(formulation, turn=turn, floor=(2.0, 2.0, 0.1))
+        R = rotation_matrix(np.array(turn))
+        moving.time_step = 2e-5  # its bound has rounding of its own
+        moving.state.links.put(VISCOUS, [[0.1, 0.1]])
+        moving.state.bodies.velocity[1] = R @ start["velocity"]
+        moving.state.bodies.momentum[1] = (R @ moving.assembly.inertia[1]) @ start["angular_velocity"]
+        advance(moving, driving, 400, FAR)
+        ends.append(R.T @ moving.displacement[1])
+    np.testing.assert_allclose(ends[1], ends[0], rtol=1e-6, atol=1e-8)
+    assert np.linalg.norm(ends[0]) > 1e-3
+
+
+@pytest.mark.parametrize("angle", [1e-3, 1e-2, 0.1, 0.5, 1.2])
+def test_gap_is_exact_for_large_turns(angle):
+    """A block turned on its toe by any angle: the corners at the toe touch, the others are as high as geometry says."""
+    moving, driving = seated()
+    bodies, links = moving.state.bodies, moving.state.links
+    toe = bodies.position[1] + (0.15, 0.0, -0.05)
+    turn = about((0, 1, 0), angle)
+    place(moving, rotation_matrix(turn) @ (bodies.position[1] - toe) - (bodies.position[1] - toe), turn)
+    corners = moving.state.corners
+    now = seen(bodies, links)[0]
+    gap = links.sense[0] * (now[2] - links.offset[0] + corners.x * now[5] + corners.y * now[8])
+    expected = np.where(corners.x > 0, 0.0, 0.3 * math.sin(angle))
+    sunk = 2000.0 * 0.006 * 9.81 / (1e10 * 0.06)
+    np.testing.assert_allclose(gap, expected - sunk, atol=1e-12)
+
+
+@pytest.mark.parametrize("angle", [1e-4, 1e-2, 0.1])
+def test_strip_of_a_rocking_convex_joint(angle):
+    """Turned on its edge, a convex joint is pressed on a strip w = sqrt(2 N / (kn L tan)), its resultant w/3 inside."""
+    moving, driving = seated("convex", friction=0.0)
+    bodies = moving.state.bodies
+    toe = bodies.position[1] + (0.15, 0.0, -0.05)
+    turn = about((0, 1, 0), angle)
+    place(moving, rotation_matrix(turn) @ (bodies.position[1] - toe) - (bodies.position[1] - toe), turn)
+    for _ in range(2):
+        joint_forces(moving, driving)
+    r = joint_resultants(moving.state)[0]
+    w = math.sqrt(2.0 * r[0] / (1e10 * 0.2 * math.sin(angle)))
+    # the corner lies this deep, and so long is the strip along the turned face
+    assert w == pytest.approx(2000.0 * 0.006 * 9.81 / (1e10 * 0.06) / math.sin(angle), rel=1e-6)
+    assert abs(r[5]) / r[0] == pytest.approx((0.15 - w / 3.0) * math.cos(angle), rel=1e-4)
+
+
+def test_tilting_is_no_torsion():
+    """A convex joint that tilts about an oblique line of its plane through O neither slips nor twists, though the edges
+    of its polygon, seen along the normal, turn by angle^2 / 4."""
+    moving, driving = seated("convex")
+    bodies, links, faces = moving.state.bodies, moving.state.links, moving.state.faces
+    foot = bodies.position[1] + arms(bodies, links)[0][0]
+    foot[2] -= links.seen[0, 2] - links.offset[0]  # O, seen in the plane
+    turn = about((math.sqrt(0.5), math.sqrt(0.5), 0.0), 0.05 / 200)
+    for _ in range(200):
+        arm = bodies.position[1] - foot
+        place(moving, rotation_matrix(turn) @ arm - arm, turn)
+        joint_forces(moving, driving)
+    strength = 0.64 * joint_resultants(moving.state)[0, 0]
+    assert np.abs(faces.elastic[0, :2]).max() < 1e-5 * strength
+    assert abs(faces.elastic[0, 2]) < 1e-5 * strength * faces.radius[0]
+
+
+def torsion_strength(moving: Motion, driving: Driving) -> float:
+    """Torque of a joint that is twisted well into slip, over mu N (m)."""
+    for _ in range(200):
+        place(moving, (0.0, 0.0, 0.0), about((0, 0, 1), 1e-7))
+        joint_forces(moving, driving)
+    r = joint_resultants(moving.state)[0]
+    return r[3] / (0.64 * r[0])
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_a_small_turn_changes_no_strength(formulation):
+    """Two equal blocks: a thousandth of a radian leaves the torsion strength where it was, within a thousandth."""
+    moving, driving = seated(formulation)
+    before = torsion_strength(moving, driving)
+    moving, driving = seated(formulation)
+    place(moving, (0.0, 0.0, 0.0), about((0, 0, 1), 1e-3))
+    joint_forces(moving, driving)
+    moving.polygons.cut_stale()
+    after = torsion_strength(moving, driving)
+    assert after == pytest.approx(before, rel=1.5e-3)
+    assert before > 0.09
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_sliding_off_the_edge(formulation):
+    """Half over the edge, the joint is what both faces share: its area, and where the weight is carried."""
+    moving, driving = seated(formulation)
+    last = None
+    for _ in range(300):
+        place(moving, (5e-4, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
+        joint_forces(moving, driving)
+        moving.polygons.cut_stale()
+        joint_forces(moving, driving)
+        normal = joint_resultants(moving.state)[0, 0]
+        assert last is None or abs(normal - last) < 0.02 * 117.72 * (4 if formulation == "distributed" else 1)
+        last = normal
+    family = moving.state.faces or moving.state.corners
+    assert family.area.sum() == pytest.approx(0.03, rel=0.01)
+    assert normal == pytest.approx(0.5 * 117.72, rel=0.01)  # the closing stayed the same
+    if formulation != "distributed":
+        assert moving.polygons.shift[0, 0] == pytest.approx(-0.075, rel=0.01)
+
+
+def test_pressed_polygon_with_and_without_a_look_at_its_vertices():
+    """The closed form for closed joints holds wherever it is used: fully pressed, nearly, and with an edge open."""
+    moving = two_blocks("convex")
+    faces = moving.state.faces
+    x, y = faces.x[0, :4], faces.y[0, :4]
+    rng = np.random.default_rng(0)
+    closed = short = 0
+    for _ in range(4000):
+        g0, gx, gy = 1e-6 * rng.normal(1.0, 0.3), *(1e-5 * rng.standard_normal(2))
+        d0, dx, dy = 1e-7 * rng.standard_normal(3)
+        viscous = 0.3
+        h0, hx, hy = g0 + viscous * d0, gx + viscous * dx, gy + viscous * dy
+        found = pressed(faces, 0, viscous, g0, gx, gy, d0, dx, dy)
+        everywhere = (h0 + hx * x + hy * y).min() > 0.0
+        closed += everywhere
+        short += h0 > math.hypot(0.15, 0.1) * math.hypot(hx, hy)
+        # a plane that is open somewhere far outside: the general integral, not the closed form
+        expected = no_tension(x, y, 0, 4, h0, hx, hy)
+        scale = abs(expected[0])
+        np.testing.assert_allclose(found[0], expected[0], rtol=1e-9)
+        np.testing.assert_allclose(found[1:], expected[1:], rtol=0.0, atol=1e-9 * scale)
+    assert 500 < short < closed < 3500
+
+
+def test_equal_polygons_are_kept_once_until_they_are_cut():
+    """Twelve blocks on twelve floors: each that slides over its edge gets a polygon of its own, and carries what it
+    would carry alone; the rest is left as it was."""
+    n, out = 12, 10
+    stones = [
+        Block(f"{kind}{i}", "stone", (0.3, 0.2, 0.1), (float(i), 0.0, z), fixed=z < 0.0)
+        for i in range(n)
+        for kind, z in (("floor", -0.05), ("block", 0.05))
+    ]
+    built = build.assemble(
+        Scenario(
+            title="pairs", gravity=tuple(GRAVITY), joint=JointLaw("convex", 0.64, 1e10, 4e9),
+            materials={"stone": Material(2000.0)}, blocks=tuple(stones), control=DynamicControl(duration=1.0),
+        )
+    )  # fmt: skip
+    moving, driving = motion(built, 0.1, 0.3), Driving(GRAVITY)
+    seat(moving, driving)
+    faces = moving.state.faces
+    assert len(faces.count) == 1 and not faces.outline.any()
+    far = faces.far[0].copy()
+    for step in range(2):
+        for i in range(out):
+            place(moving, (0.01 * (i + 1), 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), 2 * i + 1)
+        joint_forces(moving, driving)
+        assert moving.polygons.cut_stale() == out
+        assert sorted(moving.state.faces.outline) == [0, 0, *range(1, out + 1)], step
+    joint_forces(moving, driving)
+    faces, found = moving.state.faces, joint_resultants(moving.state)
+    np.testing.assert_array_equal(faces.far[0], far)
+    for i in range(n):
+        alone, driving_alone = seated("convex")
+        alone.state.links.put(VISCOUS, moving.state.links.viscous[[i]])
+        for _ in range(2 if i < out else 0):
+            place(alone, (0.01 * (i + 1), 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
+            joint_forces(alone, driving_alone)
+            alone.polygons.cut_stale()
+        joint_forces(alone, driving_alone)
+        own = alone.state.faces
+        np.testing.assert_allclose(found[i], joint_resultants(alone.state)[0], rtol=1e-6, atol=1e-6)
+        np.testing.assert_allclose(faces.far[faces.outline[i]], own.far[own.outline[0]], rtol=1e-9, atol=1e-12)
+        assert faces.area[i] == pytest.approx(0.2 * (0.3 - (0.02 * (i + 1) if i < out else 0.0)), rel=1e-9)
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+def test_a_wall_takes_less_than_2_kb_a_block(formulation):
+    blocks, joint = 400, JointLaw(formulation, 0.64, 1e10, 4e9)
+    built = build.assemble(
+        Scenario(
+            title="wall", gravity=tuple(GRAVITY), joint=joint, materials={"stone": Material(2000.0)},
+            walls=(Wall("wall", "stone", (0.3, 0.2, 0.1), 20, 20, base=0.1),),
+            control=DynamicControl(duration=1.0),
+        )
+    )  # fmt: skip
+    moving = motion(built, 0.05, 0.9)
+    assert sum(array.nbytes for array in moving.state.arrays) < 2000 * blocks
+    if formulation == "convex":
+        assert len(moving.state.faces.count) <= 4  # a head joint, one of half a block, one of a whole one, the last bed
+
+
+def test_polygons_inside_the_face_are_left_alone():
+    """On a floor larger than its path a polygon is looked at when it nears the edge, and never cut."""
+    moving, driving = seated(floor=(2.0, 2.0, 0.1))
+    area, x = moving.state.corners.area.copy(), moving.state.corners.x.copy()
+    for _ in range(10):
+        place(moving, (0.05, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
+        joint_forces(moving, driving)
+        moving.polygons.cut_stale()
+    np.testing.assert_array_equal(moving.state.corners.area, area)
+    np.testing.assert_array_equal(moving.state.corners.x, x)
+    assert moving.polygons.whole[0] and moving.state.links.slack[0] > 0.3
+
+
+def test_nearest_point_of_a_face():
+    face = np.array([(0.0, 0.0), (2.0, 0.0), (2.0, 1.0), (0.0, 1.0)])
+    points = np.array([(1.0, 0.5), (3.0, 0.5), (3.0, 2.0), (1.0, -0.25), (0.0, 0.0)])
+    np.testing.assert_allclose(distance_outside(points, face), [-0.5, 1.0, 1.0, 0.25, 0.0])
+    np.testing.assert_allclose(
+        nearest_inside(points, face), [(1.0, 0.5), (2.0, 0.5), (2.0, 1.0), (1.0, 0.0), (0.0, 0.0)]
+    )
+
+
+@pytest.mark.parametrize("spin", [(1.0, 0.2, -0.3), (0.01, 2.0, 0.01), (0.1, -0.2, 3.0), (1e-6, 2e-6, -1e-6)])
+def test_euler_top(spin):
+    """A free block keeps |L| to the bit and its energy to the square of the step."""
+    tensor = np.array([1.0, 2.0, 3.0])
+    worst = []
+    for dt in (0.01, 0.005):
+        moving = two_blocks(turn=TURNED)
+        bodies = moving.state.bodies
+        bodies.inverse[1] = np.diag(1.0 / tensor)
+        R = bodies.rotation[1].copy()
+        bodies.momentum[1] = R @ (tensor * spin)
+        start = 0.5 * (tensor * np.square(spin)).sum()
+        error = 0.0
+        for _ in range(int(20.0 / dt)):
+            turn_body(bodies, 1, dt)
+            body = bodies.inverse[1] @ bodies.rotation[1].T @ bodies.momentum[1]
+            error = max(error, abs(0.5 * (tensor * body**2).sum() / start - 1.0))
+        np.testing.assert_array_equal(bodies.momentum[1], R @ (tensor * spin))
+        np.testing.assert_allclose(bodies.rotation[1] @ bodies.rotation[1].T, np.eye(3), atol=1e-12)
+        worst.append(error)
+    assert worst[0] < 2e-4
+    assert worst[1] < 0.3 * worst[0] + 1e-13
+
+
+def test_turning_as_plain_python():
+    compiled, plain = two_blocks(turn=TURNED), two_blocks(turn=TURNED)
+    for moving, step in ((compiled, turn_body), (plain, getattr(turn_body, "py_func", turn_body))):
+        moving.state.bodies.momentum[1] = (0.3, -0.2, 0.5)
+        for _ in range(50):
+            step(moving.state.bodies, 1, 1e-3)
+    np.testing.assert_allclose(compiled.state.bodies.orientation, plain.state.bodies.orientation, rtol=0, atol=1e-14)

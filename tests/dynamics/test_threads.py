@@ -1,0 +1,69 @@
+"""Threads change no bit of a result, and small scenes compile nothing for them."""
+
+import subprocess
+import sys
+
+import numba
+import numpy as np
+import pytest
+
+from dembrick.kernels.dynamics.loop import Limits
+from dembrick.simulation.dynamics import integrator
+from dembrick.simulation.dynamics.energy import MotionEnergy
+from dembrick.simulation.dynamics.loads import Driving
+from helpers.places import TESTS
+from helpers.walls import wall
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+def test_any_number_of_threads_gives_the_same_bits(formulation, monkeypatch):
+    built = wall(formulation)
+    before = built.rotation.copy()
+    ends, books = [], []
+    for threads in (None, *range(1, numba.config.NUMBA_NUM_THREADS + 1)):
+        monkeypatch.setattr(integrator, "MANY", 0 if threads else 10**9)
+        monkeypatch.setattr(integrator._Pace, "choose", lambda _, loops: (loops - 1, 2048))
+        if threads:
+            numba.set_num_threads(threads)
+        moving = integrator.motion(built, 0.1, 0.5)
+        driving = Driving(built.gravity)
+        moving.energy = MotionEnergy(moving.state)
+        moving.energy.open(moving.state)
+        integrator.advance(moving, driving, 300, Limits(1.0, 1.0))
+        ends.append(moving.state)
+        books.append(moving.energy.energies(moving.state, moving.time_step))
+    numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
+    for end in ends[1:]:
+        np.testing.assert_array_equal(end.bodies.position, ends[0].bodies.position)
+        np.testing.assert_array_equal(end.bodies.orientation, ends[0].bodies.orientation)
+        np.testing.assert_array_equal(end.links.wrench, ends[0].links.wrench)
+    assert np.abs(ends[0].links.wrench).max() > 100.0
+    assert books[1:] == books[:1] * len(books[1:]) and books[0]["kinetic"] > 0.0 and books[0]["dashpots"] > 0.0
+    np.testing.assert_array_equal(built.rotation, before)  # a run leaves the assembly as it was
+
+
+def test_a_small_scene_loads_no_parallel_code():
+    code = f"""
+import sys
+from dembrick.simulation.dynamics import integrator as dynamics
+from dembrick.simulation.dynamics.loads import Driving
+from dembrick.kernels.dynamics.loop import Limits
+sys.path.insert(0, {str(TESTS)!r})
+from helpers.walls import wall
+built = wall("concave")
+moving = dynamics.motion(built, 0.1, 0.5)
+dynamics.advance(moving, Driving(built.gravity), 2, Limits(1.0, 1.0))
+assert "dembrick.kernels.dynamics.loop_parallel" not in sys.modules
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_wall_of_point_joints_takes_less_than_two_kilobytes_a_block():
+    """Wide walls have three joints a block; joints of blocks alike share their axes."""
+    scenario = wall("concave", courses=12, blocks=40)
+    moving = integrator.motion(scenario, 0.1, 0.5)
+    joints, blocks = len(scenario.joints), len(scenario.names)
+    assert joints / blocks > 2.8
+    assert len(moving.state.links.axes) == 2
+    assert sum(array.nbytes for array in moving.state.arrays) < 2000 * blocks

@@ -1,0 +1,19 @@
+"""Folders of the repository, and modules of tools/."""
+
+import importlib
+import sys
+from pathlib import Path
+
+TESTS = Path(__file__).parents[1]
+ROOT = TESTS.parent
+SCENARIOS = ROOT / "scenarios"
+TOOLS = ROOT / "tools"
+
+
+def tool_module(name):
+    """A module of tools/, imported as it imports its neighbours."""
+    sys.path.insert(0, str(TOOLS))
+    try:
+        return importlib.import_module(name)
+    finally:
+        sys.path.remove(str(TOOLS))

@@ -1,0 +1,79 @@
+"""Runs that are stopped: scenarios for them, children to send signals to, and the comparison of two histories."""
+
+import dataclasses
+import json
+import os
+import subprocess
+import sys
+import time
+
+import h5py
+import numpy as np
+
+from dembrick.runs.lab import lab_scenario
+from dembrick.scenario import model
+from helpers.places import ROOT
+
+PACKAGE = str(ROOT)
+
+
+def case(name, formulation, tolerance=1e-3, **output):
+    """A lab scenario that writes a checkpoint after every chunk; a curve is cut short."""
+    given = lab_scenario(name, formulation, tolerance)
+    if given.control.kind == "displacement":
+        given = dataclasses.replace(given, control=model.DisplacementControl(1e-3, 1.5e-5))
+    if formulation == "distributed":  # its points given: to place them is a search of its own, and stopped as one
+        given = dataclasses.replace(given, joint=dataclasses.replace(given.joint, points=(6, 5)))
+    return dataclasses.replace(given, output=model.Output(model.CHANNELS, checkpoint=0.0, **output))
+
+
+def content(path):
+    """Every dataset of a history, and its results and settings without the wall times and what names the file."""
+    found = {}
+    with h5py.File(path) as file:
+        file.visititems(lambda name, node: found.update({name: node[()]}) if isinstance(node, h5py.Dataset) else None)
+        found["status"], found["settings"] = file.attrs["status"], json.loads(file.attrs["settings"])
+        found["results"] = json.loads(file.attrs["results"])
+    for key in ("wall", "history"):
+        found["results"].pop(key, None)
+    return found
+
+
+def check_same(first, second):
+    one, other = content(first), content(second)
+    assert set(one) == set(other)
+    for name, value in one.items():
+        if isinstance(value, np.ndarray) and value.dtype != object:
+            assert value.tobytes() == other[name].tobytes(), name
+        else:
+            assert np.array_equal(value, other[name]) if isinstance(value, np.ndarray) else value == other[name], name
+
+
+SLOW = """
+import sys, time
+from dembrick.simulation import interrupts as interruption
+from dembrick.cli import main
+looked = interruption.requested
+interruption.requested = lambda: (time.sleep(0.05), looked())[1]
+sys.exit(main())
+"""  # some seconds, however fast the run is: a signal comes long before the end
+
+
+def dembrick(*arguments, code="import sys; from dembrick.cli import main; sys.exit(main())", **options):
+    return subprocess.Popen(
+        [sys.executable, "-c", code, *arguments],
+        env={**os.environ, "PYTHONPATH": PACKAGE},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        **options,
+    )
+
+
+def wait_for(condition, child, what):
+    """Wait until ``condition`` holds while the child lives."""
+    deadline = time.monotonic() + 600
+    while not condition():
+        assert child.poll() is None, f"the child ended before {what}: {child.stderr.read()}"
+        assert time.monotonic() < deadline, what
+        time.sleep(0.005)

@@ -1,0 +1,58 @@
+"""A whole scenario as TOML, to change a line of, and the check that a scenario is refused."""
+
+import pytest
+
+from dembrick.errors import ScenarioError
+from dembrick.scenario import toml
+
+BASE = """\
+title   = "One force at 0.25 a"
+gravity = [0.0, 0.0, -9.81]
+
+[joint]
+formulation      = "convex"
+friction         = 0.64
+normal_stiffness = 1.0e10
+shear_stiffness  = 4.0e9
+
+[materials.tuff]
+density = 1500.0
+
+[[blocks]]
+name     = "lower"
+material = "tuff"
+box      = [0.3, 0.2, 0.1]
+position = [0.0, 0.0, -0.05]
+fixed    = true
+
+[[blocks]]
+name     = "upper"
+material = "tuff"
+box      = [0.3, 0.2, 0.1]
+position = [0.0, 0.0, 0.05]
+
+[[loads]]
+block = "upper"
+force = [0.0, 0.0, -378.71]
+
+[[actuators]]
+name      = "jack"
+block     = "upper"
+point     = [0.075, 0.0, 0.0]
+direction = [0.0, 1.0, 0.0]
+
+[control]
+kind      = "yield"
+tolerance = 1.0e-3
+"""
+
+
+def refused(text, *fragments, **options):
+    with pytest.raises(ScenarioError) as caught:
+        toml.loads(text, "test.toml", **options)
+    message = str(caught.value)
+    assert message.startswith("test.toml") or "of test.toml" in message or "in test.toml" in message
+    assert "\n" not in message
+    for fragment in fragments:
+        assert fragment in message
+    return message

@@ -1,0 +1,59 @@
+"""A block at rest on a fixed one in real time, and blocks put elsewhere without a step in time."""
+
+import math
+
+import numpy as np
+
+from dembrick.assembly import build
+from dembrick.geometry.rotations import quaternion_product, rotation_matrix
+from dembrick.scenario.controls import DynamicControl
+from dembrick.scenario.model import Block, JointLaw, Material, Scenario
+from dembrick.simulation.dynamics.integrator import Motion, motion, seat
+from dembrick.simulation.dynamics.loads import Driving
+
+GRAVITY = np.array([0.0, 0.0, -9.81])
+FORMULATIONS = ("concave", "corrected", "corrected-shear", "convex", "distributed")
+
+
+def two_blocks(
+    formulation="concave", floor=(0.3, 0.2, 0.1), turn=(1.0, 0.0, 0.0, 0.0), friction=0.64, **block
+) -> Motion:
+    """A block of 0.3 x 0.2 x 0.1 m on a fixed one; everything, gravity too, is turned by a quaternion."""
+    R = rotation_matrix(np.array(turn))
+    points = {"points": (6, 4)} if formulation == "distributed" else {}
+    turned = {key: tuple(R @ value) for key, value in block.items()}
+    built = build.assemble(
+        Scenario(
+            title="two blocks",
+            gravity=tuple(R @ GRAVITY),
+            joint=JointLaw(formulation, friction, 1e10, 4e9, **points),
+            materials={"stone": Material(2000.0)},
+            blocks=(
+                Block("floor", "stone", floor, tuple(R @ [0.0, 0.0, -floor[2] / 2]), turn, fixed=True),
+                Block("block", "stone", (0.3, 0.2, 0.1), tuple(R @ [0.0, 0.0, 0.05]), turn, **turned),
+            ),
+            control=DynamicControl(duration=1.0),
+        )
+    )
+    return motion(built, 0.1, 0.3)
+
+
+def seated(*arguments, **keywords) -> tuple[Motion, Driving]:
+    """The same at rest under gravity, and what drives it."""
+    moving = two_blocks(*arguments, **keywords)
+    driving = Driving(moving.assembly.gravity)
+    seat(moving, driving)
+    return moving, driving
+
+
+def place(moving: Motion, shift, turn, block: int = 1) -> None:
+    """Move a block by a shift (m) and turn it about its centroid by a quaternion, without a step in time."""
+    bodies = moving.state.bodies
+    bodies.position[block] += shift
+    bodies.orientation[block] = quaternion_product(turn, bodies.orientation[block])
+    bodies.rotation[block] = rotation_matrix(bodies.orientation[block])
+
+
+def about(axis, angle):
+    """Quaternion of a turn."""
+    return np.concatenate([[math.cos(angle / 2)], math.sin(angle / 2) * np.asarray(axis, float)])

@@ -1,0 +1,113 @@
+"""Control points: displacements of material points, in every kind of run and in the history."""
+
+import csv
+import json
+import math
+
+import numpy as np
+import pytest
+
+from dembrick import history
+from dembrick.cli import main
+from dembrick.errors import HistoryError, ScenarioError
+from dembrick.runs.simulate import simulate
+from dembrick.scenario import toml as scenarios
+from dembrick.views import plot
+from helpers.places import SCENARIOS
+
+
+def with_points(stem, *points):
+    text = (SCENARIOS / f"{stem}.toml").read_text()
+    for name, block, point in points:
+        text += f'\n[[control_points]]\nname = "{name}"\nblock = "{block}"\n'
+        text += "" if point is None else f"point = {list(point)}\n"
+    return scenarios.loads(text)
+
+
+@pytest.mark.parametrize("stem", ["set4a", "set4a_mid_curve"])
+def test_a_point_at_the_jack_moves_as_the_jack_says(stem):
+    given = with_points(stem)
+    jack = given.actuators[0]
+    result = simulate(with_points(stem, ("rod", "upper", jack.point)))
+    way = result.rows["control_point"][:, 0]
+    driven = result.rows["actuator_displacement"][:, 0]
+    assert driven[-1] > 1e-6
+    # the kernel of a search keeps to small rotations: what the point adds is of second order
+    np.testing.assert_allclose(way @ jack.direction, driven, rtol=1e-4, atol=1e-14)
+    assert result.control_points["rod"] == pytest.approx(way[-1].tolist(), rel=0.01, abs=1e-15)  # a row may be older
+    assert result.as_dict()["control_points"]["rod"] == result.control_points["rod"]
+
+
+def test_a_corner_of_a_block_that_turns_on_its_toe():
+    result = simulate(with_points("rocking_push", ("corner", "block", (-0.1, 0.25, 1.0)), ("middle", "block", None)))
+    q = result.frames["orientation"][:, 1]
+    theta = 2.0 * np.arctan2(q[:, 2], q[:, 0])
+    rows = np.searchsorted(result.rows["time"], result.frames["time"])
+    way = result.rows["control_point"][rows]
+    np.testing.assert_allclose(way[:, 1], result.frames["displacement"][:, 1], atol=1e-15)
+    assert theta[-1] > 0.1
+    # turned by theta about the toe, from where it stood 0.2 m in front of it and 1 m above
+    expected = [
+        -0.2 * (np.cos(theta) - 1.0) + 1.0 * np.sin(theta),
+        0.0 * theta,
+        0.2 * np.sin(theta) + 1.0 * (np.cos(theta) - 1.0),
+    ]
+    np.testing.assert_allclose(way[:, 0], np.transpose(expected), atol=5e-6)  # the joint gives way elastically
+
+
+def test_a_centroid_of_an_arch_that_is_pushed(tmp_path):
+    given = with_points("arch", ("crown", "arch.9", None))
+    result = simulate(given, tmp_path / "arch.h5")
+    crown = result.assembly.names.index("arch.9")
+    np.testing.assert_allclose(
+        result.rows["control_point"][-1, 0], result.frames["displacement"][-1, crown], rtol=1e-9, atol=1e-15
+    )
+    with history.read(tmp_path / "arch.h5") as file:
+        assert file.control_point.shape == (file.n_row, 1, 3)
+        (point,) = file.control_points
+        assert (point["name"], point["block"]) == ("crown", crown)
+        np.testing.assert_allclose(point["point"], result.assembly.position[crown])
+
+
+def test_on_the_command_line(tmp_path, capsys):
+    """JSON, text and figure of a run with two control points; a run without any says what to add."""
+    path = tmp_path / "push.toml"
+    path.write_text(scenarios.dumps(with_points("rocking_push", ("a", "block", (0.1, 0.0, 1.0)), ("b", "block", None))))
+    file = str(tmp_path / "push.h5")
+    assert main(["run", str(path), "--out", file, "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)["control_points"]
+    assert list(said) == ["a", "b"]
+    assert math.hypot(*said["b"]) == pytest.approx(0.06, rel=1e-2)
+    assert main(["export", file, "--to", str(tmp_path / "push.csv")]) == 0
+    with open(tmp_path / "push.csv", newline="") as lines:
+        table = list(csv.DictReader(lines))
+    assert [float(table[-1][f"u_{axis} of b [m]"]) for axis in "xyz"] == pytest.approx(said["b"], abs=1e-15)
+    assert main(["plot", file, "--kind", "points", "--to", str(tmp_path / "push.png")]) == 0
+    with history.read(file) as found:
+        (axes,) = plot.control_points([found]).axes
+    assert [line.get_label() for line in axes.lines] == ["a", "b"]
+    assert axes.lines[1].get_xdata()[-1] == pytest.approx(1e3 * math.hypot(*said["b"]))
+    assert axes.get_xlabel() == "displacement of control points [mm]"
+    simulate(SCENARIOS / "set4a.toml", tmp_path / "none.h5")
+    with history.read(tmp_path / "none.h5") as found, pytest.raises(HistoryError, match=r"add \[\[control_points\]\]"):
+        plot.control_points([found])
+
+
+@pytest.mark.parametrize(
+    "point, words",
+    [
+        (("a", "upper", (0.0, 0.0, 0.2)), "control point 'a': its point .* lies 0.1 m outside block 'upper'"),
+        (("a", "uper", None), "block of control point 'a' = 'uper' .*did you mean 'upper'"),
+        (("", "upper", None), "name = ''"),
+    ],
+)
+def test_points_that_are_refused(point, words):
+    with pytest.raises(ScenarioError, match=words):
+        simulate(with_points("set4a", point))
+
+
+def test_two_of_a_name_and_a_group_are_refused():
+    with pytest.raises(ScenarioError, match="two control points are named 'a'"):
+        with_points("set4a", ("a", "upper", None), ("a", "lower", None))
+    with pytest.raises(ScenarioError, match="'arch' is a group; name one block of it"):
+        with_points("arch", ("a", "arch", None))

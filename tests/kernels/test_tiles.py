@@ -1,0 +1,152 @@
+"""Joints and blocks side by side: nothing depends on who stands beside whom."""
+
+import math
+
+import numpy as np
+import pytest
+
+from dembrick.assembly import build
+from dembrick.geometry.rotations import frame_quaternion, rotation_matrix, unit_quaternion
+from dembrick.kernels.dynamics.rigid_bodies import ANGLE2, fetch_block, turn_block, turn_body, turn_slowly
+from dembrick.kernels.dynamics.tiles import OFFSET, VISCOUS, WORK, W, rows_of_lanes
+from dembrick.scenario.controls import DynamicControl
+from dembrick.scenario.model import Block, JointLaw, Material, Scenario
+from dembrick.simulation.dynamics.integrator import joint_forces, motion, seat
+from dembrick.simulation.dynamics.loads import Driving
+from dembrick.simulation.dynamics.state import contact_forces, joint_resultants, tiled, with_contact_forces
+from helpers.seated_blocks import GRAVITY, about, place
+
+LAWS = {  # nine points are an odd number
+    "concave": {},
+    "corrected-shear": {},
+    "convex": {},
+    "distributed": {"points": (3, 3)},
+}
+
+
+def pairs(n, formulation):
+    """``n`` blocks on as many floors, at rest, ready to write down the forces at their points."""
+    built = build.assemble(
+        Scenario(
+            title="pairs",
+            gravity=tuple(GRAVITY),
+            joint=JointLaw(formulation, 0.3, 1e10, 4e9, **LAWS[formulation]),
+            materials={"stone": Material(2000.0)},
+            blocks=tuple(
+                Block(f"{kind}{i}", "stone", (0.3, 0.2, 0.1), (float(i), 0.0, z), fixed=z < 0.0)
+                for i in range(n)
+                for kind, z in (("floor", -0.05), ("block", 0.05))
+            ),
+            control=DynamicControl(duration=1.0),
+        )
+    )
+    moving, driving = motion(built, 0.1, 0.3), Driving(GRAVITY)
+    seat(moving, driving)
+    moving.state = with_contact_forces(moving.state)
+    return moving, driving
+
+
+def shake(moving, driving, numbers):
+    """Push and turn the blocks, each by its number: some slip, some open, some lift off; twice, so that dashpots act
+    and the books have a step."""
+    moving.energy.open(moving.state)
+    for _ in range(2):
+        for k, i in enumerate(numbers):
+            shift = (1e-8 * i, -3e-9 * i, 2e-8 * (i % 5 - 2) ** 3)
+            place(moving, shift, about((0.6, 0.0, 0.8), 3e-7 * (i % 7)), 2 * k + 1)
+        joint_forces(moving, driving)
+
+
+@pytest.mark.parametrize("formulation", LAWS)
+def test_a_joint_carries_what_it_would_carry_alone(formulation):
+    """Twenty joints fill one tile and a part of another."""
+    n = W + 4
+    moving, driving = pairs(n, formulation)
+    shake(moving, driving, range(n))
+    found, forces = joint_resultants(moving.state), contact_forces(moving.state, np.ones(n))
+    per = len(forces) // n
+    energies = moving.energy.energies(moving.state, moving.time_step)
+    sums = dict.fromkeys(("elastic", "friction", "dashpots", "released"), 0.0)
+    for i in range(n):
+        alone, driving_alone = pairs(1, formulation)
+        alone.state.links.put(VISCOUS, moving.state.links.viscous[[i]])  # the time step's bound has rounding of its own
+        shake(alone, driving_alone, [i])
+        np.testing.assert_allclose(found[i], joint_resultants(alone.state)[0], rtol=1e-6, atol=1e-5)
+        np.testing.assert_allclose(
+            forces[i * per : (i + 1) * per], contact_forces(alone.state, np.ones(1)), rtol=1e-5, atol=1e-4
+        )
+        own = alone.energy.energies(alone.state, alone.time_step)
+        sums = {name: value + own[name] for name, value in sums.items()}
+    assert (found[:, 0] == 0.0).any() and found[:, 0].max() > 200.0 and np.ptp(found[:, 1]) > 10.0
+    for name, value in sums.items():
+        assert energies[name] == pytest.approx(value, rel=1e-5), name
+        assert abs(value) > 1e-12, name
+
+
+def test_every_joint_has_one_lane_among_its_kind():
+    rng = np.random.default_rng(0)
+    kind, way = rng.integers(0, 3, 100), rng.integers(0, 2, 100)
+    lane, used = tiled(kind, way)
+    own = lane[np.arange(W) < used[:, None]]
+    assert sorted(own) == list(range(100))
+    for members, count in zip(lane, used, strict=True):
+        assert len(set(kind[members])) == 1
+        assert (members[count:] == members[count - 1]).all()
+    assert len(lane) == sum(math.ceil((kind == k).sum() / W) for k in range(3))
+    order = [way[members[:count]] for members, count in zip(lane, used, strict=True)]
+    for k in range(3):  # one direction after the other
+        of_kind = np.concatenate([ways for ways, members in zip(order, lane, strict=True) if kind[members[0]] == k])
+        assert (np.diff(of_kind) >= 0).all()
+
+
+def test_what_stands_in_tiles_is_read_as_a_copy_that_refuses_to_be_written():
+    moving, _ = pairs(3, "concave")
+    links, corners = moving.state.links, moving.state.corners
+    with pytest.raises(ValueError, match="read-only"):
+        links.offset[1] = 0.0
+    with pytest.raises(ValueError, match="read-only"):
+        corners.area[2] = 0.0
+    before = links.offset
+    links.put(OFFSET, [0.5], 1)
+    np.testing.assert_array_equal(links.offset, [before[0], 0.5, before[2]])
+    assert corners.where().shape == corners.x.shape and len(np.unique(corners.where())) == 12
+
+
+def test_tiles_begin_with_a_line_of_the_cache():
+    for size in (1, 16, 1000):
+        assert rows_of_lanes(size).ctypes.data % 64 == 0 and len(rows_of_lanes(size)) == size
+
+
+def test_quaternion_of_a_frame():
+    rng = np.random.default_rng(1)
+    turns = [*rng.standard_normal((50, 4)), *np.eye(4), [1e-9, 1.0, 1e-9, 0.0]]
+    for q in turns:
+        R = rotation_matrix(unit_quaternion(q))
+        np.testing.assert_allclose(rotation_matrix(frame_quaternion(R[:, :2].T)), R, rtol=0.0, atol=1e-15)
+
+
+def test_blocks_turn_side_by_side_as_they_do_alone():
+    """Slow ones, and one that is too fast for a series: it turns by the general step."""
+    dt = 1e-4
+    one, _ = pairs(4, "concave")
+    other, _ = pairs(4, "concave")
+    rng = np.random.default_rng(2)
+    for moving in (one, other):
+        bodies = moving.state.bodies
+        bodies.orientation[:] = unit_quaternion(np.random.default_rng(3).standard_normal((8, 4)))
+        bodies.rotation[:] = rotation_matrix(bodies.orientation)
+    spin = rng.standard_normal((8, 3)) * 0.3
+    spin[5] = 40.0
+    for moving in (one, other):
+        moving.state.bodies.momentum[:] = np.linalg.solve(moving.state.bodies.inverse, spin[..., None])[..., 0]
+    work, bodies = rows_of_lanes(WORK), one.state.bodies
+    for b in range(8):
+        fetch_block(bodies, b, work, b)
+    turn_slowly(work, dt)
+    assert (work[ANGLE2 * W : ANGLE2 * W + 8] > 1e-8).sum() == 1
+    for b in range(8):
+        turn_block(bodies, b, work, b, dt)
+        turn_body(other.state.bodies, b, dt)
+    for name in ("orientation", "rotation"):
+        np.testing.assert_allclose(getattr(bodies, name), getattr(other.state.bodies, name), rtol=0.0, atol=1e-15)
+    np.testing.assert_allclose(bodies.spin, other.state.bodies.spin, rtol=1e-13)

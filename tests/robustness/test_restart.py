@@ -1,0 +1,220 @@
+"""Stop and restart: to the last bit the run that was never stopped."""
+
+import dataclasses
+import json
+import os
+import signal
+
+import numpy as np
+import pytest
+
+from dembrick.cli import main
+from dembrick.errors import HistoryError
+from dembrick.history import Checkpoints, read
+from dembrick.runs.simulate import restart, simulate
+from dembrick.scenario import model, toml
+from dembrick.simulation.dynamics import run
+from dembrick.simulation.interrupts import Interrupted
+from helpers.places import SCENARIOS
+from helpers.restart_cases import case, check_same, content
+
+
+@pytest.mark.parametrize("formulation", model.FORMULATIONS)
+@pytest.mark.parametrize("name", ["set4a", "set4b_mid", "set4a_curve"])
+def test_stop_and_restart_is_one_run(tmp_path, stop_after, name, formulation):
+    """Stopped twice, once by each signal; rows, frames, results and settings are bit by bit those of one run."""
+    given = case(name, formulation, rows=60, frames=30)
+    whole = simulate(given, tmp_path / "whole.h5")
+    path = tmp_path / "parts.h5"
+    stop_after(5)
+    with pytest.raises(Interrupted, match=f"after step 5 .*dembrick restart {path}") as stopped:
+        simulate(given, path)
+    assert stopped.value.exit_code == 130
+    with read(path) as file:
+        assert file.status == "interrupted" and file.n_row >= 1
+    stop_after(4, signal.SIGTERM)
+    with pytest.raises(Interrupted, match="after step 9") as stopped:
+        restart(path)
+    assert stopped.value.exit_code == 143
+    assert len(Checkpoints(path).existing()) == 2
+    stop_after(0)
+    result = restart(path)
+    assert result.yield_point == whole.yield_point and result.energy == whole.energy
+    check_same(tmp_path / "whole.h5", path)
+    assert sorted(os.listdir(tmp_path)) == ["parts.h5", "whole.h5"]  # no checkpoint stays behind
+
+
+def test_a_search_that_is_calmed_can_be_stopped_anywhere(tmp_path, stop_after):
+    """The means about which its blocks swing go on, as does the window of the last instants."""
+    given = case("set4b_mid", "concave", 1e-6)
+    given = dataclasses.replace(given, output=model.Output(checkpoint=1e9))  # only where it is stopped
+    whole = simulate(given, tmp_path / "whole.h5")
+    assert whole.replay.steps > 100
+    for step in (7, 100):
+        path = tmp_path / f"{step}.h5"
+        stop_after(step)
+        with pytest.raises(Interrupted, match=f"after step {step} "):
+            simulate(given, path)
+        stop_after(0)
+        restart(path)
+        check_same(tmp_path / "whole.h5", path)
+
+
+TILT = """
+kind = "tilt"
+axis = [1.0, 0.0, 0.0]
+rate = 10.0
+displacement = 0.002
+"""
+
+
+@pytest.mark.parametrize("pressure", ["effective", "linear"])
+def test_pressures_that_follow_the_bending_go_on_too(tmp_path, stop_after, pressure):
+    """Their state has a part in a part: the pressed polygons of the convex joints."""
+    given = case("set4a_mid", "convex", rows=60, frames=30)
+    given = dataclasses.replace(given, joint=dataclasses.replace(given.joint, pressure=pressure))
+    whole = simulate(given, tmp_path / "whole.h5")
+    stop_after(5)
+    with pytest.raises(Interrupted):
+        simulate(given, tmp_path / "parts.h5")
+    stop_after(0)
+    assert restart(tmp_path / "parts.h5").yield_point == whole.yield_point
+    check_same(tmp_path / "parts.h5", tmp_path / "whole.h5")
+
+
+PUSH = """
+kind = "pushover"
+direction = [1.0, 0.0, 0.0]
+quasi_static = false
+rate = 1.0e-2
+displacement = 0.002
+"""
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex", "distributed"])
+@pytest.mark.parametrize("control", [TILT, PUSH], ids=["tilt", "push"])
+def test_a_run_to_collapse_in_real_time_goes_on_too(tmp_path, stop_after, formulation, control):
+    """A block that hangs over the edge of the other, so that polygons are cut; stopped at rest and in motion."""
+    text = (SCENARIOS / "set4a.toml").read_text().replace('"convex"', f'"{formulation}"')
+    text = text[: text.index("[[loads]]")] + "[control]" + control
+    text = text.replace("position = [0.0, 0.0, 0.05]", "position = [0.01, 0.02, 0.05]")
+    given = toml.loads(text + "[output]\nrows = 400\nframes = 100\ncheckpoint = 1e9\n")
+    whole = simulate(given, tmp_path / "whole.h5")
+    assert whole.status == "collapse" and whole.run.motion.steps > 1000
+    n_row = len(whole.rows["time"])
+    for row in (1, n_row // 2, n_row - 3):
+        path = tmp_path / f"{row}.h5"
+        stop_after(row)
+        with pytest.raises(Interrupted, match="dembrick restart"):
+            simulate(given, path)
+        stop_after(0)
+        assert restart(path).collapse == whole.collapse
+        check_same(tmp_path / "whole.h5", path)
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+def test_a_run_in_real_time_stops_between_two_rows(tmp_path, stop_after, monkeypatch, formulation):
+    """Where a row is many steps of a large scene, nobody waits for it."""
+    monkeypatch.setattr(run, "AT_ONCE", 60)  # 20 steps of two blocks and a joint
+    given = toml.load(SCENARIOS / "rocking_block.toml", ["control.duration=0.4", f"joint.formulation={formulation}"])
+    given = dataclasses.replace(given, output=model.Output(model.CHANNELS, rows=20, frames=10, checkpoint=1e9))
+    stop_after(0)
+    whole = simulate(given, tmp_path / "whole.h5")
+    every = whole.run.motion.steps // 20
+    assert every > 60 and len(whole.rows["time"]) in (21, 22)
+    for looks in (1, 2, 17):
+        path = tmp_path / f"{looks}.h5"
+        stop_after(looks)
+        with pytest.raises(Interrupted) as stopped:
+            simulate(given, path)
+        assert int(str(stopped.value).split()[3]) % every  # not at a row
+        stop_after(0)
+        restart(path)
+        check_same(tmp_path / "whole.h5", path)
+
+
+SLIDING = """
+title = "Plates that slide over the edges of their floors"
+gravity = [0.0, 0.0, -9.81]
+
+[joint]
+formulation = "convex"
+friction = 0.2
+normal_stiffness = 1.0e9
+shear_stiffness = 4.0e8
+
+[materials.stone]
+density = 2000.0
+
+[control]
+kind = "dynamic"
+duration = 0.04
+"""
+PLATE = """
+[[blocks]]
+name = "floor {0}"
+material = "stone"
+box = [0.3, 0.2, 0.1]
+position = [{0}, 0.0, -0.05]
+fixed = true
+
+[[blocks]]
+name = "plate {0}"
+material = "stone"
+box = [0.3, 0.2, 0.1]
+position = [{0}, 0.0, 0.05]
+velocity = [{1}, 0.2, 0.0]
+"""
+
+
+@pytest.mark.parametrize("row", [2, 12])
+def test_polygons_that_were_cut_go_on(tmp_path, stop_after, row):
+    """Ten plates share a polygon until each has one of its own; stopped before that and after."""
+    given = toml.loads(SLIDING + "".join(PLATE.format(i, 0.1 * i + 0.01) for i in range(10)))
+    given = dataclasses.replace(given, output=model.Output(model.CHANNELS, rows=20, frames=10, checkpoint=1e9))
+    stop_after(0)
+    whole = simulate(given, tmp_path / "whole.h5")
+    faces = whole.run.motion.state.faces
+    assert sorted(faces.outline) == list(range(1, 11)) and len(faces.count) == 17
+    path = tmp_path / "parts.h5"
+    stop_after(row)
+    with pytest.raises(Interrupted):
+        simulate(given, path)
+    stop_after(0)
+    restart(path)
+    check_same(tmp_path / "whole.h5", path)
+
+
+@pytest.mark.parametrize("array", ["faces.outline", "faces.count"])
+def test_a_polygon_that_is_not_there_is_refused(tmp_path, stop_after, array):
+    given = toml.loads(SLIDING + PLATE.format(0, 0.5))
+    given = dataclasses.replace(given, output=model.Output(rows=20, frames=10, checkpoint=1e9))
+    path = tmp_path / "run.h5"
+    stop_after(5)
+    with pytest.raises(Interrupted):
+        simulate(given, path)
+    for one in Checkpoints(path).existing():
+        with np.load(one) as found:
+            arrays = dict(found)
+        arrays[array] = arrays[array] + np.array(1000, arrays[array].dtype)
+        with open(one, "wb") as file:
+            np.savez(file, **arrays)
+    stop_after(0)
+    with pytest.raises(HistoryError, match=f"{array} leads out of its polygons"):
+        restart(path)
+
+
+def test_a_history_is_enough_to_run_again(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    given = case("set4a", "concave")
+    simulate(given, tmp_path / "first.h5")
+    assert main(["run", "first.h5", "--quiet"]) == 0
+    assert os.listdir(tmp_path / "results") == ["first.h5"]
+    first, again = content("first.h5"), content("results/first.h5")
+    assert again["results"].pop("scenario") == "first.h5" and first["results"].pop("scenario") == given.path
+    assert first["results"] == again["results"]
+    assert first["history/load"].tobytes() == again["history/load"].tobytes()
+    assert main(["run", "first.h5", "--set", "joint.friction=0.32", "--json", "--out", "half.h5"]) == 0
+    out = capsys.readouterr().out
+    half = json.loads(out[out.index("\n{") if not out.startswith("{") else 0 :])
+    assert half["yield_point"]["V"] == pytest.approx(0.5 * first["results"]["yield_point"]["V"], rel=1e-2)

@@ -1,0 +1,129 @@
+"""Runs in real time that are stopped or killed while their blocks are being seated: to the last bit the whole run."""
+
+import dataclasses
+import json
+import signal
+
+import numpy as np
+import pytest
+
+from dembrick.errors import HistoryError
+from dembrick.history import Checkpoint, Checkpoints, read
+from dembrick.runs.simulate import restart, simulate
+from dembrick.scenario import model, toml
+from dembrick.simulation.dynamics import integrator
+from dembrick.simulation.interrupts import Interrupted
+from helpers.restart_cases import SLOW, check_same, dembrick, wait_for
+
+SCENE = """
+title = "{formulation}"
+gravity = [0.0, 0.0, -9.81]
+
+[joint]
+formulation = "{formulation}"
+friction = 0.6
+normal_stiffness = 1.0e9
+shear_stiffness = 4.0e8
+
+[materials.stone]
+density = 2000.0
+
+[[stacks]]
+name = "pile"
+material = "stone"
+box = [0.3, 0.2, 0.1]
+blocks = 3
+base = 0.1
+
+[output]
+channels = ["joints", "energy", "frames", "velocity", "contacts"]
+rows = 20
+frames = 10
+checkpoint = {checkpoint}
+"""
+CONTROL = {
+    "shaken": '[control]\nkind = "base-motion"\nduration = 0.02\ndirection = [1.0, 0.0, 0.0]\n'
+    "sine = { amplitude = 2.0, frequency = 5.0 }\n",
+    # pulled over by more than its weight holds: what overturns while nothing slips is put back
+    "overturned": '[control]\nkind = "dynamic"\nduration = 0.02\n'
+    '[[loads]]\nblock = "pile.3"\nforce = [600.0, 0.0, 0.0]\n',
+    "pushed": '[control]\nkind = "pushover"\nquasi_static = false\nrate = 0.02\ndirection = [1.0, 0.0, 0.0]\n'
+    "displacement = 2.0e-4\n",
+}
+
+
+def given(formulation, control, checkpoint=1e9):
+    return toml.loads(SCENE.format(formulation=formulation, checkpoint=checkpoint) + CONTROL[control])
+
+
+@pytest.mark.parametrize(
+    "formulation, control", [("concave", "shaken"), ("convex", "overturned"), ("convex", "pushed")]
+)
+def test_seating_goes_on_where_it_was_stopped(tmp_path, stop_after, monkeypatch, formulation, control):
+    """Stopped after its first chunk, in its middle and before its last."""
+    monkeypatch.setattr(integrator, "SEATING_CHUNK", 16)
+    scene = given(formulation, control)
+    whole = simulate(scene, tmp_path / "whole.h5")
+    seating = whole.run.motion.seating_steps
+    if control == "overturned":
+        assert whole.run.unbalanced == 1.0
+    chunks = -(-seating // 16)
+    assert chunks > 6
+    for chunk in (1, chunks // 2, chunks - 1):
+        path = tmp_path / f"{chunk}.h5"
+        stop_after(chunk)
+        with pytest.raises(Interrupted, match=f"after step {16 * chunk} of the seating; go on with: dembrick restart"):
+            simulate(scene, path)
+        with read(path) as found:
+            assert found.n_row == 0 and found.status == "interrupted"
+        stop_after(0)
+        said = []
+        result = restart(path, report=said.append)
+        assert said == [f"going on from step {16 * chunk} of the seating"]
+        assert result.run.motion.seating_steps == seating
+        check_same(tmp_path / "whole.h5", path)
+
+
+def test_a_run_that_is_killed_in_its_seating(tmp_path):
+    """By a signal that no one can wait for; it had written checkpoints."""
+    scene, path = given("concave", "shaken", 0.0), tmp_path / "run.h5"
+    (tmp_path / "scene.toml").write_text(toml.dumps(scene))
+    seen = "import dembrick.simulation.dynamics.integrator as d\nd.SEATING_CHUNK = 16\n"
+    slow, quick = SLOW.replace("looked =", seen + "looked =", 1), SLOW.split("looked")[0] + seen + "sys.exit(main())"
+    child = dembrick("run", str(tmp_path / "scene.toml"), "--out", str(path), code=slow)
+
+    def two_are_there():
+        kept = Checkpoints(path).existing()
+        return len(kept) == 2
+
+    wait_for(two_are_there, child, "two checkpoints")
+    child.send_signal(signal.SIGKILL)
+    child.communicate(timeout=60)
+    places = [Checkpoint(one).about["where"] for one in Checkpoints(path).existing()]
+    assert all(place.endswith("of the seating") for place in places)
+    with read(path) as found:
+        assert found.status == "running" and found.n_row == 0
+    done = dembrick("restart", str(path), "--json", code=quick)
+    out, err = done.communicate(timeout=300)
+    assert done.returncode == 0, err
+    assert json.loads(out)["status"] == "completed" and "of the seating" in err
+    whole = dembrick("run", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "whole.h5"), code=quick)
+    assert whole.wait(timeout=300) == 0
+    check_same(tmp_path / "whole.h5", path)
+
+
+@pytest.mark.parametrize("loop", [(0.0, 1e-4, 0.0), (0.0, 1e-4, 16.5), (-1.0, 1e-4, 16.0), (0.0, np.inf, 16.0)])
+def test_a_checkpoint_of_no_step_is_refused(tmp_path, stop_after, monkeypatch, loop):
+    monkeypatch.setattr(integrator, "SEATING_CHUNK", 16)
+    path = tmp_path / "run.h5"
+    stop_after(2)
+    with pytest.raises(Interrupted):
+        simulate(dataclasses.replace(given("concave", "shaken"), output=model.Output(checkpoint=1e9)), path)
+    stop_after(0)
+    for one in Checkpoints(path).existing():
+        with np.load(one) as found:
+            arrays = dict(found) | {"loop": np.array(loop)}
+        with open(one, "wb") as file:
+            np.savez(file, **arrays)
+    with pytest.raises(HistoryError, match="this checkpoint is of no step of this run"):
+        restart(path)

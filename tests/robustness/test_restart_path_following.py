@@ -1,0 +1,296 @@
+"""Stop and restart of searches that follow equilibria, and of the seating before them: to the last bit one run."""
+
+import dataclasses
+import os
+import random
+import signal
+
+import numpy as np
+import pytest
+
+from dembrick.errors import HistoryError, OutputError
+from dembrick.history import Checkpoint, Checkpoints, read
+from dembrick.runs.lab import lab_scenario, scenario_folder
+from dembrick.runs.simulate import restart, simulate
+from dembrick.scenario import model, toml
+from dembrick.scenario.controls import PushoverControl, TiltControl, YieldControl
+from dembrick.scenario.generators import Wall
+from dembrick.scenario.model import Actuator, Block, JointLaw, Material, Scenario
+from dembrick.simulation import interrupts
+from dembrick.simulation.interrupts import Interrupted
+from dembrick.simulation.statics import dead_load, path_following, path_state, point_placement, stepper
+from helpers.restart_cases import SLOW, check_same, dembrick, wait_for
+
+
+def scene(control, formulation="concave", friction=0.6, pressure="full", checkpoint=0.0, **parts):
+    law = JointLaw(formulation, friction, 1e10, 4e9, pressure=pressure)
+    stone = {"stone": Material(2000.0)}
+    output = model.Output(("joints", "energy", "frames", "velocity"), checkpoint=checkpoint)
+    return Scenario("followed", (0.0, 0.0, -9.81), law, stone, parts.pop("blocks", ()), control, output=output, **parts)
+
+
+def wall(courses=4, block=(0.3, 0.2, 0.1)):
+    return {"walls": (Wall("wall", "stone", block, courses=courses, blocks=3, base=0.1),)}
+
+
+def tower():
+    """Two blocks on a fixed one; a jack pushes the upper one off its centre."""
+    boxes = {"base": -0.05, "lower": 0.05, "upper": 0.15}
+    blocks = [Block(name, "stone", (0.3, 0.2, 0.1), (0.0, 0.0, z), fixed=name == "base") for name, z in boxes.items()]
+    jack = Actuator("jack", "upper", (0.05, -0.1, 0.15), (0.0, 1.0, 0.0))
+    return {"blocks": tuple(blocks), "actuators": (jack,)}
+
+
+def shipped(name, *changes):
+    given = toml.load(scenario_folder() / name, changes)
+    return dataclasses.replace(given, output=model.Output(checkpoint=0.0))
+
+
+TILT = TiltControl((1.0, 0.0, 0.0), 1.0, 1e-4, quasi_static=True)
+SCENES = {
+    "wall pushed over": lambda: scene(PushoverControl((0.3, 1.0, 0.0), 1e-4), **wall()),
+    "convex wall tilted": lambda: scene(TILT, "convex", **wall()),
+    "linear pressure": lambda: scene(TILT, "convex", pressure="linear", **wall(2)),
+    "arch": lambda: shipped("arch.toml"),
+    "contacts at the brink": lambda: shipped("ferris_tinloi_3.toml", "control.quasi_static=true"),
+    "blocks that are let go": lambda: scene(
+        PushoverControl((-0.8, 0.6, 0.0), 1e-4), friction=3.0, **wall(2, (0.2, 0.22, 0.12))
+    ),
+    "yield of a tower": lambda: scene(YieldControl(1e-3), "corrected-shear", **tower()),
+    "constant rate on a tower": lambda: scene(model.DisplacementControl(1e-4, 1e-5), checkpoint=1e9, **tower()),
+}
+
+
+@pytest.fixture
+def signal_after(monkeypatch):
+    """A signal that comes when the run has looked for one so many times; returns how often it looked. Short chunks."""
+    monkeypatch.setattr(os, "fsync", lambda _: None)
+    monkeypatch.setattr(stepper, "FIRST_WORK", 1)
+    monkeypatch.setattr(stepper, "CHUNK_SECONDS", 0.0)
+    monkeypatch.setattr(dead_load, "FEW", 1)
+    monkeypatch.setattr(dead_load, "CHUNK_SECONDS", 0.0)
+
+    def arm(looks, signum=signal.SIGTERM):
+        looked = [0]
+
+        def requested():
+            looked[0] += 1
+            return signum if looked[0] == looks else 0
+
+        monkeypatch.setattr(interrupts, "requested", requested)
+        return looked
+
+    return arm
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_stopped_anywhere_and_restarted_is_one_run(tmp_path, signal_after, name):
+    """At the first look, at the last one, and at random ones; then stopped once more."""
+    given, rng = SCENES[name](), random.Random(name)
+    looked = signal_after(0)
+    simulate(given, tmp_path / "whole.h5")
+    most = looked[0]
+    assert most > 5
+    wheres = set()
+    for number, looks in enumerate((1, 3, most, *(rng.randrange(1, most) for _ in range(4)))):
+        path = tmp_path / f"{looks}.h5"
+        signal_after(looks)
+        with pytest.raises(Interrupted, match=f"^interrupted after .*; go on with: dembrick restart {path}") as stopped:
+            simulate(given, path)
+        wheres.add(str(stopped.value).split()[2])
+        with read(path) as file:
+            assert file.status == "interrupted"
+        assert Checkpoints(path).existing()
+        if number % 2:
+            signal_after(2, signal.SIGINT)
+            with pytest.raises(Interrupted) as stopped:
+                restart(path)
+            assert stopped.value.exit_code == 130
+        signal_after(0)
+        restart(path)
+        check_same(tmp_path / "whole.h5", path)
+        path.unlink()
+    assert "rate" in name or "equilibrium" in wheres
+    assert os.listdir(tmp_path) == ["whole.h5"]
+
+
+def test_the_way_of_blocks_that_are_let_go_is_in_the_checkpoint(tmp_path, signal_after, monkeypatch):
+    """Stopped while they drift: nothing of the drift is done twice."""
+    given, drifted, drifting = SCENES["blocks that are let go"](), path_following.PathFollower._drifted, []
+
+    def spied(follower):
+        if follower.way.drift.steps == 3:
+            drifting.append(looked[0])
+        return drifted(follower)
+
+    monkeypatch.setattr(path_following.PathFollower, "_drifted", spied)
+    looked = signal_after(0)
+    simulate(given, tmp_path / "whole.h5")
+    path, messages = tmp_path / "run.h5", []
+    signal_after(drifting[0] + 1)
+    with pytest.raises(Interrupted, match="after equilibrium"):
+        simulate(given, path)
+    newest, _ = Checkpoints(path).newest(read(path).run)
+    assert newest.array("way.drift", np.zeros(3))[2] == 3.0
+    signal_after(0)
+    restart(path, report=messages.append)
+    assert any(line.startswith("going on from equilibrium ") for line in messages)
+    check_same(tmp_path / "whole.h5", path)
+
+
+def test_a_way_comes_back_whole():
+    """Every number, vector and list of it."""
+
+    class Kept(dict):
+        path = "kept"
+
+        def array(self, name, like):
+            assert self[name].shape == like.shape and self[name].dtype == like.dtype
+            return self[name]
+
+    rng = np.random.default_rng(2)
+    numbers = {name: kind(rng.integers(1, 9)) for name, kind in path_state.NUMBERS.items()}
+    given = path_state.PathState(
+        *rng.normal(size=(3, 12)), **{**numbers, "gain": 0.3, "V": -0.7, "calm": -2, "equilibria": 3}
+    )
+    given.seen = [(*rng.normal(size=4).tolist(), bool(i % 2)) for i in range(4)]
+    for given.drift in (None, path_state.Drift(rng.normal(size=12), 0.2, 4.0, 7)):
+        found = path_state.PathState(*np.zeros((3, 12)))
+        found.restore(Kept(given.snapshot()))
+        for part in dataclasses.fields(path_state.PathState):
+            one, other = getattr(found, part.name), getattr(given, part.name)
+            if part.name == "drift" and one is not None:
+                one, other = (np.append(d.motion, [d.V, d.drag, d.steps]) for d in (one, other))
+            assert np.array_equal(one, other) and type(one) is type(other), part.name
+
+
+def test_seating_goes_on_in_the_middle(tmp_path, signal_after):
+    """A joint that opens under its dead load takes many steps; it is stopped there, and what is kept is the seating."""
+    load = model.Load("upper", (0.0, 0.0, -200.0), (0.0, 0.09, 0.2))
+    given = scene(TILT, "convex", loads=(load,), **{**tower(), "actuators": ()})
+    looked = signal_after(0)
+    simulate(given, tmp_path / "whole.h5")
+    for looks in (2, 6):
+        path = tmp_path / f"{looks}.h5"
+        signal_after(looks)
+        with pytest.raises(Interrupted, match=f"after step {looks} of the seating"):
+            simulate(given, path)
+        newest, _ = Checkpoints(path).newest(read(path).run)
+        assert newest.array("seating", np.zeros(2)).tolist() == [0.0, looks]
+        again = signal_after(0)
+        messages = []
+        restart(path, report=messages.append)
+        assert f"going on from step {looks} of the seating" in messages
+        assert again[0] == looked[0] - looks
+        check_same(tmp_path / "whole.h5", path)
+
+
+def test_a_signal_while_it_is_seated_again_leaves_the_later_checkpoint(tmp_path, signal_after):
+    given = SCENES["wall pushed over"]()
+    signal_after(0)
+    simulate(given, tmp_path / "whole.h5")
+    path = tmp_path / "run.h5"
+    signal_after(12)
+    with pytest.raises(Interrupted, match="after equilibrium"):
+        simulate(given, path)
+    kept = [Checkpoint(one).about["where"] for one in Checkpoints(path).existing()]
+    signal_after(1)
+    with pytest.raises(Interrupted, match="of the seating"):
+        restart(path)
+    assert [Checkpoint(one).about["where"] for one in Checkpoints(path).existing()] == kept
+    signal_after(0)
+    restart(path)
+    check_same(tmp_path / "whole.h5", path)
+
+
+STRANGE = {
+    "of no equilibrium": ("way.numbers", lambda a: np.where(a == a.max(), 0.5, a) * np.nan),
+    "of too many": ("way.numbers", lambda a: a + 1e3),
+    "of another scene": ("way.motion", lambda a: a[:-6]),
+    "of other blocks": ("state.joints.block_a", lambda a: a[::-1].copy()),
+}
+
+
+@pytest.mark.parametrize("name", STRANGE)
+def test_a_checkpoint_that_does_not_fit_is_refused(tmp_path, signal_after, name):
+    given, path = SCENES["wall pushed over"](), tmp_path / "run.h5"
+    signal_after(12)
+    with pytest.raises(Interrupted):
+        simulate(given, path)
+    signal_after(0)
+    field, change = STRANGE[name]
+    for one in Checkpoints(path).existing():
+        with np.load(one) as found:
+            arrays = dict(found)
+        arrays[field] = change(arrays[field])
+        with open(one, "wb") as file:
+            np.savez(file, **arrays)
+    with pytest.raises(HistoryError, match="run|scenario"):
+        restart(path)
+
+
+# --- signals and kills of a process
+
+
+@pytest.fixture(scope="module")
+def long_search(tmp_path_factory):
+    """A wall that is pushed over in many steps, and its history."""
+    folder = tmp_path_factory.mktemp("search")
+    given = scene(PushoverControl((0.0, 1.0, 0.0), 1e-5), "convex", **wall(9))
+    given = dataclasses.replace(given, output=model.Output(checkpoint=0.05))
+    (folder / "wall.toml").write_text(toml.dumps(given))
+    simulate(toml.load(folder / "wall.toml"), folder / "whole.h5")
+    return folder
+
+
+@pytest.mark.parametrize("signum", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_a_search_that_is_stopped_or_killed_goes_on(tmp_path, long_search, signum):
+    path, rng = tmp_path / "run.h5", random.Random(int(signum))
+    for stop in range(3):
+        command = ["restart", str(path)] if stop else ["run", str(long_search / "wall.toml"), "--out", str(path)]
+        child = dembrick(*command, code=SLOW)
+        before = rows_of(path)
+        wait_for(lambda before=before: rows_of(path) > before and Checkpoints(path).existing(), child, "more rows")
+        for _ in range(rng.randrange(1 << 18)):
+            pass
+        child.send_signal(signum)
+        child.communicate(timeout=60)
+        assert child.returncode in (-9, 128 + signum)
+        with read(path) as file:
+            assert file.status == ("running" if signum == signal.SIGKILL else "interrupted") and file.n_row > 0
+    restart(path)
+    check_same(long_search / "whole.h5", path)
+    assert os.listdir(tmp_path) == ["run.h5"]
+
+
+def rows_of(path):
+    if not path.exists():
+        return -1
+    with read(path) as file:
+        return file.n_row
+
+
+# --- the points of a distributed joint, placed before its limit load is searched
+
+
+def test_stopped_while_points_are_placed_leaves_a_history_to_restart(tmp_path, monkeypatch, capsys):
+    given = lab_scenario("set4a", "distributed")
+    given = dataclasses.replace(given, output=model.Output(model.CHANNELS))
+    simulate(given, tmp_path / "whole.h5")
+    place, path = point_placement.place_points, tmp_path / "run.h5"
+
+    def interrupted(*_):
+        raise Interrupted(signal.SIGINT)
+
+    monkeypatch.setattr(point_placement, "place_points", interrupted)
+    with pytest.raises(Interrupted, match=f"while the contact points were placed.*dembrick restart {path}") as stopped:
+        simulate(given, path)
+    assert stopped.value.exit_code == 130
+    with read(path) as file:
+        assert (file.status, file.n_row, file.title) == ("interrupted", 0, given.title)
+    with pytest.raises(OutputError, match="a finished history"):  # before anything is placed
+        simulate(given, path)
+    monkeypatch.setattr(point_placement, "place_points", place)
+    restart(path, report=print)
+    assert "from the beginning" in capsys.readouterr().out
+    check_same(tmp_path / "whole.h5", path)

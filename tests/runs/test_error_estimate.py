@@ -1,0 +1,62 @@
+"""The error bar that `--refine` gives: it must hold what rigid blocks do, and grow with what makes a run inexact."""
+
+import math
+
+import pytest
+
+from dembrick import cli
+from dembrick.errors import ScenarioError
+from dembrick.runs.error_estimate import refinements
+from dembrick.runs.simulate import simulate
+from dembrick.scenario import toml
+from dembrick.views.summary import key_numbers
+from helpers.places import SCENARIOS
+
+PULSE = 9.81 * 0.5 * 0.2**2 * (0.5 - 0.2) * 0.5 / 0.2  # m: Newmark's block, 0.5 g for 0.2 s, friction 0.2
+
+
+def wall(formulation, *changes):
+    given = (f'joint.formulation="{formulation}"', "walls.wall.courses=5", "walls.wall.blocks=2", *changes)
+    return toml.load(SCENARIOS / "wall_tilt.toml", list(given))
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+def test_a_bar_holds_the_wall_of_rigid_blocks_tilted_slowly(formulation):
+    """t / H = 0.4; soft convex joints fall early and a fast table shows it late, and the two must not cancel."""
+    fallen = simulate(wall(formulation, "control.displacement=0.01"), record=False, refine=True).collapse
+    away = abs(fallen["load_factor"] - 0.4)
+    assert 1e-3 < away < fallen["error_estimate"] < 0.05
+
+
+def test_newmarks_block_is_in_the_bar_of_its_displacement():
+    loose = "joint.shear_stiffness=2e7"
+    bars = []
+    for changes in ([], [loose]):
+        result = simulate(toml.load(SCENARIOS / "newmark_pulse.toml", changes), record=False, refine=True)
+        moved = result.as_dict()["displacement"]
+        assert abs(moved - PULSE) < result.displacement_error
+        bars.append(result.displacement_error)
+    assert bars[0] < 2e-3 * PULSE and bars[1] > 2.0 * bars[0]
+
+
+def test_every_kind_is_refined_or_refused():
+    assert len(refinements(wall("concave"))) == 2
+    assert len(refinements(wall("concave", "control.quasi_static=true"))) == 2
+    assert len(refinements(toml.load(SCENARIOS / "rocking_block.toml"))) == 1
+    for stem in ("set4a", "set4a_curve"):
+        with pytest.raises(ScenarioError, match="has the bracket of its limit load"):
+            refinements(toml.load(SCENARIOS / f"{stem}.toml"))
+    slower, stiffer = wall("concave", "control.rate=0.5"), refinements(wall("concave"))
+    assert slower.control == stiffer[1].scenario.control and stiffer[0].scenario.joint.shear_stiffness == 8e9
+
+
+def test_what_is_printed(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["run", str(SCENARIOS / "newmark_pulse.toml"), "--refine"]) == 0
+    said = capsys.readouterr().out
+    moved, error = next(line.split()[1::2][:2] for line in said.splitlines() if line.startswith("displacement"))
+    assert math.isclose(float(moved), PULSE, rel_tol=1e-3) and 0.0 < float(error) < 1e-3
+    shown = {line.name: line for line in key_numbers({"displacement": 0.147, "displacement_error": 2e-4})}
+    assert shown["greatest displacement"].value == "0.14700 ± 0.00020 m"
+    shown = {line.name: line for line in key_numbers({"displacement": 0.147})}
+    assert "--refine" in shown["greatest displacement"].remark

@@ -1,0 +1,79 @@
+"""The table of what joints carry at one moment, against statics."""
+
+import csv
+import json
+
+import pytest
+
+from dembrick import history
+from dembrick.cli import main
+from dembrick.errors import HistoryError
+from dembrick.runs.simulate import simulate
+from dembrick.scenario import toml as scenarios
+from dembrick.views.motion.table import UNITS, joint_table
+from helpers.places import SCENARIOS
+
+
+@pytest.fixture(scope="module")
+def arch(tmp_path_factory):
+    path = str(tmp_path_factory.mktemp("arch") / "arch.h5")
+    simulate(SCENARIOS / "arch.toml", path)
+    return path
+
+
+def test_eccentricity_of_a_weight_beside_the_middle(tmp_path):
+    """378.71 N at x = 0.02, y = -0.01 m and 88.29 N of the block itself in the middle: e = 0.811 of that point."""
+    text = (SCENARIOS / "set4a.toml").read_text()
+    text = text.replace("force = [0.0, 0.0, -378.71]", "force = [0.0, 0.0, -378.71]\npoint = [0.02, -0.01, 0.1]")
+    assert "point = [0.02, -0.01, 0.1]" in text
+    simulate(scenarios.loads(text), tmp_path / "set.h5")
+    with history.read(tmp_path / "set.h5") as found:
+        (row,) = joint_table(found, 0)
+        assert (row["joint"], row["state"]) == ("lower/upper", "closed")
+        assert row["N"] == pytest.approx(467.0, rel=1e-6)
+        share = 378.71 / 467.0
+        assert (row["e_1"], row["e_2"]) == (
+            pytest.approx(0.02 * share, rel=1e-3),
+            pytest.approx(-0.01 * share, rel=1e-3),
+        )
+        (last,) = joint_table(found)
+        assert last["utilisation"] == pytest.approx(1.0, abs=2e-3)
+        assert last["V_2"] == pytest.approx(found.load[-1], rel=1e-3)
+        assert joint_table(found, time=found.frame_time[0]) == joint_table(found, 0)
+        with pytest.raises(HistoryError, match="no frame 100000"):
+            joint_table(found, 100000)
+
+
+def test_the_hinges_of_an_arch(arch):
+    """The mechanism of a pushed arch has four: there the thrust leaves through the edge, half of 0.15 m from O."""
+    with history.read(arch) as found:
+        rows = joint_table(found)
+    edge = [row for row in rows if max(abs(row["e_1"]), abs(row["e_2"])) > 0.0749]
+    assert len(edge) == 4
+    assert all(row["state"] == "partly open" and row["open_share"] > 0.8 for row in edge)
+    assert all(row["utilisation"] < 0.8 for row in rows)
+
+
+def test_on_the_command_line(arch, tmp_path, capsys):
+    """The most utilised joint comes first; CSV and JSON have them all, in the order of the assembly."""
+    assert main(["joints", arch, "--csv", str(tmp_path / "joints.csv"), "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)["joints"]
+    assert len(rows) == 18 and set(rows[0]) == {"joint", "state", *UNITS}
+    with open(tmp_path / "joints.csv", newline="") as lines:
+        table = list(csv.DictReader(lines))
+    assert [row["joint"] for row in table] == [row["joint"] for row in rows]
+    assert float(table[3]["N"]) == rows[3]["N"]
+    assert main(["joints", arch]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    most = max(rows, key=lambda row: row["utilisation"])
+    assert lines[1].split()[0] == most["joint"] and len(lines) == 19
+    assert float(lines[1].split()[1]) == pytest.approx(most["N"], rel=1e-4)
+    with pytest.raises(SystemExit):
+        main(["joints", arch, "--frame", "0", "--time", "1"])
+
+
+def test_a_history_without_joint_forces(tmp_path, capsys):
+    text = (SCENARIOS / "set4a.toml").read_text() + '\n[output]\nchannels = ["frames"]\n'
+    simulate(scenarios.loads(text), tmp_path / "run.h5")
+    assert main(["joints", str(tmp_path / "run.h5")]) == 2
+    assert '"joints" in output.channels' in capsys.readouterr().err
