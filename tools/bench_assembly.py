@@ -24,8 +24,8 @@ import dembrick
 from dembrick.assembly import build
 from dembrick.kernels.dynamics.loop import Limits
 from dembrick.kernels.dynamics.tiles import ROWS, SEEN
-from dembrick.runs.lab import scenario_folder
 from dembrick.runs.simulate import simulate
+from dembrick.scenario import shipped
 from dembrick.scenario import toml as scenarios
 from dembrick.simulation.dynamics import integrator, run
 from dembrick.simulation.dynamics.energy import MotionEnergy
@@ -38,7 +38,7 @@ CALM = Limits(displacement=1.0, longest=1.0)
 def wall(courses: int, blocks: int, formulation: str = "concave", booked: bool = False):
     """A wall at rest, with energy books or without, and what drives it: gravity, tilting slowly out of plane."""
     changes = [f"walls.0.courses={courses}", f"walls.0.blocks={blocks}", f"joint.formulation={formulation}"]
-    scenario = scenarios.load(scenario_folder() / "wall_tilt.toml", changes)
+    scenario = scenarios.load(shipped.folder() / "wall_tilt.toml", changes)
     moving = run.prepare(build.assemble(scenario), scenario.control, scenario.solver.step_factor)
     moving.energy = MotionEnergy(moving.state, wanted=booked)
     gravity = np.array(scenario.gravity)
@@ -159,7 +159,7 @@ def tilted_walls(cases) -> None:
     numba.set_num_threads(1)
     for n, rigid, changes in cases:
         changes = [f"walls.0.courses={n}", f"walls.0.blocks={n}", *changes]
-        scenario = scenarios.load(scenario_folder() / "wall_tilt.toml", changes)
+        scenario = scenarios.load(shipped.folder() / "wall_tilt.toml", changes)
         simulate(dataclasses.replace(scenario, control=dataclasses.replace(scenario.control, displacement=1e-5)))
         began = time.thread_time()
         result = simulate(scenario)

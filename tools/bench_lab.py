@@ -34,7 +34,8 @@ from pathlib import Path
 import plain_loop
 
 import dembrick
-from dembrick.runs.lab import lab_scenario, scenario_folder
+from dembrick.runs.lab import lab_scenario
+from dembrick.scenario import shipped
 from dembrick.scenario.model import FORMULATIONS
 from dembrick.theory.paper_tables import SETS
 
@@ -105,7 +106,7 @@ def measure_processes(rows: list[dict], rounds: int) -> str:
             for name, command in references.items():
                 times[name].append(wall(command, folder))
             for i, row in enumerate(rows):
-                file = scenario_folder() / f"set{row['set']}.toml"
+                file = shipped.folder() / f"set{row['set']}.toml"
                 change = f"joint.formulation={row['formulation']}"
                 command = ["-m", "dembrick", "run", str(file.resolve()), "--set", change, "--quiet"]
                 times[i].append(wall([*command, "--tolerance", repr(row["tolerance"])], folder))

@@ -45,7 +45,8 @@ from dembrick.assembly import quadrature, ray_quadrature
 from dembrick.errors import NotConvergedError
 from dembrick.geometry import polygons
 from dembrick.runs import theory_check
-from dembrick.runs.lab import lab_scenario, scenario_folder
+from dembrick.runs.lab import lab_scenario
+from dembrick.scenario import shipped
 from dembrick.scenario.model import FORMULATIONS
 from dembrick.simulation.statics import limit_load, point_placement
 from dembrick.theory.paper_tables import SETS
@@ -161,7 +162,7 @@ def measure_loops(cases: list[Case], repeats: int) -> list[Case]:
 
 def measure_process(case: Case, folder: str) -> None:
     """Wall time of one fresh process for a plain setting, history included."""
-    file = (scenario_folder() / f"set{case.set_name}.toml").resolve()
+    file = (shipped.folder() / f"set{case.set_name}.toml").resolve()
     change = f"joint.formulation={case.setting.formulation}"
     command = ["-m", "dembrick", "run", str(file), "--quiet", "--set", change]
     case.process = wall([*command, "--tolerance", repr(case.setting.tolerance)], folder)

@@ -16,6 +16,8 @@ GARBAGE = 400_000  # new objects before a look for garbage: importing and loadin
 VERBS = {
     "lab": "replay the four laboratory tests for all formulations and print Table 3",
     "run": "run a scenario",
+    "new": "a complete commented scenario to start from",
+    "examples": "the scenarios that ship with the package: list, print, copy",
     "check": "validate and describe a scenario without running it",
     "domain": "yield domain of a joint by theory, and by simulation",
     "sweep": "a parameter study: grid, table or random draws, on all cores or a cluster",
@@ -28,12 +30,14 @@ VERBS = {
     "view": "a window on a history, with a time slider",
     "restart": "go on with a run that was killed or interrupted",
     "info": "what a history holds",
+    "verify": "the verification cases that ship with the package, against their references",
+    "completion": "shell completion for bash, zsh, tcsh and fish",
     "warmup": "compile the kernels into the cache",
 }
 HELP = (
     "usage: dembrick COMMAND ...\n\n"
     "Replays laboratory tests of dry-stacked stone blocks, with an error bar on every number.\n\ncommands:\n"
-    + "".join(f"  {verb:8} {text}\n" for verb, text in VERBS.items())
+    + "".join(f"  {verb:10} {text}\n" for verb, text in VERBS.items())
     + "\n'dembrick COMMAND --help' tells the options of a command; 'dembrick --version' the version."
 )
 
@@ -44,15 +48,39 @@ def _module(verb: str):
     return import_module(f"dembrick.cli.{verb}_" if verb == "yield" else f"dembrick.cli.{verb}")
 
 
+def full_parser():
+    """The parser of all commands at once, for shell completion and for the reference pages."""
+    import argparse
+
+    parser = argparse.ArgumentParser(
+        prog="dembrick", description="Replays laboratory tests of dry-stacked stone blocks."
+    )
+    parser.add_argument("--version", action="store_true", help="print the version")
+    commands = parser.add_subparsers(metavar="COMMAND")
+    for verb, text in VERBS.items():
+        command = commands.add_parser(verb, description=_described(verb), help=text)
+        _add_common(command)
+        _module(verb).add_arguments(command)
+    return parser
+
+
+def _described(verb: str) -> str:
+    return f"{VERBS[verb][0].upper()}{VERBS[verb][1:]}."
+
+
 def _verb_parser(verb: str):
     import argparse
 
-    parser = argparse.ArgumentParser(prog=f"dembrick {verb}", description=f"{VERBS[verb][0].upper()}{VERBS[verb][1:]}.")
+    parser = argparse.ArgumentParser(prog=f"dembrick {verb}", description=_described(verb))
+    _add_common(parser)
+    return parser
+
+
+def _add_common(parser) -> None:
     common = parser.add_argument_group("output")
     common.add_argument("--json", action="store_true", help="print one JSON object on standard output")
     common.add_argument("--quiet", "-q", action="store_true", help="no progress and no remarks")
     common.add_argument("-v", "--verbose", action="store_true", help="more remarks, on standard error")
-    return parser
 
 
 def main(arguments: list[str] | None = None) -> int:

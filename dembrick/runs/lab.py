@@ -12,12 +12,12 @@ import os
 import time
 from collections.abc import Callable, Iterable, Sequence
 from functools import lru_cache
-from pathlib import Path
 
 from dembrick.errors import ScenarioError
 from dembrick.history import check_output, replacing
 from dembrick.runs.result import Result
 from dembrick.runs.simulate import simulate
+from dembrick.scenario import shipped
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.model import FORMULATIONS, Scenario, YieldControl
 from dembrick.theory.paper_tables import FRICTION, MID_HEIGHT, SETS, TABLE_1
@@ -25,16 +25,9 @@ from dembrick.theory.paper_tables import FRICTION, MID_HEIGHT, SETS, TABLE_1
 TABLE_1_FORMULATIONS = ("convex", "concave")
 
 
-def scenario_folder() -> Path:
-    """Where the scenario files are: inside the installed package, or beside it in a checkout."""
-    package = Path(__file__).parents[1]
-    inside = package / "scenarios"
-    return inside if inside.is_dir() else package.parent / "scenarios"
-
-
 @lru_cache(maxsize=64)
 def _base(name: str) -> Scenario:
-    return scenarios.load(scenario_folder() / f"{name}.toml")
+    return scenarios.load(shipped.folder() / f"{name}.toml")
 
 
 def lab_scenario(name: str, formulation: str, tolerance: float | None = None) -> Scenario:

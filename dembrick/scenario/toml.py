@@ -16,6 +16,7 @@ from functools import lru_cache, partial
 from typing import Any, NamedTuple, NoReturn
 
 from dembrick.errors import ScenarioError
+from dembrick.scenario import shipped
 from dembrick.scenario.blocks import Mesh, Part, Prism, Voussoir
 from dembrick.scenario.checks import nearest, show
 from dembrick.scenario.controls import MOTIONS, Control, Pulse, Sine
@@ -43,11 +44,18 @@ _OWN_KEYS = {"points": "distributed", "pressure": "convex"}  # law keys that bel
 
 
 def load(path: str | os.PathLike, overrides: Iterable[str] = (), regular: bool = False) -> Scenario:
-    """Read a scenario file; ``overrides`` are ``key.path=value`` texts, as for ``--set``.
+    """Read a scenario file, or a shipped scenario by its name if there is no such file.
 
-    ``regular``: whether a pipe, which a user may well read from, is refused, as where another file names the scenario.
+    ``overrides`` are ``key.path=value`` texts, as for ``--set``. ``regular``: refuse a pipe, which a user may well read
+    from, but which no other file may name.
     """
     path = os.fsdecode(path)
+    if not os.path.exists(path):
+        found = shipped.find(path)
+        if found is None and not os.path.dirname(path) and "\0" not in path:
+            remedy = "'dembrick examples' lists the shipped scenarios, 'dembrick new' starts one"
+            raise ScenarioError(f"{path}: there is no such file; {remedy}")
+        path = os.fspath(found or path)
     return loads(read_text(path, "a scenario file (TOML)", regular), path, overrides)
 
 

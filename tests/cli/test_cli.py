@@ -17,10 +17,10 @@ import dembrick
 from dembrick import history
 from dembrick.cli import main
 from dembrick.runs import lab
-from dembrick.runs.lab import scenario_folder
+from dembrick.scenario import shipped
 from dembrick.simulation.interrupts import Interrupted
 
-SET_4A = str((scenario_folder() / "set4a.toml").resolve())
+SET_4A = str((shipped.folder() / "set4a.toml").resolve())
 ROW_KEYS = [
     "set",
     "formulation",

@@ -8,9 +8,8 @@ import pytest
 from dembrick import history
 from dembrick.kernels.dynamics.loop import Limits
 from dembrick.kernels.dynamics.record import unbalanced_ratio
-from dembrick.runs.lab import scenario_folder
 from dembrick.runs.simulate import simulate
-from dembrick.scenario import model, toml
+from dembrick.scenario import model, shipped, toml
 from dembrick.scenario.controls import DynamicControl, PushoverControl
 from dembrick.scenario.generators import Wall
 from dembrick.scenario.model import JointLaw, Material, Output, Scenario
@@ -132,7 +131,7 @@ def test_a_wall_at_rest_against_its_equilibrium(formulation):
 @pytest.mark.parametrize("formulation", POINTS)
 def test_frames_of_a_tilting_wall_carry_what_its_rows_say(tmp_path, formulation):
     """Every frame of the history: the contact forces of a joint sum up to its N and V; open joints carry none."""
-    given = toml.load(scenario_folder() / "wall_tilt.toml", [f'joint.formulation="{formulation}"'])
+    given = toml.load(shipped.folder() / "wall_tilt.toml", [f'joint.formulation="{formulation}"'])
     changes = ["walls.0.courses=3", "walls.0.blocks=2", "control.rate=10.0", "control.displacement=0.25"]
     given = toml.loads(toml.text_of(given), None, changes)
     given = dataclasses.replace(given, output=Output(ALL, rows=400, frames=40))

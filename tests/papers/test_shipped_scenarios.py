@@ -11,7 +11,7 @@ import pytest
 import dembrick
 from dembrick.assembly.build import assemble
 from dembrick.errors import NotConvergedError
-from dembrick.runs.lab import scenario_folder
+from dembrick.scenario import shipped
 
 ASSEMBLIES = {  # free blocks, joints
     "wall_tilt": (105, 285),
@@ -30,7 +30,7 @@ ASSEMBLIES = {  # free blocks, joints
     "rocking_push": (1, 1),
     "spinning_plate": (1, 1),
 }
-FILES = sorted(path.stem for path in scenario_folder().glob("*.toml") if path.stem not in ASSEMBLIES)
+FILES = sorted(path.stem for path in shipped.folder().glob("*.toml") if path.stem not in ASSEMBLIES)
 MU, N = 0.64, 467.0
 LAB = {"2a": 107.165760, "2b": 192.898367, "4a": 216.054938, "4b": 161.902542}  # V (N), convex, joint plane
 # Torsion strength (N m) of a joint of
@@ -70,21 +70,21 @@ def test_there_is_a_file_for_every_number():
 
 @pytest.mark.parametrize("stem", ASSEMBLIES)
 def test_an_assembly_has_its_blocks_and_joints(stem):
-    assembly = assemble(dembrick.load(scenario_folder() / f"{stem}.toml"))
+    assembly = assemble(dembrick.load(shipped.folder() / f"{stem}.toml"))
     assert (int((~assembly.fixed).sum()), len(assembly.joints)) == ASSEMBLIES[stem]
     assert max(abs(joint.gap) for joint in assembly.joints) < 1e-12
 
 
 @pytest.mark.parametrize(("stem", "factor"), [("arch", 0.14715), ("oppenheim", 0.3700)])
 def test_limits_of_arches_by_theory_of_rigid_blocks(stem, factor):
-    result = dembrick.simulate(scenario_folder() / f"{stem}.toml")
+    result = dembrick.simulate(shipped.folder() / f"{stem}.toml")
     assert result.status == "collapse" and result.collapse["mechanism"] == "rocking"
     assert result.collapse["load_factor"] == pytest.approx(factor, rel=1e-3)
 
 
 def test_an_arch_falls_soon_after_its_limit():
     """The blocks need time to move 20 mm: at 1 deg/s the table is then half a degree beyond the limit, and a little."""
-    result = dembrick.simulate(scenario_folder() / "arch_tilt.toml")
+    result = dembrick.simulate(shipped.folder() / "arch_tilt.toml")
     assert result.status == "collapse" and 8.371 < result.collapse["angle"] < 8.371 + 0.7
     assert result.collapse["mechanism"] == "rocking"
 
@@ -92,31 +92,31 @@ def test_an_arch_falls_soon_after_its_limit():
 @pytest.mark.parametrize(("number", "bound"), [(1, 0.64286), (2, 0.58)])
 def test_walls_of_ferris_and_tin_loi(number, bound):
     """Friction without dilatancy: at or below the associative limit, and not far below."""
-    result = dembrick.simulate(scenario_folder() / f"ferris_tinloi_{number}.toml")
+    result = dembrick.simulate(shipped.folder() / f"ferris_tinloi_{number}.toml")
     assert 0.85 * bound < result.collapse["load_factor"] <= bound * 1.001
 
 
 @pytest.mark.slow
 def test_the_third_wall_of_ferris_and_tin_loi_in_real_time():
-    result = dembrick.simulate(scenario_folder() / "ferris_tinloi_3.toml")
+    result = dembrick.simulate(shipped.folder() / "ferris_tinloi_3.toml")
     assert 0.85 * 0.40369 < result.collapse["load_factor"] < 1.02 * 0.40369
 
 
 @pytest.mark.slow
 def test_a_wall_stands_longer_for_its_returns():
-    result = dembrick.simulate(scenario_folder() / "wall_corner.toml")
+    result = dembrick.simulate(shipped.folder() / "wall_corner.toml")
     assert result.collapse["angle"] > 20.0
 
 
 @pytest.mark.slow
 def test_a_thick_dome_stands_on_ground_that_slopes():
-    result = dembrick.simulate(scenario_folder() / "dome.toml")
+    result = dembrick.simulate(shipped.folder() / "dome.toml")
     assert 15.0 < result.collapse["angle"] < 30.0 and result.collapse["mechanism"] == "rocking"
 
 
 @pytest.mark.parametrize("stem", [stem for stem in FILES if not stem.endswith("_curve")])
 def test_limit_load(stem):
-    result = dembrick.simulate(scenario_folder() / f"{stem}.toml")
+    result = dembrick.simulate(shipped.folder() / f"{stem}.toml")
     V, precision = expected(stem)
     point, tolerance = result.yield_point, result.scenario.control.tolerance
     assert result.status == "yield"
@@ -129,7 +129,7 @@ def test_limit_load(stem):
 
 @pytest.mark.parametrize("stem", [stem for stem in FILES if stem.endswith("_curve")])
 def test_constant_rate(stem):
-    result = dembrick.simulate(scenario_folder() / f"{stem}.toml")
+    result = dembrick.simulate(shipped.folder() / f"{stem}.toml")
     V, precision = expected(stem)
     point = result.yield_point
     assert result.status == "completed"
@@ -144,7 +144,7 @@ def test_constant_rate(stem):
 
 @pytest.mark.parametrize(("stem", "formulation"), POINTS)
 def test_point_formulations(stem, formulation):
-    scenario = dembrick.load(scenario_folder() / f"{stem}.toml", [f"joint.formulation={formulation}"])
+    scenario = dembrick.load(shipped.folder() / f"{stem}.toml", [f"joint.formulation={formulation}"])
     point = dembrick.simulate(scenario, record=False).yield_point
     assert pytest.approx(POINTS[stem, formulation], rel=1.1e-3) == point.V
     if not stem.endswith("_mid"):
@@ -156,7 +156,7 @@ def test_the_thinnest_dome_that_stands():
     """Without tension a hemisphere stands down to t/R = .0428: one 3 % thicker does, one 4 % thinner comes down."""
     finer = ["domes.dome.radius=1.0", "domes.dome.rings=12", "domes.dome.key=6.0"]
     finer += ["control.displacement=0.005", "control.rate=0.5"]
-    path = scenario_folder() / "dome.toml"
+    path = shipped.folder() / "dome.toml"
     standing = dembrick.simulate(dembrick.load(path, [*finer, "domes.dome.thickness=0.044"]))
     assert 1.0 < standing.collapse["angle"] < 8.0  # it takes a slope to bring it down
     with pytest.raises(NotConvergedError, match="no equilibrium under the dead loads"):

@@ -10,9 +10,9 @@ import pytest
 
 from dembrick.errors import HistoryError, OutputError
 from dembrick.history import Checkpoint, Checkpoints, read
-from dembrick.runs.lab import lab_scenario, scenario_folder
+from dembrick.runs.lab import lab_scenario
 from dembrick.runs.simulate import restart, simulate
-from dembrick.scenario import model, toml
+from dembrick.scenario import model, shipped, toml
 from dembrick.scenario.controls import PushoverControl, TiltControl, YieldControl
 from dembrick.scenario.generators import Wall
 from dembrick.scenario.model import Actuator, Block, JointLaw, Material, Scenario
@@ -41,8 +41,8 @@ def tower():
     return {"blocks": tuple(blocks), "actuators": (jack,)}
 
 
-def shipped(name, *changes):
-    given = toml.load(scenario_folder() / name, changes)
+def an_example(name, *changes):
+    given = toml.load(shipped.folder() / name, changes)
     return dataclasses.replace(given, output=model.Output(checkpoint=0.0))
 
 
@@ -51,8 +51,8 @@ SCENES = {
     "wall pushed over": lambda: scene(PushoverControl((0.3, 1.0, 0.0), 1e-4), **wall()),
     "convex wall tilted": lambda: scene(TILT, "convex", **wall()),
     "linear pressure": lambda: scene(TILT, "convex", pressure="linear", **wall(2)),
-    "arch": lambda: shipped("arch.toml"),
-    "contacts at the brink": lambda: shipped("ferris_tinloi_3.toml", "control.quasi_static=true"),
+    "arch": lambda: an_example("arch.toml"),
+    "contacts at the brink": lambda: an_example("ferris_tinloi_3.toml", "control.quasi_static=true"),
     "blocks that are let go": lambda: scene(
         PushoverControl((-0.8, 0.6, 0.0), 1e-4), friction=3.0, **wall(2, (0.2, 0.22, 0.12))
     ),

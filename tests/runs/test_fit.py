@@ -7,9 +7,9 @@ from scipy import stats
 from dembrick.cli import main
 from dembrick.errors import ScenarioError
 from dembrick.runs import fit
-from dembrick.runs.lab import scenario_folder
+from dembrick.scenario import shipped
 
-FOLDER = scenario_folder()
+FOLDER = shipped.folder()
 
 
 def data(tmp_path, *lines, header="test,scenario,V [N]"):

@@ -13,11 +13,11 @@ import pytest
 
 from dembrick.errors import OutputError, ScenarioError
 from dembrick.runs import study as studies
-from dembrick.runs.lab import scenario_folder
 from dembrick.runs.study.draws import Draws, distribution
 from dembrick.runs.study.executors import ClusterError
+from dembrick.scenario import shipped
 
-BASE = (scenario_folder() / "set4a.toml").read_text(encoding="utf-8")
+BASE = (shipped.folder() / "set4a.toml").read_text(encoding="utf-8")
 THREE = '[grid]\n"joint.friction" = [0.5, 0.6, 0.7]\n'
 DRAWS = """
 [grid]
@@ -293,7 +293,7 @@ def test_a_worker_killed_half_way_loses_no_case_and_doubles_none(write, tmp_path
     assert sorted(numbers) == list(range(80))
 
 
-@pytest.mark.parametrize("path", sorted((scenario_folder() / "studies").glob("*.toml")), ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", sorted((shipped.folder() / "studies").glob("*.toml")), ids=lambda path: path.stem)
 def test_the_studies_that_come_along_are_sound(path):
     study = studies.load(path)
     assert len(study) > 1

@@ -13,8 +13,8 @@ from dembrick import history
 from dembrick.assembly import build
 from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.history.layout import load_of
-from dembrick.runs.lab import scenario_folder
 from dembrick.runs.simulate import simulate
+from dembrick.scenario import shipped
 from dembrick.scenario.controls import PushoverControl, TiltControl
 from dembrick.scenario.generators import Arch, Dome, Wall
 from dembrick.scenario.model import Actuator, Block, JointLaw, Load, Material, Scenario
@@ -266,7 +266,7 @@ SCENARIOS = {  # load factor by rigid-block limit analysis, and how near
 def test_scenarios_run_to_their_numbers(stem):
     changes = ["control.quasi_static=true"] if "tilt" in stem else []
     factor, within = SCENARIOS[stem]
-    fallen = simulate(load(scenario_folder() / f"{stem}.toml", changes)).collapse
+    fallen = simulate(load(shipped.folder() / f"{stem}.toml", changes)).collapse
     assert fallen["load_factor"] == pytest.approx(factor, rel=within)
 
 

@@ -11,7 +11,7 @@ import dembrick
 from dembrick import history
 from dembrick.cli import main
 from dembrick.errors import HistoryError, OutputError
-from dembrick.runs.lab import scenario_folder
+from dembrick.scenario import shipped
 from dembrick.views import page
 from dembrick.views.motion.joints import JointMotion
 from dembrick.views.page import content
@@ -49,7 +49,7 @@ def unpacked(text, kind="<f4"):
 def lab_page(tmp_path_factory):
     """A real run, the constant-rate test of set 4b with corner points, and its page."""
     folder = tmp_path_factory.mktemp("page")
-    scenario = dembrick.load(scenario_folder() / "set4b_curve.toml")
+    scenario = dembrick.load(shipped.folder() / "set4b_curve.toml")
     text = dembrick.dumps(scenario).replace('"convex"', '"concave"')
     run = dembrick.simulate(dembrick.loads(text), folder / "run.h5")
     page.write(folder / "run.h5", folder / "page.html")

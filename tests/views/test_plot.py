@@ -10,7 +10,7 @@ import pytest
 import dembrick
 from dembrick import cli, history, theory
 from dembrick.errors import HistoryError, OutputError, ScenarioError
-from dembrick.runs.lab import scenario_folder
+from dembrick.scenario import shipped
 from dembrick.views import plot
 from dembrick.views.plot import subject
 from helpers import history_cases as cases
@@ -139,7 +139,7 @@ def pushed(request, tmp_path_factory):
     """Set 4a at a constant rate, V at e = 0.075 m: corner points with their forces, the exact surface, and the pressure
     that follows a load at mid-height."""
     name = "set4a_mid_curve" if request.param == "effective" else "set4a_curve"
-    scenario = dembrick.load(scenario_folder() / f"{name}.toml")
+    scenario = dembrick.load(shipped.folder() / f"{name}.toml")
     law = {"pressure": "effective"} if request.param == "effective" else {"formulation": request.param}
     law = dataclasses.replace(scenario.joint, **law)
     output = dataclasses.replace(scenario.output, channels=("joints", "energy", "frames", "contacts"))

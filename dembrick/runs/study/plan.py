@@ -38,6 +38,7 @@ from typing import Any
 
 from dembrick.errors import ScenarioError
 from dembrick.runs.study.draws import METHODS, Draws, distribution
+from dembrick.scenario import shipped
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.csv_tables import read_table
 from dembrick.scenario.model import nearest, show
@@ -116,6 +117,8 @@ def _study(document: dict, path: str) -> Study:
         if not isinstance(document.get(key, kind()), kind):
             raise ScenarioError(f"{key} = {show(document[key])} must be a {'text' if kind is str else 'true or false'}")
     base_path = str(Path(path).parent / base_name)
+    if not Path(base_path).exists() and (found := shipped.find(base_name)):
+        base_path = str(found)
     base = scenarios.text_of(scenarios.load(base_path, regular=True))
     grid = {key: _grid_values(key, value) for key, value in _flat(document.get("grid", {}), "grid").items()}
     lines = _lines(document, path)

@@ -1,0 +1,54 @@
+"""``dembrick examples [NAME] [--copy DIR]``: the scenarios that ship with the package."""
+
+from __future__ import annotations
+
+
+def add_arguments(parser) -> None:
+    """Options of the command."""
+    parser.add_argument("name", nargs="?", help="one example: print its file")
+    parser.add_argument("--copy", metavar="DIR", help="copy the example, or all of them, into a folder")
+
+
+def run(options, console) -> int:
+    """List, print or copy shipped scenarios."""
+    import shutil
+    from difflib import get_close_matches
+    from pathlib import Path
+
+    from dembrick.errors import OutputError, ScenarioError, WriteError
+    from dembrick.scenario import shipped
+
+    found = shipped.examples()
+    if options.name is not None:
+        path = shipped.find(options.name)
+        if path is None:
+            nearest = get_close_matches(options.name, found, 1)
+            hint = f"did you mean {nearest[0]!r}?" if nearest else "'dembrick examples' lists them"
+            raise ScenarioError(f"no shipped scenario is called {options.name!r}; {hint}")
+        found = {options.name: path}
+    if options.copy is None:
+        told = {name: shipped.description(path) for name, path in found.items()}
+        if options.name is not None:
+            console.result({"name": options.name, "text": path.read_text(encoding="utf-8")}, path.read_text("utf-8"))
+        else:
+            lines = [f"{name:24} {text.split('. ')[0].rstrip('.')}" for name, text in told.items()]
+            lines.append("\n'dembrick examples NAME' prints one, 'dembrick run NAME' runs it, --copy DIR copies them")
+            console.result({"examples": told}, "\n".join(lines))
+        return 0
+    folder = Path(options.copy)
+    copied = []
+    for name, path in found.items():
+        target = folder / Path(f"{name}.toml").relative_to(".") if options.name is None else folder / path.name
+        if target.exists():
+            raise OutputError(f"{target}: this file exists; choose another folder")
+        copied.append((path, target))
+    for path in shipped.folder().glob("*.csv") if options.name is None else ():
+        copied.append((path, folder / path.name))
+    try:
+        for path, target in copied:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(path, target)
+    except OSError as error:
+        raise WriteError(f"{folder}: the examples cannot be copied ({error.strerror})") from error
+    console.result({"copied": [str(target) for _, target in copied]}, f"{len(copied)} files copied into {folder}")
+    return 0

@@ -1,0 +1,65 @@
+"""``dembrick verify [CASE ...]``: the verification cases that ship with the package."""
+
+from __future__ import annotations
+
+
+def add_arguments(parser) -> None:
+    """Options of the command."""
+    parser.add_argument("case", nargs="*", help="names of cases, or beginnings of names (default: all)")
+    parser.add_argument("--quick", action="store_true", help="a few cases that take seconds")
+    parser.add_argument("--list", action="store_true", help="name the cases and run none")
+    parser.add_argument("--report", metavar="FILE.html", help="write the table as a web page")
+
+
+def run(options, console) -> int:
+    """Run the cases; exit code 3 if one fails."""
+    from pathlib import Path
+
+    from dembrick import __version__
+    from dembrick.errors import OutputError, WriteError
+    from dembrick.runs.verification import cases, report
+    from dembrick.runs.verification.verify import verify
+
+    picked = cases.chosen(options.case, options.quick)
+    if options.list:
+        console.result(
+            {"cases": [{"case": case.name, "title": case.title, "source": case.source} for case in picked]},
+            "\n".join(f"{case.name:28} {case.title}" for case in picked),
+        )
+        return 0
+    if options.report:
+        page = Path(options.report)
+        if page.suffix != ".html":
+            raise OutputError(f"{page}: the report is a web page; give a name that ends in .html")
+        if not page.parent.is_dir():
+            raise OutputError(f"{page}: its parent folder does not exist; make it first or choose another path")
+    outcomes = []
+    if not console.json:
+        print(report.text_header())
+    for outcome in verify(picked, lambda case: console.progress(len(outcomes), len(picked), case.name)):
+        outcomes.append(outcome)
+        if not console.json:
+            console.progress(len(outcomes), len(picked), "")
+            print(report.text_row(outcome), flush=True)
+    passed = all(outcome.passed for outcome in outcomes)
+    rows = [outcome.as_dict() for outcome in outcomes]
+    console.result({"cases": rows, "passed": passed, "version": __version__}, report.summary(outcomes))
+    if options.report:
+        try:
+            page.write_text(report.html(outcomes, __version__), encoding="utf-8")
+        except OSError as error:
+            raise WriteError(f"{page}: the report cannot be written ({error.strerror})") from error
+    for outcome in outcomes:
+        if not outcome.passed:
+            console.error(f"{outcome.case.name}: {outcome.failure or _why(outcome)}")
+    return 0 if passed else 3
+
+
+def _why(outcome) -> str:
+    from dembrick.runs.verification.report import error_text
+
+    if outcome.case.relation == "at most":
+        return f"above its bound by {error_text(outcome)}"
+    if abs(outcome.error) > outcome.case.tolerance:
+        return f"off by {error_text(outcome)}, more than its tolerance of {100 * outcome.case.tolerance:g} %"
+    return "the reference lies outside the error bar"

@@ -1,0 +1,94 @@
+"""Verification cases: a scenario, what is read out of its answer, what that should be, and who says so."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass, fields
+from difflib import get_close_matches
+from pathlib import Path
+
+from dembrick.errors import ScenarioError
+from dembrick.scenario import shipped
+
+UNITS = {
+    "V": "N",
+    "load_factor": "1",
+    "angle": "deg",
+    "displacement": "m",
+    "angle_at_displacement": "deg",
+    "stands": "1",
+}
+RELATIONS = ("equal", "at most")
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One verification case.
+
+    ``scenario``: name of a shipped scenario; ``set``: changes of it, as ``--set`` takes them. ``quantity``: a key of
+    ``UNITS``. ``reference``: what ``source`` gives for it, known to ``reference_error``. ``tolerance``: relative
+    difference that is taken.
+    ``refine``: run with ``--refine``, for runs in real time, which have no bracket. ``quick``: part of ``--quick``.
+    ``remark``: why the error bar may leave the reference out; without one it must not.
+    """
+
+    name: str
+    title: str
+    scenario: str
+    quantity: str
+    reference: float
+    source: str
+    set: tuple[str, ...] = ()
+    reference_error: float = 0.0
+    relation: str = "equal"
+    tolerance: float = 1e-3
+    refine: bool = False
+    quick: bool = False
+    remark: str = ""
+
+    @property
+    def unit(self) -> str:
+        """SI unit of the quantity (angles in deg)."""
+        return UNITS[self.quantity]
+
+    @property
+    def path(self) -> Path:
+        """The scenario file."""
+        found = shipped.find(self.scenario)
+        if found is None:
+            raise ScenarioError(f"verification case {self.name!r}: no shipped scenario is called {self.scenario!r}")
+        return found
+
+
+def all_cases() -> dict[str, Case]:
+    """Name -> case, in the order of the file."""
+    path = shipped.folder() / shipped.VERIFICATION / "cases.toml"
+    document = tomllib.loads(path.read_text(encoding="utf-8"))
+    return {entry["name"]: _case(entry, path) for entry in document["case"]}
+
+
+def chosen(names: list[str], quick: bool = False) -> list[Case]:
+    """The cases of these names (a name may be the beginning of several), all if none is named; ``quick``: those marked
+    so. ScenarioError for a name that fits none."""
+    cases = all_cases()
+    picked = []
+    for name in names:
+        found = [case for key, case in cases.items() if key == name or key.startswith(f"{name}-")]
+        if not found:
+            nearest = get_close_matches(name, cases, 1)
+            hint = f"did you mean {nearest[0]!r}?" if nearest else "'dembrick verify --list' names them"
+            raise ScenarioError(f"no verification case is called {name!r}; {hint}")
+        picked += [case for case in found if case not in picked]
+    if not names:
+        picked = list(cases.values())
+    return [case for case in picked if case.quick or not quick]
+
+
+def _case(entry: dict, path: Path) -> Case:
+    unknown = set(entry) - {field.name for field in fields(Case)}
+    if unknown:
+        raise ScenarioError(f"{path}: case {entry.get('name')!r}: unknown key {sorted(unknown)[0]!r}")
+    case = Case(**{**entry, "set": tuple(entry.get("set", ()))})
+    if case.quantity not in UNITS or case.relation not in RELATIONS:
+        raise ScenarioError(f"{path}: case {case.name!r}: unknown quantity or relation")
+    return case
