@@ -10,6 +10,7 @@ from dembrick.simulation.statics.load_system import Replay
 from dembrick.simulation.statics.yield_point import last_moves
 
 MOVED = 0.1  # of the fastest block: blocks that move faster belong to the mechanism
+NAMED = 5  # blocks that a line names
 
 
 def collapse_of(run: Replay, assembly, control) -> dict:
@@ -40,15 +41,20 @@ def collapse_of(run: Replay, assembly, control) -> dict:
     }
 
 
+def listed(names: list[str]) -> str:
+    """Names in a line, the first few of many."""
+    more = len(names) - NAMED
+    return f"{', '.join(names[:NAMED])}{f' and {more} more' if more > 0 else ''}"
+
+
 def collapse_lines(collapse: dict) -> list[str]:
     """What the command line prints of it."""
     error = collapse["error_estimate"]
     bar = "no error bar: --refine gives one" if error is None else f"+- {error:.2g}"
     angle = "" if collapse["angle"] is None else f"{collapse['angle']:.5g} deg, "
-    names, more = collapse["blocks"][:5], len(collapse["blocks"]) - 5
     lines = [
         f"collapse      {angle}load factor {collapse['load_factor']:.5g} ({bar}), by {collapse['mechanism']}",
-        f"blocks        {', '.join(names)}{f' and {more} more' if more > 0 else ''}",
+        f"blocks        {listed(collapse['blocks'])}",
     ]
     after = collapse.get("mechanism_load_factor")
     if after is not None and after < collapse["load_factor"]:

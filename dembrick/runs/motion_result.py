@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from dembrick.assembly import build as assemblies
-from dembrick.runs.collapse import collapse_lines
+from dembrick.runs.collapse import collapse_lines, listed
 from dembrick.scenario.model import Scenario
 from dembrick.simulation.dynamics import run as motion_run
 from dembrick.simulation.dynamics.loads import driving_of
@@ -56,6 +56,11 @@ class MotionResult:
         return self.run.motion.displacement
 
     @property
+    def not_standing(self) -> list[str]:
+        """Blocks that find no equilibrium under the dead loads, and so fall from the start."""
+        return [self.assembly.names[i] for i in np.flatnonzero(self.run.motion.falling)]
+
+    @property
     def control_points(self) -> dict[str, list[float]]:
         """Displacement (3) of every control point from the start (m), at the end."""
         watched, state = self.assembly.control_points, self.run.motion.state
@@ -84,6 +89,7 @@ class MotionResult:
             "displacement": float(np.linalg.norm(self.displacement, axis=1).max()),
             "displacement_error": self.displacement_error,
             "unbalanced": self.run.unbalanced,
+            "not_standing": self.not_standing,
             "control_points": self.control_points,
             "energy": None if self.energy is None else self.energy.as_dict(),
             "wall": self.wall,
@@ -124,6 +130,8 @@ class MotionResult:
         away = float(np.linalg.norm(self.displacement[furthest]))
         bar = "" if self.displacement_error is None else f" +- {self.displacement_error:.2g}"
         lines.append(f"displacement  {away:.5g}{bar} m, of {self.assembly.names[furthest]}")
+        if self.not_standing:
+            lines.append(f"not standing  {listed(self.not_standing)}: no equilibrium under the dead loads")
         lines.append(f"simulated     {motion.time:.6g} s")
         lines.append(
             f"time step     {motion.time_step:.3g} s (critical {motion.critical_time_step:.3g} s), "

@@ -14,7 +14,8 @@ from dembrick.kernels.dynamics.tiles import VISCOUS
 from dembrick.kernels.joint.laws import no_tension
 from dembrick.scenario.controls import DynamicControl
 from dembrick.scenario.model import Block, JointLaw, Material, Scenario, Wall
-from dembrick.simulation.dynamics.integrator import Motion, advance, joint_forces, motion, seat
+from dembrick.simulation.dynamics.dead_load import find_equilibrium
+from dembrick.simulation.dynamics.integrator import Motion, advance, joint_forces, motion
 from dembrick.simulation.dynamics.joint_polygons import distance_outside, nearest_inside
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.state import arms, joint_resultants, seen
@@ -213,7 +214,7 @@ def test_equal_polygons_are_kept_once_until_they_are_cut():
         )
     )  # fmt: skip
     moving, driving = motion(built, 0.1, 0.3), Driving(GRAVITY)
-    seat(moving, driving)
+    find_equilibrium(moving, driving)
     faces = moving.state.faces
     assert len(faces.count) == 1 and not faces.outline.any()
     far = faces.far[0].copy()

@@ -8,7 +8,8 @@ from dembrick.assembly import build
 from dembrick.geometry.rotations import quaternion_product, rotation_matrix
 from dembrick.scenario.controls import DynamicControl
 from dembrick.scenario.model import Block, JointLaw, Material, Scenario
-from dembrick.simulation.dynamics.integrator import Motion, motion, seat
+from dembrick.simulation.dynamics.dead_load import find_equilibrium
+from dembrick.simulation.dynamics.integrator import Motion, motion
 from dembrick.simulation.dynamics.loads import Driving
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
@@ -42,7 +43,7 @@ def seated(*arguments, **keywords) -> tuple[Motion, Driving]:
     """The same at rest under gravity, and what drives it."""
     moving = two_blocks(*arguments, **keywords)
     driving = Driving(moving.assembly.gravity)
-    seat(moving, driving)
+    find_equilibrium(moving, driving)
     return moving, driving
 
 

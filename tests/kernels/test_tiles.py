@@ -11,7 +11,8 @@ from dembrick.kernels.dynamics.rigid_bodies import ANGLE2, fetch_block, turn_blo
 from dembrick.kernels.dynamics.tiles import OFFSET, VISCOUS, WORK, W, rows_of_lanes
 from dembrick.scenario.controls import DynamicControl
 from dembrick.scenario.model import Block, JointLaw, Material, Scenario
-from dembrick.simulation.dynamics.integrator import joint_forces, motion, seat
+from dembrick.simulation.dynamics.dead_load import find_equilibrium
+from dembrick.simulation.dynamics.integrator import joint_forces, motion
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.state import contact_forces, joint_resultants, tiled, with_contact_forces
 from helpers.seated_blocks import GRAVITY, about, place
@@ -41,7 +42,7 @@ def pairs(n, formulation):
         )
     )
     moving, driving = motion(built, 0.1, 0.3), Driving(GRAVITY)
-    seat(moving, driving)
+    find_equilibrium(moving, driving)
     moving.state = with_contact_forces(moving.state)
     return moving, driving
 

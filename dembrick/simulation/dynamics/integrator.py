@@ -1,6 +1,6 @@
 """Assemblies in motion: true mass, contact damping with a stated restitution, no other damping.
 
-A run has two parts. First the blocks are seated under their dead loads, with local damping and no meaning of time.
+A run has two parts. First the blocks come to rest under their dead loads (`dead_load`), which has no meaning of time.
 Then time starts: what drives the run (`driving`) moves them, chunk after chunk of compiled steps; between two chunks
 polygons that have slid over an edge are cut again, and blocks that come to meet where no joint is are found
 (`contact_detection`).
@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -30,28 +29,19 @@ from dembrick.kernels.dynamics.loop import (
 )
 from dembrick.kernels.dynamics.tiles import VISCOUS, WORK, rows_of_lanes
 from dembrick.scenario.model import show
-from dembrick.simulation import interrupts
 from dembrick.simulation.dynamics.contact_detection import STABLE, ContactDetection
 from dembrick.simulation.dynamics.energy import MotionEnergy
 from dembrick.simulation.dynamics.joint_polygons import Polygons
 from dembrick.simulation.dynamics.loads import Driving
-from dembrick.simulation.dynamics.state import MovingState, moving_state, out_of_balance
+from dembrick.simulation.dynamics.state import MovingState, moving_state
 from dembrick.simulation.dynamics.time_step import (
     contact_time_step,
     critical_time_step,
-    joint_matrices,
     pair_frequencies,
     stepped_dashpots,
     time_constants,
 )
 
-SEATING = 0.8  # local damping while blocks are seated
-SEATING_STEP = 0.7  # of the time step then: against the motion, local damping makes a force 1.8 times as large
-SEATED = 1e-9  # out-of-balance force over joint forces that ends the seating
-ROUNDING = 4.0  # of the force that a rounded position makes: no less can be asked for
-SEATED_WITHIN = 0.01  # of the smallest block: sticking blocks that move further overturn
-MOST_SEATING = 200_000  # steps
-SEATING_CHUNK = 256  # steps after which it is seen whether the blocks rest
 LONGEST_MOVE = 0.1  # of the smallest block's reach: a step that moves a block further has diverged
 LONGEST_CHUNK = 2048  # steps
 MANY = 2000  # joints from which a step may be worth sharing among threads
@@ -82,9 +72,11 @@ def restitution_of_damping(ratio: float) -> float:
 
 @dataclass
 class Motion:
-    """An assembly that can be seated and moved: its time step (s), and how long it took (s).
+    """An assembly that can come to rest and move: its time step (s), and how long it took (s).
 
-    ``loop_seconds`` went into compiled steps, ``phases`` into what lies between them.
+    ``loop_seconds`` went into compiled steps, ``phases`` into what lies between them. ``falling`` (n,): blocks that
+    find no equilibrium under the dead loads; ``attempt`` (2,): of the search for it, the step at which the present
+    attempt began, and after how many the first block was seen to fall (-1: none yet).
     """
 
     assembly: object
@@ -99,6 +91,8 @@ class Motion:
     seating_steps: int = 0
     contact_detection: ContactDetection = field(init=False)
     energy: MotionEnergy = field(init=False)
+    falling: np.ndarray = field(init=False)
+    attempt: np.ndarray = field(default_factory=lambda: np.array([0.0, -1.0]))
     _travel: np.ndarray = field(default_factory=lambda: np.zeros(2))
     _pace: _Pace = field(default_factory=lambda: _Pace())
     _compiled: set = field(default_factory=set)
@@ -106,6 +100,7 @@ class Motion:
     def __post_init__(self):
         self.contact_detection = ContactDetection(self.assembly, self.damping)
         self.energy = MotionEnergy(self.state)
+        self.falling = np.zeros(len(self.assembly.names), bool)
 
     @property
     def state(self) -> MovingState:
@@ -120,6 +115,11 @@ class Motion:
     def time(self) -> float:
         """Seconds since the seating."""
         return self.steps * self.time_step
+
+    @property
+    def smallest(self) -> float:
+        """Shortest edge of the boxes around the blocks (m)."""
+        return min(float(np.ptp(shape.vertices, axis=0).min()) for shape in self.assembly.shapes)
 
     @property
     def displacement(self) -> np.ndarray:
@@ -144,70 +144,6 @@ def motion(assembly, damping: float, step_factor: float, impacts: float = 1.0) -
     return moving
 
 
-def seat(
-    motion: Motion,
-    driving: Driving,
-    sticking: bool = False,
-    resume: Callable[[], None] | None = None,
-    pause: Callable[[], None] | None = None,
-) -> float:
-    """Bring the blocks to rest under the loads of time zero; displacements count from there.
-
-    Blocks that no chain of joints ties to a support are left where they are. Returns the out-of-balance force left,
-    over the joint forces. Raises NotConvergedError where the blocks slide or overturn before time starts. With
-    ``sticking`` no joint slips meanwhile, so that a block that is to slide from the start begins with its weight on the
-    joint; and what overturns even so is put back, and begins to fall when time starts, out of balance by its weight.
-
-    ``pause`` is called between two chunks of steps, of which ``motion.seating_steps`` are done then; ``resume`` takes
-    state and steps back from there.
-    """
-    state = motion.state
-    own = (motion._travel, motion.polygons.shift, motion.polygons.whole)
-    arrays = [*own, *state.arrays] if sticking else []
-    before = [array.copy() for array in arrays]
-    bodies, supported = state.bodies, _supported(state)
-    held = bodies._replace(free=bodies.free[supported[bodies.free]])
-    friction = [family.friction.copy() for family in (state.corners, state.faces) if family is not None]
-    if sticking:
-        for family in (state.corners, state.faces):
-            if family is not None:
-                family.friction[:] = 1e9
-    limits = Limits(
-        displacement=(SEATED_WITHIN if sticking else 1.0) * _smallest(motion), longest=LONGEST_MOVE * _smallest(motion)
-    )
-    if resume is not None:
-        resume()
-    ratio, enough, begun = 1.0, SEATED, motion.seating_steps
-    dt = SEATING_STEP * motion.time_step
-    _advance(motion, held, driving, np.zeros(0), limits, SEATING, dt)  # compiles; a signal need not wait for that
-    with interrupts.deferred():
-        while motion.seating_steps < MOST_SEATING and len(held.free) and len(state.links.host):
-            if pause is not None and motion.seating_steps > begun:
-                pause()
-            status, done = _advance(motion, held, driving, np.zeros(SEATING_CHUNK), limits, SEATING, dt)
-            motion.seating_steps += done
-            ratio, enough = _unbalanced(state, driving, supported)
-            if ratio <= enough or status != RUNNING:
-                break
-    for family in (state.corners, state.faces):
-        if family is not None:
-            family.friction[:] = friction.pop(0)
-    bodies.velocity[:], bodies.momentum[:], bodies.spin[:] = 0.0, 0.0, 0.0
-    if len(held.free) and len(state.links.host) and not ratio <= enough:
-        if sticking:
-            motion.state = state  # without the room that cutting has made since
-            for array, value in zip(arrays, before, strict=True):
-                array[...] = value
-            return 1.0
-        raise NotConvergedError(
-            f"no equilibrium under the dead loads: after {motion.seating_steps} steps the out-of-balance force is "
-            f"still {ratio:.2g} of the joint forces, so the blocks slide or overturn before the run begins; check "
-            "loads, friction and supports"
-        )
-    bodies.start[:] = bodies.position
-    return ratio
-
-
 def advance(motion: Motion, driving: Driving, n_steps: int, limits: Limits) -> int:
     """Move on by up to ``n_steps``; returns RUNNING, or REACHED when a centroid has gone as far as ``limits`` says.
 
@@ -222,7 +158,7 @@ def advance(motion: Motion, driving: Driving, n_steps: int, limits: Limits) -> i
         times = (motion.steps + np.arange(most)) * dt
         gravity, _ = driving.at(times[[0, -1]], dt)
         n = int(min(most, detection.steps_to_go(motion.state, float(np.abs(gravity).max()), dt)))
-        status, done = _advance(
+        status, done = advance_chunk(
             motion, motion.state.bodies, driving, times[:n], limits, 0.0, dt, detection.touching
         )  # fmt: skip
         motion.steps += done
@@ -280,10 +216,10 @@ def _trouble(motion: Motion, status: int) -> str:
 def joint_forces(motion: Motion, driving: Driving) -> None:
     """Let the joints answer to where the blocks are, and nothing move."""
     held = motion.state.bodies._replace(free=np.zeros(0, np.uint32))
-    _advance(motion, held, driving, np.zeros(1), Limits(1.0, 1.0), 0.0, motion.time_step)
+    advance_chunk(motion, held, driving, np.zeros(1), Limits(1.0, 1.0), 0.0, motion.time_step)
 
 
-def _advance(
+def advance_chunk(
     motion: Motion,
     bodies,
     driving: Driving,
@@ -374,38 +310,3 @@ def _loops(state: MovingState, bodies) -> list[tuple]:
         if len(arguments[-1]) > 1:
             loops.append((advance_bodies_together, arguments))
     return loops
-
-
-def _supported(state: MovingState) -> np.ndarray:
-    """Which blocks (n,) a chain of joints ties to a fixed block."""
-    links, n = state.links, len(state.bodies.mass)
-    tied = np.ones(n, bool)
-    tied[state.bodies.free] = False
-    while True:
-        before = tied.sum()
-        tied[links.host[tied[links.other]]] = True
-        tied[links.other[tied[links.host]]] = True
-        if tied.sum() == before:
-            return tied
-
-
-def _unbalanced(state: MovingState, driving: Driving, supported: np.ndarray) -> tuple[float, float]:
-    """Greatest out-of-balance force on a supported free block over the greatest joint force, and how small that can be
-    asked to be: very stiff joints feel the rounding of positions."""
-    gravity, _ = driving.at(np.zeros(1), 1.0)
-    force, _ = out_of_balance(state, gravity[0])
-    free = state.bodies.free[supported[state.bodies.free]]
-    largest = np.sqrt((state.links.wrench[:, :3] ** 2).sum(axis=1).max())
-    worst = np.sqrt((force[free] ** 2).sum(axis=1).max())
-    if not worst > 0.0:
-        return 0.0, SEATED
-    rounding = np.finfo(float).eps * np.abs(state.bodies.position).max() * joint_matrices(state)[:, 2, 2].max()
-    return float(worst / max(worst, largest)), max(SEATED, float(ROUNDING * rounding / max(worst, largest)))
-
-
-def _smallest(motion: Motion) -> float:
-    """Shortest edge of the boxes around the blocks (m)."""
-    return min(float(np.ptp(shape.vertices, axis=0).min()) for shape in motion.assembly.shapes)
-
-
-Observer = Callable[["Motion"], None]

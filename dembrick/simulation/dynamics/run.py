@@ -17,8 +17,9 @@ from dembrick.scenario.controls import drives_to_collapse
 from dembrick.scenario.model import Output
 from dembrick.simulation import interrupts
 from dembrick.simulation.dynamics.checkpoint import Past
+from dembrick.simulation.dynamics.dead_load import find_equilibrium
 from dembrick.simulation.dynamics.energy import MotionEnergy
-from dembrick.simulation.dynamics.integrator import Motion, advance, damping_of_restitution, joint_forces, motion, seat
+from dembrick.simulation.dynamics.integrator import Motion, advance, damping_of_restitution, joint_forces, motion
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.pushover import STRONGEST, PushController, controller_of
 from dembrick.simulation.dynamics.recorder import Recorder
@@ -138,7 +139,7 @@ def run(moving: Motion, control, driving: Driving, session: Session) -> MotionRu
         resume()
     else:
         held = replace(driving, support_velocity=None)
-        past.unbalanced[0] = seat(moving, held, dynamic, resume, partial(session.pause, past))
+        past.unbalanced[0] = find_equilibrium(moving, held, dynamic, resume, partial(session.pause, past))
         moving.phases["seating"], moving.loop_seconds = moving.loop_seconds, 0.0
         past.at_rest[:] = seen(moving.state.bodies, moving.state.links)
         if dynamic:
@@ -213,9 +214,8 @@ def _set_going(moving: Motion, driving: Driving) -> None:
         rotation=rotation_matrix(quaternion_product(unit_quaternion(back), bodies.orientation)),
     )
     came_from = seen(before, state.links)
-    families = [family for family in (state.corners, state.faces) if family is not None]
     written = None if state.corners is None else state.corners.force  # at the points: of the same forces as the joints'
-    memory = [array for family in families for array in family if array is not None and array is not written]
+    memory = [array for family in state.families for array in family if array is not None and array is not written]
     kept = [array.copy() for array in memory]
     state.links.put(SEEN, came_from)
     joint_forces(moving, driving)

@@ -52,6 +52,11 @@ class MovingState(NamedTuple):
     middle: np.ndarray  # (3,) m, what positions count from
 
     @property
+    def families(self) -> list[Corners | Faces]:
+        """The families of joints that there are."""
+        return [family for family in (self.corners, self.faces) if family is not None]
+
+    @property
     def arrays(self) -> list[np.ndarray]:
         """All arrays that a run changes."""
         parts = (self.bodies, self.links, self.corners, self.faces)

@@ -1,0 +1,222 @@
+"""Dead-load equilibrium before a dynamic run, by dynamic relaxation with local damping; and which blocks find none.
+
+Judged by joints and not by how far blocks move: the settlements of a tall tower add up, and one small block must not
+set the bound for all. A joint has come apart when its blocks have moved against each other by more than a part of its
+size and what is elastic in it; a block that no chain of sound joints ties to a support any more does not stand.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from contextlib import contextmanager
+
+import numpy as np
+
+from dembrick.errors import NotConvergedError
+from dembrick.kernels.dynamics.loop import RUNNING, Limits
+from dembrick.scenario.model import show
+from dembrick.simulation import interrupts
+from dembrick.simulation.dynamics.integrator import LONGEST_MOVE, Motion, advance_chunk
+from dembrick.simulation.dynamics.loads import Driving
+from dembrick.simulation.dynamics.state import MovingState, out_of_balance
+from dembrick.simulation.dynamics.time_step import joint_matrices
+
+LOCAL_DAMPING = 0.8
+STEP = 0.7  # of the time step: against the motion, local damping makes a force 1.8 times as large
+BALANCED = 1e-9  # out-of-balance force over joint forces at which the blocks rest
+ROUNDING = 4.0  # of the force that a rounded position makes: no less can be asked for
+APART = 0.02  # of a joint's size: where friction holds, blocks that move further against each other overturn
+SLID = 1.0  # of its size, where joints may slip
+ELASTIC = 4.0  # times what the joint's own force does to it when it is closed: so much comes on top
+MOST_STEPS = 200_000  # of one attempt
+CHUNK = 256  # steps after which it is seen whether the blocks rest
+STICKING = 1e9  # friction of joints that may not slip
+NO_LIMIT = 1e150  # m
+NAMED = 5  # blocks that a message names
+
+
+def find_equilibrium(
+    motion: Motion,
+    driving: Driving,
+    sticking: bool = False,
+    resume: Callable[[], None] | None = None,
+    pause: Callable[[], None] | None = None,
+) -> float:
+    """Bring the blocks to rest under the dead loads at time zero; displacements count from there.
+
+    Blocks that no chain of joints ties to a support stay where they are. Returns the out-of-balance force left on the
+    others, over the joint forces. With ``sticking`` no joint slips meanwhile, so that a block that is to slide from the
+    start begins with its weight on the joint. Blocks that overturn even so are held where they were drawn while the
+    others come to rest, and begin to fall when time starts: ``motion.falling``. Without ``sticking`` such blocks raise
+    NotConvergedError, which names them.
+
+    ``pause`` is called between two chunks of steps, of which ``motion.seating_steps`` are done then; ``resume`` takes
+    state and steps back from there.
+    """
+    drawn = _kept(motion)
+    supported = _supported(motion.state)
+    slack = _allowance(motion, APART if sticking else SLID)
+    with _friction(motion, STICKING if sticking else None):
+        if resume is not None:
+            resume()
+        attempt = _Attempt(motion, driving, supported, slack)
+        attempt.compile()
+        with interrupts.deferred():
+            while True:
+                falls = attempt.relax(pause)
+                if not falls.any():
+                    break
+                if not sticking:
+                    raise _fallen(motion, falls)
+                _put_back(motion, drawn)
+                motion.falling |= falls
+                motion.attempt[:] = motion.seating_steps, -1.0
+    bodies = motion.state.bodies
+    bodies.velocity[:], bodies.momentum[:], bodies.spin[:] = 0.0, 0.0, 0.0
+    if not (sticking or attempt.ratio <= attempt.enough):
+        raise NotConvergedError(
+            f"no equilibrium under the dead loads: after {motion.seating_steps} steps the out-of-balance force is "
+            f"still {attempt.ratio:.2g} of the joint forces, so the blocks slide or overturn before the run begins; "
+            "check loads, friction and supports"
+        )
+    bodies.start[:] = bodies.position
+    return attempt.ratio
+
+
+class _Attempt:
+    """Relaxation with the blocks held that are known to fall; ``slack`` (j,): how far joints may move (m)."""
+
+    def __init__(self, motion: Motion, driving: Driving, supported: np.ndarray, slack: np.ndarray):
+        self.motion, self.driving, self.supported, self.slack = motion, driving, supported, slack
+        self._dt = STEP * motion.time_step
+        self._limits = Limits(displacement=NO_LIMIT, longest=LONGEST_MOVE * motion.smallest)
+
+    def compile(self) -> None:
+        """Compile the loop; a signal need not wait for that."""
+        self._advance(self.motion.state.bodies, 0)
+
+    def _advance(self, bodies, n_steps: int) -> tuple[int, int]:
+        return advance_chunk(
+            self.motion, bodies, self.driving, np.zeros(n_steps), self._limits, LOCAL_DAMPING, self._dt
+        )
+
+    def relax(self, pause: Callable[[], None] | None) -> np.ndarray:
+        """Steps until the blocks rest; the blocks (n,) that turn out to fall, none if all stand.
+
+        After the first has been seen to fall it goes on as long again: the slower parts of a mechanism show then.
+        """
+        motion, begun = self.motion, self.motion.seating_steps
+        self.ratio, self.enough = 0.0, BALANCED
+        none = np.zeros(len(self.supported), bool)
+        standing = self.supported & ~motion.falling
+        bodies = motion.state.bodies
+        held = bodies._replace(free=bodies.free[standing[bodies.free]])
+        if not (len(held.free) and len(motion.state.links.host)):
+            return none
+        while motion.seating_steps - motion.attempt[0] < MOST_STEPS:
+            if pause is not None and motion.seating_steps > begun:
+                pause()
+            status, done = self._advance(held, CHUNK)
+            motion.seating_steps += done
+            self.ratio, self.enough = _unbalanced(motion.state, self.driving, standing)
+            falls = standing & ~self._tied()
+            if falls.any():
+                spent = motion.seating_steps - motion.attempt[0]
+                if motion.attempt[1] < 0.0:
+                    motion.attempt[1] = spent
+                if spent >= 2.0 * motion.attempt[1] or status != RUNNING:
+                    return falls
+            elif self.ratio <= self.enough or status != RUNNING:
+                return none
+        return standing & ~self._tied()
+
+    def _tied(self) -> np.ndarray:
+        """Which blocks (n,) a chain of joints that have not come apart ties to a fixed block."""
+        compliance = _compliance(self.motion.state)
+        force = np.sqrt((self.motion.state.links.wrench[:, :3] ** 2).sum(axis=1))
+        sound = self.motion.polygons.moved() <= self.slack + ELASTIC * force * compliance
+        return _supported(self.motion.state, sound)
+
+
+def _kept(motion: Motion) -> list[np.ndarray]:
+    return [array.copy() for array in _arrays(motion)]
+
+
+def _arrays(motion: Motion) -> list[np.ndarray]:
+    return [motion._travel, motion.polygons.shift, motion.polygons.whole, *motion.state.arrays]
+
+
+def _put_back(motion: Motion, drawn: list[np.ndarray]) -> None:
+    """Everything as it was drawn, but for the friction that holds for now, and the room that cutting has made."""
+    friction = [family.friction.copy() for family in motion.state.families]
+    for array, value in zip(_arrays(motion), drawn, strict=True):
+        array[tuple(slice(0, n) for n in value.shape)] = value
+    for family, value in zip(motion.state.families, friction, strict=True):
+        family.friction[:] = value
+
+
+@contextmanager
+def _friction(motion: Motion, friction: float | None):
+    """That friction in all joints meanwhile, unless it is None."""
+    own = [family.friction.copy() for family in motion.state.families]
+    if friction is not None:
+        for family in motion.state.families:
+            family.friction[:] = friction
+    try:
+        yield
+    finally:
+        for family, value in zip(motion.state.families, own, strict=True):
+            family.friction[:] = value
+
+
+def _allowance(motion: Motion, part: float) -> np.ndarray:
+    return part * motion.polygons.size
+
+
+def _compliance(state: MovingState) -> np.ndarray:
+    """How far (m/N) the corners of every closed joint (j,) move under a force on it, at the most."""
+    stiffness, reach = joint_matrices(state), state.links.reach.astype(float)
+    diagonal = np.einsum("jii->ji", stiffness)
+    bending = 0.5 * (diagonal[:, 3] + diagonal[:, 4])
+    bending -= np.hypot(0.5 * (diagonal[:, 3] - diagonal[:, 4]), stiffness[:, 3, 4])
+    terms = [1.0 / np.maximum(k, 1e-300) for k in (diagonal[:, 0], diagonal[:, 2])]
+    terms += [reach**2 / np.maximum(k, 1e-300) for k in (bending, diagonal[:, 5])]
+    return np.minimum(sum(terms), 1e150)
+
+
+def _fallen(motion: Motion, falls: np.ndarray) -> NotConvergedError:
+    names = [show(motion.assembly.names[i]) for i in np.flatnonzero(falls)]
+    more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
+    return NotConvergedError(
+        f"no equilibrium under the dead loads: {', '.join(names[:NAMED])}{more} slide or overturn before the run "
+        "begins; check loads, friction and supports"
+    )
+
+
+def _supported(state: MovingState, sound: np.ndarray | None = None) -> np.ndarray:
+    """Which blocks (n,) a chain of joints, of the ``sound`` ones (j,) if given, ties to a fixed block."""
+    links, n = state.links, len(state.bodies.mass)
+    host, other = (links.host, links.other) if sound is None else (links.host[sound], links.other[sound])
+    tied = np.ones(n, bool)
+    tied[state.bodies.free] = False
+    while True:
+        before = tied.sum()
+        tied[host[tied[other]]] = True
+        tied[other[tied[host]]] = True
+        if tied.sum() == before:
+            return tied
+
+
+def _unbalanced(state: MovingState, driving: Driving, standing: np.ndarray) -> tuple[float, float]:
+    """Greatest out-of-balance force on a ``standing`` free block (n,) over the greatest joint force, and how small that
+    can be asked to be: very stiff joints feel the rounding of positions."""
+    gravity, _ = driving.at(np.zeros(1), 1.0)
+    force, _ = out_of_balance(state, gravity[0])
+    free = state.bodies.free[standing[state.bodies.free]]
+    largest = math.sqrt(float((state.links.wrench[:, :3] ** 2).sum(axis=1).max()))
+    worst = math.sqrt(float((force[free] ** 2).sum(axis=1).max(initial=0.0)))
+    if not worst > 0.0:
+        return 0.0, BALANCED
+    rounding = np.finfo(float).eps * np.abs(state.bodies.position).max() * joint_matrices(state)[:, 2, 2].max()
+    return float(worst / max(worst, largest)), max(BALANCED, float(ROUNDING * rounding / max(worst, largest)))
