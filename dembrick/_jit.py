@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import stat
 import tempfile
 from pathlib import Path
 
@@ -36,16 +37,41 @@ def source_hash(package: Path, place: str = "") -> str:
     return digest.hexdigest()[:16]
 
 
-def _writable(folder: Path) -> bool:
+def is_own(folder: Path) -> bool:
+    """Make a folder, if it is missing, and say whether it is this user's alone: numba unpickles what lies in it.
+
+    It must be a folder and no link, belong to whoever runs this, and nobody else may write in it.
+    """
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        found = os.lstat(folder)
+        ours = not hasattr(os, "geteuid") or found.st_uid == os.geteuid()
+        return stat.S_ISDIR(found.st_mode) and ours and not _others_write(found) and os.access(folder, os.W_OK)
     except OSError:
         return False
-    return os.access(folder, os.W_OK)
+
+
+def _others_write(found: os.stat_result) -> bool:
+    """Whether anyone but the owner may write in a folder; what systems without owners report says nothing."""
+    return hasattr(os, "geteuid") and bool(found.st_mode & (stat.S_IWGRP | stat.S_IWOTH))
+
+
+def _is_safe(base: Path) -> bool:
+    """Whether nobody else can put another folder in the place of one of ours in ``base``, which is made if missing."""
+    try:
+        base.mkdir(mode=0o700, parents=True, exist_ok=True)
+        found = os.stat(base)
+    except OSError:
+        return False
+    owned = not hasattr(os, "geteuid") or found.st_uid in (0, os.geteuid())
+    return owned and (not _others_write(found) or bool(found.st_mode & stat.S_ISVTX))
 
 
 def cache_folder() -> Path:
-    """``$DEMBRICK_CACHE_DIR``, else the user's cache folder, else a temporary one; a folder per source hash in it."""
+    """``$DEMBRICK_CACHE_DIR``, else the user's cache folder, else a temporary one; a folder per source hash in it.
+
+    One that others could have written is not taken: then the machine code is kept for this process alone.
+    """
     bases = []
     if os.environ.get("DEMBRICK_CACHE_DIR"):
         bases.append(Path(os.environ["DEMBRICK_CACHE_DIR"]))
@@ -53,7 +79,7 @@ def cache_folder() -> Path:
     bases.append(Path(tempfile.gettempdir()) / f"dembrick-{os.getuid() if hasattr(os, 'getuid') else 'user'}")
     for base in bases:
         folder = base / source_hash(PACKAGE, str(PACKAGE))  # of this copy: two copies must not evict each other
-        if _writable(folder):
+        if _is_safe(base) and is_own(folder):
             return folder
     return Path(tempfile.mkdtemp(prefix="dembrick-"))
 

@@ -40,12 +40,16 @@ def _sized(kind: str, description, folder: str) -> Shape:
     with np.errstate(all="ignore"):  # of a size that cannot, volume and inertia overflow on the way
         try:
             shape = _shape(kind, description, folder)
-            size = shape.diameter
+            size, corners = shape.diameter, shape.vertices
+            spread = np.linalg.svd(corners - corners.mean(axis=0), compute_uv=False)
+            thickness = 2.0 * float(spread[-1]) / math.sqrt(len(corners))  # of a box its shortest edge
         except (np.linalg.LinAlgError, ArithmeticError):
-            size = math.nan
-    if math.isnan(size):
+            size = thickness = math.nan
+    if math.isnan(size) or math.isnan(thickness):
         raise ScenarioError(f"its lengths make no body; a block is from {SMALLEST:g} to {LARGEST:g} m across")
     check_size(size)
+    if thickness < SMALLEST:
+        raise ScenarioError(f"it is {thickness:.3g} m thick; from {SMALLEST:g} m are taken")
     return shape
 
 

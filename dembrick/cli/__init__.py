@@ -101,6 +101,9 @@ def main(arguments: list[str] | None = None) -> int:
         hint = f"did you mean {nearest[0]!r}?" if nearest else f"use one of {', '.join(VERBS)}"
         print(f"error: unknown command {verb!r}; {hint}", file=sys.stderr)
         return 2
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="backslashreplace")  # a terminal that knows no such letter shows its number
     gc.set_threshold(GARBAGE)
     atexit.register(gc.freeze)  # at the end there is nothing left to gain by looking for garbage
     module = _module(verb)

@@ -6,6 +6,20 @@ import os
 import sys
 
 
+def printable(text: str) -> str:
+    """Text for a terminal: line ends and tabs stay, any other control character is written out, as ``\\x1b``.
+
+    Names and remarks may come from a stranger's file, and an escape sequence must not reach the terminal.
+    """
+    if text.isascii() and text.isprintable():
+        return text
+    return "".join(sign if sign.isprintable() or sign in "\n\t" else _written_out(sign) for sign in text)
+
+
+def _written_out(sign: str) -> str:
+    return sign.encode("unicode_escape").decode("ascii")
+
+
 class Console:
     """Output of one command. ``json``: one JSON object on standard output instead of text."""
 
@@ -21,12 +35,12 @@ class Console:
 
             print(json.dumps(data, indent=2, allow_nan=False))
         elif text:
-            print(text)
+            print(printable(text))
 
     def say(self, text: str) -> None:
         """One line on standard error, whatever was asked for."""
         self._clear()
-        print(text, file=sys.stderr)
+        print(printable(text), file=sys.stderr)
 
     def remark(self, text: str) -> None:
         """Something worth knowing."""
@@ -42,7 +56,7 @@ class Console:
         """Why there is no answer; never silenced."""
         self._clear()
         label = "\033[31merror:\033[0m" if self._colour else "error:"
-        print(f"{label} {text}", file=sys.stderr)
+        print(f"{label} {printable(text)}", file=sys.stderr)
 
     def progress(self, done: int, total: int, what: str) -> None:
         """A bar, when standard error is a terminal."""
@@ -50,7 +64,8 @@ class Console:
             return
         width = 24
         filled = width * done // max(total, 1)
-        print(f"\r\033[K[{'#' * filled}{'.' * (width - filled)}] {done}/{total} {what}", end="", file=sys.stderr)
+        bar = f"[{'#' * filled}{'.' * (width - filled)}] {done}/{total} {printable(what)}"
+        print(f"\r\033[K{bar}", end="", file=sys.stderr)
         if done >= total:
             self._clear()
         sys.stderr.flush()

@@ -20,6 +20,7 @@ from dembrick.geometry.shapes import Polyhedron
 from dembrick.geometry.size import LARGEST, SMALLEST
 
 ENDINGS = (".stl", ".obj", ".ply", ".msh", ".vtu")
+LARGEST_FILE = 16 << 20  # bytes
 _SAME = 1e-9  # of the size: corners so near are one
 _MOST_CORNERS = 2000  # of a convex block: a hull of more is no block but a scan
 _SURFACES = ("triangle", "quad", "polygon")
@@ -88,22 +89,59 @@ def checked(points: np.ndarray, faces: list[tuple[int, ...]]) -> Polyhedron:
     return solid
 
 
+class _Ended(io.BufferedReader):
+    """A file that stops a reader that asks on at its end, as the one for PLY does, which would hang."""
+
+    _PATIENCE = 1000  # times that nothing is handed out
+
+    def __init__(self, path: str):
+        super().__init__(io.FileIO(path))
+        self._left = self._PATIENCE
+
+    def readline(self, size: int | None = -1, /) -> bytes:
+        """See io."""
+        return self._handed(super().readline(size))
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        """See io."""
+        return self._handed(super().read(size))
+
+    def _handed(self, data: bytes) -> bytes:
+        self._left = self._PATIENCE if data else self._left - 1
+        if self._left < 0:
+            raise EOFError("it ends before its data does")
+        return data
+
+
+def _meshio_mesh(path: str, ending: str):
+    """The mesh that meshio reads; it is told the format, so that it tries no other one that has the same ending."""
+    import meshio
+
+    if ending != ".ply":  # the readers of the others stop at the end of the file
+        return meshio.read(path, {".msh": "gmsh"}.get(ending, ending[1:]))
+    with _Ended(path) as file:
+        return meshio.read(file, "ply")
+
+
 def _read(path: str) -> tuple[np.ndarray, list[tuple[int, ...]]]:
     """Corners (n, 3) and faces of the surface in a file."""
     ending = os.path.splitext(path)[1].lower()
     if ending not in ENDINGS:
         raise ScenarioError(f"mesh file {path}: its ending is {ending or 'none'}; known are {', '.join(ENDINGS)}")
     if not os.path.isfile(path):
-        raise ScenarioError(f"mesh file {path}: there is no such file")
+        what = "this is not an ordinary file" if os.path.exists(path) else "there is no such file"
+        raise ScenarioError(f"mesh file {path}: {what}")
+    if os.path.getsize(path) > LARGEST_FILE:
+        raise ScenarioError(f"mesh file {path}: longer than {LARGEST_FILE >> 20} MiB, this is no block but a scan")
     try:
-        import meshio
+        import meshio  # noqa: F401 - asked for before the file is judged
     except ImportError as error:
         raise MissingDependency("blocks from mesh files need meshio; install it with: pip install meshio") from error
     try:
         # meshio tells of some faults by SystemExit, and prints them; telling text from binary STL it warns
         silence = contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO())
         with silence[0], silence[1], warnings.catch_warnings(action="ignore"):
-            mesh = meshio.read(path)
+            mesh = _meshio_mesh(path, ending)
     except (Exception, SystemExit) as error:  # whatever its readers raise on a broken file
         reason = " ".join(str(error).split()) or type(error).__name__
         raise ScenarioError(f"mesh file {path}: it cannot be read as {ending[1:]}: {reason[:200]}") from None
@@ -125,6 +163,8 @@ def _read(path: str) -> tuple[np.ndarray, list[tuple[int, ...]]]:
                 skin[key] = None if key in skin else corners  # a face between two cells is not on the skin
     outside = [corners for corners in skin.values() if corners is not None]
     found = outside or faces  # gmsh writes the surface of a solid too
+    if any(len(face) < 3 for face in found):
+        raise ScenarioError(f"mesh file {path}: a face has fewer than three corners")
     if any(min(face) < 0 or max(face) >= len(points) for face in found):
         raise ScenarioError(f"mesh file {path}: a face names a corner that is not there")
     return points, found

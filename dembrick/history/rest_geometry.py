@@ -8,6 +8,8 @@ import numpy as np
 
 from dembrick.errors import HistoryError
 from dembrick.history import guard
+from dembrick.scenario.checks import show
+from dembrick.scenario.model import FORMULATIONS, PRESSURES
 
 
 class RestGeometry:
@@ -113,9 +115,9 @@ class RestGeometry:
         blocks = self._numbers("joints/blocks", self.n_block, 3, count=n).tolist()
         names = {"area": (), "friction": (), "origin": (3,), "axes": (3, 3)}
         columns = {name: self._table(f"joints/{name}", *tail, count=n) for name, tail in names.items()}
-        formulation = self._texts("joints/formulation", n)
+        formulation = self._words("joints/formulation", n, FORMULATIONS)
         has_pressure = "pressure" in guard.members(self._file, "geometry/joints")
-        pressure = self._texts("joints/pressure", n) if has_pressure else ["full"] * n
+        pressure = self._words("joints/pressure", n, PRESSURES) if has_pressure else ["full"] * n
         polygons, points = self._table("joints/polygon", 2), self._table("joints/point", 5)
         p = self._starts("joints/polygon_start", n, len(polygons))
         c = self._starts("joints/point_start", n, len(points))
@@ -130,6 +132,16 @@ class RestGeometry:
             joint |= {"normal_arms": own[:, :2], "shear_arms": own[:, 2:4], "areas": own[:, 4]}
             joints.append(joint)
         return joints
+
+    def _words(self, path: str, count: int, known: tuple[str, ...]) -> list[str]:
+        """Texts of a closed set; HistoryError for any other."""
+        found = self._texts(path, count)
+        strange = next((word for word in found if word not in known), None)
+        if strange is not None:
+            raise HistoryError(
+                f"{self.path}: geometry/{path} holds {show(strange)}, which is none of {', '.join(known)}"
+            )
+        return found
 
     @cached_property
     def actuators(self) -> list[dict]:

@@ -14,7 +14,7 @@ from statistics import NormalDist
 import numpy as np
 
 from dembrick.errors import ScenarioError
-from dembrick.scenario.model import nearest, show
+from dembrick.scenario.checks import nearest, real, show
 
 METHODS = ("monte-carlo", "latin-hypercube")
 _KEYS = {
@@ -85,10 +85,8 @@ def distribution(key: str, table: Mapping) -> Distribution:
     for name, value in table.items():
         if name not in known:
             raise ScenarioError(f"{place}: unknown key {show(name)}; {nearest(name, known)}")
-        if name != "distribution" and (
-            isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value)
-        ):
-            raise ScenarioError(f"{place}: {name} = {show(value)} must be a finite number")
+        if name != "distribution":
+            real(f"{place}: {name}", value)
     for name in _KEYS[kind]:
         if name not in table:
             raise ScenarioError(f"{place}: a {kind} distribution needs {name!r}; it has no default")

@@ -78,21 +78,57 @@ def row_files(folder: str | os.PathLike) -> list[Path]:
 
 
 def stored(folder: str | os.PathLike) -> Iterator[dict]:
-    """All rows in the folder, file by file; a line that was torn by a kill is left out."""
+    """All rows in the folder, file by file.
+
+    A line that a kill has torn, or a disk or a hand has damaged, is left out, and its case is run again.
+    """
     for path in row_files(folder):
-        with open(path, encoding="utf-8") as file:
-            for line in file:
-                row = _parsed(line)
-                if row is not None and "case" in row:
-                    yield row
+        for _, row in _rows_of(path):
+            yield row
+
+
+def _rows_of(path: Path) -> Iterator[tuple[int, dict]]:
+    """The sound rows of a file, each with the place where it begins."""
+    with open(path, "rb") as file:
+        head = file.readline()
+        cases = (_parsed(head.decode("utf-8", "replace")) or {}).get("cases")
+        offset = len(head)
+        for line in file:
+            row = _row(line.decode("utf-8", "replace"))
+            if row is not None and isinstance(cases, int) and row["case"] < cases:
+                yield offset, row
+            offset += len(line)
 
 
 def _parsed(line: str) -> dict | None:
     try:
         row = json.loads(line)
-    except ValueError:
+    except (ValueError, RecursionError):
         return None
     return row if isinstance(row, dict) else None
+
+
+def _row(line: str) -> dict | None:
+    """The row of a case; None where the line is damaged: without a number or a column, with another type in one."""
+    row = _parsed(line)
+    if row is None or "\ufffd" in line or not row.keys() >= {"case", "status", "V"}:
+        return None
+    case = row["case"]
+    if not isinstance(case, int) or isinstance(case, bool) or case < 0 or not isinstance(row["status"], str):
+        return None
+    for name in COLUMNS:
+        value, kind = row.get(name), str if name in TEXTS else int | float
+        if value is not None and (not isinstance(value, kind) or isinstance(value, bool)):
+            return None
+    return None if "\\u" in line and not _storable(row) else row
+
+
+def _storable(row: dict) -> bool:
+    """Whether its texts can be written: no null character, no half of a pair."""
+    try:
+        return "\\u0000" not in json.dumps(row, ensure_ascii=False).encode().decode()
+    except UnicodeEncodeError:
+        return False
 
 
 def _check_head(path: Path, head: dict) -> None:
@@ -141,13 +177,8 @@ def _order(folder: Path) -> list[tuple[Path, int]]:
     """Where the row of each case stands (file, offset), in the order of the cases."""
     place: dict[int, tuple[Path, int]] = {}
     for path in row_files(folder):
-        offset = 0
-        with open(path, "rb") as file:
-            for line in file:
-                row = _parsed(line.decode("utf-8", "replace"))
-                if row is not None and "case" in row:
-                    place[row["case"]] = (path, offset)
-                offset += len(line)
+        for offset, row in _rows_of(path):
+            place[row["case"]] = (path, offset)
     return [place[number] for number in sorted(place)]
 
 

@@ -114,7 +114,7 @@ def _draw(axes, plan: Plan, torsion_centre: bool) -> None:
     if torsion_centre and plan.torsion_centre is not None:
         axes.plot(*plan.torsion_centre, "x", color=style.BLUE, ms=7, mew=1.8)
         axes.annotate("C", plan.torsion_centre, (0, 5), textcoords="offset points", color=style.BLUE, ha="center")
-    heading, _, rest = plan.title.partition(":")
+    heading, _, rest = style.plain(plan.title).partition(":")
     axes.set_title("\n".join([heading, *textwrap.wrap(rest.strip(), 30)]), fontsize=8)
     axes.set_aspect("equal")
     axes.set_xlim(lower[0] - 0.36 * size, upper[0] + 0.2 * size)
