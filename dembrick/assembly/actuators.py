@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dembrick.assembly import load_system
+from dembrick.assembly.surface_pressures import face_forces
 from dembrick.errors import ScenarioError
 from dembrick.geometry.shapes import parts_of
 from dembrick.scenario.checks import show
@@ -63,7 +64,10 @@ def check_inside(what: str, point, bare, block: int) -> np.ndarray:
 
 
 def given_actuators(scenario, number: dict[str, int], bare) -> ActuatorTable:
-    """The actuators of a scenario; ``number`` of every block by name. ScenarioError where one cannot push its block."""
+    """The actuators of a scenario and its driven pressures; ``number`` of every block by name.
+
+    ScenarioError if an actuator cannot push its block, or no face feels a pressure.
+    """
     block = np.array([number[actuator.block] for actuator in scenario.actuators], np.int64)
     arm = []
     for i, actuator in zip(block, scenario.actuators, strict=True):
@@ -71,7 +75,7 @@ def given_actuators(scenario, number: dict[str, int], bare) -> ActuatorTable:
         if bare.fixed[i]:
             raise ScenarioError(f"{what} pushes block {show(actuator.block)}, which is fixed; push a free block")
         arm.append(check_inside(what, actuator.point, bare, i))
-    return ActuatorTable(
+    given = ActuatorTable(
         names=tuple(actuator.name for actuator in scenario.actuators),
         block=block,
         point=np.array([actuator.point for actuator in scenario.actuators], float).reshape(-1, 3),
@@ -79,11 +83,33 @@ def given_actuators(scenario, number: dict[str, int], bare) -> ActuatorTable:
         direction=np.array([actuator.direction for actuator in scenario.actuators], float).reshape(-1, 3),
         weight=np.array([actuator.weight for actuator in scenario.actuators], float),
     )
+    driven = [
+        face
+        for pressure in scenario.pressures
+        if pressure.actuator
+        for face in face_forces(pressure, scenario.groups.get(pressure.block) or (number[pressure.block],), bare)
+    ]
+    return given if not driven else _joined(given, driven, bare)
 
 
-def actuators_on_all_blocks(scenario, number: dict[str, int], bare) -> ActuatorTable:
+def _joined(given: ActuatorTable, driven, bare) -> ActuatorTable:
+    """Actuators and driven pressures as one load system: a pressure pushes at its centre, by its force for V = 1."""
+    force = np.array([face.force for face in driven])
+    weight = np.sqrt((force**2).sum(axis=1))
+    block, arm = np.array([face.block for face in driven]), np.array([face.arm for face in driven])
+    return ActuatorTable(
+        names=(*given.names, *(f"pressure on {bare.names[i]}" for i in block)),
+        block=np.concatenate([given.block, block]),
+        point=np.concatenate([given.point, bare.position[block] + arm]),
+        arm=np.concatenate([given.arm, arm]),
+        direction=np.concatenate([given.direction, force / weight[:, None]]),
+        weight=np.concatenate([given.weight, weight]),
+    )
+
+
+def actuators_on_all_blocks(scenario, loads, bare) -> ActuatorTable:
     """The load system of a quasi-static tilt or pushover, as actuators at centroids and at the points of the loads."""
-    block, point, force = load_system.load_system(scenario, number, bare.position, bare.mass, bare.fixed)
+    block, point, force = load_system.load_system(scenario, loads, bare.position, bare.mass, bare.fixed)
     weight = np.sqrt((force**2).sum(axis=1))
     return ActuatorTable(
         names=tuple(f"load on {bare.names[i]}" for i in block),

@@ -16,7 +16,6 @@ from dembrick.assembly.actuators import (
     ActuatorTable,
     ControlPoints,
     actuators_on_all_blocks,
-    check_inside,
     control_points,
     given_actuators,
 )
@@ -25,6 +24,7 @@ from dembrick.assembly.broad_phase import bodies_of, close_pairs
 from dembrick.assembly.contact_points import DISCRETISATION, PointTable, place_points
 from dembrick.assembly.joints import TOLERANCE, JointTable, find_joints
 from dembrick.assembly.laws import Laws
+from dembrick.assembly.loads import NO_LOADS, PointLoads, point_loads
 from dembrick.assembly.validation import (
     check_overlap,
     check_overrides,
@@ -52,9 +52,10 @@ class Assembly:
     ``position`` (n, 3) of the centroids, ``orientation`` (n, 4) unit quaternions, ``rotation`` (n, 3, 3) the same as
     matrices, ``mass`` (n,), ``inertia`` (n, 3, 3) about the centroid in body axes, ``velocity`` and
     ``angular_velocity`` (n, 3) at the start; ``dead_force`` and ``dead_torque`` (n, 3) about the centroid, gravity
-    and loads together. ``contact_points``: one entry a joint, None for ``convex``. ``joint_force`` (n_joint, 3):
-    what block a exerts on block b under the dead loads, see :func:`dead_joint_forces`; ``joint_force_exact`` says
-    whether statics alone gives it. ``laws`` tells the law of joints and new contacts between any two blocks.
+    and loads together, ``point_loads`` these loads one by one. ``contact_points``: one entry a joint, None for
+    ``convex``. ``joint_force`` (n_joint, 3): what block a exerts on block b under the dead loads, see
+    :func:`dead_joint_forces`; ``joint_force_exact`` says whether statics alone gives it. ``laws`` tells the law of
+    joints and new contacts between any two blocks.
     """
 
     names: tuple[str, ...]
@@ -78,6 +79,7 @@ class Assembly:
     control_points: ControlPoints
     warnings: tuple[str, ...]
     laws: Laws
+    point_loads: PointLoads
 
 
 _NO_POINTS = place_points(JointTable.of(()), DISCRETISATION)
@@ -146,6 +148,7 @@ def at_rest(scenario: Scenario) -> Assembly:
         control_points=NO_CONTROL_POINTS,
         warnings=(),
         laws=laws,
+        point_loads=NO_LOADS,
     )
 
 
@@ -160,15 +163,13 @@ def loaded(scenario: Scenario, bare: Assembly, points: bool = True) -> Assembly:
     dead_force = bare.mass[:, None] * gravity
     dead_torque = np.zeros_like(dead_force)
     try:
-        for index, load in enumerate(scenario.loads, 1):
-            for block in scenario.groups.get(load.block) or (number[load.block],):
-                dead_force[block] += load.force
-                if load.point is not None:
-                    arm = check_inside(f"load number {index}", load.point, bare, block)
-                    dead_torque[block] += np.cross(arm, load.force)
-        actuators = (actuators_on_all_blocks if on_all_blocks(scenario.control) else given_actuators)(
-            scenario, number, bare
-        )
+        loads = point_loads(scenario, number, bare)
+        np.add.at(dead_force, loads.block, loads.force)
+        np.add.at(dead_torque, loads.block, np.cross(loads.arm, loads.force))
+        if on_all_blocks(scenario.control):
+            actuators = actuators_on_all_blocks(scenario, loads, bare)
+        else:
+            actuators = given_actuators(scenario, number, bare)
         watched = control_points(scenario, number, bare)
     except ScenarioError as error:
         refuse(scenario, str(error))
@@ -194,6 +195,7 @@ def loaded(scenario: Scenario, bare: Assembly, points: bool = True) -> Assembly:
         control_points=watched,
         warnings=warnings,
         laws=Laws(scenario),
+        point_loads=loads,
     )
 
 

@@ -20,28 +20,31 @@ from dembrick.scenario.checks import show
 _ALONG = 1e-9  # of a force: a part along the axis that is rounding
 
 
-def load_system(scenario, number, position, mass, fixed) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def load_system(scenario, loads, position, mass, fixed) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Forces of the load factor 1: block (k,), point (k, 3) in the world and force (k, 3), of a scenario of that kind.
 
-    ``number`` of every block by name; ``position`` (n, 3) of the centroids, ``mass`` and ``fixed`` (n,). Raises
-    ScenarioError where nothing drives the blocks, or something that does not go with it is asked for.
+    ``loads``: the dead loads besides gravity (:class:`dembrick.assembly.loads.PointLoads`); ``position`` (n, 3) of the
+    centroids, ``mass`` and ``fixed`` (n,). Raises ScenarioError if nothing drives the blocks, or something that does
+    not go with it is asked for.
     """
     control, free = scenario.control, np.flatnonzero(~fixed)
     if scenario.actuators:
         raise ScenarioError(f"control kind {show(control.kind)} has no use for [[actuators]]; remove them")
+    if any(pressure.actuator for pressure in scenario.pressures):
+        raise ScenarioError(
+            f"control kind {show(control.kind)} drives no pressure: remove actuator = true, or take kind 'yield'"
+        )
     gravity = np.array(scenario.gravity, float)
     block, point = list(free), list(position[free])
     if control.kind == "pushover":
         force = list(pushed(control.direction, gravity, mass[free]))
     else:
         force = list(tilted(control.axis, mass[free, None] * gravity, "gravity"))
-        for index, load in enumerate(scenario.loads, 1):
-            turned = tilted(control.axis, load.force, f"load number {index}")
-            for member in scenario.groups.get(load.block) or (number[load.block],):
-                if not fixed[member]:
-                    block.append(member)
-                    point.append(position[member] if load.point is None else np.array(load.point, float))
-                    force.append(turned)
+        for member, arm, load, what in zip(loads.block, loads.arm, loads.force, loads.what, strict=True):
+            if not fixed[member]:
+                block.append(member)
+                point.append(position[member] + arm)
+                force.append(tilted(control.axis, load, what))
     force = np.array(force, float).reshape(-1, 3)
     acting = (force != 0.0).any(axis=1)
     if not acting.any():

@@ -40,6 +40,7 @@ from dembrick.scenario.controls import (  # noqa: F401 (all that a scenario is m
 )
 from dembrick.scenario.generators import GENERATORS, Arch, Dome, Stack, Wall
 from dembrick.scenario.memory import check_memory
+from dembrick.scenario.pressures import Pressure
 
 FORMULATIONS = ("concave", "corrected", "corrected-shear", "convex", "distributed")
 PRESSURES = ("full", "effective", "linear")
@@ -261,6 +262,7 @@ class Scenario:
     domes: tuple[Dome, ...] = ()
     supports: tuple[str, ...] = ()
     control_points: tuple[ControlPoint, ...] = ()
+    pressures: tuple[Pressure, ...] = ()
     all_blocks: tuple[Block, ...] = field(default=(), init=False, compare=False, repr=False)
     groups: dict[str, tuple[int, ...]] = field(default_factory=dict, init=False, compare=False, repr=False)
 
@@ -276,7 +278,7 @@ class Scenario:
         for name in self.materials:
             check_name("name of a material", name)
         lists = {"blocks": Block, "joints": JointOverride, "loads": Load, "actuators": Actuator, "supports": str}
-        lists["control_points"] = ControlPoint
+        lists |= {"control_points": ControlPoint, "pressures": Pressure}
         for key, kind in (lists | GENERATORS).items():
             assign(self, **{key: members_of(key, getattr(self, key), kind)})
         if self.control.kind == "tilt":
@@ -347,6 +349,8 @@ class Scenario:
                     f"load number {i} on {show(load.block)} varies with time, which a test of kind "
                     f"{show(self.control.kind)} does not know; remove its {'history' if load.history else 'sine'}"
                 )
+        for i, pressure in enumerate(self.pressures, 1):
+            self._check_reference(f"block of pressure number {i}", pressure.block, blocks, self.groups)
         for actuator in self.actuators:
             if actuator.block in self.groups:
                 label = f"block of actuator {show(actuator.name)} = {show(actuator.block)}"

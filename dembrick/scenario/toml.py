@@ -34,10 +34,12 @@ from dembrick.scenario.model import (
     Solver,
 )
 from dembrick.scenario.overrides import apply_overrides, assign
+from dembrick.scenario.pressures import Pressure
 from dembrick.scenario.text_files import read_text
 
 _CONTROLS = {control.kind: control for control in Control.__args__}
 _LISTS = {"blocks": Block, **GENERATORS, "loads": Load, "actuators": Actuator, "control_points": ControlPoint}
+_LISTS["pressures"] = Pressure
 _TABLES = {"prism": Prism, "voussoir": Voussoir, "mesh": Mesh, "sine": Sine, "pulse": Pulse}  # tables inside others
 _TABLE_LISTS = {"parts": Part, "openings": Opening, "returns": Return}
 _OWN_KEYS = {"points": "distributed", "pressure": "convex"}  # law keys that belong to one formulation
@@ -189,7 +191,8 @@ def _decode(
         else:
             values[key] = decode()
     scenario = _make(Scenario, {**values, "path": path, "text": text}, place)
-    if not scenario.actuators and scenario.control.kind not in MOTIONS:
+    driven = scenario.actuators or any(pressure.actuator for pressure in scenario.pressures)
+    if not driven and scenario.control.kind not in MOTIONS:
         place.fail(f"control kind {show(scenario.control.kind)} drives actuators and there is none; add [[actuators]]")
     return scenario
 

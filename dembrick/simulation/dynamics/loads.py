@@ -70,34 +70,29 @@ def driving_of(scenario, assembly, time_step: float) -> Driving:
     """
     control = scenario.control
     duration, place = getattr(control, "duration", 0.0), f"{scenario.path}: " if scenario.path else ""
-    number = {name: i for i, name in enumerate(assembly.names)}
-    blocks, levers, forces, factors = [], [], [], []
-    for count, load in enumerate(scenario.loads, 1):
-        factor = None
+    loads = assembly.point_loads
+    factors = {-1: None}
+    for index, load in enumerate(scenario.loads):
+        factors[index] = None
         if load.sine is not None:
             period = 1.0 / load.sine.frequency
             if period < RESOLVED * time_step:
                 raise ScenarioError(
-                    f"{place}load number {count}: sine.frequency = {load.sine.frequency:g} Hz swings in {period:.3g} "
-                    f"s, and the time step is {time_step:.3g} s; lower the frequency, or solver.step_factor"
+                    f"{place}load number {index + 1}: sine.frequency = {load.sine.frequency:g} Hz swings in "
+                    f"{period:.3g} s, and the time step is {time_step:.3g} s; lower the frequency, or "
+                    "solver.step_factor"
                 )
-            factor = time_histories.sine(load.sine)
+            factors[index] = time_histories.sine(load.sine)
         if load.history is not None:
-            factor = time_histories.linear(
+            factors[index] = time_histories.linear(
                 _samples(scenario, load.history, "factor", load.columns, duration, time_step)
             )
-        for block in scenario.groups.get(load.block) or (number[load.block],):
-            arm = np.zeros(3) if load.point is None else np.array(load.point, float) - assembly.position[block]
-            blocks.append(block)
-            levers.append(assembly.rotation[block].T @ arm)
-            forces.append(load.force)
-            factors.append(factor)
     driving = {
         "gravity": np.array(scenario.gravity, float),
-        "block": np.array(blocks, np.int64),
-        "lever": np.array(levers, float).reshape(-1, 3),
-        "force": np.array(forces, float).reshape(-1, 3),
-        "factor": tuple(factors),
+        "block": loads.block,
+        "lever": np.einsum("kji,kj->ki", assembly.rotation[loads.block], loads.arm),
+        "force": loads.force,
+        "factor": tuple(factors[index] for index in loads.given),
     }
     if control.kind == "tilt":
         driving["tilt"] = (np.array(control.axis, float), float(np.radians(control.rate)))

@@ -75,7 +75,8 @@ def prepare(assembly, control, step_factor: float) -> Motion:
     if not len(assembly.fixed) - np.sum(assembly.fixed):
         raise ScenarioError("every block is fixed: nothing can move; let one be free")
     if len(assembly.actuators.block):
-        raise ScenarioError(f"control kind {show(control.kind)} has no use for [[actuators]]; remove them")
+        remedy = "remove them, and actuator = true of [[pressures]]"
+        raise ScenarioError(f"control kind {show(control.kind)} has no use for [[actuators]]; {remedy}")
     if drives_to_collapse(control):
         return motion(assembly, control.damping, step_factor)
     return motion(assembly, damping_of_restitution(control.restitution), step_factor, IMPACTS)

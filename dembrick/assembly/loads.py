@@ -1,0 +1,59 @@
+"""Dead loads besides gravity as forces at points of blocks: [[loads]], and [[pressures]] that are not driven.
+
+One list for everything that needs them: the dead force and torque of a block, the load system of a tilting table, and
+the loads of a run in real time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dembrick.assembly.actuators import check_inside
+from dembrick.assembly.surface_pressures import face_forces
+
+
+@dataclass(frozen=True, eq=False)
+class PointLoads:
+    """Forces that ride with their blocks and keep their direction in the world.
+
+    ``block`` (k,); ``arm`` (k, 3): m, from the centroid, world axes at the start; ``force`` (k, 3): N, world; ``given``
+    (k,): number in ``scenario.loads`` of the load it comes from, -1 for a pressure; ``what`` (k,) names it in messages.
+    """
+
+    block: np.ndarray
+    arm: np.ndarray
+    force: np.ndarray
+    given: np.ndarray
+    what: tuple[str, ...]
+
+
+NO_LOADS = PointLoads(np.zeros(0, np.int64), *np.zeros((2, 0, 3)), np.zeros(0, np.int64), ())
+
+
+def point_loads(scenario, number: dict[str, int], bare) -> PointLoads:
+    """The dead loads of a scenario on the blocks of ``bare``; ``number`` of every block by name.
+
+    ScenarioError for a point outside its block, or a pressure that no face feels.
+    """
+    rows: list[tuple[int, np.ndarray, np.ndarray, int, str]] = []
+    for index, load in enumerate(scenario.loads):
+        what = f"load number {index + 1}"
+        for block in scenario.groups.get(load.block) or (number[load.block],):
+            arm = np.zeros(3) if load.point is None else check_inside(what, load.point, bare, block)
+            rows.append((block, arm, np.array(load.force, float), index, what))
+    for index, pressure in enumerate(scenario.pressures, 1):
+        if not pressure.actuator:
+            members = scenario.groups.get(pressure.block) or (number[pressure.block],)
+            rows += [
+                (face.block, face.arm, face.force, -1, f"pressure number {index}")
+                for face in face_forces(pressure, members, bare)
+            ]
+    return PointLoads(
+        block=np.array([row[0] for row in rows], np.int64),
+        arm=np.array([row[1] for row in rows]).reshape(-1, 3),
+        force=np.array([row[2] for row in rows]).reshape(-1, 3),
+        given=np.array([row[3] for row in rows], np.int64),
+        what=tuple(row[4] for row in rows),
+    )

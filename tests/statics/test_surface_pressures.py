@@ -1,0 +1,154 @@
+"""Surface pressures: resultants in closed form, and the limits of dams and retaining walls that they push."""
+
+import numpy as np
+import pytest
+
+from dembrick.assembly.build import assemble
+from dembrick.errors import ScenarioError
+from dembrick.runs.simulate import simulate
+from dembrick.scenario import toml
+
+SCENE = """
+title = "a stack of courses under pressure"
+gravity = [0.0, 0.0, -9.81]
+supports = ["base"]
+[joint]
+formulation = "concave"
+friction = {friction}
+normal_stiffness = 1.0e10
+shear_stiffness = 4.0e9
+[materials.stone]
+density = 2000.0
+[[blocks]]
+name = "base"
+material = "stone"
+box = [4.0, 1.0, 0.2]
+position = [0.0, 0.0, -0.1]
+{blocks}
+[[pressures]]
+block = "dam"
+direction = [-1.0, 0.0, 0.0]
+{pressure}
+[control]
+{control}
+"""
+DRIVEN = "actuator = true"
+WATER = "surface = 1.2\nweight = 9810.0"
+FILL = "surface = 2.0\nweight = 6000.0"
+
+
+def courses(widths, height, back=None):
+    """Blocks dam.1 ... upwards, 1 m deep; their backs flush at x = ``back``, or centred."""
+    entries = []
+    for i, width in enumerate(widths):
+        x = 0.0 if back is None else back + 0.5 * width
+        entries.append(
+            f'[[blocks]]\nname = "dam.{i + 1}"\nmaterial = "stone"\nbox = [{width}, 1.0, {height}]\n'
+            f"position = [{x}, 0.0, {height * (i + 0.5)}]\n"
+        )
+    return "".join(entries)
+
+
+SIX = courses([0.6] * 6, 0.2)
+STEPPED = courses([1.0, 0.8, 0.6, 0.4], 0.5, back=0.0)
+
+
+def scene(blocks, pressure, friction=0.64, control='kind = "yield"'):
+    return toml.loads(SCENE.format(blocks=blocks, pressure=pressure, friction=friction, control=control))
+
+
+@pytest.mark.parametrize(
+    "blocks, pressure, friction, expected, mechanism",
+    [
+        (SIX, WATER, 0.64, 2 * 0.64 * 2000 * 9.81 * 0.6 / (9810 * 1.2), "sliding"),
+        (SIX, WATER, 0.3, 2 * 0.3 * 2000 * 9.81 * 0.6 / (9810 * 1.2), "sliding"),
+        (SIX, WATER, 2.0, 3 * 2000 * 9.81 * 0.6**2 / (9810 * 1.2**2), "rocking"),
+        (SIX, "surface = 0.9\nweight = 9810.0", 0.64, 2 * 0.64 * 2000 * 9.81 * 0.6 * 1.2 / (9810 * 0.9**2), "sliding"),
+        (SIX, "value = 5000.0", 0.64, 2000 * 9.81 * 0.6**2 / (5000 * 1.2), "rocking"),
+        (STEPPED, FILL, 0.3, 0.68670, "sliding"),
+        (STEPPED, FILL, 0.45, 1.03005, "sliding"),
+        (STEPPED, FILL, 0.64, 1.46496, "sliding"),
+        (STEPPED, FILL, 1.5, 2.10915, "rocking"),
+    ],
+)
+def test_the_limit_of_a_driven_pressure(blocks, pressure, friction, expected, mechanism):
+    point = simulate(scene(blocks, f"{pressure}\n{DRIVEN}", friction), record=False).yield_point
+    assert point.V == pytest.approx(expected, rel=1e-5)
+    assert point.V_lower <= expected * (1 + 1e-6) and expected * (1 - 1e-6) <= point.V_upper
+    assert point.mechanism == mechanism
+
+
+@pytest.mark.parametrize("z1, z2", [(0.0, 0.2), (0.4, 0.6), (0.8, 1.0)])
+def test_force_and_centre_of_a_fluid_on_a_face(z1, z2):
+    """F = gamma a (z2 - z1)(z_s - (z1 + z2)/2); the last face is cut by the surface at 0.9 m."""
+    loads = assemble(scene(SIX, "surface = 0.9\nweight = 9810.0", control=PUSH)).point_loads
+    row = int(round(z1 / 0.2))
+    top = min(z2, 0.9)
+    force = 9810.0 * (top - z1) * (0.9 - 0.5 * (z1 + top))
+    height = 9810.0 * (0.9 * (top**2 - z1**2) / 2 - (top**3 - z1**3) / 3) / force
+    np.testing.assert_allclose(loads.force[row], [force, 0.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(loads.arm[row], [-0.3, 0.0, height - (z1 + 0.1)], atol=1e-12)
+    assert loads.block[row] == row + 1 and len(loads.block) == 5  # the course above the water feels nothing
+
+
+PUSH = 'kind = "pushover"\ndirection = [1.0, 0.0, 0.0]'
+
+
+def test_a_dead_pressure_lowers_the_load_factor_that_is_left():
+    """Moments about the toe: rho g b H (b/2 - lambda H/2) = gamma H^3 / 6; and sliding on the foot."""
+    b, H, rho, gamma, mu = 0.6, 1.2, 2000.0, 9810.0, 0.64
+    overturning = b / H - gamma * H / (3 * rho * 9.81 * b)
+    sliding = mu - gamma * H / (2 * rho * 9.81 * b)
+    point = simulate(scene(SIX, WATER, mu, PUSH), record=False).yield_point
+    assert point.V == pytest.approx(min(overturning, sliding), rel=1e-5)
+
+
+def test_a_dead_pressure_keeps_its_direction_in_the_world_on_a_tilting_table():
+    """Overturning about the toe, seen from the table: gravity and the force on the back (x = -0.3) both turn back."""
+    weight, force = 0.6 * 1.2 * 2000.0 * 9.81, 5000.0 * 1.2
+    tilt = 'kind = "tilt"\naxis = [0.0, 1.0, 0.0]\nrate = 1.0\ndisplacement = 0.02\nquasi_static = true'
+    point = simulate(scene(courses([0.6], 1.2), "value = 5000.0", 0.64, tilt), record=False).yield_point
+    # 0.6 (F cos + W sin) + 0.6 F sin = 0.3 W cos
+    expected = (0.3 * weight - 0.6 * force) / (0.6 * weight + 0.6 * force)
+    assert point.V == pytest.approx(expected, rel=1e-4)
+
+
+def test_a_covered_face_feels_no_pressure():
+    """Two blocks side by side: the joint between them is not loaded, only the bare end is."""
+    beside = courses([0.6], 1.2) + (
+        '[[blocks]]\nname = "dam.b"\nmaterial = "stone"\nbox = [0.6, 1.0, 0.5]\nposition = [0.6, 0.0, 0.25]\n'
+    )
+    loads = assemble(scene(beside, "value = 5000.0", control=PUSH)).point_loads
+    np.testing.assert_allclose(loads.force[:, 0].sum(), 5000.0 * 1.2, rtol=1e-12)
+    upright = scene(beside, "value = 5000.0", control=PUSH)
+    turned = toml.loads(toml.dumps(upright).replace("direction = [-1.0, 0.0, 0.0]", "direction = [1.0, 0.0, 0.0]", 1))
+    loads = assemble(turned).point_loads  # of the tall block only what stands out above the low one, and that whole
+    np.testing.assert_allclose(sorted(loads.force[:, 0]), [-5000.0 * 0.7, -5000.0 * 0.5], rtol=1e-12)
+    np.testing.assert_allclose(loads.arm[loads.block == 1], [[0.3, 0.0, 0.5 + 0.35 - 0.6]], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "pressure, message",
+    [
+        ("value = 5000.0\nsurface = 1.0\nweight = 9810.0", "either value"),
+        ("surface = 1.0", "either value"),
+        ("value = -5.0", "greater than 0 Pa"),
+        ("surface = -3.0\nweight = 9810.0", "no free block of it has a bare face"),
+        ("value = 1.0\nactuators = true", "did you mean 'actuator'"),
+    ],
+)
+def test_a_pressure_that_cannot_be_is_refused(pressure, message):
+    with pytest.raises(ScenarioError, match=message):
+        assemble(scene(SIX, pressure, control=PUSH))
+
+
+def test_a_driven_pressure_needs_a_control_that_drives():
+    with pytest.raises(ScenarioError, match="drives no pressure"):
+        assemble(scene(SIX, f"{WATER}\n{DRIVEN}", control=PUSH))
+    with pytest.raises(ScenarioError, match="none; add"):
+        scene(SIX, WATER)
+
+
+def test_round_trip_through_toml():
+    given = scene(SIX, f"{WATER}\n{DRIVEN}")
+    assert toml.loads(toml.dumps(given)) == given
