@@ -32,6 +32,7 @@ VERBS = {
     "info": "what a history holds",
     "verify": "the verification cases that ship with the package, against their references",
     "completion": "shell completion for bash, zsh, tcsh and fish",
+    "schema": "the JSON schema of a scenario, for editors",
     "warmup": "compile the kernels into the cache",
 }
 HELP = (

@@ -1,0 +1,92 @@
+"""The reference of keys: every key of every table, no other, and a JSON schema that holds for the shipped scenarios."""
+
+import json
+import tomllib
+
+import pytest
+
+from dembrick import cli
+from dembrick.scenario import keys, shipped
+
+
+@pytest.mark.parametrize("heading, table", keys.tables().items(), ids=lambda value: str(value)[:40])
+def test_every_key_of_a_table_is_told_and_no_other(heading, table):
+    assert set(keys.keys_of(table)) == {field.name for field in keys.written_fields(table)}, heading
+    assert all(key.meaning and key.allowed for key in keys.keys_of(table).values())
+
+
+def test_every_table_that_a_scenario_can_hold_is_told():
+    told = {keys.class_of(table) for table in keys.tables().values()}
+    assert told == {keys.class_of(table) for table in keys._TEXTS}
+
+
+def valid(value, schema, where="scenario"):
+    """The few words of JSON schema that ours uses, checked by hand: raises AssertionError where a value breaks one."""
+    if "oneOf" in schema or "anyOf" in schema:
+        faults = []
+        for option in schema.get("oneOf", schema.get("anyOf")):
+            try:
+                return valid(value, option, where)
+            except AssertionError as fault:
+                faults.append(str(fault))
+        raise AssertionError(f"{where}: none holds: {faults}")
+    if "const" in schema:
+        assert value == schema["const"], f"{where} = {value!r}"
+        return None
+    kinds = {"object": dict, "array": list, "string": str, "boolean": bool, "integer": int, "number": (int, float)}
+    assert isinstance(value, kinds[schema["type"]]), f"{where} = {value!r} is no {schema['type']}"
+    if "enum" in schema:
+        assert value in schema["enum"], f"{where} = {value!r}"
+    if schema["type"] == "object":
+        properties, further = schema.get("properties", {}), schema.get("additionalProperties", True)
+        assert set(schema.get("required", ())) <= set(value), f"{where}: {set(schema['required']) - set(value)} missing"
+        for key, entry in value.items():
+            if key in properties:
+                valid(entry, properties[key], f"{where}.{key}")
+            else:
+                assert further, f"{where}: unknown key {key}"
+                if isinstance(further, dict):
+                    valid(entry, further, f"{where}.{key}")
+    if schema["type"] == "array":
+        assert schema.get("minItems", 0) <= len(value) <= schema.get("maxItems", len(value)), where
+        for i, entry in enumerate(value):
+            valid(entry, schema["items"], f"{where}[{i}]")
+    return None
+
+
+FILES = sorted(
+    path
+    for folder in (shipped.folder(), shipped.folder() / shipped.VERIFICATION, shipped.folder() / shipped.TEMPLATES)
+    for path in folder.glob("*.toml")
+    if path.stem not in ("cases", "study")
+)
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+def test_shipped_scenarios_hold_to_the_schema(path):
+    valid(tomllib.loads(path.read_text()), keys.json_schema())
+
+
+@pytest.mark.parametrize(
+    "key, value",
+    [("joint.friktion", 0.5), ("joint.friction", "rough"), ("control.kind", "push"), ("gravity", [0.0, 0.0])],
+)
+def test_the_schema_refuses_what_is_wrong(key, value):
+    document = tomllib.loads((shipped.folder() / "set4a.toml").read_text())
+    *tables, last = key.split(".")
+    place = document
+    for table in tables:
+        place = place[table]
+    place[last] = value
+    with pytest.raises(AssertionError):
+        valid(document, keys.json_schema())
+
+
+def test_the_command_prints_and_writes_the_schema(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["schema"]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["properties"]["joint"]["properties"]["friction"]["description"].startswith("coefficient of Coulomb")
+    assert cli.main(["schema", "--out", "s.json"]) == 0
+    assert json.loads((tmp_path / "s.json").read_text()) == printed
+    assert cli.main(["schema", "--out", "s.json"]) == 2
