@@ -9,6 +9,7 @@ file beside the old one and rename it.
 from dembrick.history import recorded
 from dembrick.history.checkpoint import Checkpoint, Checkpoints
 from dembrick.history.files import check_output, part_name, reason, replacing
+from dembrick.history.hdf5_files import rewritten
 from dembrick.history.reader import History, read
 from dembrick.history.writer import HistoryWriter
 
@@ -23,4 +24,5 @@ __all__ = [
     "reason",
     "recorded",
     "replacing",
+    "rewritten",
 ]

@@ -13,7 +13,6 @@ the frames, and a file that was cut off by a kill is as whole as its frames are.
 from __future__ import annotations
 
 import math
-import os
 import tomllib
 from collections.abc import Container, Iterable, Mapping
 from contextlib import suppress
@@ -25,6 +24,8 @@ from typing import NamedTuple
 import h5py
 import numpy as np
 from h5py import h5a, h5d, h5f, h5g, h5p, h5s, h5t
+
+from dembrick.history.hdf5_files import Patient, create_through, in_memory
 
 FORMAT = 1
 WRITTEN = "written"
@@ -313,29 +314,42 @@ def create(
     packing = tuple(packed.items())
     if sum(data.bytes for data in skeleton) <= _SHARED:
         image, offsets = _image(skeleton, packing)
-        with open(path, "wb") as file:
-            file.write(image)
-    else:
-        file = h5f.create(os.fsencode(path), h5f.ACC_TRUNC, fapl=_access())
+        file = in_memory(_access(), _SHARED, image)
         try:
-            offsets = _lay_out(file, skeleton, packing)
+            _fill_texts(file, tables, attributes)
+            h5f.flush(file)
+            image = file.get_file_image()
         finally:
             file.close()
-    file = h5f.open(os.fsencode(path), h5f.ACC_RDWR, fapl=_access())
-    try:
-        root = h5g.open(file, b"/")
-        for name, value in attributes.items():
-            _attribute(root, name.encode(), value)
-        for table in tables:
-            if table.value.dtype.kind == "O" and table.value.size:
-                h5d.open(file, table.path.encode()).write(h5s.ALL, h5s.ALL, table.value, mtype=_TEXT_IN_MEMORY)
-    finally:
-        file.close()
+        with open(path, "wb") as plain:
+            plain.write(image)
+    else:
+        patient = Patient(path, "w")
+        try:
+            file = create_through(patient, _access())
+            try:
+                offsets = _lay_out(file, skeleton, packing)
+                _fill_texts(file, tables, attributes)
+            finally:
+                file.close()
+            patient.check()
+        finally:
+            patient.close()
     with open(path, "r+b", buffering=0) as file:
         for table in tables:
             if table.path in offsets:
                 put(file, offsets[table.path], table.value)
     return offsets
+
+
+def _fill_texts(file, tables: Iterable[Table], attributes: Mapping[str, object]) -> None:
+    """Write the attributes of the root and the texts of the tables into an open file."""
+    root = h5g.open(file, b"/")
+    for name, value in attributes.items():
+        _attribute(root, name.encode(), value)
+    for table in tables:
+        if table.value.dtype.kind == "O" and table.value.size:
+            h5d.open(file, table.path.encode()).write(h5s.ALL, h5s.ALL, table.value, mtype=_TEXT_IN_MEMORY)
 
 
 def put(file, position: int, array: np.ndarray) -> None:
@@ -356,9 +370,7 @@ def _access():
 @lru_cache(maxsize=64)
 def _image(skeleton: tuple[Dataset, ...], packing: tuple[tuple[str, int], ...]) -> tuple[bytes, Mapping[str, int]]:
     """The bytes of a file with these datasets, made in memory, and where each dataset of numbers starts in it."""
-    access = _access()
-    access.set_fapl_core(_SHARED, backing_store=False)
-    file = h5f.create(b"skeleton", h5f.ACC_TRUNC, fapl=access)
+    file = in_memory(_access(), _SHARED)
     try:
         offsets = _lay_out(file, skeleton, packing)
         h5f.flush(file)

@@ -18,6 +18,7 @@ import dembrick
 from dembrick.errors import HistoryError, OutputError, WriteError
 from dembrick.history import layout
 from dembrick.history.files import check_output, clear_parts, reason, replacing
+from dembrick.history.hdf5_files import rewritten
 from dembrick.history.layout import Field
 from dembrick.history.reader import History, status_of
 
@@ -301,12 +302,13 @@ class HistoryWriter:
                         position += array.nbytes
             layout.put(file, offsets[layout.WRITTEN], np.array((counts if final else self._stored)[:2], "<i8"))
         if packed:
-            with h5py.File(part, "r+") as file:
+            with rewritten(part, "r+") as (file, check):
                 for field in self._fields:
                     if field.path in packed:
                         entry, data = 0, file[field.path]
                         for array in self._slabs(field, pending=True):
                             data[entry : entry + len(array)] = array
+                            check()
                             entry += len(array)
         return offsets
 

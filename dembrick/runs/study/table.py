@@ -11,7 +11,7 @@ from __future__ import annotations
 import csv
 import json
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ import numpy as np
 
 from dembrick.errors import OutputError, WriteError
 from dembrick.history.files import check_output, reason, replacing
+from dembrick.history.hdf5_files import rewritten
 from dembrick.runs.study.case import COLUMNS, FAILED, TEXTS
 
 FORMAT = 1
@@ -162,14 +163,20 @@ def write_tables(folder: str | os.PathLike, digest: str, keys: Sequence[str], ti
     order = _order(folder)
     names = ["case", *keys, *COLUMNS]
     csv_path, h5_path = folder / "table.csv", folder / "table.h5"
-    with replacing(str(csv_path)) as part, open(part, "w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(names)
-        for row in _read(order):
-            writer.writerow(["" if row.get(name) is None else _cell(row[name]) for name in names])
-    with replacing(str(h5_path)) as part, h5py.File(part, "w") as file:
-        file.attrs.update({"format": FORMAT, "digest": digest, "title": title, "rows": len(order)})
-        _write_columns(file, names, keys, order)
+    try:
+        with replacing(str(csv_path)) as part, open(part, "w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(names)
+            for row in _read(order):
+                writer.writerow(["" if row.get(name) is None else _cell(row[name]) for name in names])
+        with replacing(str(h5_path)) as part, rewritten(part) as (table, check):
+            table.attrs.update({"format": FORMAT, "digest": digest, "title": title, "rows": len(order)})
+            _write_columns(table, names, keys, order, check)
+    except OSError as error:
+        raise WriteError(
+            f"{folder}: the tables could not be written ({reason(error)}); the rows of all cases are kept, and the "
+            "same command writes the tables"
+        ) from error
     return csv_path, h5_path, len(order)
 
 
@@ -199,7 +206,7 @@ def _cell(value: Any) -> Any:
     return json.dumps(value) if isinstance(value, list | dict) else value
 
 
-def _write_columns(file, names: Sequence[str], keys: Sequence[str], order: list) -> None:
+def _write_columns(file, names: Sequence[str], keys: Sequence[str], order: list, check: Callable[[], None]) -> None:
     """A dataset a column, text or float64 with NaN for nothing; a key is text where any of its values is none."""
     numeric = {name: name not in TEXTS for name in names}
     for row in _read(order):
@@ -221,3 +228,4 @@ def _write_columns(file, names: Sequence[str], keys: Sequence[str], order: list)
             else:
                 column = np.array(["" if value is None else str(_cell(value)) for value in values], object)
             file[name.replace("/", "_")][start : start + len(rows)] = column
+            check()

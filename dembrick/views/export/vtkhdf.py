@@ -12,7 +12,7 @@ import h5py
 import numpy as np
 from h5py import h5d, h5p, h5s, h5t
 
-from dembrick.history import History, replacing
+from dembrick.history import History, replacing, rewritten
 from dembrick.views.export.files import checked_target, writing
 from dembrick.views.export.layers import LAYERS, Frames, Layer, NewContacts, Picture
 
@@ -69,7 +69,7 @@ def _begin(path: str, layer: Layer, first: Frames, times: np.ndarray) -> dict[st
     arrows in single precision.
     """
     n_step, places = len(times), {}
-    with h5py.File(path, "w") as file:
+    with rewritten(path) as (file, check):
         root, steps = _poly_data(file, times)
         for kind in _KINDS:
             cells = layer.cells if kind == layer.kind else []
@@ -86,6 +86,7 @@ def _begin(path: str, layer: Layer, first: Frames, times: np.ndarray) -> dict[st
         steps["CellOffsets"] = steps["ConnectivityIdOffsets"] = np.zeros((n_step, 4), np.int64)
         for name, values in layer.fixed.items():
             root[f"CellData/{name}"] = values
+            check()
             steps[f"CellDataOffsets/{name}"] = still
         for place, values in _moving(first).items():
             count = values.shape[1]
@@ -112,7 +113,7 @@ def _poly_data(file: h5py.File, times: np.ndarray) -> tuple[h5py.Group, h5py.Gro
 def _scatter(path: str, layer: NewContacts, times: np.ndarray) -> None:
     """Vertices that are others in every step: each step is a part of its own, with its connectivity."""
     n_step, together = len(times), max(1, _HELD // 10_000)
-    with h5py.File(path, "w") as file:
+    with rewritten(path) as (file, check):
         root, steps = _poly_data(file, times)
         counts = np.concatenate(
             [np.diff(layer.frames(k, min(k + together, n_step))[0]) for k in range(0, n_step, together)]
@@ -139,6 +140,7 @@ def _scatter(path: str, layer: NewContacts, times: np.ndarray) -> None:
                         steps[f"PointDataOffsets/{name.removeprefix('PointData/')}"] = first
                 if len(array):
                     root[name][first[start] : first[start] + starts[-1]] = array
+            check()
 
 
 def _reserved():

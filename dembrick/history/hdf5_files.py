@@ -1,0 +1,128 @@
+"""Writing HDF5 files so that a disk that fills up is an error and no crash.
+
+HDF5 keeps what it has not yet written when a write fails, fails once more on closing, and the process dies. So it never
+writes to the disk itself: its bytes pass through a Python file that takes every one of them and remembers the first
+failure, which is raised once HDF5 has closed the file in peace.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import h5py
+from h5py import h5f, h5fd
+
+
+class Patient:
+    """A file that HDF5 writes through: after a write that failed the rest is kept in memory, for HDF5 to read again."""
+
+    def __init__(self, path: str | os.PathLike, mode: str):
+        """``mode``: "w" for a new file, "r+" for one that is there."""
+        self._file = open(path, {"w": "w+b", "r+": "r+b"}[mode], buffering=0)  # noqa: SIM115 - closed by `close`
+        self._place = 0
+        self._kept: dict[int, bytes] = {}  # by place in the file
+        self.failure: OSError | None = None
+
+    def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
+        """See io."""
+        self._place = offset if whence == io.SEEK_SET else self._file.seek(offset, whence)
+        return self._place
+
+    def tell(self) -> int:
+        """See io."""
+        return self._place
+
+    def readinto(self, buffer) -> int:
+        """Fill a buffer; beyond the end of the file with zeros."""
+        view = memoryview(buffer).cast("B")
+        kept = self._kept.get(self._place, b"")[: len(view)]
+        view[: len(kept)] = kept
+        done = len(kept)
+        if done < len(view):
+            self._file.seek(self._place + done)
+            while done < len(view) and (some := self._file.readinto(view[done:])):
+                done += some
+        view[done:] = bytes(len(view) - done)
+        return len(view)
+
+    def read(self, size: int = -1) -> bytes:
+        """See io."""
+        self._file.seek(self._place)
+        return self._file.read(size)
+
+    def write(self, data) -> int:
+        """Write all of it, or remember why that failed."""
+        rest = memoryview(data).cast("B")
+        if self.failure is None:
+            try:
+                self._file.seek(self._place)
+                while len(rest):
+                    rest = rest[self._file.write(rest) :]
+            except OSError as error:
+                self.failure = _without_trace(error)
+        if self.failure is not None:
+            self._kept[self._place] = bytes(memoryview(data).cast("B"))
+        return len(memoryview(data).cast("B"))
+
+    def truncate(self, size: int | None = None) -> int:
+        """Set the length of the file."""
+        size = self._place if size is None else size
+        if self.failure is None:
+            try:
+                self._file.truncate(size)
+            except OSError as error:
+                self.failure = _without_trace(error)
+        return size
+
+    def flush(self) -> None:
+        """Nothing is held back."""
+
+    def close(self) -> None:
+        """Close the file on the disk."""
+        self._file.close()
+
+    def check(self) -> None:
+        """Raise the first failure."""
+        if self.failure is not None:
+            raise self.failure
+
+
+def _without_trace(error: OSError) -> OSError:
+    """The same error alone: a trace would hold on to objects of HDF5 until after Python's end, where they crash."""
+    return OSError(error.errno, error.strerror)
+
+
+@contextmanager
+def rewritten(path: str | os.PathLike, mode: str = "w") -> Iterator[tuple[h5py.File, Callable[[], None]]]:
+    """An HDF5 file to write, new ("w") or there already ("r+"), and a function that raises OSError once a write failed.
+
+    It is raised at the end in any case; long writers ask in between, so that little is kept in memory.
+    """
+    patient = Patient(path, mode)
+    try:
+        with h5py.File(patient, mode) as file:
+            yield file, patient.check
+        patient.check()
+    finally:
+        patient.close()
+
+
+def create_through(patient: Patient, access):
+    """A new file by h5py's low-level calls that writes through ``patient``; ``access``: file access properties."""
+    access.set_fileobj_driver(h5fd.fileobj_driver, patient)
+    try:
+        return h5f.create(repr(patient).encode("ascii", "replace"), h5f.ACC_TRUNC, fapl=access)
+    finally:
+        access.close()  # it must not outlive Python, which it would call
+
+
+def in_memory(access, increment: int, image: bytes | None = None):
+    """A file that is in memory only, new or out of the bytes of one; ``increment``: bytes by which it grows."""
+    access.set_fapl_core(increment, backing_store=False)
+    if image is None:
+        return h5f.create(b"image", h5f.ACC_TRUNC, fapl=access)
+    access.set_file_image(image)
+    return h5f.open(b"image", h5f.ACC_RDWR, fapl=access)

@@ -1,0 +1,113 @@
+"""A disk that fills up in the middle of HDF5's own writes: an error and no crash, at any size."""
+
+import os
+import subprocess
+import sys
+
+import h5py
+import numpy as np
+import pytest
+
+from dembrick.history.hdf5_files import rewritten
+from dembrick.history.layout import Field, create
+from helpers import history_cases as cases
+from helpers.places import TESTS
+
+# Every writer of HDF5 with a limit on the size of files, as on a disk that is full; one process, many limits.
+WRITERS = """
+import faulthandler, resource, signal, sys
+faulthandler.enable()
+sys.path[:0] = {paths!r}
+from helpers import history_cases as cases
+from pathlib import Path
+from dembrick import history
+from dembrick.errors import WriteError
+from dembrick.history import writer
+from dembrick.runs.study import table
+from dembrick.views import export
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+folder = {folder!r}
+
+def finished(name):
+    writer._PACK_FROM, writer._CHUNK = 1 << 10, 1 << 10
+    out = history.HistoryWriter(folder + "/" + name, cases.SCENARIO, cases.assembly(), {{}}, force=True)
+    out.append(cases.record(0, 300))
+    out.append_frames(*cases.frames(0, 200))
+    out.finish("yield", {{}})
+
+def large(name):
+    writer.layout._SHARED = 0
+    finished(name)
+
+def exported(name):
+    export.to_vtkhdf(history.read(folder + "/run.h5"), folder + "/" + name + ".vtkhdf")
+
+def tables(name):
+    Path(folder, name).mkdir(exist_ok=True)
+    row = {{"status": "yield", "V": 1.0, "joint.friction": 0.5, "error": "x" * 50}}
+    rows = [row | {{"case": i}} for i in range(500)]
+    head = {{"dembrick_study": 1, "digest": "d", "cases": 500}}
+    Path(folder, name, "rows_1_of_1.jsonl").write_text("\\n".join(map(table.json.dumps, [head, *rows])) + "\\n")
+    limit(size)
+    table.write_tables(Path(folder, name), "d", ["joint.friction"], "title")
+
+def limit(size):
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
+
+finished("run.h5")
+failed = done = 0
+for step in range(1, 41):
+    size = int({largest} * step / 40.0)
+    if {writer} is not tables:
+        limit(size)
+    try:
+        {writer}("out")
+        done += 1
+    except WriteError as error:
+        assert "File too large" in str(error), error
+        failed += 1
+    limit(resource.RLIM_INFINITY)
+print(failed, done)
+"""
+
+
+@pytest.mark.parametrize(
+    ("writer", "largest"), [("finished", 150_000), ("large", 150_000), ("exported", 400_000), ("tables", 400_000)]
+)
+def test_a_full_disk_is_an_error(writer, largest, tmp_path):
+    code = WRITERS.format(paths=[str(TESTS), *sys.path], folder=str(tmp_path), writer=writer, largest=largest)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr[-2000:]
+    failed, succeeded = (int(word) for word in done.stdout.split())
+    assert failed > 3 and succeeded > 0
+    assert not [name for name in os.listdir(tmp_path) if name.endswith(".part")]
+
+
+def test_what_is_written_through_python_reads_back(tmp_path):
+    numbers = np.random.default_rng(1).random(100_000)
+    with rewritten(tmp_path / "a.h5") as (file, check):
+        file.create_dataset("x", data=numbers, chunks=(1000,), compression="gzip")
+        file.attrs["word"] = "µ"
+        check()
+    with rewritten(tmp_path / "a.h5", "r+") as (file, _):
+        file["x"][10:20] = 0.0
+        file["y"] = np.arange(3)
+    with h5py.File(tmp_path / "a.h5") as file:
+        np.testing.assert_array_equal(file["x"][:10], numbers[:10])
+        assert not file["x"][10:20].any() and file.attrs["word"] == "µ"
+        np.testing.assert_array_equal(file["y"], [0, 1, 2])
+
+
+def test_a_large_skeleton_is_laid_out_as_a_small_one(tmp_path, monkeypatch):
+    """Made in memory or through the disk, the datasets are the same."""
+    field = Field("history/x", (3,), "m", "a place")
+    offsets = []
+    for name in ("small", "large"):
+        offsets.append(create(str(tmp_path / name), {field: 50}, [], {"status": "running"}, {}))
+        monkeypatch.setattr("dembrick.history.layout._SHARED", 0)
+    for name in ("small", "large"):
+        with h5py.File(tmp_path / name) as file:
+            assert file["history/x"].shape == (50, 3) and file.attrs["status"] == "running"
+            assert file["history/x"].attrs["units"] == "m"
+    assert list(offsets[0]) == list(offsets[1])
+    assert cases.SCENARIO
