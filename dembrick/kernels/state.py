@@ -75,64 +75,6 @@ class Joints(NamedTuple):
     resultant: ndarray  # (j, 7) N, V_1, V_2, M_T, M_1, M_2 (action on b about O), slip (m)
 
 
-class Points(NamedTuple):
-    """Joints whose forces act at contact points."""
-
-    joint: ndarray  # (p,) int64, which joint
-    start: ndarray  # (p + 1,) int64, first contact point of each
-    friction: ndarray  # (p,) friction coefficient
-    x_n: ndarray  # (c,) m, along t1, where the normal force acts
-    y_n: ndarray  # (c,) m, along t2
-    x_s: ndarray  # (c,) m, along t1, where slip is measured and the shear force acts
-    y_s: ndarray  # (c,) m, along t2
-    k_n: ndarray  # (c,) N/m, normal stiffness times tributary area
-    k_s: ndarray  # (c,) N/m, shear stiffness times tributary area
-    normal: ndarray  # (c,) N, normal force now, positive in compression
-    elastic_1: ndarray  # (c,) N, elastic shear force on b along t1
-    elastic_2: ndarray  # (c,) N, along t2
-    slip: ndarray  # (c,) m, length of the slip path
-
-
-class Pressed(NamedTuple):
-    """The pressed part of convex joints whose friction follows the bending, a polygon each; or the pieces of one new
-    contact, one after the other (`kernels.rubbing`). (u,) is room for the corners."""
-
-    kind: ndarray  # (a,) int64, pressure: 0 full, 1 effective, 2 linear, 3 of a new contact
-    pieces: ndarray  # (a,) int64, how many polygons from this number on belong together
-    start: ndarray  # (a,) int64, first corner of each
-    count: ndarray  # (a,) int64, corners now
-    x: ndarray  # (u,) m, corners about the centre of pressure along t1, counter-clockwise
-    y: ndarray  # (u,) m, along t2
-    spare_x: ndarray  # (u,) m, where corners are cut
-    spare_y: ndarray  # (u,) m
-    centre: ndarray  # (a, 2) m, centre of pressure about O
-    density: ndarray  # (a, 3) 1/m2, 1/m3: pressure over N at that centre, its slopes along t1 and t2
-    reach: ndarray  # (a,) m, greatest corner distance from the centre of pressure
-    radius: ndarray  # (a,) m, no more than the torsion strength over V_0
-
-
-class Areas(NamedTuple):
-    """Convex joints: the no-tension integral over the polygon and the exact torsion-shear limit surface."""
-
-    joint: ndarray  # (a,) int64, which joint
-    start: ndarray  # (a + 1,) int64, first vertex of each polygon
-    friction: ndarray  # (a,) friction coefficient
-    x: ndarray  # (v,) m, vertices about O along t1, counter-clockwise
-    y: ndarray  # (v,) m, along t2
-    area: ndarray  # (a,) m2
-    second: ndarray  # (a, 3) m4, integrals of y^2, x^2, x y
-    reach: ndarray  # (a,) m, greatest vertex distance from O
-    radius: ndarray  # (a,) m, torsion strength over V_0
-    far: ndarray  # (a, 42) coefficients of the series about pure translation
-    k_n: ndarray  # (a,) Pa/m
-    k_s: ndarray  # (a,) Pa/m
-    elastic: ndarray  # (a, 3) N, N, N m, elastic shear resultant on b
-    twist: ndarray  # (a, 3) m, m, rad, plastic twist of the last plastic step
-    slip: ndarray  # (a,) m, length of the slip path at O
-    evaluations: ndarray  # (a,) int64, evaluations of the limit surface
-    pressed: Pressed | None  # None where all pressures are full
-
-
 class Actuators(NamedTuple):
     """The load system: jack i carries V weight_i; one spring and dashpot drive the work-conjugate displacement."""
 

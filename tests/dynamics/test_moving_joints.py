@@ -7,11 +7,11 @@ import pytest
 
 from dembrick.assembly import build
 from dembrick.geometry.rotations import rotation_matrix
-from dembrick.kernels.dynamics.area_joints import pressed
 from dembrick.kernels.dynamics.loop import Limits
 from dembrick.kernels.dynamics.rigid_bodies import turn_body
 from dembrick.kernels.dynamics.tiles import VISCOUS
-from dembrick.kernels.joint.laws import no_tension
+from dembrick.kernels.joint.area_law import area_pressure
+from dembrick.kernels.joint.no_tension import no_tension
 from dembrick.scenario.controls import DynamicControl
 from dembrick.scenario.model import Block, JointLaw, Material, Scenario, Wall
 from dembrick.simulation.dynamics.dead_load import find_equilibrium
@@ -186,12 +186,13 @@ def test_pressed_polygon_with_and_without_a_look_at_its_vertices():
         d0, dx, dy = 1e-7 * rng.standard_normal(3)
         viscous = 0.3
         h0, hx, hy = g0 + viscous * d0, gx + viscous * dx, gy + viscous * dy
-        found = pressed(faces, 0, viscous, g0, gx, gy, d0, dx, dy)
+        own = (x, y, 0, 4, faces.area[0], faces.second[0], faces.reach[0])
+        found = area_pressure(*own, viscous, g0, gx, gy, d0, dx, dy)[:3]
         everywhere = (h0 + hx * x + hy * y).min() > 0.0
         closed += everywhere
         short += h0 > math.hypot(0.15, 0.1) * math.hypot(hx, hy)
         # a plane that is open somewhere far outside: the general integral, not the closed form
-        expected = no_tension(x, y, 0, 4, h0, hx, hy)
+        expected = no_tension(x, y, 0, 4, -1.0, h0, hx, hy)
         scale = abs(expected[0])
         np.testing.assert_allclose(found[0], expected[0], rtol=1e-9)
         np.testing.assert_allclose(found[1:], expected[1:], rtol=0.0, atol=1e-9 * scale)

@@ -9,9 +9,9 @@ import pytest
 
 from dembrick.assembly import build
 from dembrick.scenario.model import Block, JointLaw, Material, Scenario, YieldControl
-from dembrick.simulation.statics import critical_step
+from dembrick.simulation.statics import critical_step, joint_families
 from dembrick.simulation.statics.state import initial_state
-from dembrick.simulation.statics.stiffness import assembled_stiffness, block_stiffness, joint_stiffness, to_joint
+from dembrick.simulation.statics.stiffness import assembled_stiffness, block_stiffness, to_joint
 
 
 def wall(courses: int, blocks: int, formulation: str, densities=(1500.0,)) -> build.Assembly:
@@ -79,7 +79,7 @@ def damped_rates(built, state, jack, found):
 
     def assembled(times, jack_time):
         K = np.zeros((6 * n, 6 * n))
-        for j, k in enumerate(joint_stiffness(state)):
+        for j, k in enumerate(joint_families.stiffness(state)):
             T = np.zeros((6, 6 * n))
             for block, arm, sign in (
                 (joints.block_a[j], joints.arm_a[j], -1.0),

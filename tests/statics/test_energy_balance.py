@@ -9,8 +9,9 @@ import pytest
 
 from dembrick.assembly import build
 from dembrick.errors import EnergyAuditError
-from dembrick.kernels.state import BY_LAW, DAMPING, HEAD, LEAST, SLIDING, TORQUES, Energy, Points
-from dembrick.kernels.statics.joint_forces import point_forces
+from dembrick.kernels.state import BY_LAW, DAMPING, HEAD, LEAST, SLIDING, TORQUES, Energy
+from dembrick.kernels.statics.point_joints import Points
+from dembrick.kernels.statics.point_joints import forces as point_forces
 from dembrick.runs import lab
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import model
@@ -164,12 +165,16 @@ def naive_books(points, motions, viscous):
             x, y = points.x_n[i], points.y_n[i]
             penetration, closing = -(dn + r1 * y - r2 * x), -(pn + pr1 * y - pr2 * x)
             k = points.k_n[i]
-            normal = max(k * (penetration + viscous * closing), 0.0) if penetration > 0.0 else 0.0
+            # contact that began in the step has lasted for g / d of it, and a force stands for half a step on
+            met = penetration + 0.5 * closing if 0.0 < penetration <= closing else closing
+            normal = max(k * (penetration + viscous * met), 0.0) if penetration > 0.0 else 0.0
             s = np.array([p1 - pr * points.y_s[i], p2 + pr * points.x_s[i]])
             k_s, cap = points.k_s[i], mu * normal
             trial = elastic[i] + k_s * (1.0 + viscous) * s
             size = np.linalg.norm(trial)
             plastic = np.zeros(2) if size <= cap else (size - cap) / (k_s * (1.0 + viscous)) * trial / size
+            if normal == 0.0:  # an open point keeps nothing: the spring lets all of it go
+                plastic = s + elastic[i] / k_s
             now = elastic[i] + k_s * (s - plastic)
             force = trial * min(1.0, cap / size) if size else trial
             work = 0.5 * (elastic[i] + now) @ plastic

@@ -12,9 +12,9 @@ from dembrick.geometry.rotations import rotation_matrix
 from dembrick.kernels.state import Blocks, Inertia
 from dembrick.kernels.statics.finite_rotation import finite_step, turn
 from dembrick.scenario.model import Block, JointLaw, Material, Scenario, YieldControl
-from dembrick.simulation.statics import critical_step
+from dembrick.simulation.statics import critical_step, joint_families
 from dembrick.simulation.statics.state import initial_state
-from dembrick.simulation.statics.stiffness import block_stiffness, joint_stiffness, to_joint
+from dembrick.simulation.statics.stiffness import block_stiffness, to_joint
 
 
 def free_block(tensor, spin, orientation=(1.0, 0.0, 0.0, 0.0), mass=2.0):
@@ -235,7 +235,7 @@ def test_bound_of_a_stack_against_its_true_frequency():
     state = initial_state(built)
     n = len(built.names)
     K = np.zeros((6 * n, 6 * n))
-    for j, k in enumerate(joint_stiffness(state)):
+    for j, k in enumerate(joint_families.stiffness(state)):
         a, b = state.joints.block_a[j], state.joints.block_b[j]
         T = np.zeros((6, 6 * n))
         T[:, 6 * b : 6 * b + 6] = to_joint(state.joints.axes[j], state.joints.arm_b[j])

@@ -12,15 +12,15 @@ from dembrick import theory
 from dembrick.assembly import build
 from dembrick.errors import DembrickError, NotConvergedError
 from dembrick.geometry import friction_integrals
-from dembrick.kernels.joint import limit_surface
-from dembrick.kernels.statics import block_forces, joint_forces, load_bounds, loop
+from dembrick.kernels.joint import area_law, limit_surface
+from dembrick.kernels.statics import area_joints, block_forces, joint_families, load_bounds, loop
 from dembrick.runs.lab import lab_scenario
 from dembrick.runs.simulate import simulate
 from dembrick.scenario.model import (
     FORMULATIONS,
 )
+from dembrick.simulation.statics import joint_families as families_of_a_state
 from dembrick.simulation.statics import limit_load, load_system, stepper, stiffness
-from dembrick.simulation.statics import state as simulation
 from helpers.one_joint import MU, A, B, N, scene, single
 
 SETS = ("2a", "2b", "4a", "4b")
@@ -334,8 +334,8 @@ def caught(result_of, expected):
 @pytest.mark.parametrize("name", SETS)
 @pytest.mark.parametrize("factor", [0.99, 1.01])
 def test_friction_one_percent_off_is_caught(name, formulation, factor, monkeypatch):
-    family = "area_joints" if formulation == "convex" else "point_joints"
-    right = getattr(simulation, family)
+    family = families_of_a_state.FAMILIES["areas" if formulation == "convex" else "points"]
+    right = family.at_rest
 
     def wrong(built):
         made = right(built)
@@ -344,7 +344,7 @@ def test_friction_one_percent_off_is_caught(name, formulation, factor, monkeypat
     scenario = lab_scenario(f"set{name}", formulation, 1e-3)
     expected = simulate(scenario, record=False).theory.V
     assert not caught(lambda: simulate(scenario, record=False), expected)
-    monkeypatch.setattr(simulation, family, wrong)
+    monkeypatch.setattr(family, "at_rest", wrong)
     assert caught(lambda: simulate(scenario, record=False), expected)
 
 
@@ -364,25 +364,26 @@ def test_an_ellipse_for_the_exact_surface_is_caught(name, monkeypatch):
     expected = theory.limit_load(theory.formulation_law("convex", A, B, MU, N), lab_load(name)).V
     plain = lambda function: getattr(function, "py_func", function)  # noqa: E731
     built = build.assemble(lab_scenario(f"set{name}", "convex", 1e-3))
+    owners = (limit_surface, area_law, block_forces, load_bounds, loop)
 
     def answer():
         # every kernel between the loop and the surface as plain Python, so that they look their parts up anew
         with monkeypatch.context() as patch:
             if wrong:
                 patch.setattr(limit_surface, "surface", ellipse_surface)
-                patch.setattr(joint_forces, "surface", ellipse_surface)
+                patch.setattr(area_joints, "surface", ellipse_surface)
             for module, names in {
                 limit_surface: ("gauge", "proximal_map"),
-                joint_forces: ("area_forces", "area_dissipation", "proximal_map"),
-                block_forces: ("joint_forces", "area_forces"),
-                load_bounds: ("dissipation", "upper_bound", "best_bound", "strict_bounds", "area_dissipation"),
+                area_law: ("area_friction", "proximal_map"),
+                area_joints: ("forces", "dissipation", "area_friction"),
+                joint_families: ("forces", "dissipation"),
+                block_forces: ("joint_forces",),
+                load_bounds: ("upper_bound", "best_bound", "strict_bounds"),
                 loop: ("advance", "joint_forces", "strict_bounds", "settle"),
                 stepper: ("advance",),
             }.items():
                 for part in names:
-                    owner = next(
-                        m for m in (limit_surface, joint_forces, block_forces, load_bounds, loop) if part in _own(m)
-                    )
+                    owner = module if part in _own(module) else next(m for m in owners if part in _own(m))
                     patch.setattr(module, part, plain(_own(owner)[part]))
             return limit_load.find_limit_load(built, 1e-3, 0.9)
 

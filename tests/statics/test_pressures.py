@@ -9,11 +9,12 @@ from dembrick import theory
 from dembrick.assembly import build
 from dembrick.geometry import polygons
 from dembrick.kernels.joint import pressure as kernels
-from dembrick.kernels.joint.laws import no_tension
+from dembrick.kernels.joint.no_tension import no_tension
 from dembrick.runs.lab import lab_scenario
 from dembrick.runs.simulate import simulate
 from dembrick.scenario.model import DisplacementControl, Load
-from dembrick.simulation.statics import limit_load, state
+from dembrick.simulation.pressed_parts import pressed_parts
+from dembrick.simulation.statics import area_joints, limit_load, state
 from helpers.compiled import forms, matrix
 from helpers.one_joint import MU, A, B, N, scene, single
 from helpers.random_polygons import slender_polygon as random_polygon
@@ -31,14 +32,14 @@ TORSION = {
 def pressed_by(pressure, polygon, g0, gx, gy, follow=kernels.follow_pressure):
     """The pressed part of one joint under the penetration g0 + gx x + gy y, with N = 1 and its centre of pressure."""
     x, y = np.ascontiguousarray(polygon.T)
-    part = state.pressed_room([pressure], [len(x)])
+    part = pressed_parts([pressure], [len(x)])
     if (g0 + polygon @ [gx, gy]).min() >= 0.0:
         yy, xx, xy = polygons.second_moments(polygon)
         volume, m_x, m_y = polygons.area(polygon) * g0, xx * gx + xy * gy, xy * gx + yy * gy
     else:
-        volume, m_x, m_y = no_tension(x, y, 0, len(x), g0, gx, gy)
+        volume, m_x, m_y = no_tension(x, y, 0, len(x), (g0 + polygon @ [gx, gy]).min(), g0, gx, gy)
     centre = np.array([m_x, m_y]) / volume
-    follow(part, 0, x, y, 0, len(x), np.hypot(x, y).max(), 1.0, -centre[1], centre[0], g0, gx, gy)
+    follow(part, 0, x, y, 0, len(x), np.hypot(x, y).max(), 1.0, *centre, g0, gx, gy)
     return part, centre
 
 
@@ -124,8 +125,8 @@ def test_surface_against_quadrature(pressure):
 def test_the_effective_part_of_a_rectangle():
     """Bending about one side leaves a x (b - 2 e), about both (a - 2 e_x) x (b - 2 e_y), centred on the resultant."""
     for e_x, e_y in ((0.0, 0.03), (0.0, -0.09), (0.12, 0.0), (0.04, -0.05), (0.0, 0.0)):
-        part = state.pressed_room(["effective"], [4])
-        kernels.follow_pressure(part, 0, *np.ascontiguousarray(RECTANGLE.T), 0, 4, 0.18, N, N * -e_y, N * e_x, 1, 0, 0)
+        part = pressed_parts(["effective"], [4])
+        kernels.follow_pressure(part, 0, *np.ascontiguousarray(RECTANGLE.T), 0, 4, 0.18, N, N * e_x, N * e_y, 1, 0, 0)
         corners = np.stack([part.x[: part.count[0]], part.y[: part.count[0]]], axis=1)
         expected = theory.polygons.rectangle(A - 2 * abs(e_x), B - 2 * abs(e_y))
         assert len(corners) == 4
@@ -244,11 +245,10 @@ def test_full_pressure_stays_out_of_it(monkeypatch):
     built = build.assemble(base)
     assert state.initial_state(built).areas.pressed is None
     alone = limit_load.find_limit_load(built, 1e-5, 0.9).yield_point
-    room = state.pressed_room
     monkeypatch.setattr(
-        state,
-        "pressed_room",
-        lambda pressures, corners: room(["linear"], corners)._replace(kind=np.zeros(1, np.int64)),
+        area_joints,
+        "pressed_parts",
+        lambda pressures, corners: pressed_parts(["linear"], corners)._replace(kind=np.zeros(1, np.int64)),
     )
     assert state.initial_state(built).areas.pressed is not None
     beside = limit_load.find_limit_load(built, 5e-6, 0.9).yield_point

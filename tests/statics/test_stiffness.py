@@ -9,12 +9,12 @@ from dembrick.assembly.build import assemble
 from dembrick.scenario.blocks import Block, Prism
 from dembrick.scenario.generators import Wall
 from dembrick.scenario.model import JointLaw, JointOverride, Material, Scenario, YieldControl
+from dembrick.simulation.statics import joint_families
 from dembrick.simulation.statics.state import initial_state
 from dembrick.simulation.statics.stiffness import (
     assembled_stiffness,
     block_stiffness,
     couplings,
-    joint_stiffness,
     to_joint,
 )
 
@@ -40,7 +40,7 @@ def lab(formulation):
     ("corrected-shear", 3.0, 3.0 * (0.09681061 / 0.18027756) ** 2),  # shrunk by c_T / c
 ])  # fmt: skip
 def test_a_rectangle_in_closed_form(formulation, rotation, torsion):
-    (k,) = joint_stiffness(lab(formulation))
+    (k,) = joint_families.stiffness(lab(formulation))
     area, j = A * B, A * B * (A**2 + B**2) / 12.0
     bending = (rotation * KN * A * B**3 / 12.0, rotation * KN * A**3 * B / 12.0)
     expected = np.diag([KS * area, KS * area, KN * area, *bending, torsion * KS * j])
@@ -53,7 +53,7 @@ def test_a_triangle_couples_its_two_bendings():
         Block("floor", "tuff", (2, 2, 0.1), (0, 0, -0.05), fixed=True),
         Block("wedge", "tuff", prism=Prism(corners, 0.2), position=(0, 0, 0.1)),
     )
-    (k,) = joint_stiffness(initial_state(assemble(scene(blocks=blocks))))
+    (k,) = joint_families.stiffness(initial_state(assemble(scene(blocks=blocks))))
     about = corners - corners.mean(axis=0)
     area = 0.06
     moments = area / 12.0 * about.T @ about  # of a triangle: a twelfth of the sum over its corners
@@ -78,7 +78,7 @@ def test_walls_against_plain_loops(formulation):
     joints, n = state.joints, len(state.blocks.displacement)
     free = np.isin(np.arange(n), state.blocks.free)
     number = np.cumsum(free) - 1
-    k = joint_stiffness(state)
+    k = joint_families.stiffness(state)
     whole = np.zeros((6 * free.sum(), 6 * free.sum()))
     single = np.zeros((n, 6, 6))
     off = []

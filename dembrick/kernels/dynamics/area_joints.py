@@ -9,7 +9,7 @@ from typing import NamedTuple
 from numpy import ndarray
 
 from dembrick._jit import jit
-from dembrick.kernels.dynamics.energy import book_pressure, book_shear, book_slip, closed_pressure, spring_pressure
+from dembrick.kernels.dynamics.energy import book_pressure, book_shear, book_slip
 from dembrick.kernels.dynamics.tiles import (
     DEPTH,
     FORCE,
@@ -28,8 +28,7 @@ from dembrick.kernels.dynamics.tiles import (
     resultant,
     three,
 )
-from dembrick.kernels.joint.laws import met, no_tension
-from dembrick.kernels.joint.limit_surface import proximal_map
+from dembrick.kernels.joint.area_law import area_friction, area_pressure, spring_pressure
 
 
 class Faces(NamedTuple):
@@ -58,48 +57,19 @@ class Faces(NamedTuple):
 
 
 @jit
-def pressed(faces, a, viscous, g0, gx, gy, d0, dx, dy):
-    """Integrals over the polygon of <h>+, x <h>+ and y <h>+ (x, y from O): h is the penetration g = g0 + gx x + gy y
-    and ``viscous`` times what it grew by in the step, d = d0 + dx x + dy y. All zero where g is nowhere positive."""
-    h0 = g0 + viscous * d0
-    hx = gx + viscous * dx
-    hy = gy + viscous * dy
-    # h and g positive on the circle around the polygon, and contact at O a step ago: no vertex needs to be looked at
-    reach = faces.reach[a]
-    if min(h0 - reach * sqrt(hx * hx + hy * hy), g0, g0 - d0) <= 0.0:
-        outline = faces.outline[a]
-        count = faces.count[outline]
-        x = faces.x[outline]
-        y = faces.y[outline]
-        least, most, before = 1e300, -1e300, -1e300
-        for i in range(count):
-            g = g0 + gx * x[i] + gy * y[i]
-            d = d0 + dx * x[i] + dy * y[i]
-            least = min(least, g + viscous * d)
-            most = max(most, g)
-            before = max(before, g - d)
-        if most <= 0.0:
-            return 0.0, 0.0, 0.0
-        if before <= 0.0:
-            h0 = g0 + met(g0, viscous * d0, viscous)
-            hx = gx + met(gx, viscous * dx, viscous)
-            hy = gy + met(gy, viscous * dy, viscous)
-            least = 1e300
-            for i in range(count):
-                least = min(least, h0 + hx * x[i] + hy * y[i])
-        if least < 0.0:
-            return no_tension(x, y, 0, count, h0, hx, hy)
-    second = faces.second[a]
-    return faces.area[a] * h0, second[1] * hx + second[2] * hy, second[2] * hx + second[0] * hy
-
-
-@jit
 def face_force(faces, a, tile, lane, work, books):
     """Force of convex joint ``a``, in that lane of the tile: what `resultant` makes wrenches of."""
     viscous = tile[VISCOUS * W + lane]
     h0, hx, hy = three(work, DEPTH, lane)
     d0, dx, dy = three(work, GROWTH, lane)
-    n, nx, ny = pressed(faces, a, viscous, h0, hx, hy, d0, dx, dy)
+    outline = faces.outline[a]
+    x = faces.x[outline]
+    y = faces.y[outline]
+    count = faces.count[outline]
+    area = faces.area[a]
+    second = faces.second[a]
+    reach = faces.reach[a]
+    n, nx, ny, _, _, _ = area_pressure(x, y, 0, count, area, second, reach, viscous, h0, hx, hy, d0, dx, dy)
     k_n = faces.k_n[a]
     n *= k_n
     nx *= k_n
@@ -107,75 +77,43 @@ def face_force(faces, a, tile, lane, work, books):
     # slip of the step at the foot of O in the plane's axes, and what turns them into the polygon's
     p1, p2, _ = three(work, MOVED, lane)
     turn = work[TURN * W + lane]
-    e1 = tile[(SEEN + 3) * W + lane]
-    e2 = tile[(SEEN + 4) * W + lane]
-    scale = 1.0 / sqrt(e1 * e1 + e2 * e2)
-    cosine = e1 * scale
-    sine = e2 * scale
+    c1 = tile[(SEEN + 3) * W + lane]
+    c2 = tile[(SEEN + 4) * W + lane]
+    scale = 1.0 / sqrt(c1 * c1 + c2 * c2)
+    cosine = c1 * scale
+    sine = c2 * scale
     elastic = faces.elastic[a]
     b1 = elastic[0]
     b2 = elastic[1]
     bm = elastic[2]
     s1 = cosine * p1 + sine * p2
     s2 = cosine * p2 - sine * p1
-    t1 = t2 = tm = 0.0
-    slides = True
-    if n > 0.0:
-        area = faces.area[a]
-        k_t = faces.k_s[a] * area
-        k_r = faces.k_s[a] * (faces.second[a, 0] + faces.second[a, 1])
-        damped = 1.0 + tile[(VISCOUS + 1) * W + lane]
-        t1 = elastic[0] + damped * k_t * s1
-        t2 = elastic[1] + damped * k_t * s2
-        tm = elastic[2] + damped * k_r * turn
-        strength = faces.friction[a] * n
-        # inside the set by convexity, and most joints are most of the time
-        room = strength - abs(tm) / faces.radius[a]
-        if room >= 0.0 and t1 * t1 + t2 * t2 <= room * room:
-            elastic[0] += k_t * s1
-            elastic[1] += k_t * s2
-            elastic[2] += k_r * turn
-            slides = False
-        elif strength <= faces.negligible[a]:
-            # the safe chord |V|/V_0 + |M|/M_T0 = 1 of the limit surface is good enough for next to nothing
-            scale = strength / (sqrt(t1 * t1 + t2 * t2) + abs(tm) / faces.radius[a])
-            t1 *= scale
-            t2 *= scale
-            tm *= scale
-            elastic[0] = t1
-            elastic[1] = t2
-            elastic[2] = tm
-        else:
-            outline = faces.outline[a]
-            twist = faces.twist[a]
-            t1, t2, tm, q1, q2, qr, twist[0], twist[1], twist[2], _ = proximal_map(
-                faces.x[outline], faces.y[outline], 0, faces.count[outline], area, faces.reach[a],
-                faces.far[outline], None, a, faces.radius[a], strength, damped * k_t, damped * k_r, t1, t2, tm,
-                twist[0], twist[1], twist[2],
-            )  # fmt: skip
-            elastic[0] += k_t * (s1 - q1)
-            elastic[1] += k_t * (s2 - q2)
-            elastic[2] += k_r * (turn - qr)
-            faces.slip[a] += (t1 * q1 + t2 * q2 + tm * qr) / strength
-    else:
-        n = nx = ny = 0.0
-        elastic[0] = 0.0
-        elastic[1] = 0.0
-        elastic[2] = 0.0
+    k_t = faces.k_s[a] * area
+    k_r = faces.k_s[a] * (second[0] + second[1])
+    twist = faces.twist[a]
+    t1, t2, tm, e1, e2, em, q1, q2, qm, w1, w2, wm, slid, _ = area_friction(
+        x, y, 0, count, area, reach, faces.far[outline], None, a, faces.radius[a], n, faces.friction[a],
+        faces.negligible[a], k_t, k_r, 1.0 + tile[(VISCOUS + 1) * W + lane], s1, s2, turn, b1, b2, bm, twist[0],
+        twist[1], twist[2],
+    )  # fmt: skip
+    elastic[0] = e1
+    elastic[1] = e2
+    elastic[2] = em
+    twist[0] = w1
+    twist[1] = w2
+    twist[2] = wm
+    faces.slip[a] += slid
     put_three(work, FORCE, lane, (sine * t2 - cosine * t1, -(sine * t1 + cosine * t2), n))
     put_three(work, FORCE + 3, lane, (0.0, 0.0, nx))
     put_three(work, FORCE + 6, lane, (0.0, 0.0, ny))
     work[TWISTING * W + lane] = -tm
     if books is not None:
         row = books.face[a]
-        if h0 >= faces.reach[a] * sqrt(hx * hx + hy * hy):
-            q0, qx, qy = closed_pressure(faces, a, h0, hx, hy)
-        else:
-            q0, qx, qy = spring_pressure(faces, a, h0, hx, hy)
-        book_pressure(row, q0, qx, qy, n, nx, ny, h0, hx, hy, d0, dx, dy)
+        q0, qx, qy = spring_pressure(x, y, 0, count, area, second, reach, h0, hx, hy)
+        book_pressure(row, k_n * q0, k_n * qx, k_n * qy, n, nx, ny, h0, hx, hy, d0, dx, dy)
         book_shear(row, elastic, s1, s2, turn, t1, t2, tm)
-        if slides:
-            book_slip(books, faces, a, n, s1, s2, turn, t1, t2, tm, b1, b2, bm)
+        if slid > 0.0 or n <= 0.0:
+            book_slip(books, faces, a, n, q1, q2, qm, t1, t2, tm, b1, b2, bm)
 
 
 @jit

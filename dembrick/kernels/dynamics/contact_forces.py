@@ -17,7 +17,7 @@ from numpy import ndarray
 
 from dembrick._jit import entry, jit
 from dembrick.kernels.dynamics.contact_friction import flatten, rub, share_pressure
-from dembrick.kernels.dynamics.contact_stiffness import damped_push, gather_springs, lightness, stepped_dashpot, weigh
+from dembrick.kernels.dynamics.contact_stiffness import gather_springs, lightness, stepped_dashpot, weigh
 from dembrick.kernels.dynamics.contact_surface import (
     Parts,
     Scratch,
@@ -27,8 +27,9 @@ from dembrick.kernels.dynamics.contact_surface import (
     sum_patches,
 )
 from dembrick.kernels.dynamics.handover import GROWTH, hand_over
+from dembrick.kernels.joint.onset import damped_push
+from dembrick.kernels.joint.pressure import Pressed
 from dembrick.kernels.math.vec3 import columns_times, cross, rows_times, tangent
-from dembrick.kernels.state import Pressed
 
 TOUCHED, DEEP, CROWDED = 0, 11, 12  # apart from the loop's own states
 DEEPEST = 0.25  # of the thinner part's inner radius: a deeper penetration ends the run
@@ -56,7 +57,7 @@ class Touching(NamedTuple):
     elastic: ndarray  # (t, 4) N, N m: elastic shear force on A (world), torsion on A about the normal from A to B
     stiffness: ndarray  # (t, 2) N/m, N m: shear and torsion stiffness that these came with
     twist: ndarray  # (t, 3) m, m, rad: plastic twist of the last plastic step, in the axes of the contact
-    slip: ndarray  # (t,) m, length of the slip path at the centre of pressure
+    slip: ndarray  # (t,) m, length of the slip path, see `area_law`
     normal: ndarray  # (t,) N, normal force
     area: ndarray  # (t,) m2, of the patches
     point: ndarray  # (t, 3) m, centre of pressure, world

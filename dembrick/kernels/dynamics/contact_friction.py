@@ -12,7 +12,7 @@ from math import atan2, cos, sin, sqrt
 
 from dembrick._jit import jit
 from dembrick.kernels.dynamics.rigid_bodies import turned_back
-from dembrick.kernels.joint.limit_surface import proximal_map
+from dembrick.kernels.joint.area_law import area_friction
 from dembrick.kernels.math.vec3 import cross
 
 RIM = 1e-4  # of the pressure: smaller patches count nothing for friction
@@ -219,16 +219,13 @@ def rub(
     turn = dt * ((wb[0] - wa[0]) * n1 + (wb[1] - wa[1]) * n2 + (wb[2] - wa[2]) * n3)
     pressed = touching.pressed
     twist = touching.twist[t]
-    f_t, f_u, f_m, slip_t, slip_u, slip_m, twist[0], twist[1], twist[2], _ = proximal_map(
-        None, None, 0, 0, 1.0, pressed.reach[0], None, pressed, 0, pressed.radius[0], strength, damped * k_t,
-        damped * k_r, e_t + damped * k_t * s_t, e_u + damped * k_t * s_u, e_m + damped * k_r * turn,
-        twist[0], twist[1], twist[2], CLOSE,
+    f_t, f_u, f_m, e_t, e_u, e_m, _, _, _, twist[0], twist[1], twist[2], slid, _ = area_friction(
+        None, None, 0, 0, 1.0, pressed.reach[0], None, pressed, 0, pressed.radius[0], normal, touching.friction[t], 0.0,
+        k_t, k_r, damped, s_t, s_u, turn, e_t, e_u, e_m, twist[0], twist[1], twist[2], CLOSE,
     )  # fmt: skip
-    touching.slip[t] += sqrt(slip_t * slip_t + slip_u * slip_u)
-    e_t += k_t * (s_t - slip_t)
-    e_u += k_t * (s_u - slip_u)
+    touching.slip[t] += slid
     elastic[0] = e_t * t1 + e_u * u1
     elastic[1] = e_t * t2 + e_u * u2
     elastic[2] = e_t * t3 + e_u * u3
-    elastic[3] = e_m + k_r * (turn - slip_m)
+    elastic[3] = e_m
     return f_t * t1 + f_u * u1, f_t * t2 + f_u * u2, f_t * t3 + f_u * u3, f_m

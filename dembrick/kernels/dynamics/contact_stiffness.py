@@ -156,25 +156,3 @@ def weigh(touching, bodies, a, b, springs, dt, x1, x2, x3, y1, y2, y3):
     load[b] += touching.free[b] * both
     if load[a] > touching.bearable[a] or load[b] > touching.bearable[b]:
         touching.overloaded[0] = 1
-
-
-@jit
-def damped_push(deep, depth, ahead, viscous, swing2):
-    """What a contact presses besides its springs, as a penetration (m), to be added to the mean one ``deep``.
-
-    ``depth``: the greatest penetration; ``ahead``: closing of the last step; ``viscous``: dashpot over spring;
-    ``swing2``: square of the swing (rad) in a step. A force stands for half a step on either side of its moment. Where
-    contact began within the last step it has lasted for deep / ahead of it: the dashpot acts on deep + ahead / 2 (see
-    `laws.met`), and the spring's impulse up to half a step on is that of (deep + ahead / 2)^2 / (2 ahead).
-    Where the force will end within the next step it is so too, backwards. Without that a flat bounce depends by some
-    per cent on where in a step it begins and ends.
-    """
-    if depth <= ahead:
-        return viscous * (deep + 0.5 * ahead) + (deep - 0.5 * ahead) ** 2 / (2.0 * ahead)
-    push = viscous * ahead
-    left = deep + push
-    if left > 0.0 and -ahead > swing2 * left:
-        leaving = (1.0 + viscous) * swing2 * left - ahead
-        if left < leaving:
-            push += (left - 0.5 * leaving) ** 2 / (2.0 * leaving)
-    return push

@@ -22,7 +22,7 @@ from typing import NamedTuple
 from numpy import ndarray
 
 from dembrick._jit import jit
-from dembrick.kernels.joint.laws import pressed_part
+from dembrick.kernels.joint.no_tension import extremes, no_tension
 from dembrick.kernels.joint.pressure import cut
 from dembrick.kernels.math.vec3 import columns_times, cross, rows_times
 
@@ -327,38 +327,11 @@ def contact_surface(parts, bodies, a, b, scratch):
 
 @jit
 def positive_part(x, y, first, last, p0, px, py):
-    """Integrals over a polygon of <p>+, x <p>+ and y <p>+ for p = p0 + px x + py y; its first corner is (0, 0)."""
-    least = most = p0
-    for k in range(first + 1, last):
-        p = p0 + px * x[k] + py * y[k]
-        least = min(least, p)
-        most = max(most, p)
+    """Integrals over a polygon of <p>+, x <p>+ and y <p>+ for p = p0 + px x + py y."""
+    least, most = extremes(x, y, first, last, p0, px, py)
     if most <= 0.0:
         return 0.0, 0.0, 0.0
-    x0 = y0 = 0.0
-    apex = p0  # the fan from the first corner
-    if least < 0.0:  # or from a point of the line p = 0, so that the cut itself adds nothing
-        slope2 = px * px + py * py
-        x0 = -p0 * px / slope2
-        y0 = -p0 * py / slope2
-        apex = 0.0
-    total = moment_x = moment_y = 0.0
-    xa = x[last - 1]
-    ya = y[last - 1]
-    pa = p0 + px * xa + py * ya
-    for k in range(first, last):
-        xb = x[k]
-        yb = y[k]
-        pb = p0 + px * xb + py * yb
-        if pa > 0.0 or pb > 0.0 or least >= 0.0:
-            x1, y1, p1, x2, y2, p2 = pressed_part(xa, ya, pa, xb, yb, pb)
-            double = (x1 - x0) * (y2 - y0) - (y1 - y0) * (x2 - x0)
-            mean = apex + p1 + p2
-            total += double * mean / 6.0
-            moment_x += double * (apex * x0 + p1 * x1 + p2 * x2 + mean * (x0 + x1 + x2)) / 24.0
-            moment_y += double * (apex * y0 + p1 * y1 + p2 * y2 + mean * (y0 + y1 + y2)) / 24.0
-        xa, ya, pa = xb, yb, pb
-    return total, moment_x, moment_y
+    return no_tension(x, y, first, last, least, p0, px, py)
 
 
 @jit

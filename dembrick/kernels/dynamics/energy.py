@@ -22,7 +22,6 @@ from dembrick.kernels.dynamics.tiles import (
     ELASTIC,
     GROWTH,
     MOVED,
-    NONE,
     POINT,
     SEEN,
     TILE,
@@ -34,7 +33,8 @@ from dembrick.kernels.dynamics.tiles import (
     sense_of,
     three,
 )
-from dembrick.kernels.joint.laws import no_tension
+from dembrick.kernels.joint.area_law import spring_pressure
+from dembrick.kernels.joint.point_law import shear_loss
 from dembrick.kernels.math.vec3 import cross, rows_times
 
 FRICTION, RELEASED, STEPPING, BY_LAW = range(4)
@@ -75,11 +75,8 @@ class Books(NamedTuple):
 
 @entry
 def book_losses(work, own, dashpots, which, k_n, k_s, friction, arm, ledger):
-    """Book what one point of every joint of a tile lost in a step, ``which`` of the two of `point_joints.press`.
-
-    A spring that was loaded from b to e while the point moved by s/k took (b + e) s / 2k and holds (e^2 - b^2) / 2k
-    more: the rest went into friction, or was let go where the point has opened.
-    """
+    """Book what one point of every joint of a tile lost in a step, ``which`` of the two of `point_joints.press`: in
+    friction, or let go where the point has opened."""
     for lane in range(W):
         at = which * POINT + lane
         x = own[X * W + at]
@@ -92,10 +89,9 @@ def book_losses(work, own, dashpots, which, k_n, k_s, friction, arm, ledger):
         p1, p2, x1 = three(work, MOVED, lane)
         x2, y1, y2 = three(work, MOVED + 3, lane)
         b1, b2, slid = three(work, BEFORE + 3 * which, lane)
-        k = k_s * area
-        s1 = k * (p1 + arm * (x * x1 + y * y1)) - (e1 - b1)
-        s2 = k * (p2 + arm * (x * x2 + y * y2)) - (e2 - b2)
-        lost = 0.5 * ((b1 + e1) * s1 + (b2 + e2) * s2) / max(k, NONE)
+        s1 = p1 + arm * (x * x1 + y * y1)
+        s2 = p2 + arm * (x * x2 + y * y2)
+        lost = shear_loss(b1, b2, e1, e2, s1, s2, k_s * area)
         held = lost if slid > 0.0 else 0.0
         least = ledger[SMALLEST * W + lane]
         ledger[SMALLEST * W + lane] = held if held < least else least
@@ -141,26 +137,13 @@ def settle_all(books, links):
 
 
 @jit
-def closed_pressure(faces, a, g0, gx, gy):
-    """k_n times the integrals of g, x g and y g over convex joint ``a``."""
-    k = faces.k_n[a]
-    second = faces.second[a]
-    return k * faces.area[a] * g0, k * (second[1] * gx + second[2] * gy), k * (second[2] * gx + second[0] * gy)
-
-
-@jit
-def spring_pressure(faces, a, g0, gx, gy):
+def springs_of(faces, a, g0, gx, gy):
     """k_n times the integrals of <g>+, x <g>+ and y <g>+ over convex joint ``a``."""
     outline = faces.outline[a]
-    count = faces.count[outline]
-    x = faces.x[outline]
-    y = faces.y[outline]
-    least = 1e300
-    for i in range(count):
-        least = min(least, g0 + gx * x[i] + gy * y[i])
-    if least >= 0.0:
-        return closed_pressure(faces, a, g0, gx, gy)
-    n, nx, ny = no_tension(x, y, 0, count, g0, gx, gy)
+    n, nx, ny = spring_pressure(
+        faces.x[outline], faces.y[outline], 0, faces.count[outline], faces.area[a], faces.second[a], faces.reach[a], g0,
+        gx, gy,
+    )  # fmt: skip
     k = faces.k_n[a]
     return k * n, k * nx, k * ny
 
@@ -196,19 +179,16 @@ def book_shear(row, e, s1, s2, turn, t1, t2, tm):
 
 
 @jit
-def book_slip(books, faces, a, normal, s1, s2, turn, t1, t2, tm, b1, b2, bm):
-    """A step in which convex joint ``a`` slides, or in which it is open and lets go; it held b before."""
+def book_slip(books, faces, a, normal, q1, q2, qm, t1, t2, tm, b1, b2, bm):
+    """A step in which convex joint ``a`` slides by the plastic twist q, or in which it is open and lets go; it held b
+    before."""
     j = faces.joint[a]
     e = faces.elastic[a]
     share = books.share[j]
-    softness = 1.0 / (faces.k_s[a] * faces.area[a])
-    p1 = s1 - (e[0] - b1) * softness
-    p2 = s2 - (e[1] - b2) * softness
-    pm = turn - (e[2] - bm) / (faces.k_s[a] * (faces.second[a, 0] + faces.second[a, 1]))
-    loss = 0.5 * share * ((b1 + e[0]) * p1 + (b2 + e[1]) * p2 + (bm + e[2]) * pm)
+    loss = 0.5 * share * ((b1 + e[0]) * q1 + (b2 + e[1]) * q2 + (bm + e[2]) * qm)
     if normal > 0.0:
         books.lost[j, FRICTION] += loss
-        books.lost[j, BY_LAW] += share * (t1 * p1 + t2 * p2 + tm * pm)
+        books.lost[j, BY_LAW] += share * (t1 * q1 + t2 * q2 + tm * qm)
         books.least[j] = min(books.least[j], loss)
     else:
         books.lost[j, RELEASED] += loss
@@ -246,7 +226,7 @@ def face_stock(links, faces, a, held):
     g0 = sense * (offset_of(links, j) - seen[2])
     gx = -sense * seen[5]
     gy = -sense * seen[8]
-    held[0], held[1], held[2] = spring_pressure(faces, a, g0, gx, gy)
+    held[0], held[1], held[2] = springs_of(faces, a, g0, gx, gy)
     e = faces.elastic[a]
     k = faces.k_s[a]
     sheared = (e[0] * e[0] + e[1] * e[1]) / (k * faces.area[a])

@@ -6,7 +6,6 @@ memory lives in the plane's axes and turns with them. The normal force acts alon
 reaction at one world point.
 """
 
-from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -26,7 +25,6 @@ from dembrick.kernels.dynamics.tiles import (
     GROWTH,
     LAST,
     MOVED,
-    NONE,
     NORMAL,
     POINT,
     SENSE,
@@ -46,6 +44,7 @@ from dembrick.kernels.dynamics.tiles import (
     resultant,
     three,
 )
+from dembrick.kernels.joint.point_law import point_law
 
 
 class Corners(NamedTuple):
@@ -135,20 +134,10 @@ def answer(work, own, which, lane, k_n, k_s, friction, arm, dashpots, force_out)
     x = own[X * W + at]
     y = own[Y * W + at]
     area = own[AREA * W + at]
-    # the spring sees the penetration g, the dashpot what it grew by in the step, d. A force stands for half a step on
-    # either side of its moment; where contact began within the step it has lasted for g / d of the step behind, so the
-    # dashpot acts on g + d / 2. Without that a bounce depends by a tenth and more on where in a step it begins
     g0, gx, gy = three(work, DEPTH, lane)
     d0, dx, dy = three(work, GROWTH, lane)
     g = g0 + x * gx + y * gy
     d = d0 + x * dx + y * dy
-    behind = g + 0.5 * d if d >= g else d
-    k = k_n * area
-    h = k * (g + work[NORMAL * W + lane] * behind)
-    h = h if g > 0.0 else 0.0
-    normal = h if h > 0.0 else 0.0
-    closed = 1.0 if h > 0.0 else 0.0
-    # friction: the trial force, and back onto the circle of its strength
     xs = arm * x
     ys = arm * y
     p1, p2, x1 = three(work, MOVED, lane)
@@ -157,23 +146,11 @@ def answer(work, own, which, lane, k_n, k_s, friction, arm, dashpots, force_out)
     u2 = p2 + xs * x2 + ys * y2
     b1 = own[ELASTIC * W + at]
     b2 = own[(ELASTIC + 1) * W + at]
-    shear = k_s * area
-    damped = shear * work[DAMPED * W + lane]
-    t1 = b1 + damped * u1
-    t2 = b2 + damped * u2
-    size2 = t1 * t1 + t2 * t2
-    cap = friction * normal
-    # one over size and one over the stiffness by one division; nothing slides where they are zero
-    size = sqrt(max(size2, NONE))
-    divisor = max(shear, NONE)
-    both = 1.0 / (size * divisor)
-    kept = cap * divisor * both if size2 > cap * cap else 1.0
-    plastic = (1.0 - kept) * work[DAMPING * W + lane]
-    e1 = closed * (b1 + shear * u1 - plastic * t1)
-    e2 = closed * (b2 + shear * u2 - plastic * t2)
-    slid = closed * plastic * size * size * both
-    t1 *= kept
-    t2 *= kept
+    k = k_n * area
+    normal, t1, t2, e1, e2, slid = point_law(
+        g, d, u1, u2, b1, b2, k, k_s * area, friction, work[NORMAL * W + lane], work[DAMPED * W + lane],
+        work[DAMPING * W + lane],
+    )  # fmt: skip
     own[ELASTIC * W + at] = e1
     own[(ELASTIC + 1) * W + at] = e2
     own[SLIP * W + at] += slid
@@ -189,7 +166,7 @@ def answer(work, own, which, lane, k_n, k_s, friction, arm, dashpots, force_out)
         put_three(work, BEFORE + 3 * which, lane, (b1, b2, slid))
         # slides, or lets go of what it held, or opened or closed in the step
         held = abs(b1) + abs(b2)
-        loses = 1 if slid > 0.0 or (closed == 0.0 and held > 0.0) or g * (g - d) < 0.0 else 0
+        loses = 1 if slid > 0.0 or (normal == 0.0 and held > 0.0) or g * (g - d) < 0.0 else 0
     if force_out is not None:
         put_three(work, LAST + 3 * which, lane, (t1, t2, normal))
     return x, y, xs, ys, t1, t2, normal, taken, loses

@@ -21,6 +21,9 @@ Far from the joint, where these sums lose digits, the integrand is smooth and a 
 """
 
 from math import log, pi, sqrt
+from typing import NamedTuple
+
+from numpy import ndarray
 
 from dembrick._jit import jit
 
@@ -46,6 +49,24 @@ SIX_WEIGHTS = (
 )  # fmt: skip
 THREE_NODES = 0.1127016653792583, 0.5, 0.8872983346207417
 THREE_WEIGHTS = 5.0 / 18.0, 8.0 / 18.0, 5.0 / 18.0
+
+
+class Pressed(NamedTuple):
+    """The pressed part of convex joints whose friction follows the bending, a polygon each; or the pieces of one new
+    contact, one after the other (`contact_friction`). (u,) is room for the corners."""
+
+    kind: ndarray  # (a,) int64, pressure: 0 full, 1 effective, 2 linear, 3 of a new contact
+    pieces: ndarray  # (a,) int64, how many polygons from this number on belong together
+    start: ndarray  # (a,) int64, first corner of each
+    count: ndarray  # (a,) int64, corners now
+    x: ndarray  # (u,) m, corners about the centre of pressure along t1, counter-clockwise
+    y: ndarray  # (u,) m, along t2
+    spare_x: ndarray  # (u,) m, where corners are cut
+    spare_y: ndarray  # (u,) m
+    centre: ndarray  # (a, 2) m, centre of pressure about O
+    density: ndarray  # (a, 3) 1/m2, 1/m3: pressure over N at that centre, its slopes along t1 and t2
+    reach: ndarray  # (a,) m, greatest corner distance from the centre of pressure
+    radius: ndarray  # (a,) m, no more than the torsion strength over V_0
 
 
 @jit
@@ -150,8 +171,8 @@ def cut_by_opening(pressed, a, x, y, first, last, e1, e2, g0, gx, gy, size, slac
 
 
 @jit
-def follow_pressure(pressed, a, x, y, first, last, size, n, m1, m2, g0, gx, gy):
-    """Bring the pressed part of joint ``a`` up to date: N, M_1, M_2 and the penetration g0 + gx x + gy y of now.
+def follow_pressure(pressed, a, x, y, first, last, size, n, nx, ny, g0, gx, gy):
+    """Bring the pressed part of joint ``a`` up to date: N, its x and y moments and the penetration g0 + gx x + gy y.
 
     ``size`` is the greatest corner distance of the joint from O. Joints of full pressure and open ones are left alone.
     """
@@ -159,9 +180,9 @@ def follow_pressure(pressed, a, x, y, first, last, size, n, m1, m2, g0, gx, gy):
         return
     slack = _ON_EDGE * size
     if pressed.kind[a] == EFFECTIVE:
-        cut_by_reflection(pressed, a, x, y, first, last, m2 / n, -m1 / n, slack)
+        cut_by_reflection(pressed, a, x, y, first, last, nx / n, ny / n, slack)
     else:
-        cut_by_opening(pressed, a, x, y, first, last, m2 / n, -m1 / n, g0, gx, gy, size, slack)
+        cut_by_opening(pressed, a, x, y, first, last, nx / n, ny / n, g0, gx, gy, size, slack)
     # by a fan of triangles from e: scale the density to a whole of one, and see the part from its middle, which is off
     # e where the pressed depth was too thin
     own = pressed.start[a]

@@ -11,7 +11,8 @@ from typing import NamedTuple
 from numpy import ndarray
 
 from dembrick._jit import entry, jit
-from dembrick.kernels.state import Actuators, Areas, Blocks, Joints, Points, Pressed, ScaledInertia
+from dembrick.kernels.state import Actuators, Blocks, Joints, ScaledInertia
+from dembrick.kernels.statics import joint_families as families
 from dembrick.kernels.statics.certify import certify
 from dembrick.kernels.statics.divergence import Guard
 from dembrick.kernels.statics.load_bounds import NEVER, Certificate
@@ -107,36 +108,6 @@ def joint_of(joints, lone, i):
 
 
 @jit
-def points_of(points, lone, i):
-    """The contact points of scene ``i``: their numbers are those of the batch."""
-    return Points(
-        lone.zero, points.start[i : i + 2], points.friction[i : i + 1], points.x_n, points.y_n, points.x_s,
-        points.y_s, points.k_n, points.k_s, points.normal, points.elastic_1, points.elastic_2, points.slip,
-    )  # fmt: skip
-
-
-@jit
-def pressed_of(pressed, i):
-    """The pressed part of scene ``i``, whose corners are numbered as in the batch."""
-    s = slice(i, i + 1)
-    return Pressed(
-        pressed.kind[s], pressed.pieces[s], pressed.start[s], pressed.count[s], pressed.x, pressed.y, pressed.spare_x,
-        pressed.spare_y, pressed.centre[s], pressed.density[s], pressed.reach[s], pressed.radius[s],
-    )  # fmt: skip
-
-
-@jit
-def area_of(areas, pressed, lone, i):
-    """The convex joint of scene ``i``, whose corners are numbered as in the batch, with its own pressed part."""
-    s = slice(i, i + 1)
-    return Areas(
-        lone.zero, areas.start[i : i + 2], areas.friction[s], areas.x, areas.y, areas.area[s], areas.second[s],
-        areas.reach[s], areas.radius[s], areas.far[s], areas.k_n[s], areas.k_s[s], areas.elastic[s], areas.twist[s],
-        areas.slip[s], areas.evaluations[s], pressed,
-    )  # fmt: skip
-
-
-@jit
 def jacks_of(jacks, i, each):
     """The ``each`` jacks of scene ``i``."""
     s = slice(each * i, each * i + each)
@@ -203,13 +174,8 @@ def replay_one(i, blocks, joints, points, areas, jacks, seating, pushing, loadin
     bracket = answer.bracket[i]
     bracket[0] = 0.0
     bracket[1] = NEVER
-    mu = 0.0
-    family = 0
-    if points is not None:
-        mu = points.friction[0]
-    if areas is not None:
-        mu = areas.friction[0]
-        family = 1
+    family = families.only_family(points, areas)
+    mu = families.friction_of(points, areas, family, 0)
     if mu == 0.0:
         bracket[1] = 0.0
         return CONVERGED, 0
@@ -249,24 +215,6 @@ def replay_one(i, blocks, joints, points, areas, jacks, seating, pushing, loadin
     return status, step
 
 
-@jit
-def replay_areas(
-    i, pressed, own, joint, areas, jacks, seating, pushing, loading, lone, basis, room, settings, answer
-):  # fmt: skip
-    """Scene ``i`` of convex joints; ``pressed`` is None where all pressures are full."""
-    if pressed is not None:
-        return replay_one(
-            i, own, joint, None, area_of(areas, pressed_of(pressed, i), lone, i), jacks, seating, pushing, loading,
-            lone, basis, room, settings, answer,
-        )  # fmt: skip
-    if pressed is None:
-        return replay_one(
-            i, own, joint, None, area_of(areas, pressed, lone, i), jacks, seating, pushing, loading, lone, basis,
-            room, settings, answer,
-        )  # fmt: skip
-    return RUNNING, 0
-
-
 @entry
 def replay_batch(
     first, last, blocks, joints, points, areas, jacks, each, seating, pushing, loading, lone, basis, room, settings,
@@ -284,18 +232,10 @@ def replay_batch(
         pushed = jacks_of(jacks, i, each)
         still = ScaledInertia(seating.inverse[s], seating.matrix[s], None)
         moving = ScaledInertia(pushing.inverse[s], pushing.matrix[s], None)
-        status = RUNNING
-        steps = 0
-        if points is not None:
-            status, steps = replay_one(
-                i, own, joint, points_of(points, lone, i), None, pushed, still, moving, loading, lone, basis, room,
-                settings, answer,
-            )  # fmt: skip
-        if areas is not None:
-            status, steps = replay_areas(
-                i, areas.pressed, own, joint, areas, pushed, still, moving, loading, lone, basis, room, settings,
-                answer,
-            )  # fmt: skip
+        status, steps = replay_one(
+            i, own, joint, families.points_of_scene(points, lone, i), families.areas_of_scene(areas, lone, i), pushed,
+            still, moving, loading, lone, basis, room, settings, answer,
+        )  # fmt: skip
         answer.status[i] = status
         answer.steps[i] = steps
         for c in range(5):

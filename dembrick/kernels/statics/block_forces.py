@@ -9,8 +9,9 @@ from math import sqrt
 from dembrick._jit import jit
 from dembrick.kernels.math.vec3 import columns_times, cross
 from dembrick.kernels.state import HEAD, JACK_DAMPING
+from dembrick.kernels.statics import joint_families as families
 from dembrick.kernels.statics.finite_rotation import finite_jack, finite_relative
-from dembrick.kernels.statics.joint_forces import area_forces, point_forces
+from dembrick.kernels.statics.joint_families import FAMILIES
 from dembrick.kernels.statics.small_displacement import small_jack, small_relative
 
 
@@ -68,20 +69,15 @@ def relative(blocks, joints, j, inertia, dt):
 @jit
 def joint_forces(blocks, joints, points, areas, inertia, dt, viscous_n, viscous_s, energy):
     """Forces of all joints, put on the blocks; ``viscous_*`` times the joint's own ``damping``."""
-    if points is not None:
-        for p in range(points.joint.size):
-            j = points.joint[p]
+    for family in range(FAMILIES):
+        for i in range(families.size(points, areas, family)):
+            j = families.joint_of(points, areas, family, i)
             seen = relative(blocks, joints, j, inertia, dt)
             more = joints.damping[j]
-            before = joints.resultant[j]
-            forces = point_forces(points, p, before, *seen, more * viscous_n, more * viscous_s, energy)
-            react(blocks, joints, j, *forces)
-    if areas is not None:
-        for a in range(areas.joint.size):
-            j = areas.joint[a]
-            seen = relative(blocks, joints, j, inertia, dt)
-            more = joints.damping[j]
-            react(blocks, joints, j, *area_forces(areas, a, *seen, more * viscous_n, more * viscous_s, energy))
+            found = families.forces(
+                points, areas, family, i, joints.resultant[j], *seen, more * viscous_n, more * viscous_s, energy
+            )
+            react(blocks, joints, j, *found)
 
 
 @jit

@@ -5,10 +5,10 @@ is the work of the forces by the trapezoidal rule over the step's motion. What d
 or closes within a step, and, in finite motion, the turning of the geometry within it.
 """
 
-from numpy import uint64
-
-from dembrick._jit import jit, jit_sum
+from dembrick._jit import jit
 from dembrick.kernels.state import DAMPING, HEAD, JACK_DAMPING, SEATED, SEATING, SLIDING, TORQUES
+from dembrick.kernels.statics import joint_families as families
+from dembrick.kernels.statics.joint_families import FAMILIES
 
 KINETIC, ELASTIC, JACK_SPRING, EXTERNAL, FRICTION, DASHPOTS = range(6)
 
@@ -57,29 +57,14 @@ def normal_energy(joints, j, dash):
     return 0.5 * twice
 
 
-@jit_sum
-def shear_energy(points, p):
-    """Energy (J) in the shear springs of point joint ``p``."""
-    twice = 0.0
-    for i in range(uint64(points.start[p]), uint64(points.start[p + 1])):
-        twice += (points.elastic_1[i] * points.elastic_1[i] + points.elastic_2[i] * points.elastic_2[i]) / points.k_s[i]
-    return 0.5 * twice
-
-
 @jit
 def elastic_energy(joints, points, areas, dash):
     """Energy (J) in the springs of all joints now; ``dash`` as in `normal_energy`."""
     total = 0.0
-    if points is not None:
-        for p in range(points.joint.size):
-            total += normal_energy(joints, points.joint[p], dash) + shear_energy(points, p)
-    if areas is not None:
-        for a in range(areas.joint.size):
-            total += normal_energy(joints, areas.joint[a], dash)
-            k_t = areas.k_s[a] * areas.area[a]
-            k_r = areas.k_s[a] * (areas.second[a, 0] + areas.second[a, 1])
-            e = areas.elastic[a]
-            total += 0.5 * ((e[0] ** 2 + e[1] ** 2) / k_t + e[2] ** 2 / k_r)
+    for family in range(FAMILIES):
+        for i in range(families.size(points, areas, family)):
+            j = families.joint_of(points, areas, family, i)
+            total += normal_energy(joints, j, dash) + families.shear_energy(points, areas, family, i)
     return total
 
 

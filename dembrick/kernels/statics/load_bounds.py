@@ -10,12 +10,12 @@ from typing import NamedTuple
 from numpy import ndarray
 
 from dembrick._jit import jit
+from dembrick.kernels.statics import joint_families as families
 from dembrick.kernels.statics.block_forces import unbalanced_ratio
-from dembrick.kernels.statics.joint_forces import area_dissipation, point_dissipation
+from dembrick.kernels.statics.joint_families import FAMILIES
 
 MISSING = 3.0  # times the growth over a doubling of the motion: what a load that grows as 1 - c/sqrt(u) still lacks
 STILL = 0.05  # of the elastic stiffness: a load that grows no faster than that against its motion is at its limit
-SAME = 1e-9  # of the normal force and its moment: a pressure that moves no more than that is at rest
 NEVER = 1e300  # an upper bound that does not bind
 
 
@@ -47,18 +47,6 @@ class Certificate(NamedTuple):
 
 
 @jit
-def dissipation(points, areas, family, index, normals, normal, q1, q2, q3):
-    """D(q) of one joint with given normal forces: ``normals`` of the contact points, ``normal`` of an area."""
-    if points is not None:
-        if family == 0:
-            return point_dissipation(points, index, normals, q1, q2, q3)
-    if areas is not None:
-        if family == 1:
-            return area_dissipation(areas, index, normal, q1, q2, q3)
-    return 0.0
-
-
-@jit
 def upper_bound(certificate, points, areas, q1, q2, q3):
     """(D(q) - g0.q) / (f.q) for the slip twist q: no limit load is greater. Without bound where f.q <= 0."""
     f = certificate.unit
@@ -66,43 +54,21 @@ def upper_bound(certificate, points, areas, q1, q2, q3):
     power = f[0] * q1 + f[1] * q2 + f[2] * q3
     if power <= 0.0:
         return NEVER
-    lost = dissipation(
+    lost = families.dissipation(
         points, areas, certificate.family, certificate.index, certificate.rest, certificate.normal, q1, q2, q3
     )
     return (lost - (g[0] * q1 + g[1] * q2 + g[2] * q3)) / power
 
 
 @jit
-def best_bound(certificate, points, areas, q):
-    """The upper bound for the slip twist q (3,), which is kept if it is the least so far."""
-    upper = upper_bound(certificate, points, areas, q[0], q[1], q[2])
+def best_bound(certificate, points, areas, q1, q2, q3):
+    """The upper bound for the slip twist q, which is kept if it is the least so far."""
+    upper = upper_bound(certificate, points, areas, q1, q2, q3)
     if upper < certificate.bracket[1]:
-        for i in range(3):
-            certificate.twist[i] = q[i]
+        certificate.twist[0] = q1
+        certificate.twist[1] = q2
+        certificate.twist[2] = q3
     return upper
-
-
-@jit
-def carried_share(points, p, rest):
-    """The part of the forces of now that fits under the normal forces ``rest`` of before the jacks pushed."""
-    share = 1.0
-    for i in range(points.start[p], points.start[p + 1]):
-        if points.normal[i] * share > rest[i]:
-            share = rest[i] / points.normal[i]
-    return share
-
-
-@jit
-def pressure_moved(pressed, certificate, now, reach):
-    """Whether the friction of a convex joint follows a pressure that is not the one before the jacks pushed."""
-    if pressed is not None:
-        most = SAME * certificate.normal
-        return pressed.kind[certificate.index] != 0 and (
-            abs(now[0] - certificate.normal) > most
-            or abs(now[5] - now[0] * certificate.centre[0]) > most * reach
-            or abs(now[4] + now[0] * certificate.centre[1]) > most * reach
-        )
-    return False
 
 
 @jit
@@ -117,22 +83,11 @@ def strict_bounds(certificate, joints, points, areas, v):
     f = certificate.unit
     g = certificate.dead
     now = joints.resultant[j]
-    if areas is not None:
-        if certificate.family == 1:
-            if pressure_moved(areas.pressed, certificate, now, areas.reach[certificate.index]):
-                return 0.0, NEVER
-    mu = 0.0
-    if points is not None:
-        if certificate.family == 0:
-            mu = points.friction[certificate.index]
-    if areas is not None:
-        if certificate.family == 1:
-            mu = areas.friction[certificate.index]
-    # a block that bounces carries more for a moment: what it may carry at rest is a part of that
-    share = certificate.normal / now[0] if now[0] > certificate.normal else 1.0
-    if points is not None:
-        if certificate.family == 0:
-            share = carried_share(points, certificate.index, certificate.rest)
+    joint = (points, areas, certificate.family, certificate.index)
+    if families.pressure_moved(*joint, certificate.centre, certificate.normal, now):
+        return 0.0, NEVER
+    mu = families.friction_of(*joint)
+    share = families.carried_share(*joint, certificate.rest, certificate.normal, now)
     r1 = v * f[0] + g[0] - share * now[1]
     r2 = v * f[1] + g[1] - share * now[2]
     rm = v * f[2] + g[2] - share * now[3] - (certificate.centre[0] * r2 - certificate.centre[1] * r1)
@@ -141,14 +96,7 @@ def strict_bounds(certificate, joints, points, areas, v):
         gauge = (sqrt(r1 * r1 + r2 * r2) + abs(rm) / certificate.radius) / (mu * certificate.normal)
         margin = 1.0 - certificate.dead_gauge
         lower = v * margin / (margin + gauge)
-    upper = NEVER
-    if points is not None:
-        if certificate.family == 0:
-            upper = best_bound(certificate, points, areas, joints.step[j])
-    if areas is not None:
-        if certificate.family == 1:
-            # the plastic part of the twist: its bound closes to rounding
-            upper = best_bound(certificate, points, areas, areas.twist[certificate.index])
+    upper = best_bound(certificate, points, areas, *families.bound_twist(*joint, joints))
     return lower, upper
 
 
@@ -170,17 +118,13 @@ def instant_bounds(blocks, joints, points, areas, v, moved, dt):
     upper = NEVER
     if moved > 0.0:
         excess = 0.0
-        if points is not None:
-            for p in range(points.joint.size):
-                j = points.joint[p]
-                q = joints.step[j]
-                excess += point_dissipation(points, p, points.normal, q[0], q[1], q[2]) - shear_power(joints, j)
-        if areas is not None:
-            for a in range(areas.joint.size):
-                j = areas.joint[a]
+        for family in range(FAMILIES):
+            for i in range(families.size(points, areas, family)):
+                j = families.joint_of(points, areas, family, i)
                 q = joints.step[j]
                 n = joints.resultant[j, 0]
-                excess += area_dissipation(areas, a, n, q[0], q[1], q[2]) - shear_power(joints, j)
+                excess += families.dissipation_now(points, areas, family, i, n, q[0], q[1], q[2])
+                excess -= shear_power(joints, j)
         for f in range(blocks.free.size):
             b = blocks.free[f]
             for i in range(3):

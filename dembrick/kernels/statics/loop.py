@@ -74,7 +74,7 @@ def advance(
                     )  # fmt: skip
                 bounds = (bracket[0], bracket[1])
                 if not write_row(
-                    record, step, step * dt, blocks, joints, points, jacks, drive.viscous_s, *bounds, done
+                    record, step, step * dt, blocks, joints, points, areas, jacks, drive.viscous_s, *bounds, done
                 ):
                     return FULL, step
         if done:

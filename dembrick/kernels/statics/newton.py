@@ -10,8 +10,11 @@ from typing import NamedTuple
 from numpy import ndarray
 
 from dembrick._jit import jit
+from dembrick.kernels.statics import joint_families as families
+from dembrick.kernels.statics.area_joints import Areas
 from dembrick.kernels.statics.block_forces import add_force, clear_forces, react
-from dembrick.kernels.statics.joint_forces import area_forces, point_forces
+from dembrick.kernels.statics.joint_families import FAMILIES
+from dembrick.kernels.statics.point_joints import Points
 
 
 class Trial(NamedTuple):
@@ -25,12 +28,8 @@ class Trial(NamedTuple):
     stiffness: ndarray  # (j, 6, 6) elastic stiffness of the joints
     drag: ndarray  # (2,) parts of it that resist the motion of the trial: by forces, in the tangent
     base: ndarray  # (j, 6) m, rad: motion of the joint at the last equilibrium
-    elastic_1: ndarray  # (c,) N: memory of the contact points, likewise
-    elastic_2: ndarray  # (c,)
-    point_slip: ndarray  # (c,)
-    elastic: ndarray  # (a, 3) memory of the convex joints, likewise
-    twist: ndarray  # (a, 3)
-    area_slip: ndarray  # (a,)
+    points: Points | None  # what the contact points remembered then
+    areas: Areas | None  # likewise the convex joints
     force: ndarray  # (7, 6) t of the trial and of its six neighbours
     tangent: ndarray  # (j, 6, 6) dt/du
     half_width: int  # of the equations
@@ -47,53 +46,17 @@ def remember(trial, joints, points, areas):
     for j in range(joints.block_a.size):
         for i in range(6):
             trial.base[j, i] = joints.relative[j, i]
-    if points is not None:
-        for i in range(points.k_s.size):
-            trial.elastic_1[i] = points.elastic_1[i]
-            trial.elastic_2[i] = points.elastic_2[i]
-            trial.point_slip[i] = points.slip[i]
-    if areas is not None:
-        for a in range(areas.joint.size):
-            for i in range(3):
-                trial.elastic[a, i] = areas.elastic[a, i]
-                trial.twist[a, i] = areas.twist[a, i]
-            trial.area_slip[a] = areas.slip[a]
-
-
-@jit
-def point_answer(trial, points, p, gap, base, u1, u2, u3, r1, r2, r3):
-    """Resultant of point joint ``p`` for the motion (u, r), from the memory."""
-    for i in range(points.start[p], points.start[p + 1]):
-        points.elastic_1[i] = trial.elastic_1[i]
-        points.elastic_2[i] = trial.elastic_2[i]
-        points.slip[i] = trial.point_slip[i]
-    return point_forces(
-        points, p, None, u3 + gap, r1, r2, 0.0, 0.0, 0.0, u1 - base[0], u2 - base[1], r3 - base[5], 0.0, 0.0, None
-    )  # fmt: skip
-
-
-@jit
-def area_answer(trial, areas, a, gap, base, u1, u2, u3, r1, r2, r3):
-    """Resultant of convex joint ``a`` for the motion (u, r), from the memory."""
-    for i in range(3):
-        areas.elastic[a, i] = trial.elastic[a, i]
-        areas.twist[a, i] = trial.twist[a, i]
-    areas.slip[a] = trial.area_slip[a]
-    return area_forces(
-        areas, a, u3 + gap, r1, r2, 0.0, 0.0, 0.0, u1 - base[0], u2 - base[1], r3 - base[5], 0.0, 0.0, None
-    )  # fmt: skip
+    families.remember(points, areas, trial.points, trial.areas)
 
 
 @jit
 def answer(trial, points, areas, family, index, gap, base, u1, u2, u3, r1, r2, r3):
-    """Resultant (N, V_1, V_2, M_T, M_1, M_2, slip) of a joint by its family and number there."""
-    if points is not None:
-        if family == 0:
-            return point_answer(trial, points, index, gap, base, u1, u2, u3, r1, r2, r3)
-    if areas is not None:
-        if family == 1:
-            return area_answer(trial, areas, index, gap, base, u1, u2, u3, r1, r2, r3)
-    return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    """Resultant (N, V_1, V_2, M_T, M_1, M_2, slip) of a joint for the motion (u, r), from the memory."""
+    families.recall(points, areas, trial.points, trial.areas, family, index)
+    return families.forces(
+        points, areas, family, index, None, u3 + gap, r1, r2, 0.0, 0.0, 0.0, u1 - base[0], u2 - base[1], r3 - base[5],
+        0.0, 0.0, None,
+    )  # fmt: skip
 
 
 @jit
@@ -169,12 +132,10 @@ def try_joint(trial, blocks, joints, points, areas, family, index, j, with_tange
 def try_motion(trial, blocks, joints, points, areas, jacks, v, with_tangent):
     """Out-of-balance of the blocks for their displacements and rotations and the load ``v``; and the tangents."""
     clear_forces(blocks)
-    if points is not None:
-        for p in range(points.joint.size):
-            try_joint(trial, blocks, joints, points, areas, 0, p, points.joint[p], with_tangent)
-    if areas is not None:
-        for a in range(areas.joint.size):
-            try_joint(trial, blocks, joints, points, areas, 1, a, areas.joint[a], with_tangent)
+    for family in range(FAMILIES):
+        for i in range(families.size(points, areas, family)):
+            j = families.joint_of(points, areas, family, i)
+            try_joint(trial, blocks, joints, points, areas, family, i, j, with_tangent)
     for i in range(jacks.block.size):
         f = v * jacks.weight[i]
         d = jacks.direction

@@ -3,14 +3,14 @@
 A channel that was not asked for has arrays without entries, so that leaving it out costs neither time nor memory.
 """
 
-from math import sqrt
 from typing import NamedTuple
 
 from numpy import ndarray
 
 from dembrick._jit import jit
-from dembrick.kernels.math.vec3 import columns_times, cross, turned
+from dembrick.kernels.math.vec3 import cross, turned
 from dembrick.kernels.statics.block_forces import unbalanced_ratio
+from dembrick.kernels.statics.joint_families import write_contacts
 
 
 class Record(NamedTuple):
@@ -35,31 +35,7 @@ class Record(NamedTuple):
 
 
 @jit
-def write_contacts(points, joints, viscous, out):
-    """Force (N, world) on block b at every contact point: normal force, and shear force with its dashpot part.
-
-    Stuck or sliding, the shear force is the elastic part and a dashpot on all of the slip, cut off at mu N (`coulomb`).
-    """
-    for p in range(points.joint.size):
-        j = points.joint[p]
-        axes = joints.axes[j]
-        slip = joints.step[j]
-        for i in range(points.start[p], points.start[p + 1]):
-            k = viscous * joints.damping[j] * points.k_s[i]
-            t1 = points.elastic_1[i] + k * (slip[0] - slip[2] * points.y_s[i])
-            t2 = points.elastic_2[i] + k * (slip[1] + slip[2] * points.x_s[i])
-            size = sqrt(t1 * t1 + t2 * t2)
-            cap = points.friction[p] * points.normal[i]
-            if size > cap:
-                t1 *= cap / size
-                t2 *= cap / size
-            force = columns_times(axes, -t1, -t2, points.normal[i])
-            for k in range(3):
-                out[i, k] = force[k]
-
-
-@jit
-def write_frame(record, time, blocks, joints, points, viscous):
+def write_frame(record, time, blocks, joints, points, areas, viscous):
     """Add a frame to the record; there must be room. ``viscous`` is the dashpot ratio in shear."""
     frame = record.count[1]
     record.frame_time[frame] = time
@@ -73,14 +49,13 @@ def write_frame(record, time, blocks, joints, points, viscous):
         for i in range(3):
             record.frame_velocity[frame, b, i] = blocks.velocity[b, i]
             record.frame_spin[frame, b, i] = blocks.spin[b, i]
-    if points is not None:
-        if record.frame_contact.shape[1] > 0:
-            write_contacts(points, joints, viscous, record.frame_contact[frame])
+    if record.frame_contact.shape[1] > 0:
+        write_contacts(points, areas, joints, viscous, record.frame_contact[frame])
     record.count[1] = frame + 1
 
 
 @jit
-def write_row(record, step, time, blocks, joints, points, jacks, viscous, lower, upper, last):
+def write_row(record, step, time, blocks, joints, points, areas, jacks, viscous, lower, upper, last):
     """Add a row to the record, with a frame where one is due or it is the ``last``; False when there is no room."""
     row = record.count[0]
     framed = record.frame_time.size > 0 and (last or step % record.every[1] == 0)
@@ -110,5 +85,5 @@ def write_row(record, step, time, blocks, joints, points, jacks, viscous, lower,
         record.way[row, w, 2] = blocks.displacement[b, 2] + (z + 2.0 * d3 - record.arm[w, 2])
     record.count[0] = row + 1
     if framed:
-        write_frame(record, time, blocks, joints, points, viscous)
+        write_frame(record, time, blocks, joints, points, areas, viscous)
     return True

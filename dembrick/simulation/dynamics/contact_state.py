@@ -9,8 +9,7 @@ import numpy as np
 from dembrick.geometry.shapes import parts_of
 from dembrick.kernels.dynamics.contact_forces import Touching
 from dembrick.kernels.dynamics.contact_surface import Parts, Scratch
-from dembrick.kernels.joint.pressure import PATCHES
-from dembrick.kernels.state import Pressed
+from dembrick.kernels.joint.pressure import PATCHES, Pressed
 from dembrick.simulation.dynamics.time_step import COARSE
 
 

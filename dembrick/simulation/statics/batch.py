@@ -22,16 +22,15 @@ import numpy as np
 from dembrick.assembly.joints import Joint
 from dembrick.assembly.quadrature import ContactPoints, contact_points
 from dembrick.geometry import polygons
-from dembrick.kernels.state import Actuators, Areas, Blocks, Joints, Points, Pressed, ScaledInertia
+from dembrick.kernels.state import Actuators, Blocks, Joints, ScaledInertia
 from dembrick.kernels.statics.batch import UNSEATED, Answer, Loading, Lone, Room, Settings, replay_batch
 from dembrick.kernels.statics.certify import Basis
 from dembrick.kernels.statics.load_bounds import NEVER
 from dembrick.kernels.statics.loop import CONVERGED
 from dembrick.scenario.model import JointLaw
-from dembrick.simulation.statics import certificate, dead_load, guards, limit_load, load_system, state
+from dembrick.simulation.statics import certificate, dead_load, guards, joint_families, limit_load, load_system, state
 from dembrick.simulation.statics.batch_cases import Cases, check, wrench
 from dembrick.simulation.statics.critical_step import critical_time_step
-from dembrick.simulation.statics.stiffness import joint_stiffness
 from dembrick.simulation.statics.yield_point import OPEN
 
 BLOCK = 128  # cases prepared and run at a time
@@ -117,37 +116,7 @@ class _Faces:
         self.joints = [face(polygon, law) for polygon in cases.polygons]
         self.contact_points: list[ContactPoints | None] = [contact_points(f, cases.tolerance) for f in self.joints]
         self.width = np.array([polygons.width(p) for p in cases.polygons])
-        self.points, self.areas = state.point_joints(self), state.area_joints(self)
-
-
-def _gathered(start: np.ndarray, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rows ``chosen`` of a ragged table: their new starts, and which of its entries they are made of."""
-    counts = np.diff(start)[chosen]
-    new = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-    return new, np.repeat(start[:-1][chosen] - new[:-1], counts) + np.arange(new[-1])
-
-
-def _point_joints(faces: _Faces, cases: Cases) -> Points | None:
-    if faces.points is None:
-        return None
-    start, entry = _gathered(faces.points.start, cases.shape)
-    counts = np.diff(start)
-    values = {name: getattr(faces.points, name)[entry] for name in faces.points._fields[3:]}
-    values["k_n"] *= np.repeat(cases.normal_stiffness, counts)
-    values["k_s"] *= np.repeat(cases.shear_stiffness, counts)
-    return Points(np.arange(cases.count), start, np.array(cases.friction), **values)
-
-
-def _area_joints(faces: _Faces, cases: Cases) -> Areas | None:
-    if faces.areas is None:
-        return None
-    start, entry = _gathered(faces.areas.start, cases.shape)
-    values = {name: getattr(faces.areas, name)[cases.shape] for name in faces.areas._fields if name != "pressed"}
-    values |= {"joint": np.arange(cases.count), "start": start, "friction": np.array(cases.friction)}
-    values |= {"x": faces.areas.x[entry], "y": faces.areas.y[entry]} if len(entry) else {}
-    values |= {"k_n": np.array(cases.normal_stiffness), "k_s": np.array(cases.shear_stiffness)}
-    pressed: Pressed | None = state.pressed_room([cases.pressure] * cases.count, np.diff(start).tolist())
-    return Areas(**values, pressed=pressed)
+        self.points, self.areas = joint_families.at_rest(self)
 
 
 def _joints(k: int) -> Joints:
@@ -236,9 +205,10 @@ def _settings(tolerance: float, eta: float) -> Settings:
 
 def _run(cases: Cases, faces: _Faces) -> LimitLoads:
     k = cases.count
-    points, areas = _point_joints(faces, cases), _area_joints(faces, cases)
+    points, areas = joint_families.of_cases(faces, cases)
     blocks, joints, actuators = _blocks(k, cases.dead), _joints(k), _actuators(cases)
-    stiffness = joint_stiffness(state.State(blocks, joints, points, areas, actuators))
+    whole = state.State(blocks, joints, points, areas, actuators)
+    stiffness = joint_families.stiffness(whole)
     eta = STEP_FACTOR * critical_time_step(float(np.sqrt(1.0 + load_system.ACTUATOR_STIFFNESS)), load_system.VISCOUS)
     unit = wrench(cases)
     loading = Loading(
@@ -251,7 +221,7 @@ def _run(cases: Cases, faces: _Faces) -> LimitLoads:
     counts = np.zeros((2, k), np.int64)
     answer = Answer(np.zeros((k, 2)), np.zeros((k, 5)), np.zeros((k, 3)), *counts)
     basis = Basis(
-        np.zeros(3), np.zeros(3), np.zeros(2), np.zeros(1 if points is None else len(points.k_n)), np.zeros(5)
+        np.zeros(3), np.zeros(3), np.zeros(2), np.zeros(max(1, joint_families.contact_points(whole))), np.zeros(5)
     )
     room = Room(np.zeros((certificate.WINDOW, 4)), np.zeros(4), np.zeros(2), np.zeros(2), np.zeros(3), np.zeros((1, 3)))
     replay_batch(
@@ -276,7 +246,7 @@ def _run(cases: Cases, faces: _Faces) -> LimitLoads:
         V_1=resultant[:, 1].copy(),
         V_2=resultant[:, 2].copy(),
         M_T=resultant[:, 3].copy(),
-        twist=np.where(strict[:, None], answer.twist, joints.step if areas is None else areas.twist),
+        twist=np.where(strict[:, None], answer.twist, joint_families.slip_twists(whole)),
         tilt=joints.tilt.copy(),
         steps=answer.steps,
     )

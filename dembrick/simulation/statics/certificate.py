@@ -6,6 +6,7 @@ import numpy as np
 
 from dembrick.kernels.statics.certify import Basis, at_joint, certify
 from dembrick.kernels.statics.load_bounds import NEVER, Certificate
+from dembrick.simulation.statics import joint_families
 from dembrick.simulation.statics.state import State
 
 WINDOW = 32  # steps over which an indicator must hold still
@@ -59,8 +60,7 @@ def frictionless(state: State, certificate: Certificate) -> bool:
     """Whether the one joint has no friction and the load asks for some: the limit load is zero."""
     if len(state.joints.block_a) != 1:
         return False
-    family = state.points if state.points is not None else state.areas
-    return float(family.friction[0]) == 0.0 and bool(np.any(certificate.unit))
+    return float(joint_families.friction(state)[0]) == 0.0 and bool(np.any(certificate.unit))
 
 
 def _single_joint(state: State, load: np.ndarray) -> dict:
@@ -70,7 +70,7 @@ def _single_joint(state: State, load: np.ndarray) -> dict:
         unit=np.zeros(3),
         dead=np.zeros(3),
         centre=np.zeros(2),
-        rest=np.zeros(1 if points is None else len(points.normal)),
+        rest=np.zeros(max(1, joint_families.contact_points(state))),
         scalars=np.zeros(5),
     )
     unit, dead = np.zeros(6), np.zeros(6)
@@ -80,7 +80,7 @@ def _single_joint(state: State, load: np.ndarray) -> dict:
     strict, dead_gauge, radius, normal, tilts = (float(value) for value in basis.scalars)
     return {
         "strict": strict == 1.0,
-        "family": 0 if areas is None else 1,
+        "family": joint_families.number(state),
         "unit": basis.unit,
         "dead": basis.dead,
         "dead_gauge": dead_gauge,

@@ -15,6 +15,7 @@ import numpy as np
 from dembrick.errors import ScenarioError
 from dembrick.kernels.state import Inertia
 from dembrick.simulation.session import Observer, Session
+from dembrick.simulation.statics import joint_families
 from dembrick.simulation.statics.guards import new_guard, refuse_divergence
 from dembrick.simulation.statics.load_system import (
     MOST_STEPS_AT_RATE,
@@ -25,7 +26,6 @@ from dembrick.simulation.statics.recorder import Recorder
 from dembrick.simulation.statics.state import State, new_energy
 from dembrick.simulation.statics.steady_load import refuse_unsound, steady
 from dembrick.simulation.statics.stepper import Loop, Stepper
-from dembrick.simulation.statics.yield_point import joint_reach
 
 CHUNK = 1 << 16  # steps of a constant-rate test between two looks at the clock
 
@@ -43,7 +43,7 @@ def push_at_constant_rate(
     session = Session.of(session)
     setup = Setup(assembly, tolerance=0.0, session=session)
     state = setup.state
-    if state.areas is not None and state.areas.pressed is not None:
+    if joint_families.follows_bending(state):
         # inertia above the joint moves the pressure, and the friction with it
         setup.certificate = setup.certificate._replace(strict=False)
     damping = setup.dashpots()
@@ -82,7 +82,7 @@ def push_at_constant_rate(
     if setup.certificate.strict:
         slip = replay.yield_point.V_lower * setup.compliance / setup.weight
         pace = rate * critical / slip if slip > 0.0 else math.inf
-        refuse_unsound(replay.yield_point, guard, pace, float(joint_reach(state).max()))
+        refuse_unsound(replay.yield_point, guard, pace, float(joint_families.reach(state).max()))
     else:
         replay.yield_point = steady(replay.yield_point, guard, least=1e-3 * setup.dead_strength())
     return replay

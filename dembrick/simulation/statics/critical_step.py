@@ -18,8 +18,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dembrick.simulation.statics import joint_families
 from dembrick.simulation.statics.state import State
-from dembrick.simulation.statics.stiffness import block_stiffness, couplings, joint_stiffness, to_joint
+from dembrick.simulation.statics.stiffness import block_stiffness, couplings, to_joint
 
 POWER_ITERATIONS = 30
 DAMPING_RATIO = math.sqrt(0.125)  # of a block's fastest mode with physical inertia: a dashpot ratio of 1/2 at its step
@@ -104,7 +105,7 @@ def dashpots(state: State, inertia: np.ndarray, actuator: np.ndarray) -> Dashpot
     lower = np.zeros_like(inertia)
     lower[free] = np.linalg.inv(np.linalg.cholesky(inertia[free]))
     squares = np.zeros(len(joints.block_a))
-    stiffness = joint_stiffness(state)
+    stiffness = joint_families.stiffness(state)
     for side, arm in ((joints.block_a, joints.arm_a), (joints.block_b, joints.arm_b)):
         mine = np.flatnonzero(moves[side])
         there = to_joint(joints.axes[mine], arm[mine])

@@ -11,6 +11,7 @@ from dembrick.kernels.state import Energy
 from dembrick.kernels.statics.load_bounds import Certificate
 from dembrick.kernels.statics.loop import Drive
 from dembrick.simulation.session import Session
+from dembrick.simulation.statics import joint_families
 from dembrick.simulation.statics.certificate import certificate
 from dembrick.simulation.statics.critical_step import Dashpots, block_inertia, dashpots
 from dembrick.simulation.statics.dead_load import seat
@@ -156,13 +157,9 @@ class Setup(LoadSystem):
 def rough_strength(state: State, certificate: Certificate, load: np.ndarray) -> float:
     """A scale for V (N), right to a factor of a few: what it takes to slide and twist the loaded blocks' joints."""
     loaded = set(state.actuators.block.tolist())
-    capacity = 0.0
-    for family in (state.points, state.areas):
-        if family is None:
-            continue
-        for mu, j in zip(family.friction, family.joint, strict=True):
-            if state.joints.block_a[j] in loaded or state.joints.block_b[j] in loaded:
-                capacity += max(mu, 1e-3) * state.joints.resultant[j, 0]
+    joints = state.joints
+    own = np.isin(joints.block_a, list(loaded)) | np.isin(joints.block_b, list(loaded))
+    capacity = float((np.maximum(joint_families.friction(state), 1e-3) * joints.resultant[:, 0])[own].sum())
     unit = certificate.unit
     if np.any(unit):
         return capacity / (float(np.hypot(unit[0], unit[1])) + abs(float(unit[2])) / certificate.radius)

@@ -11,10 +11,10 @@ import numpy as np
 from dembrick.errors import ScenarioError
 from dembrick.kernels.math.banded import WIDE, eliminate, substitute
 from dembrick.kernels.statics.newton import Trial, assemble_tangent, try_motion
+from dembrick.simulation.statics import joint_families
 from dembrick.simulation.statics.elastic_factor import Factor
 from dembrick.simulation.statics.state import State
-from dembrick.simulation.statics.stiffness import joint_stiffness, to_joint
-from dembrick.simulation.statics.yield_point import joint_reach
+from dembrick.simulation.statics.stiffness import to_joint
 
 MOST_ITERATIONS = 20  # for one equilibrium
 BACKTRACKS = 8  # of one iteration
@@ -36,14 +36,11 @@ def elastic_moves(state: State) -> np.ndarray:
         np.maximum.at(carried, ends, joints.resultant[:, 0])
     carried[np.setdiff1d(np.arange(len(carried)), state.blocks.free)] = 0.0
     normal = np.maximum(carried[joints.block_a], carried[joints.block_b])
-    stiffness = joint_stiffness(state)
+    stiffness = joint_families.stiffness(state)
     if not normal.max() > 0.0:
-        return 1e-6 * joint_reach(state)
+        return 1e-6 * joint_families.reach(state)
     normal = np.maximum(normal, 1e-3 * normal.max())
-    friction = np.zeros(len(normal))
-    for family in (state.points, state.areas):
-        if family is not None:
-            friction[family.joint] = family.friction
+    friction = joint_families.friction(state)
     return normal * np.maximum(1.0 / stiffness[:, 2, 2], friction / stiffness[:, 0, 0])
 
 
@@ -65,23 +62,16 @@ def _new_trial(state: State, load: np.ndarray, factor: Factor) -> Trial:
     sixes = (factor.place[:, None] + np.arange(6)).ravel()
     along = np.zeros(rows)
     along[sixes] = load[free].ravel()
-    points = 0 if state.points is None else len(state.points.k_s)
-    areas = 0 if state.areas is None else len(state.areas.joint)
     return Trial(
         seen_a=seen_a,
         seen_b=seen_b,
         row=row.astype(np.int64),
-        reach=joint_reach(state),
+        reach=joint_families.reach(state),
         move=DIFFERENCE * elastic_moves(state),
-        stiffness=joint_stiffness(state),
+        stiffness=joint_families.stiffness(state),
         drag=np.array([0.0, HELD]),
         base=np.zeros((count, 6)),
-        elastic_1=np.zeros(points),
-        elastic_2=np.zeros(points),
-        point_slip=np.zeros(points),
-        elastic=np.zeros((areas, 3)),
-        twist=np.zeros((areas, 3)),
-        area_slip=np.zeros(areas),
+        **joint_families.memory(state),
         force=np.zeros((7, 6)),
         tangent=np.zeros((count, 6, 6)),
         half_width=half_width,

@@ -29,6 +29,7 @@ from dembrick.kernels.statics.record import write_row
 from dembrick.simulation import interrupts
 from dembrick.simulation.checkpoint_arrays import flattened, restored_state
 from dembrick.simulation.session import Session, Snapshot
+from dembrick.simulation.statics import joint_families
 from dembrick.simulation.statics.elastic_factor import Factor
 from dembrick.simulation.statics.newton import HELD, Equilibria
 from dembrick.simulation.statics.path_bounds import limit_bounds
@@ -52,7 +53,6 @@ MOST_TRIES = 6  # of a step with less and less drag
 ALONG = 4  # steps with drag before one without is tried again
 MOST_JUMPS, MOST_DRIFTS, MOST_DRAG = 20, 300, 1e4  # of a path; steps of one; drag over elastic stiffness
 CLOSED = 1e-3  # of the fastest relative motion of a step: gaps and their closing below it are none
-MEMORY = ("base", "elastic_1", "elastic_2", "point_slip", "elastic", "twist", "area_slip")  # of a trial
 
 
 @dataclass
@@ -266,7 +266,8 @@ class PathFollower:
         return self.turn_began
 
     def _memory(self) -> dict[str, np.ndarray]:
-        trial = {f"trial.{name}": getattr(self.trial, name) for name in MEMORY}
+        own = {"base": self.trial.base, **joint_families.memory_arrays(self.trial)}
+        trial = {f"trial.{name}": array for name, array in own.items()}
         return {**trial, "bracket": self.certificate.bracket, "way.seated_at": self.seated_at}
 
     def _snapshot(self) -> dict[str, np.ndarray]:
@@ -345,34 +346,19 @@ class PathFollower:
         """
         state, joints = self.state, self.state.joints
         change = joints.relative - self.trial.base
-        gaps, widened = [], []
-        for family, x, y in ((state.points, "x_n", "y_n"), (state.areas, "x", "y")):
-            if family is not None:
-                j = np.repeat(family.joint, np.diff(family.start))
-                x, y = getattr(family, x), getattr(family, y)
-                gaps.append(joints.opening[j, 0] + joints.opening[j, 1] * y - joints.opening[j, 2] * x)
-                widened.append(change[j, 2] + change[j, 3] * y - change[j, 4] * x)
-        gap, wider = np.concatenate(gaps), np.concatenate(widened)
+        gap, wider = joint_families.gaps(state, change)
         fastest = max(float(np.abs(wider).max()), float(np.abs(change[:, :2]).max()))
         return bool(((gap > CLOSED * fastest) & (wider < -CLOSED * fastest)).any())
 
     def _dissipated(self) -> float:
         """Work that friction takes from the last equilibrium to this one, by the forces of this one (J)."""
-        state, trial, work = self.state, self.trial, 0.0
-        if state.points is not None:
-            p = state.points
-            friction = np.repeat(p.friction, np.diff(p.start))
-            work += float((friction * p.normal * (p.slip - trial.point_slip)).sum())
-        if state.areas is not None:
-            a = state.areas
-            work += float((a.friction * state.joints.resultant[a.joint, 0] * (a.slip - trial.area_slip)).sum())
-        return work
+        return joint_families.friction_work(self.state, self.trial)
 
     def _judged(self) -> bool:
         """Fold the bounds into the bracket; True when it is narrow enough and V is that of a mechanism."""
         bracket = self.certificate.bracket
         elastic = self.weight / self.compliance
-        *bracket[:], limit = limit_bounds(self.way.seen, elastic, self.state.areas is not None)
+        *bracket[:], limit = limit_bounds(self.way.seen, elastic, joint_families.has_areas(self.state))
         self._record()
         width = 2.0 * self.certificate.tolerance * bracket[0]
         return bool(limit and bracket[1] - bracket[0] <= width and width > 0.0)
@@ -396,6 +382,6 @@ class PathFollower:
         if number:
             energy[EXTERNAL], energy[FRICTION], energy[DASHPOTS] = self.way.external, self.way.friction, self.way.lost
         write_row(
-            record, number, float(number), state.blocks, state.joints, state.points, state.actuators, 0.0, lower, upper,
-            False,
+            record, number, float(number), state.blocks, state.joints, state.points, state.areas, state.actuators, 0.0,
+            lower, upper, False,
         )  # fmt: skip

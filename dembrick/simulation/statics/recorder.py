@@ -7,6 +7,7 @@ import numpy as np
 from dembrick.assembly.actuators import NO_CONTROL_POINTS, ControlPoints
 from dembrick.kernels.statics.record import Record
 from dembrick.simulation.session import Session
+from dembrick.simulation.statics import joint_families
 from dembrick.simulation.statics.state import State
 
 ENERGIES = ("kinetic", "elastic", "jack_spring", "external", "friction", "dashpots")
@@ -41,7 +42,7 @@ class Recorder:
         channels = session.output.channels
         joints = n_joint if "joints" in channels else 0
         moving = n_block if "velocity" in channels else 0
-        points = len(state.points.k_n) if "contacts" in channels and state.points is not None else 0
+        points = joint_families.contact_points(state) if "contacts" in channels else 0
         rows = _capacity(
             chunk // rows_every, 8 * (6 + len(ENERGIES) + n_actuator + 7 * joints + 3 * len(watched.block))
         )

@@ -19,6 +19,7 @@ from dembrick.kernels.statics.loop import FULL, RUNNING, Drive, advance
 from dembrick.simulation import interrupts
 from dembrick.simulation.checkpoint_arrays import flattened, restored, restored_state
 from dembrick.simulation.session import Session, Snapshot, step_at
+from dembrick.simulation.statics import joint_families
 from dembrick.simulation.statics.recorder import Recorder
 from dembrick.simulation.statics.state import State
 
@@ -115,6 +116,4 @@ class Stepper:
 
 def _size(state: State) -> int:
     """Blocks and contacts: what a step costs, roughly."""
-    points = 0 if state.points is None else len(state.points.k_n)
-    corners = 0 if state.areas is None else 4 * len(state.areas.x)
-    return len(state.blocks.displacement) + points + corners
+    return len(state.blocks.displacement) + joint_families.entries(state)

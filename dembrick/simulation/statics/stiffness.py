@@ -4,31 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from dembrick.simulation.statics import joint_families
 from dembrick.simulation.statics.state import State
-
-
-def joint_stiffness(state: State) -> np.ndarray:
-    """Elastic stiffness (j, 6, 6) of every closed joint against (d1, d2, dn, r1, r2, rn) of b at O."""
-    k = np.zeros((len(state.joints.block_a), 6, 6))
-    if state.points is not None:
-        p = state.points
-        first = np.zeros((len(p.k_n), 6, 3))  # a column a direction: what the six motions move the point along it
-        first[:, 0, 0] = first[:, 1, 1] = first[:, 2, 2] = 1.0
-        first[:, 5, 0], first[:, 5, 1] = -p.y_s, p.x_s
-        first[:, 3, 2], first[:, 4, 2] = p.y_n, -p.x_n
-        stiffness = np.stack([p.k_s, p.k_s, p.k_n], axis=1)
-        each = (first * stiffness[:, None]) @ first.transpose(0, 2, 1)
-        k[p.joint] = np.add.reduceat(each, p.start[:-1], axis=0)
-    if state.areas is not None:
-        a, j = state.areas, state.areas.joint
-        yy, xx, xy = a.second.T
-        k[j, 0, 0] = k[j, 1, 1] = a.k_s * a.area
-        k[j, 5, 5] = a.k_s * (xx + yy)
-        k[j, 2, 2] = a.k_n * a.area
-        k[j, 3, 3] = a.k_n * yy
-        k[j, 4, 4] = a.k_n * xx
-        k[j, 3, 4] = k[j, 4, 3] = -a.k_n * xy
-    return k
 
 
 def to_joint(axes: np.ndarray, arm: np.ndarray) -> np.ndarray:
@@ -45,7 +22,7 @@ def to_joint(axes: np.ndarray, arm: np.ndarray) -> np.ndarray:
 
 def _ends(state: State, times: np.ndarray | None = None) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
     """Stiffness (j, 6, 6) of the joints ``times`` (j,) a factor, and the matrices `to_joint` of their two blocks."""
-    joints, k = state.joints, joint_stiffness(state)
+    joints, k = state.joints, joint_families.stiffness(state)
     if times is not None:
         k *= times[:, None, None]
     return k, (to_joint(joints.axes, joints.arm_a), to_joint(joints.axes, joints.arm_b))

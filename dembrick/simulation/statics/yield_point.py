@@ -9,6 +9,7 @@ import numpy as np
 
 from dembrick.errors import BracketError
 from dembrick.kernels.statics.load_bounds import NEVER, Certificate
+from dembrick.simulation.statics import joint_families
 from dembrick.simulation.statics.state import State
 
 _CROSSED = 1e-10  # of V: bounds that have met may cross by rounding
@@ -97,10 +98,7 @@ def read_off(state: State, certificate: Certificate, names) -> YieldPoint:
 
 def _mechanism(state: State, j: int) -> tuple[tuple[float, float] | None, str]:
     """Torsion centre of the last slip of joint ``j``, and the name of the mechanism."""
-    twist = state.joints.step[j]
-    if state.areas is not None and j in state.areas.joint:
-        twist = state.areas.twist[int(np.flatnonzero(state.areas.joint == j)[0])]
-    return mechanism(twist, state.joints.tilt[j], joint_reach(state)[j])
+    return mechanism(joint_families.slip_twists(state)[j], state.joints.tilt[j], joint_families.reach(state)[j])
 
 
 def mechanism(twist, tilt, reach: float) -> tuple[tuple[float, float] | None, str]:
@@ -123,16 +121,6 @@ def last_moves(state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     What moves past an open joint does not slide on it: joints without a normal force count for nothing.
     """
     joints = state.joints
-    reach = joint_reach(state) * (joints.resultant[:, 0] > 0.0)
+    reach = joint_families.reach(state) * (joints.resultant[:, 0] > 0.0)
     slid = np.hypot(joints.step[:, 0], joints.step[:, 1]) * (joints.resultant[:, 0] > 0.0)
     return slid, reach * np.abs(joints.step[:, 2]), reach * np.hypot(joints.tilt[:, 0], joints.tilt[:, 1])
-
-
-def joint_reach(state: State) -> np.ndarray:
-    """Greatest distance from O at which each joint carries shear (j,) in m."""
-    reach = np.zeros(len(state.joints.block_a))
-    for family, x, y in ((state.points, "x_s", "y_s"), (state.areas, "x", "y")):
-        if family is not None:
-            distance = np.hypot(getattr(family, x), getattr(family, y))
-            reach[family.joint] = np.maximum.reduceat(distance, family.start[:-1])
-    return reach

@@ -23,7 +23,7 @@ from dembrick.kernels.recorded_motion import (
     ride_in_plane,
     shared_normals,
 )
-from dembrick.simulation.statics.state import pressed_room
+from dembrick.simulation.pressed_parts import pressed_parts
 from dembrick.views.motion.relative import STATES, RelativeMotion, torsion_centre
 
 __all__ = ["CHANNELS", "STATES", "JointFrames", "JointMotion", "RelativeMotion", "nearest", "torsion_centre"]
@@ -321,7 +321,7 @@ class JointFrames:
             joint = joints.surfaces[-1]
             pressed = bending = None
             if set(joints.pressures) - {"full"}:
-                pressed = pressed_room(joints.pressures, joints.n_corner[joint].tolist())
+                pressed = pressed_parts(joints.pressures, joints.n_corner[joint].tolist())
                 opening = self.relative.components[..., 2:5]
                 bending = np.concatenate([resultants[..., [0, 4, 5]], opening], axis=-1)
             strength = joints.friction * resultants[..., 0]

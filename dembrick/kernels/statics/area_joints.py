@@ -1,0 +1,273 @@
+"""Convex joints, in searches and constant-rate tests: the area family.
+
+The functions of a family are those of `point_joints`, under the same names; `joint_families` calls them. The law of a
+convex joint is `kernels.joint.area_law`.
+"""
+
+from typing import NamedTuple
+
+from numpy import ndarray
+
+from dembrick._jit import jit
+from dembrick.kernels.joint.area_law import area_friction, area_pressure, spring_pressure
+from dembrick.kernels.joint.limit_surface import gauge, surface
+from dembrick.kernels.joint.pressure import Pressed, follow_pressure
+from dembrick.kernels.state import BY_LAW, DAMPING, LEAST, SLIDING
+from dembrick.kernels.statics.dashpots import dashpot_work
+
+SAME = 1e-9  # of the normal force and its moment: a pressure that moves no more than that is at rest
+NEVER_OVER = 1e300  # N, of a block that no load of this direction turns over
+
+
+class Areas(NamedTuple):
+    """Convex joints: the no-tension integral over the polygon and the exact torsion-shear limit surface."""
+
+    joint: ndarray  # (a,) int64, which joint
+    start: ndarray  # (a + 1,) int64, first vertex of each polygon
+    friction: ndarray  # (a,) friction coefficient
+    x: ndarray  # (v,) m, vertices about O along t1, counter-clockwise
+    y: ndarray  # (v,) m, along t2
+    area: ndarray  # (a,) m2
+    second: ndarray  # (a, 3) m4, integrals of y^2, x^2, x y
+    reach: ndarray  # (a,) m, greatest vertex distance from O
+    radius: ndarray  # (a,) m, torsion strength over V_0
+    far: ndarray  # (a, 42) coefficients of the series about pure translation
+    k_n: ndarray  # (a,) Pa/m
+    k_s: ndarray  # (a,) Pa/m
+    elastic: ndarray  # (a, 3) N, N, N m, elastic shear resultant on b
+    twist: ndarray  # (a, 3) m, m, rad, plastic twist of the last plastic step
+    slip: ndarray  # (a,) m, length of the slip path at O
+    evaluations: ndarray  # (a,) int64, evaluations of the limit surface
+    pressed: Pressed | None  # None where all pressures are full
+
+
+@jit
+def pressed_of(pressed, i):
+    """The pressed part of scene ``i`` of a batch, whose corners are numbered as in the batch; None without any."""
+    if pressed is None:
+        return None
+    s = slice(i, i + 1)
+    return Pressed(
+        pressed.kind[s], pressed.pieces[s], pressed.start[s], pressed.count[s], pressed.x, pressed.y, pressed.spare_x,
+        pressed.spare_y, pressed.centre[s], pressed.density[s], pressed.reach[s], pressed.radius[s],
+    )  # fmt: skip
+
+
+@jit
+def of_scene(areas, lone, i):
+    """The convex joint of scene ``i`` of a batch, whose corners are numbered as in the batch."""
+    s = slice(i, i + 1)
+    return Areas(
+        lone.zero, areas.start[i : i + 2], areas.friction[s], areas.x, areas.y, areas.area[s], areas.second[s],
+        areas.reach[s], areas.radius[s], areas.far[s], areas.k_n[s], areas.k_s[s], areas.elastic[s], areas.twist[s],
+        areas.slip[s], areas.evaluations[s], pressed_of(areas.pressed, i),
+    )  # fmt: skip
+
+
+@jit
+def follow_bending(pressed, areas, a, n, nx, ny, h0, hx, hy):
+    """Bring the pressed part of convex joint ``a`` up to date, if the friction of any follows the bending."""
+    if pressed is not None:
+        follow_pressure(
+            pressed, a, areas.x, areas.y, areas.start[a], areas.start[a + 1], areas.reach[a], n, nx, ny, h0, hx, hy
+        )
+
+
+@jit
+def forces(areas, a, before, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s, energy):
+    """Resultant (N, V_1, V_2, M_T, M_1, M_2, slip) of convex joint ``a``; updates its memory and, with ``energy`` (not
+    None), books the work of the step."""
+    first = areas.start[a]
+    last = areas.start[a + 1]
+    area = areas.area[a]
+    second = areas.second[a]
+    reach = areas.reach[a]
+    k_n = areas.k_n[a]
+    volume, moment_x, moment_y, h0, hx, hy = area_pressure(
+        areas.x, areas.y, first, last, area, second, reach, viscous_n, -dn, r2, -r1, -pn, pr2, -pr1
+    )
+    n = k_n * volume
+    m1 = -k_n * moment_y
+    m2 = k_n * moment_x
+    follow_bending(areas.pressed, areas, a, volume, moment_x, moment_y, h0, hx, hy)
+    k_t = areas.k_s[a] * area
+    k_r = areas.k_s[a] * (second[0] + second[1])
+    elastic = areas.elastic[a]
+    twist = areas.twist[a]
+    old_1 = elastic[0]
+    old_2 = elastic[1]
+    old_r = elastic[2]
+    v1, v2, mt, e1, e2, er, q1, q2, qr, w1, w2, wr, slid, evaluations = area_friction(
+        areas.x, areas.y, first, last, area, reach, areas.far[a], areas.pressed, a, areas.radius[a], n,
+        areas.friction[a], 0.0, k_t, k_r, 1.0 + viscous_s, p1, p2, pr, old_1, old_2, old_r, twist[0], twist[1],
+        twist[2],
+    )  # fmt: skip
+    elastic[0] = e1
+    elastic[1] = e2
+    elastic[2] = er
+    twist[0] = w1
+    twist[1] = w2
+    twist[2] = wr
+    areas.slip[a] += slid
+    if energy is not None:
+        loss = 0.5 * ((old_1 + e1) * q1 + (old_2 + e2) * q2 + (old_r + er) * qr)
+        if n > 0.0:
+            energy.work[SLIDING] += loss
+            energy.work[BY_LAW] += v1 * q1 + v2 * q2 + mt * qr
+            if loss < 0.0:
+                energy.work[LEAST] = min(energy.work[LEAST], loss)
+        else:  # an open joint lets go of what its springs held
+            energy.work[DAMPING] += loss
+        still, still_x, still_y = spring_pressure(areas.x, areas.y, first, last, area, second, reach, -dn, r2, -r1)
+        energy.work[DAMPING] += 0.5 * dashpot_work(
+            energy.dash[areas.joint[a]], v1 - e1, v2 - e2, mt - er, n - k_n * still, m1 + k_n * still_y,
+            m2 - k_n * still_x, p1, p2, pr, pn, pr1, pr2,
+        )  # fmt: skip
+    areas.evaluations[a] += evaluations
+    return n, v1, v2, mt, m1, m2, areas.slip[a]
+
+
+@jit
+def dissipation(areas, a, rest, normal, q1, q2, qr):
+    """D(q) of convex joint ``a`` under the normal force ``normal``."""
+    # D is of degree one: near the unit twist nothing overflows
+    size = max(abs(q1), abs(q2), abs(qr) * areas.reach[a])
+    if size == 0.0:
+        return 0.0
+    d = surface(
+        areas.x,
+        areas.y,
+        areas.start[a],
+        areas.start[a + 1],
+        areas.area[a],
+        areas.reach[a],
+        areas.far[a],
+        areas.pressed,
+        a,
+        q1 / size,
+        q2 / size,
+        qr / size,
+    )[0]
+    return areas.friction[a] * normal * size * d
+
+
+@jit
+def shear_energy(areas, a):
+    """Energy (J) in the shear and torsion springs of convex joint ``a``."""
+    k_t = areas.k_s[a] * areas.area[a]
+    k_r = areas.k_s[a] * (areas.second[a, 0] + areas.second[a, 1])
+    e = areas.elastic[a]
+    return 0.5 * ((e[0] ** 2 + e[1] ** 2) / k_t + e[2] ** 2 / k_r)
+
+
+@jit
+def remember(areas, memory):
+    """Copy what all convex joints remember into ``memory``, another `Areas`."""
+    for a in range(areas.joint.size):
+        for i in range(3):
+            memory.elastic[a, i] = areas.elastic[a, i]
+            memory.twist[a, i] = areas.twist[a, i]
+        memory.slip[a] = areas.slip[a]
+
+
+@jit
+def recall(areas, memory, a):
+    """Let convex joint ``a`` remember what ``memory`` does."""
+    for i in range(3):
+        areas.elastic[a, i] = memory.elastic[a, i]
+        areas.twist[a, i] = memory.twist[a, i]
+    areas.slip[a] = memory.slip[a]
+
+
+# --- limit-analysis bounds
+
+
+@jit
+def carried_share(areas, a, rest, normal, now):
+    """The part of the forces of now that fits under the ``normal`` force of before the jacks pushed: a block that
+    bounces carries more for a moment."""
+    return normal / now[0] if now[0] > normal else 1.0
+
+
+@jit
+def moved_from(pressed, a, reach, centre, normal, now):
+    """`pressure_moved` of ``pressed``, None if all pressures are full."""
+    if pressed is not None:
+        most = SAME * normal
+        return pressed.kind[a] != 0 and (
+            abs(now[0] - normal) > most
+            or abs(now[5] - now[0] * centre[0]) > most * reach
+            or abs(now[4] + now[0] * centre[1]) > most * reach
+        )
+    return False
+
+
+@jit
+def pressure_moved(areas, a, centre, normal, now):
+    """Whether friction follows a pressure that is not the one before the jacks pushed."""
+    return moved_from(areas.pressed, a, areas.reach[a], centre, normal, now)
+
+
+@jit
+def bound_twist(areas, a, joints):
+    """Slip twist (3) whose upper bound is the least: the plastic part of it, whose bound closes to rounding."""
+    return areas.twist[a, 0], areas.twist[a, 1], areas.twist[a, 2]
+
+
+@jit
+def area_gauge(areas, a, f1, f2, m):
+    """Gauge of a tangential force over V_0 in the limit set of convex joint ``a``, as it is pressed now."""
+    return gauge(
+        areas.x, areas.y, areas.start[a], areas.start[a + 1], areas.area[a], areas.reach[a], areas.far[a],
+        areas.pressed, a, f1, f2, m, 0.0, 0.0, 0.0, 0.0,
+    )[0]  # fmt: skip
+
+
+@jit
+def pressure_centre(pressed, areas, a, basis):
+    """Centre of pressure and torsion radius if friction follows the bending; False if it does not."""
+    if pressed is not None:
+        if pressed.kind[a] != 0:
+            basis.centre[0] = pressed.centre[a, 0]
+            basis.centre[1] = pressed.centre[a, 1]
+            basis.scalars[2] = 1.0 / area_gauge(areas, a, 0.0, 0.0, 1.0)
+            return True
+    return False
+
+
+@jit
+def at_rest(areas, a, basis):
+    """Fill ``basis`` with the rest state of convex joint ``a``; returns the reach of its shear forces (m), and whether
+    friction follows the pressure."""
+    basis.scalars[2] = areas.radius[a]
+    follows = pressure_centre(areas.pressed, areas, a, basis)
+    return areas.reach[a], follows
+
+
+@jit
+def overturning_load(areas, a, resultant, normal, unit):
+    """V at which the centre of pressure of a convex joint reaches the edge of its polygon."""
+    e1 = resultant[5] / normal
+    e2 = -resultant[4] / normal
+    d1 = unit[4] / normal
+    d2 = -unit[3] / normal
+    least = NEVER_OVER
+    last = areas.start[a + 1]
+    xa = areas.x[last - 1]
+    ya = areas.y[last - 1]
+    for i in range(areas.start[a], last):
+        out_1 = areas.y[i] - ya
+        out_2 = xa - areas.x[i]
+        speed = out_1 * d1 + out_2 * d2
+        if speed > 0.0:
+            least = min(least, ((xa - e1) * out_1 + (ya - e2) * out_2) / speed)
+        xa = areas.x[i]
+        ya = areas.y[i]
+    return least
+
+
+@jit
+def dead_gauge(areas, a, normal, dead):
+    """Gauge of the dead load (6,) in the limit set, exact."""
+    strength = areas.friction[a] * normal
+    return area_gauge(areas, a, dead[0] / strength, dead[1] / strength, dead[5] / strength)

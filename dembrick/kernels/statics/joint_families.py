@@ -1,0 +1,219 @@
+"""The joint families of the searches: which of them a scene has is asked here and nowhere else.
+
+A family is a module (`point_joints`, `area_joints`) with one set of functions; its joints are a NamedTuple of arrays,
+or None if the scene has none of them, and numba then leaves its code out. Where one joint is meant, ``family`` and
+``index`` say which: POINTS or AREAS, and its number there.
+"""
+
+from dembrick._jit import jit
+from dembrick.kernels.statics import area_joints, point_joints
+
+POINTS, AREAS = 0, 1
+FAMILIES = 2
+
+
+@jit
+def only_family(points, areas):
+    """The family of the one joint of a scene."""
+    return POINTS if areas is None else AREAS
+
+
+@jit
+def points_of_scene(points, lone, i):
+    """The point joint of scene ``i`` of a batch; None if it has none."""
+    if points is None:
+        return None
+    return point_joints.of_scene(points, lone, i)
+
+
+@jit
+def areas_of_scene(areas, lone, i):
+    """The convex joint of scene ``i`` of a batch; None if it has none."""
+    if areas is None:
+        return None
+    return area_joints.of_scene(areas, lone, i)
+
+
+@jit
+def size(points, areas, family):
+    """How many joints a family has."""
+    if points is not None:
+        if family == POINTS:
+            return points.joint.size
+    if areas is not None:
+        if family == AREAS:
+            return areas.joint.size
+    return 0
+
+
+@jit
+def joint_of(points, areas, family, index):
+    """The number of a joint among all joints."""
+    if points is not None:
+        if family == POINTS:
+            return points.joint[index]
+    if areas is not None:
+        if family == AREAS:
+            return areas.joint[index]
+    return 0
+
+
+@jit
+def friction_of(points, areas, family, index):
+    """Friction coefficient of a joint."""
+    if points is not None:
+        if family == POINTS:
+            return points.friction[index]
+    if areas is not None:
+        if family == AREAS:
+            return areas.friction[index]
+    return 0.0
+
+
+@jit
+def forces(points, areas, family, index, *motion):
+    """Resultant (N, V_1, V_2, M_T, M_1, M_2, slip) of a joint; ``motion``: see `point_joints.forces`."""
+    if points is not None:
+        if family == POINTS:
+            return point_joints.forces(points, index, *motion)
+    if areas is not None:
+        if family == AREAS:
+            return area_joints.forces(areas, index, *motion)
+    return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+
+
+@jit
+def dissipation(points, areas, family, index, rest, normal, q1, q2, q3):
+    """D(q) of a joint with given normal forces: ``rest`` of the contact points, ``normal`` of a convex joint."""
+    if points is not None:
+        if family == POINTS:
+            return point_joints.dissipation(points, index, rest, normal, q1, q2, q3)
+    if areas is not None:
+        if family == AREAS:
+            return area_joints.dissipation(areas, index, rest, normal, q1, q2, q3)
+    return 0.0
+
+
+@jit
+def dissipation_now(points, areas, family, index, normal, q1, q2, q3):
+    """D(q) of a joint with its normal forces of now, of which ``normal`` is the sum."""
+    if points is not None:
+        if family == POINTS:
+            return point_joints.dissipation(points, index, points.normal, normal, q1, q2, q3)
+    if areas is not None:
+        if family == AREAS:
+            return area_joints.dissipation(areas, index, None, normal, q1, q2, q3)
+    return 0.0
+
+
+@jit
+def shear_energy(points, areas, family, index):
+    """Energy (J) in the shear springs of a joint."""
+    if points is not None:
+        if family == POINTS:
+            return point_joints.shear_energy(points, index)
+    if areas is not None:
+        if family == AREAS:
+            return area_joints.shear_energy(areas, index)
+    return 0.0
+
+
+@jit
+def carried_share(points, areas, family, index, rest, normal, now):
+    """The part of the forces ``now`` of a joint that fits under its normal forces of before the jacks pushed."""
+    if points is not None:
+        if family == POINTS:
+            return point_joints.carried_share(points, index, rest, normal, now)
+    if areas is not None:
+        if family == AREAS:
+            return area_joints.carried_share(areas, index, rest, normal, now)
+    return 1.0
+
+
+@jit
+def pressure_moved(points, areas, family, index, centre, normal, now):
+    """Whether friction follows a pressure that is not the one before the jacks pushed."""
+    if points is not None:
+        if family == POINTS:
+            return point_joints.pressure_moved(points, index, centre, normal, now)
+    if areas is not None:
+        if family == AREAS:
+            return area_joints.pressure_moved(areas, index, centre, normal, now)
+    return False
+
+
+@jit
+def bound_twist(points, areas, family, index, joints):
+    """Slip twist (3) of a joint whose upper bound is the least."""
+    if points is not None:
+        if family == POINTS:
+            return point_joints.bound_twist(points, index, joints)
+    if areas is not None:
+        if family == AREAS:
+            return area_joints.bound_twist(areas, index, joints)
+    return 0.0, 0.0, 0.0
+
+
+@jit
+def at_rest(points, areas, family, index, basis):
+    """Fill ``basis`` with the rest state of a joint; returns the reach of its shear forces (m), and whether friction
+    follows the pressure."""
+    if points is not None:
+        if family == POINTS:
+            return point_joints.at_rest(points, index, basis)
+    if areas is not None:
+        if family == AREAS:
+            return area_joints.at_rest(areas, index, basis)
+    return 0.0, False
+
+
+@jit
+def overturning_load(points, areas, family, index, resultant, normal, unit):
+    """V at which a joint overturns, if friction does not follow the pressure."""
+    if points is not None:
+        if family == POINTS:
+            return point_joints.overturning_load(points, index, resultant, normal, unit)
+    if areas is not None:
+        if family == AREAS:
+            return area_joints.overturning_load(areas, index, resultant, normal, unit)
+    return 0.0
+
+
+@jit
+def dead_gauge(points, areas, family, index, normal, dead):
+    """Upper bound of the gauge of the dead load (6,) in the limit set of a joint."""
+    if points is not None:
+        if family == POINTS:
+            return point_joints.dead_gauge(points, index, normal, dead)
+    if areas is not None:
+        if family == AREAS:
+            return area_joints.dead_gauge(areas, index, normal, dead)
+    return 0.0
+
+
+@jit
+def write_contacts(points, areas, joints, viscous, out):
+    """Forces (N, world) on block b at all contact points into ``out`` (c, 3)."""
+    if points is not None:
+        for p in range(points.joint.size):
+            point_joints.write_contacts(points, p, joints, viscous, out)
+
+
+@jit
+def remember(points, areas, point_memory, area_memory):
+    """Copy what all joints remember into the memories, a `Points` and an `Areas`, None where the family is."""
+    if points is not None:
+        point_joints.remember(points, point_memory)
+    if areas is not None:
+        area_joints.remember(areas, area_memory)
+
+
+@jit
+def recall(points, areas, point_memory, area_memory, family, index):
+    """Let a joint remember what its family's memory does."""
+    if points is not None:
+        if family == POINTS:
+            point_joints.recall(points, point_memory, index)
+    if areas is not None:
+        if family == AREAS:
+            area_joints.recall(areas, area_memory, index)

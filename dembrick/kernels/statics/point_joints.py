@@ -1,0 +1,304 @@
+"""Joints that act at contact points, in searches and constant-rate tests: the point family.
+
+The functions of a family are those of `area_joints`, under the same names; `joint_families` calls them. The law of one
+point is `kernels.joint.point_law`.
+"""
+
+from math import sqrt
+from typing import NamedTuple
+
+from numpy import ndarray, uint64
+
+from dembrick._jit import jit, jit_sum
+from dembrick.kernels.joint.point_law import point_law, shear_loss
+from dembrick.kernels.math.vec3 import columns_times
+from dembrick.kernels.state import BY_LAW, DAMPING, LEAST, SLIDING
+from dembrick.kernels.statics.dashpots import dashpot_work
+
+
+class Points(NamedTuple):
+    """Joints whose forces act at contact points."""
+
+    joint: ndarray  # (p,) int64, which joint
+    start: ndarray  # (p + 1,) int64, first contact point of each
+    friction: ndarray  # (p,) friction coefficient
+    x_n: ndarray  # (c,) m, along t1, where the normal force acts
+    y_n: ndarray  # (c,) m, along t2
+    x_s: ndarray  # (c,) m, along t1, where slip is measured and the shear force acts
+    y_s: ndarray  # (c,) m, along t2
+    k_n: ndarray  # (c,) N/m, normal stiffness times tributary area
+    k_s: ndarray  # (c,) N/m, shear stiffness times tributary area
+    normal: ndarray  # (c,) N, normal force now, positive in compression
+    elastic_1: ndarray  # (c,) N, elastic shear force on b along t1
+    elastic_2: ndarray  # (c,) N, along t2
+    slip: ndarray  # (c,) m, length of the slip path
+
+
+@jit
+def of_scene(points, lone, i):
+    """The contact points of scene ``i`` of a batch: their numbers are those of the batch."""
+    return Points(
+        lone.zero, points.start[i : i + 2], points.friction[i : i + 1], points.x_n, points.y_n, points.x_s,
+        points.y_s, points.k_n, points.k_s, points.normal, points.elastic_1, points.elastic_2, points.slip,
+    )  # fmt: skip
+
+
+@jit
+def spring_resultant(points, p, sums, dn, r1, r2):
+    """N, M_1, M_2 of the normal springs of point joint ``p`` without its dashpots; ``sums`` is its `Energy.normal`.
+
+    In closed form as if all were closed; where a point may be open, less what the open ones would pull.
+    """
+    n = -(sums[0] * dn + sums[2] * r1 - sums[1] * r2)
+    m1 = sums[2] * dn + sums[4] * r1 - sums[5] * r2
+    m2 = -(sums[1] * dn + sums[5] * r1 - sums[3] * r2)
+    if dn + sums[6] * (abs(r1) + abs(r2)) > 0.0:
+        for i in range(uint64(points.start[p]), uint64(points.start[p + 1])):
+            x = points.x_n[i]
+            y = points.y_n[i]
+            pull = points.k_n[i] * max(dn + r1 * y - r2 * x, 0.0)
+            n += pull
+            m1 -= pull * y
+            m2 += pull * x
+    return n, m1, m2
+
+
+@jit
+def forces(points, p, before, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s, energy):
+    """Resultant (N, V_1, V_2, M_T, M_1, M_2, slip) of point joint ``p``; updates the memory of its contact points.
+
+    With ``energy`` (not None) the work of the step is booked, by the trapezoidal rule over the increment; ``before`` is
+    the resultant of the last step.
+    """
+    mu = points.friction[p]
+    damped = 1.0 + viscous_s
+    share = 1.0 / damped
+    n = m1 = m2 = v1 = v2 = mt = slip = weight = 0.0
+    friction = by_law = released = least = c1 = c2 = cm = 0.0
+    for i in range(uint64(points.start[p]), uint64(points.start[p + 1])):
+        x = points.x_n[i]
+        y = points.y_n[i]
+        xs = points.x_s[i]
+        ys = points.y_s[i]
+        k = points.k_s[i]
+        s1 = p1 - pr * ys
+        s2 = p2 + pr * xs
+        b1 = points.elastic_1[i]
+        b2 = points.elastic_2[i]
+        normal, t1, t2, e1, e2, slid = point_law(
+            -(dn + r1 * y - r2 * x), -(pn + pr1 * y - pr2 * x), s1, s2, b1, b2, points.k_n[i], k, mu, viscous_n, damped,
+            share,
+        )  # fmt: skip
+        points.normal[i] = normal
+        points.elastic_1[i] = e1
+        points.elastic_2[i] = e2
+        n += normal
+        m1 -= y * normal
+        m2 += x * normal
+        v1 += t1
+        v2 += t2
+        mt += xs * t2 - ys * t1
+        points.slip[i] += slid
+        slip += k * points.slip[i]
+        weight += k
+        if energy is not None:
+            if slid > 0.0:
+                loss = shear_loss(b1, b2, e1, e2, s1, s2, k)
+                friction += loss
+                least = min(least, loss)
+                by_law += mu * normal * slid
+            elif normal == 0.0 and (b1 != 0.0 or b2 != 0.0):
+                released += shear_loss(b1, b2, e1, e2, s1, s2, k)
+                c1 += b1
+                c2 += b2
+                cm += xs * b2 - ys * b1
+    if energy is not None:
+        energy.work[SLIDING] += friction
+        energy.work[BY_LAW] += by_law
+        if least < 0.0:
+            energy.work[LEAST] = min(energy.work[LEAST], least)
+        # The dashpots carry what the springs do not. All points move with one rigid motion, so the work of their
+        # resultant is the sum of theirs. At every closed point t = e + d with d = viscous (e - old), so that
+        # d = viscous (t - t_old + d_old) / (1 + viscous), and with it the resultants; a point that has opened has no d.
+        still_n, still_1, still_2 = spring_resultant(points, p, energy.normal[p], dn, r1, r2)
+        dash = energy.dash[points.joint[p]]
+        rest = 1.0 - share  # the quotient is there already
+        energy.work[DAMPING] += released + 0.5 * dashpot_work(
+            dash,
+            rest * (v1 - before[1] + dash[0] + c1),
+            rest * (v2 - before[2] + dash[1] + c2),
+            rest * (mt - before[3] + dash[2] + cm),
+            n - still_n,
+            m1 - still_1,
+            m2 - still_2,
+            p1, p2, pr, pn, pr1, pr2,
+        )  # fmt: skip
+    return n, v1, v2, mt, m1, m2, slip / weight
+
+
+@jit
+def dissipation(points, p, rest, normal, q1, q2, qr):
+    """D(q) of point joint ``p`` with the normal forces ``rest`` of its points (N m for a twist in m, m, rad)."""
+    total = 0.0
+    for i in range(points.start[p], points.start[p + 1]):
+        s1 = q1 - qr * points.y_s[i]
+        s2 = q2 + qr * points.x_s[i]
+        total += rest[i] * (s1 * s1 + s2 * s2) ** 0.5
+    return points.friction[p] * total
+
+
+@jit_sum
+def shear_energy(points, p):
+    """Energy (J) in the shear springs of point joint ``p``."""
+    twice = 0.0
+    for i in range(uint64(points.start[p]), uint64(points.start[p + 1])):
+        twice += (points.elastic_1[i] * points.elastic_1[i] + points.elastic_2[i] * points.elastic_2[i]) / points.k_s[i]
+    return 0.5 * twice
+
+
+@jit
+def remember(points, memory):
+    """Copy what all points remember into ``memory``, another `Points`."""
+    for i in range(points.k_s.size):
+        memory.elastic_1[i] = points.elastic_1[i]
+        memory.elastic_2[i] = points.elastic_2[i]
+        memory.slip[i] = points.slip[i]
+
+
+@jit
+def recall(points, memory, p):
+    """Let the points of joint ``p`` remember what ``memory`` does."""
+    for i in range(points.start[p], points.start[p + 1]):
+        points.elastic_1[i] = memory.elastic_1[i]
+        points.elastic_2[i] = memory.elastic_2[i]
+        points.slip[i] = memory.slip[i]
+
+
+@jit
+def write_contacts(points, p, joints, viscous, out):
+    """Force (N, world) on block b at every contact point of joint ``p`` into ``out`` (c, 3).
+
+    The shear force is the elastic part and a dashpot on all of the slip, cut off at the strength: that is what
+    `coulomb` gave, since it returns along the trial force.
+    """
+    j = points.joint[p]
+    axes = joints.axes[j]
+    slip = joints.step[j]
+    for i in range(points.start[p], points.start[p + 1]):
+        k = viscous * joints.damping[j] * points.k_s[i]
+        t1 = points.elastic_1[i] + k * (slip[0] - slip[2] * points.y_s[i])
+        t2 = points.elastic_2[i] + k * (slip[1] + slip[2] * points.x_s[i])
+        size = sqrt(t1 * t1 + t2 * t2)
+        cap = points.friction[p] * points.normal[i]
+        if size > cap:
+            t1 *= cap / size
+            t2 *= cap / size
+        force = columns_times(axes, -t1, -t2, points.normal[i])
+        for k in range(3):
+            out[i, k] = force[k]
+
+
+# --- limit-analysis bounds
+
+
+@jit
+def carried_share(points, p, rest, normal, now):
+    """The part of the forces of now that fits under the normal forces ``rest`` of before the jacks pushed."""
+    share = 1.0
+    for i in range(points.start[p], points.start[p + 1]):
+        if points.normal[i] * share > rest[i]:
+            share = rest[i] / points.normal[i]
+    return share
+
+
+@jit
+def pressure_moved(points, p, centre, normal, now):
+    """Whether friction follows a pressure that is not the one before the jacks pushed: it is charged to the share."""
+    return False
+
+
+@jit
+def bound_twist(points, p, joints):
+    """Slip twist (3) whose upper bound is the least: that of the last step."""
+    q = joints.step[points.joint[p]]
+    return q[0], q[1], q[2]
+
+
+@jit
+def median_distance(x, y, weights, first, last):
+    """Least weighted mean distance of points from any centre: M_T0 / V_0 of a joint that acts at points.
+
+    The geometric median by Weiszfeld's iteration, kept off the points as Vardi and Zhang do it; the value returned
+    belongs to a centre, so it is never below the minimum, and above it by rounding only.
+    """
+    total = c1 = c2 = 0.0
+    for i in range(first, last):
+        total += weights[i]
+        c1 += weights[i] * x[i]
+        c2 += weights[i] * y[i]
+    c1 /= total
+    c2 /= total
+    best = 1e300
+    for _ in range(10_000):
+        value = 0.0
+        for i in range(first, last):
+            value += weights[i] * sqrt((x[i] - c1) ** 2 + (y[i] - c2) ** 2)
+        value /= total
+        if value >= best * (1.0 - 1e-15):
+            return min(best, value)
+        best = value
+        pull = m1 = m2 = own = 0.0
+        for i in range(first, last):
+            distance = sqrt((x[i] - c1) ** 2 + (y[i] - c2) ** 2)
+            share = weights[i] / total
+            if distance <= 1e-14 * value:
+                own += share
+            else:
+                pull += share / distance
+                m1 += share / distance * x[i]
+                m2 += share / distance * y[i]
+        t1 = m1 / pull - c1
+        t2 = m2 / pull - c2
+        rest = pull * sqrt(t1 * t1 + t2 * t2)
+        if rest <= own:
+            return value
+        c1 += (1.0 - own / rest) * t1
+        c2 += (1.0 - own / rest) * t2
+    return best
+
+
+@jit
+def at_rest(points, p, basis):
+    """Fill ``basis`` with the rest state of joint ``p``; returns the reach of its shear forces (m), and whether
+    friction follows the pressure."""
+    first = points.start[p]
+    last = points.start[p + 1]
+    reach = total = 0.0
+    for i in range(first, last):
+        basis.rest[i] = points.normal[i]
+        total += points.normal[i]
+        basis.centre[0] += points.normal[i] * points.x_s[i]
+        basis.centre[1] += points.normal[i] * points.y_s[i]
+        reach = max(reach, points.x_s[i] ** 2 + points.y_s[i] ** 2)
+    basis.centre[0] /= total
+    basis.centre[1] /= total
+    basis.scalars[2] = median_distance(points.x_s, points.y_s, points.normal, first, last)
+    return sqrt(reach), True
+
+
+@jit
+def overturning_load(points, p, resultant, normal, unit):
+    """V at which the joint overturns before it slides: not asked for where friction follows the pressure."""
+    return 0.0
+
+
+@jit
+def dead_gauge(points, p, normal, dead):
+    """Upper bound of the gauge of the dead load in the limit set: the largest utilisation of a point, because the
+    forces at rest are one way to carry the load."""
+    taken = 0.0
+    for i in range(points.start[p], points.start[p + 1]):
+        if points.normal[i] > 0.0:
+            force = sqrt(points.elastic_1[i] ** 2 + points.elastic_2[i] ** 2)
+            taken = max(taken, force / (points.friction[p] * points.normal[i]))
+    return taken

@@ -1,0 +1,110 @@
+"""Convex joints, in the searches: the area family, seen from Python.
+
+The functions are those of `point_joints`, under the same names; `joint_families` calls them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dembrick.assembly.contact_points import PointTable
+from dembrick.assembly.joints import JointTable
+from dembrick.errors import ScenarioError
+from dembrick.geometry import friction_integrals, polygons
+from dembrick.kernels.statics.area_joints import Areas
+from dembrick.simulation.joint_stiffness import elastic_stiffness
+from dembrick.simulation.pressed_parts import pressed_parts
+
+MEMORY = ("elastic", "twist", "slip")  # what the joints remember
+
+
+def at_rest(assembly) -> Areas | None:
+    """The convex joints of an assembly, at rest; None without any."""
+    joints, table = JointTable.of(assembly.joints), PointTable.of(assembly.contact_points)
+    chosen = np.flatnonzero(table.resultant)
+    if not len(chosen):
+        return None
+    laws = [joints.law[j] for j in chosen]
+    if any(law.pressure == "effective" and j in joints.pieces for j, law in zip(chosen.tolist(), laws, strict=True)):
+        raise ScenarioError(
+            'pressure = "effective" needs convex joints, and a joint here consists of several pieces: use "linear"'
+        )
+    counts = np.diff(joints.start)[chosen]
+    n, start = len(chosen), np.concatenate([[0], np.cumsum(counts)])
+    corners = joints.corner[np.repeat(joints.start[chosen] - start[:-1], counts) + np.arange(start[-1])]
+    second, reach, radius, far = np.empty((n, 3)), np.empty(n), np.empty(n), np.empty((n, 42))
+    for numbers, shapes in joints.by_corners(chosen):
+        some = np.searchsorted(chosen, numbers)
+        second[some] = np.stack(polygons.second_moments(shapes), axis=1)
+        reach[some] = np.sqrt((shapes**2).sum(axis=2).max(axis=1))
+        radius[some] = friction_integrals.area_radius(shapes)
+        far[some] = friction_integrals.far_moments(shapes)
+    return Areas(
+        joint=chosen,
+        start=start,
+        friction=np.array([law.friction for law in laws]),
+        x=corners[:, 0].copy(),
+        y=corners[:, 1].copy(),
+        area=joints.area[chosen],
+        second=second,
+        reach=reach,
+        radius=radius,
+        far=far,
+        k_n=np.array([law.normal_stiffness for law in laws]),
+        k_s=np.array([law.shear_stiffness for law in laws]),
+        elastic=np.zeros((n, 3)),
+        twist=np.zeros((n, 3)),
+        slip=np.zeros(n),
+        evaluations=np.zeros(n, np.int64),
+        pressed=pressed_parts([law.pressure for law in laws], counts.tolist()),
+    )
+
+
+def of_cases(areas: Areas, cases) -> Areas:
+    """The joints of a batch, one for each of the ``cases``, from those of its distinct shapes ``areas``."""
+    counts = np.diff(areas.start)[cases.shape]
+    start = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    entry = np.repeat(areas.start[:-1][cases.shape] - start[:-1], counts) + np.arange(start[-1])
+    own = {
+        "joint": np.arange(cases.count),
+        "start": start,
+        "friction": np.array(cases.friction),
+        "x": areas.x[entry],
+        "y": areas.y[entry],
+        "k_n": np.array(cases.normal_stiffness),
+        "k_s": np.array(cases.shear_stiffness),
+        "pressed": pressed_parts([cases.pressure] * cases.count, counts.tolist()),
+    }
+    return Areas(**own, **{name: value[cases.shape] for name, value in areas._asdict().items() if name not in own})
+
+
+def stiffness(areas: Areas) -> np.ndarray:
+    """Elastic stiffness (a, 6, 6) of the closed joints, see `elastic_stiffness`."""
+    yy, xx, xy = areas.second.T
+    moments = (areas.area, 0.0, 0.0, xx, yy, xy)
+    return elastic_stiffness([areas.k_s * a for a in moments], [areas.k_n * a for a in moments])
+
+
+def corners(areas: Areas) -> tuple[np.ndarray, np.ndarray]:
+    """Where the joints open and close (x, y), entries as ``start`` counts them (m)."""
+    return areas.x, areas.y
+
+
+def shear_corners(areas: Areas) -> tuple[np.ndarray, np.ndarray]:
+    """Where they carry shear (x, y), likewise."""
+    return areas.x, areas.y
+
+
+def entries(areas: Areas) -> int:
+    """How many numbers the kernels go through for one set of joint forces: a measure of their time."""
+    return 4 * len(areas.x)
+
+
+def friction_work(areas: Areas, before: Areas, normal: np.ndarray) -> float:
+    """Work that friction took since the memory ``before``, by the forces of now (J); ``normal`` (a,) N."""
+    return float((areas.friction * normal * (areas.slip - before.slip)).sum())
+
+
+def slip_twists(areas: Areas, steps: np.ndarray) -> np.ndarray:
+    """Slip twists (k, 3) by which the joints give way: the plastic part of their last steps."""
+    return areas.twist

@@ -1,0 +1,151 @@
+"""The joint families of a state of the searches: which of them a scene has is asked here.
+
+A family is a module (`point_joints`, `area_joints`) with one set of functions, and a field of `State`; its kernels are
+the module of the same name in `kernels.statics`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from dembrick.kernels.statics.area_joints import Areas
+from dembrick.kernels.statics.joint_families import AREAS, POINTS
+from dembrick.kernels.statics.point_joints import Points
+from dembrick.simulation.statics import area_joints, point_joints
+
+FAMILIES: dict[str, ModuleType] = {"points": point_joints, "areas": area_joints}  # fields of a state
+
+
+def at_rest(assembly) -> tuple[Points | None, Areas | None]:
+    """The joints of all families of an assembly, at rest: the fields of a state."""
+    return point_joints.at_rest(assembly), area_joints.at_rest(assembly)
+
+
+def of_cases(shapes, cases) -> tuple[Points | None, Areas | None]:
+    """The joints of a batch of ``cases``, from those of its distinct shapes in the fields of ``shapes``."""
+    points = None if shapes.points is None else point_joints.of_cases(shapes.points, cases)
+    areas = None if shapes.areas is None else area_joints.of_cases(shapes.areas, cases)
+    return points, areas
+
+
+def normal_sums(state) -> np.ndarray:
+    """`Energy.normal` (p, 7) of the point joints."""
+    return np.zeros((0, 7)) if state.points is None else point_joints.normal_sums(state.points)
+
+
+def present(state) -> Iterator[tuple[ModuleType, Any]]:
+    """The module and the joints of every family that a scene has."""
+    for name, module in FAMILIES.items():
+        joints = getattr(state, name)
+        if joints is not None:
+            yield module, joints
+
+
+def only(state) -> Any:
+    """The joints of the only family of a scene."""
+    return next(joints for _, joints in present(state))
+
+
+def number(state) -> int:
+    """The number of the only family of a scene, as kernels count them."""
+    return POINTS if state.areas is None else AREAS
+
+
+def has_areas(state) -> bool:
+    """Whether a scene has convex joints."""
+    return state.areas is not None
+
+
+def friction(state) -> np.ndarray:
+    """Friction coefficient (j,) of every joint."""
+    found = np.zeros(len(state.joints.block_a))
+    for _, joints in present(state):
+        found[joints.joint] = joints.friction
+    return found
+
+
+def stiffness(state) -> np.ndarray:
+    """Elastic stiffness (j, 6, 6) of every closed joint against (d1, d2, dn, r1, r2, rn) of b at O."""
+    found = np.zeros((len(state.joints.block_a), 6, 6))
+    for module, joints in present(state):
+        found[joints.joint] = module.stiffness(joints)
+    return found
+
+
+def reach(state) -> np.ndarray:
+    """Greatest distance from O at which each joint carries shear (j,) in m."""
+    found = np.zeros(len(state.joints.block_a))
+    for module, joints in present(state):
+        distance = np.hypot(*module.shear_corners(joints))
+        found[joints.joint] = np.maximum.reduceat(distance, joints.start[:-1])
+    return found
+
+
+def entries(state) -> int:
+    """How many numbers the kernels go through for one set of joint forces: a measure of their time."""
+    return sum(module.entries(joints) for module, joints in present(state))
+
+
+def contact_points(state) -> int:
+    """How many contact points the joints have."""
+    return 0 if state.points is None else len(state.points.k_n)
+
+
+def slip_twists(state) -> np.ndarray:
+    """Slip twist (j, 3) by which each joint gives way."""
+    found = state.joints.step.copy()
+    for module, joints in present(state):
+        found[joints.joint] = module.slip_twists(joints, found[joints.joint])
+    return found
+
+
+def follows_bending(state) -> bool:
+    """Whether the friction of a convex joint follows the bending."""
+    return state.areas is not None and state.areas.pressed is not None
+
+
+def memory(state) -> dict[str, Any]:
+    """What the joints remember: for every field of `FAMILIES` a copy with its own memory, or None."""
+    found = dict.fromkeys(FAMILIES)
+    for name, module in FAMILIES.items():
+        joints = getattr(state, name)
+        if joints is not None:
+            found[name] = joints._replace(**{field: getattr(joints, field).copy() for field in module.MEMORY})
+    return found
+
+
+def memory_arrays(part) -> dict[str, np.ndarray]:
+    """The arrays of `memory`, kept in the fields of ``part``, by name."""
+    names = [(name, field) for name, module in FAMILIES.items() for field in module.MEMORY]
+    return {
+        f"{name}.{field}": getattr(getattr(part, name), field)
+        for name, field in names
+        if getattr(part, name) is not None
+    }
+
+
+def friction_work(state, before) -> float:
+    """Work that friction took since the `memory` in the fields of ``before``, by the forces of now (J)."""
+    normal = state.joints.resultant[:, 0]
+    work = 0.0
+    for name, module in FAMILIES.items():
+        joints = getattr(state, name)
+        if joints is not None:
+            work += module.friction_work(joints, getattr(before, name), normal[joints.joint])
+    return work
+
+
+def gaps(state, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Opening at every point or corner of all joints (m), and by how much a ``change`` (j, 6) of the joints' motion has
+    widened it (m)."""
+    opening, found, widened = state.joints.opening, [], []
+    for module, joints in present(state):
+        j = np.repeat(joints.joint, np.diff(joints.start))
+        x, y = module.corners(joints)
+        found.append(opening[j, 0] + opening[j, 1] * y - opening[j, 2] * x)
+        widened.append(change[j, 2] + change[j, 3] * y - change[j, 4] * x)
+    return np.concatenate(found), np.concatenate(widened)

@@ -1,0 +1,103 @@
+"""Joints that act at contact points, in the searches: the point family, seen from Python.
+
+The functions are those of `area_joints`, under the same names; `joint_families` calls them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dembrick.assembly.contact_points import PointTable
+from dembrick.assembly.joints import JointTable
+from dembrick.kernels.statics.point_joints import Points
+from dembrick.simulation.joint_stiffness import elastic_stiffness
+
+MEMORY = ("elastic_1", "elastic_2", "slip")  # what the points remember
+
+
+def at_rest(assembly) -> Points | None:
+    """The joints of an assembly that act at points, at rest; None without any."""
+    joints, table = JointTable.of(assembly.joints), PointTable.of(assembly.contact_points)
+    chosen = np.flatnonzero(~table.resultant)
+    if not len(chosen):
+        return None
+    laws = [joints.law[j] for j in chosen]
+    counts = np.diff(table.start)[chosen]
+    total = len(table.area)
+    x_n, y_n = table.normal_arm.T.copy()
+    shared = table.shear_arm is table.normal_arm
+    x_s, y_s = (x_n, y_n) if shared else table.shear_arm.T.copy()
+    return Points(
+        joint=chosen,
+        start=np.concatenate([[0], np.cumsum(counts)]),
+        friction=np.array([law.friction for law in laws]),
+        x_n=x_n,
+        y_n=y_n,
+        x_s=x_s,
+        y_s=y_s,
+        k_n=np.repeat([law.normal_stiffness for law in laws], counts) * table.area,
+        k_s=np.repeat([law.shear_stiffness for law in laws], counts) * table.area,
+        normal=np.zeros(total),
+        elastic_1=np.zeros(total),
+        elastic_2=np.zeros(total),
+        slip=np.zeros(total),
+    )
+
+
+def of_cases(points: Points, cases) -> Points:
+    """The joints of a batch, one for each of the ``cases``, from those of its distinct shapes ``points``, which have
+    friction and stiffnesses of 1."""
+    counts = np.diff(points.start)[cases.shape]
+    start = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    entry = np.repeat(points.start[:-1][cases.shape] - start[:-1], counts) + np.arange(start[-1])
+    own = {"joint": np.arange(cases.count), "start": start, "friction": np.array(cases.friction)}
+    values = {name: value[entry] for name, value in points._asdict().items() if name not in own}
+    values["k_n"] *= np.repeat(cases.normal_stiffness, counts)
+    values["k_s"] *= np.repeat(cases.shear_stiffness, counts)
+    return Points(**own, **values)
+
+
+def stiffness(points: Points) -> np.ndarray:
+    """Elastic stiffness (p, 6, 6) of the closed joints, see `elastic_stiffness`."""
+    starts = points.start[:-1]
+    return elastic_stiffness(
+        [np.add.reduceat(points.k_s * a, starts) for a in _moments(points.x_s, points.y_s)],
+        [np.add.reduceat(points.k_n * a, starts) for a in _moments(points.x_n, points.y_n)],
+    )
+
+
+def _moments(x: np.ndarray, y: np.ndarray) -> tuple:
+    return 1.0, x, y, x * x, y * y, x * y
+
+
+def corners(points: Points) -> tuple[np.ndarray, np.ndarray]:
+    """Where the joints open and close (x, y), entries as ``start`` counts them (m)."""
+    return points.x_n, points.y_n
+
+
+def shear_corners(points: Points) -> tuple[np.ndarray, np.ndarray]:
+    """Where they carry shear (x, y), likewise."""
+    return points.x_s, points.y_s
+
+
+def entries(points: Points) -> int:
+    """How many numbers the kernels go through for one set of joint forces: a measure of their time."""
+    return len(points.k_n)
+
+
+def friction_work(points: Points, before: Points, normal: np.ndarray) -> float:
+    """Work that friction took since the memory ``before``, by the forces of now (J)."""
+    friction = np.repeat(points.friction, np.diff(points.start))
+    return float((friction * points.normal * (points.slip - before.slip)).sum())
+
+
+def slip_twists(points: Points, steps: np.ndarray) -> np.ndarray:
+    """Slip twists (k, 3) by which the joints give way: their last ``steps``."""
+    return steps
+
+
+def normal_sums(points: Points) -> np.ndarray:
+    """`Energy.normal` (p, 7): sums of k_n (1, x, y, x^2, y^2, x y), and the reach of the normal forces (m)."""
+    starts, reach = points.start[:-1], np.hypot(points.x_n, points.y_n)
+    sums = [np.add.reduceat(points.k_n * a, starts) for a in _moments(points.x_n, points.y_n)]
+    return np.column_stack([*sums, np.maximum.reduceat(reach, starts)])
