@@ -1,7 +1,7 @@
-"""Draw the README's pictures of joints, paths and the web page out of fresh runs, into tools/readme/.
+"""Draw the README's pictures of joints, paths and the web page out of fresh runs, into docs/images/.
 
-    python tools/readme_figures.py [--out tools/readme]
-    python tools/readme_figures.py --pack tools/readme/curves.png ...
+    python tools/readme_figures.py [--out docs/images]
+    python tools/readme_figures.py --pack docs/images/curves.png ...
 
 ``joint.png``: set 4a pushed at a constant rate, with contact points at the corners and with the exact limit surface;
 ``path.png``: the same on their yield domains; ``page.png``: the web page of one of them, as a headless Chromium shows
@@ -57,7 +57,7 @@ def pack(path: Path) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=ROOT / "tools" / "readme", help="folder of the pictures")
+    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "images", help="folder of the pictures")
     parser.add_argument("--pack", type=Path, nargs="+", metavar="FILE.png", help="only make these files smaller")
     options = parser.parse_args()
     if options.pack:

@@ -1,0 +1,180 @@
+"""Write the generated pages of the reference: scenario keys, commands, layout of a history, verification, gallery.
+
+    python tools/reference_pages.py [FOLDER]
+
+Everything comes from the program itself: keys from its dataclasses, options from its argument parsers, datasets from
+histories that it writes, cases and examples from the files that ship. Nothing here is written by hand but headings.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from dataclasses import MISSING
+from pathlib import Path
+
+import dembrick
+from dembrick.cli import VERBS, full_parser
+from dembrick.runs.verification import cases
+from dembrick.scenario import keys, shipped
+
+
+def write(folder: Path) -> None:
+    """Write all pages into ``folder``; a page that has not changed is left alone, so that a rebuild is quick."""
+    folder.mkdir(parents=True, exist_ok=True)
+    pages = {
+        "scenario.md": scenario_page(),
+        "commands.md": commands_page(),
+        "history.md": history_page(),
+        "cases.md": cases_page(),
+        "examples.md": examples_page(),
+    }
+    for name, text in pages.items():
+        path = folder / name
+        if not path.exists() or path.read_text(encoding="utf-8") != text:
+            path.write_text(text, encoding="utf-8")
+
+
+def table(header: list[str], rows: list[list[str]]) -> str:
+    """A Markdown table; a bar in a cell is escaped."""
+    lines = [" | ".join(header), " | ".join("---" for _ in header)]
+    lines += [" | ".join(cell.replace("|", "\\|").replace("\n", " ") for cell in row) for row in rows]
+    return "\n".join(f"| {line} |" for line in lines) + "\n"
+
+
+def scenario_page() -> str:
+    """Every table of a scenario file with its keys."""
+    parts = [
+        "# Scenario keys\n\nA scenario is a TOML file of these tables, or the same as Python dataclasses. SI units. A "
+        "key that is not known is an error that names the nearest known one. `dembrick schema` prints a JSON schema "
+        "with which editors complete and check a file.\n"
+    ]
+    for heading, kind in keys.tables().items():
+        title = f"`{heading}`" if heading else "The top of the file"
+        parts.append(f"## {title}\n\n{first_paragraph(keys.class_of(kind))}\n")
+        rows = []
+        for field in keys.written_fields(kind):
+            key, default = keys.keys_of(kind)[field.name], keys.default_of(field)
+            rows.append([f"`{key.name}`", key.unit, default_text(default), key.allowed, key.meaning])
+        parts.append(table(["key", "unit", "default", "allowed", "meaning"], rows))
+    return "\n".join(parts)
+
+
+def first_paragraph(kind: type) -> str:
+    """The first paragraph of a class's docstring as plain Markdown."""
+    text = " ".join((kind.__doc__ or "").split("\n\n")[0].split())
+    return text.replace("``", "`").replace(":class:", "")
+
+
+def default_text(default) -> str:
+    """A default as TOML would write it."""
+    if default is MISSING:
+        return "required"
+    if default is None or default == ():
+        return "none"
+    if isinstance(default, bool):
+        return "`true`" if default else "`false`"
+    if isinstance(default, tuple):
+        return f"`[{', '.join(default_text(part).strip('`') for part in default)}]`"
+    if isinstance(default, str):
+        return f'`"{default}"`'
+    return f"`{default:g}`" if isinstance(default, int | float) else "see its table"
+
+
+def commands_page() -> str:
+    """Every command with its options."""
+    parser = full_parser()
+    (commands,) = (action for action in parser._actions if isinstance(action, argparse._SubParsersAction))
+    parts = [
+        "# Commands\n\n`dembrick` and `python -m dembrick` are the same. Every command that reports takes `--json`: "
+        "one object on standard output, remarks and progress on standard error.\n\n"
+        + table(
+            ["exit code", "meaning"],
+            [
+                ["0", "ok"],
+                ["1", "no answer: not converged, diverged, energy audit, a write that failed; the history is kept"],
+                ["2", "invalid input or usage"],
+                ["3", "answered, but theory and replay disagree, or a verification case fails"],
+                ["4", "an optional dependency is missing"],
+                ["130, 143", "interrupted; what was simulated is on disk"],
+            ],
+        )
+    ]
+    for verb, text in VERBS.items():
+        sub = commands.choices[verb]
+        parts.append(f"## dembrick {verb}\n\n{text[0].upper()}{text[1:]}.\n")
+        rows = []
+        for action in sub._actions:
+            if action.dest == "help":
+                continue
+            name = ", ".join(action.option_strings) or action.metavar or action.dest
+            metavar = f" {action.metavar}" if action.option_strings and isinstance(action.metavar, str) else ""
+            rows.append([f"`{name}{metavar}`", (action.help or "").replace("%%", "%")])
+        parts.append(table(["argument", "meaning"], rows))
+    return "\n".join(parts)
+
+
+RECORDED = {
+    "a test at a constant rate, with every channel": (
+        "set4a_curve",
+        ['output.channels=["joints","energy","frames","velocity","contacts"]', "output.rows=50", "output.frames=10"],
+    ),
+    "a run in real time, with every channel": (
+        "newmark_pulse",
+        ['output.channels=["joints","energy","frames","velocity","contacts"]', "output.rows=50", "output.frames=10"],
+    ),
+}
+
+
+def history_page() -> str:
+    """The datasets of histories, read from histories that are written for it."""
+    import h5py
+
+    parts = [
+        "# Layout of a history\n\nA history is one HDF5 file. Every dataset has `units` and `description`. T is the "
+        "number of rows, F of frames. A history opened while it is written, or after a kill, reads up to its last "
+        "flush; `/written` says how many rows and frames are valid.\n"
+    ]
+    with tempfile.TemporaryDirectory() as folder:
+        for title, (name, changes) in RECORDED.items():
+            path = Path(folder) / f"{name}.h5"
+            dembrick.simulate(dembrick.load(name, changes), path)
+            with h5py.File(path) as file:
+                rows: list[list[str]] = []
+                file.visititems(lambda place, item, rows=rows: _dataset_row(rows, place, item))
+            parts.append(f"## {title[0].upper()}{title[1:]}\n\nWritten by `dembrick run {name}`.\n")
+            parts.append(table(["dataset", "shape", "units", "description"], rows))
+    return "\n".join(parts)
+
+
+def _dataset_row(rows: list[list[str]], place: str, item) -> None:
+    if hasattr(item, "shape"):
+        told = {key: item.attrs.get(key, "") for key in ("units", "description")}
+        rows.append([f"`/{place}`", str(item.shape).replace(",)", ")"), str(told["units"]), str(told["description"])])
+
+
+def cases_page() -> str:
+    """The verification cases with their sources and references."""
+    rows = [
+        [f"`{case.name}`", case.title, f"{case.reference:.7g} {case.unit if case.unit != '1' else ''}", case.source]
+        for case in cases.all_cases().values()
+    ]
+    return (
+        f"# Verification cases\n\n{len(rows)} cases ship with the package; `dembrick verify` runs them and says how "
+        "far off each answer is and whether its error bar holds the reference.\n\n"
+        + table(["case", "what", "reference", "source"], rows)
+    )
+
+
+def examples_page() -> str:
+    """The scenarios that ship."""
+    rows = [[f"`{name}`", shipped.description(path)] for name, path in shipped.examples().items()]
+    return (
+        "# Shipped scenarios\n\n`dembrick run NAME` runs one, `dembrick examples NAME` prints it, `dembrick examples "
+        "--copy DIR` copies them all.\n\n" + table(["name", "what it says of itself"], rows)
+    )
+
+
+if __name__ == "__main__":
+    write(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).resolve().parent.parent / "docs" / "reference")
