@@ -64,7 +64,7 @@ def measure_loop(set_name: str, formulation: str, tolerance: float, repeats: int
     for _ in range(repeats):
         result = dembrick.simulate(scenario, record=False)
         loops.append(result.wall["loop"])
-    point, areas, steps = result.yield_point, result.replay.state.areas, result.replay.steps
+    point, areas, steps = result.yield_point, result.run.state.areas, result.run.steps
     plain = plain_loop.seconds(steps, 8)
     return {
         "set": set_name,

@@ -20,7 +20,7 @@ from dembrick.assembly import build as assemblies
 from dembrick.runs.lab import lab_scenario
 from dembrick.scenario.model import DisplacementControl, Output
 from dembrick.simulation.session import Session
-from dembrick.simulation.statics import constant_rate, limit_load
+from dembrick.simulation.statics import constant_rate
 
 ROWS = 1000  # of the record
 SWITCHES = {
@@ -54,7 +54,7 @@ def prepared(formulation: str, steps: int):
     if formulation == "distributed":
         scenario = dataclasses.replace(scenario, joint=dataclasses.replace(scenario.joint, points=(18, 12)))
     assembly = assemblies.assemble(scenario)
-    plan = limit_load.plan(assembly, scenario.control, 0.9)
+    plan = constant_rate.plan(assembly, scenario.control, 0.9, scenario.output)
     control = scenario.control
     return assembly, DisplacementControl(control.rate * plan.steps / steps, control.travel)
 

@@ -38,11 +38,9 @@ from dembrick.errors import ScenarioError
 from dembrick.geometry.rotations import rotation_matrix, unit_quaternion
 from dembrick.geometry.shapes import Shape
 from dembrick.scenario.checks import show
-from dembrick.scenario.controls import on_all_blocks
+from dembrick.scenario.controls import ACTUATORS, EVERY_BLOCK
 from dembrick.scenario.limits import check_magnitudes
 from dembrick.scenario.model import Scenario
-
-_QUASI_STATIC = ("yield", "displacement")
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,10 +104,11 @@ def at_rest(scenario: Scenario) -> Assembly:
     fixed = np.array([block.fixed for block in blocks], bool)
     density = np.array([scenario.materials[block.material].density for block in blocks])
     mass = density * [shape.volume for shape in shapes]
-    quasi_static = scenario.control.kind in _QUASI_STATIC or on_all_blocks(scenario.control)
+    control = scenario.control
+    quasi_static = control.regime.quasi_static
 
     if quasi_static and not fixed.any():
-        kind = show(scenario.control.kind)
+        kind = show(control.kind)
         refuse(scenario, f"no block is fixed, and a test of kind {kind} needs a support: give one fixed = true")
     bodies = bodies_of(shapes, position, rotation)
     pairs = close_pairs(bodies, TOLERANCE)
@@ -117,7 +116,7 @@ def at_rest(scenario: Scenario) -> Assembly:
 
     laws = Laws(scenario)
     # moving joints are cut by the faces they slide over, so that each keeps to one pair of convex parts
-    unite = scenario.control.kind in ("yield", "displacement")
+    unite = control.drives == ACTUATORS
     joints = find_joints(shapes, position, orientation, fixed, laws.between, TOLERANCE, (bodies, pairs), unite)
     check_pieces(scenario, joints)
     check_overrides(scenario, laws, joints, fixed)
@@ -155,7 +154,7 @@ def at_rest(scenario: Scenario) -> Assembly:
 def loaded(scenario: Scenario, bare: Assembly, points: bool = True) -> Assembly:
     """The assembly ``bare`` with the loads, the actuators and the joint law of a scenario that has the same blocks,
     materials, supports and [[joints]]; without ``points`` its joints get no contact points."""
-    number = {name: i for i, name in enumerate(bare.names)}
+    control, number = scenario.control, {name: i for i, name in enumerate(bare.names)}
     joints = bare.joints
     if not scenario.joints:
         joints = replace(joints, law=(scenario.joint,) * len(joints))
@@ -166,7 +165,7 @@ def loaded(scenario: Scenario, bare: Assembly, points: bool = True) -> Assembly:
         loads = point_loads(scenario, number, bare)
         np.add.at(dead_force, loads.block, loads.force)
         np.add.at(dead_torque, loads.block, np.cross(loads.arm, loads.force))
-        if on_all_blocks(scenario.control):
+        if control.regime.quasi_static and control.drives == EVERY_BLOCK:
             actuators = actuators_on_all_blocks(scenario, loads, bare)
         else:
             actuators = given_actuators(scenario, number, bare)
@@ -176,11 +175,11 @@ def loaded(scenario: Scenario, bare: Assembly, points: bool = True) -> Assembly:
 
     joint_force, exact = dead_joint_forces(joints, bare.fixed, dead_force)
     warnings = check_stiffness(scenario, joints, joint_force)
-    tolerance = getattr(scenario.control, "tolerance", DISCRETISATION)
+    tolerance = getattr(control, "tolerance", DISCRETISATION)
     if len(joints) == 1:  # the search for its limit load places the points of a lone joint itself
         tolerance = max(tolerance, DISCRETISATION)
     contact_points = place_points(joints, tolerance) if points else _NO_POINTS
-    if points and (len(joints) > 1 or scenario.control.kind not in ("yield", "displacement")):
+    if points and (len(joints) > 1 or control.drives != ACTUATORS):
         warnings += check_rim(scenario, joints, contact_points)
     return replace(
         bare,

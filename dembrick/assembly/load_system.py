@@ -36,15 +36,15 @@ def load_system(scenario, loads, position, mass, fixed) -> tuple[np.ndarray, np.
         )
     gravity = np.array(scenario.gravity, float)
     block, point = list(free), list(position[free])
-    if control.kind == "pushover":
-        force = list(pushed(control.direction, gravity, mass[free]))
+    if control.push_direction is not None:
+        force = list(pushed(control.push_direction, gravity, mass[free]))
     else:
-        force = list(tilted(control.axis, mass[free, None] * gravity, "gravity"))
+        force = list(tilted(control.tilt_axis, mass[free, None] * gravity, "gravity"))
         for member, arm, load, what in zip(loads.block, loads.arm, loads.force, loads.what, strict=True):
             if not fixed[member]:
                 block.append(member)
                 point.append(position[member] + arm)
-                force.append(tilted(control.axis, load, what))
+                force.append(tilted(control.tilt_axis, load, what))
     force = np.array(force, float).reshape(-1, 3)
     acting = (force != 0.0).any(axis=1)
     if not acting.any():

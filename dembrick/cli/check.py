@@ -13,21 +13,15 @@ def add_arguments(parser) -> None:
 
 def run(options, console) -> int:
     """Describe the scenario."""
-    from dembrick.assembly import build as assemblies
-    from dembrick.scenario import toml as scenarios
-    from dembrick.scenario.controls import in_real_time
-    from dembrick.simulation.dynamics import run as motion_run
-    from dembrick.simulation.statics import limit_load
+    from dembrick.assembly.build import assemble
+    from dembrick.runs.drivers import driver_of
+    from dembrick.scenario import toml
 
-    scenario = scenarios.load(options.scenario, options.set)
-    assembly = assemblies.assemble(scenario)
+    scenario = toml.load(options.scenario, options.set)
+    assembly = assemble(scenario)
     for warning in assembly.warnings:
         console.remark(f"warning: {warning}")
-    if in_real_time(scenario.control):
-        moving = motion_run.prepare(assembly, scenario.control, scenario.solver.step_factor)
-        plan = motion_run.plan(moving, scenario.control, scenario.output)
-    else:
-        plan = limit_load.plan(assembly, scenario.control, scenario.solver.step_factor, scenario.output)
+    plan = driver_of(scenario.control).plan(scenario, assembly)
     joints = [
         {
             "between": [assembly.names[joint.block_a], assembly.names[joint.block_b]],

@@ -9,7 +9,7 @@ def add_arguments(parser) -> None:
     """Options of the command."""
     parser.add_argument("history", metavar="FILE.h5", help="history file")
     parser.add_argument("--scenario", action="store_true", help="print the scenario text instead")
-    parser.add_argument("--profile", action="store_true", help="where the time of the run went (times its loop again)")
+    parser.add_argument("--profile", action="store_true", help="where the time of the run went")
 
 
 def run(options, console) -> int:
@@ -63,35 +63,24 @@ def _report(file, options, console) -> int:
 
 
 def _profile(file, results: dict, console) -> int:
-    """Where the time went, the loop by phases as `dembrick.profile` tells them apart."""
-    from dembrick.errors import HistoryError, ScenarioError
-    from dembrick.runs.profile import loop_phases
-    from dembrick.scenario import toml as scenarios
+    """Where the time of the run went, as it was measured in the run; the loop by phases, if it has any."""
+    from dembrick.errors import HistoryError
 
-    wall, steps = results.get("wall"), results.get("steps")
+    wall = results.get("wall")
     wall = dict(wall) if isinstance(wall, dict) else {}
-    measured = wall.pop("phases", {})
-    timed = isinstance(measured, dict) and isinstance(steps, int)
-    if not timed or not all(_is_number(t) for t in (wall.get("loop"), *wall.values(), *measured.values())):
+    phases = wall.pop("phases", {})
+    seconds = [wall.get("loop"), *wall.values(), *(phases.values() if isinstance(phases, dict) else [None])]
+    if not all(_is_number(t) for t in seconds):
         raise HistoryError(f"{file.path}: status {file.status}; only a run that was finished has a profile")
-    why = "measured in the run"
-    if not measured or "steps" in measured:
-        why = "the loop is split by timing short loops here, of this scenario half-way or after a second's run"
-        why = f"{why}; what lies between its compiled steps was measured in the run" if measured else why
-    try:
-        phases = loop_phases(scenarios.loads(file.scenario_text, file.path), results)
-    except ScenarioError as error:
-        phases, why = measured or None, str(error)
     lines = []
-    for part, seconds in wall.items():
-        lines.append(f"{part.replace('_', '-'):16}{seconds:12.6f} s")
-        if part == "loop" and phases:
+    for part, took in wall.items():
+        lines.append(f"{part.replace('_', '-'):16}{took:12.6f} s")
+        if part == "loop":
             lines += [
-                f"  {name.replace('_', ' '):14}{t:12.6f} s {100 * t / max(seconds, 1e-300):5.1f} %"
+                f"  {name.replace('_', ' '):14}{t:12.6f} s {100 * t / max(took, 1e-300):5.1f} %"
                 for name, t in phases.items()
             ]
-    lines += [why]
-    console.result({"history": file.path, "wall": wall, "loop": phases}, "\n".join(lines))
+    console.result({"history": file.path, "wall": wall, "loop": phases or None}, "\n".join(lines))
     return 0
 
 

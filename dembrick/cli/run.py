@@ -93,7 +93,7 @@ def _is_hdf5(path: str) -> bool:
 def _text(result) -> str:
     if result.yield_point is None:
         return result.text()
-    point, run = result.yield_point, result.replay
+    point, run = result.yield_point, result.run
     lines = [result.scenario.title, f"formulation   {result.scenario.joint.formulation}"]
     unit = " N"
     if result.collapse is not None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from dembrick.simulation.statics.load_system import Replay
@@ -25,7 +23,7 @@ def collapse_of(run: Replay, assembly, control) -> dict:
     """
     point = run.yield_point
     factor = point.V_peak if point.V_peak > point.V_upper else point.V
-    angle = math.degrees(math.atan(factor)) if control.kind == "tilt" else None
+    angle = control.angle(factor)
     slid, turned, tilted = (float(moves.max()) for moves in last_moves(run.state))
     speed = np.linalg.norm(run.state.blocks.velocity, axis=1)
     moving = np.flatnonzero(speed > MOVED * speed.max())

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dembrick.errors import ScenarioError
-from dembrick.scenario.controls import drives_to_collapse, on_all_blocks
+from dembrick.scenario.controls import ACTUATORS, COLLAPSE, PATH_FOLLOWING
 from dembrick.scenario.model import JointLaw, Scenario
 
 OF_RATE = 1.0 / (1.0 - 2.0 ** (-2.0 / 3.0))  # error over the difference that half the rate makes
@@ -36,15 +36,15 @@ class Refinement(NamedTuple):
 def refinements(scenario: Scenario) -> tuple[Refinement, ...]:
     """What ``scenario`` is compared with; ScenarioError for a limit load, whose bracket is its error bar."""
     control = scenario.control
-    if control.kind in ("yield", "displacement"):
+    if control.drives == ACTUATORS:
         raise ScenarioError(
             f'a run of kind "{control.kind}" has the bracket of its limit load for an error bar; --refine is for tilt, '
             "pushover, base-motion and dynamic"
         )
-    if on_all_blocks(control):
+    if control.regime is PATH_FOLLOWING:
         return tuple(Refinement(stiffer(scenario, *factors), 1.0) for factors in ((2.0, 1.0), (1.0, 2.0)))
     found = [Refinement(stiffer(scenario, 2.0, 2.0), OF_STIFFNESS)]
-    if drives_to_collapse(control):
+    if control.ends_with == COLLAPSE:
         slower = replace(scenario, control=replace(control, rate=0.5 * control.rate), text=None)
         found.append(Refinement(slower, OF_RATE))
     return tuple(found)
@@ -57,7 +57,7 @@ def error_of(scenario: Scenario, found, refined: Sequence) -> float:
         refinement.weight * float(np.linalg.norm(np.atleast_2d(np.asarray(other) - found), axis=1).max())
         for refinement, other in zip(refinements(scenario), refined, strict=True)
     ]
-    return max(differences) if on_all_blocks(scenario.control) else sum(differences)
+    return max(differences) if scenario.control.regime is PATH_FOLLOWING else sum(differences)
 
 
 def stiffer(scenario: Scenario, normal: float, shear: float) -> Scenario:

@@ -139,7 +139,7 @@ def _row(set_name: str, formulation: str, height: float, result: Result) -> dict
         "N": point.N,
         "torsion_centre": point.torsion_centre,
         "mechanism": point.mechanism,
-        "steps": result.replay.steps,
+        "steps": result.run.steps,
         "loop": result.wall["loop"],
         "history": result.history,
     }

@@ -5,125 +5,52 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dembrick.assembly import build as assemblies
+from dembrick.assembly.build import Assembly
 from dembrick.assembly.contact_points import widest_rim
 from dembrick.runs import theory_check
-from dembrick.scenario.controls import on_all_blocks
+from dembrick.scenario.controls import YIELD
 from dembrick.scenario.model import Scenario
 from dembrick.simulation.energy_audit import EnergyAudit
-from dembrick.simulation.statics import load_system
+from dembrick.simulation.statics.load_system import Replay
 from dembrick.simulation.statics.state import rotations
 from dembrick.simulation.statics.yield_point import YieldPoint
+
+if TYPE_CHECKING:
+    from dembrick.simulation.dynamics.run import MotionRun  # and its kernels: for runs in real time only
 
 BRACKET_SLACK = 1e-9  # of V: rounding by which theory may lie outside a certified bracket
 
 
 @dataclasses.dataclass
-class Result:
-    """What a run gave: the yield point with its bracket, the record, and what theory says.
+class RunResult:
+    """What every run gives: what was run, the record, and how long it took (``wall``, s).
 
     ``rows``: time, load, displacement, unbalanced, lower, upper (T,), actuator_displacement and actuator_force (T, k),
-    joint (T, j, 7: N, V_1, V_2, M_T, M_1, M_2, slip). ``frames``: time (F,), displacement (F, n, 3), orientation
-    (F, n, 4), velocity and spin (F, n, 3), contact_force (F, c, 3). Only the channels of the scenario's output are
-    there. SI units.
+    joint (T, j, 7: N, V_1, V_2, M_T, M_1, M_2, slip), energy (name: (T,)). ``frames``: time (F,), displacement
+    (F, n, 3), orientation (F, n, 4), velocity and spin (F, n, 3), contact_force (F, c, 3). Only the channels of the
+    scenario's output are there. ``history``: the file of it. SI units.
     """
 
     scenario: Scenario
-    assembly: assemblies.Assembly
-    replay: load_system.Replay
-    theory: theory_check.Theory | None
+    assembly: Assembly
+    run: Replay | MotionRun
     rows: Mapping[str, np.ndarray]
     frames: Mapping[str, np.ndarray]
     wall: dict
-    energy: EnergyAudit | None = None
     history: str | None = None
-    collapse: dict | None = None
+    energy: EnergyAudit | None = None
 
-    @property
-    def yield_point(self) -> YieldPoint:
-        """Limit load, bracket, torsion centre."""
-        return self.replay.yield_point
-
-    @property
-    def load(self) -> np.ndarray:
-        """V of every row (N)."""
-        return self.rows["load"]
-
-    @property
-    def displacement(self) -> np.ndarray:
-        """Driven displacement of every row (m)."""
-        return self.rows["displacement"]
-
-    @property
-    def control_points(self) -> dict[str, list[float]]:
-        """Displacement (3) of every control point from the start (m), at the end."""
-        watched, state = self.assembly.control_points, self.replay.state
-        if not watched.names:
-            return {}
-        way = watched.displacement(state.blocks.displacement, rotations(state))
-        return dict(zip(watched.names, way.tolist(), strict=True))
-
-    @property
-    def status(self) -> str:
-        """ "yield" for a limit load, "collapse" for that of all blocks, "completed" for a constant-rate test."""
-        if self.collapse is not None:
-            return "collapse"
-        return "yield" if self.scenario.control.kind == "yield" else "completed"
-
-    @property
-    def counts_equilibria(self) -> bool:
-        """Whether the times of rows and frames are the numbers of equilibria."""
-        return on_all_blocks(self.scenario.control)
-
-    @property
-    def points_miss(self) -> float | None:
-        """The relative gap between the points of `distributed` joints that the program chose and the continuum, where
-        it is beyond the tolerance (as where a joint overturns, whose last edge no points reach); else None."""
-        control = self.scenario.control
-        if self.theory is None:
-            mechanism = self.yield_point.mechanism if self.collapse is None else self.collapse["mechanism"]
-            table = self.assembly.joints, self.assembly.contact_points
-            gap = -widest_rim(*table, chosen=True)[0] if mechanism == "rocking" else 0.0
-        else:
-            gap = self.theory.discretisation_error
-            if gap is None or control.kind != "yield" or self.scenario.joint.points is not None:
-                return None
-        return gap if abs(gap) > getattr(control, "tolerance", math.inf) else None
-
-    def agrees(self) -> bool:
-        """Whether theory lies in the bracket and, for a limit load, V is within the tolerance of it."""
-        if self.points_miss is not None:
-            return False
-        if self.theory is None:
-            return True
-        V, point = self.theory.V, self.yield_point
-        slack = BRACKET_SLACK * abs(V)
-        inside = point.V_lower - slack <= V and (point.V_upper is None or V <= point.V_upper + slack)
-        if self.scenario.control.kind != "yield":
-            return inside or point.bracket != "certified"
-        close = self.theory.error is not None and abs(self.theory.error) <= self.scenario.control.tolerance
-        return close and (inside or point.bracket != "certified")
-
-    def as_dict(self) -> dict:
-        """The JSON object of ``dembrick run --json``."""
-        run = self.replay
+    def _dict(self, **own) -> dict:
+        """The JSON object of any run; ``own`` is what this kind of run adds."""
         return {
             "scenario": self.scenario.path or "",
             "title": self.scenario.title,
             "formulation": self.scenario.joint.formulation,
-            "status": self.status,
-            "collapse": self.collapse,
-            "yield_point": self.yield_point.as_dict(),
-            "theory": None if self.theory is None else self.theory.as_dict(),
-            "steps": run.steps,
-            "time_step": run.time_step,
-            "critical_time_step": run.critical_time_step,
-            "simulated_time": run.simulated_time,
-            "unbalanced": run.unbalanced,
-            "control_points": self.control_points,
+            **own,
             "energy": None if self.energy is None else self.energy.as_dict(),
             "wall": self.wall,
             "history": self.history,
@@ -131,11 +58,11 @@ class Result:
 
     @property
     def results(self) -> dict:
-        """The same object, under the name that a history file has it by."""
+        """The object of ``run --json``, under the name that a history has it by."""
         return self.as_dict()
 
     def plot(self, ax=None):
-        """Force-displacement curve as a matplotlib figure, drawn into ``ax`` if given."""
+        """Load over displacement, or displacement over time, as a matplotlib figure; drawn into ``ax`` if given."""
         from dembrick.views import plot
 
         return plot.force_displacement([self], ax=ax)
@@ -152,3 +79,90 @@ class Result:
         from dembrick.views import page
 
         return page.fragment(self)
+
+
+@dataclasses.dataclass
+class Result(RunResult):
+    """What a search or a constant-rate test gave: the yield point with its bracket, and what theory says."""
+
+    theory: theory_check.Theory | None = None
+    collapse: dict | None = None
+
+    @property
+    def yield_point(self) -> YieldPoint:
+        """Limit load, bracket, torsion centre."""
+        return self.run.yield_point
+
+    @property
+    def load(self) -> np.ndarray:
+        """V of every row (N)."""
+        return self.rows["load"]
+
+    @property
+    def displacement(self) -> np.ndarray:
+        """Driven displacement of every row (m)."""
+        return self.rows["displacement"]
+
+    @property
+    def control_points(self) -> dict[str, list[float]]:
+        """Displacement (3) of every control point from the start (m), at the end."""
+        watched, state = self.assembly.control_points, self.run.state
+        if not watched.names:
+            return {}
+        way = watched.displacement(state.blocks.displacement, rotations(state))
+        return dict(zip(watched.names, way.tolist(), strict=True))
+
+    @property
+    def status(self) -> str:
+        """ "yield" for a limit load, "collapse" for that of all blocks, "completed" for a constant-rate test."""
+        return self.scenario.control.ends_with
+
+    @property
+    def counts_equilibria(self) -> bool:
+        """Whether the times of rows and frames are the numbers of equilibria."""
+        return self.scenario.control.regime.counts_equilibria
+
+    @property
+    def points_miss(self) -> float | None:
+        """The relative gap between the points of `distributed` joints that the program chose and the continuum, where
+        it is beyond the tolerance (as where a joint overturns, whose last edge no points reach); else None."""
+        control = self.scenario.control
+        if self.theory is None:
+            mechanism = self.yield_point.mechanism if self.collapse is None else self.collapse["mechanism"]
+            table = self.assembly.joints, self.assembly.contact_points
+            gap = -widest_rim(*table, chosen=True)[0] if mechanism == "rocking" else 0.0
+        else:
+            gap = self.theory.discretisation_error
+            if gap is None or control.ends_with != YIELD or self.scenario.joint.points is not None:
+                return None
+        return gap if abs(gap) > getattr(control, "tolerance", math.inf) else None
+
+    def agrees(self) -> bool:
+        """Whether theory lies in the bracket and, for a limit load, V is within the tolerance of it."""
+        if self.points_miss is not None:
+            return False
+        if self.theory is None:
+            return True
+        V, point = self.theory.V, self.yield_point
+        slack = BRACKET_SLACK * abs(V)
+        inside = point.V_lower - slack <= V and (point.V_upper is None or V <= point.V_upper + slack)
+        if self.scenario.control.ends_with != YIELD:
+            return inside or point.bracket != "certified"
+        close = self.theory.error is not None and abs(self.theory.error) <= self.scenario.control.tolerance
+        return close and (inside or point.bracket != "certified")
+
+    def as_dict(self) -> dict:
+        """The JSON object of ``dembrick run --json``."""
+        run = self.run
+        return self._dict(
+            status=self.status,
+            collapse=self.collapse,
+            yield_point=self.yield_point.as_dict(),
+            theory=None if self.theory is None else self.theory.as_dict(),
+            steps=run.steps,
+            time_step=run.time_step,
+            critical_time_step=run.critical_time_step,
+            simulated_time=run.simulated_time,
+            unbalanced=run.unbalanced,
+            control_points=self.control_points,
+        )

@@ -10,21 +10,17 @@ from typing import TYPE_CHECKING
 
 from dembrick.assembly import build as assemblies
 from dembrick.errors import DembrickError, HistoryError, NotConvergedError, WriteError
-from dembrick.runs import theory_check
-from dembrick.runs.collapse import collapse_of
+from dembrick.runs.drivers import driver_of
 from dembrick.runs.error_estimate import error_of, refinements
 from dembrick.runs.record_store import Memory, RecordStore
 from dembrick.scenario import toml as scenarios
-from dembrick.scenario.controls import in_real_time, on_all_blocks
 from dembrick.scenario.model import Scenario
 from dembrick.simulation import interrupts
 from dembrick.simulation.interrupts import Interrupted
 from dembrick.simulation.session import Session
-from dembrick.simulation.statics import constant_rate, limit_load, load_system, point_placement
 
 if TYPE_CHECKING:
     from dembrick.runs.motion_result import MotionResult  # and its kernels: for runs in real time only
-    from dembrick.simulation.dynamics.run import MotionRun
 from dembrick.runs.result import Result
 
 
@@ -107,19 +103,6 @@ def _built(scenario: Scenario, report: Callable[[str], None] | None):
     return assembly
 
 
-def _placed(scenario: Scenario, assembly):
-    """The assembly with the points of a lone distributed joint placed for its limit load, and the loop seconds of that.
-
-    Raises Interrupted.
-    """
-    if scenario.control.kind != "yield":
-        return assembly, 0.0
-    try:
-        return point_placement.place_points(assembly, scenario.control.tolerance, scenario.solver.step_factor)
-    except Interrupted as error:
-        raise Interrupted(error.signum, "interrupted while the contact points were placed, before the run") from None
-
-
 def _run(
     scenario: Scenario,
     assembly,
@@ -129,13 +112,13 @@ def _run(
     refine: bool = False,
 ) -> Result | MotionResult:
     """Replay, audit and judge. ``began``: when the work on it did; ``start_up``: seconds before."""
-    path = store.path if isinstance(store, RecordStore) else None
+    path, driver = store.path if isinstance(store, RecordStore) else None, driver_of(scenario.control)
     with ExitStack() as until_written:
         try:
-            assembly, placing = _placed(scenario, assembly)
+            assembly, placing = driver.place(scenario, assembly)
             if path:
                 store.place(assembly)
-            run = _replayed(scenario, assembly, store.session(scenario.output) if store else Session())
+            run = driver.run(scenario, assembly, store.session(scenario.output) if store else Session())
             audit = store.auditor.result(run.energy) if store and run.energy is not None else None
             until_written.enter_context(interrupts.deferred())  # a signal finds the answer there, and may not lose it
         except WriteError as error:  # the disk has what it has
@@ -165,10 +148,6 @@ def _finished(scenario, assembly, run, audit, store, times, refine) -> Result | 
     """The result of a run that came to its end, compared with theory, and written."""
     began, placing, done = times["began"], times["placing"], time.perf_counter()
     path = store.path if isinstance(store, RecordStore) else None
-    expected = theory_check.theory_of(assembly) if run.yield_point is not None else None
-    if expected is not None:
-        expected = expected.compared(run.yield_point.V)
-    finishing = time.perf_counter()
     write = store.write_seconds if store else 0.0
     wall = {
         "start_up": times["start_up"],
@@ -176,18 +155,21 @@ def _finished(scenario, assembly, run, audit, store, times, refine) -> Result | 
         "compile": run.compile_seconds,
         "loop": run.loop_seconds + placing,
         "write": write,
-        "total": finishing - began,
     }
+    result = driver_of(scenario.control).result(
+        scenario=scenario,
+        assembly=assembly,
+        run=run,
+        rows=store.rows if store else {},
+        frames=store.frames if store else {},
+        wall=wall,
+        history=path,
+        energy=audit,
+    )
+    finishing = time.perf_counter()
+    wall["total"] = finishing - began
     if run.phases is not None:
         wall["phases"] = run.phases
-    rows, frames = (store.rows, store.frames) if store else ({}, {})
-    if in_real_time(scenario.control):
-        from dembrick.runs.motion_result import MotionResult
-
-        result = MotionResult(scenario, assembly, run, rows, frames, wall, path, audit)
-    else:
-        fallen = collapse_of(run, assembly, scenario.control) if on_all_blocks(scenario.control) else None
-        result = Result(scenario, assembly, run, expected, rows, frames, wall, audit, path, fallen)
     missing = _estimate_error(result) if refine else None
     if path:
         store.finish(result.status, result.as_dict(), run.settings)
@@ -220,28 +202,12 @@ def _estimate_error(result: Result | MotionResult) -> BaseException | None:
 
 
 def _refined(scenario: Scenario):
-    """Load factor of the collapse of a refined scenario, or the displacements of its blocks; a search takes steps half
-    as long."""
-    control = scenario.control
-    if not on_all_blocks(control):
-        result = simulate(scenario, record=False)
-        return result.displacement if result.collapse is None else result.collapse["load_factor"]
-    assembly, goal = assemblies.assemble(scenario), control.displacement or 0.0
-    run = limit_load.find_limit_load(assembly, control.tolerance, scenario.solver.step_factor, goal=goal, steps=0.5)
-    return collapse_of(run, assembly, control)["load_factor"]
-
-
-def _replayed(scenario: Scenario, assembly, session: Session) -> load_system.Replay | MotionRun:
-    control, factor = scenario.control, scenario.solver.step_factor
-    if in_real_time(control):
-        from dembrick.runs.motion_result import lived_through
-
-        return lived_through(scenario, assembly, session)
-    if on_all_blocks(control):
-        return limit_load.find_limit_load(assembly, control.tolerance, factor, session, control.displacement or 0.0)
-    if control.kind == "yield":
-        return limit_load.find_limit_load(assembly, control.tolerance, factor, session)
-    return constant_rate.push_at_constant_rate(assembly, control.rate, control.travel, factor, session)
+    """Load factor of the collapse of a refined scenario, or the displacements of its blocks."""
+    refined = driver_of(scenario.control).refined
+    if refined is not None:
+        return refined(scenario)
+    result = simulate(scenario, record=False)
+    return result.displacement if result.collapse is None else result.collapse["load_factor"]
 
 
 def failure(scenario: Scenario, error: DembrickError, history=None) -> dict:

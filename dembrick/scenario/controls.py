@@ -1,13 +1,69 @@
-"""What is done to the blocks: the kinds of control, as plain frozen data."""
+"""Kinds of control: what is done to the blocks, as plain frozen data.
+
+A class says everything about its kind: how it is carried out (``regime``), what grows and in which unit (``curve``),
+what it ends with (``ends_with``), what it needs (``drives``, ``needs_supports``). No other module asks for the name of
+a kind: it asks for these. A new kind is a class here, an entry of `CONTROLS`, and, if no regime fits it, a driver in
+``runs.drivers``.
+"""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
 
 from dembrick.scenario.blocks import Vector
 from dembrick.scenario.checks import assign, check_name, one_of, real, require, require_type, unit_vector, vector
 
 QUANTITIES = ("acceleration", "velocity", "displacement")
+STEEPEST = 90.0  # deg: a tilt that brings nothing down ends there
+
+# what a control drives, and what it ends with: the status of its result
+ACTUATORS, EVERY_BLOCK, SUPPORTS, NOTHING = "actuators", "every block", "supports", "nothing"
+YIELD, COLLAPSE, COMPLETED = "yield", "collapse", "completed"
+
+
+class Regime(NamedTuple):
+    """How a control is carried out; a driver in ``runs.drivers`` registers for it.
+
+    ``quasi_static``: every block needs a chain of joints to a support. ``real_time``: blocks move in time, part and
+    meet again. ``counts_equilibria``: the times of the record are the numbers of equilibria.
+    """
+
+    name: str
+    quasi_static: bool = True
+    real_time: bool = False
+    counts_equilibria: bool = False
+
+
+LIMIT_LOAD = Regime("limit load")
+CONSTANT_RATE = Regime("constant rate")
+PATH_FOLLOWING = Regime("path following", counts_equilibria=True)
+REAL_TIME = Regime("real time", quasi_static=False, real_time=True)
+
+
+class Curve(NamedTuple):
+    """The curve that a control records: ``load`` and ``displacement`` name its axes, ``unit`` is that of the load as a
+    history has it, ``about`` describes the load. ``load`` is None if none grows: displacement is then shown over time.
+    """
+
+    load: str | None
+    unit: str
+    about: str
+    displacement: str
+
+
+DRIVEN = "driven displacement"
+FURTHEST = "displacement of the block that moved furthest"
+OF_ACTUATORS = Curve("load V", "N", "load multiplier V: the force of an actuator of weight 1", DRIVEN)
+
+
+class Limit(NamedTuple):
+    """When a run in real time ends at the latest (s), the key that says so, and what a user may do about it."""
+
+    seconds: float
+    key: str
+    remedy: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,13 +95,78 @@ class Pulse:
         require(self.start >= 0.0, "start", self.start, "the run starts at 0 s")
 
 
+class Control:
+    """What a kind of control says of itself; a subclass states what differs."""
+
+    __slots__ = ()
+
+    kind: ClassVar[str]
+
+    @property
+    def regime(self) -> Regime:
+        """How it is carried out."""
+        return REAL_TIME
+
+    @property
+    def curve(self) -> Curve:
+        """What the record shows."""
+        return OF_ACTUATORS
+
+    @property
+    def ends_with(self) -> str:
+        """The status of its result: YIELD, COLLAPSE or COMPLETED."""
+        return COMPLETED
+
+    @property
+    def drives(self) -> str:
+        """What it drives: ACTUATORS, EVERY_BLOCK, SUPPORTS or NOTHING."""
+        return NOTHING
+
+    @property
+    def needs_supports(self) -> bool:
+        """Whether a block must be fixed."""
+        return True
+
+    @property
+    def loads_vary(self) -> bool:
+        """Whether loads may be functions of time."""
+        return False
+
+    @property
+    def shakes(self) -> bool:
+        """Whether the supports follow a history."""
+        return False
+
+    @property
+    def tilt_axis(self) -> Vector | None:
+        """The axis of a table that tilts."""
+        return None
+
+    @property
+    def push_direction(self) -> Vector | None:
+        """The direction in which every block is pushed."""
+        return None
+
+    @property
+    def limit(self) -> Limit | None:
+        """When a run in real time ends at the latest; None if that follows from the blocks."""
+        return None
+
+    def angle(self, load_factor: float) -> float | None:
+        """The angle (deg) of a load factor, of a table that tilts."""
+        return None
+
+
 @dataclass(frozen=True, slots=True)
-class YieldControl:
+class YieldControl(Control):
     """The limit load to ``tolerance``, the relative half-width of its bracket; everything else follows from it."""
 
     tolerance: float = 1.0e-3
 
     kind = "yield"
+    regime = LIMIT_LOAD
+    ends_with = YIELD
+    drives = ACTUATORS
 
     def __post_init__(self):
         assign(self, tolerance=real("tolerance", self.tolerance))
@@ -58,13 +179,15 @@ class YieldControl:
 
 
 @dataclass(frozen=True, slots=True)
-class DisplacementControl:
+class DisplacementControl(Control):
     """A constant-rate test as the laboratory runs it: ``rate`` (m/s) over ``travel`` (m), physical mass."""
 
     rate: float
     travel: float
 
     kind = "displacement"
+    regime = CONSTANT_RATE
+    drives = ACTUATORS
 
     def __post_init__(self):
         for key, unit in (("rate", "m/s"), ("travel", "m")):
@@ -74,7 +197,7 @@ class DisplacementControl:
 
 
 @dataclass(frozen=True, slots=True)
-class TiltControl:
+class TiltControl(Control):
     """A table with the supports that turns about ``axis`` (right-hand rule) at ``rate`` (deg/s) until a block has moved
     ``displacement`` (m) against it since it was seated.
 
@@ -90,6 +213,30 @@ class TiltControl:
     tolerance: float = 1.0e-3
 
     kind = "tilt"
+    ends_with = COLLAPSE
+    drives = EVERY_BLOCK
+
+    @property
+    def regime(self) -> Regime:
+        """Looked for, or lived through."""
+        return PATH_FOLLOWING if self.quasi_static else REAL_TIME
+
+    @property
+    def curve(self) -> Curve:
+        """A search drives the blocks by their weights, as actuators would."""
+        about = "load factor: the tangent of the angle of the table"
+        return Curve("load factor tan(angle)", "1", about, DRIVEN if self.quasi_static else FURTHEST)
+
+    @property
+    def tilt_axis(self) -> Vector:
+        return self.axis
+
+    @property
+    def limit(self) -> Limit:
+        return Limit(STEEPEST / self.rate, "rate", "tilt faster")
+
+    def angle(self, load_factor: float) -> float:
+        return math.degrees(math.atan(load_factor))
 
     def __post_init__(self):
         axis = vector("axis", self.axis)
@@ -107,7 +254,7 @@ class TiltControl:
 
 
 @dataclass(frozen=True, slots=True)
-class PushoverControl:
+class PushoverControl(Control):
     """Every block pushed along ``direction`` by the same share of its weight, the load factor, to its limit.
 
     ``tolerance`` is the relative half-width of the bracket of that limit. The curve goes on past it until a block has
@@ -123,6 +270,18 @@ class PushoverControl:
     damping: float = 0.05
 
     kind = "pushover"
+    curve = Curve("load factor", "1", "load factor: the share of its weight by which every block is pushed", DRIVEN)
+    ends_with = COLLAPSE
+    drives = EVERY_BLOCK
+
+    @property
+    def regime(self) -> Regime:
+        """Looked for, or lived through."""
+        return PATH_FOLLOWING if self.quasi_static else REAL_TIME
+
+    @property
+    def push_direction(self) -> Vector:
+        return self.direction
 
     def __post_init__(self):
         direction = vector("direction", self.direction)
@@ -148,7 +307,7 @@ class PushoverControl:
 
 
 @dataclass(frozen=True, slots=True)
-class DynamicControl:
+class DynamicControl(Control):
     """Free motion for ``duration`` (s), from the velocities of the blocks, under gravity and loads.
 
     ``restitution``: speed after over speed before the impact of two blocks face to face.
@@ -158,13 +317,20 @@ class DynamicControl:
     restitution: float = 0.5
 
     kind = "dynamic"
+    curve = Curve(None, "1", "zero: no load grows", FURTHEST)
+    needs_supports = False
+    loads_vary = True
+
+    @property
+    def limit(self) -> Limit:
+        return Limit(self.duration, "duration", "shorten it")
 
     def __post_init__(self):
         _check_motion(self)
 
 
 @dataclass(frozen=True, slots=True)
-class BaseMotionControl:
+class BaseMotionControl(Control):
     """Supports that shake along ``direction`` for ``duration`` (s), by a ``sine``, a ``pulse`` or a ``file``, whose
     ``quantity`` is an acceleration, a velocity or a displacement.
 
@@ -182,6 +348,14 @@ class BaseMotionControl:
     columns: tuple[str, str] | None = None
 
     kind = "base-motion"
+    curve = Curve(None, "m/s2", "acceleration of the supports along the direction of their motion", FURTHEST)
+    drives = SUPPORTS
+    loads_vary = True
+    shakes = True
+
+    @property
+    def limit(self) -> Limit:
+        return Limit(self.duration, "duration", "shorten it")
 
     def __post_init__(self):
         _check_motion(self)
@@ -219,20 +393,7 @@ def _check_motion(control) -> None:
     assign(control, duration=duration, restitution=restitution)
 
 
-Control = YieldControl | DisplacementControl | TiltControl | PushoverControl | DynamicControl | BaseMotionControl
-MOTIONS = ("tilt", "pushover", "dynamic", "base-motion")  # kinds that may move blocks in real time
-
-
-def on_all_blocks(control: Control) -> bool:
-    """Whether the control looks for the limit of a load that acts on every block."""
-    return control.kind in ("tilt", "pushover") and control.quasi_static
-
-
-def drives_to_collapse(control: Control) -> bool:
-    """Whether the control ends when a block has moved far enough, which is a collapse."""
-    return control.kind in ("tilt", "pushover")
-
-
-def in_real_time(control: Control) -> bool:
-    """Whether the control lives through seconds of motion."""
-    return control.kind in MOTIONS and not on_all_blocks(control)
+CONTROLS: dict[str, type[Control]] = {
+    control.kind: control
+    for control in (YieldControl, DisplacementControl, TiltControl, PushoverControl, DynamicControl, BaseMotionControl)
+}

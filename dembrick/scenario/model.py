@@ -281,10 +281,10 @@ class Scenario:
         lists |= {"control_points": ControlPoint, "pressures": Pressure}
         for key, kind in (lists | GENERATORS).items():
             assign(self, **{key: members_of(key, getattr(self, key), kind)})
-        if self.control.kind == "tilt":
-            along = abs(sum(a * g for a, g in zip(self.control.axis, self.gravity, strict=True)))
+        if self.control.tilt_axis is not None:
+            along = abs(sum(a * g for a, g in zip(self.control.tilt_axis, self.gravity, strict=True)))
             crosses = along < (1.0 - 1e-12) * math.hypot(*self.gravity)
-            require(crosses, "control.axis", self.control.axis, "it lies along gravity, which a tilt has to turn")
+            require(crosses, "control.axis", self.control.tilt_axis, "it lies along gravity, which a tilt has to turn")
         self._lay()
         if not self.all_blocks:
             raise ScenarioError("a scenario needs at least one block")
@@ -344,7 +344,7 @@ class Scenario:
                     f"load number {i} acts on {show(load.block)}, which is fixed, so that nothing feels it; remove the "
                     "load, or name a block that can move"
                 )
-            if load.varies and self.control.kind not in ("dynamic", "base-motion"):
+            if load.varies and not self.control.loads_vary:
                 raise ScenarioError(
                     f"load number {i} on {show(load.block)} varies with time, which a test of kind "
                     f"{show(self.control.kind)} does not know; remove its {'history' if load.history else 'sine'}"

@@ -19,7 +19,7 @@ from dembrick.errors import ScenarioError
 from dembrick.scenario import shipped
 from dembrick.scenario.blocks import Mesh, Part, Prism, Voussoir
 from dembrick.scenario.checks import nearest, show
-from dembrick.scenario.controls import MOTIONS, Control, Pulse, Sine
+from dembrick.scenario.controls import ACTUATORS, CONTROLS, Pulse, Sine
 from dembrick.scenario.generators import GENERATORS, Opening, Return
 from dembrick.scenario.model import (
     Actuator,
@@ -37,7 +37,6 @@ from dembrick.scenario.overrides import apply_overrides, assign
 from dembrick.scenario.pressures import Pressure
 from dembrick.scenario.text_files import read_text
 
-_CONTROLS = {control.kind: control for control in Control.__args__}
 _LISTS = {"blocks": Block, **GENERATORS, "loads": Load, "actuators": Actuator, "control_points": ControlPoint}
 _LISTS["pressures"] = Pressure
 _TABLES = {"prism": Prism, "voussoir": Voussoir, "mesh": Mesh, "sine": Sine, "pulse": Pulse}  # tables inside others
@@ -192,7 +191,7 @@ def _decode(
             values[key] = decode()
     scenario = _make(Scenario, {**values, "path": path, "text": text}, place)
     driven = scenario.actuators or any(pressure.actuator for pressure in scenario.pressures)
-    if not driven and scenario.control.kind not in MOTIONS:
+    if not driven and scenario.control.drives == ACTUATORS:
         place.fail(f"control kind {show(scenario.control.kind)} drives actuators and there is none; add [[actuators]]")
     return scenario
 
@@ -220,14 +219,14 @@ def _joint_override(entry: Any, default: JointLaw, place: _Place) -> JointOverri
 def _control(data: Any, place: _Place) -> Any:
     given = dict(_table(data, place))
     if "kind" not in given:
-        raise ScenarioError(f"missing key 'kind' in {place}; use one of {', '.join(_CONTROLS)}")
+        raise ScenarioError(f"missing key 'kind' in {place}; use one of {', '.join(CONTROLS)}")
     kind = given.pop("kind")
-    if isinstance(kind, str) and kind in _CONTROLS:
-        control = _CONTROLS[kind]
+    if isinstance(kind, str) and kind in CONTROLS:
+        control = CONTROLS[kind]
         _check_keys(given, _keys_of(control), place, "kind")
         return _record(control, given, place)
-    existing = " and ".join(show(name) for name in _CONTROLS)
-    hint = f"; {nearest(kind, _CONTROLS)}" if isinstance(kind, str) else ""
+    existing = " and ".join(show(name) for name in CONTROLS)
+    hint = f"; {nearest(kind, CONTROLS)}" if isinstance(kind, str) else ""
     place.fail(f"kind = {show(kind)} is not a kind of control; the kinds are {existing}{hint}")
 
 

@@ -52,14 +52,13 @@ class Session:
 
     ``observe(rows, frames)`` gets copies of what each chunk of steps brought (see ``recorder``), of the channels of
     ``output``. ``keep(arrays, where)`` writes a checkpoint, every ``output.checkpoint`` seconds and when a signal ends
-    the run. A run with ``resumed`` goes on from that snapshot. No chunk has more than ``longest_chunk`` steps.
+    the run. A run with ``resumed`` goes on from that snapshot.
     """
 
     observe: Observer | None = None
     output: Output = field(default_factory=Output)
     keep: Callable[[Mapping[str, np.ndarray], str], None] | None = None
     resumed: Snapshot | None = None
-    longest_chunk: int = 1 << 40
     last_kept: float = field(default_factory=time.monotonic)
 
     @classmethod

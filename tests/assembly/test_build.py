@@ -5,7 +5,6 @@ import dataclasses
 import numpy as np
 import pytest
 
-from dembrick.assembly import build as assembly_module
 from dembrick.assembly.build import assemble, dead_joint_forces
 from dembrick.errors import ScenarioError
 from dembrick.geometry.rotations import rotation_matrix
@@ -13,6 +12,7 @@ from dembrick.scenario.model import (
     Actuator,
     Block,
     DisplacementControl,
+    DynamicControl,
     JointLaw,
     JointOverride,
     Load,
@@ -257,9 +257,9 @@ def test_messages_name_the_file():
         assemble(scenario(LOWER, moved(UPPER, position=(0.0, 0.0, 0.04)), path="scene.toml"))
 
 
-def test_kinds_that_need_no_support(monkeypatch):
-    """Free flight and falling blocks are for dynamic kinds: the two checks ask the kind of control."""
-    monkeypatch.setattr(assembly_module, "_QUASI_STATIC", ())
-    found = assemble(scenario(moved(UPPER, position=(0.0, 0.0, 1.0))))
+def test_kinds_that_need_no_support():
+    """Free flight and falling blocks are for dynamic kinds: the two checks ask the regime of the control."""
+    free = DynamicControl(1.0)
+    found = assemble(scenario(moved(UPPER, position=(0.0, 0.0, 1.0)), control=free))
     assert not len(found.joints) and found.joint_force.shape == (0, 3) and not found.joint_force_exact
-    assert assemble(scenario(LOWER, moved(UPPER, position=(0.0, 0.0, 1.0)))).contact_points[:] == ()
+    assert assemble(scenario(LOWER, moved(UPPER, position=(0.0, 0.0, 1.0)), control=free)).contact_points[:] == ()

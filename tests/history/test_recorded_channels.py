@@ -52,7 +52,7 @@ def test_contact_forces_add_up_to_the_joint_resultants(formulation):
 def test_velocity_and_spin_are_the_motion_between_steps(name):
     """Frames one step apart: the velocity of a frame is the move since the frame before, over the step."""
     result = recorded(name, "concave", rows=10_000, frames=10_000)
-    frames, dt = result.frames, result.replay.time_step
+    frames, dt = result.frames, result.run.time_step
     np.testing.assert_allclose(np.diff(frames["time"]), dt, rtol=1e-6)
     moved = np.diff(frames["displacement"][:, 1], axis=0)
     speed = np.abs(frames["velocity"]).max()
@@ -82,7 +82,7 @@ def test_only_what_was_asked_for():
 
 def test_the_number_of_rows_and_frames_is_followed():
     result = recorded("set4a_curve", "concave", rows=20, frames=5)
-    assert result.replay.steps > 100
+    assert result.run.steps > 100
     assert 20 <= len(result.rows["time"]) <= 22 and 5 <= len(result.frames["time"]) <= 6
     assert set(result.frames["time"]) <= set(result.rows["time"])
 

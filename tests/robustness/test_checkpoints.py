@@ -168,7 +168,10 @@ def test_checkpoints_of_an_earlier_run_are_not_taken(tmp_path, stopped):
 
 def interrupted_at_once(given, path):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("dembrick.runs.simulate._replayed", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+        patch.setattr(
+            "dembrick.runs.drivers.limit_load.find_limit_load",
+            lambda *_, **__: (_ for _ in ()).throw(KeyboardInterrupt),
+        )
         simulate(given, path, force=True)
 
 

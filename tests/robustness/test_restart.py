@@ -49,7 +49,7 @@ def test_a_search_that_is_calmed_can_be_stopped_anywhere(tmp_path, stop_after):
     given = case("set4b_mid", "concave", 1e-6)
     given = dataclasses.replace(given, output=model.Output(checkpoint=1e9))  # only where it is stopped
     whole = simulate(given, tmp_path / "whole.h5")
-    assert whole.replay.steps > 100
+    assert whole.run.steps > 100
     for step in (7, 100):
         path = tmp_path / f"{step}.h5"
         stop_after(step)

@@ -43,7 +43,7 @@ def test_the_same_as_scene_by_scene(formulation, z):
         for key in ("V", "V_lower", "V_upper", "N", "V_1", "V_2", "actuator_load"):
             assert getattr(found, key)[i] == pytest.approx(getattr(point, key), rel=1e-9, abs=1e-9 * MU * N), key
         assert found.M_T[i] == pytest.approx(point.M_T, abs=1e-9 * MU * N * A)
-        assert found.steps[i] == alone.replay.steps
+        assert found.steps[i] == alone.run.steps
         assert bool(found.certified[i]) == (point.bracket == "certified")
 
 

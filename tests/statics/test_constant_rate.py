@@ -78,9 +78,9 @@ def test_curve(name, formulation):
     assert normal == pytest.approx(N, rel=1e-6)
     np.testing.assert_allclose([v1, v2, mt / A], [V[-1] * f1, V[-1] * f2, V[-1] * m / A], atol=1e-3 * MU * N)
     # time is head travel over rate, but for the ramp of a few steps
-    dt = result.replay.time_step
+    dt = result.run.time_step
     assert rows["time"][-1] == pytest.approx(TRAVEL / 1e-3, abs=2 * dt)
-    assert dt <= 0.9 * result.replay.critical_time_step * (1 + 1e-12)
+    assert dt <= 0.9 * result.run.critical_time_step * (1 + 1e-12)
 
 
 def test_elastic_rise_has_the_stiffness_of_joint_and_jack():
@@ -124,8 +124,8 @@ def test_fast_tests_take_shorter_steps(name, formulation):
     """Slow ones take the step that they are asked for; in fast ones the head moves by less than an elastic slip a step,
     and the books balance although the block jumps."""
     slow, fast = (push(name, formulation, rate) for rate in (1e-4, 3e-2))
-    dt, most = fast.replay.time_step, 0.9 * fast.replay.critical_time_step
-    assert slow.replay.time_step == pytest.approx(most, rel=1e-12)
+    dt, most = fast.run.time_step, 0.9 * fast.run.critical_time_step
+    assert slow.run.time_step == pytest.approx(most, rel=1e-12)
     assert dt < 0.2 * most
     rising = slow.displacement[np.argmax(slow.load > 0.99 * slow.theory.V)]
     assert 3e-2 * dt < rising
@@ -135,7 +135,7 @@ def test_fast_tests_take_shorter_steps(name, formulation):
 def test_step_size_does_not_count():
     """A tenth of the step, the same plateau and nearly the same peak."""
     coarse, fine = (push("4b", "convex", 1e-4, 1e-5, factor) for factor in (0.9, 0.09))
-    assert fine.replay.steps == pytest.approx(10 * coarse.replay.steps, rel=1e-2)
+    assert fine.run.steps == pytest.approx(10 * coarse.run.steps, rel=1e-2)
     assert fine.yield_point.actuator_load == pytest.approx(coarse.yield_point.actuator_load, rel=1e-4)
     assert fine.yield_point.V_peak == pytest.approx(coarse.yield_point.V_peak, rel=2e-2)
 

@@ -52,7 +52,7 @@ def test_the_work_of_dead_torques_is_in_the_books(formulation):
     scenario = lab.lab_scenario("set4a_mid", formulation)
     beside = dataclasses.replace(scenario.loads[0], point=(0.005, -0.01, 0.05))
     result = simulate(dataclasses.replace(scenario, loads=(beside,)))
-    work, energies = result.replay.energy.work, result.rows["energy"]
+    work, energies = result.run.energy.work, result.rows["energy"]
     assert result.energy.relative_residual < 1e-9
     assert abs(work[TORQUES]) > 1e-6 * work[HEAD]
     assert energies["external"][-1] != pytest.approx(work[HEAD], rel=1e-6)
@@ -89,7 +89,7 @@ def test_a_rough_block_pushed_above_its_joint_slides_without_rocking(formulation
     )
     result = simulate(scenario)
     assert result.energy.relative_residual < 1e-4
-    assert result.replay.steps < 500
+    assert result.run.steps < 500
 
 
 def test_points_that_miss_the_continuum_are_not_passed_over():

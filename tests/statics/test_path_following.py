@@ -88,7 +88,7 @@ def test_loads_turn_with_gravity():
 
 def test_a_table_tilts_the_side_of_its_axis():
     """About +x the side towards +y rises, and the block goes towards -y."""
-    moved = simulate(on_table(0.3, tilt())).replay.state.blocks.velocity[1]
+    moved = simulate(on_table(0.3, tilt())).run.state.blocks.velocity[1]
     assert moved[1] < 0.0 and abs(moved[0]) < 1e-6 * abs(moved[1])
 
 
@@ -109,7 +109,7 @@ def test_a_large_wall_takes_few_newton_steps():
     wall = Wall("wall", "stone", (0.3, 0.2, 0.1), courses=24, blocks=12, base=0.1)
     result = simulate(scene(tilt(), friction=0.64, walls=(wall,)), record=False)
     assert result.collapse["load_factor"] == pytest.approx(0.2 / 2.4, rel=1e-5)
-    assert result.replay.steps <= 40
+    assert result.run.steps <= 40
 
 
 def test_corrected_joints_let_the_wall_fall_early():

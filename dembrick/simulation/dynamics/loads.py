@@ -8,6 +8,7 @@ jumps and all. `driving_of` opens the CSV files that a scenario names.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -54,6 +55,15 @@ class Driving:
             gravity = gravity - (gained / dt)[:, None] * self.direction
         return gravity, np.ascontiguousarray(force)
 
+    def load(self, time: float, dt: float) -> float:
+        """What grows in the record: load factor of a tilt, acceleration of shaken supports (m/s2), else zero."""
+        if self.tilt is not None:
+            return math.tan(min(self.tilt[1] * time, math.radians(89.999)))
+        if self.support_velocity is not None:
+            gravity, _ = self.at(np.array([time]), dt)
+            return float((self.gravity - gravity[0]) @ self.direction)
+        return 0.0
+
 
 def turned_back(vectors: np.ndarray, axis: np.ndarray, cosine: np.ndarray, sine: np.ndarray) -> np.ndarray:
     """``vectors`` (..., 3) seen from what has turned about the unit ``axis`` (Rodrigues' formula)."""
@@ -94,9 +104,9 @@ def driving_of(scenario, assembly, time_step: float) -> Driving:
         "force": loads.force,
         "factor": tuple(factors[index] for index in loads.given),
     }
-    if control.kind == "tilt":
-        driving["tilt"] = (np.array(control.axis, float), float(np.radians(control.rate)))
-    if control.kind == "base-motion":
+    if control.tilt_axis is not None:
+        driving["tilt"] = (np.array(control.tilt_axis, float), float(np.radians(control.rate)))
+    if control.shakes:
         driving["direction"] = np.array(control.direction, float)
         if control.sine is not None:
             driving["support_velocity"] = time_histories.sine_velocity(control.sine, control.quantity)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 
 import numpy as np
@@ -29,10 +28,10 @@ class Recorder:
     """Hands rows and frames of a run to the observer of a session."""
 
     def __init__(
-        self, moving: Motion, control, driving: Driving, session: Session, rows_every: int, frames_every: int,
+        self, moving: Motion, driving: Driving, session: Session, rows_every: int, frames_every: int,
         controller: PushController | None,
     ):  # fmt: skip
-        self._moving, self._control, self._driving, self._session = moving, control, driving, session
+        self._moving, self._driving, self._session = moving, driving, session
         self._controller = controller
         self._frames_every, self._rows_every = frames_every, rows_every
         self._origin = moving.assembly.position - moving.state.middle
@@ -95,15 +94,10 @@ class Recorder:
         return float(np.linalg.norm(away, axis=1).max()) if self._controller is None else self._controller.mean(away)
 
     def _load(self) -> float:
-        """Load factor of a tilt or a push, acceleration of shaken supports (m/s2), else zero."""
+        """Load factor of a push; else what the driving says."""
         if self._controller is not None:
             return float(self._controller.present[0])
-        if self._control.kind == "tilt":
-            return math.tan(math.radians(min(self._control.rate * self._moving.time, 89.999)))
-        if self._control.kind == "base-motion":
-            gravity, _ = self._driving.at(np.array([self._moving.time]), self._moving.time_step)
-            return float((self._driving.gravity - gravity[0]) @ self._driving.direction)
-        return 0.0
+        return self._driving.load(self._moving.time, self._moving.time_step)
 
     def _unbalanced(self) -> float:
         state = self._moving.state

@@ -13,7 +13,7 @@ from dembrick.geometry.rotations import quaternion_product, rotation_matrix, uni
 from dembrick.kernels.dynamics.loop import REACHED, Limits
 from dembrick.kernels.dynamics.tiles import SEEN
 from dembrick.scenario.checks import show
-from dembrick.scenario.controls import drives_to_collapse
+from dembrick.scenario.controls import COLLAPSE, COMPLETED, NOTHING, STEEPEST
 from dembrick.scenario.model import Output
 from dembrick.simulation import interrupts
 from dembrick.simulation.dynamics.checkpoint import Past
@@ -31,7 +31,6 @@ from dembrick.simulation.dynamics.state import (
 from dembrick.simulation.energy_audit import Sums
 from dembrick.simulation.session import Plan, Session
 
-STEEPEST = 90.0  # deg: a tilt that brings nothing down ends there
 MOVED = 0.1  # of the longest displacement: blocks that have moved further belong to the mechanism
 IMPACTS = 3.0  # where blocks may bounce the step is so much shorter: the stated restitution is then met, by 1 to 3 %
 NO_LIMIT = 1e150  # m
@@ -70,14 +69,14 @@ class MotionRun:
 
 def prepare(assembly, control, step_factor: float) -> Motion:
     """The assembly before it is seated, with the contact damping of the control; ScenarioError where nothing moves."""
-    if control.kind != "dynamic" and not np.any(assembly.fixed):
+    if control.needs_supports and not np.any(assembly.fixed):
         raise ScenarioError(f"control kind {show(control.kind)} moves supports and no block is fixed: fix one")
     if not len(assembly.fixed) - np.sum(assembly.fixed):
         raise ScenarioError("every block is fixed: nothing can move; let one be free")
     if len(assembly.actuators.block):
         remedy = "remove them, and actuator = true of [[pressures]]"
         raise ScenarioError(f"control kind {show(control.kind)} has no use for [[actuators]]; {remedy}")
-    if drives_to_collapse(control):
+    if control.ends_with == COLLAPSE:
         return motion(assembly, control.damping, step_factor)
     return motion(assembly, damping_of_restitution(control.restitution), step_factor, IMPACTS)
 
@@ -106,7 +105,7 @@ def plan(moving: Motion, control, output: Output) -> Plan:
 
 
 def _controller(moving: Motion, control) -> PushController | None:
-    if control.kind != "pushover":
+    if control.push_direction is None:
         return None
     return controller_of(control, moving.assembly, moving.assembly.gravity, moving.time_step)
 
@@ -115,10 +114,8 @@ def _most_steps(moving: Motion, control, controller: PushController | None) -> i
     """Steps after which the run ends if nothing ends it before."""
     if controller is not None:
         return controller.longest
-    tilts = control.kind == "tilt"
-    seconds = STEEPEST / control.rate if tilts else control.duration
+    seconds, key, remedy = control.limit
     if not seconds < MOST_STEPS * moving.time_step:
-        key, remedy = ("rate", "tilt faster") if tilts else ("duration", "shorten it")
         raise ScenarioError(
             f"control.{key} = {getattr(control, key):g} would take {seconds / moving.time_step:.3g} steps of "
             f"{moving.time_step:.3g} s, and {MOST_STEPS:g} are the most; {remedy}"
@@ -132,7 +129,7 @@ def run(moving: Motion, control, driving: Driving, session: Session) -> MotionRu
     Raises NotConvergedError where the blocks find no rest before it, where a tilt or a push brings nothing down, and
     where blocks are pressed too deep into each other; DivergedError.
     """
-    dynamic, to_collapse = control.kind == "dynamic", drives_to_collapse(control)
+    free, to_collapse = control.drives == NOTHING, control.ends_with == COLLAPSE
     controller = _controller(moving, control)
     past = Past(moving, controller)
     resume = partial(past.restore, session.resumed) if session.resumed else None
@@ -140,10 +137,10 @@ def run(moving: Motion, control, driving: Driving, session: Session) -> MotionRu
         resume()
     else:
         held = replace(driving, support_velocity=None)
-        past.unbalanced[0] = find_equilibrium(moving, held, dynamic, resume, partial(session.pause, past))
+        past.unbalanced[0] = find_equilibrium(moving, held, free, resume, partial(session.pause, past))
         moving.phases["seating"], moving.loop_seconds = moving.loop_seconds, 0.0
         past.at_rest[:] = seen(moving.state.bodies, moving.state.links)
-        if dynamic:
+        if free:
             _set_going(moving, driving)
         else:
             still = np.zeros_like(moving.state.bodies.velocity)
@@ -161,7 +158,7 @@ def run(moving: Motion, control, driving: Driving, session: Session) -> MotionRu
     stride = held * max(1, AT_ONCE // (len(moving.assembly.names) + len(moving.assembly.joints)) // held)
     frames_every = max(1, session.output.rows // session.output.frames)
     limits = Limits(displacement=goal, longest=0.1 * float(moving.state.bodies.reach.min()))
-    recorder = Recorder(moving, control, driving, session, every, frames_every, controller)
+    recorder = Recorder(moving, driving, session, every, frames_every, controller)
     if not moving.steps:
         recorder.take()
     status = None
@@ -181,14 +178,14 @@ def run(moving: Motion, control, driving: Driving, session: Session) -> MotionRu
     unbalanced, at_rest = float(past.unbalanced[0]), past.at_rest
     settings = {"contact_damping": moving.damping, "seating_steps": moving.seating_steps, "inertia": "physical"}
     if not to_collapse:
-        return MotionRun(moving, "completed", None, unbalanced, settings, moving.energy.sums(moving.state))
+        return MotionRun(moving, COMPLETED, None, unbalanced, settings, moving.energy.sums(moving.state))
     if status != REACHED:
         least = (
             f"the table stood at {STEEPEST:g} deg" if controller is None else f"the load factor came near {STRONGEST:g}"
         )
         raise NotConvergedError(f"no block moved by {goal:.6g} m before {least}; ask for a smaller displacement")
     collapse = _collapse(moving, control, controller, at_rest)
-    return MotionRun(moving, "collapse", collapse, unbalanced, settings, moving.energy.sums(moving.state))
+    return MotionRun(moving, COLLAPSE, collapse, unbalanced, settings, moving.energy.sums(moving.state))
 
 
 def _push(moving: Motion, controller: PushController, driving: Driving, n_steps: int, limits: Limits) -> int:

@@ -14,11 +14,13 @@ import numpy as np
 
 from dembrick.errors import ScenarioError
 from dembrick.kernels.state import Inertia
-from dembrick.simulation.session import Observer, Session
+from dembrick.scenario.model import Output
+from dembrick.simulation.session import Observer, Plan, Session
 from dembrick.simulation.statics import joint_families
 from dembrick.simulation.statics.guards import new_guard, refuse_divergence
 from dembrick.simulation.statics.load_system import (
     MOST_STEPS_AT_RATE,
+    LoadSystem,
     Replay,
     Setup,
 )
@@ -49,7 +51,7 @@ def push_at_constant_rate(
     damping = setup.dashpots()
     critical = damping.critical_time_step
     dt = setup.time_step(step_factor * critical, rate)
-    steps_wanted = steps_at_rate(rate, travel, dt)
+    steps_wanted = _steps(rate, travel, dt)
     drive = setup.drive(rate, dt)._replace(
         dashpot=damping.actuator * setup.actuator_stiffness, viscous_n=1.0, viscous_s=1.0
     )
@@ -78,7 +80,7 @@ def push_at_constant_rate(
     status = Stepper(loop, session, recorder, CHUNK).to(steps_wanted)
     refuse_divergence(status, assembly, state, loop.step, dt, critical)
     chosen = {"rate": rate, "inertia": "physical"}
-    replay = setup.replay(True, loop, critical, compiled, setup.settings(drive) | chosen)
+    replay = setup.finished(True, loop, critical, compiled, setup.settings(drive) | chosen)
     if setup.certificate.strict:
         slip = replay.yield_point.V_lower * setup.compliance / setup.weight
         pace = rate * critical / slip if slip > 0.0 else math.inf
@@ -88,7 +90,15 @@ def push_at_constant_rate(
     return replay
 
 
-def steps_at_rate(rate: float, travel: float, dt: float) -> int:
+def plan(assembly, control, step_factor: float, output: Output) -> Plan:
+    """The plan of a test, without running any of it."""
+    system = LoadSystem(assembly)
+    dt = system.time_step(step_factor * system.dashpots().critical_time_step, control.rate)
+    steps = _steps(control.rate, control.travel, dt)
+    return system.plan(dt, steps, min(steps, 2 * output.rows), output)
+
+
+def _steps(rate: float, travel: float, dt: float) -> int:
     """Steps of a constant-rate test."""
     wanted = travel / (rate * dt)
     if wanted > MOST_STEPS_AT_RATE:

@@ -18,11 +18,9 @@ import numpy as np
 
 from dembrick.errors import NotConvergedError
 from dembrick.kernels.statics.loop import CONVERGED, RUNNING
-from dembrick.scenario.controls import on_all_blocks
 from dembrick.scenario.model import Output
 from dembrick.simulation.session import Observer, Plan, Session
 from dembrick.simulation.statics.certificate import frictionless
-from dembrick.simulation.statics.constant_rate import steps_at_rate
 from dembrick.simulation.statics.critical_step import critical_time_step
 from dembrick.simulation.statics.dead_load import inverse_inertia
 from dembrick.simulation.statics.guards import new_guard, refuse_divergence
@@ -154,25 +152,12 @@ def _by_inertia(setup: Setup, step_factor: float, session: Session) -> Replay:
     steps = loop.step
     refuse_divergence(status, assembly, state, steps, dt, critical)
     chosen = {"eta": float(eta), "rate": rate, "inertia": "scaled"}
-    return setup.replay(status == CONVERGED, loop, critical, compiled, setup.settings(drive) | chosen)
+    return setup.finished(status == CONVERGED, loop, critical, compiled, setup.settings(drive) | chosen)
 
 
-def plan(assembly, control, step_factor: float, output: Output | None = None) -> Plan:
-    """The plan of a replay, without running any of it."""
-    output = output or Output()
+def plan(assembly, control, step_factor: float, output: Output) -> Plan:
+    """The plan of a search, without running any of it."""
     system = LoadSystem(assembly)
-    critical = system.dashpots().critical_time_step
-    dt = step_factor * critical
-    if control.kind == "yield" or on_all_blocks(control):
-        # seen over the lab tests and random joints: some 25 steps to 1e-3 and ten more a digit, twice that at height
-        steps = 25 + int(20.0 * max(0.0, -math.log10(control.tolerance) - 2.0))
-        rows = steps
-    else:
-        dt = system.time_step(dt, control.rate)
-        steps = steps_at_rate(control.rate, control.travel, dt)
-        rows = min(steps, 2 * output.rows)
-    n, j = len(assembly.names), len(assembly.joints)
-    points = sum(len(p.area) for p in assembly.contact_points if p is not None)
-    row_bytes = 8 * (6 + 7 * j + 2 * len(assembly.actuators.block))
-    memory = 8 * (60 * n + 90 * j + 36 * n + 12 * points) + rows * row_bytes + min(rows, output.frames) * 56 * n
-    return Plan(dt, critical, steps, memory)
+    # seen over the lab tests and random joints: some 25 steps to 1e-3 and ten more a digit, twice that at height
+    steps = 25 + int(20.0 * max(0.0, -math.log10(control.tolerance) - 2.0))
+    return system.plan(step_factor * system.dashpots().critical_time_step, steps, steps, output)

@@ -10,7 +10,8 @@ from dembrick.errors import ScenarioError
 from dembrick.kernels.state import Energy
 from dembrick.kernels.statics.load_bounds import Certificate
 from dembrick.kernels.statics.loop import Drive
-from dembrick.simulation.session import Session
+from dembrick.scenario.model import Output
+from dembrick.simulation.session import Plan, Session
 from dembrick.simulation.statics import joint_families
 from dembrick.simulation.statics.certificate import certificate
 from dembrick.simulation.statics.critical_step import Dashpots, block_inertia, dashpots
@@ -79,6 +80,13 @@ class LoadSystem:
         """Those for physical inertia, with the critical time step that counts them and the actuator."""
         return dashpots(self.state, block_inertia(self.assembly), self.actuator)
 
+    def plan(self, dt: float, steps: int, rows: int, output: Output) -> Plan:
+        """The plan of ``steps`` of ``dt`` (s) that write so many ``rows``."""
+        n, j, k = len(self.assembly.names), len(self.assembly.joints), len(self.assembly.actuators.block)
+        points = sum(len(p.area) for p in self.assembly.contact_points if p is not None)
+        memory = 8 * (96 * n + 90 * j + 12 * points + rows * (6 + 7 * j + 2 * k) + min(rows, output.frames) * 7 * n)
+        return Plan(dt, self.dashpots().critical_time_step, steps, memory)
+
     def dead_strength(self) -> float:
         """V (N) that friction 1 would resist under the dead loads at the joints of the loaded blocks, roughly."""
         joints, assembly = self.state.joints, self.assembly
@@ -125,7 +133,7 @@ class Setup(LoadSystem):
             memory=MEMORY,
         )
 
-    def replay(self, converged: bool, loop: Loop, critical: float, compiled: float, settings: dict) -> Replay:
+    def finished(self, converged: bool, loop: Loop, critical: float, compiled: float, settings: dict) -> Replay:
         """What came of it; ``compiled``: seconds of compiling after the seating."""
         return Replay(
             yield_point=read_off(loop.state, loop.certificate, self.assembly.names),

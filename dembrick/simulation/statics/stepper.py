@@ -79,7 +79,7 @@ class Stepper:
 
     def __init__(self, loop: Loop, session: Session, recorder: Recorder | None, longest: int):
         self.loop, self.recorder, self._session = loop, recorder, session
-        self._longest = min(longest, session.longest_chunk, recorder.longest_chunk if recorder else longest)
+        self._longest = min(longest, recorder.longest_chunk if recorder else longest)
         self._pace = max(1, FIRST_WORK // _size(loop.state))
 
     @property

@@ -1,0 +1,133 @@
+"""How each regime of control is carried out: a driver plans a run, makes it, and says what came of it.
+
+A control names its regime (`scenario.controls`), and `driver_of` gives the driver that registers for it here.
+What moves blocks in real time is imported when a run needs it and not before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, NamedTuple
+
+from dembrick.assembly import build
+from dembrick.assembly.build import Assembly
+from dembrick.runs import theory_check
+from dembrick.runs.collapse import collapse_of
+from dembrick.runs.result import Result
+from dembrick.scenario.controls import COLLAPSE, CONSTANT_RATE, LIMIT_LOAD, PATH_FOLLOWING, REAL_TIME, Control
+from dembrick.scenario.model import Scenario
+from dembrick.simulation.interrupts import Interrupted
+from dembrick.simulation.session import Plan, Session
+from dembrick.simulation.statics import constant_rate, limit_load, point_placement
+from dembrick.simulation.statics.load_system import Replay
+
+if TYPE_CHECKING:
+    from dembrick.runs.motion_result import MotionResult
+    from dembrick.simulation.dynamics.run import MotionRun
+
+
+class Driver(NamedTuple):
+    """What carries out a regime.
+
+    ``plan`` says what a run will take, without making it; ``run`` makes it, with the surroundings of a session;
+    ``result`` says what came of it, given the fields of a `RunResult`; ``refined`` is the answer of a refined scenario,
+    for an error estimate, if it is not found as any other. ``place`` puts contact points where a run wants them, and
+    counts the seconds of that.
+    """
+
+    plan: Callable[[Scenario, Assembly], Plan]
+    run: Callable[[Scenario, Assembly, Session], Replay | MotionRun]
+    result: Callable[..., Result | MotionResult]
+    refined: Callable[[Scenario], object] | None = None
+    place: Callable[[Scenario, Assembly], tuple[Assembly, float]] = lambda _, assembly: (assembly, 0.0)
+
+
+def driver_of(control: Control) -> Driver:
+    """The driver that registers for the regime of a control."""
+    return DRIVERS[control.regime.name]
+
+
+# --- limit loads and constant-rate tests
+
+
+def _place_points(scenario: Scenario, assembly: Assembly) -> tuple[Assembly, float]:
+    """The points of a lone distributed joint where they suit its limit load. Raises Interrupted."""
+    try:
+        return point_placement.place_points(assembly, scenario.control.tolerance, scenario.solver.step_factor)
+    except Interrupted as error:
+        raise Interrupted(error.signum, "interrupted while the contact points were placed, before the run") from None
+
+
+def _limit_load(scenario: Scenario, assembly: Assembly, session: Session) -> Replay:
+    return limit_load.find_limit_load(assembly, scenario.control.tolerance, scenario.solver.step_factor, session)
+
+
+def _constant_rate(scenario: Scenario, assembly: Assembly, session: Session) -> Replay:
+    control = scenario.control
+    return constant_rate.push_at_constant_rate(
+        assembly, control.rate, control.travel, scenario.solver.step_factor, session
+    )
+
+
+def _plan_of(module) -> Callable[[Scenario, Assembly], Plan]:
+    return lambda scenario, assembly: module.plan(
+        assembly, scenario.control, scenario.solver.step_factor, scenario.output
+    )
+
+
+def _searched(**fields) -> Result:
+    """The yield point of a run compared with theory, if one holds, and the collapse of a load on every block."""
+    run, assembly, control = fields["run"], fields["assembly"], fields["scenario"].control
+    expected = theory_check.theory_of(assembly)
+    if expected is not None:
+        expected = expected.compared(run.yield_point.V)
+    fallen = collapse_of(run, assembly, control) if control.ends_with == COLLAPSE else None
+    return Result(**fields, theory=expected, collapse=fallen)
+
+
+# --- the limit of a load on every block, equilibrium by equilibrium
+
+
+def _follow_path(scenario: Scenario, assembly: Assembly, session: Session | None, steps: float = 1.0) -> Replay:
+    control, factor = scenario.control, scenario.solver.step_factor
+    return limit_load.find_limit_load(assembly, control.tolerance, factor, session, control.displacement or 0.0, steps)
+
+
+def _refined_path(scenario: Scenario) -> float:
+    """Load factor of the collapse, by steps half as long."""
+    assembly = build.assemble(scenario)
+    run = _follow_path(scenario, assembly, None, steps=0.5)
+    return collapse_of(run, assembly, scenario.control)["load_factor"]
+
+
+# --- real time
+
+
+def _plan_motion(scenario: Scenario, assembly: Assembly) -> Plan:
+    from dembrick.simulation.dynamics import run
+
+    moving = run.prepare(assembly, scenario.control, scenario.solver.step_factor)
+    return run.plan(moving, scenario.control, scenario.output)
+
+
+def _live_through(scenario: Scenario, assembly: Assembly, session: Session) -> MotionRun:
+    from dembrick.simulation.dynamics import loads, run
+
+    moving = run.prepare(assembly, scenario.control, scenario.solver.step_factor)
+    driving = loads.driving_of(scenario, assembly, moving.time_step)
+    run.ask_for(moving, scenario.output, len(driving.block))
+    return run.run(moving, scenario.control, driving, session)
+
+
+def _moved(**fields) -> MotionResult:
+    from dembrick.runs.motion_result import MotionResult
+
+    return MotionResult(**fields)
+
+
+DRIVERS = {
+    LIMIT_LOAD.name: Driver(_plan_of(limit_load), _limit_load, _searched, place=_place_points),
+    CONSTANT_RATE.name: Driver(_plan_of(constant_rate), _constant_rate, _searched),
+    PATH_FOLLOWING.name: Driver(_plan_of(limit_load), _follow_path, _searched, _refined_path),
+    REAL_TIME.name: Driver(_plan_motion, _live_through, _moved),
+}
