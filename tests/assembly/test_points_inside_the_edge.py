@@ -9,6 +9,7 @@ from dembrick.assembly.contact_points import rim_gap
 from dembrick.runs.simulate import simulate
 from dembrick.scenario.controls import DynamicControl, TiltControl, YieldControl
 from dembrick.scenario.model import Actuator, JointLaw, Material, Scenario, Stack
+from helpers.scenario_text import header
 
 WIDE, HIGH, STONES = 0.3, 0.2, 4  # m: a pile that rocks at psi = atan(WIDE / (STONES * HIGH))
 
@@ -77,10 +78,9 @@ def test_gap_of_four_points():
 
 def test_the_command_line_ends_with_three(tmp_path, monkeypatch, capsys):
     (tmp_path / "pile.toml").write_text(
-        'title = "pile"\ngravity = [0, 0, -9.81]\n[joint]\nformulation = "distributed"\nfriction = 0.7\n'
-        "normal_stiffness = 1e11\nshear_stiffness = 4e10\n[materials.stone]\ndensity = 2000.0\n[[stacks]]\n"
-        'name = "pile"\nmaterial = "stone"\nblocks = 4\nbox = [0.5, 0.3, 0.2]\nbase = 0.1\n[control]\nkind = "tilt"\n'
-        "rate = 1.0\ndisplacement = 0.02\naxis = [1, 0, 0]\nquasi_static = true\n"
+        header("distributed", 0.7, 1e11)
+        + '[[stacks]]\nname = "pile"\nmaterial = "stone"\nblocks = 4\nbox = [0.5, 0.3, 0.2]\nbase = 0.1\n[control]\n'
+        'kind = "tilt"\nrate = 1.0\ndisplacement = 0.02\naxis = [1, 0, 0]\nquasi_static = true\n'
     )
     monkeypatch.chdir(tmp_path)
     assert cli.main(["run", "pile.toml"]) == 3

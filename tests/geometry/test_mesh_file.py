@@ -8,6 +8,7 @@ from dembrick.errors import ScenarioError
 from dembrick.geometry.mesh_file import checked, convex_solid
 from dembrick.geometry.shapes import box
 from dembrick.scenario import toml
+from helpers.scenario_text import block, header
 
 meshio = pytest.importorskip("meshio")
 
@@ -16,25 +17,12 @@ QUADS = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (
 TRIANGLES = [(q[0], q[i], q[i + 1]) for q in QUADS for i in (1, 2)]
 TETRAHEDRA = [(0, 1, 2, 4), (1, 3, 2, 7), (1, 7, 4, 5), (2, 4, 7, 6), (1, 2, 4, 7)]
 
-SCENE = """
-title   = "mesh"
-gravity = [0.0, 0.0, -9.81]
-[joint]
-formulation = "concave"
-friction = 0.6
-normal_stiffness = 1.0e10
-shear_stiffness = 4.0e9
-[materials.tuff]
-density = 2000.0
-[[blocks]]
-name = "floor"
-material = "tuff"
-box = [1.0, 1.0, 0.1]
-position = [0.0, 0.0, -0.05]
-fixed = true
+SCENE = header(title="mesh", normal_stiffness=1e10)
+SCENE += block("floor", (0.0, 0.0, -0.05), (1.0, 1.0, 0.1), "fixed = true")
+SCENE += """
 [[blocks]]
 name = "stone"
-material = "tuff"
+material = "stone"
 mesh = { file = "stone.stl", scale = 0.001 }
 position = [0.1, 0.0, 0.0]
 [[actuators]]

@@ -1,4 +1,4 @@
-"""A whole scenario as TOML, to change a line of, and the check that a scenario is refused."""
+"""Scenarios as TOML: a whole one to change a line of, the parts of others, and the check that one is refused."""
 
 import pytest
 
@@ -44,6 +44,33 @@ direction = [0.0, 1.0, 0.0]
 [control]
 kind      = "yield"
 tolerance = 1.0e-3
+"""
+
+
+def header(formulation="concave", friction=0.6, normal_stiffness=1e9, *, title="test", density=2000.0):
+    """Title, gravity, one joint law (ks = 0.4 kn) and one material, ``stone``; stiffness in Pa/m, density in kg/m3."""
+    return f"""
+title = "{title}"
+gravity = [0.0, 0.0, -9.81]
+[joint]
+formulation = "{formulation}"
+friction = {friction}
+normal_stiffness = {normal_stiffness}
+shear_stiffness = {0.4 * normal_stiffness}
+[materials.stone]
+density = {density}
+"""
+
+
+def block(name, position, box=(0.3, 0.2, 0.1), more=""):
+    """One block of ``stone``; ``more`` are further lines of its table."""
+    return f"""
+[[blocks]]
+name = "{name}"
+material = "stone"
+box = {list(box)}
+position = {list(position)}
+{more}
 """
 
 

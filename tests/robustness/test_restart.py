@@ -17,6 +17,7 @@ from dembrick.simulation.dynamics import run
 from dembrick.simulation.interrupts import Interrupted
 from helpers.places import SCENARIOS
 from helpers.restart_cases import case, check_same, content
+from helpers.scenario_text import block, header
 
 
 @pytest.mark.parametrize("formulation", model.FORMULATIONS)
@@ -133,44 +134,20 @@ def test_a_run_in_real_time_stops_between_two_rows(tmp_path, stop_after, monkeyp
         check_same(tmp_path / "whole.h5", path)
 
 
-SLIDING = """
-title = "Plates that slide over the edges of their floors"
-gravity = [0.0, 0.0, -9.81]
+SLIDING = header("convex", 0.2, title="Plates that slide over the edges of their floors")
+SLIDING += '[control]\nkind = "dynamic"\nduration = 0.04\n'
 
-[joint]
-formulation = "convex"
-friction = 0.2
-normal_stiffness = 1.0e9
-shear_stiffness = 4.0e8
 
-[materials.stone]
-density = 2000.0
-
-[control]
-kind = "dynamic"
-duration = 0.04
-"""
-PLATE = """
-[[blocks]]
-name = "floor {0}"
-material = "stone"
-box = [0.3, 0.2, 0.1]
-position = [{0}, 0.0, -0.05]
-fixed = true
-
-[[blocks]]
-name = "plate {0}"
-material = "stone"
-box = [0.3, 0.2, 0.1]
-position = [{0}, 0.0, 0.05]
-velocity = [{1}, 0.2, 0.0]
-"""
+def plate(i, speed):
+    """A plate on a floor of its own, ``i`` m along x, that slides off at an angle."""
+    floor = block(f"floor {i}", (i, 0.0, -0.05), more="fixed = true")
+    return floor + block(f"plate {i}", (i, 0.0, 0.05), more=f"velocity = [{speed}, 0.2, 0.0]")
 
 
 @pytest.mark.parametrize("row", [2, 12])
 def test_polygons_that_were_cut_go_on(tmp_path, stop_after, row):
     """Ten plates share a polygon until each has one of its own; stopped before that and after."""
-    given = toml.loads(SLIDING + "".join(PLATE.format(i, 0.1 * i + 0.01) for i in range(10)))
+    given = toml.loads(SLIDING + "".join(plate(i, 0.1 * i + 0.01) for i in range(10)))
     given = dataclasses.replace(given, output=model.Output(model.CHANNELS, rows=20, frames=10, checkpoint=1e9))
     stop_after(0)
     whole = simulate(given, tmp_path / "whole.h5")
@@ -187,7 +164,7 @@ def test_polygons_that_were_cut_go_on(tmp_path, stop_after, row):
 
 @pytest.mark.parametrize("array", ["faces.outline", "faces.count"])
 def test_a_polygon_that_is_not_there_is_refused(tmp_path, stop_after, array):
-    given = toml.loads(SLIDING + PLATE.format(0, 0.5))
+    given = toml.loads(SLIDING + plate(0, 0.5))
     given = dataclasses.replace(given, output=model.Output(rows=20, frames=10, checkpoint=1e9))
     path = tmp_path / "run.h5"
     stop_after(5)

@@ -14,20 +14,9 @@ from dembrick.scenario import model, toml
 from dembrick.simulation.dynamics import dead_load
 from dembrick.simulation.interrupts import Interrupted
 from helpers.restart_cases import SLOW, check_same, dembrick, wait_for
+from helpers.scenario_text import header
 
-SCENE = """
-title = "{formulation}"
-gravity = [0.0, 0.0, -9.81]
-
-[joint]
-formulation = "{formulation}"
-friction = 0.6
-normal_stiffness = 1.0e9
-shear_stiffness = 4.0e8
-
-[materials.stone]
-density = 2000.0
-
+PILE = """
 [[stacks]]
 name = "pile"
 material = "stone"
@@ -39,7 +28,6 @@ base = 0.1
 channels = ["joints", "energy", "frames", "velocity", "contacts"]
 rows = 20
 frames = 10
-checkpoint = {checkpoint}
 """
 CONTROL = {
     "shaken": '[control]\nkind = "base-motion"\nduration = 0.02\ndirection = [1.0, 0.0, 0.0]\n'
@@ -52,8 +40,12 @@ CONTROL = {
 }
 
 
+def scene_text(formulation, control, checkpoint):
+    return header(formulation) + PILE + f"checkpoint = {checkpoint}\n" + CONTROL[control]
+
+
 def given(formulation, control, checkpoint=1e9):
-    return toml.loads(SCENE.format(formulation=formulation, checkpoint=checkpoint) + CONTROL[control])
+    return toml.loads(scene_text(formulation, control, checkpoint))
 
 
 @pytest.mark.parametrize(

@@ -12,32 +12,21 @@ from dembrick.scenario import memory, toml
 from dembrick.scenario.blocks import Block, Prism
 from dembrick.scenario.generators import Arch, Dome, Opening, Return, Stack, Wall
 from dembrick.scenario.model import JointLaw, JointOverride, Load, Material, Scenario, YieldControl
+from helpers.scenario_text import header
 
 LAW = JointLaw("concave", 0.65, 1e10, 4e9)
 STONE = (0.4, 0.2, 0.175)
 DENSITY = 2000.0
 
-TOML = """
-title   = "wall"
-gravity = [0.0, 0.0, -9.81]
-supports = ["wall.1"]
-
-[joint]
-formulation      = "concave"
-friction         = 0.64
-normal_stiffness = 1.0e10
-shear_stiffness  = 4.0e9
-
+TOML = 'supports = ["wall.1"]' + header(friction=0.64, normal_stiffness=1e10, density=1500.0)
+TOML += """
 [[joints]]
 between  = ["wall.2", "wall.3"]
 friction = 0.3
 
-[materials.tuff]
-density = 1500.0
-
 [[walls]]
 name     = "wall"
-material = "tuff"
+material = "stone"
 block    = [0.3, 0.2, 0.1]
 courses  = 5
 blocks   = 6
@@ -272,7 +261,7 @@ REFUSED = {
     "jack on a group": (('"wall.5.1"', '"wall.5"'), "actuator 'jack'", "is a group", "name one of the group"),
     "point on a group": (("force = [0.0, 0.0, -100.0]", "force = [0.0, 0.0, -100.0]\npoint = [0, 0, 0]"),
                          "load number 1 has a point", "group 'wall.5'"),
-    "material": (('material = "tuff"\nblock', 'material = "tufa"\nblock'), "material of block 'wall.1.1' = 'tufa'"),
+    "material": (('material = "stone"\nblock', 'material = "tufa"\nblock'), "material of block 'wall.1.1' = 'tufa'"),
 }  # fmt: skip
 
 

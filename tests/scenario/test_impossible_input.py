@@ -7,33 +7,10 @@ from dembrick.cli import main
 from dembrick.errors import ScenarioError
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml
+from helpers.scenario_text import block, header
 
-BASE = """
-title = "bad"
-gravity = [0.0, 0.0, -9.81]
-
-[joint]
-formulation = "concave"
-friction = 0.6
-normal_stiffness = 2.0e8
-shear_stiffness = 8.0e7
-
-[materials.stone]
-density = 2000.0
-
-[[blocks]]
-name = "floor"
-material = "stone"
-box = [2.0, 2.0, 0.1]
-position = [0.0, 0.0, -0.05]
-fixed = true
-
-[[blocks]]
-name = "block"
-material = "stone"
-box = [0.3, 0.2, 0.1]
-position = [0.0, 0.0, 0.05]
-"""
+BASE = header(normal_stiffness=2e8)
+BASE += block("floor", (0.0, 0.0, -0.05), (2.0, 2.0, 0.1), "fixed = true") + block("block", (0.0, 0.0, 0.05))
 WALL = '[[walls]]\nname = "wall"\nmaterial = "stone"\nblock = [0.3, 0.2, 0.1]\ncourses = 1\nblocks = 2\n'
 WALL += "position = [0.0, 0.7, 0.0]\n"
 DYNAMIC = '[control]\nkind = "dynamic"\nduration = 0.01\n'
@@ -153,7 +130,7 @@ ABSURD = {
         "position = [0.0, 0.0, 1e300]",
         "position of block 'block'.*from the",
     ),
-    "a stiffness": ("= 2.0e8", "= 2.0e80", "normal_stiffness = 2e.80 is out of range: at most 1e.30 Pa/m"),
+    "a stiffness": ("= 200000000.0", "= 2.0e80", "normal_stiffness = 2e.80 is out of range: at most 1e.30 Pa/m"),
     "a density": ("= 2000.0", "= 2e200", "density of material 'stone' = 2e.200 is out of range"),
     "a gravity": ("-9.81", "-9.81e300", "gravity = .* is out of range: at most 1e.09 m/s2"),
     "a friction": ("friction = 0.6", "friction = 6e100", "friction = 6e.100 is out of range: at most 1e.12 is taken"),

@@ -14,6 +14,7 @@ from dembrick.scenario import shipped
 from dembrick.views import plot
 from dembrick.views.plot import subject
 from helpers import history_cases as cases
+from helpers.scenario_text import block, header
 
 joint_plane_module = sys.modules["dembrick.views.plot.joint_plane"]  # the package has the function under this name
 
@@ -395,29 +396,9 @@ def test_several_energies_stand_side_by_side(run):
 
 # --- what moves in time ---
 
-TILT = """
-title = "a block on a table"
-gravity = [0.0, 0.0, -9.81]
-[joint]
-formulation = "concave"
-friction = 0.3
-normal_stiffness = 1.0e9
-shear_stiffness = 4.0e8
-[materials.stone]
-density = 2000.0
-[[blocks]]
-name = "table"
-material = "stone"
-box = [0.6, 0.4, 0.1]
-position = [0.0, 0.0, -0.05]
-fixed = true
-[[blocks]]
-name = "block"
-material = "stone"
-box = [0.2, 0.2, 0.1]
-position = [0.0, 0.0, 0.05]
-[control]
-"""
+TILT = header(friction=0.3, title="a block on a table")
+TILT += block("table", (0.0, 0.0, -0.05), (0.6, 0.4, 0.1), "fixed = true")
+TILT += block("block", (0.0, 0.0, 0.05), (0.2, 0.2, 0.1)) + "[control]\n"
 
 
 @pytest.fixture(scope="module")
