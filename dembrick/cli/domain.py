@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dembrick.cli.paths import FIGURES, add_force, require_ending
+
 _HEADER = f"{'formulation':16}{'source':>8}{'V [N]':>12}{'M_T [N m]':>12}{'+-':>11}"
 
 
@@ -26,10 +28,12 @@ def add_arguments(parser) -> None:
     parser.add_argument("--tolerance", type=float, default=1e-3, help="of the replays")
     parser.add_argument("--csv", metavar="FILE.csv", help="write the points")
     parser.add_argument("--plot", metavar="FILE", help="draw the domain of a rectangle (PNG, SVG, PDF)")
+    add_force(parser)
 
 
 def run(options, console) -> int:
     """Print the domains; 3 where replay and theory disagree, or certified points make no convex set."""
+    from dembrick import history
     from dembrick.errors import ScenarioError
     from dembrick.runs import domain
     from dembrick.runs.lab import write_csv
@@ -44,24 +48,31 @@ def run(options, console) -> int:
         raise ScenarioError("--plot draws the quarter V, M_T of a rectangle: leave --polygon and --space out")
     if options.simulate < 0:
         raise ScenarioError(f"--simulate = {options.simulate} is out of range: use 0, or at least 2 directions")
+    inputs = [options.scenario] if options.scenario else []
+    with history.product("domain", [repr(joint.as_dict())], inputs, options.force):
+        for path, endings, what in ((options.csv, [".csv"], "a table"), (options.plot, FIGURES, "a figure")):
+            if path:
+                require_ending(path, endings, what)
+                history.check_output(path)  # before the simulation, not after it
     rows = domain.by_theory(joint, formulations, options.points, request)
     simulated, checks = domain.by_simulation(joint, formulations, options.simulate, request, console.progress)
-    if options.csv:
-        write_csv([{key: row.get(key) for key in (rows + simulated)[-1]} for row in rows + simulated], options.csv)
-    if options.plot:
-        from dembrick.views import plot
-
-        curves = [name for name in formulations if name in ("convex", "concave", "corrected")]
-        shown = (*joint.edges, joint.friction, joint.normal_force)
-        figure = plot.domains(simulated, joint=shown, formulations=curves, experiments={})
-        plot.save(figure, options.plot)
     lines = [_HEADER]
     for row in rows + simulated:
         half = "" if row["half_width"] is None else f"{row['half_width']:11.4g}"
         lines.append(f"{row['formulation']:16}{row['source']:>8}{row['V']:12.5g}{row['M_T']:12.5g}{half}")
     lines += [_said(name, found) for name, found in checks.items()]
     result = {"joint": joint.as_dict(), "space": options.space, "rows": rows + simulated, "checks": checks}
-    console.result(result, "\n".join(lines))
+    console.result(result, "\n".join(lines))  # first: what cannot be written is not lost
+    with history.product("domain", [repr(joint.as_dict())], inputs, options.force):
+        if options.csv:
+            write_csv([{key: row.get(key) for key in (rows + simulated)[-1]} for row in rows + simulated], options.csv)
+        if options.plot:
+            from dembrick.views import plot
+
+            curves = [name for name in formulations if name in ("convex", "concave", "corrected")]
+            shown = (*joint.edges, joint.friction, joint.normal_force)
+            figure = plot.domains(simulated, joint=shown, formulations=curves, experiments={})
+            plot.save(figure, options.plot)
     sound = all(_sound(found, options.tolerance) for found in checks.values())
     return 0 if sound else 3
 

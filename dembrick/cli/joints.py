@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dembrick.cli.paths import add_force, require_ending
+
 MOST = 40  # lines of the printed table
 ROUNDING = 1e-8  # of the largest value of a column: less is printed as zero
 TITLES = ("N [N]", "V_1 [N]", "V_2 [N]", "M_T [N m]", "e_1 [mm]", "e_2 [mm]", "slip [mm]", "open", "utilisation")
@@ -25,6 +27,7 @@ def add_arguments(parser) -> None:
     one.add_argument("--frame", type=int, default=-1, help="frame number, negative from the end (default: last)")
     one.add_argument("--time", type=float, metavar="SECONDS", help="the frame nearest to this time")
     parser.add_argument("--csv", metavar="FILE.csv", help="write the table")
+    add_force(parser)
     parser.add_argument("--all", action="store_true", help=f"print all joints, not only the {MOST} most utilised")
 
 
@@ -36,8 +39,11 @@ def run(options, console) -> int:
 
     with history.read(options.history) as found:
         rows = joint_table(found, options.frame, options.time)
+        text = found.scenario_text
     if options.csv:
-        write_csv(rows, options.csv)
+        require_ending(options.csv, [".csv"], "a table")
+        with history.product("joints", [text], [options.history], options.force):
+            write_csv(rows, options.csv)
     console.result({"history": options.history, "joints": rows}, _text(rows, len(rows) if options.all else MOST))
     return 0
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 
+from dembrick.cli.paths import add_force
+
 
 def add_arguments(parser) -> None:
     """Options of the command."""
@@ -11,6 +13,7 @@ def add_arguments(parser) -> None:
     parser.add_argument("--sets", nargs="+", metavar="SET", help="only these sets (2a 2b 4a 4b)")
     parser.add_argument("--tolerance", type=float, help="relative half-width of the bracket (default 1e-3)")
     parser.add_argument("--out", metavar="DIR", help="folder for histories, tables and figures (default results/lab)")
+    add_force(parser)
     parser.add_argument("--no-figures", action="store_true", help="no figures and no constant-rate curves")
 
 
@@ -22,6 +25,8 @@ def run(options, console) -> int:
     from dembrick.theory.paper_tables import SETS
 
     folder = str(make_folder(options.out) if options.out else make_folder(default_output("lab")))
+    if not options.force:
+        lab.refuse_foreign_folder(folder)
     try:
         replayed = lab.replay_lab(
             options.sets or tuple(SETS),

@@ -3,17 +3,38 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from dembrick.errors import OutputError, WriteError
 
 RESULTS = "results"
+FIGURES = (".png", ".svg", ".pdf")
 
 
-def default_output(name: str) -> str:
-    """``results/name``, with the folder made if missing."""
+def default_output(name: str, is_free: Callable[[str], bool] | None = None) -> str:
+    """``results/name``, with the folder made if missing.
+
+    Where ``is_free`` says that a path is taken, by what another scenario left, the next of ``name_2``, ``name_3`` ...
+    """
     make_folder(RESULTS)
-    return os.path.join(RESULTS, name)
+    stem, ending = os.path.splitext(name)
+    path, number = os.path.join(RESULTS, name), 1
+    while is_free is not None and not is_free(path):
+        number += 1
+        path = os.path.join(RESULTS, f"{stem}_{number}{ending}")
+    return path
+
+
+def require_ending(path: str, endings: Sequence[str], what: str) -> None:
+    """OutputError where a path has another ending than ``what`` is written with."""
+    if os.path.splitext(path)[1].lower() not in endings:
+        raise OutputError(f"{path}: {what} is written with the ending {' or '.join(endings)}; choose such a name")
+
+
+def add_force(parser) -> None:
+    """The option to replace what is there."""
+    parser.add_argument("--force", action="store_true", help="replace a file that is there, whatever it is")
 
 
 def make_folder(folder: str | os.PathLike, parents: bool = False) -> Path:

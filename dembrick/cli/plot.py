@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dembrick.cli.paths import add_force, default_output
+
 KINDS = {
     "curve": "load over displacement, with the bracket",
     "path": "shear force against torsion of a joint, on its yield domain",
@@ -21,7 +23,9 @@ LAB_FORMAT = (
 def add_arguments(parser) -> None:
     """Options of the command."""
     parser.add_argument("histories", nargs="+", metavar="FILE.h5", help="history files, drawn into one figure")
-    parser.add_argument("--to", metavar="FILE", help="figure file (default: results/<first history>.png)")
+    parser.add_argument(
+        "--to", metavar="FILE", help="figure file (default: results/<first history>.png, with the kind in its name)"
+    )
     parser.add_argument(
         "--kind", choices=KINDS, default="curve", help="; ".join(f"{name}: {text}" for name, text in KINDS.items())
     )
@@ -30,6 +34,7 @@ def add_arguments(parser) -> None:
     parser.add_argument(
         "--joint", metavar="A/B", help="joint of path and joint, by its blocks (default: what gave way)"
     )
+    add_force(parser)
     parser.add_argument("--stages", type=int, default=4, metavar="N", help="stages of joint (default: 4)")
 
 
@@ -38,7 +43,6 @@ def run(options, console) -> int:
     from pathlib import Path
 
     from dembrick import history
-    from dembrick.cli.paths import default_output
     from dembrick.errors import ScenarioError
     from dembrick.views import plot
 
@@ -66,7 +70,12 @@ def run(options, console) -> int:
         figure = plot.layout(files)
     else:
         figure = plot.domains(files)
-    path = options.to or default_output(Path(options.histories[0]).stem + ".png")
-    plot.save(figure, path)
+    stem = Path(options.histories[0]).stem
+    with history.product(
+        options.kind, [file.scenario_text for file in files], [*options.histories, *options.lab], options.force
+    ):
+        name = f"{stem}.png" if options.kind == "curve" else f"{stem}_{options.kind}.png"
+        path = options.to or default_output(name, history.is_ours)
+        plot.save(figure, path)
     console.result({"figure": path}, f"figure: {path}")
     return 0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dembrick.cli.paths import add_force
+
 
 def add_arguments(parser) -> None:
     """Options of the command."""
@@ -18,6 +20,7 @@ def add_arguments(parser) -> None:
     movie.add_argument(
         "--count", type=int, default=100, help="most frames, spread evenly over the time of the run (default: 100)"
     )
+    add_force(parser)
     parser.add_argument("--size", type=int, nargs=2, metavar=("WIDTH", "HEIGHT"), help="pixels")
 
 
@@ -45,9 +48,14 @@ def run(options, console) -> int:
     """Draw the picture, the movie or the page."""
     ending = options.to.lower().rpartition(".")[2]
     if ending in ("html", "htm"):
+        from dembrick import history
         from dembrick.views import page
 
-        page.write(options.history, options.to)
+        with (
+            history.read(options.history) as found,
+            history.product("page", [found.scenario_text], [options.history], options.force),
+        ):
+            page.write(found, options.to)
         console.result({"page": options.to}, f"page: {options.to}")
         return 0
     from dembrick import history
@@ -57,8 +65,12 @@ def run(options, console) -> int:
     look |= {"forces": options.forces}
     if options.size:
         look["size"] = tuple(options.size)
-    with history.read(options.history) as found:
-        if ending in ("gif", "mp4"):
+    kind = "movie" if ending in ("gif", "mp4") else "picture"
+    with (
+        history.read(options.history) as found,
+        history.product(kind, [found.scenario_text], [options.history], options.force),
+    ):
+        if kind == "movie":
             render.movie(
                 found,
                 options.to,
@@ -67,8 +79,7 @@ def run(options, console) -> int:
                 count=options.count,
                 progress=lambda done, total: console.progress(done, total, "frames"),
             )
-            console.result({"movie": options.to}, f"movie: {options.to}")
         else:
             render.picture(found, options.to, **look, frame=options.frame, time=options.time)
-            console.result({"picture": options.to}, f"picture: {options.to}")
+    console.result({kind: options.to}, f"{kind}: {options.to}")
     return 0

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
+
+from dembrick.cli.paths import add_force, default_output, require_ending
+
+HISTORIES = (".h5", ".hdf5")
 
 
 def add_arguments(parser) -> None:
@@ -19,31 +24,60 @@ def add_arguments(parser) -> None:
         action="store_true",
         help="estimate the error of a run without a bracket: stiffer joints, half the rate or steps",
     )
-    parser.add_argument("--force", action="store_true", help="replace a finished history")
+    add_force(parser)
 
 
 def run(options, console) -> int:
     """Run the scenario; exit code 3 where theory and replay disagree."""
-    from dembrick.cli.paths import default_output
+    from dembrick import history
     from dembrick.runs.simulate import simulate
     from dembrick.scenario import toml as scenarios
+    from dembrick.scenario.files import inputs_of
 
     changes = list(options.set)
     if options.tolerance is not None:
         changes.append(f"control.tolerance={options.tolerance!r}")
     if _is_hdf5(options.scenario):
-        from dembrick import history
-
         with history.read(options.scenario) as file:
             text = file.scenario_text
         scenario = scenarios.loads(text, options.scenario, changes)
     else:
         scenario = scenarios.load(options.scenario, changes)
-    path = options.out or default_output(Path(options.scenario).stem + ".h5")
-    force = options.force or not options.out
+    if options.out:
+        require_ending(options.out, HISTORIES, "a history")
+        history.refuse_inputs(options.out, os.path.realpath(options.out), inputs_of(scenario))
+        path, force = options.out, options.force
+    else:
+        path, force = _default_path(scenario, console), options.force or history.OWN
     return answer(
         lambda: simulate(scenario, path, force=force, refine=options.refine, report=console.remark), path, console
     )
+
+
+def _default_path(scenario, console) -> str:
+    """``results/<scenario>.h5``, or another name where that one holds the run of another scenario or of other --set."""
+    from dembrick import history
+    from dembrick.errors import HistoryError
+    from dembrick.scenario import toml as scenarios
+
+    text, taken = scenarios.text_of(scenario), []
+
+    def is_free(path: str) -> bool:
+        if not os.path.exists(path) or os.path.getsize(path) == 0:
+            return True
+        try:
+            with history.read(path) as there:
+                own = history.is_of(there, text, scenario.path)
+        except HistoryError:
+            own = False
+        if not own:
+            taken.append(path)
+        return own
+
+    path = default_output(Path(scenario.path).stem + ".h5", is_free)
+    if taken:
+        console.remark(f"{taken[0]} holds another scenario, or other --set; this one goes to {path}")
+    return path
 
 
 def answer(simulated: Callable, path: str, console) -> int:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import math
 
+from dembrick.cli.paths import add_force, require_ending
+
 
 def add_arguments(parser) -> None:
     """Options of the command."""
     parser.add_argument("histories", nargs="+", metavar="FILE.h5", help="history files")
     parser.add_argument("--csv", metavar="FILE.csv", help="write the table")
     parser.add_argument("--plot", metavar="FILE", help="draw the points on the yield domain (PNG, SVG, PDF)")
+    add_force(parser)
 
 
 def run(options, console) -> int:
@@ -38,12 +41,15 @@ def run(options, console) -> int:
             | {"torsion_centre_1": centre[0], "torsion_centre_2": centre[1], "joint": " - ".join(joint)}
             | {"theory": theory.get("V"), "error_vs_theory": theory.get("error")}
         )
-    if options.csv:
-        write_csv(rows, options.csv)
-    if options.plot:
-        from dembrick.views import plot
+    texts = [file.scenario_text for file in files]
+    with history.product("yield domain", texts, options.histories, options.force):
+        if options.csv:
+            require_ending(options.csv, [".csv"], "a table")
+            write_csv(rows, options.csv)
+        if options.plot:
+            from dembrick.views import plot
 
-        plot.save(plot.domains(files), options.plot)
+            plot.save(plot.domains(files), options.plot)
     console.result({"rows": rows}, _text(rows))
     return 0
 

@@ -8,21 +8,29 @@ file beside the old one and rename it.
 
 from dembrick.history import recorded
 from dembrick.history.checkpoint import Checkpoint, Checkpoints
+from dembrick.history.claims import claimed
 from dembrick.history.files import check_output, part_name, reason, replacing
 from dembrick.history.hdf5_files import rewritten
-from dembrick.history.reader import History, read
-from dembrick.history.writer import HistoryWriter
+from dembrick.history.products import is_ours, product, refuse_inputs
+from dembrick.history.reader import History, is_of, read
+from dembrick.history.writer import OWN, HistoryWriter
 
 __all__ = [
+    "OWN",
     "Checkpoint",
     "Checkpoints",
     "History",
     "HistoryWriter",
     "check_output",
+    "claimed",
+    "is_of",
+    "is_ours",
     "part_name",
+    "product",
     "read",
     "reason",
     "recorded",
+    "refuse_inputs",
     "replacing",
     "rewritten",
 ]

@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
 from dembrick.errors import OutputError, WriteError
+from dembrick.history import products
 
 
 def reason(error: BaseException) -> str:
@@ -54,7 +55,8 @@ def clear_parts(path: str) -> None:
 def check_output(path: str | os.PathLike) -> str:
     """The real path behind ``path`` if a file can be written there.
 
-    OutputError where the path makes no sense, WriteError where the system refuses.
+    OutputError where the path makes no sense or another's file is there (see `products`), WriteError where the system
+    refuses.
     Whether the folder can be written is tried, not asked: permissions alone do not tell of a read-only disk.
     """
     real = os.path.realpath(path)
@@ -67,6 +69,7 @@ def check_output(path: str | os.PathLike) -> str:
         raise OutputError(f"{path}: the folder {folder} does not exist; make it first or choose another path")
     if os.path.exists(real) and not os.path.isfile(real):
         raise OutputError(f"{path}: this is not an ordinary file; choose another path")
+    products.refuse_foreign(path, real)
     part = part_name(real)
     try:
         os.close(os.open(part, os.O_WRONLY | os.O_CREAT, 0o666))
@@ -86,9 +89,12 @@ def replacing(path: str, sync: bool = False) -> Iterator[str]:
 
     ``sync``: put the bytes on the disk before the rename, so that a power cut cannot leave an empty file.
     """
+    products.refuse_foreign(path, path)
     part = part_name(path)
     try:
         yield part
+        products.refuse_other_text(path, part)
+        products.sign(path, part)
         if sync:
             with open(part, "rb+") as file:
                 os.fsync(file.fileno())

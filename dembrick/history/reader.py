@@ -6,13 +6,15 @@ import json
 import os
 import tomllib
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
-from dembrick.errors import HistoryError
+from dembrick.errors import HistoryError, ScenarioError
 from dembrick.history import guard
 from dembrick.history.layout import FORMAT, JOINT_CHANNELS, NEW_CONTACTS, WRITTEN, counts_equilibria
 from dembrick.history.rest_geometry import RestGeometry
+from dembrick.scenario import toml as scenarios
 
 _AT_POINTS = {"contact_force": 3, "contact_arm": 2}  # numbers of a frame at every contact point of joints
 
@@ -22,10 +24,17 @@ def read(path: str | os.PathLike) -> History:
     return History(path)
 
 
-def status_of(path: str | os.PathLike) -> str:
-    """The status of a history file and nothing else of it."""
-    with guard.open_file(path) as file:
-        return _status(file)
+def is_of(found: History, scenario_text: str, source: object = None) -> bool:
+    """Whether a history is of the scenario with that text, read from the file ``source`` (a path, or nothing)."""
+    named = found.settings.get("scenario") or None
+    if isinstance(named, str) != isinstance(source or None, str) or (named and Path(named) != Path(source)):
+        return False
+    if found.scenario_text == scenario_text:
+        return True
+    try:
+        return scenarios.loads(found.scenario_text) == scenarios.loads(scenario_text)
+    except ScenarioError:
+        return False
 
 
 def _status(file) -> str:

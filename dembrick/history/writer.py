@@ -20,9 +20,10 @@ from dembrick.history import layout
 from dembrick.history.files import check_output, clear_parts, reason, replacing
 from dembrick.history.hdf5_files import rewritten
 from dembrick.history.layout import Field
-from dembrick.history.reader import History, status_of
+from dembrick.history.reader import History, is_of
 
 RUNNING = "running"
+OWN = "own"  # what `force` says of a finished history of the same scenario: it may be replaced
 _SLAB = 4 << 20  # bytes moved at a time: what a rewrite holds in memory
 _HELD = 4 << 20  # bytes that may wait for the file; a short run of few blocks has less in all
 _RESERVE = 16 << 20  # bytes reserved for rows, and again for frames, in a new file; a hole until it is written
@@ -43,6 +44,9 @@ class HistoryWriter:
     ``channels``: what is recorded (see ``model.Output``). ``energy``: names of the energies in the records, and
     ``meets_anew``: whether these count new contacts, if known; else the first record tells.
 
+    A file that is there gives way if it is an unfinished history of the same scenario; with ``force`` = `OWN` also a
+    finished one of it, with True any.
+
     Raises OutputError where the path cannot be used, WriteError where a write fails; what was flushed before
     stays readable.
     """
@@ -53,7 +57,7 @@ class HistoryWriter:
         scenario_text: str,
         assembly,
         settings: Mapping,
-        force: bool = False,
+        force: bool | str = False,
         channels: Iterable[str] = ("joints", "energy", "frames"),
         energy: tuple[str, ...] = (),
         hold: float = 0.1,
@@ -61,8 +65,8 @@ class HistoryWriter:
     ):
         self.path = os.fspath(path)
         self._target = check_output(path)
-        if not force:
-            _refuse_finished(self.path, self._target)
+        if force is not True:
+            _refuse_other(self.path, self._target, scenario_text, settings.get("scenario"), force == OWN)
         clear_parts(self._target)
         self._assembly, self._scenario_text, self._settings = assembly, scenario_text, dict(settings)
         self._position0 = np.asarray(assembly.position, float)
@@ -371,20 +375,23 @@ class _Failures:
             ) from error
 
 
-def _refuse_finished(path: str, target: str) -> None:
-    """An existing file gives way only if it is empty or a history that was never finished."""
+def _refuse_other(path: str, target: str, scenario_text: str, source: object, own: bool) -> None:
+    """An existing file gives way if it is empty, or an unfinished history of the same scenario; with ``own`` also a
+    finished one."""
     if not os.path.exists(target) or os.path.getsize(target) == 0:
         return
     try:
-        status = status_of(target)
+        with History(target) as there:
+            same, status = is_of(there, scenario_text, source), there.status
     except HistoryError as error:
         raise OutputError(
             f"{path}: this file exists and is not a history; choose another name, or --force replaces it"
         ) from error
-    if status != RUNNING:
-        raise OutputError(
-            f"{path}: a finished history (status {status}) is there; choose another name, or --force replaces it"
-        )
+    if same and (own or status == RUNNING):
+        return
+    what = f"a finished history (status {status})" if status != RUNNING else "an unfinished run (dembrick restart)"
+    whose = "" if same else " of another scenario"
+    raise OutputError(f"{path}: {what}{whose} is there; choose another name, or --force replaces it")
 
 
 def _json(value) -> str:

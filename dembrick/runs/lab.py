@@ -13,8 +13,8 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from functools import lru_cache
 
-from dembrick.errors import ScenarioError
-from dembrick.history import check_output, replacing
+from dembrick.errors import HistoryError, OutputError, ScenarioError, WriteError
+from dembrick.history import check_output, read, reason, replacing
 from dembrick.runs.result import Result
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import shipped
@@ -28,6 +28,24 @@ TABLE_1_FORMULATIONS = ("convex", "concave")
 @lru_cache(maxsize=64)
 def _base(name: str) -> Scenario:
     return scenarios.load(shipped.folder() / f"{name}.toml")
+
+
+def refuse_foreign_folder(folder: str | os.PathLike) -> None:
+    """OutputError where a folder holds something and no history of an earlier lab replay: nothing of it is replaced."""
+    found = sorted(os.listdir(folder)) if os.path.isdir(folder) else []
+    for name in found:
+        if name.startswith("set") and name.endswith(".h5"):
+            try:
+                with read(os.path.join(folder, name)) as there:
+                    named = str(there.settings.get("scenario"))
+            except HistoryError:
+                continue
+            if os.path.dirname(named) == str(shipped.folder()) or os.path.basename(named)[:3] == "set":
+                return
+    if found:
+        raise OutputError(
+            f"{folder}: this folder holds other things than a lab replay ({found[0]}); choose a new one, or --force"
+        )
 
 
 def lab_scenario(name: str, formulation: str, tolerance: float | None = None) -> Scenario:
@@ -168,10 +186,13 @@ def _row_table_1(joint, formulation: str, result: Result) -> dict:
 def write_csv(rows: Iterable[dict], path: str | os.PathLike) -> None:
     """The rows as comma-separated text, SI units, one header line."""
     rows = list(rows)
-    with replacing(check_output(path)) as temporary, open(temporary, "w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, fieldnames=list(rows[0]))
-        writer.writeheader()
-        writer.writerows(rows)
+    try:
+        with replacing(check_output(path)) as temporary, open(temporary, "w", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, fieldnames=list(rows[0]))
+            writer.writeheader()
+            writer.writerows(rows)
+    except OSError as error:
+        raise WriteError(f"{path}: the table could not be written ({reason(error)})") from error
 
 
 def table_3(rows: Sequence[dict]) -> str:

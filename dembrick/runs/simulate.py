@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from typing import TYPE_CHECKING
 
 from dembrick.assembly import build as assemblies
@@ -28,16 +28,17 @@ def simulate(
     scenario: Scenario | str | os.PathLike,
     history: str | os.PathLike | None = None,
     *,
-    force: bool = False,
+    force: bool | str = False,
     record: bool = True,
     refine: bool = False,
     report: Callable[[str], None] | None = None,
 ) -> Result | MotionResult:
     """Run a scenario (or the TOML file of one) and return its Result, or its MotionResult where blocks move in time.
 
-    ``history`` is the HDF5 file to write; ``force`` lets it replace a finished one. Without ``record`` (and without a
-    history) only the yield point is kept, which is what a batch wants. ``refine`` runs it once or twice more for an
-    error estimate of its collapse, or of how far blocks have moved, see `refinement`. ``report`` gets warnings.
+    ``history`` is the HDF5 file to write; ``force`` lets it replace any, or with "own" a finished one of the same
+    scenario. Without ``record`` (and a history) only the yield point is kept, which is what a batch wants. ``refine``
+    runs it once or twice more for an error estimate of its collapse, or of how far blocks have moved, see
+    `error_estimate`. ``report`` gets warnings.
 
     Raises ScenarioError for input that is not a test, OutputError for a path that cannot be used, NotConvergedError
     and DivergedError where there is no answer; the history then is kept, with the status "failed". Interrupted, which
@@ -49,11 +50,14 @@ def simulate(
     if refine:
         refinements(scenario)  # refuses what cannot be refined before anything runs
     assembly = _built(scenario, report)
-    store = Memory() if record else None
-    if history is not None:
+    if history is None:
+        return _run(scenario, assembly, Memory() if record else None, began, start_up, refine)
+    from dembrick.history import claimed  # and h5py: for runs with a file only
+
+    with claimed(history):
         settings = {"scenario": scenario.path or ""}
         store = RecordStore(history, scenarios.text_of(scenario), assembly, scenario.output, settings, force)
-    return _run(scenario, assembly, store, began, start_up, refine)
+        return _run(scenario, assembly, store, began, start_up, refine)
 
 
 def restart(history: str | os.PathLike, *, report: Callable[[str], None] | None = None) -> Result:
@@ -63,11 +67,10 @@ def restart(history: str | os.PathLike, *, report: Callable[[str], None] | None 
     those of a run that was never stopped. Without a checkpoint the run starts again. Raises HistoryError where the file
     is not a history, its run is over, or its checkpoints do not fit it.
     """
-    from dembrick.history import read
+    from dembrick.history import claimed, read
 
     began, start_up = time.perf_counter(), _start_up()
-    left = read(history)
-    try:
+    with claimed(history), closing(read(history)) as left:
         if left.status not in ("running", "interrupted"):
             raise HistoryError(
                 f"{left.path}: this run is over (status {left.status}); dembrick run {left.path} runs it again"
@@ -81,8 +84,6 @@ def restart(history: str | os.PathLike, *, report: Callable[[str], None] | None 
             left_at = store.checkpoint and store.checkpoint.about["where"]
             report(f"going on from {left_at}" if left_at else "no checkpoint was written: starting from the beginning")
         return _run(scenario, assembly, store, began, start_up)
-    finally:
-        left.close()
 
 
 class _Process:

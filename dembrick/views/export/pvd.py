@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Collection
-from contextlib import suppress
+import shutil
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager, suppress
+from functools import partial
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from dembrick.errors import MissingDependency
-from dembrick.history import History, replacing
+from dembrick.errors import MissingDependency, OutputError
+from dembrick.history import History, part_name, products, replacing
 from dembrick.views.export.files import checked_target, writing
 from dembrick.views.export.layers import LAYERS, Layer, NewContacts, Picture
 
@@ -23,30 +25,54 @@ def to_pvd(
     report: Callable[[str], None] | None = None,
     only: Collection[str] = LAYERS,
 ) -> list[str]:
-    """A ``.pvd`` list of each layer and one ``.vtu`` a frame, ``<stem>_00000.vtu``, beside it."""
+    """A ``.pvd`` list of each layer; the frames, a ``.vtu`` each, in the folder ``<stem>_frames`` beside it."""
     try:
         import meshio  # noqa: F401 - asked for before anything is written
     except ImportError as error:
         raise MissingDependency("the export to .pvd needs meshio: pip install meshio") from error
     target = checked_target(history, path)
     stem, ending = os.path.splitext(target)
-    lists, frames = [], []
-    with writing(path):
+    times, lists = history.frame_time, {}
+    with writing(path), _new_folder(f"{stem}_frames") as folder:
         picture = Picture(history, report, only)
         for suffix, layer in picture.layers.items():
-            own = stem + suffix
-            written = _series(picture, layer, own + ending, own, history.frame_time)
-            lists.append(own + ending)
-            frames += written
+            lists[stem + suffix + ending] = _frames(folder, stem + suffix, len(times), _meshes(picture, layer))
         for suffix, scattered in picture.scattered.items():
-            own = stem + suffix
-            frames += _written(own + ending, own, history.frame_time, lambda k, layer=scattered: _vertices(layer, k))
-            lists.append(own + ending)
-    return lists + frames
+            vertices = partial(_vertices, scattered)
+            lists[stem + suffix + ending] = _frames(folder, stem + suffix, len(times), vertices)
+        for name in lists:  # an older list must not name the frames of this one
+            products.refuse_foreign(name, name)
+            with suppress(FileNotFoundError):
+                os.unlink(name)
+    place = os.path.basename(f"{stem}_frames")
+    with writing(path):
+        for name, frames in lists.items():
+            _list(name, [f"{place}/{frame}" for frame in frames], times)
+    return [*lists, *(os.path.join(f"{stem}_frames", frame) for frames in lists.values() for frame in frames)]
 
 
-def _series(picture: Picture, layer: Layer, target: str, stem: str, times: np.ndarray) -> list[str]:
-    """The files of one layer."""
+@contextmanager
+def _new_folder(folder: str) -> Iterator[str]:
+    """A folder to write into, which takes the name ``folder`` when all is in it; one of an earlier export goes away."""
+    if os.path.exists(folder) and not (
+        os.path.isdir(folder) and all(name.endswith(".vtu") for name in os.listdir(folder))
+    ):
+        raise OutputError(f"{folder}: this holds other things than frames of an export; choose another name")
+    part, old = part_name(folder), f"{part_name(folder)}.old"
+    shutil.rmtree(part, ignore_errors=True)
+    os.mkdir(part)
+    try:
+        yield part
+        if os.path.exists(folder):
+            os.rename(folder, old)
+        os.rename(part, folder)
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+        shutil.rmtree(old, ignore_errors=True)
+
+
+def _meshes(picture: Picture, layer: Layer) -> Callable:
+    """The mesh of one layer in frame k, as a function of k."""
     import meshio
 
     kinds: dict[int, list[int]] = {}
@@ -64,7 +90,7 @@ def _series(picture: Picture, layer: Layer, target: str, stem: str, times: np.nd
             cell_data={name: [values[own] for own in kinds.values()] for name, values in data.items()},
         )
 
-    return _written(target, stem, times, mesh)
+    return mesh
 
 
 def _vertices(layer: NewContacts, k: int):
@@ -75,21 +101,20 @@ def _vertices(layer: NewContacts, k: int):
     return meshio.Mesh(points, [("vertex", np.arange(len(points))[:, None])], point_data=values)
 
 
-def _written(target: str, stem: str, times: np.ndarray, mesh: Callable) -> list[str]:
-    """Write ``mesh(k)`` of every frame and the list of them; the list last, because an older list must not name the
-    frames of this one."""
+def _frames(folder: str, stem: str, count: int, mesh: Callable) -> list[str]:
+    """Write ``mesh(k)`` of every frame into a folder; the names of the files in it."""
     import meshio
 
-    with suppress(FileNotFoundError):
-        os.unlink(target)
-    written = []
-    for k in range(len(times)):
-        written.append(f"{stem}_{k:05d}.vtu")
-        with replacing(written[-1]) as part:
-            meshio.write(part, mesh(k), file_format="vtu")
+    names = [f"{os.path.basename(stem)}_{k:05d}.vtu" for k in range(count)]
+    for k, name in enumerate(names):
+        meshio.write(os.path.join(folder, name), mesh(k), file_format="vtu")
+    return names
+
+
+def _list(target: str, files: list[str], times: np.ndarray) -> None:
+    """The list of the frames of a layer."""
     with replacing(target) as part, open(part, "w", encoding="utf-8") as file:
         file.write('<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n<Collection>\n')
-        for time, name in zip(times.tolist(), written, strict=True):
-            file.write(f'<DataSet timestep="{time!r}" part="0" file={quoteattr(os.path.basename(name))}/>\n')
+        for time, name in zip(times.tolist(), files, strict=True):
+            file.write(f'<DataSet timestep="{time!r}" part="0" file={quoteattr(name)}/>\n')
         file.write("</Collection>\n</VTKFile>\n")
-    return written

@@ -16,7 +16,7 @@ from string import Template
 
 import dembrick
 from dembrick import history as histories
-from dembrick.errors import OutputError
+from dembrick.errors import OutputError, WriteError
 from dembrick.history.files import check_output, reason, replacing
 from dembrick.views import summary
 from dembrick.views.page import content
@@ -44,7 +44,7 @@ def write(history, path: str | os.PathLike) -> str:
         with replacing(target) as part, open(part, "w", encoding="utf-8", newline="\n") as file:
             file.write(text)
     except OSError as error:
-        raise OutputError(f"{path}: the page cannot be written ({reason(error)}); choose another path") from error
+        raise WriteError(f"{path}: the page cannot be written ({reason(error)}); choose another path") from error
     return path
 
 

@@ -6,7 +6,7 @@ import io
 import os
 from typing import TYPE_CHECKING
 
-from dembrick.errors import MissingDependency, OutputError
+from dembrick.errors import MissingDependency, OutputError, WriteError
 from dembrick.history.files import check_output, reason, replacing
 
 if TYPE_CHECKING:
@@ -126,5 +126,5 @@ def save(figure: Figure, path: str | os.PathLike) -> str:
         with settings(), replacing(target) as part:
             figure.savefig(part, format=ending[1:], dpi=DOTS_PER_INCH, metadata=stamp)
     except OSError as error:
-        raise OutputError(f"{path}: the figure cannot be written ({reason(error)}); choose another path") from error
+        raise WriteError(f"{path}: the figure cannot be written ({reason(error)}); choose another path") from error
     return path

@@ -7,7 +7,7 @@ from contextlib import ExitStack
 
 import numpy as np
 
-from dembrick.errors import MissingDependency, OutputError
+from dembrick.errors import MissingDependency, WriteError
 from dembrick.history.files import reason, replacing
 
 MOVIES = (".gif", ".mp4")
@@ -31,7 +31,7 @@ def write_png(image: np.ndarray, path: str, target: str) -> None:
             if writer.GetErrorCode() or not os.path.getsize(part):
                 raise OSError("the PNG writer failed")
     except OSError as error:
-        raise OutputError(f"{path}: the picture cannot be written ({reason(error)}); choose another path") from error
+        raise WriteError(f"{path}: the picture cannot be written ({reason(error)}); choose another path") from error
 
 
 class Movie:
@@ -139,6 +139,6 @@ class _Failures:
 
     def __exit__(self, _kind, error, _trace) -> None:
         if isinstance(error, OSError):
-            raise OutputError(
+            raise WriteError(
                 f"{self._path}: the movie cannot be written ({reason(error)}); choose another path"
             ) from error

@@ -1,0 +1,23 @@
+"""The files that a scenario names, as paths: they are looked for beside the scenario, and are never written over."""
+
+from __future__ import annotations
+
+import os
+
+from dembrick.scenario.model import Scenario
+
+
+def folder_of(scenario: Scenario) -> str:
+    """Where the names of files in a scenario start."""
+    return os.path.dirname(scenario.path) if scenario.path else ""
+
+
+def inputs_of(scenario: Scenario) -> list[str]:
+    """The scenario's own file, and every mesh and history in time that it names."""
+    named = [getattr(scenario.control, "file", None), *(load.history for load in scenario.loads)]
+    for block in scenario.all_blocks:
+        solids = [block, *(block.parts or ())]
+        named += [solid.mesh.file for solid in solids if solid.mesh is not None]
+    folder = folder_of(scenario)
+    own = [scenario.path] if scenario.path else []
+    return own + [os.path.join(folder, name) for name in dict.fromkeys(named) if name]

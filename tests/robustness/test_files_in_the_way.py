@@ -1,0 +1,230 @@
+"""Nothing is written over a file that this program did not write as the same kind from the same scenario."""
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import h5py
+import pytest
+
+from dembrick import history
+from dembrick.cli import main
+from dembrick.errors import OutputError
+from dembrick.history.claims import claimed
+from dembrick.runs.simulate import simulate
+
+SET4A = (Path(__file__).parents[2] / "scenarios" / "set4a.toml").read_text()
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.toml").write_text(SET4A)
+    return tmp_path
+
+
+@pytest.fixture
+def run(folder):
+    assert main(["run", "mine.toml", "--out", "run.h5", "--quiet"]) == 0
+    return "run.h5"
+
+
+def refused(capsys, *words):
+    capsys.readouterr()
+    assert main(list(words)) == 2
+    return capsys.readouterr().err
+
+
+# --- histories --------------------------------------------------------------------------------------------------------
+
+
+def test_default_names_of_different_runs_do_not_meet(folder, capsys):
+    """Another --set, another scenario of the same file name, and an edit: each keeps what is there."""
+    run = ["run", "mine.toml", "--json"]
+    assert main(run) == 0
+    first = (folder / "results" / "mine.h5").read_bytes()
+    assert main([*run, "--set", "joint.friction=0.5"]) == 0
+    assert "results/mine.h5 holds another scenario, or other --set; this one goes to results/mine_2.h5" in (
+        capsys.readouterr().err
+    )
+    (folder / "B").mkdir()
+    (folder / "B" / "mine.toml").write_text(SET4A)
+    assert main(["run", "B/mine.toml"]) == 0
+    assert (folder / "results" / "mine.h5").read_bytes() == first
+    (folder / "mine.toml").write_text(SET4A.replace("0.64 ", "0.63 "))
+    assert main(run) == 0
+    assert (folder / "results" / "mine.h5").read_bytes() == first
+    names = {f"mine{end}.h5" for end in ("", "_2", "_3", "_4")}
+    assert names == set(os.listdir(folder / "results"))
+    loads = [history.read(folder / "results" / name).results["yield_point"]["V"] for name in sorted(names)]
+    assert len({round(V, 6) for V in loads}) == 3  # B's is that of the first
+    (folder / "mine.toml").write_text(SET4A + "\n# a remark changes nothing\n")
+    assert main(run) == 0  # its own earlier output is replaced
+    assert names == set(os.listdir(folder / "results"))
+
+
+def test_what_is_no_history_is_left_alone(folder, capsys):
+    (folder / "results").mkdir()
+    (folder / "results" / "mine.h5").write_text("notes")
+    assert main(["run", "mine.toml"]) == 0
+    assert (folder / "results" / "mine.h5").read_text() == "notes" and (folder / "results" / "mine_2.h5").exists()
+
+
+@pytest.mark.parametrize("force", [[], ["--force"]])
+def test_a_run_never_writes_over_its_scenario_or_an_input(folder, force, capsys):
+    assert "ending .h5 or .hdf5" in refused(capsys, "run", "mine.toml", "--out", "mine.toml", *force)
+    assert "ending .h5 or .hdf5" in refused(capsys, "run", "mine.toml", "--out", "out.txt", *force)
+    os.link(folder / "mine.toml", folder / "mine.h5")
+    assert "is an input of the command" in refused(capsys, "run", "mine.toml", "--out", "mine.h5", *force)
+    shaken = SET4A.partition("[[actuators]]")[0]
+    shaken += '[control]\nkind = "base-motion"\nduration = 0.01\ndirection = [1.0, 0.0, 0.0]\nfile = "record.h5"\n'
+    (folder / "shaken.toml").write_text(shaken)
+    (folder / "record.h5").write_text("time [s],acceleration [g]\n0,0\n1,0\n")
+    assert "is an input of the command" in refused(capsys, "run", "shaken.toml", "--out", "record.h5", *force)
+    assert (folder / "mine.toml").read_text() == SET4A
+
+
+def test_an_unfinished_run_of_another_scenario_is_kept(run, folder, capsys):
+    with h5py.File(run, "r+") as file:
+        file.attrs["status"] = "running"
+    other = ["run", "mine.toml", "--out", run, "--set", "joint.friction=0.5"]
+    assert "an unfinished run (dembrick restart) of another scenario is there" in refused(capsys, *other)
+    assert main(["run", "mine.toml", "--out", run]) == 0  # of the same one: begun again
+
+
+def test_the_second_of_two_writers_is_refused(folder, capsys):
+    code = "from dembrick.history import claimed\nimport time\nwith claimed('run.h5'):\n print('in', flush=True)\n"
+    first = subprocess.Popen([sys.executable, "-c", code + " time.sleep(60)"], stdout=subprocess.PIPE, text=True)
+    try:
+        assert first.stdout.readline() == "in\n"
+        assert "another run is writing this file" in refused(capsys, "run", "mine.toml", "--out", "run.h5")
+        with pytest.raises(OutputError, match="another run is writing"), claimed("run.h5"):
+            pass
+    finally:
+        first.kill()  # a lock of a process that was killed is none
+        first.wait()
+    simulate("mine.toml", "run.h5")
+    assert sorted(os.listdir(folder)) == ["mine.toml", "run.h5"]
+
+
+def test_claims_of_many_processes_never_meet(folder):
+    """Whoever gets in is alone there, also while the file that is locked is made and removed."""
+    code = """
+import os, random, time
+from dembrick.errors import OutputError
+from dembrick.history.claims import claimed
+end, got = time.monotonic() + 1.5, 0
+while time.monotonic() < end:
+    try:
+        with claimed("run.h5"):
+            os.close(os.open("inside", os.O_CREAT | os.O_EXCL))
+            os.unlink("inside")
+            got += 1
+    except OutputError:
+        pass
+print(got)
+"""
+    started = [subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) for _ in range(3)]
+    assert [one.wait() for one in started] == [0, 0, 0]
+    assert sum(int(one.stdout.read()) for one in started) > 100
+    assert time.monotonic()
+
+
+# --- tables, figures, exports -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("verb", ["yield", "joints"])
+def test_a_table_replaces_nothing_but_itself(verb, run, folder, capsys):
+    for target in (run, "mine.toml"):
+        before = Path(target).read_bytes()
+        refused(capsys, verb, run, "--csv", target)
+        assert Path(target).read_bytes() == before
+    (folder / "data.csv").write_text("my own,data\n1,2\n")
+    assert "--force replaces it" in refused(capsys, verb, run, "--csv", "data.csv")
+    assert (folder / "data.csv").read_text() == "my own,data\n1,2\n"
+    assert main([verb, run, "--csv", "data.csv", "--force"]) == 0
+    assert main([verb, run, "--csv", "data.csv"]) == 0  # the same again
+    assert (folder / "data.csv").read_text().count("\n") == 2
+
+
+def test_a_table_of_a_domain_replaces_nothing(folder, capsys):
+    domain = ["domain", "--a", "0.3", "--b", "0.2", "--mu", "0.64", "--N", "467", "--formulation", "convex"]
+    assert "ending .csv" in refused(capsys, *domain, "--csv", "mine.toml")
+    (folder / "data.csv").write_text("my own\n")
+    assert "--force replaces it" in refused(capsys, *domain, "--csv", "data.csv")
+    assert (folder / "data.csv").read_text() == "my own\n"
+    assert main([*domain, "--csv", "table.csv"]) == main([*domain, "--csv", "table.csv"]) == 0
+
+
+MAKERS = {
+    "figure.png": ["plot"],
+    "figure.svg": ["plot"],
+    "figure.pdf": ["plot"],
+    "page.html": ["render"],
+    "frames.vtkhdf": ["export"],
+    "frames.pvd": ["export"],
+    "series.csv": ["export"],
+}
+
+
+@pytest.mark.parametrize("name", MAKERS)
+def test_what_was_made_of_a_run_gives_way_to_the_same_of_it_alone(name, run, folder, capsys):
+    make = [*MAKERS[name], run, "--to", name]
+    (folder / name).write_text("mine\n")
+    assert "was not written by this command from the same scenario" in refused(capsys, *make)
+    assert (folder / name).read_text() == "mine\n"
+    assert main([*make, "--force"]) == 0
+    assert main(make) == 0
+    assert main(["run", "mine.toml", "--out", "other.h5", "--set", "joint.friction=0.5"]) == 0
+    before = (folder / name).read_bytes()
+    assert "--force replaces it" in refused(capsys, MAKERS[name][0], "other.h5", "--to", name)
+    assert (folder / name).read_bytes() == before
+
+
+def test_a_figure_of_another_kind_is_another_file(run, folder, capsys):
+    assert main(["plot", run]) == main(["plot", run, "--kind", "energies"]) == 0
+    assert sorted(os.listdir(folder / "results")) == ["run.png", "run_energies.png"]
+    refused(capsys, "plot", run, "--kind", "energies", "--to", "results/run.png")
+
+
+def test_default_figures_of_runs_of_one_name_do_not_meet(run, folder):
+    assert main(["plot", run]) == 0
+    (folder / "B").mkdir()
+    assert main(["run", "mine.toml", "--out", "B/run.h5", "--set", "joint.friction=0.5"]) == 0
+    assert main(["plot", "B/run.h5"]) == 0
+    assert sorted(os.listdir(folder / "results")) == ["run.png", "run_2.png"]
+
+
+def test_marked_files_are_what_their_endings_say(run, folder):
+    """The mark at the end harms no format."""
+    from xml.etree import ElementTree
+
+    from matplotlib import image
+
+    for name, (verb,) in MAKERS.items():
+        assert main([verb, run, "--to", name]) == 0
+    assert image.imread("figure.png").shape[2] == 4
+    ElementTree.parse("figure.svg")
+    ElementTree.parse("frames.pvd")
+    with h5py.File("frames.vtkhdf") as file:
+        assert file["VTKHDF/Steps"].attrs["NSteps"] > 1
+    assert b"%%EOF" in Path("figure.pdf").read_bytes()[-200:]
+
+
+def test_a_list_of_frames_has_a_folder_of_its_own(run, folder):
+    assert main(["export", run, "--to", "q.pvd"]) == 0
+    made = sorted(name for name in os.listdir(folder) if name.startswith("q"))
+    assert made == ["q.pvd", "q_contacts.pvd", "q_frames", "q_joints.pvd"]
+    frames = os.listdir(folder / "q_frames")
+    assert all(name.endswith(".vtu") for name in frames) and len(frames) > 2
+    assert 'file="q_frames/q_00000.vtu"' in (folder / "q.pvd").read_text()
+    assert not [name for name in os.listdir(folder) if name.startswith(".")]
+
+
+def test_a_folder_of_other_things_is_not_taken_for_frames(run, folder, capsys):
+    (folder / "q_frames").mkdir()
+    (folder / "q_frames" / "thesis.tex").write_text("mine")
+    assert "holds other things" in refused(capsys, "export", run, "--to", "q.pvd", "--force")
+    assert (folder / "q_frames" / "thesis.tex").read_text() == "mine"
