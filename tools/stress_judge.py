@@ -27,6 +27,7 @@ from dembrick.simulation.energy_audit import audit
 from dembrick.simulation.statics import constant_rate, limit_load, load_system
 from dembrick.simulation.statics.critical_step import critical_time_step
 from dembrick.simulation.statics.dead_load import inverse_inertia, seat
+from dembrick.simulation.statics.elastic_factor import elastic_factor, touches_itself
 from dembrick.simulation.statics.guards import new_guard, refuse_divergence
 from dembrick.simulation.statics.state import initial_state
 from dembrick.simulation.statics.stepper import Loop
@@ -272,7 +273,8 @@ def seated(scenario: Scenario, densities) -> Outcome:
     try:
         built = assemblies.assemble(scenario)
         state = initial_state(built)
-        seat(state, block_stiffness(state, shared=2.0))
+        factor = elastic_factor(state, built.position) if touches_itself(state) else None
+        seat(state, block_stiffness(state, shared=2.0), factor)
     except ScenarioError as error:
         return Outcome("refused", _named(error))
     except DembrickError as error:

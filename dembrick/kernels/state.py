@@ -8,6 +8,8 @@ from typing import NamedTuple
 
 from numpy import ndarray
 
+from dembrick.kernels.math.multifrontal import Fronts
+
 
 class Blocks(NamedTuple):
     """Motion of the blocks and the forces on them."""
@@ -35,13 +37,11 @@ class ScaledInertia(NamedTuple):
 
 
 class WholeInertia(NamedTuple):
-    """Artificial inertia of small motion in one piece: M = L L^T, the elastic stiffness of the assembly (`elastic`)."""
+    """Artificial inertia of small motion in one piece: the elastic stiffness of the assembly, factorised."""
 
     place: ndarray  # (f,) int64, first of the six rows of each free block
-    first: ndarray  # (6 f,) int64, first column that is stored, of each row of L
-    start: ndarray  # (6 f,) int64, where that is in ``lower``
-    lower: ndarray  # (s,) L by rows, the diagonal last
-    work: ndarray  # (6 f,) scratch
+    fronts: Fronts  # its LU factors, see `math.multifrontal`
+    work: ndarray  # (1, 6 f) scratch
 
 
 class Inertia(NamedTuple):

@@ -1,1 +1,1 @@
-"""Vectors of three floats, and factors of banded and skyline matrices, for kernels."""
+"""Vectors of three floats, and multifrontal factors of sparse matrices, for kernels."""

@@ -32,12 +32,7 @@ class Trial(NamedTuple):
     areas: Areas | None  # likewise the convex joints
     force: ndarray  # (7, 6) t of the trial and of its six neighbours
     tangent: ndarray  # (j, 6, 6) dt/du
-    half_width: int  # of the equations
-    band: ndarray  # (6 f, 3 half_width + 1)
     residual: ndarray  # (6 f,) out-of-balance
-    load: ndarray  # (6 f,) unit load
-    by_residual: ndarray  # (6 f,) answer of the tangent to the out-of-balance
-    by_load: ndarray  # (6 f,) answer of the tangent to the unit load
 
 
 @jit
@@ -147,37 +142,3 @@ def try_motion(trial, blocks, joints, points, areas, jacks, v, with_tangent):
         for i in range(3):
             trial.residual[row + i] = blocks.force[b, i]
             trial.residual[row + 3 + i] = blocks.torque[b, i]
-
-
-@jit
-def add_to_band(trial, row, left, tangent, right, column, sign):
-    """Add ``sign`` times left^T tangent right to the equations."""
-    h = trial.half_width
-    for i in range(6):
-        for m in range(6):
-            s = 0.0
-            for k in range(6):
-                s += left[k, i] * tangent[k, m]
-            if s != 0.0:
-                for c in range(6):
-                    trial.band[row + i, column + c - row - i + h] += sign * s * right[m, c]
-
-
-@jit
-def assemble_tangent(trial, joints):
-    """The equations of one step of Newton's method: how the blocks answer the out-of-balance and the unit load."""
-    for i in range(trial.band.shape[0]):
-        for k in range(trial.band.shape[1]):
-            trial.band[i, k] = 0.0
-        trial.by_residual[i] = trial.residual[i]
-        trial.by_load[i] = trial.load[i]
-    for j in range(joints.block_a.size):
-        a = trial.row[joints.block_a[j]]
-        b = trial.row[joints.block_b[j]]
-        if b >= 0:
-            add_to_band(trial, b, trial.seen_b[j], trial.tangent[j], trial.seen_b[j], b, 1.0)
-        if a >= 0:
-            add_to_band(trial, a, trial.seen_a[j], trial.tangent[j], trial.seen_a[j], a, 1.0)
-        if a >= 0 and b >= 0:
-            add_to_band(trial, a, trial.seen_a[j], trial.tangent[j], trial.seen_b[j], b, -1.0)
-            add_to_band(trial, b, trial.seen_b[j], trial.tangent[j], trial.seen_a[j], a, -1.0)

@@ -5,7 +5,7 @@ nothing drifts.
 """
 
 from dembrick._jit import jit
-from dembrick.kernels.math.skyline import solve_in_place
+from dembrick.kernels.math.multifrontal import solve_in_place
 from dembrick.kernels.math.vec3 import cross, rows_times
 from dembrick.kernels.state import DAMPING
 
@@ -67,15 +67,15 @@ def small_jack(blocks, jacks, i):
 
 @jit
 def accelerate_together(blocks, whole, dt):
-    """Change the velocities of all free blocks by dt M^-1 force, M = L L^T."""
-    x = whole.work
+    """Change the velocities of all free blocks by dt M^-1 force, M that of the whole assembly."""
+    x = whole.work[0]
     for f in range(blocks.free.size):
         b = blocks.free[f]
         row = whole.place[f]
         for i in range(3):
             x[row + i] = blocks.force[b, i]
             x[row + 3 + i] = blocks.torque[b, i]
-    solve_in_place(whole.first, whole.start, whole.lower, x)
+    solve_in_place(whole.fronts, whole.work)
     for f in range(blocks.free.size):
         b = blocks.free[f]
         row = whole.place[f]

@@ -12,7 +12,8 @@ from dembrick.kernels.statics.loop import settle
 from dembrick.simulation import interrupts
 from dembrick.simulation.checkpoint_arrays import flattened, restored_state
 from dembrick.simulation.session import Session, Snapshot
-from dembrick.simulation.statics.elastic_factor import Factor, elastic_factor, touches_itself, whole_inertia
+from dembrick.simulation.statics.elastic_factor import touches_itself, whole_inertia
+from dembrick.simulation.statics.sparse_equations import Factors
 from dembrick.simulation.statics.state import State
 
 UNBALANCED = 1e-12  # of the joint forces
@@ -33,25 +34,26 @@ def inverse_inertia(state: State, inertia: np.ndarray) -> ScaledInertia:
 
 
 def seat(
-    state: State, stiffness: np.ndarray, factor: Factor | None = None, session: Session | None = None
+    state: State, stiffness: np.ndarray, factor: Factors | None = None, session: Session | None = None
 ) -> tuple[float, float, float]:
     """Relax ``state`` until the out-of-balance forces are ``UNBALANCED`` of the joint forces.
 
     Where free blocks touch only fixed ones, every block moves by the answer of its own ``stiffness`` (n, 6, 6) to its
-    out-of-balance: a single Newton step seats it. Else the whole assembly moves by its elastic answer, ``factor``,
-    first in one go and then with momentum, which is dropped whenever it works against the forces. ``session`` keeps
-    checkpoints of it, and may go on from one. Returns the ratio reached and the seconds of compiling and of relaxing.
-    Raises NotConvergedError where the dead loads alone bring the blocks down, and Interrupted.
+    out-of-balance: a single Newton step seats it. Else the whole assembly moves by its elastic answer, ``factor`` being
+    that of its stiffness, first in one go and then with momentum, which is dropped whenever it works against the
+    forces. ``session`` keeps checkpoints of it, and may go on from one. Returns the ratio reached and the seconds of
+    compiling and of relaxing. Raises NotConvergedError where the dead loads alone bring the blocks
+    down, and Interrupted.
     """
     joints = state.joints
     began = time.perf_counter()
-    alone, inertia = not touches_itself(state), None
+    alone = not touches_itself(state)
     if not alone:
-        factor = elastic_factor(state) if factor is None else factor
-        if factor is not None:
-            none = np.zeros((0, 6, 6))
-            inertia = ScaledInertia(none, none, whole_inertia(factor))
-    if inertia is None:
+        if factor is None:
+            raise ValueError("free blocks that touch each other are seated by the factor of their stiffness")
+        none = np.zeros((0, 6, 6))
+        inertia = ScaledInertia(none, none, whole_inertia(factor))
+    else:
         inertia = inverse_inertia(state, stiffness)
     settle(0, 0, UNBALANCED, *state[:4], inertia, MOMENTUM)  # no step: compiles, or loads the cache
     ready = time.perf_counter()

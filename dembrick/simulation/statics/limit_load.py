@@ -32,7 +32,7 @@ from dembrick.simulation.statics.load_system import (
     Setup,
     rough_strength,
 )
-from dembrick.simulation.statics.path_following import follow, prepare
+from dembrick.simulation.statics.path_following import PathFollower
 from dembrick.simulation.statics.recorder import Recorder
 from dembrick.simulation.statics.state import new_energy
 from dembrick.simulation.statics.stepper import Loop, Stepper
@@ -93,12 +93,13 @@ def _by_equilibria(setup: Setup, session: Session, goal: float, steps: float) ->
     watched = setup.assembly.control_points
     recorder = Recorder(state, session, 1, 1, frames_every, watched) if session.observe else None
     began = time.perf_counter()
-    prepare(state, setup.load, setup.factor, certificate, recorder)
+    follower = PathFollower(state, setup.load, setup.factor, certificate, recorder, session)
+    follower.prepare()
     ready = time.perf_counter()
     # a load on all blocks is resisted by some part of their weight, one actuator by a few joints
     strength = GUESS * float(np.linalg.norm(state.blocks.dead_force[state.blocks.free], axis=1).sum()) / setup.weight
     strength = min(strength, rough_strength(state, certificate, setup.load)) or GUESS
-    path = follow(state, setup.load, setup.factor, certificate, steps * strength, recorder, goal, session)
+    path = follower.run(steps * strength, goal)
     phases = {"seating": setup.loop_seconds, **path.phases}
     return Replay(
         yield_point=read_off(state, certificate, setup.assembly.names),

@@ -107,7 +107,7 @@ class Setup(LoadSystem):
 
     def __init__(self, assembly, tolerance: float, session: Session | None = None, whole: bool = False):
         super().__init__(assembly)
-        self.factor = elastic_factor(self.state) if whole or touches_itself(self.state) else None
+        self.factor = elastic_factor(self.state, assembly.position) if whole or touches_itself(self.state) else None
         seated = seat(self.state, self.stiffness, self.factor, session)
         self.unbalanced, self.compile_seconds, self.loop_seconds = seated
         self.seated = self.state.blocks.displacement.copy()

@@ -8,11 +8,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from dembrick.errors import ScenarioError
-from dembrick.kernels.math.banded import WIDE, eliminate, substitute
-from dembrick.kernels.statics.newton import Trial, assemble_tangent, try_motion
+from dembrick.kernels.statics.newton import Trial, try_motion
 from dembrick.simulation.statics import joint_families
-from dembrick.simulation.statics.elastic_factor import Factor
+from dembrick.simulation.statics.sparse_equations import Factors, inner
 from dembrick.simulation.statics.state import State
 from dembrick.simulation.statics.stiffness import to_joint
 
@@ -21,8 +19,7 @@ BACKTRACKS = 8  # of one iteration
 LOST = 1e4  # times the out-of-balance of the start: what is further away than that leads nowhere
 HELD = 1e-10  # of the elastic stiffness, added to the tangent
 DIFFERENCE = 1e-6  # of the elastic move of a joint, by which its tangent is taken
-MOST_ENTRIES = 60_000_000  # of the equations: 480 MB
-AT_ONCE = 300_000_000  # products of an elimination in one go: a signal waits for some tenths of a second
+PIVOT = 0.1  # of the greatest entry of its column in a front: a pivot above it stays where it is
 
 
 def elastic_moves(state: State) -> np.ndarray:
@@ -44,24 +41,13 @@ def elastic_moves(state: State) -> np.ndarray:
     return normal * np.maximum(1.0 / stiffness[:, 2, 2], friction / stiffness[:, 0, 0])
 
 
-def _new_trial(state: State, load: np.ndarray, factor: Factor) -> Trial:
-    """Room for the trials; ScenarioError where it would be too much."""
+def _new_trial(state: State, place: np.ndarray) -> Trial:
+    """Room for the trials; ``place`` (f,): first row of each free block in the equations."""
     joints, free = state.joints, state.blocks.free
     count = len(joints.block_a)
     row = np.full(len(state.blocks.displacement), -1)
-    row[free] = factor.place
+    row[free] = place
     seen_a, seen_b = to_joint(joints.axes, joints.arm_a), to_joint(joints.axes, joints.arm_b)
-    ends = np.stack([row[joints.block_a], row[joints.block_b]])
-    half_width = int(np.abs(ends[0] - ends[1])[(ends >= 0).all(axis=0)].max(initial=0)) + 5 + WIDE - 1
-    rows = 6 * len(free)
-    if rows * (3 * half_width + 1) > MOST_ENTRIES:
-        raise ScenarioError(
-            f"{len(free)} free blocks in a wide assembly are too many for a quasi-static search: its equations would "
-            f"take {8e-9 * rows * (3 * half_width + 1):.2g} GB; push a smaller part, or use a dynamic kind of control"
-        )
-    sixes = (factor.place[:, None] + np.arange(6)).ravel()
-    along = np.zeros(rows)
-    along[sixes] = load[free].ravel()
     return Trial(
         seen_a=seen_a,
         seen_b=seen_b,
@@ -74,12 +60,7 @@ def _new_trial(state: State, load: np.ndarray, factor: Factor) -> Trial:
         **joint_families.memory(state),
         force=np.zeros((7, 6)),
         tangent=np.zeros((count, 6, 6)),
-        half_width=half_width,
-        band=np.zeros((rows, 3 * half_width + 1)),
-        residual=np.zeros(rows),
-        load=along,
-        by_residual=np.zeros(rows),
-        by_load=np.zeros(rows),
+        residual=np.zeros(6 * len(free)),
     )
 
 
@@ -90,11 +71,15 @@ class Equilibria:
     ``pause`` is called before each. ``phases``: seconds that went into joint forces and into equations.
     """
 
-    def __init__(self, state: State, load: np.ndarray, factor: Factor, balanced: float):
+    def __init__(self, state: State, load: np.ndarray, factor: Factors, balanced: float):
         self.state, self.factor, self.balanced = state, factor, balanced
         self.free = state.blocks.free
-        self.rows = factor.place[:, None] + np.arange(6)
-        self.trial = _new_trial(state, load, factor)
+        pattern = factor.pattern
+        self.rows = pattern.place[:, None] + np.arange(6)
+        self.trial = _new_trial(state, pattern.place)
+        self.load = pattern.to_rows(load[self.free])
+        self.answers = np.zeros((2, pattern.rows))  # of the tangent to the out-of-balance and to the unit load
+        self.tangent, self._none = Factors(pattern, factor.fronts.room), np.zeros(pattern.rows)
         self.iterations = 0
         self.phases = {"joint_forces": 0.0, "equations": 0.0}
         self.pause: Callable[[], None] = lambda: None
@@ -115,8 +100,7 @@ class Equilibria:
         try_motion(
             self.trial, blocks, state.joints, state.points, state.areas, state.actuators, V, with_tangent
         )  # fmt: skip
-        residual = self.trial.residual[self.rows]
-        energy = float((residual * self.factor.answer(residual)).sum())
+        energy = self.factor.energy(self.trial.residual)
         self.phases["joint_forces"] += time.perf_counter() - began
         return math.sqrt(max(0.0, energy))
 
@@ -133,7 +117,6 @@ class Equilibria:
 
     def find(self, motion: np.ndarray, V: float) -> tuple[float | None, int]:
         """V of the equilibrium at the driven displacement of ``motion``, near it; None where none is found."""
-        trial = self.trial
         start = size = self.attempt(motion, V, True)
         for iteration in range(MOST_ITERATIONS):
             if not size <= LOST * start:
@@ -144,9 +127,9 @@ class Equilibria:
             self.iterations += 1
             if not self.solve():
                 return None, iteration
-            along = float(trial.load @ trial.by_load)
-            change_V = -float(trial.load @ trial.by_residual) / along
-            change = trial.by_residual + change_V * trial.by_load
+            by_residual, by_load = self.answers
+            change_V = -inner(self.load, by_residual) / inner(self.load, by_load)
+            change = by_residual + change_V * by_load
             part, best = 1.0, (math.inf, 0.0)
             for _ in range(BACKTRACKS):
                 found = self.attempt(motion + part * change, V + part * change_V, False)
@@ -161,6 +144,12 @@ class Equilibria:
             size = self.attempt(motion, V, True)
         return None, MOST_ITERATIONS
 
+    def prepare(self) -> None:
+        """Compile what `solve` calls, or load it, without any work."""
+        trial = self.trial
+        self.tangent.make(trial.seen_a, trial.seen_b, trial.tangent, PIVOT, self._none, stops=(0,))
+        self.tangent.solve(self.answers[:0])
+
     def solve(self) -> bool:
         """Solve for the answers of the tangent to the out-of-balance and to the unit load; False where it has none."""
         began = time.perf_counter()
@@ -170,11 +159,8 @@ class Equilibria:
 
     def _solve(self) -> bool:
         trial = self.trial
-        assemble_tangent(trial, self.state.joints)
-        system, rows = (trial.band, trial.half_width, trial.by_residual, trial.by_load), len(trial.residual)
-        stride = WIDE * max(1, AT_ONCE // (2 * WIDE * trial.half_width**2))
-        for first in range(0, rows, stride):
-            if not eliminate(*system, first, min(first + stride, rows)):
-                return False
-        substitute(*system)
+        if self.tangent.make(trial.seen_a, trial.seen_b, trial.tangent, PIVOT, self._none) >= 0:
+            return False
+        self.answers[:] = trial.residual, self.load
+        self.tangent.solve(self.answers)
         return True

@@ -30,11 +30,11 @@ from dembrick.simulation import interrupts
 from dembrick.simulation.checkpoint_arrays import flattened, restored_state
 from dembrick.simulation.session import Session, Snapshot
 from dembrick.simulation.statics import joint_families
-from dembrick.simulation.statics.elastic_factor import Factor
 from dembrick.simulation.statics.newton import HELD, Equilibria
 from dembrick.simulation.statics.path_bounds import limit_bounds
 from dembrick.simulation.statics.path_state import MOST_EQUILIBRIA, Drift, PathState
 from dembrick.simulation.statics.recorder import Recorder
+from dembrick.simulation.statics.sparse_equations import Factors, inner
 from dembrick.simulation.statics.state import State
 
 ELASTIC_STEPS = 16  # to the limit load, as far as that can be guessed
@@ -66,41 +66,29 @@ class Path:
     phases: dict[str, float]
 
 
-def follow(
-    state: State,
-    load: np.ndarray,
-    factor: Factor,
-    certificate: Certificate,
-    strength: float,
-    recorder: Recorder | None = None,
-    goal: float = 0.0,
-    session: Session | None = None,
-) -> Path:
-    """Push the seated ``state`` by the unit ``load`` (n, 6) to its limit, or until no further equilibrium is found.
-
-    ``strength`` is a guess of the limit load. The bracket ends up in ``certificate``; every equilibrium is recorded,
-    its number for a time. The path goes on until a block has moved by ``goal`` (m). ``session`` keeps checkpoints and
-    may go on from one. Raises Interrupted.
-    """
-    return PathFollower(state, load, factor, certificate, recorder, session or Session()).run(strength, goal)
-
-
-def prepare(state: State, load: np.ndarray, factor: Factor, certificate: Certificate, recorder: Recorder | None):
-    """Compile what `follow` needs, or load it from the cache, and leave the ``state`` as it is."""
-    follower = PathFollower(state, load, factor, certificate, recorder, Session())
-    remember(follower.trial, state.joints, state.points, state.areas)
-    follower.compile()
-
-
 class PathFollower:
-    def __init__(self, state: State, load, factor: Factor, certificate: Certificate, recorder, session: Session):
+    """Pushes a seated ``state`` by the unit ``load`` (n, 6) to its limit, or until no further equilibrium is found.
+
+    ``factor``: of the elastic stiffness. The bracket ends up in ``certificate``; every equilibrium is recorded, its
+    number for a time. ``session`` keeps checkpoints and may go on from one.
+    """
+
+    def __init__(
+        self,
+        state: State,
+        load: np.ndarray,
+        factor: Factors,
+        certificate: Certificate,
+        recorder: Recorder | None = None,
+        session: Session | None = None,
+    ):
+        session = session or Session()
         self.state, self.certificate, self.recorder = state, certificate, recorder
         self.search = Equilibria(state, load, factor, max(BALANCED * certificate.tolerance, LEAST_BALANCED))
         self.free, self.rows, self.trial = self.search.free, self.search.rows, self.search.trial
         self.weight = float(np.abs(state.actuators.weight).sum())
-        self.answer = np.empty(self.rows.size)
-        self.answer[self.rows] = factor.answer(load[self.free])
-        self.compliance = float(self.trial.load @ self.answer)
+        self.answer = factor.pattern.to_rows(factor.answer(load[self.free]))
+        self.compliance = inner(self.search.load, self.answer)
         self.seated = 0.0
         if recorder is not None:
             self.seated = elastic_energy(state.joints, state.points, state.areas, None)
@@ -110,17 +98,23 @@ class PathFollower:
         self.phases = {**self.search.phases, "bracket": 0.0, "record": 0.0, "path": 0.0}
         self.elsewhere = 0.0  # s, with whoever gets the record, and with checkpoints
 
-    def compile(self) -> None:
-        """Call every kernel once, at the motion of now."""
+    def prepare(self) -> None:
+        """Call every kernel once, at the motion of now, to compile it or load it; the state stays as it is."""
         state = self.state
+        remember(self.trial, state.joints, state.points, state.areas)
         self.search.attempt(self.search.motion(), 0.0, True)
-        self.search.solve()
+        self.search.prepare()
         instant_bounds(state.blocks, state.joints, state.points, state.areas, 0.0, 0.0, 1.0)
         if self.recorder is not None:
             self._write(0)
             self.recorder.record.count[:] = 0
+        self.search.phases.update(dict.fromkeys(self.search.phases, 0.0))
 
-    def run(self, strength: float, goal: float) -> Path:
+    def run(self, strength: float, goal: float = 0.0) -> Path:
+        """Follow the path until the bracket is narrow enough and a block has moved by ``goal`` (m).
+
+        ``strength`` is a guess of the limit load. Raises Interrupted.
+        """
         began = time.perf_counter()
         way = self.way = self._at_start(strength)
         if self.session.resumed is not None:
@@ -145,7 +139,7 @@ class PathFollower:
 
     def _at_start(self, strength: float) -> PathState:
         motion = self.search.motion()
-        driven = float(self.trial.load @ motion) / self.weight
+        driven = inner(self.search.load, motion) / self.weight
         self.state.actuators.drive[:2] = driven
         step = strength * self.compliance / self.weight / ELASTIC_STEPS
         direction = self.answer / self.compliance * self.weight
@@ -205,7 +199,7 @@ class PathFollower:
                 break
             motion = search.motion()
             search.attempt(motion, found, False)
-            work = float(self.trial.residual @ (motion - way.motion))
+            work = inner(self.trial.residual, motion - way.motion)
             V = found - work / (way.step * self.weight)
             search.attempt(motion, V, False)
             excess = search.out_of_balance() / (LITTLE * self.certificate.tolerance)

@@ -1,0 +1,345 @@
+"""Multifrontal LU factors of large sparse matrices of 6 x 6 blocks, with row exchanges inside a front.
+
+A matrix whose pattern is symmetric is eliminated front by front along an elimination tree. A front is a small dense
+matrix: p pivot rows, and the b boundary rows of blocks that come later and are coupled to them,
+
+    [ F11  F12 ]      F11 = P^T L11 U11,   U12 = L11^-1 P F12,   L21 = F21 U11^-1,
+    [ F21  F22 ]      update = F22 - L21 U12 (Schur complement), which is added to the parent's front.
+
+[F11 F12] (p, p + b) and F21 (b, p) stand in ``entries`` and are replaced by their factors; the update stands in
+``room`` until the parent has taken it. Rows are exchanged among the pivot rows of a front only (static pivoting): the
+pattern never changes, so that one symbolic analysis serves all matrices of an assembly. Duff and Reid, ACM TOMS 9
+(1983) 302. Every number is computed in an order that the tree fixes, whichever thread does it.
+"""
+
+from typing import NamedTuple
+
+from numpy import ndarray
+
+from dembrick._jit import entry, jit
+
+SIX = 6  # rows of a block
+AT_ONCE = 192  # columns of a product that stay in the fastest cache
+
+
+class Fronts(NamedTuple):
+    """Elimination tree and factors of n blocks in s fronts, which come after all their children."""
+
+    first: ndarray  # (s + 1,) int64, first pivot block of each front, in the order of elimination
+    edge: ndarray  # (s + 1,) int64, where its boundary blocks start in ``boundary``
+    boundary: ndarray  # (e,) int64, boundary blocks by their place in the order of elimination, ascending
+    inside: ndarray  # (e,) int64, the same as block numbers of the parent's front
+    start: ndarray  # (s,) int64, where its entries start
+    update: ndarray  # (s,) int64, where its update starts in ``room``
+    child: ndarray  # (s + 1,) int64, where its children start in ``children``
+    children: ndarray  # (c,) int64
+    part: ndarray  # (s + 1,) int64, where what enters it starts in the three columns below
+    element: ndarray  # (m,) int64, an element (joint) ...
+    sides: ndarray  # (m,) int64, ... its block of rows a (0) or b (2), of columns a (0) or b (1) added
+    target: ndarray  # (m,) int64, first entry it is added to
+    stride: ndarray  # (m,) int64, entries from row to row there
+    entries: ndarray  # (f,) the matrix, then its factors
+    room: ndarray  # (r,) updates
+    exchange: ndarray  # (6 n,) int64, the row that each pivot row was exchanged with
+    near: ndarray  # (6 b,) scratch for the boundary of one front
+
+
+@jit
+def subtract_three(c0, c1, c2, m0, m1, m2, b0, b1, b2, b3, b4, b5):
+    """Subtract from three rows six multiples each of the rows b."""
+    p0, p1, p2, p3, p4, p5 = m0[0], m0[1], m0[2], m0[3], m0[4], m0[5]
+    q0, q1, q2, q3, q4, q5 = m1[0], m1[1], m1[2], m1[3], m1[4], m1[5]
+    r0, r1, r2, r3, r4, r5 = m2[0], m2[1], m2[2], m2[3], m2[4], m2[5]
+    for c in range(c0.size):
+        x0 = b0[c]
+        x1 = b1[c]
+        x2 = b2[c]
+        x3 = b3[c]
+        x4 = b4[c]
+        x5 = b5[c]
+        c0[c] -= ((p0 * x0 + p1 * x1) + (p2 * x2 + p3 * x3)) + (p4 * x4 + p5 * x5)
+        c1[c] -= ((q0 * x0 + q1 * x1) + (q2 * x2 + q3 * x3)) + (q4 * x4 + q5 * x5)
+        c2[c] -= ((r0 * x0 + r1 * x1) + (r2 * x2 + r3 * x3)) + (r4 * x4 + r5 * x5)
+
+
+@entry
+def subtract_product(c, at_c, wide_c, a, at_a, wide_a, b, at_b, wide_b, rows, depth, columns):
+    """C -= A B of dense matrices by rows in flat arrays: first entry ``at`` and entries from row to row ``wide`` each.
+
+    ``rows`` is a multiple of three, ``depth`` of six.
+    """
+    for column in range(0, columns, AT_ONCE):
+        n = min(AT_ONCE, columns - column)
+        for k in range(0, depth, SIX):
+            s = at_b + k * wide_b + column
+            for i in range(0, rows, 3):
+                t = at_c + i * wide_c + column
+                m = at_a + i * wide_a + k
+                subtract_three(
+                    c[t : t + n], c[t + wide_c : t + wide_c + n], c[t + 2 * wide_c : t + 2 * wide_c + n],
+                    a[m : m + SIX], a[m + wide_a : m + wide_a + SIX], a[m + 2 * wide_a : m + 2 * wide_a + SIX],
+                    b[s : s + n], b[s + wide_b : s + wide_b + n], b[s + 2 * wide_b : s + 2 * wide_b + n],
+                    b[s + 3 * wide_b : s + 3 * wide_b + n], b[s + 4 * wide_b : s + 4 * wide_b + n],
+                    b[s + 5 * wide_b : s + 5 * wide_b + n],
+                )  # fmt: skip
+
+
+@jit
+def factorise_six(a, start, wide, pivots, k0, exchange, row, threshold, least):
+    """LU factors of six columns from ``k0`` on of the pivot rows of a front; rows are exchanged as a whole.
+
+    A diagonal entry above ``threshold`` of the greatest below it stays the pivot. Returns -1, or the first column whose
+    pivot is at most ``least`` or not a number.
+    """
+    end = k0 + SIX
+    for k in range(k0, end):
+        here = start + k * wide
+        best = k
+        for i in range(k + 1, pivots):
+            if abs(a[start + i * wide + k]) > abs(a[start + best * wide + k]):
+                best = i
+        if abs(a[here + k]) >= threshold * abs(a[start + best * wide + k]):
+            best = k
+        exchange[row + k] = row + best
+        if best != k:
+            there = start + best * wide
+            for c in range(wide):
+                a[here + c], a[there + c] = a[there + c], a[here + c]
+        pivot = a[here + k]
+        if not abs(pivot) > least[row + k]:
+            return k
+        inverse = 1.0 / pivot
+        for i in range(k + 1, pivots):
+            at = start + i * wide
+            m = a[at + k] * inverse
+            a[at + k] = m
+            if m != 0.0:
+                for c in range(k + 1, end):
+                    a[at + c] -= m * a[here + c]
+    # what these rows have to the right
+    for k in range(k0 + 1, end):
+        at = start + k * wide
+        for j in range(k0, k):
+            m = a[at + j]
+            if m != 0.0:
+                there = start + j * wide
+                for c in range(end, wide):
+                    a[at + c] -= m * a[there + c]
+    return -1
+
+
+@jit
+def divide_six(a, start, wide, lower, pivots, rows, k0):
+    """The six columns from ``k0`` on of L21: boundary rows over the six pivots."""
+    u0 = start + k0 * wide + k0
+    u1 = u0 + wide
+    u2 = u1 + wide
+    u3 = u2 + wide
+    u4 = u3 + wide
+    r0 = 1.0 / a[u0]
+    r1 = 1.0 / a[u1 + 1]
+    r2 = 1.0 / a[u2 + 2]
+    r3 = 1.0 / a[u3 + 3]
+    r4 = 1.0 / a[u4 + 4]
+    r5 = 1.0 / a[u4 + wide + 5]
+    u01, u02, u03, u04, u05 = a[u0 + 1], a[u0 + 2], a[u0 + 3], a[u0 + 4], a[u0 + 5]
+    u12, u13, u14, u15 = a[u1 + 2], a[u1 + 3], a[u1 + 4], a[u1 + 5]
+    u23, u24, u25 = a[u2 + 3], a[u2 + 4], a[u2 + 5]
+    u34, u35 = a[u3 + 4], a[u3 + 5]
+    u45 = a[u4 + 5]
+    for i in range(rows):
+        at = lower + i * pivots + k0
+        x0 = a[at] * r0
+        x1 = (a[at + 1] - x0 * u01) * r1
+        x2 = (a[at + 2] - x0 * u02 - x1 * u12) * r2
+        x3 = (a[at + 3] - x0 * u03 - x1 * u13 - x2 * u23) * r3
+        x4 = (a[at + 4] - x0 * u04 - x1 * u14 - x2 * u24 - x3 * u34) * r4
+        x5 = (a[at + 5] - x0 * u05 - x1 * u15 - x2 * u25 - x3 * u35 - x4 * u45) * r5
+        a[at] = x0
+        a[at + 1] = x1
+        a[at + 2] = x2
+        a[at + 3] = x3
+        a[at + 4] = x4
+        a[at + 5] = x5
+
+
+@jit
+def add_elements(fronts, s, left_a, left_b, middle):
+    """Add what the elements bring to front ``s``: +- left^T middle right, blocks of 6 x 6."""
+    for q in range(fronts.part[s], fronts.part[s + 1]):
+        j = fronts.element[q]
+        side = fronts.sides[q]
+        left = left_b[j] if side >= 2 else left_a[j]
+        right = left_b[j] if side % 2 == 1 else left_a[j]
+        sign = 1.0 if (side >= 2) == (side % 2 == 1) else -1.0
+        for i in range(SIX):
+            at = fronts.target[q] + i * fronts.stride[q]
+            for m in range(SIX):
+                total = 0.0
+                for k in range(SIX):
+                    total += left[k, i] * middle[j, k, m]
+                if total != 0.0:
+                    total *= sign
+                    for c in range(SIX):
+                        fronts.entries[at + c] += total * right[m, c]
+
+
+@jit
+def add_update(fronts, s, child, pivots, boundary):
+    """Add the update of a child to front ``s`` of so many pivot and boundary rows (extend-add)."""
+    first = fronts.edge[child]
+    count = fronts.edge[child + 1] - first
+    wide = pivots + boundary
+    lower = fronts.start[s] + pivots * wide
+    entries = fronts.entries
+    room = fronts.room
+    for i in range(count):
+        row = SIX * fronts.inside[first + i]
+        for r in range(SIX):
+            given = fronts.update[child] + (SIX * i + r) * SIX * count
+            for k in range(count):
+                column = SIX * fronts.inside[first + k]
+                if row < pivots:
+                    at = fronts.start[s] + (row + r) * wide + column
+                    for c in range(SIX):
+                        entries[at + c] += room[given + SIX * k + c]
+                elif column < pivots:
+                    at = lower + (row + r - pivots) * pivots + column
+                    for c in range(SIX):
+                        entries[at + c] += room[given + SIX * k + c]
+                else:
+                    at = fronts.update[s] + (row + r - pivots) * boundary + column - pivots
+                    for c in range(SIX):
+                        room[at + c] += room[given + SIX * k + c]
+
+
+@entry
+def eliminate(fronts, left_a, left_b, middle, first, stop, threshold, least):
+    """Factorise the fronts ``first`` to ``stop`` of the matrix that elements (joints) make.
+
+    Element j couples the blocks a and b by ``middle[j]`` (6, 6) of its own motion, ``left_b[j]`` times that of b less
+    ``left_a[j]`` times that of a. A pivot above ``threshold`` of its column in the front stays where it is. Returns -1,
+    or the first row of the block where the matrix is singular: a pivot is at most ``least`` (6 n,).
+    """
+    entries = fronts.entries
+    room = fronts.room
+    for s in range(first, stop):
+        pivots = SIX * (fronts.first[s + 1] - fronts.first[s])
+        boundary = SIX * (fronts.edge[s + 1] - fronts.edge[s])
+        start = fronts.start[s]
+        wide = pivots + boundary
+        lower = start + pivots * wide
+        update = fronts.update[s]
+        for i in range(start, lower + boundary * pivots):
+            entries[i] = 0.0
+        for i in range(update, update + boundary * boundary):
+            room[i] = 0.0
+        add_elements(fronts, s, left_a, left_b, middle)
+        for c in range(fronts.child[s], fronts.child[s + 1]):
+            add_update(fronts, s, fronts.children[c], pivots, boundary)
+        row = SIX * fronts.first[s]
+        for k in range(0, pivots, SIX):
+            failed = factorise_six(entries, start, wide, pivots, k, fronts.exchange, row, threshold, least)
+            if failed >= 0:
+                return row + failed - failed % SIX
+            below = k + SIX
+            right = start + k * wide + below
+            subtract_product(
+                entries, start + below * wide + below, wide, entries, start + below * wide + k, wide,
+                entries, right, wide, pivots - below, SIX, wide - below,
+            )  # fmt: skip
+            divide_six(entries, start, wide, lower, pivots, boundary, k)
+            subtract_product(
+                entries, lower + below, pivots, entries, lower + k, pivots,
+                entries, right, wide, boundary, SIX, pivots - below,
+            )  # fmt: skip
+        subtract_product(
+            room, update, boundary, entries, lower, pivots, entries, start + pivots, wide, boundary, pivots, boundary
+        )  # fmt: skip
+    return -1
+
+
+@jit
+def dot(a, i, b, k, n):
+    """Sum of a[i + m] b[k + m] over m < n, in eight independent parts: a single one waits for itself."""
+    s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = 0.0
+    m = 0
+    while m + 8 <= n:
+        s0 += a[i + m] * b[k + m]
+        s1 += a[i + m + 1] * b[k + m + 1]
+        s2 += a[i + m + 2] * b[k + m + 2]
+        s3 += a[i + m + 3] * b[k + m + 3]
+        s4 += a[i + m + 4] * b[k + m + 4]
+        s5 += a[i + m + 5] * b[k + m + 5]
+        s6 += a[i + m + 6] * b[k + m + 6]
+        s7 += a[i + m + 7] * b[k + m + 7]
+        m += 8
+    while m < n:
+        s0 += a[i + m] * b[k + m]
+        m += 1
+    return ((s0 + s1) + (s2 + s3)) + ((s4 + s5) + (s6 + s7))
+
+
+@entry
+def substitute_forward(fronts, x):
+    """L z = P x in place, for each row of ``x`` (m, 6 n): in the order of elimination."""
+    a = fronts.entries
+    for s in range(fronts.start.size):
+        row = SIX * fronts.first[s]
+        pivots = SIX * (fronts.first[s + 1] - fronts.first[s])
+        wide = pivots + SIX * (fronts.edge[s + 1] - fronts.edge[s])
+        for r in range(x.shape[0]):
+            z = x[r]
+            for k in range(pivots):
+                other = fronts.exchange[row + k]
+                z[row + k], z[other] = z[other], z[row + k]
+            for i in range(1, pivots):
+                z[row + i] -= dot(a, fronts.start[s] + i * wide, z, row, i)
+            lower = fronts.start[s] + pivots * wide
+            for e in range(fronts.edge[s], fronts.edge[s + 1]):
+                to = SIX * fronts.boundary[e]
+                for c in range(SIX):
+                    z[to + c] -= dot(a, lower, z, row, pivots)
+                    lower += pivots
+
+
+@entry
+def substitute_back(fronts, x):
+    """U y = z in place, for each row of ``x`` (m, 6 n)."""
+    a = fronts.entries
+    near = fronts.near
+    for s in range(fronts.start.size - 1, -1, -1):
+        row = SIX * fronts.first[s]
+        pivots = SIX * (fronts.first[s + 1] - fronts.first[s])
+        boundary = SIX * (fronts.edge[s + 1] - fronts.edge[s])
+        for r in range(x.shape[0]):
+            z = x[r]
+            for e in range(fronts.edge[s], fronts.edge[s + 1]):
+                to = SIX * (e - fronts.edge[s])
+                for c in range(SIX):
+                    near[to + c] = z[SIX * fronts.boundary[e] + c]
+            for i in range(pivots - 1, -1, -1):
+                at = fronts.start[s] + i * (pivots + boundary)
+                known = dot(a, at + i + 1, z, row + i + 1, pivots - 1 - i) + dot(a, at + pivots, near, 0, boundary)
+                z[row + i] = (z[row + i] - known) / a[at + i]
+
+
+@jit
+def solve_in_place(fronts, x):
+    """Solve A y = x for each row of ``x`` (m, 6 n) in place, in the order of elimination."""
+    substitute_forward(fronts, x)
+    substitute_back(fronts, x)
+
+
+@entry
+def energy_norm(fronts, x):
+    """x . A^-1 x of a symmetric A whose rows stayed where they are, A = L D L^T; ``x`` (1, 6 n) is lost."""
+    substitute_forward(fronts, x)
+    total = 0.0
+    for s in range(fronts.start.size):
+        row = SIX * fronts.first[s]
+        pivots = SIX * (fronts.first[s + 1] - fronts.first[s])
+        wide = pivots + SIX * (fronts.edge[s + 1] - fronts.edge[s])
+        for i in range(pivots):
+            total += x[0, row + i] * x[0, row + i] / fronts.entries[fronts.start[s] + i * wide + i]
+    return total
