@@ -54,6 +54,8 @@ def require_type(condition: bool, key: str, value: object, wanted: str) -> None:
 
 def real(key: str, value) -> float:
     """A finite float out of an integer or a float; a truth value or a text is neither."""
+    if type(value) is float and math.isfinite(value):  # nearly always, and a wall has some ten numbers a block
+        return value
     require_type(isinstance(value, Real) and not isinstance(value, bool), key, value, "a number")
     try:
         result = float(value)
@@ -65,6 +67,8 @@ def real(key: str, value) -> float:
 
 def vector(key: str, value, length: int = 3, label: str = "") -> tuple[float, ...]:
     """A tuple of ``length`` finite floats; ``label`` says whose, " of block 'upper'"."""
+    if type(value) is tuple and len(value) == length and all(type(c) is float and math.isfinite(c) for c in value):
+        return value
     value = value.tolist() if hasattr(value, "tolist") else value
     require_type(isinstance(value, list | tuple), key + label, value, f"a list of {length} numbers")
     require(len(value) == length, key + label, value, f"it must have {length} numbers, not {len(value)}")

@@ -11,7 +11,7 @@ import os
 import re
 import tomllib
 from collections.abc import Iterable, Mapping
-from dataclasses import MISSING, fields, is_dataclass, replace
+from dataclasses import MISSING, fields, is_dataclass
 from functools import lru_cache, partial
 from typing import Any, NamedTuple, NoReturn
 
@@ -68,9 +68,9 @@ def loads(text: str, path: str | os.PathLike | None = None, overrides: Iterable[
     if not assignments:
         return _decode(document, _Place(name or "the scenario"), name, text)
     apply_overrides(document, assignments)
-    scenario = _decode(document, _Place(f"{name or 'the scenario'} (with --set)"), name, None)
     notes = "".join(f"# --set {show(assignment)}\n" for assignment in assignments)
-    return replace(scenario, text=f"{notes}{_write(document)}")
+    place = _Place(f"{name or 'the scenario'} (with --set)")
+    return _decode(document, place, name, f"{notes}{_write(document)}")
 
 
 def varied(text: str, path: str | os.PathLike | None, changes: Mapping[str, Any]) -> Scenario:

@@ -10,9 +10,10 @@ import numpy as np
 
 from dembrick.errors import ScenarioError
 from dembrick.kernels.state import WholeInertia
+from dembrick.simulation.statics import joint_families
 from dembrick.simulation.statics.sparse_equations import Factors, analyse, check_room
 from dembrick.simulation.statics.state import State
-from dembrick.simulation.statics.stiffness import block_stiffness, joint_stiffness, to_joint
+from dembrick.simulation.statics.stiffness import block_stiffness, to_joint
 
 SINGULAR = 1e-13  # of a diagonal entry: a pivot below this is rounding
 
@@ -38,8 +39,9 @@ def elastic_factor(state: State, position: np.ndarray) -> Factors:
     factors = Factors(pattern)
     diagonal = np.diagonal(block_stiffness(state, shared=1.0)[free], axis1=1, axis2=2)
     ends = to_joint(joints.axes, joints.arm_a), to_joint(joints.axes, joints.arm_b)
-    least = pattern.to_rows(SINGULAR * diagonal)
-    failed = factors.make(*ends, joint_stiffness(state), threshold=0.0, least=least)  # symmetric: no row moves
+    stiffness, least = joint_families.stiffness(state), pattern.to_rows(SINGULAR * diagonal)
+    factors.prepare(*ends, stiffness)
+    failed = factors.make(*ends, stiffness, threshold=0.0, least=least)  # symmetric: no row moves
     if failed >= 0:
         block = free[int(np.flatnonzero(pattern.place == failed)[0])]
         raise ScenarioError(

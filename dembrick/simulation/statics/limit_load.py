@@ -101,6 +101,7 @@ def _by_equilibria(setup: Setup, session: Session, goal: float, steps: float) ->
     strength = min(strength, rough_strength(state, certificate, setup.load)) or GUESS
     path = follower.run(steps * strength, goal)
     phases = {"seating": setup.loop_seconds, **path.phases}
+    phases["equations"] += setup.factor.seconds
     return Replay(
         yield_point=read_off(state, certificate, setup.assembly.names),
         state=state,

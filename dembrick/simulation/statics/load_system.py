@@ -65,16 +65,14 @@ class LoadSystem:
         loaded = sorted(set(self.state.actuators.block.tolist()) & set(self.state.blocks.free.tolist()))
         if not len(loaded):
             raise ScenarioError("every actuator pushes a fixed block: nothing can move; let one push a free block")
-        self.compliance = sum(float(self.load[b] @ np.linalg.solve(self.stiffness[b], self.load[b])) for b in loaded)
+        load = self.load[loaded]
+        self.compliance = float((load * np.linalg.solve(self.stiffness[loaded], load[..., None])[..., 0]).sum())
         if not self.compliance > 0.0:
             raise ScenarioError("the actuators cancel out: together they push and twist no block; check directions")
         self.actuator_stiffness = ACTUATOR_STIFFNESS * self.weight / self.compliance
         # the actuator as a bound on the stiffness of each loaded block
         self.actuator = np.zeros_like(self.stiffness)
-        for b in loaded:
-            self.actuator[b] = (
-                len(loaded) * self.actuator_stiffness / self.weight * np.outer(self.load[b], self.load[b])
-            )
+        self.actuator[loaded] = len(loaded) * self.actuator_stiffness / self.weight * load[:, :, None] * load[:, None]
 
     def dashpots(self) -> Dashpots:
         """Those for physical inertia, with the critical time step that counts them and the actuator."""
@@ -155,7 +153,7 @@ class Setup(LoadSystem):
     def settings(drive: Drive) -> dict:
         """What the program chose, for the history."""
         return {
-            "jack_stiffness": drive.stiffness,
+            "actuator_stiffness": drive.stiffness,
             "jack_dashpot": drive.dashpot,
             "contact_dashpot_ratio": drive.viscous_s,
             "ramp": drive.ramp,

@@ -146,9 +146,7 @@ class Equilibria:
 
     def prepare(self) -> None:
         """Compile what `solve` calls, or load it, without any work."""
-        trial = self.trial
-        self.tangent.make(trial.seen_a, trial.seen_b, trial.tangent, PIVOT, self._none, stops=(0,))
-        self.tangent.solve(self.answers[:0])
+        self.tangent.prepare(self.trial.seen_a, self.trial.seen_b, self.trial.tangent)
 
     def solve(self) -> bool:
         """Solve for the answers of the tangent to the out-of-balance and to the unit load; False where it has none."""

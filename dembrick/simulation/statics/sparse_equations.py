@@ -6,6 +6,7 @@ only; the elastic stiffness and all tangents of a search share it.
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,26 +65,28 @@ class Factors:
             near=np.empty(SIX * int(np.diff(pattern.fronts.edge).max(initial=0))),
         )
 
+        self.seconds = 0.0  # that went into making factors
+
+    def prepare(self, left_a: np.ndarray, left_b: np.ndarray, middle: np.ndarray) -> None:
+        """Compile what `make` and `solve` call, or load it, without any work."""
+        none = np.zeros((0, self.pattern.rows))
+        eliminate(self.fronts, left_a, left_b, middle, 0, 0, 0.0, np.zeros(0))
+        self.solve(none)
+
     def make(
-        self,
-        left_a: np.ndarray,
-        left_b: np.ndarray,
-        middle: np.ndarray,
-        threshold: float,
-        least: np.ndarray,
-        stops: tuple[int, ...] | None = None,
+        self, left_a: np.ndarray, left_b: np.ndarray, middle: np.ndarray, threshold: float, least: np.ndarray
     ) -> int:
         """Factorise the sum over the joints of left^T middle left (see `kernels.math.multifrontal.eliminate`).
 
-        Without ``stops`` all fronts are. Returns -1, or the first row of a block at which the matrix is singular.
+        Returns -1, or the first row of a block at which the matrix is singular.
         """
-        first = 0
-        for stop in self.pattern.stops if stops is None else stops:
-            failed = eliminate(self.fronts, left_a, left_b, middle, first, stop, threshold, least)
-            if failed >= 0:
-                return int(failed)
+        began, first, failed = time.perf_counter(), 0, -1
+        for stop in self.pattern.stops:
+            if failed < 0:
+                failed = int(eliminate(self.fronts, left_a, left_b, middle, first, stop, threshold, least))
             first = stop
-        return -1
+        self.seconds += time.perf_counter() - began
+        return failed
 
     def solve(self, x: np.ndarray) -> None:
         """Solve for right-hand sides ``x`` (m, 6 f) in the order of the equations, in place."""
