@@ -1,5 +1,6 @@
 """Sphinx configuration. Build with ``python tools/build_docs.py``: no network, warnings are errors."""
 
+import os
 import sys
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import dembrick
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "tools"))
+os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(ROOT / "docs"), os.environ.get("PYTHONPATH")]))
 
 project = "dembrick"
 author = "The dembrick developers"
