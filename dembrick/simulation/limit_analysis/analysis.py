@@ -1,0 +1,303 @@
+"""Limit analysis of an assembly: the greatest load, whether it stands without it, and the reactions it can have."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dembrick.errors import NotConvergedError, ScenarioError
+from dembrick.simulation.limit_analysis import bounds, solver
+from dembrick.simulation.limit_analysis.equilibrium import JointForces
+from dembrick.simulation.limit_analysis.mechanism import Mechanism, mechanism_of
+from dembrick.simulation.limit_analysis.programme import NO_CUTS, Cuts, Loads, Structure, programme_of, structure_of
+from dembrick.simulation.limit_analysis.solver import INFEASIBLE, SOLVED, UNBOUNDED, Entries, Programme, Solution
+from dembrick.simulation.limit_analysis.strength import (
+    Material,
+    area_strengths,
+    bounded_by_corners,
+    corner_points,
+    point_strengths,
+)
+
+FINE = 3e-7  # of the friction of area joints: how far inside their surface the forces of the lower bound are looked for
+MOST_ROUNDS = 80  # of cutting planes
+GAP = 1e-4  # of the load factor: a wider gap between the bounds is no answer
+LITTLE = 1e-3  # of the dead loads: a load so small need not be known better than one as great as that
+_STANDS = 1e-7  # of the dead loads: an out-of-balance force that is none
+_NOTHING = 1e-12  # of the forces of a load that adds up to nothing on each block
+_TILT_ROUNDS, _TILT_SETTLED = 40, 1e-9
+
+
+@dataclass(frozen=True)
+class Optimum:
+    """The least cost of a programme: ``status``; ``reached`` by forces within their strengths that balance the loads,
+    and ``bound``, which no such forces fall below; the unknowns ``x``, and the duals ``y`` of equilibrium."""
+
+    status: str
+    reached: float
+    bound: float
+    x: np.ndarray
+    y: np.ndarray
+    rounds: int
+
+
+@dataclass(frozen=True)
+class Limit:
+    """The limit of a load: its multiplier with bounds, or ``unlimited`` (then all three are infinite).
+
+    ``lower``: balanced by ``resultants`` (j, 6) N, V_1, V_2, M_T, M_1, M_2 on the second blocks, in N and N m about O.
+    ``upper``: the mechanism's. ``bounded_by``: why the joints that were analysed are not the scenario's own, or None.
+    """
+
+    load_factor: float
+    lower: float
+    upper: float
+    unlimited: bool
+    resultants: np.ndarray
+    forces: JointForces | None
+    mechanism: Mechanism | None
+    rounds: int
+    seconds: float
+
+    @property
+    def gap(self) -> float:
+        """Width of the bounds over the load factor."""
+        return 0.0 if self.unlimited else (self.upper - self.lower) / max(abs(self.load_factor), 1e-12)
+
+
+@dataclass(frozen=True)
+class Standing:
+    """Whether an assembly stands under its dead loads: ``unbalanced``, the least sum of forces that blocks lack, over
+    that of the dead loads; the unknowns ``x`` of a state well inside the strengths; else the mechanism of the fall."""
+
+    stands: bool
+    unbalanced: float
+    x: np.ndarray | None
+    mechanism: Mechanism | None
+
+
+def dead_wrench(assembly) -> np.ndarray:
+    """Dead force and moment about the centroid of every block (n, 6)."""
+    return np.concatenate([assembly.dead_force, assembly.dead_torque], axis=1)
+
+
+def live_wrench(assembly) -> np.ndarray:
+    """Force and moment (n, 6) of the actuators on every block at V = 1.
+
+    ScenarioError where there are none, or where they add up to nothing on every block.
+    """
+    actuators = assembly.actuators
+    if not len(actuators.block):
+        raise ScenarioError(
+            "the scenario has no load to multiply: limit analysis needs [[actuators]], or a control of kind tilt or "
+            "pushover"
+        )
+    force = actuators.direction * actuators.weight[:, None]
+    each = np.concatenate([force, np.cross(actuators.arm, force)], axis=1)
+    wrench, size = np.zeros((len(assembly.names), 6)), np.zeros((len(assembly.names), 6))
+    np.add.at(wrench, actuators.block, each)
+    np.add.at(size, actuators.block, np.abs(each))
+    free = ~assembly.fixed
+    if not (np.abs(wrench[free]) > _NOTHING * size[free].max(initial=0.0)).any():
+        raise ScenarioError(
+            "the loads cancel on every block, so there is nothing to multiply: remove or turn one of them"
+        )
+    return wrench
+
+
+def prepared(
+    assembly, live: Sequence[np.ndarray] = (), material: Material | None = None, corners: bool = False, along=()
+) -> Structure:
+    """An assembly as a `Structure` under its dead loads and ``live`` wrenches.
+
+    ``material``: the strengths, by default the friction of the joints' laws. With ``corners`` every joint acts at
+    points at its true corners; without, only those do whose own set is not convex. ``along``: directions (3,) that a
+    plane of symmetry must hold too.
+    """
+    if not (~assembly.fixed).any():
+        raise ScenarioError("nothing can move: all blocks are fixed, so there is no limit to look for")
+    joints, table = assembly.joints, assembly.contact_points
+    chosen = np.ones(len(joints), bool) if corners else bounded_by_corners(joints)
+    joints, table = corner_points(joints, chosen, table)
+    material = Material.of(joints) if material is None else material
+    points, areas = point_strengths(table, material), area_strengths(joints, table, material)
+    return structure_of(assembly, points, areas, dead_wrench(assembly), list(live), along)
+
+
+def limit_load(assembly, material: Material | None = None, corners: bool = False, tilt: bool = False) -> Limit:
+    """The limit of the actuators' load V of an assembly, by the static theorem; flow is associative.
+
+    ``tilt``: V is the tangent of the angle of a table, so that strengths other than friction grow with 1 / cos. Raises
+    ScenarioError without a load, NotConvergedError where the dead loads alone are too much or the solver fails.
+    """
+    began = time.perf_counter()
+    live = live_wrench(assembly)
+    material = Material.of(assembly.joints) if material is None else material
+    if not tilt or material.dry:
+        return replace(_limit(assembly, live, material, corners), seconds=time.perf_counter() - began)
+    found, V = None, 0.0
+    for _ in range(_TILT_ROUNDS):
+        found = _limit(assembly, live, material.scaled(math.hypot(1.0, V)), corners)
+        if found.unlimited or abs(found.load_factor - V) <= _TILT_SETTLED * max(1.0, V):
+            break
+        V = found.load_factor
+    return replace(found, seconds=time.perf_counter() - began)
+
+
+def _limit(assembly, live: np.ndarray, material: Material, corners: bool) -> Limit:
+    structure = prepared(assembly, [live], material, corners)
+    inner = standing(structure)
+    if not inner.stands:
+        raise falls(assembly, inner)
+    return greatest(structure, live, inner)
+
+
+def falls(assembly, found: Standing) -> NotConvergedError:
+    """The error of a structure that does not stand under its dead loads."""
+    names = [assembly.names[i] for i in found.mechanism.blocks]
+    shown = ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
+    error = NotConvergedError(
+        f"it does not stand under its dead loads: by {found.mechanism.kind} of {shown}, {found.unbalanced:.3g} of the "
+        "dead loads is not balanced by any forces that the joints can carry; check loads, friction and supports"
+    )
+    error.answer = {
+        "status": "falls",
+        "error": str(error),
+        "statics": {
+            "stands": False,
+            "unbalanced": found.unbalanced,
+            "mechanism": found.mechanism.kind,
+            "blocks": names,
+        },
+    }
+    return error
+
+
+def greatest(structure: Structure, live: np.ndarray, inner: Standing) -> Limit:
+    """The greatest multiplier of the wrenches ``live`` (n, 6) on a structure that stands without."""
+    n = structure.layout.n
+    vector = structure.frame.vector(live)
+    size = float(np.abs(vector).sum())
+    cost = np.zeros(n + 1)
+    cost[n] = -1.0
+    found = optimum(structure, Loads(structure.dead, vector / size), cost, np.append(inner.x, 0.0))
+    nothing = np.full((len(structure.assembly.joints), 6), np.nan)
+    if found.status == UNBOUNDED:
+        return Limit(math.inf, math.inf, math.inf, True, nothing, None, None, found.rounds, 0.0)
+    # the multiplier is not negative, as the structure stands without the load
+    lower, upper = max(0.0, -found.reached) / size, max(0.0, -found.bound) / size
+    forces = structure.layout.forces(found.x)
+    resultants = forces.resultants(structure.points, structure.areas, len(structure.assembly.joints))
+    limit = Limit(
+        load_factor=0.5 * (lower + upper),
+        lower=lower,
+        upper=upper,
+        unlimited=False,
+        resultants=resultants,
+        forces=forces,
+        mechanism=mechanism_of(structure, found.y / (size * structure.frame.unit), resultants),
+        rounds=found.rounds,
+        seconds=0.0,
+    )
+    heavy = float(np.abs(structure.dead).sum()) / size  # the multiplier that makes the load as great as the dead loads
+    if upper - lower > GAP * max(upper, LITTLE * heavy):
+        raise NotConvergedError(
+            f"limit analysis: the bounds {lower:.6g} and {upper:.6g} of the load factor are further apart than "
+            f"{GAP:g} of it, so neither is an answer; joints or blocks of very different sizes are the usual cause"
+        )
+    return limit
+
+
+def standing(structure: Structure) -> Standing:
+    """Whether any forces within the strengths balance the dead loads."""
+    layout = structure.layout
+    found = optimum(structure, Loads(structure.dead, None), np.zeros(layout.n))
+    if found.status == SOLVED and found.reached == 0.0:
+        return Standing(True, 0.0, found.x, None)
+    missing, y = _least_missing(structure)
+    unbalanced = missing / max(float(np.abs(structure.dead).sum()), 1e-300)
+    if unbalanced <= _STANDS:
+        return Standing(True, unbalanced, found.x if found.status == SOLVED else np.zeros(layout.n), None)
+    forces = np.ones((len(structure.assembly.joints), 6))  # nothing balances: every joint counts as closed
+    return Standing(False, unbalanced, None, mechanism_of(structure, y, forces))
+
+
+def _least_missing(structure: Structure) -> tuple[float, np.ndarray]:
+    """The least sum of forces that free blocks lack for equilibrium, and the velocities that it is dual to: those of
+    the fall, each block's of length one at most."""
+    n, rows, per = structure.layout.n, structure.frame.rows, structure.frame.per_block
+    blocks = rows // per
+    plain = programme_of(structure, Loads(structure.dead, None), np.zeros(n), NO_CUTS)
+    number = np.arange(rows)
+    size = (per + 1) * np.arange(blocks)
+    extra = Entries.joined(
+        Entries(size, n + rows + np.arange(blocks), np.full(blocks, -1.0)),
+        Entries(np.repeat(size, per) + 1 + number % per, n + number, np.full(rows, -1.0)),
+    ).moved(rows=len(plain.limits))
+    programme = Programme(
+        cost=np.concatenate([np.zeros(n + rows), np.ones(blocks)]),
+        equations=Entries.joined(plain.equations, Entries(number, n + number, np.ones(rows))),
+        right_hand=plain.right_hand,
+        rows=Entries.joined(plain.rows, extra),
+        limits=np.concatenate([plain.limits, np.zeros((per + 1) * blocks)]),
+        linear=plain.linear,
+        quadratic=np.concatenate([plain.quadratic, np.full(blocks, per + 1)]),
+    )
+    found = solver.solve(programme)
+    if found.status != SOLVED:
+        raise NotConvergedError(
+            f"limit analysis: the solver ended with the status {found.said} where it was asked what the dead loads lack"
+        )
+    return max(0.0, float(programme.cost @ found.x)), found.equation_dual
+
+
+def optimum(structure: Structure, loads: Loads, cost: np.ndarray, inner: np.ndarray | None = None) -> Optimum:
+    """The least cost . x of joint forces that balance ``loads`` within the strengths, from both sides.
+
+    ``inner``: unknowns that balance them well inside. Area joints are bounded by cutting planes: each round adds the
+    plane that cuts off the forces of every joint beyond its limit surface, until, with a little less friction, no joint
+    is beyond the surface of its own friction.
+    """
+    surfaces = len(structure.areas) > 0 and not structure.layout.flat
+    reduced, cuts, rounds = (1.0 / (1.0 + FINE) if surfaces else 1.0), Cuts(*NO_CUTS), 0
+    while True:
+        programme = programme_of(structure, loads, cost, cuts, reduced)
+        found = solver.solve(programme)
+        rounds += 1
+        if found.status == INFEASIBLE or not surfaces:
+            break
+        over, twist = bounds.surface_excess(structure, found.x)
+        allowed = bounds.ROUNDING * np.abs(found.x).max(initial=0.0)
+        if not (over > allowed).any() or rounds == MOST_ROUNDS:
+            break
+        cut = np.flatnonzero(over > -0.5 * FINE * np.abs(over).max())
+        cut = cut[(over[cut] > 0.0) & np.any(twist[cut] != 0.0, axis=1)]
+        cuts = cuts.more(cut, twist[cut])
+    if found.status != SOLVED:
+        return Optimum(found.status, math.nan, math.nan, found.x, found.equation_dual, rounds)
+    plain, outer = programme, found
+    if surfaces:
+        plain = programme_of(structure, loads, cost, cuts)
+        outer = solver.solve(plain)
+        if outer.status != SOLVED:
+            return Optimum(outer.status, math.nan, math.nan, outer.x, outer.equation_dual, rounds)
+    x, reached = _within(structure, plain, found, inner)
+    return Optimum(SOLVED, reached, bounds.least_cost(structure, plain, outer), x, outer.equation_dual, rounds)
+
+
+def _within(structure: Structure, programme: Programme, found: Solution, inner: np.ndarray | None):
+    """Unknowns that balance exactly and lie within the strengths, and their cost; infinite where there are none."""
+    x = bounds.balanced(structure, programme, found)
+    allowed = bounds.ROUNDING * max(1.0, float(np.abs(x).max(initial=0.0)))
+    over = np.concatenate(bounds.excess(structure, programme, x))
+    if not (over > allowed).any():
+        return x, float(programme.cost @ x)
+    if inner is None:
+        return x, math.inf
+    share = bounds.share_of_inner(over, np.concatenate(bounds.excess(structure, programme, inner)), allowed)
+    x = (1.0 - share) * x + share * inner
+    return x, float(programme.cost @ x)

@@ -1,0 +1,223 @@
+"""What a solution of interior points proves: joint forces made to balance exactly, and the value of a mechanism.
+
+An interior-point method leaves a residual, so neither of its two values is a bound. The forces get the least correction
+that restores equilibrium, measured by how near each joint is to its limit; what then still lies outside a strength is
+mixed with a state that balances the dead loads well inside. The mechanism pays for what it is off compatibility: its
+residual velocity times forces ``CAP`` times the largest joint force found.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dembrick.simulation.limit_analysis.friction_surface import gauges
+from dembrick.simulation.limit_analysis.programme import Structure, area_shears
+from dembrick.simulation.limit_analysis.solver import Entries, Programme, Solution, SparseMatrix
+
+CAP = 10.0  # of the largest joint force found: forces beyond it are not looked at by the upper bound
+ROUNDING = 1e-11  # of the largest joint force: a strength exceeded by so little is not exceeded
+ROUNDS = 5  # in which the mechanism is made compatible
+PAID = 1e-9  # of the bound: a payment so small that no further round is worth its time
+_LEAST = 1e-14  # of the largest slack: how near a limit a joint counts for the correction
+
+
+def least_cost(structure: Structure, programme: Programme, solution: Solution) -> float:
+    """What cost . x is at least, from the duals of a solution, for any x in the programme whose entries are at most
+    `CAP` times the largest found.
+
+    The duals are first made compatible, by least squares measured by how near those of the strengths are to the edge of
+    their cone: velocities y, then the duals z of the strengths, in a few rounds. What then is still missing is paid
+    for; usually that is rounding, and the cap plays no part.
+    """
+    free, m = structure.layout.n, len(programme.right_hand)
+    equations, rows = _matrices(programme)
+    balance, own = _matrices(programme, free)
+    y, z = solution.equation_dual, solution.cone_dual
+    first = np.concatenate([np.arange(programme.linear), programme.linear + _starts(programme.quadratic)])
+    cap = CAP * float(np.abs(solution.x).max(initial=0.0))
+    best = -np.inf
+
+    def residual() -> np.ndarray:
+        return programme.cost + equations.transposed_times(y) + rows.transposed_times(z)
+
+    for _ in range(ROUNDS):
+        spread = SparseMatrix(_inverse_barrier(programme, z), (len(z), len(z)))
+        inverse = SparseMatrix(
+            _inverse_blocks(own.sandwiched(spread.entries).entries, *_blocks(structure)), (free, free)
+        )
+        if m:
+            y = y - balance.least_squares(inverse, residual()[:free])
+        worked = -equations.transposed_times(y)[free:]  # of the load, where it has a multiplier
+        if len(worked) and worked[0] * programme.cost[free] > 0.0:
+            y, z = (dual * programme.cost[free] / worked[0] for dual in (y, z))
+        for _ in range(3):
+            z = z - spread.times(own.times(inverse.times(residual()[:free])))
+        outside = np.maximum(cone_excess(programme, z), 0.0)
+        z[first] += (1.0 + 1e-3) * outside + np.where(outside > 0.0, _LEAST, 0.0)
+        paid = cap * float(np.abs(residual()).sum())
+        value = float(-(programme.right_hand @ y) - programme.limits @ z)
+        best = max(best, value - paid)
+        if paid <= PAID * abs(value):
+            break
+    return best
+
+
+def balanced(structure: Structure, programme: Programme, solution: Solution) -> np.ndarray:
+    """The joint forces and the multiplier of a solution, corrected so that the blocks balance to rounding."""
+    x, free = solution.x.copy(), structure.layout.n
+    residual = programme.right_hand - _matrices(programme)[0].times(x)
+    if np.abs(residual).max(initial=0.0) > 0.0:
+        balance, own = _matrices(programme, free)
+        barrier = own.sandwiched(_barrier(programme, solution.slack)).entries
+        spread = SparseMatrix(_inverse_blocks(barrier, *_blocks(structure)), (free, free))
+        x[:free] += balance.least_weighted(spread, residual)
+    return x
+
+
+def _matrices(programme: Programme, columns: int | None = None) -> tuple[SparseMatrix, SparseMatrix]:
+    """The equations and the rows of a programme as matrices, their first ``columns`` if given."""
+    n = len(programme.cost) if columns is None else columns
+    both = []
+    for entries, count in ((programme.equations, len(programme.right_hand)), (programme.rows, len(programme.limits))):
+        kept = slice(None) if columns is None else entries.column < n
+        both.append(SparseMatrix(Entries(*(part[kept] for part in entries)), (count, n)))
+    return both[0], both[1]
+
+
+def excess(structure: Structure, programme: Programme, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """By how much joint forces exceed their strengths, row by row and cone by cone, in the unit of forces (negative:
+    what is left); then the same of the area joints, by their exact limit surface."""
+    slack = programme.limits - _matrices(programme)[1].times(x)
+    return cone_excess(programme, slack), surface_excess(structure, x)[0]
+
+
+def cone_excess(programme: Programme, slack: np.ndarray) -> np.ndarray:
+    """By how much a vector (k,) lies outside the programme's cone, linear row by row, then cone by cone."""
+    over, at = [-slack[: programme.linear]], programme.linear
+    for size, count in _runs(programme.quadratic):
+        own = slack[at : at + size * count].reshape(count, size)
+        over.append(np.sqrt((own[:, 1:] ** 2).sum(axis=1)) - own[:, 0])
+        at += size * count
+    return np.concatenate(over)
+
+
+def surface_excess(structure: Structure, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(gauge - 1) V_0 (a,) of the area joints by their exact limit surface, and the twists (a, 3) that attain it."""
+    areas, layout = structure.areas, structure.layout
+    if not len(areas) or layout.flat:
+        return np.zeros(0), np.zeros((0, 3))
+    cap, shear = area_shears(layout, x)
+    size, twist = gauges(areas, np.arange(len(areas)), shear)
+    return size - cap, twist
+
+
+def share_of_inner(over: np.ndarray, inner: np.ndarray, allowed: float) -> float:
+    """The least share of an inner state that brings a mixture inside: ``over`` and ``inner`` (k,) are the excesses of
+    the two states; 1 where no mixture will do."""
+    outside = over > allowed
+    if not outside.any():
+        return 0.0
+    room = -inner[outside]
+    if (room <= 0.0).any():
+        return 1.0
+    return float((over[outside] / (over[outside] + room)).max())
+
+
+def _runs(sizes: np.ndarray) -> list[tuple[int, int]]:
+    """Cones of equal size that follow one another: size and count."""
+    if not len(sizes):
+        return []
+    ends = np.flatnonzero(np.diff(sizes)) + 1
+    return [(int(run[0]), len(run)) for run in np.split(sizes, ends)]
+
+
+def _barrier(programme: Programme, slack: np.ndarray) -> Entries:
+    """Second derivatives of the logarithmic barrier of the cone at a slack: 1 / s^2, and of a second-order cone, with
+    J = diag(1, -1, -1 ...) and d = s . J s, 4 J s s^T J / d^2 - 2 J / d."""
+    linear = np.maximum(slack[: programme.linear], _LEAST * np.abs(slack).max(initial=1.0))
+    number = np.arange(programme.linear)
+    parts, at = [Entries(number, number, linear**-2.0)], programme.linear
+    for size, count in _runs(programme.quadratic):
+        own = slack[at : at + size * count].reshape(count, size)
+        mirrored = np.concatenate([own[:, :1], -own[:, 1:]], axis=1)
+        length = np.sqrt((own[:, 1:] ** 2).sum(axis=1))
+        margin = np.maximum(own[:, 0] - length, _LEAST * np.maximum(own[:, 0], 1e-300))
+        det = margin * (own[:, 0] + length)
+        values = 4.0 * mirrored[:, :, None] * mirrored[:, None, :] / (det**2)[:, None, None]
+        diagonal = np.arange(size)
+        values[:, diagonal, diagonal] -= 2.0 * np.where(diagonal == 0, 1.0, -1.0) / det[:, None]
+        parts.append(_square_entries(at + size * np.arange(count), values))
+        at += size * count
+    return Entries.joined(*parts)
+
+
+def _inverse_barrier(programme: Programme, slack: np.ndarray) -> Entries:
+    """The inverse of `_barrier`: s^2, and of a second-order cone s s^T - d J / 2."""
+    number = np.arange(programme.linear)
+    parts, at = [Entries(number, number, slack[: programme.linear] ** 2)], programme.linear
+    for size, count in _runs(programme.quadratic):
+        own = slack[at : at + size * count].reshape(count, size)
+        length = np.sqrt((own[:, 1:] ** 2).sum(axis=1))
+        det = np.maximum(own[:, 0] - length, 0.0) * (own[:, 0] + length)
+        values = own[:, :, None] * own[:, None, :]
+        diagonal = np.arange(size)
+        values[:, diagonal, diagonal] -= 0.5 * np.where(diagonal == 0, 1.0, -1.0) * det[:, None]
+        parts.append(_square_entries(at + size * np.arange(count), values))
+        at += size * count
+    return Entries.joined(*parts)
+
+
+def _square_entries(first: np.ndarray, values: np.ndarray) -> Entries:
+    """Entries of square blocks (c, s, s) on the diagonal from the rows ``first`` (c,)."""
+    place = np.arange(values.shape[1])
+    row = first[:, None, None] + place[:, None] + 0 * place
+    column = first[:, None, None] + place + 0 * place[:, None]
+    return Entries(row.ravel(), column.ravel(), values.ravel())
+
+
+def _starts(sizes: np.ndarray) -> np.ndarray:
+    """First rows of cones of some sizes."""
+    return np.cumsum(sizes) - sizes
+
+
+def _blocks(structure: Structure) -> tuple[np.ndarray, np.ndarray]:
+    """Which unknowns share a strength: a number each (n,), and the place within (n,)."""
+    layout = structure.layout
+    points = np.repeat(np.arange(layout.n_point), layout.width)
+    place = [np.tile(np.arange(layout.width), layout.n_point)]
+    owner = layout.corner_owner
+    order = np.argsort(owner, kind="stable")
+    counts = np.bincount(owner, minlength=len(layout.areas))
+    within = np.empty(len(owner), np.int64)
+    within[order] = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
+    shear = np.repeat(np.arange(len(layout.areas)), layout.n_shear)
+    place += [within, counts[shear] + np.tile(np.arange(layout.n_shear), len(layout.areas))]
+    return np.concatenate([points, layout.n_point + owner, layout.n_point + shear]), np.concatenate(place)
+
+
+def _inverse_blocks(entries: Entries, block: np.ndarray, place: np.ndarray) -> Entries:
+    """The inverse of a symmetric matrix that is made of blocks."""
+    sizes = np.bincount(block)
+    own = np.argsort(block, kind="stable")
+    start = np.concatenate([[0], np.cumsum(sizes)])
+    parts = []
+    of_entry = block[entries.row]
+    for size in np.unique(sizes[sizes > 0]):
+        chosen = np.flatnonzero(sizes == size)
+        number = np.full(len(sizes), -1)
+        number[chosen] = np.arange(len(chosen))
+        some = np.flatnonzero(number[of_entry] >= 0)
+        dense = np.zeros((len(chosen), size, size))
+        dense[number[of_entry[some]], place[entries.row[some]], place[entries.column[some]]] = entries.value[some]
+        diagonal = np.einsum("kii->ki", dense)
+        scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+        dense *= scale[:, :, None] * scale[:, None, :]
+        dense[:, np.arange(size), np.arange(size)] += 1e-14
+        inverse = np.linalg.inv(dense) * scale[:, :, None] * scale[:, None, :]
+        variable = np.empty((len(chosen), size), np.int64)
+        members = own[start[chosen][:, None] + np.arange(size)]
+        np.put_along_axis(variable, place[members], members, axis=1)
+        row = np.repeat(variable, size, axis=1)
+        column = np.tile(variable, (1, size))
+        parts.append(Entries(row.ravel(), column.ravel(), inverse.ravel()))
+    return Entries.joined(*parts)

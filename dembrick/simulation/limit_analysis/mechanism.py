@@ -1,0 +1,56 @@
+"""The mechanism of a limit state: velocities of the blocks, and what the joints do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dembrick.simulation.limit_analysis.programme import Structure
+from dembrick.simulation.mechanism import assembly_mechanism, joint_mechanism, moving_blocks
+
+_CLOSED = 1e-6  # of the greatest normal force: joints that carry less are open
+
+
+@dataclass(frozen=True)
+class Mechanism:
+    """``velocity`` (n, 6) of the blocks, translation of the centroid and rotation, at the rate 1 of the load's
+    displacement; ``relative`` (j, 6) d1, d2, dn, r1, r2, rn of block b against a at O in the joint's axes; ``blocks``
+    that take part; ``joint`` that moves most among those that press; ``kind``: rocking, sliding, torsion, and
+    torsion-shear of a joint by itself."""
+
+    velocity: np.ndarray
+    relative: np.ndarray
+    blocks: np.ndarray
+    joint: int
+    kind: str
+
+
+def mechanism_of(structure: Structure, y: np.ndarray, resultants: np.ndarray, supports=None) -> Mechanism:
+    """The mechanism of duals ``y`` of equilibrium, beside joint forces (j, 6); ``supports``: the velocities (n, 3) that
+    fixed blocks are given."""
+    assembly, joints = structure.assembly, structure.assembly.joints
+    velocity = structure.frame.velocities(y)
+    if supports is not None:
+        velocity[:, :3] += supports
+    relative = np.zeros((len(joints), 6))
+    for block, sign in ((joints.block_a, -1.0), (joints.block_b, 1.0)):
+        arm = joints.origin - assembly.position[block]
+        moved = velocity[block, :3] + np.cross(velocity[block, 3:], arm)
+        relative[:, :3] += sign * np.einsum("jik,jk->ji", joints.axes, moved)
+        relative[:, 3:] += sign * np.einsum("jik,jk->ji", joints.axes, velocity[block, 3:])
+    reach = np.zeros(len(joints))
+    areas = structure.areas
+    for joint, arm in ((structure.points.joint, structure.points.shear_arm), (areas.joint[areas.owner], areas.corner)):
+        np.maximum.at(reach, joint, np.linalg.norm(arm, axis=1))
+    pressed = resultants[:, 0] > _CLOSED * resultants[:, 0].max(initial=0.0)
+    slid = np.hypot(relative[:, 0], relative[:, 1]) * pressed
+    turned = reach * np.abs(relative[:, 5]) * pressed
+    tilted = reach * np.hypot(relative[:, 3], relative[:, 4]) * pressed
+    most = np.maximum(np.maximum(slid, turned), tilted)
+    joint = int(np.argmax(most)) if len(most) else -1
+    kind = assembly_mechanism(slid, turned, tilted)
+    if len(joints) == 1:
+        kind = joint_mechanism(relative[0, [0, 1, 5]], relative[0, 3:5], float(reach[0]))[1]
+    speed = np.linalg.norm(velocity[:, :3], axis=1)
+    return Mechanism(velocity, relative, moving_blocks(speed), joint, kind)

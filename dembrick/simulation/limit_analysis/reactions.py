@@ -1,0 +1,82 @@
+"""The least and the greatest reaction that a support can have: what a small motion of it brings it to.
+
+A structure that is statically indeterminate can bear its dead loads in many ways. If a support gives way along a
+direction, the reaction along it falls at once to the least value that equilibrium allows within the strengths; if it is
+pushed against the structure, it grows to the greatest.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dembrick.simulation.limit_analysis.analysis import falls, optimum, prepared, standing
+from dembrick.simulation.limit_analysis.mechanism import Mechanism, mechanism_of
+from dembrick.simulation.limit_analysis.programme import Loads, Structure
+from dembrick.simulation.limit_analysis.solver import UNBOUNDED
+from dembrick.simulation.limit_analysis.strength import Material
+
+
+@dataclass(frozen=True)
+class Extreme:
+    """One end of the range of a reaction (N): the truth lies between ``reached``, by forces that balance, and
+    ``bound``; both infinite where nothing limits it. ``resultants`` (j, 6) at it; ``mechanism`` of the blocks when the
+    support begins to move along the direction (least) or against it (greatest)."""
+
+    reached: float
+    bound: float
+    resultants: np.ndarray | None
+    mechanism: Mechanism | None
+
+    @property
+    def value(self) -> float:
+        """The middle of both; 0 where they lie on either side of it."""
+        if math.isinf(self.reached):
+            return self.reached
+        return 0.0 if self.reached * self.bound <= 0.0 else 0.5 * (self.reached + self.bound)
+
+
+def reaction_range(
+    assembly, support: np.ndarray, direction: np.ndarray, material: Material | None = None
+) -> tuple[Extreme, Extreme]:
+    """Least and greatest force along ``direction`` (3,) unit that the fixed blocks ``support`` (k,) exert on the others
+    under the dead loads. NotConvergedError where the structure does not stand."""
+    structure = prepared(assembly, (), material, along=direction)
+    inner = standing(structure)
+    if not inner.stands:
+        raise falls(assembly, inner)
+    row, level = _reaction(structure, support, direction)
+    loads, unit = Loads(structure.dead, None), structure.frame.unit
+    ends = []
+    for sign in (1.0, -1.0):
+        found = optimum(structure, loads, sign * row, inner.x)
+        if found.status == UNBOUNDED:
+            ends.append(Extreme(-sign * math.inf, -sign * math.inf, None, None))
+            continue
+        forces = structure.layout.forces(found.x)
+        resultants = forces.resultants(structure.points, structure.areas, len(assembly.joints))
+        given = np.zeros((len(assembly.fixed), 3))
+        given[support] = -sign * np.asarray(direction, float)
+        moved = mechanism_of(structure, found.y, resultants, given)
+        values = (unit * (sign * value + level) for value in (found.reached, found.bound))
+        ends.append(Extreme(*values, resultants, moved))
+    return ends[0], ends[1]
+
+
+def _reaction(structure: Structure, support: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, float]:
+    """The reaction in ``frame.unit`` as row . x + level: row (n,), level."""
+    number = np.full(len(structure.assembly.fixed), -1)
+    number[support] = 0
+    frame = replace(
+        structure.frame,
+        free=np.asarray(support)[:1],
+        number=number,
+        forces=np.reshape(direction, (1, 3)),
+        moments=np.zeros((0, 3)),
+    )
+    entries = structure.layout.equilibrium(frame)
+    row = np.zeros(structure.layout.n)
+    np.add.at(row, entries.column, -entries.value)
+    return row, float(structure.layout.bond(frame)[0])
