@@ -15,6 +15,8 @@ _HOMES = {
     "dumps": "dembrick.scenario.toml",
     "simulate": "dembrick.runs.simulate",
     "restart": "dembrick.runs.simulate",
+    "limit": "dembrick.runs.limit",
+    "reaction": "dembrick.runs.limit",
     "simulate_domain": "dembrick.runs.domain",
     "Result": "dembrick.runs.result",
     "read_history": "dembrick.history",

@@ -19,6 +19,7 @@ VERBS = {
     "new": "a complete commented scenario to start from",
     "examples": "the scenarios that ship with the package: list, print, copy",
     "check": "validate and describe a scenario without running it",
+    "limit": "rigid-block limit analysis: bounds of the load factor, the mechanism, reactions",
     "domain": "yield domain of a joint by theory, and by simulation",
     "sweep": "a parameter study: grid, table or random draws, on all cores or a cluster",
     "fit": "the friction that best explains measured yield points",

@@ -1,0 +1,63 @@
+"""``dembrick limit SCENARIO.toml``: rigid-block limit analysis of the same scenario."""
+
+from __future__ import annotations
+
+
+def add_arguments(parser) -> None:
+    """Options of the command."""
+    parser.add_argument("scenario", help="the TOML file")
+    parser.add_argument(
+        "--set", metavar="KEY.PATH=VALUE", action="append", default=[], help="change a key of the scenario"
+    )
+    parser.add_argument(
+        "--heuristic",
+        action="store_true",
+        help="a second opinion without dilatancy: a sequence of programmes, no bound (Gilbert and others 2006)",
+    )
+    parser.add_argument("--picture", metavar="FILE.png", help="draw the mechanism")
+    parser.add_argument("--out", metavar="FILE.h5", help="write the mechanism as a history, which render draws")
+    parser.add_argument("--force", action="store_true", help="replace a finished history")
+    reaction = parser.add_argument_group("reaction of a support that may move, under the dead loads")
+    reaction.add_argument(
+        "--reaction", metavar="SUPPORT", help="a fixed block or a group: its least and greatest force"
+    )
+    reaction.add_argument("--direction", metavar="X,Y,Z", help="along which its force on the other blocks counts")
+
+
+def run(options, console) -> int:
+    """Analyse the scenario; 1 where it does not stand under its dead loads or the solver fails."""
+    from dembrick.errors import DembrickError, ScenarioError
+    from dembrick.runs import limit
+    from dembrick.scenario import toml as scenarios
+
+    if (options.reaction is None) != (options.direction is None):
+        raise ScenarioError("--reaction and --direction belong together: --reaction SUPPORT --direction X,Y,Z")
+    if options.reaction is not None and (options.picture or options.out or options.heuristic):
+        raise ScenarioError("--picture, --out and --heuristic belong to a load, not to --reaction")
+    scenario = scenarios.load(options.scenario, options.set)
+    try:
+        if options.reaction is not None:
+            found = limit.reaction(scenario, options.reaction, _vector(options.direction), report=console.remark)
+        else:
+            found = limit.limit(scenario, heuristic=options.heuristic, report=console.remark)
+    except DembrickError as error:
+        if error.exit_code != 1:
+            raise
+        console.result(error.answer or {"status": "failed", "error": str(error)}, "")
+        console.error(str(error))
+        return 1
+    console.result(found.as_dict(), found.text())
+    if options.out:
+        console.remark(f"history: {found.write(options.out, options.force)}")
+    if options.picture:
+        console.remark(f"picture: {found.picture(options.picture)}")
+    return 0
+
+
+def _vector(text: str) -> tuple[float, ...]:
+    from dembrick.errors import ScenarioError
+
+    try:
+        return tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise ScenarioError(f"--direction {text} must be three numbers with commas between, such as 1,0,0") from None

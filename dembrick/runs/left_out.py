@@ -1,0 +1,108 @@
+"""What a joint law leaves out of a collapse, in numbers: laws that carry more, or less, than the stone would.
+
+Each formulation simplifies a joint at the place where a collapse uses it. ``convex`` joints with ``full`` pressure keep
+the friction and the torsion of their whole polygon if their resultant stands at an edge, where a linear pressure has
+next to nothing left to turn against. ``corrected`` joints press at points drawn in by s, and topple at that share of
+the angle. ``distributed`` points stop short of the edge that a block rocks about. Beside each stands the bound of limit
+analysis with points at the true corners: no joint of linear pressure carries more (see `limit_analysis.strength`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dembrick.assembly.contact_points import widest_rim
+from dembrick.simulation.limit_analysis import analysis
+
+AT_EDGE = 0.95  # of the way from O to an edge: a resultant beyond it stands at the edge
+_MOVES = 0.01  # of the greatest tilt or slip: a joint that does less does not
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """``law``: formulation; ``joints``: numbers of those meant; ``bound``: load factor with points at the true corners
+    (infinite where nothing limits it); ``text``: a sentence that says it."""
+
+    law: str
+    joints: np.ndarray
+    bound: float
+    text: str
+
+    def as_dict(self) -> dict:
+        """As in the JSON output."""
+        bound = self.bound if np.isfinite(self.bound) else None
+        return {"law": self.law, "joints": len(self.joints), "bound": bound, "text": self.text}
+
+
+def left_out(assembly, load_factor: float, resultants: np.ndarray, moves: np.ndarray, tilt: bool) -> list[LeftOut]:
+    """What the laws of a collapse at ``load_factor`` leave out; nothing to say gives an empty list.
+
+    ``resultants`` (j, >= 6): N, V_1, V_2, M_T, M_1, M_2 of the joints at the collapse; ``moves`` (j, 3): how far their
+    rims slide, turn about the normal and tilt (m, any scale); ``tilt``: whether the factor is the tangent of a table's
+    angle. Raises MissingDependency without the extra ``limit``.
+    """
+    joints = assembly.joints
+    law = np.array([one.formulation for one in joints.law], dtype="U16")
+    full = np.array([one.pressure == "full" for one in joints.law], bool)
+    pressed = resultants[:, 0] > 1e-6 * resultants[:, 0].max(initial=0.0)
+    slips, tilts = moves[:, :2].max(axis=1) * pressed, moves[:, 2] * pressed
+    most = max(float(slips.max(initial=0.0)), float(tilts.max(initial=0.0)))
+    slipping, rocking = slips > _MOVES * most, tilts > _MOVES * most
+    at_edge = np.zeros(len(joints), bool)
+    for j in np.flatnonzero((law == "convex") & full & slipping):
+        at_edge[j] = _towards_edge(joints[j].polygon, resultants[j]) > AT_EDGE
+    kept = np.flatnonzero(at_edge)
+    drawn_in = np.flatnonzero((law == "corrected") & rocking)
+    short = np.flatnonzero((law == "distributed") & rocking)
+    if not (len(kept) or len(drawn_in) or len(short)):
+        return []
+    bound = analysis.limit_load(assembly, corners=True, tilt=tilt).load_factor
+    beside = f"{bound:.5g}, {100.0 * (bound / load_factor - 1.0):+.2g} %" if np.isfinite(bound) else "unlimited"
+    found = []
+    if len(kept):
+        found.append(
+            LeftOut(
+                "convex",
+                kept,
+                bound,
+                f"{_count(kept)} slide or turn with the resultant at an edge, where full pressure keeps the torsion of "
+                f"the whole joint: under linear pressure the load factor is at most {beside}",
+            )
+        )
+    if len(drawn_in):
+        found.append(
+            LeftOut(
+                "corrected",
+                drawn_in,
+                bound,
+                f"{_count(drawn_in)} rock about corrected points, which lie inside the edge: about the true edge the "
+                f"load factor is at most {beside}",
+            )
+        )
+    if len(short):
+        gap = widest_rim(joints, assembly.contact_points)[0]
+        found.append(
+            LeftOut(
+                "distributed",
+                short,
+                bound,
+                f"{_count(short)} rock about distributed points that stop {100.0 * gap:.2g} % short of the edge: about "
+                f"the true edge the load factor is at most {beside}",
+            )
+        )
+    return found
+
+
+def _count(joints: np.ndarray) -> str:
+    return "1 joint" if len(joints) == 1 else f"{len(joints)} joints"
+
+
+def _towards_edge(polygon: np.ndarray, resultant: np.ndarray) -> float:
+    """How far the centre of pressure of a joint has gone from O to the edge that it is nearest to: 1 on the edge."""
+    centre = np.array([resultant[5], -resultant[4]]) / resultant[0]
+    edge = np.roll(polygon, -1, axis=0) - polygon
+    outward = np.stack([edge[:, 1], -edge[:, 0]], axis=1)
+    reach = (polygon * outward).sum(axis=1)
+    return float((outward @ centre / np.where(reach > 0.0, reach, np.inf)).max())

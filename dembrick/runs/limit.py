@@ -1,0 +1,357 @@
+"""Limit analysis of a scenario: limit(scenario) -> LimitResult, reaction(scenario, ...) -> ReactionResult."""
+
+from __future__ import annotations
+
+import math
+import os
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from dembrick.assembly import build as assemblies
+from dembrick.errors import DembrickError, NotConvergedError, ScenarioError
+from dembrick.runs.left_out import LeftOut, left_out
+from dembrick.scenario import toml as scenarios
+from dembrick.scenario.checks import nearest, show
+from dembrick.scenario.controls import EVERY_BLOCK, Control
+from dembrick.scenario.model import Scenario
+from dembrick.simulation.limit_analysis import analysis, solver
+from dembrick.simulation.limit_analysis.mechanism import Mechanism
+from dembrick.simulation.limit_analysis.non_associative import SecondOpinion, second_opinion
+from dembrick.simulation.limit_analysis.reactions import Extreme, reaction_range
+
+SECONDS_A_BLOCK = 3e-3  # of processor time, roughly; large assemblies take more
+
+
+@dataclass
+class LimitResult:
+    """The limit of a scenario's load by rigid-block limit analysis, associative flow.
+
+    ``limit``: load factor with its bounds, joint forces, mechanism. ``load_factor`` is V in N where actuators push.
+    ``second_opinion``: without dilatancy, a heuristic, if it was asked for. ``left_out``: what the joint laws leave
+    out.
+    """
+
+    scenario: Scenario
+    assembly: assemblies.Assembly
+    limit: analysis.Limit
+    left_out: list[LeftOut]
+    wall: dict
+    second_opinion: SecondOpinion | None = None
+    remarks: list[str] = field(default_factory=list)
+
+    @property
+    def load_factor(self) -> float:
+        """The multiplier of the load; infinite where nothing limits it."""
+        return self.limit.load_factor
+
+    @property
+    def lower(self) -> float:
+        """What joint forces within their strengths balance."""
+        return self.limit.lower
+
+    @property
+    def upper(self) -> float:
+        """What a mechanism does not let pass."""
+        return self.limit.upper
+
+    @property
+    def mechanism(self) -> str | None:
+        """rocking, sliding, torsion, torsion-shear; None where nothing moves."""
+        return None if self.limit.mechanism is None else self.limit.mechanism.kind
+
+    @property
+    def blocks(self) -> list[str]:
+        """Names of the blocks that move."""
+        return _names(self.assembly, self.limit.mechanism)
+
+    @property
+    def angle(self) -> float | None:
+        """Of a tilting table (deg); 90 where it stands at any tilt."""
+        return self.scenario.control.angle(self.load_factor)
+
+    @property
+    def status(self) -> str:
+        """ "limit", or "unlimited"."""
+        return "unlimited" if self.limit.unlimited else "limit"
+
+    def as_dict(self) -> dict:
+        """The JSON object of ``dembrick limit --json``."""
+        found = {
+            "scenario": self.scenario.path or "",
+            "title": self.scenario.title,
+            "formulation": self.scenario.joint.formulation,
+            "status": self.status,
+            "unlimited": self.limit.unlimited,
+            "load_factor": _finite(self.load_factor),
+            "lower": _finite(self.lower),
+            "upper": _finite(self.upper),
+            "angle": self.angle,
+            "flow": "associative",
+            "mechanism": self.mechanism,
+            "blocks": self.blocks,
+            "left_out": [one.as_dict() for one in self.left_out],
+            "remarks": self.remarks,
+            "rounds": self.limit.rounds,
+            "wall": self.wall,
+        }
+        if self.second_opinion is not None:
+            one = self.second_opinion
+            found["second_opinion"] = {
+                "flow": "without dilatancy (heuristic)",
+                "load_factor": one.load_factor,
+                "low": one.low,
+                "high": one.high,
+                "settled": one.settled,
+                "programmes": one.programmes,
+                "ended": one.ended,
+                "mechanism": one.mechanism.kind,
+            }
+        return found
+
+    def text(self) -> str:
+        """What the command line prints."""
+        lines = [self.scenario.title]
+        unit = "" if self.scenario.control.drives == EVERY_BLOCK else " N"
+        if self.limit.unlimited:
+            lines.append(f"limit         {_unlimited(self.scenario.control)}")
+            return "\n".join([*lines, *self.remarks])
+        what = "V" if unit else "load factor"
+        angle = "" if self.angle is None else f"{self.angle:.6g} deg, "
+        digits = _digits(self.limit)
+        lines.append(
+            f"limit         {angle}{what} {self.load_factor:.{digits}g}{unit}, proven between "
+            f"{self.lower:.{digits + 1}g} and {self.upper:.{digits + 1}g}{unit}"
+        )
+        lines.append("flow          associative: an upper bound for friction without dilatancy")
+        lines.append(f"mechanism     {self.mechanism}")
+        lines.append(f"blocks        {_some(self.blocks)}")
+        if self.second_opinion is not None:
+            one = self.second_opinion
+            lines.append(
+                f"heuristic     {one.load_factor:.5g}{unit} without dilatancy, no bound: the sequence of programmes "
+                f"{one.ended}"
+            )
+        lines += [f"left out      {one.text}" for one in self.left_out]
+        return "\n".join([*lines, *(f"remark        {remark}" for remark in self.remarks)])
+
+    def picture(self, path: str | os.PathLike, **look) -> str:
+        """A PNG of the mechanism; ``look`` as for ``dembrick.views.render.picture``."""
+        from dembrick.runs.mechanism_history import picture
+
+        return picture(self, self.limit.mechanism, self.limit.resultants, path, **look)
+
+    def write(self, path: str | os.PathLike, force: bool = False) -> str:
+        """Write the mechanism as a history of two frames, which ``dembrick render`` draws."""
+        from dembrick.runs.mechanism_history import write
+
+        return write(self, self.limit.mechanism, self.limit.resultants, path, force)
+
+
+@dataclass
+class ReactionResult:
+    """Least and greatest reaction (N) of ``support`` along ``direction``: what it exerts on the other blocks."""
+
+    scenario: Scenario
+    assembly: assemblies.Assembly
+    support: str
+    direction: tuple[float, ...]
+    least: Extreme
+    greatest: Extreme
+    wall: dict
+
+    def as_dict(self) -> dict:
+        """The JSON object of ``dembrick limit --reaction --json``."""
+
+        def end(extreme: Extreme) -> dict:
+            return {
+                "value": _finite(extreme.value),
+                "reached": _finite(extreme.reached),
+                "bound": _finite(extreme.bound),
+                "unlimited": math.isinf(extreme.value),
+                "mechanism": None if extreme.mechanism is None else extreme.mechanism.kind,
+                "blocks": _names(self.assembly, extreme.mechanism),
+            }
+
+        return {
+            "scenario": self.scenario.path or "",
+            "title": self.scenario.title,
+            "status": "reaction",
+            "support": self.support,
+            "direction": list(self.direction),
+            "least": end(self.least),
+            "greatest": end(self.greatest),
+            "flow": "associative",
+            "wall": self.wall,
+        }
+
+    def text(self) -> str:
+        """What the command line prints."""
+        lines = [self.scenario.title, f"reaction      of {self.support} along {self.direction} on the other blocks"]
+        for label, end in (("least", self.least), ("greatest", self.greatest)):
+            if math.isinf(end.value):
+                lines.append(f"{label:13} unlimited: the blocks are locked between their supports")
+                continue
+            lines.append(
+                f"{label:13} {end.value:.9g} N (balanced {end.reached:.9g}, bound {end.bound:.9g}), by "
+                f"{end.mechanism.kind} of {_some(_names(self.assembly, end.mechanism))}"
+            )
+        return "\n".join(lines)
+
+
+def limit(
+    scenario: Scenario | str | os.PathLike,
+    *,
+    heuristic: bool = False,
+    report: Callable[[str], None] | None = None,
+) -> LimitResult:
+    """Rigid-block limit analysis of a scenario (or the TOML file of one): the greatest load of its control.
+
+    Supports, loads and joints are those of the search; ``heuristic`` adds the second opinion without dilatancy. Raises
+    ScenarioError for input that is no test or has no load, NotConvergedError where it does not stand under its dead
+    loads or the solver fails, MissingDependency without the extra ``limit``.
+    """
+    began = time.perf_counter()
+    scenario, assembly, built = _assembled(scenario, began, report)
+    tilt = scenario.control.tilt_axis is not None
+    try:
+        found = analysis.limit_load(assembly, tilt=tilt)
+        opinion = second_opinion(assembly) if heuristic and not found.unlimited else None
+        beside = [] if found.unlimited else _left_out(assembly, found, tilt)
+    except DembrickError as error:
+        if isinstance(error, NotConvergedError):
+            error.answer = _failure(scenario, error)
+        raise
+    remarks = []
+    if analysis.bounded_by_corners(assembly.joints).any():
+        remarks.append(
+            "joints of effective or linear pressure have no convex strength, so they are bounded by points at their "
+            "corners"
+        )
+    wall = {"build": built, "solve": found.seconds, "total": time.perf_counter() - began}
+    return LimitResult(scenario, assembly, found, beside, wall, opinion, remarks)
+
+
+def reaction(
+    scenario: Scenario | str | os.PathLike,
+    support: str,
+    direction,
+    *,
+    report: Callable[[str], None] | None = None,
+) -> ReactionResult:
+    """Least and greatest reaction of a ``support``, a fixed block or a group, along ``direction`` under the dead loads.
+
+    Errors as for :func:`limit`.
+    """
+    began = time.perf_counter()
+    way = np.array(direction, float)
+    if way.shape != (3,) or not np.isfinite(way).all() or not way.any():
+        raise ScenarioError(f"direction = {direction!r} must be three numbers, not all of them 0")
+    scenario, assembly, built = _assembled(scenario, began, report)
+    number = {name: i for i, name in enumerate(assembly.names)}
+    members = scenario.groups.get(support) or ((number[support],) if support in number else None)
+    if members is None:
+        raise ScenarioError(
+            f"there is no block or group {show(support)}; {nearest(support, [*number, *scenario.groups])}"
+        )
+    fixed = np.array([i for i in members if assembly.fixed[i]], np.int64)
+    if not len(fixed):
+        raise ScenarioError(f"{show(support)} is not fixed, so it has no reaction: name a support")
+    if not (np.isin(assembly.joints.block_a, fixed) | np.isin(assembly.joints.block_b, fixed)).any():
+        raise ScenarioError(f"no free block touches {show(support)}, so it has no reaction")
+    way = way / np.linalg.norm(way)
+    try:
+        least, greatest = reaction_range(assembly, fixed, way)
+    except NotConvergedError as error:
+        error.answer = _failure(scenario, error)
+        raise
+    wall = {"build": built, "total": time.perf_counter() - began}
+    return ReactionResult(scenario, assembly, support, tuple(way.tolist()), least, greatest, wall)
+
+
+def associative_bound(assembly, control: Control) -> dict | None:
+    """``collapse.associative`` of a search: load factor of limit analysis with its bounds; None where nothing limits
+    it. ``assembly`` as the search has it. Raises as :func:`limit` does."""
+    found = analysis.limit_load(assembly, tilt=control.tilt_axis is not None)
+    if found.unlimited:
+        return None
+    return {"load_factor": found.load_factor, "lower": found.lower, "upper": found.upper}
+
+
+def cheaper_than(seconds: float, assembly) -> bool:
+    """Whether limit analysis of an assembly is there and surely costs less than a search that took ``seconds``."""
+    return expected_seconds(assembly) < seconds and solver.installed()
+
+
+def expected_seconds(assembly) -> float:
+    """About how long limit analysis of an assembly takes (s), imports of its packages included."""
+    blocks = int((~assembly.fixed).sum())
+    return 0.5 + SECONDS_A_BLOCK * blocks * max(1.0, blocks / 1000.0) ** 0.5
+
+
+def searched(scenario: Scenario) -> Scenario:
+    """The scenario with the load that limit analysis looks at: of a tilt or a push in real time the quasi-static
+    one."""
+    control = scenario.control
+    if control.drives != EVERY_BLOCK or control.regime.quasi_static:
+        return scenario
+    without = {} if control.push_direction is None else {"rate": None}
+    return replace(scenario, control=replace(control, quasi_static=True, **without), text=None)
+
+
+def _assembled(scenario, began: float, report):
+    solver.require()
+    if not isinstance(scenario, Scenario):
+        scenario = scenarios.load(scenario)
+    path, scenario = scenario.path, searched(scenario)
+    assembly = assemblies.assemble(scenario)
+    for warning in assembly.warnings if report else ():
+        report(warning)
+    assert scenario.path == path
+    return scenario, assembly, time.perf_counter() - began
+
+
+def _left_out(assembly, found: analysis.Limit, tilt: bool) -> list[LeftOut]:
+    moved = found.mechanism.relative
+    reach = np.array([np.abs(joint.polygon).max() for joint in assembly.joints])
+    moves = np.stack(
+        [
+            np.hypot(moved[:, 0], moved[:, 1]),
+            reach * np.abs(moved[:, 5]),
+            reach * np.hypot(moved[:, 3], moved[:, 4]),
+        ],
+        axis=1,
+    )
+    return left_out(assembly, found.load_factor, found.resultants, moves, tilt)
+
+
+def _failure(scenario: Scenario, error: DembrickError) -> dict:
+    about = {"scenario": scenario.path or "", "title": scenario.title, "status": "failed", "error": str(error)}
+    return about | (error.answer or {})
+
+
+def _unlimited(control: Control) -> str:
+    if control.tilt_axis is not None:
+        return "stands at any tilt up to 90 deg: no mechanism gives way, whatever the angle"
+    return "unlimited: no mechanism gives way along the load, so rigid blocks carry it however great it is"
+
+
+def _digits(found: analysis.Limit) -> int:
+    """Digits of the load factor that its bounds leave."""
+    gap = max(found.gap, 1e-10)
+    return int(min(9, max(4, math.floor(-math.log10(gap)) + 1)))
+
+
+def _names(assembly, mechanism: Mechanism | None) -> list[str]:
+    return [] if mechanism is None else [assembly.names[i] for i in mechanism.blocks]
+
+
+def _some(names: list[str]) -> str:
+    more = len(names) - 5
+    return ", ".join(names[:5]) + (f" and {more} more" if more > 0 else "")
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

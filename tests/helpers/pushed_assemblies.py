@@ -1,0 +1,53 @@
+"""Assemblies whose limit loads are known to many digits: walls, a corner, an arch, a stack."""
+
+from dembrick.scenario.blocks import Block
+from dembrick.scenario.controls import PushoverControl, YieldControl
+from dembrick.scenario.generators import Arch, Stack, Wall
+from dembrick.scenario.model import Actuator, JointLaw, Material, Scenario
+
+STONE = {"stone": Material(2000.0)}
+GRAVITY = (0.0, 0.0, -9.81)
+
+
+def law(formulation="concave", friction=0.64, **more) -> JointLaw:
+    return JointLaw(formulation, friction, 1e10, 4e9, **more)
+
+
+def pushed(joint: JointLaw, direction, blocks=(), **parts) -> Scenario:
+    return Scenario("pushed", GRAVITY, joint, STONE, blocks, PushoverControl(direction), **parts)
+
+
+def wall(joint: JointLaw, blocks: int, courses: int, direction) -> Scenario:
+    """Running bond of 0.3 x 0.2 x 0.1 m blocks with halves at the ends, on a fixed slab."""
+    return pushed(joint, direction, walls=(_wall(blocks, courses),))
+
+
+def _wall(blocks: int, courses: int) -> Wall:
+    return Wall("wall", "stone", (0.3, 0.2, 0.1), courses, blocks, base=0.2, ends="half")
+
+
+def wall_with_actuator(joint: JointLaw, block="wall.6.3", x=0.6) -> Scenario:
+    """The wall of 4 x 6 blocks, a whole block of its top course pushed along y at its centroid."""
+    actuator = Actuator("push", block, (x, 0.0, 0.55), (0.0, 1.0, 0.0))
+    return Scenario("pushed", GRAVITY, joint, STONE, (), YieldControl(), walls=(_wall(4, 6),), actuators=(actuator,))
+
+
+def arch(joint: JointLaw, direction) -> Scenario:
+    """Semicircle of 20 straight voussoirs, mean radius 1.5 m, 0.3 m thick, 0.5 m deep."""
+    return pushed(joint, direction, arches=(Arch("arch", "stone", 1.5, 0.3, 0.5, 20),))
+
+
+def stack(joint: JointLaw, direction, courses=5, block=(0.3, 0.2, 0.1)) -> Scenario:
+    return pushed(joint, direction, stacks=(Stack("stack", "stone", courses, block, base=0.2),))
+
+
+def corner(joint: JointLaw, direction) -> Scenario:
+    """An L corner of six courses, bonded, on a slab."""
+    even = ((0.0, 0.4, 0.0, 0.2), (0.4, 0.8, 0.0, 0.2), (0.0, 0.2, 0.2, 0.6))
+    odd = ((0.2, 0.6, 0.0, 0.2), (0.6, 0.8, 0.0, 0.2), (0.0, 0.2, 0.0, 0.4), (0.0, 0.2, 0.4, 0.6))
+    blocks = [Block("slab", "stone", box=(2.0, 2.0, 0.2), position=(0.4, 0.3, -0.1), fixed=True)]
+    for course in range(6):
+        for i, (x0, x1, y0, y1) in enumerate(odd if course % 2 else even):
+            place = (0.5 * (x0 + x1), 0.5 * (y0 + y1), 0.15 * course + 0.075)
+            blocks.append(Block(f"{course}.{i}", "stone", box=(x1 - x0, y1 - y0, 0.15), position=place))
+    return pushed(joint, direction, tuple(blocks))

@@ -1,0 +1,211 @@
+"""What limit analysis answers where there is no plain number: one sentence, and the right exit code."""
+
+import json
+import math
+from dataclasses import replace
+
+import pytest
+
+from dembrick import cli
+from dembrick.errors import MissingDependency, NotConvergedError, ScenarioError
+from dembrick.runs.limit import associative_bound, cheaper_than, limit, searched
+from dembrick.scenario import toml
+from dembrick.scenario.blocks import Block
+from dembrick.scenario.controls import DynamicControl, PushoverControl, TiltControl, YieldControl
+from dembrick.scenario.model import Actuator, Scenario
+from dembrick.simulation.limit_analysis import solver
+from helpers import pushed_assemblies as scenes
+from helpers.pushed_assemblies import law
+
+
+def one_block(actuators=(), control=None, friction=0.64, gravity=scenes.GRAVITY, more=()) -> Scenario:
+    blocks = (
+        Block("floor", "stone", box=(2.0, 2.0, 0.2), position=(0.0, 0.0, -0.1), fixed=True),
+        Block("stone", "stone", box=(0.4, 0.4, 0.4), position=(0.0, 0.0, 0.2)),
+        *more,
+    )
+    control = control or YieldControl()
+    joint = law(friction=friction)
+    return Scenario("one block", gravity, joint, scenes.STONE, blocks, control, actuators=actuators)
+
+
+def push(direction, point=(0.0, 0.0, 0.2), name="push"):
+    return Actuator(name, "stone", point, direction)
+
+
+def saved(tmp_path, scenario: Scenario) -> str:
+    path = tmp_path / "scenario.toml"
+    path.write_text(toml.dumps(scenario), encoding="utf-8")
+    return str(path)
+
+
+def test_pressing_down_is_unlimited(tmp_path, capsys):
+    scenario = one_block((push((0.0, 0.0, -1.0)),))
+    found = limit(scenario)
+    assert found.status == "unlimited" and math.isinf(found.load_factor) and found.blocks == []
+    assert associative_bound(found.assembly, scenario.control) is None
+    assert cli.main(["limit", saved(tmp_path, scenario)]) == 0
+    assert "unlimited: no mechanism gives way" in capsys.readouterr().out
+    assert cli.main(["limit", saved(tmp_path, scenario), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["unlimited"] and told["load_factor"] is None and told["status"] == "unlimited"
+
+
+def test_lifting_off():
+    scenario = one_block((push((0.0, 0.0, 1.0)),))
+    weight = 2000.0 * 9.81 * 0.4**3
+    assert limit(scenario).load_factor == pytest.approx(weight, rel=1e-7)
+
+
+def test_a_rough_table_stands_at_any_tilt():
+    walls = (
+        Block("left", "stone", box=(0.2, 1.0, 0.4), position=(-0.3, 0.0, 0.2), fixed=True),
+        Block("right", "stone", box=(0.2, 1.0, 0.4), position=(0.3, 0.0, 0.2), fixed=True),
+    )
+    table = TiltControl((0.0, 1.0, 0.0), 1.0, 0.02, quasi_static=True)
+    found = limit(one_block(control=table, more=walls))
+    assert found.limit.unlimited and found.angle == 90.0
+    assert "stands at any tilt up to 90 deg" in found.text()
+
+
+def test_no_friction_carries_no_push():
+    found = limit(one_block((push((1.0, 0.0, 0.0)),), friction=0.0))
+    assert found.lower == pytest.approx(0.0, abs=1e-9) and found.upper < 1e-5  # of a weight of 1256 N
+    assert found.mechanism == "sliding"
+
+
+def test_it_does_not_stand_under_its_dead_loads(tmp_path, capsys):
+    """A block on a slope steeper than its friction; the answer names it, and how much is not balanced."""
+    steep = (9.81 * math.sin(0.7), 0.0, -9.81 * math.cos(0.7))
+    scenario = one_block((push((1.0, 0.0, 0.0)),), gravity=steep)
+    with pytest.raises(NotConvergedError, match="does not stand under its dead loads: by sliding of stone") as raised:
+        limit(scenario)
+    assert raised.value.answer["statics"] | {"unbalanced": 0} == {
+        "stands": False,
+        "unbalanced": 0,
+        "mechanism": "sliding",
+        "blocks": ["stone"],
+    }
+    assert cli.main(["limit", saved(tmp_path, scenario), "--json"]) == 1
+    assert json.loads(capsys.readouterr().out)["status"] == "falls"
+
+
+@pytest.mark.parametrize("overhang, stands", [(0.999, True), (1.001, False)])
+def test_the_harmonic_stack(overhang, stands):
+    """Four blocks, the k-th from the top overhanging by l/(2k): a push by 1 - x brings it down."""
+    x, blocks = 0.0, [Block("s.4", "stone", box=(1.0, 0.5, 0.2), position=(0.0, 0.0, -0.1), fixed=True)]
+    for k, level in ((4, 0), (3, 1), (2, 2), (1, 3)):
+        x += overhang * 0.5 / k
+        blocks.append(Block(f"b.{k}", "stone", box=(1.0, 0.5, 0.2), position=(x, 0.0, 0.1 + 0.2 * level)))
+    scenario = Scenario(
+        "harmonic", scenes.GRAVITY, law(), scenes.STONE, tuple(blocks), PushoverControl((0.0, 0.0, -1.0))
+    )
+    pushed = replace(scenario, control=PushoverControl((1.0, 0.0, 0.0)))
+    if stands:
+        assert limit(pushed).load_factor > 0.0
+        return
+    with pytest.raises(NotConvergedError, match="by rocking of"):
+        limit(pushed)
+
+
+def test_loads_that_cancel():
+    scenario = one_block((push((1.0, 0.0, 0.0)), push((-1.0, 0.0, 0.0), name="pull")))
+    with pytest.raises(ScenarioError, match="cancel on every block"):
+        limit(scenario)
+
+
+def test_a_scenario_without_a_load(tmp_path, capsys):
+    assert cli.main(["limit", saved(tmp_path, one_block(control=DynamicControl(1.0)))]) == 2
+    assert "no load to multiply" in capsys.readouterr().err
+
+
+def test_a_solver_that_fails_tells_its_status(monkeypatch):
+    monkeypatch.setattr(solver, "MOST_ITERATIONS", 2)
+    with pytest.raises(NotConvergedError, match="MaxIterations"):
+        limit(one_block((push((1.0, 0.0, 0.0)),)))
+
+
+@pytest.mark.parametrize("package", ["clarabel", "scipy"])
+def test_a_missing_package_is_named(monkeypatch, package, tmp_path, capsys):
+    monkeypatch.setitem(__import__("sys").modules, package, None)
+    with pytest.raises(MissingDependency, match=f"needs the package {package}"):
+        limit(one_block((push((1.0, 0.0, 0.0)),)))
+    assert cli.main(["limit", saved(tmp_path, one_block((push((1.0, 0.0, 0.0)),)))]) == 4
+    assert "pip install 'dembrick[limit]'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "options, message",
+    [
+        (["--reaction", "floor"], "belong together"),
+        (["--reaction", "floor", "--direction", "1,0"], "three numbers"),
+        (["--reaction", "floor", "--direction", "0,0,0"], "not all of them 0"),
+        (["--reaction", "floor", "--direction", "a,b,c"], "three numbers"),
+        (["--reaction", "flor", "--direction", "0,0,1"], "did you mean 'floor'"),
+        (["--reaction", "stone", "--direction", "0,0,1"], "is not fixed"),
+    ],
+)
+def test_options_that_do_not_fit(tmp_path, capsys, options, message):
+    assert cli.main(["limit", saved(tmp_path, one_block((push((1.0, 0.0, 0.0)),))), *options]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_a_push_in_real_time_has_the_limit_of_the_quasi_static_one():
+    slow = PushoverControl((1.0, 0.0, 0.0), displacement=1e-3, quasi_static=False, rate=1e-3)
+    table = TiltControl((0.0, 1.0, 0.0), 1.0, 0.02)
+    assert limit(one_block(control=slow)).load_factor == pytest.approx(0.64, rel=1e-7)
+    assert limit(one_block(control=table)).angle == pytest.approx(math.degrees(math.atan(0.64)), rel=1e-7)
+    assert searched(one_block((push((1.0, 0.0, 0.0)),))).control.kind == "yield"
+
+
+def test_linear_pressure_is_bounded_by_the_corners():
+    joint = law("convex", pressure="linear")
+    found = limit(scenes.corner(joint, (1.0, 0.0, 0.0)))
+    assert found.load_factor == pytest.approx(0.6328315, rel=1e-6)  # of concave joints
+    assert "bounded by points at their corners" in found.text()
+
+
+def trough() -> Scenario:
+    """A prism in a V trough with faces at 45 deg, on a table that tilts about x."""
+    c = 0.15 * math.sqrt(2.0)
+    ends = lambda points, length: [(x, y, z) for y in (-length, length) for x, z in points]  # noqa: E731
+    blocks = [Block("wedge", "stone", vertices=ends([(-0.5, 0.5), (0.0, 0.0), (0.5, 0.5)], 1.0))]
+    for name, s in (("left", -1.0), ("right", 1.0)):
+        face = [(0.0, 0.0), (0.65 * s, 0.65), ((0.65 + c) * s, 0.65 - c), (c * s, -c)]
+        blocks.append(Block(name, "stone", vertices=ends(face, 3.0), fixed=True))
+    table = TiltControl((1.0, 0.0, 0.0), 1.0, 0.02, quasi_static=True)
+    return Scenario("trough", scenes.GRAVITY, law(friction=0.3), scenes.STONE, tuple(blocks), table)
+
+
+def test_the_second_opinion_slides_without_dilatancy():
+    """A wedge failure: tan(angle) = mu / sin 45 deg in closed form; normality lifts the prism and gives 4.8 % more."""
+    found = limit(trough(), heuristic=True)
+    exact = 0.3 * math.sqrt(2.0)
+    assert found.load_factor == pytest.approx(0.4447495, rel=1e-6)
+    assert found.second_opinion.settled
+    assert found.second_opinion.load_factor == pytest.approx(exact, rel=2e-3)
+    assert "no bound" in found.text() and found.as_dict()["second_opinion"]["settled"]
+
+
+def test_a_second_opinion_that_does_not_settle_says_so(monkeypatch):
+    monkeypatch.setattr("dembrick.simulation.limit_analysis.non_associative.MOST_PROGRAMMES", 3)
+    found = limit(trough(), heuristic=True).second_opinion
+    assert not found.settled and "did not settle within 3 programmes" in found.ended
+    assert found.low <= found.load_factor <= found.high
+
+
+def test_whether_it_costs_less_than_a_search():
+    assembly = limit(one_block((push((1.0, 0.0, 0.0)),))).assembly
+    assert cheaper_than(60.0, assembly) and not cheaper_than(0.01, assembly)
+
+
+def test_the_mechanism_is_drawn_and_written(tmp_path):
+    from dembrick import history
+
+    found = limit(scenes.arch(law("convex", 0.7), (1.0, 0.0, 0.0)))
+    path = found.write(tmp_path / "mechanism.h5")
+    with history.read(path) as file:
+        assert file.status == "limit" and file.n_frames == 2
+    picture = found.picture(tmp_path / "mechanism.png")
+    assert (tmp_path / "mechanism.png").stat().st_size > 10_000 and picture.endswith("mechanism.png")
+    assert not list(tmp_path.glob("*.part"))

@@ -1,0 +1,65 @@
+"""Least and greatest reactions of supports against statics, and against the linear programme of an arch."""
+
+import math
+
+import pytest
+
+from dembrick.runs.limit import reaction
+from dembrick.scenario.blocks import Block
+from dembrick.scenario.controls import DynamicControl
+from dembrick.scenario.model import Scenario
+from helpers import pushed_assemblies as scenes
+from helpers.pushed_assemblies import law
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+@pytest.mark.parametrize("friction, greatest", [(0.7, 3526.24740), (0.5, 3452.8997), (0.4, 2762.3198)])
+def test_the_thrust_of_an_arch(formulation, friction, greatest):
+    scenario = scenes.arch(law(formulation, friction), (1.0, 0.0, 0.0))
+    found = reaction(scenario, "arch.right", (-2.0, 0.0, 0.0))
+    assert found.least.value == pytest.approx(2130.36785, rel=1e-7)
+    assert found.greatest.value == pytest.approx(greatest, rel=1e-7)
+    assert found.least.bound <= found.least.reached and found.greatest.reached <= found.greatest.bound
+    assert found.least.mechanism.kind == "rocking"
+    mirrored = reaction(scenario, "arch.right", (1.0, 0.0, 0.0))
+    assert mirrored.greatest.value == pytest.approx(-2130.36785, rel=1e-7)
+
+
+def test_a_springing_that_sinks():
+    found = reaction(scenes.arch(law(friction=0.7), (1.0, 0.0, 0.0)), "arch.right", (0.0, 0.0, 1.0))
+    assert found.least.value == pytest.approx(6565.6696, rel=1e-7)
+
+
+def beam_on_three(width=0.2) -> Scenario:
+    """A block of 3000 N on three supports at -1, 0 and 1 m, each ``width`` wide."""
+    weight = 3000.0 / (2000.0 * 9.81 * 2.2 * 0.5)
+    blocks = [Block("beam", "stone", box=(2.2, 0.5, weight), position=(0.0, 0.0, 0.5 * weight))]
+    for name, x in (("left", -1.0), ("middle", 0.0), ("right", 1.0)):
+        blocks.append(Block(name, "stone", box=(width, 0.5, 0.2), position=(x, 0.0, -0.1), fixed=True))
+    return Scenario("beam", scenes.GRAVITY, law(), scenes.STONE, tuple(blocks), DynamicControl(1.0))
+
+
+def test_a_rigid_beam_on_three_supports():
+    """The middle support may carry everything or nothing; an end nothing, or, if it is pushed up, what lifts the beam
+    off the middle: it presses at its inner edge, .9 m from the centroid, the other end at its outer one, 1.1 m."""
+    middle = reaction(beam_on_three(), "middle", (0.0, 0.0, 1.0))
+    assert middle.least.value == pytest.approx(0.0, abs=1e-4)
+    assert middle.greatest.value == pytest.approx(3000.0, rel=1e-7)
+    right = reaction(beam_on_three(), "right", (0.0, 0.0, 1.0))
+    assert right.least.value == pytest.approx(0.0, abs=1e-4)
+    assert right.greatest.value == pytest.approx(3000.0 * 1.1 / (0.9 + 1.1), rel=1e-7)
+
+
+def test_a_block_locked_between_walls_has_no_greatest_reaction():
+    blocks = (
+        Block("floor", "stone", box=(2.0, 1.0, 0.2), position=(0.0, 0.0, -0.1), fixed=True),
+        Block("left", "stone", box=(0.2, 1.0, 0.4), position=(-0.3, 0.0, 0.2), fixed=True),
+        Block("right", "stone", box=(0.2, 1.0, 0.4), position=(0.3, 0.0, 0.2), fixed=True),
+        Block("stone", "stone", box=(0.4, 0.4, 0.4), position=(0.0, 0.0, 0.2)),
+    )
+    scenario = Scenario("locked", scenes.GRAVITY, law(), scenes.STONE, blocks, DynamicControl(1.0))
+    found = reaction(scenario, "right", (-1.0, 0.0, 0.0))
+    assert found.least.value == pytest.approx(0.0, abs=1e-4)
+    assert math.isinf(found.greatest.value)
+    assert found.as_dict()["greatest"]["unlimited"]
+    assert math.isinf(reaction(scenario, "floor", (0.0, 0.0, 1.0)).greatest.value)
