@@ -22,8 +22,9 @@ import numpy as np
 
 from dembrick import history
 from dembrick.assembly import build as assemblies
-from dembrick.history.layout import NEW_CONTACTS
 from dembrick.scenario import toml as scenarios
+from dembrick.scenario.controls import DynamicControl
+from dembrick.simulation.channels import NEW_CONTACTS, energies
 
 WALL = """
 title = "A wall of {blocks} blocks a course and {courses} courses, leaning over"
@@ -58,7 +59,7 @@ def made_up(path: Path, n_block: int, n_frame: int, formulation: str, channels: 
     a = np.array([joint.block_a for joint in joints])
     above = np.array([mass[place[:, 2] > place[i, 2]].sum() for i in range(len(mass))]) * 9.81 / len(mass) * side
     points = sum(0 if p is None else len(p.area) for p in assembly.contact_points)
-    with history.HistoryWriter(path, text, assembly, {}, channels=channels) as writer:
+    with history.HistoryWriter(path, text, assembly, {}, channels=channels, control=DynamicControl(1.0)) as writer:
         for start in range(0, n_frame, CHUNK):
             t = np.arange(start, min(start + CHUNK, n_frame)) / n_frame
             joint = np.zeros((len(t), len(joints), 7))
@@ -68,6 +69,7 @@ def made_up(path: Path, n_block: int, n_frame: int, formulation: str, channels: 
             names = ("time", "load", "displacement", "unbalanced", "lower", "upper", "new_contacts")
             rows = dict.fromkeys(names, t)
             none = np.zeros((len(t), 0))
+            rows |= {"energy": dict.fromkeys(energies(real_time=True), t)}
             writer.append(rows | {"actuator_displacement": none, "actuator_force": none, "joint": joint})
             angle = 0.5 * t[:, None] ** 2 * height * ~assembly.fixed
             shift = np.zeros((len(t), len(mass), 3))
@@ -82,7 +84,7 @@ def made_up(path: Path, n_block: int, n_frame: int, formulation: str, channels: 
                 arms = [points.normal_arm for points in assembly.contact_points if points is not None]
                 more["contact_arm"] = np.tile(np.concatenate([np.zeros((0, 2)), *arms]), (len(t), 1, 1))
                 more["new_contacts"] = {"count": np.zeros(len(t), int)} | {
-                    name: np.zeros((0, *tail)) for name, (_, tail, _, _) in NEW_CONTACTS.items()
+                    name: np.zeros((0, *channel.shape)) for name, channel in NEW_CONTACTS.items()
                 }
             writer.append_frames(t, shift, turn, **more)
         writer.finish("completed", {})

@@ -54,15 +54,15 @@ def open_file(path: str | os.PathLike) -> h5py.File:
         raise HistoryError(f"{path}: this is not an HDF5 file, so it is not a history") from error
 
 
-def attribute(file: h5py.File, name: str) -> str | int | None:
-    """A scalar text or integer attribute of the root, None where it is missing or anything else."""
-    with damaged(file.filename, f"the attribute {name!r}"):
-        if not h5a.exists(file.id, name.encode()):
+def attribute(owner: h5py.File | h5py.Dataset, name: str) -> str | int | None:
+    """A scalar text or integer attribute of the root or a dataset, None if it is missing or anything else."""
+    with damaged(owner.file.filename, f"the attribute {name!r}"):
+        if not h5a.exists(owner.id, name.encode()):
             return None
-        found = h5a.open(file.id, name.encode())
+        found = h5a.open(owner.id, name.encode())
         if found.shape != () or found.get_type().get_class() not in (h5t.STRING, h5t.INTEGER):
             return None
-        value = file.attrs[name]
+        value = owner.attrs[name]
         return value if isinstance(value, str) else int(value)
 
 

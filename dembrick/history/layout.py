@@ -1,9 +1,9 @@
 """The layout of a history file: which datasets it has, and how its skeleton is made.
 
-A history is one HDF5 file. Numbers that grow with the run are :class:`Field`\\ s, with one entry a row (``/history``),
-one a frame (``/frames``), or one for each new contact of a frame (``/frames/new_contacts``); what is known at the start
-is a :class:`Table`. ``/written`` says how many rows and frames are valid: in a file that is still being written the
-growing datasets are longer, and zero beyond.
+A history is one HDF5 file. Numbers that grow with the run are those of the run's channels (``simulation.channels``),
+with one entry a row (``/history``), one a frame (``/frames``), or one for each new contact of a frame
+(``/frames/new_contacts``); what is known at the start is a :class:`Table`. ``/written`` says how many rows and frames
+are valid: in a file that is still being written the growing datasets are longer, and zero beyond.
 
 A frame may have any number of new contacts, those of all frames stand one after the other, and
 ``/frames/new_contacts/end`` says for each frame where its own end. So the number of valid ones follows from that of
@@ -13,9 +13,7 @@ the frames, and a file that was cut off by a kill is as whole as its frames are.
 from __future__ import annotations
 
 import math
-import tomllib
-from collections.abc import Container, Iterable, Mapping
-from contextlib import suppress
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from types import MappingProxyType
@@ -26,49 +24,10 @@ import numpy as np
 from h5py import h5a, h5d, h5f, h5g, h5p, h5s, h5t
 
 from dembrick.history.hdf5_files import Patient, create_through, in_memory
+from dembrick.simulation.channels import Field
 
 FORMAT = 1
 WRITTEN = "written"
-JOINT_CHANNELS = {
-    "N": ("N", "normal force, compression positive"),
-    "V_1": ("N", "shear force on block b along the joint's first axis"),
-    "V_2": ("N", "shear force on block b along the joint's second axis"),
-    "M_T": ("N m", "torsion on block b about the joint's normal, through its centroid"),
-    "M_1": ("N m", "bending moment on block b about the joint's first axis"),
-    "M_2": ("N m", "bending moment on block b about the joint's second axis"),
-    "slip": ("m", "irreversible part of the shear displacement"),
-}
-
-# of every contact that carries something in a frame: type, shape, units, description
-NEW_CONTACTS = {
-    "blocks": ("<i8", (2,), "1", "the two blocks, as numbers in geometry/blocks"),
-    "point": ("<f8", (3,), "m", "centre of pressure, world axes"),
-    "normal": ("<f8", (3,), "1", "mean normal of the contact, from the first block to the second, world axes"),
-    "force": ("<f8", (3,), "N", "force on the second block, world axes"),
-    "torque": ("<f8", (3,), "N m", "torque on the second block about the point, world axes"),
-    "area": ("<f8", (), "m2", "area of the contact"),
-    "slip": ("<f8", (), "m", "length of its slip path"),
-}
-ROWS, FRAMES, CONTACTS = 0, 1, 2  # what a field has an entry for
-
-_ENERGIES = {  # descriptions by name
-    "kinetic": "kinetic energy",
-    "elastic": "energy in the springs of the joints, since the start",
-    "jack_spring": "energy in the spring of the actuators",
-    "external": "work of gravity, loads and actuators since the start",
-    "friction": "work taken by friction",
-    "dashpots": "work taken by dashpots",
-    "released": "energy that springs of joints lost in letting go or in being cut or handed over",
-    "stepping": "work taken by springs of joints that open or close within a time step: an error of second order in it",
-    "new_contacts": "work done on contacts that formed since the start: what they hold, and what they took",
-}
-
-_LOADS = {  # units and description of the load by the kind of control, where it is not a force of actuators
-    "tilt": ("1", "load factor: the tangent of the angle of the table"),
-    "pushover": ("1", "load factor: the share of its weight by which every block is pushed"),
-    "base-motion": ("m/s2", "acceleration of the supports along the direction of their motion"),
-    "dynamic": ("1", "zero: no load grows"),
-}
 
 _TEXT = h5py.string_dtype()
 _TEXT_TYPE = h5t.py_create(_TEXT, logical=True)
@@ -96,35 +55,6 @@ class Dataset(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Field:
-    """A growing dataset of numbers of eight bytes: ``tail`` is the shape of one entry."""
-
-    path: str
-    tail: tuple[int, ...]
-    units: str
-    description: str
-    kind: str = "<f8"
-
-    @property
-    def entry_bytes(self) -> int:
-        return 8 * int(np.prod(self.tail, dtype=np.int64))
-
-    @property
-    def grows_by(self) -> int:
-        """ROWS, FRAMES or CONTACTS."""
-        if not self.path.startswith("frames/"):
-            return ROWS
-        return CONTACTS if self.path in _OF_CONTACTS else FRAMES
-
-    def dataset(self, count: int) -> Dataset:
-        """With so many entries."""
-        return Dataset(self.path, self.kind, (count, *self.tail), self.units, self.description)
-
-
-_OF_CONTACTS = frozenset(f"frames/new_contacts/{name}" for name in NEW_CONTACTS)
-
-
-@dataclass(frozen=True, slots=True)
 class Table:
     """A dataset known at the start: numbers (float64, int64, uint8) or a list of strings."""
 
@@ -139,26 +69,6 @@ class Table:
         return Dataset(self.path, self.value.dtype.str, self.value.shape, self.units, self.description)
 
 
-def _kind_of(scenario_text: str) -> str:
-    """The kind of control in the text of a scenario, where it is one of `_LOADS`; else nothing."""
-    kind = ""
-    if any(name in scenario_text for name in _LOADS):  # that of a search is not parsed once more
-        with suppress(tomllib.TOMLDecodeError, RecursionError, AttributeError):
-            kind = tomllib.loads(scenario_text).get("control", {}).get("kind", "")
-    return kind if isinstance(kind, str) else ""
-
-
-def load_of(scenario_text: str) -> tuple[str, str]:
-    """Units and description of the load, by the kind of control in the text of a scenario."""
-    return _LOADS.get(_kind_of(scenario_text), ("N", "load multiplier V: the force of an actuator of weight 1"))
-
-
-def counts_equilibria(scenario_text: str, meets_anew: bool) -> bool:
-    """Whether the times of a record are the numbers of equilibria: it is of a tilt or a push that is not lived through,
-    which those are whose blocks ``meets_anew``."""
-    return not meets_anew and _kind_of(scenario_text) in ("tilt", "pushover")
-
-
 _WRITTEN = Dataset(
     WRITTEN,
     "<i8",
@@ -168,73 +78,9 @@ _WRITTEN = Dataset(
 )
 
 
-def fields(
-    assembly, channels: Container[str], energy: Iterable[str], scenario_text: str = "", meets_anew: bool = False
-) -> tuple[Field, ...]:
-    """The growing datasets of the channels (see ``model.Output``); ``energy``: names of the energies; ``meets_anew``:
-    whether blocks of the run can part and meet again."""
-    n_actuator, n_joint, n_block = len(assembly.actuators.names), len(assembly.joints), len(assembly.names)
-    units, about_load = load_of(scenario_text)
-    numbered = counts_equilibria(scenario_text, meets_anew)
-    time = ("1", "number of the equilibrium of the {}") if numbered else ("s", "time of the {}")
-    rows = [
-        Field("history/time", (), time[0], time[1].format("row")),
-        Field("history/load", (), units, about_load),
-        Field("history/displacement", (), "m", "driven displacement: sum(weight u) / sum|weight| over the actuators"),
-        Field(
-            "history/actuator_displacement", (n_actuator,), "m", "displacement of each actuator's point, from the start"
-        ),
-        Field("history/actuator_force", (n_actuator,), "N", "force of each actuator"),
-        Field("history/unbalanced", (), "1", "unbalanced-force ratio"),
-        Field("history/lower", (), units, "lower bound of the limit load so far"),
-        Field("history/upper", (), units, "upper bound of the limit load so far; 1e300 stands for none"),
-    ]
-    if meets_anew:
-        rows.append(Field("history/new_contacts", (), "1", "contacts formed since the start that carry a force now"))
-    watched = len(assembly.control_points.names)
-    if watched:
-        about = "displacement of each control point, from the start, world axes"
-        rows.append(Field("history/control_point", (watched, 3), "m", about))
-    if "joints" in channels:
-        rows += [Field(f"history/joint/{name}", (n_joint,), *about) for name, about in JOINT_CHANNELS.items()]
-    when = " (of the last forces, a step before the row)" if meets_anew else ""
-    rows += [Field(f"history/energy/{name}", (), "J", f"{_ENERGIES.get(name, name)}{when}") for name in energy]
-    if "frames" not in channels:
-        return tuple(rows)
-    frames = [
-        Field("frames/time", (), time[0], time[1].format("frame")),
-        Field("frames/position", (n_block, 3), "m", "centroid of each block, world axes"),
-        Field("frames/displacement", (n_block, 3), "m", "movement of each centroid from the start, world axes"),
-        Field("frames/orientation", (n_block, 4), "1", "quaternion (w, x, y, z) of each block, body to world"),
-    ]
-    if "velocity" in channels:
-        frames += [
-            Field("frames/velocity", (n_block, 3), "m/s", "velocity of each centroid half a step before, world axes"),
-            Field("frames/spin", (n_block, 3), "rad/s", "angular velocity half a step before, world axes"),
-        ]
-    if meets_anew and "joints" in channels:
-        about = "where O is on the block that the polygon rides on, from O of the start, along t1 and t2 of the joint"
-        frames.append(Field("frames/joint_shift", (len(assembly.joints), 2), "m", about))
-    if "contacts" in channels:
-        about = "force on block b at each contact point, world axes; the points are those of geometry/joints/point"
-        frames.append(Field("frames/contact_force", (contact_points(assembly), 3), "N", about))
-        if meets_anew:
-            about = (
-                "where each contact point is on the block that the polygon rides on, from O of the start, along t1, t2"
-            )
-            frames.append(Field("frames/contact_arm", (contact_points(assembly), 2), "m", about))
-            about = "entries of frames/new_contacts of all frames up to this one"
-            frames.append(Field("frames/new_contacts/end", (), "1", about, "<i8"))
-            frames += [
-                Field(f"frames/new_contacts/{name}", tail, units, about, kind)
-                for name, (kind, tail, units, about) in NEW_CONTACTS.items()
-            ]
-    return (*rows, *frames)
-
-
-def contact_points(assembly) -> int:
-    """How many contact points an assembly has; convex joints have none."""
-    return sum(len(points.area) for points in assembly.contact_points if points is not None)
+def dataset_of(field: Field, count: int) -> Dataset:
+    """The dataset of a channel, with so many entries."""
+    return Dataset(field.path, field.kind, (count, *field.tail), field.units, field.description)
 
 
 def geometry(assembly) -> list[Table]:
@@ -308,7 +154,7 @@ def create(
     skeleton that files with the same datasets share.
     """
     tables = list(tables)
-    skeleton = (*(table.dataset for table in tables), *(field.dataset(count) for field, count in growing.items()))
+    skeleton = (*(table.dataset for table in tables), *(dataset_of(field, count) for field, count in growing.items()))
     if growing:
         skeleton += (_WRITTEN,)
     packing = tuple(packed.items())

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import tomllib
+from collections.abc import Container, Mapping
 from functools import cached_property
 from pathlib import Path
 
@@ -12,11 +13,11 @@ import numpy as np
 
 from dembrick.errors import HistoryError, ScenarioError
 from dembrick.history import guard
-from dembrick.history.layout import FORMAT, JOINT_CHANNELS, NEW_CONTACTS, WRITTEN, counts_equilibria
+from dembrick.history.layout import FORMAT, WRITTEN
 from dembrick.history.rest_geometry import RestGeometry
 from dembrick.scenario import toml as scenarios
-
-_AT_POINTS = {"contact_force": 3, "contact_arm": 2}  # numbers of a frame at every contact point of joints
+from dembrick.scenario.controls import OF_ACTUATORS, PATH_FOLLOWING, Curve
+from dembrick.simulation.channels import CHANNELS, CONTACTS, FRAMES, NEW_CONTACTS, Channel, Sizes
 
 
 def read(path: str | os.PathLike) -> History:
@@ -74,48 +75,41 @@ class History(RestGeometry):
             return
         written = guard.values(guard.dataset(self._file, WRITTEN, "integer", (2,)))
         self.n_row, self.n_frames = (int(n) for n in written)
-        found = guard.members(self._file, "history")
         self.n_block = guard.dataset(self._file, "geometry/blocks/name", "text", (None,)).shape[0]
         self.n_joint = guard.dataset(self._file, "geometry/joints/blocks", "integer", (None, 3)).shape[0]
         self.n_actuator = guard.dataset(self._file, "geometry/actuators/name", "text", (None,)).shape[0]
-        tails = dict.fromkeys(("time", "load", "displacement", "unbalanced"), ())
-        tails |= {name: () for name in ("lower", "upper", "new_contacts") if name in found}
-        tails |= dict.fromkeys(("actuator_displacement", "actuator_force"), (self.n_actuator,))
-        if "control_point" in found:
+        found = {folder: guard.members(self._file, folder) for folder in ("history", "frames")}
+        if "control_point" in found["history"]:
             self.n_control_point = guard.dataset(self._file, "geometry/control_points/name", "text", (None,)).shape[0]
-            tails["control_point"] = (self.n_control_point, 3)
-        self.has_joints = "joint" in found
-        if self.has_joints:
-            tails |= {f"joint/{name}": (self.n_joint,) for name in JOINT_CHANNELS}
-        self.energy_names = tuple(guard.members(self._file, "history/energy"))
-        tails |= {f"energy/{name}": () for name in self.energy_names}
-        tails = {f"history/{name}": tail for name, tail in tails.items()}
-        framed = guard.members(self._file, "frames")
-        self.has_frames = "time" in framed
-        if self.has_frames:
-            blocks = {"time": (), "position": (self.n_block, 3), "displacement": (self.n_block, 3)}
-            blocks["orientation"] = (self.n_block, 4)
-            blocks |= {name: (self.n_block, 3) for name in ("velocity", "spin") if name in framed}
-            if "joint_shift" in framed:
-                blocks["joint_shift"] = (self.n_joint, 2)
-            n_point = guard.dataset(self._file, "geometry/joints/point", "number", (None, 5)).shape[0]
-            blocks |= {name: (n_point, wide) for name, wide in _AT_POINTS.items() if name in framed}
-            if "new_contacts" in framed:
-                blocks["new_contacts/end"] = ()
-            tails |= {f"frames/{name}": tail for name, tail in blocks.items()}
-        for name, tail in tails.items():
-            kind = "integer" if name.endswith("/end") else "number"
-            self._open(name, kind, tail, self.n_frames if name.startswith("frames/") else self.n_row)
-        if "frames/new_contacts/end" in self._series:
+        self.has_joints, self.has_frames = "joint" in found["history"], "time" in found["frames"]
+        found["history/energy"] = guard.members(self._file, "history/energy")
+        n_point = guard.dataset(self._file, "geometry/joints/point", "number", (None, 5)).shape[0]
+        sizes = Sizes(self.n_block, self.n_joint, self.n_actuator, self.n_control_point, n_point)
+        for channel in CHANNELS:
+            if channel.grows_by != CONTACTS and self._has(channel, found):
+                self._open(channel, sizes, self.n_frames if channel.grows_by == FRAMES else self.n_row)
+        if self.has_new_contacts:
             count = self.new_contacts_before(self.n_frames)
-            for name, (kind, tail, _, _) in NEW_CONTACTS.items():
-                self._open(f"frames/new_contacts/{name}", "integer" if kind == "<i8" else "number", tail, count)
+            for channel in NEW_CONTACTS.values():
+                self._open(channel, sizes, count)
+        energies = [path for path in self._series if path.startswith("history/energy/")]
+        self.energy_names = tuple(path.rpartition("/")[2] for path in energies)
         if self.n_frames and not self.has_frames:
             raise HistoryError(f"{self.path}: frames/time is missing, so this is not a history of ours")
 
-    def _open(self, name: str, kind: str, tail: tuple[int, ...], count: int) -> None:
-        """A dataset that grows, of which ``count`` entries were written."""
-        data = guard.dataset(self._file, name, kind, (None, *tail))
+    def _has(self, channel: Channel, found: Mapping[str, Container[str]]) -> bool:
+        """Whether a channel was recorded; what comes as one array, or as one group, comes together."""
+        if channel.grows_by == FRAMES and not self.has_frames:
+            return False
+        if channel.path.startswith("history/energy/"):
+            return channel.path.rpartition("/")[2] in found["history/energy"]
+        folder, group = channel.path.split("/")[:2]
+        return channel.always or group in found[folder]
+
+    def _open(self, channel: Channel, sizes: Sizes, count: int) -> None:
+        """The dataset of a channel, of which ``count`` entries were written."""
+        name, kind = channel.path, "integer" if channel.kind == "<i8" else "number"
+        data = guard.dataset(self._file, name, kind, (None, *channel.tail(sizes)))
         if not 0 <= count <= len(data):
             raise HistoryError(f"{self.path}: {name} has {len(data)} entries where {count} were written")
         self._series[name] = data
@@ -248,20 +242,33 @@ class History(RestGeometry):
         return {name: self.series(f"energy/{name}") for name in self.energy_names}
 
     @property
-    def meets_anew(self) -> bool:
+    def in_real_time(self) -> bool:
         """Whether the run was one in real time, in which blocks part and meet again."""
         return "history/new_contacts" in self._series
 
     @cached_property
     def counts_equilibria(self) -> bool:
-        """Whether times are the numbers of equilibria, of a run that looked for a collapse without living through
-        it."""
-        return counts_equilibria(self.scenario_text, self.meets_anew)
+        """Whether times are the numbers of equilibria, of a search that follows a path of them."""
+        return guard.attribute(self._file, "regime") == PATH_FOLLOWING.name
+
+    @cached_property
+    def curve(self) -> Curve:
+        """What the record shows: names of load and displacement, and the unit of the load."""
+        names = ("load_name", "load_unit", "displacement_name")
+        load, unit, displacement = (guard.attribute(self._file, name) for name in names)
+        if not all(isinstance(text, str) for text in (load, unit, displacement)):
+            return OF_ACTUATORS
+        return Curve(load or None, unit, "", displacement)
+
+    def unit(self, path: str) -> str:
+        """The unit of a dataset that grows with the run, by its path in the file."""
+        found = guard.attribute(self._series[path], "units")
+        return found if isinstance(found, str) else ""
 
     @cached_property
     def new_contacts(self) -> np.ndarray:
         """(T,): how many contacts formed since the start carry a force; zero in runs that know none."""
-        return self.series("new_contacts") if self.meets_anew else np.zeros(self.n_row)
+        return self.series("new_contacts") if self.in_real_time else np.zeros(self.n_row)
 
     @cached_property
     def control_point(self) -> np.ndarray:

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from dembrick.history.layout import JOINT_CHANNELS
 from dembrick.history.reader import read
+from dembrick.simulation.channels import JOINT_CHANNELS
 
 
 class Rows(Mapping):

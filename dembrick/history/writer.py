@@ -19,8 +19,9 @@ from dembrick.errors import HistoryError, OutputError, WriteError
 from dembrick.history import layout
 from dembrick.history.files import check_output, clear_parts, reason, replacing
 from dembrick.history.hdf5_files import rewritten
-from dembrick.history.layout import Field
 from dembrick.history.reader import History, is_of
+from dembrick.scenario.controls import Control, YieldControl
+from dembrick.simulation.channels import CONTACTS, FRAMES, ROWS, Field, recorded, taken
 
 RUNNING = "running"
 OWN = "own"  # what `force` says of a finished history of the same scenario: it may be replaced
@@ -41,8 +42,8 @@ class HistoryWriter:
     finished; the file itself is there from the start, unless it would take the place of a finished one. ``finish``
     makes the final file: exact lengths, compressed where that halves a long series. Until then the status is
     ``running``. ``resume`` goes on with a file that was left behind.
-    ``channels``: what is recorded (see ``model.Output``). ``energy``: names of the energies in the records, and
-    ``meets_anew``: whether these count new contacts, if known; else the first record tells.
+    ``channels``: what is recorded (see ``model.Output``). ``control``: what is done to the blocks, which says what the
+    load is.
 
     A file that is there gives way if it is an unfinished history of the same scenario; with ``force`` = `OWN` also a
     finished one of it, with True any.
@@ -59,9 +60,8 @@ class HistoryWriter:
         settings: Mapping,
         force: bool | str = False,
         channels: Iterable[str] = ("joints", "energy", "frames"),
-        energy: tuple[str, ...] = (),
         hold: float = 0.1,
-        meets_anew: bool = False,
+        control: Control | None = None,
     ):
         self.path = os.fspath(path)
         self._target = check_output(path)
@@ -71,6 +71,7 @@ class HistoryWriter:
         self._assembly, self._scenario_text, self._settings = assembly, scenario_text, dict(settings)
         self._position0 = np.asarray(assembly.position, float)
         self._channels, self._hold, self._opened = frozenset(channels), hold, time.monotonic()
+        self._control = control or YieldControl()
         self._tables: list[layout.Table] | None = None
         self._file = None
         self._offsets: dict[str, int] = {}
@@ -81,24 +82,25 @@ class HistoryWriter:
         self._source: History | None = None  # a file left behind, until what is kept of it has moved to ours
         self._closed = False
         self.run = os.urandom(8).hex()
-        self._set_fields(energy, meets_anew)
+        self._set_fields()
         if not os.path.exists(self._target) or os.path.getsize(self._target) == 0 or not force:
             self._begin()
 
-    def _set_fields(self, energy, meets_anew: bool) -> None:
-        self._fields = layout.fields(self._assembly, self._channels, energy, self._scenario_text, meets_anew)
-        self._energy, self._meets_anew = tuple(energy), meets_anew
-        self._frame_fields = [f.path.removeprefix("frames/") for f in self._fields if f.grows_by != layout.ROWS]
+    def _set_fields(self) -> None:
+        self._fields = recorded(self._assembly, self._channels, self._control)
+        self._of_rows = [field for field in self._fields if field.grows_by == ROWS]
+        self._of_frames = [field for field in self._fields if field.grows_by != ROWS]
 
     @classmethod
-    def resume(cls, left: History, assembly, settings: Mapping, channels: Iterable[str], rows: int, frames: int):
+    def resume(
+        cls, left: History, assembly, settings: Mapping, channels: Iterable[str], rows: int, frames: int,
+        control: Control | None = None,
+    ):  # fmt: skip
         """Go on with the file that ``left`` reads, after its first ``rows`` rows and ``frames`` frames.
 
         The others are dropped; ``left`` is closed.
         """
-        self = cls(
-            left.path, left.scenario_text, assembly, settings, True, channels, left.energy_names, 0.0, left.meets_anew
-        )
+        self = cls(left.path, left.scenario_text, assembly, settings, True, channels, 0.0, control)
         self._source, self._stored, self.run = (
             left,
             (rows, frames, left.new_contacts_before(frames)),
@@ -117,60 +119,44 @@ class HistoryWriter:
     @property
     def n_row(self) -> int:
         """Rows appended so far."""
-        return self._counts[layout.ROWS]
+        return self._counts[ROWS]
 
     @property
     def n_frames(self) -> int:
         """Frames appended so far."""
-        return self._counts[layout.FRAMES]
+        return self._counts[FRAMES]
 
     def place(self, assembly) -> None:
         """Take the assembly with its contact points where they stay, before the first row."""
         self._assembly, self._tables = assembly, None
-        self._set_fields(self._energy, self._meets_anew)
+        self._set_fields()
 
     def append(self, record: Mapping) -> None:
-        """Add T rows: ``time``, ``load``, ``displacement``, ``unbalanced`` (T,), ``actuator_displacement`` and
-        ``actuator_force`` (T, n_actuator), ``joint`` (T, n_joint, 7), optionally ``energy``: name -> (T,) and, in
-        a run in real time, ``new_contacts`` (T,); what is no channel of this history is left out."""
-        energy = (record.get("energy") if "energy" in self._channels else None) or {}
-        meets_anew = "new_contacts" in record
-        if set(energy) != set(self._energy) or meets_anew != self._meets_anew:
-            if self.n_row and set(energy) != set(self._energy):
-                raise ValueError(f"energies {sorted(energy)} differ from the first record's {sorted(self._energy)}")
-            if self.n_row:
-                raise ValueError("either every record of a history counts new contacts or none does")
-            self._reopen_with(tuple(energy), meets_anew)
-        channels = {}
-        if "joints" in self._channels:
-            joint = np.asarray(record["joint"], float)
-            channels = {f"history/joint/{name}": joint[..., i] for i, name in enumerate(layout.JOINT_CHANNELS)}
-        channels |= {f"history/energy/{name}": value for name, value in energy.items()}
-        for field in self._fields:
-            if field.grows_by == layout.ROWS and field.path not in channels:
-                channels[field.path] = record[field.path.removeprefix("history/")]
-        self._add(channels, (len(record["time"]), 0, 0))
+        """Add T rows: what ``simulation.channels`` declares for rows, each (T, ...); ``joint`` is one array (T,
+        n_joint,
+        7), ``energy`` a mapping of names. What is no channel of this history is left out."""
+        rows = {field.path: taken(record, field, self._assembly) for field in self._of_rows}
+        self._add(rows, (len(record["time"]), 0, 0))
 
     def append_frames(
         self, time, displacement, orientation, *, new_contacts: Mapping | None = None, **channels: np.ndarray
     ) -> None:
         """Add F frames: ``time`` (F,), ``displacement`` from the start (F, n_block, 3), ``orientation``
-        (F, n_block, 4), and the ``channels`` of this history: ``velocity`` and ``spin`` (F, n_block, 3),
-        ``contact_force`` (F, n_point, 3); in a run in real time also ``joint_shift`` (F, n_joint, 2), ``contact_arm``
-        (F, n_point, 2) and ``new_contacts``: ``count`` (F,), how many each frame has, and what `layout.NEW_CONTACTS`
-        names of all of them (C, ...). What is no channel of this history is left out."""
+        (F, n_block, 4), and the other ``channels`` that are declared for frames, each (F, ...); in a run in real time
+        also ``new_contacts``: ``count`` (F,), how many each frame has, and what is declared of all of them (C, ...).
+        What is no channel of this history is left out."""
         if "frames" not in self._channels:
             raise ValueError("this history was opened without frames")
         displacement = np.asarray(displacement, float)
-        frames = {"time": time, "position": self._position0 + displacement, "displacement": displacement}
-        frames |= {"orientation": orientation, **channels}
+        record = {"time": time, "displacement": displacement, "orientation": orientation, **channels}
         contacts = 0
-        if "new_contacts/end" in self._frame_fields:
-            end = self._counts[layout.CONTACTS] + np.cumsum(new_contacts["count"], dtype=np.int64)
-            contacts = int(end[-1]) - self._counts[layout.CONTACTS] if len(end) else 0
-            frames |= {f"new_contacts/{name}": new_contacts[name] for name in layout.NEW_CONTACTS}
-            frames["new_contacts/end"] = end
-        self._add({f"frames/{name}": frames[name] for name in self._frame_fields}, (0, len(displacement), contacts))
+        if any(field.grows_by == CONTACTS for field in self._of_frames):
+            before = self._counts[CONTACTS]
+            end = before + np.cumsum(new_contacts["count"], dtype=np.int64)
+            contacts = int(end[-1]) - before if len(end) else 0
+            record["new_contacts"] = {**new_contacts, "end": end}
+        frames = {field.path: taken(record, field, self._assembly) for field in self._of_frames}
+        self._add(frames, (0, len(displacement), contacts))
 
     def _add(self, channels: Mapping, counts: tuple[int, int, int]) -> None:
         if self._closed:
@@ -251,6 +237,9 @@ class HistoryWriter:
 
     def _attributes(self, status: str, results: Mapping) -> dict:
         found = {"format": layout.FORMAT, "status": status, "run": self.run, "versions": _json(_versions())}
+        control, curve = self._control, self._control.curve
+        found |= {"control": control.kind, "regime": control.regime.name}
+        found |= {"load_name": curve.load or "", "load_unit": curve.unit, "displacement_name": curve.displacement}
         return found | {"results": _json(results), "settings": _json(self._settings)}
 
     def _failures(self) -> _Failures:
@@ -266,14 +255,6 @@ class HistoryWriter:
         if self._source is not None:
             self._source.close()
             self._source = None
-
-    def _reopen_with(self, energy: tuple[str, ...], meets_anew: bool) -> None:
-        if any("/" in name or not name for name in energy):
-            raise ValueError(f"energy names {energy} must not be empty or hold a slash")
-        self._set_fields(energy, meets_anew)
-        if self._file is not None:
-            with self._failures():
-                self._grow((0, *self._counts[1:]))
 
     def _grow(self, wanted: tuple[int, int, int]) -> None:
         """A new running file with room for twice the entries, holding what the old one holds."""

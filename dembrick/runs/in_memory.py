@@ -26,8 +26,8 @@ def recording(result) -> Iterator[history.History]:
         raise HistoryError(f"{result.scenario.title}: the run kept no record; simulate it with record=True")
     with tempfile.TemporaryDirectory(prefix="dembrick-") as folder:
         path, channels = os.path.join(folder, "run.h5"), result.scenario.output.channels
-        text = scenarios.text_of(result.scenario)
-        with history.HistoryWriter(path, text, result.assembly, {}, channels=channels) as writer:
+        text, control = scenarios.text_of(result.scenario), result.scenario.control
+        with history.HistoryWriter(path, text, result.assembly, {}, channels=channels, control=control) as writer:
             writer.append(result.rows)
             if "frames" in channels:
                 writer.append_frames(**result.frames)

@@ -11,7 +11,8 @@ import numpy as np
 
 from dembrick._jit import kernel_hash
 from dembrick.errors import HistoryError
-from dembrick.scenario.model import Output
+from dembrick.scenario.model import Output, Scenario
+from dembrick.simulation.channels import FRAMES, ROWS, followed, recorded
 from dembrick.simulation.energy_audit import Auditor
 from dembrick.simulation.session import Session
 
@@ -21,15 +22,21 @@ class Memory:
 
     write_seconds = 0.0
 
-    def __init__(self):
-        self.auditor = Auditor()
+    def __init__(self, scenario: Scenario, assembly):
+        self.auditor, self._scenario = Auditor(), scenario
         self._rows, self._frames = [], []
+        self.place(assembly)
+
+    def place(self, assembly) -> None:
+        """The assembly with its contact points where they stay, before anything is recorded."""
+        output, self._assembly = self._scenario.output, assembly
+        self._fields = recorded(assembly, output.channels, self._scenario.control)
 
     def observe(self, rows: Mapping, frames: Mapping) -> None:
         """Take what a chunk brought."""
         self.auditor.add(rows["energy"])
-        self._rows.append(rows)
-        self._frames.append(frames)
+        self._rows.append(followed(rows, self._fields, ROWS, self._assembly))
+        self._frames.append(followed(frames, self._fields, FRAMES, self._assembly))
 
     def session(self, output: Output) -> Session:
         """The surroundings of the run."""
@@ -49,19 +56,20 @@ class Memory:
 class RecordStore:
     """Passes the record on to a history writer and holds nothing of it; writes checkpoints beside the history.
 
-    ``text`` is the scenario; ``left``: a history file that was left behind, to go on with, else a new one is made.
+    ``text`` is that of the scenario; ``left``: a history file that was left behind, to go on with, else a new one is
+    made.
     """
 
-    def __init__(self, path, text: str, assembly, output: Output, settings: Mapping, force=False, left=None):
+    def __init__(self, path, scenario: Scenario, text: str, assembly, settings: Mapping, force=False, left=None):
         from dembrick import history
 
-        began = time.perf_counter()
+        began, channels, control = time.perf_counter(), scenario.output.channels, scenario.control
         self.path, self.auditor, self.checkpoint = os.fspath(path), Auditor(), None
         self._recorded, self._assembly = history.recorded, assembly
         self._checkpoints = history.Checkpoints(self.path)
         self._scenario = hashlib.sha256(text.encode()).hexdigest()
         if left is None:
-            self._writer = history.HistoryWriter(self.path, text, assembly, settings, force, output.channels)
+            self._writer = history.HistoryWriter(self.path, text, assembly, settings, force, channels, control=control)
             self._checkpoints.discard()
         else:
             rows, frames = self._take_checkpoint(left)
@@ -69,7 +77,7 @@ class RecordStore:
             resume = history.HistoryWriter.resume
             self._writer, self._open = (
                 None,
-                lambda: resume(left, self._assembly, settings, output.channels, rows, frames),
+                lambda: resume(left, self._assembly, settings, channels, rows, frames, control),
             )
         self.write_seconds = time.perf_counter() - began
 

@@ -12,7 +12,7 @@ import numpy as np
 from dembrick.assembly.build import Assembly
 from dembrick.assembly.contact_points import widest_rim
 from dembrick.runs import theory_check
-from dembrick.scenario.controls import YIELD
+from dembrick.scenario.controls import YIELD, Curve
 from dembrick.scenario.model import Scenario
 from dembrick.simulation.energy_audit import EnergyAudit
 from dembrick.simulation.statics.load_system import Replay
@@ -55,6 +55,11 @@ class RunResult:
             "wall": self.wall,
             "history": self.history,
         }
+
+    @property
+    def curve(self) -> Curve:
+        """What the record shows: names of load and displacement, and the unit of the load."""
+        return self.scenario.control.curve
 
     @property
     def results(self) -> dict:

@@ -51,12 +51,12 @@ def simulate(
         refinements(scenario)  # refuses what cannot be refined before anything runs
     assembly = _built(scenario, report)
     if history is None:
-        return _run(scenario, assembly, Memory() if record else None, began, start_up, refine)
+        return _run(scenario, assembly, Memory(scenario, assembly) if record else None, began, start_up, refine)
     from dembrick.history import claimed  # and h5py: for runs with a file only
 
     with claimed(history):
         settings = {"scenario": scenario.path or ""}
-        store = RecordStore(history, scenarios.text_of(scenario), assembly, scenario.output, settings, force)
+        store = RecordStore(history, scenario, scenarios.text_of(scenario), assembly, settings, force)
         return _run(scenario, assembly, store, began, start_up, refine)
 
 
@@ -79,7 +79,7 @@ def restart(history: str | os.PathLike, *, report: Callable[[str], None] | None 
         scenario = scenarios.loads(left.scenario_text, named if isinstance(named, str) and named else None)
         assembly = _built(scenario, report)
         settings = {"scenario": scenario.path or ""}
-        store = RecordStore(history, left.scenario_text, assembly, scenario.output, settings, left=left)
+        store = RecordStore(history, scenario, left.scenario_text, assembly, settings, left=left)
         if report:
             left_at = store.checkpoint and store.checkpoint.about["where"]
             report(f"going on from {left_at}" if left_at else "no checkpoint was written: starting from the beginning")
@@ -117,7 +117,7 @@ def _run(
     with ExitStack() as until_written:
         try:
             assembly, placing = driver.place(scenario, assembly)
-            if path:
+            if store:
                 store.place(assembly)
             run = driver.run(scenario, assembly, store.session(scenario.output) if store else Session())
             audit = store.auditor.result(run.energy) if store and run.energy is not None else None

@@ -9,11 +9,11 @@ import pytest
 from dembrick import history
 from dembrick.cli import main
 from dembrick.geometry.rotations import rotation_matrix
-from dembrick.history.layout import NEW_CONTACTS
 from dembrick.runs.simulate import restart, simulate
 from dembrick.scenario.controls import DynamicControl
 from dembrick.scenario.model import CHANNELS, Block, JointLaw, Material, Output, Scenario
 from dembrick.simulation import interrupts
+from dembrick.simulation.channels import NEW_CONTACTS
 from dembrick.simulation.interrupts import Interrupted
 from dembrick.views.export.layers import Contacts, Picture
 from dembrick.views.motion.joints import JointMotion

@@ -7,10 +7,13 @@ import numpy as np
 from dembrick import history
 from dembrick.assembly.actuators import NO_CONTROL_POINTS, ControlPoints
 from dembrick.scenario import model
+from dembrick.scenario.controls import DynamicControl
+from dembrick.simulation.channels import energies
 
 SCENARIO = 'title = "two blocks, one joint"\ngravity = [0.0, 0.0, -9.81]\n'
 FACES = ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7))
-ENERGIES = ("kinetic", "friction", "work")
+ENERGIES = energies(real_time=False)
+MOTION = DynamicControl(1.0)  # of records in real time
 RESULTS = {"title": "two blocks", "V": np.float64(216.05), "list": np.arange(2), "none": None}
 
 
@@ -91,7 +94,7 @@ def many_blocks(n):
     return base
 
 
-def record(start, stop, n_joint=1, n_actuator=1, energies=ENERGIES):
+def record(start, stop, n_joint=1, n_actuator=1, names=ENERGIES):
     """Rows start to stop; every number follows from its row, so that a reader can tell any that is wrong."""
     row = np.arange(start, stop, dtype=float)
     column = row[:, None]
@@ -106,7 +109,7 @@ def record(start, stop, n_joint=1, n_actuator=1, energies=ENERGIES):
         "actuator_force": 3.0 * column + np.arange(n_actuator),
         "control_point": 1e-6 * column[:, :, None] + np.array([[[0.0, 1e-3, 2e-3]]]),
         "joint": column[:, :, None] + 10.0 * np.arange(n_joint)[None, :, None] + 0.1 * np.arange(7),
-        "energy": {name: (i + 1) * row for i, name in enumerate(energies)},
+        "energy": {name: (i + 1) * row for i, name in enumerate(names)},
     }
 
 
@@ -157,10 +160,16 @@ def open_writer(path, blocks=None, **options):
     return history.HistoryWriter(path, SCENARIO, blocks or assembly(), {"time_step": 1e-5}, **options)
 
 
+def moving_record(start, stop):
+    """Rows start to stop of a run in real time, which count new contacts and know more energies."""
+    return record(start, stop, names=energies(real_time=True)) | {"new_contacts": np.arange(start, stop) % 4}
+
+
 def finished(path, in_real_time=False, **options):
     """A finished history of 20 rows and 4 frames at ``path``, with all channels."""
+    options |= {"control": MOTION} if in_real_time else {}
     with open_writer(path, channels=model.CHANNELS, **options) as out:
-        out.append(record(0, 20) | ({"new_contacts": np.arange(20) % 4} if in_real_time else {}))
+        out.append((moving_record if in_real_time else record)(0, 20))
         shifted = {"joint_shift": np.zeros((4, 1, 2)), "contact_arm": np.zeros((4, 4, 2))}
         out.append_frames(*frames(0, 4), **motion(0, 4), **shifted, new_contacts=new_contacts(0, 4))
         out.finish("yield", RESULTS)
@@ -169,7 +178,8 @@ def finished(path, in_real_time=False, **options):
 
 def check_rows(found, stop, n_joint=1, n_actuator=1):
     """All series hold exactly rows 0 to stop of ``record``."""
-    expected = record(0, stop, n_joint, n_actuator)
+    names = energies(found.in_real_time)
+    expected = record(0, stop, n_joint, n_actuator, names)
     assert found.n_row == stop
     for name in ("time", "load", "displacement", "unbalanced", "actuator_displacement", "actuator_force"):
         np.testing.assert_array_equal(getattr(found, name), expected[name], err_msg=name)
@@ -177,7 +187,7 @@ def check_rows(found, stop, n_joint=1, n_actuator=1):
         np.testing.assert_array_equal(found.series(name), expected[name], err_msg=name)
     for i, name in enumerate(("N", "V_1", "V_2", "M_T", "M_1", "M_2", "slip")):
         np.testing.assert_array_equal(found.joint(name), expected["joint"][:, :, i], err_msg=name)
-    assert set(found.energy) == set(ENERGIES)
+    assert set(found.energy) == set(names)
     for name, values in found.energy.items():
         np.testing.assert_array_equal(values, expected["energy"][name], err_msg=name)
 

@@ -121,11 +121,12 @@ from dembrick.history import writer
 writer._RESERVE = 20_000  # many growths
 n = {n_block}
 from dembrick.scenario.model import CHANNELS
-out = history.HistoryWriter({path!r}, cases.SCENARIO, cases.many_blocks(n), {{}}, False, CHANNELS, hold=0.0)
+options = dict(channels=CHANNELS, hold=0.0, control=cases.MOTION)
+out = history.HistoryWriter({path!r}, cases.SCENARIO, cases.many_blocks(n), {{}}, False, **options)
 print("start", flush=True)
 rows = frames = 0
 for round in range(10**6):
-    out.append(cases.record(rows, rows + 1 + round % 7) | {{"new_contacts": [0.0] * (1 + round % 7)}})
+    out.append(cases.moving_record(rows, rows + 1 + round % 7))
     rows += 1 + round % 7
     print(rows, frames, flush=True)
     if round % 2:
@@ -137,7 +138,7 @@ for round in range(10**6):
     if round % 40 == 39:
         out.finish("completed", {{}})
         print("finished", rows, frames, flush=True)
-        out = history.HistoryWriter({path!r}, cases.SCENARIO, cases.many_blocks(n), {{}}, True, CHANNELS, hold=0.0)
+        out = history.HistoryWriter({path!r}, cases.SCENARIO, cases.many_blocks(n), {{}}, True, **options)
         rows = frames = 0
 """
 

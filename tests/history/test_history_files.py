@@ -97,13 +97,13 @@ def test_new_contacts_come_back_however_many_a_frame_has(tmp_path, monkeypatch, 
     channels = model.CHANNELS
 
     def add(out, start, stop):
-        out.append(cases.record(start, stop) | {"new_contacts": np.arange(start, stop) % 4})
+        out.append(cases.moving_record(start, stop))
         met = cases.new_contacts(start, stop)
         number = np.arange(start, stop, dtype=float)[:, None, None]
         moved = {"joint_shift": number + np.zeros((1, 2)), "contact_arm": number + np.arange(4.0)[:, None] + [0.0, 0.5]}
         out.append_frames(*cases.frames(start, stop), **cases.motion(start, stop), **moved, new_contacts=met)
 
-    with cases.open_writer(tmp_path / "run.h5", hold=hold, channels=channels) as out:
+    with cases.open_writer(tmp_path / "run.h5", hold=hold, channels=channels, control=cases.MOTION) as out:
         for start in range(0, 300, 5):
             add(out, start, start + 5)
             if hold == 0.0 and start % 50 == 0:
@@ -116,7 +116,7 @@ def test_new_contacts_come_back_however_many_a_frame_has(tmp_path, monkeypatch, 
             out.append_frames(*cases.frames(300, 305), **cases.motion(300, 305), **moved, new_contacts=wrong)
     left = history.read(tmp_path / "run.h5")
     assert left.n_frames == 300 and (left.new_contacts_before(0), left.new_contacts_before(4)) == (0, 6)
-    with history.HistoryWriter.resume(left, cases.assembly(), {}, channels, 203, 203) as out:
+    with history.HistoryWriter.resume(left, cases.assembly(), {}, channels, 203, 203, cases.MOTION) as out:
         add(out, 203, 401)
         out.finish("completed", {})
     with history.read(tmp_path / "run.h5") as found:
@@ -163,20 +163,18 @@ def test_the_file_is_what_other_scripts_expect(tmp_path):
         assert missing == []
 
 
-@pytest.mark.parametrize("known", [False, True])
-def test_the_record_says_whether_blocks_meet_anew(tmp_path, known):
-    """Not the text of the scenario: the rows that come in count new contacts, or they do not."""
-    with cases.open_writer(tmp_path / "run.h5", meets_anew=known) as out:
+def test_the_record_of_a_run_in_real_time_counts_new_contacts(tmp_path):
+    """The control says so; a record without them does not fit."""
+    with cases.open_writer(tmp_path / "run.h5", control=cases.MOTION) as out:
         for start in (0, 4):
-            out.append(cases.record(start, start + 4) | {"new_contacts": np.arange(start, start + 4.0)})
-        with pytest.raises(ValueError, match="counts new contacts or none does"):
+            out.append(cases.moving_record(start, start + 4))
+        with pytest.raises(ValueError, match="history/energy/released"):
             out.append(cases.record(8, 12))
         out.finish("completed", {})
     with history.read(tmp_path / "run.h5") as found:
-        assert found.meets_anew and found.new_contacts.tolist() == list(range(8))
-        cases.check_rows(found, 8)
+        assert found.in_real_time and found.new_contacts.tolist() == [0.0, 1.0, 2.0, 3.0] * 2
     with history.read(cases.finished(tmp_path / "other.h5")) as found:
-        assert not found.meets_anew and not found.new_contacts.any() and len(found.new_contacts) == found.n_row
+        assert not found.in_real_time and not found.new_contacts.any() and len(found.new_contacts) == found.n_row
         assert "new_contacts" not in found.series_names("history")
 
 
@@ -251,8 +249,8 @@ def test_records_of_the_wrong_shape_are_refused_and_leave_no_trace(tmp_path, hol
         bad["unbalanced"] = bad["unbalanced"][:2]
         with pytest.raises(ValueError, match="history/unbalanced"):
             out.append(bad)
-        with pytest.raises(ValueError, match="energies"):
-            out.append(cases.record(5, 9, energies=("kinetic",)))
+        with pytest.raises(ValueError, match="history/energy/elastic: the record has no such channel"):
+            out.append(cases.record(5, 9, names=("kinetic",)))
         with pytest.raises(ValueError, match="frames/orientation"):
             times, displacement, orientation = cases.frames(0, 2)
             out.append_frames(times, displacement, orientation[:, :, :3])

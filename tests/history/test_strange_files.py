@@ -9,7 +9,7 @@ import pytest
 
 from dembrick import history
 from dembrick.errors import HistoryError
-from dembrick.history import layout
+from dembrick.simulation.channels import JOINT_CHANNELS
 from helpers import history_cases as cases
 
 
@@ -39,7 +39,7 @@ def read_all(path):
         for name in dir(type(found)):
             if not name.startswith("_"):
                 getattr(found, name)
-        for name in layout.JOINT_CHANNELS:
+        for name in JOINT_CHANNELS:
             found.joint(name)
         for i in range(found.n_block):
             found.block_vertices(i), found.block_faces(i)

@@ -12,7 +12,6 @@ from scipy.optimize import linprog
 from dembrick import history
 from dembrick.assembly import build
 from dembrick.errors import NotConvergedError, ScenarioError
-from dembrick.history.layout import load_of
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import shipped
 from dembrick.scenario.controls import PushoverControl, TiltControl
@@ -321,14 +320,13 @@ def test_an_arch_too_thin_stands_no_load():
 
 
 def test_the_load_of_a_tilt_is_a_number_and_that_of_jacks_a_force(tmp_path):
-    """In the history and in the text made of it; a name alone in the text of a scenario is no kind of control."""
+    """In the history and in the text made of it."""
     path, text = tmp_path / "tilt.h5", tmp_path / "tilt.csv"
     simulate(on_table(0.3, tilt()), path)
     with h5py.File(path) as file:
         assert {file[f"history/{name}"].attrs["units"] for name in ("load", "lower", "upper")} == {"1"}
+        assert (file.attrs["control"], file.attrs["load_unit"]) == ("tilt", "1")
+        assert file.attrs["load_name"] == "load factor tan(angle)"
     with history.read(path) as found:
         to_csv(found, text)
     assert text.read_text().splitlines()[0].startswith("equilibrium [1],load [1],")
-    assert load_of('title = "a tilt"\n[control]\nkind = "yield"')[0] == "N"
-    assert load_of('[control]\nkind = "base-motion"')[0] == "m/s2"
-    assert load_of("tilt =")[0] == "N"

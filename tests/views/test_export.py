@@ -254,8 +254,10 @@ def test_vtk_reads_the_contact_forces_at_every_step(tmp_path):
 def real_time(folder, n_frame=N_FRAME):
     """A finished history whose frames have new contacts: none, one, two or three each."""
     assembly = cases.assembly()
-    with history.HistoryWriter(folder / "run.h5", cases.SCENARIO, assembly, {}, channels=EVERYTHING) as writer:
-        writer.append(cases.record(0, n_frame) | {"new_contacts": np.arange(n_frame) % 4})
+    with history.HistoryWriter(
+        folder / "run.h5", cases.SCENARIO, assembly, {}, channels=EVERYTHING, control=cases.MOTION
+    ) as writer:
+        writer.append(cases.moving_record(0, n_frame))
         met, arms = cases.new_contacts(0, n_frame), np.tile(assembly.joints[0].polygon, (n_frame, 1, 1))
         arms[2:, 1] += [-0.02, 0.03]
         moving = cases.motion(0, n_frame) | {"joint_shift": np.zeros((n_frame, 1, 2)), "contact_arm": arms}
@@ -314,8 +316,10 @@ def test_pvd_lists_the_new_contacts(tmp_path):
 
 
 def test_an_export_says_that_new_contacts_were_not_recorded(tmp_path):
-    with history.HistoryWriter(tmp_path / "run.h5", cases.SCENARIO, cases.assembly(), {}) as writer:
-        writer.append(cases.record(0, 4) | {"new_contacts": np.arange(4)})
+    with history.HistoryWriter(
+        tmp_path / "run.h5", cases.SCENARIO, cases.assembly(), {}, control=cases.MOTION
+    ) as writer:
+        writer.append(cases.moving_record(0, 4))
         writer.append_frames(*cases.frames(0, 4), joint_shift=np.zeros((4, 1, 2)))
         writer.finish("completed", {})
     remarks = []
@@ -500,6 +504,6 @@ def test_the_benchmark_of_pictures_makes_up_histories_that_are_exported(tmp_path
         path, target = tmp_path / f"{name}.h5", tmp_path / f"{name}.vtkhdf"
         bench.made_up(path, 4, bench.CHUNK + 2, formulation, channels)
         with history.read(path) as found:
-            assert found.n_frames == bench.CHUNK + 2 and found.meets_anew
+            assert found.n_frames == bench.CHUNK + 2 and found.in_real_time
         assert main(["export", str(path), "--to", str(target), "--quiet"]) == 0
         assert target.exists()

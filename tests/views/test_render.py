@@ -217,8 +217,8 @@ def test_forces_ride_on_the_blocks_that_are_drawn(tmp_path, drawing):
 @pytest.mark.parametrize("factor", [1.0, 3.0])
 def test_forces_of_new_contacts(tmp_path, drawing, factor):
     """As many arrows as the frame has, riding on the second block where that is drawn; the others have no length."""
-    with history.HistoryWriter(tmp_path / "run.h5", cases.SCENARIO, cases.assembly(), {}, channels=CHANNELS) as writer:
-        writer.append(cases.record(0, 5) | {"new_contacts": np.arange(5) % 4})
+    with cases.open_writer(tmp_path / "run.h5", channels=CHANNELS, control=cases.MOTION) as writer:
+        writer.append(cases.moving_record(0, 5))
         still = {"joint_shift": np.zeros((4, 1, 2)), "contact_arm": np.zeros((4, 4, 2))}
         met = cases.new_contacts(0, 4)
         writer.append_frames(*cases.frames(0, 4), **cases.motion(0, 4), **still, new_contacts=met)
@@ -240,8 +240,10 @@ def test_forces_of_new_contacts(tmp_path, drawing, factor):
             np.testing.assert_allclose(arrows["length"][:frame] / size, arrows["length"][0] / size[0])
             assert len(arrows["length"]) == 3 and not arrows["length"][frame:].any() and arrows["length"][0] > 0.0
         assert "purple: those of new contacts" in shown._text.input
-    with history.HistoryWriter(tmp_path / "less.h5", cases.SCENARIO, cases.assembly(), {}) as writer:
-        writer.append(cases.record(0, 5) | {"new_contacts": np.arange(5) % 4})
+    with history.HistoryWriter(
+        tmp_path / "less.h5", cases.SCENARIO, cases.assembly(), {}, control=cases.MOTION
+    ) as writer:
+        writer.append(cases.moving_record(0, 5))
         writer.append_frames(*cases.frames(0, 4), joint_shift=np.zeros((4, 1, 2)))
         writer.finish("completed", {})
     with history.read(tmp_path / "less.h5") as found, drawn(found, forces=True) as shown:

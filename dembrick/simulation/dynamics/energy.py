@@ -24,11 +24,12 @@ from dembrick.kernels.dynamics.energy import (
     take_stock,
 )
 from dembrick.kernels.dynamics.tiles import AREA, ELASTIC, POINT, X, Y, rows_of_lanes
+from dembrick.simulation.channels import energies
 from dembrick.simulation.dynamics.joint_polygons import Polygons
 from dembrick.simulation.dynamics.state import MovingState, out_of_balance, seen
 from dembrick.simulation.energy_audit import Sums
 
-ENERGIES = ("kinetic", "elastic", "external", "friction", "dashpots", "released", "stepping", "new_contacts")
+ENERGIES = energies(real_time=True)
 
 FLOOR = 1e-3  # of what the springs hold at the start: where less is put in, errors are rounding
 

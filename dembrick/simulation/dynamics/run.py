@@ -16,6 +16,7 @@ from dembrick.scenario.checks import show
 from dembrick.scenario.controls import COLLAPSE, COMPLETED, NOTHING, STEEPEST
 from dembrick.scenario.model import Output
 from dembrick.simulation import interrupts
+from dembrick.simulation.channels import bytes_of, recorded
 from dembrick.simulation.dynamics.checkpoint import Past
 from dembrick.simulation.dynamics.dead_load import find_equilibrium
 from dembrick.simulation.dynamics.energy import MotionEnergy
@@ -91,16 +92,12 @@ def ask_for(moving: Motion, output: Output, loads: int) -> None:
 def plan(moving: Motion, control, output: Output) -> Plan:
     """What the run will take: the steps of its whole duration, or of a tilt to the vertical or of the longest push, and
     bytes at the most."""
-    controller = _controller(moving, control)
-    steps, n, j = _most_steps(moving, control, controller), len(moving.assembly.names), len(moving.assembly.joints)
+    steps = _most_steps(moving, control, _controller(moving, control))
     rows = min(steps, 2 * output.rows)
     frames = min(rows, 2 * output.frames)
-    contacts, corners = "contacts" in output.channels, moving.state.corners
-    points = int(corners.start[-1]) if contacts and corners is not None else 0
-    meet = MEETINGS * n if contacts else 0
-    memory = sum(array.nbytes for array in moving.state.arrays) + 8 * (
-        rows * (6 + 7 * j) + frames * (13 * n + 2 * j + 5 * points + 16 * meet)
-    )
+    fields = recorded(moving.assembly, output.channels, control)
+    memory = sum(array.nbytes for array in moving.state.arrays)
+    memory += bytes_of(fields, rows, frames, frames * MEETINGS * len(moving.assembly.names))
     return Plan(moving.time_step, moving.critical_time_step, steps, memory)
 
 

@@ -95,7 +95,7 @@ def plan(assembly, control, step_factor: float, output: Output) -> Plan:
     system = LoadSystem(assembly)
     dt = system.time_step(step_factor * system.dashpots().critical_time_step, control.rate)
     steps = _steps(control.rate, control.travel, dt)
-    return system.plan(dt, steps, min(steps, 2 * output.rows), output)
+    return system.plan(dt, steps, min(steps, 2 * output.rows), control, output)
 
 
 def _steps(rate: float, travel: float, dt: float) -> int:

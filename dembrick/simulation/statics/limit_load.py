@@ -162,4 +162,4 @@ def plan(assembly, control, step_factor: float, output: Output) -> Plan:
     system = LoadSystem(assembly)
     # seen over the lab tests and random joints: some 25 steps to 1e-3 and ten more a digit, twice that at height
     steps = 25 + int(20.0 * max(0.0, -math.log10(control.tolerance) - 2.0))
-    return system.plan(step_factor * system.dashpots().critical_time_step, steps, steps, output)
+    return system.plan(step_factor * system.dashpots().critical_time_step, steps, steps, control, output)

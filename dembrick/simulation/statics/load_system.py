@@ -10,7 +10,9 @@ from dembrick.errors import ScenarioError
 from dembrick.kernels.state import Energy
 from dembrick.kernels.statics.load_bounds import Certificate
 from dembrick.kernels.statics.loop import Drive
+from dembrick.scenario.controls import Control
 from dembrick.scenario.model import Output
+from dembrick.simulation.channels import Sizes, bytes_of, recorded
 from dembrick.simulation.session import Plan, Session
 from dembrick.simulation.statics import joint_families
 from dembrick.simulation.statics.certificate import certificate
@@ -78,11 +80,11 @@ class LoadSystem:
         """Those for physical inertia, with the critical time step that counts them and the actuator."""
         return dashpots(self.state, block_inertia(self.assembly), self.actuator)
 
-    def plan(self, dt: float, steps: int, rows: int, output: Output) -> Plan:
+    def plan(self, dt: float, steps: int, rows: int, control: Control, output: Output) -> Plan:
         """The plan of ``steps`` of ``dt`` (s) that write so many ``rows``."""
-        n, j, k = len(self.assembly.names), len(self.assembly.joints), len(self.assembly.actuators.block)
-        points = sum(len(p.area) for p in self.assembly.contact_points if p is not None)
-        memory = 8 * (96 * n + 90 * j + 12 * points + rows * (6 + 7 * j + 2 * k) + min(rows, output.frames) * 7 * n)
+        sizes, fields = Sizes.of(self.assembly), recorded(self.assembly, output.channels, control)
+        memory = 8 * (96 * sizes.block + 90 * sizes.joint + 12 * sizes.point)
+        memory += bytes_of(fields, rows, min(rows, output.frames))
         return Plan(dt, self.dashpots().critical_time_step, steps, memory)
 
     def dead_strength(self) -> float:

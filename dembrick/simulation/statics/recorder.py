@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
+
 import numpy as np
 
 from dembrick.assembly.actuators import NO_CONTROL_POINTS, ControlPoints
 from dembrick.kernels.statics.record import Record
+from dembrick.simulation.channels import energies
 from dembrick.simulation.session import Session
 from dembrick.simulation.statics import joint_families
 from dembrick.simulation.statics.state import State
 
-ENERGIES = ("kinetic", "elastic", "jack_spring", "external", "friction", "dashpots")
+ENERGIES = energies(real_time=False)
 BUFFER_BYTES = 4 << 20  # memory that the rows of a chunk may take, and again its frames; a chunk ends before more
 
 
@@ -34,42 +38,40 @@ class Recorder:
         frames_every: int = 1,
         watched: ControlPoints = NO_CONTROL_POINTS,
     ):
-        n_block, n_joint, n_actuator = (
-            len(state.blocks.displacement),
-            len(state.joints.block_a),
-            len(state.actuators.block),
-        )
         channels = session.output.channels
-        joints = n_joint if "joints" in channels else 0
+        n_block, n_joint = len(state.blocks.displacement), len(state.joints.block_a)
         moving = n_block if "velocity" in channels else 0
         points = joint_families.contact_points(state) if "contacts" in channels else 0
-        rows = _capacity(
-            chunk // rows_every, 8 * (6 + len(ENERGIES) + n_actuator + 7 * joints + 3 * len(watched.block))
-        )
+        of_rows = {  # shapes of an entry
+            "row": (6,),
+            "actuator": (len(state.actuators.block),),
+            "joint": (n_joint if "joints" in channels else 0, 7),
+            "energy": (len(ENERGIES),),
+            "way": (len(watched.block), 3),
+        }
+        of_frames = {
+            "frame_time": (),
+            "frame_displacement": (n_block, 3),
+            "frame_orientation": (n_block, 4),
+            "frame_velocity": (moving, 3),
+            "frame_spin": (moving, 3),
+            "frame_contact": (points, 3),
+        }
+        rows, frames = _capacity(chunk // rows_every, of_rows), 0
         self.longest_chunk = min(chunk, (rows - 2) * rows_every)
-        frames = 0
         if "frames" in channels:
             every = rows_every * frames_every
-            frames = _capacity(chunk // every, 8 * (1 + 7 * n_block + 6 * moving + 3 * points))
+            frames = _capacity(chunk // every, of_frames)
             self.longest_chunk = min(self.longest_chunk, (frames - 2) * every)
         self._observe, self._weight, self._channels = session.observe, state.actuators.weight, channels
         self.record = Record(
             every=np.array([rows_every, rows_every * frames_every], np.int64),
             count=np.zeros(2, np.int64),
-            row=np.empty((rows, 6)),
-            actuator=np.empty((rows, n_actuator)),
-            joint=np.empty((rows, joints, 7)),
-            energy=np.zeros((rows, len(ENERGIES))),
             watched=watched.block,
             lever=watched.lever,
             arm=watched.arm,
-            way=np.empty((rows, len(watched.block), 3)),
-            frame_time=np.empty(frames),
-            frame_displacement=np.empty((frames, n_block, 3)),
-            frame_orientation=np.empty((frames, n_block, 4)),
-            frame_velocity=np.empty((frames, moving, 3)),
-            frame_spin=np.empty((frames, moving, 3)),
-            frame_contact=np.empty((frames, points, 3)),
+            **{name: np.zeros((rows, *shape)) for name, shape in of_rows.items()},
+            **{name: np.zeros((frames, *shape)) for name, shape in of_frames.items()},
         )
 
     def drain(self) -> None:
@@ -99,6 +101,6 @@ class Recorder:
         self._observe(rows, frames)
 
 
-def _capacity(wanted: int, entry_bytes: int) -> int:
+def _capacity(wanted: int, shapes: Mapping[str, tuple[int, ...]]) -> int:
     """Entries of a buffer: as many as a chunk brings (and one at either end), if ``BUFFER_BYTES`` hold them."""
-    return max(3, min(wanted + 2, BUFFER_BYTES // entry_bytes))
+    return max(3, min(wanted + 2, BUFFER_BYTES // (8 * sum(math.prod(shape) for shape in shapes.values()))))

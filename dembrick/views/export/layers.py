@@ -89,7 +89,7 @@ class Picture:
                 )
         if "contacts" in only and history.has_new_contacts:
             self.scattered["_new_contacts"] = NewContacts(history)
-        elif "contacts" in only and history.meets_anew and history.new_contacts.any():
+        elif "contacts" in only and history.in_real_time and history.new_contacts.any():
             report('the forces of new contacts were not recorded; "contacts" in output.channels records them')
         if not (history.n_joint and {"joints", "contacts"} & set(only)):
             return

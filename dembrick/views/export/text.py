@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 
 from dembrick.history import History, replacing
-from dembrick.history.layout import JOINT_CHANNELS, load_of
+from dembrick.simulation.channels import CHANNELS, ROWS
 from dembrick.views.export.files import checked_target, writing
 
 _ROWS = 4096  # rows held at a time
@@ -18,27 +18,21 @@ _ROWS = 4096  # rows held at a time
 def to_csv(history: History, path: str | os.PathLike, report: Callable[[str], None] | None = None) -> list[str]:
     """All series as text, a column each with its unit in the header; numbers read back exactly."""
     target = checked_target(history, path, frames=False)
-    units, _ = load_of(history.scenario_text)
-    time = "equilibrium [1]" if history.counts_equilibria else "time [s]"
-    columns = [("time", [time]), ("load", [f"load [{units}]"]), ("displacement", ["displacement [m]"])]
-    actuators, watched = [actuator["name"] for actuator in history.actuators], []
-    columns.append(("actuator_displacement", [f"displacement of {name} [m]" for name in actuators]))
-    columns.append(("actuator_force", [f"force of {name} [N]" for name in actuators]))
-    for point in history.control_points:
-        watched += [f"u_{axis} of {point['name']} [m]" for axis in "xyz"]
-    if watched:
-        columns.append(("control_point", watched))
     names = history.block_names
     pairs = [f"{names[joint['block_a']]}/{names[joint['block_b']]}" for joint in history.joints]
     if len(set(pairs)) < len(pairs):
         pairs = [f"{pair} #{i}" for i, pair in enumerate(pairs)]
-    if history.has_joints:
-        for name, (unit, _) in JOINT_CHANNELS.items():
-            columns.append((f"joint/{name}", [f"{name} {pair} [{unit}]" for pair in pairs]))
-    elif report:
+    counted = {"joint": pairs, "block": names}
+    counted["actuator"] = [actuator["name"] for actuator in history.actuators]
+    counted["control_point"] = [point["name"] for point in history.control_points]
+    there = set(history.series_names("history"))
+    columns = [
+        (channel.name, channel.titles(counted, history.unit(channel.path)))
+        for channel in CHANNELS
+        if channel.columns and channel.grows_by == ROWS and channel.name in there
+    ]
+    if report and not history.has_joints:
         report('the forces of the joints were not recorded; run again with "joints" in output.channels')
-    columns += [(f"energy/{name}", [f"{name} energy [J]"]) for name in history.energy_names]
-    columns.append(("unbalanced", ["unbalanced [1]"]))
     with writing(path), replacing(target) as part, open(part, "w", newline="", encoding="utf-8") as file:
         lines = csv.writer(file, lineterminator="\n")
         lines.writerow([title for _, titles in columns for title in titles])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections import Counter
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -134,16 +133,6 @@ class Diagram(NamedTuple):
     displacement: str
 
 
-_DRIVEN = "driven displacement"
-_FURTHEST = "displacement of the block that moved furthest"
-_DIAGRAMS = {
-    "tilt": Diagram("load factor tan(angle)", "-", _FURTHEST),
-    "pushover": Diagram("load factor", "-", _DRIVEN),
-    "dynamic": Diagram(None, "", _FURTHEST),
-    "base-motion": Diagram(None, "", _FURTHEST),
-}
-
-
 class Record(NamedTuple):
     """Time (T,) s, load (T,) and displacement (T,) m of a run."""
 
@@ -159,18 +148,8 @@ def record_of(source) -> Record:
 
 
 def diagram_of(source) -> Diagram:
-    """The diagram that suits a history or a result, by the kind of its control."""
-    scenario = getattr(source, "scenario", None)
-    if scenario is not None:
-        kind, driven = scenario.control.kind, getattr(scenario.control, "quasi_static", True)
-    else:
-        try:
-            control = tomllib.loads(source.scenario_text).get("control", {})
-            kind, driven = control.get("kind"), control.get("quasi_static") is True
-        except (tomllib.TOMLDecodeError, RecursionError, AttributeError):
-            kind = None
-        if not isinstance(kind, str):
-            kind = "yield" if source.n_actuator else "dynamic"
-    found = _DIAGRAMS.get(kind, Diagram("load V", "N", _DRIVEN))
-    # a quasi-static tilt pushes the blocks by their weights, as actuators would
-    return found._replace(displacement=_DRIVEN) if kind == "tilt" and driven else found
+    """The diagram that suits a history or a result, by what its control says of the curve."""
+    curve = source.curve
+    if curve.load is None:
+        return Diagram(None, "", curve.displacement)
+    return Diagram(curve.load, "-" if curve.unit == "1" else curve.unit, curve.displacement)

@@ -407,7 +407,7 @@ class Scene:
             more = " or more" if self._most_force > self._largest_force else ""
             met = " purple: those of new contacts," if self._most_met else ""
             keys.append(f"green: joint forces,{met} the longest {self._largest_force:.4g} N{more}")
-            if history.meets_anew and not self._meets and history.new_contacts.any():
+            if history.in_real_time and not self._meets and history.new_contacts.any():
                 keys.append("forces of new contacts were not recorded")
         now = float(history.frame_time[self._frame])
         told = f"equilibrium {now:g}, {shown}" if history.counts_equilibria else f"time {now:.4g} s, {shown}"

@@ -1,0 +1,277 @@
+"""Channels of the record: each quantity that a run may write down, declared once.
+
+Recorders give the numbers by these names, a history has a dataset for each, the reader opens these, and CSV prints
+them. A new channel is a declaration here with a ``fill``, if its numbers follow from those that recorders give; if not,
+the recorder that knows them gives them by the same name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Container, Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from dembrick.scenario.controls import Control
+
+ROWS, FRAMES, CONTACTS = 0, 1, 2  # what a channel has an entry for: a row, a frame, a new contact of a frame
+AXES = "xyz"
+
+
+class Sizes(NamedTuple):
+    """Counts that shapes of channels name; ``point``: contact points of joints, of which convex ones have none."""
+
+    block: int
+    joint: int
+    actuator: int
+    control_point: int
+    point: int
+
+    @classmethod
+    def of(cls, assembly) -> Sizes:
+        """Those of an assembly."""
+        points = sum(len(points.area) for points in assembly.contact_points if points is not None)
+        return cls(
+            len(assembly.names), len(assembly.joints), len(assembly.actuators.names),
+            len(assembly.control_points.names), points,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """One quantity of the record.
+
+    ``path``: its dataset in a history. ``shape`` of an entry: numbers, or names of `Sizes`. ``unit`` and ``about``, in
+    which {load}, {time} and {when} stand for what the control says. ``asked``: the word of ``output.channels`` that
+    asks for it, none if it is always recorded; ``real_time``: whether only runs in real time have it, or only the
+    others. ``columns``: the heading in CSV, in which {name}, {axis} and {time} say which entry; none if CSV leaves it
+    out. ``fill`` finds it from a record and its assembly, else a recorder gives it; ``in_file_only``: results in memory
+    do without. ``kind``: numpy's string of its type, of eight bytes.
+    """
+
+    path: str
+    unit: str
+    about: str
+    shape: tuple[str | int, ...] = ()
+    asked: str = ""
+    real_time: bool | None = None
+    columns: str = ""
+    fill: Callable[[Mapping, object], np.ndarray] | None = None
+    in_file_only: bool = False
+    kind: str = "<f8"
+
+    @property
+    def name(self) -> str:
+        """The path without its first folder."""
+        return self.path.partition("/")[2]
+
+    @property
+    def grows_by(self) -> int:
+        """ROWS, FRAMES or CONTACTS."""
+        if not self.path.startswith("frames/"):
+            return ROWS
+        return CONTACTS if self.name.startswith("new_contacts/") and self.name != "new_contacts/end" else FRAMES
+
+    @property
+    def always(self) -> bool:
+        """Whether every record has it, or every one with frames."""
+        return self.asked in ("", "frames") and self.real_time is None and self.shape[:1] != ("control_point",)
+
+    def tail(self, sizes: Sizes) -> tuple[int, ...]:
+        """Shape of an entry in numbers."""
+        return tuple(getattr(sizes, n) if isinstance(n, str) else n for n in self.shape)
+
+    def titles(self, names: Mapping[str, list[str]], unit: str) -> list[str]:
+        """Headings of its columns; ``names`` of what its shape counts."""
+        which = names[self.shape[0]] if self.shape else [""]
+        axes = AXES if len(self.shape) == 2 else [""]
+        time = "equilibrium" if unit == "1" else "time"
+        return [self.columns.format(name=name, axis=axis, unit=unit, time=time) for name in which for axis in axes]
+
+
+def _position(record: Mapping, assembly) -> np.ndarray:
+    return np.asarray(assembly.position, float) + record["displacement"]
+
+
+CHANNELS = (
+    Channel("history/time", "{time_unit}", "{time} of the row", columns="{time} [{unit}]"),
+    Channel("history/load", "{load_unit}", "{load}", columns="load [{unit}]"),
+    Channel(
+        "history/displacement", "m", "driven displacement: sum(weight u) / sum|weight| over the actuators",
+        columns="displacement [{unit}]",
+    ),
+    Channel(
+        "history/actuator_displacement", "m", "displacement of each actuator's point, from the start", ("actuator",),
+        columns="displacement of {name} [{unit}]",
+    ),
+    Channel(
+        "history/actuator_force", "N", "force of each actuator", ("actuator",), columns="force of {name} [{unit}]"
+    ),
+    Channel(
+        "history/control_point", "m", "displacement of each control point, from the start, world axes",
+        ("control_point", 3), columns="u_{axis} of {name} [{unit}]",
+    ),
+    *(
+        Channel(f"history/joint/{name}", unit, about, ("joint",), "joints", columns=f"{name} {{name}} [{{unit}}]")
+        for name, unit, about in (
+            ("N", "N", "normal force, compression positive"),
+            ("V_1", "N", "shear force on block b along the joint's first axis"),
+            ("V_2", "N", "shear force on block b along the joint's second axis"),
+            ("M_T", "N m", "torsion on block b about the joint's normal, through its centroid"),
+            ("M_1", "N m", "bending moment on block b about the joint's first axis"),
+            ("M_2", "N m", "bending moment on block b about the joint's second axis"),
+            ("slip", "m", "irreversible part of the shear displacement"),
+        )
+    ),
+    *(
+        Channel(f"history/energy/{name}", "J", f"{about}{{when}}", (), "energy", only, f"{name} energy [{{unit}}]")
+        for name, only, about in (
+            ("kinetic", None, "kinetic energy"),
+            ("elastic", None, "energy in the springs of the joints, since the start"),
+            ("jack_spring", False, "energy in the spring of the actuators"),
+            ("external", None, "work of gravity, loads and actuators since the start"),
+            ("friction", None, "work taken by friction"),
+            ("dashpots", None, "work taken by dashpots"),
+            ("released", True, "energy that springs of joints lost in letting go or in being cut or handed over"),
+            ("stepping", True, "work taken by springs of joints that open or close within a time step: an error of "
+             "second order in it"),
+            ("new_contacts", True, "work done on contacts that formed since the start: what they hold, and what they "
+             "took"),
+        )
+    ),
+    Channel("history/unbalanced", "1", "unbalanced-force ratio", columns="unbalanced [{unit}]"),
+    Channel("history/lower", "{load_unit}", "lower bound of the limit load so far"),
+    Channel("history/upper", "{load_unit}", "upper bound of the limit load so far; 1e300 stands for none"),
+    Channel(
+        "history/new_contacts", "1", "contacts formed since the start that carry a force now", real_time=True
+    ),
+    Channel("frames/time", "{time_unit}", "{time} of the frame", (), "frames"),
+    Channel(
+        "frames/position", "m", "centroid of each block, world axes", ("block", 3), "frames", fill=_position,
+        in_file_only=True,
+    ),
+    Channel(
+        "frames/displacement", "m", "movement of each centroid from the start, world axes", ("block", 3), "frames"
+    ),
+    Channel(
+        "frames/orientation", "1", "quaternion (w, x, y, z) of each block, body to world", ("block", 4), "frames"
+    ),
+    Channel(
+        "frames/velocity", "m/s", "velocity of each centroid half a step before, world axes", ("block", 3), "velocity"
+    ),
+    Channel("frames/spin", "rad/s", "angular velocity half a step before, world axes", ("block", 3), "velocity"),
+    Channel(
+        "frames/joint_shift", "m",
+        "where O is on the block that the polygon rides on, from O of the start, along t1 and t2 of the joint",
+        ("joint", 2), "joints", True,
+    ),
+    Channel(
+        "frames/contact_force", "N",
+        "force on block b at each contact point, world axes; the points are those of geometry/joints/point",
+        ("point", 3), "contacts",
+    ),
+    Channel(
+        "frames/contact_arm", "m",
+        "where each contact point is on the block that the polygon rides on, from O of the start, along t1, t2",
+        ("point", 2), "contacts", True,
+    ),
+    Channel(
+        "frames/new_contacts/end", "1", "entries of frames/new_contacts of all frames up to this one", (), "contacts",
+        True, kind="<i8",
+    ),
+    *(
+        Channel(f"frames/new_contacts/{name}", unit, about, shape, "contacts", True, kind=kind)
+        for name, kind, shape, unit, about in (
+            ("blocks", "<i8", (2,), "1", "the two blocks, as numbers in geometry/blocks"),
+            ("point", "<f8", (3,), "m", "centre of pressure, world axes"),
+            ("normal", "<f8", (3,), "1", "mean normal of the contact, from the first block to the second, world axes"),
+            ("force", "<f8", (3,), "N", "force on the second block, world axes"),
+            ("torque", "<f8", (3,), "N m", "torque on the second block about the point, world axes"),
+            ("area", "<f8", (), "m2", "area of the contact"),
+            ("slip", "<f8", (), "m", "length of its slip path"),
+        )
+    ),
+)  # fmt: skip
+JOINT_CHANNELS = tuple(c.name.partition("/")[2] for c in CHANNELS if c.path.startswith("history/joint/"))
+NEW_CONTACTS = {c.name.partition("/")[2]: c for c in CHANNELS if c.grows_by == CONTACTS}
+
+
+def energies(real_time: bool) -> tuple[str, ...]:
+    """Names of the energies that a run records, in the order in which it does."""
+    found = [c for c in CHANNELS if c.path.startswith("history/energy/") and c.real_time in (None, real_time)]
+    return tuple(c.name.partition("/")[2] for c in found)
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """A channel of one run: a dataset that grows with it. ``tail`` is the shape of an entry."""
+
+    channel: Channel
+    tail: tuple[int, ...]
+    units: str
+    description: str
+
+    @property
+    def path(self) -> str:
+        """Of its dataset in a history."""
+        return self.channel.path
+
+    @property
+    def kind(self) -> str:
+        """numpy's string of its type."""
+        return self.channel.kind
+
+    @property
+    def grows_by(self) -> int:
+        """ROWS, FRAMES or CONTACTS."""
+        return self.channel.grows_by
+
+    @property
+    def entry_bytes(self) -> int:
+        """Of one entry."""
+        return 8 * int(np.prod(self.tail, dtype=np.int64))
+
+
+def recorded(assembly, asked: Container[str], control: Control) -> tuple[Field, ...]:
+    """The channels that a run records; ``asked``: the words of ``output.channels``."""
+    sizes, regime = Sizes.of(assembly), control.regime
+    counts = regime.counts_equilibria
+    words = {"load": control.curve.about, "load_unit": control.curve.unit}
+    words |= {"time": "number of the equilibrium" if counts else "time", "time_unit": "1" if counts else "s"}
+    words["when"] = " (of the last forces, a step before the row)" if regime.real_time else ""
+    found = []
+    for channel in CHANNELS:
+        wanted = channel.real_time in (None, regime.real_time)
+        wanted = wanted and ("frames" in asked or channel.grows_by == ROWS)
+        wanted = wanted and (not channel.asked or channel.asked in asked)
+        if wanted and not (channel.shape[:1] == ("control_point",) and not sizes.control_point):
+            unit, about = channel.unit.format(**words), channel.about.format(**words)
+            found.append(Field(channel, channel.tail(sizes), unit, about))
+    return tuple(found)
+
+
+def bytes_of(fields: tuple[Field, ...], rows: int, frames: int, contacts: int = 0) -> int:
+    """What so many rows, frames and new contacts take."""
+    counts = (rows, frames, contacts)
+    return sum(counts[field.grows_by] * field.entry_bytes for field in fields)
+
+
+def taken(record: Mapping, field: Field, assembly) -> np.ndarray:
+    """The numbers of a channel in a record as recorders give it: joints share an array, energies and new contacts a
+    mapping. ValueError if the record has none."""
+    group, _, name = field.channel.name.partition("/")
+    try:
+        if field.channel.fill is not None:
+            return field.channel.fill(record, assembly)
+        if group == "joint":
+            return np.asarray(record["joint"], float)[..., JOINT_CHANNELS.index(name)]
+        return record[group][name] if name else record[group]
+    except KeyError as error:
+        raise ValueError(f"{field.path}: the record has no such channel") from error
+
+
+def followed(record: Mapping, fields: tuple[Field, ...], grows_by: int, assembly) -> dict[str, np.ndarray]:
+    """A record with the channels that follow from it, for results in memory."""
+    own = [f.channel for f in fields if f.grows_by == grows_by and f.channel.fill and not f.channel.in_file_only]
+    return {**record, **{channel.name: channel.fill(record, assembly) for channel in own}}
