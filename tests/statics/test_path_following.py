@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import tracemalloc
 
 import h5py
 import numpy as np
@@ -330,3 +331,16 @@ def test_the_load_of_a_tilt_is_a_number_and_that_of_jacks_a_force(tmp_path):
     with history.read(path) as found:
         to_csv(found, text)
     assert text.read_text().splitlines()[0].startswith("equilibrium [1],load [1],")
+
+
+@pytest.mark.parametrize("blocks", [10, 20])
+def test_the_plan_tells_the_memory_of_a_search(blocks):
+    wall = Wall("wall", "stone", (0.3, 0.2, 0.1), blocks, blocks, base=0.1)
+    given = scene(PushoverControl((0.0, 1.0, 0.0)), walls=(wall,))
+    built = build.assemble(given)
+    limit_load.find_limit_load(built, 0.1, 0.5)  # compiles, or loads the cache
+    tracemalloc.start()
+    limit_load.find_limit_load(built, 1e-3, 0.5)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert limit_load.plan(built, given.control, 0.5, given.output).memory == pytest.approx(peak, rel=0.15)

@@ -11,7 +11,7 @@ import numpy as np
 from dembrick.errors import ScenarioError
 from dembrick.kernels.state import WholeInertia
 from dembrick.simulation.statics import joint_families
-from dembrick.simulation.statics.sparse_equations import Factors, analyse, check_room
+from dembrick.simulation.statics.sparse_equations import Factors, Pattern, analyse, check_room
 from dembrick.simulation.statics.state import State
 from dembrick.simulation.statics.stiffness import block_stiffness, to_joint
 
@@ -25,6 +25,14 @@ def touches_itself(state: State) -> bool:
     return bool((free[state.joints.block_a] & free[state.joints.block_b]).any())
 
 
+def equations(state: State, position: np.ndarray) -> Pattern:
+    """Symbolic analysis of the equations of blocks whose centroids stand at ``position`` (n, 3) m."""
+    joints, free = state.joints, state.blocks.free
+    number = np.full(len(position), -1)
+    number[free] = np.arange(len(free))
+    return analyse(position[free], number[joints.block_a], number[joints.block_b])
+
+
 def elastic_factor(state: State, position: np.ndarray) -> Factors:
     """LU factors of the elastic stiffness of blocks whose centroids stand at ``position`` (n, 3) m.
 
@@ -32,9 +40,7 @@ def elastic_factor(state: State, position: np.ndarray) -> Factors:
     a search would not fit into the memory.
     """
     joints, free = state.joints, state.blocks.free
-    number = np.full(len(position), -1)
-    number[free] = np.arange(len(free))
-    pattern = analyse(position[free], number[joints.block_a], number[joints.block_b])
+    pattern = equations(state, position)
     check_room(pattern)
     factors = Factors(pattern)
     diagonal = np.diagonal(block_stiffness(state, shared=1.0)[free], axis1=1, axis2=2)

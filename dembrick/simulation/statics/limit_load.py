@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 import time
+from dataclasses import replace
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from dembrick.simulation.session import Observer, Plan, Session
 from dembrick.simulation.statics.certificate import frictionless
 from dembrick.simulation.statics.critical_step import critical_time_step
 from dembrick.simulation.statics.dead_load import inverse_inertia
+from dembrick.simulation.statics.elastic_factor import equations, touches_itself
 from dembrick.simulation.statics.guards import new_guard, refuse_divergence
 from dembrick.simulation.statics.load_system import (
     ACTUATOR_STIFFNESS,
@@ -45,6 +47,7 @@ CALMING = 0.2  # of the swing of a block's velocity that a step takes away, wher
 CHUNK_OF_SEARCH = 256  # steps of a search between two looks at it
 HALVING = 512  # steps in which a search slows to half its rate, once it has taken 16 times as many
 MOST_STEPS = 20_000  # of a search
+BYTES_A_TRIAL = 1400  # a joint: tangent, stiffness, and the matrices of its two ends, 36 numbers each, and others
 
 
 def find_limit_load(
@@ -162,4 +165,8 @@ def plan(assembly, control, step_factor: float, output: Output) -> Plan:
     system = LoadSystem(assembly)
     # seen over the lab tests and random joints: some 25 steps to 1e-3 and ten more a digit, twice that at height
     steps = 25 + int(20.0 * max(0.0, -math.log10(control.tolerance) - 2.0))
-    return system.plan(step_factor * system.dashpots().critical_time_step, steps, steps, control, output)
+    planned = system.plan(step_factor * system.dashpots().critical_time_step, steps, steps, control, output)
+    if not touches_itself(system.state):
+        return planned
+    solving = equations(system.state, assembly.position).bytes(factors=2) + BYTES_A_TRIAL * len(assembly.joints)
+    return replace(planned, memory=planned.memory + solving)
