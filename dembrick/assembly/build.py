@@ -26,6 +26,7 @@ from dembrick.assembly.joints import TOLERANCE, JointTable, find_joints
 from dembrick.assembly.laws import Laws
 from dembrick.assembly.loads import NO_LOADS, PointLoads, point_loads
 from dembrick.assembly.validation import (
+    check_control,
     check_overlap,
     check_overrides,
     check_pieces,
@@ -38,7 +39,7 @@ from dembrick.errors import ScenarioError
 from dembrick.geometry.rotations import rotation_matrix, unit_quaternion
 from dembrick.geometry.shapes import Shape
 from dembrick.scenario.checks import show
-from dembrick.scenario.controls import ACTUATORS, EVERY_BLOCK
+from dembrick.scenario.controls import ACTUATORS, DEAD_LOAD, EVERY_BLOCK
 from dembrick.scenario.limits import check_magnitudes
 from dembrick.scenario.model import Scenario
 
@@ -116,7 +117,7 @@ def at_rest(scenario: Scenario) -> Assembly:
 
     laws = Laws(scenario)
     # moving joints are cut by the faces they slide over, so that each keeps to one pair of convex parts
-    unite = control.drives == ACTUATORS
+    unite = control.drives == ACTUATORS or control.regime is DEAD_LOAD
     joints = find_joints(shapes, position, orientation, fixed, laws.between, TOLERANCE, (bodies, pairs), unite)
     check_pieces(scenario, joints)
     check_overrides(scenario, laws, joints, fixed)
@@ -174,7 +175,7 @@ def loaded(scenario: Scenario, bare: Assembly, points: bool = True) -> Assembly:
         refuse(scenario, str(error))
 
     joint_force, exact = dead_joint_forces(joints, bare.fixed, dead_force)
-    warnings = check_stiffness(scenario, joints, joint_force)
+    warnings = check_control(scenario) + check_stiffness(scenario, joints, joint_force)
     tolerance = getattr(control, "tolerance", DISCRETISATION)
     if len(joints) == 1:  # the search for its limit load places the points of a lone joint itself
         tolerance = max(tolerance, DISCRETISATION)

@@ -16,6 +16,7 @@ from dembrick.assembly.laws import Laws
 from dembrick.errors import ScenarioError
 from dembrick.geometry import polygons
 from dembrick.scenario.checks import show
+from dembrick.scenario.controls import PATH_FOLLOWING
 from dembrick.scenario.model import Scenario
 
 SOFT_WARNING = 1e-3  # elastic closing or sliding of a joint under its dead load, over its short side
@@ -113,6 +114,17 @@ def check_rim(scenario: Scenario, joints: JointTable, points: PointTable) -> tup
         "half width inside the edge: what rocks there topples that much early. Use concave or convex joints, or more "
         "joint.points",
     )
+
+
+def check_control(scenario: Scenario) -> tuple[str, ...]:
+    """Warn about keys of the control that do nothing."""
+    control = scenario.control
+    if control.regime is PATH_FOLLOWING and control.rate is not None:
+        return (
+            f"control.rate = {control.rate:g} does nothing where control.quasi_static = true: the limit is searched "
+            "through equilibria, without time",
+        )
+    return ()
 
 
 def check_stiffness(scenario: Scenario, joints, joint_force: np.ndarray) -> tuple[str, ...]:

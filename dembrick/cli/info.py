@@ -50,7 +50,9 @@ def _report(file, options, console) -> int:
     ]
     if file.has_new_contacts:
         lines.append(f"new contacts  {data['new_contacts']} in all frames")
-    if point:
+    if point and point["V"] is None:
+        lines.append(f"answer        {results.get('answer')}")
+    elif point:
         half = math.inf if point["V_upper"] is None else 0.5 * (point["V_upper"] - point["V_lower"])
         lines.append(f"V             {point['V']:.6g} N +- {half:.2g} N ({point['bracket']}), {point['mechanism']}")
     audit = results.get("energy")

@@ -135,11 +135,13 @@ def _text(result) -> str:
 
         unit = ""
         lines += collapse_lines(result.collapse)
+    if result.unlimited:
+        return "\n".join([*lines, f"answer        {result.plain_answer}", f"history       {result.history}"])
     lines.append(f"V             {point.V:.6g}{unit} +- {point.half_width:.2g}{unit} ({point.bracket})")
     if result.theory is not None:
         error = result.theory.error
         compared = "" if error is None else f"  (replay {100 * error:+.2g} %)"
-        lines.append(f"theory        {result.theory.V:.6g} N{compared}")
+        lines.append(f"theory        {result.theory.V:.6g}{unit}{compared}")
         if result.theory.discretisation_error is not None:
             lines.append(f"discretised   {100 * result.theory.discretisation_error:+.2g} % from the continuum")
     lines.append(f"V_peak        {point.V_peak:.6g}{unit} at {1e6 * point.displacement_at_peak:.3g} um")

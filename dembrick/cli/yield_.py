@@ -58,6 +58,9 @@ def _text(rows: list[dict]) -> str:
     width = max(len(row["history"]) for row in rows)
     lines = [f"{'history':{width}} {'formulation':16}{'V [N]':>12}{'+-':>10}{'V_peak':>12}{'M_T [N m]':>12}  mechanism"]
     for row in rows:
+        if row["V"] is None:
+            lines.append(f"{row['history']:{width}} {row['formulation'] or '':16}{'unlimited':>12}")
+            continue
         half = math.inf if row["V_upper"] is None else 0.5 * (row["V_upper"] - row["V_lower"])
         lines.append(
             f"{row['history']:{width}} {row['formulation'] or '':16}{row['V']:12.4f}{half:10.4f}{row['V_peak']:12.4f}"

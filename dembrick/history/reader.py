@@ -249,7 +249,7 @@ class History(RestGeometry):
     @cached_property
     def counts_equilibria(self) -> bool:
         """Whether times are the numbers of equilibria, of a search that follows a path of them."""
-        return guard.attribute(self._file, "regime") == PATH_FOLLOWING.name
+        return guard.attribute(self._file, "regime") == PATH_FOLLOWING.name or "equilibria" in self.settings
 
     @cached_property
     def curve(self) -> Curve:

@@ -5,36 +5,30 @@ from __future__ import annotations
 import numpy as np
 
 from dembrick.simulation.statics.load_system import Replay
-from dembrick.simulation.statics.yield_point import last_moves
+from dembrick.simulation.statics.yield_point import mechanism_of, moving_blocks
 
-MOVED = 0.1  # of the fastest block: blocks that move faster belong to the mechanism
 NAMED = 5  # blocks that a line names
 
 
 def collapse_of(run: Replay, assembly, control) -> dict:
     """The object ``collapse`` of the JSON output.
 
-    ``load_factor`` is V of the limit, or of a peak on the way that lies above it; ``angle`` (deg) that of a table
-    tilted so far and ``time`` (s) when it stands so at its rate, both None for a pushover. ``mechanism_load_factor`` is
-    what the blocks still carry while they come down: a peak above it rests on forces locked into the joints, and so on
-    the way they were loaded; where friction is great it may lie a tenth higher. ``displacement`` (m) is that
-    of the block that has moved most since it was seated. ``error_estimate``, of the load factor, comes with a refined
-    run.
+    ``load_factor`` is V of the yield point, whose bracket is its own: of the limit, or of a peak on the way that lies
+    above it; ``angle`` (deg) that of a table tilted so far and ``time`` (s) when it stands so at its rate, None without
+    one; both None for a pushover. ``mechanism_load_factor`` is what the blocks still carry while they come down: a peak
+    above it rests on forces locked into the joints, and so on the way they were loaded. ``displacement`` (m) is that of
+    the block that has moved most since it was seated. ``error_estimate``, of the load factor, comes with a refined run.
     """
     point = run.yield_point
-    factor = point.V_peak if point.V_peak > point.V_upper else point.V
-    angle = control.angle(factor)
-    slid, turned, tilted = (float(moves.max()) for moves in last_moves(run.state))
-    speed = np.linalg.norm(run.state.blocks.velocity, axis=1)
-    moving = np.flatnonzero(speed > MOVED * speed.max())
+    angle = control.angle(point.V)
     return {
         "angle": angle,
-        "load_factor": factor,
-        "mechanism_load_factor": point.V,
-        "time": None if angle is None else angle / control.rate,
+        "load_factor": point.V,
+        "mechanism_load_factor": point.V if point.V_after is None else point.V_after,
+        "time": None if angle is None or control.rate is None else angle / control.rate,
         "displacement": float(np.linalg.norm(run.moved, axis=1).max()),
-        "mechanism": max((slid, "sliding"), (tilted, "rocking"), (turned, "torsion"))[1],
-        "blocks": [assembly.names[i] for i in moving],
+        "mechanism": mechanism_of(run.state),
+        "blocks": [assembly.names[i] for i in moving_blocks(run.state)],
         "error_estimate": None,
     }
 

@@ -14,11 +14,20 @@ from dembrick.assembly.build import Assembly
 from dembrick.runs import theory_check
 from dembrick.runs.collapse import collapse_of
 from dembrick.runs.result import Result
-from dembrick.scenario.controls import COLLAPSE, CONSTANT_RATE, LIMIT_LOAD, PATH_FOLLOWING, REAL_TIME, Control
+from dembrick.runs.statics_result import StaticsResult
+from dembrick.scenario.controls import (
+    COLLAPSE,
+    CONSTANT_RATE,
+    DEAD_LOAD,
+    LIMIT_LOAD,
+    PATH_FOLLOWING,
+    REAL_TIME,
+    Control,
+)
 from dembrick.scenario.model import Scenario
 from dembrick.simulation.interrupts import Interrupted
 from dembrick.simulation.session import Plan, Session
-from dembrick.simulation.statics import constant_rate, limit_load, point_placement
+from dembrick.simulation.statics import constant_rate, limit_load, point_placement, standing
 from dembrick.simulation.statics.load_system import Replay
 
 if TYPE_CHECKING:
@@ -79,9 +88,10 @@ def _searched(**fields) -> Result:
     """The yield point of a run compared with theory, if one holds, and the collapse of a load on every block."""
     run, assembly, control = fields["run"], fields["assembly"], fields["scenario"].control
     expected = theory_check.theory_of(assembly)
-    if expected is not None:
+    if expected is not None and run.yield_point.V is not None:
         expected = expected.compared(run.yield_point.V)
-    fallen = collapse_of(run, assembly, control) if control.ends_with == COLLAPSE else None
+    falls = control.ends_with == COLLAPSE and not run.yield_point.unlimited
+    fallen = collapse_of(run, assembly, control) if falls else None
     return Result(**fields, theory=expected, collapse=fallen)
 
 
@@ -98,6 +108,13 @@ def _refined_path(scenario: Scenario) -> float:
     assembly = build.assemble(scenario)
     run = _follow_path(scenario, assembly, None, steps=0.5)
     return collapse_of(run, assembly, scenario.control)["load_factor"]
+
+
+# --- equilibrium under the dead loads
+
+
+def _find_rest(scenario: Scenario, assembly: Assembly, session: Session) -> standing.Standing:
+    return standing.find_rest(assembly, session)
 
 
 # --- real time
@@ -129,5 +146,6 @@ DRIVERS = {
     LIMIT_LOAD.name: Driver(_plan_of(limit_load), _limit_load, _searched, place=_place_points),
     CONSTANT_RATE.name: Driver(_plan_of(constant_rate), _constant_rate, _searched),
     PATH_FOLLOWING.name: Driver(_plan_of(limit_load), _follow_path, _searched, _refined_path),
+    DEAD_LOAD.name: Driver(lambda _, assembly: standing.plan(assembly), _find_rest, StaticsResult),
     REAL_TIME.name: Driver(_plan_motion, _live_through, _moved),
 }

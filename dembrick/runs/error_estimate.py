@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dembrick.errors import ScenarioError
-from dembrick.scenario.controls import ACTUATORS, COLLAPSE, PATH_FOLLOWING
+from dembrick.scenario.controls import ACTUATORS, COLLAPSE, DEAD_LOAD, PATH_FOLLOWING
 from dembrick.scenario.model import JointLaw, Scenario
 
 OF_RATE = 1.0 / (1.0 - 2.0 ** (-2.0 / 3.0))  # error over the difference that half the rate makes
@@ -36,6 +36,8 @@ class Refinement(NamedTuple):
 def refinements(scenario: Scenario) -> tuple[Refinement, ...]:
     """What ``scenario`` is compared with; ScenarioError for a limit load, whose bracket is its error bar."""
     control = scenario.control
+    if control.regime is DEAD_LOAD:
+        raise ScenarioError('a run of kind "statics" tells whether the blocks stand; --refine has nothing to estimate')
     if control.drives == ACTUATORS:
         raise ScenarioError(
             f'a run of kind "{control.kind}" has the bracket of its limit load for an error bar; --refine is for tilt, '

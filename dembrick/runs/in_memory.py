@@ -31,7 +31,8 @@ def recording(result) -> Iterator[history.History]:
             writer.append(result.rows)
             if "frames" in channels:
                 writer.append_frames(**result.frames)
-            writer.finish(result.status, result.as_dict())
+            chosen = result.run.settings
+            writer.finish(result.status, result.as_dict(), chosen)
         with history.read(path) as found:
             yield found
 

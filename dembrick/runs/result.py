@@ -12,10 +12,11 @@ import numpy as np
 from dembrick.assembly.build import Assembly
 from dembrick.assembly.contact_points import widest_rim
 from dembrick.runs import theory_check
-from dembrick.scenario.controls import YIELD, Curve
+from dembrick.scenario.controls import ACTUATORS, COMPLETED, STEEPEST, YIELD, Curve
 from dembrick.scenario.model import Scenario
 from dembrick.simulation.energy_audit import EnergyAudit
 from dembrick.simulation.statics.load_system import Replay
+from dembrick.simulation.statics.reactions import reactions
 from dembrick.simulation.statics.state import rotations
 from dembrick.simulation.statics.yield_point import YieldPoint
 
@@ -119,13 +120,32 @@ class Result(RunResult):
 
     @property
     def status(self) -> str:
-        """ "yield" for a limit load, "collapse" for that of all blocks, "completed" for a constant-rate test."""
-        return self.scenario.control.ends_with
+        """ "yield" for a limit load, "collapse" for that of all blocks, "completed" for a constant-rate test and where
+        nothing limits the load."""
+        return COMPLETED if self.unlimited else self.scenario.control.ends_with
+
+    @property
+    def unlimited(self) -> bool:
+        """Whether no mechanism was found up to the load that the search followed (`YieldPoint.V_lower`)."""
+        return self.yield_point.unlimited
+
+    @property
+    def plain_answer(self) -> str | None:
+        """What an unlimited load means for the control, in a sentence; None where there is a limit."""
+        if not self.unlimited:
+            return None
+        control, V = self.scenario.control, self.yield_point.V_lower
+        if control.tilt_axis is not None:
+            return f"stands at any tilt up to {STEEPEST:g} deg (followed to a load factor of {V:.3g})"
+        load = f"V = {V:.3g} N" if control.drives == ACTUATORS else f"a load factor of {V:.3g}"
+        if not self.run.settings.get("gave_way", True):
+            return f"unlimited: this load can never move the blocks; no joint slid or opened up to {load}"
+        return f"unlimited: the blocks jam, and no mechanism was found up to {load}"
 
     @property
     def counts_equilibria(self) -> bool:
         """Whether the times of rows and frames are the numbers of equilibria."""
-        return self.scenario.control.regime.counts_equilibria
+        return "equilibria" in self.run.settings
 
     @property
     def points_miss(self) -> float | None:
@@ -146,7 +166,7 @@ class Result(RunResult):
         """Whether theory lies in the bracket and, for a limit load, V is within the tolerance of it."""
         if self.points_miss is not None:
             return False
-        if self.theory is None:
+        if self.theory is None or self.unlimited:
             return True
         V, point = self.theory.V, self.yield_point
         slack = BRACKET_SLACK * abs(V)
@@ -161,6 +181,8 @@ class Result(RunResult):
         run = self.run
         return self._dict(
             status=self.status,
+            unlimited=self.unlimited,
+            answer=self.plain_answer,
             collapse=self.collapse,
             yield_point=self.yield_point.as_dict(),
             theory=None if self.theory is None else self.theory.as_dict(),
@@ -169,5 +191,6 @@ class Result(RunResult):
             critical_time_step=run.critical_time_step,
             simulated_time=run.simulated_time,
             unbalanced=run.unbalanced,
+            reactions=reactions(run.state, self.assembly.names),
             control_points=self.control_points,
         )

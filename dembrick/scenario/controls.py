@@ -39,6 +39,7 @@ class Regime(NamedTuple):
 LIMIT_LOAD = Regime("limit load")
 CONSTANT_RATE = Regime("constant rate")
 PATH_FOLLOWING = Regime("path following", counts_equilibria=True)
+DEAD_LOAD = Regime("dead load")
 REAL_TIME = Regime("real time", quasi_static=False, real_time=True)
 
 
@@ -197,19 +198,28 @@ class DisplacementControl(Control):
 
 
 @dataclass(frozen=True, slots=True)
-class TiltControl(Control):
-    """A table with the supports that turns about ``axis`` (right-hand rule) at ``rate`` (deg/s) until a block has moved
-    ``displacement`` (m) against it since it was seated.
+class StaticsControl(Control):
+    """Whether the blocks stand under their dead loads; nothing is driven, and actuators carry nothing."""
 
-    ``damping``: of critical, of a contact's dashpot against the two blocks it joins. ``quasi_static`` looks for the
-    angle of the limit to ``tolerance``, without living through the seconds.
+    kind = "statics"
+    regime = DEAD_LOAD
+
+
+@dataclass(frozen=True, slots=True)
+class TiltControl(Control):
+    """A table with the supports that turns about ``axis`` (right-hand rule), to the angle at which the blocks fall.
+
+    ``quasi_static``, which is the default without a ``rate``, looks for that limit to ``tolerance`` and follows it
+    until a block has moved ``displacement`` (m), if one is given. Else the table turns at ``rate`` (deg/s) in real time
+    until a block has moved ``displacement`` against it since it was at rest. ``damping``: of critical, of a contact's
+    dashpot against the two blocks it joins.
     """
 
     axis: Vector
-    rate: float
-    displacement: float
+    rate: float | None = None
+    displacement: float | None = None
     damping: float = 0.05
-    quasi_static: bool = False
+    quasi_static: bool | None = None
     tolerance: float = 1.0e-3
 
     kind = "tilt"
@@ -241,16 +251,24 @@ class TiltControl(Control):
     def __post_init__(self):
         axis = vector("axis", self.axis)
         require(any(axis), "axis", axis, "its length must be greater than 0")
-        assign(self, axis=unit_vector(axis), displacement=real("displacement", self.displacement))
-        rate, damping = real("rate", self.rate), real("damping", self.damping)
-        require(0.0 < rate <= 10.0, "rate", rate, "it must lie above 0 and be at most 10 deg/s: a table tilts slowly")
-        require(self.displacement > 0.0, "displacement", self.displacement, "it must be greater than 0 m")
+        quasi_static = self.rate is None if self.quasi_static is None else self.quasi_static
+        require_type(isinstance(quasi_static, bool), "quasi_static", quasi_static, "true or false")
+        assign(self, axis=unit_vector(axis), quasi_static=quasi_static)
+        damping = real("damping", self.damping)
+        for key, unit in (("rate", "deg/s"), ("displacement", "m")):
+            value = getattr(self, key)
+            require(quasi_static or value is not None, key, value, f"a tilt in real time needs it, in {unit}")
+            if value is not None:
+                value = real(key, value)
+                require(value > 0.0, key, value, f"it must be greater than 0 {unit}")
+                assign(self, **{key: value})
+        if self.rate is not None:
+            require(self.rate <= 10.0, "rate", self.rate, "it must be at most 10 deg/s: a table tilts slowly")
         require(0.0 <= damping <= 0.9, "damping", damping, "it must lie between 0 and 0.9 of critical")
-        require_type(isinstance(self.quasi_static, bool), "quasi_static", self.quasi_static, "true or false")
         tolerance = real("tolerance", self.tolerance)
         bound = "it is a relative error between 1e-8 and 0.1; 1e-3 is usual"
         require(1e-8 <= tolerance <= 0.1, "tolerance", tolerance, bound)
-        assign(self, rate=rate, damping=damping, tolerance=tolerance)
+        assign(self, damping=damping, tolerance=tolerance)
 
 
 @dataclass(frozen=True, slots=True)
@@ -395,5 +413,13 @@ def _check_motion(control) -> None:
 
 CONTROLS: dict[str, type[Control]] = {
     control.kind: control
-    for control in (YieldControl, DisplacementControl, TiltControl, PushoverControl, DynamicControl, BaseMotionControl)
+    for control in (
+        YieldControl,
+        DisplacementControl,
+        StaticsControl,
+        TiltControl,
+        PushoverControl,
+        DynamicControl,
+        BaseMotionControl,
+    )
 }

@@ -221,11 +221,12 @@ start | s | >= 0 | when it begins
 """,
     "yield": _TOLERANCE,
     "displacement": "rate | m/s | > 0 | speed of the actuators\ntravel | m | > 0 | how far they move",
+    "statics": "",
     "tilt": f"""
 axis | 1 | 3 numbers | axis of the table through the origin, right-hand rule
-rate | deg/s | 0 to 10 | how fast it turns, in real time
+rate | deg/s | 0 to 10 | how fast it turns, in real time; without it the limit itself is searched
 displacement | m | > 0 | the run ends when a block has moved so far against the table
-quasi_static | | true, false | find the angle of the limit itself, without time
+quasi_static | | true, false | find the angle of the limit itself, without time; the default without a rate
 {_TOLERANCE}
 {_DAMPING}
 """,

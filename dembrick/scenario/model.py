@@ -34,6 +34,7 @@ from dembrick.scenario.controls import (  # noqa: F401 (all that a scenario is m
     DynamicControl,
     Pulse,
     Sine,
+    StaticsControl,
     TiltControl,
     YieldControl,
     checked_columns,

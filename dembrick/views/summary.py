@@ -77,9 +77,11 @@ def key_numbers(results: Mapping) -> list[KeyNumber]:
     lines = []
     if isinstance(results.get("error"), str):
         lines.append(KeyNumber("no answer", results["error"]))
+    if isinstance(results.get("answer"), str):
+        lines.append(KeyNumber("answer", results["answer"]))
     point, collapse = yield_point(results), part(results, "collapse")
     lines += _of_collapse(collapse, has_bracket="V" in point)
-    lines += _of_yield(point, "" if collapse else "N")
+    lines += _of_yield(point, "" if collapse else "N", results.get("status") == "completed")
     lines += _of_theory(part(results, "theory"))
     lines += _of_motion(results) if not (point or collapse) else []
     audit = part(results, "energy")
@@ -95,8 +97,8 @@ def key_numbers(results: Mapping) -> list[KeyNumber]:
     return lines
 
 
-def _of_yield(point: dict, unit: str) -> list[KeyNumber]:
-    """The limit load in N, or without a unit the load factor of a structure."""
+def _of_yield(point: dict, unit: str, at_rate: bool) -> list[KeyNumber]:
+    """The limit load in N, or without a unit the load factor of a structure; ``at_rate``: of a constant-rate test."""
     load = ("V", "limit load V") if unit else ("load factor", "load factor")
     if "V" not in point:
         return []
@@ -113,8 +115,8 @@ def _of_yield(point: dict, unit: str) -> list[KeyNumber]:
         lines = [KeyNumber(load[1], with_error(point["V"], 0.5 * (upper - lower), unit).rstrip(), remark)]
     if "V_peak" in point:
         where = f"at {length(point['displacement_at_peak'])}; " if "displacement_at_peak" in point else ""
-        peak = f"{point['V_peak']:.6g} {unit}".rstrip()
-        lines.append(KeyNumber(f"largest {load[0]} of the record", peak, where + "has its rate effect"))
+        peak, rate = f"{point['V_peak']:.6g} {unit}".rstrip(), "has its rate effect" if at_rate else ""
+        lines.append(KeyNumber(f"largest {load[0]} of the record", peak, (where + rate).removesuffix("; ")))
     least = _ROUNDING * abs(point.get("N", 0.0))
     shown = {name: 0.0 if abs(point[name]) <= least else point[name] for name in _CARRIED if name in point}
     carried = [f"{name} = {shown[name]:.5g} {_CARRIED[name]}" for name in shown]

@@ -16,7 +16,7 @@ def ended():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(load_system, "read_off", lambda *given: caught.append(given) or yield_point.read_off(*given))
         simulate(lab_scenario("set4a", "concave"), record=False)
-    return caught[0]
+    return caught[0][:3]
 
 
 def with_bounds(ended, lower, upper):

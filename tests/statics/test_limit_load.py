@@ -228,8 +228,8 @@ def test_stiffness_of_the_joint_itself_does_not_count(formulation, monkeypatch):
 
 
 def test_a_jack_that_presses_on_the_floor_reaches_no_limit():
-    with pytest.raises(NotConvergedError, match="not bracketed"):
-        run("concave", jacks=single((0.0, 0.0), (0.0, 0.0, -1.0), 0.1))
+    result = run("concave", jacks=single((0.0, 0.0), (0.0, 0.0, -1.0), 0.1))
+    assert result.unlimited and result.yield_point.V is None
 
 
 @pytest.mark.parametrize("formulation", ["concave", "convex"])

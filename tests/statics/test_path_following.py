@@ -232,7 +232,7 @@ def test_least_thickness_of_a_semicircle(voussoirs, least):
         built = build.assemble(scene(PushoverControl((1.0, 0.0, 0.0)), arches=(arch(thickness, voussoirs),)))
         state = initial_state(built)
         try:
-            seat(state, block_stiffness(state, shared=2.0), elastic_factor(state, built.position))
+            seat(state, block_stiffness(state, shared=2.0), built.names, elastic_factor(state, built.position))
         except NotConvergedError:
             return False
         return True
@@ -279,7 +279,7 @@ def test_least_thickness_of_a_hemisphere():
         built = build.assemble(scene(PushoverControl((1.0, 0.0, 0.0)), domes=(dome,)))
         state = initial_state(built)
         try:
-            seat(state, block_stiffness(state, shared=2.0), elastic_factor(state, built.position))
+            seat(state, block_stiffness(state, shared=2.0), built.names, elastic_factor(state, built.position))
         except NotConvergedError:
             assert not expected
         else:

@@ -58,7 +58,7 @@ class Room(NamedTuple):
     """Where the scenes of one call work, one after another."""
 
     window: ndarray  # (window, 4), see `Certificate`
-    doubling: ndarray  # (4,)
+    doubling: ndarray  # (6,)
     start: ndarray  # (2,), see `Guard`
     work: ndarray  # (2,)
     sums: ndarray  # (3,)
@@ -130,7 +130,7 @@ def empty(room, steps):
 @jit
 def clear(room):
     """Let all sums start again."""
-    for i in range(4):
+    for i in range(6):
         room.doubling[i] = 0.0
     for i in range(2):
         room.start[i] = 0.0

@@ -109,9 +109,6 @@ def jack_forces(blocks, jacks, drive, inertia, rate, dt, energy):
     moved = (driven - state[1]) * total
     state[1] = driven
     state[2] = v
-    if v > state[3]:
-        state[3] = v
-        state[4] = driven
     for i in range(jacks.block.size):
         f = v * jacks.weight[i]
         d = jacks.direction
@@ -133,13 +130,20 @@ def unbalanced_power(blocks):
 
 @jit
 def unbalanced_ratio(blocks, joints):
-    """Greatest out-of-balance force on a free block over the greatest joint force."""
-    worst = 0.0
+    """Greatest out-of-balance force or moment on a free block over the greatest joint force.
+
+    A moment counts as the force that makes it at the longest lever between a centroid and a joint.
+    """
+    force = moment = 0.0
     for f in range(blocks.free.size):
         b = blocks.free[f]
-        worst = max(worst, blocks.force[b, 0] ** 2 + blocks.force[b, 1] ** 2 + blocks.force[b, 2] ** 2)
-    largest = 0.0
+        force = max(force, blocks.force[b, 0] ** 2 + blocks.force[b, 1] ** 2 + blocks.force[b, 2] ** 2)
+        moment = max(moment, blocks.torque[b, 0] ** 2 + blocks.torque[b, 1] ** 2 + blocks.torque[b, 2] ** 2)
+    largest = lever = 0.0
     for j in range(joints.block_a.size):
         r = joints.resultant[j]
         largest = max(largest, r[0] ** 2 + r[1] ** 2 + r[2] ** 2)
+        for arm in (joints.arm_a[j], joints.arm_b[j]):
+            lever = max(lever, arm[0] ** 2 + arm[1] ** 2 + arm[2] ** 2)
+    worst = max(force, moment / lever) if lever > 0.0 else force
     return sqrt(worst / largest) if largest > 0.0 else 1.0

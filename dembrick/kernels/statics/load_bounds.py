@@ -41,7 +41,7 @@ class Certificate(NamedTuple):
     tolerance: float
     bracket: ndarray  # (2,) bounds of V, in and out
     elastic: float  # N/m, elastic stiffness of V against the driven displacement
-    doubling: ndarray  # (4,) driven displacement (m) when it had last doubled and least V (N) since; the same before
+    doubling: ndarray  # (6,) driven displacement (m) when it last doubled, least and greatest V (N) since; before that
     twist: ndarray  # (3,) m, m, rad: slip that gave the upper bound, where strict
     window: ndarray  # (w, 4) lower, upper, V, driven displacement of the last w instants, where not strict
 
@@ -101,6 +101,23 @@ def strict_bounds(certificate, joints, points, areas, v):
 
 
 @jit
+def carried_load(certificate, joints, lower):
+    """V that the one joint carries in equilibrium at this instant of a strict search, without inertia and dashpots.
+
+    By virtual work, (t - g0).q / (f.q) for the slip twist q of the last step, as far as a state of equilibrium inside
+    the limit set proves it: ``lower``.
+    """
+    j = certificate.joint
+    f = certificate.unit
+    g = certificate.dead
+    q = joints.step[j]
+    power = f[0] * q[0] + f[1] * q[1] + f[2] * q[2]
+    if power <= 0.0:
+        return lower
+    return max(0.0, min(lower, (shear_power(joints, j) - (g[0] * q[0] + g[1] * q[1] + g[2] * q[2])) / power))
+
+
+@jit
 def shear_power(joints, j):
     """t.q of joint ``j`` for the slip twist of the last step."""
     now = joints.resultant[j]
@@ -109,11 +126,11 @@ def shear_power(joints, j):
 
 
 @jit
-def instant_bounds(blocks, joints, points, areas, v, moved, dt):
-    """The same two bounds with the normal forces of this instant, for any number of blocks: an indicator.
+def instant_upper(blocks, joints, points, areas, v, moved, dt):
+    """Upper bound with the normal forces of this instant, for any number of blocks: an indicator.
 
-    Upper: V + (excess dissipation - power of the out-of-balance) / f.q for the motion of the last step, ``moved`` the
-    f.q of it. Lower: V / (1 + out-of-balance over joint forces).
+    V + (excess dissipation - power of the out-of-balance) / f.q for the motion of the last step, ``moved`` the f.q of
+    it.
     """
     upper = NEVER
     if moved > 0.0:
@@ -130,6 +147,13 @@ def instant_bounds(blocks, joints, points, areas, v, moved, dt):
             for i in range(3):
                 excess -= dt * (blocks.force[b, i] * blocks.velocity[b, i] + blocks.torque[b, i] * blocks.spin[b, i])
         upper = v + excess / moved
+    return upper
+
+
+@jit
+def instant_bounds(blocks, joints, points, areas, v, moved, dt):
+    """`instant_upper`, and for the lower bound V / (1 + out-of-balance over joint forces)."""
+    upper = instant_upper(blocks, joints, points, areas, v, moved, dt)
     lower = v / (1.0 + unbalanced_ratio(blocks, joints))
     return min(lower, upper), max(upper, lower)
 
@@ -141,6 +165,8 @@ def judge(certificate, step, lower, upper, v, driven):
     An indicator must hold still over its window while the load moves on: a load that still stores energy, however
     slowly it grows, has reached no limit. What it gained since the motion had half its length, at least, tells how much
     is still missing where a contact shrinks for ever (a convex joint that rocks); the upper bound is raised by that.
+    Where the normal forces follow the load V also falls towards its limit, as they drift and slip wipes out the memory
+    of the elastic forces; the lower bound is charged with what it fell, which is more than the rest of such a decay.
     """
     bracket = certificate.bracket
     limit = True
@@ -164,12 +190,15 @@ def judge(certificate, step, lower, upper, v, driven):
             bracket[1] = max(bracket[1], window[i, 1])
         mark = certificate.doubling
         if driven >= 2.0 * mark[0] and driven > 0.0:
-            mark[2] = mark[0]
-            mark[3] = mark[1]
+            for i in range(3):
+                mark[3 + i] = mark[i]
             mark[0] = driven
             mark[1] = v
+            mark[2] = v
         mark[1] = min(mark[1], v)
-        bracket[1] += MISSING * max(v - mark[3], 0.0)
+        mark[2] = max(mark[2], v)
+        bracket[1] += MISSING * max(v - mark[4], 0.0)
+        bracket[0] = max(0.0, bracket[0] - max(mark[5] - v, 0.0))
     width = 2.0 * certificate.tolerance * bracket[0]
     close = bracket[1] - bracket[0] <= width and abs(2.0 * v - bracket[0] - bracket[1]) <= width
     return limit and close and width > 0.0

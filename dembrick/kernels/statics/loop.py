@@ -15,7 +15,7 @@ from dembrick.kernels.statics.block_forces import (
 from dembrick.kernels.statics.divergence import jumped, open_guard, watch
 from dembrick.kernels.statics.energy import add_dead_torque_work, balance, open_books
 from dembrick.kernels.statics.finite_rotation import finite_step
-from dembrick.kernels.statics.load_bounds import instant_bounds, judge, strict_bounds
+from dembrick.kernels.statics.load_bounds import carried_load, instant_bounds, judge, strict_bounds
 from dembrick.kernels.statics.record import write_row
 from dembrick.kernels.statics.small_displacement import small_step
 
@@ -59,12 +59,18 @@ def advance(
         if energy is not None:
             add_dead_torque_work(energy.work, energy.turned, blocks, dt)
         done = False
+        load = v
         if step % certificate.every == 0:
             if certificate.strict:
                 lower, upper = strict_bounds(certificate, joints, points, areas, v)
+                if inertia is None:
+                    load = carried_load(certificate, joints, lower)
             else:
                 lower, upper = instant_bounds(blocks, joints, points, areas, v, moved, dt)
             done = judge(certificate, step // certificate.every, lower, upper, v, jacks.drive[1])
+        if load > jacks.drive[3]:
+            jacks.drive[3] = load
+            jacks.drive[4] = jacks.drive[1]
         if record is not None:
             if step % record.every[0] == 0 or done:
                 if energy is not None and record.count[0] < record.row.shape[0]:
@@ -74,7 +80,7 @@ def advance(
                     )  # fmt: skip
                 bounds = (bracket[0], bracket[1])
                 if not write_row(
-                    record, step, step * dt, blocks, joints, points, areas, jacks, drive.viscous_s, *bounds, done
+                    record, step, step * dt, blocks, joints, points, areas, jacks, load, drive.viscous_s, *bounds, done
                 ):
                     return FULL, step
         if done:

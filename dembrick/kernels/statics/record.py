@@ -55,14 +55,17 @@ def write_frame(record, time, blocks, joints, points, areas, viscous):
 
 
 @jit
-def write_row(record, step, time, blocks, joints, points, areas, jacks, viscous, lower, upper, last):
-    """Add a row to the record, with a frame where one is due or it is the ``last``; False when there is no room."""
+def write_row(record, step, time, blocks, joints, points, areas, jacks, load, viscous, lower, upper, last):
+    """Add a row to the record, with a frame where one is due or it is the ``last``; False when there is no room.
+
+    ``load``: V (N), of an equilibrium where no inertia is physical.
+    """
     row = record.count[0]
     framed = record.frame_time.size > 0 and (last or step % record.every[1] == 0)
     if row >= record.row.shape[0] or (framed and record.count[1] >= record.frame_time.size):
         return False
     record.row[row, 0] = time
-    record.row[row, 1] = jacks.drive[2]
+    record.row[row, 1] = load
     record.row[row, 2] = jacks.drive[1]
     record.row[row, 3] = unbalanced_ratio(blocks, joints)
     record.row[row, 4] = lower

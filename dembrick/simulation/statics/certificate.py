@@ -45,7 +45,7 @@ def certificate(state: State, load: np.ndarray, elastic: float, tolerance: float
         tolerance=tolerance if parts["strict"] else CAUTION * tolerance,
         bracket=np.array([0.0, NEVER]),
         elastic=elastic,
-        doubling=np.zeros(4),
+        doubling=np.zeros(6),
         twist=np.zeros(3),
         window=empty_window(WINDOW),
     )

@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import math
 import time
+from dataclasses import replace
 
 import numpy as np
 
-from dembrick.errors import ScenarioError
+from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.kernels.state import Inertia
 from dembrick.scenario.model import Output
 from dembrick.simulation.session import Observer, Plan, Session
@@ -81,6 +82,14 @@ def push_at_constant_rate(
     refuse_divergence(status, assembly, state, loop.step, dt, critical)
     chosen = {"rate": rate, "inertia": "physical"}
     replay = setup.finished(True, loop, critical, compiled, setup.settings(drive) | chosen)
+    if replay.yield_point.V_upper is None:
+        point = replay.yield_point
+        raise NotConvergedError(
+            f"no limit load: the joint has not begun to slip over the travel of {travel:.3g} m, and the "
+            f"{point.V:.6g} N that the actuators carry at its end are no strength; lengthen control.travel, or lower "
+            "control.rate",
+            replace(point, V=None),
+        )
     if setup.certificate.strict:
         slip = replay.yield_point.V_lower * setup.compliance / setup.weight
         pace = rate * critical / slip if slip > 0.0 else math.inf

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from dembrick.simulation.session import Session, Snapshot
 from dembrick.simulation.statics.elastic_factor import touches_itself, whole_inertia
 from dembrick.simulation.statics.sparse_equations import Factors
 from dembrick.simulation.statics.state import State
+from dembrick.simulation.statics.yield_point import mechanism_of, moving_blocks
 
 UNBALANCED = 1e-12  # of the joint forces
 MOST_STEPS = 20_000
@@ -33,17 +35,50 @@ def inverse_inertia(state: State, inertia: np.ndarray) -> ScaledInertia:
     return ScaledInertia(inverse, np.ascontiguousarray(inertia), None)
 
 
+@dataclass(frozen=True)
+class Rest:
+    """What the dead loads leave: whether the blocks stand, the out-of-balance over the joint forces and the steps that
+    took; of blocks that fall their numbers and the mechanism; seconds of compiling and of relaxing."""
+
+    stands: bool
+    unbalanced: float
+    steps: int
+    mechanism: str | None
+    blocks: tuple[int, ...]
+    compile_seconds: float
+    loop_seconds: float
+
+
 def seat(
-    state: State, stiffness: np.ndarray, factor: Factors | None = None, session: Session | None = None
-) -> tuple[float, float, float]:
+    state: State, stiffness: np.ndarray, names, factor: Factors | None = None, session: Session | None = None
+) -> Rest:
+    """`rest` of blocks that must stand: NotConvergedError, which names those that do not."""
+    found = rest(state, stiffness, factor, session)
+    if not found.stands:
+        raise NotConvergedError(
+            f"{does_not_stand(found, names)} before any actuator moves; no equilibrium under the dead loads was found "
+            f"in {found.steps} steps, the out-of-balance force is still {found.unbalanced:.2g} of the joint forces. "
+            "Check loads, friction and supports"
+        )
+    return found
+
+
+def does_not_stand(found: Rest, names) -> str:
+    """The sentence that says which blocks fall, and how."""
+    moving = [names[i] for i in found.blocks]
+    more = f" and {len(moving) - 5} more" if len(moving) > 5 else ""
+    falls = "falls" if len(moving) == 1 else "fall"
+    return f"does not stand: {', '.join(moving[:5])}{more} {falls} by {found.mechanism}"
+
+
+def rest(state: State, stiffness: np.ndarray, factor: Factors | None = None, session: Session | None = None) -> Rest:
     """Relax ``state`` until the out-of-balance forces are ``UNBALANCED`` of the joint forces.
 
     Where free blocks touch only fixed ones, every block moves by the answer of its own ``stiffness`` (n, 6, 6) to its
     out-of-balance: a single Newton step seats it. Else the whole assembly moves by its elastic answer, ``factor`` being
     that of its stiffness, first in one go and then with momentum, which is dropped whenever it works against the
-    forces. ``session`` keeps checkpoints of it, and may go on from one. Returns the ratio reached and the seconds of
-    compiling and of relaxing. Raises NotConvergedError where the dead loads alone bring the blocks
-    down, and Interrupted.
+    forces. ``session`` keeps checkpoints of it, and may go on from one. Blocks that fall are those that still move at
+    the end. Raises Interrupted.
     """
     joints = state.joints
     began = time.perf_counter()
@@ -62,16 +97,13 @@ def seat(
     rounds = ((FIRST_STEPS, 0.0), (MOST_STEPS, MOMENTUM)) if alone else ((MOST_STEPS, MOMENTUM),)
     ratio, steps = _Seating(state, inertia, rounds).run(session or Session())
     done = time.perf_counter()
+    seconds = ready - began, done - ready
     if not ratio <= UNBALANCED:
-        raise NotConvergedError(
-            f"no equilibrium under the dead loads: after {steps} steps the out-of-balance force is still {ratio:.2g} "
-            "of the joint forces, so the blocks slide or overturn before any actuator moves; check loads, friction and "
-            "supports"
-        )
+        return Rest(False, ratio, steps, mechanism_of(state), moving_blocks(state), *seconds)
     state.blocks.velocity[:] = 0.0
     state.blocks.spin[:] = 0.0
     joints.step[:] = 0.0
-    return ratio, ready - began, done - ready
+    return Rest(True, ratio, steps, None, (), *seconds)
 
 
 class _Seating:

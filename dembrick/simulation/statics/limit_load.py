@@ -1,12 +1,13 @@
 """Search for a limit load (`find_limit_load`): bounds on V at every step, until their bracket is narrow enough.
 
-No physical inertia. If free blocks touch one another, their equilibrium is followed directly (`path_following`). Else
-every block gets an artificial inertia proportional to its contact stiffness, so that all its modes swing together and
-the out-of-balance force of a joint does not excite another of its components; the geometry stays that of the start,
-for which a limit load is defined. The actuators push at about one elastic slip a step. Damping acts in the contacts,
-behind the slider, and in the actuator, on the difference between head and block: both vanish when the blocks slide
-steadily, so that V is then what the joints carry at any speed. What takes steps is that slip must wipe out the memory
-of the elastic forces. The bracket (`kernels.statics.load_bounds`) is formed at every step.
+No physical inertia. If free blocks touch one another, or normal forces follow the load, equilibrium is followed
+directly (`path_following`). Else, and then the bracket is certified, every block gets an artificial inertia
+proportional to its contact stiffness, so that all its modes swing together and the out-of-balance force of a joint does
+not excite another of its components; the geometry stays that of the start, for which a limit load is defined. The
+actuators push at about one elastic slip a step. Damping acts in the contacts, behind the slider, and in the actuator,
+on the difference between head and block: both vanish when the blocks slide steadily, so that V is then what the joints
+carry at any speed. What takes steps is that slip must wipe out the memory of the elastic forces. The bracket
+(`kernels.statics.load_bounds`) is formed at every step.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ from dembrick.simulation.statics.path_following import PathFollower
 from dembrick.simulation.statics.recorder import Recorder
 from dembrick.simulation.statics.state import new_energy
 from dembrick.simulation.statics.stepper import Loop, Stepper
-from dembrick.simulation.statics.yield_point import read_off
+from dembrick.simulation.statics.yield_point import at_peak, read_off, without_limit
 
 SLIP_PER_STEP = 1.0  # elastic slips that the head moves in a step towards a limit load
 GENTLY = 0.3  # of that, where the load tilts a block, which a fast head sets rocking as it slides
@@ -63,34 +64,31 @@ def find_limit_load(
     ``step_factor`` is the time step over the critical one; ``session`` gets the record. With a ``goal`` (m) the path is
     followed until a block has moved that far, by ``steps`` times the usual ones at first. Raises NotConvergedError with
     the best bracket where the tolerance is not reached, DivergedError, and NotConvergedError where the dead loads alone
-    bring the blocks down.
+    bring the blocks down. A load that nothing limits is an answer: the yield point says ``unlimited``.
     """
     session = Session.of(session)
-    setup = Setup(assembly, tolerance, session, whole=goal is not None)
+    setup = Setup(assembly, tolerance, session, by_equilibria=True if goal is not None else None)
     if setup.factor is None:
         replay = _by_inertia(setup, step_factor, session)
     else:
         replay = _by_equilibria(setup, session, goal or 0.0, steps)
     if not replay.converged:
         point = replay.yield_point
-        name, unit, remedies = "V", " N", ["allow a larger control.tolerance"]
+        name, unit, remedies = "V", " N", ["Allow a larger control.tolerance"]
         if goal is not None:
             name, unit = "the load factor", ""
             remedies.append("live through the collapse with control.quasi_static = false")
-        above = "without an upper bound" if point.V_upper is None else f"at most {point.V_upper:.6g}{unit}"
-        if goal is None or point.V_upper is None:
-            remedies.insert(0, "check that the load can move the blocks at all")
-        remedy = ", or ".join(remedies)
+        # a bracket that is not closed tells no upper bound: what the blocks still carry may grow
         raise NotConvergedError(
             f"the limit load was not bracketed within {tolerance:g} after {replay.steps} steps: {name} is at least "
-            f"{point.V_lower:.6g}{unit}, {above}. {remedy[0].upper()}{remedy[1:]}",
+            f"{point.V_lower:.6g}{unit}. {', or '.join(remedies)}",
             point,
         )
     return replay
 
 
 def _by_equilibria(setup: Setup, session: Session, goal: float, steps: float) -> Replay:
-    """The search where free blocks touch one another: equilibrium by equilibrium."""
+    """The search where free blocks touch one another or normal forces follow the load: equilibrium by equilibrium."""
     state, certificate = setup.state, setup.certificate
     frames_every = 1 if len(setup.assembly.names) <= 100 else 8
     watched = setup.assembly.control_points
@@ -105,10 +103,15 @@ def _by_equilibria(setup: Setup, session: Session, goal: float, steps: float) ->
     path = follower.run(steps * strength, goal)
     phases = {"seating": setup.loop_seconds, **path.phases}
     phases["equations"] += setup.factor.seconds
+    point = read_off(state, certificate, setup.assembly.names)
+    if path.unlimited:
+        point = without_limit(point)
+    elif not certificate.strict:
+        point = at_peak(point, path.peak, 2.0 * certificate.tolerance * abs(point.V))
     return Replay(
-        yield_point=read_off(state, certificate, setup.assembly.names),
+        yield_point=point,
         state=state,
-        converged=path.converged,
+        converged=path.converged or path.unlimited,
         steps=path.iterations,
         time_step=1.0,
         critical_time_step=setup.dashpots().critical_time_step,
@@ -116,14 +119,17 @@ def _by_equilibria(setup: Setup, session: Session, goal: float, steps: float) ->
         unbalanced=setup.unbalanced,
         compile_seconds=setup.compile_seconds + ready - began,
         loop_seconds=sum(phases.values()),
-        settings={"equilibria": path.equilibria, "inertia": "none"},
+        settings={"equilibria": path.equilibria, "inertia": "none", "gave_way": path.moved},
         moved=state.blocks.displacement - setup.seated,
         phases=phases,
     )
 
 
 def _by_inertia(setup: Setup, step_factor: float, session: Session) -> Replay:
-    """The search where every free block touches fixed ones only: with artificial inertia."""
+    """The search where every free block touches fixed ones only and the bracket is certified: with artificial inertia.
+
+    The record holds the load in equilibrium with the joint, not what inertia and dashpots of the search add to it.
+    """
     assembly = setup.assembly
     state, load = setup.state, setup.load
     # All frequencies of the scaled blocks are eta/dt; actuator and dashpots bring the critical eta below 2.

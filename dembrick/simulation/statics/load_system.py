@@ -103,13 +103,19 @@ class LoadSystem:
 
 
 class Setup(LoadSystem):
-    """The load system on the seated state, with the certificate of its limit load."""
+    """The load system on the seated state, with the certificate of its limit load.
 
-    def __init__(self, assembly, tolerance: float, session: Session | None = None, whole: bool = False):
+    ``by_equilibria``: whether its limit is to be searched by following equilibria; None leaves that to the scene:
+    wherever the bracket is not certified.
+    """
+
+    def __init__(self, assembly, tolerance: float, session: Session | None = None, by_equilibria: bool | None = False):
         super().__init__(assembly)
-        self.factor = elastic_factor(self.state, assembly.position) if whole or touches_itself(self.state) else None
-        seated = seat(self.state, self.stiffness, self.factor, session)
-        self.unbalanced, self.compile_seconds, self.loop_seconds = seated
+        whole = by_equilibria or touches_itself(self.state)
+        self.factor = elastic_factor(self.state, assembly.position) if whole else None
+        seated = seat(self.state, self.stiffness, assembly.names, self.factor, session)
+        self.unbalanced = seated.unbalanced
+        self.compile_seconds, self.loop_seconds = seated.compile_seconds, seated.loop_seconds
         self.seated = self.state.blocks.displacement.copy()
         # the actuators come to blocks that the dead loads have moved already, and do not push them back
         moved = np.concatenate([self.state.blocks.displacement, self.state.blocks.rotation], axis=1)
@@ -117,6 +123,8 @@ class Setup(LoadSystem):
         self.certificate: Certificate = certificate(
             self.state, self.load, self.actuator_stiffness / ACTUATOR_STIFFNESS, tolerance
         )
+        if by_equilibria is None and self.factor is None and not self.certificate.strict:
+            self.factor = elastic_factor(self.state, assembly.position)
 
     def drive(self, rate: float, dt: float) -> Drive:
         """The load system driven at a steady ``rate`` in steps of ``dt``, with the dashpots of a search."""
@@ -136,7 +144,7 @@ class Setup(LoadSystem):
     def finished(self, converged: bool, loop: Loop, critical: float, compiled: float, settings: dict) -> Replay:
         """What came of it; ``compiled``: seconds of compiling after the seating."""
         return Replay(
-            yield_point=read_off(loop.state, loop.certificate, self.assembly.names),
+            yield_point=read_off(loop.state, loop.certificate, self.assembly.names, loop.inertia is not None),
             state=loop.state,
             converged=converged,
             steps=loop.step,

@@ -80,6 +80,7 @@ class Equilibria:
         self.load = pattern.to_rows(load[self.free])
         self.answers = np.zeros((2, pattern.rows))  # of the tangent to the out-of-balance and to the unit load
         self.tangent, self._none = Factors(pattern, factor.fronts.room), np.zeros(pattern.rows)
+        self.heaviest = float(np.linalg.norm(state.blocks.dead_force[self.free], axis=1).max())
         self.iterations = 0
         self.phases = {"joint_forces": 0.0, "equations": 0.0}
         self.pause: Callable[[], None] = lambda: None
@@ -105,9 +106,9 @@ class Equilibria:
         return math.sqrt(max(0.0, energy))
 
     def out_of_balance(self) -> float:
-        """Out-of-balance force or moment over the greatest joint force, the worst block."""
+        """Out-of-balance force or moment over the greatest joint force or dead load of a block, the worst block."""
         resultant = self.state.joints.resultant
-        largest = float(np.sqrt((resultant[:, :3] ** 2).sum(axis=1)).max())
+        largest = max(self.heaviest, float(np.sqrt((resultant[:, :3] ** 2).sum(axis=1)).max()))
         residual = self.trial.residual[self.rows]
         worst = max(
             float(np.sqrt((residual[:, :3] ** 2).sum(axis=1)).max()),

@@ -16,16 +16,18 @@ def limit_bounds(seen: list[Seen], elastic: float, strips: bool) -> tuple[float,
     The bounds are those since the blocks had given way half as far. What V grew meanwhile shows how much is still
     missing where a contact shrinks for ever (a convex joint that rocks): the sum of all growths to come, each smaller
     than the last as the last was than the one before; or `_beyond_the_strip`, where there are ``strips`` and that tells
-    it closer. ``elastic`` (N/m): the slope of V before anything gives way.
+    it closer. What V fell meanwhile, as normal forces drift and elastic forces are forgotten, is charged to the lower
+    bound in the same way. ``elastic`` (N/m): the slope of V before anything gives way.
     """
     given, V = seen[-1][:2]
     half = _when(seen, 0.5 * given)
     quarter = _when(seen, 0.25 * given)
     growth, before = V - seen[half][1], seen[half][1] - seen[quarter][1]
-    decay = min(MOST_DECAY, growth / before) if before > 0.0 else 0.0
+    decay = min(MOST_DECAY, growth / before) if growth * before > 0.0 else 0.0
     recent = seen[half + 1 :] or seen[-1:]
-    lower = max(0.0, min(s[2] for s in recent))
-    upper = max(s[3] for s in recent) + max(MISSING, decay / (1.0 - decay)) * max(growth, 0.0)
+    to_come = max(MISSING, decay / (1.0 - decay)) * growth
+    lower = max(0.0, min(s[2] for s in recent) + min(to_come, 0.0))
+    upper = max(s[3] for s in recent) + max(to_come, 0.0)
     if strips:
         closer = _beyond_the_strip([seen[_when(seen, 0.125 * given)], seen[quarter], seen[half], seen[-1]])
         if closer is not None and closer[1] - closer[0] < upper - lower:
@@ -35,6 +37,19 @@ def limit_bounds(seen: list[Seen], elastic: float, strips: bool) -> tuple[float,
         0.0 < seen[quarter][0] and not any(s[4] for s in recent) and growth <= STILL * elastic * (given - seen[half][0])
     )
     return lower, upper, limit
+
+
+def peak_bounds(seen: list[Seen], compliance: float) -> tuple[float, float]:
+    """Bounds of the greatest V on the path ``seen``: the load that its best equilibrium surely carried, and what V may
+    have reached between its neighbours, by straight lines from either side. ``compliance``: elastic, m/N."""
+    i = max(range(len(seen)), key=lambda k: min(seen[k][1], seen[k][2]))
+    _, V, lower = seen[i][:3]
+    sure, above = min(V, lower), []
+    if 0 < i < len(seen) - 1:
+        before, here, after = (s[0] + s[1] * compliance for s in seen[i - 1 : i + 2])
+        above.append((V - seen[i - 1][1]) * (after - here) / (here - before))
+        above.append((V - seen[i + 1][1]) * (here - before) / (after - here))
+    return sure, max(sure, V) + max(0.0, min(above, default=0.0))
 
 
 def _when(seen: list[Seen], given: float) -> int:

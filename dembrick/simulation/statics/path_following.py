@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dembrick.kernels.statics.energy import DASHPOTS, ELASTIC, EXTERNAL, FRICTION, elastic_energy
-from dembrick.kernels.statics.load_bounds import NEVER, Certificate, instant_bounds
+from dembrick.kernels.statics.load_bounds import NEVER, Certificate, instant_upper, strict_bounds
 from dembrick.kernels.statics.newton import remember
 from dembrick.kernels.statics.record import write_row
 from dembrick.simulation import interrupts
@@ -31,7 +31,7 @@ from dembrick.simulation.checkpoint_arrays import flattened, restored_state
 from dembrick.simulation.session import Session, Snapshot
 from dembrick.simulation.statics import joint_families
 from dembrick.simulation.statics.newton import HELD, Equilibria
-from dembrick.simulation.statics.path_bounds import limit_bounds
+from dembrick.simulation.statics.path_bounds import limit_bounds, peak_bounds
 from dembrick.simulation.statics.path_state import MOST_EQUILIBRIA, Drift, PathState
 from dembrick.simulation.statics.recorder import Recorder
 from dembrick.simulation.statics.sparse_equations import Factors, inner
@@ -52,15 +52,26 @@ FASTER = 4.0  # by which the drag of a step rises where it is too small to help,
 MOST_TRIES = 6  # of a step with less and less drag
 ALONG = 4  # steps with drag before one without is tried again
 MOST_JUMPS, MOST_DRIFTS, MOST_DRAG = 20, 300, 1e4  # of a path; steps of one; drag over elastic stiffness
+UNLIMITED = 1e4  # of the dead loads: a load that grows beyond is limited by nothing
+WITHOUT_END = 4 * ELASTIC_STEPS  # elastic steps after which the guess of the limit load was much too small
+NOTHING = 1e-6  # of the dead loads: a limit load below it is zero
+HIDDEN = 0.1  # of the tolerance: what the out-of-balance may hide of V before equilibria are found more closely
 CLOSED = 1e-3  # of the fastest relative motion of a step: gaps and their closing below it are none
 
 
 @dataclass
 class Path:
     """A followed path: whether the bracket became narrow enough, Newton iterations and equilibria it took, and seconds
-    by phase; ``path`` is what is left, the choice of steps."""
+    by phase; ``path`` is what is left, the choice of steps.
+
+    ``unlimited``: V grew beyond all dead loads; ``moved``: whether anything slid or opened meanwhile. ``peak``: bounds
+    of the greatest V on the path (N).
+    """
 
     converged: bool
+    unlimited: bool
+    moved: bool
+    peak: tuple[float, float]
     iterations: int
     equilibria: int
     phases: dict[str, float]
@@ -93,6 +104,8 @@ class PathFollower:
         if recorder is not None:
             self.seated = elastic_energy(state.joints, state.points, state.areas, None)
         self.seated_at = state.blocks.displacement.copy()
+        # V that weighs as much as all dead loads
+        self.dead = float(np.linalg.norm(state.blocks.dead_force[self.free], axis=1).sum()) / self.weight
         self.session, self.turn_began = session, {}
         self.search.pause = lambda: session.pause(self, within=True)
         self.phases = {**self.search.phases, "bracket": 0.0, "record": 0.0, "path": 0.0}
@@ -104,7 +117,7 @@ class PathFollower:
         remember(self.trial, state.joints, state.points, state.areas)
         self.search.attempt(self.search.motion(), 0.0, True)
         self.search.prepare()
-        instant_bounds(state.blocks, state.joints, state.points, state.areas, 0.0, 0.0, 1.0)
+        self._instant(0.0, 0.0)
         if self.recorder is not None:
             self._write(0)
             self.recorder.record.count[:] = 0
@@ -122,7 +135,7 @@ class PathFollower:
         else:
             remember(self.trial, self.state.joints, self.state.points, self.state.areas)
             self._record()
-        converged, more = False, True
+        converged, unlimited, more = False, False, True
         with interrupts.deferred():
             while more and (way.drift or (way.equilibria < MOST_EQUILIBRIA and way.step > SHORTEST * way.longest)):
                 paused = time.perf_counter()
@@ -133,9 +146,14 @@ class PathFollower:
                 V, more = self._drifted() if way.drift else self._stepped()
                 if V is not None and self._went_to(V) and self._moved() >= goal:
                     converged, more = True, False
+                elif V is not None and V > UNLIMITED * self.dead > 0.0:
+                    unlimited, more = True, False
         phases = self.phases | self.search.phases
         phases["path"] = time.perf_counter() - began - self.elsewhere - sum(phases.values())
-        return Path(converged, way.iterations, way.equilibria, phases)
+        peak = peak_bounds(way.seen, self.compliance / self.weight)
+        # what gives way elastically is a rounding of the driven displacement
+        moved = way.seen[-1][0] > 1e-6 * (way.driven - way.start)
+        return Path(converged, unlimited, moved, peak, way.iterations, way.equilibria, phases)
 
     def _at_start(self, strength: float) -> PathState:
         motion = self.search.motion()
@@ -154,6 +172,7 @@ class PathFollower:
             usual=step,
             longest=step,
             gain=gain,
+            balanced=self.search.balanced,
         )
 
     def _found(self, motion: np.ndarray, V: float) -> tuple[float | None, int]:
@@ -245,7 +264,11 @@ class PathFollower:
         elif (
             way.tried <= EASY
             and way.calm > 0
-            and (slope <= YIELDING * self.weight / self.compliance or way.step <= SHRINKING * way.usual)
+            and (
+                slope <= YIELDING * self.weight / self.compliance
+                or way.step <= SHRINKING * way.usual
+                or way.equilibria >= WITHOUT_END
+            )
         ):
             way.step, way.drag = GROWTH * way.step, way.drag / GROWTH  # what drags is about the same
         return judged
@@ -274,7 +297,7 @@ class PathFollower:
         for name, own in self._memory().items():
             own[...] = snapshot.array(name, own)
         restored_state(self.state, snapshot)
-        self.search.iterations = self.way.iterations
+        self.search.iterations, self.search.balanced = self.way.iterations, self.way.balanced
 
     def _moved(self) -> float:
         """How far the block that moved most has moved since the start of the path (m)."""
@@ -321,17 +344,41 @@ class PathFollower:
         turned = np.cross(blocks.rotation[actuators.block], actuators.arm)
         actuators.displacement[:] = ((blocks.displacement[actuators.block] + turned) * actuators.direction).sum(axis=1)
         actuators.drive[:3] = way.driven, way.driven, V
-        unbalanced = self.search.out_of_balance()  # what a drag held up is no peak
-        sure = V if unbalanced <= self.search.balanced else V / (1.0 + unbalanced)
+        began = time.perf_counter()
+        lower, upper = self._instant(V, moved)
+        self.phases["bracket"] += time.perf_counter() - began
+        sure = min(V, lower)  # what a drag held up is no peak
         if sure > actuators.drive[3]:
             actuators.drive[3:5] = sure, way.driven
-        began = time.perf_counter()
-        lower, upper = instant_bounds(
-            blocks, state.joints, state.points, state.areas, V, moved, 1.0
-        )  # fmt: skip
-        self.phases["bracket"] += time.perf_counter() - began
         given = way.driven - way.start - V * self.compliance / self.weight
-        way.seen.append((given, V, float(lower), float(upper), closing))
+        way.seen.append((given, V, lower, upper, closing))
+
+    def _instant(self, V: float, moved: float) -> tuple[float, float]:
+        """Bounds of the limit load from the equilibrium of now, for the motion of the last step that ``moved`` V so far
+        (m).
+
+        Strict where the certificate is. Else those of the normal forces of now, charged with what the out-of-balance
+        may hide: a force that is missing in a joint is missing in its friction, and does as much work at the most as
+        its block's motion lets it.
+        """
+        state = self.state
+        blocks, joints, points, areas = state.blocks, state.joints, state.points, state.areas
+        if self.certificate.strict:
+            lower, upper = strict_bounds(self.certificate, joints, points, areas, V)
+            return float(lower), float(upper)
+        upper = float(instant_upper(blocks, joints, points, areas, V, moved, 1.0))
+        unbalanced = self.search.out_of_balance()
+        if unbalanced > self.search.balanced:  # a drag held the blocks up
+            return V / (1.0 + unbalanced), max(V, upper) * (1.0 + unbalanced)
+        hidden = 0.0
+        if moved > 0.0:
+            for force, way in ((blocks.force, blocks.velocity), (blocks.torque, blocks.spin)):
+                work = np.linalg.norm(force[self.free], axis=1) @ np.linalg.norm(way[self.free], axis=1)
+                hidden += float(work) / moved
+        if hidden > HIDDEN * self.certificate.tolerance * V:
+            self.search.balanced = max(LEAST_BALANCED, 0.1 * self.search.balanced)
+            self.way.balanced = self.search.balanced
+        return V - hidden, max(V, upper) + hidden
 
     def _closes_gaps(self) -> bool:
         """Whether any open contact point or corner has come nearer since the last equilibrium, more than by rounding.
@@ -351,9 +398,17 @@ class PathFollower:
     def _judged(self) -> bool:
         """Fold the bounds into the bracket; True when it is narrow enough and V is that of a mechanism."""
         bracket = self.certificate.bracket
-        elastic = self.weight / self.compliance
-        *bracket[:], limit = limit_bounds(self.way.seen, elastic, joint_families.has_areas(self.state))
+        elastic, strict = self.weight / self.compliance, self.certificate.strict
+        if strict:
+            bracket[:] = max(bracket[0], self.way.seen[-1][2]), min(bracket[1], self.way.seen[-1][3])
+            limit = True
+        else:
+            *bracket[:], limit = limit_bounds(self.way.seen, elastic, joint_families.has_areas(self.state))
+        if limit and bracket[1] <= NOTHING * self.dead:
+            bracket[:] = 0.0
         self._record()
+        if limit and bracket[1] == 0.0:
+            return True
         width = 2.0 * self.certificate.tolerance * bracket[0]
         return bool(limit and bracket[1] - bracket[0] <= width and width > 0.0)
 
@@ -376,6 +431,6 @@ class PathFollower:
         if number:
             energy[EXTERNAL], energy[FRICTION], energy[DASHPOTS] = self.way.external, self.way.friction, self.way.lost
         write_row(
-            record, number, float(number), state.blocks, state.joints, state.points, state.areas, state.actuators, 0.0,
-            lower, upper, False,
+            record, number, float(number), state.blocks, state.joints, state.points, state.areas, state.actuators,
+            float(state.actuators.drive[2]), 0.0, lower, upper, False,
         )  # fmt: skip

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
@@ -14,6 +14,8 @@ from dembrick.simulation.statics.state import State
 
 _CROSSED = 1e-10  # of V: bounds that have met may cross by rounding
 _NOTHING = 1e-14  # of the largest joint force: a load that is nothing but rounding
+MOVED = 0.1  # of the fastest block: blocks that move faster belong to the mechanism
+CARRIES_NOTHING = 1e-9  # of the heaviest block
 OPEN = 0.5  # of the lower bound: a bracket wider than this brackets nothing
 _PURE = 1e-7  # of the slip at the joint's rim: a part of the slip twist that is not there
 
@@ -22,15 +24,17 @@ _PURE = 1e-7  # of the slip at the joint's rim: a part of the slip twist that is
 class YieldPoint:
     """Limit load of the load system, with its bracket and the joint that moves most (SI units, joint axes).
 
-    ``V`` is the middle of the bracket. ``bracket`` is "certified" where the normal forces do not depend on the load,
-    else "indicator"; "open" where the bounds are further apart than a limit load allows (or ``V_upper`` is None: there
-    is no upper one), and V then only what the actuators carry at the end. ``actuator_load`` is what the actuators
-    carried when the replay ended, ``displacement`` the driven one there; ``V_peak`` the largest V of the record, with
-    its rate effect. ``V_1``, ``V_2``, ``M_T``, ``N`` are carried by the joint, ``torsion_centre`` is measured from its
-    O (None in pure shear).
+    ``V`` is the middle of the bracket; of a path that falls after a peak, of that of the peak, and ``V_after`` is what
+    the mechanism then still carries (else None). ``bracket`` is "certified" where the normal forces do not depend on
+    the load, else "indicator"; "open" where the bounds are further apart than a limit load allows (or ``V_upper`` is
+    None: there is no upper one), and V then only what the actuators carry at the end. ``unlimited``: no mechanism up to
+    ``V_lower``, and V is None. ``actuator_load`` is what the actuators carried when the replay ended, ``displacement``
+    the driven one there; ``V_peak`` the largest load in equilibrium, as far as the bracket knows it; at a constant rate
+    the largest V of the record, with its rate effect. ``V_1``, ``V_2``, ``M_T``, ``N`` are carried by the joint,
+    ``torsion_centre`` is measured from its O (None in pure shear).
     """
 
-    V: float
+    V: float | None
     V_lower: float
     V_upper: float | None
     bracket: str
@@ -45,6 +49,8 @@ class YieldPoint:
     torsion_centre: tuple[float, float] | None
     mechanism: str
     joint: tuple[str, str]
+    V_after: float | None = None
+    unlimited: bool = False
 
     @property
     def half_width(self) -> float:
@@ -56,8 +62,11 @@ class YieldPoint:
         return asdict(self)
 
 
-def read_off(state: State, certificate: Certificate, names) -> YieldPoint:
-    """The yield point of a replay that has ended; BracketError where the two bounds contradict each other."""
+def read_off(state: State, certificate: Certificate, names, physical: bool = False) -> YieldPoint:
+    """The yield point of a replay that has ended; BracketError where the two bounds contradict each other.
+
+    ``physical``: the largest V of the record is that of a test with physical inertia.
+    """
     lower, upper = (float(v) for v in certificate.bracket)
     if upper < NEVER:
         carried = float(np.abs(state.joints.resultant[:, :3]).max() / np.abs(state.actuators.weight).sum())
@@ -76,13 +85,16 @@ def read_off(state: State, certificate: Certificate, names) -> YieldPoint:
     resultant = state.joints.resultant[j]
     centre, mechanism = _mechanism(state, j)
     drive = state.actuators.drive
+    peak = float(drive[3])
+    if not physical and kind != "open":
+        peak = min(max(peak, lower), upper)
     # + 0.0: a negative zero would only puzzle the reader
     return YieldPoint(
         V=V,
         V_lower=lower,
         V_upper=upper if upper < NEVER else None,
         bracket=kind,
-        V_peak=float(drive[3]),
+        V_peak=peak,
         displacement_at_peak=float(drive[4]),
         actuator_load=float(drive[2]),
         V_1=float(resultant[1]) + 0.0,
@@ -96,8 +108,32 @@ def read_off(state: State, certificate: Certificate, names) -> YieldPoint:
     )
 
 
+def at_peak(point: YieldPoint, peak: tuple[float, float], within: float) -> YieldPoint:
+    """``point`` of a path that had a ``peak`` (bounds of it): about the peak, if that is a limit load of its own.
+
+    A peak that stands out of the bracket by less than ``within`` (N) is part of it.
+    """
+    if not point.V_upper or not peak[0] > point.V_upper:
+        return point
+    if peak[0] <= point.V_upper + within:
+        V = 0.5 * (point.V_lower + peak[0])
+        return replace(point, V=V, V_upper=peak[0], V_peak=peak[0])
+    V = 0.5 * (peak[0] + peak[1])
+    return replace(point, V=V, V_lower=peak[0], V_upper=peak[1], V_peak=V, V_after=point.V)
+
+
+def without_limit(point: YieldPoint) -> YieldPoint:
+    """``point`` of a path on which nothing limited the load: V is at least what it was followed to."""
+    followed = point.actuator_load
+    return replace(
+        point, V=None, V_lower=followed, V_upper=None, bracket="open", V_peak=followed, mechanism="none", unlimited=True
+    )
+
+
 def _mechanism(state: State, j: int) -> tuple[tuple[float, float] | None, str]:
     """Torsion centre of the last slip of joint ``j``, and the name of the mechanism."""
+    if lifted_off(state):
+        return None, "uplift"
     return mechanism(joint_families.slip_twists(state)[j], state.joints.tilt[j], joint_families.reach(state)[j])
 
 
@@ -124,3 +160,26 @@ def last_moves(state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     reach = joint_families.reach(state) * (joints.resultant[:, 0] > 0.0)
     slid = np.hypot(joints.step[:, 0], joints.step[:, 1]) * (joints.resultant[:, 0] > 0.0)
     return slid, reach * np.abs(joints.step[:, 2]), reach * np.hypot(joints.tilt[:, 0], joints.tilt[:, 1])
+
+
+def mechanism_of(state: State) -> str:
+    """Name of the mechanism of an assembly in its last step: of the joint that moved most."""
+    if lifted_off(state):
+        return "uplift"
+    slid, turned, tilted = (float(moves.max()) for moves in last_moves(state))
+    return max((slid, "sliding"), (tilted, "rocking"), (turned, "torsion"))[1]
+
+
+def lifted_off(state: State) -> bool:
+    """Whether the blocks that move have left all that stands still: no joint between the two carries anything."""
+    joints, moving = state.joints, np.zeros(len(state.blocks.displacement), bool)
+    moving[list(moving_blocks(state))] = True
+    between = moving[joints.block_a] != moving[joints.block_b]
+    weight = np.linalg.norm(state.blocks.dead_force[state.blocks.free], axis=1).max()
+    return bool(moving.any() and (joints.resultant[between, 0] <= CARRIES_NOTHING * weight).all())
+
+
+def moving_blocks(state: State) -> tuple[int, ...]:
+    """Numbers of the blocks that moved in the last step, at least a tenth as far as the fastest."""
+    speed = np.linalg.norm(state.blocks.velocity, axis=1)
+    return tuple(np.flatnonzero(speed > MOVED * speed.max()).tolist())

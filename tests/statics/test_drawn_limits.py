@@ -1,0 +1,122 @@
+"""Limit loads of single blocks: pushed, lifted, pressed down and tilted, against closed forms."""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dembrick.errors import NotConvergedError, ScenarioError
+from dembrick.runs.simulate import simulate
+from dembrick.scenario.controls import DisplacementControl, PushoverControl, TiltControl, YieldControl
+from dembrick.scenario.model import Actuator
+
+_FILE = Path(__file__).resolve().parents[2] / "tools" / "drawn_limits.py"
+_SPEC = importlib.util.spec_from_file_location("drawn_limits", _FILE)
+drawn = importlib.util.module_from_spec(_SPEC)
+_SPEC.loader.exec_module(drawn)
+
+SIZE = (0.2, 0.2, 0.4)
+WEIGHT = 2000.0 * 9.81 * 0.2 * 0.2 * 0.4
+
+
+def pushed(point, direction, friction=0.5, formulation="concave", **more):
+    scenario = drawn.scene(YieldControl(), formulation, friction, SIZE, (Actuator("jack", "block", point, direction),))
+    return simulate(scenario, **more)
+
+
+@pytest.mark.parametrize("draw, seeds", [(drawn.pushed, range(24)), (drawn.tilted, range(12))])
+def test_brackets_hold_the_truth(draw, seeds):
+    for seed in seeds:
+        scenario, expected = draw(np.random.default_rng([7, seed]))
+        what, numbers = drawn.judged(scenario, expected)
+        assert what in ("inside", "unlimited"), (seed, numbers)
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+@pytest.mark.parametrize("x, expected, mechanism", [(0.0, WEIGHT, "uplift"), (0.1, 0.5 * WEIGHT, "rocking")])
+def test_a_block_is_lifted(formulation, x, expected, mechanism):
+    point = pushed((x, 0.0, 0.4), (0.0, 0.0, 1.0), formulation=formulation).yield_point
+    assert point.V == pytest.approx(expected, rel=1e-3) and point.mechanism == mechanism
+    assert point.V_lower <= expected * (1 + 1e-9) and expected <= point.V_upper * (1 + 1e-9)
+
+
+def test_blocks_pushed_upwards_lift_off_at_their_weight():
+    result = simulate(drawn.scene(PushoverControl((0.0, 0.0, 1.0)), "concave", 0.5, SIZE))
+    fallen, point = result.collapse, result.yield_point
+    assert fallen["mechanism"] == "uplift" and fallen["load_factor"] == pytest.approx(1.0, rel=1e-9)
+    assert point.V == point.V_peak == fallen["load_factor"] and fallen["mechanism_load_factor"] == point.V
+
+
+def test_a_load_that_nothing_limits_says_so(capsys):
+    result = pushed((0.0, 0.0, 0.4), (0.0, 0.0, -1.0))
+    point = result.yield_point
+    assert result.unlimited and result.status == "completed" and result.agrees()
+    assert point.V is None and point.V_upper is None and point.V_lower > 1e3 * WEIGHT
+    assert "can never move the blocks" in result.plain_answer
+    assert result.as_dict()["unlimited"] is True
+    result = simulate(drawn.scene(PushoverControl((0.0, 0.0, -1.0)), "concave", 0.5, SIZE))
+    assert result.unlimited and result.collapse is None and "a load factor of" in result.plain_answer
+
+
+def test_a_push_within_the_friction_cone_jams():
+    """Pressed down at 60 deg on friction 1.2: the block slides at no load."""
+    down = (math.cos(math.radians(60.0)), 0.0, -math.sin(math.radians(60.0)))
+    result = pushed((0.0, 0.0, 0.02), down, friction=1.2)
+    assert result.unlimited and result.plain_answer.startswith("unlimited")
+
+
+def test_a_table_that_nothing_falls_from():
+    """Held between two fixed walls along the tilt, the block stands at any angle."""
+    from dembrick.scenario.model import Block
+
+    scenario = drawn.scene(TiltControl((1.0, 0.0, 0.0)), "concave", 0.5, (0.4, 0.4, 0.2))
+    walls = [Block(f"wall {sign}", "stone", (0.4, 0.2, 0.4), (0.0, 0.3 * sign, 0.2), fixed=True) for sign in (-1, 1)]
+    from dataclasses import replace
+
+    result = simulate(replace(scenario, blocks=(*scenario.blocks, *walls)))
+    assert result.plain_answer.startswith("stands at any tilt up to 90 deg")
+
+
+@pytest.mark.parametrize("height", [0.0, 0.1])
+def test_without_friction_the_block_slides_at_once(height):
+    point = pushed((-0.1, 0.0, height), (1.0, 0.0, 0.0), friction=0.0).yield_point
+    assert (point.V, point.V_lower, point.V_upper, point.mechanism) == (0.0, 0.0, 0.0, "sliding")
+
+
+def test_a_constant_rate_that_never_slips_is_no_answer():
+    jack = Actuator("jack", "block", (0.05, 0.0, 0.0), (0.0, 1.0, 0.0))
+    scenario = drawn.scene(DisplacementControl(1e-4, 1e-9), "convex", 0.5, SIZE, (jack,))
+    with pytest.raises(NotConvergedError, match="has not begun to slip"):
+        simulate(scenario)
+
+
+def test_a_tilt_without_a_rate_is_quasi_static():
+    result = simulate(drawn.scene(TiltControl((1.0, 0.0, 0.0)), "concave", 0.3, SIZE))
+    assert result.collapse["angle"] == pytest.approx(math.degrees(math.atan(0.3)), rel=1e-5)
+    assert result.collapse["time"] is None
+    assert not TiltControl((1.0, 0.0, 0.0), 1.0, 0.01).quasi_static
+    with pytest.raises(ScenarioError, match="displacement"):
+        TiltControl((1.0, 0.0, 0.0), 1.0)
+    said = []
+    simulate(
+        drawn.scene(TiltControl((1.0, 0.0, 0.0), 1.0, quasi_static=True), "concave", 0.3, SIZE), report=said.append
+    )
+    assert "control.rate = 1 does nothing" in said[0]
+
+
+def test_the_record_of_a_search_is_in_equilibrium():
+    """No load of the record is above the limit: what inertia adds while the search goes on is not in it."""
+    from dembrick.runs.lab import lab_scenario
+
+    for name in ("set2a", "set4a", "set4a_mid"):
+        for formulation in ("concave", "convex"):
+            result = simulate(lab_scenario(name, formulation, 1e-3))
+            point = result.yield_point
+            assert result.load.max() <= point.V_upper * (1 + 1e-9)
+            assert point.V_lower <= point.V_peak <= point.V_upper
+            assert result.load[-1] == pytest.approx(point.V, rel=2e-3)
+            assert (np.diff(result.displacement) > 0.0).all()

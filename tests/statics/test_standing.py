@@ -1,0 +1,92 @@
+"""kind = "statics": stands or falls, reactions, and which blocks do not stand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dembrick.errors import NotConvergedError
+from dembrick.runs.simulate import simulate
+from dembrick.scenario.controls import PushoverControl, StaticsControl
+from dembrick.scenario.generators import Arch
+from dembrick.scenario.model import Block, JointLaw, Material, Scenario
+from dembrick.scenario.toml import loads, text_of
+
+G = 9.81
+
+
+def scene(blocks, friction=0.6, control=None, **parts) -> Scenario:
+    law = JointLaw("concave", friction, 1e11, 4e10)
+    return Scenario(
+        "statics", (0.0, 0.0, -G), law, {"stone": Material(2000.0)}, blocks, control or StaticsControl(), **parts
+    )
+
+
+def overhanging(share: float, control=None) -> Scenario:
+    """Three bricks of length 1 on a base, each further out: the k-th from the top by ``share`` / (2 k)."""
+    blocks, end = [Block("base", "stone", (1.0, 0.5, 0.2), (0.0, 0.0, -0.1), fixed=True)], 0.0
+    for k, name in ((3, "lowest"), (2, "middle"), (1, "top")):
+        end += share * 0.5 / k
+        blocks.append(Block(name, "stone", (1.0, 0.5, 0.2), (end, 0.0, 0.1 + 0.2 * (3 - k))))
+    return scene(tuple(blocks), control=control)
+
+
+@pytest.mark.parametrize("share, stands", [(0.999, True), (1.001, False)])
+def test_harmonic_stack(share, stands):
+    result = simulate(overhanging(share))
+    found = result.as_dict()
+    assert (found["status"], found["statics"]["stands"]) == ("stands" if stands else "falls", stands)
+    if stands:
+        weight = 3 * 2000.0 * G * 0.1
+        assert found["reactions"]["base"][2] == pytest.approx(weight, rel=1e-9)
+        # the weight acts at the middle of the three bricks
+        middle = share * np.mean([1 / 6, 1 / 6 + 1 / 4, 1 / 6 + 1 / 4 + 1 / 2])
+        assert found["reactions"]["base"][4] == pytest.approx(-weight * middle, rel=1e-6)
+        assert result.plain_answer == "stands under its dead loads"
+    else:
+        assert found["statics"]["mechanism"] == "rocking" and "top" in found["statics"]["blocks"]
+        assert found["reactions"] is None
+
+
+def test_a_push_on_what_does_not_stand_says_so_in_the_same_words():
+    with pytest.raises(NotConvergedError, match="does not stand: .*top.* fall by rocking"):
+        simulate(overhanging(1.01, PushoverControl((1.0, 0.0, 0.0))))
+    assert simulate(overhanging(1.01)).plain_answer.startswith("does not stand: ")
+
+
+def test_two_supports_share_the_weight_by_the_lever():
+    """R1 = W (x2 - x_G) / (x2 - x1)."""
+    ends = [Block(n, "stone", (0.02, 0.2, 0.2), (x, 0.0, -0.1), fixed=True) for n, x in (("a", -0.5), ("b", 0.3))]
+    beam = Block("beam", "stone", (1.2, 0.2, 0.2), (0.0, 0.0, 0.1))
+    found = simulate(scene((*ends, beam))).reactions
+    weight = 2000.0 * G * 1.2 * 0.04
+    for name, x, other in (("a", -0.5, 0.3), ("b", 0.3, -0.5)):
+        # the small moment of each stiff support belongs to its own reaction
+        at = x - found[name][4] / found[name][2]
+        assert at == pytest.approx(x, abs=0.01)
+        share = other / (other - x)
+        assert found[name][2] == pytest.approx(weight * share, rel=2e-2)
+    assert sum(r[2] for r in found.values()) == pytest.approx(weight, rel=1e-9)
+    lever = sum(r[2] * x - r[4] for r, x in ((found["a"], -0.5), (found["b"], 0.3)))
+    assert lever == pytest.approx(0.0, abs=1e-6 * weight)
+
+
+@pytest.mark.parametrize("friction, status", [(0.35, "stands"), (0.27, "falls")])
+def test_an_arch_needs_friction(friction, status):
+    """Semicircle, t / R = .2, 20 voussoirs: least friction .308877."""
+    arch = Arch("arch", "stone", 1.5, 0.3, 0.5, 20)
+    result = simulate(scene((), friction, arches=(arch,)))
+    assert result.status == status
+    if status == "falls":
+        assert result.statics["mechanism"] == "sliding"
+
+
+def test_it_is_read_and_written(tmp_path):
+    scenario = loads(text_of(overhanging(0.9)))
+    assert scenario.control == StaticsControl()
+    from dembrick import history
+
+    result = simulate(scenario, tmp_path / "stack.h5")
+    with history.read(tmp_path / "stack.h5") as found:
+        assert found.status == "stands" and found.n_row == 1 and found.n_frames == 1
+        assert found.results["reactions"] == result.reactions

@@ -1,0 +1,128 @@
+"""Limit loads of drawn single blocks against closed forms: how often the bracket holds the truth.
+
+    python tools/drawn_limits.py [--count 400] [--tilts 60] [--seed 1]
+
+A block on a floor is pushed by an actuator whose line lies in its middle plane: level or inclined, above the joint, on
+its top or side, upwards and downwards. It slides, turns about an edge, or leaves the floor, whichever takes the least
+load; a load that none of the three can follow is unlimited. Tilted blocks slide at tan(psi) = mu or overturn at b / h.
+Prints counts; exits with 1 if a bracket does not hold the truth.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+
+import numpy as np
+
+from dembrick.errors import DembrickError
+from dembrick.runs.simulate import simulate
+from dembrick.scenario.controls import TiltControl, YieldControl
+from dembrick.scenario.model import Actuator, Block, JointLaw, Material, Scenario
+
+G, DENSITY = 9.81, 2000.0
+POINTS = ("concave", "convex")
+
+
+def scene(control, formulation: str, friction: float, size, actuators=()) -> Scenario:
+    """A block of edges ``size`` (3,) on a floor."""
+    floor = Block("floor", "stone", (40.0, 40.0, 0.5), (0.0, 0.0, -0.25), fixed=True)
+    block = Block("block", "stone", tuple(size), (0.0, 0.0, 0.5 * size[2]))
+    law = JointLaw(formulation, friction, 1e11, 4e10)
+    return Scenario(
+        "drawn", (0.0, 0.0, -G), law, {"stone": Material(DENSITY)}, (floor, block), control, actuators=actuators
+    )
+
+
+def truth(friction: float, size, point, direction) -> float:
+    """Least V of sliding, overturning and uplift for a force in the middle plane y = 0; infinite without any.
+
+    Friction without dilatancy: at the limit of sliding N = W - V d_z, and the load of the mechanism follows from it.
+    """
+    b, _, h = size
+    weight = DENSITY * G * float(np.prod(size))
+    (x, _, z), (along, _, up) = point, direction
+    found = []
+    grip = abs(along) + friction * up
+    if grip > 0.0:
+        found.append(friction * weight / grip)
+    for edge, sign in ((0.5 * b, 1.0), (-0.5 * b, -1.0)):
+        # moment of the load about the edge that lifts the other side
+        moment = sign * (along * z - up * (x - edge))
+        if moment > 0.0:
+            found.append(weight * 0.5 * b / moment)
+    if up > 0.0:
+        found.append(weight / up)
+    return min(found, default=math.inf)
+
+
+def pushed(rng, tolerance: float = 1e-3) -> tuple[Scenario, float]:
+    """A drawn push and its limit load."""
+    size = rng.uniform(0.1, 1.0, 3)
+    friction = float(rng.uniform(0.1, 1.2))
+    x = float(rng.uniform(-0.5, 0.5) * size[0])
+    z = float(rng.uniform(0.0, 1.0) * size[2])
+    face = rng.integers(4)
+    if face < 2:
+        x = (-0.5, 0.5)[face] * size[0]
+    elif face == 2:
+        z = size[2]
+    angle = float(rng.choice([0.0, math.pi, rng.uniform(0.0, 2.0 * math.pi)]))
+    direction = (math.cos(angle), 0.0, math.sin(angle))
+    actuator = Actuator("actuator", "block", (x, 0.0, float(z)), direction)
+    formulation = str(rng.choice(POINTS))
+    scenario = scene(YieldControl(tolerance), formulation, friction, size, (actuator,))
+    return scenario, truth(friction, size, actuator.point, actuator.direction)
+
+
+def tilted(rng) -> tuple[Scenario, float]:
+    """A drawn block on a tilting table, that slides, and tan(psi) then."""
+    size = rng.uniform(0.1, 1.0, 3)
+    friction = float(rng.uniform(0.05, 0.9) * min(size[:2]) / size[2])
+    tolerance = float(rng.choice([1e-2, 1e-3, 1e-4]))
+    axis = [(1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.6, 0.8, 0.0)][rng.integers(3)]
+    control = TiltControl(axis, rate=1.0, displacement=0.01, quasi_static=True, tolerance=tolerance)
+    return scene(control, "convex", friction, size), friction
+
+
+def judged(scenario: Scenario, expected: float) -> tuple[str, str]:
+    """What came of a run ("inside", "unlimited", "outside", "no answer"), and its numbers."""
+    try:
+        result = simulate(scenario, record=False)
+    except DembrickError as error:
+        return "no answer", str(error)
+    point = result.yield_point
+    if result.unlimited or math.isinf(expected):
+        agree = result.unlimited and math.isinf(expected)
+        return "unlimited" if agree else "outside", f"{point.V} for {expected}"
+    # a joint of some stiffness gives way under its weight by about 1e-6 of a block
+    slack = 1e-6 * expected
+    inside = point.V_lower - slack <= expected <= point.V_upper + slack
+    close = abs(point.V / expected - 1.0) <= scenario.control.tolerance
+    numbers = f"{point.V:.9g} [{point.V_lower:.9g}, {point.V_upper:.9g}] for {expected:.9g}, {point.mechanism}"
+    return "inside" if inside and close and result.agrees() else "outside", numbers
+
+
+def main() -> int:
+    """Draw, run, count."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--count", type=int, default=400)
+    parser.add_argument("--tilts", type=int, default=60)
+    parser.add_argument("--seed", type=int, default=1)
+    options = parser.parse_args()
+    bad = 0
+    for name, draw, count in (("pushed", pushed, options.count), ("tilted", tilted, options.tilts)):
+        counts: dict[str, int] = {}
+        for i in range(count):
+            scenario, expected = draw(np.random.default_rng([options.seed, i]))
+            what, numbers = judged(scenario, expected)
+            counts[what] = counts.get(what, 0) + 1
+            if what in ("outside", "no answer"):
+                bad += 1
+                print(f"{name} {i}: {scenario.joint.formulation}: {what}: {numbers}")
+        print(f"{name}: {counts}")
+    return 1 if bad else 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
