@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import atexit
 import gc
+import os
 import sys
+from contextlib import nullcontext, suppress
 
 from dembrick import __version__
 from dembrick.errors import DembrickError
@@ -88,7 +90,21 @@ def _add_common(parser) -> None:
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; returns the exit code (0 ok, 1 no answer, 2 invalid input, 3 off theory, 4 missing, 130/143
     interrupted)."""
-    arguments = sys.argv[1:] if arguments is None else arguments
+    try:
+        code = _main(sys.argv[1:] if arguments is None else arguments)
+        sys.stdout.flush()  # here, and not at the end of Python, where nobody could catch what it raises
+        return code
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return 130
+    except BrokenPipeError:  # whoever read the output has had enough of it
+        with suppress(OSError, ValueError):  # no file at all, as in a test
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+
+
+def _main(arguments: list[str]) -> int:
+    """The same, but for the end of the output."""
     if not arguments or arguments[0] in ("-h", "--help", "help"):
         print(HELP)
         return 0 if arguments else 2
@@ -117,7 +133,7 @@ def main(arguments: list[str] | None = None) -> int:
 
     console = Console(json=options.json, quiet=options.quiet, verbose=options.verbose)
     try:
-        with handled():
+        with handled(), _telling(module, console):
             code = module.run(options, console)
             if signum := requested():  # it came too late to stop anything, yet whoever called should know
                 console.say("interrupted after the work was done; nothing is missing")
@@ -129,6 +145,12 @@ def main(arguments: list[str] | None = None) -> int:
     except KeyboardInterrupt as error:
         console.say(str(error) or "interrupted")
         return getattr(error, "exit_code", 130)
-    except BrokenPipeError:
-        sys.stderr.close()
-        return 0
+
+
+def _telling(module, console):
+    """What says that kernels are being compiled, for the verbs that simulate."""
+    if not getattr(module, "SIMULATES", False):
+        return nullcontext()
+    from dembrick.cli.progress import telling_of_compilation
+
+    return telling_of_compilation(console.meter.stage)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import sys
 
+from dembrick.cli.progress import Meter
+
 
 def printable(text: str) -> str:
     """Text for a terminal: line ends and tabs stay, any other control character is written out, as ``\\x1b``.
@@ -25,7 +27,7 @@ class Console:
 
     def __init__(self, json: bool, quiet: bool, verbose: bool):
         self.json, self.quiet, self.verbose = json, quiet, verbose
-        self._bar = sys.stderr.isatty() and not quiet
+        self.meter = Meter(printable, quiet)
         self._colour = sys.stderr.isatty() and not os.environ.get("NO_COLOR")
 
     def result(self, data: dict, text: str) -> None:
@@ -59,17 +61,8 @@ class Console:
         print(f"{label} {printable(text)}", file=sys.stderr)
 
     def progress(self, done: int, total: int, what: str) -> None:
-        """A bar, when standard error is a terminal."""
-        if not self._bar:
-            return
-        width = 24
-        filled = width * done // max(total, 1)
-        bar = f"[{'#' * filled}{'.' * (width - filled)}] {done}/{total} {printable(what)}"
-        print(f"\r\033[K{bar}", end="", file=sys.stderr)
-        if done >= total:
-            self._clear()
-        sys.stderr.flush()
+        """So many of so many: a bar on a terminal, elsewhere a line at growing intervals."""
+        self.meter.count(done, total, what)
 
     def _clear(self) -> None:
-        if self._bar:
-            print("\r\033[K", end="", file=sys.stderr)
+        self.meter.clear()

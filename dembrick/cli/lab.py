@@ -6,6 +6,8 @@ import os
 
 from dembrick.cli.paths import add_force
 
+SIMULATES = True  # and so may compile
+
 
 def add_arguments(parser) -> None:
     """Options of the command."""

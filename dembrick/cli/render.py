@@ -55,6 +55,7 @@ def run(options, console) -> int:
             history.read(options.history) as found,
             history.product("page", [found.scenario_text], [options.history], options.force),
         ):
+            console.meter.busy("drawing")
             page.write(found, options.to)
         console.result({"page": options.to}, f"page: {options.to}")
         return 0
@@ -70,6 +71,7 @@ def run(options, console) -> int:
         history.read(options.history) as found,
         history.product(kind, [found.scenario_text], [options.history], options.force),
     ):
+        console.meter.busy("drawing")
         if kind == "movie":
             render.movie(
                 found,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+SIMULATES = True  # and so may compile
+
 
 def add_arguments(parser) -> None:
     """Options of the command."""
@@ -13,4 +15,6 @@ def run(options, console) -> int:
     from dembrick.cli.run import answer
     from dembrick.runs.simulate import restart
 
-    return answer(lambda: restart(options.history, report=console.remark), options.history, console)
+    return answer(
+        lambda: restart(options.history, report=console.remark, progress=console.meter.run), options.history, console
+    )

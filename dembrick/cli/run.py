@@ -10,6 +10,8 @@ from dembrick.cli.paths import add_force, default_output, require_ending
 
 HISTORIES = (".h5", ".hdf5")
 
+SIMULATES = True  # and so may compile
+
 
 def add_arguments(parser) -> None:
     """Options of the command."""
@@ -49,9 +51,8 @@ def run(options, console) -> int:
         path, force = options.out, options.force
     else:
         path, force = _default_path(scenario, console), options.force or history.OWN
-    return answer(
-        lambda: simulate(scenario, path, force=force, refine=options.refine, report=console.remark), path, console
-    )
+    shown = {"report": console.remark, "progress": console.meter.run}
+    return answer(lambda: simulate(scenario, path, force=force, refine=options.refine, **shown), path, console)
 
 
 def _default_path(scenario, console) -> str:

@@ -6,6 +6,8 @@ from pathlib import Path
 
 _MOST_LINES = 40  # of the statistics on the screen; the tables have all
 
+SIMULATES = True  # and so may compile
+
 
 def add_arguments(parser) -> None:
     """Options of the command."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+SIMULATES = True  # and so may compile
+
 
 def add_arguments(parser) -> None:
     """Options of the command."""

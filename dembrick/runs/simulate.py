@@ -12,12 +12,13 @@ from dembrick.assembly import build as assemblies
 from dembrick.errors import DembrickError, HistoryError, NotConvergedError, WriteError
 from dembrick.runs.drivers import driver_of
 from dembrick.runs.error_estimate import error_of, refinements
+from dembrick.runs.notebook import notebook_bar
 from dembrick.runs.record_store import Memory, RecordStore
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.model import Scenario
 from dembrick.simulation import interrupts
 from dembrick.simulation.interrupts import Interrupted
-from dembrick.simulation.session import Session
+from dembrick.simulation.session import Progress, Session
 
 if TYPE_CHECKING:
     from dembrick.runs.motion_result import MotionResult  # and its kernels: for runs in real time only
@@ -32,13 +33,15 @@ def simulate(
     record: bool = True,
     refine: bool = False,
     report: Callable[[str], None] | None = None,
+    progress: Callable[[Progress], None] | bool | None = None,
 ) -> Result | MotionResult:
     """Run a scenario (or the TOML file of one) and return its Result, or its MotionResult where blocks move in time.
 
     ``history`` is the HDF5 file to write; ``force`` lets it replace any, or with "own" a finished one of the same
     scenario. Without ``record`` (and a history) only the yield point is kept, which is what a batch wants. ``refine``
     runs it once or twice more for an error estimate of its collapse, or of how far blocks have moved, see
-    `error_estimate`. ``report`` gets warnings.
+    `error_estimate`. ``report`` gets warnings; ``progress`` hears ten times a second how far the run is (see
+    `simulation.session.Progress`). None shows a bar in a notebook, False nothing.
 
     Raises ScenarioError for input that is not a test, OutputError for a path that cannot be used, NotConvergedError
     and DivergedError where there is no answer; the history then is kept, with the status "failed". Interrupted, which
@@ -51,16 +54,22 @@ def simulate(
         refinements(scenario)  # refuses what cannot be refined before anything runs
     assembly = _built(scenario, report)
     if history is None:
-        return _run(scenario, assembly, Memory(scenario, assembly) if record else None, began, start_up, refine)
+        memory = Memory(scenario, assembly) if record else None
+        return _run(scenario, assembly, memory, (began, start_up), refine, progress)
     from dembrick.history import claimed  # and h5py: for runs with a file only
 
     with claimed(history):
         settings = {"scenario": scenario.path or ""}
         store = RecordStore(history, scenario, scenarios.text_of(scenario), assembly, settings, force)
-        return _run(scenario, assembly, store, began, start_up, refine)
+        return _run(scenario, assembly, store, (began, start_up), refine, progress)
 
 
-def restart(history: str | os.PathLike, *, report: Callable[[str], None] | None = None) -> Result:
+def restart(
+    history: str | os.PathLike,
+    *,
+    report: Callable[[str], None] | None = None,
+    progress: Callable[[Progress], None] | bool | None = None,
+) -> Result:
     """Go on with a run that was killed or interrupted, from its last good checkpoint; returns the Result of the whole.
 
     What the history holds beyond the checkpoint is dropped and comes again; rows, frames and result are to the last bit
@@ -83,7 +92,7 @@ def restart(history: str | os.PathLike, *, report: Callable[[str], None] | None 
         if report:
             left_at = store.checkpoint and store.checkpoint.about["where"]
             report(f"going on from {left_at}" if left_at else "no checkpoint was written: starting from the beginning")
-        return _run(scenario, assembly, store, began, start_up)
+        return _run(scenario, assembly, store, (began, start_up), progress=progress)
 
 
 class _Process:
@@ -108,18 +117,21 @@ def _run(
     scenario: Scenario,
     assembly,
     store: RecordStore | Memory | None,
-    began: float,
-    start_up: float,
+    times: tuple[float, float],
     refine: bool = False,
+    progress: Callable[[Progress], None] | bool | None = None,
 ) -> Result | MotionResult:
-    """Replay, audit and judge. ``began``: when the work on it did; ``start_up``: seconds before."""
+    """Replay, audit and judge. ``times``: when the work on it began, and the seconds of processor time before."""
+    began, start_up = times
     path, driver = store.path if isinstance(store, RecordStore) else None, driver_of(scenario.control)
     with ExitStack() as until_written:
         try:
             assembly, placing = driver.place(scenario, assembly)
             if store:
                 store.place(assembly)
-            run = driver.run(scenario, assembly, store.session(scenario.output) if store else Session())
+            session = store.session(scenario.output) if store else Session()
+            session.tell = notebook_bar() if progress is None else progress or None
+            run = driver.run(scenario, assembly, session)
             audit = store.auditor.result(run.energy) if store and run.energy is not None else None
             until_written.enter_context(interrupts.deferred())  # a signal finds the answer there, and may not lose it
         except WriteError as error:  # the disk has what it has
@@ -141,8 +153,8 @@ def _run(
             if path and isinstance(error, Interrupted):
                 raise Interrupted(error.signum, f"{error}; go on with: dembrick restart {path}") from None
             raise
-        times = {"start_up": start_up, "placing": placing, "began": began}
-        return _finished(scenario, assembly, run, audit, store, times, refine)
+        spent = {"start_up": start_up, "placing": placing, "began": began}
+        return _finished(scenario, assembly, run, audit, store, spent, refine)
 
 
 def _finished(scenario, assembly, run, audit, store, times, refine) -> Result | MotionResult:

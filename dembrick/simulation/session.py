@@ -31,9 +31,26 @@ class Pausable(Protocol):
     """A run between two chunks: where it is, and all that it would go on from."""
 
     where: str  # for a message, as "step 12 (t = 0.5 s)"
+    progress: Progress
 
     def snapshot(self) -> Mapping[str, np.ndarray]:
         """Arrays by name, not copied."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a run is: so many steps ``done`` of a ``stage``, of ``total`` (None: nobody knows, or ``at_most`` so
+    many), at the simulated ``time`` (s; None where there is none)."""
+
+    stage: str
+    done: int
+    total: int | None = None
+    time: float | None = None
+    at_most: bool = False
+
+
+DEAD_LOADS = "dead-load equilibrium: step"
+TOLD_EVERY = 0.1  # s, between two words on how far a run is
 
 
 @dataclass(frozen=True)
@@ -52,14 +69,16 @@ class Session:
 
     ``observe(rows, frames)`` gets copies of what each chunk of steps brought (see ``recorder``), of the channels of
     ``output``. ``keep(arrays, where)`` writes a checkpoint, every ``output.checkpoint`` seconds and when a signal ends
-    the run. A run with ``resumed`` goes on from that snapshot.
+    the run. A run with ``resumed`` goes on from that snapshot. ``tell`` hears how far it is, ten times a second.
     """
 
     observe: Observer | None = None
     output: Output = field(default_factory=Output)
     keep: Callable[[Mapping[str, np.ndarray], str], None] | None = None
     resumed: Snapshot | None = None
+    tell: Callable[[Progress], None] | None = None
     last_kept: float = field(default_factory=time.monotonic)
+    last_told: float = 0.0
 
     @classmethod
     def of(cls, given: Session | Observer | None) -> Session:
@@ -72,6 +91,9 @@ class Session:
         ``within`` a chunk, whose beginning the run still knows, only a signal counts.
         """
         signum = interrupts.requested()
+        if self.tell is not None and time.monotonic() - self.last_told >= TOLD_EVERY:
+            self.tell(run.progress)
+            self.last_told = time.monotonic()
         due = not within and time.monotonic() - self.last_kept >= self.output.checkpoint
         if self.keep is not None and (due or signum):
             self.keep(run.snapshot(), run.where)

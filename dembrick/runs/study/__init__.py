@@ -18,6 +18,7 @@ from dembrick.runs.study.case import FAILED, run_cases
 from dembrick.runs.study.executors import run_here, run_local, run_on_cluster
 from dembrick.runs.study.plan import Study, load, scenario_of, shard
 from dembrick.runs.study.table import Rows, stored, write_tables
+from dembrick.simulation.interrupts import Interrupted
 
 __all__ = ["Outcome", "Study", "load", "scenario_of", "sweep"]
 
@@ -77,13 +78,19 @@ def sweep(
     done = rows.done(retry)
     todo = [number for number in numbers if number not in done]
     ran = 0
-    with rows:
-        for finished in _run(study, folder, todo, jobs, scheduler, timeout):
-            rows.append(finished)
-            ran += len(finished)
-            if progress:
-                left = (time.perf_counter() - began) / ran * (len(todo) - ran)
-                progress(ran, len(todo), f"{_duration(left)} left")
+    if progress and todo:
+        progress(0, len(todo), "cases")
+    try:
+        with rows:
+            for finished in _run(study, folder, todo, jobs, scheduler, timeout):
+                rows.append(finished)
+                ran += len(finished)
+                if progress:
+                    left = (time.perf_counter() - began) / ran * (len(todo) - ran)
+                    progress(ran, len(todo), f"cases, {_duration(left)} left")
+    except Interrupted as stopped:
+        kept = f"{len(done) + ran} of {len(study)} cases have their row in {folder}; the same command goes on"
+        raise Interrupted(stopped.signum, f"interrupted: {kept}") from None
     csv_path, h5_path, total = write_tables(folder, study.digest, study.keys, study.title)
     statistics, failed = _statistics(study, folder)
     wall = time.perf_counter() - began

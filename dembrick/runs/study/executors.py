@@ -7,6 +7,7 @@ with no more chunks on their way than keep the workers busy, so that memory does
 from __future__ import annotations
 
 import os
+import signal
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -28,15 +29,21 @@ def run_here(function: Callable, chunks: Iterable[Chunk], *arguments) -> Iterato
         yield function(*arguments, chunk)
 
 
+def _leave_signals_alone() -> None:
+    """In a worker: a signal from the terminal reaches every process, and the one that started them acts on it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
 def run_local(function: Callable, chunks: Iterable[Chunk], jobs: int, *arguments) -> Iterator[list[dict]]:
     """In ``jobs`` worker processes of one thread each, started afresh (spawn), so that it works on every system."""
     import multiprocessing
 
     before = {name: os.environ.get(name) for name in _ONE_THREAD}
+    others = set(multiprocessing.active_children())
     os.environ.update(_ONE_THREAD)
     chunks = iter(chunks)
     try:
-        with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn")) as pool:
+        with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _leave_signals_alone) as pool:
             pending = set()
             try:
                 while True:
@@ -52,6 +59,10 @@ def run_local(function: Callable, chunks: Iterable[Chunk], jobs: int, *arguments
                     "a worker process died (killed, or out of memory); finished cases are kept: start the same command "
                     "again, with fewer --jobs if memory was short"
                 ) from error
+            except BaseException:
+                for worker in set(multiprocessing.active_children()) - others:
+                    worker.terminate()  # whoever stops a study does not wait for the cases that are being run
+                raise
             finally:
                 pool.shutdown(wait=False, cancel_futures=True)
     finally:

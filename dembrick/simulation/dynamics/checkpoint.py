@@ -10,7 +10,7 @@ from dembrick.errors import HistoryError
 from dembrick.simulation.checkpoint_arrays import flattened, restored
 from dembrick.simulation.dynamics.integrator import Motion
 from dembrick.simulation.dynamics.pushover import PushController
-from dembrick.simulation.session import Snapshot, step_at
+from dembrick.simulation.session import DEAD_LOADS, Progress, Snapshot, step_at
 
 PARTS = ("bodies", "links", "corners", "faces")  # of the state, that a checkpoint holds
 COUNTERS = ("faces.outline", "faces.count")  # integers among them that change
@@ -22,6 +22,7 @@ class Past:
     def __init__(self, moving: Motion, controller: PushController | None):
         self.moving, self._controller = moving, controller
         self.unbalanced = np.zeros(1)  # after the seating
+        self.longest, self.may_end_early = 0, False  # steps of the run, and whether a collapse ends it
         self.at_rest = np.zeros((len(moving.state.links.host), 9))  # `seen` then
 
     @property
@@ -30,6 +31,14 @@ class Past:
         if not self.moving.steps:
             return f"step {self.moving.seating_steps} of the seating"
         return step_at(self.moving.steps, self.moving.time_step)
+
+    @property
+    def progress(self) -> Progress:
+        """How far the run is."""
+        moving = self.moving
+        if not moving.steps:
+            return Progress(DEAD_LOADS, moving.seating_steps)
+        return Progress("step", moving.steps, self.longest, moving.time, self.may_end_early)
 
     def _arrays(self) -> dict[str, np.ndarray]:
         moving = self.moving

@@ -144,7 +144,8 @@ def run(moving: Motion, control, driving: Driving, session: Session) -> MotionRu
             moving.energy.begin(moving.state, still, still, _turned_inertia(moving), still[0], 0.0)
         moving.energy.open(moving.state)
     goal = control.displacement if to_collapse else NO_LIMIT
-    steps = _most_steps(moving, control, controller)
+    steps = past.longest = _most_steps(moving, control, controller)
+    past.may_end_early = to_collapse
     # a run that ends early still has some rows: a block falls within a second or so
     rows = max(1, (min(steps, math.ceil(20.0 / moving.time_step)) if to_collapse else steps))
     every = max(1, rows // session.output.rows)

@@ -78,7 +78,7 @@ def push_at_constant_rate(
     compiled = time.perf_counter() - began
     if session.resumed:
         loop.restore(session.resumed)
-    status = Stepper(loop, session, recorder, CHUNK).to(steps_wanted)
+    status = Stepper(loop, session, recorder, CHUNK, steps_wanted).to(steps_wanted)
     refuse_divergence(status, assembly, state, loop.step, dt, critical)
     chosen = {"rate": rate, "inertia": "physical"}
     replay = setup.finished(True, loop, critical, compiled, setup.settings(drive) | chosen)

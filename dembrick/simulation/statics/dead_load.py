@@ -12,7 +12,7 @@ from dembrick.kernels.state import ScaledInertia
 from dembrick.kernels.statics.loop import settle
 from dembrick.simulation import interrupts
 from dembrick.simulation.checkpoint_arrays import flattened, restored_state
-from dembrick.simulation.session import Session, Snapshot
+from dembrick.simulation.session import DEAD_LOADS, Progress, Session, Snapshot
 from dembrick.simulation.statics.elastic_factor import touches_itself, whole_inertia
 from dembrick.simulation.statics.sparse_equations import Factors
 from dembrick.simulation.statics.state import State
@@ -139,6 +139,11 @@ class _Seating:
     def where(self) -> str:
         """Steps done."""
         return f"step {self._step} of the seating"
+
+    @property
+    def progress(self) -> Progress:
+        """How far it is."""
+        return Progress(DEAD_LOADS, self._step)
 
     def snapshot(self) -> dict[str, np.ndarray]:
         """All that it goes on from."""

@@ -28,7 +28,7 @@ from dembrick.kernels.statics.newton import remember
 from dembrick.kernels.statics.record import write_row
 from dembrick.simulation import interrupts
 from dembrick.simulation.checkpoint_arrays import flattened, restored_state
-from dembrick.simulation.session import Session, Snapshot
+from dembrick.simulation.session import Progress, Session, Snapshot
 from dembrick.simulation.statics import joint_families
 from dembrick.simulation.statics.newton import HELD, Equilibria
 from dembrick.simulation.statics.path_bounds import limit_bounds, peak_bounds
@@ -277,6 +277,11 @@ class PathFollower:
     def where(self) -> str:
         """Equilibria found."""
         return f"equilibrium {self.way.equilibria}"
+
+    @property
+    def progress(self) -> Progress:
+        """How far the path is; nobody knows its length."""
+        return Progress("equilibrium", self.way.equilibria)
 
     def snapshot(self) -> dict[str, np.ndarray]:
         """What this turn began with: what it has tried since leaves no trace."""

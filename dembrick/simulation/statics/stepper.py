@@ -18,7 +18,7 @@ from dembrick.kernels.statics.load_bounds import Certificate
 from dembrick.kernels.statics.loop import FULL, RUNNING, Drive, advance
 from dembrick.simulation import interrupts
 from dembrick.simulation.checkpoint_arrays import flattened, restored, restored_state
-from dembrick.simulation.session import Session, Snapshot, step_at
+from dembrick.simulation.session import Progress, Session, Snapshot, step_at
 from dembrick.simulation.statics import joint_families
 from dembrick.simulation.statics.recorder import Recorder
 from dembrick.simulation.statics.state import State
@@ -74,11 +74,11 @@ class Loop:
 class Stepper:
     """Runs a loop in chunks, hands on the record, writes checkpoints and answers signals.
 
-    ``longest`` is the number of steps that a chunk has at most.
+    ``longest`` is the number of steps that a chunk has at most, ``total`` that of the run, if it is known.
     """
 
-    def __init__(self, loop: Loop, session: Session, recorder: Recorder | None, longest: int):
-        self.loop, self.recorder, self._session = loop, recorder, session
+    def __init__(self, loop: Loop, session: Session, recorder: Recorder | None, longest: int, total: int | None = None):
+        self.loop, self.recorder, self._session, self._total = loop, recorder, session, total
         self._longest = min(longest, recorder.longest_chunk if recorder else longest)
         self._pace = max(1, FIRST_WORK // _size(loop.state))
 
@@ -86,6 +86,11 @@ class Stepper:
     def where(self) -> str:
         """Steps done, and the time."""
         return step_at(self.loop.step, self.loop.dt)
+
+    @property
+    def progress(self) -> Progress:
+        """How far the run is; a search does not know how many steps it takes."""
+        return Progress("step", self.loop.step, self._total, self.loop.step * self.loop.dt)
 
     def snapshot(self) -> dict[str, np.ndarray]:
         """All that the run would go on from."""

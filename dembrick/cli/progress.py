@@ -1,0 +1,141 @@
+"""What a long command shows while it works: a bar on a terminal, elsewhere a line now and then.
+
+Lines come after ten seconds, then at intervals that double up to ten minutes, so that a log of a night has few.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from dembrick.simulation.session import Progress
+
+WIDTH = 24  # of a bar
+FIRST_LINE, LONGEST_PAUSE = 10.0, 600.0  # s, between lines where there is no terminal
+RECENT = 10.0  # s, over which the pace is taken
+OFTEN = 0.1  # s, between two pictures of a bar
+COMPILING = "compiling (first run of this kind; about a minute, then it is kept)"
+
+
+class Meter:
+    """Shows how far a command is, on standard error; ``printable`` makes text fit for a terminal."""
+
+    def __init__(self, printable: Callable[[str], str], quiet: bool):
+        self.bar = sys.stderr.isatty() and not quiet
+        self._quiet, self._printable = quiet, printable
+        self._began = self._shown = time.monotonic()
+        self._next, self._pause = self._began + FIRST_LINE, FIRST_LINE
+        self._stage, self._seen = "", [(self._began, 0)]  # when so much of the stage was done
+        self._drawn = False
+
+    def count(self, done: int, total: int, what: str) -> None:
+        """So many of so many cases, directions or frames."""
+        self._show(done, total, f"{done}/{total} {what}")
+
+    def run(self, progress: Progress) -> None:
+        """How far a run is."""
+        rate = self._rate(progress)
+        total = "" if progress.total is None else f" of {'at most ' if progress.at_most else ''}{progress.total:.6g}"
+        parts = [f"{progress.stage} {progress.done:.6g}{total}"]
+        if progress.time is not None:
+            parts.append(f"t = {progress.time:.4g} s")
+        if rate > 0.0:
+            parts.append(f"{rate:.3g} a second")
+            if progress.total is not None:
+                left = duration((progress.total - progress.done) / rate)
+                parts.append(f"{'at most ' if progress.at_most else ''}{left} left")
+        self._show(progress.done, progress.total, ", ".join(parts))
+
+    def _rate(self, progress: Progress) -> float:
+        """Steps a second in the last ten seconds or so: what came before may have been compiling."""
+        now = time.monotonic()
+        if self._stage != progress.stage:
+            self._stage, self._seen = progress.stage, [(now, progress.done)]
+        while len(self._seen) > 2 and now - self._seen[1][0] > RECENT:
+            del self._seen[0]
+        since, done = self._seen[0]
+        if now - self._seen[-1][0] > 0.1 * RECENT:
+            self._seen.append((now, progress.done))
+        return (progress.done - done) / (now - since) if now > since else 0.0
+
+    def busy(self, text: str) -> None:
+        """What goes on now, on a terminal."""
+        if self.bar:
+            self._draw(f"{text} ...")
+
+    def stage(self, text: str) -> None:
+        """What goes on now, for as long as nobody knows: at once, on a terminal or not."""
+        self.busy(text)
+        if not self.bar and not self._quiet:
+            self._line(text)
+
+    def clear(self) -> None:
+        """Take the bar away, before something else is printed."""
+        if self._drawn:
+            print("\r\033[K", end="", file=sys.stderr)
+            self._drawn = False
+
+    def _show(self, done: float, total: float | None, text: str) -> None:
+        now = time.monotonic()
+        over = total is not None and done >= total
+        if self.bar and over:
+            self.clear()
+        elif self.bar and (not self._drawn or now - self._shown >= OFTEN):
+            filled = int(WIDTH * done // max(total, 1)) if total is not None else 0
+            bar = "" if total is None else f"[{'#' * filled}{'.' * (WIDTH - filled)}] "
+            self._shown = now
+            self._draw(bar + text)
+        elif not self.bar and not self._quiet and not over and now >= self._next:
+            self._pause = min(2.0 * self._pause, LONGEST_PAUSE)
+            self._next = now + self._pause
+            self._line(text)
+
+    def _draw(self, text: str) -> None:
+        print(f"\r\033[K{self._printable(text)[: _columns()]}", end="", file=sys.stderr, flush=True)
+        self._drawn = True
+
+    def _line(self, text: str) -> None:
+        print(self._printable(text), file=sys.stderr, flush=True)
+
+
+def _columns() -> int:
+    import shutil
+
+    return max(20, shutil.get_terminal_size().columns - 1)
+
+
+def duration(seconds: float) -> str:
+    """A rough time to wait."""
+    for size, unit in ((86400.0, "days"), (3600.0, "h"), (60.0, "min")):
+        if seconds >= size:
+            return f"{seconds / size:.1f} {unit}"
+    return f"{seconds:.0f} s"
+
+
+@contextmanager
+def telling_of_compilation(tell: Callable[[str], None]) -> Iterator[None]:
+    """Within, say once that kernels are being compiled, if any are; those that are kept are loaded without a word."""
+    from numba.core import event
+
+    class Compilation(event.Listener):
+        told = False
+
+        def on_start(self, event) -> None:
+            """See numba."""
+            if not self.told:
+                self.told = True
+                tell(COMPILING)
+
+        def on_end(self, event) -> None:
+            """See numba."""
+
+    listener = Compilation()
+    event.register("numba:compile", listener)
+    try:
+        yield
+    finally:
+        event.unregister("numba:compile", listener)
