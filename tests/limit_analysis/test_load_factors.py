@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from dembrick.assembly import build
+from dembrick.errors import ScenarioError
 from dembrick.simulation.limit_analysis import analysis
 from dembrick.simulation.limit_analysis.strength import Material
 from helpers import pushed_assemblies as scenes
@@ -192,3 +193,9 @@ def test_the_bounds_see_less_friction(monkeypatch):
     less = analysis.limit_load(build.assemble(scenes.wall(law(friction=0.297), 4, 6, DIAGONAL)))
     assert less.upper < found.lower
     assert less.load_factor == pytest.approx(0.99 * found.load_factor, rel=1e-6)
+
+
+def test_area_joints_that_crush_are_refused():
+    assembly = build.assemble(scenes.stack(law("convex"), Y))
+    with pytest.raises(ScenarioError, match="distributed"):
+        analysis.limit_load(assembly, Material.of(assembly.joints, crushing=15e3))

@@ -125,6 +125,11 @@ def prepared(
     joints, table = corner_points(joints, chosen, table)
     material = Material.of(joints) if material is None else material
     points, areas = point_strengths(table, material), area_strengths(joints, table, material)
+    if np.isfinite(areas.crushing).any():
+        raise ScenarioError(
+            "limit analysis knows a compressive strength of contact points only: give the joints that crush "
+            'formulation = "distributed", which tends to the convex joint as its points grow dense'
+        )
     return structure_of(assembly, points, areas, dead_wrench(assembly), list(live), along)
 
 

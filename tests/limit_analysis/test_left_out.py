@@ -1,0 +1,42 @@
+"""What joint laws leave out of a collapse, in numbers."""
+
+import pytest
+
+from dembrick.runs.limit import limit
+from helpers import pushed_assemblies as scenes
+from helpers.pushed_assemblies import law
+
+X, Y = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
+
+
+def test_corrected_joints_topple_early():
+    """A wall out of its plane turns about points drawn in by s; the bound beside it is that of the true edge."""
+    found = limit(scenes.wall(law("corrected"), 4, 6, Y))
+    (said,) = found.left_out
+    assert found.load_factor < 0.6 / 3.0
+    assert said.law == "corrected" and said.bound == pytest.approx(1.0 / 3.0, rel=1e-6)
+    assert "rock about corrected points" in found.text()
+    assert found.as_dict()["left_out"][0]["bound"] == said.bound
+
+
+def test_distributed_points_stop_short_of_the_edge():
+    found = limit(scenes.stack(law("distributed", points=(6, 4)), Y))
+    (said,) = found.left_out
+    assert said.law == "distributed" and said.bound == pytest.approx(0.4, rel=1e-6)
+    assert found.load_factor < said.bound * (1.0 - 0.02)
+
+
+def test_convex_joints_keep_their_torsion_at_an_edge():
+    """An actuator across a wall: joints turn whose resultant stands at an edge, .6 % above what corners carry."""
+    found = limit(scenes.wall_with_actuator(law("convex")))
+    (said,) = found.left_out
+    assert said.law == "convex"
+    assert said.bound == pytest.approx(202.1894, rel=1e-6)
+    assert found.load_factor == pytest.approx(203.4692, rel=1e-6)
+    assert "under linear pressure the load factor is at most 202.19, -0.63 %" in found.text()
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+def test_there_is_nothing_to_say_of_what_rocks_about_true_edges(formulation):
+    assert limit(scenes.arch(law(formulation, 0.7), X)).left_out == []
+    assert limit(scenes.wall(law(formulation), 4, 6, Y)).left_out == []
