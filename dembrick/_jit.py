@@ -11,6 +11,7 @@ import os
 import stat
 import tempfile
 from pathlib import Path
+from types import FunctionType
 
 import numba
 from numba import get_num_threads, prange
@@ -137,6 +138,13 @@ def jit_sum(function):
 def entry(function):
     """The same for a loop that Python or a batch enters: compiled once, not inlined into every caller."""
     return _compiled(function, nogil=True, _nrt=False, forceinline=False)
+
+
+def renamed(function, name: str):
+    """A copy of a Python function under another name: compiled in another way, it must not share a cache entry."""
+    copy = FunctionType(function.__code__, function.__globals__, name, function.__defaults__)
+    copy.__qualname__, copy.__doc__, copy.__module__ = name, function.__doc__, function.__module__
+    return copy
 
 
 def jit_parallel(function):

@@ -16,6 +16,8 @@ from functools import lru_cache
 
 import numpy as np
 
+from dembrick.geometry import polygons
+
 _SLIVER = 1e-12  # of the polygon's size squared: a triangle so thin holds no points
 _GROWTH = 3.0  # of the pieces of a ray or of an edge, away from where the integrand bends most
 _LAST = 0.7  # a piece that would begin beyond this part of the length is joined to the one before
@@ -31,7 +33,7 @@ def rays(polygon, centre, across: int, along: int) -> tuple[np.ndarray, np.ndarr
     corners = np.asarray(polygon, float)
     centre = np.asarray(centre, float)
     size = float(np.abs(corners).max())
-    apex = nearest_point(corners, centre)
+    apex = polygons.nearest_points(centre[None], corners)[0]
     distance = float(np.hypot(*(centre - apex)))
     arms, areas = [], []
     for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
@@ -54,17 +56,6 @@ def rays_over(pieces, centre, across: int, along: int) -> tuple[np.ndarray, np.n
     """Points (k, 2) and areas (k,) of `rays` over all convex ``pieces`` of a joint, about one torsion centre."""
     arms, areas = zip(*(rays(piece, centre, across, along) for piece in pieces), strict=True)
     return np.concatenate(arms), np.concatenate(areas)
-
-
-def nearest_point(polygon: np.ndarray, centre: np.ndarray) -> np.ndarray:
-    """The point of a convex polygon (m, 2) that is nearest to ``centre`` (2,): the centre itself where it is inside."""
-    edges = np.roll(polygon, -1, axis=0) - polygon
-    away = centre - polygon
-    if (edges[:, 0] * away[:, 1] - edges[:, 1] * away[:, 0] >= 0.0).all():
-        return centre
-    t = np.clip((away * edges).sum(axis=1) / (edges * edges).sum(axis=1), 0.0, 1.0)
-    feet = polygon + t[:, None] * edges
-    return feet[np.argmin(((feet - centre) ** 2).sum(axis=1))]
 
 
 def _both_ways(foot: float, scale: float, count: int) -> tuple[np.ndarray, np.ndarray]:

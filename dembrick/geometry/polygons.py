@@ -102,3 +102,22 @@ def width(polygon) -> np.ndarray:
     inward = np.stack([-edge[..., 1], edge[..., 0]], axis=-1) / length[..., None]
     heights = ((p[..., :, None, :] - p[..., None, :, :]) * inward[..., None, :, :]).sum(axis=-1)
     return heights.max(axis=-2).min(axis=-1)
+
+
+def distance_outside(points: np.ndarray, face: np.ndarray) -> np.ndarray:
+    """How far each point (k, 2) lies beyond the nearest edge line of a convex face (k,); negative inside (m)."""
+    edge = np.roll(face, -1, axis=0) - face
+    outward = np.stack([edge[:, 1], -edge[:, 0]], axis=1) / np.sqrt((edge**2).sum(axis=1))[:, None]
+    return (points @ outward.T - (face * outward).sum(axis=1)).max(axis=1)
+
+
+def nearest_points(points: np.ndarray, face: np.ndarray) -> np.ndarray:
+    """The point of a convex face (m, 2) that is nearest to each of ``points`` (k, 2)."""
+    beyond = distance_outside(points, face) > 0.0
+    if not beyond.any():
+        return points
+    edge = np.roll(face, -1, axis=0) - face
+    along = ((points[:, None] - face) * edge).sum(axis=2) / (edge**2).sum(axis=1)
+    on_edge = face + np.clip(along, 0.0, 1.0)[:, :, None] * edge
+    nearest = np.argmin(((points[:, None] - on_edge) ** 2).sum(axis=2), axis=1)
+    return np.where(beyond[:, None], on_edge[np.arange(len(points)), nearest], points)

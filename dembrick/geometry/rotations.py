@@ -23,6 +23,23 @@ def rotation_matrix(quaternion) -> np.ndarray:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
+def turned_by(rotation, quaternion) -> np.ndarray:
+    """The quaternion(s) (..., 4) of the turn ``quaternion``, then by the rotation vector(s) ``rotation`` (..., 3)."""
+    rotation = np.asarray(rotation, float)
+    half = 0.5 * np.sqrt((rotation**2).sum(axis=-1, keepdims=True))
+    turn = np.concatenate([np.cos(half), 0.5 * np.sinc(half / np.pi) * rotation], axis=-1)
+    return quaternion_product(turn, quaternion)
+
+
+def rotation_vector(quaternion) -> np.ndarray:
+    """The rotation vector(s) (..., 3) of unit quaternion(s) (..., 4), of at most half a turn (rad)."""
+    quaternion = np.asarray(quaternion, float)
+    w, v = quaternion[..., 0], quaternion[..., 1:]
+    sine = np.sqrt((v * v).sum(axis=-1))
+    half = np.arctan2(np.where(w < 0.0, -sine, sine), np.abs(w))
+    return np.divide(2.0 * half, sine, out=np.full_like(sine, 2.0), where=sine > 0.0)[..., None] * v
+
+
 def frame_quaternion(axes) -> np.ndarray:
     """The quaternion (4,) of the frame with the first two axes ``axes`` (2, 3), columns of its rotation matrix.
 

@@ -6,7 +6,8 @@ Quaternions (w, x, y, z) keep the digits of small rotations, rotation matrices d
 from math import nan, sqrt
 
 from dembrick._jit import entry, jit
-from dembrick.kernels.math.vec3 import columns_times, cross, product, rows_times
+from dembrick.kernels.math.quaternion import product, turning
+from dembrick.kernels.math.vec3 import columns_times, cross, rows_times
 
 # Of a joint's size: an opening below it is rounding.
 TOUCHING = 1e-12
@@ -18,14 +19,6 @@ PURE = 1e-7
 CLOSED = 0
 PARTLY_OPEN = 1
 OPEN = 2
-
-
-@jit
-def turning(w, x, y, z, a, b, c):
-    """R v - v of the vector (a, b, c), without loss of digits: 2 w (u x v) + 2 u x (u x v)."""
-    p, q, r = cross(2.0 * x, 2.0 * y, 2.0 * z, a, b, c)
-    i, j, k = cross(x, y, z, p, q, r)
-    return w * p + i, w * q + j, w * r + k
 
 
 @entry

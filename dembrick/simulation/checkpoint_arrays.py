@@ -7,6 +7,7 @@ from collections.abc import Container, Mapping
 import numpy as np
 
 from dembrick.errors import HistoryError
+from dembrick.simulation.pressed_parts import room_of
 from dembrick.simulation.session import Snapshot
 
 COUNTERS = ("state.areas.evaluations", "state.areas.pressed.count")  # integers of a state that change
@@ -29,7 +30,7 @@ def restored_state(state, snapshot: Snapshot):
     pressed = None if state.areas is None else state.areas.pressed
     if pressed is not None:  # before anything is taken: it leads into arrays
         count = snapshot.array(COUNTERS[1], pressed.count)
-        if (count < 0).any() or (count > np.diff(np.append(pressed.start, len(pressed.x)))).any():
+        if (count < 0).any() or (count > room_of(pressed)).any():
             raise HistoryError(f"{snapshot.path}: {COUNTERS[1]} leads out of its polygons")
     return restored("state", state, snapshot, COUNTERS)
 

@@ -6,8 +6,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dembrick.errors import ScenarioError
 from dembrick.kernels.joint.pressure import Pressed
 from dembrick.scenario.model import PRESSURES
+
+
+def check_pressures(joints, chosen: np.ndarray) -> None:
+    """ScenarioError if one of the ``chosen`` joints of a `JointTable` has a pressure that its polygon cannot have."""
+    for j in chosen.tolist():
+        if joints.law[j].pressure == "effective" and j in joints.pieces:
+            raise ScenarioError(
+                'pressure = "effective" needs convex joints, and a joint here consists of several pieces: use "linear"'
+            )
 
 
 def pressed_parts(pressures: Sequence[str], corners: Sequence[int]) -> Pressed | None:
@@ -30,3 +40,8 @@ def pressed_parts(pressures: Sequence[str], corners: Sequence[int]) -> Pressed |
         reach=np.zeros(a),
         radius=np.ones(a),
     )
+
+
+def room_of(part: Pressed) -> np.ndarray:
+    """How many corners each pressed part has room for (a,)."""
+    return np.diff(np.append(part.start, len(part.x)))

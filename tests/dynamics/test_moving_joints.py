@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from dembrick.assembly import build
+from dembrick.geometry.polygons import distance_outside, nearest_points
 from dembrick.geometry.rotations import rotation_matrix
 from dembrick.kernels.dynamics.loop import Limits
 from dembrick.kernels.dynamics.rigid_bodies import turn_body
@@ -16,7 +17,6 @@ from dembrick.scenario.controls import DynamicControl
 from dembrick.scenario.model import Block, JointLaw, Material, Scenario, Wall
 from dembrick.simulation.dynamics.dead_load import find_equilibrium
 from dembrick.simulation.dynamics.integrator import Motion, advance, joint_forces, motion
-from dembrick.simulation.dynamics.joint_polygons import distance_outside, nearest_inside
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.state import arms, joint_resultants, seen
 from helpers.seated_blocks import FORMULATIONS, GRAVITY, about, place, seated, two_blocks
@@ -276,7 +276,7 @@ def test_nearest_point_of_a_face():
     points = np.array([(1.0, 0.5), (3.0, 0.5), (3.0, 2.0), (1.0, -0.25), (0.0, 0.0)])
     np.testing.assert_allclose(distance_outside(points, face), [-0.5, 1.0, 1.0, 0.25, 0.0])
     np.testing.assert_allclose(
-        nearest_inside(points, face), [(1.0, 0.5), (2.0, 0.5), (2.0, 1.0), (1.0, 0.0), (0.0, 0.0)]
+        nearest_points(points, face), [(1.0, 0.5), (2.0, 0.5), (2.0, 1.0), (1.0, 0.0), (0.0, 0.0)]
     )
 
 

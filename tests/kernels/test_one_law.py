@@ -4,6 +4,8 @@ Each state is a motion of a lone joint over a step, given to the kernels of eith
 `statics` as opening, tilts and slip twist at O, to `dynamics` as rows of a tile. No block and no loop stands between.
 """
 
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -11,11 +13,12 @@ from dembrick.geometry import friction_integrals, polygons
 from dembrick.kernels.dynamics import area_joints as moving_areas
 from dembrick.kernels.dynamics import point_joints as moving_points
 from dembrick.kernels.dynamics import tiles
-from dembrick.kernels.dynamics.energy import BY_LAW as BY_LAW_LOST
-from dembrick.kernels.dynamics.energy import DASHPOT, FRICTION, LEDGER, RELEASED, Books, book_losses
+from dembrick.kernels.dynamics.energy_terms import BY_LAW as BY_LAW_LOST
+from dembrick.kernels.dynamics.energy_terms import DASHPOT, FRICTION, LEDGER, RELEASED, Books
 from dembrick.kernels.joint.point_law import point_law
 from dembrick.kernels.state import BY_LAW, DAMPING, SLIDING, Energy
 from dembrick.kernels.statics import area_joints, point_joints
+from dembrick.simulation.pressed_parts import pressed_parts
 
 W = tiles.W
 K_N, K_S, MU, VISCOUS = 1e8, 5e7, 0.5, 0.3
@@ -117,7 +120,7 @@ class MovingPoints:
             dashpots = self.dashpots[2 * pair * DASHPOT : 2 * (pair + 1) * DASHPOT]
             if moving_points.press(self.work, own, *law, dashpots, None) > 0:
                 for which in range(2):
-                    book_losses(self.work, own, dashpots, which, *law, self.ledger)
+                    moving_points.book_losses(self.work, own, dashpots, which, *law, self.ledger)
         self.ledger[:W] += self.work[tiles.TAKEN * W : (tiles.TAKEN + 1) * W]
         f = self.work.reshape(-1, W)[tiles.FORCE : tiles.FORCE + 9, 3]
         # the force on the host at (1, x, y), the host's slip is b's
@@ -151,14 +154,14 @@ def place(work, motion, change, twist):
 class StaticArea:
     """A convex joint in the searches."""
 
-    def __init__(self, mu=MU):
+    def __init__(self, mu=MU, pressure="full"):
         x, y = np.ascontiguousarray(OUTLINE.T)
         second = np.array([polygons.second_moments(OUTLINE)])
         self.joint = area_joints.Areas(
             np.zeros(1, np.int64), np.array([0, 4]), np.array([mu]), x, y, np.array([0.06]), second,
             np.array([np.hypot(x, y).max()]), np.array([friction_integrals.area_radius(OUTLINE)]),
             friction_integrals.far_moments(OUTLINE)[None], np.array([K_N]), np.array([K_S]), np.zeros((1, 3)),
-            np.zeros((1, 3)), np.zeros(1), np.zeros(1, np.int64), None,
+            np.zeros((1, 3)), np.zeros(1), np.zeros(1, np.int64), pressed_parts([pressure], [4]),
         )  # fmt: skip
         self.energy = energy_of(None)
 
@@ -183,7 +186,7 @@ class StaticArea:
 class MovingArea:
     """The same joint in a tile."""
 
-    def __init__(self, mu=MU):
+    def __init__(self, mu=MU, pressure="full"):
         one, zero = np.ones(1), np.zeros(1)
         self.tile, self.work = np.zeros(tiles.TILE), np.zeros(tiles.WORK)
         self.tile[tiles.VISCOUS * W : (tiles.VISCOUS + 2) * W] = VISCOUS
@@ -195,7 +198,7 @@ class MovingArea:
             reach=np.array([np.hypot(*OUTLINE.T).max()]), radius=np.array([friction_integrals.area_radius(OUTLINE)]),
             elastic=np.zeros((1, 3)), twist=np.zeros((1, 3)), slip=np.zeros(1), count=np.full(1, 4),
             x=np.ascontiguousarray(OUTLINE[None, :, 0]), y=np.ascontiguousarray(OUTLINE[None, :, 1]),
-            far=friction_integrals.far_moments(OUTLINE)[None],
+            far=friction_integrals.far_moments(OUTLINE)[None], pressed=pressed_parts([pressure], [9]),
         )  # fmt: skip
         self.energy = Books(
             dashpots=np.zeros(0), ledger=np.zeros(0), face=np.zeros((1, 16)), damped=np.zeros(1),
@@ -205,7 +208,7 @@ class MovingArea:
 
     def step(self, motion, change, twist):
         place(self.work, motion, change, twist)
-        moving_areas.face_force(self.joint, 0, self.tile, 3, self.work, self.energy)
+        moving_areas.face_force(self.joint, self.joint.pressed, 0, self.tile, 3, self.work, self.energy)
         rows = self.work.reshape(-1, W)
         f = rows[tiles.FORCE : tiles.FORCE + 9, 3]
         return np.array([f[2], -f[0], -f[1], -rows[tiles.TWISTING, 3], -f[8], f[5]])
@@ -224,7 +227,12 @@ class MovingArea:
         return np.array([lost[FRICTION], lost[BY_LAW_LOST], self.energy.face[0, 15] + lost[RELEASED]])
 
 
-FAMILIES = {"points": (StaticPoints, MovingPoints), "area": (StaticArea, MovingArea)}
+FAMILIES = {
+    "points": (StaticPoints, MovingPoints),
+    "area": (StaticArea, MovingArea),
+    "effective pressure": (partial(StaticArea, pressure="effective"), partial(MovingArea, pressure="effective")),
+    "linear pressure": (partial(StaticArea, pressure="linear"), partial(MovingArea, pressure="linear")),
+}
 
 
 def hold_together(one, other, path):

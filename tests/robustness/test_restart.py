@@ -92,11 +92,15 @@ displacement = 0.002
 """
 
 
-@pytest.mark.parametrize("formulation", ["concave", "convex", "distributed"])
+@pytest.mark.parametrize(
+    "formulation, pressure",
+    [("concave", "full"), ("convex", "full"), ("distributed", "full"), ("convex", "effective"), ("convex", "linear")],
+)
 @pytest.mark.parametrize("control", [TILT, PUSH], ids=["tilt", "push"])
-def test_a_run_to_collapse_in_real_time_goes_on_too(tmp_path, stop_after, formulation, control):
+def test_a_run_to_collapse_in_real_time_goes_on_too(tmp_path, stop_after, formulation, pressure, control):
     """A block that hangs over the edge of the other, so that polygons are cut; stopped at rest and in motion."""
-    text = (SCENARIOS / "set4a.toml").read_text().replace('"convex"', f'"{formulation}"')
+    law = f'"{formulation}"' + (f'\npressure = "{pressure}"' if pressure != "full" else "")
+    text = (SCENARIOS / "set4a.toml").read_text().replace('"convex"', law)
     text = text[: text.index("[[loads]]")] + "[control]" + control
     text = text.replace("position = [0.0, 0.0, 0.05]", "position = [0.01, 0.02, 0.05]")
     given = toml.loads(text + "[output]\nrows = 400\nframes = 100\ncheckpoint = 1e9\n")

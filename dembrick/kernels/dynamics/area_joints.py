@@ -1,4 +1,5 @@
-"""Convex joints: the exact no-tension integral over the polygon, and friction on the exact limit surface.
+"""Convex joints, in real time: the area family. The law of a convex joint is `kernels.joint.area_law`; the functions
+of a family are those of `point_joints`, and `joint_families` calls them.
 
 Shear memory lives in the polygon's axes and turns with them. The normal force acts along the other's normal.
 """
@@ -9,7 +10,7 @@ from typing import NamedTuple
 from numpy import ndarray
 
 from dembrick._jit import jit
-from dembrick.kernels.dynamics.energy import book_pressure, book_shear, book_slip
+from dembrick.kernels.dynamics.energy_terms import BY_LAW, FRICTION, RELEASED
 from dembrick.kernels.dynamics.tiles import (
     DEPTH,
     FORCE,
@@ -23,12 +24,16 @@ from dembrick.kernels.dynamics.tiles import (
     W,
     deliver,
     fetch,
+    lane_of,
     look,
+    offset_of,
     put_three,
     resultant,
+    sense_of,
     three,
 )
-from dembrick.kernels.joint.area_law import area_friction, area_pressure, spring_pressure
+from dembrick.kernels.joint.area_law import area_friction, area_pressure, follow_bending, spring_pressure
+from dembrick.kernels.joint.pressure import Pressed
 
 
 class Faces(NamedTuple):
@@ -54,11 +59,59 @@ class Faces(NamedTuple):
     x: ndarray  # (o, v) m, vertices from O along e1, counter-clockwise about e1 x e2
     y: ndarray  # (o, v) m, along e2
     far: ndarray  # (o, 42) series of the limit surface about pure translation
+    pressed: Pressed | None  # None where all pressures are full
 
 
 @jit
-def face_force(faces, a, tile, lane, work, books):
-    """Force of convex joint ``a``, in that lane of the tile: what `resultant` makes wrenches of."""
+def book_pressure(row, q0, qx, qy, n, nx, ny, g0, gx, gy, d0, dx, dy):
+    """Dashpots along the normal of a convex joint with the ``row`` (16,): pressure of the springs q, of all n; its
+    penetration g and the growth of it d."""
+    stepping = row[0] * g0 + row[1] * gx + row[2] * gy - (q0 * (g0 - d0) + qx * (gx - dx) + qy * (gy - dy))
+    n -= q0
+    nx -= qx
+    ny -= qy
+    row[15] += 0.5 * ((row[12] + n) * d0 + (row[13] + nx) * dx + (row[14] + ny) * dy)
+    row[0] = q0
+    row[1] = qx
+    row[2] = qy
+    row[12] = n
+    row[13] = nx
+    row[14] = ny
+    row[9] += 0.5 * stepping
+
+
+@jit
+def book_shear(row, e, s1, s2, turn, t1, t2, tm):
+    """Its dashpots in shear and torsion: slip s and turn, friction t, elastic forces e (3,)."""
+    t1 -= e[0]
+    t2 -= e[1]
+    tm -= e[2]
+    row[15] += 0.5 * ((row[6] + t1) * s1 + (row[7] + t2) * s2 + (row[8] + tm) * turn)
+    row[6] = t1
+    row[7] = t2
+    row[8] = tm
+
+
+@jit
+def book_slip(books, faces, a, normal, q1, q2, qm, t1, t2, tm, b1, b2, bm):
+    """A step in which convex joint ``a`` slides by the plastic twist q, or in which it is open and lets go; it held b
+    before."""
+    j = faces.joint[a]
+    e = faces.elastic[a]
+    share = books.share[j]
+    loss = 0.5 * share * ((b1 + e[0]) * q1 + (b2 + e[1]) * q2 + (bm + e[2]) * qm)
+    if normal > 0.0:
+        books.lost[j, FRICTION] += loss
+        books.lost[j, BY_LAW] += share * (t1 * q1 + t2 * q2 + tm * qm)
+        books.least[j] = min(books.least[j], loss)
+    else:
+        books.lost[j, RELEASED] += loss
+
+
+@jit
+def face_force(faces, pressed, a, tile, lane, work, books):
+    """Force of convex joint ``a``, in that lane of the tile: what `resultant` makes wrenches of. ``pressed`` is
+    ``faces.pressed``, given apart so that its code goes where it is None."""
     viscous = tile[VISCOUS * W + lane]
     h0, hx, hy = three(work, DEPTH, lane)
     d0, dx, dy = three(work, GROWTH, lane)
@@ -69,7 +122,8 @@ def face_force(faces, a, tile, lane, work, books):
     area = faces.area[a]
     second = faces.second[a]
     reach = faces.reach[a]
-    n, nx, ny, _, _, _ = area_pressure(x, y, 0, count, area, second, reach, viscous, h0, hx, hy, d0, dx, dy)
+    n, nx, ny, p0, px, py = area_pressure(x, y, 0, count, area, second, reach, viscous, h0, hx, hy, d0, dx, dy)
+    follow_bending(pressed, a, x, y, 0, count, reach, n, nx, ny, p0, px, py)
     k_n = faces.k_n[a]
     n *= k_n
     nx *= k_n
@@ -92,7 +146,7 @@ def face_force(faces, a, tile, lane, work, books):
     k_r = faces.k_s[a] * (second[0] + second[1])
     twist = faces.twist[a]
     t1, t2, tm, e1, e2, em, q1, q2, qm, w1, w2, wm, slid, _ = area_friction(
-        x, y, 0, count, area, reach, faces.far[outline], None, a, faces.radius[a], n, faces.friction[a],
+        x, y, 0, count, area, reach, faces.far[outline], pressed, a, faces.radius[a], n, faces.friction[a],
         faces.negligible[a], k_t, k_r, 1.0 + tile[(VISCOUS + 1) * W + lane], s1, s2, turn, b1, b2, bm, twist[0],
         twist[1], twist[2],
     )  # fmt: skip
@@ -117,7 +171,7 @@ def face_force(faces, a, tile, lane, work, books):
 
 
 @jit
-def face_forces(links, faces, bodies, first, last, books, work):
+def forces(links, faces, bodies, first, last, books, work):
     """Forces of the convex joints in their tiles ``first`` to ``last``; ``work`` (WORK,) is scratch. ``books`` are the
     energy books, or None."""
     for t in range(first, last):
@@ -126,6 +180,43 @@ def face_forces(links, faces, bodies, first, last, books, work):
         fetch(faces.joint, faces.lane[t], links, bodies, work)
         look(tile, work)
         for lane in range(faces.used[t]):
-            face_force(faces, faces.lane[t, lane], tile, lane, work, books)
+            face_force(faces, faces.pressed, faces.lane[t, lane], tile, lane, work, books)
         resultant(tile, work)
         deliver(faces.joint, faces.lane[t], faces.used[t], work, links.wrench)
+
+
+@jit
+def springs_of(faces, a, g0, gx, gy):
+    """k_n times the integrals of <g>+, x <g>+ and y <g>+ over convex joint ``a``."""
+    outline = faces.outline[a]
+    n, nx, ny = spring_pressure(
+        faces.x[outline], faces.y[outline], 0, faces.count[outline], faces.area[a], faces.second[a], faces.reach[a], g0,
+        gx, gy,
+    )  # fmt: skip
+    k = faces.k_n[a]
+    return k * n, k * nx, k * ny
+
+
+@jit
+def spring_energy(links, faces, a, held):
+    """Energy (J) in the springs of convex joint ``a``; writes their pressure and its moments into row ``a`` of
+    ``held``."""
+    j = faces.joint[a]
+    seen = links.tiles[lane_of(links, j, SEEN, 9)]
+    sense = sense_of(links, j)
+    g0 = sense * (offset_of(links, j) - seen[2])
+    gx = -sense * seen[5]
+    gy = -sense * seen[8]
+    row = held[a]
+    row[0], row[1], row[2] = springs_of(faces, a, g0, gx, gy)
+    e = faces.elastic[a]
+    k = faces.k_s[a]
+    sheared = (e[0] * e[0] + e[1] * e[1]) / (k * faces.area[a])
+    sheared += e[2] * e[2] / (k * (faces.second[a, 0] + faces.second[a, 1]))
+    return 0.5 * (row[0] * g0 + row[1] * gx + row[2] * gy + sheared)
+
+
+@jit
+def mean_slip(faces, a):
+    """Length of the slip path (m) of convex joint ``a``."""
+    return faces.slip[a]

@@ -11,8 +11,8 @@ spread to that width, so that integrals over it keep their digits; its strength 
 from math import atan2, cos, sin, sqrt
 
 from dembrick._jit import jit
-from dembrick.kernels.dynamics.rigid_bodies import turned_back
 from dembrick.kernels.joint.area_law import area_friction
+from dembrick.kernels.math.quaternion import turned_back
 from dembrick.kernels.math.vec3 import cross
 
 RIM = 1e-4  # of the pressure: smaller patches count nothing for friction

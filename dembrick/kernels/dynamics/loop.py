@@ -1,21 +1,22 @@
 """The compiled loop of dynamic runs: true mass, exact rotations, moving joints.
 
 Gravity and loads come as one entry a step, made by the caller for a chunk of steps: so tilting tables, shaken supports
-and load histories are all the same to the loop.
+and load histories are all the same to the loop. Threads share the tiles of joints, then the blocks.
 """
 
 from math import sqrt
 from typing import NamedTuple
 
+import numpy as np
 from numpy import ndarray
 
-from dembrick._jit import jit
-from dembrick.kernels.dynamics.area_joints import face_forces
+from dembrick._jit import jit, jit_parallel, prange, renamed
 from dembrick.kernels.dynamics.contact_forces import TOUCHED, clear_applied, touch
 from dembrick.kernels.dynamics.energy import book_step
-from dembrick.kernels.dynamics.point_joints import corner_forces
+from dembrick.kernels.dynamics.joint_families import forces as joint_forces
+from dembrick.kernels.dynamics.joint_families import tiles_of
 from dembrick.kernels.dynamics.rigid_bodies import step_bodies
-from dembrick.kernels.dynamics.tiles import least_slack
+from dembrick.kernels.dynamics.tiles import WORK, least_slack, rows_of_lanes
 from dembrick.kernels.math.vec3 import cross, rows_times
 
 RUNNING, REACHED, STALE, DIVERGED, MEETING, OVERLOADED = 0, 1, 2, 3, 4, 5
@@ -58,16 +59,30 @@ def apply_loads(loads, bodies, step):
         load[5] += t3
 
 
-@jit
-def advance_bodies(n_steps, dt, bodies, links, corners, faces, loads, limits, damping, travel, touching, books, work):
+def shares(corners, faces, bodies, threads: int) -> tuple[np.ndarray, ...]:
+    """The last six arguments of `advance_bodies`: equal shares for so many threads, and their scratch."""
+    sizes = (tiles_of(corners), tiles_of(faces), bodies.free.size)
+    parts = (np.linspace(0, size, threads + 1).astype(np.int64) for size in sizes)
+    return rows_of_lanes(threads * WORK).reshape(threads, WORK), *parts, np.zeros(threads), np.zeros(threads)
+
+
+def advance_bodies(
+    n_steps, dt, bodies, links, corners, faces, loads, limits, damping, travel, touching, books, work, share_corners,
+    share_faces, share_bodies, moved, away,
+):  # fmt: skip
     """Advance up to ``n_steps`` steps of ``dt``; ``corners`` or ``faces`` is None where no joint is of that family.
 
     ``travel`` (2,): m, what any two blocks may still move against each other before a polygon could be stale; and how
     far any one can have moved since the caller last put it to zero. Returns a status and the steps done: RUNNING when
     all are, REACHED (a centroid has gone as far as ``limits`` says), STALE (polygons must be cut again before the next
-    step), DIVERGED, or what comes of ``touching``, the new contacts (None where there are none): MEETING
+    step), DIVERGED, or what comes of ``touching``, the contacts that form anew (None where there are none): MEETING
     (pairs must be looked for again), OVERLOADED (the step may be too long for what the contacts of a block did last),
-    DEEP, CROWDED. ``books``: the energy books, or None. ``work`` (WORK,): scratch.
+    DEEP, CROWDED. ``books``: the energy terms, or None.
+
+    ``share_*`` (t + 1,) int64: where the share of each thread begins among tiles of point joints, of convex joints and
+    free blocks; ``work`` (t, WORK): scratch; ``moved`` and ``away`` (t,) m2: room for what each thread finds. A joint
+    writes its own wrench and a block gathers its joints in their order, so every number is, to the last bit, the same
+    whatever the number of threads. New contacts, few beside the joints, are one thread's.
     """
     goal2 = limits.displacement**2
     longest2 = limits.longest**2
@@ -83,22 +98,30 @@ def advance_bodies(n_steps, dt, bodies, links, corners, faces, loads, limits, da
                 return OVERLOADED, step
             clear_applied(touching, bodies)
         apply_loads(loads, bodies, step)
-        if corners is not None:
-            corner_forces(links, corners, bodies, 0, corners.used.size, corners.force, books, work)
-        if faces is not None:
-            face_forces(links, faces, bodies, 0, faces.used.size, books, work)
+        for t in prange(moved.size):
+            joint_forces(links, corners, faces, bodies, share_corners, share_faces, t, books, work[t])
         if touching is not None:
             touched = touch(touching, links, bodies, dt)
             if touched != TOUCHED:
                 return touched, step
-        g = loads.gravity[step]
-        if books is None:
-            moved2, away2 = step_bodies(bodies, links.wrench, 0, bodies.free.size, g, dt, damping, None, None, work)
         if books is not None:
             mean = book_step(books, bodies, links, corners, faces, loads, touching, step, dt)
-            moved2, away2 = step_bodies(
-                bodies, links.wrench, 0, bodies.free.size, g, dt, damping, books.fallen, mean, work
-            )
+        for t in prange(moved.size):
+            if books is None:
+                moved[t], away[t] = step_bodies(
+                    bodies, links.wrench, share_bodies[t], share_bodies[t + 1], loads.gravity[step], dt, damping, None,
+                    None, work[t],
+                )  # fmt: skip
+            if books is not None:
+                moved[t], away[t] = step_bodies(
+                    bodies, links.wrench, share_bodies[t], share_bodies[t + 1], loads.gravity[step], dt, damping,
+                    books.fallen, mean, work[t],
+                )  # fmt: skip
+        moved2 = away2 = 0.0
+        for t in range(moved.size):
+            if moved[t] > moved2 or moved[t] != moved[t]:
+                moved2 = moved[t]
+            away2 = max(away2, away[t])
         if not moved2 <= longest2:
             return DIVERGED, step + 1
         if away2 >= goal2:
@@ -109,3 +132,8 @@ def advance_bodies(n_steps, dt, bodies, links, corners, faces, loads, limits, da
         if touching is not None:
             touching.room[0] -= move
     return RUNNING, n_steps
+
+
+# One source, compiled twice: without threads `prange` is `range`. Small scenes never call, nor compile, the second.
+advance_bodies_together = jit_parallel(renamed(advance_bodies, "advance_bodies_together"))
+advance_bodies = jit(advance_bodies)

@@ -1,4 +1,5 @@
-"""Joints whose forces act at contact points: Coulomb friction and a no-tension spring at every point.
+"""Joints that act at contact points, in real time: the point family. The law of one point is
+`kernels.joint.point_law`; the functions of a family are those of `area_joints`, and `joint_families` calls them.
 
 Joints of a tile have one law and equally many points, which never change; the first two points of each, then the next
 two and so on are taken side by side. Where there is an odd number the last is followed by one without an area. Shear
@@ -12,7 +13,7 @@ import numpy as np
 from numpy import ndarray
 
 from dembrick._jit import entry, jit
-from dembrick.kernels.dynamics.energy import DASHPOT, LEDGER, book_losses
+from dembrick.kernels.dynamics.energy_terms import BY_LAW, DASHPOT, FRICTION, GONE, LEDGER, RELEASED, SMALLEST, STEPPING
 from dembrick.kernels.dynamics.tiles import (
     AREA,
     BEFORE,
@@ -27,6 +28,7 @@ from dembrick.kernels.dynamics.tiles import (
     MOVED,
     NORMAL,
     POINT,
+    SEEN,
     SENSE,
     SLIP,
     TAKEN,
@@ -39,12 +41,15 @@ from dembrick.kernels.dynamics.tiles import (
     combined,
     deliver,
     fetch,
+    lane_of,
     look,
+    offset_of,
     put_three,
     resultant,
+    sense_of,
     three,
 )
-from dembrick.kernels.joint.point_law import point_law
+from dembrick.kernels.joint.point_law import point_law, shear_loss
 
 
 class Corners(NamedTuple):
@@ -218,12 +223,45 @@ def write_forces(corners, t, first, sense, work, out):
             row[2] = force[2]
 
 
+@entry
+def book_losses(work, own, dashpots, which, k_n, k_s, friction, arm, ledger):
+    """Book what one point of every joint of a tile lost in a step, ``which`` of the two of `point_joints.press`: in
+    friction, or let go where the point has opened."""
+    for lane in range(W):
+        at = which * POINT + lane
+        x = own[X * W + at]
+        y = own[Y * W + at]
+        area = own[AREA * W + at]
+        e1 = own[ELASTIC * W + at]
+        e2 = own[(ELASTIC + 1) * W + at]
+        g0, gx, gy = three(work, DEPTH, lane)
+        d0, dx, dy = three(work, GROWTH, lane)
+        p1, p2, x1 = three(work, MOVED, lane)
+        x2, y1, y2 = three(work, MOVED + 3, lane)
+        b1, b2, slid = three(work, BEFORE + 3 * which, lane)
+        s1 = p1 + arm * (x * x1 + y * y1)
+        s2 = p2 + arm * (x * x2 + y * y2)
+        lost = shear_loss(b1, b2, e1, e2, s1, s2, k_s * area)
+        held = lost if slid > 0.0 else 0.0
+        least = ledger[SMALLEST * W + lane]
+        ledger[SMALLEST * W + lane] = held if held < least else least
+        g = g0 + x * gx + y * gy
+        normal = dashpots[(which * 3 + 2) * W + lane] + k_n * area * max(g, 0.0)
+        let_go = lost if slid == 0.0 and e1 == 0.0 and e2 == 0.0 and area > 0.0 else 0.0
+        before = g - (d0 + x * dx + y * dy)
+        stepping = min(g, 0.0) * max(before, 0.0) - max(g, 0.0) * min(before, 0.0)
+        ledger[(GONE + FRICTION) * W + lane] += held
+        ledger[(GONE + RELEASED) * W + lane] += let_go
+        ledger[(GONE + STEPPING) * W + lane] += 0.5 * k_n * area * stepping
+        ledger[(GONE + BY_LAW) * W + lane] += friction * normal * slid
+
+
 @jit
-def corner_forces(links, corners, bodies, first, last, force_out, books, work):
+def forces(links, corners, bodies, first, last, force_out, books, work):
     """Forces of the point joints in the tiles ``first`` to ``last``; ``work`` (WORK,) is scratch.
 
     ``force_out`` is ``corners.force``, given apart so that its code goes where it is None; ``books`` are the energy
-    books, or None.
+    terms, or None.
     """
     for t in range(first, last):
         tile = links.tiles[t * TILE : (t + 1) * TILE]
@@ -254,3 +292,36 @@ def corner_forces(links, corners, bodies, first, last, force_out, books, work):
         if books is not None:
             for lane in range(W):
                 books.ledger[t * LEDGER + lane] += work[TAKEN * W + lane]
+
+
+@jit
+def spring_energy(links, corners, p, held):
+    """Energy (J) in the springs of point joint ``p``; ``held`` is for the pressure of convex joints."""
+    j = corners.joint[p]
+    seen = links.tiles[lane_of(links, j, SEEN, 9)]
+    sense = sense_of(links, j)
+    offset = offset_of(links, j)
+    law = corners.law[p]
+    twice = 0.0
+    for i in range(corners.start[p + 1] - corners.start[p]):
+        begin = corners.place[p] + i * POINT
+        point = corners.points[begin : begin + POINT : W]
+        e1 = point[ELASTIC]
+        e2 = point[ELASTIC + 1]
+        g = sense * (offset - seen[2] - point[X] * seen[5] - point[Y] * seen[8])
+        if g > 0.0:
+            twice += corners.k_n[law] * point[AREA] * g * g
+        if point[AREA] > 0.0:
+            twice += (e1 * e1 + e2 * e2) / (corners.k_s[law] * point[AREA])
+    return 0.5 * twice
+
+
+@jit
+def mean_slip(corners, p):
+    """Length of the slip path (m) of point joint ``p``, averaged over its points by their areas."""
+    area = slip = 0.0
+    for i in range(corners.start[p + 1] - corners.start[p]):
+        at = corners.place[p] + i * POINT
+        area += corners.points[at + AREA * W]
+        slip += corners.points[at + AREA * W] * corners.points[at + SLIP * W]
+    return slip / area if area > 0.0 else 0.0

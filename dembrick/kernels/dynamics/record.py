@@ -3,7 +3,9 @@
 from math import sqrt
 
 from dembrick._jit import jit
-from dembrick.kernels.dynamics.tiles import AREA, LEVER, POINT, SLIP, W, lane_of, sense_of
+from dembrick.kernels.dynamics import joint_families as families
+from dembrick.kernels.dynamics.joint_families import FAMILIES
+from dembrick.kernels.dynamics.tiles import LEVER, lane_of, sense_of
 from dembrick.kernels.math.vec3 import cross, rows_times
 
 
@@ -54,17 +56,9 @@ def write_resultants(bodies, links, corners, faces, out):
         out[j, 3] = -(n1 * m1 + n2 * m2 + n3 * m3)
         out[j, 4] = -(x1 * m1 + x2 * m2 + x3 * m3)
         out[j, 5] = -(y1 * m1 + y2 * m2 + y3 * m3)
-    if corners is not None:
-        for p in range(corners.joint.size):
-            area = slip = 0.0
-            for i in range(corners.start[p + 1] - corners.start[p]):
-                at = corners.place[p] + i * POINT
-                area += corners.points[at + AREA * W]
-                slip += corners.points[at + AREA * W] * corners.points[at + SLIP * W]
-            out[corners.joint[p], 6] = slip / area if area > 0.0 else 0.0
-    if faces is not None:
-        for a in range(faces.joint.size):
-            out[faces.joint[a], 6] = faces.slip[a]
+    for family in range(FAMILIES):
+        for i in range(families.size(corners, faces, family)):
+            out[families.joint_of(corners, faces, family, i), 6] = families.mean_slip(corners, faces, family, i)
 
 
 @jit

@@ -5,14 +5,14 @@ keeps the angular momentum of the world; the spin of a step is that of the middl
 block turns by its exact exponential.
 """
 
-from math import cos, sin, sqrt
 from typing import NamedTuple
 
 from numpy import ndarray
 
 from dembrick._jit import entry, jit
-from dembrick.kernels.dynamics.tiles import W, axes_of, combined, dot, four, put_three, three
-from dembrick.kernels.math.vec3 import columns_times, cross, product, rows_times
+from dembrick.kernels.dynamics.tiles import W, combined, dot, four, put_three, three
+from dembrick.kernels.math.quaternion import axes_of, half_turn, product, turned_back
+from dembrick.kernels.math.vec3 import columns_times, cross, rows_times
 
 SLOW = 1e-4  # rad a step: up to here one correction of the spin, and a series for the turn, are exact to rounding
 
@@ -41,23 +41,6 @@ class Bodies(NamedTuple):
 
 
 @jit
-def turned_back(r1, r2, r3, a1, a2, a3):
-    """exp(-r) a for a rotation vector r."""
-    c1, c2, c3 = cross(r1, r2, r3, a1, a2, a3)
-    d1, d2, d3 = cross(r1, r2, r3, c1, c2, c3)
-    angle2 = r1 * r1 + r2 * r2 + r3 * r3
-    if angle2 > SLOW:
-        angle = sqrt(angle2)
-        s = sin(angle) / angle
-        h = sin(0.5 * angle) / angle
-        k = 2.0 * h * h
-    else:
-        s = 1.0 - angle2 * (1.0 / 6.0 - angle2 * (1.0 / 120.0))
-        k = 0.5 - angle2 * (1.0 / 24.0 - angle2 * (1.0 / 720.0))
-    return a1 - s * c1 + k * d1, a2 - s * c2 + k * d2, a3 - s * c3 + k * d3
-
-
-@jit
 def turn_body(bodies, b, dt):
     """Turn block ``b`` through a step under its angular momentum.
 
@@ -83,12 +66,8 @@ def turn_body(bodies, b, dt):
             if change * dt <= 1e-15:
                 break
         angle2 = dt * dt * (w1 * w1 + w2 * w2 + w3 * w3)
-        angle = sqrt(angle2)
-        s = dt * sin(0.5 * angle) / angle
-        c = cos(0.5 * angle)
-    else:
-        s = dt * (0.5 - angle2 * (1.0 / 48.0))
-        c = 1.0 - 0.125 * angle2
+    c, s = half_turn(angle2)
+    s *= dt
     q = bodies.orientation[b]
     a0, a1, a2, a3 = product(q[0], q[1], q[2], q[3], c, s * w1, s * w2, s * w3)
     # one Newton step to length 1, from next to it

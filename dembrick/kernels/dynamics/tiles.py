@@ -23,7 +23,8 @@ import numpy as np
 from numpy import ndarray
 
 from dembrick._jit import entry, jit
-from dembrick.kernels.math.vec3 import cross, product
+from dembrick.kernels.math.quaternion import axes_of, product
+from dembrick.kernels.math.vec3 import cross
 
 W = 16  # lanes of a tile
 LINE = 64  # bytes of a line of the cache
@@ -138,29 +139,6 @@ def put_three(rows, r, lane, a):
     rows[r * W + lane] = a[0]
     rows[(r + 1) * W + lane] = a[1]
     rows[(r + 2) * W + lane] = a[2]
-
-
-@jit
-def axes_of(q):
-    """The three axes, in the world, of a frame with the unit quaternion q."""
-    w, x, y, z = q
-    x2 = x + x
-    y2 = y + y
-    z2 = z + z
-    xx = x * x2
-    yy = y * y2
-    zz = z * z2
-    xy = x * y2
-    xz = x * z2
-    yz = y * z2
-    wx = w * x2
-    wy = w * y2
-    wz = w * z2
-    return (
-        (1.0 - yy - zz, xy + wz, xz - wy),
-        (xy - wz, 1.0 - xx - zz, yz + wx),
-        (xz + wy, yz - wx, 1.0 - xx - yy),
-    )
 
 
 @jit

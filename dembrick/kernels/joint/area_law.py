@@ -18,6 +18,7 @@ from math import sqrt
 from dembrick._jit import jit
 from dembrick.kernels.joint.limit_surface import PROXIMAL_TOLERANCE, chord, proximal_map
 from dembrick.kernels.joint.no_tension import extremes, no_tension
+from dembrick.kernels.joint.pressure import follow_pressure
 
 
 @jit
@@ -69,6 +70,14 @@ def area_pressure(x, y, first, last, area, second, reach, viscous, g0, gx, gy, d
             return volume, moment_x, moment_y, h0, hx, hy
     volume, moment_x, moment_y = closed_pressure(area, second, h0, hx, hy)
     return volume, moment_x, moment_y, h0, hx, hy
+
+
+@jit
+def follow_bending(pressed, a, x, y, first, last, reach, volume, moment_x, moment_y, h0, hx, hy):
+    """Bring the pressed part of a convex joint up to date with what `area_pressure` found; ``pressed`` is None if the
+    friction of no joint follows the bending."""
+    if pressed is not None:
+        follow_pressure(pressed, a, x, y, first, last, reach, volume, moment_x, moment_y, h0, hx, hy)
 
 
 @jit

@@ -280,7 +280,7 @@ def area_gauges(x, y, start, area, reach, far, shape, joint, pressed, bending, s
                 if pressed is not None:
                     b = bending[k, j]
                     follow_pressure(
-                        pressed, a, x, y, start[i], start[i + 1], reach[i], b[0], b[1], b[2], -b[3], b[5], -b[4]
+                        pressed, a, x, y, start[i], start[i + 1], reach[i], b[0], b[2], -b[1], -b[3], b[5], -b[4]
                     )
                 g, q1, q2, q3 = gauge(
                     x, y, start[i], start[i + 1], area[i], reach[i], far[i], pressed, a,

@@ -9,9 +9,9 @@ from typing import NamedTuple
 from numpy import ndarray
 
 from dembrick._jit import jit
-from dembrick.kernels.joint.area_law import area_friction, area_pressure, spring_pressure
+from dembrick.kernels.joint.area_law import area_friction, area_pressure, follow_bending, spring_pressure
 from dembrick.kernels.joint.limit_surface import gauge, surface
-from dembrick.kernels.joint.pressure import Pressed, follow_pressure
+from dembrick.kernels.joint.pressure import Pressed
 from dembrick.kernels.state import BY_LAW, DAMPING, LEAST, SLIDING
 from dembrick.kernels.statics.dashpots import dashpot_work
 
@@ -65,15 +65,6 @@ def of_scene(areas, lone, i):
 
 
 @jit
-def follow_bending(pressed, areas, a, n, nx, ny, h0, hx, hy):
-    """Bring the pressed part of convex joint ``a`` up to date, if the friction of any follows the bending."""
-    if pressed is not None:
-        follow_pressure(
-            pressed, a, areas.x, areas.y, areas.start[a], areas.start[a + 1], areas.reach[a], n, nx, ny, h0, hx, hy
-        )
-
-
-@jit
 def forces(areas, a, before, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s, energy):
     """Resultant (N, V_1, V_2, M_T, M_1, M_2, slip) of convex joint ``a``; updates its memory and, with ``energy`` (not
     None), books the work of the step."""
@@ -89,7 +80,7 @@ def forces(areas, a, before, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, vi
     n = k_n * volume
     m1 = -k_n * moment_y
     m2 = k_n * moment_x
-    follow_bending(areas.pressed, areas, a, volume, moment_x, moment_y, h0, hx, hy)
+    follow_bending(areas.pressed, a, areas.x, areas.y, first, last, reach, volume, moment_x, moment_y, h0, hx, hy)
     k_t = areas.k_s[a] * area
     k_r = areas.k_s[a] * (second[0] + second[1])
     elastic = areas.elastic[a]

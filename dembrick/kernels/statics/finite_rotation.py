@@ -8,7 +8,8 @@ taken to be small against one (faces that face each other); turning about the no
 from math import sqrt
 
 from dembrick._jit import jit
-from dembrick.kernels.math.vec3 import cross, rotate, rotate_back, turned
+from dembrick.kernels.math.quaternion import rotate, rotate_back, turned
+from dembrick.kernels.math.vec3 import cross
 
 
 @jit

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from numpy import ndarray
 
 from dembrick._jit import jit
-from dembrick.kernels.math.vec3 import cross, turned
+from dembrick.kernels.math.quaternion import turned, turning
 from dembrick.kernels.statics.block_forces import unbalanced_ratio
 from dembrick.kernels.statics.joint_families import write_contacts
 
@@ -78,14 +78,12 @@ def write_row(record, step, time, blocks, joints, points, areas, jacks, load, vi
     for w in range(record.watched.size):
         b = record.watched[w]
         r = blocks.rotation[b]
-        q0, q1, q2, q3 = turned(blocks.orientation, b, r[0], r[1], r[2])
+        q = turned(blocks.orientation, b, r[0], r[1], r[2])
         x, y, z = record.lever[w]
-        # R v = v + 2 q x (q x v + q0 v)
-        c1, c2, c3 = cross(q1, q2, q3, x, y, z)
-        d1, d2, d3 = cross(q1, q2, q3, c1 + q0 * x, c2 + q0 * y, c3 + q0 * z)
-        record.way[row, w, 0] = blocks.displacement[b, 0] + (x + 2.0 * d1 - record.arm[w, 0])
-        record.way[row, w, 1] = blocks.displacement[b, 1] + (y + 2.0 * d2 - record.arm[w, 1])
-        record.way[row, w, 2] = blocks.displacement[b, 2] + (z + 2.0 * d3 - record.arm[w, 2])
+        d1, d2, d3 = turning(*q, x, y, z)
+        record.way[row, w, 0] = blocks.displacement[b, 0] + (x + d1 - record.arm[w, 0])
+        record.way[row, w, 1] = blocks.displacement[b, 1] + (y + d2 - record.arm[w, 1])
+        record.way[row, w, 2] = blocks.displacement[b, 2] + (z + d3 - record.arm[w, 2])
     record.count[0] = row + 1
     if framed:
         write_frame(record, time, blocks, joints, points, areas, viscous)

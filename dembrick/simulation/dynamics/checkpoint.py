@@ -8,12 +8,13 @@ import numpy as np
 
 from dembrick.errors import HistoryError
 from dembrick.simulation.checkpoint_arrays import flattened, restored
+from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.integrator import Motion
 from dembrick.simulation.dynamics.pushover import PushController
 from dembrick.simulation.session import DEAD_LOADS, Progress, Snapshot, step_at
 
 PARTS = ("bodies", "links", "corners", "faces")  # of the state, that a checkpoint holds
-COUNTERS = ("faces.outline", "faces.count")  # integers among them that change
+COUNTERS = ("faces.outline", "faces.count", "faces.pressed.count")  # integers among them that change
 
 
 class Past:
@@ -73,16 +74,9 @@ class Past:
         moving.steps, moving.time_step, moving.seating_steps = int(steps), dt, int(seating)
         for name, own in self._arrays().items():
             own[...] = snapshot.array(name, own)
-        faces = moving.state.faces
-        if faces is not None:
-            outline = snapshot.array("faces.outline", faces.outline)
-            if int(outline.max()) >= len(faces.count) + len(outline):
-                raise HistoryError(f"{snapshot.path}: faces.outline leads out of its polygons")
-            moving.polygons.make_room(int(outline.max()) + 1)
+        moving.polygons.make_room(joint_families.rooms(moving.state, snapshot))
         parts = {name: restored(name, getattr(moving.state, name), snapshot, COUNTERS) for name in PARTS}
-        faces = parts["faces"]
-        if faces is not None and ((faces.count < 0).any() or (faces.count > faces.x.shape[1]).any()):
-            raise HistoryError(f"{snapshot.path}: faces.count leads out of its polygons")
         moving.state = moving.state._replace(**parts)
+        joint_families.check_restored(moving.state, snapshot.path)
         if moving.steps:
             moving.contact_detection.restore(moving.state, moving.polygons, snapshot)

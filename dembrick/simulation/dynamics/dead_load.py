@@ -17,10 +17,10 @@ from dembrick.errors import NotConvergedError
 from dembrick.kernels.dynamics.loop import RUNNING, Limits
 from dembrick.scenario.model import show
 from dembrick.simulation import interrupts
+from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.integrator import LONGEST_MOVE, Motion, advance_chunk
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.state import MovingState, out_of_balance
-from dembrick.simulation.dynamics.time_step import joint_matrices
 
 LOCAL_DAMPING = 0.8
 STEP = 0.7  # of the time step: against the motion, local damping makes a force 1.8 times as large
@@ -176,7 +176,7 @@ def _allowance(motion: Motion, part: float) -> np.ndarray:
 
 def _compliance(state: MovingState) -> np.ndarray:
     """How far (m/N) the corners of every closed joint (j,) move under a force on it, at the most."""
-    stiffness, reach = joint_matrices(state), state.links.reach.astype(float)
+    stiffness, reach = joint_families.stiffness(state), state.links.reach.astype(float)
     diagonal = np.einsum("jii->ji", stiffness)
     bending = 0.5 * (diagonal[:, 3] + diagonal[:, 4])
     bending -= np.hypot(0.5 * (diagonal[:, 3] - diagonal[:, 4]), stiffness[:, 3, 4])
@@ -218,5 +218,7 @@ def _unbalanced(state: MovingState, driving: Driving, standing: np.ndarray) -> t
     worst = math.sqrt(float((force[free] ** 2).sum(axis=1).max(initial=0.0)))
     if not worst > 0.0:
         return 0.0, BALANCED
-    rounding = np.finfo(float).eps * np.abs(state.bodies.position).max() * joint_matrices(state)[:, 2, 2].max()
+    rounding = (
+        np.finfo(float).eps * np.abs(state.bodies.position).max() * joint_families.stiffness(state)[:, 2, 2].max()
+    )
     return float(worst / max(worst, largest)), max(BALANCED, float(ROUNDING * rounding / max(worst, largest)))

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from dembrick.kernels.dynamics.energy import (
+from dembrick.kernels.dynamics.energy import kinetic_energy, settle_all, take_stock
+from dembrick.kernels.dynamics.energy_terms import (
     BY_LAW,
     CONTACTS,
     DASHPOT,
@@ -19,12 +20,10 @@ from dembrick.kernels.dynamics.energy import (
     RELEASED,
     STEPPING,
     Books,
-    kinetic_energy,
-    settle_all,
-    take_stock,
 )
-from dembrick.kernels.dynamics.tiles import AREA, ELASTIC, POINT, X, Y, rows_of_lanes
+from dembrick.kernels.dynamics.tiles import rows_of_lanes
 from dembrick.simulation.channels import energies
+from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.joint_polygons import Polygons
 from dembrick.simulation.dynamics.state import MovingState, out_of_balance, seen
 from dembrick.simulation.energy_audit import Sums
@@ -72,8 +71,7 @@ class MotionEnergy:
         """Begin again with the next step; what was booked before time began does not count."""
         if self.wanted:
             self.table.begun[:] = 0.0
-            if state.faces is not None:
-                self.table.face[:, :3] = self._springs(state)[0][state.faces.joint]
+            self.table.face[:, :3] = self._springs(state)[0]
 
     def cut(self, polygons: Polygons) -> None:
         """Cut the polygons that have moved too far; what their springs hold less of then is let go.
@@ -90,13 +88,14 @@ class MotionEnergy:
         after, energy = self._springs(polygons.state)
         worked -= _work_ahead(polygons.state, after, stale, table.place)
         convex = stale[table.place[stale] < 0]
-        table.face[-1 - table.place[convex], :3] = after[convex]
+        own = -1 - table.place[convex]
+        table.face[own, :3] = after[own]
         table.lost[stale, RELEASED] += table.share[stale] * ((before - energy)[stale] + 0.5 * worked)
 
     def _springs(self, state: MovingState) -> tuple[np.ndarray, np.ndarray]:
-        """N and its moments (j, 3) of the springs of convex joints, and energy (j,) J of those of all joints."""
+        """N and its moments (a, 3) of the springs of convex joints, and energy (j,) J of those of all joints."""
         n = len(state.links.host)
-        held, energy = np.zeros((n, 3)), np.zeros(n)
+        held, energy = np.zeros((len(joint_families.convex_joints(state)), 3)), np.zeros(n)
         take_stock(state.links, state.corners, state.faces, held, energy)
         return held, energy
 
@@ -141,22 +140,16 @@ class MotionEnergy:
 def _blank(state: MovingState, loads: int) -> Books:
     """Books in which nothing stands yet."""
     n, j = len(state.bodies.mass), len(state.links.host)
-    place, points, tiles, convex = np.zeros(j, np.int64), 0, 0, 0
-    if state.corners is not None:
-        points, tiles = len(state.corners.points) // POINT, len(state.corners.used)
-        place[state.corners.joint] = np.arange(len(state.corners.joint))
-    if state.faces is not None:
-        convex = len(state.faces.joint)
-        place[state.faces.joint] = -1 - np.arange(convex)
+    convex = len(joint_families.convex_joints(state))
     return Books(
-        dashpots=rows_of_lanes(points * DASHPOT),
-        ledger=rows_of_lanes(tiles * LEDGER),
+        dashpots=rows_of_lanes(joint_families.point_rows(state) * DASHPOT),
+        ledger=rows_of_lanes(joint_families.point_tiles(state) * LEDGER),
         face=np.zeros((convex, 16)),
         damped=np.zeros(j),
         lost=np.zeros((j, 4)),
         least=np.zeros(j),
         share=np.ones(j),
-        place=place,
+        place=joint_families.places(state),
         fallen=np.zeros(n),
         load=np.zeros((loads, 6)),
         push=np.zeros((n, 6)),
@@ -177,21 +170,8 @@ def _work_ahead(state: MovingState, held: np.ndarray, joints: np.ndarray, place:
     for i, j in enumerate(joints.tolist()):
         now, step = before[i], steps[i]
         slip, turn = _of_feet(offset[i], now, step)
-        if place[j] >= 0:
-            corners, p = state.corners, place[j]
-            law = corners.law[p]
-            x, y, area, e1, e2 = (corners.row(row, p) for row in (X, Y, AREA, ELASTIC, ELASTIC + 1))
-            arm = corners.shear_arm[law]
-            depth = np.maximum(sense[i] * (offset[i] - now[2] - x * now[5] - y * now[8]), 0.0)
-            of_point = -corners.k_n[law] * sense[i] * area * depth * (step[2] + x * step[5] + y * step[8])
-            of_point += e1 * (slip[0] + arm * (x * slip[3] + y * slip[6]))
-            of_point += e2 * (slip[1] + arm * (x * slip[4] + y * slip[7]))
-            work[i] = of_point.sum()
-        else:
-            e, after = state.faces.elastic[-1 - place[j]], now + step
-            along = after[3:5] / np.hypot(*after[3:5])
-            work[i] = -sense[i] * (held[j] @ step[[2, 5, 8]]) + e[0] * (along @ slip[:2])
-            work[i] += e[1] * (along[0] * slip[1] - along[1] * slip[0]) + e[2] * turn
+        module, family, index = joint_families.family_of(state, int(place[j]))
+        work[i] = module.work_ahead(family, index, held, sense[i], offset[i], now, step, slip, turn)
     return work
 
 

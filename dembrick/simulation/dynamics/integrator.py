@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from dembrick._jit import get_num_threads
 from dembrick.errors import DivergedError, NotConvergedError
 from dembrick.kernels.dynamics.contact_forces import CROWDED, DEEP, DEEPEST
 from dembrick.kernels.dynamics.loop import (
@@ -26,8 +27,10 @@ from dembrick.kernels.dynamics.loop import (
     Limits,
     Loads,
     advance_bodies,
+    advance_bodies_together,
+    shares,
 )
-from dembrick.kernels.dynamics.tiles import VISCOUS, WORK, rows_of_lanes
+from dembrick.kernels.dynamics.tiles import VISCOUS
 from dembrick.scenario.model import show
 from dembrick.simulation.dynamics.contact_detection import STABLE, ContactDetection
 from dembrick.simulation.dynamics.energy import MotionEnergy
@@ -238,18 +241,18 @@ def advance_chunk(
     if (touching is None) not in motion._compiled:
         motion._compiled.add(touching is None)
         began = time.perf_counter()
-        for loop, shares in loops:
-            loop(0, dt, bodies, *state[1:4], loads, limits, damping, motion._travel, touching, energy.table, *shares)
+        for loop, own in loops:
+            loop(0, dt, bodies, *state[1:4], loads, limits, damping, motion._travel, touching, energy.table, *own)
         motion.compile_seconds += time.perf_counter() - began
     done, status = 0, RUNNING
     while status == STALE or (status == RUNNING and done < len(times)):
         which, most = motion._pace.choose(len(loops))
-        loop, shares = loops[which]
+        loop, own = loops[which]
         rest = loads._replace(force=force[done:], gravity=gravity[done:])
         began = time.perf_counter()
         status, some = loop(
             min(most, len(times) - done), dt, bodies, *state[1:4], rest, limits, damping, motion._travel, touching,
-            energy.table, *shares,
+            energy.table, *own,
         )  # fmt: skip
         done += some
         took = time.perf_counter() - began
@@ -302,11 +305,8 @@ class _Pace:
 
 def _loops(state: MovingState, bodies) -> list[tuple]:
     """The compiled loops for a scene of that size, each with its scratch and what shares the work of a large one."""
-    loops = [(advance_bodies, (rows_of_lanes(WORK),))]
-    if len(state.links.host) >= MANY:
-        from dembrick.kernels.dynamics.loop_parallel import advance_bodies_together, shares
-
-        arguments = shares(state.corners, state.faces, bodies)
-        if len(arguments[-1]) > 1:
-            loops.append((advance_bodies_together, arguments))
+    loops = [(advance_bodies, shares(state.corners, state.faces, bodies, 1))]
+    threads = get_num_threads()
+    if len(state.links.host) >= MANY and threads > 1:
+        loops.append((advance_bodies_together, shares(state.corners, state.faces, bodies, threads)))
     return loops

@@ -19,7 +19,9 @@ from dembrick.geometry import polygons
 from dembrick.geometry.clipping import clip, simplify
 from dembrick.geometry.shapes import parts_of
 from dembrick.kernels.dynamics.tiles import AREA, LEVER, SEEN, SENSE, X, Y
-from dembrick.simulation.dynamics.state import MovingState, put_outlines, with_outlines
+from dembrick.simulation.dynamics import joint_families
+from dembrick.simulation.dynamics.area_joints import put_outlines, with_outlines
+from dembrick.simulation.dynamics.state import MovingState
 
 STALE = 2e-4  # of the polygon's short side
 GONE = 1e-9  # of the polygon's area at the start: less than that is no contact any more
@@ -37,7 +39,7 @@ class Polygons:
     def __init__(self, assembly, state: MovingState):
         joints = JointTable.of(assembly.joints)
         self.state, self._joints, self._shapes = state, joints, assembly.shapes
-        self._shared = 0 if state.faces is None else len(state.faces.count)  # polygons that no joint has for itself
+        self._shared = joint_families.outlines(state)  # polygons that no joint has for itself
         self._points = assembly.contact_points
         self.start = state.links.seen.copy()
         self.bound = np.empty(len(joints))
@@ -48,8 +50,7 @@ class Polygons:
         self.shift = np.zeros((len(joints), 2))
         self.whole = np.ones(len(joints), bool)
         self._face_of: dict[int, np.ndarray] = {}
-        families = (state.corners, state.faces)
-        self._place = {int(j): i for family in families if family is not None for i, j in enumerate(family.joint)}
+        self._place = {int(j): i for _, joints in joint_families.present(state) for i, j in enumerate(joints.joint)}
         state.links.slack[:] = self.bound
 
     def stale(self) -> np.ndarray:
@@ -95,11 +96,9 @@ class Polygons:
     def retire(self, j: int) -> None:
         """Let joint ``j`` carry nothing any more."""
         links, i = self.state.links, self._place[j]
-        if self._joints[j].law.formulation == "convex":
-            self.state.faces.k_n[i] = 0.0
-        else:
-            corners = self.state.corners
-            corners.put(AREA, 0.0, i)
+        for module, joints in joint_families.present(self.state):
+            if i < len(joints.joint) and joints.joint[i] == j:
+                module.retire(joints, i)
         links.slack[j] = np.inf  # it never needs to be cut again
         links.wrench[j] = 0.0
 
@@ -122,7 +121,7 @@ class Polygons:
         seen = links.rows(SEEN, 9, j)
         tangents = seen[[[3, 4], [6, 7]]]
         origin = seen[:2] - self.shift[j] @ tangents  # where O of the start is now
-        outside = distance_outside(origin + outline @ tangents, face)
+        outside = polygons.distance_outside(origin + outline @ tangents, face)
         if self.whole[j] and not (outside > 0.0).any():
             links.slack[j] = self.bound[j] - float(outside.max())
         else:
@@ -145,7 +144,7 @@ class Polygons:
     def _project(self, j: int, i: int, origin, tangents, face) -> None:
         """Corners beyond the edge move to the nearest point of the face."""
         corners = self.state.corners
-        placed = nearest_inside(origin + self._joints[j].polygon @ tangents, face)
+        placed = polygons.nearest_points(origin + self._joints[j].polygon @ tangents, face)
         outline = (placed - origin) @ np.linalg.inv(tangents)
         area, x, y = polygons.area_and_centroid(outline)
         if not area > GONE * self._joints[j].area:
@@ -166,7 +165,7 @@ class Polygons:
         cell = np.sqrt(start.area)
 
         def inside(o, t):
-            return np.clip(0.5 - distance_outside(o + start.normal_arm @ t, face) / cell, 0.0, 1.0)
+            return np.clip(0.5 - polygons.distance_outside(o + start.normal_arm @ t, face) / cell, 0.0, 1.0)
 
         seen = self.start[j]
         left = inside(origin, tangents) / inside(seen[:2], seen[[[3, 4], [6, 7]]])
@@ -191,22 +190,3 @@ class Polygons:
         faces.k_n[i] = self._joints[j].law.normal_stiffness
         faces.elastic[i, 2] -= step[0] * faces.elastic[i, 1] - step[1] * faces.elastic[i, 0]
         links.reach[j] = faces.reach[i]
-
-
-def distance_outside(points: np.ndarray, face: np.ndarray) -> np.ndarray:
-    """How far each point (k, 2) lies beyond the nearest edge line of a convex face (k,); negative inside (m)."""
-    edge = np.roll(face, -1, axis=0) - face
-    outward = np.stack([edge[:, 1], -edge[:, 0]], axis=1) / np.sqrt((edge**2).sum(axis=1))[:, None]
-    return (points @ outward.T - (face * outward).sum(axis=1)).max(axis=1)
-
-
-def nearest_inside(points: np.ndarray, face: np.ndarray) -> np.ndarray:
-    """The point of a convex face (m, 2) that is nearest to each of ``points`` (k, 2)."""
-    beyond = distance_outside(points, face) > 0.0
-    if not beyond.any():
-        return points
-    edge = np.roll(face, -1, axis=0) - face
-    along = ((points[:, None] - face) * edge).sum(axis=2) / (edge**2).sum(axis=1)
-    on_edge = face + np.clip(along, 0.0, 1.0)[:, :, None] * edge
-    nearest = np.argmin(((points[:, None] - on_edge) ** 2).sum(axis=2), axis=1)
-    return np.where(beyond[:, None], on_edge[np.arange(len(points)), nearest], points)

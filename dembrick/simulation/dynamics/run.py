@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from dembrick.errors import NotConvergedError, ScenarioError
-from dembrick.geometry.rotations import quaternion_product, rotation_matrix, unit_quaternion
+from dembrick.geometry.rotations import rotation_matrix, turned_by
 from dembrick.kernels.dynamics.loop import REACHED, Limits
 from dembrick.kernels.dynamics.tiles import SEEN
 from dembrick.scenario.checks import show
@@ -17,6 +17,7 @@ from dembrick.scenario.controls import COLLAPSE, COMPLETED, NOTHING, STEEPEST
 from dembrick.scenario.model import Output
 from dembrick.simulation import interrupts
 from dembrick.simulation.channels import bytes_of, recorded
+from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.checkpoint import Past
 from dembrick.simulation.dynamics.dead_load import find_equilibrium
 from dembrick.simulation.dynamics.energy import MotionEnergy
@@ -204,14 +205,12 @@ def _set_going(moving: Motion, driving: Driving) -> None:
     bodies, free = state.bodies, state.bodies.free
     velocity, spin = np.zeros_like(bodies.velocity), np.zeros_like(bodies.spin)
     velocity[free], spin[free] = assembly.velocity[free], assembly.angular_velocity[free]
-    back = np.column_stack([np.ones(len(spin)), -0.5 * dt * spin])
     before = bodies._replace(
         position=bodies.position - dt * velocity,
-        rotation=rotation_matrix(quaternion_product(unit_quaternion(back), bodies.orientation)),
+        rotation=rotation_matrix(turned_by(-dt * spin, bodies.orientation)),
     )
     came_from = seen(before, state.links)
-    written = None if state.corners is None else state.corners.force  # at the points: of the same forces as the joints'
-    memory = [array for family in state.families for array in family if array is not None and array is not written]
+    memory = joint_families.memory(state)
     kept = [array.copy() for array in memory]
     state.links.put(SEEN, came_from)
     joint_forces(moving, driving)

@@ -15,43 +15,14 @@ import numpy as np
 from dembrick.geometry import polygons
 from dembrick.geometry.shapes import Polyhedron, parts_of
 from dembrick.kernels.dynamics.contact_forces import Touching
+from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.state import MovingState, arms
+from dembrick.simulation.joint_stiffness import elastic_stiffness
 
 LANCZOS = 60  # iterations at most
 CLOSE = 2e-3  # relative residual that ends them
 NEWTON = 8  # steps, for an equation that is nearly linear
 COARSE = 1.2  # rad in a step: contacts that swing faster damp as such
-
-
-def joint_matrices(state: MovingState) -> np.ndarray:
-    """Elastic stiffness (j, 6, 6) of the closed joints against (d1, d2, dn, r1, r2, rn) at O, in the plane's axes."""
-    k = np.zeros((len(state.links.host), 6, 6))
-    if state.corners is not None:
-        c = state.corners
-        arm = c.shear_arm[c.law]
-        count = np.diff(c.start)
-        owner = np.repeat(np.arange(len(c.joint)), count)
-        sums = {}
-        at_x, at_y, area = c.x, c.y, c.area
-        for name, x, y in (("n", at_x, at_y), ("s", arm[owner] * at_x, arm[owner] * at_y)):
-            for power, value in (("", 1.0), ("x", x), ("y", y), ("xx", x * x), ("yy", y * y), ("xy", x * y)):
-                sums[name + power] = np.add.reduceat(area * value, c.start[:-1])
-        j, k_n, k_s = c.joint, c.k_n[c.law], c.k_s[c.law]
-        entries = [(0, 0, k_s * sums["s"]), (1, 1, k_s * sums["s"]), (0, 5, -k_s * sums["sy"]),
-                   (1, 5, k_s * sums["sx"]), (5, 5, k_s * (sums["sxx"] + sums["syy"])), (2, 2, k_n * sums["n"]),
-                   (2, 3, k_n * sums["ny"]), (2, 4, -k_n * sums["nx"]), (3, 3, k_n * sums["nyy"]),
-                   (4, 4, k_n * sums["nxx"]), (3, 4, -k_n * sums["nxy"])]  # fmt: skip
-        for row, column, value in entries:
-            k[j, row, column] = k[j, column, row] = value
-    if state.faces is not None:
-        f = state.faces
-        j, k_n, k_s = f.joint, f.k_n, f.k_s
-        yy, xx, xy = f.second.T
-        entries = [(0, 0, k_s * f.area), (1, 1, k_s * f.area), (5, 5, k_s * (xx + yy)), (2, 2, k_n * f.area),
-                   (3, 3, k_n * yy), (4, 4, k_n * xx), (3, 4, -k_n * xy)]  # fmt: skip
-        for row, column, value in entries:
-            k[j, row, column] = k[j, column, row] = value
-    return k
 
 
 class JointOperator:
@@ -72,7 +43,7 @@ class JointOperator:
         self.host, self.other = links.host, links.other
         self.to_host = self._to_joint(axes, arm_host, bodies.mass, root, free, links.host)
         self.to_other = self._to_joint(axes, arm_other, bodies.mass, root, free, links.other)
-        self.stiffness = joint_matrices(state)
+        self.stiffness = joint_families.stiffness(state)
 
     @staticmethod
     def _to_joint(axes, arm, mass, root, free, block) -> np.ndarray:
@@ -96,12 +67,9 @@ class JointOperator:
         for block in (first, second):
             arm = contacts.point[on] - bodies.position[block]
             ends.append(self._to_joint(axes, arm, bodies.mass, self._root, self._free, block))
-        k = np.zeros((len(on), 6, 6))
         along, x, y, xx, xy, yy, _, across, shear, torsion = springs[:, 6:].T
-        entries = [(0, 0, shear + across), (1, 1, shear + across), (5, 5, torsion), (2, 2, along), (2, 3, y),
-                   (2, 4, -x), (3, 3, yy), (4, 4, xx), (3, 4, -xy)]  # fmt: skip
-        for row, column, value in entries:
-            k[:, row, column] = k[:, column, row] = value
+        # x^2 + y^2 of the torsion in one number; the couplings of shear and torsion about that centre are zero
+        k = elastic_stiffness((shear + across, 0.0, 0.0, torsion, 0.0, 0.0), (along, x, y, xx, yy, xy))
         self.host, self.other = np.append(self.host, first), np.append(self.other, second)
         self.to_host = np.concatenate([self.to_host, ends[0]])
         self.to_other = np.concatenate([self.to_other, ends[1]])
@@ -155,7 +123,7 @@ def pair_frequencies(state: MovingState) -> np.ndarray:
     inverse = np.zeros(len(bodies.mass))
     inverse[bodies.free] = 1.0 / bodies.mass[bodies.free]
     mass = 1.0 / (inverse[links.host] + inverse[links.other])
-    stiffness = joint_matrices(state)[:, [2, 0], [2, 0]]
+    stiffness = joint_families.stiffness(state)[:, [2, 0], [2, 0]]
     return np.sqrt(stiffness / mass[:, None])
 
 
@@ -240,9 +208,8 @@ def _fastest(part: Polyhedron, number: int, place, k_n: float, k_s: float, mass:
     area, x, y = polygons.area_and_centroid(corners[:, :2])
     yy, xx, xy = polygons.second_moments(corners[:, :2] - (x, y))
     arm = np.array([x, y, corners[0, 2]])
-    stiffness = np.zeros((6, 6))
-    stiffness[:3, :3] = np.diag([k_s, k_s, k_n]) * area
-    stiffness[3:, 3:] = np.array([[k_n * yy, -k_n * xy, 0.0], [-k_n * xy, k_n * xx, 0.0], [0.0, 0.0, k_s * (xx + yy)]])
+    moments = (area, 0.0, 0.0, xx, yy, xy)
+    stiffness = elastic_stiffness([k_s * a for a in moments], [k_n * a for a in moments])
     # the face moves by u + r x arm
     root = np.linalg.cholesky(np.linalg.inv(axes @ inertia @ axes.T))
     to_face = np.zeros((6, 6))

@@ -9,11 +9,10 @@ import numpy as np
 
 from dembrick.assembly.contact_points import PointTable
 from dembrick.assembly.joints import JointTable
-from dembrick.errors import ScenarioError
 from dembrick.geometry import friction_integrals, polygons
 from dembrick.kernels.statics.area_joints import Areas
 from dembrick.simulation.joint_stiffness import elastic_stiffness
-from dembrick.simulation.pressed_parts import pressed_parts
+from dembrick.simulation.pressed_parts import check_pressures, pressed_parts
 
 MEMORY = ("elastic", "twist", "slip")  # what the joints remember
 
@@ -25,10 +24,7 @@ def at_rest(assembly) -> Areas | None:
     if not len(chosen):
         return None
     laws = [joints.law[j] for j in chosen]
-    if any(law.pressure == "effective" and j in joints.pieces for j, law in zip(chosen.tolist(), laws, strict=True)):
-        raise ScenarioError(
-            'pressure = "effective" needs convex joints, and a joint here consists of several pieces: use "linear"'
-        )
+    check_pressures(joints, chosen)
     counts = np.diff(joints.start)[chosen]
     n, start = len(chosen), np.concatenate([[0], np.cumsum(counts)])
     corners = joints.corner[np.repeat(joints.start[chosen] - start[:-1], counts) + np.arange(start[-1])]

@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from dembrick.errors import NotConvergedError, ScenarioError
+from dembrick.geometry.rotations import turned_by, unit_quaternion
 from dembrick.kernels.state import Inertia
 from dembrick.scenario.model import Output
 from dembrick.simulation.session import Observer, Plan, Session
@@ -121,13 +122,5 @@ def _steps(rate: float, travel: float, dt: float) -> int:
 def _to_finite_motion(state: State) -> None:
     """Turn the infinitesimal rotations of the seated state into orientations."""
     blocks = state.blocks
-    for b in blocks.free:
-        half = 0.5 * blocks.rotation[b]
-        w, v = 1.0, half
-        q = blocks.orientation[b].copy()
-        blocks.orientation[b] = [
-            w * q[0] - v @ q[1:],
-            *(w * q[1:] + q[0] * v + np.cross(v, q[1:])),
-        ]
-        blocks.orientation[b] /= np.linalg.norm(blocks.orientation[b])
+    blocks.orientation[:] = unit_quaternion(turned_by(blocks.rotation, blocks.orientation))
     blocks.rotation[:] = 0.0

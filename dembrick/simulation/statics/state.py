@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dembrick.assembly.joints import JointTable
-from dembrick.geometry.rotations import quaternion_product, rotation_matrix
+from dembrick.geometry.rotations import rotation_matrix, turned_by
 from dembrick.kernels.state import Actuators, Blocks, Energy, Joints
 from dembrick.kernels.statics.area_joints import Areas
 from dembrick.kernels.statics.point_joints import Points
@@ -51,9 +51,7 @@ def initial_state(assembly) -> State:
 def rotations(state: State) -> np.ndarray:
     """Matrices (n, 3, 3) from body axes to the world, as the blocks stand now."""
     blocks = state.blocks
-    half = 0.5 * np.sqrt((blocks.rotation**2).sum(axis=1))[:, None]
-    turn = np.concatenate([np.cos(half), 0.5 * np.sinc(half / np.pi) * blocks.rotation], axis=1)
-    return rotation_matrix(quaternion_product(turn, blocks.orientation))
+    return rotation_matrix(turned_by(blocks.rotation, blocks.orientation))
 
 
 def _actuators(assembly) -> Actuators:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dembrick.geometry.rotations import quaternion_product, rotation_matrix
+from dembrick.geometry.rotations import quaternion_product, rotation_matrix, rotation_vector
 from dembrick.kernels.recorded_motion import carry
 
 
@@ -114,7 +114,4 @@ def mean_velocities(history, start: int, stop: int) -> tuple[np.ndarray, np.ndar
     duration[duration <= 0.0] = np.inf
     velocity = (displacement[after - first] - displacement[before - first]) / duration
     turn = quaternion_product(orientation[after - first], orientation[before - first] * np.array([1, -1, -1, -1]))
-    w, v = np.abs(turn[..., 0]), turn[..., 1:] * np.where(turn[..., :1] < 0.0, -1.0, 1.0)
-    sine = np.sqrt((v * v).sum(axis=2))
-    scale = np.divide(2.0 * np.arctan2(sine, w), sine, out=np.full_like(sine, 2.0), where=sine > 0.0)
-    return velocity, scale[..., None] * v / duration
+    return velocity, rotation_vector(turn) / duration

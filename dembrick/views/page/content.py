@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dembrick.errors import HistoryError
-from dembrick.geometry.rotations import quaternion_product, rotation_matrix
+from dembrick.geometry.rotations import quaternion_product, rotation_matrix, rotation_vector
 from dembrick.views import summary
 from dembrick.views.motion.joints import JointMotion
 from dembrick.views.page import diagrams
@@ -89,7 +89,7 @@ def chosen_frames(history) -> Frames:
     displacement, rotation = [], []
     for k in numbers.tolist():
         shift = history.frame_displacement(k)
-        turned = _rotation_vector(quaternion_product(history.frame_orientation(k), back))
+        turned = rotation_vector(quaternion_product(history.frame_orientation(k), back))
         if not (np.isfinite(shift).all() and np.isfinite(turned).all()):
             break
         displacement.append(shift)
@@ -109,13 +109,6 @@ def automatic_magnification(moved: float, largest: float) -> float:
         return 1.0
     power = 10.0 ** math.floor(math.log10(wanted))
     return max(step * power for step in (1.0, 2.0, 5.0) if step * power <= wanted * (1.0 + 1e-9))
-
-
-def _rotation_vector(quaternion: np.ndarray) -> np.ndarray:
-    w, v = quaternion[..., 0], quaternion[..., 1:]
-    sine = np.linalg.norm(v, axis=-1)
-    half = np.arctan2(np.where(w < 0.0, -sine, sine), np.abs(w))
-    return np.divide(2.0 * half, sine, out=np.full_like(sine, 2.0), where=sine > 0.0)[..., None] * v
 
 
 def _greatest(vertices: np.ndarray, blocks: np.ndarray, frames: Frames) -> np.ndarray:

@@ -1,0 +1,43 @@
+"""The energy terms of a run in real time: what joints, loads, gravity and new contacts book, and what a step leaves
+behind for the next. How they balance: see `energy`."""
+
+from typing import NamedTuple
+
+from numpy import ndarray
+
+from dembrick.kernels.dynamics.tiles import W
+
+FRICTION, RELEASED, STEPPING, BY_LAW = range(4)
+LOADS, CONTACTS, HANDED = range(3)
+
+DASHPOT = 3 * W  # rows of a point in `Books.dashpots`
+
+# Rows of a tile of `Books.ledger`, J: what dashpots took; the smallest friction work of a step; what was lost, see
+# `Books.lost` (4). All since `share` changed
+OF_DASHPOTS, SMALLEST, GONE = 0, 1, 2
+LEDGER = 6 * W
+
+
+class Books(NamedTuple):
+    """What is booked, J; and what the last step left behind. None where nobody asks for it.
+
+    Shear and torsion are in the sense in which the host slips; axes are those of the joint's elastic forces.
+    """
+
+    dashpots: ndarray  # N, their last forces at every point: shear in the sense in which the host slips (2), and N;
+    # three rows of every point of a tile, as in `Corners.points`
+    ledger: ndarray  # (t * LEDGER,) the books of the point joints, in tiles like theirs
+    face: ndarray  # (a, 16) N, N m, J, those of the convex joints, one row because every step reads and writes it all.
+    # Springs (3): N and its x and y moments. Dashpots: V_1, V_2, M_T (6 to 8), what opening and closing within steps
+    # took (9), N and its moments (12 to 14). What dashpots took (15). All that was taken is since `share` changed
+    damped: ndarray  # (j,) what dashpots took until then
+    lost: ndarray  # (j, 4) friction; springs let go; opening and closing within a step; friction by its law
+    least: ndarray  # (j,) the smallest friction work of a step
+    share: ndarray  # (j,) what new contacts leave to the joint
+    place: ndarray  # (j,) int64, its number among the point joints; of a convex joint -1 less its number
+    fallen: ndarray  # (n,) work of gravity, and of what shaking puts in its place
+    load: ndarray  # (k, 6) N, N m, the loads
+    push: ndarray  # (n, 6) N, N m, of all new contacts on each block
+    total: ndarray  # (3,) work of loads, work of new contacts, what springs held whose joints were handed over
+    gravity: ndarray  # (3,) m/s2
+    begun: ndarray  # (1,) 1 from the first forces on, which are where the books begin

@@ -1,0 +1,82 @@
+"""The joint families of a run in real time: which of them a scene has is asked here and nowhere else.
+
+A family is a module (`point_joints`, `area_joints`) with one set of functions; its joints are a NamedTuple of arrays,
+or None if the scene has none of them, and numba then leaves its code out. Where one joint is meant, ``family`` and
+``index`` say which: POINTS or AREAS, and its number there.
+"""
+
+from dembrick._jit import jit
+from dembrick.kernels.dynamics import area_joints, point_joints
+
+POINTS, AREAS = 0, 1
+FAMILIES = 2
+
+
+@jit
+def family_of(place):
+    """Family and number of a joint from its entry in `Books.place`."""
+    if place >= 0:
+        return POINTS, place
+    return AREAS, -1 - place
+
+
+def tiles_of(joints) -> int:
+    """How many tiles the joints of a family take; zero for None."""
+    return 0 if joints is None else len(joints.used)
+
+
+@jit
+def size(corners, faces, family):
+    """How many joints a family has."""
+    if corners is not None:
+        if family == POINTS:
+            return corners.joint.size
+    if faces is not None:
+        if family == AREAS:
+            return faces.joint.size
+    return 0
+
+
+@jit
+def joint_of(corners, faces, family, index):
+    """The number of a joint among all joints."""
+    if corners is not None:
+        if family == POINTS:
+            return corners.joint[index]
+    if faces is not None:
+        if family == AREAS:
+            return faces.joint[index]
+    return 0
+
+
+@jit
+def forces(links, corners, faces, bodies, share_corners, share_faces, t, books, work):
+    """Forces of all joints in the tiles of share ``t``; ``share_*`` (t + 1,): where the shares begin."""
+    if corners is not None:
+        point_joints.forces(links, corners, bodies, share_corners[t], share_corners[t + 1], corners.force, books, work)
+    if faces is not None:
+        area_joints.forces(links, faces, bodies, share_faces[t], share_faces[t + 1], books, work)
+
+
+@jit
+def spring_energy(links, corners, faces, family, index, held):
+    """Energy (J) in the springs of a joint; of a convex one N and its x and y moments into its row of ``held``."""
+    if corners is not None:
+        if family == POINTS:
+            return point_joints.spring_energy(links, corners, index, held)
+    if faces is not None:
+        if family == AREAS:
+            return area_joints.spring_energy(links, faces, index, held)
+    return 0.0
+
+
+@jit
+def mean_slip(corners, faces, family, index):
+    """Length of the slip path (m) of a joint."""
+    if corners is not None:
+        if family == POINTS:
+            return point_joints.mean_slip(corners, index)
+    if faces is not None:
+        if family == AREAS:
+            return area_joints.mean_slip(faces, index)
+    return 0.0

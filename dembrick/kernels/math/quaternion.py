@@ -1,0 +1,120 @@
+"""Quaternions (w, x, y, z) and rotation vectors as bare floats: all rotations of the kernels.
+
+A unit quaternion turns body axes into world axes. `geometry.rotations` has the same for numpy arrays.
+"""
+
+from math import cos, sin, sqrt
+
+from dembrick._jit import jit
+from dembrick.kernels.math.vec3 import cross
+
+SMALL = 1e-8  # rad2: up to here the series of half a turn are exact to rounding
+SERIES = 1e-4  # rad2: up to here those of a turn are
+
+
+@jit
+def product(a, b, c, d, w, x, y, z):
+    """The quaternion of the turn (w, x, y, z) followed by the turn (a, b, c, d)."""
+    return (
+        a * w - b * x - c * y - d * z,
+        a * x + b * w + c * z - d * y,
+        a * y - b * z + c * w + d * x,
+        a * z + b * y - c * x + d * w,
+    )
+
+
+@jit
+def axes_of(q):
+    """The three axes, in the world, of a frame with the unit quaternion q."""
+    w, x, y, z = q
+    x2 = x + x
+    y2 = y + y
+    z2 = z + z
+    xx = x * x2
+    yy = y * y2
+    zz = z * z2
+    xy = x * y2
+    xz = x * z2
+    yz = y * z2
+    wx = w * x2
+    wy = w * y2
+    wz = w * z2
+    return (
+        (1.0 - yy - zz, xy + wz, xz - wy),
+        (xy - wz, 1.0 - xx - zz, yz + wx),
+        (xz + wy, yz - wx, 1.0 - xx - yy),
+    )
+
+
+@jit
+def half_turn(angle2):
+    """cos(a / 2) and sin(a / 2) / a of the angle a whose square is ``angle2``: the quaternion of a rotation vector r is
+    (c, s r)."""
+    if angle2 > SMALL:
+        angle = sqrt(angle2)
+        return cos(0.5 * angle), sin(0.5 * angle) / angle
+    return 1.0 - 0.125 * angle2, 0.5 - angle2 * (1.0 / 48.0)
+
+
+@jit
+def rotate(q, b, a1, a2, a3):
+    """R(q[b]) a: body vector to world by the unit quaternion of block ``b``."""
+    w = q[b, 0]
+    x = q[b, 1]
+    y = q[b, 2]
+    z = q[b, 3]
+    c1, c2, c3 = cross(x, y, z, a1, a2, a3)
+    c1 = 2.0 * c1
+    c2 = 2.0 * c2
+    c3 = 2.0 * c3
+    d1, d2, d3 = cross(x, y, z, c1, c2, c3)
+    return a1 + w * c1 + d1, a2 + w * c2 + d2, a3 + w * c3 + d3
+
+
+@jit
+def rotate_back(q, b, a1, a2, a3):
+    """R(q[b])^T a: world vector to the body frame of block ``b``."""
+    w = q[b, 0]
+    x = -q[b, 1]
+    y = -q[b, 2]
+    z = -q[b, 3]
+    c1, c2, c3 = cross(x, y, z, a1, a2, a3)
+    c1 = 2.0 * c1
+    c2 = 2.0 * c2
+    c3 = 2.0 * c3
+    d1, d2, d3 = cross(x, y, z, c1, c2, c3)
+    return a1 + w * c1 + d1, a2 + w * c2 + d2, a3 + w * c3 + d3
+
+
+@jit
+def turned(q, b, r1, r2, r3):
+    """Quaternion exp(r) q[b] for a rotation vector r in the world frame, normalised."""
+    c, s = half_turn(r1 * r1 + r2 * r2 + r3 * r3)
+    w, x, y, z = product(c, s * r1, s * r2, s * r3, q[b, 0], q[b, 1], q[b, 2], q[b, 3])
+    n = 1.0 / sqrt(w * w + x * x + y * y + z * z)
+    return w * n, x * n, y * n, z * n
+
+
+@jit
+def turned_back(r1, r2, r3, a1, a2, a3):
+    """exp(-r) a for a rotation vector r."""
+    c1, c2, c3 = cross(r1, r2, r3, a1, a2, a3)
+    d1, d2, d3 = cross(r1, r2, r3, c1, c2, c3)
+    angle2 = r1 * r1 + r2 * r2 + r3 * r3
+    if angle2 > SERIES:
+        angle = sqrt(angle2)
+        s = sin(angle) / angle
+        h = sin(0.5 * angle) / angle
+        k = 2.0 * h * h
+    else:
+        s = 1.0 - angle2 * (1.0 / 6.0 - angle2 * (1.0 / 120.0))
+        k = 0.5 - angle2 * (1.0 / 24.0 - angle2 * (1.0 / 720.0))
+    return a1 - s * c1 + k * d1, a2 - s * c2 + k * d2, a3 - s * c3 + k * d3
+
+
+@jit
+def turning(w, x, y, z, a, b, c):
+    """R v - v of the vector (a, b, c), without loss of digits: 2 w (u x v) + 2 u x (u x v)."""
+    p, q, r = cross(2.0 * x, 2.0 * y, 2.0 * z, a, b, c)
+    i, j, k = cross(x, y, z, p, q, r)
+    return w * p + i, w * q + j, w * r + k

@@ -1,0 +1,145 @@
+"""Convex joints, in real time: the area family, seen from Python.
+
+The functions are those of `point_joints`, under the same names; `joint_families` calls them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dembrick.assembly.contact_points import PointTable
+from dembrick.assembly.joints import JointTable
+from dembrick.errors import HistoryError
+from dembrick.geometry import friction_integrals, polygons
+from dembrick.kernels.dynamics.area_joints import Faces
+from dembrick.simulation.dynamics.tiling import tiled, ways
+from dembrick.simulation.joint_stiffness import elastic_stiffness
+from dembrick.simulation.pressed_parts import check_pressures, pressed_parts, room_of
+
+NEGLIGIBLE = 1e-5  # of the lighter block's weight: head joints of a wall carry so little, and slip all the time
+EQUAL = 12  # digits to which polygons are the same: rounding makes those of a wall differ in the last one or two
+
+
+def at_rest(assembly, first_tile: int) -> Faces | None:
+    """The convex joints of an assembly, at rest, whose tiles begin with number ``first_tile``; None without any."""
+    joints, table = JointTable.of(assembly.joints), PointTable.of(assembly.contact_points)
+    chosen = np.flatnonzero(table.resultant)
+    if not len(chosen):
+        return None
+    laws = [joints.law[j] for j in chosen]
+    check_pressures(joints, chosen)
+    # a polygon cut by a face has at most as many corners more
+    longest = np.array([shape.longest_face for shape in assembly.shapes])
+    most = np.maximum(longest[joints.block_a], longest[joints.block_b])[chosen]
+    room = int((np.diff(joints.start)[chosen] + most).max())
+    n = len(chosen)
+    lane, used = tiled(np.zeros(n), ways(joints.axes[chosen, 2]))
+    faces = Faces(
+        joint=chosen.astype(np.uint32),
+        tile=np.arange(len(used)) + first_tile,
+        lane=lane,
+        used=used,
+        outline=np.zeros(n, np.uint32),
+        k_n=np.array([law.normal_stiffness for law in laws]),
+        k_s=np.array([law.shear_stiffness for law in laws]),
+        friction=np.array([law.friction for law in laws]),
+        area=np.zeros(n),
+        second=np.zeros((n, 3)),
+        negligible=NEGLIGIBLE * _lightest(assembly, joints)[chosen],
+        reach=np.zeros(n),
+        radius=np.zeros(n),
+        elastic=np.zeros((n, 3)),
+        twist=np.zeros((n, 3)),
+        slip=np.zeros(n),
+        count=np.zeros(0, np.int64),
+        x=np.zeros((0, room)),
+        y=np.zeros((0, room)),
+        far=np.zeros((0, 42)),
+        pressed=pressed_parts([law.pressure for law in laws], [room] * n),
+    )
+    for numbers, outlines in joints.by_corners(chosen):
+        size = np.abs(outlines).max(axis=(1, 2), keepdims=True)
+        form = np.concatenate([(outlines / size).reshape(len(size), -1), np.log(size)[:, :, 0]], axis=1)
+        _, first, which = np.unique(np.round(form, EQUAL) + 0.0, axis=0, return_index=True, return_inverse=True)
+        rows = len(faces.count) + np.arange(len(first))
+        faces = with_outlines(faces, len(faces.count) + len(first))
+        put_outlines(faces, rows, outlines[first], np.searchsorted(chosen, numbers), which.reshape(-1))
+    return faces
+
+
+def _lightest(assembly, joints: JointTable) -> np.ndarray:
+    """Weight of the lighter free block of each joint (j,), N."""
+    weight = np.where(assembly.fixed, np.inf, np.asarray(assembly.mass) * np.linalg.norm(assembly.gravity))
+    return np.minimum(weight[joints.block_a], weight[joints.block_b])
+
+
+def with_outlines(faces: Faces, rows: int) -> Faces:
+    """The same joints with room for that many polygons."""
+    table = {}
+    for name in ("count", "x", "y", "far"):
+        array = getattr(faces, name)
+        table[name] = np.concatenate([array, np.zeros((rows - len(array), *array.shape[1:]), array.dtype)])
+    return faces._replace(**table)
+
+
+def put_outlines(faces: Faces, rows: np.ndarray, outlines: np.ndarray, i: np.ndarray, which: np.ndarray) -> None:
+    """Write polygons (g, m, 2) about their centroids, and their series, into the ``rows`` (g,) for them; and give the
+    convex joints ``i`` (k,) ``which`` (k,) of them, with the numbers that follow."""
+    m = outlines.shape[1]
+    faces.count[rows] = m
+    faces.x[rows, :m], faces.y[rows, :m] = outlines[..., 0], outlines[..., 1]
+    faces.far[rows] = friction_integrals.far_moments(outlines)
+    faces.outline[i] = rows[which]
+    faces.area[i] = polygons.area(outlines)[which]
+    faces.second[i] = np.stack(polygons.second_moments(outlines), axis=1)[which]
+    faces.reach[i] = np.sqrt((outlines**2).sum(axis=2).max(axis=1))[which]
+    faces.radius[i] = friction_integrals.area_radius(outlines)[which]
+
+
+def stiffness(faces: Faces) -> np.ndarray:
+    """Elastic stiffness (a, 6, 6) of the closed joints, see `elastic_stiffness`."""
+    yy, xx, xy = faces.second.T
+    moments = (faces.area, 0.0, 0.0, xx, yy, xy)
+    return elastic_stiffness([faces.k_s * a for a in moments], [faces.k_n * a for a in moments])
+
+
+def work_ahead(faces: Faces, a: int, held, sense: float, offset: float, now, step, slip, turn: float) -> float:
+    """Work (J) that the springs of joint ``a`` would take over a ``step`` (9,) of `Links.seen` from ``now``, if their
+    forces stayed; ``slip`` (9,) and ``turn`` of the feet in it, ``held`` (a, 3) N and its moments."""
+    e, after = faces.elastic[a], now + step
+    along = after[3:5] / np.hypot(*after[3:5])
+    work = -sense * (held[a] @ step[[2, 5, 8]]) + e[0] * (along @ slip[:2])
+    return float(work + e[1] * (along[0] * slip[1] - along[1] * slip[0]) + e[2] * turn)
+
+
+def retire(faces: Faces, a: int) -> None:
+    """Let joint ``a`` carry nothing any more."""
+    faces.k_n[a] = 0.0
+
+
+def arrays(faces: Faces) -> list[np.ndarray]:
+    """All arrays."""
+    own = [array for array in faces if isinstance(array, np.ndarray)]
+    return own if faces.pressed is None else [*own, *faces.pressed]
+
+
+def memory(faces: Faces) -> list[np.ndarray]:
+    """All arrays: no force is only written down."""
+    return arrays(faces)
+
+
+def rooms(faces: Faces, snapshot) -> int:
+    """For how many polygons the joints need room before ``snapshot`` is put into them."""
+    outline = snapshot.array("faces.outline", faces.outline)
+    if int(outline.max()) >= len(faces.count) + len(outline):
+        raise HistoryError(f"{snapshot.path}: faces.outline leads out of its polygons")
+    return int(outline.max()) + 1
+
+
+def check_restored(faces: Faces, path) -> None:
+    """HistoryError if what was restored from the checkpoint ``path`` leads out of its arrays."""
+    if (faces.count < 0).any() or (faces.count > faces.x.shape[1]).any():
+        raise HistoryError(f"{path}: faces.count leads out of its polygons")
+    part = faces.pressed
+    if part is not None and ((part.count < 0).any() or (part.count > room_of(part)).any()):
+        raise HistoryError(f"{path}: faces.pressed.count leads out of its polygons")

@@ -1,0 +1,103 @@
+"""The joint families of a run in real time: which of them a scene has is asked here.
+
+A family is a module (`point_joints`, `area_joints`) with one set of functions, and a field of `MovingState`; its
+kernels are the module of the same name in `kernels.dynamics`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from dembrick.kernels.dynamics.area_joints import Faces
+from dembrick.kernels.dynamics.point_joints import Corners
+from dembrick.kernels.dynamics.tiles import POINT
+from dembrick.simulation.dynamics import area_joints, point_joints
+
+FAMILIES: dict[str, ModuleType] = {"corners": point_joints, "faces": area_joints}  # fields of a state
+
+
+def at_rest(assembly) -> tuple[Corners | None, Faces | None]:
+    """The joints of all families of an assembly, at rest: the fields of a state."""
+    corners = point_joints.at_rest(assembly)
+    return corners, area_joints.at_rest(assembly, 0 if corners is None else len(corners.used))
+
+
+def present(state) -> Iterator[tuple[ModuleType, Any]]:
+    """The module and the joints of every family that a scene has."""
+    for name, module in FAMILIES.items():
+        joints = getattr(state, name)
+        if joints is not None:
+            yield module, joints
+
+
+def places(state) -> np.ndarray:
+    """`Books.place` (j,): the number of each joint among the point joints, or -1 less that among the convex ones."""
+    found = np.zeros(len(state.links.host), np.int64)
+    if state.corners is not None:
+        found[state.corners.joint] = np.arange(len(state.corners.joint))
+    if state.faces is not None:
+        found[state.faces.joint] = -1 - np.arange(len(state.faces.joint))
+    return found
+
+
+def family_of(state, place: int) -> tuple[ModuleType, Any, int]:
+    """Module, joints and number of the joint with that entry of `places`."""
+    return (point_joints, state.corners, place) if place >= 0 else (area_joints, state.faces, -1 - place)
+
+
+def stiffness(state) -> np.ndarray:
+    """Elastic stiffness (j, 6, 6) of the closed joints against (d1, d2, dn, r1, r2, rn) at O, in the plane's axes."""
+    found = np.zeros((len(state.links.host), 6, 6))
+    for module, joints in present(state):
+        found[joints.joint] = module.stiffness(joints)
+    return found
+
+
+def arrays(state) -> list[np.ndarray]:
+    """All arrays of the joints."""
+    return [array for module, joints in present(state) for array in module.arrays(joints)]
+
+
+def memory(state) -> list[np.ndarray]:
+    """All arrays of the joints, but those of forces that are only written down."""
+    return [array for module, joints in present(state) for array in module.memory(joints)]
+
+
+def contact_points(state) -> int:
+    """How many contact points the joints have."""
+    return 0 if state.corners is None else int(state.corners.start[-1])
+
+
+def point_rows(state) -> int:
+    """How many points there is room for in the tiles of point joints."""
+    return 0 if state.corners is None else len(state.corners.points) // POINT
+
+
+def point_tiles(state) -> int:
+    """How many tiles the point joints have."""
+    return 0 if state.corners is None else len(state.corners.used)
+
+
+def convex_joints(state) -> np.ndarray:
+    """The numbers (a,) of the convex joints."""
+    return np.zeros(0, np.int64) if state.faces is None else state.faces.joint
+
+
+def outlines(state) -> int:
+    """For how many polygons of convex joints there is room."""
+    return 0 if state.faces is None else len(state.faces.count)
+
+
+def rooms(state, snapshot) -> int:
+    """For how many polygons of convex joints a state needs room before ``snapshot`` is put into it."""
+    return 0 if state.faces is None else area_joints.rooms(state.faces, snapshot)
+
+
+def check_restored(state, path) -> None:
+    """HistoryError if what was restored from the checkpoint ``path`` leads out of its arrays."""
+    if state.faces is not None:
+        area_joints.check_restored(state.faces, path)

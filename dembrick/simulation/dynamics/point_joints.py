@@ -1,0 +1,101 @@
+"""Joints that act at contact points, in real time: the point family, seen from Python.
+
+The functions are those of `area_joints`, under the same names; `joint_families` calls them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dembrick.assembly.contact_points import PointTable
+from dembrick.assembly.joints import JointTable
+from dembrick.kernels.dynamics.point_joints import Corners
+from dembrick.kernels.dynamics.tiles import AREA, ELASTIC, POINT, W, X, Y, rows_of_lanes
+from dembrick.simulation.dynamics.tiling import tiled, ways
+from dembrick.simulation.joint_stiffness import elastic_stiffness
+
+
+def at_rest(assembly) -> Corners | None:
+    """The joints of an assembly that act at points, at rest; None without any."""
+    joints, table = JointTable.of(assembly.joints), PointTable.of(assembly.contact_points)
+    chosen = np.flatnonzero(~table.resultant)
+    if not len(chosen):
+        return None
+    laws = [joints.law[j] for j in chosen]
+    start = np.concatenate([[0], np.cumsum(np.diff(table.start)[chosen])])
+    x, y = table.normal_arm.T.copy()
+    farthest = np.maximum.reduceat(np.abs(table.normal_arm).max(axis=1), start[:-1])
+    shear_arm = np.maximum.reduceat(np.abs(table.shear_arm).max(axis=1), start[:-1]) / farthest
+    values = [(k.normal_stiffness, k.shear_stiffness, k.friction) for k in laws]
+    distinct, law = np.unique(np.column_stack([values, np.round(shear_arm, 12)]), axis=0, return_inverse=True)
+    k_n, k_s, friction, shear_arm = np.ascontiguousarray(distinct.T)
+    law = law.reshape(-1)
+    count = np.diff(start)
+    lane, used = tiled(law * (count.max() + 1) + count, ways(joints.axes[chosen, 2]))
+    first = lane[:, 0]
+    tile_start = np.concatenate([[0], np.cumsum((count[first] + 1) // 2 * 2 * POINT)])
+    place = np.zeros(len(chosen), np.uint32)
+    own = np.arange(W) < used[:, None]
+    place[lane[own]] = (tile_start[:-1, None] + np.arange(W))[own]
+    corners = Corners(
+        joint=chosen.astype(np.uint32),
+        start=start.astype(np.uint32),
+        place=place,
+        law=law.astype(np.uint32),
+        k_n=k_n.copy(),
+        k_s=k_s.copy(),
+        friction=friction.copy(),
+        shear_arm=shear_arm.copy(),
+        lane=lane,
+        used=used,
+        tile_law=law[first].astype(np.int64),
+        tile_start=tile_start,
+        points=rows_of_lanes(int(tile_start[-1])),
+        force=None,
+    )
+    for row, values in ((X, x), (Y, y), (AREA, table.area)):
+        corners.put(row, values)
+    return corners
+
+
+def stiffness(corners: Corners) -> np.ndarray:
+    """Elastic stiffness (p, 6, 6) of the closed joints, see `elastic_stiffness`."""
+    arm = np.repeat(corners.shear_arm[corners.law], np.diff(corners.start))
+    area, x, y = corners.area, corners.x, corners.y
+    k_n, k_s = corners.k_n[corners.law], corners.k_s[corners.law]
+    return elastic_stiffness(
+        [k_s * np.add.reduceat(area * a, corners.start[:-1]) for a in _moments(arm * x, arm * y)],
+        [k_n * np.add.reduceat(area * a, corners.start[:-1]) for a in _moments(x, y)],
+    )
+
+
+def _moments(x: np.ndarray, y: np.ndarray) -> tuple:
+    return 1.0, x, y, x * x, y * y, x * y
+
+
+def work_ahead(corners: Corners, p: int, held, sense: float, offset: float, now, step, slip, turn: float) -> float:
+    """Work (J) that the springs of joint ``p`` would take over a ``step`` (9,) of `Links.seen` from ``now``, if their
+    forces stayed; ``slip`` (9,) and ``turn`` of the feet in it, ``held`` is for the pressure of convex joints."""
+    law = corners.law[p]
+    x, y, area, e1, e2 = (corners.row(row, p) for row in (X, Y, AREA, ELASTIC, ELASTIC + 1))
+    arm = corners.shear_arm[law]
+    depth = np.maximum(sense * (offset - now[2] - x * now[5] - y * now[8]), 0.0)
+    of_point = -corners.k_n[law] * sense * area * depth * (step[2] + x * step[5] + y * step[8])
+    of_point += e1 * (slip[0] + arm * (x * slip[3] + y * slip[6]))
+    of_point += e2 * (slip[1] + arm * (x * slip[4] + y * slip[7]))
+    return float(of_point.sum())
+
+
+def retire(corners: Corners, p: int) -> None:
+    """Let joint ``p`` carry nothing any more."""
+    corners.put(AREA, 0.0, p)
+
+
+def arrays(corners: Corners) -> list[np.ndarray]:
+    """All arrays."""
+    return [array for array in corners if array is not None]
+
+
+def memory(corners: Corners) -> list[np.ndarray]:
+    """All arrays, but the forces that are only written down."""
+    return [array for array in corners if array is not None and array is not corners.force]
