@@ -16,10 +16,12 @@ def run(options, console) -> int:
     from dembrick.assembly.build import assemble
     from dembrick.runs.drivers import driver_of
     from dembrick.scenario import toml
+    from dembrick.scenario.unit_slips import unit_slips
 
     scenario = toml.load(options.scenario, options.set)
     assembly = assemble(scenario)
-    for warning in assembly.warnings:
+    warnings = [*unit_slips(scenario), *assembly.warnings]
+    for warning in warnings:
         console.remark(f"warning: {warning}")
     plan = driver_of(scenario.control).plan(scenario, assembly)
     joints = [
@@ -44,7 +46,7 @@ def run(options, console) -> int:
         "critical_time_step": plan.critical_time_step,
         "expected_steps": plan.steps,
         "expected_memory": plan.memory,
-        "warnings": list(assembly.warnings),
+        "warnings": warnings,
     }
     console.result(data, _text(data))
     return 0

@@ -54,7 +54,10 @@ def _report(file, options, console) -> int:
         lines.append(f"answer        {results.get('answer')}")
     elif point:
         half = math.inf if point["V_upper"] is None else 0.5 * (point["V_upper"] - point["V_lower"])
-        lines.append(f"V             {point['V']:.6g} N +- {half:.2g} N ({point['bracket']}), {point['mechanism']}")
+        name, unit = ("V", " N") if file.curve.unit == "N" else ("load factor", "")
+        bracket = f"+- {half:.2g}{unit} ({point['bracket']}), {point['mechanism']}"
+        lines.append(f"{name:13} {point['V']:.6g}{unit} {bracket}")
+    lines += _moved(results)
     audit = results.get("energy")
     if isinstance(audit, dict) and _is_number(audit.get("relative_residual")):
         lines.append(f"energy        balance off by {audit['relative_residual']:.1e} of what was put in")
@@ -62,6 +65,21 @@ def _report(file, options, console) -> int:
     lines.append("versions      " + ", ".join(f"{name} {version}" for name, version in file.versions.items()))
     console.result(data, "\n".join(lines))
     return 0
+
+
+def _moved(results: dict) -> list[str]:
+    """Angle and load factor of a collapse in real time, or how far the blocks came."""
+    if results.get("yield_point"):
+        return []
+    collapse, lines = results.get("collapse"), []
+    if isinstance(collapse, dict):
+        if _is_number(collapse.get("angle")):
+            lines.append(f"angle         {collapse['angle']:.5g} deg")
+        if _is_number(collapse.get("load_factor")):
+            lines.append(f"load factor   {collapse['load_factor']:.5g}, by {collapse.get('mechanism')}")
+    if _is_number(results.get("displacement")):
+        lines.append(f"displacement  {results['displacement']:.5g} m")
+    return lines
 
 
 def _profile(file, results: dict, console) -> int:

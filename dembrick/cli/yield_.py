@@ -36,6 +36,7 @@ def run(options, console) -> int:
                 "title": file.title,
                 "formulation": file.results.get("formulation"),
                 "status": file.status,
+                "load_unit": file.curve.unit,
             }
             | point
             | {"torsion_centre_1": centre[0], "torsion_centre_2": centre[1], "joint": " - ".join(joint)}
@@ -56,7 +57,13 @@ def run(options, console) -> int:
 
 def _text(rows: list[dict]) -> str:
     width = max(len(row["history"]) for row in rows)
-    lines = [f"{'history':{width}} {'formulation':16}{'V [N]':>12}{'+-':>10}{'V_peak':>12}{'M_T [N m]':>12}  mechanism"]
+    newtons = any(row["load_unit"] == "N" for row in rows)
+    if newtons and any(row["load_unit"] != "N" for row in rows):
+        apart = [[row for row in rows if (row["load_unit"] == "N") is wanted] for wanted in (True, False)]
+        return "\n\n".join(map(_text, apart))
+    load = "V [N]" if newtons else "load factor"
+    head = f"{'history':{width}} {'formulation':16}{load:>12}{'+-':>10}{'V_peak':>12}{'M_T [N m]':>12}  mechanism"
+    lines = [head]
     for row in rows:
         if row["V"] is None:
             lines.append(f"{row['history']:{width}} {row['formulation'] or '':16}{'unlimited':>12}")

@@ -51,6 +51,10 @@ def open_file(path: str | os.PathLike) -> h5py.File:
     except _DAMAGE as error:
         if os.path.getsize(path) and "truncated" in str(error):
             raise HistoryError(f"{path}: the file is truncated; copy it again") from error
+        if path.endswith(".toml"):
+            raise HistoryError(
+                f"{path}: this is a scenario, not a history; run it first: dembrick run {path}"
+            ) from error
         raise HistoryError(f"{path}: this is not an HDF5 file, so it is not a history") from error
 
 

@@ -121,9 +121,10 @@ def _find_rest(scenario: Scenario, assembly: Assembly, session: Session) -> stan
 
 
 def _plan_motion(scenario: Scenario, assembly: Assembly) -> Plan:
-    from dembrick.simulation.dynamics import run
+    from dembrick.simulation.dynamics import loads, run
 
     moving = run.prepare(assembly, scenario.control, scenario.solver.step_factor)
+    loads.driving_of(scenario, assembly, moving.time_step)  # opens the files that the scenario names
     return run.plan(moving, scenario.control, scenario.output)
 
 

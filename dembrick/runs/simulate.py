@@ -16,6 +16,7 @@ from dembrick.runs.notebook import notebook_bar
 from dembrick.runs.record_store import Memory, RecordStore
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.model import Scenario
+from dembrick.scenario.unit_slips import unit_slips
 from dembrick.simulation import interrupts
 from dembrick.simulation.interrupts import Interrupted
 from dembrick.simulation.session import Progress, Session
@@ -108,7 +109,7 @@ def _start_up() -> float:
 def _built(scenario: Scenario, report: Callable[[str], None] | None):
     """The assembly, its warnings reported."""
     assembly = assemblies.assemble(scenario)
-    for warning in assembly.warnings if report else ():
+    for warning in (*unit_slips(scenario), *assembly.warnings) if report else ():
         report(warning)
     return assembly
 

@@ -31,13 +31,13 @@ def nearest(word: str, known: Iterable[str]) -> str:
     def likeness(name: str) -> float:
         return SequenceMatcher(None, word.lower(), name.lower(), autojunk=False).ratio()
 
-    ranked = sorted(known, key=likeness, reverse=True)
+    ranked = sorted(sorted(known), key=likeness, reverse=True)
     if not ranked:
         return "there is none"
     if likeness(ranked[0]) >= 0.6:
         return f"did you mean {show(ranked[0])}?"
     more = ", ..." if len(ranked) > 20 else ""
-    return f"known: {', '.join(show(name) for name in ranked[:20])}{more}"
+    return f"known: {', '.join(show(name) for name in sorted(ranked[:20]))}{more}"
 
 
 def require(condition: bool, key: str, value: object, bound: str) -> None:

@@ -15,7 +15,7 @@ from functools import lru_cache
 from dembrick.errors import ScenarioError
 from dembrick.scenario.checks import nearest, show
 
-_BARE_WORD = re.compile(r"""[^\W\d][^\[\]{}"'\n]*""")
+_BARE_WORD = re.compile(r"""(?:[^\W\d]|[.~]*/)[^\[\]{}"'\n]*""")  # a word, or a path
 
 
 def apply_overrides(document: dict, assignments: Iterable[str]) -> None:

@@ -12,6 +12,7 @@ import re
 import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, fields, is_dataclass
+from difflib import get_close_matches
 from functools import lru_cache, partial
 from typing import Any, NamedTuple, NoReturn
 
@@ -142,7 +143,19 @@ def _parse(text: str, file: str) -> dict[str, Any]:
     except RecursionError:
         raise ScenarioError(f"{file}: not a scenario: lists or tables are nested without end") from None
     except ValueError as error:
-        raise ScenarioError(f"{file}: not valid TOML: {error}") from None
+        raise ScenarioError(f"{file}: not valid TOML: {error}{_line_of(text, str(error))}") from None
+
+
+def _line_of(text: str, error: str) -> str:
+    """The line of a text that an error of TOML names, and what it lacks where that is a pair of quotes."""
+    found = re.search(r"at line (\d+)", error)
+    lines = text.split("\n")
+    if found is None or not 1 <= int(found.group(1)) <= len(lines):
+        return ""
+    line = lines[int(found.group(1)) - 1].strip()
+    bare = re.fullmatch(r"""[^=#]+=\s*([^\W\d][^"'\[\]{}=#]*?)\s*(?:#.*)?""", line)
+    quotes = f'; texts need quotes: "{bare.group(1)}"' if bare and bare.group(1) not in ("true", "false") else ""
+    return f": {show(line)}{quotes}"
 
 
 def _decode(
@@ -225,8 +238,9 @@ def _control(data: Any, place: _Place) -> Any:
         control = CONTROLS[kind]
         _check_keys(given, _keys_of(control), place, "kind")
         return _record(control, given, place)
-    existing = " and ".join(show(name) for name in CONTROLS)
-    hint = f"; {nearest(kind, CONTROLS)}" if isinstance(kind, str) else ""
+    existing = ", ".join(show(name) for name in CONTROLS)
+    close = get_close_matches(kind, CONTROLS, 1, cutoff=0.8) if isinstance(kind, str) else []
+    hint = f"; did you mean {show(close[0])}?" if close else ""
     place.fail(f"kind = {show(kind)} is not a kind of control; the kinds are {existing}{hint}")
 
 
@@ -284,7 +298,9 @@ def _check_keys(data: dict[str, Any], known: Mapping[str, bool], place: _Place, 
             raise ScenarioError(f"unknown key {show(key)} in {place}; {nearest(key, [*known, *more])}")
     for key, required in known.items():
         if required and key not in data:
-            raise ScenarioError(f"missing key {show(key)} in {place}; it has no default")
+            plural = isinstance(data.get(f"{key}s"), dict)
+            wrote = f"; you wrote [{key}s], and the default law is [{key}]" if plural else ""
+            raise ScenarioError(f"missing key {show(key)} in {place}; it has no default{wrote}")
 
 
 # --- writing ---------------------------------------------------------------------------------------------------------

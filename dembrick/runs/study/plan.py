@@ -107,6 +107,8 @@ def load(path: str | os.PathLike) -> Study:
 
 
 def _study(document: dict, path: str) -> Study:
+    if "base" not in document and not {"grid", "list", "table", "draws"} & document.keys() and "control" in document:
+        raise ScenarioError('this is a scenario (dembrick run); a study has base = "SCENARIO.toml" and what changes')
     for key in document:
         if key not in _KEYS:
             raise ScenarioError(f"unknown key {show(key)}; {nearest(key, _KEYS)}")

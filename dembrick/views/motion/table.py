@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dembrick.errors import HistoryError
+from dembrick.errors import HistoryError, ScenarioError
 from dembrick.views.motion.joints import STATES, JointMotion, nearest
 
 UNITS = {
@@ -36,6 +36,11 @@ def joint_table(history, frame: int = -1, time: float | None = None) -> list[dic
     if not history.has_joints:
         history.joint("N")  # says what to record
     if time is not None:
+        first, last = float(history.frame_time[0]), float(history.frame_time[-1])
+        if not first - 1e-9 * (last - first) <= time <= last + 1e-9 * (last - first):
+            raise ScenarioError(
+                f"time = {time!r} s is out of range: {history.path} runs from {first:.6g} to {last:.6g} s"
+            )
         frame = int(nearest(history.frame_time, [time])[0])
     if not -history.n_frames <= frame < history.n_frames:
         raise HistoryError(f"{history.path}: it has {history.n_frames} frames, and no frame {frame}")

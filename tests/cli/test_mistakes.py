@@ -1,0 +1,104 @@
+"""Mistakes of users: the message says what to write; slips of units are warned of and not refused."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from dembrick import history
+from dembrick.cli import main
+from dembrick.errors import HistoryError, ScenarioError
+from dembrick.runs.study import plan
+from dembrick.scenario import toml
+from dembrick.scenario.unit_slips import unit_slips
+
+SCENARIOS = Path(__file__).parents[2] / "scenarios"
+SET4A = (SCENARIOS / "set4a.toml").read_text()
+
+
+def refused(text, **more):
+    with pytest.raises(ScenarioError) as caught:
+        toml.loads(text, "mine.toml", **more)
+    return str(caught.value)
+
+
+def test_a_text_without_quotes():
+    said = refused(SET4A.replace('"convex"', "convex"))
+    assert 'texts need quotes: "convex"' in said and "formulation      = convex" in said
+
+
+def test_joints_for_joint():
+    assert "you wrote [joints], and the default law is [joint]" in refused(SET4A.replace("[joint]", "[joints]"))
+
+
+def test_a_kind_of_control_that_is_none_gets_the_list_of_them():
+    said = refused(SET4A.replace('"yield"', '"support-displacement"'))
+    assert "the kinds are 'yield', 'displacement', " in said and "did you mean" not in said
+    assert "did you mean 'pushover'?" in refused(SET4A.replace('"yield"', '"push-over"'))
+
+
+def test_known_keys_are_sorted():
+    said = refused(SET4A.replace("[joint]", "[joint]\nzzz = 1.0"))
+    known = re.findall("'([a-z_]+)'", said.partition("known:")[2])
+    assert len(known) > 4 and known == sorted(known)
+
+
+@pytest.mark.parametrize("path", ["/data/x.csv", "./x.csv", "../x.csv", "~/x.csv", "data/x.csv"])
+def test_set_takes_a_path(path):
+    text = SET4A.partition("[[actuators]]")[0]
+    text += '[control]\nkind = "base-motion"\nduration = 1.0\ndirection = [1, 0, 0]\nfile = "a.csv"\n'
+    assert toml.loads(text, overrides=[f"control.file={path}"]).control.file == path
+
+
+def test_a_scenario_for_a_study():
+    with pytest.raises(ScenarioError, match='this is a scenario .*; a study has base = "SCENARIO.toml"'):
+        plan.load(SCENARIOS / "set4a.toml")
+
+
+def test_a_scenario_for_a_history():
+    with pytest.raises(HistoryError, match="this is a scenario, not a history; run it first: dembrick run"):
+        history.read(SCENARIOS / "set4a.toml")
+
+
+def test_check_opens_the_files_that_a_scenario_names(tmp_path, capsys):
+    text = SET4A.partition("[[actuators]]")[0]
+    text += '[control]\nkind = "base-motion"\nduration = 1.0\ndirection = [1.0, 0.0, 0.0]\nfile = "none.csv"\n'
+    (tmp_path / "shaken.toml").write_text(text)
+    assert main(["check", str(tmp_path / "shaken.toml")]) == 2
+    assert "none.csv: there is no such file" in capsys.readouterr().err
+
+
+SLIPS = {
+    "degrees": ("friction         = 0.64", "friction         = 32", "friction of joint = 32 is a coefficient"),
+    "g/cm3": ("density = 1500.0", "density = 1.5", "density of material 'tuff' = 1.5 kg/m3 is that of no stone"),
+    "mm/s2": ("-9.81]", "-9810.0]", "is 9810 m/s2, and on earth it is 9.81"),
+    "upwards": ("[0.0, 0.0, -9.81]", "[0.0, 0.0, 9.81]", "does not point down"),
+    "mm": (
+        "[0.3, 0.2, 0.1]\nposition = [0.0, 0.0, 0.05]",
+        "[300.0, 200.0, 100.0]\nposition = [0.0, 0.0, 50.0]",
+        "'upper'",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SLIPS)
+def test_a_slip_of_units_is_warned_of(name):
+    before, after, said = SLIPS[name]
+    assert before in SET4A
+    (found,) = unit_slips(toml.loads(SET4A.replace(before, after)))
+    assert said in found
+    assert unit_slips(toml.loads(SET4A)) == []
+
+
+def test_warnings_stand_on_standard_error_and_quiet_hides_them(capsys):
+    check = ["check", str(SCENARIOS / "set4a.toml"), "--set", "joint.friction=32", "--json"]
+    assert main(check) == 0
+    out, err = capsys.readouterr()
+    assert "warning: friction of joint = 32" in err and out.startswith("{")
+    assert main([*check, "--quiet"]) == 0
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize("path", sorted(SCENARIOS.glob("*.toml")), ids=lambda path: path.stem)
+def test_no_shipped_scenario_looks_like_a_slip(path):
+    assert unit_slips(toml.load(path)) == []
