@@ -13,9 +13,9 @@ import numpy as np
 
 from dembrick import history
 from dembrick.errors import ScenarioError
-from dembrick.geometry.rotations import quaternion_product
-from dembrick.history.layout import JOINT_CHANNELS
+from dembrick.geometry.rotations import quaternion_product, rotation_matrix
 from dembrick.scenario import toml as scenarios
+from dembrick.simulation.channels import JOINT_CHANNELS
 
 SEEN = 0.12  # of the largest block: how far the farthest corner moves
 
@@ -40,8 +40,15 @@ def write(result, mechanism, resultants: np.ndarray, path: str | os.PathLike, fo
         "actuator_displacement": np.zeros((2, actuators)),
         "actuator_force": np.full((2, actuators), result.load_factor) * assembly.actuators.weight,
         "joint": joint,
+        "control_point": np.zeros((2, len(assembly.control_points.names), 3)),
     }
-    with history.HistoryWriter(path, text, assembly, {}, force, channels=channels) as writer:
+    if assembly.control_points.names:
+        rows["control_point"][1] = assembly.control_points.displacement(
+            displacement, rotation_matrix(quaternion_product(turn, assembly.orientation))
+        )
+    with history.HistoryWriter(
+        path, text, assembly, {}, force, channels=channels, control=result.scenario.control
+    ) as writer:
         writer.append(rows)
         writer.append_frames(
             np.array([0.0, 1.0]),

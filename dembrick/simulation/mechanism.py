@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 MOVED = 0.1  # of the fastest block: blocks that move faster belong to the mechanism
+CARRIES_NOTHING = 1e-9  # of the heaviest block
 _PURE = 1e-7  # of the slip at the joint's rim: a part of the slip twist that is not there
 
 
@@ -29,6 +30,17 @@ def assembly_mechanism(slid: np.ndarray, turned: np.ndarray, tilted: np.ndarray)
     return max(zip(most, ("sliding", "rocking", "torsion"), strict=True))[1]
 
 
-def moving_blocks(speed: np.ndarray) -> np.ndarray:
-    """The blocks (k,) of a mechanism in which blocks move at ``speed`` (n,)."""
+def fastest_blocks(speed: np.ndarray) -> np.ndarray:
+    """The blocks (k,) of a mechanism whose blocks move at ``speed`` (n,): at least a tenth as fast as the fastest."""
     return np.flatnonzero(speed > MOVED * speed.max(initial=0.0))
+
+
+def nothing_between(moving: np.ndarray, ends, normal: np.ndarray, weight: float) -> bool:
+    """Whether the blocks that move have left all that stands still: no joint between the two carries anything.
+
+    ``moving`` (k,) block numbers; ``ends``: the two blocks of every joint (j,); ``normal`` (j,) N; ``weight`` (N) of
+    the heaviest block.
+    """
+    among = [np.isin(block, moving) for block in ends]
+    between = among[0] != among[1]
+    return bool(len(moving) and (normal[between] <= CARRIES_NOTHING * weight).all())

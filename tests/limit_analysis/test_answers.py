@@ -54,7 +54,9 @@ def test_pressing_down_is_unlimited(tmp_path, capsys):
 def test_lifting_off():
     scenario = one_block((push((0.0, 0.0, 1.0)),))
     weight = 2000.0 * 9.81 * 0.4**3
-    assert limit(scenario).load_factor == pytest.approx(weight, rel=1e-7)
+    found = limit(scenario)
+    assert found.load_factor == pytest.approx(weight, rel=1e-7)
+    assert found.mechanism == "uplift" and found.blocks == ["stone"]
 
 
 def test_a_rough_table_stands_at_any_tilt():

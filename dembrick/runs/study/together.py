@@ -18,8 +18,8 @@ from dembrick.assembly import build as assemblies
 from dembrick.errors import ScenarioError
 from dembrick.runs import theory_check
 from dembrick.scenario.model import Scenario, Solver, YieldControl
+from dembrick.simulation.mechanism import joint_mechanism
 from dembrick.simulation.statics import batch
-from dembrick.simulation.statics.yield_point import mechanism
 
 _NUMBERS = ("V", "V_lower", "V_upper", "N", "V_1", "V_2", "M_T")
 _NO_PUSH = 1e-12  # of the actuators' force times the joint's size: what pushes less pushes nothing
@@ -139,7 +139,7 @@ def _run(formulation: str, pressure: str, points, tolerance: float, cases: list[
 
 def _result(found: batch.LimitLoads, i: int, reach: float, seconds: float) -> dict[str, Any]:
     """The JSON object of one case; its loop time is the mean of all that ran with it."""
-    centre, how = mechanism(found.twist[i], found.tilt[i], reach)
+    centre, how = joint_mechanism(found.twist[i], found.tilt[i], reach)
     numbers = {
         name: float(getattr(found, name)[i]) + 0.0 for name in ("V", "V_lower", "V_upper", "N", "V_1", "V_2", "M_T")
     }

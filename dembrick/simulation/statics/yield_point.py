@@ -9,15 +9,13 @@ import numpy as np
 
 from dembrick.errors import BracketError
 from dembrick.kernels.statics.load_bounds import NEVER, Certificate
+from dembrick.simulation.mechanism import assembly_mechanism, fastest_blocks, joint_mechanism, nothing_between
 from dembrick.simulation.statics import joint_families
 from dembrick.simulation.statics.state import State
 
 _CROSSED = 1e-10  # of V: bounds that have met may cross by rounding
 _NOTHING = 1e-14  # of the largest joint force: a load that is nothing but rounding
-MOVED = 0.1  # of the fastest block: blocks that move faster belong to the mechanism
-CARRIES_NOTHING = 1e-9  # of the heaviest block
 OPEN = 0.5  # of the lower bound: a bracket wider than this brackets nothing
-_PURE = 1e-7  # of the slip at the joint's rim: a part of the slip twist that is not there
 
 
 @dataclass(frozen=True)
@@ -134,21 +132,7 @@ def _mechanism(state: State, j: int) -> tuple[tuple[float, float] | None, str]:
     """Torsion centre of the last slip of joint ``j``, and the name of the mechanism."""
     if lifted_off(state):
         return None, "uplift"
-    return mechanism(joint_families.slip_twists(state)[j], state.joints.tilt[j], joint_families.reach(state)[j])
-
-
-def mechanism(twist, tilt, reach: float) -> tuple[tuple[float, float] | None, str]:
-    """Torsion centre (m, about O; None in pure shear) and name of a slip twist (v_1, v_2, w) with tilts (2,).
-
-    ``reach`` is the greatest distance from O at which the joint carries shear (m).
-    """
-    shift, turn = float(np.hypot(twist[0], twist[1])), abs(float(twist[2])) * reach
-    if float(np.hypot(*tilt)) * reach > max(shift, turn):
-        return None, "rocking"
-    if turn <= _PURE * shift:
-        return None, "sliding"
-    centre = (-float(twist[1] / twist[2]) + 0.0, float(twist[0] / twist[2]) + 0.0)
-    return centre, "torsion" if shift <= _PURE * turn else "torsion-shear"
+    return joint_mechanism(joint_families.slip_twists(state)[j], state.joints.tilt[j], joint_families.reach(state)[j])
 
 
 def last_moves(state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -166,20 +150,18 @@ def mechanism_of(state: State) -> str:
     """Name of the mechanism of an assembly in its last step: of the joint that moved most."""
     if lifted_off(state):
         return "uplift"
-    slid, turned, tilted = (float(moves.max()) for moves in last_moves(state))
-    return max((slid, "sliding"), (tilted, "rocking"), (turned, "torsion"))[1]
+    return assembly_mechanism(*last_moves(state))
 
 
 def lifted_off(state: State) -> bool:
     """Whether the blocks that move have left all that stands still: no joint between the two carries anything."""
-    joints, moving = state.joints, np.zeros(len(state.blocks.displacement), bool)
-    moving[list(moving_blocks(state))] = True
-    between = moving[joints.block_a] != moving[joints.block_b]
     weight = np.linalg.norm(state.blocks.dead_force[state.blocks.free], axis=1).max()
-    return bool(moving.any() and (joints.resultant[between, 0] <= CARRIES_NOTHING * weight).all())
+    ends = state.joints.block_a, state.joints.block_b
+    moving = np.array(moving_blocks(state), np.int64)
+    return nothing_between(moving, ends, state.joints.resultant[:, 0], float(weight))
 
 
 def moving_blocks(state: State) -> tuple[int, ...]:
     """Numbers of the blocks that moved in the last step, at least a tenth as far as the fastest."""
     speed = np.linalg.norm(state.blocks.velocity, axis=1)
-    return tuple(np.flatnonzero(speed > MOVED * speed.max()).tolist())
+    return tuple(fastest_blocks(speed).tolist())
