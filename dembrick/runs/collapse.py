@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dembrick.simulation.statics.load_system import Replay
-from dembrick.simulation.statics.yield_point import mechanism_of, moving_blocks
+from dembrick.simulation.statics.yield_point import mechanism_of, moving_blocks, slides
 
 NAMED = 5  # blocks that a line names
 
@@ -17,7 +17,9 @@ def collapse_of(run: Replay, assembly, control) -> dict:
     above it; ``angle`` (deg) that of a table tilted so far and ``time`` (s) when it stands so at its rate, None without
     one; both None for a pushover. ``mechanism_load_factor`` is what the blocks still carry while they come down: a peak
     above it rests on forces locked into the joints, and so on the way they were loaded. ``displacement`` (m) is that of
-    the block that has moved most since it was seated. ``error_estimate``, of the load factor, comes with a refined run.
+    the block that has moved most since it was seated. With a refined run come ``path_range``, the load factors that
+    other stiffness ratios and steps lead to, ``paths``, of which so many found a limit, and ``error_estimate``, how far
+    the range goes. ``slides``: joints slide in the mechanism, so that the limit depends on the path.
     """
     point = run.yield_point
     angle = control.angle(point.V)
@@ -29,6 +31,8 @@ def collapse_of(run: Replay, assembly, control) -> dict:
         "displacement": float(np.linalg.norm(run.moved, axis=1).max()),
         "mechanism": mechanism_of(run.state),
         "blocks": [assembly.names[i] for i in moving_blocks(run.state)],
+        "slides": slides(run.state),
+        "path_range": None,
         "error_estimate": None,
     }
 
@@ -49,6 +53,11 @@ def collapse_lines(collapse: dict) -> list[str]:
         f"blocks        {listed(collapse['blocks'])}",
     ]
     after = collapse.get("mechanism_load_factor")
+    if collapse.get("path_range") is not None:
+        (low, high), (found, tried) = collapse["path_range"], collapse["paths"]
+        lines.insert(1, f"path range    {low:.5g} to {high:.5g}, by {found} of {tried} paths of the same structure")
+    elif collapse.get("slides"):
+        lines.insert(1, "              depends on the path: --refine gives the range, dembrick limit a bound of it")
     if after is not None and after < collapse["load_factor"]:
         lines.insert(1, f"after a peak  load factor {after:.5g}; how high the peak is depends on the way there")
     return lines

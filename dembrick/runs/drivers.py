@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from dembrick.assembly import build
 from dembrick.assembly.build import Assembly
+from dembrick.errors import NotConvergedError
 from dembrick.runs import theory_check
 from dembrick.runs.collapse import collapse_of
 from dembrick.runs.result import Result
@@ -47,7 +48,7 @@ class Driver(NamedTuple):
     plan: Callable[[Scenario, Assembly], Plan]
     run: Callable[[Scenario, Assembly, Session], Replay | MotionRun]
     result: Callable[..., Result | MotionResult]
-    refined: Callable[[Scenario], object] | None = None
+    refined: Callable[[Scenario, float], object] | None = None
     place: Callable[[Scenario, Assembly], tuple[Assembly, float]] = lambda _, assembly: (assembly, 0.0)
 
 
@@ -103,10 +104,12 @@ def _follow_path(scenario: Scenario, assembly: Assembly, session: Session | None
     return limit_load.find_limit_load(assembly, control.tolerance, factor, session, control.displacement or 0.0, steps)
 
 
-def _refined_path(scenario: Scenario) -> float:
-    """Load factor of the collapse, by steps half as long."""
+def _refined_path(scenario: Scenario, steps: float) -> float:
+    """Load factor of the collapse, by ``steps`` times the usual ones."""
     assembly = build.assemble(scenario)
-    run = _follow_path(scenario, assembly, None, steps=0.5)
+    run = _follow_path(scenario, assembly, None, steps)
+    if run.yield_point.unlimited:
+        raise NotConvergedError("another path of the same structure has no limit", run.yield_point)
     return collapse_of(run, assembly, scenario.control)["load_factor"]
 
 

@@ -6,8 +6,9 @@ difference counts for an error that fades as slowly as has been seen: with the r
 what has begun to fall takes; with the stiffness to the power -1/3, at joints that press a strip along their toe.
 
 A search through equilibria knows no rate, and its forces no scale of stiffness, but the ratio of the two stiffnesses
-decides how joints are loaded on the way, and so to which limit friction without dilatancy is led: each is doubled by
-itself, and the greater difference counts.
+decides how joints are loaded on the way, and so to which limit friction without dilatancy is led. Nobody knows that
+ratio for a dry joint: the search is made for several, for both stiffnesses doubled and by steps half as long, and the
+least and greatest limit are the range that the structure's own path leaves open.
 """
 
 from __future__ import annotations
@@ -26,11 +27,16 @@ OF_RATE = 1.0 / (1.0 - 2.0 ** (-2.0 / 3.0))  # error over the difference that ha
 OF_STIFFNESS = 1.0 / (1.0 - 2.0 ** (-1.0 / 3.0))  # and twice the stiffness
 
 
+RATIOS = (0.1, 0.4, 1.0, 4.0)  # shear over normal stiffness of dry joints, as far as they are known
+_SAME = 1e-9  # relative difference of two stiffnesses that is none
+
+
 class Refinement(NamedTuple):
-    """A refined scenario, and the error over the difference that it makes."""
+    """A refined scenario, the error over the difference that it makes, and the steps of its path over the usual."""
 
     scenario: Scenario
     weight: float
+    steps: float = 1.0
 
 
 def refinements(scenario: Scenario) -> tuple[Refinement, ...]:
@@ -44,7 +50,9 @@ def refinements(scenario: Scenario) -> tuple[Refinement, ...]:
             "pushover, base-motion and dynamic"
         )
     if control.regime is PATH_FOLLOWING:
-        return tuple(Refinement(stiffer(scenario, *factors), 1.0) for factors in ((2.0, 1.0), (1.0, 2.0)))
+        others = [with_ratio(scenario, ratio) for ratio in RATIOS if not _has_ratio(scenario, ratio)]
+        paths = [Refinement(other, 1.0) for other in (*others, stiffer(scenario, 2.0, 2.0))]
+        return (*paths, Refinement(scenario, 1.0, 0.5))
     found = [Refinement(stiffer(scenario, 2.0, 2.0), OF_STIFFNESS)]
     if control.ends_with == COLLAPSE:
         slower = replace(scenario, control=replace(control, rate=0.5 * control.rate), text=None)
@@ -54,12 +62,27 @@ def refinements(scenario: Scenario) -> tuple[Refinement, ...]:
 
 def error_of(scenario: Scenario, found, refined: Sequence) -> float:
     """The error of an answer, given those of the `refinements`: load factors, or displacements (n, 3), m, of which the
-    block that is least certain counts."""
+    block that is least certain counts. Of a search the farthest of the load factors that were found."""
     differences = [
         refinement.weight * float(np.linalg.norm(np.atleast_2d(np.asarray(other) - found), axis=1).max())
         for refinement, other in zip(refinements(scenario), refined, strict=True)
     ]
     return max(differences) if scenario.control.regime is PATH_FOLLOWING else sum(differences)
+
+
+def with_ratio(scenario: Scenario, ratio: float) -> Scenario:
+    """The same scenario with a shear stiffness of ``ratio`` times the normal stiffness in all joints."""
+
+    def law(given: JointLaw) -> JointLaw:
+        return replace(given, shear_stiffness=ratio * given.normal_stiffness)
+
+    joints = tuple(replace(entry, law=law(entry.law)) for entry in scenario.joints)
+    return replace(scenario, joint=law(scenario.joint), joints=joints, text=None)
+
+
+def _has_ratio(scenario: Scenario, ratio: float) -> bool:
+    laws = (scenario.joint, *(entry.law for entry in scenario.joints))
+    return all(abs(law.shear_stiffness / (ratio * law.normal_stiffness) - 1.0) <= _SAME for law in laws)
 
 
 def stiffer(scenario: Scenario, normal: float, shear: float) -> Scenario:

@@ -5,16 +5,19 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from dembrick.assembly import build as assemblies
 from dembrick.errors import DembrickError, HistoryError, NotConvergedError, WriteError
 from dembrick.runs.drivers import driver_of
-from dembrick.runs.error_estimate import error_of, refinements
+from dembrick.runs.error_estimate import Refinement, error_of, refinements
 from dembrick.runs.notebook import notebook_bar
 from dembrick.runs.record_store import Memory, RecordStore
 from dembrick.scenario import toml as scenarios
+from dembrick.scenario.controls import PATH_FOLLOWING
 from dembrick.scenario.model import Scenario
 from dembrick.scenario.unit_slips import unit_slips
 from dembrick.simulation import interrupts
@@ -199,7 +202,9 @@ def _estimate_error(result: Result | MotionResult) -> BaseException | None:
     scenario, fallen = result.scenario, result.collapse
     found = result.displacement if fallen is None else fallen["load_factor"]
     try:
-        error = error_of(scenario, found, [_refined(one.scenario) for one in refinements(scenario)])
+        if scenario.control.regime is PATH_FOLLOWING:
+            return _range_paths(result)
+        error = error_of(scenario, found, [_refined(one) for one in refinements(scenario)])
     except (DembrickError, Interrupted) as error:
         answer = "" if fallen is None else f" (load factor {found:.6g})"
         kept = f"the run itself{answer} is complete" + (f" in {result.history}" if result.history else "")
@@ -215,12 +220,40 @@ def _estimate_error(result: Result | MotionResult) -> BaseException | None:
     return None
 
 
-def _refined(scenario: Scenario):
+def _range_paths(result: Result) -> None:
+    """Give a search the range of load factors that other paths of the same structure lead to, side by side where cores
+    are free; its bracket then holds them all.
+
+    Paths that find no limit are counted. Raises NotConvergedError where none but the search itself found one, and
+    Interrupted.
+    """
+    scenario, fallen, point = result.scenario, result.collapse, result.yield_point
+    if fallen is None:
+        return
+    variants = refinements(scenario)
+
+    def found(one: Refinement) -> object:
+        try:
+            return _refined(one)
+        except NotConvergedError:
+            return None
+
+    with ThreadPoolExecutor(min(len(variants), os.cpu_count() or 1)) as pool:
+        factors = [factor for factor in pool.map(found, variants) if factor is not None]
+    if not factors:
+        raise NotConvergedError("none of the other paths of the same structure found its limit", point)
+    low, high = min(*factors, point.V), max(*factors, point.V)
+    fallen["path_range"], fallen["paths"] = [low, high], [len(factors) + 1, len(variants) + 1]
+    fallen["error_estimate"] = max(high - point.V, point.V - low)
+    result.run.yield_point = replace(point, V_lower=min(point.V_lower, low), V_upper=max(point.V_upper, high))
+
+
+def _refined(one: Refinement):
     """Load factor of the collapse of a refined scenario, or the displacements of its blocks."""
-    refined = driver_of(scenario.control).refined
+    refined = driver_of(one.scenario.control).refined
     if refined is not None:
-        return refined(scenario)
-    result = simulate(scenario, record=False)
+        return refined(one.scenario, one.steps)
+    result = simulate(one.scenario, record=False)
     return result.displacement if result.collapse is None else result.collapse["load_factor"]
 
 

@@ -15,6 +15,7 @@ from dembrick.simulation.statics.state import State
 
 _CROSSED = 1e-10  # of V: bounds that have met may cross by rounding
 _NOTHING = 1e-14  # of the largest joint force: a load that is nothing but rounding
+SLIDING = 1e-2  # of what a joint moves in the last step: less slip than that is none
 OPEN = 0.5  # of the lower bound: a bracket wider than this brackets nothing
 
 
@@ -52,8 +53,10 @@ class YieldPoint:
 
     @property
     def half_width(self) -> float:
-        """Half the width of the bracket (N); infinite without an upper bound."""
-        return math.inf if self.V_upper is None else 0.5 * (self.V_upper - self.V_lower)
+        """How far the bracket goes from V (N), half its width if V is its middle; infinite without an upper bound."""
+        if self.V_upper is None or self.V is None:
+            return math.inf
+        return max(self.V_upper - self.V, self.V - self.V_lower)
 
     def as_dict(self) -> dict:
         """The fields by name, as in the JSON output."""
@@ -151,6 +154,16 @@ def mechanism_of(state: State) -> str:
     if lifted_off(state):
         return "uplift"
     return assembly_mechanism(*last_moves(state))
+
+
+def slides(state: State) -> bool:
+    """Whether joints between several free blocks slide in the mechanism, and do not only rock.
+
+    Friction without dilatancy then has no unique limit: what the joints carry depends on how they were loaded.
+    """
+    slid, turned, tilted = last_moves(state)
+    several = len(state.joints.block_a) > 1
+    return bool(several and max(slid.max(), turned.max()) > SLIDING * max(tilted.max(), slid.max(), turned.max()))
 
 
 def lifted_off(state: State) -> bool:
