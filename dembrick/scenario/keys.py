@@ -12,7 +12,7 @@ from functools import cache
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
 from dembrick.scenario.blocks import Block, Mesh, Part, Prism, Voussoir
-from dembrick.scenario.controls import Control, Pulse, Sine
+from dembrick.scenario.controls import CONTROLS, Pulse, Sine
 from dembrick.scenario.generators import Arch, Dome, Opening, Return, Stack, Wall
 from dembrick.scenario.model import (
     Actuator,
@@ -253,7 +253,7 @@ columns | | 2 names | the columns of time and of values in the file
 
 def controls() -> dict[str, type]:
     """Kind -> class of every control."""
-    return {control.kind: control for control in get_args(Control)}
+    return dict(CONTROLS)
 
 
 @cache
