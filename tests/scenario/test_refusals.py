@@ -125,7 +125,7 @@ BAD = {
         '"yield"',
         '"yeild"',
         "kind = 'yeild'",
-        "'yield' and 'displacement' and",
+        "'yield', 'displacement', ",
         "did you mean 'yield'?",
     ),
     "kind is a number": ('"yield"', "1", "kind = 1 is not a kind of control"),
