@@ -5,6 +5,7 @@ Each raises ScenarioError, or returns warnings; a message names the blocks and s
 
 from __future__ import annotations
 
+import math
 from typing import NoReturn
 
 import numpy as np
@@ -21,6 +22,7 @@ from dembrick.scenario.model import Scenario
 
 SOFT_WARNING = 1e-3  # elastic closing or sliding of a joint under its dead load, over its short side
 SOFT_LIMIT = 1e-2
+ROUNDED = 1e-5  # of the greatest velocity: a phase that was rounded makes no jump
 _FAR = 0.1  # of the smaller block's diameter: how far a message looks for the block that should have been touched
 
 
@@ -117,14 +119,38 @@ def check_rim(scenario: Scenario, joints: JointTable, points: PointTable) -> tup
 
 
 def check_control(scenario: Scenario) -> tuple[str, ...]:
-    """Warn about keys of the control that do nothing."""
+    """Warn about keys of the control that do nothing, and of supports that begin with a jump of their velocity."""
     control = scenario.control
     if control.regime is PATH_FOLLOWING and control.rate is not None:
         return (
             f"control.rate = {control.rate:g} does nothing where control.quasi_static = true: the limit is searched "
             "through equilibria, without time",
         )
-    return ()
+    return _check_base_motion(control) if control.shakes else ()
+
+
+def _check_base_motion(control) -> tuple[str, ...]:
+    """A pulse that never comes, and a velocity that begins above zero."""
+    warnings = []
+    if control.pulse is not None and control.pulse.start >= control.duration:
+        warnings.append(
+            f"the pulse begins at {control.pulse.start:g} s and the run ends at {control.duration:g} s: nothing "
+            "shakes; start it earlier, or lengthen control.duration"
+        )
+    if control.sine is not None and control.quantity != "acceleration":
+        sine = control.sine
+        velocity = control.quantity == "velocity"
+        first = sine.amplitude * (
+            math.sin(sine.phase) if velocity else 2.0 * math.pi * sine.frequency * math.cos(sine.phase)
+        )
+        fastest = abs(sine.amplitude) * (1.0 if velocity else 2.0 * math.pi * sine.frequency)
+        if abs(first) > ROUNDED * fastest:
+            rest = "0" if velocity else f"{0.5 * math.pi:.6g}"
+            warnings.append(
+                f"the supports jump from rest to {first:.4g} m/s at time zero, as the sine of {control.quantity} "
+                f"begins; with sine.phase = {rest} they would start from rest"
+            )
+    return tuple(warnings)
 
 
 def check_stiffness(scenario: Scenario, joints, joint_force: np.ndarray) -> tuple[str, ...]:

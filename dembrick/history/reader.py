@@ -295,11 +295,11 @@ class History(RestGeometry):
         return self._frame("orientation", k)
 
     def frame_velocity(self, k: int) -> np.ndarray | None:
-        """(n_block, 3) m/s: velocities of the centroids, half a step before frame k; None if not recorded."""
+        """(n_block, 3) m/s: velocities of the centroids in frame k; None if not recorded."""
         return self._frame("velocity", k)
 
     def frame_spin(self, k: int) -> np.ndarray | None:
-        """(n_block, 3) rad/s: angular velocities, world axes, half a step before frame k; None if not recorded."""
+        """(n_block, 3) rad/s: angular velocities in frame k, world axes; None if not recorded."""
         return self._frame("spin", k)
 
     def frame_contact_force(self, k: int) -> np.ndarray | None:

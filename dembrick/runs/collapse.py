@@ -47,11 +47,12 @@ def collapse_lines(collapse: dict) -> list[str]:
     """What the command line prints of it."""
     error = collapse["error_estimate"]
     bar = "no error bar: --refine gives one" if error is None else f"+- {error:.2g}"
+    factor = f"load factor {collapse['load_factor']:.5g} ({bar}), by {collapse['mechanism']}"
     angle = "" if collapse["angle"] is None else f"{collapse['angle']:.5g} deg, "
-    lines = [
-        f"collapse      {angle}load factor {collapse['load_factor']:.5g} ({bar}), by {collapse['mechanism']}",
-        f"blocks        {listed(collapse['blocks'])}",
-    ]
+    lines = [f"collapse      {angle}{factor}", f"blocks        {listed(collapse['blocks'])}"]
+    if collapse.get("onset") is not None:  # of a table that turns in real time
+        lines[0] = f"collapse      a block has moved {1e3 * collapse['displacement']:.4g} mm at {angle}{factor}"
+        lines.insert(0, f"onset         {collapse['onset']:.4g} deg: there the first block leaves its balance")
     after = collapse.get("mechanism_load_factor")
     if collapse.get("path_range") is not None:
         (low, high), (found, tried) = collapse["path_range"], collapse["paths"]

@@ -40,6 +40,17 @@ class MotionResult(RunResult):
         return self.run.motion.displacement
 
     @property
+    def greatest_displacement(self) -> dict[str, float]:
+        """Of the centroid of every free block, as seen at the rows (m)."""
+        free = self.run.motion.state.bodies.free.tolist()
+        return {self.assembly.names[i]: float(self.run.furthest[i]) for i in free}
+
+    @property
+    def fallen(self) -> list[str]:
+        """Blocks that have come down by more than half of their least dimension, or turned over, at the end."""
+        return [self.assembly.names[i] for i in np.flatnonzero(self.run.fallen)]
+
+    @property
     def not_standing(self) -> list[str]:
         """Blocks that find no equilibrium under the dead loads, and so fall from the start."""
         return [self.assembly.names[i] for i in np.flatnonzero(self.run.motion.falling)]
@@ -70,7 +81,9 @@ class MotionResult(RunResult):
             displacement=float(np.linalg.norm(self.displacement, axis=1).max()),
             displacement_error=self.displacement_error,
             unbalanced=self.run.unbalanced,
+            greatest_displacement=self.greatest_displacement,
             not_standing=self.not_standing,
+            fallen=self.fallen,
             control_points=self.control_points,
         )
 
@@ -80,10 +93,12 @@ class MotionResult(RunResult):
         lines = [self.scenario.title, f"formulation   {self.scenario.joint.formulation}"]
         if self.collapse is not None:
             lines += collapse_lines(self.collapse)
-        furthest = int(np.argmax(np.linalg.norm(self.displacement, axis=1)))
-        away = float(np.linalg.norm(self.displacement[furthest]))
         bar = "" if self.displacement_error is None else f" +- {self.displacement_error:.2g}"
-        lines.append(f"displacement  {away:.5g}{bar} m, of {self.assembly.names[furthest]}")
+        away = np.linalg.norm(self.displacement, axis=1)
+        for when, ways, error in (("at the most", self.run.furthest, ""), ("at the end", away, bar)):
+            most = int(np.argmax(ways))
+            lines.append(f"displacement  {ways[most]:.5g}{error} m {when}, of {self.assembly.names[most]}")
+        lines.append(f"fallen        {listed(self.fallen) or 'none'}")
         if self.not_standing:
             lines.append(f"not standing  {listed(self.not_standing)}: no equilibrium under the dead loads")
         lines.append(f"simulated     {motion.time:.6g} s")

@@ -354,6 +354,7 @@ class BaseMotionControl(Control):
 
     The file is a CSV whose first line names its columns with their units, such as "time [s], acceleration [g]", or a
     PEER record (.AT2, .VT2, .DT2). ``columns`` picks two of its columns by name, time first, where units do not tell.
+    Supports and blocks are at rest before time zero: a velocity that begins above zero is a jump.
     """
 
     duration: float

@@ -158,9 +158,9 @@ CHANNELS = (
         "frames/orientation", "1", "quaternion (w, x, y, z) of each block, body to world", ("block", 4), "frames"
     ),
     Channel(
-        "frames/velocity", "m/s", "velocity of each centroid half a step before, world axes", ("block", 3), "velocity"
+        "frames/velocity", "m/s", "velocity of each centroid, world axes", ("block", 3), "velocity"
     ),
-    Channel("frames/spin", "rad/s", "angular velocity half a step before, world axes", ("block", 3), "velocity"),
+    Channel("frames/spin", "rad/s", "angular velocity, world axes", ("block", 3), "velocity"),
     Channel(
         "frames/joint_shift", "m",
         "where O is on the block that the polygon rides on, from O of the start, along t1 and t2 of the joint",

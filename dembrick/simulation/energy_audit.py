@@ -50,13 +50,15 @@ class MotionAudit(EnergyAudit):
 @dataclass(frozen=True)
 class Sums:
     """What an audit wants of the books of a run in real time (J): friction, the same by its law, the least of a step,
-    what contacts took by opening and closing within steps; and the least energy that errors are held against."""
+    what contacts took by opening and closing within steps; the least energy that errors are held against; and what
+    rounding of positions may make of nothing: less is no error."""
 
     friction: float
     by_law: float
     least: float
     stepping: float
     floor: float
+    rounding: float
 
 
 class Auditor:
@@ -84,7 +86,7 @@ class Auditor:
         """The audit; EnergyAuditError where the books do not balance."""
         residual, scale = (float(value) for value in self.worst[:2])
         if isinstance(books, Sums):
-            return _of_motion(residual, max(scale, books.floor), books)
+            return _of_motion(residual, max(scale, books.floor, books.rounding / MOTION), books)
         relative = residual / scale if scale else 0.0
         by_law, friction = float(books.work[BY_LAW]), float(books.work[SLIDING])
         result = EnergyAudit(relative, friction / by_law - 1.0 if by_law else 0.0, float(books.work[LEAST]))

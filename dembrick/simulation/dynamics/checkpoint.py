@@ -10,6 +10,7 @@ from dembrick.errors import HistoryError
 from dembrick.simulation.checkpoint_arrays import flattened, restored
 from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.integrator import Motion
+from dembrick.simulation.dynamics.outcome import Extremes
 from dembrick.simulation.dynamics.pushover import PushController
 from dembrick.simulation.session import DEAD_LOADS, Progress, Snapshot, step_at
 
@@ -25,6 +26,7 @@ class Past:
         self.unbalanced = np.zeros(1)  # after the seating
         self.longest, self.may_end_early = 0, False  # steps of the run, and whether a collapse ends it
         self.at_rest = np.zeros((len(moving.state.links.host), 9))  # `seen` then
+        self.extremes = Extremes.of(moving)
 
     @property
     def where(self) -> str:
@@ -47,7 +49,7 @@ class Past:
         arrays |= {"motion.falling": moving.falling, "motion.attempt": moving.attempt}
         if self._controller is not None:
             arrays |= {"controller.present": self._controller.present, "controller.peak": self._controller.peak}
-        arrays |= moving.energy.arrays
+        arrays |= moving.energy.arrays | self.extremes.arrays
         return arrays | {"polygons.shift": moving.polygons.shift, "polygons.whole": moving.polygons.whole}
 
     def snapshot(self) -> dict[str, np.ndarray]:

@@ -18,7 +18,7 @@ from dembrick.kernels.dynamics.loop import RUNNING, Limits
 from dembrick.scenario.model import show
 from dembrick.simulation import interrupts
 from dembrick.simulation.dynamics import joint_families
-from dembrick.simulation.dynamics.integrator import LONGEST_MOVE, Motion, advance_chunk
+from dembrick.simulation.dynamics.integrator import LONGEST_MOVE, NO_LIMIT, Motion, advance_chunk
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.state import MovingState, out_of_balance
 
@@ -32,7 +32,6 @@ ELASTIC = 4.0  # times what the joint's own force does to it when it is closed: 
 MOST_STEPS = 200_000  # of one attempt
 CHUNK = 256  # steps after which it is seen whether the blocks rest
 STICKING = 1e9  # friction of joints that may not slip
-NO_LIMIT = 1e150  # m
 NAMED = 5  # blocks that a message names
 
 

@@ -121,14 +121,15 @@ class MotionEnergy:
             "new_contacts": float(-table.total[CONTACTS]),
         }
 
-    def sums(self, state: MovingState) -> Sums | None:
-        """What the audit wants; None where nothing was booked."""
+    def sums(self, state: MovingState, rounding: float) -> Sums | None:
+        """What the audit wants; None where nothing was booked. ``rounding`` (J): less is no error of the run."""
         if not self.wanted:
             return None
         table = self.table
         settle_all(table, state.links)
         lost, least = table.lost.sum(axis=0), float(table.least.min(initial=0.0))
-        return Sums(float(lost[FRICTION]), float(lost[BY_LAW]), least, float(lost[STEPPING]), FLOOR * self.start[1])
+        friction, by_law, stepping = (float(lost[kind]) for kind in (FRICTION, BY_LAW, STEPPING))
+        return Sums(friction, by_law, least, stepping, FLOOR * self.start[1], rounding)
 
     @property
     def arrays(self) -> dict[str, np.ndarray]:

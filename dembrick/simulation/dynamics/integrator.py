@@ -47,9 +47,12 @@ from dembrick.simulation.dynamics.time_step import (
 
 LONGEST_MOVE = 0.1  # of the smallest block's reach: a step that moves a block further has diverged
 LONGEST_CHUNK = 2048  # steps
+MOST_STEPS = 1e12  # of a run: a year for a single block
 MANY = 2000  # joints from which a step may be worth sharing among threads
 TRIAL = 64  # steps in which one thread and several show how fast they are
 FIRST_PAUSE, LONGEST_PAUSE = 250, 20_000  # steps until they show it again
+NO_LIMIT = 1e150  # m
+IN_LANES = ("tiles", "points", "dashpots", "ledger")  # arrays of tiles
 BETWEEN = ("seating", "contact_search", "geometry", "record")  # what a run does beside its steps
 
 
@@ -130,17 +133,19 @@ class Motion:
         return self.state.bodies.position - self.state.bodies.start
 
 
-def motion(assembly, damping: float, step_factor: float, impacts: float = 1.0) -> Motion:
+def motion(assembly, damping: float, step_factor: float, impacts: float = 1.0, duration: float | None = None) -> Motion:
     """An assembly at rest with contacts of that damping ratio; ``step_factor`` is the time step over the critical.
 
     Where there will be ``impacts``, the step is shorter by that factor than joints ask for. It is never longer than
-    new contacts on any face of the blocks ask for.
+    new contacts on any face of the blocks ask for; and a ``duration`` (s) is a whole number of steps.
     """
     state = moving_state(assembly)
     frequency, of_faces = pair_frequencies(state), contact_time_step(assembly, damping)
     of_joints = critical_time_step(state, time_constants(frequency, damping))
     critical = min(of_joints, impacts * of_faces) if len(frequency) else of_faces
     dt = step_factor / impacts * critical
+    if duration is not None and duration < MOST_STEPS * dt:
+        dt = duration / math.ceil(duration / dt * (1.0 - 1e-12))
     state.links.put(VISCOUS, stepped_dashpots(frequency * dt, damping))
     moving = Motion(assembly, Polygons(assembly, state), dt, critical, damping)
     moving.contact_detection.bearable -= STABLE * dt / of_joints  # at most: springs alone take its square
@@ -220,6 +225,39 @@ def joint_forces(motion: Motion, driving: Driving) -> None:
     """Let the joints answer to where the blocks are, and nothing move."""
     held = motion.state.bodies._replace(free=np.zeros(0, np.uint32))
     advance_chunk(motion, held, driving, np.zeros(1), Limits(1.0, 1.0), 0.0, motion.time_step)
+
+
+def present_velocities(motion: Motion, driving: Driving) -> tuple[np.ndarray, np.ndarray]:
+    """Velocities (n, 3) and spins (n, 3; rad/s, world) of the blocks at the moment of their positions: the mean of half
+    a step before and half a step after, which a copy of everything takes."""
+    state, touching = motion.state, motion.contact_detection.touching
+    bodies, links, corners, faces, table = (_copied(part) for part in (*state[:4], motion.energy.table))
+    if touching is not None:
+        shared = {name: getattr(touching, name) for name in ("parts", "scratch", "pressed")}
+        touching = _copied(touching._replace(**dict.fromkeys(shared)))._replace(**shared)
+        touching.room[:], touching.overloaded[:] = np.inf, 0
+    gravity, force = driving.at(np.array([motion.time]), motion.time_step)
+    loads, limits = Loads(driving.block, driving.lever, force, gravity), Limits(NO_LIMIT, NO_LIMIT)
+    advance_bodies(
+        1, motion.time_step, bodies, links, corners, faces, loads, limits, 0.0, np.array([np.inf, 0.0]), touching,
+        table, rows_of_lanes(WORK),
+    )  # fmt: skip
+    now = state.bodies
+    velocity, momentum = 0.5 * (now.velocity + bodies.velocity), 0.5 * (now.momentum + bodies.momentum)
+    in_body = np.einsum("nji,nj->ni", now.rotation, momentum)
+    return velocity, np.einsum("nij,njk,nk->ni", now.rotation, now.inverse, in_body)
+
+
+def _copied(part):
+    """A named tuple with copies of its arrays, where lines of the cache begin as in the original; None stays None."""
+    if part is None:
+        return None
+    copies = {}
+    for name, array in part._asdict().items():
+        if array is not None:
+            copies[name] = rows_of_lanes(len(array)) if name in IN_LANES else np.empty_like(array)
+            copies[name][...] = array
+    return part._replace(**copies)
 
 
 def advance_chunk(

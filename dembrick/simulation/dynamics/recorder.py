@@ -7,7 +7,7 @@ import time
 import numpy as np
 
 from dembrick.kernels.dynamics.record import unbalanced_ratio
-from dembrick.simulation.dynamics.integrator import Motion
+from dembrick.simulation.dynamics.integrator import Motion, present_velocities
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.pushover import PushController
 from dembrick.simulation.dynamics.state import (
@@ -76,7 +76,10 @@ class Recorder:
             frames["displacement"] = (bodies.position - self._origin)[None][due]
             frames["orientation"] = bodies.orientation[None][due].copy()
             if "velocity" in channels:
-                frames["velocity"], frames["spin"] = bodies.velocity[None][due].copy(), bodies.spin[None][due].copy()
+                velocity, spin = bodies.velocity, bodies.spin
+                if due.stop:
+                    velocity, spin = present_velocities(moving, self._present())
+                frames["velocity"], frames["spin"] = velocity[None][due], spin[None][due]
             shift = moving.polygons.shift
             if "joints" in channels:
                 frames["joint_shift"] = shift[None][due].copy()
@@ -99,8 +102,11 @@ class Recorder:
             return float(self._controller.present[0])
         return self._driving.load(self._moving.time, self._moving.time_step)
 
+    def _present(self) -> Driving:
+        """What drives the run now."""
+        return self._driving if self._controller is None else self._controller.pushing(self._driving)
+
     def _unbalanced(self) -> float:
         state = self._moving.state
-        driving = self._driving if self._controller is None else self._controller.pushing(self._driving)
-        gravity, _ = driving.at(np.array([self._moving.time]), self._moving.time_step)
+        gravity, _ = self._present().at(np.array([self._moving.time]), self._moving.time_step)
         return unbalanced_ratio(state.bodies, state.links, *gravity[0].tolist())

@@ -21,8 +21,17 @@ from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.checkpoint import Past
 from dembrick.simulation.dynamics.dead_load import find_equilibrium
 from dembrick.simulation.dynamics.energy import MotionEnergy
-from dembrick.simulation.dynamics.integrator import Motion, advance, damping_of_restitution, joint_forces, motion
+from dembrick.simulation.dynamics.integrator import (
+    MOST_STEPS,
+    NO_LIMIT,
+    Motion,
+    advance,
+    damping_of_restitution,
+    joint_forces,
+    motion,
+)
 from dembrick.simulation.dynamics.loads import Driving
+from dembrick.simulation.dynamics.outcome import collapse_of, fallen
 from dembrick.simulation.dynamics.pushover import STRONGEST, PushController, controller_of
 from dembrick.simulation.dynamics.recorder import Recorder
 from dembrick.simulation.dynamics.state import (
@@ -33,22 +42,25 @@ from dembrick.simulation.dynamics.state import (
 from dembrick.simulation.energy_audit import Sums
 from dembrick.simulation.session import Plan, Session
 
-MOVED = 0.1  # of the longest displacement: blocks that have moved further belong to the mechanism
 IMPACTS = 3.0  # where blocks may bounce the step is so much shorter: the stated restitution is then met, by 1 to 3 %
-NO_LIMIT = 1e150  # m
-MOST_STEPS = 1e12  # of a run: a year for a single block
 AT_ONCE = 2_000_000  # blocks and joints, times steps: a signal waits for some tenths of a second
 MEETINGS = 6  # new contacts a block in a frame, at the most: each of two has it, and twelve equal blocks fit round one
 
 
 @dataclass
 class MotionRun:
-    """A finished run: the state it ended in, its status, what the program chose and how long it took (s)."""
+    """A finished run: the state it ended in, its status, what the program chose and how long it took (s).
+
+    ``furthest`` (n,) m: the greatest displacement of every centroid, as seen at the rows; ``fallen`` (n,): which blocks
+    have fallen.
+    """
 
     motion: Motion
     status: str
     collapse: dict | None
     unbalanced: float
+    furthest: np.ndarray
+    fallen: np.ndarray
     settings: dict = field(default_factory=dict)
     energy: Sums | None = None
     yield_point = None  # a run in real time looks for no limit load
@@ -80,7 +92,8 @@ def prepare(assembly, control, step_factor: float) -> Motion:
         raise ScenarioError(f"control kind {show(control.kind)} has no use for [[actuators]]; {remedy}")
     if control.ends_with == COLLAPSE:
         return motion(assembly, control.damping, step_factor)
-    return motion(assembly, damping_of_restitution(control.restitution), step_factor, IMPACTS)
+    damping = damping_of_restitution(control.restitution)
+    return motion(assembly, damping, step_factor, IMPACTS, duration=control.duration)
 
 
 def ask_for(moving: Motion, output: Output, loads: int) -> None:
@@ -97,7 +110,8 @@ def plan(moving: Motion, control, output: Output) -> Plan:
     rows = min(steps, 2 * output.rows)
     frames = min(rows, 2 * output.frames)
     fields = recorded(moving.assembly, output.channels, control)
-    memory = sum(array.nbytes for array in moving.state.arrays)
+    copies = 2 if "velocity" in output.channels else 1  # see `present_velocities`
+    memory = copies * sum(array.nbytes for array in moving.state.arrays)
     memory += bytes_of(fields, rows, frames, frames * MEETINGS * len(moving.assembly.names))
     return Plan(moving.time_step, moving.critical_time_step, steps, memory)
 
@@ -170,21 +184,35 @@ def run(moving: Motion, control, driving: Driving, session: Session) -> MotionRu
                 status = _push(moving, controller, driving, n, limits)
             over = status == REACHED or moving.steps >= steps
             if over or moving.steps % every == 0:
+                past.extremes.note(moving)
                 recorder.take(last=over)
             if not over:
                 session.pause(past)
     moving.compile_seconds += recorder.compile_seconds
-    unbalanced, at_rest = float(past.unbalanced[0]), past.at_rest
-    settings = {"contact_damping": moving.damping, "seating_steps": moving.seating_steps, "inertia": "physical"}
-    if not to_collapse:
-        return MotionRun(moving, COMPLETED, None, unbalanced, settings, moving.energy.sums(moving.state))
-    if status != REACHED:
+    if to_collapse and status != REACHED:
         least = (
             f"the table stood at {STEEPEST:g} deg" if controller is None else f"the load factor came near {STRONGEST:g}"
         )
         raise NotConvergedError(f"no block moved by {goal:.6g} m before {least}; ask for a smaller displacement")
-    collapse = _collapse(moving, control, controller, at_rest)
-    return MotionRun(moving, COLLAPSE, collapse, unbalanced, settings, moving.energy.sums(moving.state))
+    settings = {"contact_damping": moving.damping, "seating_steps": moving.seating_steps, "inertia": "physical"}
+    return MotionRun(
+        motion=moving,
+        status=COLLAPSE if to_collapse else COMPLETED,
+        collapse=collapse_of(moving, control, controller, past.at_rest, past.extremes) if to_collapse else None,
+        unbalanced=float(past.unbalanced[0]),
+        furthest=past.extremes.furthest,
+        fallen=fallen(moving),
+        settings=settings,
+        energy=moving.energy.sums(moving.state, rounding(moving)),
+    )
+
+
+def rounding(moving: Motion) -> float:
+    """Energy (J) that rounding of positions can make of nothing in all steps, at the most."""
+    state, assembly = moving.state, moving.assembly
+    weight = np.linalg.norm(assembly.gravity) * np.asarray(assembly.mass)[state.bodies.free].sum()
+    extent = float((np.abs(state.bodies.position).max(axis=1) + state.bodies.reach).max())
+    return float(np.finfo(float).eps * max(1, moving.steps) * weight * extent)
 
 
 def _push(moving: Motion, controller: PushController, driving: Driving, n_steps: int, limits: Limits) -> int:
@@ -231,30 +259,3 @@ def _turned_inertia(moving: Motion) -> np.ndarray:
     """Inertia (n, 3, 3) of the blocks about their centroids now, world axes."""
     turn = moving.state.bodies.rotation
     return turn @ moving.assembly.inertia @ np.swapaxes(turn, 1, 2)
-
-
-def _collapse(moving: Motion, control, controller: PushController | None, at_rest: np.ndarray) -> dict:
-    """What came down, when, and how: the object of the JSON output. The load factor of a push is its peak."""
-    away = np.linalg.norm(moving.displacement, axis=1)
-    time = float(moving.time)
-    angle = control.rate * time if controller is None else None
-    worst = float(away.max())
-    return {
-        "angle": angle,
-        "load_factor": math.tan(math.radians(angle)) if controller is None else float(controller.peak[0]),
-        "time": time,
-        "displacement": worst,
-        "mechanism": mechanism(moving, at_rest),
-        "blocks": [moving.assembly.names[i] for i in np.flatnonzero(away > MOVED * worst)],
-        "error_estimate": None,
-    }
-
-
-def mechanism(moving: Motion, at_rest: np.ndarray) -> str:
-    """How the joint that moved most has moved since ``at_rest`` (j, 9, of `seen`): sliding, rocking or torsion."""
-    links = moving.state.links
-    change = seen(moving.state.bodies, links) - at_rest
-    slid = np.hypot(change[:, 0], change[:, 1]).max()
-    rocked = (links.reach * np.hypot(change[:, 5], change[:, 8])).max()
-    twisted = (links.reach * np.hypot(change[:, 3], change[:, 4])).max()
-    return max((slid, "sliding"), (rocked, "rocking"), (twisted, "torsion"))[1]

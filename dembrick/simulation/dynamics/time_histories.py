@@ -70,13 +70,13 @@ def linear(samples: Samples) -> Curve:
 
 
 def sine_velocity(shape: Sine, quantity: str) -> Curve:
-    """Velocity (m/s) of supports whose ``quantity`` follows a sine; blocks start with the supports."""
+    """Velocity (m/s) of supports whose ``quantity`` follows a sine from time zero on."""
     omega, phase, a = 2.0 * math.pi * shape.frequency, shape.phase, shape.amplitude
     if quantity == "acceleration":
-        return _from_the_start(lambda t: -a / omega * np.cos(omega * t + phase))
+        return _from_rest(lambda t: a / omega * (np.cos(phase) - np.cos(omega * t + phase)))
     if quantity == "velocity":
-        return _from_the_start(lambda t: a * np.sin(omega * t + phase))
-    return _from_the_start(lambda t: a * omega * np.cos(omega * t + phase))
+        return _from_rest(lambda t: a * np.sin(omega * t + phase))
+    return _from_rest(lambda t: a * omega * np.cos(omega * t + phase))
 
 
 def pulse_velocity(shape: Pulse, quantity: str) -> Curve:
@@ -91,9 +91,9 @@ def sampled_velocity(samples: Samples, quantity: str) -> Curve:
     natural cubic spline through samples of displacement."""
     t, y = samples.time, samples.value
     if quantity == "velocity":
-        return _from_the_start(linear(samples))
+        return _from_rest(linear(samples))
     if quantity == "displacement":
-        return _from_the_start(_spline_slope(t, y))
+        return _from_rest(_spline_slope(t, y))
     steps = np.diff(t)
     gained = np.concatenate([[0.0], np.cumsum(0.5 * (y[1:] + y[:-1]) * steps)])
 
@@ -102,12 +102,13 @@ def sampled_velocity(samples: Samples, quantity: str) -> Curve:
         s = np.clip(at - t[i], 0.0, steps[i])
         return gained[i] + s * y[i] + 0.5 * s * s * (y[i + 1] - y[i]) / steps[i]
 
-    return _from_the_start(velocity)
+    before = velocity(np.zeros(1))
+    return _from_rest(lambda at: velocity(at) - before)
 
 
-def _from_the_start(curve: Curve) -> Curve:
-    """Before time zero the value at zero: whatever speed the supports begin with, the blocks share."""
-    return lambda t: curve(np.maximum(t, 0.0))
+def _from_rest(curve: Curve) -> Curve:
+    """Supports and blocks are at rest before time zero: a velocity that begins above zero is a jump, as a pulse is."""
+    return lambda t: np.where(t < 0.0, 0.0, curve(np.maximum(t, 0.0)))
 
 
 def _spline_slope(t: np.ndarray, y: np.ndarray) -> Curve:

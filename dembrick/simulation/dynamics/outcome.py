@@ -1,0 +1,103 @@
+"""What a run in real time did to its blocks: how far each has moved at the most, which have fallen, what came down."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dembrick.simulation.dynamics.integrator import Motion
+from dembrick.simulation.dynamics.pushover import PushController
+from dembrick.simulation.dynamics.state import seen
+
+MOVED = 0.1  # of the longest displacement: blocks that have moved further belong to the mechanism
+DROPPED = 0.5  # of a block's least dimension: what has come down by more has fallen
+TURNED_OVER = math.cos(math.radians(45.0))  # of the angle between a block's vertical of the start and that of now
+OFF_BALANCE = 1e-3  # of gravity: blocks whose mean acceleration stays above it have begun to come down
+
+
+@dataclass
+class Extremes:
+    """Noted at every row.
+
+    ``furthest`` (n,) m: the greatest displacement of each centroid so far; ``quiet`` (n,) s: when its mean acceleration
+    from row to row was last below ``threshold`` (m/s2); ``last`` (n + 1, 3): the velocities (m/s) of the row before,
+    and in the last row its time (s).
+    """
+
+    furthest: np.ndarray
+    quiet: np.ndarray
+    last: np.ndarray
+    threshold: float = field(default=0.0)
+
+    @classmethod
+    def of(cls, moving: Motion) -> Extremes:
+        """Nothing noted yet."""
+        n = len(moving.assembly.names)
+        gravity = float(np.linalg.norm(moving.assembly.gravity))
+        return cls(np.zeros(n), np.zeros(n), np.zeros((n + 1, 3)), OFF_BALANCE * gravity)
+
+    def note(self, moving: Motion) -> None:
+        """Take in the present state; the rows come at the same times however often a run is stopped."""
+        np.maximum(self.furthest, np.linalg.norm(moving.displacement, axis=1), out=self.furthest)
+        velocity, time = moving.state.bodies.velocity, moving.time
+        passed = time - self.last[-1, 0]
+        if passed > 0.0:
+            acceleration = np.linalg.norm(velocity - self.last[:-1], axis=1) / passed
+            self.quiet[acceleration <= self.threshold] = time
+        self.last[:-1], self.last[-1, 0] = velocity, time
+
+    @property
+    def arrays(self) -> dict[str, np.ndarray]:
+        """All that a run goes on from."""
+        return {"extremes.furthest": self.furthest, "extremes.quiet": self.quiet, "extremes.last": self.last}
+
+
+def fallen(moving: Motion) -> np.ndarray:
+    """Which blocks (n,) have fallen: their centroid has come down along gravity by more than half of the least
+    dimension of the block, or they have turned over, a vertical line in them by more than 45 deg."""
+    assembly, bodies = moving.assembly, moving.state.bodies
+    weight = float(np.linalg.norm(assembly.gravity))
+    if not weight > 0.0:
+        return np.zeros(len(assembly.names), bool)
+    down = np.asarray(assembly.gravity, float) / weight
+    least = np.array([float(np.ptp(shape.vertices, axis=0).min()) for shape in assembly.shapes])
+    dropped = moving.displacement @ down > DROPPED * least
+    line = np.einsum("nij,i->nj", assembly.rotation, down)  # of the start, in body axes
+    turned = np.einsum("nij,nj,i->n", bodies.rotation, line, down) < TURNED_OVER
+    return ~np.asarray(assembly.fixed) & (dropped | turned)
+
+
+def collapse_of(
+    moving: Motion, control, controller: PushController | None, at_rest: np.ndarray, extremes: Extremes
+) -> dict:
+    """What came down, when, and how: the object ``collapse`` of the JSON output.
+
+    ``angle`` (deg) is that at which a block has moved by ``displacement`` (m), and ``onset`` that at which the first of
+    the ``blocks`` that came down left its balance for good; both None for a push, whose load factor is its peak.
+    """
+    away = np.linalg.norm(moving.displacement, axis=1)
+    time, worst = float(moving.time), float(away.max())
+    blocks = np.flatnonzero(away > MOVED * worst)
+    angle = control.rate * time if controller is None else None
+    return {
+        "angle": angle,
+        "onset": control.rate * float(extremes.quiet[blocks].min()) if controller is None else None,
+        "load_factor": math.tan(math.radians(angle)) if controller is None else float(controller.peak[0]),
+        "time": time,
+        "displacement": worst,
+        "mechanism": mechanism(moving, at_rest),
+        "blocks": [moving.assembly.names[i] for i in blocks],
+        "error_estimate": None,
+    }
+
+
+def mechanism(moving: Motion, at_rest: np.ndarray) -> str:
+    """How the joint that moved most has moved since ``at_rest`` (j, 9, of `seen`): sliding, rocking or torsion."""
+    links = moving.state.links
+    change = seen(moving.state.bodies, links) - at_rest
+    slid = np.hypot(change[:, 0], change[:, 1]).max()
+    rocked = (links.reach * np.hypot(change[:, 5], change[:, 8])).max()
+    twisted = (links.reach * np.hypot(change[:, 3], change[:, 4])).max()
+    return max((slid, "sliding"), (rocked, "rocking"), (twisted, "torsion"))[1]
