@@ -157,6 +157,11 @@ class History(RestGeometry):
         return self._json("results")
 
     @cached_property
+    def small_displacements(self) -> bool:
+        """Whether the run stayed in the geometry of the start: its rotations are small and add up."""
+        return guard.attribute(self._file, "kinematics") == "small displacements"
+
+    @cached_property
     def settings(self) -> dict:
         """What the program chose: time step, damping, rates."""
         return self._json("settings")

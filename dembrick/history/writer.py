@@ -238,7 +238,7 @@ class HistoryWriter:
     def _attributes(self, status: str, results: Mapping) -> dict:
         found = {"format": layout.FORMAT, "status": status, "run": self.run, "versions": _json(_versions())}
         control, curve = self._control, self._control.curve
-        found |= {"control": control.kind, "regime": control.regime.name}
+        found |= {"control": control.kind, "regime": control.regime.name, "kinematics": control.regime.kinematics}
         found |= {"load_name": curve.load or "", "load_unit": curve.unit, "displacement_name": curve.displacement}
         return found | {"results": _json(results), "settings": _json(self._settings)}
 

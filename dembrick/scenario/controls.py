@@ -27,19 +27,26 @@ class Regime(NamedTuple):
     """How a control is carried out; a driver in ``runs.drivers`` registers for it.
 
     ``quasi_static``: every block needs a chain of joints to a support. ``real_time``: blocks move in time, part and
-    meet again. ``counts_equilibria``: the times of the record are the numbers of equilibria.
+    meet again. ``counts_equilibria``: the times of the record are the numbers of equilibria. ``small_displacements``:
+    it stays in the geometry of the start, and adds up small rotations.
     """
 
     name: str
     quasi_static: bool = True
     real_time: bool = False
     counts_equilibria: bool = False
+    small_displacements: bool = False
+
+    @property
+    def kinematics(self) -> str:
+        """The same in words, as histories have it."""
+        return "small displacements" if self.small_displacements else "finite rotations"
 
 
-LIMIT_LOAD = Regime("limit load")
+LIMIT_LOAD = Regime("limit load", small_displacements=True)
 CONSTANT_RATE = Regime("constant rate")
-PATH_FOLLOWING = Regime("path following", counts_equilibria=True)
-DEAD_LOAD = Regime("dead load")
+PATH_FOLLOWING = Regime("path following", counts_equilibria=True, small_displacements=True)
+DEAD_LOAD = Regime("dead load", small_displacements=True)
 REAL_TIME = Regime("real time", quasi_static=False, real_time=True)
 
 

@@ -27,7 +27,15 @@ def quaternion(axis, angle):
 def no_joints():
     numbers, lengths = np.zeros(0, np.uint32), np.zeros(0, np.float32)
     axes, shapes = np.zeros((0, 2, 3)), [(0,), (0, 9), (0, 4)]
-    return Links(*[numbers] * 4, axes, numbers, *(np.zeros(shape) for shape in shapes), lengths, lengths)
+    return Links(
+        *[numbers] * 4,
+        axes,
+        numbers,
+        *(np.zeros(shape) for shape in shapes),
+        lengths,
+        lengths,
+        np.zeros((0, 3), np.float32),
+    )
 
 
 class Pair:

@@ -312,3 +312,44 @@ def test_gauge_of_a_single_point():
     nearly = (3.0, 4.0, through[2] * (1 + 1e-5))
     assert point_gauge(x, y, weight, 0, 2, *nearly, np.zeros(3), np.zeros(6)) == pytest.approx(0.5, rel=1e-12)
     assert point_gauge(x, y, weight, 0, 2, 3.0, 4.0, 0.0, np.zeros(3), np.zeros(6)) == np.inf
+
+
+def test_a_hinge_in_small_displacements_opens_linearly():
+    """Block b turns by 0.02 about the edge y = -B/2: the edge stays closed, the other opens by 0.02 B, to rounding.
+
+    Read by exact rotations, an arm of 0.3 m alone would show 60 um more: everything open.
+    """
+    vector = np.array([0.02, 0.0, 0.0])
+    history = run([(STILL, STILL)], formulation="concave")
+    a, b = history.position0
+    arm = b - history.joints[0]["origin"]
+    axes = history.joints[0]["axes"]
+    pivot = axes.T @ np.array([0.0, -B / 2, 0.0])
+    world = axes.T @ vector
+    displacement, orientation = np.zeros((1, 2, 3)), np.tile(SKEW, (1, 2, 1))
+    displacement[0, 1] = np.cross(world, arm - pivot)
+    orientation[0, 1] = product(quaternion(world), SKEW)
+    history.frame_values = lambda name, start, stop: {"displacement": displacement, "orientation": orientation}.get(
+        name
+    )
+    history.small_displacements = True
+    found = JointMotion(history).relative(0)
+    np.testing.assert_allclose(np.sort(found.opening[0]), [0.0, 0.0, 0.02 * B, 0.02 * B], atol=1e-15)
+    assert STATES[found.state[0]] == "partly open"
+    np.testing.assert_allclose(found.slip(0, CORNERS), 0.0, atol=1e-15)
+    history.small_displacements = False
+    assert STATES[JointMotion(history).relative(0).state[0]] != "partly open" or arm @ axes[2] == 0.0
+
+
+@pytest.mark.parametrize("formulation, shrink", [("convex", 1.0), ("concave", 1.0), ("corrected", 0.8)])
+def test_a_hinge_uses_all_of_its_joint(formulation, shrink):
+    """The centre of pressure on an edge is 1, half way to it 0.5, and friction counts where it is more."""
+    N = 100.0
+    edge = shrink * B / 2
+    rows = np.array([[N, 0, 0, 0, -edge * N, 0, 0], [N, 0, 0, 0, 0, 0.5 * shrink * A / 2 * N, 0],
+                     [N, 0.64 * 0.7 * N, 0, 0, -0.3 * edge * N, 0, 0], [0, 0, 0, 0, 0, 0, 0]])[:, None, :]  # fmt: skip
+    joints = JointMotion(run([(STILL, STILL)] * 4, formulation=formulation, shrink=shrink, rows=rows))
+    frames = joints.at(range(4))
+    np.testing.assert_allclose(frames.bending_utilisation[:, 0], [1.0, 0.5, 0.3, 0.0], rtol=1e-12)
+    np.testing.assert_allclose(frames.utilisation[[0, 1, 3], 0], [1.0, 0.5, 0.0], rtol=1e-12)
+    assert frames.utilisation[2, 0] >= 0.7 - 1e-12

@@ -10,8 +10,8 @@ cut by the half spaces in which i is the nearest face of A, j that of B, and the
 faces g deep in each other this is the plane half way, the pressure kn g: the law of a joint. On edges and corners the
 patches shrink to nothing with the overlap. The forces, the integral of p n dA over the patches, derive from the
 potential integral of min(p_A, p_B) over the common volume, so they depend on nothing but where the parts are, without
-jumps as one kind of contact turns into another (but for faces of both that lie in one plane and look the same way,
-where the penetration has a fold: the part of the force that jumps there is of the order of overlap over length).
+jumps as one kind of contact turns into another. Faces of both that lie in one plane and look the same way, as the sides
+of flush blocks do, press nothing: they only bound the surface, else rounding would tell which of them is the nearer.
 
 (Pressure fields inside rigid bodies: Elandt, Drumwright, Sherman and Ruina, IROS 2019.)
 """
@@ -27,6 +27,7 @@ from dembrick.kernels.joint.pressure import cut
 from dembrick.kernels.math.vec3 import columns_times, cross, rows_times
 
 SAME = 1e-12  # |n_i - n_j|^2 below which two faces look the same way and have no plane between them
+FLUSH = 1e-9  # of the smaller part's radius: faces that look the same way and are no further apart lie in one plane
 
 
 class Parts(NamedTuple):
@@ -52,6 +53,7 @@ class Scratch(NamedTuple):
     normal: ndarray  # (2 F, 3) face normals, those of A from 0, those of B from F, in the axes of A's block
     offset: ndarray  # (2 F,) m, of their planes from the centre of the smaller part
     face: ndarray  # (2 F,) int64, the faces that can be nearest anywhere in the overlap, as rows of `normal`
+    flush: ndarray  # (2 F,) 1 where a face lies in one plane with one of the other part and looks the same way, else 0
     vertex: ndarray  # (2 V, 3) m, vertices, those of A from 0, those of B from V
     turn: ndarray  # (3, 3) from the axes of B's block to those of A's
     x: ndarray  # (c,) m, corners of all patches in their planes, counter-clockwise about the normal
@@ -189,6 +191,28 @@ def place_parts(parts, bodies, a, b, scratch):
 
 
 @jit
+def mark_flush(scratch, near_a, near_b, room, distance):
+    """Mark the near faces of both parts that lie in one plane, within ``distance``, and look the same way."""
+    for r in range(near_a):
+        scratch.flush[scratch.face[r]] = 0.0
+    for s in range(room, room + near_b):
+        scratch.flush[scratch.face[s]] = 0.0
+    for r in range(near_a):
+        i = scratch.face[r]
+        n = scratch.normal[i]
+        for s in range(room, room + near_b):
+            j = scratch.face[s]
+            m = scratch.normal[j]
+            e1 = n[0] - m[0]
+            e2 = n[1] - m[1]
+            e3 = n[2] - m[2]
+            away = abs(scratch.offset[i] - scratch.offset[j])
+            if e1 * e1 + e2 * e2 + e3 * e3 <= SAME and away <= distance:
+                scratch.flush[i] = 1.0
+                scratch.flush[j] = 1.0
+
+
+@jit
 def contact_surface(parts, bodies, a, b, scratch):
     """The patches between parts ``a`` and ``b`` into ``scratch``, in the body axes of A's block.
 
@@ -213,6 +237,7 @@ def contact_surface(parts, bodies, a, b, scratch):
     near_b = near_faces(scratch, room, faces_b, 0, vertices_a, depth)
     # the overlap lies in the smaller part, about whose centre everything is seen
     radius = min(parts.radius[a], parts.radius[b])
+    mark_flush(scratch, near_a, near_b, room, FLUSH * radius)
     patches = used = 0
     deepest = 0.0
     scratch.start[0] = 0
@@ -226,7 +251,7 @@ def contact_surface(parts, bodies, a, b, scratch):
             e2 = n[1] - m[1]
             e3 = n[2] - m[2]
             size2 = e1 * e1 + e2 * e2 + e3 * e3
-            if size2 <= SAME:
+            if size2 <= SAME or scratch.flush[i] + scratch.flush[j] > 0.0:
                 continue
             size = sqrt(size2)
             e1 /= size
@@ -281,15 +306,17 @@ def contact_surface(parts, bodies, a, b, scratch):
                     other = scratch.face[room + k - near_a]
                     own = j
                 if other != own:
+                    # the nearest face is nearer than the others; a flush one is only not to be passed
                     f = scratch.normal[other]
                     h = scratch.normal[own]
-                    d1 = h[0] - f[0]
-                    d2 = h[1] - f[1]
-                    d3 = h[2] - f[2]
+                    nearest = 1.0 - scratch.flush[other]
+                    d1 = nearest * h[0] - f[0]
+                    d2 = nearest * h[1] - f[1]
+                    d3 = nearest * h[2] - f[2]
                     count = cut(
                         scratch, used, count,
                         d1 * u1 + d2 * u2 + d3 * u3, d1 * w1 + d2 * w2 + d3 * w3,
-                        d1 * c1 + d2 * c2 + d3 * c3 - (scratch.offset[own] - scratch.offset[other]), 0.0,
+                        d1 * c1 + d2 * c2 + d3 * c3 - (nearest * scratch.offset[own] - scratch.offset[other]), 0.0,
                     )  # fmt: skip
             if count < 3:
                 continue

@@ -83,6 +83,7 @@ class Links(NamedTuple):
     kept: ndarray  # (j, 4) O and e1 along u1 and u2, of `seen`, when the polygon was last cut to the other's face
     reach: ndarray  # (j,) float32, m, greatest distance of the polygon from O
     slack: ndarray  # (j,) float32, m, how far the polygon may move along the plane before it must be cut again
+    glide: ndarray  # (j, 3) float32, a direction along u1 and u2 in which moves count only by the third number
 
     def rows(self, first: int, count: int, joints=slice(None)) -> ndarray:
         """A copy (k, count) of rows that stand in tiles; (count,) for a single joint."""
@@ -293,6 +294,10 @@ def least_slack(links):
         p2 = seen[1] - kept[1]
         e1 = seen[3] - kept[2]
         e2 = seen[4] - kept[3]
-        moved = sqrt(p1 * p1 + p2 * p2) + links.reach[j] * sqrt(e1 * e1 + e2 * e2)
+        f1 = links.glide[j, 0]
+        f2 = links.glide[j, 1]
+        along = links.glide[j, 2] * (p1 * f1 + p2 * f2)
+        across = p2 * f1 - p1 * f2
+        moved = sqrt(along * along + across * across) + links.reach[j] * sqrt(e1 * e1 + e2 * e2)
         least = min(least, links.slack[j] - moved)
     return least

@@ -67,6 +67,7 @@ class ContactDetection:
         self._codes = None
         self._free = np.where(self.assembly.fixed, 0.0, 1.0)
         self._bears = np.zeros(len(self._free))  # more than `bearable`, as far as `examine` has seen
+        self.struck = np.zeros(len(self._joints), bool)  # joints whose blocks hit each other as the run begins
         self._quiet = 0.0  # m, that any block may move before `follow` need look at more than that,
         self._far_turned = np.zeros(0, np.int64)  # and the joints that have done their work once they are open
         self._partial = np.array([self._is_partial(joint) for joint in self._joints], bool)
@@ -78,6 +79,13 @@ class ContactDetection:
         _, shape = parts_of(self.assembly.shapes[block])[part]
         outward = self.assembly.rotation[block].T @ joint.axes[2] * (1.0 if on_a else -1.0)
         return joint.area < (1.0 - 1e-6) * shape.face_areas[int(np.argmax(shape.face_normals @ outward))]
+
+    def strike(self, polygons: Polygons, joints: np.ndarray) -> None:
+        """Make impacts of ``joints`` (j,) whose blocks hit each other as time begins: new contacts from the start."""
+        self.struck |= joints
+        for j in np.flatnonzero(joints).tolist():
+            polygons.retire(j)
+        self.retired |= joints
 
     def steps_to_go(self, state: MovingState, gravity: float, dt: float) -> float:
         """How many steps blocks can make at their speed before pairs must be looked for, by a generous estimate; the
@@ -229,24 +237,26 @@ class ContactDetection:
         stirred = self._stirred(state, polygons, self._turn(state), polygons.slipped())
         if self.touching is not None:
             stirred[self.touching.joint[(self.touching.joint >= 0) & (self.touching.weight > 0.0)]] = True
+        struck = np.append(self.struck, False)[joint]
         joint = np.where(np.append(self.retired, False)[joint], -1, joint)
         if (joint < 0).any() or stirred.any():
             watched[:-1] = stirred | (polygons.moved() > LOOSE * polygons.size)
         wanted = watched[joint]
-        pairs, depth, joint = pairs[wanted], depth[wanted], joint[wanted]
+        pairs, depth, joint, struck = pairs[wanted], depth[wanted], joint[wanted], struck[wanted]
         if first and len(pairs):
             # what lies side by side from the start is watched when something stirs; what is apart, by however little,
             # is found again before two blocks can have met
             self.patience = max(2.0 * FIRST * self._size, float(np.maximum(-depth, 0.0).min()))
             apart = -depth > TOLERANCE * parts.table.diameter[pairs].min(axis=1)
             self.patience = min(self.patience, 0.49 * float(-depth[apart].max(initial=-np.inf)))
-            if not (apart.any() and bodies.velocity.any()):
-                return
             # what is thrown at something may be there after a step
-            pairs, depth, joint = pairs[apart], depth[apart], joint[apart]
+            thrown = struck | (apart & bool(bodies.velocity.any()))
+            if not thrown.any():
+                return
+            pairs, depth, joint, struck = pairs[thrown], depth[thrown], joint[thrown], struck[thrown]
         else:
             self.patience = MARGIN * self._size
-        self._watch(state, polygons, parts.owner, pairs, depth, joint)
+        self._watch(state, polygons, parts.owner, pairs, (depth > 0.0) & ~struck, joint)
 
     def _joint_of(self, owner: np.ndarray, pairs: np.ndarray) -> np.ndarray:
         """The joint of each pair of parts (p,), or -1."""
@@ -274,16 +284,19 @@ class ContactDetection:
             polygons.retire(j)
         self.retired |= due
 
-    def _watch(self, state: MovingState, polygons: Polygons, owner, pairs, depth, joint) -> None:
-        """Make `touching` of these pairs; what was watched before keeps its memory."""
+    def _watch(self, state: MovingState, polygons: Polygons, owner, pairs, grows, joint) -> None:
+        """Make `touching` of these pairs; what was watched before keeps its memory.
+
+        ``grows`` (p,): parts that overlap already, side by side from the start. If they have no joint their contact
+        begins at nothing.
+        """
         before, laws = self.touching, self.assembly.laws
         if not len(pairs):
             self.touching = None
             return
         of_pairs = [laws.between(a, b) for a, b in owner[pairs].tolist()]
         fresh = self._blank(polygons, pairs, joint, of_pairs)
-        # where parts that have no joint overlap already, side by side from the start, the contact grows
-        fresh.weight[(depth > 0.0) & (joint < 0)] = 0.0
+        fresh.weight[grows & (joint < 0)] = 0.0
         if before is not None:
             count = len(owner)
             new, old = fresh.first * count + fresh.second, before.first * count + before.second

@@ -61,6 +61,7 @@ def scratch_for(parts: Parts) -> Scratch:
         normal=np.zeros((2 * faces, 3)),
         offset=np.zeros(2 * faces),
         face=np.zeros(2 * faces, np.int64),
+        flush=np.zeros(2 * faces),
         vertex=np.zeros((2 * vertices, 3)),
         turn=np.zeros((3, 3)),
         x=np.zeros(corners),

@@ -8,9 +8,13 @@ integral, is clipped. Shear memory stays with the points (and with the centroid 
 
 Cutting costs as much as many thousand steps of a joint, so it is done only where a polygon has moved along its plane by
 ``STALE`` of its short side since the last time; polygons well inside the other's face wait until they reach its edge.
+One that slides along an edge, as a prism in a trough, keeps its overlap: in the direction in which it has moved since
+the last time it may go as far as no distance between its corners and the edges that matter changes by more than that.
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
@@ -24,6 +28,7 @@ from dembrick.simulation.dynamics.area_joints import put_outlines, with_outlines
 from dembrick.simulation.dynamics.state import MovingState
 
 STALE = 2e-4  # of the polygon's short side
+PARALLEL = 1.0 - 1e-4  # cosine: a polygon that moves so near to along an edge moves along it
 GONE = 1e-9  # of the polygon's area at the start: less than that is no contact any more
 
 
@@ -53,11 +58,17 @@ class Polygons:
         self._place = {int(j): i for _, joints in joint_families.present(state) for i, j in enumerate(joints.joint)}
         state.links.slack[:] = self.bound
 
+    def outlines(self):
+        """Corners (k, m, 2) of the polygons as they were drawn, and the joints (k,) that have m corners."""
+        return self._joints.by_corners()
+
     def stale(self) -> np.ndarray:
         """The joints whose polygons have moved too far."""
         links = self.state.links
         moved = links.seen[:, [0, 1, 3, 4]] - links.kept
-        distance = np.hypot(moved[:, 0], moved[:, 1]) + links.reach * np.hypot(moved[:, 2], moved[:, 3])
+        f1, f2, ratio = links.glide.T.astype(float)
+        along, across = ratio * (moved[:, 0] * f1 + moved[:, 1] * f2), moved[:, 1] * f1 - moved[:, 0] * f2
+        distance = np.hypot(along, across) + links.reach * np.hypot(moved[:, 2], moved[:, 3])
         # a little before the kernel does, whose square roots may round the other way
         return np.flatnonzero(distance >= links.slack.astype(float) * (1.0 - 1e-9))
 
@@ -129,7 +140,26 @@ class Polygons:
             links.slack[j] = self.bound[j]
             cut = {"convex": self._clip, "distributed": self._fade}.get(self._joints[j].law.formulation, self._project)
             cut(j, self._place[j], origin, tangents, face)
-        links.kept[j] = seen[[0, 1, 3, 4]]
+        self._let_glide(j, seen[:2] - links.kept[j, :2], origin + outline @ tangents, face)
+        links.kept[j] = links.rows(SEEN, 9, j)[[0, 1, 3, 4]]  # O may have moved
+
+    def _let_glide(self, j: int, step: np.ndarray, placed: np.ndarray, face: np.ndarray) -> None:
+        """Let joint ``j``, with corners ``placed`` (m, 2) on the ``face``, go on as it has moved by ``step`` (2,)."""
+        links, length = self.state.links, math.hypot(*step)
+        links.glide[j] = 1.0, 0.0, 1.0
+        if not length > 0.0:
+            return
+        direction = step / length
+        edge = np.roll(face, -1, axis=0) - face
+        edge /= np.sqrt((edge**2).sum(axis=1))[:, None]
+        parallel = int(np.argmax(np.abs(edge @ direction)))
+        if abs(edge[parallel] @ direction) > PARALLEL:
+            direction = edge[parallel]
+        slack = float(links.slack[j])
+        margin = math.sqrt(self._points[j].area.max()) if self._joints[j].law.formulation == "distributed" else 0.0
+        far = room_along(placed, face, direction, 0.5 * self.bound[j], margin)
+        if far > slack > 0.0:
+            links.glide[j] = *direction, slack / far
 
     def _move_origin(self, j: int, to: np.ndarray) -> np.ndarray:
         """Put O of joint ``j`` at ``to`` (from O of the start, along e1 and e2); returns how far that is (2,)."""
@@ -190,3 +220,14 @@ class Polygons:
         faces.k_n[i] = self._joints[j].law.normal_stiffness
         faces.elastic[i, 2] -= step[0] * faces.elastic[i, 1] - step[1] * faces.elastic[i, 0]
         links.reach[j] = faces.reach[i]
+
+
+def room_along(points: np.ndarray, face: np.ndarray, direction: np.ndarray, change: float, margin: float) -> float:
+    """How far (m) ``points`` (k, 2) can go along a ``direction``, either way, before the distance of one beyond an edge
+    of a convex face changes by more than ``change`` (m); those further inside than ``margin`` (m) do not count."""
+    edge = np.roll(face, -1, axis=0) - face
+    outward = np.stack([edge[:, 1], -edge[:, 0]], axis=1) / np.sqrt((edge**2).sum(axis=1))[:, None]
+    beyond = points @ outward.T - (face * outward).sum(axis=1) + margin
+    rate = np.abs(outward @ direction)
+    room = np.maximum(-beyond, 0.0) + change
+    return float((room / np.maximum(rate, 1e-12)).min())

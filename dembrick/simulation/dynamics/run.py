@@ -227,7 +227,8 @@ def _push(moving: Motion, controller: PushController, driving: Driving, n_steps:
 def _set_going(moving: Motion, driving: Driving) -> None:
     """Give the blocks their velocities; half a step back, from where the forces of time zero take them on.
 
-    The joints first look at where the blocks came from, a step ago, so that what slides rubs from the start.
+    The joints first look at where the blocks came from, a step ago, so that what slides rubs from the start. Blocks
+    that came from where they did not touch hit each other: that is an impact as any other.
     """
     assembly, state, dt = moving.assembly, moving.state, moving.time_step
     bodies, free = state.bodies, state.bodies.free
@@ -238,6 +239,7 @@ def _set_going(moving: Motion, driving: Driving) -> None:
         rotation=rotation_matrix(turned_by(-dt * spin, bodies.orientation)),
     )
     came_from = seen(before, state.links)
+    moving.contact_detection.strike(moving.polygons, _hit(moving, came_from))
     memory = joint_families.memory(state)
     kept = [array.copy() for array in memory]
     state.links.put(SEEN, came_from)
@@ -253,6 +255,20 @@ def _set_going(moving: Motion, driving: Driving) -> None:
     bodies.velocity[free] = velocity[free] - 0.5 * dt * force[free] / bodies.mass[free, None]
     bodies.momentum[free] = momentum[free] - 0.5 * dt * torque[free]
     bodies.spin[free] = spin[free]
+
+
+def _hit(moving: Motion, came_from: np.ndarray) -> np.ndarray:
+    """Joints (j,) that a corner closed in the last step, whose `seen` were ``came_from`` (j, 9) before it."""
+    links, hit = moving.state.links, np.zeros(len(came_from), bool)
+    now, sense, offset = links.seen, links.sense[:, None], links.offset[:, None]
+    for numbers, outlines in moving.polygons.outlines():
+        x, y = outlines[..., 0], outlines[..., 1]
+        gap, before = (
+            sense[numbers] * (s[numbers, 2, None] - offset[numbers] + x * s[numbers, 5, None] + y * s[numbers, 8, None])
+            for s in (now, came_from)
+        )
+        hit[numbers] = ((gap <= 0.0) & (before > 0.0)).any(axis=1)
+    return hit
 
 
 def _turned_inertia(moving: Motion) -> np.ndarray:

@@ -121,6 +121,7 @@ def _links(assembly, corners: Corners | None, faces: Faces | None) -> Links:
         kept=np.zeros((n, 4)),
         reach=reach.astype(np.float32),
         slack=np.zeros(n, np.float32),
+        glide=np.tile(np.array([1.0, 0.0, 1.0], np.float32), (n, 1)),
     )
     links.put(PLANE, frames[links.plane])
     links.put(TANGENTS, frames[links.tangents])

@@ -3,6 +3,8 @@
 The motion of b against a is a finite rotation and a shift, seen by an observer who rides on a: the rotation is that of
 b's quaternion against a's, the shift goes from the point O of a to the point O of b. Both are measured from the start
 and written in the joint's axes t1, t2, n. Quaternions keep their digits for small rotations, rotation matrices do not.
+A run in small displacements, as searches are, keeps the geometry of the start: there shifts and rotation vectors are
+differences, and openings and slip are linear in them, as the forces are that were found with them.
 
 Arrays have the shape of the frames asked for in front: (j, ...) for one frame, (f, j, ...) for f of them.
 """
@@ -15,6 +17,7 @@ import numpy as np
 
 from dembrick.geometry.friction_integrals import far_moments
 from dembrick.geometry.polygons import area
+from dembrick.geometry.rotations import quaternion_product
 from dembrick.kernels.joint.utilisation import area_gauges, point_gauges
 from dembrick.kernels.recorded_motion import (
     normal_parts,
@@ -24,7 +27,8 @@ from dembrick.kernels.recorded_motion import (
     shared_normals,
 )
 from dembrick.simulation.pressed_parts import pressed_parts
-from dembrick.views.motion.relative import STATES, RelativeMotion, torsion_centre
+from dembrick.theory.polygons import convex_hull
+from dembrick.views.motion.relative import STATES, RelativeMotion, quaternion_of, rotation_vector, torsion_centre
 
 __all__ = ["CHANNELS", "STATES", "JointFrames", "JointMotion", "RelativeMotion", "nearest", "torsion_centre"]
 
@@ -61,6 +65,7 @@ class JointMotion:
         self.arm_a = self.origin - history.position0[self.block_a]
         self.arm_b = self.origin - history.position0[self.block_b]
         self.arm_host = np.where((self.host == self.block_a)[:, None], self.arm_a, self.arm_b)
+        self.small = bool(getattr(history, "small_displacements", False))
         self.back = history.orientation0 * np.array([1.0, -1.0, -1.0, -1.0])
 
     def at(self, frames) -> JointFrames:
@@ -111,6 +116,10 @@ class JointMotion:
         """(j,): how much of its strength each joint uses; see :attr:`JointFrames.utilisation`."""
         return self._in(frames, "utilisation")
 
+    def friction_utilisation(self, frames) -> np.ndarray:
+        """(j,): how much of its friction each joint uses; see :attr:`JointFrames.friction_utilisation`."""
+        return self._in(frames, "friction_utilisation")
+
     def frame_axes(self, frames) -> np.ndarray:
         """(j, 3, 3): the joints' axes riding on a, world, as rows."""
         return self._in(frames, "axes")
@@ -127,6 +136,27 @@ class JointMotion:
         )
         areas = np.concatenate([np.zeros(0), *(joint["areas"] for joint in joints)])
         return normal, shear, areas, np.repeat(np.arange(self.n_joint), np.diff(self.point_start))
+
+    @cached_property
+    def edges(self) -> tuple[np.ndarray, np.ndarray]:
+        """Outward normals (j, m, 2) of the edges of what can carry the normal force of every joint, and their distances
+        (j, m) from O (m); joints with fewer than m edges have normals of no length."""
+        normal_arms, known, found = self.points[0], {}, []
+        for j in range(self.n_joint):
+            own = normal_arms[self.point_start[j] : self.point_start[j + 1]]
+            corners = own if len(own) else self.polygon[j, : self.n_corner[j]]
+            key = np.round(corners / self.size[j], 9).tobytes()
+            if key not in known:
+                hull = convex_hull(corners / self.size[j])
+                along = np.roll(hull, -1, axis=0) - hull
+                outward = np.stack([along[:, 1], -along[:, 0]], axis=1) / np.hypot(*along.T)[:, None]
+                known[key] = outward, (hull * outward).sum(axis=1)
+            found.append(known[key])
+        most = max((len(distance) for _, distance in found), default=0)
+        normals, distances = np.zeros((self.n_joint, most, 2)), np.ones((self.n_joint, most))
+        for j, (outward, distance) in enumerate(found):
+            normals[j, : len(distance)], distances[j, : len(distance)] = outward, self.size[j] * distance
+        return normals, distances
 
     @cached_property
     def twist(self) -> tuple[np.ndarray, np.ndarray]:
@@ -209,10 +239,25 @@ class JointFrames:
         joints, (displacement, orientation) = self.joints, self._poses
         shape = (len(displacement), joints.n_joint)
         shift, turn, plane = np.empty((*shape, 3)), np.empty((*shape, 4)), np.empty((*shape, 3))
+        if joints.small:
+            return self._small_motion(displacement, orientation)
         on_b, turned = joints.host == joints.block_b, np.empty_like(joints.back)
         pairs, arms = (joints.block_a, joints.block_b, on_b), (joints.arm_a, joints.arm_b)
         relative_motions(displacement, orientation, joints.back, *pairs, *arms, joints.axes, turned, shift, turn, plane)
         return RelativeMotion(joints, shift, turn, plane)
+
+    def _small_motion(self, displacement: np.ndarray, orientation: np.ndarray) -> RelativeMotion:
+        """Motion of b against a where displacements and rotation vectors are infinitesimal."""
+        joints = self.joints
+        turned = rotation_vector(quaternion_product(orientation, joints.back))
+        a, b = joints.block_a, joints.block_b
+        apart = displacement[:, b] - displacement[:, a]
+        apart += np.cross(turned[:, b], joints.arm_b) - np.cross(turned[:, a], joints.arm_a)
+        shift, vector = (
+            np.einsum("jik,fjk->fji", joints.axes, values) for values in (apart, turned[:, b] - turned[:, a])
+        )
+        plane = np.stack([shift[..., 2], -vector[..., 1], vector[..., 0]], axis=-1)
+        return RelativeMotion(joints, shift, quaternion_of(vector), plane, vector)
 
     @cached_property
     def _places(self) -> tuple[np.ndarray, np.ndarray]:
@@ -304,8 +349,27 @@ class JointFrames:
             shared_normals(self.relative.plane, whole, joints.point_start, np.ascontiguousarray(arms), areas, found)
         return found
 
-    @cached_property
+    @property
     def utilisation(self) -> np.ndarray:
+        """(f, j): how much of its strength each joint uses, in friction or in bending, whichever is more: 1 where it
+        slides or twists, and 1 at a hinge."""
+        return np.fmax(self.friction_utilisation, self.bending_utilisation)
+
+    @cached_property
+    def bending_utilisation(self) -> np.ndarray:
+        """(f, j): how far the centre of pressure is on its way from O to the edge of what can carry N: the polygon of a
+        convex joint, that around the contact points else; 1 is a hinge. 0 where the joint carries nothing, NaN where it
+        was cut as it slid over an edge, see `friction_utilisation`."""
+        N, moments = self.resultants[..., 0], self.resultants[..., 4:6]
+        carries = N > 0.0
+        centre = np.stack([moments[..., 1], -moments[..., 0]], axis=-1) / np.where(carries, N, 1.0)[..., None]
+        normals, distance = self.joints.edges
+        found = (np.einsum("jmk,fjk->fjm", normals, centre) / distance).max(axis=-1, initial=0.0)
+        found[self.shift.any(axis=2)] = np.nan
+        return np.where(carries, found, 0.0)
+
+    @cached_property
+    def friction_utilisation(self) -> np.ndarray:
         """(f, j): gauge of (V_1, V_2, M_T) in the joint's own limit set at its N; 1 is the yield domain's edge.
 
         ``convex``: the exact surface of the polygon under the pressure of its law. Point formulations: the set of all

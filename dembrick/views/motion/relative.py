@@ -19,26 +19,25 @@ class RelativeMotion:
 
     ``shift`` (..., j, 3) m: from the point O of a to the point O of b; ``turn`` (..., j, 4): quaternion of b;
     ``plane`` (..., j, 3): the opening of the joint at O (m) and its slopes along t1 and t2, measured along the normal
-    of the face that the polygon does not ride on. ``joints``: what a `JointMotion` says of their shapes.
+    of the face that the polygon does not ride on. ``joints``: what a `JointMotion` says of their shapes. ``small``
+    (..., j, 3) rad: the rotation vector where rotations are infinitesimal, else None.
     """
 
     joints: Any
     shift: np.ndarray
     turn: np.ndarray
     plane: np.ndarray
+    small: np.ndarray | None = None
 
     def __getitem__(self, frame) -> RelativeMotion:
         """One of several frames."""
-        return RelativeMotion(self.joints, self.shift[frame], self.turn[frame], self.plane[frame])
+        small = None if self.small is None else self.small[frame]
+        return RelativeMotion(self.joints, self.shift[frame], self.turn[frame], self.plane[frame], small)
 
     @property
     def rotation(self) -> np.ndarray:
         """(..., j, 3) rad: rotation vector r1, r2, rn, its length at most half a turn."""
-        w, v = self.turn[..., 0], self.turn[..., 1:]
-        sine = np.sqrt((v * v).sum(axis=-1))
-        half = np.arctan2(np.where(w < 0.0, -sine, sine), np.abs(w))
-        scale = np.divide(2.0 * half, sine, out=np.full_like(sine, 2.0), where=sine > 0.0)
-        return scale[..., None] * v
+        return rotation_vector(self.turn) if self.small is None else self.small
 
     @property
     def components(self) -> np.ndarray:
@@ -85,8 +84,27 @@ class RelativeMotion:
         """
         points = np.asarray(points, float)
         flat = np.concatenate([points, np.zeros((len(points), 1))], axis=1)
-        moved = self.shift[..., joint, None, :] + _turning(self.turn[..., joint, None, :], flat)
-        return moved[..., :2]
+        if self.small is None:
+            turning = _turning(self.turn[..., joint, None, :], flat)
+        else:
+            turning = np.cross(self.small[..., joint, None, :], flat)
+        return (self.shift[..., joint, None, :] + turning)[..., :2]
+
+
+def rotation_vector(quaternion: np.ndarray) -> np.ndarray:
+    """(..., 3) rad: rotation vectors of quaternions (..., 4), their length at most half a turn."""
+    w, v = quaternion[..., 0], quaternion[..., 1:]
+    sine = np.sqrt((v * v).sum(axis=-1))
+    half = np.arctan2(np.where(w < 0.0, -sine, sine), np.abs(w))
+    scale = np.divide(2.0 * half, sine, out=np.full_like(sine, 2.0), where=sine > 0.0)
+    return scale[..., None] * v
+
+
+def quaternion_of(vector: np.ndarray) -> np.ndarray:
+    """Quaternions (..., 4) of rotation vectors (..., 3)."""
+    angle = np.sqrt((vector * vector).sum(axis=-1))
+    scale = np.divide(np.sin(0.5 * angle), angle, out=np.full_like(angle, 0.5), where=angle > 0.0)
+    return np.concatenate([np.cos(0.5 * angle)[..., None], scale[..., None] * vector], axis=-1)
 
 
 def torsion_centre(first: RelativeMotion, second: RelativeMotion) -> np.ndarray:

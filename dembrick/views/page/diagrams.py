@@ -65,17 +65,23 @@ def curve(history, record: Record) -> dict:
 
 def yield_domain(history, record: Record, path: JointPath) -> dict:
     """Torsion over shear force of a joint on its limit surface."""
+    x, y = path.drawn
     kept = _thinned(history)
+    kept = kept[np.isfinite(x[kept])]  # an open joint has no strength to draw its forces over
     lines = []
     for section in path.sections:
         exact = section.formulation == "convex"
         name = "limit surface, convex (exact)" if exact else f"limit surface, {section.formulation}"
         line = {"x": listed(section.V), "y": listed(section.M_T)}
         lines.append(line | {"look": "exact" if exact else "own", "name": name})
-    lines.append({"x": listed(path.V[kept]), "y": listed(path.M_T[kept]), "look": "run", "name": "run"})
-    title = f"Yield domain of the joint {path.joint} at N = {path.normal_force:.5g} N"
-    now = [listed(np.interp(record.time, history.time, values)) for values in (path.V, path.M_T)]
-    return _chart(title, "shear force [N]", "torsion [N m]", lines, *now)
+    lines.append({"x": listed(x[kept]), "y": listed(y[kept]), "look": "run", "name": "run"})
+    now = [listed(np.interp(record.time, history.time, values)) for values in (x, y)]
+    title = f"Yield domain of the joint {path.joint}"
+    if path.strength is not None:
+        return _chart(
+            f"{title} at N of the moment", "shear force over mu N [-]", "torsion over its strength [-]", lines, *now
+        )
+    return _chart(f"{title} at N = {path.normal_force:.5g} N", "shear force [N]", "torsion [N m]", lines, *now)
 
 
 def readout(history, record: Record, path: JointPath | None) -> list[dict]:

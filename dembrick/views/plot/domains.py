@@ -12,6 +12,7 @@ from dembrick import theory
 from dembrick.errors import HistoryError, ScenarioError
 from dembrick.theory.paper_tables import SETS
 from dembrick.views.plot import style
+from dembrick.views.plot.subject import pushes_several
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -43,6 +44,11 @@ def domain_points(histories) -> list[dict]:
         point = history.results.get("yield_point")
         if not point or any(point.get(key) is None for key in ("V", "V_1", "V_2", "M_T", "N")):
             continue
+        if pushes_several(history):
+            raise ScenarioError(
+                f"{history.path}: its load acts on several blocks, so its yield point is no point of the domain of one "
+                "joint; --kind path draws a joint's own forces"
+            )
         joint = _loaded_joint(history)
         a, b = np.ptp(joint["polygon"], axis=0)
         if abs(a * b - joint["area"]) > 1e-6 * joint["area"]:

@@ -79,7 +79,7 @@ def joint_plane(
     for frame in frames:
         both = motion.relative([since, frame])
         movement = both[1].slip(0, points) - both[0].slip(0, points)
-        used = float(motion.utilisation(frame)[0])
+        used = float(motion.friction_utilisation(frame)[0])
         friction, limit = _friction(own, motion, frame, points, shown, SLIDES_FROM <= used < np.inf)
         row = int(motion.rows(frame))
         load = float(history.series("load", row, row + 1)[0])

@@ -11,6 +11,7 @@ from dembrick.errors import ScenarioError
 from dembrick.geometry.rotations import rotation_matrix
 from dembrick.theory.polygons import convex_hull
 from dembrick.views.plot import style
+from dembrick.views.plot.subject import pushes_several
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -61,6 +62,11 @@ def _plan(source) -> Plan:
         actuators = source.actuators
         if not actuators:
             raise ScenarioError(f"{source.path}: it has no actuator, so there is no loading layout to draw")
+        if pushes_several(source):
+            raise ScenarioError(
+                f"{source.path}: its load acts on several blocks, and a loading layout is the plan of one; "
+                "dembrick render draws them all"
+            )
         block = actuators[0]["block"]
         vertices = source.block_vertices(block) @ rotation_matrix(source.orientation0[block]).T
         point, direction = (np.array([actuator[key] for actuator in actuators]) for key in ("point", "direction"))
@@ -78,6 +84,8 @@ def _plan(source) -> Plan:
         built = assemble(source)
         if not built.actuators.names:
             raise ScenarioError("a loading layout needs an actuator, and this scenario has none")
+        if len(set(built.actuators.block.tolist())) > 1:
+            raise ScenarioError("the load acts on several blocks, and a loading layout is the plan of one")
         block = int(built.actuators.block[0])
         vertices, where = built.shapes[block].vertices @ built.rotation[block].T, built.position[block]
         point, direction, weight = built.actuators.point, built.actuators.direction, built.actuators.weight

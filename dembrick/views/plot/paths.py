@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from dembrick import theory
+from dembrick.errors import ScenarioError
 from dembrick.views import summary
 from dembrick.views.plot import style, subject
 from dembrick.views.plot.curves import labelled
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 
 _RAYS = 91  # of a section through a limit surface, from pure shear to pure torsion
 _PURE = 1e-6  # of the strength: a shear force that is not there
+_CHANGES = 1e-3  # of the greatest N of the record: a normal force that changes by more has no one domain
 
 
 class Section(NamedTuple):
@@ -31,7 +33,12 @@ class Section(NamedTuple):
 class JointPath(NamedTuple):
     """How a joint was loaded. ``V`` (T,) N is the shear force along ``direction`` (in t1, t2), ``M_T`` (T,) N m the
     torsion, both counted positive the way they went furthest; ``sections`` the joint's own yield domain at the last
-    row, and the exact one of the convex formulation where that is another."""
+    row, and the exact one of the convex formulation where that is another.
+
+    A domain grows with N. Where N changes, ``strength`` (T,) N is mu N, NaN where the joint is open, and the sections
+    are those of a joint pressed in the middle, over its strength in shear and in torsion, which is ``radius`` (m) times
+    that in shear; elsewhere ``strength`` is None.
+    """
 
     joint: str
     number: int
@@ -40,6 +47,15 @@ class JointPath(NamedTuple):
     V: np.ndarray
     M_T: np.ndarray
     sections: tuple[Section, ...]
+    strength: np.ndarray | None = None
+    radius: float = 1.0
+
+    @property
+    def drawn(self) -> tuple[np.ndarray, np.ndarray]:
+        """V and M_T (T,) as they belong on the sections: N and N m, or over the strength of their moment."""
+        if self.strength is None:
+            return self.V, self.M_T
+        return self.V / self.strength, self.M_T / (self.strength * self.radius)
 
 
 def joint_path(history, joint: str | int | None = None) -> JointPath:
@@ -53,14 +69,22 @@ def joint_path(history, joint: str | int | None = None) -> JointPath:
     sliding = size[furthest] > _PURE * max(own["friction"] * now["N"], float(np.abs(M_T).max()) / reach)
     direction = np.array([V_1[furthest], V_2[furthest]]) / size[furthest] if sliding else np.array([0.0, 1.0])
     sense = -1.0 if M_T[int(np.argmax(np.abs(M_T)))] < 0.0 else 1.0
+    N, strength, radius = history.joint("N")[:, number], None, 1.0
+    if own["friction"] > 0.0 and N.max() > 0.0 and np.ptp(N) > _CHANGES * N.max():
+        strength = np.where(N > 0.0, own["friction"] * N, np.nan)
+        now = {"N": 1.0 / own["friction"], "M_1": 0.0, "M_2": 0.0}
     law = subject.limit_surface(own, now)
-    sections = [] if law is None else [_section(_formulation(own), law, direction, sense)]
+    if strength is not None and law is not None:
+        radius = law.radius
+    sections = [] if law is None else [_section(_formulation(own), law, direction, sense, radius)]
     if now["N"] > 0.0 and own["friction"] > 0.0 and _formulation(own) != "convex":
         exact = theory.convex(own["polygon"], own["friction"], now["N"])
-        sections.append(_section("convex", exact, direction, sense))
+        sections.append(_section("convex", exact, direction, sense, radius))
     along = np.stack([V_1, V_2], axis=1) @ direction
     name = subject.joint_names(history)[number]
-    return JointPath(name, number, now["N"], direction, along, sense * M_T, tuple(sections))
+    return JointPath(
+        name, number, float(N[-1]), direction, along, sense * M_T, tuple(sections), strength, radius
+    )  # fmt: skip
 
 
 def _formulation(joint: dict) -> str:
@@ -69,13 +93,13 @@ def _formulation(joint: dict) -> str:
     return f"convex, {joint['pressure']} pressure" if follows else joint["formulation"]
 
 
-def _section(formulation: str, law: theory.Law, direction: np.ndarray, sense: float) -> Section:
+def _section(formulation: str, law: theory.Law, direction: np.ndarray, sense: float, radius: float) -> Section:
     angle = np.linspace(0.0, np.pi / 2.0, _RAYS)
     v, m = np.cos(angle), law.radius * np.sin(angle)
     v[-1] = m[0] = 0.0
     rays = np.column_stack([v * direction[0], v * direction[1], sense * m])
     found = theory.surface_along(law, rays)
-    return Section(formulation, found[:, :2] @ direction, sense * found[:, 2])
+    return Section(formulation, found[:, :2] @ direction, sense * found[:, 2] / radius)
 
 
 def load_path(
@@ -83,11 +107,15 @@ def load_path(
 ) -> Figure:
     """V against M_T of one joint through the record, on its yield domain; several histories in one picture.
 
-    The domain is the formulation's own at the last normal force, and the exact one of the convex formulation beside
-    it. ``joint``: ``"a/b"`` by the names of its blocks; left out, the joint that gave way.
+    The domain is the formulation's own, and the exact one of the convex formulation beside it. Where a normal force
+    changes on the way everything is drawn over mu N of its moment. ``joint``: ``"a/b"`` by the names of its blocks;
+    left out, the joint that gave way.
     """
     histories, labels = labelled(histories, labels)
     paths = [joint_path(history, joint) for history in histories]
+    relative = any(path.strength is not None for path in paths)
+    if relative and not all(path.strength is not None for path in paths):
+        raise ScenarioError("in some of the runs N of the joint changes, in others it does not; draw each")
     with style.settings():
         figure, axes = style.canvas(ax)
         formulations = [
@@ -111,21 +139,29 @@ def load_path(
             if len(paths) == 1:
                 colour, line, marker = style.BLACK, "-", "o"
             every = max(1, len(path.V) // 12)
-            axes.plot(path.V, path.M_T, color=colour, ls=line, lw=1.6, marker=marker, ms=2.8, markevery=every,
+            axes.plot(*path.drawn, color=colour, ls=line, lw=1.6, marker=marker, ms=2.8, markevery=every,
                       label=label, zorder=3)  # fmt: skip
             point = summary.yield_point(history.results)
             if {"V_1", "V_2", "M_T"} <= set(point):
                 shear = abs(np.array([point["V_1"], point["V_2"]]) @ path.direction)
-                axes.plot(shear, abs(point["M_T"]), marker="*", ms=11, color=colour, mec="white", mew=0.7, ls="none",
+                torsion = abs(point["M_T"])
+                if relative:
+                    strength = history.joints[path.number]["friction"] * point.get("N", np.nan)
+                    shear, torsion = shear / strength, torsion / (strength * path.radius)
+                axes.plot(shear, torsion, marker="*", ms=11, color=colour, mec="white", mew=0.7, ls="none",
                           zorder=5, clip_on=False, label="_nolegend_" if i else "yield point")  # fmt: skip
         first = paths[0]
-        axes.set_xlabel(f"shear force V {_named(first.direction)} [N]")
-        axes.set_ylabel(r"torsion $M_T$ [N m]")
-        axes.set_title(style.plain(f"joint {first.joint}, N = {first.normal_force:.4g} N"))
-        axes.set_xlim(left=min(0.0, 1.05 * min(float(path.V.min()) for path in paths)))
-        axes.set_ylim(bottom=min(0.0, 1.05 * min(float(path.M_T.min()) for path in paths)))
+        axes.set_xlabel(f"shear force V {_named(first.direction)} {'over mu N [-]' if relative else '[N]'}")
+        axes.set_ylabel(r"torsion $M_T$ " + ("over its strength at that N [-]" if relative else "[N m]"))
+        axes.set_title(style.plain(f"joint {first.joint}, {'N of the moment' if relative else _pressed(first)}"))
+        axes.set_xlim(left=min(0.0, 1.05 * min(float(np.nanmin(path.drawn[0], initial=0.0)) for path in paths)))
+        axes.set_ylim(bottom=min(0.0, 1.05 * min(float(np.nanmin(path.drawn[1], initial=0.0)) for path in paths)))
         style.legend(figure, axes, ax is None, columns=1 if max(map(len, labels)) > 36 else 2)
     return figure
+
+
+def _pressed(path: JointPath) -> str:
+    return f"N = {path.normal_force:.4g} N"
 
 
 def _named(direction: np.ndarray) -> str:

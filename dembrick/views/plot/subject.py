@@ -30,6 +30,11 @@ def _pairs(history) -> list[str]:
     return [f"{names[joint['block_a']]}/{names[joint['block_b']]}" for joint in history.joints]
 
 
+def pushes_several(history) -> bool:
+    """Whether the load acts on several blocks: the shares of their weights of a tilt or a pushover, as a rule."""
+    return len({actuator["block"] for actuator in history.actuators}) > 1
+
+
 def chosen_joint(history, name: str | int | None = None) -> int:
     """Number of the joint called ``a/b`` (or ``a/b #3``, or 3); without a name the one that gave way.
 
@@ -112,6 +117,7 @@ class JointAlone:
         self.joints = [joint | {"block_a": 0, "block_b": 1, "host": self._blocks.index(joint["host"])}]
         self.position0, self.orientation0 = (a[self._blocks] for a in (history.position0, history.orientation0))
         self.n_frames, self.frame_time, self.time = history.n_frames, history.frame_time, history.time
+        self.small_displacements = history.small_displacements
 
     def frame_values(self, name: str, start: int, stop: int) -> np.ndarray | None:
         """Frames start to stop of a channel, (f, 2, ...), (f, c, ...) or (f, 1, 2); None where not recorded."""

@@ -14,7 +14,7 @@ from dembrick.errors import HistoryError
 from dembrick.geometry.rotations import rotation_matrix
 from dembrick.views.motion.blocks import CarriedPoints, Poses, all_vertices, rotation_times
 from dembrick.views.motion.joints import JointMotion
-from dembrick.views.plot.subject import JointAlone, chosen_joint
+from dembrick.views.plot.subject import JointAlone, chosen_joint, pushes_several
 from dembrick.views.render.colors import Colouring
 from dembrick.views.render.look import VIEWS, Look, automatic_magnification, largest_extent
 
@@ -400,7 +400,7 @@ class Scene:
         shown = f"motion x {self._factor:g}" if self._factor != 1.0 else "true scale"
         keys = ["grey: start"] if not self._many else []
         if self._actuators:
-            keys.append("orange: actuators")
+            keys.append("orange: body forces" if pushes_several(history) else "orange: actuators")
         if marked:
             keys.append("blue: torsion centre")
         if self._look.forces:
