@@ -140,10 +140,12 @@ def _check_base_motion(control) -> tuple[str, ...]:
     if control.sine is not None and control.quantity != "acceleration":
         sine = control.sine
         velocity = control.quantity == "velocity"
-        first = sine.amplitude * (
-            math.sin(sine.phase) if velocity else 2.0 * math.pi * sine.frequency * math.cos(sine.phase)
+        first = (
+            control.scale
+            * sine.amplitude
+            * (math.sin(sine.phase) if velocity else 2.0 * math.pi * sine.frequency * math.cos(sine.phase))
         )
-        fastest = abs(sine.amplitude) * (1.0 if velocity else 2.0 * math.pi * sine.frequency)
+        fastest = abs(control.scale * sine.amplitude) * (1.0 if velocity else 2.0 * math.pi * sine.frequency)
         if abs(first) > ROUNDED * fastest:
             rest = "0" if velocity else f"{0.5 * math.pi:.6g}"
             warnings.append(

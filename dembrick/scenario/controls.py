@@ -357,24 +357,27 @@ class DynamicControl(Control):
 @dataclass(frozen=True, slots=True)
 class BaseMotionControl(Control):
     """Supports that shake along ``direction`` for ``duration`` (s), by a ``sine``, a ``pulse`` or a ``file``, whose
-    ``quantity`` is an acceleration, a velocity or a displacement.
+    ``quantity`` is an acceleration, a velocity or a displacement, all of it times ``scale``.
 
     The file is a CSV whose first line names its columns with their units, such as "time [s], acceleration [g]", or a
     PEER record (.AT2, .VT2, .DT2). ``columns`` picks two of its columns by name, time first, where units do not tell.
-    Supports and blocks are at rest before time zero: a velocity that begins above zero is a jump.
+    Up to three directions have a component each: of a file each, or of one file, whose ``columns`` are time and then
+    one for each direction. Supports and blocks are at rest before time zero: a velocity that begins above zero is a
+    jump.
     """
 
     duration: float
-    direction: Vector
-    file: str | None = None
+    direction: Vector | tuple[Vector, ...]
+    file: str | tuple[str, ...] | None = None
     sine: Sine | None = None
     pulse: Pulse | None = None
     quantity: str = "acceleration"
     restitution: float = 0.5
-    columns: tuple[str, str] | None = None
+    columns: tuple[str, ...] | None = None
+    scale: float = 1.0
 
     kind = "base-motion"
-    curve = Curve(None, "m/s2", "acceleration of the supports along the direction of their motion", FURTHEST)
+    curve = Curve(None, "m/s2", "acceleration of the supports along the (first) direction of their motion", FURTHEST)
     drives = SUPPORTS
     loads_vary = True
     shakes = True
@@ -385,30 +388,61 @@ class BaseMotionControl(Control):
 
     def __post_init__(self):
         _check_motion(self)
-        direction = vector("direction", self.direction)
-        require(any(direction), "direction", direction, "its length must be greater than 0")
-        assign(self, direction=unit_vector(direction))
+        several = isinstance(self.direction, list | tuple) and any(isinstance(v, list | tuple) for v in self.direction)
+        given = self.direction if several else (self.direction,)
+        require(len(given) <= 3, "direction", self.direction, "the supports move along one to three directions")
+        directions = tuple(_direction(v) for v in given)
+        assign(self, direction=directions if several else directions[0], scale=real("scale", self.scale))
         one_of("quantity", self.quantity, QUANTITIES)
-        if self.file is not None:
+        if isinstance(self.file, list | tuple):
+            assign(self, file=tuple(check_name(f"file[{i}]", name) for i, name in enumerate(self.file)))
+            require(
+                len(self.file) == len(directions), "file", list(self.file), "it must name one for each direction"
+            )
+        elif self.file is not None:
             check_name("file", self.file)
-        assign(self, columns=checked_columns(self.columns, self.file))
+        values = len(directions) if isinstance(self.file, str) else 1
+        assign(self, columns=checked_columns(self.columns, self.file, values))
+        needed = "one file for several directions needs them: of time, and one for each direction"
+        require(values == 1 or self.columns is not None, "columns", self.columns, needed)
         require_type(self.sine is None or isinstance(self.sine, Sine), "sine", self.sine, "a Sine")
         require_type(self.pulse is None or isinstance(self.pulse, Pulse), "pulse", self.pulse, "a Pulse")
         given = [key for key in ("file", "sine", "pulse") if getattr(self, key) is not None]
         require(len(given) == 1, "control", given, "a base motion needs exactly one of file, sine and pulse")
         still = self.pulse is not None and self.quantity == "displacement"
         require(not still, "quantity", self.quantity, "a pulse of displacement has no finite velocity; use another")
+        alone = self.file is not None or len(directions) == 1
+        require(alone, "direction", self.direction, "a sine or a pulse has one direction, which may be inclined")
+
+    @property
+    def components(self) -> tuple[tuple[Vector, str | None, tuple[str, str] | None], ...]:
+        """Direction, file, and its columns of time and values, of every component."""
+        several = isinstance(self.direction[0], tuple)
+        directions = self.direction if several else (self.direction,)
+        files = self.file if isinstance(self.file, tuple) else (self.file,) * len(directions)
+        columns = self.columns
+        if columns is None or isinstance(self.file, tuple):
+            names = (columns,) * len(directions)
+        else:
+            names = tuple((columns[0], value) for value in columns[1:])
+        return tuple(zip(directions, files, names, strict=True))
 
 
-def checked_columns(columns, file: str | None) -> tuple[str, str] | None:
-    """Names of the columns of time and of values in a ``file``, None where it does not need them."""
+def _direction(value) -> Vector:
+    direction = vector("direction", value)
+    require(any(direction), "direction", direction, "its length must be greater than 0")
+    return unit_vector(direction)
+
+
+def checked_columns(columns, file: str | tuple[str, ...] | None, values: int = 1) -> tuple[str, ...] | None:
+    """Names of the columns of time and of so many ``values`` in a ``file``, None if it does not need them."""
     if columns is None:
         return None
     require(file is not None, "columns", columns, "they belong to a file, and none is named")
-    require_type(isinstance(columns, list | tuple), "columns", columns, "a list of two names, of time and of values")
-    require(len(columns) == 2, "columns", columns, "it must name two columns, of time and of values")
-    time, value = (check_name(f"columns[{i}]", name) for i, name in enumerate(columns))
-    return time, value
+    count = f"{1 + values} columns, of time and of values"
+    require_type(isinstance(columns, list | tuple), "columns", columns, f"a list of names of {count}")
+    require(len(columns) == 1 + values, "columns", columns, f"it must name {count}")
+    return tuple(check_name(f"columns[{i}]", name) for i, name in enumerate(columns))
 
 
 def _check_motion(control) -> None:

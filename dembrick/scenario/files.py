@@ -14,7 +14,8 @@ def folder_of(scenario: Scenario) -> str:
 
 def inputs_of(scenario: Scenario) -> list[str]:
     """The scenario's own file, and every mesh and history in time that it names."""
-    named = [getattr(scenario.control, "file", None), *(load.history for load in scenario.loads)]
+    shaken = getattr(scenario.control, "file", None)
+    named = [*(shaken if isinstance(shaken, tuple) else [shaken]), *(load.history for load in scenario.loads)]
     for block in scenario.all_blocks:
         solids = [block, *(block.parts or ())]
         named += [solid.mesh.file for solid in solids if solid.mesh is not None]

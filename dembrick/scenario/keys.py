@@ -241,12 +241,13 @@ rate | m/s | > 0 | how fast the mean displacement grows, in real time
     "dynamic": _IMPACT,
     "base-motion": f"""
 {_IMPACT}
-direction | 1 | 3 numbers | along which the supports shake
-file | | a path | CSV file with units in its first line, or a PEER record (.AT2, .VT2, .DT2)
+direction | 1 | 3 numbers, or up to three such lists | along which the supports shake, one for each component
+file | | a path, or one for each direction | CSV file with units in its first line, or a PEER record (.AT2, .VT2, .DT2)
 sine | | table | or a sine
 pulse | | table | or a rectangular pulse
 quantity | | acceleration, velocity, displacement | what file, sine or pulse give
-columns | | 2 names | the columns of time and of values in the file
+columns | | 2 to 4 names | the columns of time and of values in the file, one for each direction
+scale | 1 | a number | file, sine or pulse times this
 """,
 }
 
@@ -351,7 +352,8 @@ def _word(text: str) -> bool:
 def _type(hint: Any) -> dict:
     origin = get_origin(hint)
     if origin in (Union, types.UnionType):
-        return _type(next(part for part in get_args(hint) if part is not type(None)))
+        kinds = [_type(part) for part in get_args(hint) if part is not type(None)]
+        return kinds[0] if len(kinds) == 1 else {"anyOf": kinds}
     if origin is tuple:
         parts = get_args(hint)
         if parts[-1] is Ellipsis:

@@ -26,7 +26,8 @@ class Driving:
     """Gravity (3,), loads and the motion of the supports.
 
     ``block`` (k,), ``lever`` (k, 3; body axes, m) and ``force`` (k, 3; N, world) of the loads, ``factor`` a curve for
-    each or None. ``tilt``: (axis, rate in rad/s). ``support_velocity``: a curve of the speed along ``direction``, m/s.
+    each or None. ``tilt``: (axis, rate in rad/s). ``support_velocity``: directions (3,) and the curves of the speed
+    along them, m/s; the record shows the acceleration along the first.
     """
 
     gravity: np.ndarray
@@ -35,8 +36,7 @@ class Driving:
     force: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     factor: tuple[Curve | None, ...] = ()
     tilt: tuple[np.ndarray, float] | None = None
-    support_velocity: Curve | None = None
-    direction: np.ndarray = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))
+    support_velocity: tuple[tuple[np.ndarray, Curve], ...] = ()
 
     def at(self, times: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
         """Gravity (s, 3) in m/s2 and load forces (s, k, 3) in N for the steps at ``times`` (s,)."""
@@ -50,18 +50,18 @@ class Driving:
             gravity = turned_back(gravity, axis, cosine[:, None], sine[:, None])
             if len(self.block):
                 force = turned_back(force, axis, cosine[:, None, None], sine[:, None, None])
-        if self.support_velocity is not None:
-            gained = self.support_velocity(times + 0.5 * dt) - self.support_velocity(times - 0.5 * dt)
-            gravity = gravity - (gained / dt)[:, None] * self.direction
+        for direction, velocity in self.support_velocity:
+            gained = velocity(times + 0.5 * dt) - velocity(times - 0.5 * dt)
+            gravity = gravity - (gained / dt)[:, None] * direction
         return gravity, np.ascontiguousarray(force)
 
     def load(self, time: float, dt: float) -> float:
         """What grows in the record: load factor of a tilt, acceleration of shaken supports (m/s2), else zero."""
         if self.tilt is not None:
             return math.tan(min(self.tilt[1] * time, math.radians(89.999)))
-        if self.support_velocity is not None:
+        if self.support_velocity:
             gravity, _ = self.at(np.array([time]), dt)
-            return float((self.gravity - gravity[0]) @ self.direction)
+            return float((self.gravity - gravity[0]) @ self.support_velocity[0][0])
         return 0.0
 
 
@@ -107,15 +107,24 @@ def driving_of(scenario, assembly, time_step: float) -> Driving:
     if control.tilt_axis is not None:
         driving["tilt"] = (np.array(control.tilt_axis, float), float(np.radians(control.rate)))
     if control.shakes:
-        driving["direction"] = np.array(control.direction, float)
-        if control.sine is not None:
-            driving["support_velocity"] = time_histories.sine_velocity(control.sine, control.quantity)
-        elif control.pulse is not None:
-            driving["support_velocity"] = time_histories.pulse_velocity(control.pulse, control.quantity)
-        else:
-            samples = _samples(scenario, control.file, control.quantity, control.columns, duration, time_step)
-            driving["support_velocity"] = time_histories.sampled_velocity(samples, control.quantity)
+        driving["support_velocity"] = tuple(
+            (np.array(direction, float), _support_velocity(scenario, file, columns, time_step))
+            for direction, file, columns in control.components
+        )
     return Driving(**driving)
+
+
+def _support_velocity(scenario, file: str | None, columns, time_step: float) -> Curve:
+    """Velocity (m/s) of the supports along one direction."""
+    control = scenario.control
+    if control.sine is not None:
+        curve = time_histories.sine_velocity(control.sine, control.quantity)
+    elif control.pulse is not None:
+        curve = time_histories.pulse_velocity(control.pulse, control.quantity)
+    else:
+        samples = _samples(scenario, file, control.quantity, columns, control.duration, time_step)
+        curve = time_histories.sampled_velocity(samples, control.quantity)
+    return lambda t: control.scale * curve(t)
 
 
 def _samples(scenario, file: str, quantity: str, columns, duration: float, time_step: float) -> time_histories.Samples:

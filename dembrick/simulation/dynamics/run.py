@@ -148,7 +148,7 @@ def run(moving: Motion, control, driving: Driving, session: Session) -> MotionRu
     if resume is not None and past.has_begun(session.resumed):
         resume()
     else:
-        held = replace(driving, support_velocity=None)
+        held = replace(driving, support_velocity=())
         past.unbalanced[0] = find_equilibrium(moving, held, free, resume, partial(session.pause, past))
         moving.phases["seating"], moving.loop_seconds = moving.loop_seconds, 0.0
         past.at_rest[:] = seen(moving.state.bodies, moving.state.links)
