@@ -14,6 +14,7 @@ from typing import ClassVar, NamedTuple
 
 from dembrick.scenario.blocks import Vector
 from dembrick.scenario.checks import assign, check_name, one_of, real, require, require_type, unit_vector, vector
+from dembrick.scenario.time_functions import Pulse, Sine, checked_columns
 
 QUANTITIES = ("acceleration", "velocity", "displacement")
 STEEPEST = 90.0  # deg: a tilt that brings nothing down ends there
@@ -72,35 +73,6 @@ class Limit(NamedTuple):
     seconds: float
     key: str
     remedy: str
-
-
-@dataclass(frozen=True, slots=True)
-class Sine:
-    """``amplitude`` times sin(2 pi ``frequency`` t + ``phase``); frequency in Hz, phase in rad."""
-
-    amplitude: float
-    frequency: float
-    phase: float = 0.0
-
-    def __post_init__(self):
-        for key in ("amplitude", "frequency", "phase"):
-            assign(self, **{key: real(key, getattr(self, key))})
-        require(self.frequency > 0.0, "frequency", self.frequency, "it must be greater than 0 Hz")
-
-
-@dataclass(frozen=True, slots=True)
-class Pulse:
-    """``amplitude`` from ``start`` for ``duration`` (s), else zero."""
-
-    amplitude: float
-    duration: float
-    start: float = 0.0
-
-    def __post_init__(self):
-        for key in ("amplitude", "duration", "start"):
-            assign(self, **{key: real(key, getattr(self, key))})
-        require(self.duration > 0.0, "duration", self.duration, "it must be longer than 0 s")
-        require(self.start >= 0.0, "start", self.start, "the run starts at 0 s")
 
 
 class Control:
@@ -396,9 +368,7 @@ class BaseMotionControl(Control):
         one_of("quantity", self.quantity, QUANTITIES)
         if isinstance(self.file, list | tuple):
             assign(self, file=tuple(check_name(f"file[{i}]", name) for i, name in enumerate(self.file)))
-            require(
-                len(self.file) == len(directions), "file", list(self.file), "it must name one for each direction"
-            )
+            require(len(self.file) == len(directions), "file", list(self.file), "it must name one for each direction")
         elif self.file is not None:
             check_name("file", self.file)
         values = len(directions) if isinstance(self.file, str) else 1
@@ -432,17 +402,6 @@ def _direction(value) -> Vector:
     direction = vector("direction", value)
     require(any(direction), "direction", direction, "its length must be greater than 0")
     return unit_vector(direction)
-
-
-def checked_columns(columns, file: str | tuple[str, ...] | None, values: int = 1) -> tuple[str, ...] | None:
-    """Names of the columns of time and of so many ``values`` in a ``file``, None if it does not need them."""
-    if columns is None:
-        return None
-    require(file is not None, "columns", columns, "they belong to a file, and none is named")
-    count = f"{1 + values} columns, of time and of values"
-    require_type(isinstance(columns, list | tuple), "columns", columns, f"a list of names of {count}")
-    require(len(columns) == 1 + values, "columns", columns, f"it must name {count}")
-    return tuple(check_name(f"columns[{i}]", name) for i, name in enumerate(columns))
 
 
 def _check_motion(control) -> None:
