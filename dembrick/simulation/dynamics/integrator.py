@@ -30,7 +30,7 @@ from dembrick.kernels.dynamics.loop import (
     advance_bodies_together,
     shares,
 )
-from dembrick.kernels.dynamics.tiles import VISCOUS
+from dembrick.kernels.dynamics.tiles import VISCOUS, rows_of_lanes
 from dembrick.scenario.model import show
 from dembrick.simulation.dynamics.contact_detection import STABLE, ContactDetection
 from dembrick.simulation.dynamics.energy import MotionEnergy
@@ -240,7 +240,7 @@ def present_velocities(motion: Motion, driving: Driving) -> tuple[np.ndarray, np
     loads, limits = Loads(driving.block, driving.lever, force, gravity), Limits(NO_LIMIT, NO_LIMIT)
     advance_bodies(
         1, motion.time_step, bodies, links, corners, faces, loads, limits, 0.0, np.array([np.inf, 0.0]), touching,
-        table, rows_of_lanes(WORK),
+        table, *shares(corners, faces, bodies, 1),
     )  # fmt: skip
     now = state.bodies
     velocity, momentum = 0.5 * (now.velocity + bodies.velocity), 0.5 * (now.momentum + bodies.momentum)
