@@ -28,11 +28,13 @@ def kernel_hash() -> str:
 
 
 def source_hash(package: Path, place: str = "") -> str:
-    """Hash of numba's version and of all sources of kernels in a copy of the package, at any depth below ``kernels``.
+    """Hash of numba and of all sources of kernels in a copy of the package, at any depth below ``kernels``.
+
+    numba counts by its version and by whether it checks bounds (``NUMBA_BOUNDSCHECK``), which its own cache ignores.
 
     ``place`` is mixed in: two copies of the package with the same sources must not share a cache folder.
     """
-    digest = hashlib.sha256(f"{numba.__version__} {place}".encode())
+    digest = hashlib.sha256(f"{numba.__version__} {numba.config.BOUNDSCHECK} {place}".encode())
     for source in [package / "_jit.py", *sorted((package / "kernels").rglob("*.py"))]:
         digest.update(f"\n{source.relative_to(package).as_posix()}\n".encode() + source.read_bytes())
     return digest.hexdigest()[:16]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,6 +12,10 @@ from dembrick.assembly.surface_pressures import face_forces
 from dembrick.errors import ScenarioError
 from dembrick.geometry.shapes import parts_of
 from dembrick.scenario.checks import show
+
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
+    from dembrick.scenario.model import Scenario
 
 ON_FACE = 1e-9  # of the block's diameter: a point so little outside is on the face
 
@@ -44,11 +49,12 @@ class ControlPoints:
         return moved[self.block] + np.einsum("wij,wj->wi", rotation[self.block], self.lever) - self.arm
 
 
-NO_ACTUATORS = ActuatorTable((), np.zeros(0, np.int64), *np.zeros((3, 0, 3)), np.zeros(0))
-NO_CONTROL_POINTS = ControlPoints((), np.zeros(0, np.int64), *np.zeros((3, 0, 3)))
+NO_VECTORS = np.zeros((0, 3))
+NO_ACTUATORS = ActuatorTable((), np.zeros(0, np.int64), NO_VECTORS, NO_VECTORS, NO_VECTORS, np.zeros(0))
+NO_CONTROL_POINTS = ControlPoints((), np.zeros(0, np.int64), NO_VECTORS, NO_VECTORS, NO_VECTORS)
 
 
-def check_inside(what: str, point, bare, block: int) -> np.ndarray:
+def check_inside(what: str, point, bare: Assembly, block: int) -> np.ndarray:
     """The arm (3,) of a point from the centroid of its block; ScenarioError where it lies outside."""
     shape, arm = bare.shapes[block], np.array(point, float) - bare.position[block]
     local = bare.rotation[block].T @ arm
@@ -63,7 +69,7 @@ def check_inside(what: str, point, bare, block: int) -> np.ndarray:
     return arm
 
 
-def given_actuators(scenario, number: dict[str, int], bare) -> ActuatorTable:
+def given_actuators(scenario: Scenario, number: dict[str, int], bare: Assembly) -> ActuatorTable:
     """The actuators of a scenario and its driven pressures; ``number`` of every block by name.
 
     ScenarioError if an actuator cannot push its block, or no face feels a pressure.
@@ -92,7 +98,7 @@ def given_actuators(scenario, number: dict[str, int], bare) -> ActuatorTable:
     return given if not driven else _joined(given, driven, bare)
 
 
-def _joined(given: ActuatorTable, driven, bare) -> ActuatorTable:
+def _joined(given: ActuatorTable, driven, bare: Assembly) -> ActuatorTable:
     """Actuators and driven pressures as one load system: a pressure pushes at its centre, by its force for V = 1."""
     force = np.array([face.force for face in driven])
     weight = np.sqrt((force**2).sum(axis=1))
@@ -107,7 +113,7 @@ def _joined(given: ActuatorTable, driven, bare) -> ActuatorTable:
     )
 
 
-def actuators_on_all_blocks(scenario, loads, bare) -> ActuatorTable:
+def actuators_on_all_blocks(scenario: Scenario, loads, bare: Assembly) -> ActuatorTable:
     """The load system of a quasi-static tilt or pushover, as actuators at centroids and at the points of the loads."""
     block, point, force = load_system.load_system(scenario, loads, bare.position, bare.mass, bare.fixed)
     weight = np.sqrt((force**2).sum(axis=1))
@@ -121,7 +127,7 @@ def actuators_on_all_blocks(scenario, loads, bare) -> ActuatorTable:
     )
 
 
-def control_points(scenario, number: dict[str, int], bare) -> ControlPoints:
+def control_points(scenario: Scenario, number: dict[str, int], bare: Assembly) -> ControlPoints:
     """The control points of a scenario, centroids where it gives no point; ScenarioError where one is outside."""
     given = scenario.control_points
     if not given:

@@ -10,6 +10,7 @@ import numpy as np
 from dembrick.assembly.joints import JointTable
 from dembrick.assembly.quadrature import ContactPoints, contact_points
 from dembrick.geometry import polygons
+from dembrick.scenario.checks import present
 
 DISCRETISATION = 1e-3  # tolerance of distributed points if the control has none
 
@@ -72,7 +73,7 @@ def place_points(joints: JointTable, tolerance: float) -> PointTable:
     alone = formulation == "distributed"
     alone[[j for j in joints.pieces if formulation[j] != "convex"]] = True
     at_corners = (formulation != "convex") & ~alone
-    single = {int(j): contact_points(joints[j], tolerance) for j in np.flatnonzero(alone)}
+    single = {int(j): present(contact_points(joints[j], tolerance)) for j in np.flatnonzero(alone)}
     count = np.where(at_corners, np.diff(joints.start), 0)
     for j, points in single.items():
         count[j] = len(points.area)
@@ -105,7 +106,7 @@ def rim_gap(joints: JointTable, points: PointTable, numbers: np.ndarray) -> np.n
         edge = np.roll(corners, -1, axis=0) - corners
         outward = np.stack([edge[:, 1], -edge[:, 0]], axis=1)
         far = (corners * outward).sum(axis=1)
-        reached = (points[j].normal_arm @ outward.T).max(axis=0)
+        reached = (present(points[j]).normal_arm @ outward.T).max(axis=0)
         gaps[place] = float(((far - reached) / far).max())
     return gaps
 

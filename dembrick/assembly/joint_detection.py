@@ -26,7 +26,7 @@ class Contacts(NamedTuple):
     arm_a: np.ndarray  # (k, 3) m, centroid O of the polygon seen from the centroid of body a
     arm_b: np.ndarray  # (k, 3) m, likewise of b
     polygon: np.ndarray  # (k, m, 2) m, corners about O along t1, t2; unused room repeats the last
-    count: np.ndarray  # (k,) corners
+    n_corner: np.ndarray  # (k,)
     area: np.ndarray  # (k,) m2
     gap: np.ndarray  # (k,) m, distance of the faces at O, positive open
 
@@ -107,7 +107,7 @@ class _Facing:
             arm_a=arm[kept],
             arm_b=(arm - self.between)[kept],
             polygon=clipping.started_lowest(polygon, count, (0.8, 0.6)),
-            count=count,
+            n_corner=count,
             area=area[kept],
             gap=gap[kept],
         )

@@ -187,7 +187,7 @@ def _table(found: list[Contacts], bodies: Bodies, positions: np.ndarray, law_of)
     def column(name, *shape, kind=float):
         return np.concatenate([getattr(contacts, name) for contacts in found] or [np.empty((0, *shape), kind)])
 
-    body, count = column("body", 2, kind=np.int64), column("count", kind=np.int64)
+    body, count = column("body", 2, kind=np.int64), column("n_corner", kind=np.int64)
     ends = bodies.owner[body]
     order = np.lexsort((ends.max(axis=1), ends.min(axis=1)))
     old_start = np.cumsum(count) - count
@@ -195,7 +195,7 @@ def _table(found: list[Contacts], bodies: Bodies, positions: np.ndarray, law_of)
     a, b = ends.T
     arm_a = column("arm_a", 3)[order] + bodies.arm[body[:, 0]]
     # polygons one after another, in the order of the joints
-    packed = [c.polygon[np.arange(c.polygon.shape[1]) < c.count[:, None]] for c in found]
+    packed = [c.polygon[np.arange(c.polygon.shape[1]) < c.n_corner[:, None]] for c in found]
     corner = np.concatenate([*packed, np.empty((0, 2))])
     start = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
     where = np.repeat(old_start[order] - start[:-1], count) + np.arange(len(corner))

@@ -12,15 +12,20 @@ blocks come down: that gravity's part along the joints' normals falls by cos(psi
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from dembrick.errors import ScenarioError
 from dembrick.scenario.checks import show
 
+if TYPE_CHECKING:
+    from dembrick.scenario.model import Scenario
+
 _ALONG = 1e-9  # of a force: a part along the axis that is rounding
 
 
-def load_system(scenario, loads, position, mass, fixed) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def load_system(scenario: Scenario, loads, position, mass, fixed) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Forces of the load factor 1: block (k,), point (k, 3) in the world and force (k, 3), of a scenario of that kind.
 
     ``loads``: the dead loads besides gravity (:class:`dembrick.assembly.loads.PointLoads`); ``position`` (n, 3) of the
@@ -45,11 +50,11 @@ def load_system(scenario, loads, position, mass, fixed) -> tuple[np.ndarray, np.
                 block.append(member)
                 point.append(position[member] + arm)
                 force.append(tilted(control.tilt_axis, load, what))
-    force = np.array(force, float).reshape(-1, 3)
-    acting = (force != 0.0).any(axis=1)
+    forces = np.array(force, float).reshape(-1, 3)
+    acting = (forces != 0.0).any(axis=1)
     if not acting.any():
         raise ScenarioError("nothing drives the blocks: give gravity, or loads, and let a block be free")
-    return np.array(block, np.int64)[acting], np.array(point)[acting], force[acting]
+    return np.array(block, np.int64)[acting], np.array(point)[acting], forces[acting]
 
 
 def pushed(direction, gravity: np.ndarray, mass: np.ndarray) -> np.ndarray:

@@ -7,11 +7,16 @@ the loads of a run in real time.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dembrick.assembly.actuators import check_inside
 from dembrick.assembly.surface_pressures import face_forces
+
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
+    from dembrick.scenario.model import Scenario
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,10 +34,10 @@ class PointLoads:
     what: tuple[str, ...]
 
 
-NO_LOADS = PointLoads(np.zeros(0, np.int64), *np.zeros((2, 0, 3)), np.zeros(0, np.int64), ())
+NO_LOADS = PointLoads(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, np.int64), ())
 
 
-def point_loads(scenario, number: dict[str, int], bare) -> PointLoads:
+def point_loads(scenario: Scenario, number: dict[str, int], bare: Assembly) -> PointLoads:
     """The dead loads of a scenario on the blocks of ``bare``; ``number`` of every block by name.
 
     ScenarioError for a point outside its block, or a pressure that no face feels.

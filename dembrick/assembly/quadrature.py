@@ -132,7 +132,8 @@ def _layout(polygon: tuple, tolerance: float) -> tuple[float, int]:
     """Spacing of the points (in units of the polygon's size) and number of the direction, for a tolerance."""
     corners = np.array(polygon)
     bound = 0.5 * tolerance / _BENDING
-    spacing = (bound * polygons.area(corners) * float(polygons.mean_distance(corners)[0]) / _CONE) ** (1.0 / 3.0)
+    cone = float(polygons.area(corners)) * float(polygons.mean_distance(corners)[0])
+    spacing = (bound * cone / _CONE) ** (1.0 / 3.0)
     directions = _directions(corners)
     costs = np.array([_cost(corners, direction, spacing) for direction in directions])
     chosen = int(np.argmax(costs < costs.min() * (1.0 + 1e-6)))

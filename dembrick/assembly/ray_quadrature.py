@@ -66,7 +66,8 @@ def _both_ways(foot: float, scale: float, count: int) -> tuple[np.ndarray, np.nd
         if span > _SLIVER:
             x, weight = _graded(scale / span, count)
             parts.append((foot + (end - foot) * x, span * weight))
-    return tuple(np.concatenate(part) for part in zip(*parts, strict=True))
+    positions, weights = zip(*parts, strict=True)
+    return np.concatenate(positions), np.concatenate(weights)
 
 
 def _graded(scale: float, count: int) -> tuple[np.ndarray, np.ndarray]:

@@ -8,12 +8,16 @@ int p x dA / int p dA. Both integrals are exact: p x is quadratic, and the midpo
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dembrick.errors import ScenarioError
 from dembrick.geometry.shapes import parts_of
 from dembrick.scenario.checks import show
+
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
 
 FACING = 1e-3  # rad: how far the normal of a loaded face may be off the stated direction
 COPLANAR = 1e-6  # of the block's diameter: a joint so near a face lies on it
@@ -29,7 +33,7 @@ class FaceForce:
     force: np.ndarray
 
 
-def face_forces(pressure, members, bare) -> list[FaceForce]:
+def face_forces(pressure, members, bare: Assembly) -> list[FaceForce]:
     """Resultants of one pressure on the blocks ``members`` of an assembly, one a face; ScenarioError if no free block
     of them has a face that looks along its direction and feels it."""
     c0, c1 = pressure.at_height
@@ -59,7 +63,7 @@ def face_forces(pressure, members, bare) -> list[FaceForce]:
     return found
 
 
-def _joint_polygons(bare, block: int) -> list[np.ndarray]:
+def _joint_polygons(bare: Assembly, block: int) -> list[np.ndarray]:
     """World corners (m, 3) of the polygons of all joints of a block, convex pieces one by one."""
     joints = bare.joints
     polygons = []

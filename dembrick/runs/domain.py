@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,6 +16,9 @@ from dembrick.geometry import polygons
 from dembrick.scenario.model import FORMULATIONS, PRESSURES, JointLaw, nearest
 from dembrick.simulation.statics.batch import face
 from dembrick.simulation.statics.yield_domain import YieldDomain, directions, yield_domain
+
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
 
 __all__ = ["DomainJoint", "Request", "by_simulation", "by_theory", "simulate_domain"]
 
@@ -51,7 +55,7 @@ class DomainJoint:
         return DomainJoint(polygon - theory.polygons.centroid([polygon]), friction, normal_force, **options)
 
     @staticmethod
-    def of_assembly(assembly) -> DomainJoint:
+    def of_assembly(assembly: Assembly) -> DomainJoint:
         """The joint of a scene that has one, under its dead loads: N and eccentricity from statics."""
         if len(assembly.joints) != 1 or not assembly.joint_force_exact:
             raise ScenarioError(

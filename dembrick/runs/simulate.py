@@ -25,6 +25,7 @@ from dembrick.simulation.interrupts import Interrupted
 from dembrick.simulation.session import Progress, Session
 
 if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
     from dembrick.runs.motion_result import MotionResult  # and its kernels: for runs in real time only
 from dembrick.runs.result import Result
 
@@ -119,7 +120,7 @@ def _built(scenario: Scenario, report: Callable[[str], None] | None):
 
 def _run(
     scenario: Scenario,
-    assembly,
+    assembly: Assembly,
     store: RecordStore | Memory | None,
     times: tuple[float, float],
     refine: bool = False,
@@ -161,7 +162,7 @@ def _run(
         return _finished(scenario, assembly, run, audit, store, spent, refine)
 
 
-def _finished(scenario, assembly, run, audit, store, times, refine) -> Result | MotionResult:
+def _finished(scenario: Scenario, assembly: Assembly, run, audit, store, times, refine) -> Result | MotionResult:
     """The result of a run that came to its end, compared with theory, and written."""
     began, placing, done = times["began"], times["placing"], time.perf_counter()
     path = store.path if isinstance(store, RecordStore) else None

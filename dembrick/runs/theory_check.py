@@ -6,10 +6,14 @@ The engine and the search for the yield point never see this; it compares afterw
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dembrick import theory
+
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
 
 _NONE = 1e-12
 
@@ -37,7 +41,7 @@ def wrench(axes, arm, force, torque) -> np.ndarray:
     return np.concatenate([axes @ force, axes @ (torque - np.cross(arm, force))])
 
 
-def theory_of(assembly) -> Theory | None:
+def theory_of(assembly: Assembly) -> Theory | None:
     """The limit load of the scenario by theory, or None where no theory holds: more than one joint, or a load that
     changes the normal force."""
     if len(assembly.joints) != 1 or assembly.fixed.sum() != 1 or len(assembly.names) != 2:

@@ -190,7 +190,7 @@ def _points(key: str, value, length: int, least: int, label: str = "") -> tuple:
     return tuple(vector(f"{key}[{i}]", point, length, label) for i, point in enumerate(value))
 
 
-def _quaternion(value, label: str) -> Quaternion:
+def _quaternion(value, label: str) -> tuple[float, ...]:
     quaternion = vector("orientation", value, 4, label)
     unit = abs(math.hypot(*quaternion) - 1.0) < 1e-6
     require(unit, f"orientation{label}", quaternion, "it must be a unit quaternion (w, x, y, z)")

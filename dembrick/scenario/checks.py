@@ -9,8 +9,17 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from numbers import Real
+from typing import TypeVar
 
 from dembrick.errors import ScenarioError
+
+T = TypeVar("T")
+
+
+def present(value: T | None) -> T:
+    """A value that the checks of its class left in place: never None by now. For the type checker."""
+    assert value is not None
+    return value
 
 
 def show(value: object) -> str:

@@ -25,7 +25,7 @@ import numpy as np
 
 from dembrick.errors import ScenarioError
 from dembrick.scenario import units
-from dembrick.scenario.checks import nearest, show
+from dembrick.scenario.checks import nearest, present, show
 from dembrick.scenario.text_files import read_text
 
 PEER = {".at2": "acceleration", ".vt2": "velocity", ".dt2": "displacement"}  # endings of records of the data base
@@ -101,7 +101,7 @@ def name_of(title: str) -> str:
 
 def _parts(title: str) -> tuple[str, str | None]:
     """Name and unit of a column; no unit is None."""
-    name, square, round_ = _TITLE.fullmatch(title).groups()
+    name, square, round_ = present(_TITLE.fullmatch(title)).groups()
     return name, square if square is not None else round_
 
 
@@ -148,9 +148,12 @@ def _places(table: Table, quantities: Sequence[str], columns: Sequence[str] | No
         }
     places = {}
     for quantity in quantities:
-        fitting = [
-            i for i, (_, unit) in enumerate(parts) if unit is not None and units.size_of(quantity, unit) is not None
-        ]
+        sizes = {
+            i: size
+            for i, (_, unit) in enumerate(parts)
+            if unit is not None and (size := units.size_of(quantity, unit)) is not None
+        }
+        fitting = list(sizes)
         if len(fitting) > 1:
             named = [i for i in fitting if names[i].lower() in (quantity, _ALSO.get(quantity))]
             if len(named) != 1:
@@ -163,7 +166,7 @@ def _places(table: Table, quantities: Sequence[str], columns: Sequence[str] | No
         if not fitting:
             raise ScenarioError(_missing(table, parts, quantity, quantities))
         (i,) = fitting
-        places[quantity] = i, units.size_of(quantity, parts[i][1])
+        places[quantity] = i, sizes[i]
     return places
 
 
@@ -264,16 +267,16 @@ def _read_peer(path: str, what: str, quantities: Sequence[str]) -> tuple[dict[st
         raise ScenarioError(f"{path}, line 3: a PEER record states its unit here, as in 'IN UNITS OF G'")
     spelled = unit.group(1).lower().replace("sec", "s")
     quantity = next((one for one in units.UNITS if units.size_of(one, spelled) is not None), None)
-    if quantity not in quantities:
+    if quantity is None or quantity not in quantities:
         read = f"of {quantity} ({unit.group(1)})" if quantity else f"in the unit {show(unit.group(1))}"
         wanted = " or ".join(one for one in quantities if one != "time")
         raise ScenarioError(f"{path}, line 3: the record is {read}, and {wanted} is asked for: see control.quantity")
-    size = units.size_of(quantity, spelled)
+    size = present(units.size_of(quantity, spelled))
     counted = re.search(r"NPTS\s*=\s*(\d+)\s*,?\s*DT\s*=\s*([0-9.eE+-]+)", lines[3], re.IGNORECASE)
     counted = counted or re.match(r"\s*(\d+)\s+([0-9.eE+-]+)\s+NPTS", lines[3], re.IGNORECASE)
     try:
-        count, step = int(counted.group(1)), float(counted.group(2).rstrip("."))
-    except (AttributeError, ValueError):
+        count, step = (int(counted[1]), float(counted[2].rstrip("."))) if counted else (0, 0.0)
+    except ValueError:
         count, step = 0, 0.0
     if not (0 < count <= 100_000_000 and 0.0 < step < math.inf):
         raise ScenarioError(

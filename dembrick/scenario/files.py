@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 
+from dembrick.scenario.blocks import Block, Part
 from dembrick.scenario.model import Scenario
 
 
@@ -17,7 +18,7 @@ def inputs_of(scenario: Scenario) -> list[str]:
     shaken = getattr(scenario.control, "file", None)
     named = [*(shaken if isinstance(shaken, tuple) else [shaken]), *(load.history for load in scenario.loads)]
     for block in scenario.all_blocks:
-        solids = [block, *(block.parts or ())]
+        solids: list[Block | Part] = [block, *(block.parts or ())]
         named += [solid.mesh.file for solid in solids if solid.mesh is not None]
     folder = folder_of(scenario)
     own = [scenario.path] if scenario.path else []

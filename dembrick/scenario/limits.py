@@ -6,8 +6,13 @@ too many in an exponent, is told as such instead of coming out as an overflow so
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from dembrick.errors import ScenarioError
-from dembrick.scenario.checks import show
+from dembrick.scenario.checks import present, show
+
+if TYPE_CHECKING:
+    from dembrick.scenario.model import Scenario
 
 FARTHEST = 1e12  # m, from the origin
 GREATEST = {  # by key
@@ -22,12 +27,12 @@ GREATEST = {  # by key
 }
 
 
-def check_magnitudes(scenario) -> None:
+def check_magnitudes(scenario: Scenario) -> None:
     """ScenarioError where a number of the scenario is beyond what can be computed with."""
     _check("gravity", scenario.gravity, "")
     for block in scenario.all_blocks:
         whose = f" of block {show(block.name)}"
-        far = max(map(abs, block.position))
+        far = max(map(abs, present(block.position)))
         if not far <= FARTHEST:
             raise ScenarioError(
                 f"position{whose} = {show(block.position)} is {far:.3g} m from the origin; at most {FARTHEST:g} m are "

@@ -75,4 +75,5 @@ def _available_on_windows() -> int | None:
         ]
 
     status = Status(length=ctypes.sizeof(Status))
-    return int(status.free) if ctypes.windll.kernel32.GlobalMemoryStatusEx(ctypes.byref(status)) else None
+    kernel32 = ctypes.windll.kernel32  # type: ignore[attr-defined]  # on Windows only
+    return int(status.free) if kernel32.GlobalMemoryStatusEx(ctypes.byref(status)) else None

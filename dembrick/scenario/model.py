@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from numbers import Integral
+from typing import Any
 
 from dembrick.errors import ScenarioError
 from dembrick.scenario.blocks import Block, Vector
@@ -89,7 +90,8 @@ class JointLaw:
             self._check_points()
 
     def _check_points(self):
-        value = self.points.tolist() if hasattr(self.points, "tolist") else self.points
+        value: Any = self.points
+        value = value.tolist() if hasattr(value, "tolist") else value
         require(self.formulation == "distributed", "points", value, "only formulation = 'distributed' has points")
         whole = isinstance(value, list | tuple) and all(
             isinstance(n, Integral) and not isinstance(n, bool) for n in value
@@ -249,7 +251,7 @@ class Scenario:
     joint: JointLaw
     materials: dict[str, Material]
     blocks: tuple[Block, ...] = ()
-    control: Control | None = None
+    control: Control = field(kw_only=True)
     joints: tuple[JointOverride, ...] = ()
     loads: tuple[Load, ...] = ()
     actuators: tuple[Actuator, ...] = ()

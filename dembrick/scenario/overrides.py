@@ -46,7 +46,7 @@ def _parse_path(key: str) -> list[str]:
     """Split at the dots; quotes work as in TOML, for names with dots in them."""
     path: list[str] = []
     try:
-        node = tomllib.loads(f"{key} = 0")
+        node: object = tomllib.loads(f"{key} = 0")
         while isinstance(node, dict) and len(node) == 1:
             (part,) = node
             path.append(part)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from dembrick.errors import ScenarioError
 from dembrick.scenario.blocks import Vector
-from dembrick.scenario.checks import assign, check_name, real, require, require_type, show, unit_vector, vector
+from dembrick.scenario.checks import assign, check_name, present, real, require, require_type, show, unit_vector, vector
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,11 +39,13 @@ class Pressure:
         for key in ("value", "surface", "weight"):
             if getattr(self, key) is not None:
                 assign(self, **{key: real(f"{key}{label}", getattr(self, key))})
-        strength = self.value if self.weight is None else self.weight
+        strength = present(self.value if self.weight is None else self.weight)
         key, unit = ("value", "Pa") if self.weight is None else ("weight", "N/m3")
         require(strength > 0.0, f"{key}{label}", strength, f"it must be greater than 0 {unit}; it presses on the face")
 
     @property
     def at_height(self) -> tuple[float, float]:
         """Pressure p = c0 + c1 z as (c0 in Pa, c1 in Pa/m), where it is not negative."""
-        return (self.value, 0.0) if self.weight is None else (self.weight * self.surface, -self.weight)
+        if self.weight is None:
+            return present(self.value), 0.0
+        return self.weight * present(self.surface), -self.weight

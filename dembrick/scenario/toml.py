@@ -197,9 +197,10 @@ def _decode(
         decoders[key] = partial(_record, kind, document.get(key, {}), place.inside(f"[{key}]"))
     values = dict(document)
     for key, decode in decoders.items():
-        shared = like is not None and document.get(key) is like[0].get(key)
-        if shared and (key != "joints" or document["joint"] is like[0]["joint"]):  # overrides inherit from the joint
-            values[key] = getattr(like[1], key)
+        known, parsed = like or ({}, None)
+        shared = key in known and document.get(key) is known[key]
+        if shared and (key != "joints" or document["joint"] is known["joint"]):  # overrides inherit from the joint
+            values[key] = getattr(parsed, key)
         else:
             values[key] = decode()
     scenario = _make(Scenario, {**values, "path": path, "text": text}, place)

@@ -258,9 +258,11 @@ def test_joints_of_prisms_that_overlap_anyhow():
     upper = Prism([(-0.9, -0.4), (0.9, -0.4), (0.0, 0.7)], 0.3)
     blocks.append(Block("high", "tuff", prism=upper, position=(0.9, 0.1, 0.15), orientation=turn))
     with pytest.raises(ScenarioError, match="'low0' and 'low1' overlap"):
-        assemble(Scenario("t", (0, 0, -9.81), law(), {"tuff": Material(2000.0)}, tuple(blocks), YieldControl()))
+        assemble(Scenario("t", (0, 0, -9.81), law(), {"tuff": Material(2000.0)}, tuple(blocks), control=YieldControl()))
     blocks[1] = Block("low1", "tuff", prism=lower[1], position=(2.05, 0, -0.25), fixed=True)
-    found = assemble(Scenario("t", (0, 0, -9.81), law(), {"tuff": Material(2000.0)}, tuple(blocks), YieldControl()))
+    found = assemble(
+        Scenario("t", (0, 0, -9.81), law(), {"tuff": Material(2000.0)}, tuple(blocks), control=YieldControl())
+    )
     assert sorted((j.block_a, j.block_b) for j in found.joints) == [(0, 2), (1, 2)]
     for joint in found.joints:
         shapes = [found.shapes[i].moved(found.position[i], found.orientation[i]) for i in (joint.block_a, 2)]

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numba
 import pytest
 
 import dembrick
@@ -69,3 +70,9 @@ def test_a_moved_kernel_file_changes_it(copy):
 
 def test_copies_of_the_package_do_not_share_a_folder():
     assert source_hash(PACKAGE, "here") != source_hash(PACKAGE, "there")
+
+
+def test_checking_of_bounds_has_machine_code_of_its_own(monkeypatch):
+    before = source_hash(PACKAGE)
+    monkeypatch.setattr(numba.config, "BOUNDSCHECK", 1)
+    assert source_hash(PACKAGE) != before

@@ -26,7 +26,9 @@ def scene(control, formulation="concave", friction=0.6, pressure="full", checkpo
     law = JointLaw(formulation, friction, 1e10, 4e9, pressure=pressure)
     stone = {"stone": Material(2000.0)}
     output = model.Output(("joints", "energy", "frames", "velocity"), checkpoint=checkpoint)
-    return Scenario("followed", (0.0, 0.0, -9.81), law, stone, parts.pop("blocks", ()), control, output=output, **parts)
+    return Scenario(
+        "followed", (0.0, 0.0, -9.81), law, stone, parts.pop("blocks", ()), control=control, output=output, **parts
+    )
 
 
 def wall(courses=4, block=(0.3, 0.2, 0.1)):

@@ -25,7 +25,7 @@ FACETS = 64  # of a cone; they stand around it, so that the programme allows 0.1
 
 def scene(direction, friction=0.7, stiffness=(1e10, 4e9), **parts) -> Scenario:
     law, stone = JointLaw("concave", friction, *stiffness), {"stone": Material(2000.0)}
-    return Scenario("pushed", (0.0, 0.0, -9.81), law, stone, (), PushoverControl(direction), **parts)
+    return Scenario("pushed", (0.0, 0.0, -9.81), law, stone, control=PushoverControl(direction), **parts)
 
 
 def wall(block, courses, blocks, heading=0.0, returns=()):

@@ -10,7 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,6 +20,9 @@ from dembrick.runs import theory_check
 from dembrick.scenario.model import Scenario, Solver, YieldControl
 from dembrick.simulation.mechanism import joint_mechanism
 from dembrick.simulation.statics import batch
+
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
 
 _NUMBERS = ("V", "V_lower", "V_upper", "N", "V_1", "V_2", "M_T")
 _NO_PUSH = 1e-12  # of the actuators' force times the joint's size: what pushes less pushes nothing
@@ -63,7 +66,7 @@ def limit_loads(scenarios: Sequence[Scenario]) -> dict[int, dict[str, Any]]:
 class _Case:
     """One joint under its loads, in its own axes about O."""
 
-    def __init__(self, scenario: Scenario, assembly):
+    def __init__(self, scenario: Scenario, assembly: Assembly):
         joint = assembly.joints[0]
         b, arm, axes = joint.block_b, np.asarray(joint.arm_b), np.asarray(joint.axes)
         actuators = assembly.actuators

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from dembrick.scenario.blocks import Block, Quaternion, Vector, Voussoir
-from dembrick.scenario.checks import assign, real, require, require_type
+from dembrick.scenario.checks import assign, present, real, require, require_type
 from dembrick.scenario.generators.placing import (
     Frame,
     about_y,
@@ -149,7 +149,7 @@ class Dome:
     def build(self) -> list[Block]:
         """The rings from the springing to the eye, the key stone, the fixed ring."""
         frame = Frame(self.position, self.heading)
-        rim = math.radians(self.key if self.oculus is None else self.oculus)
+        rim = math.radians(present(self.key if self.oculus is None else self.oculus))
         low, step = math.radians(self.angle), (math.radians(self.angle) - rim) / self.rings
         inner, outer = self.radius - 0.5 * self.thickness, self.radius + 0.5 * self.thickness
         turns = [product(frame.turn, about_z(2.0 * math.pi * k / self.blocks)) for k in range(self.blocks)]
@@ -158,11 +158,11 @@ class Dome:
             stone = self._stone(low - ring * step, low - (ring + 1) * step, inner, outer)
             found += self._ring(str(ring + 1), stone, turns)
         if self.key is not None:
-            corners = [
+            corners = tuple(
                 self._corner(rim, (k + 0.5) * 2.0 * math.pi / self.blocks, r)
                 for r in (inner, outer)
                 for k in range(self.blocks)
-            ]
+            )
             found.append(
                 Block(
                     f"{self.name}.key",

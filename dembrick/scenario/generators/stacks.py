@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from dembrick.errors import ScenarioError
 from dembrick.scenario.blocks import Block, Prism, Vector
-from dembrick.scenario.checks import assign, require, require_type, vector
+from dembrick.scenario.checks import assign, present, require, require_type, vector
 from dembrick.scenario.generators.placing import Frame, check_common, check_count, check_lengths
 
 
@@ -52,8 +52,9 @@ class Stack:
             height, (x, y) = self.box[2], (0.5 * self.box[0], 0.5 * self.box[1])
             reach = (-x, x, -y, y)
         else:
-            height = self.prism.height
-            xs, ys = zip(*self.prism.polygon, strict=True)
+            prism = present(self.prism)
+            height = prism.height
+            xs, ys = zip(*prism.polygon, strict=True)
             reach = (min(xs), max(xs), min(ys), max(ys))
         found = [
             Block(

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from dembrick.errors import ScenarioError
 from dembrick.scenario.blocks import Block, Vector
-from dembrick.scenario.checks import assign, members_of, one_of, real, require, require_type, show, vector
+from dembrick.scenario.checks import assign, members_of, one_of, present, real, require, require_type, show, vector
 from dembrick.scenario.generators.placing import Frame, check_common, check_count, check_lengths
 
 ENDS = ("half", "quoin", "toothed")
@@ -103,7 +103,7 @@ class Wall:
         else:
             assign(self, pattern=_checked_pattern(self.pattern, label))
         if self.courses is None:
-            assign(self, courses=len(self.pattern))
+            assign(self, courses=len(present(self.pattern)))
         check_count(self, label, "courses")
         if self.blocks is not None:
             check_count(self, label, "blocks")
@@ -128,7 +128,8 @@ class Wall:
         for opening in self.openings:
             inside = 0.0 <= opening.span[0] and opening.span[1] <= self.length * (1.0 + _SAME)
             require(inside, f"span of an opening{label}", opening.span, f"the wall reaches from 0 to {self.length:g} m")
-            top = self.courses if opening.lintel is None else self.courses - 1
+            courses = present(self.courses)
+            top = courses if opening.lintel is None else courses - 1
             require(
                 opening.courses[1] <= top,
                 f"courses of an opening{label}",
@@ -141,28 +142,28 @@ class Wall:
         """Length of the wall along its axis (m)."""
         if self.pattern is not None:
             return self.block[0] * sum(PATTERN[piece][0] for piece in self.pattern[0])
-        return self.block[0] * self.blocks
+        return self.block[0] * present(self.blocks)
 
     def count(self) -> int:
         """At most how many blocks the wall has, reckoned without laying any."""
-        per_course = max(map(len, self.pattern)) if self.pattern is not None else self.blocks + 1
-        return self.courses * (per_course + sum(corner.blocks + 1 for corner in self.returns)) + 1
+        per_course = max(map(len, self.pattern)) if self.pattern is not None else present(self.blocks) + 1
+        return present(self.courses) * (per_course + sum(corner.blocks + 1 for corner in self.returns)) + 1
 
     def build(self) -> list[Block]:
         """The blocks, from the bottom to the top, each course from the left; returns after the wall, the slab last."""
         left, right = (next((r for r in self.returns if r.end == end), None) for end in ("left", "right"))
         frame = Frame(self.position, self.heading)
         found: list[Block] = []
-        for course in range(self.courses):
+        for course in range(present(self.courses)):
             for number, piece in enumerate(self._course(course, left is not None, right is not None), 1):
                 found.append(self._stone(f"{course + 1}.{number}", frame, course, piece))
         for corner in self.returns:
             branch = self._branch(corner)
-            for course in range(self.courses):
+            for course in range(present(self.courses)):
                 for number, piece in enumerate(self._return_course(course, corner), 1):
                     found.append(self._stone(f"{corner.end}.{course + 1}.{number}", branch, course, piece))
         if self.base is not None:
-            found.append(self._slab(frame))
+            found.append(self._slab(frame, self.base))
         return found
 
     def _stone(self, name: str, frame: Frame, course: int, piece: Interval) -> Block:
@@ -180,7 +181,7 @@ class Wall:
             group=self.group,
         )
 
-    def _slab(self, frame: Frame) -> Block:
+    def _slab(self, frame: Frame, base: float) -> Block:
         """The fixed base under wall and returns."""
         length, thickness, _ = self.block
         front, back = -0.5 * thickness, 0.5 * thickness
@@ -190,8 +191,8 @@ class Wall:
                 front = min(front, 0.5 * thickness - reach)
             else:
                 back = max(back, reach - 0.5 * thickness)
-        centre = frame.point(0.5 * self.length, 0.5 * (front + back), -0.5 * self.base)
-        edges = (self.length + 2.0 * self.base, back - front + 2.0 * self.base, self.base)
+        centre = frame.point(0.5 * self.length, 0.5 * (front + back), -0.5 * base)
+        edges = (self.length + 2.0 * base, back - front + 2.0 * base, base)
         return Block(f"{self.name}.base", self.material, edges, centre, frame.turn, fixed=True, group=self.group)
 
     def _branch(self, corner: Return) -> Frame:

@@ -14,11 +14,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dembrick.errors import ScenarioError
 from dembrick.simulation.dynamics.loads import Driving
+
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
+    from dembrick.scenario.controls import Control
 
 HELD = 0.05  # rad of the controller's own swing for which V is held
 STRONGEST = 10.0  # load factor: blocks that do not give way before are not pushed over
@@ -65,7 +70,7 @@ class PushController:
         return replace(driving, gravity=driving.gravity + self.present[0] * self.weight * self.direction)
 
 
-def controller_of(control, assembly, gravity, time_step: float) -> PushController:
+def controller_of(control: Control, assembly: Assembly, gravity, time_step: float) -> PushController:
     """The controller of a `PushoverControl`; ScenarioError without gravity."""
     weight = float(np.linalg.norm(gravity))
     if not weight > 0.0:

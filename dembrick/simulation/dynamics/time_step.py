@@ -9,6 +9,7 @@ matrices, to which its residual is added; nothing dense is ever formed.
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,6 +19,9 @@ from dembrick.kernels.dynamics.contact_forces import Touching
 from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.state import MovingState, arms
 from dembrick.simulation.joint_stiffness import elastic_stiffness
+
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
 
 LANCZOS = 60  # iterations at most
 CLOSE = 2e-3  # relative residual that ends them
@@ -177,7 +181,7 @@ def load_of_contacts(state: MovingState, contacts: Touching, left_to_joints: np.
     return dt * dt * operator.greatest(*weights)
 
 
-def contact_time_step(assembly, damping: float) -> float:
+def contact_time_step(assembly: Assembly, damping: float) -> float:
     """Greatest stable time step (s) for a block that lies on any one of its faces with the stiffest law of the scene.
 
     Two free blocks of one size that lie on each other swing with twice the square of that frequency.

@@ -5,6 +5,8 @@ The functions are those of `point_joints`, under the same names; `joint_families
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from dembrick.assembly.contact_points import PointTable
@@ -14,10 +16,13 @@ from dembrick.kernels.statics.area_joints import Areas
 from dembrick.simulation.joint_stiffness import elastic_stiffness
 from dembrick.simulation.pressed_parts import check_pressures, pressed_parts
 
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
+
 MEMORY = ("elastic", "twist", "slip")  # what the joints remember
 
 
-def at_rest(assembly) -> Areas | None:
+def at_rest(assembly: Assembly) -> Areas | None:
     """The convex joints of an assembly, at rest; None without any."""
     joints, table = JointTable.of(assembly.joints), PointTable.of(assembly.contact_points)
     chosen = np.flatnonzero(table.resultant)

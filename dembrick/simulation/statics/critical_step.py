@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,11 +23,14 @@ from dembrick.simulation.statics import joint_families
 from dembrick.simulation.statics.state import State
 from dembrick.simulation.statics.stiffness import block_stiffness, couplings, to_joint
 
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
+
 POWER_ITERATIONS = 30
 DAMPING_RATIO = math.sqrt(0.125)  # of a block's fastest mode with physical inertia: a dashpot ratio of 1/2 at its step
 
 
-def block_inertia(assembly) -> np.ndarray:
+def block_inertia(assembly: Assembly) -> np.ndarray:
     """Physical inertia (n, 6, 6) of every block about its centroid, world axes at the start."""
     n = len(assembly.names)
     inertia = np.zeros((n, 6, 6))

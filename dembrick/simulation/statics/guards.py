@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from dembrick.errors import DivergedError
@@ -10,12 +12,15 @@ from dembrick.kernels.statics.divergence import Guard
 from dembrick.kernels.statics.loop import DIVERGED, RUNAWAY
 from dembrick.simulation.statics.state import State, turned_blocks
 
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
+
 LONGEST_MOVE = 0.1  # of the smallest block: a step that moves a block further has diverged
 LOOK = 64  # steps between two looks at the energy, at most; a power of two
 STRETCHES = 64  # of a constant-rate test, over which its load is summed
 
 
-def new_guard(assembly, state: State, steps: int | None = None) -> Guard:
+def new_guard(assembly: Assembly, state: State, steps: int | None = None) -> Guard:
     """The guard of a run that starts from ``state``, all blocks at rest, for so many ``steps`` (None: unknown)."""
     look, stretch = LOOK, 1 << 62
     if steps is not None:
@@ -35,7 +40,7 @@ def new_guard(assembly, state: State, steps: int | None = None) -> Guard:
     )
 
 
-def refuse_divergence(status: int, assembly, state: State, steps: int, dt: float, critical: float) -> None:
+def refuse_divergence(status: int, assembly: Assembly, state: State, steps: int, dt: float, critical: float) -> None:
     """DivergedError where a guard ended the run: which block, at which joint, when, and the time step it was made with.
 
     ``status`` is that of the loop, ``critical`` the critical time step (s).
@@ -60,7 +65,7 @@ def refuse_divergence(status: int, assembly, state: State, steps: int, dt: float
     )
 
 
-def _most_energy(assembly, state: State) -> int:
+def _most_energy(assembly: Assembly, state: State) -> int:
     """The free block that moves with most kinetic energy, by its physical inertia."""
     blocks, free = state.blocks, state.blocks.free
     moment = np.trace(np.asarray(assembly.inertia)[free], axis1=1, axis2=2) / 3.0
@@ -68,7 +73,7 @@ def _most_energy(assembly, state: State) -> int:
     return int(free[np.argmax(energy + moment * (blocks.spin[free] ** 2).sum(axis=1))])
 
 
-def _joint_of(b: int, assembly, joints) -> str:
+def _joint_of(b: int, assembly: Assembly, joints) -> str:
     """The joint of block ``b`` that carries most, or that carries no number."""
     mine = np.flatnonzero((joints.block_a == b) | (joints.block_b == b))
     if not len(mine):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,10 +17,13 @@ from dembrick.kernels.statics.joint_families import AREAS, POINTS
 from dembrick.kernels.statics.point_joints import Points
 from dembrick.simulation.statics import area_joints, point_joints
 
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
+
 FAMILIES: dict[str, ModuleType] = {"points": point_joints, "areas": area_joints}  # fields of a state
 
 
-def at_rest(assembly) -> tuple[Points | None, Areas | None]:
+def at_rest(assembly: Assembly) -> tuple[Points | None, Areas | None]:
     """The joints of all families of an assembly, at rest: the fields of a state."""
     return point_joints.at_rest(assembly), area_joints.at_rest(assembly)
 

@@ -5,6 +5,8 @@ The functions are those of `area_joints`, under the same names; `joint_families`
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from dembrick.assembly.contact_points import PointTable
@@ -12,10 +14,13 @@ from dembrick.assembly.joints import JointTable
 from dembrick.kernels.statics.point_joints import Points
 from dembrick.simulation.joint_stiffness import elastic_stiffness
 
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
+
 MEMORY = ("elastic_1", "elastic_2", "slip")  # what the points remember
 
 
-def at_rest(assembly) -> Points | None:
+def at_rest(assembly: Assembly) -> Points | None:
     """The joints of an assembly that act at points, at rest; None without any."""
     joints, table = JointTable.of(assembly.joints), PointTable.of(assembly.contact_points)
     chosen = np.flatnonzero(~table.resultant)

@@ -10,6 +10,7 @@ moved. Then the replay proper runs with these points. A joint that does not stay
 from __future__ import annotations
 
 import dataclasses
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,6 +19,9 @@ from dembrick.assembly.joints import ContactPoints, contact_points
 from dembrick.errors import NotConvergedError
 from dembrick.simulation.statics import limit_load
 
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
+
 COUNTS = ((2, 2), (3, 2), (3, 3), (4, 3), (4, 4), (5, 5))  # rays a piece of an edge, points a piece of a ray
 _FEW = 3  # of them are tried while another round may still bring a better centre
 _ROUGH = (1e-2, 1e-3, 1e-4, 1e-5, 0.0)  # tolerances of the rounds, as far as the one asked for is finer
@@ -25,7 +29,7 @@ _SETTLED = 3e-3  # of the polygon's size: a centre known as well as that is wort
 _AROUND = 4  # directions in which the gap is looked at around the centre
 
 
-def place_points(assembly, tolerance: float, step_factor: float):
+def place_points(assembly: Assembly, tolerance: float, step_factor: float):
     """The assembly with its contact points placed for a limit load to ``tolerance``, and the loop seconds that took.
 
     Anything but a single ``distributed`` joint without ``points`` of its own comes back as it is.
@@ -65,7 +69,7 @@ def place_points(assembly, tolerance: float, step_factor: float):
     return dataclasses.replace(assembly, contact_points=(lattice,)), seconds
 
 
-def _with(assembly, arms, areas):
+def _with(assembly: Assembly, arms, areas):
     """The assembly with these contact points."""
     return dataclasses.replace(assembly, contact_points=(ContactPoints(arms, arms, areas),))
 

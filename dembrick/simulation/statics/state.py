@@ -5,7 +5,7 @@ Nothing here knows what a yield point is, or what the answer of a test should be
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -15,6 +15,9 @@ from dembrick.kernels.state import Actuators, Blocks, Energy, Joints
 from dembrick.kernels.statics.area_joints import Areas
 from dembrick.kernels.statics.point_joints import Points
 from dembrick.simulation.statics import joint_families
+
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
 
 
 class State(NamedTuple):
@@ -27,7 +30,7 @@ class State(NamedTuple):
     actuators: Actuators
 
 
-def initial_state(assembly) -> State:
+def initial_state(assembly: Assembly) -> State:
     """State at the start: nothing displaced, no force in any joint, no force in any actuator."""
     n = len(assembly.names)
     blocks = Blocks(
@@ -54,7 +57,7 @@ def rotations(state: State) -> np.ndarray:
     return rotation_matrix(turned_by(blocks.rotation, blocks.orientation))
 
 
-def _actuators(assembly) -> Actuators:
+def _actuators(assembly: Assembly) -> Actuators:
     actuators = assembly.actuators
     arm = np.array(actuators.arm, float).reshape(-1, 3)
     rotation = assembly.rotation[actuators.block]
@@ -70,7 +73,7 @@ def _actuators(assembly) -> Actuators:
     )
 
 
-def _joints(assembly) -> Joints:
+def _joints(assembly: Assembly) -> Joints:
     table = JointTable.of(assembly.joints)
     n, a, b = len(table), table.block_a, table.block_b
     rotation_a, rotation_b = assembly.rotation[a], assembly.rotation[b]

@@ -6,11 +6,15 @@ Shapes start with the frames asked for: (f, n_block, ...).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dembrick.geometry.rotations import quaternion_product, rotation_matrix, rotation_vector
 from dembrick.kernels.recorded_motion import carry
+
+if TYPE_CHECKING:
+    from dembrick.history.reader import History
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +27,7 @@ class Poses:
     rotation: np.ndarray
 
     @classmethod
-    def read(cls, history, start: int, stop: int) -> Poses:
+    def read(cls, history: History, start: int, stop: int) -> Poses:
         orientation = history.frame_values("orientation", start, stop)
         return cls(
             history.frame_values("position", start, stop),
@@ -36,7 +40,7 @@ class Poses:
 class CarriedPoints:
     """Material points of blocks, carried by the frames; ``body`` (n, 3) in the axes of ``block`` (n,)."""
 
-    def __init__(self, history, body: np.ndarray, block: np.ndarray):
+    def __init__(self, history: History, body: np.ndarray, block: np.ndarray):
         self._rotation0 = rotation_matrix(history.orientation0)
         self._body, self._block = np.ascontiguousarray(body, float), np.ascontiguousarray(block, np.int64)
 
@@ -62,7 +66,7 @@ class CarriedPoints:
         return found
 
 
-def all_vertices(history) -> tuple[np.ndarray, np.ndarray, list[int]]:
+def all_vertices(history: History) -> tuple[np.ndarray, np.ndarray, list[int]]:
     """Vertices (n, 3) of all blocks in their body axes, the block of each, and where each block's begin."""
     vertices = [history.block_vertices(i) for i in range(history.n_block)]
     counts = [len(own) for own in vertices]
@@ -70,7 +74,7 @@ def all_vertices(history) -> tuple[np.ndarray, np.ndarray, list[int]]:
     return np.concatenate([np.zeros((0, 3)), *vertices]), block, np.cumsum([0, *counts]).tolist()
 
 
-def block_quantities(history, poses: Poses, start: int, stop: int) -> dict[str, np.ndarray]:
+def block_quantities(history: History, poses: Poses, start: int, stop: int) -> dict[str, np.ndarray]:
     """``displacement``, ``velocity``, ``spin`` (f, n_block, 3) and ``kinetic_energy`` (f, n_block); SI units.
 
     Velocities that were not recorded are the mean ones between the frames before and after. What cannot be had from
@@ -101,7 +105,7 @@ def rotation_times(rotation: np.ndarray, factor: float) -> np.ndarray:
     return np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
 
 
-def mean_velocities(history, start: int, stop: int) -> tuple[np.ndarray, np.ndarray]:
+def mean_velocities(history: History, start: int, stop: int) -> tuple[np.ndarray, np.ndarray]:
     """Mean velocity (m/s) and spin (rad/s) of the blocks (f, n, 3) between the frames before and after each."""
     last = history.n_frames - 1
     k = np.arange(start, stop)

@@ -12,6 +12,7 @@ Arrays have the shape of the frames asked for in front: (j, ...) for one frame, 
 from __future__ import annotations
 
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -30,6 +31,9 @@ from dembrick.simulation.pressed_parts import pressed_parts
 from dembrick.theory.polygons import convex_hull
 from dembrick.views.motion.relative import STATES, RelativeMotion, quaternion_of, rotation_vector, torsion_centre
 
+if TYPE_CHECKING:
+    from dembrick.history.reader import History
+
 __all__ = ["CHANNELS", "STATES", "JointFrames", "JointMotion", "RelativeMotion", "nearest", "torsion_centre"]
 
 CHANNELS = ("N", "V_1", "V_2", "M_T", "M_1", "M_2", "slip")
@@ -42,7 +46,7 @@ class JointMotion:
     ``size`` (j,) m: greatest distance of a corner from O; ``point_start`` (j + 1,) into the list of all contact points.
     """
 
-    def __init__(self, history):
+    def __init__(self, history: History):
         self.history = history
         joints = history.joints
         self.n_joint = len(joints)

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from dembrick.errors import HistoryError, ScenarioError
 from dembrick.views.motion.joints import STATES, JointMotion, nearest
+
+if TYPE_CHECKING:
+    from dembrick.history.reader import History
 
 UNITS = {
     "N": "N",
@@ -22,7 +27,7 @@ UNITS = {
 }
 
 
-def joint_table(history, frame: int = -1, time: float | None = None) -> list[dict]:
+def joint_table(history: History, frame: int = -1, time: float | None = None) -> list[dict]:
     """One dict a joint: ``joint`` (its two blocks), ``state`` and the quantities of ``UNITS``, in a frame or in the one
     nearest to a ``time`` (s).
 

@@ -13,6 +13,7 @@ import os
 from html import escape
 from importlib import resources
 from string import Template
+from typing import TYPE_CHECKING
 
 import dembrick
 from dembrick import history as histories
@@ -21,12 +22,15 @@ from dembrick.history.files import check_output, reason, replacing
 from dembrick.views import summary
 from dembrick.views.page import content
 
+if TYPE_CHECKING:
+    from dembrick.history.reader import History
+
 ENDINGS = (".html", ".htm")
 _SCRIPTS = ("viewer.js", "charts.js", "page.js")
 _LONGEST_TEXT = 200_000  # characters of a scenario that are shown
 
 
-def write(history, path: str | os.PathLike) -> str:
+def write(history: History, path: str | os.PathLike) -> str:
     """Write the page of a history (or of the file of one) to ``path``; returns the path.
 
     Raises OutputError for a path that cannot be written, HistoryError where nothing was recorded that could be shown.
@@ -48,7 +52,7 @@ def write(history, path: str | os.PathLike) -> str:
     return path
 
 
-def document(history) -> str:
+def document(history: History) -> str:
     """The page as text."""
     data = content.collect(history)
     script = "\n".join(_own(name) for name in _SCRIPTS)
@@ -109,7 +113,7 @@ def _as_script(data: dict) -> str:
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
-def _subtitle(history) -> str:
+def _subtitle(history: History) -> str:
     """One line: formulation, status, how large."""
     results = history.results
     formulation = results.get("formulation")
@@ -129,13 +133,13 @@ def _legend(data: dict) -> str:
     return words
 
 
-def _frames_note(history, data: dict) -> str:
+def _frames_note(history: History, data: dict) -> str:
     """Says so where not all frames are on the page."""
     shown = len(data["time"])
     return "" if shown == history.n_frames else f"{shown} of {history.n_frames} recorded frames are shown."
 
 
-def _origin(history) -> str:
+def _origin(history: History) -> str:
     """Where the page comes from."""
     versions = [f"{name} {version}" for name, version in history.versions.items()]
     return f"dembrick {dembrick.__version__} made this page from {os.path.basename(history.path)}. The run: " + (

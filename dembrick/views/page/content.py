@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -15,6 +15,9 @@ from dembrick.views.motion.joints import JointMotion
 from dembrick.views.page import diagrams
 from dembrick.views.plot.paths import JointPath, joint_path
 from dembrick.views.plot.subject import JointAlone
+
+if TYPE_CHECKING:
+    from dembrick.history.reader import History
 
 MOST_FRAMES = 240
 MOST_BYTES = 8 << 20  # of packed frames
@@ -32,7 +35,7 @@ class Frames(NamedTuple):
     rotation: np.ndarray
 
 
-def collect(history) -> dict:
+def collect(history: History) -> dict:
     """All that the scripts of a page need, as plain lists, numbers and base64."""
     frames = chosen_frames(history)
     rest = [history.block_vertices(i) @ rotation_matrix(history.orientation0[i]).T for i in range(history.n_block)]
@@ -76,7 +79,7 @@ def collect(history) -> dict:
     }
 
 
-def chosen_frames(history) -> Frames:
+def chosen_frames(history: History) -> Frames:
     """Frames spread evenly over the run, the first and the last among them, as many as a page should carry.
 
     What follows the first frame that is not finite (a run that diverged) is left out.
@@ -124,7 +127,7 @@ def _greatest(vertices: np.ndarray, blocks: np.ndarray, frames: Frames) -> np.nd
     return greatest
 
 
-def _faces(history, rest: list[np.ndarray]) -> np.ndarray:
+def _faces(history: History, rest: list[np.ndarray]) -> np.ndarray:
     """Every face as its number of corners and then the corners, numbered through all blocks."""
     found, first = [], 0
     for i, own in enumerate(rest):
@@ -135,7 +138,7 @@ def _faces(history, rest: list[np.ndarray]) -> np.ndarray:
     return np.array(found, np.int64)
 
 
-def _actuator(history, actuator: dict, vertices: np.ndarray, middle: np.ndarray) -> dict:
+def _actuator(history: History, actuator: dict, vertices: np.ndarray, middle: np.ndarray) -> dict:
     """Where an actuator pushes and which way; ``out`` (m): from there to where the block ends, ahead and behind."""
     way = actuator["direction"] * math.copysign(1.0, actuator["weight"])
     along = (vertices - (actuator["point"] - history.position0[actuator["block"]])) @ way
@@ -148,14 +151,14 @@ def _actuator(history, actuator: dict, vertices: np.ndarray, middle: np.ndarray)
     }
 
 
-def recorded_path(history) -> JointPath | None:
+def recorded_path(history: History) -> JointPath | None:
     """The path of the joint that gave way, None where no joint was recorded."""
     if not (history.n_joint and history.n_row and history.has_joints):
         return None
     return joint_path(history)
 
 
-def _centres(history, path: JointPath | None, frames: Frames, middle: np.ndarray, size: float) -> dict | None:
+def _centres(history: History, path: JointPath | None, frames: Frames, middle: np.ndarray, size: float) -> dict | None:
     """Torsion centre of the path's joint from frame to frame, at its place in the resting scene; it rides on block a.
 
     None for frames between which nothing turned, or about a point far away.
@@ -175,7 +178,7 @@ def _centres(history, path: JointPath | None, frames: Frames, middle: np.ndarray
     return {"block": joint["block_a"], "axis": axis, "length": 1.5 * _depth(history, joint), "places": places}
 
 
-def _depth(history, joint: dict) -> float:
+def _depth(history: History, joint: dict) -> float:
     """Extent of the two blocks of a joint along its normal (m)."""
     ends = []
     for block in (joint["block_a"], joint["block_b"]):

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from dembrick.views import summary
 from dembrick.views.plot.paths import JointPath
 from dembrick.views.plot.subject import Diagram, diagram_of
+
+if TYPE_CHECKING:
+    from dembrick.history.reader import History
 
 MOST_ROWS = 1500  # points of a line
 _MILLIMETRES_FROM = 2e-3  # m: longer travels are given in mm, shorter ones in um
@@ -30,7 +33,7 @@ class Record(NamedTuple):
     factor: float
 
 
-def record_at(history, time: np.ndarray, moved: np.ndarray) -> Record:
+def record_at(history: History, time: np.ndarray, moved: np.ndarray) -> Record:
     """The record at the times of the frames. ``moved`` (f,) m: the greatest displacement, shown if rows are missing."""
     diagram = diagram_of(history)
     if not history.n_row:
@@ -41,7 +44,7 @@ def record_at(history, time: np.ndarray, moved: np.ndarray) -> Record:
     return Record(diagram, time, load, factor * np.interp(time, history.time, history.displacement), unit, factor)
 
 
-def curve(history, record: Record) -> dict:
+def curve(history: History, record: Record) -> dict:
     """Load over displacement with bracket and theory, or displacement over time."""
     x_name, travel = f"{record.diagram.displacement} [{record.unit}]", listed(record.travel)
     if record.load is None:
@@ -63,7 +66,7 @@ def curve(history, record: Record) -> dict:
     return chart
 
 
-def yield_domain(history, record: Record, path: JointPath) -> dict:
+def yield_domain(history: History, record: Record, path: JointPath) -> dict:
     """Torsion over shear force of a joint on its limit surface."""
     x, y = path.drawn
     kept = _thinned(history)
@@ -84,7 +87,7 @@ def yield_domain(history, record: Record, path: JointPath) -> dict:
     return _chart(f"{title} at N = {path.normal_force:.5g} N", "shear force [N]", "torsion [N m]", lines, *now)
 
 
-def readout(history, record: Record, path: JointPath | None) -> list[dict]:
+def readout(history: History, record: Record, path: JointPath | None) -> list[dict]:
     """The numbers that are shown under the picture, one of each a frame."""
     name, unit = ("equilibrium", "") if history.counts_equilibria else ("time", "s")
     items = [{"name": name, "unit": unit, "digits": 4, "values": listed(record.time)}]
@@ -112,7 +115,7 @@ def _unit(longest: float) -> tuple[str, float]:
     return ("mm", 1e3) if longest > _MILLIMETRES_FROM else ("µm", 1e6)
 
 
-def _thinned(history) -> np.ndarray:
+def _thinned(history: History) -> np.ndarray:
     """Numbers of the rows that a line goes through, the greatest load among them."""
     if history.n_row <= MOST_ROWS:
         return np.arange(history.n_row)

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from dembrick.history.reader import History
+
 MEASURED = ("o", "s", "^", "D", "v", "P")  # markers of measured curves
 _MILLIMETRES_FROM = 2e-3  # m: longer travels are drawn in mm, shorter ones in um
 
@@ -170,7 +172,7 @@ def energies(histories, labels: Sequence[str] | None = None, ax: Axes | None = N
     return figure
 
 
-def label_of(history) -> str:
+def label_of(history: History) -> str:
     """What a legend calls a history: the start of its title and its formulation."""
     results = history.results
     title = str(results.get("title") or getattr(history, "title", "") or "run").split(":")[0]

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from dembrick.history.reader import History
+
 CURVES = ("convex", "concave", "corrected")
 _LAB_JOINT = (0.3, 0.2, 467.0)  # a, b (m), N of the laboratory's sets
 _SAME = 1e-3
@@ -62,7 +64,7 @@ def domain_points(histories) -> list[dict]:
     return rows
 
 
-def _loaded_joint(history) -> dict:
+def _loaded_joint(history: History) -> dict:
     """The joint under the block that the actuators push; the only joint of a laboratory test."""
     loaded = {actuator["block"] for actuator in history.actuators}
     for joint in history.joints:

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from dembrick.history.reader import History
+
 SLIDES_FROM = 0.995  # utilisation from which the friction is drawn at its limit
 _MOST_POINTS = 40  # contact points drawn one by one; more of them, and convex joints, get a grid
 _GRID = 6  # points over the longer side of a joint
@@ -54,7 +56,7 @@ class Stage(NamedTuple):
 
 
 def joint_plane(
-    history, joint: str | int | None = None, stages: int = 4, frames: Sequence[int] | None = None
+    history: History, joint: str | int | None = None, stages: int = 4, frames: Sequence[int] | None = None
 ) -> list[Stage]:
     """The stages of one joint. ``frames`` names them; without it ``stages`` of them follow the growing force.
 
@@ -150,7 +152,7 @@ def _inside(points: np.ndarray, parts) -> np.ndarray:
     return found
 
 
-def _growing(history, number: int, stages: int) -> list[int]:
+def _growing(history: History, number: int, stages: int) -> list[int]:
     """Frames at which the joint's force first comes to half its last value, then ever closer to it; the last frame."""
     motion = JointMotion(subject.JointAlone(history, number))
     everyone = np.arange(1, history.n_frames)

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from dembrick.history.reader import History
+
 _RAYS = 91  # of a section through a limit surface, from pure shear to pure torsion
 _PURE = 1e-6  # of the strength: a shear force that is not there
 _CHANGES = 1e-3  # of the greatest N of the record: a normal force that changes by more has no one domain
@@ -58,7 +60,7 @@ class JointPath(NamedTuple):
         return self.V / self.strength, self.M_T / (self.strength * self.radius)
 
 
-def joint_path(history, joint: str | int | None = None) -> JointPath:
+def joint_path(history: History, joint: str | int | None = None) -> JointPath:
     """The path of one joint (see :func:`dembrick.views.plot.subject.chosen_joint`) through the whole record."""
     number = subject.chosen_joint(history, joint)
     own, now = history.joints[number], subject.carried_by(history, number)

@@ -21,6 +21,8 @@ from dembrick.views.render.screen import require_display, require_drawing
 if TYPE_CHECKING:
     import pyvista
 
+    from dembrick.history.reader import History
+
 __all__ = [
     "COLORS",
     "VIEWS",
@@ -39,7 +41,9 @@ MOVIE_FRAMES = 100  # most frames of a movie, unless more are asked for
 EVEN = 0.01  # of the time between two frames: what differs by less is as good as even
 
 
-def meshes(history, frame: int = -1, magnification: float = 1.0, time: float | None = None) -> pyvista.MultiBlock:
+def meshes(
+    history: History, frame: int = -1, magnification: float = 1.0, time: float | None = None
+) -> pyvista.MultiBlock:
     """The blocks in one frame as a MultiBlock of PolyData, by name, with ``displacement`` (m, true) at the vertices.
 
     ``time`` (s) takes the nearest frame instead of ``frame``. ``magnification`` multiplies the motion: translation
@@ -62,7 +66,7 @@ def meshes(history, frame: int = -1, magnification: float = 1.0, time: float | N
 
 
 def picture(
-    history,
+    history: History,
     path: str | os.PathLike,
     *,
     frame: int = -1,
@@ -96,7 +100,7 @@ def picture(
 
 
 def movie(
-    history,
+    history: History,
     path: str | os.PathLike,
     *,
     view: str = "iso",
@@ -142,7 +146,7 @@ def movie(
     return path
 
 
-def movie_frames(history, count: int) -> list[int]:
+def movie_frames(history: History, count: int) -> list[int]:
     """The frames of a movie of at most ``count``, so that equal times of the run take equal times of the movie.
 
     All of them where there are no more and they follow each other evenly (but for the last, at which the run ended);
@@ -158,7 +162,7 @@ def movie_frames(history, count: int) -> list[int]:
 
 
 def view(
-    history,
+    history: History,
     *,
     view: str = "iso",
     magnification: float | None = None,
@@ -176,7 +180,7 @@ def view(
     plotter.show()
 
 
-def with_slider(plotter, history, look: Look) -> Scene:
+def with_slider(plotter, history: History, look: Look) -> Scene:
     """The scene of a history in a plotter, with a slider for the time and the arrow keys for single frames."""
     last = _frame(history, -1)
     every = max(1, last // MOVIE_FRAMES)
@@ -215,7 +219,7 @@ def with_slider(plotter, history, look: Look) -> Scene:
     return scene
 
 
-def nearest_frame(history, time: float) -> int:
+def nearest_frame(history: History, time: float) -> int:
     """Number of the frame nearest to a time (s); ScenarioError for a time that the history does not cover."""
     _frame(history, 0)
     first, last = float(history.frame_time[0]), float(history.frame_time[-1])
@@ -225,7 +229,7 @@ def nearest_frame(history, time: float) -> int:
     return int(np.argmin(np.abs(history.frame_time - time)))
 
 
-def _frame(history, frame: int) -> int:
+def _frame(history: History, frame: int) -> int:
     if history.n_frames == 0:
         raise HistoryError(f"{history.path}: no frames were recorded in this history, so there is nothing to draw")
     if not -history.n_frames <= frame < history.n_frames:

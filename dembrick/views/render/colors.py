@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dembrick.errors import HistoryError
 from dembrick.views.motion.blocks import CarriedPoints, Poses, block_quantities
 from dembrick.views.motion.joints import CHANNELS, JointMotion
+
+if TYPE_CHECKING:
+    from dembrick.history.reader import History
 
 COLORS = ("displacement", "utilisation", "slip", "energy", "none")
 _TITLES = {
@@ -31,7 +35,7 @@ class Colouring:
     Raises HistoryError where the history does not hold what they need.
     """
 
-    def __init__(self, history, color: str, carried: CarriedPoints, joints: JointMotion | None):
+    def __init__(self, history: History, color: str, carried: CarriedPoints, joints: JointMotion | None):
         self._history, self.color, self._carried, self._joints = history, color, carried, joints
         if color in ("utilisation", "slip") and not (history.n_joint and history.has_joints and history.n_row):
             raise HistoryError(

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dembrick.errors import ScenarioError
 from dembrick.views.motion.blocks import CarriedPoints, Poses, all_vertices
 from dembrick.views.render.colors import COLORS
+
+if TYPE_CHECKING:
+    from dembrick.history.reader import History
 
 VIEWS = {  # direction from the focus to the camera, and what is up in the picture
     "iso": ((1.0, 1.5, 1.4), (0.0, 0.0, 1.0)),
@@ -39,7 +43,7 @@ class Look:
             raise ScenarioError(f"magnification = {factor!r} is out of range: it must be finite and at least 0")
 
 
-def automatic_magnification(history, frame: int) -> float:
+def automatic_magnification(history: History, frame: int) -> float:
     """1, 2 or 5 times a power of ten, at least 1, that makes the farthest corner's motion visible; 1 without motion."""
     body, block, starts = all_vertices(history)
     carried, poses = CarriedPoints(history, body, block), Poses.read(history, frame, frame + 1)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,6 +18,9 @@ from dembrick.views.motion.joints import JointMotion
 from dembrick.views.plot.subject import JointAlone, chosen_joint, pushes_several
 from dembrick.views.render.colors import Colouring
 from dembrick.views.render.look import VIEWS, Look, automatic_magnification, largest_extent
+
+if TYPE_CHECKING:
+    from dembrick.history.reader import History
 
 # Where the blocks go in a picture, as parts of its width and height: text above them, the colour bar on the right.
 _LEFT, _RIGHT, _BOTTOM, _TOP = 0.03, 0.81, 0.04, 0.87
@@ -35,7 +39,7 @@ class Scene:
     picture's height that is left free at its foot.
     """
 
-    def __init__(self, plotter, history, look: Look, frames: Iterable[int], below: float = _BOTTOM):
+    def __init__(self, plotter, history: History, look: Look, frames: Iterable[int], below: float = _BOTTOM):
         frames = list(frames)
         self._below = below
         self._plotter, self._history, self._look = plotter, history, look
