@@ -17,7 +17,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import h5py
 import numpy as np
@@ -25,6 +25,9 @@ from h5py import h5a, h5d, h5f, h5g, h5p, h5s, h5t
 
 from dembrick.history.hdf5_files import Patient, create_through, in_memory
 from dembrick.simulation.channels import Field
+
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
 
 FORMAT = 1
 WRITTEN = "written"
@@ -83,7 +86,7 @@ def dataset_of(field: Field, count: int) -> Dataset:
     return Dataset(field.path, field.kind, (count, *field.tail), field.units, field.description)
 
 
-def geometry(assembly) -> list[Table]:
+def geometry(assembly: Assembly) -> list[Table]:
     """Blocks, joints and actuators at rest, as far as a picture needs them; ragged lists as values and starts."""
     shapes, joints, points, actuators = assembly.shapes, assembly.joints, assembly.contact_points, assembly.actuators
     faces = [face for shape in shapes for face in shape.faces]

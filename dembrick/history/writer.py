@@ -10,6 +10,7 @@ import time
 import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
+from typing import TYPE_CHECKING
 
 import h5py
 import numpy as np
@@ -22,6 +23,9 @@ from dembrick.history.hdf5_files import rewritten
 from dembrick.history.reader import History, is_of
 from dembrick.scenario.controls import Control, YieldControl
 from dembrick.simulation.channels import CONTACTS, FRAMES, ROWS, Field, recorded, taken
+
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
 
 RUNNING = "running"
 OWN = "own"  # what `force` says of a finished history of the same scenario: it may be replaced
@@ -56,7 +60,7 @@ class HistoryWriter:
         self,
         path: str | os.PathLike,
         scenario_text: str,
-        assembly,
+        assembly: Assembly,
         settings: Mapping,
         force: bool | str = False,
         channels: Iterable[str] = ("joints", "energy", "frames"),
@@ -93,7 +97,7 @@ class HistoryWriter:
 
     @classmethod
     def resume(
-        cls, left: History, assembly, settings: Mapping, channels: Iterable[str], rows: int, frames: int,
+        cls, left: History, assembly: Assembly, settings: Mapping, channels: Iterable[str], rows: int, frames: int,
         control: Control | None = None,
     ):  # fmt: skip
         """Go on with the file that ``left`` reads, after its first ``rows`` rows and ``frames`` frames.
@@ -126,7 +130,7 @@ class HistoryWriter:
         """Frames appended so far."""
         return self._counts[FRAMES]
 
-    def place(self, assembly) -> None:
+    def place(self, assembly: Assembly) -> None:
         """Take the assembly with its contact points where they stay, before the first row."""
         self._assembly, self._tables = assembly, None
         self._set_fields()

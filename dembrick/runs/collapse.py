@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from dembrick.simulation.statics.load_system import Replay
 from dembrick.simulation.statics.yield_point import mechanism_of, moving_blocks, slides
 
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
+    from dembrick.scenario.controls import Control
+
 NAMED = 5  # blocks that a line names
 
 
-def collapse_of(run: Replay, assembly, control) -> dict:
+def collapse_of(run: Replay, assembly: Assembly, control: Control) -> dict:
     """The object ``collapse`` of the JSON output.
 
     ``load_factor`` is V of the yield point, whose bracket is its own: of the limit, or of a peak on the way that lies

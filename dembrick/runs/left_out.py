@@ -10,11 +10,15 @@ analysis with points at the true corners: no joint of linear pressure carries mo
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dembrick.assembly.contact_points import widest_rim
 from dembrick.simulation.limit_analysis import analysis
+
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
 
 AT_EDGE = 0.95  # of the way from O to an edge: a resultant beyond it stands at the edge
 _MOVES = 0.01  # of the greatest tilt or slip: a joint that does less does not
@@ -36,7 +40,9 @@ class LeftOut:
         return {"law": self.law, "joints": len(self.joints), "bound": bound, "text": self.text}
 
 
-def left_out(assembly, load_factor: float, resultants: np.ndarray, moves: np.ndarray, tilt: bool) -> list[LeftOut]:
+def left_out(
+    assembly: Assembly, load_factor: float, resultants: np.ndarray, moves: np.ndarray, tilt: bool
+) -> list[LeftOut]:
     """What the laws of a collapse at ``load_factor`` leave out; nothing to say gives an empty list.
 
     ``resultants`` (j, >= 6): N, V_1, V_2, M_T, M_1, M_2 of the joints at the collapse; ``moves`` (j, 3): how far their

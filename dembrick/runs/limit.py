@@ -7,6 +7,7 @@ import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,6 +22,9 @@ from dembrick.simulation.limit_analysis import analysis, solver
 from dembrick.simulation.limit_analysis.mechanism import Mechanism
 from dembrick.simulation.limit_analysis.non_associative import SecondOpinion, second_opinion
 from dembrick.simulation.limit_analysis.reactions import Extreme, reaction_range
+
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
 
 SECONDS_A_BLOCK = 3e-3  # of processor time, roughly; large assemblies take more
 
@@ -271,7 +275,7 @@ def reaction(
     return ReactionResult(scenario, assembly, support, tuple(way.tolist()), least, greatest, wall)
 
 
-def associative_bound(assembly, control: Control) -> dict | None:
+def associative_bound(assembly: Assembly, control: Control) -> dict | None:
     """``collapse.associative`` of a search: load factor of limit analysis with its bounds; None where nothing limits
     it. ``assembly`` as the search has it. Raises as :func:`limit` does."""
     found = analysis.limit_load(assembly, tilt=control.tilt_axis is not None)
@@ -280,12 +284,12 @@ def associative_bound(assembly, control: Control) -> dict | None:
     return {"load_factor": found.load_factor, "lower": found.lower, "upper": found.upper}
 
 
-def cheaper_than(seconds: float, assembly) -> bool:
+def cheaper_than(seconds: float, assembly: Assembly) -> bool:
     """Whether limit analysis of an assembly is there and surely costs less than a search that took ``seconds``."""
     return expected_seconds(assembly) < seconds and solver.installed()
 
 
-def expected_seconds(assembly) -> float:
+def expected_seconds(assembly: Assembly) -> float:
     """About how long limit analysis of an assembly takes (s), imports of its packages included."""
     blocks = int((~assembly.fixed).sum())
     return 0.5 + SECONDS_A_BLOCK * blocks * max(1.0, blocks / 1000.0) ** 0.5
@@ -301,7 +305,7 @@ def searched(scenario: Scenario) -> Scenario:
     return replace(scenario, control=replace(control, quasi_static=True, **without), text=None)
 
 
-def _assembled(scenario, began: float, report):
+def _assembled(scenario: Scenario, began: float, report):
     solver.require()
     if not isinstance(scenario, Scenario):
         scenario = scenarios.load(scenario)
@@ -313,7 +317,7 @@ def _assembled(scenario, began: float, report):
     return scenario, assembly, time.perf_counter() - began
 
 
-def _left_out(assembly, found: analysis.Limit, tilt: bool) -> list[LeftOut]:
+def _left_out(assembly: Assembly, found: analysis.Limit, tilt: bool) -> list[LeftOut]:
     moved = found.mechanism.relative
     reach = np.array([np.abs(joint.polygon).max() for joint in assembly.joints])
     moves = np.stack(
@@ -344,7 +348,7 @@ def _digits(found: analysis.Limit) -> int:
     return int(min(9, max(4, math.floor(-math.log10(gap)) + 1)))
 
 
-def _names(assembly, mechanism: Mechanism | None) -> list[str]:
+def _names(assembly: Assembly, mechanism: Mechanism | None) -> list[str]:
     return [] if mechanism is None else [assembly.names[i] for i in mechanism.blocks]
 
 

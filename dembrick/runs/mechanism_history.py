@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,6 +17,9 @@ from dembrick.errors import ScenarioError
 from dembrick.geometry.rotations import quaternion_product, rotation_matrix
 from dembrick.scenario import toml as scenarios
 from dembrick.simulation.channels import JOINT_CHANNELS
+
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
 
 SEEN = 0.12  # of the largest block: how far the farthest corner moves
 
@@ -69,7 +73,7 @@ def picture(result, mechanism, resultants: np.ndarray, path: str | os.PathLike, 
             return render.picture(found, path, **({"magnification": 1.0} | look))
 
 
-def _moved(assembly, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _moved(assembly: Assembly, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Displacement (n, 3) and quaternion of the turn (n, 4) of every block, to the scale that is seen."""
     size, fastest = 0.0, 0.0
     for shape, rotation, own in zip(assembly.shapes, assembly.rotation, velocity, strict=True):

@@ -6,6 +6,7 @@ import hashlib
 import os
 import time
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,18 +17,21 @@ from dembrick.simulation.channels import FRAMES, ROWS, followed, recorded
 from dembrick.simulation.energy_audit import Auditor
 from dembrick.simulation.session import Session
 
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
+
 
 class Memory:
     """Keeps everything in memory, for a run without a history."""
 
     write_seconds = 0.0
 
-    def __init__(self, scenario: Scenario, assembly):
+    def __init__(self, scenario: Scenario, assembly: Assembly):
         self.auditor, self._scenario = Auditor(), scenario
         self._rows, self._frames = [], []
         self.place(assembly)
 
-    def place(self, assembly) -> None:
+    def place(self, assembly: Assembly) -> None:
         """The assembly with its contact points where they stay, before anything is recorded."""
         output, self._assembly = self._scenario.output, assembly
         self._fields = recorded(assembly, output.channels, self._scenario.control)
@@ -60,7 +64,9 @@ class RecordStore:
     made.
     """
 
-    def __init__(self, path, scenario: Scenario, text: str, assembly, settings: Mapping, force=False, left=None):
+    def __init__(
+        self, path, scenario: Scenario, text: str, assembly: Assembly, settings: Mapping, force=False, left=None
+    ):
         from dembrick import history
 
         began, channels, control = time.perf_counter(), scenario.output.channels, scenario.control
@@ -88,7 +94,7 @@ class RecordStore:
             self._writer = self._open()
         return self._writer
 
-    def place(self, assembly) -> None:
+    def place(self, assembly: Assembly) -> None:
         """The assembly with its contact points where they stay, before anything is recorded."""
         self._assembly = assembly
         if self._writer is not None:

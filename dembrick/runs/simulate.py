@@ -16,6 +16,7 @@ from dembrick.runs.drivers import driver_of
 from dembrick.runs.error_estimate import Refinement, error_of, refinements
 from dembrick.runs.notebook import notebook_bar
 from dembrick.runs.record_store import Memory, RecordStore
+from dembrick.runs.result import Result
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.controls import PATH_FOLLOWING
 from dembrick.scenario.model import Scenario
@@ -27,7 +28,6 @@ from dembrick.simulation.session import Progress, Session
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
     from dembrick.runs.motion_result import MotionResult  # and its kernels: for runs in real time only
-from dembrick.runs.result import Result
 
 
 def simulate(

@@ -222,7 +222,7 @@ class TiltControl(Control):
 
     @property
     def limit(self) -> Limit:
-        return Limit(STEEPEST / self.rate, "rate", "tilt faster")
+        return Limit(STEEPEST / present(self.rate), "rate", "tilt faster")
 
     def angle(self, load_factor: float) -> float:
         return math.degrees(math.atan(load_factor))

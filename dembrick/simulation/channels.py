@@ -9,11 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Container, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from dembrick.scenario.controls import Control
+
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
 
 ROWS, FRAMES, CONTACTS = 0, 1, 2  # what a channel has an entry for: a row, a frame, a new contact of a frame
 AXES = "xyz"
@@ -29,7 +32,7 @@ class Sizes(NamedTuple):
     point: int
 
     @classmethod
-    def of(cls, assembly) -> Sizes:
+    def of(cls, assembly: Assembly) -> Sizes:
         """Those of an assembly."""
         points = sum(len(points.area) for points in assembly.contact_points if points is not None)
         return cls(
@@ -90,7 +93,7 @@ class Channel:
         return [self.columns.format(name=name, axis=axis, unit=unit, time=time) for name in which for axis in axes]
 
 
-def _position(record: Mapping, assembly) -> np.ndarray:
+def _position(record: Mapping, assembly: Assembly) -> np.ndarray:
     return np.asarray(assembly.position, float) + record["displacement"]
 
 
@@ -233,7 +236,7 @@ class Field:
         return 8 * int(np.prod(self.tail, dtype=np.int64))
 
 
-def recorded(assembly, asked: Container[str], control: Control) -> tuple[Field, ...]:
+def recorded(assembly: Assembly, asked: Container[str], control: Control) -> tuple[Field, ...]:
     """The channels that a run records; ``asked``: the words of ``output.channels``."""
     sizes, regime = Sizes.of(assembly), control.regime
     counts = regime.counts_equilibria
@@ -257,7 +260,7 @@ def bytes_of(fields: tuple[Field, ...], rows: int, frames: int, contacts: int = 
     return sum(counts[field.grows_by] * field.entry_bytes for field in fields)
 
 
-def taken(record: Mapping, field: Field, assembly) -> np.ndarray:
+def taken(record: Mapping, field: Field, assembly: Assembly) -> np.ndarray:
     """The numbers of a channel in a record as recorders give it: joints share an array, energies and new contacts a
     mapping. ValueError if the record has none."""
     group, _, name = field.channel.name.partition("/")
@@ -271,7 +274,7 @@ def taken(record: Mapping, field: Field, assembly) -> np.ndarray:
         raise ValueError(f"{field.path}: the record has no such channel") from error
 
 
-def followed(record: Mapping, fields: tuple[Field, ...], grows_by: int, assembly) -> dict[str, np.ndarray]:
+def followed(record: Mapping, fields: tuple[Field, ...], grows_by: int, assembly: Assembly) -> dict[str, np.ndarray]:
     """A record with the channels that follow from it, for results in memory."""
     own = [f.channel for f in fields if f.grows_by == grows_by and f.channel.fill and not f.channel.in_file_only]
     return {**record, **{channel.name: channel.fill(record, assembly) for channel in own}}

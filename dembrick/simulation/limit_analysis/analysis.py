@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,6 +23,9 @@ from dembrick.simulation.limit_analysis.strength import (
     corner_points,
     point_strengths,
 )
+
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
 
 FINE = 3e-7  # of the friction of area joints: how far inside their surface the forces of the lower bound are looked for
 MOST_ROUNDS = 80  # of cutting planes
@@ -80,12 +84,12 @@ class Standing:
     mechanism: Mechanism | None
 
 
-def dead_wrench(assembly) -> np.ndarray:
+def dead_wrench(assembly: Assembly) -> np.ndarray:
     """Dead force and moment about the centroid of every block (n, 6)."""
     return np.concatenate([assembly.dead_force, assembly.dead_torque], axis=1)
 
 
-def live_wrench(assembly) -> np.ndarray:
+def live_wrench(assembly: Assembly) -> np.ndarray:
     """Force and moment (n, 6) of the actuators on every block at V = 1.
 
     ScenarioError where there are none, or where they add up to nothing on every block.
@@ -110,7 +114,11 @@ def live_wrench(assembly) -> np.ndarray:
 
 
 def prepared(
-    assembly, live: Sequence[np.ndarray] = (), material: Material | None = None, corners: bool = False, along=()
+    assembly: Assembly,
+    live: Sequence[np.ndarray] = (),
+    material: Material | None = None,
+    corners: bool = False,
+    along=(),
 ) -> Structure:
     """An assembly as a `Structure` under its dead loads and ``live`` wrenches.
 
@@ -133,7 +141,9 @@ def prepared(
     return structure_of(assembly, points, areas, dead_wrench(assembly), list(live), along)
 
 
-def limit_load(assembly, material: Material | None = None, corners: bool = False, tilt: bool = False) -> Limit:
+def limit_load(
+    assembly: Assembly, material: Material | None = None, corners: bool = False, tilt: bool = False
+) -> Limit:
     """The limit of the actuators' load V of an assembly, by the static theorem; flow is associative.
 
     ``tilt``: V is the tangent of the angle of a table, so that strengths other than friction grow with 1 / cos. Raises
@@ -153,7 +163,7 @@ def limit_load(assembly, material: Material | None = None, corners: bool = False
     return replace(found, seconds=time.perf_counter() - began)
 
 
-def _limit(assembly, live: np.ndarray, material: Material, corners: bool) -> Limit:
+def _limit(assembly: Assembly, live: np.ndarray, material: Material, corners: bool) -> Limit:
     structure = prepared(assembly, [live], material, corners)
     inner = standing(structure)
     if not inner.stands:
@@ -161,7 +171,7 @@ def _limit(assembly, live: np.ndarray, material: Material, corners: bool) -> Lim
     return greatest(structure, live, inner)
 
 
-def falls(assembly, found: Standing) -> NotConvergedError:
+def falls(assembly: Assembly, found: Standing) -> NotConvergedError:
     """The error of a structure that does not stand under its dead loads."""
     names = [assembly.names[i] for i in found.mechanism.blocks]
     shown = ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")

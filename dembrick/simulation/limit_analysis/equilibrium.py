@@ -8,11 +8,15 @@ another act as one, and Coulomb's cone becomes two half-planes (`plane_of_symmet
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dembrick.simulation.limit_analysis.solver import Entries
 from dembrick.simulation.limit_analysis.strength import Areas, Points
+
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
 
 _SAME = 1e-9  # of the length scale: places that differ by less are the same
 
@@ -80,7 +84,7 @@ class Frame:
         return Entries.joined(*parts)
 
 
-def frame_of(assembly, loads: list[np.ndarray], plane: np.ndarray | None) -> Frame:
+def frame_of(assembly: Assembly, loads: list[np.ndarray], plane: np.ndarray | None) -> Frame:
     """The equations of an assembly under ``loads``, wrenches (n, 6), in space or in a ``plane`` of symmetry (3,)."""
     free = np.flatnonzero(~assembly.fixed)
     number = np.full(len(assembly.fixed), -1)
@@ -106,7 +110,9 @@ def frame_of(assembly, loads: list[np.ndarray], plane: np.ndarray | None) -> Fra
     )
 
 
-def plane_of_symmetry(assembly, points: Points, areas: Areas, loads: list[np.ndarray], along=()) -> np.ndarray | None:
+def plane_of_symmetry(
+    assembly: Assembly, points: Points, areas: Areas, loads: list[np.ndarray], along=()
+) -> np.ndarray | None:
     """The normal (3,) of a plane in which the structure and its ``loads`` (n, 6) are symmetric, and that holds the
     directions ``along`` (3,) as well; None without.
 
@@ -155,7 +161,7 @@ class Merged:
         return np.bincount(self.group, values, minlength=len(self.first))
 
 
-def _along(assembly, joint: np.ndarray, plane: np.ndarray, arm: np.ndarray):
+def _along(assembly: Assembly, joint: np.ndarray, plane: np.ndarray, arm: np.ndarray):
     """Coordinates of arms (p, 2) in their joints along the plane and across it (p,)."""
     axes = assembly.joints.axes[joint]
     tangent = np.cross(plane, axes[:, 2])
@@ -171,7 +177,7 @@ def _merged(keys: np.ndarray, weight: np.ndarray, across: list[np.ndarray]) -> M
     return Merged(group, share, first, np.concatenate(aside) if len(group) else np.zeros(0))
 
 
-def _merged_points(assembly, points: Points, plane: np.ndarray, middle: np.ndarray) -> Merged:
+def _merged_points(assembly: Assembly, points: Points, plane: np.ndarray, middle: np.ndarray) -> Merged:
     off = (assembly.joints.origin - middle) @ plane
     (s, d), (s_shear, d_shear) = (
         _along(assembly, points.joint, plane, arm) for arm in (points.normal_arm, points.shear_arm)
@@ -181,7 +187,7 @@ def _merged_points(assembly, points: Points, plane: np.ndarray, middle: np.ndarr
     return _merged(keys, points.area, [d + off[points.joint], d_shear + off[points.joint]])
 
 
-def _merged_corners(assembly, areas: Areas, plane: np.ndarray, middle: np.ndarray) -> Merged:
+def _merged_corners(assembly: Assembly, areas: Areas, plane: np.ndarray, middle: np.ndarray) -> Merged:
     joint = areas.joint[areas.owner]
     off = (assembly.joints.origin - middle) @ plane
     s, d = _along(assembly, joint, plane, areas.corner)
@@ -201,7 +207,7 @@ class Layout:
     for no friction.
     """
 
-    def __init__(self, assembly, frame: Frame, points: Points, areas: Areas):
+    def __init__(self, assembly: Assembly, frame: Frame, points: Points, areas: Areas):
         self.frame, self.points, self.areas, self._assembly = frame, points, areas, assembly
         joints, flat = assembly.joints, frame.plane is not None
         self.flat = flat

@@ -12,6 +12,7 @@ not unique, the sequence need not settle, and where it settles depends on where 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,6 +22,9 @@ from dembrick.simulation.limit_analysis.mechanism import Mechanism, mechanism_of
 from dembrick.simulation.limit_analysis.programme import Loads, Structure
 from dembrick.simulation.limit_analysis.solver import SOLVED
 from dembrick.simulation.limit_analysis.strength import Material
+
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
 
 MOST_PROGRAMMES = 60
 DILATANCY = (0.3, 0.1, 0.03, 0.01)  # m over mu: less and less, each until the load factor settles
@@ -47,7 +51,7 @@ class SecondOpinion:
     ended: str
 
 
-def second_opinion(assembly, material: Material | None = None) -> SecondOpinion:
+def second_opinion(assembly: Assembly, material: Material | None = None) -> SecondOpinion:
     """The limit without dilatancy as the sequence finds it; NotConvergedError where not even its first programme has an
     answer."""
     live = live_wrench(assembly)

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from dembrick.simulation.limit_analysis.equilibrium import Frame, Layout, frame_of, plane_of_symmetry
 from dembrick.simulation.limit_analysis.solver import Entries, Programme
 from dembrick.simulation.limit_analysis.strength import Areas, Points
+
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
 
 NO_CUTS = np.zeros(0, np.int64), np.zeros((0, 3))
 
@@ -44,7 +47,7 @@ class Structure:
 
 
 def structure_of(
-    assembly, points: Points, areas: Areas, dead: np.ndarray, live: list[np.ndarray], along=()
+    assembly: Assembly, points: Points, areas: Areas, dead: np.ndarray, live: list[np.ndarray], along=()
 ) -> Structure:
     """The structure of an assembly under ``dead`` and ``live`` wrenches (n, 6), in a plane where there is one that
     also holds the directions ``along`` (3,)."""

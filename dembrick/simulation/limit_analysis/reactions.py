@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,6 +18,9 @@ from dembrick.simulation.limit_analysis.mechanism import Mechanism, mechanism_of
 from dembrick.simulation.limit_analysis.programme import Loads, Structure
 from dembrick.simulation.limit_analysis.solver import UNBOUNDED
 from dembrick.simulation.limit_analysis.strength import Material
+
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
 
 
 @dataclass(frozen=True)
@@ -39,7 +43,7 @@ class Extreme:
 
 
 def reaction_range(
-    assembly, support: np.ndarray, direction: np.ndarray, material: Material | None = None
+    assembly: Assembly, support: np.ndarray, direction: np.ndarray, material: Material | None = None
 ) -> tuple[Extreme, Extreme]:
     """Least and greatest force along ``direction`` (3,) unit that the fixed blocks ``support`` (k,) exert on the others
     under the dead loads. NotConvergedError where the structure does not stand."""

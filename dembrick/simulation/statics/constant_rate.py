@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -31,11 +32,15 @@ from dembrick.simulation.statics.state import State, new_energy
 from dembrick.simulation.statics.steady_load import refuse_unsound, steady
 from dembrick.simulation.statics.stepper import Loop, Stepper
 
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
+    from dembrick.scenario.controls import DisplacementControl
+
 CHUNK = 1 << 16  # steps of a constant-rate test between two looks at the clock
 
 
 def push_at_constant_rate(
-    assembly, rate: float, travel: float, step_factor: float, session: Session | Observer | None = None
+    assembly: Assembly, rate: float, travel: float, step_factor: float, session: Session | Observer | None = None
 ) -> Replay:
     """Move the actuator head over ``travel`` (m) at ``rate`` (m/s) with physical inertia; returns a Replay.
 
@@ -100,7 +105,7 @@ def push_at_constant_rate(
     return replay
 
 
-def plan(assembly, control, step_factor: float, output: Output) -> Plan:
+def plan(assembly: Assembly, control: DisplacementControl, step_factor: float, output: Output) -> Plan:
     """The plan of a test, without running any of it."""
     system = LoadSystem(assembly)
     dt = system.time_step(step_factor * system.dashpots().critical_time_step, control.rate)

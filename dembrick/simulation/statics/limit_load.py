@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -41,6 +42,10 @@ from dembrick.simulation.statics.state import new_energy
 from dembrick.simulation.statics.stepper import Loop, Stepper
 from dembrick.simulation.statics.yield_point import at_peak, read_off, without_limit
 
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
+    from dembrick.scenario.controls import YieldControl
+
 SLIP_PER_STEP = 1.0  # elastic slips that the head moves in a step towards a limit load
 GENTLY = 0.3  # of that, where the load tilts a block, which a fast head sets rocking as it slides
 GUESS = 0.25  # of the weight of all blocks: a first guess of a load on all of them
@@ -52,7 +57,7 @@ BYTES_A_TRIAL = 1400  # a joint: tangent, stiffness, and the matrices of its two
 
 
 def find_limit_load(
-    assembly,
+    assembly: Assembly,
     tolerance: float,
     step_factor: float,
     session: Session | Observer | None = None,
@@ -166,7 +171,7 @@ def _by_inertia(setup: Setup, step_factor: float, session: Session) -> Replay:
     return setup.finished(status == CONVERGED, loop, critical, compiled, setup.settings(drive) | chosen)
 
 
-def plan(assembly, control, step_factor: float, output: Output) -> Plan:
+def plan(assembly: Assembly, control: YieldControl, step_factor: float, output: Output) -> Plan:
     """The plan of a search, without running any of it."""
     system = LoadSystem(assembly)
     # seen over the lab tests and random joints: some 25 steps to 1e-3 and ten more a digit, twice that at height

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,6 +24,9 @@ from dembrick.simulation.statics.state import State, initial_state, load_vectors
 from dembrick.simulation.statics.stepper import Loop
 from dembrick.simulation.statics.stiffness import block_stiffness
 from dembrick.simulation.statics.yield_point import YieldPoint, read_off
+
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
 
 # Numerical choices; answers do not depend on them beyond the tolerance, and a test says so.
 VISCOUS = 0.5  # dashpot force over spring force for the same increment, in contacts and actuator, while searching
@@ -56,7 +60,7 @@ class Replay:
 class LoadSystem:
     """The actuators as one load system: unit load, compliance of the joints against it, actuator stiffness."""
 
-    def __init__(self, assembly):
+    def __init__(self, assembly: Assembly):
         if not len(assembly.actuators.block):
             raise ScenarioError("no [[actuators]]: a replay needs at least one actuator to push with")
         self.assembly = assembly
@@ -109,7 +113,9 @@ class Setup(LoadSystem):
     wherever the bracket is not certified.
     """
 
-    def __init__(self, assembly, tolerance: float, session: Session | None = None, by_equilibria: bool | None = False):
+    def __init__(
+        self, assembly: Assembly, tolerance: float, session: Session | None = None, by_equilibria: bool | None = False
+    ):
         super().__init__(assembly)
         whole = by_equilibria or touches_itself(self.state)
         self.factor = elastic_factor(self.state, assembly.position) if whole else None

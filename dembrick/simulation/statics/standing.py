@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from dembrick.kernels.statics.energy import ELASTIC, elastic_energy
 from dembrick.kernels.statics.record import write_row
@@ -12,6 +13,9 @@ from dembrick.simulation.statics.elastic_factor import elastic_factor, touches_i
 from dembrick.simulation.statics.recorder import Recorder
 from dembrick.simulation.statics.state import State, initial_state
 from dembrick.simulation.statics.stiffness import block_stiffness
+
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
 
 
 @dataclass
@@ -36,7 +40,7 @@ class Standing:
         return self.rest.loop_seconds
 
 
-def find_rest(assembly, session: Session) -> Standing:
+def find_rest(assembly: Assembly, session: Session) -> Standing:
     """The equilibrium of an assembly under its dead loads, or the blocks that fall; the record is its one row."""
     state = initial_state(assembly)
     factor = elastic_factor(state, assembly.position) if touches_itself(state) else None
@@ -52,7 +56,7 @@ def find_rest(assembly, session: Session) -> Standing:
     return Standing(found, state, {"steps": found.steps})
 
 
-def plan(assembly) -> Plan:
+def plan(assembly: Assembly) -> Plan:
     """The plan of it, without running any of it."""
     n, j = len(assembly.names), len(assembly.joints)
     points = sum(len(p.area) for p in assembly.contact_points if p is not None)
