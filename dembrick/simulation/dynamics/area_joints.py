@@ -5,6 +5,8 @@ The functions are those of `point_joints`, under the same names; `joint_families
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from dembrick.assembly.contact_points import PointTable
@@ -16,11 +18,14 @@ from dembrick.simulation.dynamics.tiling import tiled, ways
 from dembrick.simulation.joint_stiffness import elastic_stiffness
 from dembrick.simulation.pressed_parts import check_pressures, pressed_parts, room_of
 
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
+
 NEGLIGIBLE = 1e-5  # of the lighter block's weight: head joints of a wall carry so little, and slip all the time
 EQUAL = 12  # digits to which polygons are the same: rounding makes those of a wall differ in the last one or two
 
 
-def at_rest(assembly, first_tile: int) -> Faces | None:
+def at_rest(assembly: Assembly, first_tile: int) -> Faces | None:
     """The convex joints of an assembly, at rest, whose tiles begin with number ``first_tile``; None without any."""
     joints, table = JointTable.of(assembly.joints), PointTable.of(assembly.contact_points)
     chosen = np.flatnonzero(table.resultant)
@@ -67,7 +72,7 @@ def at_rest(assembly, first_tile: int) -> Faces | None:
     return faces
 
 
-def _lightest(assembly, joints: JointTable) -> np.ndarray:
+def _lightest(assembly: Assembly, joints: JointTable) -> np.ndarray:
     """Weight of the lighter free block of each joint (j,), N."""
     weight = np.where(assembly.fixed, np.inf, np.asarray(assembly.mass) * np.linalg.norm(assembly.gravity))
     return np.minimum(weight[joints.block_a], weight[joints.block_b])

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,10 +17,13 @@ from dembrick.kernels.dynamics.point_joints import Corners
 from dembrick.kernels.dynamics.tiles import POINT
 from dembrick.simulation.dynamics import area_joints, point_joints
 
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
+
 FAMILIES: dict[str, ModuleType] = {"corners": point_joints, "faces": area_joints}  # fields of a state
 
 
-def at_rest(assembly) -> tuple[Corners | None, Faces | None]:
+def at_rest(assembly: Assembly) -> tuple[Corners | None, Faces | None]:
     """The joints of all families of an assembly, at rest: the fields of a state."""
     corners = point_joints.at_rest(assembly)
     return corners, area_joints.at_rest(assembly, 0 if corners is None else len(corners.used))

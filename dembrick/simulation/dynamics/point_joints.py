@@ -5,6 +5,8 @@ The functions are those of `area_joints`, under the same names; `joint_families`
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from dembrick.assembly.contact_points import PointTable
@@ -14,8 +16,11 @@ from dembrick.kernels.dynamics.tiles import AREA, ELASTIC, POINT, W, X, Y, rows_
 from dembrick.simulation.dynamics.tiling import tiled, ways
 from dembrick.simulation.joint_stiffness import elastic_stiffness
 
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
 
-def at_rest(assembly) -> Corners | None:
+
+def at_rest(assembly: Assembly) -> Corners | None:
     """The joints of an assembly that act at points, at rest; None without any."""
     joints, table = JointTable.of(assembly.joints), PointTable.of(assembly.contact_points)
     chosen = np.flatnonzero(~table.resultant)

@@ -5,7 +5,7 @@ Positions count from the middle of the scene, so that a wall far from the origin
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -30,6 +30,9 @@ from dembrick.kernels.dynamics.tiles import (
 )
 from dembrick.simulation.dynamics import joint_families
 
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
+
 
 class MovingState(NamedTuple):
     """What a dynamic run changes; ``corners`` or ``faces`` is None where no joint is of that family."""
@@ -51,7 +54,7 @@ class MovingState(NamedTuple):
         return [*self.bodies, *self.links, *joint_families.arrays(self)]
 
 
-def moving_state(assembly) -> MovingState:
+def moving_state(assembly: Assembly) -> MovingState:
     """State at the start: nothing displaced, no force in any joint, nothing moves."""
     middle = assembly.position.mean(axis=0)
     corners, faces = joint_families.at_rest(assembly)
@@ -62,7 +65,7 @@ def moving_state(assembly) -> MovingState:
     return MovingState(bodies, links, corners, faces, middle)
 
 
-def _bodies(assembly, links: Links, middle: np.ndarray) -> Bodies:
+def _bodies(assembly: Assembly, links: Links, middle: np.ndarray) -> Bodies:
     n = len(assembly.names)
     blocks = np.concatenate([links.other, links.host])
     sides = np.concatenate([2 * np.arange(len(links.other)), 2 * np.arange(len(links.host)) + 1])
@@ -86,7 +89,7 @@ def _bodies(assembly, links: Links, middle: np.ndarray) -> Bodies:
     )
 
 
-def _links(assembly, corners: Corners | None, faces: Faces | None) -> Links:
+def _links(assembly: Assembly, corners: Corners | None, faces: Faces | None) -> Links:
     table = JointTable.of(assembly.joints)
     n, a, b = len(table), table.block_a, table.block_b
     b_hosts = table.host == b
