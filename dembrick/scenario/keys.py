@@ -306,7 +306,7 @@ def json_schema() -> dict:
     schema["properties"]["control"] = {"oneOf": [_object(kind) for kind in controls()]}
     schema["properties"]["joints"] = {"type": "array", "items": _override()}
     schema["properties"]["materials"] = {"type": "object", "additionalProperties": _object(Material)}
-    schema["required"] = [key for key in schema["required"] if key != "blocks"]
+    schema["required"] = [*(key for key in schema["required"] if key != "blocks"), "control"]
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "dembrick scenario",

@@ -251,7 +251,7 @@ class Scenario:
     joint: JointLaw
     materials: dict[str, Material]
     blocks: tuple[Block, ...] = ()
-    control: Control = field(kw_only=True)
+    control: Control = None  # type: ignore[assignment]  # is required, and only stands after a key that is not
     joints: tuple[JointOverride, ...] = ()
     loads: tuple[Load, ...] = ()
     actuators: tuple[Actuator, ...] = ()
