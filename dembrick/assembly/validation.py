@@ -6,7 +6,7 @@ Each raises ScenarioError, or returns warnings; a message names the blocks and s
 from __future__ import annotations
 
 import math
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 
@@ -19,6 +19,9 @@ from dembrick.geometry import polygons
 from dembrick.scenario.checks import show
 from dembrick.scenario.controls import PATH_FOLLOWING
 from dembrick.scenario.model import Scenario
+
+if TYPE_CHECKING:
+    from dembrick.scenario.controls import Control
 
 SOFT_WARNING = 1e-3  # elastic closing or sliding of a joint under its dead load, over its short side
 SOFT_LIMIT = 1e-2
@@ -129,7 +132,7 @@ def check_control(scenario: Scenario) -> tuple[str, ...]:
     return _check_base_motion(control) if control.shakes else ()
 
 
-def _check_base_motion(control) -> tuple[str, ...]:
+def _check_base_motion(control: Control) -> tuple[str, ...]:
     """A pulse that never comes, and a velocity that begins above zero."""
     warnings = []
     if control.pulse is not None and control.pulse.start >= control.duration:

@@ -13,7 +13,17 @@ from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
 from dembrick.scenario.blocks import Vector
-from dembrick.scenario.checks import assign, check_name, one_of, real, require, require_type, unit_vector, vector
+from dembrick.scenario.checks import (
+    assign,
+    check_name,
+    one_of,
+    present,
+    real,
+    require,
+    require_type,
+    unit_vector,
+    vector,
+)
 from dembrick.scenario.time_functions import Pulse, Sine, checked_columns
 
 QUANTITIES = ("acceleration", "velocity", "displacement")
@@ -300,7 +310,7 @@ class PushoverControl(Control):
             value = getattr(self, key)
             require(value is not None, key, value, f"a push in real time needs it, in {unit}")
         assign(self, rate=real("rate", self.rate))
-        require(self.rate > 0.0, "rate", self.rate, "it must be greater than 0 m/s")
+        require(present(self.rate) > 0.0, "rate", self.rate, "it must be greater than 0 m/s")
 
 
 @dataclass(frozen=True, slots=True)
@@ -404,7 +414,7 @@ def _direction(value) -> Vector:
     return unit_vector(direction)
 
 
-def _check_motion(control) -> None:
+def _check_motion(control: DynamicControl | BaseMotionControl) -> None:
     duration, restitution = real("duration", control.duration), real("restitution", control.restitution)
     require(duration > 0.0, "duration", duration, "it must be longer than 0 s")
     bound = "the speed after over the speed before an impact lies between 0.14 (critically damped) and 1"

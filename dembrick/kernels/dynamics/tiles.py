@@ -294,10 +294,11 @@ def least_slack(links):
         p2 = seen[1] - kept[1]
         e1 = seen[3] - kept[2]
         e2 = seen[4] - kept[3]
-        f1 = links.glide[j, 0]
-        f2 = links.glide[j, 1]
-        along = links.glide[j, 2] * (p1 * f1 + p2 * f2)
+        f1 = float(links.glide[j, 0])
+        f2 = float(links.glide[j, 1])
+        along = float(links.glide[j, 2]) * (p1 * f1 + p2 * f2)
         across = p2 * f1 - p1 * f2
-        moved = sqrt(along * along + across * across) + links.reach[j] * sqrt(e1 * e1 + e2 * e2)
-        least = min(least, links.slack[j] - moved)
+        reach, slack = float(links.reach[j]), float(links.slack[j])  # double precision in plain Python as well
+        moved = sqrt(along * along + across * across) + reach * sqrt(e1 * e1 + e2 * e2)
+        least = min(least, slack - moved)
     return least

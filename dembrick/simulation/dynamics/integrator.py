@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -44,6 +45,9 @@ from dembrick.simulation.dynamics.time_step import (
     stepped_dashpots,
     time_constants,
 )
+
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
 
 LONGEST_MOVE = 0.1  # of the smallest block's reach: a step that moves a block further has diverged
 LONGEST_CHUNK = 2048  # steps
@@ -133,7 +137,9 @@ class Motion:
         return self.state.bodies.position - self.state.bodies.start
 
 
-def motion(assembly, damping: float, step_factor: float, impacts: float = 1.0, duration: float | None = None) -> Motion:
+def motion(
+    assembly: Assembly, damping: float, step_factor: float, impacts: float = 1.0, duration: float | None = None
+) -> Motion:
     """An assembly at rest with contacts of that damping ratio; ``step_factor`` is the time step over the critical.
 
     Where there will be ``impacts``, the step is shorter by that factor than joints ask for. It is never longer than

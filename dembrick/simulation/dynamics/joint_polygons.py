@@ -15,6 +15,7 @@ the last time it may go as far as no distance between its corners and the edges 
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,6 +27,9 @@ from dembrick.kernels.dynamics.tiles import AREA, LEVER, SEEN, SENSE, X, Y
 from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.area_joints import put_outlines, with_outlines
 from dembrick.simulation.dynamics.state import MovingState
+
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
 
 STALE = 2e-4  # of the polygon's short side
 PARALLEL = 1.0 - 1e-4  # cosine: a polygon that moves so near to along an edge moves along it
@@ -41,7 +45,7 @@ class Polygons:
     `Links.seen` then.
     """
 
-    def __init__(self, assembly, state: MovingState):
+    def __init__(self, assembly: Assembly, state: MovingState):
         joints = JointTable.of(assembly.joints)
         self.state, self._joints, self._shapes = state, joints, assembly.shapes
         self._shared = joint_families.outlines(state)  # polygons that no joint has for itself

@@ -11,12 +11,17 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dembrick.errors import ScenarioError
 from dembrick.simulation.dynamics import time_histories
 from dembrick.simulation.dynamics.time_histories import Curve
+
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
+    from dembrick.scenario.model import Scenario
 
 RESOLVED = 4.0  # time steps in the period of a load: fewer would make another load of it
 
@@ -73,7 +78,7 @@ def turned_back(vectors: np.ndarray, axis: np.ndarray, cosine: np.ndarray, sine:
     return along + cosine * (vectors - along) - sine * beside
 
 
-def driving_of(scenario, assembly, time_step: float) -> Driving:
+def driving_of(scenario: Scenario, assembly: Assembly, time_step: float) -> Driving:
     """Gravity, loads and the motion of the supports; ScenarioError where a history is not fit for the run.
 
     A file is looked for beside the scenario.
@@ -114,7 +119,7 @@ def driving_of(scenario, assembly, time_step: float) -> Driving:
     return Driving(**driving)
 
 
-def _support_velocity(scenario, file: str | None, columns, time_step: float) -> Curve:
+def _support_velocity(scenario: Scenario, file: str | None, columns, time_step: float) -> Curve:
     """Velocity (m/s) of the supports along one direction."""
     control = scenario.control
     if control.sine is not None:
@@ -127,7 +132,9 @@ def _support_velocity(scenario, file: str | None, columns, time_step: float) -> 
     return lambda t: control.scale * curve(t)
 
 
-def _samples(scenario, file: str, quantity: str, columns, duration: float, time_step: float) -> time_histories.Samples:
+def _samples(
+    scenario: Scenario, file: str, quantity: str, columns, duration: float, time_step: float
+) -> time_histories.Samples:
     folder = Path(scenario.path).parent if scenario.path else Path()
     samples = time_histories.read_samples(folder / file, duration, quantity, columns)
     if samples.step < time_step:

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dembrick.simulation.dynamics.integrator import Motion
 from dembrick.simulation.dynamics.pushover import PushController
 from dembrick.simulation.dynamics.state import seen
+
+if TYPE_CHECKING:
+    from dembrick.scenario.controls import Control
 
 MOVED = 0.1  # of the longest displacement: blocks that have moved further belong to the mechanism
 DROPPED = 0.5  # of a block's least dimension: what has come down by more has fallen
@@ -70,7 +74,7 @@ def fallen(moving: Motion) -> np.ndarray:
 
 
 def collapse_of(
-    moving: Motion, control, controller: PushController | None, at_rest: np.ndarray, extremes: Extremes
+    moving: Motion, control: Control, controller: PushController | None, at_rest: np.ndarray, extremes: Extremes
 ) -> dict:
     """What came down, when, and how: the object ``collapse`` of the JSON output.
 

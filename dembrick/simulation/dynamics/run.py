@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -41,6 +42,10 @@ from dembrick.simulation.dynamics.state import (
 )
 from dembrick.simulation.energy_audit import Sums
 from dembrick.simulation.session import Plan, Session
+
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
+    from dembrick.scenario.controls import Control
 
 IMPACTS = 3.0  # where blocks may bounce the step is so much shorter: the stated restitution is then met, by 1 to 3 %
 AT_ONCE = 2_000_000  # blocks and joints, times steps: a signal waits for some tenths of a second
@@ -81,7 +86,7 @@ class MotionRun:
         return {"steps": self.motion.loop_seconds, **self.motion.phases}
 
 
-def prepare(assembly, control, step_factor: float) -> Motion:
+def prepare(assembly: Assembly, control: Control, step_factor: float) -> Motion:
     """The assembly before it is seated, with the contact damping of the control; ScenarioError where nothing moves."""
     if control.needs_supports and not np.any(assembly.fixed):
         raise ScenarioError(f"control kind {show(control.kind)} moves supports and no block is fixed: fix one")
@@ -103,7 +108,7 @@ def ask_for(moving: Motion, output: Output, loads: int) -> None:
         moving.state = with_contact_forces(moving.state)
 
 
-def plan(moving: Motion, control, output: Output) -> Plan:
+def plan(moving: Motion, control: Control, output: Output) -> Plan:
     """What the run will take: the steps of its whole duration, or of a tilt to the vertical or of the longest push, and
     bytes at the most."""
     steps = _most_steps(moving, control, _controller(moving, control))
@@ -116,13 +121,13 @@ def plan(moving: Motion, control, output: Output) -> Plan:
     return Plan(moving.time_step, moving.critical_time_step, steps, memory)
 
 
-def _controller(moving: Motion, control) -> PushController | None:
+def _controller(moving: Motion, control: Control) -> PushController | None:
     if control.push_direction is None:
         return None
     return controller_of(control, moving.assembly, moving.assembly.gravity, moving.time_step)
 
 
-def _most_steps(moving: Motion, control, controller: PushController | None) -> int:
+def _most_steps(moving: Motion, control: Control, controller: PushController | None) -> int:
     """Steps after which the run ends if nothing ends it before."""
     if controller is not None:
         return controller.longest
@@ -135,7 +140,7 @@ def _most_steps(moving: Motion, control, controller: PushController | None) -> i
     return math.ceil(seconds / moving.time_step * (1.0 - 1e-12))
 
 
-def run(moving: Motion, control, driving: Driving, session: Session) -> MotionRun:
+def run(moving: Motion, control: Control, driving: Driving, session: Session) -> MotionRun:
     """Seat the blocks and live through the run; the session's observer gets rows and frames.
 
     Raises NotConvergedError where the blocks find no rest before it, where a tilt or a push brings nothing down, and

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -12,30 +12,33 @@ from dembrick import theory
 from dembrick.errors import HistoryError, ScenarioError
 from dembrick.views import summary
 
+if TYPE_CHECKING:
+    from dembrick.history.reader import History
+
 
 def time_name(record) -> str:
     """What the times of a record are, for an axis."""
     return "number of the equilibrium" if getattr(record, "counts_equilibria", False) else "time [s]"
 
 
-def joint_names(history) -> list[str]:
+def joint_names(history: History) -> list[str]:
     """``lower/upper`` for each joint: its two blocks, with its number where the same two share several joints."""
     pairs = _pairs(history)
     count = Counter(pairs)
     return [f"{pair} #{i}" if count[pair] > 1 else pair for i, pair in enumerate(pairs)]
 
 
-def _pairs(history) -> list[str]:
+def _pairs(history: History) -> list[str]:
     names = history.block_names
     return [f"{names[joint['block_a']]}/{names[joint['block_b']]}" for joint in history.joints]
 
 
-def pushes_several(history) -> bool:
+def pushes_several(history: History) -> bool:
     """Whether the load acts on several blocks: the shares of their weights of a tilt or a pushover, as a rule."""
     return len({actuator["block"] for actuator in history.actuators}) > 1
 
 
-def chosen_joint(history, name: str | int | None = None) -> int:
+def chosen_joint(history: History, name: str | int | None = None) -> int:
     """Number of the joint called ``a/b`` (or ``a/b #3``, or 3); without a name the one that gave way.
 
     That is the joint of the yield point, else the first one of a block that is pushed, else the one that slipped most.
@@ -93,7 +96,7 @@ def limit_surface(joint: Mapping, carried: Mapping[str, float]) -> theory.Law | 
         return None
 
 
-def carried_by(history, number: int, row: int = -1) -> dict[str, float]:
+def carried_by(history: History, number: int, row: int = -1) -> dict[str, float]:
     """What joint ``number`` carries in a row: N, V_1, V_2, M_T, M_1, M_2 (N, N m)."""
     if not (history.n_row and history.has_joints):
         raise HistoryError(f"{history.path}: what its joints carry was not recorded; record the channel joints")
@@ -108,7 +111,7 @@ class JointAlone:
     A figure of one joint of a large wall then reads frames, but does no work for the other joints.
     """
 
-    def __init__(self, history, number: int):
+    def __init__(self, history: History, number: int):
         joint = history.joints[number]
         self._history, self._number = history, number
         self._blocks = [joint["block_a"], joint["block_b"]]
