@@ -1,4 +1,4 @@
-"""Which blocks are near each other, and whether they overlap: the search that comes before joints.
+"""Broad phase of contact detection: which blocks are near each other, and whether they overlap.
 
 All pairs of a scene are handled as arrays, grouped by the kind of their shapes (how many corners, faces, axes), so
 that ten thousand boxes of any sizes make one group.

@@ -1,4 +1,4 @@
-"""The contact points of all joints of a scene, as columns."""
+"""Contact points of all joints of an assembly, as columns."""
 
 from __future__ import annotations
 

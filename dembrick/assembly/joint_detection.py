@@ -1,4 +1,4 @@
-"""Facing faces of convex bodies, and the polygons that they share: the narrow search for joints.
+"""Joint detection (narrow phase): facing faces of convex bodies, and the polygons that they share.
 
 Bodies are the convex parts of blocks. All pairs of one kind of shapes are handled as arrays, and all geometry of a
 pair is taken relative to one of the two, so that a scene far from the origin keeps every digit that its input has.

@@ -1,4 +1,4 @@
-"""Error bars of runs that have no bracket of their own, or whose bracket does not tell all: the run refined.
+"""Error bars by refinement, for runs that have no bracket or whose bracket does not tell all.
 
 A run in real time, with joints of some stiffness and driven at some rate, stands for rigid blocks and, where it drives
 to a collapse, for a rate of zero. Each is refined by itself, because the two errors may differ in sign, and a

@@ -1,4 +1,4 @@
-"""What theory says of a scenario: undeformed geometry, N from statics, nothing from a run.
+"""Comparison with theory: undeformed geometry, N from statics, nothing from a run.
 
 The engine and the search for the yield point never see this; it compares afterwards.
 """

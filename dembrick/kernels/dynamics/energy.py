@@ -1,4 +1,4 @@
-"""The energy books of a run in real time: every term is evaluated or summed on its own, none is what is left over.
+"""Energy balance of a run in real time: every term is integrated by itself, none is a residual.
 
 Central differences balance exactly in this form: with the kinetic energy v(-1/2) M v(+1/2) / 2 at the moment of the
 forces, its change over a step is the work of all forces by the trapezoidal rule over the step's motion. So the books

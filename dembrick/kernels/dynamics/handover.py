@@ -1,4 +1,4 @@
-"""When a joint hands its pair of blocks over to a new contact.
+"""Transition from joints to contacts: when a joint hands its pair of blocks over to a new contact.
 
 The new contact counts by its weight, the joint by the rest. The weight grows with what the joint's polygon cannot
 follow, between two bounds each: the turn of the one face against the other; and, where the polygon is not the whole

@@ -1,4 +1,4 @@
-"""What is written down of a run in real time: resultants of the joints, and how far forces are from balance."""
+"""The record of a run in real time: resultants of the joints, and the out-of-balance forces."""
 
 from math import sqrt
 

@@ -1,4 +1,4 @@
-"""Joints side by side: what every moving joint has, where its two blocks are now, and what its forces do to them.
+"""Joint kinematics in SIMD tiles: relative position and motion of the two blocks, and joint wrenches.
 
 A processor adds eight numbers as fast as one, if they lie side by side. So joints live in *tiles* of `W` lanes, a
 joint a lane: a tile is a number of rows of `W` doubles, row after row, and number r of the joint in lane l is

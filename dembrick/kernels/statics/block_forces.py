@@ -1,4 +1,4 @@
-"""All forces on the blocks at an instant: dead loads, joints, jacks.
+"""All forces on the blocks at an instant: dead loads, joints, actuators.
 
 ``inertia`` tells the motion: with physical inertia (not None) the geometry follows the blocks, without it, in small
 motion, it stays that of the start.

@@ -1,4 +1,4 @@
-"""Guards of the time loop: a step that moves a block too far or to nowhere, energy that nobody put in, a restless load.
+"""Divergence guards of the time loop: a step too far or not a number, energy from nothing, a restless load.
 
 Friction and dashpots only take energy away. So the blocks never have more kinetic energy than the joints held at the
 start and jacks and dead loads have put in since; a motion that has RUNAWAY times as much makes its own, as a time step

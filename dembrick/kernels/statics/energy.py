@@ -1,4 +1,4 @@
-"""The energy books: every term is summed or evaluated on its own, none is found as what is left over.
+"""Energy balance of searches and constant-rate tests: every term by itself, none is a residual.
 
 Central differences balance exactly in this form: with the kinetic energy v(-1/2) M v(+1/2) / 2, its change over a step
 is the work of the forces by the trapezoidal rule over the step's motion. What does not balance is a contact that opens

@@ -1,4 +1,4 @@
-"""What a replay writes down: rows of history and frames of motion, into arrays given to it.
+"""The record of a search or constant-rate test: rows of history and frames of motion, into given arrays.
 
 A channel that was not asked for has arrays without entries, so that leaving it out costs neither time nor memory.
 """

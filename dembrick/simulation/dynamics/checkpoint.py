@@ -1,4 +1,4 @@
-"""What a run in real time writes into its checkpoints, and goes on from."""
+"""Checkpoints of a run in real time: what is written, and how the run goes on from it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Blocks that meet again in a dynamic run: which pairs the loop must watch, and how joints are handed over to them.
+"""Contact detection in dynamic runs: the list of near pairs, and the transition from joints to contacts.
 
 A joint goes on as long as its polygon describes how its blocks touch. Where the one face has turned far against the
 other, or the blocks have parted and moved on, the new contact of that pair of parts takes its place, for good. Pairs
@@ -180,7 +180,7 @@ class ContactDetection:
         return len(self._far_turned) > 0 and not state.links.wrench[self._far_turned, :3].any(axis=1).all()
 
     def _patient(self, state: MovingState, polygons: Polygons, turn, slip, moved: float) -> float:
-        """How far (m) any block may move before `follow` can find anything due, who now finds nothing.
+        """Distance (m) that any block may still move before the list of near pairs can be out of date.
 
         Notes the joints that only their forces keep. While no block moves by more than s, the turn between two grows by
         at most s (1/R + 1/R') with their reaches R, and a point of the one, at d from the other's centroid, moves past

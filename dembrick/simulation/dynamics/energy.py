@@ -1,4 +1,4 @@
-"""The energy balance of a run in real time, seen from outside: opened at the start, read at every row, and audited.
+"""Energy balance of a run in real time: opened at the start, read at every row, and audited.
 
 Everything is seen from the supports: what shaking or tilting them does is work of gravity, which they turn about and
 add to. A row's energies are those of the last forces, a step before it.

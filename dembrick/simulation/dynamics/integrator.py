@@ -1,4 +1,4 @@
-"""Assemblies in motion: true mass, contact damping with a stated restitution, no other damping.
+"""Time integration of assemblies: true mass, contact damping with a stated restitution, no other damping.
 
 A run has two parts. First the blocks come to rest under their dead loads (`dead_load`), which has no meaning of time.
 Then time starts: what drives the run (`driving`) moves them, chunk after chunk of compiled steps; between two chunks

@@ -1,4 +1,4 @@
-"""The polygons of joints that have moved, cut to the face that they lie on.
+"""Joint polygons in motion: cut to the face that they lie on.
 
 A polygon rides on its host. Where the host slides or twists past the edge of the other's face, part of it hangs over,
 and what hangs over carries nothing. The number of contact points never changes, so that nothing jumps: a corner beyond

@@ -1,4 +1,4 @@
-"""The greatest time step of an assembly in free motion, from its own greatest frequencies.
+"""The critical time step of an assembly in free motion, from its greatest natural frequencies.
 
 With velocities half a step behind, a dashpot acts on the increment of the last step, and a linear system
 M u'' + C u' + K u = 0 is stable while the greatest eigenvalue of M^-1 (dt^2 K + 2 dt C) stays below 4. With all joints

@@ -1,4 +1,4 @@
-"""The next equilibrium of an assembly, by Newton's method on the laws themselves (see ``kernels.tangent``)."""
+"""The next equilibrium of an assembly, by Newton's method on the laws themselves (``kernels.statics.newton``)."""
 
 from __future__ import annotations
 

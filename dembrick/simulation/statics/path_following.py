@@ -1,4 +1,4 @@
-"""The limit load of an assembly by following its equilibrium: no inertia, no waiting.
+"""Path following: the limit load of an assembly from equilibrium to equilibrium, without inertia.
 
 An assembly stores much elastic displacement before anything gives way, a tower more than its joints do by orders of
 magnitude, and what has given way must be steered by the small forces that are left. So each step asks for the next

@@ -49,7 +49,7 @@ class PathState:
     jumps: int = 0  # times that the blocks were let go
     drag: float = FIRST_DRAG  # over the elastic stiffness, of the next step that needs one
     dragged: int = 0  # steps still to take with it
-    kept: int = 0  # the same when a direction was last taken from where they came to rest
+    kept: int = 0  # value of `jumps` when the direction was last taken from a relaxed state
     external: float = 0.0  # J, work of actuators and dead loads
     friction: float = 0.0  # J
     lost: float = 0.0  # J, to the drag

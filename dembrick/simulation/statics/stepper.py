@@ -1,4 +1,4 @@
-"""The time loop seen from outside: chunks of compiled steps, and what is done between two of them.
+"""Time stepping in chunks: compiled steps, and what is done between two chunks.
 
 Nothing here decides about a number: how long a chunk is, when a checkpoint is written and whether the run was stopped
 and went on leave every bit of the answer as it is.
