@@ -7,6 +7,24 @@
 Nothing heavy is imported until a name is used.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:  # for editors and type checkers, which do not follow names that are imported when they are used
+    from dembrick.history import read as read_history  # noqa: F401
+    from dembrick.runs.domain import simulate_domain as simulate_domain
+    from dembrick.runs.lab import replay_lab as replay_lab
+    from dembrick.runs.limit import limit as limit
+    from dembrick.runs.limit import reaction as reaction
+    from dembrick.runs.result import Result as Result
+    from dembrick.runs.simulate import restart as restart
+    from dembrick.runs.simulate import simulate as simulate
+    from dembrick.runs.study import sweep as sweep
+    from dembrick.scenario.toml import dumps as dumps
+    from dembrick.scenario.toml import load as load
+    from dembrick.scenario.toml import loads as loads
+
 __version__ = "0.1.0"
 
 _HOMES = {

@@ -6,7 +6,7 @@ Each raises ScenarioError, or returns warnings; a message names the blocks and s
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NoReturn
+from typing import NoReturn
 
 import numpy as np
 
@@ -17,11 +17,8 @@ from dembrick.assembly.laws import Laws
 from dembrick.errors import ScenarioError
 from dembrick.geometry import polygons
 from dembrick.scenario.checks import show
-from dembrick.scenario.controls import PATH_FOLLOWING
+from dembrick.scenario.controls import PATH_FOLLOWING, BaseMotionControl
 from dembrick.scenario.model import Scenario
-
-if TYPE_CHECKING:
-    from dembrick.scenario.controls import Control
 
 SOFT_WARNING = 1e-3  # elastic closing or sliding of a joint under its dead load, over its short side
 SOFT_LIMIT = 1e-2
@@ -124,15 +121,16 @@ def check_rim(scenario: Scenario, joints: JointTable, points: PointTable) -> tup
 def check_control(scenario: Scenario) -> tuple[str, ...]:
     """Warn about keys of the control that do nothing, and of supports that begin with a jump of their velocity."""
     control = scenario.control
-    if control.regime is PATH_FOLLOWING and control.rate is not None:
+    rate = getattr(control, "rate", None)
+    if control.regime is PATH_FOLLOWING and rate is not None:
         return (
-            f"control.rate = {control.rate:g} does nothing where control.quasi_static = true: the limit is searched "
+            f"control.rate = {rate:g} does nothing where control.quasi_static = true: the limit is searched "
             "through equilibria, without time",
         )
-    return _check_base_motion(control) if control.shakes else ()
+    return _check_base_motion(control) if isinstance(control, BaseMotionControl) else ()
 
 
-def _check_base_motion(control: Control) -> tuple[str, ...]:
+def _check_base_motion(control: BaseMotionControl) -> tuple[str, ...]:
     """A pulse that never comes, and a velocity that begins above zero."""
     warnings = []
     if control.pulse is not None and control.pulse.start >= control.duration:

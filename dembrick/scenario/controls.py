@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 from dembrick.scenario.blocks import Vector
 from dembrick.scenario.checks import (
@@ -398,9 +398,10 @@ class BaseMotionControl(Control):
     def components(self) -> tuple[tuple[Vector, str | None, tuple[str, str] | None], ...]:
         """Direction, file, and its columns of time and values, of every component."""
         several = isinstance(self.direction[0], tuple)
-        directions = self.direction if several else (self.direction,)
+        directions: Any = self.direction if several else (self.direction,)
         files = self.file if isinstance(self.file, tuple) else (self.file,) * len(directions)
         columns = self.columns
+        names: Any
         if columns is None or isinstance(self.file, tuple):
             names = (columns,) * len(directions)
         else:
@@ -411,7 +412,8 @@ class BaseMotionControl(Control):
 def _direction(value) -> Vector:
     direction = vector("direction", value)
     require(any(direction), "direction", direction, "its length must be greater than 0")
-    return unit_vector(direction)
+    x, y, z = unit_vector(direction)
+    return x, y, z
 
 
 def _check_motion(control: DynamicControl | BaseMotionControl) -> None:

@@ -37,8 +37,8 @@ def unit_slips(scenario: Scenario) -> list[str]:
     large = [block for block in scenario.all_blocks if not block.fixed and max(block.box or (0.0,)) > LARGEST_BLOCK]
     if large:
         more = f" (and {len(large) - 1} more)" if len(large) > 1 else ""
+        length = max(large[0].box or (0.0,))
         found.append(
-            f"block {show(large[0].name)}{more} is {max(large[0].box):g} m long: lengths are in metres, and mm times "
-            "0.001 give m"
+            f"block {show(large[0].name)}{more} is {length:g} m long: lengths are in metres, and mm times 0.001 give m"
         )
     return found
