@@ -43,7 +43,7 @@ def test_its_scenario_is_complete_and_its_commands_run(tmp_path, monkeypatch, ca
     (scenario,) = re.findall(r"```toml\n(.*?)```", TEXT, re.DOTALL)
     (tmp_path / "wall.toml").write_text(scenario)
     commands = re.findall(r"^    dembrick (.*?)(?: {2,}#.*)?$", TEXT, re.MULTILINE)
-    assert len(commands) == 6
+    assert len(commands) == 7
     for command in commands:
         assert cli.main(command.split()) == 0, command
     printed = capsys.readouterr().out
