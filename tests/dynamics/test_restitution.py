@@ -143,7 +143,8 @@ def test_heights_of_bounces_fall_with_the_square_of_the_restitution(restitution)
     heights = [height, *z[tops[:4]]]
     near = 0.03 if restitution == 0.5 else 0.012
     assert np.array(heights[1:]) / heights[:-1] == pytest.approx(restitution**2, rel=near)
-    assert heights[4] == pytest.approx(height * restitution**8, rel=0.03 if restitution == 0.5 else 0.01)
+    # four bounces, each off by up to 0.4 % with where in a step it begins and ends
+    assert heights[4] == pytest.approx(height * restitution**8, rel=0.03 if restitution == 0.5 else 0.016)
     assert result.energy.relative_residual < 1e-5
 
 

@@ -263,7 +263,7 @@ def _set_going(moving: Motion, driving: Driving) -> None:
 
 
 def _hit(moving: Motion, came_from: np.ndarray) -> np.ndarray:
-    """Joints (j,) that a corner closed in the last step, whose `seen` were ``came_from`` (j, 9) before it."""
+    """Joints (j,) that were wholly open a step ago, their `seen` then being ``came_from`` (j, 9), and are not now."""
     links, hit = moving.state.links, np.zeros(len(came_from), bool)
     now, sense, offset = links.seen, links.sense[:, None], links.offset[:, None]
     for numbers, outlines in moving.polygons.outlines():
@@ -272,7 +272,8 @@ def _hit(moving: Motion, came_from: np.ndarray) -> np.ndarray:
             sense[numbers] * (s[numbers, 2, None] - offset[numbers] + x * s[numbers, 5, None] + y * s[numbers, 8, None])
             for s in (now, came_from)
         )
-        hit[numbers] = ((gap <= 0.0) & (before > 0.0)).any(axis=1)
+        closed = gap <= 0.0
+        hit[numbers] = closed.any(axis=1) & (~closed | (before > 0.0)).all(axis=1)
     return hit
 
 
