@@ -120,8 +120,7 @@ def check_rim(scenario: Scenario, joints: JointTable, points: PointTable) -> tup
 
 def check_control(scenario: Scenario) -> tuple[str, ...]:
     """Warn about keys of the control that do nothing, and of supports that begin with a jump of their velocity."""
-    control = scenario.control
-    rate = getattr(control, "rate", None)
+    control, rate = scenario.control, getattr(scenario.control, "rate", None)
     if control.regime is PATH_FOLLOWING and rate is not None:
         return (
             f"control.rate = {rate:g} does nothing where control.quasi_static = true: the limit is searched "

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dembrick.scenario.checks import present
 from dembrick.simulation.statics.load_system import Replay
 from dembrick.simulation.statics.yield_point import mechanism_of, moving_blocks, slides
 
@@ -28,13 +29,14 @@ def collapse_of(run: Replay, assembly: Assembly, control: Control) -> dict:
     the range goes. ``slides``: joints slide in the mechanism, so that the limit depends on the path.
     """
     point = run.yield_point
-    angle = control.angle(point.V)
+    V, rate = present(point.V), getattr(control, "rate", None)
+    angle = control.angle(V)
     return {
         "angle": angle,
-        "load_factor": point.V,
-        "mechanism_load_factor": point.V if point.V_after is None else point.V_after,
-        "time": None if angle is None or control.rate is None else angle / control.rate,
-        "displacement": float(np.linalg.norm(run.moved, axis=1).max()),
+        "load_factor": V,
+        "mechanism_load_factor": V if point.V_after is None else point.V_after,
+        "time": None if angle is None or rate is None else angle / rate,
+        "displacement": float(np.linalg.norm(present(run.moved), axis=1).max()),
         "mechanism": mechanism_of(run.state),
         "blocks": [assembly.names[i] for i in moving_blocks(run.state)],
         "slides": slides(run.state),

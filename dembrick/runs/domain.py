@@ -13,6 +13,7 @@ from dembrick import theory
 from dembrick.assembly import quadrature
 from dembrick.errors import ScenarioError
 from dembrick.geometry import polygons
+from dembrick.scenario.checks import present
 from dembrick.scenario.model import FORMULATIONS, PRESSURES, JointLaw, nearest
 from dembrick.simulation.statics.batch import face
 from dembrick.simulation.statics.yield_domain import YieldDomain, directions, yield_domain
@@ -69,8 +70,8 @@ class DomainJoint:
         moment = sign * (joint.axes @ (assembly.dead_torque[free] - np.cross(arm, assembly.dead_force[free])))
         normal = -float(force[2])
         eccentricity = (float(moment[1]) / normal, float(-moment[0]) / normal) if normal > 0.0 else (0.0, 0.0)
-        eccentricity = tuple(0.0 if abs(e) < 1e-12 * np.abs(joint.polygon).max() else e for e in eccentricity)
-        return DomainJoint(np.array(joint.polygon), joint.law.friction, normal, eccentricity)
+        x, y = (0.0 if abs(e) < 1e-12 * np.abs(joint.polygon).max() else e for e in eccentricity)
+        return DomainJoint(np.array(joint.polygon), joint.law.friction, normal, (x, y))
 
     @property
     def edges(self) -> tuple[float, float] | None:
@@ -123,7 +124,7 @@ def _formulation(joint: DomainJoint, name: str, request: Request, continuum: boo
         pressure = request.pressure if name == "convex" else "linear"
         return theory.polygon_formulation(joint.polygon, joint.friction, pressure)
     law = JointLaw(name, joint.friction, 1.0, 1.0, points=request.points if name == "distributed" else None)
-    arms = quadrature.contact_points(face(joint.polygon, law), request.tolerance)
+    arms = present(quadrature.contact_points(face(joint.polygon, law), request.tolerance))
     return theory.point_formulation(arms.normal_arm, arms.area, joint.friction, arms.shear_arm, name)
 
 
@@ -179,7 +180,7 @@ def simulate_domain(
         raise ScenarioError("a joint is given either by its polygon or by the edges a and b")
     options = {"eccentricity": tuple(eccentricity)}
     if polygon is None:
-        joint = DomainJoint.rectangle(a, b, friction, normal_force, **options)
+        joint = DomainJoint.rectangle(present(a), present(b), friction, normal_force, **options)
     else:
         joint = DomainJoint.from_corners(polygon, friction, normal_force, **options)
     return _simulated(joint, formulation, count, Request(**request), threads)

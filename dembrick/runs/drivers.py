@@ -24,6 +24,10 @@ from dembrick.scenario.controls import (
     PATH_FOLLOWING,
     REAL_TIME,
     Control,
+    DisplacementControl,
+    PushoverControl,
+    TiltControl,
+    YieldControl,
 )
 from dembrick.scenario.model import Scenario
 from dembrick.simulation.interrupts import Interrupted
@@ -46,8 +50,8 @@ class Driver(NamedTuple):
     """
 
     plan: Callable[[Scenario, Assembly], Plan]
-    run: Callable[[Scenario, Assembly, Session], Replay | MotionRun]
-    result: Callable[..., Result | MotionResult]
+    run: Callable[[Scenario, Assembly, Session], Replay | MotionRun | standing.Standing]
+    result: Callable[..., Result | MotionResult | StaticsResult]
     refined: Callable[[Scenario, float], object] | None = None
     place: Callable[[Scenario, Assembly], tuple[Assembly, float]] = lambda _, assembly: (assembly, 0.0)
 
@@ -60,20 +64,26 @@ def driver_of(control: Control) -> Driver:
 # --- limit loads and constant-rate tests
 
 
+def _tolerance(scenario: Scenario) -> float:
+    assert isinstance(scenario.control, YieldControl)
+    return scenario.control.tolerance
+
+
 def _place_points(scenario: Scenario, assembly: Assembly) -> tuple[Assembly, float]:
     """The points of a lone distributed joint where they suit its limit load. Raises Interrupted."""
     try:
-        return point_placement.place_points(assembly, scenario.control.tolerance, scenario.solver.step_factor)
+        return point_placement.place_points(assembly, _tolerance(scenario), scenario.solver.step_factor)
     except Interrupted as error:
         raise Interrupted(error.signum, "interrupted while the contact points were placed, before the run") from None
 
 
 def _limit_load(scenario: Scenario, assembly: Assembly, session: Session) -> Replay:
-    return limit_load.find_limit_load(assembly, scenario.control.tolerance, scenario.solver.step_factor, session)
+    return limit_load.find_limit_load(assembly, _tolerance(scenario), scenario.solver.step_factor, session)
 
 
 def _constant_rate(scenario: Scenario, assembly: Assembly, session: Session) -> Replay:
     control = scenario.control
+    assert isinstance(control, DisplacementControl)
     return constant_rate.push_at_constant_rate(
         assembly, control.rate, control.travel, scenario.solver.step_factor, session
     )
@@ -101,6 +111,7 @@ def _searched(**fields) -> Result:
 
 def _follow_path(scenario: Scenario, assembly: Assembly, session: Session | None, steps: float = 1.0) -> Replay:
     control, factor = scenario.control, scenario.solver.step_factor
+    assert isinstance(control, TiltControl | PushoverControl)
     return limit_load.find_limit_load(assembly, control.tolerance, factor, session, control.displacement or 0.0, steps)
 
 

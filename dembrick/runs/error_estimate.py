@@ -20,7 +20,8 @@ from typing import NamedTuple
 import numpy as np
 
 from dembrick.errors import ScenarioError
-from dembrick.scenario.controls import ACTUATORS, COLLAPSE, DEAD_LOAD, PATH_FOLLOWING
+from dembrick.scenario.checks import present
+from dembrick.scenario.controls import ACTUATORS, DEAD_LOAD, PATH_FOLLOWING, PushoverControl, TiltControl
 from dembrick.scenario.model import JointLaw, Scenario
 
 OF_RATE = 1.0 / (1.0 - 2.0 ** (-2.0 / 3.0))  # error over the difference that half the rate makes
@@ -54,8 +55,8 @@ def refinements(scenario: Scenario) -> tuple[Refinement, ...]:
         paths = [Refinement(other, 1.0) for other in (*others, stiffer(scenario, 2.0, 2.0))]
         return (*paths, Refinement(scenario, 1.0, 0.5))
     found = [Refinement(stiffer(scenario, 2.0, 2.0), OF_STIFFNESS)]
-    if control.ends_with == COLLAPSE:
-        slower = replace(scenario, control=replace(control, rate=0.5 * control.rate), text=None)
+    if isinstance(control, TiltControl | PushoverControl):
+        slower = replace(scenario, control=replace(control, rate=0.5 * present(control.rate)), text=None)
         found.append(Refinement(slower, OF_RATE))
     return tuple(found)
 

@@ -24,6 +24,7 @@ import numpy as np
 from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml as scenarios
+from dembrick.scenario.checks import present
 from dembrick.scenario.csv_tables import Table, cells_by_name, name_of, read_table
 from dembrick.scenario.model import FORMULATIONS, Scenario, YieldControl, nearest, show
 
@@ -160,7 +161,7 @@ def _simulated(group: list[Measurement], name: str, mu: float) -> np.ndarray:
     for m in group:
         law = replace(m.scenario.joint, formulation=m.formulation or name, friction=mu)
         test = replace(m.scenario, joint=law, control=YieldControl(_TOLERANCE))
-        loads.append(simulate(test, record=False).yield_point.V)
+        loads.append(present(simulate(test, record=False).yield_point).V)
     return np.array(loads)
 
 

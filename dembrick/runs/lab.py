@@ -19,6 +19,7 @@ from dembrick.runs.result import Result
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import shipped
 from dembrick.scenario import toml as scenarios
+from dembrick.scenario.checks import present
 from dembrick.scenario.model import FORMULATIONS, Scenario, YieldControl
 from dembrick.theory.paper_tables import FRICTION, MID_HEIGHT, SETS, TABLE_1
 
@@ -104,12 +105,16 @@ def replay_lab(
             progress(done, total, stem)
         path = None if folder is None else os.path.join(folder, f"{stem}.h5")
         result = simulate(lab_scenario(name, formulation, tolerance), path, force=True)
+        assert isinstance(result, Result)
         for part in ("build", "compile", "loop", "write"):
             wall[part] += result.wall[part]
         done += 1
         return result
 
-    rows, rows_table_1, files, agrees = [], [], [], True
+    rows: list[dict] = []
+    rows_table_1: list[dict] = []
+    files: list[str] = []
+    agrees = True
     try:
         for set_name, formulation, height in cases:
             name = f"set{set_name}" + ("_mid" if height else "")
@@ -123,10 +128,12 @@ def replay_lab(
         for set_name in sets if curves else ():
             for formulation in formulations:
                 stem = f"set{set_name}_curve_{formulation}"
-                files.append(run(f"set{set_name}_curve", formulation, stem).history)
+                curve = run(f"set{set_name}_curve", formulation, stem).history
+                files += [] if curve is None else [curve]
     except KeyboardInterrupt as stopped:
         wall["total"] = time.perf_counter() - began
-        stopped.answer = LabReplay(rows, rows_table_1, wall, agrees, files).as_dict() | {"status": "interrupted"}
+        partial = LabReplay(rows, rows_table_1, wall, agrees, files).as_dict() | {"status": "interrupted"}
+        stopped.answer = partial  # type: ignore[attr-defined]
         raise
     if progress:
         progress(total, total, "")
@@ -150,7 +157,7 @@ def _row(set_name: str, formulation: str, height: float, result: Result) -> dict
         "discretisation_error": expected.discretisation_error if expected else None,
         "printed": test.printed.get(formulation),
         "experiment": test.experiment,
-        "difference_vs_experiment_percent": 100.0 * (point.V / test.experiment - 1.0),
+        "difference_vs_experiment_percent": 100.0 * (present(point.V) / test.experiment - 1.0),
         "V_1": point.V_1,
         "V_2": point.V_2,
         "M_T": point.M_T,
@@ -167,13 +174,13 @@ def _row_table_1(joint, formulation: str, result: Result) -> dict:
     """V of the couple times its arm is the torsion strength."""
     actuators = result.assembly.actuators
     arm = abs(float((actuators.arm[:, 0] * actuators.direction[:, 1] * actuators.weight).sum()))
-    point, expected = result.yield_point, result.theory
+    point, expected = result.yield_point, present(result.theory)
     return {
         "a_over_b": joint.a_over_b,
         "formulation": formulation,
-        "M_T0": point.V * arm,
+        "M_T0": present(point.V) * arm,
         "M_T0_lower": point.V_lower * arm,
-        "M_T0_upper": point.V_upper * arm,
+        "M_T0_upper": present(point.V_upper) * arm,
         "bracket": point.bracket,
         "theory": expected.V * arm,
         "error_vs_theory": expected.error,

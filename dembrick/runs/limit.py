@@ -7,7 +7,7 @@ import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,8 +15,8 @@ from dembrick.assembly import build as assemblies
 from dembrick.errors import DembrickError, NotConvergedError, ScenarioError
 from dembrick.runs.left_out import LeftOut, left_out
 from dembrick.scenario import toml as scenarios
-from dembrick.scenario.checks import nearest, show
-from dembrick.scenario.controls import EVERY_BLOCK, Control
+from dembrick.scenario.checks import nearest, present, show
+from dembrick.scenario.controls import EVERY_BLOCK, Control, PushoverControl, TiltControl
 from dembrick.scenario.model import Scenario
 from dembrick.simulation.limit_analysis import analysis, solver
 from dembrick.simulation.limit_analysis.mechanism import Mechanism
@@ -200,7 +200,7 @@ class ReactionResult:
                 continue
             lines.append(
                 f"{label:13} {end.value:.9g} N (balanced {end.reached:.9g}, bound {end.bound:.9g}), by "
-                f"{end.mechanism.kind} of {_some(_names(self.assembly, end.mechanism))}"
+                f"{present(end.mechanism).kind} of {_some(_names(self.assembly, present(end.mechanism)))}"
             )
         return "\n".join(lines)
 
@@ -218,15 +218,15 @@ def limit(
     loads or the solver fails, MissingDependency without the extra ``limit``.
     """
     began = time.perf_counter()
-    scenario, assembly, built = _assembled(scenario, began, report)
-    tilt = scenario.control.tilt_axis is not None
+    given, assembly, built = _assembled(scenario, began, report)
+    tilt = given.control.tilt_axis is not None
     try:
         found = analysis.limit_load(assembly, tilt=tilt)
         opinion = second_opinion(assembly) if heuristic and not found.unlimited else None
         beside = [] if found.unlimited else _left_out(assembly, found, tilt)
     except DembrickError as error:
         if isinstance(error, NotConvergedError):
-            error.answer = _failure(scenario, error)
+            error.answer = _failure(given, error)
         raise
     remarks = []
     if analysis.bounded_by_corners(assembly.joints).any():
@@ -235,7 +235,7 @@ def limit(
             "corners"
         )
     wall = {"build": built, "solve": found.seconds, "total": time.perf_counter() - began}
-    return LimitResult(scenario, assembly, found, beside, wall, opinion, remarks)
+    return LimitResult(given, assembly, found, beside, wall, opinion, remarks)
 
 
 def reaction(
@@ -253,13 +253,11 @@ def reaction(
     way = np.array(direction, float)
     if way.shape != (3,) or not np.isfinite(way).all() or not way.any():
         raise ScenarioError(f"direction = {direction!r} must be three numbers, not all of them 0")
-    scenario, assembly, built = _assembled(scenario, began, report)
+    given, assembly, built = _assembled(scenario, began, report)
     number = {name: i for i, name in enumerate(assembly.names)}
-    members = scenario.groups.get(support) or ((number[support],) if support in number else None)
+    members = given.groups.get(support) or ((number[support],) if support in number else None)
     if members is None:
-        raise ScenarioError(
-            f"there is no block or group {show(support)}; {nearest(support, [*number, *scenario.groups])}"
-        )
+        raise ScenarioError(f"there is no block or group {show(support)}; {nearest(support, [*number, *given.groups])}")
     fixed = np.array([i for i in members if assembly.fixed[i]], np.int64)
     if not len(fixed):
         raise ScenarioError(f"{show(support)} is not fixed, so it has no reaction: name a support")
@@ -269,10 +267,10 @@ def reaction(
     try:
         least, greatest = reaction_range(assembly, fixed, way)
     except NotConvergedError as error:
-        error.answer = _failure(scenario, error)
+        error.answer = _failure(given, error)
         raise
     wall = {"build": built, "total": time.perf_counter() - began}
-    return ReactionResult(scenario, assembly, support, tuple(way.tolist()), least, greatest, wall)
+    return ReactionResult(given, assembly, support, tuple(way.tolist()), least, greatest, wall)
 
 
 def associative_bound(assembly: Assembly, control: Control) -> dict | None:
@@ -299,26 +297,26 @@ def searched(scenario: Scenario) -> Scenario:
     """The scenario with the load that limit analysis looks at: of a tilt or a push in real time the quasi-static
     one."""
     control = scenario.control
-    if control.drives != EVERY_BLOCK or control.regime.quasi_static:
+    if not isinstance(control, TiltControl | PushoverControl) or control.quasi_static:
         return scenario
-    without = {} if control.push_direction is None else {"rate": None}
+    without: dict[str, Any] = {} if control.push_direction is None else {"rate": None}
     return replace(scenario, control=replace(control, quasi_static=True, **without), text=None)
 
 
-def _assembled(scenario: Scenario, began: float, report):
+def _assembled(
+    given: Scenario | str | os.PathLike, began: float, report: Callable[[str], None] | None
+) -> tuple[Scenario, Assembly, float]:
     solver.require()
-    if not isinstance(scenario, Scenario):
-        scenario = scenarios.load(scenario)
-    path, scenario = scenario.path, searched(scenario)
+    scenario = searched(given if isinstance(given, Scenario) else scenarios.load(given))
     assembly = assemblies.assemble(scenario)
-    for warning in assembly.warnings if report else ():
-        report(warning)
-    assert scenario.path == path
+    if report:
+        for warning in assembly.warnings:
+            report(warning)
     return scenario, assembly, time.perf_counter() - began
 
 
 def _left_out(assembly: Assembly, found: analysis.Limit, tilt: bool) -> list[LeftOut]:
-    moved = found.mechanism.relative
+    moved = present(found.mechanism).relative
     reach = np.array([np.abs(joint.polygon).max() for joint in assembly.joints])
     moves = np.stack(
         [

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dembrick.runs.collapse import collapse_lines, listed
 from dembrick.runs.result import RunResult
+
+if TYPE_CHECKING:
+    from dembrick.simulation.dynamics.run import MotionRun
 
 
 @dataclasses.dataclass
@@ -18,6 +22,7 @@ class MotionResult(RunResult):
     the last forces, a step before the row. Everything is seen from the supports.
     """
 
+    run: MotionRun
     displacement_error: float | None = None
 
     @property

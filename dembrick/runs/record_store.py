@@ -19,6 +19,7 @@ from dembrick.simulation.session import Session
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
+    from dembrick.history import Checkpoint, HistoryWriter
 
 
 class Memory:
@@ -28,7 +29,8 @@ class Memory:
 
     def __init__(self, scenario: Scenario, assembly: Assembly):
         self.auditor, self._scenario = Auditor(), scenario
-        self._rows, self._frames = [], []
+        self._rows: list[dict] = []
+        self._frames: list[dict] = []
         self.place(assembly)
 
     def place(self, assembly: Assembly) -> None:
@@ -70,7 +72,9 @@ class RecordStore:
         from dembrick import history
 
         began, channels, control = time.perf_counter(), scenario.output.channels, scenario.control
-        self.path, self.auditor, self.checkpoint = os.fspath(path), Auditor(), None
+        self.path, self.auditor = os.fspath(path), Auditor()
+        self.checkpoint: Checkpoint | None = None
+        self._writer: HistoryWriter | None = None
         self._recorded, self._assembly = history.recorded, assembly
         self._checkpoints = history.Checkpoints(self.path)
         self._scenario = hashlib.sha256(text.encode()).hexdigest()
@@ -81,14 +85,11 @@ class RecordStore:
             rows, frames = self._take_checkpoint(left)
             # opened when the first record comes: until then the checkpoint may turn out not to fit
             resume = history.HistoryWriter.resume
-            self._writer, self._open = (
-                None,
-                lambda: resume(left, self._assembly, settings, channels, rows, frames, control),
-            )
+            self._open = lambda: resume(left, self._assembly, settings, channels, rows, frames, control)
         self.write_seconds = time.perf_counter() - began
 
     @property
-    def writer(self):
+    def writer(self) -> HistoryWriter:
         """The history writer."""
         if self._writer is None:
             self._writer = self._open()
@@ -142,7 +143,7 @@ class RecordStore:
         """Flush the history, then write a checkpoint that says how much of it was there, and how far the run was."""
         began = time.perf_counter()
         self.writer.flush()
-        about = {"run": self.writer.run, "scenario": self._scenario, "kernels": kernel_hash()}
+        about: dict[str, object] = {"run": self.writer.run, "scenario": self._scenario, "kernels": kernel_hash()}
         about |= {"where": where, "rows": self.writer.n_row, "frames": self.writer.n_frames}
         self._checkpoints.save({**arrays, "audit.worst": self.auditor.worst}, about)
         self.write_seconds += time.perf_counter() - began

@@ -22,6 +22,7 @@ from dembrick.simulation.statics.yield_point import YieldPoint
 
 if TYPE_CHECKING:
     from dembrick.simulation.dynamics.run import MotionRun  # and its kernels: for runs in real time only
+    from dembrick.simulation.statics.standing import Standing
 
 BRACKET_SLACK = 1e-9  # of V: rounding by which theory may lie outside a certified bracket
 
@@ -38,7 +39,7 @@ class RunResult:
 
     scenario: Scenario
     assembly: Assembly
-    run: Replay | MotionRun
+    run: Replay | MotionRun | Standing
     rows: Mapping[str, np.ndarray]
     frames: Mapping[str, np.ndarray]
     wall: dict
@@ -61,6 +62,10 @@ class RunResult:
     def curve(self) -> Curve:
         """What the record shows: names of load and displacement, and the unit of the load."""
         return self.scenario.control.curve
+
+    if TYPE_CHECKING:
+
+        def as_dict(self) -> dict: ...  # of every kind of result
 
     @property
     def results(self) -> dict:
@@ -91,6 +96,7 @@ class RunResult:
 class Result(RunResult):
     """What a search or a constant-rate test gave: the yield point with its bracket, and what theory says."""
 
+    run: Replay
     theory: theory_check.Theory | None = None
     collapse: dict | None = None
 
@@ -157,9 +163,10 @@ class Result(RunResult):
             table = self.assembly.joints, self.assembly.contact_points
             gap = -widest_rim(*table, chosen=True)[0] if mechanism == "rocking" else 0.0
         else:
-            gap = self.theory.discretisation_error
-            if gap is None or control.ends_with != YIELD or self.scenario.joint.points is not None:
+            found = self.theory.discretisation_error
+            if found is None or control.ends_with != YIELD or self.scenario.joint.points is not None:
                 return None
+            gap = found
         return gap if abs(gap) > getattr(control, "tolerance", math.inf) else None
 
     def agrees(self) -> bool:
@@ -173,7 +180,8 @@ class Result(RunResult):
         inside = point.V_lower - slack <= V and (point.V_upper is None or V <= point.V_upper + slack)
         if self.scenario.control.ends_with != YIELD:
             return inside or point.bracket != "certified"
-        close = self.theory.error is not None and abs(self.theory.error) <= self.scenario.control.tolerance
+        asked = getattr(self.scenario.control, "tolerance", 0.0)
+        close = self.theory.error is not None and abs(self.theory.error) <= asked
         return close and (inside or point.bracket != "certified")
 
     def as_dict(self) -> dict:

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from dembrick.assembly import build as assemblies
 from dembrick.errors import DembrickError, HistoryError, NotConvergedError, WriteError
@@ -17,7 +17,9 @@ from dembrick.runs.error_estimate import Refinement, error_of, refinements
 from dembrick.runs.notebook import notebook_bar
 from dembrick.runs.record_store import Memory, RecordStore
 from dembrick.runs.result import Result
+from dembrick.runs.statics_result import StaticsResult
 from dembrick.scenario import toml as scenarios
+from dembrick.scenario.checks import present
 from dembrick.scenario.controls import PATH_FOLLOWING
 from dembrick.scenario.model import Scenario
 from dembrick.scenario.unit_slips import unit_slips
@@ -30,6 +32,9 @@ if TYPE_CHECKING:
     from dembrick.runs.motion_result import MotionResult  # and its kernels: for runs in real time only
 
 
+Outcome: TypeAlias = "Result | MotionResult | StaticsResult"
+
+
 def simulate(
     scenario: Scenario | str | os.PathLike,
     history: str | os.PathLike | None = None,
@@ -39,7 +44,7 @@ def simulate(
     refine: bool = False,
     report: Callable[[str], None] | None = None,
     progress: Callable[[Progress], None] | bool | None = None,
-) -> Result | MotionResult:
+) -> Outcome:
     """Run a scenario (or the TOML file of one) and return its Result, or its MotionResult where blocks move in time.
 
     ``history`` is the HDF5 file to write; ``force`` lets it replace any, or with "own" a finished one of the same
@@ -74,7 +79,7 @@ def restart(
     *,
     report: Callable[[str], None] | None = None,
     progress: Callable[[Progress], None] | bool | None = None,
-) -> Result:
+) -> Outcome:
     """Go on with a run that was killed or interrupted, from its last good checkpoint; returns the Result of the whole.
 
     What the history holds beyond the checkpoint is dropped and comes again; rows, frames and result are to the last bit
@@ -113,8 +118,9 @@ def _start_up() -> float:
 def _built(scenario: Scenario, report: Callable[[str], None] | None):
     """The assembly, its warnings reported."""
     assembly = assemblies.assemble(scenario)
-    for warning in (*unit_slips(scenario), *assembly.warnings) if report else ():
-        report(warning)
+    if report:
+        for warning in (*unit_slips(scenario), *assembly.warnings):
+            report(warning)
     return assembly
 
 
@@ -125,7 +131,7 @@ def _run(
     times: tuple[float, float],
     refine: bool = False,
     progress: Callable[[Progress], None] | bool | None = None,
-) -> Result | MotionResult:
+) -> Outcome:
     """Replay, audit and judge. ``times``: when the work on it began, and the seconds of processor time before."""
     began, start_up = times
     path, driver = store.path if isinstance(store, RecordStore) else None, driver_of(scenario.control)
@@ -135,12 +141,14 @@ def _run(
             if store:
                 store.place(assembly)
             session = store.session(scenario.output) if store else Session()
-            session.tell = notebook_bar() if progress is None else progress or None
+            shown = notebook_bar() if progress is None else progress
+            session.tell = shown if callable(shown) else None
             run = driver.run(scenario, assembly, session)
             audit = store.auditor.result(run.energy) if store and run.energy is not None else None
             until_written.enter_context(interrupts.deferred())  # a signal finds the answer there, and may not lose it
         except WriteError as error:  # the disk has what it has
-            remedy = f"; once there is room again: dembrick restart {path}" if store.has_checkpoint else ""
+            kept = isinstance(store, RecordStore) and store.has_checkpoint
+            remedy = f"; once there is room again: dembrick restart {path}" if kept else ""
             failed = WriteError(f"{error}{remedy}")
             failed.answer = failure(scenario, failed, path)
             raise failed from error
@@ -148,11 +156,11 @@ def _run(
             raise  # the checkpoint does not fit; nothing was written
         except DembrickError as error:
             error.answer = failure(scenario, error, path)
-            if path:
+            if isinstance(store, RecordStore):
                 store.finish("failed", error.answer)
             raise
         except BaseException as error:
-            if path:
+            if isinstance(store, RecordStore):
                 store.finish("interrupted", {"scenario": scenario.path or "", "status": "interrupted"})
             error = interrupts.caused(error)
             if path and isinstance(error, Interrupted):
@@ -162,7 +170,7 @@ def _run(
         return _finished(scenario, assembly, run, audit, store, spent, refine)
 
 
-def _finished(scenario: Scenario, assembly: Assembly, run, audit, store, times, refine) -> Result | MotionResult:
+def _finished(scenario: Scenario, assembly: Assembly, run, audit, store, times, refine) -> Outcome:
     """The result of a run that came to its end, compared with theory, and written."""
     began, placing, done = times["began"], times["placing"], time.perf_counter()
     path = store.path if isinstance(store, RecordStore) else None
@@ -188,7 +196,7 @@ def _finished(scenario: Scenario, assembly: Assembly, run, audit, store, times, 
     wall["total"] = finishing - began
     if run.phases is not None:
         wall["phases"] = run.phases
-    missing = _estimate_error(result) if refine else None
+    missing = None if not refine or isinstance(result, StaticsResult) else _estimate_error(result)
     if path:
         store.finish(result.status, result.as_dict(), run.settings)
         result.wall["write"] += time.perf_counter() - finishing
@@ -204,8 +212,9 @@ def _estimate_error(result: Result | MotionResult) -> BaseException | None:
     found = result.displacement if fallen is None else fallen["load_factor"]
     try:
         if scenario.control.regime is PATH_FOLLOWING:
-            return _range_paths(result)
-        error = error_of(scenario, found, [_refined(one) for one in refinements(scenario)])
+            _range_paths(result)
+            return None
+        estimate = error_of(scenario, found, [_refined(one) for one in refinements(scenario)])
     except (DembrickError, Interrupted) as error:
         answer = "" if fallen is None else f" (load factor {found:.6g})"
         kept = f"the run itself{answer} is complete" + (f" in {result.history}" if result.history else "")
@@ -215,13 +224,13 @@ def _estimate_error(result: Result | MotionResult) -> BaseException | None:
         failed.answer = failure(scenario, failed, result.history)
         return failed
     if fallen is None:
-        result.displacement_error = error
+        result.displacement_error = estimate  # type: ignore[union-attr]  # only a run in real time gets here
     else:
-        fallen["error_estimate"] = error
+        fallen["error_estimate"] = estimate
     return None
 
 
-def _range_paths(result: Result) -> None:
+def _range_paths(result: Outcome) -> None:
     """Give a search the range of load factors that other paths of the same structure lead to, side by side where cores
     are free; its bracket then holds them all.
 
@@ -229,11 +238,11 @@ def _range_paths(result: Result) -> None:
     Interrupted.
     """
     scenario, fallen, point = result.scenario, result.collapse, result.yield_point
-    if fallen is None:
+    if fallen is None or not isinstance(result, Result) or point is None:
         return
     variants = refinements(scenario)
 
-    def found(one: Refinement) -> object:
+    def found(one: Refinement) -> float | None:
         try:
             return _refined(one)
         except NotConvergedError:
@@ -243,18 +252,20 @@ def _range_paths(result: Result) -> None:
         factors = [factor for factor in pool.map(found, variants) if factor is not None]
     if not factors:
         raise NotConvergedError("none of the other paths of the same structure found its limit", point)
-    low, high = min(*factors, point.V), max(*factors, point.V)
+    V = present(point.V)
+    low, high = min(*factors, V), max(*factors, V)
     fallen["path_range"], fallen["paths"] = [low, high], [len(factors) + 1, len(variants) + 1]
-    fallen["error_estimate"] = max(high - point.V, point.V - low)
-    result.run.yield_point = replace(point, V_lower=min(point.V_lower, low), V_upper=max(point.V_upper, high))
+    fallen["error_estimate"] = max(high - V, V - low)
+    upper = None if point.V_upper is None else max(point.V_upper, high)
+    result.run.yield_point = replace(point, V_lower=min(point.V_lower, low), V_upper=upper)
 
 
-def _refined(one: Refinement):
+def _refined(one: Refinement) -> Any:
     """Load factor of the collapse of a refined scenario, or the displacements of its blocks."""
     refined = driver_of(one.scenario.control).refined
     if refined is not None:
         return refined(one.scenario, one.steps)
-    result = simulate(one.scenario, record=False)
+    result: Any = simulate(one.scenario, record=False)
     return result.displacement if result.collapse is None else result.collapse["load_factor"]
 
 

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import TYPE_CHECKING
 
 from dembrick.runs.result import RunResult
 from dembrick.simulation.statics.dead_load import does_not_stand
 from dembrick.simulation.statics.reactions import reactions
 from dembrick.simulation.statics.state import rotations
+
+if TYPE_CHECKING:
+    from dembrick.simulation.statics.standing import Standing
 
 SHOWN = 8  # supports whose reactions the command line prints
 
@@ -17,6 +21,7 @@ class StaticsResult(RunResult):
     """Whether the blocks stand under their dead loads. ``rows`` and ``frames`` hold the one state in which the search
     ended: of rest, or of blocks that go on falling. SI units."""
 
+    run: Standing
     collapse = None
 
     @property

@@ -387,8 +387,8 @@ class BaseMotionControl(Control):
         require(values == 1 or self.columns is not None, "columns", self.columns, needed)
         require_type(self.sine is None or isinstance(self.sine, Sine), "sine", self.sine, "a Sine")
         require_type(self.pulse is None or isinstance(self.pulse, Pulse), "pulse", self.pulse, "a Pulse")
-        given = [key for key in ("file", "sine", "pulse") if getattr(self, key) is not None]
-        require(len(given) == 1, "control", given, "a base motion needs exactly one of file, sine and pulse")
+        sources = [key for key in ("file", "sine", "pulse") if getattr(self, key) is not None]
+        require(len(sources) == 1, "control", sources, "a base motion needs exactly one of file, sine and pulse")
         still = self.pulse is not None and self.quantity == "displacement"
         require(not still, "quantity", self.quantity, "a pulse of displacement has no finite velocity; use another")
         alone = self.file is not None or len(directions) == 1
@@ -397,23 +397,20 @@ class BaseMotionControl(Control):
     @property
     def components(self) -> tuple[tuple[Vector, str | None, tuple[str, str] | None], ...]:
         """Direction, file, and its columns of time and values, of every component."""
-        several = isinstance(self.direction[0], tuple)
-        directions: Any = self.direction if several else (self.direction,)
+        directions: Any = self.direction if isinstance(self.direction[0], tuple) else (self.direction,)
         files = self.file if isinstance(self.file, tuple) else (self.file,) * len(directions)
-        columns = self.columns
-        names: Any
+        columns: Any = self.columns
         if columns is None or isinstance(self.file, tuple):
-            names = (columns,) * len(directions)
+            names: Any = (columns,) * len(directions)
         else:
             names = tuple((columns[0], value) for value in columns[1:])
         return tuple(zip(directions, files, names, strict=True))
 
 
-def _direction(value) -> Vector:
+def _direction(value) -> tuple[float, ...]:
     direction = vector("direction", value)
     require(any(direction), "direction", direction, "its length must be greater than 0")
-    x, y, z = unit_vector(direction)
-    return x, y, z
+    return unit_vector(direction)
 
 
 def _check_motion(control: DynamicControl | BaseMotionControl) -> None:

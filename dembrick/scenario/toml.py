@@ -12,7 +12,6 @@ import re
 import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, fields, is_dataclass
-from difflib import get_close_matches
 from functools import lru_cache, partial
 from typing import Any, NamedTuple, NoReturn
 
@@ -240,6 +239,8 @@ def _control(data: Any, place: _Place) -> Any:
         _check_keys(given, _keys_of(control), place, "kind")
         return _record(control, given, place)
     existing = ", ".join(show(name) for name in CONTROLS)
+    from difflib import get_close_matches
+
     close = get_close_matches(kind, CONTROLS, 1, cutoff=0.8) if isinstance(kind, str) else []
     hint = f"; did you mean {show(close[0])}?" if close else ""
     place.fail(f"kind = {show(kind)} is not a kind of control; the kinds are {existing}{hint}")

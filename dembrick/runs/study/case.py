@@ -55,9 +55,9 @@ def run_cases(base: str, base_path: str, cases: Sequence[tuple[int, Mapping[str,
             scenarios_.append(scenarios.varied(base, base_path, changes))
         except DembrickError as error:
             scenarios_.append(error)
-    alike = [i for i, one in enumerate(scenarios_) if isinstance(one, Scenario) and cases[i][2] is None]
-    together = limit_loads([scenarios_[i] for i in alike])
-    results = {alike[i]: result for i, result in together.items()}
+    alike = {i: one for i, one in enumerate(scenarios_) if isinstance(one, Scenario) and cases[i][2] is None}
+    numbers, together = list(alike), limit_loads(list(alike.values()))
+    results = {numbers[i]: result for i, result in together.items()}
     rows = []
     for i, (number, changes, history) in enumerate(cases):
         result = results.get(i) or _alone(scenarios_[i], history)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 
 from dembrick.errors import DembrickError, MissingDependency, ScenarioError
@@ -44,7 +44,7 @@ def run_local(function: Callable, chunks: Iterable[Chunk], jobs: int, *arguments
     chunks = iter(chunks)
     try:
         with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _leave_signals_alone) as pool:
-            pending = set()
+            pending: set[Future] = set()
             try:
                 while True:
                     while len(pending) < _AHEAD * jobs and (chunk := next(chunks, None)) is not None:

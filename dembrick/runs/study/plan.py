@@ -172,7 +172,8 @@ def _grid_values(key: str, value: Any) -> list:
         for name in value:
             if name not in known:
                 raise ScenarioError(f"{place}: unknown key {show(name)}; {nearest(name, known)}")
-        first, last, count = (value.get(name) for name in known[:3])
+        ends: tuple[Any, Any] = value.get("from"), value.get("to")
+        (first, last), count = ends, value.get("count")
         spacing = value.get("spacing", "linear")
         numbers = all(isinstance(end, int | float) and not isinstance(end, bool) for end in (first, last))
         if not numbers or not isinstance(count, int) or isinstance(count, bool) or count < 2:
@@ -241,8 +242,9 @@ def _draws(table: Any) -> Draws:
     for name in table:
         if name not in known:
             raise ScenarioError(f"draws: unknown key {show(name)}; {nearest(name, known)}")
-    count, seed, method = table.get("count"), table.get("seed"), table.get("method", "monte-carlo")
-    for name, value, least in (("count", count, 1), ("seed", seed, 0)):
+    whole: dict[str, Any] = {name: table.get(name) for name in ("count", "seed")}
+    method = table.get("method", "monte-carlo")
+    for (name, value), least in zip(whole.items(), (1, 0), strict=True):
         if not isinstance(value, int) or isinstance(value, bool) or not least <= value < 2**63:
             raise ScenarioError(f"draws.{name} = {show(value)} must be a whole number of at least {least}")
     if method not in METHODS:
@@ -254,7 +256,7 @@ def _draws(table: Any) -> Draws:
         of[key] = distribution(key, entry)
     if not of:
         raise ScenarioError("draws: nothing is drawn; state a distribution for a key in [draws.of]")
-    return Draws(of, count, seed, method)
+    return Draws(of, whole["count"], whole["seed"], method)
 
 
 def shard(cases: int, text: str | None) -> tuple[Sequence[int], str]:

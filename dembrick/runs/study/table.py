@@ -13,7 +13,7 @@ import json
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import h5py
 import numpy as np
@@ -22,6 +22,7 @@ from dembrick.errors import OutputError, WriteError
 from dembrick.history.files import check_output, reason, replacing
 from dembrick.history.hdf5_files import rewritten
 from dembrick.runs.study.case import COLUMNS, FAILED, TEXTS
+from dembrick.scenario.checks import present
 
 FORMAT = 1
 _BATCH = 4096  # rows that the tables are written by
@@ -38,7 +39,7 @@ class Rows:
         for other in row_files(self.folder):
             _check_head(other, self._head)
         check_output(self.path)
-        self._file = None
+        self._file: TextIO | None = None
 
     def done(self, retry: bool = False) -> set[int]:
         """Numbers of the cases that have a row, in any shard's file; with ``retry`` without the failed ones."""
@@ -61,8 +62,9 @@ class Rows:
 
     def _write(self, item: dict) -> None:
         try:
-            self._file.write(json.dumps(item, allow_nan=False) + "\n")
-            self._file.flush()
+            file = present(self._file)
+            file.write(json.dumps(item, allow_nan=False) + "\n")
+            file.flush()
         except OSError as error:
             raise WriteError(
                 f"{self.path}: writing failed ({reason(error)}); the rows before are kept, and the same command goes "
@@ -70,7 +72,7 @@ class Rows:
             ) from error
 
     def __exit__(self, *_) -> None:
-        self._file.close()
+        present(self._file).close()
 
 
 def row_files(folder: str | os.PathLike) -> list[Path]:

@@ -51,10 +51,10 @@ def limit_loads(scenarios: Sequence[Scenario]) -> dict[int, dict[str, Any]]:
     """
     groups: dict[tuple, list[tuple[int, _Case]]] = {}
     for index, scenario in enumerate(scenarios):
-        case = _case(scenario) if fits(scenario) else None
-        if case is not None:
+        case, control = _case(scenario) if fits(scenario) else None, scenario.control
+        if case is not None and isinstance(control, YieldControl):
             law = scenario.joint
-            kind = (law.formulation, law.pressure, law.points, scenario.control.tolerance, len(case.weight))
+            kind = (law.formulation, law.pressure, law.points, control.tolerance, len(case.weight))
             groups.setdefault(kind, []).append((index, case))
     results: dict[int, dict[str, Any]] = {}
     for (formulation, pressure, points, tolerance, _), group in groups.items():

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from dembrick.errors import DembrickError
 from dembrick.runs.verification.cases import Case
+from dembrick.scenario.checks import present
 
 SLACK = 1e-9  # of the reference: rounding by which it may lie outside an error bar
 FALLEN = 0.5  # m: a column whose top has moved farther has fallen
@@ -110,7 +111,7 @@ def _limit(result) -> Measured:
 
 def _angle(result) -> Measured:
     """Angle (deg) of a table that tilts quasi-statically: the arc tangent of the load factor."""
-    value, lower, upper = (math.degrees(math.atan(V)) for V in _limit(result))
+    value, lower, upper = (math.degrees(math.atan(present(V))) for V in _limit(result))
     return value, lower, upper
 
 
