@@ -14,7 +14,7 @@ import pytest
 from dembrick.errors import OutputError, ScenarioError
 from dembrick.runs import study as studies
 from dembrick.runs.study.draws import Draws, distribution
-from dembrick.runs.study.executors import ClusterError
+from dembrick.runs.study.executors import ClusterError, run_here, run_local
 from dembrick.scenario import shipped
 
 BASE = (shipped.folder() / "set4a.toml").read_text(encoding="utf-8")
@@ -233,6 +233,17 @@ def test_shards_make_up_the_whole(write, tmp_path):
     for bad in ("0/3", "4/3", "x", "3"):
         with pytest.raises(ScenarioError, match="--shard"):
             studies.sweep(path, tmp_path / "bad", part=bad)
+
+
+def test_workers_take_one_thread_and_leave_this_process_its_own(monkeypatch):
+    """numba cannot change its number of threads once they run, so that it may not see another in between."""
+    monkeypatch.delenv("NUMBA_NUM_THREADS", raising=False)
+    seen = []
+    for threads in run_local(os.getenv, ["unset"] * 3, 2, "NUMBA_NUM_THREADS"):
+        assert "NUMBA_NUM_THREADS" not in os.environ
+        seen.append(threads)
+    assert seen == ["1"] * 3
+    assert list(run_here(os.getenv, ["unset"], "NUMBA_NUM_THREADS")) == ["unset"]
 
 
 def test_local_processes_give_the_same_table_and_the_scatter_of_V(write, tmp_path):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -48,7 +47,6 @@ def run_cases(base: str, base_path: str, cases: Sequence[tuple[int, Mapping[str,
 
     A case that fails is a row too, with the status "failed" and the error.
     """
-    os.environ.setdefault("NUMBA_NUM_THREADS", "1")  # workers share the cores among them, not each with all others
     scenarios_: list[Scenario | DembrickError] = []
     for _, changes, _ in cases:
         try:

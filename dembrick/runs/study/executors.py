@@ -11,6 +11,7 @@ import signal
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 
 from dembrick.errors import DembrickError, MissingDependency, ScenarioError
 
@@ -29,6 +30,28 @@ def run_here(function: Callable, chunks: Iterable[Chunk], *arguments) -> Iterato
         yield function(*arguments, chunk)
 
 
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Within, a process that is started computes with one thread, as workers share the cores among them."""
+    before = {name: os.environ.get(name) for name in _ONE_THREAD}
+    os.environ.update(_ONE_THREAD)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+def _by_one_thread(function: Callable, *arguments) -> list[dict]:
+    """In a worker of a cluster, which is started by others."""
+    for name, value in _ONE_THREAD.items():
+        os.environ.setdefault(name, value)
+    return function(*arguments)
+
+
 def _leave_signals_alone() -> None:
     """In a worker: a signal from the terminal reaches every process, and the one that started them acts on it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -38,39 +61,31 @@ def run_local(function: Callable, chunks: Iterable[Chunk], jobs: int, *arguments
     """In ``jobs`` worker processes of one thread each, started afresh (spawn), so that it works on every system."""
     import multiprocessing
 
-    before = {name: os.environ.get(name) for name in _ONE_THREAD}
     others = set(multiprocessing.active_children())
-    os.environ.update(_ONE_THREAD)
     chunks = iter(chunks)
-    try:
-        with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _leave_signals_alone) as pool:
-            pending: set[Future] = set()
-            try:
-                while True:
-                    while len(pending) < _AHEAD * jobs and (chunk := next(chunks, None)) is not None:
+    with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _leave_signals_alone) as pool:
+        pending: set[Future] = set()
+        try:
+            while True:
+                while len(pending) < _AHEAD * jobs and (chunk := next(chunks, None)) is not None:
+                    with _one_thread():  # a chunk starts a worker if none is idle; this process keeps its threads
                         pending.add(pool.submit(function, *arguments, chunk))
-                    if not pending:
-                        return
-                    done, pending = wait(pending, return_when=FIRST_COMPLETED)
-                    for future in done:
-                        yield future.result()
-            except BrokenProcessPool as error:
-                raise DembrickError(
-                    "a worker process died (killed, or out of memory); finished cases are kept: start the same command "
-                    "again, with fewer --jobs if memory was short"
-                ) from error
-            except BaseException:
-                for worker in set(multiprocessing.active_children()) - others:
-                    worker.terminate()  # whoever stops a study does not wait for the cases that are being run
-                raise
-            finally:
-                pool.shutdown(wait=False, cancel_futures=True)
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
+                if not pending:
+                    return
+                done, pending = wait(pending, return_when=FIRST_COMPLETED)
+                for future in done:
+                    yield future.result()
+        except BrokenProcessPool as error:
+            raise DembrickError(
+                "a worker process died (killed, or out of memory); finished cases are kept: start the same command "
+                "again, with fewer --jobs if memory was short"
+            ) from error
+        except BaseException:
+            for worker in set(multiprocessing.active_children()) - others:
+                worker.terminate()  # whoever stops a study does not wait for the cases that are being run
+            raise
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
 
 
 def run_on_cluster(
@@ -109,7 +124,11 @@ def run_on_cluster(
 
         def submit():
             chunk = next(chunks, None)
-            return None if chunk is None else client.submit(function, *arguments, chunk, pure=False, retries=3)
+            return (
+                None
+                if chunk is None
+                else client.submit(_by_one_thread, function, *arguments, chunk, pure=False, retries=3)
+            )
 
         ahead = _AHEAD * max(1, sum(client.nthreads().values()))
         first = [future for _ in range(ahead) if (future := submit()) is not None]
