@@ -274,7 +274,7 @@ def seated(scenario: Scenario, densities) -> Outcome:
         built = assemblies.assemble(scenario)
         state = initial_state(built)
         factor = elastic_factor(state, built.position) if touches_itself(state) else None
-        seat(state, block_stiffness(state, shared=2.0), factor)
+        seat(state, block_stiffness(state, shared=2.0), built.names, factor)
     except ScenarioError as error:
         return Outcome("refused", _named(error))
     except DembrickError as error:

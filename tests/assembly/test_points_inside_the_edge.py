@@ -21,7 +21,7 @@ def pile(formulation, points=None, control=None, **more):
         joint=JointLaw(formulation, 0.7, 1e11, 4e10, points),
         materials={"stone": Material(2000.0)},
         stacks=(Stack("pile", "stone", STONES, box=(0.5, WIDE, HIGH), base=0.1),),
-        control=control or TiltControl((1.0, 0.0, 0.0), 1.0, 0.02, quasi_static=True),
+        control=control or TiltControl((1.0, 0.0, 0.0), displacement=0.02, quasi_static=True),
         **more,
     )
 
@@ -80,7 +80,7 @@ def test_the_command_line_ends_with_three(tmp_path, monkeypatch, capsys):
     (tmp_path / "pile.toml").write_text(
         header("distributed", 0.7, 1e11)
         + '[[stacks]]\nname = "pile"\nmaterial = "stone"\nblocks = 4\nbox = [0.5, 0.3, 0.2]\nbase = 0.1\n[control]\n'
-        'kind = "tilt"\nrate = 1.0\ndisplacement = 0.02\naxis = [1, 0, 0]\nquasi_static = true\n'
+        'kind = "tilt"\ndisplacement = 0.02\naxis = [1, 0, 0]\nquasi_static = true\n'
     )
     monkeypatch.chdir(tmp_path)
     assert cli.main(["run", "pile.toml"]) == 3

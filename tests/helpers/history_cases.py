@@ -160,9 +160,10 @@ def open_writer(path, blocks=None, **options):
     return history.HistoryWriter(path, SCENARIO, blocks or assembly(), {"time_step": 1e-5}, **options)
 
 
-def moving_record(start, stop):
+def moving_record(start, stop, n_joint=1, n_actuator=1):
     """Rows start to stop of a run in real time, which count new contacts and know more energies."""
-    return record(start, stop, names=energies(real_time=True)) | {"new_contacts": np.arange(start, stop) % 4}
+    rows = record(start, stop, n_joint, n_actuator, energies(real_time=True))
+    return rows | {"new_contacts": np.arange(start, stop) % 4}
 
 
 def finished(path, in_real_time=False, **options):

@@ -129,7 +129,7 @@ def test_too_deep_and_too_crowded_are_said():
     pair.place(1, (0.0, 0.0, 0.07))
     assert touch(pair.contact, no_joints(), pair.bodies, 1e-6) == DEEP
     pair.place(1, (0.0, 0.0, 0.0999))
-    small = pair.contact.scratch._replace(x=np.zeros(40), y=np.zeros(40))
+    small = pair.contact.scratch._replace(x=np.zeros(9), y=np.zeros(9))
     assert touch(pair.contact._replace(scratch=small), no_joints(), pair.bodies, 1e-6) == CROWDED
 
 

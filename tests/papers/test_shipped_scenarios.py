@@ -25,6 +25,7 @@ ASSEMBLIES = {  # free blocks, joints
     "ferris_tinloi_2": (55, 141),
     "ferris_tinloi_3": (46, 102),
     "dome": (129, 272),
+    "dam": (6, 6),
     "newmark_pulse": (1, 1),
     "rocking_block": (1, 1),
     "rocking_push": (1, 1),

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from dembrick.history.hdf5_files import rewritten
-from dembrick.history.layout import Field, create
+from dembrick.history.layout import create
+from dembrick.simulation.channels import Channel, Field
 from helpers import history_cases as cases
 from helpers.places import TESTS
 
@@ -100,7 +101,7 @@ def test_what_is_written_through_python_reads_back(tmp_path):
 
 def test_a_large_skeleton_is_laid_out_as_a_small_one(tmp_path, monkeypatch):
     """Made in memory or through the disk, the datasets are the same."""
-    field = Field("history/x", (3,), "m", "a place")
+    field = Field(Channel("history/x", "m", "a place", (3,)), (3,), "m", "a place")
     offsets = []
     for name in ("small", "large"):
         offsets.append(create(str(tmp_path / name), {field: 50}, [], {"status": "running"}, {}))

@@ -87,7 +87,8 @@ def test_elastic_rise_has_the_stiffness_of_joint_and_jack():
     """Pure shear push of the convex joint before it slips: V = ks A u at the joint."""
     scenario = lab_scenario("shear", "convex")
     give = MU * N / (KS * A * B)
-    result = simulate(dataclasses.replace(scenario, control=DisplacementControl(1e-6, give)))
+    # joint and jack give alike: it slips when the head has come twice that far, without which there is no answer
+    result = simulate(dataclasses.replace(scenario, control=DisplacementControl(1e-6, 2.5 * give)))
     rising = (result.load > 0.1 * MU * N) & (result.load < 0.45 * MU * N)
     assert rising.sum() > 20
     stiffness = np.polyfit(result.displacement[rising], result.load[rising], 1)[0]

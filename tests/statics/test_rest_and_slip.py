@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from dembrick.assembly import build
+from dembrick.kernels.state import Inertia
 from dembrick.kernels.statics.loop import RUNNING
 from dembrick.scenario.blocks import Prism
 from dembrick.scenario.model import Actuator, Block, DisplacementControl, JointLaw, Load, Material, Scenario
-from dembrick.simulation.statics import limit_load, load_system
+from dembrick.simulation.statics import load_system
 from dembrick.simulation.statics.state import State, initial_state
 from helpers.places import tool_module
 
@@ -70,7 +71,7 @@ def test_a_block_beside_a_test_moves_as_it_does_alone(formulation):
     alone = part_of(setup.state, initial_state(built))
     loop = judge._at_rest(setup, physical=True, rate=1e-4)
     alone = part_of(loop.state, alone)
-    inertia = limit_load.Inertia(np.array(built.mass), np.array(built.inertia), np.linalg.inv(built.inertia))
+    inertia = Inertia(np.array(built.mass), np.array(built.inertia), np.linalg.inv(built.inertia))
     other = dataclasses.replace(loop, state=alone, inertia=inertia, guard=None)
     for one in (loop, other):
         assert one.advance(20_000, None) == RUNNING

@@ -24,14 +24,18 @@ POINT |= {"V_1": 0.0, "V_2": 216.0, "torsion_centre": [-0.12, 0.0], "mechanism":
 RESULTS = {"title": "Set 4a", "formulation": "concave", "yield_point": POINT, "theory": {"V": 216.05, "error": -2e-4}}
 
 
-def written(path, results=RESULTS, scenario=cases.SCENARIO, frames=4, rows=40, assembly=None, status="yield"):
+def written(
+    path, results=RESULTS, scenario=cases.SCENARIO, frames=4, rows=40, assembly=None, status="yield", control=None
+):
     assembly = assembly or cases.assembly()
-    n_jack = len(assembly.actuators.names)
-    with history.HistoryWriter(path, scenario, assembly, {}) as writer:
+    n_joint, n_jack = len(assembly.joints), len(assembly.actuators.names)
+    record = cases.moving_record if control is cases.MOTION else cases.record
+    shifted = {"joint_shift": np.zeros((frames, n_joint, 2))} if control is cases.MOTION else {}
+    with history.HistoryWriter(path, scenario, assembly, {}, control=control) as writer:
         if rows:
-            writer.append(cases.record(0, rows, len(assembly.joints), n_jack))
+            writer.append(record(0, rows, n_joint, n_jack))
         if frames:
-            writer.append_frames(*cases.frames(0, frames, len(assembly.names)))
+            writer.append_frames(*cases.frames(0, frames, len(assembly.names)), **shifted)
         writer.finish(status, results)
     return path
 
@@ -117,12 +121,15 @@ def test_diagrams_follow_the_record(tmp_path):
         # frames are 10 rows apart
         assert data["curve"]["y"] == pytest.approx(run.load[[0, 10, 20, 30]])
         *sections, path = data["path"]["lines"]
-        # the made-up moments press far outside the joint, where its own points have no limit surface
-        assert [line["look"] for line in sections] == ["exact"]
+        # N grows from row to row, so all is over the strength mu N of its moment: the joint is open in the first row,
+        # and four equal points, pressed in the middle, resist a torsion at their distance from O
+        assert [line["look"] for line in sections] == ["own", "exact"]
         size = np.hypot(run.joint("V_1")[:, 0], run.joint("V_2")[:, 0])
         direction = np.array([run.joint("V_1")[-1, 0], run.joint("V_2")[-1, 0]]) / size[-1]
         along = np.column_stack([run.joint("V_1")[:, 0], run.joint("V_2")[:, 0]]) @ direction
-        assert path["x"] == pytest.approx(along, rel=1e-6) and path["y"] == pytest.approx(run.joint("M_T")[:, 0])
+        N, radius = run.joint("N")[:, 0], 0.93 * np.hypot(0.15, 0.1)
+        assert N[0] == 0.0 and path["x"] == pytest.approx(along[1:] / (0.64 * N[1:]), rel=1e-6)
+        assert path["y"] == pytest.approx(run.joint("M_T")[1:, 0] / (0.64 * N[1:] * radius), rel=1e-6)
 
 
 def test_many_frames_are_thinned_to_a_bounded_size(tmp_path, monkeypatch):
@@ -223,7 +230,8 @@ def test_what_cannot_be_shown_is_said(tmp_path):
 
 
 def test_scenes_without_jacks_or_rows(tmp_path):
-    with history.read(written(tmp_path / "run.h5", {}, assembly=cases.mixed_assembly())) as run:
+    moving = written(tmp_path / "run.h5", {}, assembly=cases.mixed_assembly(), control=cases.MOTION)
+    with history.read(moving) as run:
         data = data_of(page.document(run))
     assert data["curve"]["title"] == "Displacement over time" and data["actuators"] == [] and data["load"] is None
     with history.read(written(tmp_path / "bare.h5", {}, rows=0)) as run:

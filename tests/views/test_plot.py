@@ -125,8 +125,9 @@ def test_errors_name_the_remedy(run, tmp_path):
 
 
 def test_no_energies_is_said(tmp_path):
-    with history.HistoryWriter(tmp_path / "bare.h5", cases.SCENARIO, cases.assembly(), {}) as writer:
-        writer.append(cases.record(0, 3, energies=()))
+    without = {"channels": ("joints",)}
+    with history.HistoryWriter(tmp_path / "bare.h5", cases.SCENARIO, cases.assembly(), {}, **without) as writer:
+        writer.append(cases.record(0, 3))
         writer.finish("yield", {})
     with history.read(tmp_path / "bare.h5") as bare, pytest.raises(HistoryError, match="no energies"):
         plot.energies(bare)
@@ -434,7 +435,7 @@ def test_curves_without_axes_in_common_are_not_overlaid(tilted, run, tmp_path):
 
 def test_free_blocks_are_drawn_over_time(tilted):
     run = history.read(tilted[1].path)
-    run.scenario_text = TILT + 'kind = "dynamic"\nduration = 1.0\n'
+    run.curve = cases.MOTION.curve
     axes = plot.force_displacement(run).axes[0]
     assert axes.get_xlabel() == "time [s]"
     np.testing.assert_array_equal(axes.lines[0].get_xdata(), run.time)
