@@ -46,7 +46,7 @@ def long_run(tmp_path_factory):
 @pytest.mark.parametrize("signum", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_the_run_and_restart_finishes_it(tmp_path, long_run, signum):
     path = tmp_path / "run.h5"
-    child = dembrick("run", str(long_run / "long.toml"), "--out", str(path), "--json", code=SLOW)
+    child = dembrick("run", str(long_run / "long.toml"), "--out", str(path), "--json", "--quiet", code=SLOW)
     wait_for(lambda: Checkpoints(path).existing(), child, "a checkpoint")
     child.send_signal(signum)
     out, err = child.communicate(timeout=60)
