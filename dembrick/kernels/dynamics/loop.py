@@ -75,7 +75,7 @@ def advance_bodies(
     ``travel`` (2,): m, what any two blocks may still move against each other before a polygon could be stale; and how
     far any one can have moved since the caller last put it to zero. Returns a status and the steps done: RUNNING when
     all are, REACHED (a centroid has gone as far as ``limits`` says), STALE (polygons must be cut again before the next
-    step), DIVERGED, or what comes of ``touching``, the contacts that form anew (None where there are none): MEETING
+    step), DIVERGED, or what comes of ``touching``, new contacts (None where there are none): MEETING
     (pairs must be looked for again), OVERLOADED (the step may be too long for what the contacts of a block did last),
     DEEP, CROWDED. ``books``: the energy terms, or None.
 
