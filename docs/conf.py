@@ -24,7 +24,6 @@ extensions = [
 ]
 exclude_patterns = ["_build", "**.ipynb_checkpoints"]
 templates_path = []
-html_static_path = ["_static"]
 html_theme = "furo"
 html_title = f"dembrick {version}"
 html_theme_options = {"top_of_page_buttons": []}

@@ -255,12 +255,15 @@ def present_velocities(motion: Motion, driving: Driving) -> tuple[np.ndarray, np
 
 
 def _copied(part):
-    """A named tuple with copies of its arrays, where lines of the cache begin as in the original; None stays None."""
+    """A named tuple with copies of its arrays, at any depth, where lines of the cache begin as in the original; None
+    stays None."""
     if part is None:
         return None
     copies = {}
     for name, array in part._asdict().items():
-        if array is not None:
+        if isinstance(array, tuple):
+            copies[name] = _copied(array)
+        elif array is not None:
             copies[name] = rows_of_lanes(len(array)) if name in IN_LANES else np.empty_like(array)
             copies[name][...] = array
     return part._replace(**copies)

@@ -145,6 +145,14 @@ class Equilibria:
             size = self.attempt(motion, V, True)
         return None, MOST_ITERATIONS
 
+    def correction(self, V: float) -> float:
+        """By how much one more Newton step would change V at the motion of now (N); infinite where there is none."""
+        self.attempt(self.motion(), V, True)
+        if not self.solve():
+            return math.inf
+        by_residual, by_load = self.answers
+        return -inner(self.load, by_residual) / inner(self.load, by_load)
+
     def prepare(self) -> None:
         """Compile what `solve` calls, or load it, without any work."""
         self.tangent.prepare(self.trial.seen_a, self.trial.seen_b, self.trial.tangent)

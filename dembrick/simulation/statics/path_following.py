@@ -55,6 +55,7 @@ MOST_JUMPS, MOST_DRIFTS, MOST_DRAG = 20, 300, 1e4  # of a path; steps of one; dr
 UNLIMITED = 1e4  # of the dead loads: a load that grows beyond is limited by nothing
 WITHOUT_END = 4 * ELASTIC_STEPS  # elastic steps after which the guess of the limit load was much too small
 NOTHING = 1e-6  # of the dead loads: a limit load below it is zero
+CORRECTIONS = 2.0  # of V by one more Newton step: what is charged if that is less than the work of the out-of-balance
 HIDDEN = 0.1  # of the tolerance: what the out-of-balance may hide of V before equilibria are found more closely
 CLOSED = 1e-3  # of the fastest relative motion of a step: gaps and their closing below it are none
 
@@ -117,7 +118,7 @@ class PathFollower:
         remember(self.trial, state.joints, state.points, state.areas)
         self.search.attempt(self.search.motion(), 0.0, True)
         self.search.prepare()
-        self._instant(0.0, 0.0)
+        self._instant(0.0, 0.0, 0.0)
         if self.recorder is not None:
             self._write(0)
             self.recorder.record.count[:] = 0
@@ -343,6 +344,7 @@ class PathFollower:
         way.external += 0.5 * (way.V + V) * moved
         way.external += float((blocks.dead_force * blocks.velocity + blocks.dead_torque * blocks.spin).sum())
         closing = self._closes_gaps()
+        hidden = 0.0 if self.certificate.strict else self._hidden(V, moved)
         remember(self.trial, state.joints, state.points, state.areas)
         way.V, way.driven = V, way.driven + step
         actuators = state.actuators
@@ -350,7 +352,7 @@ class PathFollower:
         actuators.displacement[:] = ((blocks.displacement[actuators.block] + turned) * actuators.direction).sum(axis=1)
         actuators.drive[:3] = way.driven, way.driven, V
         began = time.perf_counter()
-        lower, upper = self._instant(V, moved)
+        lower, upper = self._instant(V, moved, hidden)
         self.phases["bracket"] += time.perf_counter() - began
         sure = min(V, lower)  # what a drag held up is no peak
         if sure > actuators.drive[3]:
@@ -358,13 +360,10 @@ class PathFollower:
         given = way.driven - way.start - V * self.compliance / self.weight
         way.seen.append((given, V, lower, upper, closing))
 
-    def _instant(self, V: float, moved: float) -> tuple[float, float]:
-        """Bounds of the limit load from the equilibrium of now, for the motion of the last step that ``moved`` V so far
-        (m).
+    def _instant(self, V: float, moved: float, hidden: float) -> tuple[float, float]:
+        """Bounds of the limit load from the equilibrium of now, for the motion of the last step that ``moved`` V (m).
 
-        Strict where the certificate is. Else those of the normal forces of now, charged with what the out-of-balance
-        may hide: a force that is missing in a joint is missing in its friction, and does as much work at the most as
-        its block's motion lets it.
+        Strict if the certificate is; else by the normal forces of now, charged with what is ``hidden`` of V (N).
         """
         state = self.state
         blocks, joints, points, areas = state.blocks, state.joints, state.points, state.areas
@@ -375,21 +374,31 @@ class PathFollower:
         unbalanced = self.search.out_of_balance()
         if unbalanced > self.search.balanced:  # a drag held the blocks up
             return V / (1.0 + unbalanced), max(V, upper) * (1.0 + unbalanced)
-        hidden = 0.0
-        if moved > 0.0:
-            for force, way in ((blocks.force, blocks.velocity), (blocks.torque, blocks.spin)):
-                work = np.linalg.norm(force[self.free], axis=1) @ np.linalg.norm(way[self.free], axis=1)
-                hidden += float(work) / moved
-        if hidden > HIDDEN * self.certificate.tolerance * V:
-            self.search.balanced = max(LEAST_BALANCED, 0.1 * self.search.balanced)
-            self.way.balanced = self.search.balanced
         return V - hidden, max(V, upper) + hidden
 
-    def _closes_gaps(self) -> bool:
-        """Whether any open contact point or corner has come nearer since the last equilibrium, more than by rounding.
+    def _hidden(self, V: float, moved: float) -> float:
+        """What the out-of-balance may hide of V (N), by the motion of the last step; asks for a closer balance if that
+        is much.
 
-        Such a mechanism moves at a constant V only until the gap has closed, and is no limit.
+        A force that is missing in a joint is missing in its friction, and does as much work at the most as its block's
+        motion lets it. In towers that sum is far too much: then by what further Newton steps would change V.
         """
+        blocks, search, hidden = self.state.blocks, self.search, 0.0
+        if moved <= 0.0 or search.out_of_balance() > search.balanced:
+            return 0.0
+        for force, way in ((blocks.force, blocks.velocity), (blocks.torque, blocks.spin)):
+            work = np.linalg.norm(force[self.free], axis=1) @ np.linalg.norm(way[self.free], axis=1)
+            hidden += float(work) / moved
+        much = HIDDEN * self.certificate.tolerance * V
+        if hidden > much:
+            hidden = min(hidden, CORRECTIONS * abs(search.correction(V)))
+        if hidden > much:
+            search.balanced = self.way.balanced = max(LEAST_BALANCED, 0.1 * search.balanced)
+        return hidden
+
+    def _closes_gaps(self) -> bool:
+        """Whether any open contact point or corner has come nearer since the last equilibrium, more than by rounding:
+        such a mechanism moves at a constant V only until the gap has closed, and is no limit."""
         state, joints = self.state, self.state.joints
         change = joints.relative - self.trial.base
         gap, wider = joint_families.gaps(state, change)
