@@ -10,6 +10,35 @@ from dembrick.simulation.statics import stepper
 
 pytest.register_assert_rewrite("helpers")
 
+# What compiles or runs longest goes first, searches beside motions: two workers then compile different kernels.
+FIRST = (
+    "statics/test_batch.py",
+    "dynamics/test_closed_form_motions.py",
+    "statics/test_limit_load.py",
+    "dynamics/test_motion_runs.py",
+    "statics/test_constant_rate.py",
+    "kernels/test_contact_friction.py",
+    "statics/test_pressures.py",
+    "dynamics/test_restitution.py",
+    "robustness/test_restart_path_following.py",
+    "dynamics/test_threads.py",
+    "dynamics/test_impacts.py",
+    "runs/test_verification.py",
+    "robustness/test_restart.py",
+    "views/test_plot.py",
+    "cli/test_progress.py",
+)
+
+
+def pytest_collection_modifyitems(items):
+    """Order files by `FIRST`, the others after them as they were found."""
+
+    def rank(item) -> int:
+        path = item.path.as_posix()
+        return next((i for i, name in enumerate(FIRST) if path.endswith(f"/tests/{name}")), len(FIRST))
+
+    items.sort(key=rank)
+
 
 @pytest.fixture
 def stop_after(monkeypatch):
