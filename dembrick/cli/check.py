@@ -20,7 +20,7 @@ def run(options, console) -> int:
 
     scenario = toml.load(options.scenario, options.set)
     assembly = assemble(scenario)
-    warnings = [*unit_slips(scenario), *assembly.warnings]
+    warnings = [*unit_slips(scenario, assembly.shapes), *assembly.warnings]
     for warning in warnings:
         console.remark(f"warning: {warning}")
     plan = driver_of(scenario.control).plan(scenario, assembly)

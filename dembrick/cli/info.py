@@ -21,6 +21,8 @@ def run(options, console) -> int:
 
 
 def _report(file, options, console) -> int:
+    from dembrick.views.summary import known, on_one_path, part
+
     if options.scenario:
         console.result({"scenario": file.scenario_text}, file.scenario_text)
         return 0
@@ -55,8 +57,12 @@ def _report(file, options, console) -> int:
     elif point:
         half = math.inf if point["V_upper"] is None else 0.5 * (point["V_upper"] - point["V_lower"])
         name, unit = ("V", " N") if file.curve.unit == "N" else ("load factor", "")
-        bracket = f"+- {half:.2g}{unit} ({point['bracket']}), {point['mechanism']}"
-        lines.append(f"{name:13} {point['V']:.6g}{unit} {bracket}")
+        said = f"({point['bracket']}), {point['mechanism']}"
+        if on_one_path(part(results, "path")):
+            lines.append(f"{name:13} about {known(point['V'], None)}{unit}, of this path {said}")
+        else:
+            value = known(point["V"], 0.0 if half == math.inf else half)
+            lines.append(f"{name:13} {value}{unit} +- {half:.2g}{unit} {said}")
     lines += _moved(results)
     audit = results.get("energy")
     if isinstance(audit, dict) and _is_number(audit.get("relative_residual")):

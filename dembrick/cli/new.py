@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+from dembrick.cli.paths import add_force, require_ending
+
 
 def add_arguments(parser) -> None:
     """Options of the command."""
     parser.add_argument("template", nargs="?", help="torsion-test, wall, arch, column or study (default: list them)")
     parser.add_argument("file", nargs="?", help="file to write (default: TEMPLATE.toml)")
-    parser.add_argument("--force", action="store_true", help="replace the file if it exists")
+    add_force(parser)
 
 
 def run(options, console) -> int:
     """Write a copy of a template."""
     from difflib import get_close_matches
-    from pathlib import Path
 
-    from dembrick.errors import OutputError, ScenarioError, WriteError
+    from dembrick import history
+    from dembrick.errors import ScenarioError, WriteError
     from dembrick.scenario import shipped
 
     templates = shipped.templates()
@@ -28,21 +30,20 @@ def run(options, console) -> int:
         nearest = get_close_matches(options.template, templates, 1)
         hint = f"did you mean {nearest[0]!r}?" if nearest else f"the templates are {', '.join(templates)}"
         raise ScenarioError(f"no template is called {options.template!r}; {hint}")
-    path = Path(options.file or f"{options.template}.toml")
-    if path.suffix != ".toml":
-        raise OutputError(f"{path}: a scenario is a TOML file; give a name that ends in .toml")
-    if path.exists() and not options.force:
-        raise OutputError(f"{path}: this file exists; choose another name, or --force to replace it")
-    if not path.parent.is_dir():
-        raise OutputError(f"{path}: its parent folder does not exist; make it first or choose another path")
-    try:
-        path.write_bytes(templates[options.template].read_bytes())
-    except OSError as error:
-        raise WriteError(f"{path}: the file cannot be written ({error.strerror})") from error
+    path = options.file or f"{options.template}.toml"
+    require_ending(path, (".toml",), "a scenario")
+    text = templates[options.template].read_bytes()
+    with history.product("scenario", [options.template], force=options.force):
+        real = history.check_output(path)
+        try:
+            with history.replacing(real) as part, open(part, "wb") as file:
+                file.write(text)
+        except OSError as error:
+            raise WriteError(f"{path}: the file cannot be written ({history.reason(error)})") from error
     verb = "sweep" if options.template == "study" else "run"
     check = "" if options.template == "study" else f"check it with 'dembrick check {path}', "
     console.result(
-        {"file": str(path), "template": options.template},
+        {"file": path, "template": options.template},
         f"{path} written; {check}run it with 'dembrick {verb} {path}'",
     )
     return 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -128,9 +129,12 @@ def _is_hdf5(path: str) -> bool:
 def _text(result) -> str:
     if result.yield_point is None:
         return result.text()
+    from dembrick.runs.path_dependence import path_lines
+    from dembrick.views.summary import known, on_one_path
+
     point, run = result.yield_point, result.run
     lines = [result.scenario.title, f"formulation   {result.scenario.joint.formulation}"]
-    unit = " N"
+    unit, path = " N", getattr(result, "path", None) or {}
     if result.collapse is not None:
         from dembrick.runs.collapse import collapse_lines
 
@@ -138,14 +142,20 @@ def _text(result) -> str:
         lines += collapse_lines(result.collapse)
     if result.unlimited:
         return "\n".join([*lines, f"answer        {result.plain_answer}", f"history       {result.history}"])
-    lines.append(f"V             {point.V:.6g}{unit} +- {point.half_width:.2g}{unit} ({point.bracket})")
+    error = None if on_one_path(path) else 0.0 if point.half_width == math.inf else point.half_width
+    if error is None:
+        lines.append(f"V             about {known(point.V, None)}{unit}, of this path ({point.bracket})")
+    else:
+        lines.append(f"V             {known(point.V, error)}{unit} +- {point.half_width:.2g}{unit} ({point.bracket})")
+    if unit:
+        lines += path_lines(path, unit)
     if result.theory is not None:
         error = result.theory.error
         compared = "" if error is None else f"  (replay {100 * error:+.2g} %)"
         lines.append(f"theory        {result.theory.V:.6g}{unit}{compared}")
         if result.theory.discretisation_error is not None:
             lines.append(f"discretised   {100 * result.theory.discretisation_error:+.2g} % from the continuum")
-    lines.append(f"V_peak        {point.V_peak:.6g}{unit} at {1e6 * point.displacement_at_peak:.3g} um")
+    lines.append(f"V_peak        {known(point.V_peak, error)}{unit} at {1e6 * point.displacement_at_peak:.3g} um")
     lines.append(f"joint         N = {point.N:.6g} N, V_1 = {point.V_1:.6g} N, V_2 = {point.V_2:.6g} N, "
                  f"M_T = {point.M_T:.6g} N m")  # fmt: skip
     where = ""

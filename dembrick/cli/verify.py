@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dembrick.cli.paths import add_force, require_ending
+
 SIMULATES = True  # and so may compile
 
 
@@ -11,14 +13,12 @@ def add_arguments(parser) -> None:
     parser.add_argument("--quick", action="store_true", help="a few cases that take seconds")
     parser.add_argument("--list", action="store_true", help="name the cases and run none")
     parser.add_argument("--report", metavar="FILE.html", help="write the table as a web page")
+    add_force(parser)
 
 
 def run(options, console) -> int:
     """Run the cases; exit code 3 if one fails."""
-    from pathlib import Path
-
     from dembrick import __version__
-    from dembrick.errors import OutputError, WriteError
     from dembrick.runs.verification import cases, report
     from dembrick.runs.verification.verify import verify
 
@@ -30,11 +30,8 @@ def run(options, console) -> int:
         )
         return 0
     if options.report:
-        page = Path(options.report)
-        if page.suffix != ".html":
-            raise OutputError(f"{page}: the report is a web page; give a name that ends in .html")
-        if not page.parent.is_dir():
-            raise OutputError(f"{page}: its parent folder does not exist; make it first or choose another path")
+        require_ending(options.report, (".html",), "a report")
+        _write(options, picked, None)  # refused before the cases run
     outcomes = []
     if not console.json:
         print(report.text_header())
@@ -47,14 +44,27 @@ def run(options, console) -> int:
     rows = [outcome.as_dict() for outcome in outcomes]
     console.result({"cases": rows, "passed": passed, "version": __version__}, report.summary(outcomes))
     if options.report:
-        try:
-            page.write_text(report.html(outcomes, __version__), encoding="utf-8")
-        except OSError as error:
-            raise WriteError(f"{page}: the report cannot be written ({error.strerror})") from error
+        _write(options, picked, report.html(outcomes, __version__))
     for outcome in outcomes:
         if not outcome.passed:
             console.error(f"{outcome.case.name}: {outcome.failure or _why(outcome)}")
     return 0 if passed else 3
+
+
+def _write(options, picked, page: str | None) -> None:
+    """The report of the cases ``picked``; without a ``page`` only whether it can be written."""
+    from dembrick import history
+    from dembrick.errors import WriteError
+
+    with history.product("verification report", [case.name for case in picked], force=options.force):
+        path = history.check_output(options.report)
+        if page is None:
+            return
+        try:
+            with history.replacing(path) as part, open(part, "w", encoding="utf-8") as file:
+                file.write(page)
+        except OSError as error:
+            raise WriteError(f"{options.report}: the report cannot be written ({history.reason(error)})") from error
 
 
 def _why(outcome) -> str:

@@ -1,9 +1,9 @@
 """Whose a file is: nothing replaces a file that this program did not write, as the same kind, from the same scenario.
 
 Figures, pictures, movies, pages and exports carry a mark at their end, in a remark that their format passes over; a
-CSV file has no room for one and gives way only to the same text. A command states what it makes by `product`; then
-`files.check_output` and `files.replacing` see to it. Outside of one, as in a script of the user's, a path is taken as
-it is given.
+table (CSV) or a scenario (TOML) has none and gives way only to the same text. A command states what it makes by
+`product`; then `files.check_output` and `files.replacing` see to it. Outside of one, as in a script of the user's, a
+path is taken as it is given.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from dataclasses import dataclass
 
 from dembrick.errors import OutputError
 
+_TEXTS = (".csv", ".toml")
 _TAIL = 1024  # bytes at the end of a file that are searched for a mark
 _PNG_END = b"\x00\x00\x00\x00IEND\xaeB`\x82"
 
@@ -65,8 +66,7 @@ def refuse_foreign(path: str | os.PathLike, target: str) -> None:
     if making is None:
         return
     refuse_inputs(path, target, making.inputs)
-    text = target.lower().endswith(".csv")  # told apart when the new one is there
-    if not text and not is_ours(target):
+    if not _is_text(target) and not is_ours(target):  # texts are told apart when the new one is there
         raise OutputError(_other(path))
 
 
@@ -80,12 +80,16 @@ def refuse_inputs(path: str | os.PathLike, target: str, inputs: Iterable[str]) -
 
 
 def refuse_other_text(target: str, part: str) -> None:
-    """OutputError where ``target`` is a CSV file that says something else than the new one, ``part``."""
+    """OutputError where ``target`` is a text that says something else than the new one, ``part``."""
     making = _making.get()
-    if making is None or making.force or not target.lower().endswith(".csv") or not os.path.exists(target):
+    if making is None or making.force or not _is_text(target) or not os.path.exists(target):
         return
     if os.path.getsize(target) and not filecmp.cmp(target, part, shallow=False):
         raise OutputError(_other(target))
+
+
+def _is_text(target: str) -> bool:
+    return target.lower().endswith(_TEXTS)
 
 
 def _other(path: str | os.PathLike) -> str:
@@ -99,7 +103,7 @@ def sign(target: str, part: str) -> None:
     """Put the mark at the end of the new file ``part``, as remarks are written in the format of ``target``."""
     making = _making.get()
     ending = os.path.splitext(target)[1].lower()
-    if making is None or ending in (".csv", ".vtu"):
+    if making is None or ending in (*_TEXTS, ".vtu"):
         return
     mark = making.mark
     with open(part, "r+b") as file:

@@ -14,6 +14,7 @@ from dembrick.assembly.build import Assembly
 from dembrick.errors import NotConvergedError
 from dembrick.runs import theory_check
 from dembrick.runs.collapse import collapse_of
+from dembrick.runs.path_dependence import beside_limit, has_paths
 from dembrick.runs.result import Result
 from dembrick.runs.statics_result import StaticsResult
 from dembrick.scenario.controls import (
@@ -77,8 +78,9 @@ def _place_points(scenario: Scenario, assembly: Assembly) -> tuple[Assembly, flo
         raise Interrupted(error.signum, "interrupted while the contact points were placed, before the run") from None
 
 
-def _limit_load(scenario: Scenario, assembly: Assembly, session: Session) -> Replay:
-    return limit_load.find_limit_load(assembly, _tolerance(scenario), scenario.solver.step_factor, session)
+def _limit_load(scenario: Scenario, assembly: Assembly, session: Session | None, steps: float = 1.0) -> Replay:
+    factor = scenario.solver.step_factor
+    return limit_load.find_limit_load(assembly, _tolerance(scenario), factor, session, steps=steps)
 
 
 def _constant_rate(scenario: Scenario, assembly: Assembly, session: Session) -> Replay:
@@ -96,14 +98,17 @@ def _plan_of(module) -> Callable[[Scenario, Assembly], Plan]:
 
 
 def _searched(**fields) -> Result:
-    """The yield point of a run compared with theory, if one holds, and the collapse of a load on every block."""
+    """The yield point of a run compared with theory, if one holds, what stands beside it, and the collapse of a load on
+    every block."""
     run, assembly, control = fields["run"], fields["assembly"], fields["scenario"].control
     expected = theory_check.theory_of(assembly)
     if expected is not None and run.yield_point.V is not None:
         expected = expected.compared(run.yield_point.V)
     falls = control.ends_with == COLLAPSE and not run.yield_point.unlimited
     fallen = collapse_of(run, assembly, control) if falls else None
-    return Result(**fields, theory=expected, collapse=fallen)
+    several = control.regime is LIMIT_LOAD and has_paths(assembly)
+    path = beside_limit(run, assembly, control) if falls or several else None
+    return Result(**fields, theory=expected, fallen=fallen, path=path)
 
 
 # --- the limit of a load on every block, equilibrium by equilibrium
@@ -115,13 +120,16 @@ def _follow_path(scenario: Scenario, assembly: Assembly, session: Session | None
     return limit_load.find_limit_load(assembly, control.tolerance, factor, session, control.displacement or 0.0, steps)
 
 
-def _refined_path(scenario: Scenario, steps: float) -> float:
-    """Load factor of the collapse, by ``steps`` times the usual ones."""
-    assembly = build.assemble(scenario)
-    run = _follow_path(scenario, assembly, None, steps)
-    if run.yield_point.unlimited:
-        raise NotConvergedError("another path of the same structure has no limit", run.yield_point)
-    return collapse_of(run, assembly, scenario.control)["load_factor"]
+def _other_path(follow: Callable[..., Replay]) -> Callable[[Scenario, float], float]:
+    """The limit load of a scenario by ``follow``, as a function of it and of steps over the usual ones."""
+
+    def found(scenario: Scenario, steps: float) -> float:
+        point = follow(scenario, build.assemble(scenario), None, steps).yield_point
+        if point.V is None:
+            raise NotConvergedError("another path of the same structure has no limit", point)
+        return point.V
+
+    return found
 
 
 # --- equilibrium under the dead loads
@@ -158,9 +166,9 @@ def _moved(**fields) -> MotionResult:
 
 
 DRIVERS = {
-    LIMIT_LOAD.name: Driver(_plan_of(limit_load), _limit_load, _searched, place=_place_points),
+    LIMIT_LOAD.name: Driver(_plan_of(limit_load), _limit_load, _searched, _other_path(_limit_load), _place_points),
     CONSTANT_RATE.name: Driver(_plan_of(constant_rate), _constant_rate, _searched),
-    PATH_FOLLOWING.name: Driver(_plan_of(limit_load), _follow_path, _searched, _refined_path),
+    PATH_FOLLOWING.name: Driver(_plan_of(limit_load), _follow_path, _searched, _other_path(_follow_path)),
     DEAD_LOAD.name: Driver(lambda _, assembly: standing.plan(assembly), _find_rest, StaticsResult),
     REAL_TIME.name: Driver(_plan_motion, _live_through, _moved),
 }

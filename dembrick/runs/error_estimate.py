@@ -21,7 +21,14 @@ import numpy as np
 
 from dembrick.errors import ScenarioError
 from dembrick.scenario.checks import present
-from dembrick.scenario.controls import ACTUATORS, DEAD_LOAD, PATH_FOLLOWING, PushoverControl, TiltControl
+from dembrick.scenario.controls import (
+    CONSTANT_RATE,
+    DEAD_LOAD,
+    LIMIT_LOAD,
+    PATH_FOLLOWING,
+    PushoverControl,
+    TiltControl,
+)
 from dembrick.scenario.model import JointLaw, Scenario
 
 OF_RATE = 1.0 / (1.0 - 2.0 ** (-2.0 / 3.0))  # error over the difference that half the rate makes
@@ -40,17 +47,20 @@ class Refinement(NamedTuple):
     steps: float = 1.0
 
 
-def refinements(scenario: Scenario) -> tuple[Refinement, ...]:
-    """What ``scenario`` is compared with; ScenarioError for a limit load, whose bracket is its error bar."""
+def refinements(scenario: Scenario, several: bool = False) -> tuple[Refinement, ...]:
+    """What ``scenario`` is compared with; ScenarioError where the bracket of the limit load is the error bar.
+
+    ``several``: several joints share the load, so that the limit of actuators may depend on the path as well.
+    """
     control = scenario.control
     if control.regime is DEAD_LOAD:
         raise ScenarioError('a run of kind "statics" tells whether the blocks stand; --refine has nothing to estimate')
-    if control.drives == ACTUATORS:
+    if control.regime is CONSTANT_RATE or (control.regime is LIMIT_LOAD and not several):
         raise ScenarioError(
-            f'a run of kind "{control.kind}" has the bracket of its limit load for an error bar; --refine is for tilt, '
-            "pushover, base-motion and dynamic"
+            f'a run of kind "{control.kind}" has the bracket of its limit load for an error bar; --refine is for limit '
+            "loads of several joints, tilt, pushover, base-motion and dynamic"
         )
-    if control.regime is PATH_FOLLOWING:
+    if control.regime in (PATH_FOLLOWING, LIMIT_LOAD):
         others = [with_ratio(scenario, ratio) for ratio in RATIOS if not _has_ratio(scenario, ratio)]
         paths = [Refinement(other, 1.0) for other in (*others, stiffer(scenario, 2.0, 2.0))]
         return (*paths, Refinement(scenario, 1.0, 0.5))
@@ -63,12 +73,12 @@ def refinements(scenario: Scenario) -> tuple[Refinement, ...]:
 
 def error_of(scenario: Scenario, found, refined: Sequence) -> float:
     """The error of an answer, given those of the `refinements`: load factors, or displacements (n, 3), m, of which the
-    block that is least certain counts. Of a search the farthest of the load factors that were found."""
+    block that is least certain counts."""
     differences = [
         refinement.weight * float(np.linalg.norm(np.atleast_2d(np.asarray(other) - found), axis=1).max())
         for refinement, other in zip(refinements(scenario), refined, strict=True)
     ]
-    return max(differences) if scenario.control.regime is PATH_FOLLOWING else sum(differences)
+    return sum(differences)
 
 
 def with_ratio(scenario: Scenario, ratio: float) -> Scenario:

@@ -27,27 +27,32 @@ _MOVES = 0.01  # of the greatest tilt or slip: a joint that does less does not
 @dataclass(frozen=True)
 class LeftOut:
     """``law``: formulation; ``joints``: numbers of those meant; ``bound``: load factor with points at the true corners
-    (infinite where nothing limits it); ``text``: a sentence that says it."""
+    (infinite if nothing limits it, None if it was not computed); ``text``: a sentence that says it."""
 
     law: str
     joints: np.ndarray
-    bound: float
+    bound: float | None
     text: str
 
     def as_dict(self) -> dict:
         """As in the JSON output."""
-        bound = self.bound if np.isfinite(self.bound) else None
+        bound = self.bound if self.bound is not None and np.isfinite(self.bound) else None
         return {"law": self.law, "joints": len(self.joints), "bound": bound, "text": self.text}
 
 
 def left_out(
-    assembly: Assembly, load_factor: float, resultants: np.ndarray, moves: np.ndarray, tilt: bool
+    assembly: Assembly,
+    load_factor: float,
+    resultants: np.ndarray,
+    moves: np.ndarray,
+    tilt: bool,
+    bounded: bool = True,
 ) -> list[LeftOut]:
     """What the laws of a collapse at ``load_factor`` leave out; nothing to say gives an empty list.
 
     ``resultants`` (j, >= 6): N, V_1, V_2, M_T, M_1, M_2 of the joints at the collapse; ``moves`` (j, 3): how far their
     rims slide, turn about the normal and tilt (m, any scale); ``tilt``: whether the factor is the tangent of a table's
-    angle. Raises MissingDependency without the extra ``limit``.
+    angle. ``bounded``: whether the bound is computed. Raises MissingDependency without the extra ``limit`` then.
     """
     joints = assembly.joints
     law = np.array([one.formulation for one in joints.law], dtype="U16")
@@ -64,8 +69,8 @@ def left_out(
     short = np.flatnonzero((law == "distributed") & rocking)
     if not (len(kept) or len(drawn_in) or len(short)):
         return []
-    bound = analysis.limit_load(assembly, corners=True, tilt=tilt).load_factor
-    beside = f"{bound:.5g}, {100.0 * (bound / load_factor - 1.0):+.2g} %" if np.isfinite(bound) else "unlimited"
+    bound = analysis.limit_load(assembly, corners=True, tilt=tilt).load_factor if bounded else None
+    beside = _beside(bound, load_factor)
     found = []
     if len(kept):
         found.append(
@@ -74,7 +79,7 @@ def left_out(
                 kept,
                 bound,
                 f"{_count(kept)} slide or turn with the resultant at an edge, where full pressure keeps the torsion of "
-                f"the whole joint: under linear pressure the load factor is at most {beside}",
+                f"the whole joint: under linear pressure the limit is {beside}",
             )
         )
     if len(drawn_in):
@@ -84,7 +89,7 @@ def left_out(
                 drawn_in,
                 bound,
                 f"{_count(drawn_in)} rock about corrected points, which lie inside the edge: about the true edge the "
-                f"load factor is at most {beside}",
+                f"limit is {beside}",
             )
         )
     if len(short):
@@ -95,10 +100,19 @@ def left_out(
                 short,
                 bound,
                 f"{_count(short)} rock about distributed points that stop {100.0 * gap:.2g} % short of the edge: about "
-                f"the true edge the load factor is at most {beside}",
+                f"the true edge the limit is {beside}",
             )
         )
     return found
+
+
+def _beside(bound: float | None, load_factor: float) -> str:
+    if bound is None:
+        return "another one, which dembrick limit bounds"
+    if not np.isfinite(bound):
+        return "not bounded"
+    over = f", {100.0 * (bound / load_factor - 1.0):+.2g} %" if load_factor > 0.0 else ""
+    return f"at most {bound:.5g}{over}"
 
 
 def _count(joints: np.ndarray) -> str:

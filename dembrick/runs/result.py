@@ -94,11 +94,21 @@ class RunResult:
 
 @dataclasses.dataclass
 class Result(RunResult):
-    """What a search or a constant-rate test gave: the yield point with its bracket, and what theory says."""
+    """What a search or a constant-rate test gave: the yield point with its bracket, and what theory says.
+
+    ``fallen``: what a load on every block brought down; ``path``: what stands beside the limit load of an assembly,
+    its associative bound and the range of other paths (see `path_dependence`).
+    """
 
     run: Replay
     theory: theory_check.Theory | None = None
-    collapse: dict | None = None
+    fallen: dict | None = None
+    path: dict | None = None
+
+    @property
+    def collapse(self) -> dict | None:
+        """The collapse under a load on every block, with what stands beside its load factor; None of actuators."""
+        return None if self.fallen is None else self.fallen | (self.path or {})
 
     @property
     def yield_point(self) -> YieldPoint:
@@ -192,6 +202,7 @@ class Result(RunResult):
             unlimited=self.unlimited,
             answer=self.plain_answer,
             collapse=self.collapse,
+            path=self.path,
             yield_point=self.yield_point.as_dict(),
             theory=None if self.theory is None else self.theory.as_dict(),
             steps=run.steps,

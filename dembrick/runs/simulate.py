@@ -15,12 +15,12 @@ from dembrick.errors import DembrickError, HistoryError, NotConvergedError, Writ
 from dembrick.runs.drivers import driver_of
 from dembrick.runs.error_estimate import Refinement, error_of, refinements
 from dembrick.runs.notebook import notebook_bar
+from dembrick.runs.path_dependence import has_paths, ranged
 from dembrick.runs.record_store import Memory, RecordStore
 from dembrick.runs.result import Result
 from dembrick.runs.statics_result import StaticsResult
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.checks import present
-from dembrick.scenario.controls import PATH_FOLLOWING
 from dembrick.scenario.model import Scenario
 from dembrick.scenario.unit_slips import unit_slips
 from dembrick.simulation import interrupts
@@ -60,9 +60,9 @@ def simulate(
     began, start_up = time.perf_counter(), _start_up()
     if not isinstance(scenario, Scenario):
         scenario = scenarios.load(scenario)
-    if refine:
-        refinements(scenario)  # refuses what cannot be refined before anything runs
     assembly = _built(scenario, report)
+    if refine:
+        refinements(scenario, has_paths(assembly))  # refuses what cannot be refined before anything runs
     if history is None:
         memory = Memory(scenario, assembly) if record else None
         return _run(scenario, assembly, memory, (began, start_up), refine, progress)
@@ -119,7 +119,7 @@ def _built(scenario: Scenario, report: Callable[[str], None] | None):
     """The assembly, its warnings reported."""
     assembly = assemblies.assemble(scenario)
     if report:
-        for warning in (*unit_slips(scenario), *assembly.warnings):
+        for warning in (*unit_slips(scenario, assembly.shapes), *assembly.warnings):
             report(warning)
     return assembly
 
@@ -209,14 +209,14 @@ def _finished(scenario: Scenario, assembly: Assembly, run, audit, store, times, 
 def _estimate_error(result: Result | MotionResult) -> BaseException | None:
     """Give a run its error estimate; or return what came in between, which the run itself does not suffer from."""
     scenario, fallen = result.scenario, result.collapse
-    found = result.displacement if fallen is None else fallen["load_factor"]
     try:
-        if scenario.control.regime is PATH_FOLLOWING:
+        if isinstance(result, Result):
             _range_paths(result)
             return None
+        found = result.displacement if fallen is None else fallen["load_factor"]
         estimate = error_of(scenario, found, [_refined(one) for one in refinements(scenario)])
     except (DembrickError, Interrupted) as error:
-        answer = "" if fallen is None else f" (load factor {found:.6g})"
+        answer = "" if fallen is None else f" (load factor {fallen['load_factor']:.6g})"
         kept = f"the run itself{answer} is complete" + (f" in {result.history}" if result.history else "")
         if isinstance(error, Interrupted):
             return Interrupted(error.signum, f"interrupted while the error was estimated; {kept}")
@@ -224,23 +224,23 @@ def _estimate_error(result: Result | MotionResult) -> BaseException | None:
         failed.answer = failure(scenario, failed, result.history)
         return failed
     if fallen is None:
-        result.displacement_error = estimate  # type: ignore[union-attr]  # only a run in real time gets here
+        result.displacement_error = estimate
     else:
         fallen["error_estimate"] = estimate
     return None
 
 
-def _range_paths(result: Outcome) -> None:
+def _range_paths(result: Result) -> None:
     """Give a search the range of load factors that other paths of the same structure lead to, side by side where cores
     are free; its bracket then holds them all.
 
     Paths that find no limit are counted. Raises NotConvergedError where none but the search itself found one, and
     Interrupted.
     """
-    scenario, fallen, point = result.scenario, result.collapse, result.yield_point
-    if fallen is None or not isinstance(result, Result) or point is None:
-        return
-    variants = refinements(scenario)
+    scenario, point = result.scenario, result.yield_point
+    if result.path is None:
+        return  # nothing limits the load
+    variants = refinements(scenario, several=True)
 
     def found(one: Refinement) -> float | None:
         try:
@@ -252,10 +252,8 @@ def _range_paths(result: Outcome) -> None:
         factors = [factor for factor in pool.map(found, variants) if factor is not None]
     if not factors:
         raise NotConvergedError("none of the other paths of the same structure found its limit", point)
-    V = present(point.V)
-    low, high = min(*factors, V), max(*factors, V)
-    fallen["path_range"], fallen["paths"] = [low, high], [len(factors) + 1, len(variants) + 1]
-    fallen["error_estimate"] = max(high - V, V - low)
+    result.path = ranged(result.path, present(point.V), factors, len(variants))
+    low, high = result.path["path_range"]
     upper = None if point.V_upper is None else max(point.V_upper, high)
     result.run.yield_point = replace(point, V_lower=min(point.V_lower, low), V_upper=upper)
 

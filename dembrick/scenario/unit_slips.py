@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
+import numpy as np
+
+from dembrick.geometry.shapes import Shape
 from dembrick.scenario.checks import show
 from dembrick.scenario.model import Scenario
 
@@ -13,8 +17,8 @@ GRAVITIES = (9.0, 10.0)  # m/s2
 LARGEST_BLOCK = 20.0  # m
 
 
-def unit_slips(scenario: Scenario) -> list[str]:
-    """A sentence for each number of a scenario that is likely to be meant in another unit."""
+def unit_slips(scenario: Scenario, shapes: Sequence[Shape]) -> list[str]:
+    """A sentence for each number of a scenario that is likely to be meant in another unit; ``shapes`` of its blocks."""
     found = []
     laws = [("joint", scenario.joint), *((f"joint between {show(one.between)}", one.law) for one in scenario.joints)]
     for where, law in laws:
@@ -34,11 +38,16 @@ def unit_slips(scenario: Scenario) -> list[str]:
         found.append(f"gravity = {show(scenario.gravity)} does not point down, which is -z")
     if size > 0.0 and not GRAVITIES[0] <= size <= GRAVITIES[1]:
         found.append(f"gravity = {show(scenario.gravity)} is {size:g} m/s2, and on earth it is 9.81 m/s2")
-    large = [block for block in scenario.all_blocks if not block.fixed and max(block.box or (0.0,)) > LARGEST_BLOCK]
+    large = [
+        (block, float(np.ptp(shape.vertices, axis=0).max()))
+        for block, shape in zip(scenario.all_blocks, shapes, strict=True)
+        if not block.fixed and shape.diameter > LARGEST_BLOCK
+    ]
+    large = [(block, length) for block, length in large if length > LARGEST_BLOCK]
     if large:
         more = f" (and {len(large) - 1} more)" if len(large) > 1 else ""
-        length = max(large[0].box or (0.0,))
+        block, length = large[0]
         found.append(
-            f"block {show(large[0].name)}{more} is {length:g} m long: lengths are in metres, and mm times 0.001 give m"
+            f"block {show(block.name)}{more} is {length:g} m long: lengths are in metres, and mm times 0.001 give m"
         )
     return found

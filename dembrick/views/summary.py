@@ -64,6 +64,28 @@ def with_error(value: float, half_width: float, unit: str) -> str:
     return f"{value:.{digits}f} ± {half_width:.{digits}f} {unit}"
 
 
+def known(value: float, error: float | None, most: int = 6) -> str:
+    """A value to the digits that its ``error`` leaves known: as far as the second digit of it, ``most`` at most.
+
+    Two digits if the error is None: nobody knows it.
+    """
+    digits = 2 if error is None else most
+    if error and value:
+        digits = min(most, max(1, _magnitude(value) - _magnitude(error) + 2))
+    text = f"{value:.{digits}g}"
+    return f"{float(text):.15g}" if "e" in text and 1.0 <= abs(value) < 1e6 else text
+
+
+def _magnitude(value: float) -> int:
+    """The power of ten of the first digit."""
+    return math.floor(math.log10(abs(value)))
+
+
+def on_one_path(beside: Mapping) -> bool:
+    """Whether a limit load depends on the path, and no other path was followed (``collapse`` or ``path``)."""
+    return beside.get("path_dependent") is True and beside.get("path_range") is None
+
+
 def length(metres: float) -> str:
     """A small length in the unit that suits it."""
     for unit, factor, least in (("m", 1.0, 1.0), ("mm", 1e3, 0.1)):
@@ -79,9 +101,9 @@ def key_numbers(results: Mapping) -> list[KeyNumber]:
         lines.append(KeyNumber("no answer", results["error"]))
     if isinstance(results.get("answer"), str):
         lines.append(KeyNumber("answer", results["answer"]))
-    point, collapse = yield_point(results), part(results, "collapse")
+    point, collapse, path = yield_point(results), part(results, "collapse"), part(results, "path")
     lines += _of_collapse(collapse, has_bracket="V" in point)
-    lines += _of_yield(point, "" if collapse else "N", results.get("status") == "completed")
+    lines += _of_yield(point, "" if collapse else "N", results.get("status") == "completed", path)
     lines += _of_theory(part(results, "theory"))
     lines += _of_motion(results) if not (point or collapse) else []
     audit = part(results, "energy")
@@ -97,17 +119,25 @@ def key_numbers(results: Mapping) -> list[KeyNumber]:
     return lines
 
 
-def _of_yield(point: dict, unit: str, at_rate: bool) -> list[KeyNumber]:
-    """The limit load in N, or without a unit the load factor of a structure; ``at_rate``: of a constant-rate test."""
+def _of_yield(point: dict, unit: str, at_rate: bool, path: dict) -> list[KeyNumber]:
+    """The limit load in N, or without a unit the load factor of a structure; ``at_rate``: of a constant-rate test;
+    ``path``: what stands beside the limit of an assembly."""
     load = ("V", "limit load V") if unit else ("load factor", "load factor")
     if "V" not in point:
         return []
     lower, upper, kind = point.get("V_lower"), point.get("V_upper"), point.get("bracket", "open")
+    alone = on_one_path(path)
+    error: float | None = 0.0
     if lower is None or upper is None or kind == "open":
         remark = "no upper bound: what the actuators carried at the end"
         if lower is not None:
             remark += f"; the limit is at least {lower:.6g} {unit}".rstrip()
         lines = [KeyNumber(load[0], f"{point['V']:.6g} {unit}".rstrip(), remark)]
+    elif alone:
+        error, bound = None, number(part(path, "associative").get("upper"))
+        remark = "of this path" + ("" if bound is None else f", at most {bound:.5g} {unit}".rstrip() + " on any")
+        value = f"about {known(point['V'], None)} {unit}".rstrip()
+        lines = [KeyNumber(load[1], value, f"{remark}; --refine gives the range")]
     else:
         bounds = "the two bounds meet" if upper - lower <= 2.0 * _MEET * abs(point["V"]) else "bounds"
         word = "certified" if kind == "certified" else "indicator, not certified"
@@ -115,7 +145,7 @@ def _of_yield(point: dict, unit: str, at_rate: bool) -> list[KeyNumber]:
         lines = [KeyNumber(load[1], with_error(point["V"], 0.5 * (upper - lower), unit).rstrip(), remark)]
     if "V_peak" in point:
         where = f"at {length(point['displacement_at_peak'])}; " if "displacement_at_peak" in point else ""
-        peak, rate = f"{point['V_peak']:.6g} {unit}".rstrip(), "has its rate effect" if at_rate else ""
+        peak, rate = f"{known(point['V_peak'], error)} {unit}".rstrip(), "has its rate effect" if at_rate else ""
         lines.append(KeyNumber(f"largest {load[0]} of the record", peak, (where + rate).removesuffix("; ")))
     least = _ROUNDING * abs(point.get("N", 0.0))
     shown = {name: 0.0 if abs(point[name]) <= least else point[name] for name in _CARRIED if name in point}
@@ -156,11 +186,11 @@ def _of_collapse(collapse: dict, has_bracket: bool) -> list[KeyNumber]:
     """The angle of the table, and the load factor unless a bracket says it better; with the refined estimate."""
     lines = []
     angle, factor, bar = (number(collapse.get(key)) for key in ("angle", "load_factor", "error_estimate"))
-    none = "no error bar (--refine gives one)"
+    none, alone = "no error bar (--refine gives one)", on_one_path(collapse)
     if angle is not None:
         # angle = atan(factor)
         error = None if bar is None else math.degrees(abs(bar) * math.cos(math.radians(angle)) ** 2)
-        text = f"{angle:.5g} deg" if error is None else with_error(angle, error, "deg")
+        text = f"{known(angle, None if alone else 0.0, 5)} deg" if error is None else with_error(angle, error, "deg")
         lines.append(KeyNumber("collapse angle", text, none if error is None and not has_bracket else ""))
     if factor is not None and not (has_bracket and bar is None):
         text = f"{factor:.5g}" if bar is None else with_error(factor, abs(bar), "").rstrip()

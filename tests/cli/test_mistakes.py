@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from dembrick import history
+from dembrick.assembly.block_shapes import shapes_of
 from dembrick.cli import main
 from dembrick.errors import HistoryError, ScenarioError
 from dembrick.runs.study import plan
@@ -68,6 +69,11 @@ def test_check_opens_the_files_that_a_scenario_names(tmp_path, capsys):
     assert "none.csv: there is no such file" in capsys.readouterr().err
 
 
+PLY = (
+    "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\nelement face 4\n"
+    "property list uchar int vertex_indices\nend_header\n0 0 0\n300 0 0\n0 100 0\n0 0 100\n3 0 2 1\n3 0 1 3\n3 1 2 3\n"
+    "3 0 3 2\n"
+)
 SLIPS = {
     "degrees": ("friction         = 0.64", "friction         = 32", "friction of joint = 32 is a coefficient"),
     "g/cm3": ("density = 1500.0", "density = 1.5", "density of material 'tuff' = 1.5 kg/m3 is that of no stone"),
@@ -81,13 +87,35 @@ SLIPS = {
 }
 
 
+def slips(scenario):
+    return unit_slips(scenario, shapes_of(scenario.all_blocks, str(SCENARIOS)))
+
+
 @pytest.mark.parametrize("name", SLIPS)
 def test_a_slip_of_units_is_warned_of(name):
     before, after, said = SLIPS[name]
     assert before in SET4A
-    (found,) = unit_slips(toml.loads(SET4A.replace(before, after)))
+    (found,) = slips(toml.loads(SET4A.replace(before, after)))
     assert said in found
-    assert unit_slips(toml.loads(SET4A)) == []
+    assert slips(toml.loads(SET4A)) == []
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        "prism = { polygon = [[-150.0, -100.0], [150.0, -100.0], [150.0, 100.0], [-150.0, 100.0]], height = 100.0 }",
+        "vertices = [[-150, -100, 0], [150, -100, 0], [150, 100, 0], [-150, 100, 0], [0, 0, 100]]",
+        'mesh = { file = "block.ply" }',
+    ],
+    ids=["prism", "vertices", "mesh"],
+)
+def test_blocks_of_any_shape_may_be_in_mm(shape, tmp_path):
+    (tmp_path / "block.ply").write_text(PLY)
+    at = SET4A.rindex("box      =") if "box      =" in SET4A else SET4A.rindex("box =")
+    text = SET4A[:at] + shape + SET4A[SET4A.index("\n", at) :]
+    scenario = toml.loads(text)
+    (found,) = unit_slips(scenario, shapes_of(scenario.all_blocks, str(tmp_path)))
+    assert "'upper' is 300 m long: lengths are in metres" in found
 
 
 def test_warnings_stand_on_standard_error_and_quiet_hides_them(capsys):
@@ -101,4 +129,4 @@ def test_warnings_stand_on_standard_error_and_quiet_hides_them(capsys):
 
 @pytest.mark.parametrize("path", sorted(SCENARIOS.glob("*.toml")), ids=lambda path: path.stem)
 def test_no_shipped_scenario_looks_like_a_slip(path):
-    assert unit_slips(toml.load(path)) == []
+    assert slips(toml.load(path)) == []

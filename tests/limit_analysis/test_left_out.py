@@ -2,7 +2,9 @@
 
 import pytest
 
+from dembrick.runs.collapse import collapse_lines
 from dembrick.runs.limit import limit
+from dembrick.runs.simulate import simulate
 from helpers import pushed_assemblies as scenes
 from helpers.pushed_assemblies import law
 
@@ -33,10 +35,25 @@ def test_convex_joints_keep_their_torsion_at_an_edge():
     assert said.law == "convex"
     assert said.bound == pytest.approx(202.1894, rel=1e-6)
     assert found.load_factor == pytest.approx(203.4692, rel=1e-6)
-    assert "under linear pressure the load factor is at most 202.19, -0.63 %" in found.text()
+    assert "under linear pressure the limit is at most 202.19, -0.63 %" in found.text()
 
 
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 def test_there_is_nothing_to_say_of_what_rocks_about_true_edges(formulation):
     assert limit(scenes.arch(law(formulation, 0.7), X)).left_out == []
     assert limit(scenes.wall(law(formulation), 4, 6, Y)).left_out == []
+
+
+def test_a_search_says_what_its_joints_leave_out():
+    """The same wall by search: it topples early, and the bound about the true edge stands beside it."""
+    found = simulate(scenes.wall(law("corrected"), 4, 6, Y), record=False)
+    (said,) = found.collapse["left_out"]
+    assert said["law"] == "corrected" and said["bound"] == pytest.approx(1.0 / 3.0, rel=1e-6)
+    assert "left out      " in "\n".join(collapse_lines(found.collapse))
+    assert simulate(scenes.wall(law("concave"), 4, 6, Y), record=False).collapse["left_out"] == []
+
+
+def test_a_search_says_it_without_a_solver(monkeypatch):
+    monkeypatch.setattr("dembrick.simulation.limit_analysis.solver.installed", lambda: False)
+    (said,) = simulate(scenes.wall(law("corrected"), 4, 6, Y), record=False).collapse["left_out"]
+    assert said["bound"] is None and "which dembrick limit bounds" in said["text"]

@@ -228,3 +228,30 @@ def test_a_folder_of_other_things_is_not_taken_for_frames(run, folder, capsys):
     (folder / "q_frames" / "thesis.tex").write_text("mine")
     assert "holds other things" in refused(capsys, "export", run, "--to", "q.pvd", "--force")
     assert (folder / "q_frames" / "thesis.tex").read_text() == "mine"
+
+
+# --- templates and reports --------------------------------------------------------------------------------------------
+
+
+def test_a_template_replaces_only_itself(folder, capsys):
+    assert main(["new", "wall", "w.toml"]) == 0
+    assert main(["new", "wall", "w.toml"]) == 0  # says the same
+    whole = (folder / "w.toml").read_text()
+    (folder / "w.toml").write_text(whole + "# mine")
+    assert "was not written by this command" in refused(capsys, "new", "wall", "w.toml")
+    assert "ending .toml" in refused(capsys, "new", "wall", "w.h5")
+    assert (folder / "w.toml").read_text().endswith("# mine")
+    assert main(["new", "wall", "w.toml", "--force"]) == 0 and (folder / "w.toml").read_text() == whole
+
+
+def test_a_report_replaces_only_a_report_of_the_same_cases(folder, capsys):
+    from dembrick.runs.verification.cases import chosen
+
+    one, other = (case.name for case in chosen([], True)[:2])
+    (folder / "r.html").write_text("<p>mine</p>")
+    assert "was not written by this command" in refused(capsys, "verify", one, "--report", "r.html")
+    assert (folder / "r.html").read_text() == "<p>mine</p>"
+    assert main(["verify", one, "--report", "r.html", "--force"]) == 0
+    assert main(["verify", one, "--report", "r.html"]) == 0
+    assert "was not written by this command" in refused(capsys, "verify", other, "--report", "r.html")
+    assert (folder / "r.html").read_text().startswith("<!doctype html>")

@@ -7,13 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dembrick import cli
 from dembrick.errors import ScenarioError
 from dembrick.runs.collapse import collapse_lines
 from dembrick.runs.error_estimate import RATIOS, refinements, with_ratio
+from dembrick.runs.limit import limit
+from dembrick.runs.path_dependence import path_lines
 from dembrick.runs.simulate import simulate
-from dembrick.scenario.controls import PushoverControl, StaticsControl, TiltControl
+from dembrick.scenario import toml
+from dembrick.scenario.controls import PushoverControl, StaticsControl, TiltControl, YieldControl
 from dembrick.scenario.generators import Wall
-from dembrick.scenario.model import Block, JointLaw, Material, Scenario
+from dembrick.scenario.model import Actuator, Block, JointLaw, Material, Scenario
+from dembrick.views.summary import key_numbers, known
 
 
 def slope(ratio: float, friction: float = 0.8, columns: int = 4) -> Scenario:
@@ -69,10 +74,73 @@ def test_what_only_rocks_depends_on_no_path():
     assert alone["path_range"] is None and "depends on the path" not in "".join(collapse_lines(alone))
 
 
-def test_a_sliding_mechanism_says_that_it_depends_on_the_path():
+def test_a_wall_that_slides_whole_has_one_limit():
+    """The associative bound is reached, and its mechanism takes no work from what friction leaves free: mu."""
     fallen = simulate(wall(0.4, 0.3), record=False).collapse
     assert fallen["slides"] and fallen["load_factor"] == pytest.approx(0.3, rel=1e-3)
-    assert "depends on the path: --refine gives the range" in "".join(collapse_lines(fallen))
+    assert fallen["associative"]["upper"] == pytest.approx(0.3, rel=1e-6)
+    assert not fallen["path_dependent"] and "depends on the path" not in "".join(collapse_lines(fallen))
+
+
+def test_a_limit_below_the_bound_says_how_far_it_is_known(tmp_path, capsys):
+    """A slope whose columns slide on one another: the path's own bracket of 1e-3 is no error bar."""
+    scenario = slope(0.4)
+    result = simulate(scenario, record=False)
+    fallen, bound = result.collapse, limit(scenario)
+    assert fallen["path_dependent"] and fallen["associative"]["upper"] == pytest.approx(bound.upper, rel=1e-9)
+    assert fallen["load_factor"] < 0.99 * bound.upper
+    path = tmp_path / "slope.toml"
+    path.write_text(toml.dumps(scenario), encoding="utf-8")
+    assert cli.main(["run", str(path), "--out", str(tmp_path / "s.h5")]) == 0
+    said = capsys.readouterr().out
+    about = f"{fallen['load_factor']:.2g}"
+    assert f"load factor {about} (of this path)" in said and f"V             about {about}, of this path" in said
+    assert f"depends on the path: at most {bound.upper:.5g} (associative); --refine gives the range" in said
+    assert "+-" not in said.partition("joint   ")[0] and f"{fallen['load_factor']:.4g}" not in said
+    assert cli.main(["info", str(tmp_path / "s.h5")]) == 0
+    assert f"about {about}, of this path" in capsys.readouterr().out
+    lines = {line.name: line for line in key_numbers(result.as_dict())}
+    assert lines["load factor"].value == f"about {about}" and "on any" in lines["load factor"].remark
+
+
+def test_without_a_solver_nothing_is_called_unique(monkeypatch):
+    monkeypatch.setattr("dembrick.simulation.limit_analysis.solver.installed", lambda: False)
+    fallen = simulate(wall(0.4, 0.3), record=False).collapse
+    assert fallen["path_dependent"] and fallen["associative"] is None
+    assert "--refine gives the range, dembrick limit a bound of it" in "".join(collapse_lines(fallen))
+
+
+def pushed_wall() -> Scenario:
+    """The last whole block of the second course pushed along the wall by an actuator: the bond above holds it back."""
+    actuator = Actuator("push", "wall.2.1", (0.0, 0.0, 0.3), (1.0, 0.0, 0.0))
+    return replace(wall(0.4, 0.5), control=YieldControl(), actuators=(actuator,))
+
+
+def test_actuators_have_a_range_as_well():
+    result = simulate(pushed_wall(), record=False, refine=True)
+    point, path, bound = result.yield_point, result.path, limit(pushed_wall())
+    low, high = path["path_range"]
+    assert path["slides"] and path["paths"][0] >= 4 and result.collapse is None
+    assert point.V_lower <= low <= point.V <= high <= point.V_upper
+    assert high <= bound.upper * (1.0 + 1e-3)
+    told = result.as_dict()
+    assert told["path"]["path_range"] == [low, high] and "path range" in "".join(path_lines(path, " N"))
+
+
+@pytest.mark.parametrize(
+    "value, error, text",
+    [
+        (0.121345, 0.035, "0.121"),
+        (0.121345, None, "0.12"),
+        (215.9881, 0.067, "215.988"),
+        (301.775, 25.0, "302"),
+        (12345.6, None, "12000"),
+        (0.0, 1.0, "0"),
+        (0.5, 0.0, "0.5"),
+    ],
+)
+def test_no_more_digits_than_are_known(value, error, text):
+    assert known(value, error) == text
 
 
 def test_which_paths_are_followed():

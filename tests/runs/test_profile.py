@@ -26,7 +26,7 @@ def test_info_tells_where_the_time_went(tmp_path, capsys):
 
 
 def test_only_a_finished_run_has_a_profile(tmp_path, monkeypatch, capsys):
-    def stop(*_):
+    def stop(*_, **__):
         raise KeyboardInterrupt
 
     monkeypatch.setattr("dembrick.runs.drivers.limit_load.find_limit_load", stop)

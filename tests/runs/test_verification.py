@@ -110,6 +110,7 @@ def test_a_template_is_a_scenario_to_start_from(name, tmp_path, monkeypatch, cap
     if name != "study":
         assert cli.main(["check", f"{name}.toml", "--quiet"]) == 0
     capsys.readouterr()
+    (tmp_path / f"{name}.toml").write_text("mine")
     assert cli.main(["new", name]) == 2
     assert "exists" in capsys.readouterr().err
 
