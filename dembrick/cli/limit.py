@@ -27,17 +27,25 @@ def add_arguments(parser) -> None:
 def run(options, console) -> int:
     """Analyse the scenario; 1 where it does not stand under its dead loads or the solver fails."""
     from dembrick.errors import DembrickError, ScenarioError
-    from dembrick.runs import limit
+    from dembrick.runs import limit, limit_standing
     from dembrick.scenario import toml as scenarios
+    from dembrick.scenario.controls import DEAD_LOAD
 
     if (options.reaction is None) != (options.direction is None):
         raise ScenarioError("--reaction and --direction belong together: --reaction SUPPORT --direction X,Y,Z")
     if options.reaction is not None and (options.picture or options.out or options.heuristic):
         raise ScenarioError("--picture, --out and --heuristic belong to a load, not to --reaction")
     scenario = scenarios.load(options.scenario, options.set)
+    statics = scenario.control.regime is DEAD_LOAD and options.reaction is None
+    if statics and (options.picture or options.out or options.heuristic):
+        raise ScenarioError('--picture, --out and --heuristic belong to a load, and kind "statics" has none')
     try:
         if options.reaction is not None:
             found = limit.reaction(scenario, options.reaction, _vector(options.direction), report=console.remark)
+        elif statics:
+            stands = limit_standing.stands(scenario, report=console.remark)
+            console.result(stands.as_dict(), stands.text())
+            return 0
         else:
             found = limit.limit(scenario, heuristic=options.heuristic, report=console.remark)
     except DembrickError as error:

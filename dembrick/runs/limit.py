@@ -69,7 +69,7 @@ class LimitResult:
     @property
     def blocks(self) -> list[str]:
         """Names of the blocks that move."""
-        return _names(self.assembly, self.limit.mechanism)
+        return names_of(self.assembly, self.limit.mechanism)
 
     @property
     def angle(self) -> float | None:
@@ -176,7 +176,7 @@ class ReactionResult:
                 "bound": _finite(extreme.bound),
                 "unlimited": math.isinf(extreme.value),
                 "mechanism": None if extreme.mechanism is None else extreme.mechanism.kind,
-                "blocks": _names(self.assembly, extreme.mechanism),
+                "blocks": names_of(self.assembly, extreme.mechanism),
             }
 
         return {
@@ -200,7 +200,7 @@ class ReactionResult:
                 continue
             lines.append(
                 f"{label:13} {end.value:.9g} N (balanced {end.reached:.9g}, bound {end.bound:.9g}), by "
-                f"{present(end.mechanism).kind} of {_some(_names(self.assembly, present(end.mechanism)))}"
+                f"{present(end.mechanism).kind} of {_some(names_of(self.assembly, present(end.mechanism)))}"
             )
         return "\n".join(lines)
 
@@ -218,7 +218,7 @@ def limit(
     loads or the solver fails, MissingDependency without the extra ``limit``.
     """
     began = time.perf_counter()
-    given, assembly, built = _assembled(scenario, began, report)
+    given, assembly, built = assembled(scenario, began, report)
     tilt = given.control.tilt_axis is not None
     try:
         found = analysis.limit_load(assembly, tilt=tilt)
@@ -253,7 +253,7 @@ def reaction(
     way = np.array(direction, float)
     if way.shape != (3,) or not np.isfinite(way).all() or not way.any():
         raise ScenarioError(f"direction = {direction!r} must be three numbers, not all of them 0")
-    given, assembly, built = _assembled(scenario, began, report)
+    given, assembly, built = assembled(scenario, began, report)
     number = {name: i for i, name in enumerate(assembly.names)}
     members = given.groups.get(support) or ((number[support],) if support in number else None)
     if members is None:
@@ -303,9 +303,10 @@ def searched(scenario: Scenario) -> Scenario:
     return replace(scenario, control=replace(control, quasi_static=True, **without), text=None)
 
 
-def _assembled(
+def assembled(
     given: Scenario | str | os.PathLike, began: float, report: Callable[[str], None] | None
 ) -> tuple[Scenario, Assembly, float]:
+    """A scenario as limit analysis looks at it, its assembly, and the seconds that took; `report` hears warnings."""
     solver.require()
     scenario = searched(given if isinstance(given, Scenario) else scenarios.load(given))
     assembly = assemblies.assemble(scenario)
@@ -346,7 +347,8 @@ def _digits(found: analysis.Limit) -> int:
     return int(min(9, max(4, math.floor(-math.log10(gap)) + 1)))
 
 
-def _names(assembly: Assembly, mechanism: Mechanism | None) -> list[str]:
+def names_of(assembly: Assembly, mechanism: Mechanism | None) -> list[str]:
+    """Names of the blocks that move in a mechanism."""
     return [] if mechanism is None else [assembly.names[i] for i in mechanism.blocks]
 
 

@@ -11,7 +11,7 @@ from dembrick.errors import MissingDependency, NotConvergedError, ScenarioError
 from dembrick.runs.limit import associative_bound, cheaper_than, limit, searched
 from dembrick.scenario import toml
 from dembrick.scenario.blocks import Block
-from dembrick.scenario.controls import DynamicControl, PushoverControl, TiltControl, YieldControl
+from dembrick.scenario.controls import DynamicControl, PushoverControl, StaticsControl, TiltControl, YieldControl
 from dembrick.scenario.model import Actuator, Scenario
 from dembrick.simulation.limit_analysis import solver
 from helpers import pushed_assemblies as scenes
@@ -110,6 +110,22 @@ def test_the_harmonic_stack(overhang, stands):
         limit(pushed)
 
 
+@pytest.mark.parametrize("friction, status", [(0.31, "stands"), (0.30, "falls")])
+def test_statics_by_limit_analysis(friction, status, tmp_path, capsys):
+    """A semicircular arch of 20 voussoirs needs mu = .308877."""
+    arch = replace(scenes.arch(law(friction=friction), (1.0, 0.0, 0.0)), control=StaticsControl())
+    assert cli.main(["limit", saved(tmp_path, arch), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["status"] == status and told["statics"]["stands"] == (status == "stands")
+    assert told["statics"]["mechanism"] == (None if status == "stands" else "sliding")
+    assert bool(told["statics"]["blocks"]) == (status == "falls")
+    assert cli.main(["limit", saved(tmp_path, arch)]) == 0
+    said = capsys.readouterr().out
+    assert ("squeeze" in said) if status == "stands" else ("does not stand under its dead loads" in said)
+    assert cli.main(["limit", saved(tmp_path, arch), "--heuristic"]) == 2
+    assert "belong to a load" in capsys.readouterr().err
+
+
 def test_loads_that_cancel():
     scenario = one_block((push((1.0, 0.0, 0.0)), push((-1.0, 0.0, 0.0), name="pull")))
     with pytest.raises(ScenarioError, match="cancel on every block"):
@@ -201,13 +217,18 @@ def test_whether_it_costs_less_than_a_search():
     assert cheaper_than(60.0, assembly) and not cheaper_than(0.01, assembly)
 
 
-def test_the_mechanism_is_drawn_and_written(tmp_path):
+def test_the_mechanism_is_drawn_and_written(tmp_path, monkeypatch):
     from dembrick import history
+    from dembrick.views.render import scene
+
+    words, told = scene.Scene._words, []
+    monkeypatch.setattr(scene.Scene, "_words", lambda *given: told.append(words(*given)) or told[-1])
 
     found = limit(scenes.arch(law("convex", 0.7), (1.0, 0.0, 0.0)))
     path = found.write(tmp_path / "mechanism.h5")
     with history.read(path) as file:
         assert file.status == "limit" and file.n_frames == 2
     picture = found.picture(tmp_path / "mechanism.png")
+    assert told and all("mechanism of limit analysis: velocities, to no scale" in one for one in told)
     assert (tmp_path / "mechanism.png").stat().st_size > 10_000 and picture.endswith("mechanism.png")
     assert not list(tmp_path.glob("*.part"))

@@ -27,6 +27,7 @@ _LEFT, _RIGHT, _BOTTOM, _TOP = 0.03, 0.81, 0.04, 0.87
 _GREY, _ORANGE, _BLUE, _GREEN, _PURPLE = "#CFCFCF", "#D55E00", "#0072B2", "#009E73", "#CC79A7"
 _ARROW = {"tip_length": 0.22, "tip_radius": 0.035, "shaft_radius": 0.012}
 # blocks: more are drawn with thin lines, and without where they started; less where arrows stand between them
+MECHANISM = "limit"  # status of a history that shows the mechanism of limit analysis
 _FEW, _FEW_WITH_FORCES = 50, 12
 _FORCE, _FORCE_OF_MANY = 0.6, 1.2  # of the largest block that is free to move: the longest arrow of a joint force
 IMPACT = 3.0  # of the greatest force in the usual frame: where there are greater ones, arrows end at that of the usual
@@ -414,7 +415,10 @@ class Scene:
             if history.in_real_time and not self._meets and history.new_contacts.any():
                 keys.append("forces of new contacts were not recorded")
         now = float(history.frame_time[self._frame])
-        told = f"equilibrium {now:g}, {shown}" if history.counts_equilibria else f"time {now:.4g} s, {shown}"
+        if history.status == MECHANISM:
+            told = "mechanism of limit analysis: velocities, to no scale"
+        else:
+            told = f"equilibrium {now:g}, {shown}" if history.counts_equilibria else f"time {now:.4g} s, {shown}"
         return "\n".join([*textwrap.wrap(history.title, 84)[:2], told, "; ".join(keys)]).rstrip()
 
 
