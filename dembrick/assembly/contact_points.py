@@ -111,13 +111,15 @@ def rim_gap(joints: JointTable, points: PointTable, numbers: np.ndarray) -> np.n
     return gaps
 
 
-def widest_rim(joints: JointTable, points: PointTable, chosen: bool = False) -> tuple[float, int]:
-    """The greatest `rim_gap` of the distributed joints, and the joint that has it; zero where there are none. With
-    ``chosen`` only joints count whose points the program chose."""
+def widest_rim(
+    joints: JointTable, points: PointTable, chosen: bool = False, formulation: str = "distributed"
+) -> tuple[float, int]:
+    """The greatest `rim_gap` of the joints of a ``formulation``, and the joint that has it; zero where there are none.
+    With ``chosen`` only joints count whose points the program chose."""
     numbers = [
         j
         for j, law in enumerate(joints.law)
-        if law.formulation == "distributed" and not (chosen and law.points is not None)
+        if law.formulation == formulation and not (chosen and law.points is not None)
     ]
     if not numbers:
         return 0.0, -1

@@ -107,15 +107,17 @@ def refuse_unsupported(scenario: Scenario, shapes, position, orientation, fixed,
 
 def check_rim(scenario: Scenario, joints: JointTable, points: PointTable) -> tuple[str, ...]:
     """Warn where blocks that rock would topple early, because no contact point reaches the edge of their joint."""
-    gap, j = widest_rim(joints, points)
-    if not gap > DISCRETISATION:
-        return ()
-    first, second = (show(scenario.all_blocks[i].name) for i in (joints.block_a[j], joints.block_b[j]))
-    return (
-        f"the outermost points of the distributed joint between {first} and {second} stay {100.0 * gap:.2g} % of its "
-        "half width inside the edge: what rocks there topples that much early. Use concave or convex joints, or more "
-        "joint.points",
-    )
+    warnings = []
+    for formulation, remedy in (("distributed", ", or more joint.points"), ("corrected", "")):
+        gap, j = widest_rim(joints, points, formulation=formulation)
+        if gap > DISCRETISATION:
+            first, second = (show(scenario.all_blocks[i].name) for i in (joints.block_a[j], joints.block_b[j]))
+            warnings.append(
+                f"the outermost points of the {formulation} joint between {first} and {second} stay "
+                f"{100.0 * gap:.2g} % of its half width inside the edge: what rocks there topples that much early. Use "
+                f"concave or convex joints{remedy}"
+            )
+    return tuple(warnings)
 
 
 def check_control(scenario: Scenario) -> tuple[str, ...]:

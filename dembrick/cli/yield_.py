@@ -20,6 +20,7 @@ def run(options, console) -> int:
     from dembrick import history
     from dembrick.errors import HistoryError
     from dembrick.runs.lab import write_csv
+    from dembrick.views.summary import on_one_path, part
 
     files = [history.read(path) for path in options.histories]
     rows = []
@@ -41,6 +42,7 @@ def run(options, console) -> int:
             | point
             | {"torsion_centre_1": centre[0], "torsion_centre_2": centre[1], "joint": " - ".join(joint)}
             | {"theory": theory.get("V"), "error_vs_theory": theory.get("error")}
+            | {"path_dependent": on_one_path(part(file.results, "path"))}
         )
     texts = [file.scenario_text for file in files]
     with history.product("yield domain", texts, options.histories, options.force):
@@ -56,6 +58,8 @@ def run(options, console) -> int:
 
 
 def _text(rows: list[dict]) -> str:
+    from dembrick.views.summary import known
+
     width = max(len(row["history"]) for row in rows)
     newtons = any(row["load_unit"] == "N" for row in rows)
     if newtons and any(row["load_unit"] != "N" for row in rows):
@@ -69,8 +73,11 @@ def _text(rows: list[dict]) -> str:
             lines.append(f"{row['history']:{width}} {row['formulation'] or '':16}{'unlimited':>12}")
             continue
         half = math.inf if row["V_upper"] is None else 0.5 * (row["V_upper"] - row["V_lower"])
+        V, peak, bar = f"{row['V']:.4f}", f"{row['V_peak']:.4f}", f"{half:.4f}"
+        if row["path_dependent"]:
+            V, peak, bar = known(row["V"], None), known(row["V_peak"], None), "one path"
         lines.append(
-            f"{row['history']:{width}} {row['formulation'] or '':16}{row['V']:12.4f}{half:10.4f}{row['V_peak']:12.4f}"
-            f"{row['M_T']:12.4f}  {row['mechanism']} ({row['bracket']})"
+            f"{row['history']:{width}} {row['formulation'] or '':16}{V:>12}{bar:>10}{peak:>12}{row['M_T']:12.4f}  "
+            f"{row['mechanism']} ({row['bracket']})"
         )
     return "\n".join(lines)

@@ -65,13 +65,13 @@ def simulate(
         refinements(scenario, has_paths(assembly))  # refuses what cannot be refined before anything runs
     if history is None:
         memory = Memory(scenario, assembly) if record else None
-        return _run(scenario, assembly, memory, (began, start_up), refine, progress)
+        return _remarked(_run(scenario, assembly, memory, (began, start_up), refine, progress), report)
     from dembrick.history import claimed  # and h5py: for runs with a file only
 
     with claimed(history):
         settings = {"scenario": scenario.path or ""}
         store = RecordStore(history, scenario, scenarios.text_of(scenario), assembly, settings, force)
-        return _run(scenario, assembly, store, (began, start_up), refine, progress)
+        return _remarked(_run(scenario, assembly, store, (began, start_up), refine, progress), report)
 
 
 def restart(
@@ -102,7 +102,7 @@ def restart(
         if report:
             left_at = store.checkpoint and store.checkpoint.about["where"]
             report(f"going on from {left_at}" if left_at else "no checkpoint was written: starting from the beginning")
-        return _run(scenario, assembly, store, (began, start_up), progress=progress)
+        return _remarked(_run(scenario, assembly, store, (began, start_up), progress=progress), report)
 
 
 class _Process:
@@ -122,6 +122,17 @@ def _built(scenario: Scenario, report: Callable[[str], None] | None):
         for warning in (*unit_slips(scenario, assembly.shapes), *assembly.warnings):
             report(warning)
     return assembly
+
+
+def _remarked(result: Outcome, report: Callable[[str], None] | None) -> Outcome:
+    """The result, after what is to be said of the rate that it was driven at."""
+    if report:
+        from dembrick.runs.inertia_share import inertia_remark  # and what moves blocks in real time
+
+        remark = inertia_remark(result)
+        if remark:
+            report(remark)
+    return result
 
 
 def _run(

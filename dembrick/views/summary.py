@@ -173,13 +173,19 @@ def _of_theory(theory: dict) -> list[KeyNumber]:
 
 
 def _of_motion(results: Mapping) -> list[KeyNumber]:
-    """How far the block came that moved most."""
+    """How far the block came that moved most, at any time and at the end."""
+    ways = {name: number(way) for name, way in part(results, "greatest_displacement").items()}
+    ways = {name: way for name, way in ways.items() if way is not None}
+    lines = []
+    if ways:
+        furthest = max(ways, key=lambda name: ways[name])
+        lines.append(KeyNumber("greatest displacement", length(ways[furthest]), f"of {furthest}, at any time"))
     moved, error = number(results.get("displacement")), number(results.get("displacement_error"))
-    if moved is None:
-        return []
-    if error is None:
-        return [KeyNumber("greatest displacement", length(moved), "no error bar (--refine gives one)")]
-    return [KeyNumber("greatest displacement", with_error(moved, error, "m"), "from stiffer joints")]
+    if moved is not None:
+        value = length(moved) if error is None else with_error(moved, error, "m")
+        remark = "no error bar (--refine gives one)" if error is None else "from stiffer joints"
+        lines.append(KeyNumber("displacement at the end", value, remark))
+    return lines
 
 
 def _of_collapse(collapse: dict, has_bracket: bool) -> list[KeyNumber]:

@@ -58,6 +58,6 @@ def test_what_is_printed(tmp_path, monkeypatch, capsys):
     moved, error = words[1], words[3]
     assert math.isclose(float(moved), PULSE, rel_tol=1e-3) and 0.0 < float(error) < 1e-3
     shown = {line.name: line for line in key_numbers({"displacement": 0.147, "displacement_error": 2e-4})}
-    assert shown["greatest displacement"].value == "0.14700 ± 0.00020 m"
+    assert shown["displacement at the end"].value == "0.14700 ± 0.00020 m"
     shown = {line.name: line for line in key_numbers({"displacement": 0.147})}
-    assert "--refine" in shown["greatest displacement"].remark
+    assert "--refine" in shown["displacement at the end"].remark

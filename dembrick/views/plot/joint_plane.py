@@ -266,7 +266,14 @@ def _draw(axes, polygon: np.ndarray, stages: list[Stage], extent: np.ndarray, lo
     axes.grid(False)
     axes.spines[:].set_visible(False)
     moved = float(np.linalg.norm(stage.movement, axis=1).max())
-    axes.set_title(f"{load}\nutilisation {stage.utilisation:.3g}\nmoved {summary.length(moved)}", fontsize=8)
+    axes.set_title(f"{load}\n{_used(stage.utilisation)}\nmoved {summary.length(moved)}", fontsize=8)
+
+
+def _used(utilisation: float) -> str:
+    """How much of its friction a joint uses, in words where that is no number."""
+    if math.isnan(utilisation):
+        return "utilisation not known: cut at an edge"
+    return f"utilisation {utilisation:.3g}" if math.isfinite(utilisation) else "pushed without friction strength"
 
 
 def _arrows(axes, points: np.ndarray, vectors: np.ndarray, length: float, full: float, colour: str, label: str) -> None:

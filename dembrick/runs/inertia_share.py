@@ -1,0 +1,73 @@
+"""How much of a load is inertia: a remark on rates at which a run in time shows more than what the joints carry.
+
+A head that starts at the rate v against an actuator of stiffness k, with a mass m behind it, carries up to v sqrt(k m)
+more than the joints do while the blocks take up its speed. What V_peak is above V is that at the most. The controller
+of a pushover in real time adds v w / g to the load factor, w being the frequency of its spring. A table that tilts on
+while blocks fall shows an angle beyond the onset.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dembrick.runs.motion_result import MotionResult
+from dembrick.runs.result import Result
+from dembrick.scenario.controls import CONSTANT_RATE, PushoverControl, TiltControl
+from dembrick.views.summary import known
+
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
+
+REMARKED = 0.05  # of V
+
+
+def inertia_remark(result) -> str | None:
+    """A sentence for a run whose load is inertia by more than ``REMARKED`` of V; None for all others."""
+    control = result.scenario.control
+    share = inertia_share(result)
+    if share is None or not share > REMARKED:
+        return None
+    unit = "deg/s" if control.tilt_axis is not None else "m/s"
+    part = f"{100.0 * share:.2g} % of V" if share < 1.0 else f"{known(share, 0.1 * share)} times V"
+    return (
+        f"control.rate = {control.rate:g} {unit} is fast: inertia carries about {part} while blocks speed up; lower it"
+    )
+
+
+def inertia_share(result) -> float | None:
+    """The load of inertia over V, at its greatest; None where no load is driven at a rate."""
+    control = result.scenario.control
+    if isinstance(result, Result) and control.regime is CONSTANT_RATE:
+        V, peak = result.yield_point.V, result.yield_point.V_peak
+        stiffness = result.run.settings["actuator_stiffness"]
+        most = control.rate * math.sqrt(stiffness * effective_mass(result.assembly))
+        return min(most, peak - V) / V if V else None
+    collapse = result.collapse if isinstance(result, MotionResult) else None
+    if collapse is None or not collapse["load_factor"] > 0.0:
+        return None
+    if isinstance(control, TiltControl):
+        return 1.0 - math.tan(math.radians(collapse["onset"])) / collapse["load_factor"]
+    if isinstance(control, PushoverControl):
+        g = float(np.linalg.norm(result.scenario.gravity))
+        return control.rate * math.sqrt(g / control.displacement) / g / collapse["load_factor"]
+    return None
+
+
+def effective_mass(assembly: Assembly) -> float:
+    """The mass (kg) that actuators of one multiplier V have to speed up: V over the acceleration of the driven
+    displacement, if nothing but the inertia of the blocks resists."""
+    actuators = assembly.actuators
+    force = actuators.direction * actuators.weight[:, None]
+    push, turn = np.zeros((len(assembly.names), 3)), np.zeros((len(assembly.names), 3))
+    np.add.at(push, actuators.block, force)
+    np.add.at(turn, actuators.block, np.cross(actuators.arm, force))
+    free = ~assembly.fixed
+    mass, inertia = np.asarray(assembly.mass)[free], np.asarray(assembly.inertia)[free]
+    rotation = np.asarray(assembly.rotation)[free]
+    local = np.einsum("nij,ni->nj", rotation, turn[free])
+    speed_up = (push[free] ** 2).sum(axis=1) / mass
+    spin_up = (local * np.linalg.solve(inertia, local[..., None])[..., 0]).sum(axis=1)
+    return float(np.abs(actuators.weight).sum() / (speed_up + spin_up).sum())

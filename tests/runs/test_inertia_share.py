@@ -1,0 +1,56 @@
+"""Rates at which inertia shows in the load: a remark on standard error, which --quiet hides."""
+
+import math
+from pathlib import Path
+
+import pytest
+
+from dembrick.assembly.build import assemble
+from dembrick.cli import main
+from dembrick.runs.inertia_share import effective_mass, inertia_remark, inertia_share
+from dembrick.runs.simulate import simulate
+from dembrick.scenario import toml
+
+SCENARIOS = Path(__file__).parents[2] / "scenarios"
+CURVE = SCENARIOS / "set2b_curve.toml"
+CONCAVE = 'joint.formulation="concave"'
+
+
+def test_a_slow_test_passes_without_a_word():
+    said = []
+    result = simulate(toml.load(CURVE, [CONCAVE]), record=False, report=said.append)
+    assert said == [] and 0.0 <= inertia_share(result) < 0.003
+
+
+def test_a_fast_test_is_remarked(capsys, tmp_path):
+    """V_peak stands out by what inertia carries, and less than rate x sqrt(k m) of the undamped start."""
+    words = ["run", str(CURVE), "--set", CONCAVE, "--set", "control.rate=1e-3", "--out", str(tmp_path / "fast.h5")]
+    assert main(words) == 0
+    assert "control.rate = 0.001 m/s is fast: inertia carries about 8.3 % of V" in capsys.readouterr().err
+    assert main([*words, "--force", "--quiet"]) == 0
+    assert "inertia" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("stem, mass", [("shear", 9.0), ("set4a", 1.0 / (1.0 / 9.0 + 0.075**2 / 0.0975))])
+def test_the_mass_that_an_actuator_speeds_up(stem, mass):
+    """A block of 9 kg, 0.3 x 0.2 m in plan: alone, and turning too if it is pushed 75 mm beside its centroid, at the
+    height of the centroid."""
+    changes = ["blocks.upper.position=[0.0, 0.0, 0.05]"]
+    assembly = assemble(toml.load(SCENARIOS / f"{stem}.toml", changes))
+    lever = 0.05**2 / (9.0 * (0.2**2 + 0.1**2) / 12.0)  # the joint lies 50 mm below the centroid
+    assert effective_mass(assembly) == pytest.approx(1.0 / (1.0 / mass + lever), rel=1e-12)
+
+
+def test_a_fast_table_is_remarked():
+    """The angle at which a block has moved lies beyond the onset by what its fall takes."""
+    changes = [
+        'joint.formulation="concave"',
+        "walls.wall.courses=4",
+        "walls.wall.blocks=2",
+        "control.displacement=0.05",
+    ]
+    said = []
+    result = simulate(toml.load(SCENARIOS / "wall_tilt.toml", [*changes, "control.rate=5.0"]), report=said.append)
+    onset, angle = (math.tan(math.radians(result.collapse[key])) for key in ("onset", "angle"))
+    assert inertia_share(result) == pytest.approx(1.0 - onset / angle)
+    assert said[-1] == inertia_remark(result) and said[-1].startswith("control.rate = 5 deg/s is fast")
