@@ -46,13 +46,16 @@ def run(options, console) -> int:
         "critical_time_step": plan.critical_time_step,
         "expected_steps": plan.steps,
         "expected_memory": plan.memory,
+        "expected_seconds": plan.seconds,
         "warnings": warnings,
     }
-    console.result(data, _text(data))
+    console.result(data, _text(data, plan))
     return 0
 
 
-def _text(data: dict) -> str:
+def _text(data: dict, plan) -> str:
+    from dembrick.simulation.expected_cost import duration
+
     lines = [
         data["title"],
         f"control       {data['control']}",
@@ -69,8 +72,10 @@ def _text(data: dict) -> str:
     if data["actuators"]:
         lines.append(f"actuators     {_some(data['actuators'])}")
     lines.append(f"time step     {data['time_step']:.3g} s (critical {data['critical_time_step']:.3g} s)")
-    bound = "at most" if data["control"] == "tilt" else "about"  # nobody knows yet when it falls
-    lines.append(f"expected      {bound} {data['expected_steps']} steps, {data['expected_memory'] / 1e6:.2g} MB")
+    bound = "at most " if plan.at_most else "" if plan.exact else "about "
+    took = "" if plan.seconds is None else f", {duration(plan.seconds)} on one core once compiled"
+    memory = max(1, round(plan.memory / 1e6))
+    lines.append(f"expected      {bound}{plan.steps} steps{took}, {memory} MB beside those of the program")
     return "\n".join(lines)
 
 

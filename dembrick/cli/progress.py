@@ -11,6 +11,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+from dembrick.simulation.expected_cost import duration
+
 if TYPE_CHECKING:
     from dembrick.simulation.session import Progress
 
@@ -106,14 +108,6 @@ def _columns() -> int:
     import shutil
 
     return max(20, shutil.get_terminal_size().columns - 1)
-
-
-def duration(seconds: float) -> str:
-    """A rough time to wait."""
-    for size, unit in ((86400.0, "days"), (3600.0, "h"), (60.0, "min")):
-        if seconds >= size:
-            return f"{seconds / size:.1f} {unit}"
-    return f"{seconds:.0f} s"
 
 
 @contextmanager

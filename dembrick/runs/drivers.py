@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from dembrick.assembly import build
 from dembrick.assembly.build import Assembly
-from dembrick.errors import NotConvergedError
+from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.runs import theory_check
 from dembrick.runs.collapse import collapse_of
 from dembrick.runs.path_dependence import beside_limit, has_paths
 from dembrick.runs.result import Result
 from dembrick.runs.statics_result import StaticsResult
+from dembrick.scenario.checks import present
 from dembrick.scenario.controls import (
     COLLAPSE,
     CONSTANT_RATE,
@@ -31,6 +32,7 @@ from dembrick.scenario.controls import (
     YieldControl,
 )
 from dembrick.scenario.model import Scenario
+from dembrick.simulation.expected_cost import LONG, newton_seconds, newton_steps
 from dembrick.simulation.interrupts import Interrupted
 from dembrick.simulation.session import Plan, Session
 from dembrick.simulation.statics import constant_rate, limit_load, point_placement, standing
@@ -39,6 +41,9 @@ from dembrick.simulation.statics.load_system import Replay
 if TYPE_CHECKING:
     from dembrick.runs.motion_result import MotionResult
     from dembrick.simulation.dynamics.run import MotionRun
+
+
+SECONDS_OF_CHECK = 10.0  # s that limit analysis may take to tell how long a run in real time will be
 
 
 class Driver(NamedTuple):
@@ -86,6 +91,8 @@ def _limit_load(scenario: Scenario, assembly: Assembly, session: Session | None,
 def _constant_rate(scenario: Scenario, assembly: Assembly, session: Session) -> Replay:
     control = scenario.control
     assert isinstance(control, DisplacementControl)
+    plan = constant_rate.plan(assembly, control, scenario.solver.step_factor, scenario.output)
+    session.warn_if_long(present(plan.seconds), "raise control.rate or shorten control.travel")
     return constant_rate.push_at_constant_rate(
         assembly, control.rate, control.travel, scenario.solver.step_factor, session
     )
@@ -117,6 +124,9 @@ def _searched(**fields) -> Result:
 def _follow_path(scenario: Scenario, assembly: Assembly, session: Session | None, steps: float = 1.0) -> Replay:
     control, factor = scenario.control, scenario.solver.step_factor
     assert isinstance(control, TiltControl | PushoverControl)
+    if session is not None:
+        steps = newton_steps(len(assembly.names), any(law.formulation == "convex" for law in assembly.joints.law))
+        session.warn_if_long(newton_seconds(steps, len(assembly.joints)), "take fewer blocks")
     return limit_load.find_limit_load(assembly, control.tolerance, factor, session, control.displacement or 0.0, steps)
 
 
@@ -147,16 +157,40 @@ def _plan_motion(scenario: Scenario, assembly: Assembly) -> Plan:
 
     moving = run.prepare(assembly, scenario.control, scenario.solver.step_factor)
     loads.driving_of(scenario, assembly, moving.time_step)  # opens the files that the scenario names
-    return run.plan(moving, scenario.control, scenario.output)
+    return run.plan(moving, scenario.control, scenario.output, _expected_factor(scenario, assembly))
+
+
+def _expected_factor(scenario: Scenario, assembly: Assembly) -> float | None:
+    """About the load factor of a collapse in real time, by limit analysis if that takes seconds; None if it does not,
+    or finds none."""
+    from dembrick.runs import limit
+
+    if scenario.control.ends_with != COLLAPSE or not limit.cheaper_than(SECONDS_OF_CHECK, assembly):
+        return None
+    try:
+        found = limit.associative_bound(build.assemble(limit.searched(scenario)), scenario.control)
+    except (NotConvergedError, ScenarioError):
+        return None
+    return None if found is None else found["upper"]
 
 
 def _live_through(scenario: Scenario, assembly: Assembly, session: Session) -> MotionRun:
     from dembrick.simulation.dynamics import loads, run
 
     moving = run.prepare(assembly, scenario.control, scenario.solver.step_factor)
+    most = present(run.plan(moving, scenario.control, scenario.output).seconds)
+    if most > LONG:  # to the end of the longest such run; this one is worth a closer look
+        plan = run.plan(moving, scenario.control, scenario.output, _expected_factor(scenario, assembly))
+        session.warn_if_long(present(plan.seconds), _shorter(scenario.control), plan.at_most)
     driving = loads.driving_of(scenario, assembly, moving.time_step)
     run.ask_for(moving, scenario.output, len(driving.block))
     return run.run(moving, scenario.control, driving, session)
+
+
+def _shorter(control: Control) -> str:
+    """What makes a run in real time shorter."""
+    remedy = "raise control.rate" if control.limit is None else control.limit.remedy
+    return f"{remedy}, or lower joint.normal_stiffness and joint.shear_stiffness: the time step grows"
 
 
 def _moved(**fields) -> MotionResult:

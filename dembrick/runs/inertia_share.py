@@ -15,6 +15,7 @@ import numpy as np
 
 from dembrick.runs.motion_result import MotionResult
 from dembrick.runs.result import Result
+from dembrick.scenario.checks import present
 from dembrick.scenario.controls import CONSTANT_RATE, PushoverControl, TiltControl
 from dembrick.views.summary import known
 
@@ -52,7 +53,7 @@ def inertia_share(result) -> float | None:
         return 1.0 - math.tan(math.radians(collapse["onset"])) / collapse["load_factor"]
     if isinstance(control, PushoverControl):
         g = float(np.linalg.norm(result.scenario.gravity))
-        return control.rate * math.sqrt(g / control.displacement) / g / collapse["load_factor"]
+        return present(control.rate) * math.sqrt(g / present(control.displacement)) / g / collapse["load_factor"]
     return None
 
 

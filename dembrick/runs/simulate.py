@@ -65,13 +65,13 @@ def simulate(
         refinements(scenario, has_paths(assembly))  # refuses what cannot be refined before anything runs
     if history is None:
         memory = Memory(scenario, assembly) if record else None
-        return _remarked(_run(scenario, assembly, memory, (began, start_up), refine, progress), report)
+        return _run(scenario, assembly, memory, (began, start_up), refine, progress, report)
     from dembrick.history import claimed  # and h5py: for runs with a file only
 
     with claimed(history):
         settings = {"scenario": scenario.path or ""}
         store = RecordStore(history, scenario, scenarios.text_of(scenario), assembly, settings, force)
-        return _remarked(_run(scenario, assembly, store, (began, start_up), refine, progress), report)
+        return _run(scenario, assembly, store, (began, start_up), refine, progress, report)
 
 
 def restart(
@@ -102,7 +102,7 @@ def restart(
         if report:
             left_at = store.checkpoint and store.checkpoint.about["where"]
             report(f"going on from {left_at}" if left_at else "no checkpoint was written: starting from the beginning")
-        return _remarked(_run(scenario, assembly, store, (began, start_up), progress=progress), report)
+        return _run(scenario, assembly, store, (began, start_up), progress=progress, report=report)
 
 
 class _Process:
@@ -124,17 +124,6 @@ def _built(scenario: Scenario, report: Callable[[str], None] | None):
     return assembly
 
 
-def _remarked(result: Outcome, report: Callable[[str], None] | None) -> Outcome:
-    """The result, after what is to be said of the rate that it was driven at."""
-    if report:
-        from dembrick.runs.inertia_share import inertia_remark  # and what moves blocks in real time
-
-        remark = inertia_remark(result)
-        if remark:
-            report(remark)
-    return result
-
-
 def _run(
     scenario: Scenario,
     assembly: Assembly,
@@ -142,6 +131,7 @@ def _run(
     times: tuple[float, float],
     refine: bool = False,
     progress: Callable[[Progress], None] | bool | None = None,
+    report: Callable[[str], None] | None = None,
 ) -> Outcome:
     """Replay, audit and judge. ``times``: when the work on it began, and the seconds of processor time before."""
     began, start_up = times
@@ -153,7 +143,7 @@ def _run(
                 store.place(assembly)
             session = store.session(scenario.output) if store else Session()
             shown = notebook_bar() if progress is None else progress
-            session.tell = shown if callable(shown) else None
+            session.tell, session.report = shown if callable(shown) else None, report
             run = driver.run(scenario, assembly, session)
             audit = store.auditor.result(run.energy) if store and run.energy is not None else None
             until_written.enter_context(interrupts.deferred())  # a signal finds the answer there, and may not lose it
@@ -178,7 +168,14 @@ def _run(
                 raise Interrupted(error.signum, f"{error}; go on with: dembrick restart {path}") from None
             raise
         spent = {"start_up": start_up, "placing": placing, "began": began}
-        return _finished(scenario, assembly, run, audit, store, spent, refine)
+        result = _finished(scenario, assembly, run, audit, store, spent, refine)
+    if report:
+        from dembrick.runs.inertia_share import inertia_remark  # and what moves blocks in real time
+
+        remark = inertia_remark(result)
+        if remark:
+            report(remark)
+    return result
 
 
 def _finished(scenario: Scenario, assembly: Assembly, run, audit, store, times, refine) -> Outcome:

@@ -11,6 +11,7 @@ import numpy as np
 
 from dembrick.scenario.model import Output
 from dembrick.simulation import interrupts
+from dembrick.simulation.expected_cost import long_run
 
 Observer = Callable[[Mapping[str, np.ndarray], Mapping[str, np.ndarray]], None]
 
@@ -55,12 +56,17 @@ TOLD_EVERY = 0.1  # s, between two words on how far a run is
 
 @dataclass(frozen=True)
 class Plan:
-    """What a run will take: time step and critical time step (s), steps (an estimate for a limit load), bytes."""
+    """What a run will take: time step and critical time step (s), steps, bytes beside those of the program itself, and
+    ``seconds`` of compiled code on one core (None: nobody knows). ``exact``: the steps are not an estimate;
+    ``at_most``: they are those of the longest such run."""
 
     time_step: float
     critical_time_step: float
     steps: int
     memory: int
+    seconds: float | None = None
+    exact: bool = False
+    at_most: bool = False
 
 
 @dataclass
@@ -69,7 +75,8 @@ class Session:
 
     ``observe(rows, frames)`` gets copies of what each chunk of steps brought (see ``recorder``), of the channels of
     ``output``. ``keep(arrays, where)`` writes a checkpoint, every ``output.checkpoint`` seconds and when a signal ends
-    the run. A run with ``resumed`` goes on from that snapshot. ``tell`` hears how far it is, ten times a second.
+    the run. A run with ``resumed`` goes on from that snapshot. ``tell`` hears how far it is, ten times a second, and
+    ``report`` remarks.
     """
 
     observe: Observer | None = None
@@ -77,8 +84,15 @@ class Session:
     keep: Callable[[Mapping[str, np.ndarray], str], None] | None = None
     resumed: Snapshot | None = None
     tell: Callable[[Progress], None] | None = None
+    report: Callable[[str], None] | None = None
     last_kept: float = field(default_factory=time.monotonic)
     last_told: float = 0.0
+
+    def warn_if_long(self, seconds: float, remedy: str, at_most: bool = False) -> None:
+        """Report a run that will take over an hour, before it starts."""
+        said = long_run(seconds, remedy, at_most)
+        if said and self.report:
+            self.report(said)
 
     @classmethod
     def of(cls, given: Session | Observer | None) -> Session:

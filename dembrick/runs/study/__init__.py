@@ -18,6 +18,7 @@ from dembrick.runs.study.case import FAILED, run_cases
 from dembrick.runs.study.executors import run_here, run_local, run_on_cluster
 from dembrick.runs.study.plan import Study, load, scenario_of, shard
 from dembrick.runs.study.table import Rows, stored, write_tables
+from dembrick.simulation.expected_cost import duration
 from dembrick.simulation.interrupts import Interrupted
 
 __all__ = ["Outcome", "Study", "load", "scenario_of", "sweep"]
@@ -87,7 +88,7 @@ def sweep(
                 ran += len(finished)
                 if progress:
                     left = (time.perf_counter() - began) / ran * (len(todo) - ran)
-                    progress(ran, len(todo), f"cases, {_duration(left)} left")
+                    progress(ran, len(todo), f"cases, {duration(left)} left")
     except Interrupted as stopped:
         kept = f"{len(done) + ran} of {len(study)} cases have their row in {folder}; the same command goes on"
         raise Interrupted(stopped.signum, f"interrupted: {kept}") from None
@@ -162,11 +163,3 @@ def _make(folder: Path) -> None:
         raise OutputError(f"{folder}: its parent folder does not exist; make it first or choose another path") from None
     except OSError as error:
         raise OutputError(f"{folder}: the folder cannot be made ({error.strerror}); choose another path") from None
-
-
-def _duration(seconds: float) -> str:
-    """A rough time to wait, for a progress bar."""
-    for size, unit in ((3600.0, "h"), (60.0, "min")):
-        if seconds >= size:
-            return f"{seconds / size:.1f} {unit}"
-    return f"{seconds:.0f} s"

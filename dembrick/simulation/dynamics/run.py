@@ -41,6 +41,7 @@ from dembrick.simulation.dynamics.state import (
     with_contact_forces,
 )
 from dembrick.simulation.energy_audit import Sums
+from dembrick.simulation.expected_cost import fall_seconds, motion_seconds
 from dembrick.simulation.session import Plan, Session
 
 if TYPE_CHECKING:
@@ -108,17 +109,31 @@ def ask_for(moving: Motion, output: Output, loads: int) -> None:
         moving.state = with_contact_forces(moving.state)
 
 
-def plan(moving: Motion, control: Control, output: Output) -> Plan:
-    """What the run will take: the steps of its whole duration, or of a tilt to the vertical or of the longest push, and
-    bytes at the most."""
-    steps = _most_steps(moving, control, _controller(moving, control))
+def plan(moving: Motion, control: Control, output: Output, load_factor: float | None = None) -> Plan:
+    """What the run will take: the steps of its whole duration, or of a collapse at the ``load_factor``; without one
+    those of a tilt to the vertical or of the longest push. Bytes at the most."""
+    controller = _controller(moving, control)
+    most = steps = _most_steps(moving, control, controller)
+    falls = control.ends_with == COLLAPSE
+    if falls and load_factor is not None:
+        steps = min(most, math.ceil(_seconds_to_collapse(moving, control, load_factor) / moving.time_step))
     rows = min(steps, 2 * output.rows)
     frames = min(rows, 2 * output.frames)
     fields = recorded(moving.assembly, output.channels, control)
     copies = 2 if "velocity" in output.channels else 1  # see `present_velocities`
     memory = copies * sum(array.nbytes for array in moving.state.arrays)
     memory += bytes_of(fields, rows, frames, frames * MEETINGS * len(moving.assembly.names))
-    return Plan(moving.time_step, moving.critical_time_step, steps, memory)
+    seconds = motion_seconds(steps, len(moving.assembly.joints))
+    at_most = falls and load_factor is None
+    return Plan(moving.time_step, moving.critical_time_step, steps, memory, seconds, not falls, at_most)
+
+
+def _seconds_to_collapse(moving: Motion, control: Control, load_factor: float) -> float:
+    """Time (s) until a tilt or a push at its rate has brought down what falls at the ``load_factor``."""
+    if control.push_direction is not None:
+        return (1.0 + load_factor) * control.displacement / control.rate
+    gravity = float(np.linalg.norm(moving.assembly.gravity))
+    return control.angle(load_factor) / control.rate + fall_seconds(control.displacement, control.rate, gravity)
 
 
 def _controller(moving: Motion, control: Control) -> PushController | None:

@@ -110,7 +110,7 @@ def plan(assembly: Assembly, control: DisplacementControl, step_factor: float, o
     system = LoadSystem(assembly)
     dt = system.time_step(step_factor * system.dashpots().critical_time_step, control.rate)
     steps = _steps(control.rate, control.travel, dt)
-    return system.plan(dt, steps, min(steps, 2 * output.rows), control, output)
+    return system.plan(dt, steps, min(steps, 2 * output.rows), control, output, exact=True)
 
 
 def _steps(rate: float, travel: float, dt: float) -> int:

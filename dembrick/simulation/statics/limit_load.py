@@ -21,7 +21,9 @@ import numpy as np
 
 from dembrick.errors import NotConvergedError
 from dembrick.kernels.statics.loop import CONVERGED, RUNNING
+from dembrick.scenario.controls import PATH_FOLLOWING
 from dembrick.scenario.model import Output
+from dembrick.simulation.expected_cost import newton_seconds, newton_steps, search_steps
 from dembrick.simulation.session import Observer, Plan, Session
 from dembrick.simulation.statics.certificate import frictionless
 from dembrick.simulation.statics.critical_step import critical_time_step
@@ -173,11 +175,15 @@ def _by_inertia(setup: Setup, step_factor: float, session: Session) -> Replay:
 
 def plan(assembly: Assembly, control: YieldControl, step_factor: float, output: Output) -> Plan:
     """The plan of a search, without running any of it."""
-    system = LoadSystem(assembly)
-    # seen over the lab tests and random joints: some 25 steps to 1e-3 and ten more a digit, twice that at height
-    steps = 25 + int(20.0 * max(0.0, -math.log10(control.tolerance) - 2.0))
-    planned = system.plan(step_factor * system.dashpots().critical_time_step, steps, steps, control, output)
-    if not touches_itself(system.state):
-        return planned
-    solving = equations(system.state, assembly.position).bytes(factors=2) + BYTES_A_TRIAL * len(assembly.joints)
-    return replace(planned, memory=planned.memory + solving)
+    system, joints = LoadSystem(assembly), len(assembly.joints)
+    dt, whole = step_factor * system.dashpots().critical_time_step, touches_itself(system.state)
+    if not (whole or control.regime is PATH_FOLLOWING):
+        steps = search_steps(control.tolerance)
+        return system.plan(dt, steps, steps, control, output)
+    convex = any(law.formulation == "convex" for law in assembly.joints.law)
+    steps = newton_steps(len(system.state.blocks.free), convex)
+    planned = system.plan(dt, steps, steps, control, output)
+    solving = BYTES_A_TRIAL * joints
+    if whole:
+        solving += equations(system.state, assembly.position).bytes(factors=2)
+    return replace(planned, memory=planned.memory + solving, seconds=newton_seconds(steps, joints))

@@ -14,6 +14,7 @@ from dembrick.kernels.statics.loop import Drive
 from dembrick.scenario.controls import Control
 from dembrick.scenario.model import Output
 from dembrick.simulation.channels import Sizes, bytes_of, recorded
+from dembrick.simulation.expected_cost import loop_seconds
 from dembrick.simulation.session import Plan, Session
 from dembrick.simulation.statics import joint_families
 from dembrick.simulation.statics.certificate import certificate
@@ -84,12 +85,13 @@ class LoadSystem:
         """Those for physical inertia, with the critical time step that counts them and the actuator."""
         return dashpots(self.state, block_inertia(self.assembly), self.actuator)
 
-    def plan(self, dt: float, steps: int, rows: int, control: Control, output: Output) -> Plan:
+    def plan(self, dt: float, steps: int, rows: int, control: Control, output: Output, exact: bool = False) -> Plan:
         """The plan of ``steps`` of ``dt`` (s) that write so many ``rows``."""
         sizes, fields = Sizes.of(self.assembly), recorded(self.assembly, output.channels, control)
         memory = 8 * (96 * sizes.block + 90 * sizes.joint + 12 * sizes.point)
         memory += bytes_of(fields, rows, min(rows, output.frames))
-        return Plan(dt, self.dashpots().critical_time_step, steps, memory)
+        seconds = loop_seconds(steps, sizes.joint, sizes.point)
+        return Plan(dt, self.dashpots().critical_time_step, steps, memory, seconds, exact)
 
     def dead_strength(self) -> float:
         """V (N) that friction 1 would resist under the dead loads at the joints of the loaded blocks, roughly."""

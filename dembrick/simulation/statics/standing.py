@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 
 from dembrick.kernels.statics.energy import ELASTIC, elastic_energy
 from dembrick.kernels.statics.record import write_row
+from dembrick.simulation.expected_cost import STATICS_STEPS, relaxation_seconds
 from dembrick.simulation.session import Plan, Session
-from dembrick.simulation.statics.dead_load import MOST_STEPS, Rest, rest
-from dembrick.simulation.statics.elastic_factor import elastic_factor, touches_itself
+from dembrick.simulation.statics.dead_load import Rest, rest
+from dembrick.simulation.statics.elastic_factor import elastic_factor, equations, touches_itself
 from dembrick.simulation.statics.recorder import Recorder
 from dembrick.simulation.statics.state import State, initial_state
 from dembrick.simulation.statics.stiffness import block_stiffness
@@ -60,4 +61,9 @@ def plan(assembly: Assembly) -> Plan:
     """The plan of it, without running any of it."""
     n, j = len(assembly.names), len(assembly.joints)
     points = sum(len(p.area) for p in assembly.contact_points if p is not None)
-    return Plan(1.0, 1.0, MOST_STEPS, 8 * (100 * n + 100 * j + 12 * points))
+    memory = 8 * (100 * n + 100 * j + 12 * points)
+    state = initial_state(assembly)
+    if not touches_itself(state):
+        return Plan(1.0, 1.0, 1, memory, relaxation_seconds(1, j))
+    memory += equations(state, assembly.position).bytes(factors=1)
+    return Plan(1.0, 1.0, STATICS_STEPS, memory, relaxation_seconds(STATICS_STEPS, j))

@@ -1,0 +1,76 @@
+"""What a run will cost in steps and seconds, before it is made: measured costs of steps times expected counts.
+
+The costs are processor time of one core of a usual server, of compiled code; docs/performance.md has the tables. They
+are good to a factor of two or so. What nobody knows beforehand is how many Newton steps a search takes: walls and
+arches that rock take some tens, structures whose joints slide over one another up to some thousand.
+"""
+
+from __future__ import annotations
+
+import math
+
+LONG = 3600.0  # s: a run that takes more says so before it starts
+FIRST_NEWTON, NEWTON_PER_ROOT = (
+    20.0,
+    0.35,
+)  # Newton steps of a search: few blocks, and more with the root of their number
+CONVEX_NEWTON = 2.5  # times as many steps where joints are convex
+NEWTON_SECONDS = 1.8e-5  # s a joint and Newton step: equations, joint forces, bracket
+STATICS_STEPS = 50  # of a dead-load equilibrium of an assembly: 1 to 300 have been seen where it stands
+RELAXATION_SECONDS = 1.5e-6  # s a joint and step of a dead-load equilibrium
+LOOP_SECONDS, POINT_SECONDS = 4e-7, 8e-9  # s a joint and step of a constant-rate test, and a contact point more
+MOTION_SECONDS, MOTION_JOINT_SECONDS = 6e-6, 1.3e-7  # s a step in real time, and a joint more, contacts sought as well
+SEARCH_FIRST, SEARCH_PER_DIGIT = 20, 8  # steps of the search of a lone joint to 1e-2, and of every digit more
+
+
+def search_steps(tolerance: float) -> int:
+    """Steps of the search for the limit load of a lone joint."""
+    return SEARCH_FIRST + round(SEARCH_PER_DIGIT * max(0.0, -math.log10(tolerance) - 2.0))
+
+
+def newton_steps(blocks: int, convex: bool) -> int:
+    """Newton steps of a search through equilibria of so many free blocks."""
+    steps = FIRST_NEWTON + NEWTON_PER_ROOT * math.sqrt(blocks)
+    return round(steps * (CONVEX_NEWTON if convex else 1.0))
+
+
+def newton_seconds(steps: int, joints: int) -> float:
+    """Of a search through equilibria."""
+    return NEWTON_SECONDS * steps * joints
+
+
+def relaxation_seconds(steps: int, joints: int) -> float:
+    """Of a dead-load equilibrium."""
+    return RELAXATION_SECONDS * steps * joints
+
+
+def loop_seconds(steps: int, joints: int, points: int) -> float:
+    """Of the loop of a constant-rate test, or of the search of a lone joint."""
+    return steps * (LOOP_SECONDS * joints + POINT_SECONDS * points)
+
+
+def motion_seconds(steps: int, joints: int) -> float:
+    """Of a run in real time on one thread."""
+    return steps * (MOTION_SECONDS + MOTION_JOINT_SECONDS * joints)
+
+
+def fall_seconds(displacement: float, rate: float, gravity: float) -> float:
+    """How long (s) a block takes to move by ``displacement`` (m) on a table that turns on at ``rate`` (deg/s) from
+    where the block leaves its balance: it accelerates as g times the angle that the table has gone since."""
+    return (6.0 * displacement / (gravity * math.radians(rate))) ** (1.0 / 3.0)
+
+
+def duration(seconds: float) -> str:
+    """A rough time."""
+    for size, unit in ((86400.0, "days"), (3600.0, "h"), (60.0, "min")):
+        if seconds >= size:
+            return f"{seconds / size:.1f} {unit}"
+    return f"{seconds:.0f} s" if seconds >= 1.0 else f"{seconds:.1g} s"
+
+
+def long_run(seconds: float, remedy: str, at_most: bool = False) -> str | None:
+    """A sentence for a run that takes over an hour."""
+    if not seconds > LONG:
+        return None
+    bound = "at most" if at_most else "about"
+    return f"this run will take {bound} {duration(seconds)} of computing on one core; to shorten it, {remedy}"

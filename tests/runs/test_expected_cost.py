@@ -1,0 +1,104 @@
+"""What a run is expected to take before it is made, against what it takes: a factor of two."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from dembrick.assembly.build import assemble
+from dembrick.cli import main
+from dembrick.runs.drivers import driver_of
+from dembrick.runs.simulate import simulate
+from dembrick.scenario import toml
+from dembrick.simulation import expected_cost
+from dembrick.simulation.expected_cost import duration, newton_seconds, newton_steps
+
+SCENARIOS = Path(__file__).parents[2] / "scenarios"
+
+
+def planned(stem, *changes):
+    scenario = toml.load(SCENARIOS / f"{stem}.toml", list(changes))
+    return scenario, driver_of(scenario.control).plan(scenario, assemble(scenario))
+
+
+@pytest.mark.parametrize(
+    "stem, changes",
+    [
+        ("set4a", []),
+        ("set4a", ['joint.formulation="concave"', "control.tolerance=1e-6"]),
+        ("arch", []),
+        ("set2b_curve", ['joint.formulation="concave"', "control.travel=2e-6"]),
+        ("arch_tilt", ["control.rate=10.0"]),
+        ("rocking_push", []),
+        ("newmark_pulse", []),
+    ],
+)
+def test_steps_are_expected_within_a_factor_of_two(stem, changes):
+    scenario, plan = planned(stem, *changes)
+    steps = simulate(scenario, record=False).as_dict()["steps"]
+    assert 0.5 < plan.steps / steps < 2.0
+    assert steps == plan.steps or not plan.exact
+
+
+@pytest.mark.parametrize(  # docs/performance.md: walls out of their plane, processor time and Newton steps
+    "blocks, joints, steps, seconds",
+    [(916, 2655, 19, 0.97), (2526, 7425, 23, 3.5), (4936, 14595, 27, 9.0), (10051, 29850, 57, 38.0)],
+)
+def test_large_searches_take_what_was_measured(blocks, joints, steps, seconds):
+    expected = newton_steps(blocks, convex=False)
+    assert 0.5 < expected / steps < 2.0 and 0.5 < newton_seconds(expected, joints) / seconds < 2.0
+
+
+@pytest.mark.parametrize("stem, steps, seconds", [("ferris_tinloi_3", 96126, 2.96), ("wall_corner", 379577, 15.1)])
+def test_long_runs_in_real_time_take_what_was_measured(stem, steps, seconds):
+    """Processor time, seen once; a tilt ends where limit analysis says that it does."""
+    _, plan = planned(stem)
+    assert 0.5 < plan.steps / steps < 2.0 and 0.5 < plan.seconds / seconds < 2.0 and not plan.at_most
+
+
+def test_without_limit_analysis_a_tilt_has_a_bound(monkeypatch):
+    monkeypatch.setattr("dembrick.simulation.limit_analysis.solver.installed", lambda: False)
+    _, plan = planned("arch_tilt")
+    assert plan.at_most and plan.steps * plan.time_step == pytest.approx(90.0, rel=1e-3)
+
+
+def test_the_memory_of_a_large_search():
+    """A wall of 916 blocks held 30 MB beside the program itself, one of 10,051 blocks 560 MB (docs/performance.md)."""
+    changes = ["control.quasi_static=true", "walls.0.courses=30", "walls.0.blocks=30"]
+    _, plan = planned("wall_tilt", *changes)
+    assert 0.5 < plan.memory / 30e6 < 2.0
+
+
+def test_check_says_it(capsys):
+    assert main(["check", str(SCENARIOS / "set4a_curve.toml")]) == 0
+    assert "expected      20026 steps, 0.008 s on one core once compiled, 1 MB beside" in capsys.readouterr().out
+    assert main(["check", str(SCENARIOS / "arch.toml"), "--json"]) == 0
+    assert 0.0 < json.loads(capsys.readouterr().out)["expected_seconds"] < 1.0
+
+
+class Started(Exception):
+    pass
+
+
+@pytest.mark.parametrize(
+    "stem, module",
+    [("set4a_curve", "simulation.statics.constant_rate"), ("arch_tilt", "simulation.dynamics.run"),
+     ("arch", "simulation.statics.limit_load")],
+)  # fmt: skip
+def test_a_run_of_over_an_hour_says_so_before_it_starts(stem, module, monkeypatch):
+    def start(*_, **__):
+        raise Started
+
+    name = {"constant_rate": "push_at_constant_rate", "run": "run", "limit_load": "find_limit_load"}
+    monkeypatch.setattr(f"dembrick.{module}.{name[module.rpartition('.')[2]]}", start)
+    monkeypatch.setattr(expected_cost, "LONG", 1e-3)
+    monkeypatch.setattr("dembrick.runs.drivers.LONG", 1e-3)
+    said = []
+    with pytest.raises(Started):
+        simulate(toml.load(SCENARIOS / f"{stem}.toml"), record=False, report=said.append)
+    (line,) = (line for line in said if line.startswith("this run will take about"))
+    assert "of computing on one core; to shorten it, " in line
+
+
+def test_durations():
+    assert [duration(s) for s in (0.0123, 3.4, 90.0, 5400.0, 2e5)] == ["0.01 s", "3 s", "1.5 min", "1.5 h", "2.3 days"]
