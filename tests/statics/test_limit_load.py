@@ -139,6 +139,7 @@ def test_tangential_dead_load_on_points(formulation):
 def test_without_friction(formulation):
     point = run(formulation, friction=0.0, jacks=single((0.1, 0.0))).yield_point
     assert (point.V, point.V_lower, point.V_upper, point.bracket) == (0.0, 0.0, 0.0, "certified")
+    assert point.mechanism == "sliding"
 
 
 def test_rocking_before_sliding():

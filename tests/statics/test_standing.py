@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from dembrick.errors import NotConvergedError
+from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.runs.simulate import simulate
-from dembrick.scenario.controls import PushoverControl, StaticsControl
+from dembrick.scenario.controls import PushoverControl, StaticsControl, YieldControl
 from dembrick.scenario.generators import Arch
-from dembrick.scenario.model import Block, JointLaw, Material, Scenario
+from dembrick.scenario.model import Actuator, Block, JointLaw, Material, Scenario
 from dembrick.scenario.toml import loads, text_of
 
 G = 9.81
@@ -90,3 +92,14 @@ def test_it_is_read_and_written(tmp_path):
     with history.read(tmp_path / "stack.h5") as found:
         assert found.status == "stands" and found.n_row == 1 and found.n_frames == 1
         assert found.results["reactions"] == result.reactions
+
+
+def test_nothing_to_carry_is_carried():
+    """Without gravity and loads there is no force at all: blocks stand, and no actuator finds friction."""
+    floating = replace(overhanging(0.9), gravity=(0.0, 0.0, 0.0))
+    result = simulate(floating)
+    assert result.status == "stands" and result.run.rest.unbalanced == 0.0
+    assert all(force == [0.0] * 6 for force in result.reactions.values())
+    actuator = Actuator("push", "top", (0.6, 0.0, 0.5), (1.0, 0.0, 0.0))
+    with pytest.raises(ScenarioError, match="gravity is zero and there are no .*nothing presses the joints"):
+        simulate(replace(floating, control=YieldControl(), actuators=(actuator,)))

@@ -80,7 +80,7 @@ def rest(state: State, stiffness: np.ndarray, factor: Factors | None = None, ses
     forces. ``session`` keeps checkpoints of it, and may go on from one. Blocks that fall are those that still move at
     the end. Raises Interrupted.
     """
-    joints = state.joints
+    joints, blocks = state.joints, state.blocks
     began = time.perf_counter()
     alone = not touches_itself(state)
     if not alone:
@@ -99,10 +99,14 @@ def rest(state: State, stiffness: np.ndarray, factor: Factors | None = None, ses
     done = time.perf_counter()
     seconds = ready - began, done - ready
     if not ratio <= UNBALANCED:
-        return Rest(False, ratio, steps, mechanism_of(state), moving_blocks(state), *seconds)
-    state.blocks.velocity[:] = 0.0
-    state.blocks.spin[:] = 0.0
+        moving = moving_blocks(state)
+        if moving:
+            return Rest(False, ratio, steps, mechanism_of(state), moving, *seconds)
+        ratio = 0.0  # there is no force at all: no gravity and no loads
+    blocks.velocity[:] = 0.0
+    blocks.spin[:] = 0.0
     joints.step[:] = 0.0
+    joints.tilt[:] = 0.0
     return Rest(True, ratio, steps, None, (), *seconds)
 
 

@@ -66,6 +66,12 @@ class LoadSystem:
             raise ScenarioError("no [[actuators]]: a replay needs at least one actuator to push with")
         self.assembly = assembly
         self.state = initial_state(assembly)
+        blocks = self.state.blocks
+        if not (blocks.dead_force[blocks.free].any() or blocks.dead_torque[blocks.free].any()):
+            raise ScenarioError(
+                "gravity is zero and there are no [[loads]], so nothing presses the joints and friction carries "
+                "nothing: give gravity, or loads that press"
+            )
         self.stiffness = block_stiffness(self.state, shared=2.0)
         self.load = load_vectors(self.state)
         self.weight = float(np.abs(self.state.actuators.weight).sum())
