@@ -125,8 +125,8 @@ def _follow_path(scenario: Scenario, assembly: Assembly, session: Session | None
     control, factor = scenario.control, scenario.solver.step_factor
     assert isinstance(control, TiltControl | PushoverControl)
     if session is not None:
-        steps = newton_steps(len(assembly.names), any(law.formulation == "convex" for law in assembly.joints.law))
-        session.warn_if_long(newton_seconds(steps, len(assembly.joints)), "take fewer blocks")
+        expected = newton_steps(len(assembly.names), any(law.formulation == "convex" for law in assembly.joints.law))
+        session.warn_if_long(newton_seconds(expected, len(assembly.joints)), "take fewer blocks")
     return limit_load.find_limit_load(assembly, control.tolerance, factor, session, control.displacement or 0.0, steps)
 
 
