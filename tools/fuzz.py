@@ -215,7 +215,8 @@ def fuzz(count: int, seed: int, keep: Path | None = None) -> dict[str, Counter]:
         try:
             Path("mine.toml").write_text(SCENARIO + YIELD)
             with contextlib.redirect_stdout(io.StringIO()):
-                main(["run", "mine.toml", "--out", "whole.h5"])  # compiles, which may take longer than a case
+                main(["warmup", "--quiet"])  # what is compiled may take longer than a case
+                main(["run", "mine.toml", "--out", "whole.h5"])
             history = Path("whole.h5").read_bytes()
             for number in range(count):
                 part = list(PARTS)[number % len(PARTS)]
