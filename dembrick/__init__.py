@@ -3,6 +3,7 @@
     >>> import dembrick
     >>> result = dembrick.simulate("scenarios/set4a.toml")
     >>> result.yield_point.V, result.yield_point.half_width
+    >>> wall = dembrick.Wall("wall", "stone", block=(0.3, 0.2, 0.1), courses=12, blocks=6)
 
 Nothing heavy is imported until a name is used.
 """
@@ -12,6 +13,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:  # for editors and type checkers, which do not follow names that are imported when they are used
+    from dembrick import theory as theory
     from dembrick.history import read as read_history  # noqa: F401
     from dembrick.runs.domain import simulate_domain as simulate_domain
     from dembrick.runs.lab import replay_lab as replay_lab
@@ -21,26 +23,58 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not follow names th
     from dembrick.runs.simulate import restart as restart
     from dembrick.runs.simulate import simulate as simulate
     from dembrick.runs.study import sweep as sweep
+    from dembrick.scenario import generators as generators
+    from dembrick.scenario.controls import BaseMotionControl as BaseMotionControl
+    from dembrick.scenario.controls import DisplacementControl as DisplacementControl
+    from dembrick.scenario.controls import DynamicControl as DynamicControl
+    from dembrick.scenario.controls import PushoverControl as PushoverControl
+    from dembrick.scenario.controls import StaticsControl as StaticsControl
+    from dembrick.scenario.controls import TiltControl as TiltControl
+    from dembrick.scenario.controls import YieldControl as YieldControl
+    from dembrick.scenario.generators import Arch as Arch
+    from dembrick.scenario.generators import Dome as Dome
+    from dembrick.scenario.generators import Opening as Opening
+    from dembrick.scenario.generators import Return as Return
+    from dembrick.scenario.generators import Stack as Stack
+    from dembrick.scenario.generators import Wall as Wall
+    from dembrick.scenario.model import Actuator as Actuator
+    from dembrick.scenario.model import Block as Block
+    from dembrick.scenario.model import ControlPoint as ControlPoint
+    from dembrick.scenario.model import JointLaw as JointLaw
+    from dembrick.scenario.model import JointOverride as JointOverride
+    from dembrick.scenario.model import Load as Load
+    from dembrick.scenario.model import Material as Material
+    from dembrick.scenario.model import Output as Output
+    from dembrick.scenario.model import Scenario as Scenario
+    from dembrick.scenario.model import Solver as Solver
+    from dembrick.scenario.pressures import Pressure as Pressure
     from dembrick.scenario.toml import dumps as dumps
     from dembrick.scenario.toml import load as load
     from dembrick.scenario.toml import loads as loads
+    from dembrick.views import plot as plot
 
 __version__ = "0.1.0"
 
-_HOMES = {
-    "load": "dembrick.scenario.toml",
-    "loads": "dembrick.scenario.toml",
-    "dumps": "dembrick.scenario.toml",
-    "simulate": "dembrick.runs.simulate",
-    "restart": "dembrick.runs.simulate",
-    "limit": "dembrick.runs.limit",
-    "reaction": "dembrick.runs.limit",
-    "simulate_domain": "dembrick.runs.domain",
-    "Result": "dembrick.runs.result",
-    "read_history": "dembrick.history",
-    "replay_lab": "dembrick.runs.lab",
-    "sweep": "dembrick.runs.study",
+_NAMES = {  # by the module that has them
+    "dembrick": "theory",
+    "dembrick.history": "read_history",
+    "dembrick.runs.domain": "simulate_domain",
+    "dembrick.runs.lab": "replay_lab",
+    "dembrick.runs.limit": "limit reaction",
+    "dembrick.runs.result": "Result",
+    "dembrick.runs.simulate": "restart simulate",
+    "dembrick.runs.study": "sweep",
+    "dembrick.scenario": "generators",
+    "dembrick.scenario.controls": "BaseMotionControl DisplacementControl DynamicControl PushoverControl StaticsControl "
+    "TiltControl YieldControl",
+    "dembrick.scenario.generators": "Arch Dome Opening Return Stack Wall",
+    "dembrick.scenario.model": "Actuator Block ControlPoint JointLaw JointOverride Load Material Output Scenario Solver",
+    "dembrick.scenario.pressures": "Pressure",
+    "dembrick.scenario.toml": "dumps load loads",
+    "dembrick.views": "plot",
 }
+_HOMES = {name: home for home, names in _NAMES.items() for name in names.split()}
+_MODULES = ("generators", "plot", "theory")
 __all__ = ["__version__", *_HOMES]
 
 
@@ -49,6 +83,8 @@ def __getattr__(name: str):
         raise AttributeError(f"module 'dembrick' has no attribute {name!r}")
     from importlib import import_module
 
+    if name in _MODULES:
+        return import_module(f"{_HOMES[name]}.{name}")
     home = import_module(_HOMES[name])
     return getattr(home, "read" if name == "read_history" else name)
 

@@ -44,7 +44,7 @@ from dembrick.scenario.limits import check_magnitudes
 from dembrick.scenario.model import Scenario
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Assembly:
     """A scenario as geometry. n blocks, in the order of the scenario; SI units; world axes at the start.
 
@@ -79,6 +79,9 @@ class Assembly:
     warnings: tuple[str, ...]
     laws: Laws
     point_loads: PointLoads
+
+    def __repr__(self) -> str:
+        return f"<Assembly: {len(self.names)} blocks, {len(self.joints)} joints>"
 
 
 _NO_POINTS = place_points(JointTable.of(()), DISCRETISATION)

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 SECONDS_A_BLOCK = 3e-3  # of processor time, roughly; large assemblies take more
 
 
-@dataclass
+@dataclass(repr=False)
 class LimitResult:
     """The limit of a scenario's load by rigid-block limit analysis, associative flow.
 
@@ -80,6 +80,9 @@ class LimitResult:
     def status(self) -> str:
         """ "limit", or "unlimited"."""
         return "unlimited" if self.limit.unlimited else "limit"
+
+    def __repr__(self) -> str:
+        return f"<LimitResult {self.scenario.title!r}: {self.status}, {self.lower:.6g} to {self.upper:.6g}>"
 
     def as_dict(self) -> dict:
         """The JSON object of ``dembrick limit --json``."""

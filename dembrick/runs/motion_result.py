@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from dembrick.simulation.dynamics.run import MotionRun
 
 
-@dataclasses.dataclass
+@dataclasses.dataclass(repr=False)
 class MotionResult(RunResult):
     """What a run in real time gave: the state it ended in, and the collapse if there was one.
 

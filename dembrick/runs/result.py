@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 BRACKET_SLACK = 1e-9  # of V: rounding by which theory may lie outside a certified bracket
 
 
-@dataclasses.dataclass
+@dataclasses.dataclass(repr=False)
 class RunResult:
     """What every run gives: what was run, the record, and how long it took (``wall``, s).
 
@@ -65,6 +65,9 @@ class RunResult:
 
     if TYPE_CHECKING:
 
+        @property
+        def status(self) -> str: ...
+
         def as_dict(self) -> dict: ...  # of every kind of result
 
     @property
@@ -85,6 +88,31 @@ class RunResult:
 
         return in_memory.meshes(self, frame, time, magnification)
 
+    def to_pandas(self):
+        """The series as a ``pandas.DataFrame`` by time, units in the headings; MissingDependency without pandas,
+        HistoryError if the run kept no record."""
+        from dembrick.runs import in_memory
+        from dembrick.views import export
+
+        with in_memory.recording(self) as found:
+            return export.to_pandas(found)
+
+    def to_xarray(self):
+        """Series and frames as an ``xarray.Dataset`` with named dimensions and units; MissingDependency without xarray,
+        HistoryError if the run kept no record."""
+        from dembrick.runs import in_memory
+        from dembrick.views import export
+
+        with in_memory.recording(self) as found:
+            return export.to_xarray(found)
+
+    def __repr__(self) -> str:
+        """The title and the first key number with its error bar."""
+        from dembrick.views import summary
+
+        first = [f"{number.name} {number.value}" for number in summary.key_numbers(self.as_dict())[:1]]
+        return f"<{type(self).__name__} {self.scenario.title!r}: {', '.join([self.status, *first])}>"
+
     def _repr_html_(self) -> str:
         """What a notebook shows: the title, the key numbers with their error bars, the curve."""
         from dembrick.views import page
@@ -92,7 +120,7 @@ class RunResult:
         return page.fragment(self)
 
 
-@dataclasses.dataclass
+@dataclasses.dataclass(repr=False)
 class Result(RunResult):
     """What a search or a constant-rate test gave: the yield point with its bracket, and what theory says.
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 SHOWN = 8  # supports whose reactions the command line prints
 
 
-@dataclasses.dataclass
+@dataclasses.dataclass(repr=False)
 class StaticsResult(RunResult):
     """Whether the blocks stand under their dead loads. ``rows`` and ``frames`` hold the one state in which the search
     ended: of rest, or of blocks that go on falling. SI units."""

@@ -235,7 +235,7 @@ class Output:
         require(self.frames <= self.rows, "frames", self.frames, f"a frame is taken at a row, and rows = {self.rows}")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Scenario:
     """One test, complete. ``text`` is the TOML it came from, ``path`` its file (both None when written in Python).
 
@@ -292,6 +292,10 @@ class Scenario:
         if not self.all_blocks:
             raise ScenarioError("a scenario needs at least one block")
         self._check_names()
+
+    def __repr__(self) -> str:
+        blocks = f"{len(self.all_blocks)} block{'s' if len(self.all_blocks) != 1 else ''}"
+        return f"<Scenario {self.title!r}: {self.control.kind}, {self.joint.formulation}, {blocks}>"
 
     def _lay(self):
         """Build what the generators describe, if memory holds it, and gather the groups."""

@@ -1,4 +1,5 @@
-"""Histories in the formats of other programs: VTKHDF and PVD for ParaView, CSV for everything else.
+"""Histories in the formats of other programs: VTKHDF and PVD for ParaView, CSV for everything else; tables of pandas
+and xarray.
 
 A picture has three layers, each with a file of its own: the blocks, their joints (``<stem>_joints``) and the forces in
 the contact points (``<stem>_contacts``). See ``layers`` for what they carry.
@@ -14,10 +15,11 @@ from dembrick.errors import OutputError, ScenarioError
 from dembrick.history import History
 from dembrick.views.export.layers import LAYERS
 from dembrick.views.export.pvd import to_pvd
+from dembrick.views.export.tables import to_pandas, to_xarray
 from dembrick.views.export.text import to_csv
 from dembrick.views.export.vtkhdf import to_vtkhdf
 
-__all__ = ["LAYERS", "export", "to_csv", "to_pvd", "to_vtkhdf"]
+__all__ = ["LAYERS", "export", "to_csv", "to_pandas", "to_pvd", "to_vtkhdf", "to_xarray"]
 
 
 def export(

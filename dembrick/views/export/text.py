@@ -15,22 +15,33 @@ from dembrick.views.export.files import checked_target, writing
 _ROWS = 4096  # rows held at a time
 
 
-def to_csv(history: History, path: str | os.PathLike, report: Callable[[str], None] | None = None) -> list[str]:
-    """All series as text, a column each with its unit in the header; numbers read back exactly."""
-    target = checked_target(history, path, frames=False)
+def names_of(history: History) -> dict[str, list[str]]:
+    """Names of the joints, blocks, actuators and control points, by what the shape of a channel counts.
+
+    Joints are called by their blocks, with a number if several join the same two.
+    """
     names = history.block_names
     pairs = [f"{names[joint['block_a']]}/{names[joint['block_b']]}" for joint in history.joints]
     if len(set(pairs)) < len(pairs):
         pairs = [f"{pair} #{i}" for i, pair in enumerate(pairs)]
-    counted = {"joint": pairs, "block": names}
-    counted["actuator"] = [actuator["name"] for actuator in history.actuators]
-    counted["control_point"] = [point["name"] for point in history.control_points]
-    there = set(history.series_names("history"))
-    columns = [
-        (channel.name, channel.titles(counted, history.unit(channel.path)))
+    actuators, points = ([one["name"] for one in many] for many in (history.actuators, history.control_points))
+    return {"joint": pairs, "block": names, "actuator": actuators, "control_point": points}
+
+
+def columns_of(history: History) -> list[tuple[str, list[str]]]:
+    """The series of a history that are tables, with the headings of their columns, units in brackets."""
+    names, there = names_of(history), set(history.series_names("history"))
+    return [
+        (channel.name, channel.titles(names, history.unit(channel.path)))
         for channel in CHANNELS
         if channel.columns and channel.grows_by == ROWS and channel.name in there
     ]
+
+
+def to_csv(history: History, path: str | os.PathLike, report: Callable[[str], None] | None = None) -> list[str]:
+    """All series as text, a column each with its unit in the header; numbers read back exactly."""
+    target = checked_target(history, path, frames=False)
+    columns = columns_of(history)
     if report and not history.has_joints:
         report('the forces of the joints were not recorded; run again with "joints" in output.channels')
     with writing(path), replacing(target) as part, open(part, "w", newline="", encoding="utf-8") as file:

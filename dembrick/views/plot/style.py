@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import sys
 from typing import TYPE_CHECKING
 
 from dembrick.errors import MissingDependency, OutputError, WriteError
@@ -81,13 +82,31 @@ def canvas(ax: Axes | None, size: tuple[float, float] = (5.2, 4.4)) -> tuple[Fig
 
 
 def new_figure(size: tuple[float, float]) -> Figure:
+    """A figure of ``size`` (inches) that belongs to no window; a notebook shows it as a picture."""
     _matplotlib()
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=size, layout="constrained")
     FigureCanvasAgg(figure)
+    _show_in_notebooks(Figure)
     return figure
+
+
+def _show_in_notebooks(figures: type) -> None:
+    """Let a notebook show figures as pictures, as it does once pyplot is imported, which is not used here."""
+    shell = sys.modules["IPython"].get_ipython() if "IPython" in sys.modules else None
+    if shell is None or not hasattr(shell, "kernel"):
+        return
+    formatter = shell.display_formatter.formatters["image/png"]
+    if figures not in formatter:
+        formatter.for_type(figures, _as_png)
+
+
+def _as_png(figure: Figure) -> bytes:
+    picture = io.BytesIO()
+    figure.savefig(picture, format="png", dpi=110)
+    return picture.getvalue()
 
 
 def legend(figure: Figure, ax: Axes, own: bool, columns: int = 2) -> None:

@@ -1,0 +1,73 @@
+"""Histories as tables of pandas and datasets of xarray, if these libraries are installed."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dembrick.errors import MissingDependency
+from dembrick.history import History
+from dembrick.simulation.channels import CHANNELS, CONTACTS, FRAMES
+from dembrick.views.export.text import columns_of, names_of
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+
+AXES = {3: ("axis", list("xyz")), 4: ("quaternion", list("wxyz")), 2: ("tangent", ["t1", "t2"])}
+
+
+def to_pandas(history: History) -> pandas.DataFrame:
+    """All series, a row each, indexed by time (s) or by the number of the equilibrium; units stand in the headings.
+
+    Raises MissingDependency without pandas.
+    """
+    try:
+        import pandas
+    except ImportError:
+        raise MissingDependency("tables need pandas: pip install pandas") from None
+    columns = columns_of(history)
+    titles = [title for _, own in columns for title in own]
+    values = [history.series(name).reshape(history.n_row, -1) for name, _ in columns]
+    table = pandas.DataFrame(np.hstack(values) if values else np.zeros((0, 0)), columns=titles)
+    return table.set_index(titles[0]) if titles else table
+
+
+def to_xarray(history: History) -> xarray.Dataset:
+    """All series and frames with named dimensions: ``row`` and ``frame`` (with their times), ``joint``, ``block``,
+    ``actuator``, ``control_point`` (with their names), ``axis``; unit and meaning are attributes of each variable.
+
+    Raises MissingDependency without xarray.
+    """
+    try:
+        import xarray
+    except ImportError:
+        raise MissingDependency("datasets need xarray: pip install xarray") from None
+    names = names_of(history)
+    variables, coordinates = {}, {"time": ("row", history.time)}
+    if history.has_frames:
+        coordinates["frame_time"] = ("frame", history.frame_time)
+    there = {f"{group}/{name}" for group in ("history", "frames") for name in history.series_names(group)}
+    for channel in CHANNELS:
+        if channel.path not in there or channel.grows_by == CONTACTS or channel.path.endswith("/time"):
+            continue
+        framed = channel.grows_by == FRAMES
+        dims = ["frame" if framed else "row"]
+        for count in channel.shape:
+            dim, labels = AXES[count] if isinstance(count, int) else (count, names.get(count))
+            dims.append(dim)
+            if labels is not None:
+                coordinates[dim] = (dim, list(labels))
+        name = channel.name.replace("/", "_")
+        values = history.entries(channel.path, 0, history.n_frames if framed else history.n_row)
+        attributes = {"units": history.unit(channel.path), "long_name": channel.about.format_map(_Words())}
+        variables[f"frame_{name}" if framed else name] = (dims, values, attributes)
+    return xarray.Dataset(variables, coordinates, {"title": history.title, "status": history.status})
+
+
+class _Words(dict):
+    """Words of a description that only a run knows stand as they are."""
+
+    def __missing__(self, word: str) -> str:
+        return word if word != "when" else ""

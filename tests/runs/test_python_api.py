@@ -1,0 +1,91 @@
+"""Results in Python: tables of pandas and xarray, short representations, figures that a notebook shows."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+import types
+
+import numpy as np
+import pytest
+
+import dembrick
+from dembrick.errors import HistoryError, MissingDependency
+from dembrick.runs import in_memory
+from dembrick.scenario.controls import CONTROLS
+
+
+@pytest.fixture(scope="module")
+def result():
+    scenario = dembrick.load("set4a")
+    channels = dembrick.Output(("joints", "energy", "frames"))
+    return dembrick.simulate(dataclasses.replace(scenario, output=channels))
+
+
+def test_a_table_has_the_series_by_time(result):
+    table = result.to_pandas()
+    assert table.index.name == "time [s]" and len(table) == len(result.rows["time"])
+    np.testing.assert_array_equal(table["load [N]"], result.load)
+    np.testing.assert_array_equal(table["N lower/upper [N]"], result.rows["joint"][:, 0, 0])
+    assert "elastic energy [J]" in table
+
+
+def test_a_dataset_names_dimensions_and_units(result):
+    data = result.to_xarray()
+    np.testing.assert_array_equal(data["load"], result.load)
+    np.testing.assert_array_equal(data["joint_V_1"].sel(joint="lower/upper"), result.rows["joint"][:, 0, 1])
+    moved = data["frame_displacement"].sel(block="upper", axis="y")
+    np.testing.assert_array_equal(moved, result.frames["displacement"][:, 1, 1])
+    assert moved.attrs["units"] == "m" and data["load"].attrs["units"] == "N"
+    assert data["frame_orientation"].dims == ("frame", "block", "quaternion")
+    assert data.attrs["status"] == "yield"
+
+
+@pytest.mark.parametrize("library, method", [("pandas", "to_pandas"), ("xarray", "to_xarray")])
+def test_a_missing_library_is_named(result, monkeypatch, library, method):
+    monkeypatch.setitem(sys.modules, library, None)
+    with pytest.raises(MissingDependency, match=f"pip install {library}"):
+        getattr(result, method)()
+
+
+def test_without_a_record_there_is_no_table():
+    with pytest.raises(HistoryError, match="record=True"):
+        dembrick.simulate("set4a", record=False).to_pandas()
+
+
+def test_representations_are_short(result):
+    assert repr(result).startswith("<Result 'Set 4a") and "yield" in repr(result) and "±" in repr(result)
+    assert repr(result.scenario).endswith("yield, convex, 2 blocks>")
+    assert len(repr(result.assembly)) < 120
+
+
+def test_every_control_is_at_top_level():
+    for control in CONTROLS.values():
+        assert getattr(dembrick, control.__name__) is control
+
+
+def test_modules_are_attributes():
+    assert dembrick.plot.force_displacement and dembrick.theory.limit_load and dembrick.generators.Wall is dembrick.Wall
+
+
+def test_a_bare_notebook_shows_figures(result, monkeypatch):
+    shown = {}
+
+    class Formatter(dict):
+        def for_type(self, kind, function):
+            self[kind] = function
+
+    formatter = Formatter()
+    display = types.SimpleNamespace(formatters={"image/png": formatter})
+    shell = types.SimpleNamespace(kernel=object(), display_formatter=display)
+    monkeypatch.setitem(sys.modules, "IPython", types.SimpleNamespace(get_ipython=lambda: shell, version_info=(9, 0)))
+    figure = result.plot()
+    shown = formatter[type(figure)](figure)
+    assert shown.startswith(b"\x89PNG")
+
+
+def test_a_history_gives_the_same_table(result):
+    from dembrick.views import export
+
+    with in_memory.recording(result) as found:
+        assert export.to_pandas(found).equals(result.to_pandas())
