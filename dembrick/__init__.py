@@ -68,7 +68,8 @@ _NAMES = {  # by the module that has them
     "dembrick.scenario.controls": "BaseMotionControl DisplacementControl DynamicControl PushoverControl StaticsControl "
     "TiltControl YieldControl",
     "dembrick.scenario.generators": "Arch Dome Opening Return Stack Wall",
-    "dembrick.scenario.model": "Actuator Block ControlPoint JointLaw JointOverride Load Material Output Scenario Solver",
+    "dembrick.scenario.model": "Actuator Block ControlPoint JointLaw JointOverride Load Material Output Scenario "
+    "Solver",
     "dembrick.scenario.pressures": "Pressure",
     "dembrick.scenario.toml": "dumps load loads",
     "dembrick.views": "plot",
