@@ -5,8 +5,8 @@
 Without an option: all but ``--speed``. ``--table`` prints load factors, bounds and references of six assemblies with
 concave and convex joints, and with bonded and crushing ones. ``--drawn`` compares walls, arches, corners and stacks,
 drawn and pushed any way in space, with the search: counts of agreement where nothing slides, and of searches above
-the bound. ``--walls`` prints associative bound, heuristic without dilatancy and search of the six walls. ``--speed``
-times walls of 30 x 30 and 70 x 70 blocks.
+the bound. ``--walls`` prints associative bound, heuristic without dilatancy, search and range of other paths of the six
+walls. ``--speed`` times walls of 30 x 30 and 70 x 70 blocks.
 """
 
 from __future__ import annotations
@@ -171,18 +171,20 @@ def _corner_slip(found, pressed: np.ndarray) -> float:
 
 
 def walls() -> None:
-    """The walls of Ferris and Tin-Loi: bound, heuristic, path."""
-    print(f"{'wall':6} {'associative':>12} {'published':>10} {'heuristic':>10} {'path':>9}  how the heuristic ended")
+    """The walls of Ferris and Tin-Loi: bound, heuristic, path and its range."""
+    heads = f"{'associative':>12} {'published':>10} {'heuristic':>10} {'path':>9} {'its range':>20}"
+    print(f"{'wall':6} {heads}  how the heuristic ended")
     published = (0.64286, 0.58000, 0.40369, 0.33195, 0.23964, 0.34782)
     for number, known in enumerate(published, 1):
         folder = ROOT / "scenarios" / ("verification" if number > 3 else "")
         scenario = searched(toml.load(str(folder / f"ferris_tinloi_{number}.toml")))
         found = limit(scenario, heuristic=True)
         opinion = found.second_opinion
-        path = simulate(scenario, record=False).collapse["load_factor"]
+        path = simulate(scenario, record=False, refine=True).collapse
+        low, high = path["path_range"]
         print(
-            f"{number:<6} {found.load_factor:12.7f} {known:10.5f} {opinion.load_factor:10.5f} {path:9.5f}  "
-            f"{opinion.ended}",
+            f"{number:<6} {found.load_factor:12.7f} {known:10.5f} {opinion.load_factor:10.5f} "
+            f"{path['load_factor']:9.5f} {f'{low:.5f} to {high:.5f}':>20}  {opinion.ended}",
             flush=True,
         )
 

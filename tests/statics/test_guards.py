@@ -13,6 +13,11 @@ from dembrick.kernels.state import HEAD, SEATED, SEATING, TORQUES, Inertia
 from dembrick.kernels.statics import divergence as kernel
 from dembrick.kernels.statics.loop import DIVERGED, RUNAWAY, RUNNING
 from dembrick.runs.lab import lab_scenario
+from dembrick.runs.simulate import simulate
+from dembrick.scenario.blocks import Block
+from dembrick.scenario.controls import DisplacementControl
+from dembrick.scenario.generators import Arch
+from dembrick.scenario.model import Actuator, JointLaw, Material, Scenario
 from dembrick.simulation.statics import constant_rate
 from dembrick.simulation.statics.guards import LOOK, STRETCHES, new_guard, refuse_divergence
 from dembrick.simulation.statics.state import initial_state
@@ -192,3 +197,18 @@ def test_a_slow_certified_test_carries_what_its_bracket_says(built, mean, swing,
             refuse_unsound(near, guard, 0.0995, 0.18)
     else:
         refuse_unsound(near, guard, 0.0995, 0.18)
+
+
+@pytest.mark.parametrize("friction", [0.7, 1.0])
+def test_blocks_that_fall_are_named_and_not_called_a_divergence(friction):
+    """The right foot of an arch is pulled away on its floor, until the stones fall between the feet."""
+    stones = [block for block in Arch("arch", "stone", 1.5, 0.3, 0.5, 7).build() if block.name != "arch.right"]
+    foot = Block("foot", "stone", (0.6, 0.8, 0.3), (1.5, 0.0, -0.15))
+    floor = Block("floor", "stone", (6.0, 2.0, 0.3), (2.5, 0.0, -0.45), fixed=True)
+    actuator = Actuator("pull", "foot", (1.8, 0.0, -0.15), (1.0, 0.0, 0.0))
+    law, stone = JointLaw("concave", friction, 1e8, 4e7), {"stone": Material(2000.0)}
+    blocks, control = (*stones, foot, floor), DisplacementControl(0.4, 1.2)
+    scene = Scenario("spread", (0.0, 0.0, -9.81), law, stone, blocks, control, actuators=(actuator,))
+    said = "block 'arch.[0-9]' .*has come down by .* shorten control.travel"
+    with pytest.raises((NotConvergedError, DivergedError), match=said):
+        simulate(scene, record=False)

@@ -17,10 +17,11 @@ import numpy as np
 from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.geometry.rotations import turned_by, unit_quaternion
 from dembrick.kernels.state import Inertia
+from dembrick.kernels.statics.divergence import Guard
 from dembrick.scenario.model import Output
 from dembrick.simulation.session import Observer, Plan, Session
 from dembrick.simulation.statics import joint_families
-from dembrick.simulation.statics.guards import new_guard, refuse_divergence
+from dembrick.simulation.statics.guards import came_down, new_guard, refuse_divergence
 from dembrick.simulation.statics.load_system import (
     MOST_STEPS_AT_RATE,
     LoadSystem,
@@ -31,6 +32,7 @@ from dembrick.simulation.statics.recorder import Recorder
 from dembrick.simulation.statics.state import State, new_energy
 from dembrick.simulation.statics.steady_load import refuse_unsound, steady
 from dembrick.simulation.statics.stepper import Loop, Stepper
+from dembrick.simulation.statics.yield_point import YieldPoint
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
@@ -101,8 +103,19 @@ def push_at_constant_rate(
         pace = rate * critical / slip if slip > 0.0 else math.inf
         refuse_unsound(replay.yield_point, guard, pace, float(joint_families.reach(state).max()))
     else:
-        replay.yield_point = steady(replay.yield_point, guard, least=1e-3 * setup.dead_strength())
+        replay.yield_point = _steady(replay.yield_point, guard, 1e-3 * setup.dead_strength(), assembly, state)
     return replay
+
+
+def _steady(point: YieldPoint, guard: Guard, least: float, assembly: Assembly, state: State) -> YieldPoint:
+    """`steady`, and where it refuses because blocks have fallen, a word on that."""
+    try:
+        return steady(point, guard, least)
+    except NotConvergedError as error:
+        fall = came_down(assembly, state)
+        if fall is None:
+            raise
+        raise NotConvergedError(f"no limit load: {fall}", error.yield_point) from None
 
 
 def plan(assembly: Assembly, control: DisplacementControl, step_factor: float, output: Output) -> Plan:
