@@ -17,6 +17,7 @@ def run(options, console) -> int:
     from dembrick.runs.drivers import driver_of
     from dembrick.scenario import toml
     from dembrick.scenario.unit_slips import unit_slips
+    from dembrick.simulation.expected_cost import START_SECONDS
 
     scenario = toml.load(options.scenario, options.set)
     assembly = assemble(scenario)
@@ -46,7 +47,7 @@ def run(options, console) -> int:
         "critical_time_step": plan.critical_time_step,
         "expected_steps": plan.steps,
         "expected_memory": plan.memory,
-        "expected_seconds": plan.seconds,
+        "expected_seconds": None if plan.seconds is None else START_SECONDS + plan.seconds,
         "warnings": warnings,
     }
     console.result(data, _text(data, plan))
@@ -73,7 +74,8 @@ def _text(data: dict, plan) -> str:
         lines.append(f"actuators     {_some(data['actuators'])}")
     lines.append(f"time step     {data['time_step']:.3g} s (critical {data['critical_time_step']:.3g} s)")
     bound = "at most " if plan.at_most else "" if plan.exact else "about "
-    took = "" if plan.seconds is None else f", {duration(plan.seconds)} on one core once compiled"
+    seconds = data["expected_seconds"]
+    took = "" if seconds is None else f", {duration(seconds)} on one core once compiled"
     memory = max(1, round(plan.memory / 1e6))
     lines.append(f"expected      {bound}{plan.steps} steps{took}, {memory} MB beside those of the program")
     return "\n".join(lines)

@@ -25,7 +25,8 @@ def add_arguments(parser) -> None:
     parser.add_argument(
         "--refine",
         action="store_true",
-        help="estimate the error of a run without a bracket: stiffer joints, half the rate or steps",
+        help="how far the answer is known: searches again with other stiffness ratios and shorter steps; in real time "
+        "with stiffer joints and at half the rate",
     )
     add_force(parser)
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 
+START_SECONDS = 1.0  # of a command: start-up, loading what is compiled, building, writing
 LONG = 3600.0  # s: a run that takes more says so before it starts
 FIRST_NEWTON, NEWTON_PER_ROOT = (
     20.0,
