@@ -48,6 +48,7 @@ def run(options, console) -> int:
         "expected_steps": plan.steps,
         "expected_memory": plan.memory,
         "expected_seconds": None if plan.seconds is None else START_SECONDS + plan.seconds,
+        "expected_seconds_falling": None if plan.seconds_falling is None else START_SECONDS + plan.seconds_falling,
         "warnings": warnings,
     }
     console.result(data, _text(data, plan))
@@ -76,6 +77,8 @@ def _text(data: dict, plan) -> str:
     bound = "at most " if plan.at_most else "" if plan.exact else "about "
     seconds = data["expected_seconds"]
     took = "" if seconds is None else f", {duration(seconds)} on one core once compiled"
+    if data["expected_seconds_falling"] is not None and data["free_blocks"] > 1:
+        took += f" ({duration(data['expected_seconds_falling'])} if all of it comes down)"
     memory = max(1, round(plan.memory / 1e6))
     lines.append(f"expected      {bound}{plan.steps} steps{took}, {memory} MB beside those of the program")
     return "\n".join(lines)

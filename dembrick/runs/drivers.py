@@ -178,10 +178,11 @@ def _live_through(scenario: Scenario, assembly: Assembly, session: Session) -> M
     from dembrick.simulation.dynamics import loads, run
 
     moving = run.prepare(assembly, scenario.control, scenario.solver.step_factor)
-    most = present(run.plan(moving, scenario.control, scenario.output).seconds)
-    if most > LONG:  # to the end of the longest such run; this one is worth a closer look
+    plan = run.plan(moving, scenario.control, scenario.output)
+    if plan.at_most and present(plan.seconds) > LONG:  # of the longest such run; this one is worth a closer look
         plan = run.plan(moving, scenario.control, scenario.output, _expected_factor(scenario, assembly))
-        session.warn_if_long(present(plan.seconds), _shorter(scenario.control), plan.at_most)
+    most = present(plan.seconds) if plan.seconds_falling is None else plan.seconds_falling
+    session.warn_if_long(most, _shorter(scenario.control), plan.at_most or plan.seconds_falling is not None)
     driving = loads.driving_of(scenario, assembly, moving.time_step)
     run.ask_for(moving, scenario.output, len(driving.block))
     return run.run(moving, scenario.control, driving, session)

@@ -49,9 +49,10 @@ def simulate(
 
     ``history`` is the HDF5 file to write; ``force`` lets it replace any, or with "own" a finished one of the same
     scenario. Without ``record`` (and a history) only the yield point is kept, which is what a batch wants. ``refine``
-    runs it a few times more, for the range of limits that other paths lead to, or an error estimate of a collapse in
-    real time or of how far blocks have moved, see `error_estimate`. ``report`` gets warnings; ``progress`` hears ten times a second how far the run is (see
-    `simulation.session.Progress`). None shows a bar in a notebook, False nothing.
+    runs it a few times more, for the range of limits that other paths lead to, or for an error estimate of a collapse
+    in real time or of how far blocks have moved, see `error_estimate`. ``report`` gets warnings; ``progress`` hears ten
+    times a second how far the run is (see `simulation.session.Progress`). None shows a bar in a notebook, False
+    nothing.
 
     Raises ScenarioError for input that is not a test, OutputError for a path that cannot be used, NotConvergedError
     and DivergedError where there is no answer; the history then is kept, with the status "failed". Interrupted, which

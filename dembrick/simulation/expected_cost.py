@@ -21,6 +21,7 @@ STATICS_STEPS = 50  # of a dead-load equilibrium of an assembly: 1 to 300 have b
 RELAXATION_SECONDS = 1.5e-6  # s a joint and step of a dead-load equilibrium
 LOOP_SECONDS, POINT_SECONDS = 4e-7, 8e-9  # s a joint and step of a constant-rate test, and a contact point more
 MOTION_SECONDS, MOTION_JOINT_SECONDS = 6e-6, 1.3e-7  # s a step in real time, and a joint more, contacts sought as well
+HEAP_BLOCK_SECONDS = 1.2e-5  # s a step and block, where blocks fall and meet anywhere
 SEARCH_FIRST, SEARCH_PER_DIGIT = 20, 8  # steps of the search of a lone joint to 1e-2, and of every digit more
 
 
@@ -53,6 +54,11 @@ def loop_seconds(steps: int, joints: int, points: int) -> float:
 def motion_seconds(steps: int, joints: int) -> float:
     """Of a run in real time on one thread."""
     return steps * (MOTION_SECONDS + MOTION_JOINT_SECONDS * joints)
+
+
+def heap_seconds(steps: int, blocks: int) -> float:
+    """Of a run in real time in which so many blocks come down, and contacts form and part everywhere."""
+    return steps * (MOTION_SECONDS + HEAP_BLOCK_SECONDS * blocks)
 
 
 def fall_seconds(displacement: float, rate: float, gravity: float) -> float:

@@ -58,7 +58,8 @@ TOLD_EVERY = 0.1  # s, between two words on how far a run is
 class Plan:
     """What a run will take: time step and critical time step (s), steps, bytes beside those of the program itself, and
     ``seconds`` of compiled code on one core (None: nobody knows). ``exact``: the steps are not an estimate;
-    ``at_most``: they are those of the longest such run."""
+    ``at_most``: they are those of the longest such run. ``seconds_falling``: of a run in real time in which all blocks
+    come down in a heap, if they may; ``seconds`` is then of one in which they stand."""
 
     time_step: float
     critical_time_step: float
@@ -67,6 +68,7 @@ class Plan:
     seconds: float | None = None
     exact: bool = False
     at_most: bool = False
+    seconds_falling: float | None = None
 
 
 @dataclass

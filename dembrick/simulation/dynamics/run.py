@@ -41,7 +41,7 @@ from dembrick.simulation.dynamics.state import (
     with_contact_forces,
 )
 from dembrick.simulation.energy_audit import Sums
-from dembrick.simulation.expected_cost import fall_seconds, motion_seconds
+from dembrick.simulation.expected_cost import fall_seconds, heap_seconds, motion_seconds
 from dembrick.simulation.session import Plan, Session
 
 if TYPE_CHECKING:
@@ -125,7 +125,9 @@ def plan(moving: Motion, control: Control, output: Output, load_factor: float | 
     memory += bytes_of(fields, rows, frames, frames * MEETINGS * len(moving.assembly.names))
     seconds = motion_seconds(steps, len(moving.assembly.joints))
     at_most = falls and load_factor is None
-    return Plan(moving.time_step, moving.critical_time_step, steps, memory, seconds, not falls, at_most)
+    free = int((~np.asarray(moving.assembly.fixed)).sum())
+    falling = None if falls else max(seconds, heap_seconds(steps, free))
+    return Plan(moving.time_step, moving.critical_time_step, steps, memory, seconds, not falls, at_most, falling)
 
 
 def _seconds_to_collapse(moving: Motion, control: Control, load_factor: float) -> float:
