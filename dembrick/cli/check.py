@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dembrick.cli.paths import add_force
+
 
 def add_arguments(parser) -> None:
     """Options of the command."""
     parser.add_argument("scenario", help="the TOML file")
+    parser.add_argument("--picture", metavar="FILE.png", help="draw the blocks as they are before the run")
+    add_force(parser)
     parser.add_argument(
         "--set", metavar="KEY.PATH=VALUE", action="append", default=[], help="change a key of the scenario"
     )
@@ -51,8 +55,23 @@ def run(options, console) -> int:
         "expected_seconds_falling": None if plan.seconds_falling is None else START_SECONDS + plan.seconds_falling,
         "warnings": warnings,
     }
+    if options.picture:
+        _draw(scenario, assembly, options, console)
     console.result(data, _text(data, plan))
     return 0
+
+
+def _draw(scenario, assembly, options, console) -> None:
+    from dembrick import history
+    from dembrick.runs import mechanism_history
+    from dembrick.views import render
+
+    with (
+        mechanism_history.before_a_run(scenario, assembly) as found,
+        history.product("picture", [found.scenario_text], [options.scenario], options.force),
+    ):
+        console.meter.busy("drawing")
+        render.picture(found, options.picture, color="none")
 
 
 def _text(data: dict, plan) -> str:

@@ -1,13 +1,15 @@
-"""``dembrick render FILE.h5 --to FILE.png`` (``.gif``, ``.mp4``, ``.html``)."""
+"""``dembrick render FILE.h5 --to FILE.png`` (``.gif``, ``.mp4``, ``.html``); of a scenario, before anything runs."""
 
 from __future__ import annotations
+
+import os
 
 from dembrick.cli.paths import add_force
 
 
 def add_arguments(parser) -> None:
     """Options of the command."""
-    parser.add_argument("history", metavar="FILE.h5", help="history file")
+    parser.add_argument("history", metavar="FILE", help="history file, or a scenario (.toml): as it is before a run")
     parser.add_argument(
         "--to", metavar="FILE", required=True, help="picture (.png), movie (.gif, .mp4) or page (.html)"
     )
@@ -44,6 +46,27 @@ def add_look(parser) -> None:
     look.add_argument("--forces", action="store_true", help="draw the forces of joints and of new contacts as arrows")
 
 
+def is_scenario(path: str) -> bool:
+    """Whether a path is that of a scenario, or the name of a shipped one."""
+    from dembrick.scenario import shipped
+
+    return path.lower().endswith(".toml") or (not os.path.exists(path) and shipped.find(path) is not None)
+
+
+def opened(path: str):
+    """A history file, or what a scenario looks like before a run, as a history; a context."""
+    from dembrick import history
+
+    if not is_scenario(path):
+        return history.read(path)
+    from dembrick.assembly.build import assemble
+    from dembrick.runs import mechanism_history
+    from dembrick.scenario import toml
+
+    scenario = toml.load(path)
+    return mechanism_history.before_a_run(scenario, assemble(scenario))
+
+
 def run(options, console) -> int:
     """Draw the picture, the movie or the page."""
     ending = options.to.lower().rpartition(".")[2]
@@ -52,7 +75,7 @@ def run(options, console) -> int:
         from dembrick.views import page
 
         with (
-            history.read(options.history) as found,
+            opened(options.history) as found,
             history.product("page", [found.scenario_text], [options.history], options.force),
         ):
             console.meter.busy("drawing")
@@ -64,11 +87,13 @@ def run(options, console) -> int:
 
     look = {"view": options.camera, "magnification": options.magnify, "color": options.color}
     look |= {"forces": options.forces}
+    if is_scenario(options.history):
+        look["color"] = "none"  # nothing has moved yet
     if options.size:
         look["size"] = tuple(options.size)
     kind = "movie" if ending in ("gif", "mp4") else "picture"
     with (
-        history.read(options.history) as found,
+        opened(options.history) as found,
         history.product(kind, [found.scenario_text], [options.history], options.force),
     ):
         console.meter.busy("drawing")

@@ -1,13 +1,15 @@
-"""The mechanism of limit analysis as a history of two frames, so that everything that draws a history draws it.
+"""The structure before a run, and the mechanism of limit analysis, as histories: what draws a history draws them.
 
-The first frame is the structure at rest, the second the mechanism, its velocities times a time in which the farthest
-corner moves a little. Rows and joint forces are those of the limit state in both.
+A mechanism has two frames: the structure at rest, and its velocities times a time in which the farthest corner moves a
+little. Rows and joint forces are those of the limit state in both. A structure before a run has one frame and no force.
 """
 
 from __future__ import annotations
 
 import os
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,10 +18,12 @@ from dembrick import history
 from dembrick.errors import ScenarioError
 from dembrick.geometry.rotations import quaternion_product, rotation_matrix
 from dembrick.scenario import toml as scenarios
-from dembrick.simulation.channels import JOINT_CHANNELS
+from dembrick.simulation.channels import JOINT_CHANNELS, ROWS, recorded
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
+    from dembrick.scenario.controls import Control
+    from dembrick.scenario.model import Scenario
 
 SEEN = 0.12  # of the largest block: how far the farthest corner moves
 
@@ -30,29 +34,20 @@ def write(result, mechanism, resultants: np.ndarray, path: str | os.PathLike, fo
         raise ScenarioError("nothing moves, so there is no mechanism to draw")
     assembly, channels = result.assembly, ("joints", "frames")
     displacement, turn = _moved(assembly, mechanism.velocity)
-    text = scenarios.text_of(result.scenario)
-    actuators = len(assembly.actuators.names)
     joint = np.zeros((2, len(assembly.joints), len(JOINT_CHANNELS)))
     joint[:, :, :6] = resultants
-    rows = {
-        "time": np.array([0.0, 1.0]),
-        "load": np.full(2, result.load_factor),
-        "displacement": np.zeros(2),
-        "unbalanced": np.zeros(2),
-        "lower": np.full(2, result.lower),
-        "upper": np.full(2, result.upper),
-        "actuator_displacement": np.zeros((2, actuators)),
-        "actuator_force": np.full((2, actuators), result.load_factor) * assembly.actuators.weight,
-        "joint": joint,
-        "control_point": np.zeros((2, len(assembly.control_points.names), 3)),
-    }
+    rows = _rows(assembly, result.scenario.control, 2)
+    rows |= {"load": np.full(2, result.load_factor), "lower": np.full(2, result.lower), "joint": joint}
+    rows |= {"upper": np.full(2, result.upper)}
+    rows["actuator_force"] = np.full((2, 1), result.load_factor) * assembly.actuators.weight
     if assembly.control_points.names:
         rows["control_point"][1] = assembly.control_points.displacement(
             displacement, rotation_matrix(quaternion_product(turn, assembly.orientation))
         )
     with history.HistoryWriter(
-        path, text, assembly, {}, force, channels=channels, control=result.scenario.control
-    ) as writer:
+        path, scenarios.text_of(result.scenario), assembly, {}, force, channels=channels,
+        control=result.scenario.control,
+    ) as writer:  # fmt: skip
         writer.append(rows)
         writer.append_frames(
             np.array([0.0, 1.0]),
@@ -61,6 +56,27 @@ def write(result, mechanism, resultants: np.ndarray, path: str | os.PathLike, fo
         )
         writer.finish(result.status, result.as_dict())
     return os.fspath(path)
+
+
+@contextmanager
+def before_a_run(scenario: Scenario, assembly: Assembly) -> Iterator[history.History]:
+    """A history of one frame that goes away again: the structure as the scenario describes it, at rest."""
+    with tempfile.TemporaryDirectory(prefix="dembrick-") as folder:
+        path, text = os.path.join(folder, "start.h5"), scenarios.text_of(scenario)
+        with history.HistoryWriter(path, text, assembly, {}, channels=("frames",), control=scenario.control) as writer:
+            writer.append(_rows(assembly, scenario.control, 1))
+            still = np.zeros((1, len(assembly.names), 3))
+            writer.append_frames(np.zeros(1), still, assembly.orientation[None])
+            writer.finish("start", {"title": scenario.title})
+        with history.read(path) as found:
+            yield found
+
+
+def _rows(assembly: Assembly, control: Control, count: int) -> dict[str, np.ndarray]:
+    """So many rows in which nothing has happened, but for joint forces and energies."""
+    fields = [field for field in recorded(assembly, ("frames",), control) if field.grows_by == ROWS]
+    rows = {field.channel.name: np.zeros((count, *field.tail)) for field in fields}
+    return rows | {"time": np.arange(float(count))}
 
 
 def picture(result, mechanism, resultants: np.ndarray, path: str | os.PathLike, **look) -> str:

@@ -22,15 +22,6 @@ from helpers.places import SCENARIOS
 pyvista = pytest.importorskip("pyvista")
 
 
-@pytest.fixture
-def drawing():
-    """Skips where this machine cannot draw."""
-    try:
-        screen.require_drawing()
-    except MissingDependency as error:
-        pytest.skip(str(error))
-
-
 def pixels(path):
     image = pyvista.read(path)
     return image["PNGImage"].reshape(image.dimensions[1], image.dimensions[0], -1)[..., :3]

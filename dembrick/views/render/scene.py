@@ -216,6 +216,8 @@ class Scene:
             self._build_forces()
         size = max(8, round(plotter.window_size[0] / 120))
         self._text = plotter.add_text(" ", position=(0.012, 0.985), viewport=True, color="black", font_size=size)
+        axes = {"x_color": "#D55E00", "y_color": "#009E73", "z_color": "#0072B2", "color": "black"}
+        plotter.add_axes(interactive=False, viewport=(0.0, 0.0, 0.14, 0.14), line_width=3, **axes)
         self._text.prop.justification_vertical = "top"
 
     def _surface(self, blocks: list[int]):
