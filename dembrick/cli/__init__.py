@@ -84,7 +84,9 @@ def _add_common(parser) -> None:
     common = parser.add_argument_group("output")
     common.add_argument("--json", action="store_true", help="print one JSON object on standard output")
     common.add_argument("--quiet", "-q", action="store_true", help="no progress and no remarks")
-    common.add_argument("-v", "--verbose", action="store_true", help="more remarks, on standard error")
+    common.add_argument(
+        "-v", "--verbose", action="store_true", help="say where the time of a run went, on standard error"
+    )
 
 
 def main(arguments: list[str] | None = None) -> int:

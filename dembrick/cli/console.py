@@ -50,7 +50,7 @@ class Console:
             self.say(text)
 
     def detail(self, text: str) -> None:
-        """Something worth knowing when one asked for more (-v)."""
+        """A remark that only ``-v`` asks for."""
         if self.verbose:
             self.remark(text)
 

@@ -101,6 +101,9 @@ def answer(simulated: Callable, path: str, console) -> int:
         console.error(str(error))
         console.remark(f"history: {path}")
         return 1
+    for phase, seconds in {**result.wall, **(result.run.phases or {})}.items():
+        if isinstance(seconds, float):
+            console.detail(f"{phase.replace('_', ' ')}: {seconds:.3g} s")
     console.result(result.as_dict(), _text(result))
     if result.agrees():
         return 0

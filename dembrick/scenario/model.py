@@ -387,15 +387,6 @@ class Scenario:
             return self.groups[name]
         return tuple(i for i, block in enumerate(self.all_blocks) if block.name == name)
 
-    def law_between(self, first: str, second: str) -> JointLaw:
-        """The law of the joints between two named blocks; the last override that holds for the pair decides."""
-        (one,), (two,) = self.members(first), self.members(second)
-        for override in reversed(self.joints):
-            here, there = (self.members(name) for name in override.between)
-            if (one in here and two in there) or (one in there and two in here):
-                return override.law
-        return self.joint
-
 
 def _groups(blocks: list[Block]) -> dict[str, tuple[int, ...]]:
     """Groups by ``group`` keys and by the dots in names, each with the numbers of its blocks."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -86,6 +87,12 @@ def test_run_json(call, folder):
     assert data["history"] == os.path.join("results", "set4a.h5")
     assert history.read(folder / data["history"]).status == data["status"] == "yield"
     assert call("run", SET_4A, "--quiet")[0] == 0  # replaces its own earlier output
+
+
+def test_verbose_says_where_the_time_went(call, folder):
+    code, _, said = call("run", SET_4A, "-v")
+    assert code == 0 and re.search(r"^loop: [\d.e-]+ s$", said, re.MULTILINE)
+    assert "start up" not in call("run", SET_4A)[2]
 
 
 def test_explicit_out_is_not_replaced_without_force(call, folder):

@@ -218,7 +218,6 @@ def test_a_wall_in_a_file():
         j.law.friction for j in assembly.joints
     }  # fmt: skip
     assert laws["wall.2", "wall.3"] == 0.3 and laws["wall.3", "wall.4"] == 0.64 and laws["wall.2", "wall.2"] == 0.64
-    assert found.law_between("wall.2.1", "wall.3.1").friction == 0.3
     assert toml.loads(toml.dumps(found)) == found
     assert toml.loads(TOML, overrides=["walls.wall.courses=7"]).all_blocks[-1].name == "wall.right.7.4"
 

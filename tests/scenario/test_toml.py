@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dembrick.assembly.laws import Laws
 from dembrick.errors import ScenarioError
 from dembrick.scenario import model, toml
 from helpers.places import SCENARIOS as FOLDER
@@ -114,7 +115,7 @@ def test_a_joint_overrides_only_what_it_names():
     assert with_joint("shear_stiffness = 1e9") == replace(default, shear_stiffness=1e9)
     assert with_joint("") == default
     s = toml.loads(BASE + "\n[[joints]]\nbetween = ['upper', 'lower']\nfriction = 0.3")
-    assert s.law_between("lower", "upper").friction == 0.3 and s.joint.friction == 0.64
+    assert Laws(s).between(0, 1).friction == Laws(s).between(1, 0).friction == 0.3 and s.joint.friction == 0.64
 
 
 def test_keys_of_a_formulation_go_with_it():
