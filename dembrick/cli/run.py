@@ -134,6 +134,7 @@ def _text(result) -> str:
     if result.yield_point is None:
         return result.text()
     from dembrick.runs.path_dependence import path_lines
+    from dembrick.runs.result import reaction_lines
     from dembrick.views.summary import known, on_one_path
 
     point, run = result.yield_point, result.run
@@ -173,5 +174,6 @@ def _text(result) -> str:
         lines.append(
             f"time step     {run.time_step:.3g} s (critical {run.critical_time_step:.3g} s), {run.steps} steps, {took}"
         )
+    lines += reaction_lines(result.reactions)
     lines.append(f"history       {result.history}")
     return "\n".join(lines)

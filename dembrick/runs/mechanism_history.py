@@ -19,6 +19,8 @@ from dembrick.errors import ScenarioError
 from dembrick.geometry.rotations import quaternion_product, rotation_matrix
 from dembrick.scenario import toml as scenarios
 from dembrick.simulation.channels import JOINT_CHANNELS, ROWS, recorded
+from dembrick.simulation.statics.reactions import reactions
+from dembrick.simulation.statics.state import initial_state
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
@@ -40,6 +42,10 @@ def write(result, mechanism, resultants: np.ndarray, path: str | os.PathLike, fo
     rows |= {"load": np.full(2, result.load_factor), "lower": np.full(2, result.lower), "joint": joint}
     rows |= {"upper": np.full(2, result.upper)}
     rows["actuator_force"] = np.full((2, 1), result.load_factor) * assembly.actuators.weight
+    if assembly.fixed.any():
+        state = initial_state(assembly)
+        state.joints.resultant[:] = joint[0]
+        rows["reaction"] = np.tile(reactions(state), (2, 1, 1))
     if assembly.control_points.names:
         rows["control_point"][1] = assembly.control_points.displacement(
             displacement, rotation_matrix(quaternion_product(turn, assembly.orientation))

@@ -16,7 +16,6 @@ from dembrick.scenario.controls import ACTUATORS, COMPLETED, STEEPEST, YIELD, Cu
 from dembrick.scenario.model import Scenario
 from dembrick.simulation.energy_audit import EnergyAudit
 from dembrick.simulation.statics.load_system import Replay
-from dembrick.simulation.statics.reactions import reactions
 from dembrick.simulation.statics.state import rotations
 from dembrick.simulation.statics.yield_point import YieldPoint
 
@@ -24,6 +23,7 @@ if TYPE_CHECKING:
     from dembrick.simulation.dynamics.run import MotionRun  # and its kernels: for runs in real time only
     from dembrick.simulation.statics.standing import Standing
 
+SHOWN = 8  # supports whose reactions the command line prints
 BRACKET_SLACK = 1e-9  # of V: rounding by which theory may lie outside a certified bracket
 
 
@@ -32,7 +32,7 @@ class RunResult:
     """What every run gives: what was run, the record, and how long it took (``wall``, s).
 
     ``rows``: time, load, displacement, unbalanced, lower, upper (T,), actuator_displacement and actuator_force (T, k),
-    joint (T, j, 7: N, V_1, V_2, M_T, M_1, M_2, slip), energy (name: (T,)). ``frames``: time (F,), displacement
+    reaction (T, s, 6: F_x, F_y, F_z, M_x, M_y, M_z of every support), joint (T, j, 7: N, V_1, V_2, M_T, M_1, M_2, slip), energy (name: (T,)). ``frames``: time (F,), displacement
     (F, n, 3), orientation (F, n, 4), velocity and spin (F, n, 3), contact_force (F, c, 3). Only the channels of the
     scenario's output are there. ``history``: the file of it. SI units.
     """
@@ -53,10 +53,18 @@ class RunResult:
             "title": self.scenario.title,
             "formulation": self.scenario.joint.formulation,
             **own,
+            "reactions": self.reactions,
             "energy": None if self.energy is None else self.energy.as_dict(),
             "wall": self.wall,
             "history": self.history,
         }
+
+    @property
+    def reactions(self) -> dict[str, list[float]] | None:
+        """[Fx, Fy, Fz, Mx, My, Mz] of every support on the structure at the end, about its centroid at the start
+        (N, N m; world axes); None where blocks fall that would be at rest."""
+        names = (name for name, fixed in zip(self.assembly.names, self.assembly.fixed, strict=True) if fixed)
+        return dict(zip(names, (self.run.reactions + 0.0).tolist(), strict=True))
 
     @property
     def curve(self) -> Curve:
@@ -118,6 +126,17 @@ class RunResult:
         from dembrick.views import page
 
         return page.fragment(self)
+
+
+def reaction_lines(found: Mapping[str, list[float]] | None) -> list[str]:
+    """What the command line prints of the reactions of supports."""
+    lines = []
+    for name, (fx, fy, fz, *moment) in list((found or {}).items())[:SHOWN]:
+        about = ", ".join(f"{m:.6g}" for m in moment)
+        lines.append(f"reaction      {name}: {fx:.6g}, {fy:.6g}, {fz:.6g} N; {about} N m about its centroid")
+    if found is not None and len(found) > SHOWN:
+        lines.append(f"  ... and {len(found) - SHOWN} more supports (--json lists all)")
+    return lines
 
 
 @dataclasses.dataclass(repr=False)
@@ -238,6 +257,5 @@ class Result(RunResult):
             critical_time_step=run.critical_time_step,
             simulated_time=run.simulated_time,
             unbalanced=run.unbalanced,
-            reactions=reactions(run.state, self.assembly.names),
             control_points=self.control_points,
         )

@@ -5,15 +5,12 @@ from __future__ import annotations
 import dataclasses
 from typing import TYPE_CHECKING
 
-from dembrick.runs.result import RunResult
+from dembrick.runs.result import RunResult, reaction_lines
 from dembrick.simulation.statics.dead_load import does_not_stand
-from dembrick.simulation.statics.reactions import reactions
 from dembrick.simulation.statics.state import rotations
 
 if TYPE_CHECKING:
     from dembrick.simulation.statics.standing import Standing
-
-SHOWN = 8  # supports whose reactions the command line prints
 
 
 @dataclasses.dataclass(repr=False)
@@ -46,8 +43,8 @@ class StaticsResult(RunResult):
 
     @property
     def reactions(self) -> dict[str, list[float]] | None:
-        """[Fx, Fy, Fz, Mx, My, Mz] of every support about its centroid (N, N m); None where blocks fall."""
-        return reactions(self.run.state, self.assembly.names) if self.run.rest.stands else None
+        """Those of the blocks at rest; None where blocks fall."""
+        return RunResult.reactions.fget(self) if self.run.rest.stands else None
 
     @property
     def plain_answer(self) -> str:
@@ -75,7 +72,6 @@ class StaticsResult(RunResult):
             status=self.status,
             answer=self.plain_answer,
             statics=self.statics,
-            reactions=self.reactions,
             collapse=None,
             yield_point=None,
             theory=None,
@@ -89,12 +85,7 @@ class StaticsResult(RunResult):
         rest = self.run.rest
         lines = [self.scenario.title, f"formulation   {self.scenario.joint.formulation}"]
         lines.append(f"answer        {self.plain_answer}")
-        found = self.reactions or {}
-        for name, (fx, fy, fz, *moment) in list(found.items())[:SHOWN]:
-            about = ", ".join(f"{m:.6g}" for m in moment)
-            lines.append(f"reaction      {name}: {fx:.6g}, {fy:.6g}, {fz:.6g} N; {about} N m about its centroid")
-        if len(found) > SHOWN:
-            lines.append(f"  ... and {len(found) - SHOWN} more supports (--json lists all)")
+        lines += reaction_lines(self.reactions)
         lines.append(f"out of balance {rest.unbalanced:.2g} of the joint forces after {rest.steps} steps")
         lines.append(f"history       {self.history}")
         return "\n".join(lines)

@@ -19,7 +19,9 @@ if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
 
 ROWS, FRAMES, CONTACTS = 0, 1, 2  # what a channel has an entry for: a row, a frame, a new contact of a frame
-AXES = "xyz"
+AXES = tuple("xyz")
+WRENCH = ("F_x [N]", "F_y [N]", "F_z [N]", "M_x [N m]", "M_y [N m]", "M_z [N m]")
+OPTIONAL = ("control_point", "support")  # where a scene has none of these, there is no channel of them
 
 
 class Sizes(NamedTuple):
@@ -30,6 +32,7 @@ class Sizes(NamedTuple):
     actuator: int
     control_point: int
     point: int
+    support: int
 
     @classmethod
     def of(cls, assembly: Assembly) -> Sizes:
@@ -37,7 +40,7 @@ class Sizes(NamedTuple):
         points = sum(len(points.area) for points in assembly.contact_points if points is not None)
         return cls(
             len(assembly.names), len(assembly.joints), len(assembly.actuators.names),
-            len(assembly.control_points.names), points,
+            len(assembly.control_points.names), points, int(np.count_nonzero(assembly.fixed)),
         )  # fmt: skip
 
 
@@ -48,8 +51,8 @@ class Channel:
     ``path``: its dataset in a history. ``shape`` of an entry: numbers, or names of `Sizes`. ``unit`` and ``about``, in
     which {load}, {time} and {when} stand for what the control says. ``asked``: the word of ``output.channels`` that
     asks for it, none if it is always recorded; ``real_time``: whether only runs in real time have it, or only the
-    others. ``columns``: the heading in CSV, in which {name}, {axis} and {time} say which entry; none if CSV leaves it
-    out. ``fill`` finds it from a record and its assembly, else a recorder gives it; ``in_file_only``: results in memory
+    others. ``columns``: the heading in CSV, in which {name}, {axis} (of ``axes``) and {time} say which entry; none if
+    CSV leaves it out. ``fill`` finds it from a record and its assembly, else a recorder gives it; ``in_file_only``: results in memory
     do without. ``kind``: numpy's string of its type, of eight bytes.
     """
 
@@ -63,6 +66,7 @@ class Channel:
     fill: Callable[[Mapping, object], np.ndarray] | None = None
     in_file_only: bool = False
     kind: str = "<f8"
+    axes: tuple[str, ...] = AXES
 
     @property
     def name(self) -> str:
@@ -79,7 +83,12 @@ class Channel:
     @property
     def always(self) -> bool:
         """Whether every record has it, or every one with frames."""
-        return self.asked in ("", "frames") and self.real_time is None and self.shape[:1] != ("control_point",)
+        return self.asked in ("", "frames") and self.real_time is None and not self.optional
+
+    @property
+    def optional(self) -> bool:
+        """Whether only scenes have it that have what it counts."""
+        return self.shape[0] in OPTIONAL if self.shape else False
 
     def tail(self, sizes: Sizes) -> tuple[int, ...]:
         """Shape of an entry in numbers."""
@@ -88,7 +97,7 @@ class Channel:
     def titles(self, names: Mapping[str, list[str]], unit: str) -> list[str]:
         """Headings of its columns; ``names`` of what its shape counts."""
         which = names[self.shape[0]] if self.shape else [""]
-        axes = AXES if len(self.shape) == 2 else [""]
+        axes = self.axes if len(self.shape) == 2 else ("",)
         time = "equilibrium" if unit == "1" else "time"
         return [self.columns.format(name=name, axis=axis, unit=unit, time=time) for name in which for axis in axes]
 
@@ -114,6 +123,11 @@ CHANNELS = (
     Channel(
         "history/control_point", "m", "displacement of each control point, from the start, world axes",
         ("control_point", 3), columns="u_{axis} of {name} [{unit}]",
+    ),
+    Channel(
+        "history/reaction", "N, N m",
+        "force and moment of each support on the structure, about the support's centroid at the start, world axes",
+        ("support", 6), columns="reaction of {name} {axis}", axes=WRENCH,
     ),
     *(
         Channel(f"history/joint/{name}", unit, about, ("joint",), "joints", columns=f"{name} {{name}} [{{unit}}]")
@@ -248,7 +262,7 @@ def recorded(assembly: Assembly, asked: Container[str], control: Control) -> tup
         wanted = channel.real_time in (None, regime.real_time)
         wanted = wanted and ("frames" in asked or channel.grows_by == ROWS)
         wanted = wanted and (not channel.asked or channel.asked in asked)
-        if wanted and not (channel.shape[:1] == ("control_point",) and not sizes.control_point):
+        if wanted and not (channel.optional and not getattr(sizes, channel.shape[0])):
             unit, about = channel.unit.format(**words), channel.about.format(**words)
             found.append(Field(channel, channel.tail(sizes), unit, about))
     return tuple(found)

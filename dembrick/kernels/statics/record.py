@@ -7,8 +7,9 @@ from typing import NamedTuple
 
 from numpy import ndarray
 
-from dembrick._jit import jit
+from dembrick._jit import entry, jit
 from dembrick.kernels.math.quaternion import turned, turning
+from dembrick.kernels.math.vec3 import columns_times, cross
 from dembrick.kernels.statics.block_forces import unbalanced_ratio
 from dembrick.kernels.statics.joint_families import write_contacts
 
@@ -21,6 +22,8 @@ class Record(NamedTuple):
     row: ndarray  # (r, 6) time, load, displacement, unbalanced, lower, upper
     actuator: ndarray  # (r, k) m
     joint: ndarray  # (r, j or 0, 7)
+    support: ndarray  # (n,) int64, number of each block among the fixed ones, -1 where it is free
+    reaction: ndarray  # (r, s, 6) N, N m, see `write_reactions`
     energy: ndarray  # (r, 6) J, see `energy.balance`
     watched: ndarray  # (w,) int64, blocks of the control points
     lever: ndarray  # (w, 3) m, from their centroids to the points, body axes
@@ -32,6 +35,35 @@ class Record(NamedTuple):
     frame_velocity: ndarray  # (F, n or 0, 3) m/s
     frame_spin: ndarray  # (F, n or 0, 3) rad/s
     frame_contact: ndarray  # (F, c or 0, 3) N, on block b at each contact point, world
+
+
+@entry
+def write_reactions(joints, support, out):
+    """Force and moment (s, 6) of the fixed blocks on the structure, by its joints, about their centroids, world axes."""
+    for s in range(out.shape[0]):
+        for i in range(6):
+            out[s, i] = 0.0
+    for j in range(joints.block_a.size):
+        on_a = support[joints.block_a[j]]
+        on_b = support[joints.block_b[j]]
+        if on_a < 0 and on_b < 0:
+            continue
+        r = joints.resultant[j]
+        # what a gives b; where b is the support, it gives a the opposite
+        f1, f2, f3 = columns_times(joints.axes[j], -r[1], -r[2], r[0])
+        m1, m2, m3 = columns_times(joints.axes[j], -r[4], -r[5], -r[3])
+        for side in range(2):
+            s = on_b if side else on_a
+            if s >= 0:
+                arm = joints.arm_b[j] if side else joints.arm_a[j]
+                sense = -1.0 if side else 1.0
+                c1, c2, c3 = cross(arm[0], arm[1], arm[2], f1, f2, f3)
+                out[s, 0] += sense * f1
+                out[s, 1] += sense * f2
+                out[s, 2] += sense * f3
+                out[s, 3] += sense * (m1 + c1)
+                out[s, 4] += sense * (m2 + c2)
+                out[s, 5] += sense * (m3 + c3)
 
 
 @jit
@@ -75,6 +107,7 @@ def write_row(record, step, time, blocks, joints, points, areas, jacks, load, vi
     for j in range(record.joint.shape[1]):
         for i in range(7):
             record.joint[row, j, i] = joints.resultant[j, i]
+    write_reactions(joints, record.support, record.reaction[row])
     for w in range(record.watched.size):
         b = record.watched[w]
         r = blocks.rotation[b]

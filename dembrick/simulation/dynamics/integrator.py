@@ -37,7 +37,7 @@ from dembrick.simulation.dynamics.contact_detection import STABLE, ContactDetect
 from dembrick.simulation.dynamics.energy import MotionEnergy
 from dembrick.simulation.dynamics.joint_polygons import Polygons
 from dembrick.simulation.dynamics.loads import Driving
-from dembrick.simulation.dynamics.state import MovingState, moving_state
+from dembrick.simulation.dynamics.state import MovingState, moving_state, reactions
 from dembrick.simulation.dynamics.time_step import (
     contact_time_step,
     critical_time_step,
@@ -135,6 +135,11 @@ class Motion:
     def displacement(self) -> np.ndarray:
         """Of every centroid since the seating (n, 3), in the frame of the supports (m)."""
         return self.state.bodies.position - self.state.bodies.start
+
+    @property
+    def reactions(self) -> np.ndarray:
+        """Of the supports (s, 6), see `dynamics.state.reactions`."""
+        return reactions(self.state, self.assembly.fixed, self.contact_detection.pressed(self.state.middle))
 
 
 def motion(

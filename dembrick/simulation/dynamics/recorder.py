@@ -61,6 +61,8 @@ class Recorder:
             "energy": {name: np.array([value]) for name, value in energy.items()},
             "new_contacts": np.array([float(moving.contact_detection.carrying)]),
         }
+        if np.any(moving.assembly.fixed):
+            rows["reaction"] = moving.reactions[None]
         watched = moving.assembly.control_points
         if watched.names:
             moved = moving.state.bodies.position - self._origin

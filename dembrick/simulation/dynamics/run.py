@@ -72,6 +72,11 @@ class MotionRun:
     yield_point = None  # a run in real time looks for no limit load
 
     @property
+    def reactions(self) -> np.ndarray:
+        """Of the supports (s, 6) at the end, see `dynamics.state.reactions`."""
+        return self.motion.reactions
+
+    @property
     def compile_seconds(self) -> float:
         """Spent on compiling the loop, or on loading it."""
         return self.motion.compile_seconds

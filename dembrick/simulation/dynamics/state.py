@@ -5,6 +5,7 @@ Positions count from the middle of the scene, so that a wall far from the origin
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -164,6 +165,22 @@ def joint_resultants(state: MovingState) -> np.ndarray:
     out = np.empty((len(state.links.host), 7))
     write_resultants(state.bodies, state.links, state.corners, state.faces, out)
     return out
+
+
+def reactions(state: MovingState, fixed: np.ndarray, contacts: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Force (N) and moment (N m, about its centroid at the start) of every ``fixed`` block (n,) on the structure (s, 6),
+    through its joints and new ``contacts`` (see `ContactDetection.pressed`), of the last forces; world axes."""
+    bodies, links = state.bodies, state.links
+    total = np.zeros((len(fixed), 6))
+    np.add.at(total, links.host, -links.wrench[:, :6])
+    np.add.at(total, links.other, np.concatenate([links.wrench[:, :3], -links.wrench[:, 6:9]], axis=1))
+    for side, sense in ((0, 1.0), (1, -1.0)):
+        block, force = contacts["blocks"][:, side], contacts["force"]
+        arm = contacts["point"] - state.middle - bodies.position[block]
+        np.add.at(total, block, sense * np.concatenate([force, contacts["torque"] + cross(arm, force)], axis=1))
+    total = total[fixed]
+    total[:, 3:] += cross((bodies.position - bodies.start)[fixed], total[:, :3])
+    return total
 
 
 def with_contact_forces(state: MovingState) -> MovingState:

@@ -21,6 +21,7 @@ from dembrick.simulation.statics.certificate import certificate
 from dembrick.simulation.statics.critical_step import Dashpots, block_inertia, dashpots
 from dembrick.simulation.statics.dead_load import seat
 from dembrick.simulation.statics.elastic_factor import elastic_factor, touches_itself
+from dembrick.simulation.statics.reactions import reactions
 from dembrick.simulation.statics.state import State, initial_state, load_vectors
 from dembrick.simulation.statics.stepper import Loop
 from dembrick.simulation.statics.stiffness import block_stiffness
@@ -56,6 +57,11 @@ class Replay:
     settings: dict = field(default_factory=dict)
     moved: np.ndarray | None = None  # (n, 3) m, since the blocks were seated
     phases: dict | None = None  # s, of the loop, where it was timed by phase
+
+    @property
+    def reactions(self) -> np.ndarray:
+        """Of the supports (s, 6) at the end, see `statics.reactions`."""
+        return reactions(self.state)
 
 
 class LoadSystem:

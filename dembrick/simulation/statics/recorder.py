@@ -12,6 +12,7 @@ from dembrick.kernels.statics.record import Record
 from dembrick.simulation.channels import energies
 from dembrick.simulation.session import Session
 from dembrick.simulation.statics import joint_families
+from dembrick.simulation.statics.reactions import support_numbers
 from dembrick.simulation.statics.state import State
 
 ENERGIES = energies(real_time=False)
@@ -22,7 +23,8 @@ class Recorder:
     """Rows and frames of a run; the session's ``observe(rows, frames)`` gets copies of what each chunk brought.
 
     ``rows``: time, load, displacement, unbalanced, lower, upper (T,), actuator_displacement and actuator_force (T, k),
-    energy (name: (T,)), with control points control_point (T, w, 3), and with the channel "joints" joint (T, j, 7).
+    reaction (T, s, 6), energy (name: (T,)), with control points control_point (T, w, 3), and with the channel "joints"
+    joint (T, j, 7).
     ``frames`` with the channel "frames": time (F,),
     displacement (F, n, 3), orientation (F, n, 4); "velocity" adds velocity and spin (F, n, 3), "contacts"
     contact_force (F, c, 3). A row is taken every ``rows_every`` steps, a frame every ``frames_every`` rows and at the
@@ -42,10 +44,12 @@ class Recorder:
         n_block, n_joint = len(state.blocks.displacement), len(state.joints.block_a)
         moving = n_block if "velocity" in channels else 0
         points = joint_families.contact_points(state) if "contacts" in channels else 0
+        support = support_numbers(state)
         of_rows = {  # shapes of an entry
             "row": (6,),
             "actuator": (len(state.actuators.block),),
             "joint": (n_joint if "joints" in channels else 0, 7),
+            "reaction": (int(support.max(initial=-1)) + 1, 6),
             "energy": (len(ENERGIES),),
             "way": (len(watched.block), 3),
         }
@@ -67,6 +71,7 @@ class Recorder:
         self.record = Record(
             every=np.array([rows_every, rows_every * frames_every], np.int64),
             count=np.zeros(2, np.int64),
+            support=support,
             watched=watched.block,
             lever=watched.lever,
             arm=watched.arm,
@@ -83,6 +88,7 @@ class Recorder:
         rows = dict(zip(("time", "load", "displacement", "unbalanced", "lower", "upper"), columns, strict=True))
         rows["actuator_displacement"] = record.actuator[:n].copy()
         rows["actuator_force"] = rows["load"][:, None] * self._weight
+        rows["reaction"] = record.reaction[:n].copy()
         if len(record.watched):
             rows["control_point"] = record.way[:n].copy()
         if "joints" in self._channels:

@@ -5,12 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from dembrick.kernels.statics.energy import ELASTIC, elastic_energy
 from dembrick.kernels.statics.record import write_row
 from dembrick.simulation.expected_cost import STATICS_STEPS, relaxation_seconds
 from dembrick.simulation.session import Plan, Session
 from dembrick.simulation.statics.dead_load import Rest, rest
 from dembrick.simulation.statics.elastic_factor import elastic_factor, equations, touches_itself
+from dembrick.simulation.statics.reactions import reactions
 from dembrick.simulation.statics.recorder import Recorder
 from dembrick.simulation.statics.state import State, initial_state
 from dembrick.simulation.statics.stiffness import block_stiffness
@@ -29,6 +32,11 @@ class Standing:
     energy = None
     yield_point = None  # no load was increased
     phases = None
+
+    @property
+    def reactions(self) -> np.ndarray:
+        """Of the supports (s, 6), see `statics.reactions`."""
+        return reactions(self.state)
 
     @property
     def compile_seconds(self) -> float:
