@@ -16,8 +16,10 @@ from dembrick.history import guard
 from dembrick.history.layout import FORMAT, WRITTEN
 from dembrick.history.rest_geometry import RestGeometry
 from dembrick.scenario import toml as scenarios
-from dembrick.scenario.controls import OF_ACTUATORS, PATH_FOLLOWING, Curve
+from dembrick.scenario.regimes import OF_ACTUATORS, PATH_FOLLOWING, SETTLEMENT, Curve
 from dembrick.simulation.channels import CHANNELS, CONTACTS, FRAMES, NEW_CONTACTS, Channel, Sizes
+
+_COUNTING = (PATH_FOLLOWING.name, SETTLEMENT.name)  # regimes whose times are numbers of equilibria
 
 
 def read(path: str | os.PathLike) -> History:
@@ -257,7 +259,7 @@ class History(RestGeometry):
     @cached_property
     def counts_equilibria(self) -> bool:
         """Whether times are the numbers of equilibria, of a search that follows a path of them."""
-        return guard.attribute(self._file, "regime") == PATH_FOLLOWING.name or "equilibria" in self.settings
+        return guard.attribute(self._file, "regime") in _COUNTING or "equilibria" in self.settings
 
     @cached_property
     def curve(self) -> Curve:

@@ -25,6 +25,7 @@ from dembrick.scenario.controls import (
     LIMIT_LOAD,
     PATH_FOLLOWING,
     REAL_TIME,
+    SETTLEMENT,
     Control,
     DisplacementControl,
     PushoverControl,
@@ -40,7 +41,9 @@ from dembrick.simulation.statics.load_system import Replay
 
 if TYPE_CHECKING:
     from dembrick.runs.motion_result import MotionResult
+    from dembrick.runs.settlement_result import SettlementResult
     from dembrick.simulation.dynamics.run import MotionRun
+    from dembrick.simulation.dynamics.settlement import SettlementRun
 
 
 SECONDS_OF_CHECK = 10.0  # s that limit analysis may take to tell how long a run in real time will be
@@ -156,8 +159,8 @@ def _plan_motion(scenario: Scenario, assembly: Assembly) -> Plan:
     from dembrick.simulation.dynamics import loads, run
 
     moving = run.prepare(assembly, scenario.control, scenario.solver.step_factor)
-    loads.driving_of(scenario, assembly, moving.time_step)  # opens the files that the scenario names
-    return run.plan(moving, scenario.control, scenario.output, _expected_factor(scenario, assembly))
+    driving = loads.driving_of(scenario, assembly, moving.time_step)  # opens the files that the scenario names
+    return run.plan(moving, scenario.control, driving, scenario.output, _expected_factor(scenario, assembly))
 
 
 def _expected_factor(scenario: Scenario, assembly: Assembly) -> float | None:
@@ -178,13 +181,14 @@ def _live_through(scenario: Scenario, assembly: Assembly, session: Session) -> M
     from dembrick.simulation.dynamics import loads, run
 
     moving = run.prepare(assembly, scenario.control, scenario.solver.step_factor)
-    plan = run.plan(moving, scenario.control, scenario.output)
+    driving = loads.driving_of(scenario, assembly, moving.time_step)
+    plan = run.plan(moving, scenario.control, driving, scenario.output)
     if plan.at_most and present(plan.seconds) > LONG:  # of the longest such run; this one is worth a closer look
-        plan = run.plan(moving, scenario.control, scenario.output, _expected_factor(scenario, assembly))
+        factor = _expected_factor(scenario, assembly)
+        plan = run.plan(moving, scenario.control, driving, scenario.output, factor)
     most = present(plan.seconds) if plan.seconds_falling is None else plan.seconds_falling
     session.warn_if_long(most, _shorter(scenario.control), plan.at_most or plan.seconds_falling is not None)
-    driving = loads.driving_of(scenario, assembly, moving.time_step)
-    run.ask_for(moving, scenario.output, len(driving.block))
+    run.ask_for(moving, scenario.output, driving)
     return run.run(moving, scenario.control, driving, session)
 
 
@@ -192,6 +196,39 @@ def _shorter(control: Control) -> str:
     """What makes a run in real time shorter."""
     remedy = "raise control.rate" if control.limit is None else control.limit.remedy
     return f"{remedy}, or lower joint.normal_stiffness and joint.shear_stiffness: the time step grows"
+
+
+# --- settlement, equilibrium by equilibrium
+
+
+def _plan_settlement(scenario: Scenario, assembly: Assembly) -> Plan:
+    from dembrick.simulation.dynamics import loads, run, settlement
+
+    moving = run.prepare(assembly, scenario.control, scenario.solver.step_factor)
+    driving = loads.driving_of(scenario, assembly, moving.time_step)
+    return settlement.plan(moving, scenario.control, driving, scenario.output)
+
+
+def _settle(scenario: Scenario, assembly: Assembly, session: Session, steps: float = 1.0) -> SettlementRun:
+    from dembrick.simulation.dynamics import loads, run, settlement
+
+    moving = run.prepare(assembly, scenario.control, scenario.solver.step_factor)
+    driving = loads.driving_of(scenario, assembly, moving.time_step)
+    run.ask_for(moving, scenario.output, driving)
+    return settlement.settle(moving, scenario.control, driving, session, steps)
+
+
+def _refined_settlement(scenario: Scenario, steps: float) -> float:
+    """Settlement at the collapse (m), or reaction at the end (N), by ``steps`` times the usual ones."""
+    assembly = build.assemble(scenario)
+    run = _settle(scenario, assembly, Session(), steps)
+    return _settled(scenario=scenario, assembly=assembly, run=run, rows={}, frames={}, wall={}).uncertain
+
+
+def _settled(**fields) -> SettlementResult:
+    from dembrick.runs.settlement_result import SettlementResult
+
+    return SettlementResult(**fields)
 
 
 def _moved(**fields) -> MotionResult:
@@ -205,5 +242,6 @@ DRIVERS = {
     CONSTANT_RATE.name: Driver(_plan_of(constant_rate), _constant_rate, _searched),
     PATH_FOLLOWING.name: Driver(_plan_of(limit_load), _follow_path, _searched, _other_path(_follow_path)),
     DEAD_LOAD.name: Driver(lambda _, assembly: standing.plan(assembly), _find_rest, StaticsResult),
+    SETTLEMENT.name: Driver(_plan_settlement, _settle, _settled, _refined_settlement),
     REAL_TIME.name: Driver(_plan_motion, _live_through, _moved),
 }

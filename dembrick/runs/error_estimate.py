@@ -9,6 +9,8 @@ A search through equilibria knows no rate, and its forces no scale of stiffness,
 decides how joints are loaded on the way, and so to which limit friction without dilatancy is led. Nobody knows that
 ratio for a dry joint: the search is made for several, for both stiffnesses doubled and by steps half as long, and the
 least and greatest limit are the range that the structure's own path leaves open.
+
+A quasi-static settlement knows no rate either: its error is that of the stiffness and of its steps.
 """
 
 from __future__ import annotations
@@ -26,7 +28,9 @@ from dembrick.scenario.controls import (
     DEAD_LOAD,
     LIMIT_LOAD,
     PATH_FOLLOWING,
+    SETTLEMENT,
     PushoverControl,
+    SettlementControl,
     TiltControl,
 )
 from dembrick.scenario.model import JointLaw, Scenario
@@ -60,12 +64,14 @@ def refinements(scenario: Scenario, several: bool = False) -> tuple[Refinement, 
             f'a run of kind "{control.kind}" has the bracket of its limit load for an error bar; --refine is for limit '
             "loads of several joints, tilt, pushover, base-motion and dynamic"
         )
+    if control.regime is SETTLEMENT:
+        return Refinement(stiffer(scenario, 2.0, 2.0), OF_STIFFNESS), Refinement(scenario, 1.0, 0.5)
     if control.regime in (PATH_FOLLOWING, LIMIT_LOAD):
         others = [with_ratio(scenario, ratio) for ratio in RATIOS if not _has_ratio(scenario, ratio)]
         paths = [Refinement(other, 1.0) for other in (*others, stiffer(scenario, 2.0, 2.0))]
         return (*paths, Refinement(scenario, 1.0, 0.5))
     found = [Refinement(stiffer(scenario, 2.0, 2.0), OF_STIFFNESS)]
-    if isinstance(control, TiltControl | PushoverControl):
+    if isinstance(control, TiltControl | PushoverControl | SettlementControl):
         slower = replace(scenario, control=replace(control, rate=0.5 * present(control.rate)), text=None)
         found.append(Refinement(slower, OF_RATE))
     return tuple(found)

@@ -67,6 +67,20 @@ class MotionResult(RunResult):
         moved = state.bodies.position + state.middle - self.assembly.position
         return dict(zip(watched.names, watched.displacement(moved, state.bodies.rotation).tolist(), strict=True))
 
+    @property
+    def uncertain(self) -> np.ndarray | float:
+        """What an error estimate is of: load factor or settlement of a collapse, else the displacements (n, 3), m."""
+        if self.collapse is None:
+            return self.displacement
+        return self.collapse["settlement"] if "settlement" in self.collapse else self.collapse["load_factor"]
+
+    def take_error(self, estimate: float) -> None:
+        """Keep the error estimate of what is uncertain."""
+        if self.collapse is None:
+            self.displacement_error = estimate
+        else:
+            self.collapse["error_estimate"] = estimate
+
     def agrees(self) -> bool:
         """There is no theory that a run of this kind would be held against."""
         return True

@@ -12,8 +12,8 @@ import numpy as np
 from dembrick.assembly.build import Assembly
 from dembrick.assembly.contact_points import widest_rim
 from dembrick.runs import theory_check
-from dembrick.scenario.controls import ACTUATORS, COMPLETED, STEEPEST, YIELD, Curve
 from dembrick.scenario.model import Scenario
+from dembrick.scenario.regimes import ACTUATORS, COMPLETED, STEEPEST, YIELD, Curve
 from dembrick.simulation.energy_audit import EnergyAudit
 from dembrick.simulation.statics.load_system import Replay
 from dembrick.simulation.statics.state import rotations
@@ -32,9 +32,10 @@ class RunResult:
     """What every run gives: what was run, the record, and how long it took (``wall``, s).
 
     ``rows``: time, load, displacement, unbalanced, lower, upper (T,), actuator_displacement and actuator_force (T, k),
-    reaction (T, s, 6: F_x, F_y, F_z, M_x, M_y, M_z of every support), joint (T, j, 7: N, V_1, V_2, M_T, M_1, M_2, slip), energy (name: (T,)). ``frames``: time (F,), displacement
-    (F, n, 3), orientation (F, n, 4), velocity and spin (F, n, 3), contact_force (F, c, 3). Only the channels of the
-    scenario's output are there. ``history``: the file of it. SI units.
+    reaction (T, s, 6: F_x, F_y, F_z, M_x, M_y, M_z of every support), joint (T, j, 7: N, V_1, V_2, M_T, M_1, M_2,
+    slip), energy (name: (T,)). ``frames``: time (F,), displacement (F, n, 3), orientation (F, n, 4), velocity and spin
+    (F, n, 3), contact_force (F, c, 3). Only the channels of the scenario's output are there. ``history``: the file of
+    it. SI units.
     """
 
     scenario: Scenario

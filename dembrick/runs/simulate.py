@@ -222,20 +222,16 @@ def _estimate_error(result: Result | MotionResult) -> BaseException | None:
         if isinstance(result, Result):
             _range_paths(result)
             return None
-        found = result.displacement if fallen is None else fallen["load_factor"]
-        estimate = error_of(scenario, found, [_refined(one) for one in refinements(scenario)])
+        result.take_error(error_of(scenario, result.uncertain, [_refined(one) for one in refinements(scenario)]))
     except (DembrickError, Interrupted) as error:
-        answer = "" if fallen is None else f" (load factor {fallen['load_factor']:.6g})"
+        factor = None if fallen is None else fallen["load_factor"]
+        answer = "" if factor is None else f" (load factor {factor:.6g})"
         kept = f"the run itself{answer} is complete" + (f" in {result.history}" if result.history else "")
         if isinstance(error, Interrupted):
             return Interrupted(error.signum, f"interrupted while the error was estimated; {kept}")
         failed = type(error)(f"no error estimate: {error}; {kept}")
         failed.answer = failure(scenario, failed, result.history)
         return failed
-    if fallen is None:
-        result.displacement_error = estimate
-    else:
-        fallen["error_estimate"] = estimate
     return None
 
 
@@ -268,12 +264,12 @@ def _range_paths(result: Result) -> None:
 
 
 def _refined(one: Refinement) -> Any:
-    """Load factor of the collapse of a refined scenario, or the displacements of its blocks."""
+    """What is uncertain of a run, of a refined scenario."""
     refined = driver_of(one.scenario.control).refined
     if refined is not None:
         return refined(one.scenario, one.steps)
     result: Any = simulate(one.scenario, record=False)
-    return result.displacement if result.collapse is None else result.collapse["load_factor"]
+    return result.uncertain
 
 
 def failure(scenario: Scenario, error: DembrickError, history=None) -> dict:

@@ -10,12 +10,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import Any
 
 from dembrick.scenario.blocks import Vector
 from dembrick.scenario.checks import (
     assign,
     check_name,
+    members_of,
     one_of,
     present,
     real,
@@ -24,127 +25,30 @@ from dembrick.scenario.checks import (
     unit_vector,
     vector,
 )
+from dembrick.scenario.regimes import (
+    ACTUATORS,
+    COLLAPSE,
+    CONSTANT_RATE,
+    DEAD_LOAD,
+    DRIVEN,
+    EVERY_BLOCK,
+    FURTHEST,
+    LIMIT_LOAD,
+    PATH_FOLLOWING,
+    REAL_TIME,
+    SETTLEMENT,
+    STEEPEST,
+    SUPPORTS,
+    YIELD,
+    Control,
+    Curve,
+    Limit,
+    Regime,
+)
+from dembrick.scenario.support_paths import SupportPath, Turn
 from dembrick.scenario.time_functions import Pulse, Sine, checked_columns
 
 QUANTITIES = ("acceleration", "velocity", "displacement")
-STEEPEST = 90.0  # deg: a tilt that brings nothing down ends there
-
-# what a control drives, and what it ends with: the status of its result
-ACTUATORS, EVERY_BLOCK, SUPPORTS, NOTHING = "actuators", "every block", "supports", "nothing"
-YIELD, COLLAPSE, COMPLETED = "yield", "collapse", "completed"
-
-
-class Regime(NamedTuple):
-    """How a control is carried out; a driver in ``runs.drivers`` registers for it.
-
-    ``quasi_static``: every block needs a chain of joints to a support. ``real_time``: blocks move in time, part and
-    meet again. ``counts_equilibria``: the times of the record are the numbers of equilibria. ``small_displacements``:
-    it stays in the geometry of the start, and adds up small rotations.
-    """
-
-    name: str
-    quasi_static: bool = True
-    real_time: bool = False
-    counts_equilibria: bool = False
-    small_displacements: bool = False
-
-    @property
-    def kinematics(self) -> str:
-        """The same in words, as histories have it."""
-        return "small displacements" if self.small_displacements else "finite rotations"
-
-
-LIMIT_LOAD = Regime("limit load", small_displacements=True)
-CONSTANT_RATE = Regime("constant rate")
-PATH_FOLLOWING = Regime("path following", counts_equilibria=True, small_displacements=True)
-DEAD_LOAD = Regime("dead load", small_displacements=True)
-REAL_TIME = Regime("real time", quasi_static=False, real_time=True)
-
-
-class Curve(NamedTuple):
-    """The curve that a control records: ``load`` and ``displacement`` name its axes, ``unit`` is that of the load as a
-    history has it, ``about`` describes the load. ``load`` is None if none grows: displacement is then shown over time.
-    """
-
-    load: str | None
-    unit: str
-    about: str
-    displacement: str
-
-
-DRIVEN = "driven displacement"
-FURTHEST = "displacement of the block that moved furthest"
-OF_ACTUATORS = Curve("load V", "N", "load multiplier V: the force of an actuator of weight 1", DRIVEN)
-
-
-class Limit(NamedTuple):
-    """When a run in real time ends at the latest (s), the key that says so, and what a user may do about it."""
-
-    seconds: float
-    key: str
-    remedy: str
-
-
-class Control:
-    """What a kind of control says of itself; a subclass states what differs."""
-
-    __slots__ = ()
-
-    kind: ClassVar[str]
-
-    @property
-    def regime(self) -> Regime:
-        """How it is carried out."""
-        return REAL_TIME
-
-    @property
-    def curve(self) -> Curve:
-        """What the record shows."""
-        return OF_ACTUATORS
-
-    @property
-    def ends_with(self) -> str:
-        """The status of its result: YIELD, COLLAPSE or COMPLETED."""
-        return COMPLETED
-
-    @property
-    def drives(self) -> str:
-        """What it drives: ACTUATORS, EVERY_BLOCK, SUPPORTS or NOTHING."""
-        return NOTHING
-
-    @property
-    def needs_supports(self) -> bool:
-        """Whether a block must be fixed."""
-        return True
-
-    @property
-    def loads_vary(self) -> bool:
-        """Whether loads may be functions of time."""
-        return False
-
-    @property
-    def shakes(self) -> bool:
-        """Whether the supports follow a history."""
-        return False
-
-    @property
-    def tilt_axis(self) -> Vector | None:
-        """The axis of a table that tilts."""
-        return None
-
-    @property
-    def push_direction(self) -> Vector | None:
-        """The direction in which every block is pushed."""
-        return None
-
-    @property
-    def limit(self) -> Limit | None:
-        """When a run in real time ends at the latest; None if that follows from the blocks."""
-        return None
-
-    def angle(self, load_factor: float) -> float | None:
-        """The angle (deg) of a load factor, of a table that tilts."""
-        return None
 
 
 @dataclass(frozen=True, slots=True)
@@ -407,6 +311,72 @@ class BaseMotionControl(Control):
         return tuple(zip(directions, files, names, strict=True))
 
 
+@dataclass(frozen=True, slots=True)
+class SettlementControl(Control):
+    """Supports that settle: named ``supports`` move by ``displacement`` (m) and turn by ``rotation``, all else loaded
+    as it is. ``motions`` has further supports that move differently at the same time.
+
+    ``quasi_static`` goes from equilibrium to equilibrium in the deformed geometry, until the motion is complete or the
+    structure comes down, whose settlement it finds to ``tolerance``. Else the supports move in real time at ``rate``
+    (m/s, of the point that moves furthest), with contact ``damping`` as in `TiltControl`.
+    """
+
+    supports: tuple[str, ...] = ()
+    displacement: Vector | None = None
+    rotation: Turn | None = None
+    motions: tuple[SupportPath, ...] = ()
+    quasi_static: bool = True
+    rate: float | None = None
+    tolerance: float = 5.0e-3
+    damping: float = 0.05
+
+    kind = "settlement"
+    curve = Curve(
+        "reaction along the motion", "N",
+        "force of the structure on the supports that move, along their motion: its work over the displacement",
+        "displacement of the supports",
+    )  # fmt: skip
+    drives = SUPPORTS
+
+    @property
+    def regime(self) -> Regime:
+        """From equilibrium to equilibrium, or lived through."""
+        return SETTLEMENT if self.quasi_static else REAL_TIME
+
+    @property
+    def loads_vary(self) -> bool:
+        return not self.quasi_static
+
+    @property
+    def support_paths(self) -> tuple[SupportPath, ...]:
+        own = (SupportPath(self.supports, self.displacement, self.rotation),) if self.supports else ()
+        return own + self.motions
+
+    def __post_init__(self):
+        assign(self, motions=members_of("motions", self.motions, SupportPath))
+        if self.supports:
+            path = SupportPath(self.supports, self.displacement, self.rotation)
+            assign(self, supports=path.supports, displacement=path.displacement)
+        else:
+            for key in ("displacement", "rotation"):
+                value = getattr(self, key)
+                require(value is None, key, value, "supports must say which blocks or groups move so")
+        named = "name the supports that move, or give motions"
+        require(bool(self.support_paths), "supports", list(self.supports), named)
+        require_type(isinstance(self.quasi_static, bool), "quasi_static", self.quasi_static, "true or false")
+        tolerance, damping = real("tolerance", self.tolerance), real("damping", self.damping)
+        require(1e-5 <= tolerance <= 0.1, "tolerance", tolerance, "it is a relative error between 1e-5 and 0.1")
+        require(0.0 <= damping <= 0.9, "damping", damping, "it must lie between 0 and 0.9 of critical")
+        assign(self, tolerance=tolerance, damping=damping)
+        if self.quasi_static:
+            in_time = "it belongs to a settlement in real time: quasi_static = false"
+            require(self.rate is None, "rate", self.rate, in_time)
+            return
+        require(self.rate is not None, "rate", self.rate, "a settlement in real time needs it, in m/s")
+        assign(self, rate=real("rate", self.rate))
+        require(present(self.rate) > 0.0, "rate", self.rate, "it must be greater than 0 m/s")
+
+
 def _direction(value) -> tuple[float, ...]:
     direction = vector("direction", value)
     require(any(direction), "direction", direction, "its length must be greater than 0")
@@ -431,5 +401,6 @@ CONTROLS: dict[str, type[Control]] = {
         PushoverControl,
         DynamicControl,
         BaseMotionControl,
+        SettlementControl,
     )
 }

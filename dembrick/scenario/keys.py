@@ -26,6 +26,7 @@ from dembrick.scenario.model import (
     Solver,
 )
 from dembrick.scenario.pressures import Pressure
+from dembrick.scenario.support_paths import SupportPath, Turn
 
 NOT_KEYS = {"text", "path", "all_blocks", "groups"}  # fields of dataclasses that no file writes
 
@@ -99,6 +100,12 @@ _DAMPING = "damping | 1 | 0 to 0.9 | dashpot of a contact, as a part of critical
 _IMPACT = """
 duration | s | > 0 | how long the run lasts
 restitution | 1 | 0.14 to 1 | speed after over speed before an impact face to face
+"""
+
+_MOTION = """
+supports | | names | blocks and groups that move so; they must be fixed
+displacement | m | 3 numbers | how far they have moved at the end, world axes
+rotation | | table | how far they have turned at the end
 """
 
 _TEXTS: dict[Any, str] = {
@@ -219,6 +226,12 @@ amplitude | of the motion | a number | height of a rectangular pulse
 duration | s | > 0 | its length
 start | s | >= 0 | when it begins
 """,
+    Turn: """
+axis | 1 | 3 numbers | axis of the turn, right-hand rule
+angle | deg | -90 to 90, not 0 | by how much, at the end
+point | m | 3 numbers | a point of the axis at the start; left out, the centroid of each support
+""",
+    SupportPath: _MOTION,
     "yield": _TOLERANCE,
     "displacement": "rate | m/s | > 0 | speed of the actuators\ntravel | m | > 0 | how far they move",
     "statics": "",
@@ -236,6 +249,14 @@ displacement | m | > 0 | the curve goes on until a block has moved so far
 quasi_static | | true, false | find the limit itself; false: push in real time
 rate | m/s | > 0 | how fast the mean displacement grows, in real time
 {_TOLERANCE}
+{_DAMPING}
+""",
+    "settlement": f"""
+{_MOTION}
+motions | | tables | further supports that move differently at the same time
+quasi_static | | true, false | from equilibrium to equilibrium in the deformed geometry; false: in real time
+rate | m/s | > 0 | how fast the supports move, in real time
+tolerance | 1 | 1e-5 to 0.1 | relative error of the settlement at which the structure comes down (quasi-static)
 {_DAMPING}
 """,
     "dynamic": _IMPACT,
@@ -276,6 +297,7 @@ def tables() -> dict[str, Any]:
     found |= {"[[stacks]]": Stack, "[[arches]]": Arch, "[[domes]]": Dome}
     found |= {"[[loads]]": Load, "[[actuators]]": Actuator, "[[pressures]]": Pressure}
     found |= {"sine = {}": Sine, "pulse = {}": Pulse, "[[control_points]]": ControlPoint}
+    found |= {"rotation = {}": Turn, "motions = [{}]": SupportPath}
     found |= {f'[control] kind = "{kind}"': kind for kind in controls()}
     return found | {"[solver]": Solver, "[output]": Output}
 

@@ -356,6 +356,7 @@ class Scenario:
                     f"load number {i} on {show(load.block)} varies with time, which a test of kind "
                     f"{show(self.control.kind)} does not know; remove its {'history' if load.history else 'sine'}"
                 )
+        self._check_support_paths(blocks)
         for i, pressure in enumerate(self.pressures, 1):
             self._check_reference(f"block of pressure number {i}", pressure.block, blocks, self.groups)
         for actuator in self.actuators:
@@ -373,6 +374,25 @@ class Scenario:
                 self._check_reference("between", name, blocks, self.groups)
             if override.between[0] == override.between[1] and override.between[0] in blocks:
                 require(False, "between", override.between, "a block has no joint with itself")
+
+    def _check_support_paths(self, blocks: dict[str, int]) -> None:
+        """What the control moves is fixed, and moves in one way."""
+        moved: dict[int, tuple] = {}
+        for path in self.control.support_paths:
+            for name in path.supports:
+                self._check_reference("supports of the control", name, blocks, self.groups)
+                for i in self.groups.get(name) or (blocks[name],):
+                    block, way = self.all_blocks[i], (path.displacement, path.rotation)
+                    if not block.fixed:
+                        raise ScenarioError(
+                            f"the control moves {show(block.name)}, which is no support: give it fixed = true, or name "
+                            "it in supports at the top of the scenario"
+                        )
+                    if moved.setdefault(i, way) != way:
+                        raise ScenarioError(
+                            f"support {show(block.name)} is to move in two ways at once; name it in one of the motions "
+                            "of the control"
+                        )
 
     @staticmethod
     def _check_reference(key: str, name: str, blocks, groups) -> None:

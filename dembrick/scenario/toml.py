@@ -35,12 +35,14 @@ from dembrick.scenario.model import (
 )
 from dembrick.scenario.overrides import apply_overrides, assign
 from dembrick.scenario.pressures import Pressure
+from dembrick.scenario.support_paths import SupportPath, Turn
 from dembrick.scenario.text_files import read_text
 
 _LISTS = {"blocks": Block, **GENERATORS, "loads": Load, "actuators": Actuator, "control_points": ControlPoint}
 _LISTS["pressures"] = Pressure
 _TABLES = {"prism": Prism, "voussoir": Voussoir, "mesh": Mesh, "sine": Sine, "pulse": Pulse}  # tables inside others
-_TABLE_LISTS = {"parts": Part, "openings": Opening, "returns": Return}
+_TABLES["rotation"] = Turn
+_TABLE_LISTS = {"parts": Part, "openings": Opening, "returns": Return, "motions": SupportPath}
 _OWN_KEYS = {"points": "distributed", "pressure": "convex"}  # law keys that belong to one formulation
 
 

@@ -52,8 +52,8 @@ class Channel:
     which {load}, {time} and {when} stand for what the control says. ``asked``: the word of ``output.channels`` that
     asks for it, none if it is always recorded; ``real_time``: whether only runs in real time have it, or only the
     others. ``columns``: the heading in CSV, in which {name}, {axis} (of ``axes``) and {time} say which entry; none if
-    CSV leaves it out. ``fill`` finds it from a record and its assembly, else a recorder gives it; ``in_file_only``: results in memory
-    do without. ``kind``: numpy's string of its type, of eight bytes.
+    CSV leaves it out. ``fill`` finds it from a record and its assembly, else a recorder gives it; ``in_file_only``:
+    results in memory do without. ``kind``: numpy's string of its type, of eight bytes.
     """
 
     path: str
@@ -262,6 +262,7 @@ def recorded(assembly: Assembly, asked: Container[str], control: Control) -> tup
         wanted = channel.real_time in (None, regime.real_time)
         wanted = wanted and ("frames" in asked or channel.grows_by == ROWS)
         wanted = wanted and (not channel.asked or channel.asked in asked)
+        wanted = wanted and (channel.asked != "energy" or regime.balances_energy)
         if wanted and not (channel.optional and not getattr(sizes, channel.shape[0])):
             unit, about = channel.unit.format(**words), channel.about.format(**words)
             found.append(Field(channel, channel.tail(sizes), unit, about))

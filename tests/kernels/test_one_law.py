@@ -203,7 +203,8 @@ class MovingArea:
         self.energy = Books(
             dashpots=np.zeros(0), ledger=np.zeros(0), face=np.zeros((1, 16)), damped=np.zeros(1),
             lost=np.zeros((1, 4)), least=np.zeros(1), share=np.ones(1), place=np.full(1, -1), fallen=np.zeros(0),
-            load=np.zeros((0, 6)), push=np.zeros((0, 6)), total=np.zeros(3), gravity=np.zeros(3), begun=np.zeros(1),
+            load=np.zeros((0, 6)), support=np.zeros((0, 6)), push=np.zeros((0, 6)), total=np.zeros(3),
+            gravity=np.zeros(3), begun=np.zeros(1),
         )  # fmt: skip
 
     def step(self, motion, change, twist):

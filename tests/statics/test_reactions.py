@@ -57,16 +57,15 @@ def test_reactions_balance_weight_and_push(formulation):
 
 
 def test_a_constant_rate_test_pushes_its_support():
-    """One jack at an eccentricity: the floor takes V, the weight, and the torsion and bending of V about its centroid."""
+    """One jack at an eccentricity: the floor takes V, the weight, and torsion and bending of V about its centroid."""
     blocks = (
         Block("floor", "stone", (0.6, 0.6, 0.2), (0.0, 0.0, -0.1), fixed=True),
         Block("block", "stone", (0.3, 0.2, 0.1), (0.0, 0.0, 0.05)),
     )
-    jack = dataclasses.replace(
-        scenes.wall_with_actuator(scenes.law()).actuators[0], block="block", point=(0.05, 0.0, 0.02)
-    )
+    base = scenes.wall_with_actuator(scenes.law())
+    jack = dataclasses.replace(base.actuators[0], block="block", point=(0.05, 0.0, 0.02))
     scenario = dataclasses.replace(
-        scenes.wall_with_actuator(scenes.law()), blocks=blocks, walls=(), actuators=(jack,),
+        base, blocks=blocks, walls=(), actuators=(jack,),
         control=DisplacementControl(1e-4, 4e-6), text=None,
     )  # fmt: skip
     result = simulate(scenario)

@@ -110,6 +110,19 @@ def book_loads(books, bodies, loads, step, dt):
 
 
 @jit
+def book_supports(books, bodies, links, loads, dt):
+    """Work that the supports which are moved did on the structure over the step that led here."""
+    total = 0.0
+    for k in range(loads.supports.block.size):
+        b = loads.supports.block[k]
+        last = books.support[k]
+        total += power(bodies, b, last)
+        last[0], last[1], last[2], last[3], last[4], last[5] = gathered(bodies, b, links.wrench, 0.0, 0.0, 0.0)
+        total += power(bodies, b, last)
+    books.total[LOADS] -= 0.5 * dt * total
+
+
+@jit
 def book_contacts(books, bodies, touching, dt):
     """Work of the new contacts on the blocks over the step that led here."""
     total = 0.0
@@ -162,6 +175,7 @@ def book_step(books, bodies, links, corners, faces, loads, touching, step, dt):
     Returns what gravity's work over the step that led here is to the momentum of a block: dt times its mean (3).
     """
     book_loads(books, bodies, loads, step, dt)
+    book_supports(books, bodies, links, loads, dt)
     if touching is not None:
         book_contacts(books, bodies, touching, dt)
         book_handing_over(books, links, corners, faces, touching)

@@ -37,7 +37,10 @@ class Books(NamedTuple):
     place: ndarray  # (j,) int64, its number among the point joints; of a convex joint -1 less its number
     fallen: ndarray  # (n,) work of gravity, and of what shaking puts in its place
     load: ndarray  # (k, 6) N, N m, the loads
+    support: ndarray  # (k, 6) N, N m, of joints and contacts on the supports that are moved
     push: ndarray  # (n, 6) N, N m, of all new contacts on each block
-    total: ndarray  # (3,) work of loads, work of new contacts, what springs held whose joints were handed over
+    # (3,) work of loads and of supports that are moved, of new contacts, and what springs of joints held that were
+    # handed over
+    total: ndarray
     gravity: ndarray  # (3,) m/s2
     begun: ndarray  # (1,) 1 from the first forces on, which are where the books begin

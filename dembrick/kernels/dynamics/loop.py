@@ -15,7 +15,7 @@ from dembrick.kernels.dynamics.contact_forces import TOUCHED, clear_applied, tou
 from dembrick.kernels.dynamics.energy import book_step
 from dembrick.kernels.dynamics.joint_families import forces as joint_forces
 from dembrick.kernels.dynamics.joint_families import tiles_of
-from dembrick.kernels.dynamics.rigid_bodies import step_bodies
+from dembrick.kernels.dynamics.rigid_bodies import PrescribedMotion, move_supports, step_bodies
 from dembrick.kernels.dynamics.tiles import WORK, least_slack, rows_of_lanes
 from dembrick.kernels.math.vec3 import cross, rows_times
 
@@ -23,12 +23,14 @@ RUNNING, REACHED, STALE, DIVERGED, MEETING, OVERLOADED = 0, 1, 2, 3, 4, 5
 
 
 class Loads(NamedTuple):
-    """Forces at material points of blocks, besides gravity, and gravity: one entry a step of the chunk."""
+    """Forces at material points of blocks, besides gravity, gravity, and supports that are moved: one entry a step of
+    the chunk."""
 
     block: ndarray  # (k,) int64
     lever: ndarray  # (k, 3) m, from the centroid in body axes
     force: ndarray  # (s, k, 3) N, world
     gravity: ndarray  # (s, 3) m/s2, world
+    supports: PrescribedMotion
 
 
 class Limits(NamedTuple):
@@ -118,6 +120,9 @@ def advance_bodies(
                     books.fallen, mean, work[t],
                 )  # fmt: skip
         moved2 = away2 = 0.0
+        if loads.supports.block.size > 0:
+            move_supports(loads.supports, bodies, step)
+            moved2 = loads.supports.moved[step]
         for t in range(moved.size):
             if moved[t] > moved2 or moved[t] != moved[t]:
                 moved2 = moved[t]

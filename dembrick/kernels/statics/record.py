@@ -39,7 +39,7 @@ class Record(NamedTuple):
 
 @entry
 def write_reactions(joints, support, out):
-    """Force and moment (s, 6) of the fixed blocks on the structure, by its joints, about their centroids, world axes."""
+    """Force and moment (s, 6) of the fixed blocks on the structure, by joints, about their centroids, world axes."""
     for s in range(out.shape[0]):
         for i in range(6):
             out[s, i] = 0.0

@@ -87,14 +87,18 @@ class ContactDetection:
             polygons.retire(j)
         self.retired |= joints
 
-    def steps_to_go(self, state: MovingState, gravity: float, dt: float) -> float:
-        """How many steps blocks can make at their speed before pairs must be looked for, by a generous estimate; the
-        loop itself counts where there are contacts."""
+    def let_move(self, supports: np.ndarray) -> None:
+        """Count fixed blocks (k,) that are moved among those that may come near others."""
+        self._free[supports] = 1.0
+
+    def steps_to_go(self, state: MovingState, gravity: float, dt: float, fastest: float = 0.0) -> float:
+        """How many steps blocks can make at their speed, at least ``fastest`` (m/s), before pairs must be looked for,
+        by a generous estimate; the loop itself counts where there are contacts."""
         if self.touching is not None:
             return np.inf
         bodies = state.bodies
         speed = np.sqrt((bodies.velocity**2).sum(axis=1)) + bodies.reach * np.sqrt((bodies.spin**2).sum(axis=1))
-        fastest, far = float(speed.max()), 0.5 * self.patience
+        fastest, far = max(fastest, float(speed.max())), 0.5 * self.patience
         return max(1.0, 2.0 * far / (fastest + np.sqrt(fastest**2 + 2.0 * gravity * far) + 1e-300) / dt)
 
     def follow(self, state: MovingState, polygons: Polygons, called: bool, travel: np.ndarray) -> None:

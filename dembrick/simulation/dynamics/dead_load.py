@@ -118,7 +118,7 @@ class _Attempt:
                 pause()
             status, done = self._advance(held, CHUNK)
             motion.seating_steps += done
-            self.ratio, self.enough = _unbalanced(motion.state, self.driving, standing)
+            self.ratio, self.enough = unbalanced(motion.state, self.driving, standing)
             falls = standing & ~self._tied()
             if falls.any():
                 spent = motion.seating_steps - motion.attempt[0]
@@ -207,7 +207,7 @@ def _supported(state: MovingState, sound: np.ndarray | None = None) -> np.ndarra
             return tied
 
 
-def _unbalanced(state: MovingState, driving: Driving, standing: np.ndarray) -> tuple[float, float]:
+def unbalanced(state: MovingState, driving: Driving, standing: np.ndarray) -> tuple[float, float]:
     """Greatest out-of-balance force on a ``standing`` free block (n,) over the greatest joint force, and how small that
     can be asked to be: very stiff joints feel the rounding of positions."""
     gravity, _ = driving.at(np.zeros(1), 1.0)

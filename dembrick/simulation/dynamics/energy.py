@@ -1,7 +1,8 @@
 """Energy balance of a run in real time: opened at the start, read at every row, and audited.
 
 Everything is seen from the supports: what shaking or tilting them does is work of gravity, which they turn about and
-add to. A row's energies are those of the last forces, a step before it.
+add to. What supports do that move against the others is work of loads. A row's energies are those of the last forces, a
+step before it.
 """
 
 from __future__ import annotations
@@ -39,19 +40,21 @@ class MotionEnergy:
     ``start`` (2,) J: kinetic energy, and energy in the springs of the joints, when time began.
     """
 
-    def __init__(self, state: MovingState, loads: int = 0, wanted: bool = True):
+    def __init__(self, state: MovingState, loads: int = 0, wanted: bool = True, supports: int = 0):
         self.start = np.zeros(2)
-        self.table = _blank(state, loads) if wanted else None
+        self.table = _blank(state, loads, supports) if wanted else None
 
     @property
     def wanted(self) -> bool:
         """Whether anything is booked."""
         return self.table is not None
 
-    def fit(self, loads: int) -> None:
-        """Have room for so many loads."""
+    def fit(self, loads: int, supports: int) -> None:
+        """Have room for so many loads, and supports that are moved."""
         if self.wanted and len(self.table.load) != loads:
             self.table = self.table._replace(load=np.zeros((loads, 6)))
+        if self.wanted and len(self.table.support) != supports:
+            self.table = self.table._replace(support=np.zeros((supports, 6)))
 
     def begin(self, state: MovingState, velocity, spin, inertia, gravity, dt: float) -> None:
         """Note what there is when time begins: blocks with ``velocity`` and ``spin`` (n, 3), inertia (n, 3, 3) in world
@@ -138,7 +141,7 @@ class MotionEnergy:
         return {f"books.{name}": array for name, array in table.items()} | {"books.start": self.start}
 
 
-def _blank(state: MovingState, loads: int) -> Books:
+def _blank(state: MovingState, loads: int, supports: int) -> Books:
     """Books in which nothing stands yet."""
     n, j = len(state.bodies.mass), len(state.links.host)
     convex = len(joint_families.convex_joints(state))
@@ -153,6 +156,7 @@ def _blank(state: MovingState, loads: int) -> Books:
         place=joint_families.places(state),
         fallen=np.zeros(n),
         load=np.zeros((loads, 6)),
+        support=np.zeros((supports, 6)),
         push=np.zeros((n, 6)),
         total=np.zeros(3),
         gravity=np.zeros(3),

@@ -163,22 +163,26 @@ def motion(
     return moving
 
 
-def advance(motion: Motion, driving: Driving, n_steps: int, limits: Limits) -> int:
+def advance(
+    motion: Motion, driving: Driving, n_steps: int, limits: Limits, damping: float = 0.0, step: float = 1.0
+) -> int:
     """Move on by up to ``n_steps``; returns RUNNING, or REACHED when a centroid has gone as far as ``limits`` says.
 
+    Quasi-static work takes local ``damping``, and a ``step`` below the time step of the run.
     Raises DivergedError, and NotConvergedError where blocks press too deep into each other.
     """
     last = motion.steps + n_steps
-    detection, dt = motion.contact_detection, motion.time_step
+    detection, dt = motion.contact_detection, step * motion.time_step
     if detection.looked is None:
         _follow(motion, called=True)
     while motion.steps < last:
         most = min(LONGEST_CHUNK, last - motion.steps)
         times = (motion.steps + np.arange(most)) * dt
         gravity, _ = driving.at(times[[0, -1]], dt)
-        n = int(min(most, detection.steps_to_go(motion.state, float(np.abs(gravity).max()), dt)))
+        fastest = float(np.sqrt(driving.prescribed(times, dt).moved.max(initial=0.0))) / dt
+        n = int(min(most, detection.steps_to_go(motion.state, float(np.abs(gravity).max()), dt, fastest)))
         status, done = advance_chunk(
-            motion, motion.state.bodies, driving, times[:n], limits, 0.0, dt, detection.touching
+            motion, motion.state.bodies, driving, times[:n], limits, damping, dt, detection.touching
         )  # fmt: skip
         motion.steps += done
         if status == DIVERGED:
@@ -248,7 +252,8 @@ def present_velocities(motion: Motion, driving: Driving) -> tuple[np.ndarray, np
         touching = _copied(touching._replace(**dict.fromkeys(shared)))._replace(**shared)
         touching.room[:], touching.overloaded[:] = np.inf, 0
     gravity, force = driving.at(np.array([motion.time]), motion.time_step)
-    loads, limits = Loads(driving.block, driving.lever, force, gravity), Limits(NO_LIMIT, NO_LIMIT)
+    supports = driving.prescribed(np.array([motion.time]), motion.time_step)
+    loads, limits = Loads(driving.block, driving.lever, force, gravity, supports), Limits(NO_LIMIT, NO_LIMIT)
     advance_bodies(
         1, motion.time_step, bodies, links, corners, faces, loads, limits, 0.0, np.array([np.inf, 0.0]), touching,
         table, *shares(corners, faces, bodies, 1),
@@ -286,9 +291,9 @@ def advance_chunk(
 ):
     """A chunk of steps at ``times``, polygons cut where that is due; returns the status and the steps done."""
     state, energy = motion.state, motion.energy
-    energy.fit(len(driving.block))
+    energy.fit(len(driving.block), len(driving.supports))
     gravity, force = driving.at(times, dt)
-    loads = Loads(driving.block, driving.lever, force, gravity)
+    loads = Loads(driving.block, driving.lever, force, gravity, driving.prescribed(times, dt))
     loops = _loops(state, bodies)
     if (touching is None) not in motion._compiled:
         motion._compiled.add(touching is None)
@@ -300,7 +305,7 @@ def advance_chunk(
     while status == STALE or (status == RUNNING and done < len(times)):
         which, most = motion._pace.choose(len(loops))
         loop, own = loops[which]
-        rest = loads._replace(force=force[done:], gravity=gravity[done:])
+        rest = loads._replace(force=force[done:], gravity=gravity[done:], supports=loads.supports.after(done))
         began = time.perf_counter()
         status, some = loop(
             min(most, len(times) - done), dt, bodies, *state[1:4], rest, limits, damping, motion._travel, touching,

@@ -2,8 +2,8 @@
 
 The run is made in the frame of the supports. A table that tilts turns gravity and the loads the other way (its rate is
 slow: what its turning adds to the acceleration is left out); supports that shake put their acceleration, reversed, on
-every block. Moving supports enter by the velocity they gain in each step, so that a history is integrated exactly,
-jumps and all. `driving_of` opens the CSV files that a scenario names.
+every block. Shaken supports enter by the velocity they gain in each step, so that a history is integrated exactly,
+jumps and all. Supports that settle move in that frame. `driving_of` opens the CSV files that a scenario names.
 """
 
 from __future__ import annotations
@@ -16,13 +16,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dembrick.errors import ScenarioError
+from dembrick.kernels.dynamics.rigid_bodies import PrescribedMotion
 from dembrick.simulation.dynamics import time_histories
+from dembrick.simulation.dynamics.support_motion import AT_REST, SupportMotion, support_motion
 from dembrick.simulation.dynamics.time_histories import Curve
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
     from dembrick.scenario.model import Scenario
 
+NOTHING_MOVES = AT_REST.between(np.zeros(1), 1.0)
 RESOLVED = 4.0  # time steps in the period of a load: fewer would make another load of it
 
 
@@ -32,7 +35,8 @@ class Driving:
 
     ``block`` (k,), ``lever`` (k, 3; body axes, m) and ``force`` (k, 3; N, world) of the loads, ``factor`` a curve for
     each or None. ``tilt``: (axis, rate in rad/s). ``support_velocity``: directions (3,) and the curves of the speed
-    along them, m/s; the record shows the acceleration along the first.
+    along them, m/s; the record shows the acceleration along the first. ``supports``: those that move against the
+    others, and ``share``: how much of their paths they have gone at a time.
     """
 
     gravity: np.ndarray
@@ -42,6 +46,8 @@ class Driving:
     factor: tuple[Curve | None, ...] = ()
     tilt: tuple[np.ndarray, float] | None = None
     support_velocity: tuple[tuple[np.ndarray, Curve], ...] = ()
+    supports: SupportMotion = AT_REST
+    share: Curve = np.zeros_like
 
     def at(self, times: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
         """Gravity (s, 3) in m/s2 and load forces (s, k, 3) in N for the steps at ``times`` (s,)."""
@@ -59,6 +65,12 @@ class Driving:
             gained = velocity(times + 0.5 * dt) - velocity(times - 0.5 * dt)
             gravity = gravity - (gained / dt)[:, None] * direction
         return gravity, np.ascontiguousarray(force)
+
+    def prescribed(self, times: np.ndarray, dt: float) -> PrescribedMotion:
+        """The motion of supports in the steps that begin at ``times`` (s,), one after the other."""
+        if not len(self.supports):
+            return NOTHING_MOVES
+        return self.supports.between(self.share(np.append(times[:1], times + dt)), dt)
 
     def load(self, time: float, dt: float) -> float:
         """What grows in the record: load factor of a tilt, acceleration of shaken supports (m/s2), else zero."""
@@ -116,6 +128,9 @@ def driving_of(scenario: Scenario, assembly: Assembly, time_step: float) -> Driv
             (np.array(direction, float), _support_velocity(scenario, file, columns, time_step))
             for direction, file, columns in control.components
         )
+    driving["supports"] = supports = support_motion(scenario, assembly)
+    if len(supports) and control.rate is not None:
+        driving["share"] = lambda times: np.clip(control.rate / supports.length * times, 0.0, 1.0)
     return Driving(**driving)
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dembrick.simulation.dynamics.integrator import Motion
+from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.pushover import PushController
 from dembrick.simulation.dynamics.state import seen
 
@@ -93,6 +94,40 @@ def collapse_of(
         "displacement": worst,
         "mechanism": mechanism(moving, at_rest),
         "blocks": [moving.assembly.names[i] for i in blocks],
+        "error_estimate": None,
+    }
+
+
+def collapse_of_settlement(moving: Motion, driving: Driving, at_rest: np.ndarray, extremes: Extremes) -> dict:
+    """What came down while supports moved in real time: the same, with ``settlement`` (m) of the supports when the
+    first of the blocks that fell left its balance for good, at the time ``onset`` (s)."""
+    away = np.linalg.norm(moving.displacement, axis=1)
+    blocks = np.flatnonzero(fallen(moving))
+    onset = float(extremes.quiet[blocks].min())
+    return settlement_collapse(moving, at_rest, blocks) | {
+        "onset": onset,
+        "settlement": float(driving.share(np.array([onset]))[0]) * driving.supports.length,
+        "time": float(moving.time),
+        "displacement": float(away[blocks].max()),
+    }
+
+
+def settlement_collapse(moving: Motion, before: np.ndarray, blocks: np.ndarray) -> dict:
+    """How ``blocks`` (k,) come down since the joints looked like ``before`` (j, 9, of `seen`).
+
+    ``hinges``: the joints that turn by more than a tenth of what the one that turns most does.
+    """
+    links, names = moving.state.links, moving.assembly.names
+    change = seen(moving.state.bodies, links) - before
+    turn = np.hypot(change[:, 5], change[:, 8])
+    hinges = np.flatnonzero(turn > MOVED * turn.max(initial=0.0))
+    return {
+        "angle": None,
+        "load_factor": None,
+        "time": None,
+        "mechanism": mechanism(moving, before),
+        "blocks": [names[i] for i in blocks],
+        "hinges": [f"{names[links.host[j]]} / {names[links.other[j]]}" for j in hinges],
         "error_estimate": None,
     }
 

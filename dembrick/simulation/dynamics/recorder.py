@@ -31,7 +31,8 @@ class Recorder:
         self, moving: Motion, driving: Driving, session: Session, rows_every: int, frames_every: int,
         controller: PushController | None,
     ):  # fmt: skip
-        self._moving, self._driving, self._session = moving, driving, session
+        self._moving, self.driving, self._session = moving, driving, session
+        self._rows_of_moved = np.searchsorted(np.flatnonzero(moving.assembly.fixed), driving.supports.block)
         self._controller = controller
         self._frames_every, self._rows_every = frames_every, rows_every
         self._origin = moving.assembly.position - moving.state.middle
@@ -41,18 +42,19 @@ class Recorder:
             joint_resultants(moving.state)
         self.compile_seconds = time.perf_counter() - began
 
-    def take(self, last: bool = False) -> None:
-        """A row of the present state, and a frame where one is due."""
+    def take(self, last: bool = False, equilibrium: int | None = None) -> None:
+        """A row of the present state, and a frame where one is due; of an ``equilibrium`` with that number."""
         if self._session.observe is None:
             return
         began = time.perf_counter()
         moving, channels = self._moving, self._session.output.channels
-        away = moving.displacement
-        energy = moving.energy.energies(moving.state, moving.time_step)
+        counts, reaction = equilibrium is not None, moving.reactions
+        energy = {} if counts else moving.energy.energies(moving.state, moving.time_step)
+        displacement, load = self.curve(reaction)
         rows = {
-            "time": np.array([moving.time]),
-            "load": np.array([self._load()]),
-            "displacement": np.array([self._displacement(away)]),
+            "time": np.array([float(equilibrium) if counts else moving.time]),
+            "load": np.array([load]),
+            "displacement": np.array([displacement]),
             "unbalanced": np.array([self._unbalanced()]),
             "lower": np.zeros(1),
             "upper": np.zeros(1),
@@ -62,7 +64,7 @@ class Recorder:
             "new_contacts": np.array([float(moving.contact_detection.carrying)]),
         }
         if np.any(moving.assembly.fixed):
-            rows["reaction"] = moving.reactions[None]
+            rows["reaction"] = reaction[None]
         watched = moving.assembly.control_points
         if watched.names:
             moved = moving.state.bodies.position - self._origin
@@ -71,7 +73,7 @@ class Recorder:
             rows["joint"] = joint_resultants(moving.state)[None]
         frames = {}
         if "frames" in channels:
-            row = moving.steps // self._rows_every
+            row = equilibrium if counts else moving.steps // self._rows_every
             due = slice(0, 1 if last or row % self._frames_every == 0 else 0)
             bodies = moving.state.bodies
             frames["time"] = rows["time"][due]
@@ -94,19 +96,25 @@ class Recorder:
         moving.phases["record"] += time.perf_counter() - began
         self._session.observe(rows, frames)
 
-    def _displacement(self, away: np.ndarray) -> float:
-        """The one that a controller drives, else that of the block that has moved furthest."""
-        return float(np.linalg.norm(away, axis=1).max()) if self._controller is None else self._controller.mean(away)
+    def curve(self, reaction: np.ndarray) -> tuple[float, float]:
+        """Displacement and load of now, given the reactions (s, 6) of the supports.
 
-    def _load(self) -> float:
-        """Load factor of a push; else what the driving says."""
+        Of a push the driven displacement and the load factor; of supports that move theirs, and the reaction along
+        their motion; else the displacement of the block that has moved furthest, and what the driving says.
+        """
+        moving, driving = self._moving, self.driving
+        away = moving.displacement
         if self._controller is not None:
-            return float(self._controller.present[0])
-        return self._driving.load(self._moving.time, self._moving.time_step)
+            return self._controller.mean(away), float(self._controller.present[0])
+        if len(driving.supports):
+            share = float(driving.share(np.array([moving.time]))[0])
+            load = driving.supports.resisting(share, reaction[self._rows_of_moved])
+            return share * driving.supports.length, load
+        return float(np.linalg.norm(away, axis=1).max()), driving.load(moving.time, moving.time_step)
 
     def _present(self) -> Driving:
         """What drives the run now."""
-        return self._driving if self._controller is None else self._controller.pushing(self._driving)
+        return self.driving if self._controller is None else self._controller.pushing(self.driving)
 
     def _unbalanced(self) -> float:
         state = self._moving.state

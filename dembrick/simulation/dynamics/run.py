@@ -14,8 +14,8 @@ from dembrick.geometry.rotations import rotation_matrix, turned_by
 from dembrick.kernels.dynamics.loop import REACHED, Limits
 from dembrick.kernels.dynamics.tiles import SEEN
 from dembrick.scenario.checks import show
-from dembrick.scenario.controls import COLLAPSE, COMPLETED, NOTHING, STEEPEST
 from dembrick.scenario.model import Output
+from dembrick.scenario.regimes import COLLAPSE, COMPLETED, NOTHING, STEEPEST, Limit
 from dembrick.simulation import interrupts
 from dembrick.simulation.channels import bytes_of, recorded
 from dembrick.simulation.dynamics import joint_families
@@ -32,7 +32,7 @@ from dembrick.simulation.dynamics.integrator import (
     motion,
 )
 from dembrick.simulation.dynamics.loads import Driving
-from dembrick.simulation.dynamics.outcome import collapse_of, fallen
+from dembrick.simulation.dynamics.outcome import collapse_of, collapse_of_settlement, fallen
 from dembrick.simulation.dynamics.pushover import STRONGEST, PushController, controller_of
 from dembrick.simulation.dynamics.recorder import Recorder
 from dembrick.simulation.dynamics.state import (
@@ -40,6 +40,7 @@ from dembrick.simulation.dynamics.state import (
     seen,
     with_contact_forces,
 )
+from dembrick.simulation.dynamics.support_motion import AT_REST
 from dembrick.simulation.energy_audit import Sums
 from dembrick.simulation.expected_cost import fall_seconds, heap_seconds, motion_seconds
 from dembrick.simulation.session import Plan, Session
@@ -50,6 +51,7 @@ if TYPE_CHECKING:
 
 IMPACTS = 3.0  # where blocks may bounce the step is so much shorter: the stated restitution is then met, by 1 to 3 %
 AT_ONCE = 2_000_000  # blocks and joints, times steps: a signal waits for some tenths of a second
+AFTER = 1.0  # s, for which a run goes on when the supports have arrived: what has lost its balance comes down in that
 MEETINGS = 6  # new contacts a block in a frame, at the most: each of two has it, and twelve equal blocks fit round one
 
 
@@ -101,24 +103,28 @@ def prepare(assembly: Assembly, control: Control, step_factor: float) -> Motion:
     if len(assembly.actuators.block):
         remedy = "remove them, and actuator = true of [[pressures]]"
         raise ScenarioError(f"control kind {show(control.kind)} has no use for [[actuators]]; {remedy}")
-    if control.ends_with == COLLAPSE:
+    if getattr(control, "damping", None) is not None:
         return motion(assembly, control.damping, step_factor)
     damping = damping_of_restitution(control.restitution)
     return motion(assembly, damping, step_factor, IMPACTS, duration=control.duration)
 
 
-def ask_for(moving: Motion, output: Output, loads: int) -> None:
-    """Have the loop write down what ``output`` names beside what it needs itself; there are so many ``loads``."""
-    moving.energy = MotionEnergy(moving.state, loads, wanted="energy" in output.channels)
+def ask_for(moving: Motion, output: Output, driving: Driving) -> None:
+    """Have the loop write down what ``output`` names beside what it needs itself, under what is ``driving``."""
+    loads, supports = len(driving.block), len(driving.supports)
+    moving.energy = MotionEnergy(moving.state, loads, "energy" in output.channels, supports)
+    moving.contact_detection.let_move(driving.supports.block)
     if "contacts" in output.channels:
         moving.state = with_contact_forces(moving.state)
 
 
-def plan(moving: Motion, control: Control, output: Output, load_factor: float | None = None) -> Plan:
+def plan(
+    moving: Motion, control: Control, driving: Driving, output: Output, load_factor: float | None = None
+) -> Plan:
     """What the run will take: the steps of its whole duration, or of a collapse at the ``load_factor``; without one
     those of a tilt to the vertical or of the longest push. Bytes at the most."""
     controller = _controller(moving, control)
-    most = steps = _most_steps(moving, control, controller)
+    most = steps = _most_steps(moving, control, controller, driving)
     falls = control.ends_with == COLLAPSE
     if falls and load_factor is not None:
         steps = min(most, math.ceil(_seconds_to_collapse(moving, control, load_factor) / moving.time_step))
@@ -149,11 +155,14 @@ def _controller(moving: Motion, control: Control) -> PushController | None:
     return controller_of(control, moving.assembly, moving.assembly.gravity, moving.time_step)
 
 
-def _most_steps(moving: Motion, control: Control, controller: PushController | None) -> int:
+def _most_steps(moving: Motion, control: Control, controller: PushController | None, driving: Driving) -> int:
     """Steps after which the run ends if nothing ends it before."""
     if controller is not None:
         return controller.longest
-    seconds, key, remedy = control.limit
+    limit = control.limit
+    if limit is None:
+        limit = Limit(driving.supports.length / control.rate + AFTER, "rate", "let the supports move faster")
+    seconds, key, remedy = limit
     if not seconds < MOST_STEPS * moving.time_step:
         raise ScenarioError(
             f"control.{key} = {getattr(control, key):g} would take {seconds / moving.time_step:.3g} steps of "
@@ -175,7 +184,7 @@ def run(moving: Motion, control: Control, driving: Driving, session: Session) ->
     if resume is not None and past.has_begun(session.resumed):
         resume()
     else:
-        held = replace(driving, support_velocity=())
+        held = replace(driving, support_velocity=(), supports=AT_REST)
         past.unbalanced[0] = find_equilibrium(moving, held, free, resume, partial(session.pause, past))
         moving.phases["seating"], moving.loop_seconds = moving.loop_seconds, 0.0
         past.at_rest[:] = seen(moving.state.bodies, moving.state.links)
@@ -186,7 +195,7 @@ def run(moving: Motion, control: Control, driving: Driving, session: Session) ->
             moving.energy.begin(moving.state, still, still, _turned_inertia(moving), still[0], 0.0)
         moving.energy.open(moving.state)
     goal = control.displacement if to_collapse else NO_LIMIT
-    steps = past.longest = _most_steps(moving, control, controller)
+    steps = past.longest = _most_steps(moving, control, controller, driving)
     past.may_end_early = to_collapse
     # a run that ends early still has some rows: a block falls within a second or so
     rows = max(1, (min(steps, math.ceil(20.0 / moving.time_step)) if to_collapse else steps))
@@ -222,10 +231,15 @@ def run(moving: Motion, control: Control, driving: Driving, session: Session) ->
         )
         raise NotConvergedError(f"no block moved by {goal:.6g} m before {least}; ask for a smaller displacement")
     settings = {"contact_damping": moving.damping, "seating_steps": moving.seating_steps, "inertia": "physical"}
+    collapse = None
+    if to_collapse:
+        collapse = collapse_of(moving, control, controller, past.at_rest, past.extremes)
+    elif len(driving.supports) and fallen(moving).any():
+        collapse = collapse_of_settlement(moving, driving, past.at_rest, past.extremes)
     return MotionRun(
         motion=moving,
-        status=COLLAPSE if to_collapse else COMPLETED,
-        collapse=collapse_of(moving, control, controller, past.at_rest, past.extremes) if to_collapse else None,
+        status=COMPLETED if collapse is None else COLLAPSE,
+        collapse=collapse,
         unbalanced=float(past.unbalanced[0]),
         furthest=past.extremes.furthest,
         fallen=fallen(moving),

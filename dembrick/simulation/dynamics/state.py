@@ -168,7 +168,7 @@ def joint_resultants(state: MovingState) -> np.ndarray:
 
 
 def reactions(state: MovingState, fixed: np.ndarray, contacts: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Force (N) and moment (N m, about its centroid at the start) of every ``fixed`` block (n,) on the structure (s, 6),
+    """Force (N) and moment (N m, about its centroid at the start) of each ``fixed`` block (n,) on the structure (s, 6),
     through its joints and new ``contacts`` (see `ContactDetection.pressed`), of the last forces; world axes."""
     bodies, links = state.bodies, state.links
     total = np.zeros((len(fixed), 6))

@@ -1,0 +1,134 @@
+"""What every kind of control says of itself: its regime, its curve, its end, what it drives, what it needs."""
+
+from __future__ import annotations
+
+from typing import ClassVar, NamedTuple
+
+from dembrick.scenario.blocks import Vector
+from dembrick.scenario.support_paths import SupportPath
+
+STEEPEST = 90.0  # deg: a tilt that brings nothing down ends there
+
+# what a control drives, and what it ends with: the status of its result
+ACTUATORS, EVERY_BLOCK, SUPPORTS, NOTHING = "actuators", "every block", "supports", "nothing"
+YIELD, COLLAPSE, COMPLETED = "yield", "collapse", "completed"
+
+
+class Regime(NamedTuple):
+    """How a control is carried out; a driver in ``runs.drivers`` registers for it.
+
+    ``quasi_static``: every block needs a chain of joints to a support. ``real_time``: blocks move in time, part and
+    meet again. ``counts_equilibria``: the times of the record are the numbers of equilibria. ``small_displacements``:
+    it stays in the geometry of the start, and adds up small rotations. ``balances_energy``: its record has energies.
+    """
+
+    name: str
+    quasi_static: bool = True
+    real_time: bool = False
+    counts_equilibria: bool = False
+    small_displacements: bool = False
+    balances_energy: bool = True
+
+    @property
+    def kinematics(self) -> str:
+        """The same in words, as histories have it."""
+        return "small displacements" if self.small_displacements else "finite rotations"
+
+
+LIMIT_LOAD = Regime("limit load", small_displacements=True)
+CONSTANT_RATE = Regime("constant rate")
+PATH_FOLLOWING = Regime("path following", counts_equilibria=True, small_displacements=True)
+DEAD_LOAD = Regime("dead load", small_displacements=True)
+SETTLEMENT = Regime("settlement", real_time=True, counts_equilibria=True, balances_energy=False)
+REAL_TIME = Regime("real time", quasi_static=False, real_time=True)
+
+
+class Curve(NamedTuple):
+    """The curve that a control records: ``load`` and ``displacement`` name its axes, ``unit`` is that of the load as a
+    history has it, ``about`` describes the load. ``load`` is None if none grows: displacement is then shown over time.
+    """
+
+    load: str | None
+    unit: str
+    about: str
+    displacement: str
+
+
+DRIVEN = "driven displacement"
+FURTHEST = "displacement of the block that moved furthest"
+OF_ACTUATORS = Curve("load V", "N", "load multiplier V: the force of an actuator of weight 1", DRIVEN)
+
+
+class Limit(NamedTuple):
+    """When a run in real time ends at the latest (s), the key that says so, and what a user may do about it."""
+
+    seconds: float
+    key: str
+    remedy: str
+
+
+class Control:
+    """What a kind of control says of itself; a subclass states what differs."""
+
+    __slots__ = ()
+
+    kind: ClassVar[str]
+
+    @property
+    def regime(self) -> Regime:
+        """How it is carried out."""
+        return REAL_TIME
+
+    @property
+    def curve(self) -> Curve:
+        """What the record shows."""
+        return OF_ACTUATORS
+
+    @property
+    def ends_with(self) -> str:
+        """The status of its result: YIELD, COLLAPSE or COMPLETED."""
+        return COMPLETED
+
+    @property
+    def drives(self) -> str:
+        """What it drives: ACTUATORS, EVERY_BLOCK, SUPPORTS or NOTHING."""
+        return NOTHING
+
+    @property
+    def needs_supports(self) -> bool:
+        """Whether a block must be fixed."""
+        return True
+
+    @property
+    def loads_vary(self) -> bool:
+        """Whether loads may be functions of time."""
+        return False
+
+    @property
+    def shakes(self) -> bool:
+        """Whether the supports follow a history."""
+        return False
+
+    @property
+    def support_paths(self) -> tuple[SupportPath, ...]:
+        """Which supports move against the others, and how."""
+        return ()
+
+    @property
+    def tilt_axis(self) -> Vector | None:
+        """The axis of a table that tilts."""
+        return None
+
+    @property
+    def push_direction(self) -> Vector | None:
+        """The direction in which every block is pushed."""
+        return None
+
+    @property
+    def limit(self) -> Limit | None:
+        """When a run in real time ends at the latest; None if that follows from the blocks."""
+        return None
+
+    def angle(self, load_factor: float) -> float | None:
+        """The angle (deg) of a load factor, of a table that tilts."""
+        return None

@@ -1,0 +1,299 @@
+"""Quasi-static settlement: equilibrium after equilibrium in the deformed geometry while supports move.
+
+The supports move a small part of their way, slowly against gravity, and stand still again until the blocks rest, by
+dynamic relaxation with local damping. Finite rotations, joints that open and slide and contacts that form on the way
+are those of a run in real time. Where the blocks come down instead, the structure goes back to its last equilibrium and
+tries half the step, until the settlement at which it falls is known to the tolerance.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import numpy as np
+
+from dembrick.errors import HistoryError, NotConvergedError
+from dembrick.kernels.dynamics.loop import Limits
+from dembrick.scenario.model import Output
+from dembrick.scenario.regimes import COLLAPSE, COMPLETED, Control
+from dembrick.simulation import interrupts
+from dembrick.simulation.channels import bytes_of, recorded
+from dembrick.simulation.dynamics.checkpoint import Past
+from dembrick.simulation.dynamics.dead_load import CHUNK, LOCAL_DAMPING, STEP, find_equilibrium, unbalanced
+from dembrick.simulation.dynamics.integrator import LONGEST_MOVE, NO_LIMIT, Motion, advance
+from dembrick.simulation.dynamics.loads import Driving
+from dembrick.simulation.dynamics.outcome import MOVED, fallen, settlement_collapse
+from dembrick.simulation.dynamics.recorder import Recorder
+from dembrick.simulation.dynamics.run import MEETINGS, MotionRun
+from dembrick.simulation.dynamics.state import seen
+from dembrick.simulation.dynamics.support_motion import AT_REST
+from dembrick.simulation.session import Plan, Progress, Session, Snapshot
+
+EQUILIBRIA = 80  # of the whole way, equally far apart
+HALVINGS = 7  # of the first of these steps: the reaction changes most when the supports begin to move
+WITHIN = 0.05  # of the smallest block: the longest step
+GENTLE = 0.01  # of gravity: the greatest acceleration of the supports
+FEWEST = 512  # steps of a move
+BALANCED = 1e-6  # out-of-balance force over joint forces at which the blocks rest
+MOST_STEPS = 400_000  # of a relaxation
+DROPPED = 0.5  # of a block's least dimension: one that has moved so far since the last equilibrium has come down
+SNAPSHOT = "settlement"  # what a checkpoint of it has, and no other
+
+
+@dataclass
+class SettlementRun(MotionRun):
+    """A finished settlement. ``path`` (T, 3): displacement of the supports (m), reaction along their motion (N) and
+    out-of-balance over joint forces of every equilibrium; ``reaction`` (s, 6): of all supports at the last one."""
+
+    path: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    reaction: np.ndarray = field(default_factory=lambda: np.zeros((0, 6)))
+
+    @property
+    def reactions(self) -> np.ndarray:
+        """Of the supports (s, 6) at the last equilibrium."""
+        return self.reaction
+
+
+class _Kept:
+    """A copy of a state in memory, to go back to."""
+
+    path = "the last equilibrium"
+
+    def __init__(self, arrays: Mapping[str, np.ndarray]):
+        self.arrays = {name: np.array(array) for name, array in arrays.items()}
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.arrays
+
+    def array(self, name: str, like: np.ndarray) -> np.ndarray:
+        """The array ``name``."""
+        return self.arrays[name]
+
+
+def shares(longest: float, refine: float = 1.0) -> list[float]:
+    """Shares of the way at which equilibria are looked for, none further than ``longest`` from the last."""
+    count = math.ceil(max(EQUILIBRIA / refine, 1.0 / longest))
+    first = [2.0**-k / count for k in range(HALVINGS, 0, -1)]
+    return first + [(k + 1) / count for k in range(count)]
+
+
+class Settlement:
+    """The way of the supports, from equilibrium to equilibrium.
+
+    ``share``: how much of it they have gone, and ``failed``: at which share the blocks came down (infinite: not yet).
+    """
+
+    def __init__(self, moving: Motion, control: Control, driving: Driving, session: Session, refine: float = 1.0):
+        self.moving, self.control, self.driving, self.session = moving, control, driving, session
+        self.past = Past(moving, None)
+        self.supports = driving.supports
+        self.shares = shares(WITHIN * moving.smallest / self.supports.length, refine)
+        self.share, self.failed, self.equilibria = 0.0, math.inf, 0
+        self.path: list[tuple[float, float, float]] = []
+        self.collapse: dict | None = None
+        self.limits = Limits(NO_LIMIT, LONGEST_MOVE * moving.smallest)
+        self.recorder = Recorder(moving, driving, session, 1, 1, None)
+        self.dt = STEP * moving.time_step
+        self.gravity = float(np.linalg.norm(moving.assembly.gravity))
+
+    # --- between two equilibria
+
+    def _moving(self, begin: float, end: float) -> tuple[Driving, int]:
+        """What drives supports from one share to another, at rest at both ends, and the steps that takes."""
+        distance = (end - begin) * self.supports.length
+        seconds = math.sqrt(6.0 * distance / (GENTLE * self.gravity)) if self.gravity > 0.0 else 0.0
+        steps = max(FEWEST, math.ceil(seconds / self.dt))
+        start = self.moving.steps * self.dt
+
+        def share(times: np.ndarray) -> np.ndarray:
+            x = np.clip((times - start) / (steps * self.dt), 0.0, 1.0)
+            return begin + (end - begin) * x * x * (3.0 - 2.0 * x)
+
+        return replace(self.driving, share=share), steps
+
+    def _at(self, share: float) -> Driving:
+        """What drives the run while the supports stand at a share of their way."""
+        return replace(self.driving, share=lambda times: np.full(np.shape(times), share))
+
+    def _advance(self, driving: Driving, steps: int) -> None:
+        while steps > 0:
+            some = min(steps, 8 * CHUNK)
+            advance(self.moving, driving, some, self.limits, LOCAL_DAMPING, STEP)
+            steps -= some
+            self.session.pause(self, within=True)
+
+    def _go(self, share: float) -> float | None:
+        """Take the supports to a share of their way and let the blocks come to rest: the out-of-balance over the joint
+        forces; None where they come down."""
+        driving, steps = self._moving(self.share, share)
+        before, still = self.moving.state.bodies.position.copy(), self._at(share)
+        free = ~np.asarray(self.moving.assembly.fixed)
+        least = np.array([float(np.ptp(shape.vertices, axis=0).min()) for shape in self.moving.assembly.shapes])
+        self._advance(driving, steps)
+        balanced = 0
+        for _ in range(MOST_STEPS // CHUNK):
+            self._advance(still, CHUNK)
+            away = np.linalg.norm(self.moving.state.bodies.position - before, axis=1)
+            if (away > DROPPED * least)[free].any():
+                return None
+            ratio, enough = unbalanced(self.moving.state, still, free)
+            balanced = balanced + 1 if ratio <= max(BALANCED, enough) else 0
+            if balanced == 2:  # forces of a swing vanish at one moment, and not at the next
+                return ratio
+        raise NotConvergedError(
+            f"no equilibrium at a settlement of {share * self.supports.length:.6g} m: after {MOST_STEPS} steps of "
+            f"relaxation the out-of-balance force is still {ratio:.2g} of the joint forces; lower the stiffness of the "
+            "joints, or take quasi_static = false"
+        )
+
+    # --- equilibria
+
+    def begin(self, resumed: Snapshot | None) -> None:
+        """The equilibrium under the dead loads, before the supports move; or go on from a checkpoint."""
+        moving, past = self.moving, self.past
+        if resumed is not None and SNAPSHOT in resumed:
+            past.restore(resumed)
+            self._restore(resumed)
+            self.kept = _Kept(past.snapshot() | self._own())
+            return
+        held = replace(self.driving, supports=AT_REST)
+        resume = None if resumed is None else partial(past.restore, resumed)
+        past.unbalanced[0] = find_equilibrium(moving, held, False, resume, partial(self.session.pause, past))
+        moving.phases["seating"], moving.loop_seconds = moving.loop_seconds, 0.0
+        past.at_rest[:] = seen(moving.state.bodies, moving.state.links)
+        self._advance(self._at(0.0), CHUNK)
+        self._note(0.0, float(past.unbalanced[0]))
+
+    def _note(self, share: float, ratio: float) -> None:
+        """Keep an equilibrium and record it."""
+        self.share = share
+        self.past.extremes.note(self.moving)
+        self.recorder.driving = self._at(share)
+        self.reaction = self.moving.reactions
+        displacement, load = self.recorder.curve(self.reaction)
+        self.path.append((displacement, load, ratio))
+        self.recorder.take(equilibrium=self.equilibria)
+        self.equilibria += 1
+        self.kept = _Kept(self.past.snapshot() | self._own())
+
+    def _target(self) -> float | None:
+        """The share of the next equilibrium; None if the motion is complete or its end known well enough."""
+        if self.failed < math.inf:
+            close = self.failed - self.share <= self.control.tolerance * self.failed
+            return None if close else 0.5 * (self.share + self.failed)
+        return next((share for share in self.shares if share > self.share * (1.0 + 1e-12)), None)
+
+    def run(self) -> None:
+        """Go on until the motion is complete or the structure comes down. Raises NotConvergedError, Interrupted."""
+        with interrupts.deferred():
+            while (share := self._target()) is not None:
+                self.session.pause(self)
+                ratio = self._go(share)
+                if ratio is None:
+                    self.failed = share
+                    self._fell()
+                    self._go_back()
+                else:
+                    self._note(share, ratio)
+
+    def _fell(self) -> None:
+        """Note how the blocks come down."""
+        moving, links = self.moving, self.moving.state.links
+        position = self.kept.arrays["bodies.position"]
+        away = np.linalg.norm(moving.state.bodies.position - position, axis=1)
+        away[np.asarray(moving.assembly.fixed)] = 0.0
+        before = seen(
+            moving.state.bodies._replace(position=position, rotation=self.kept.arrays["bodies.rotation"]), links
+        )
+        blocks = np.flatnonzero(away > MOVED * away.max())
+        self.collapse = settlement_collapse(moving, before, blocks)
+
+    def _go_back(self) -> None:
+        own = self._own()
+        self.past.restore(self.kept)
+        for name, array in own.items():
+            self.kept.arrays[name] = array
+
+    def finished(self) -> SettlementRun:
+        """What came of it."""
+        moving, length = self.moving, self.supports.length
+        if self.collapse is not None:
+            low, high = self.share * length, self.failed * length
+            self.collapse |= {"settlement": 0.5 * (low + high), "settlement_range": [low, high]}
+        path = np.array(self.path)
+        settings = {
+            "contact_damping": moving.damping, "local_damping": LOCAL_DAMPING, "seating_steps": moving.seating_steps,
+            "equilibria": len(path),
+        }  # fmt: skip
+        return SettlementRun(
+            motion=moving,
+            status=COMPLETED if self.collapse is None else COLLAPSE,
+            collapse=self.collapse,
+            unbalanced=float(path[:, 2].max()),
+            furthest=self.past.extremes.furthest,
+            fallen=fallen(moving),
+            settings=settings,
+            path=path,
+            reaction=self.reaction,
+        )
+
+    # --- checkpoints
+
+    @property
+    def where(self) -> str:
+        """Equilibria found."""
+        return f"equilibrium {self.equilibria}"
+
+    @property
+    def progress(self) -> Progress:
+        """How far it is."""
+        return Progress("equilibrium", self.equilibria, HALVINGS + len(self.shares), None, True)
+
+    def _own(self) -> dict[str, np.ndarray]:
+        path = np.zeros((len(self.shares) + 200, 3))
+        path[: len(self.path)] = self.path
+        numbers = np.array([self.share, min(self.failed, 2.0), self.equilibria])
+        return {SNAPSHOT: numbers, f"{SNAPSHOT}.path": path, f"{SNAPSHOT}.reaction": self.reaction}
+
+    def snapshot(self) -> dict[str, np.ndarray]:
+        """The last equilibrium: what was tried since leaves no trace."""
+        return self.kept.arrays
+
+    def _restore(self, snapshot: Snapshot) -> None:
+        self.reaction = np.zeros_like(self.moving.reactions)
+        shapes = self._own()
+        self.share, failed, count = snapshot.array(SNAPSHOT, shapes[SNAPSHOT]).tolist()
+        self.failed = math.inf if failed >= 2.0 else failed
+        if not (0.0 <= self.share <= 1.0 and count.is_integer() and 1 <= count <= len(shapes[f"{SNAPSHOT}.path"])):
+            raise HistoryError(f"{snapshot.path}: this checkpoint is of no step of this run")
+        self.equilibria = int(count)
+        rows = snapshot.array(f"{SNAPSHOT}.path", shapes[f"{SNAPSHOT}.path"])[: self.equilibria].tolist()
+        self.path = [tuple(row) for row in rows]
+        self.reaction = snapshot.array(f"{SNAPSHOT}.reaction", self.reaction).copy()
+
+
+def settle(moving: Motion, control: Control, driving: Driving, session: Session, refine: float = 1.0) -> SettlementRun:
+    """Move the supports along their way, equilibrium by equilibrium; ``refine``: steps over the usual.
+
+    Raises NotConvergedError where the blocks do not stand before the supports move, or find neither rest nor fall.
+    """
+    way = Settlement(moving, control, driving, session, refine)
+    way.begin(session.resumed)
+    way.run()
+    moving.compile_seconds += way.recorder.compile_seconds
+    return way.finished()
+
+
+def plan(moving: Motion, control: Control, driving: Driving, output: Output) -> Plan:
+    """What it will take, roughly: as many steps as the supports move for, and again for the blocks to come to rest."""
+    way = shares(WITHIN * moving.smallest / driving.supports.length)
+    gravity, dt = float(np.linalg.norm(moving.assembly.gravity)), STEP * moving.time_step
+    each = math.sqrt(6.0 * driving.supports.length / len(way) / (GENTLE * gravity)) / dt if gravity > 0.0 else FEWEST
+    rows = len(way) + 1
+    fields = recorded(moving.assembly, output.channels, control)
+    memory = 3 * sum(array.nbytes for array in moving.state.arrays)
+    memory += bytes_of(fields, rows, rows, rows * MEETINGS * len(moving.assembly.names))
+    return Plan(dt, moving.critical_time_step, int(2 * rows * max(FEWEST, each)), memory)
