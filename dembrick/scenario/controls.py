@@ -12,6 +12,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+from dembrick.errors import ScenarioError
 from dembrick.scenario.blocks import Vector
 from dembrick.scenario.checks import (
     assign,
@@ -372,7 +373,8 @@ class SettlementControl(Control):
             in_time = "it belongs to a settlement in real time: quasi_static = false"
             require(self.rate is None, "rate", self.rate, in_time)
             return
-        require(self.rate is not None, "rate", self.rate, "a settlement in real time needs it, in m/s")
+        if self.rate is None:
+            raise ScenarioError("missing key 'rate': a settlement in real time (quasi_static = false) needs it, in m/s")
         assign(self, rate=real("rate", self.rate))
         require(present(self.rate) > 0.0, "rate", self.rate, "it must be greater than 0 m/s")
 

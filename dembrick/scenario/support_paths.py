@@ -4,8 +4,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from dembrick.errors import ScenarioError
 from dembrick.scenario.blocks import Vector
-from dembrick.scenario.checks import assign, check_name, present, real, require, require_type, unit_vector, vector
+from dembrick.scenario.checks import (
+    assign,
+    check_name,
+    present,
+    real,
+    require,
+    require_type,
+    show,
+    unit_vector,
+    vector,
+)
 
 STEEPEST_TURN = 90.0  # deg
 
@@ -48,4 +59,6 @@ class SupportPath:
         if self.displacement is not None:
             assign(self, displacement=vector("displacement", self.displacement))
         moves = self.rotation is not None or (self.displacement is not None and any(present(self.displacement)))
-        require(moves, "displacement", self.displacement, "supports that settle need a displacement or a rotation")
+        if not moves:
+            names = ", ".join(show(name) for name in self.supports)
+            raise ScenarioError(f"supports {names}: they need a displacement or a rotation that is not zero")

@@ -108,6 +108,7 @@ def record(start, stop, n_joint=1, n_actuator=1, names=ENERGIES):
         "actuator_displacement": 1e-8 * column + np.arange(n_actuator),
         "actuator_force": 3.0 * column + np.arange(n_actuator),
         "control_point": 1e-6 * column[:, :, None] + np.array([[[0.0, 1e-3, 2e-3]]]),
+        "reaction": column[:, :, None] + 0.5 * np.arange(6),
         "joint": column[:, :, None] + 10.0 * np.arange(n_joint)[None, :, None] + 0.1 * np.arange(7),
         "energy": {name: (i + 1) * row for i, name in enumerate(names)},
     }
@@ -182,7 +183,7 @@ def check_rows(found, stop, n_joint=1, n_actuator=1):
     names = energies(found.in_real_time)
     expected = record(0, stop, n_joint, n_actuator, names)
     assert found.n_row == stop
-    for name in ("time", "load", "displacement", "unbalanced", "actuator_displacement", "actuator_force"):
+    for name in ("time", "load", "displacement", "unbalanced", "actuator_displacement", "actuator_force", "reaction"):
         np.testing.assert_array_equal(getattr(found, name), expected[name], err_msg=name)
     for name in ("lower", "upper"):
         np.testing.assert_array_equal(found.series(name), expected[name], err_msg=name)

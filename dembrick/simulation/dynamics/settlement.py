@@ -3,7 +3,8 @@
 The supports move a small part of their way, slowly against gravity, and stand still again until the blocks rest, by
 dynamic relaxation with local damping. Finite rotations, joints that open and slide and contacts that form on the way
 are those of a run in real time. Where the blocks come down instead, the structure goes back to its last equilibrium and
-tries half the step, until the settlement at which it falls is known to the tolerance.
+tries again so slowly that inertia does not count, then by half the step, until the settlement at which it falls is
+known to the tolerance.
 """
 
 from __future__ import annotations
@@ -35,10 +36,12 @@ from dembrick.simulation.session import Plan, Progress, Session, Snapshot
 EQUILIBRIA = 80  # of the whole way, equally far apart
 HALVINGS = 7  # of the first of these steps: the reaction changes most when the supports begin to move
 WITHIN = 0.05  # of the smallest block: the longest step
-GENTLE = 0.01  # of gravity: the greatest acceleration of the supports
+GENTLE = 0.02  # of gravity: the greatest acceleration of the supports,
+CAREFUL = 0.2  # of the tolerance: the same in gravities, once blocks have come down
 FEWEST = 512  # steps of a move
 BALANCED = 1e-6  # out-of-balance force over joint forces at which the blocks rest
-MOST_STEPS = 400_000  # of a relaxation
+MOST_STEPS = 200_000  # of a relaxation
+DRIFTING = 1.5  # how much further blocks are at its end than at its middle if they go on and do not swing
 DROPPED = 0.5  # of a block's least dimension: one that has moved so far since the last equilibrium has come down
 SNAPSHOT = "settlement"  # what a checkpoint of it has, and no other
 
@@ -83,7 +86,8 @@ def shares(longest: float, refine: float = 1.0) -> list[float]:
 class Settlement:
     """The way of the supports, from equilibrium to equilibrium.
 
-    ``share``: how much of it they have gone, and ``failed``: at which share the blocks came down (infinite: not yet).
+    ``share``: how much of it they have gone, and ``failed``: at which share the blocks came down (infinite: not yet)
+    although they were moved with all care (``careful``).
     """
 
     def __init__(self, moving: Motion, control: Control, driving: Driving, session: Session, refine: float = 1.0):
@@ -91,7 +95,7 @@ class Settlement:
         self.past = Past(moving, None)
         self.supports = driving.supports
         self.shares = shares(WITHIN * moving.smallest / self.supports.length, refine)
-        self.share, self.failed, self.equilibria = 0.0, math.inf, 0
+        self.share, self.failed, self.equilibria, self.careful = 0.0, math.inf, 0, False
         self.path: list[tuple[float, float, float]] = []
         self.collapse: dict | None = None
         self.limits = Limits(NO_LIMIT, LONGEST_MOVE * moving.smallest)
@@ -104,7 +108,8 @@ class Settlement:
     def _moving(self, begin: float, end: float) -> tuple[Driving, int]:
         """What drives supports from one share to another, at rest at both ends, and the steps that takes."""
         distance = (end - begin) * self.supports.length
-        seconds = math.sqrt(6.0 * distance / (GENTLE * self.gravity)) if self.gravity > 0.0 else 0.0
+        gentle = min(GENTLE, CAREFUL * self.control.tolerance) if self.careful else GENTLE
+        seconds = math.sqrt(6.0 * distance / (gentle * self.gravity)) if self.gravity > 0.0 else 0.0
         steps = max(FEWEST, math.ceil(seconds / self.dt))
         start = self.moving.steps * self.dt
 
@@ -133,8 +138,8 @@ class Settlement:
         free = ~np.asarray(self.moving.assembly.fixed)
         least = np.array([float(np.ptp(shape.vertices, axis=0).min()) for shape in self.moving.assembly.shapes])
         self._advance(driving, steps)
-        balanced = 0
-        for _ in range(MOST_STEPS // CHUNK):
+        arrived, balanced, middle = self.moving.state.bodies.position.copy(), 0, 0.0
+        for chunk in range(MOST_STEPS // CHUNK):
             self._advance(still, CHUNK)
             away = np.linalg.norm(self.moving.state.bodies.position - before, axis=1)
             if (away > DROPPED * least)[free].any():
@@ -143,6 +148,10 @@ class Settlement:
             balanced = balanced + 1 if ratio <= max(BALANCED, enough) else 0
             if balanced == 2:  # forces of a swing vanish at one moment, and not at the next
                 return ratio
+            if chunk == MOST_STEPS // CHUNK // 2:
+                middle = _farthest(self.moving.state.bodies.position, arrived)
+        if _farthest(self.moving.state.bodies.position, arrived) > DRIFTING * middle:
+            return None
         raise NotConvergedError(
             f"no equilibrium at a settlement of {share * self.supports.length:.6g} m: after {MOST_STEPS} steps of "
             f"relaxation the out-of-balance force is still {ratio:.2g} of the joint forces; lower the stiffness of the "
@@ -192,12 +201,15 @@ class Settlement:
             while (share := self._target()) is not None:
                 self.session.pause(self)
                 ratio = self._go(share)
-                if ratio is None:
+                if ratio is not None:
+                    self._note(share, ratio)
+                elif self.careful:
                     self.failed = share
                     self._fell()
                     self._go_back()
                 else:
-                    self._note(share, ratio)
+                    self.careful = True
+                    self._go_back()
 
     def _fell(self) -> None:
         """Note how the blocks come down."""
@@ -255,7 +267,7 @@ class Settlement:
     def _own(self) -> dict[str, np.ndarray]:
         path = np.zeros((len(self.shares) + 200, 3))
         path[: len(self.path)] = self.path
-        numbers = np.array([self.share, min(self.failed, 2.0), self.equilibria])
+        numbers = np.array([self.share, min(self.failed, 2.0), self.equilibria, self.careful])
         return {SNAPSHOT: numbers, f"{SNAPSHOT}.path": path, f"{SNAPSHOT}.reaction": self.reaction}
 
     def snapshot(self) -> dict[str, np.ndarray]:
@@ -265,14 +277,19 @@ class Settlement:
     def _restore(self, snapshot: Snapshot) -> None:
         self.reaction = np.zeros_like(self.moving.reactions)
         shapes = self._own()
-        self.share, failed, count = snapshot.array(SNAPSHOT, shapes[SNAPSHOT]).tolist()
+        self.share, failed, count, careful = snapshot.array(SNAPSHOT, shapes[SNAPSHOT]).tolist()
         self.failed = math.inf if failed >= 2.0 else failed
         if not (0.0 <= self.share <= 1.0 and count.is_integer() and 1 <= count <= len(shapes[f"{SNAPSHOT}.path"])):
             raise HistoryError(f"{snapshot.path}: this checkpoint is of no step of this run")
-        self.equilibria = int(count)
+        self.equilibria, self.careful = int(count), bool(careful)
         rows = snapshot.array(f"{SNAPSHOT}.path", shapes[f"{SNAPSHOT}.path"])[: self.equilibria].tolist()
         self.path = [tuple(row) for row in rows]
         self.reaction = snapshot.array(f"{SNAPSHOT}.reaction", self.reaction).copy()
+
+
+def _farthest(position: np.ndarray, start: np.ndarray) -> float:
+    """How far (m) the centroid that has moved furthest is from where it was (n, 3)."""
+    return float(np.linalg.norm(position - start, axis=1).max())
 
 
 def settle(moving: Motion, control: Control, driving: Driving, session: Session, refine: float = 1.0) -> SettlementRun:

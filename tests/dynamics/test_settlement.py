@@ -1,0 +1,223 @@
+"""Supports that settle: an arch whose springing spreads or sinks, a beam on three supports, bricks on two slabs."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from dembrick.runs.limit import reaction as reaction_bounds
+from dembrick.runs.simulate import simulate
+from dembrick.scenario.blocks import Block
+from dembrick.scenario.controls import SettlementControl
+from dembrick.scenario.generators import Arch, Wall
+from dembrick.scenario.model import JointLaw, Material, Output, Scenario
+from dembrick.scenario.support_paths import SupportPath, Turn
+from dembrick.simulation.dynamics import settlement
+
+G = 9.81
+STONE = {"stone": Material(2000.0)}
+WEIGHT = 13811.599  # N, of the arch
+# thrust of the arch over the spread (m) of its right springing: three rigid hinges
+SPREAD = {0.01: 2156.0722, 0.05: 2263.4567, 0.1: 2409.2076}
+LEAST_THRUST = 2130.36785
+# right reaction and thrust over the sinking (m) of its right springing
+SINKING = {0.01: (6585.1488, 2592.0099), 0.05: (6662.7129, 2598.9175), 0.1: (6758.8426, 2607.2245)}
+
+
+def arch(control, stiffness=1e10, formulation="concave") -> Scenario:
+    """Semicircle of 20 straight voussoirs, mean radius 1.5 m, 0.3 m thick, 0.5 m deep."""
+    law = JointLaw(formulation, 0.7, stiffness, 0.4 * stiffness)
+    vault = Arch("arch", "stone", 1.5, 0.3, 0.5, 20)
+    return Scenario("arch", (0.0, 0.0, -G), law, STONE, (), control, arches=(vault,), output=Output(("frames",)))
+
+
+@pytest.fixture(autouse=True)
+def few(monkeypatch):
+    """Fewer equilibria on the way."""
+    monkeypatch.setattr(settlement, "EQUILIBRIA", 20)
+
+
+def thrust_at(result, x) -> float:
+    """The reaction along the motion of the equilibrium at a displacement."""
+    path = result.run.path
+    (row,) = np.flatnonzero(np.isclose(path[:, 0], x, rtol=1e-12, atol=0.0))
+    return float(path[row, 1])
+
+
+@pytest.fixture(scope="module")
+def spread():
+    patch = pytest.MonkeyPatch()
+    patch.setattr(settlement, "EQUILIBRIA", 20)
+    result = simulate(arch(SettlementControl(("arch.right",), (0.1, 0.0, 0.0))))
+    patch.undo()
+    return result
+
+
+def test_the_thrust_of_a_spreading_arch(spread):
+    """At the first movement the thrust falls to the least of limit analysis, then follows three rigid hinges."""
+    assert spread.status == "completed"
+    assert spread.settlement["least"]["reaction"] == pytest.approx(LEAST_THRUST, rel=1e-3)
+    assert spread.settlement["least"]["displacement"] < 2e-3
+    bound = reaction_bounds(spread.scenario, "arch.right", (-1.0, 0.0, 0.0)).least
+    assert bound.value == pytest.approx(LEAST_THRUST, rel=1e-6)
+    for x in (0.01, 0.05, 0.1):
+        assert thrust_at(spread, x) == pytest.approx(SPREAD[x], rel=2e-4)
+    np.testing.assert_allclose(spread.rows["load"], spread.run.path[:, 1], rtol=1e-12)
+    np.testing.assert_allclose(spread.rows["displacement"], spread.run.path[:, 0], rtol=1e-12)
+    assert list(spread.rows["time"]) == list(range(len(spread.run.path)))
+
+
+def test_supports_carry_the_weight_at_every_equilibrium(spread):
+    """The springings press against each other, and the moments about the left one balance in the deformed state."""
+    reaction, frames = spread.rows["reaction"], spread.frames
+    np.testing.assert_allclose(reaction[:, :, 2].sum(axis=1), WEIGHT, rtol=1e-6)
+    np.testing.assert_allclose(reaction[:, 0, 0], -reaction[:, 1, 0], rtol=1e-4)
+    np.testing.assert_allclose(reaction[:, 1, 0], -spread.rows["load"], rtol=1e-9)
+    assembly = spread.assembly
+    weights = np.where(assembly.fixed, 0.0, assembly.mass * G)
+    place = assembly.position + frames["displacement"]
+    turning = (weights * place[:, :, 0]).sum(axis=1)
+    # moments are about the centroids of the start, of the support that has moved away too
+    (left, right), arm = np.flatnonzero(assembly.fixed), assembly.position
+    about_y = reaction[:, :, 4].sum(axis=1)
+    for k, i in enumerate((left, right)):
+        about_y += arm[i, 2] * reaction[:, k, 0] - arm[i, 0] * reaction[:, k, 2]
+    np.testing.assert_allclose(about_y, -turning, atol=1e-5 * WEIGHT)
+
+
+def test_the_crown_of_a_spreading_arch_comes_down(spread):
+    """By what two rigid halves on three hinges make of it: 60.9893 mm at a spread of 0.1 m."""
+    assembly, hinge = spread.assembly, np.array([0.0, 0.0, 1.65])
+    stone = assembly.names.index("arch.10")
+    from dembrick.geometry.rotations import rotation_matrix
+
+    turn = rotation_matrix(spread.frames["orientation"][-1, stone]) @ assembly.rotation[stone].T
+    arm = hinge - assembly.position[stone]
+    moved = np.diff(spread.frames["displacement"][[0, -1], stone], axis=0)[0] + turn @ arm - arm
+    assert moved[2] == pytest.approx(-0.0609893, rel=1e-3)
+    assert moved[0] == pytest.approx(0.05, rel=1e-3)
+
+
+def test_a_springing_that_sinks():
+    result = simulate(arch(SettlementControl(("arch.right",), (0.0, 0.0, -0.1))))
+    thrust = dict(zip(result.rows["displacement"].round(12), result.rows["reaction"][:, 0, 0], strict=True))
+    for x, (reaction, horizontal) in SINKING.items():
+        assert thrust_at(result, x) == pytest.approx(reaction, rel=5e-4)
+        assert thrust[x] == pytest.approx(horizontal, rel=5e-4)
+    assert result.run.path[0, 1] == pytest.approx(0.5 * WEIGHT, rel=1e-6)
+    assert result.run.path[1:, 1].min() == pytest.approx(6565.6696, rel=1e-3)
+
+
+def test_two_supports_that_move_apart():
+    """Half of the spread at either springing is all of it at one; so is a turn of the whole about a far point."""
+    ways = (
+        SupportPath(("arch.right",), (0.005, 0.0, 0.0)),
+        SupportPath(("arch.left",), (-0.005, 0.0, 0.0)),
+    )
+    result = simulate(arch(SettlementControl(motions=ways)))
+    # each moves half as far, and both carry the thrust
+    path = result.run.path
+    assert path[-1, 0] == pytest.approx(0.005, rel=1e-12)
+    assert path[-1, 1] == pytest.approx(2.0 * SPREAD[0.01], rel=2e-4)
+
+
+def beam(control, width, formulation) -> Scenario:
+    """A block of 3000 N on three supports at -1, 0 and 1 m, each of 100 MN/m."""
+    depth, height = 0.5, 3000.0 / (2000.0 * G * 2.4 * 0.5)
+    blocks = [Block("beam", "stone", box=(2.4, depth, height), position=(0.0, 0.0, 0.5 * height))]
+    for name, x in (("left", -1.0), ("middle", 0.0), ("right", 1.0)):
+        blocks.append(Block(name, "stone", box=(width, depth, 0.2), position=(x, 0.0, -0.1), fixed=True))
+    law = JointLaw(formulation, 0.6, 1e8 / (width * depth), 0.4e8 / (width * depth))
+    return Scenario("beam", (0.0, 0.0, -G), law, STONE, tuple(blocks), control, output=Output(()))
+
+
+@pytest.mark.parametrize(
+    "formulation, support, left, middle, right",
+    [
+        ("convex", "middle", 1333.3333, 333.3333, 1333.3333),
+        ("convex", "right", 835.8209, 1333.3333, 830.8458),
+        ("concave", "right", 840.7225, 1333.3333, 825.9442),
+    ],
+)
+def test_a_beam_on_three_supports(formulation, support, left, middle, right):
+    """One of them sinks by .01 mm: what springs of 100 MN/m make of it."""
+    scenario = beam(SettlementControl((support,), (0.0, 0.0, -1e-5)), 0.2, formulation)
+    found = simulate(scenario).reactions
+    assert [found[name][2] for name in ("left", "middle", "right")] == pytest.approx([left, middle, right], rel=2e-5)
+
+
+def test_a_stiff_beam_lifts_off_a_support_that_sinks():
+    scenario = beam(SettlementControl(("middle",), (0.0, 0.0, -1e-3)), 0.2, "convex")
+    found = simulate(scenario).reactions
+    assert found["middle"] == [0.0] * 6
+    assert found["left"][2] == pytest.approx(1500.0, rel=1e-6)
+
+
+def two_slabs(control, friction) -> Scenario:
+    """Running bond of 4 courses of 4 blocks on two slabs that meet in its middle."""
+    slabs = (
+        Block("left", "stone", (1.2, 0.6, 0.2), (0.2, 0.0, -0.1), fixed=True),
+        Block("right", "stone", (1.2, 0.6, 0.2), (1.4, 0.0, -0.1), fixed=True),
+    )
+    wall = Wall("wall", "stone", (0.4, 0.2, 0.2), 4, 4, ends="half", position=(0.0, 0.0, 0.0))
+    law = JointLaw("concave", friction, 1e10, 4e9)
+    return Scenario("bond", (0.0, 0.0, -G), law, STONE, slabs, control, walls=(wall,), output=Output(()))
+
+
+@pytest.mark.parametrize("friction, bound", [(0.5, 1255.68), (0.8, 969.59)])
+def test_bricks_on_a_slab_that_sinks(friction, bound):
+    """The slab's reaction falls from half the weight to no less than what associative equilibrium allows."""
+    scenario = two_slabs(SettlementControl(("right",), (0.0, 0.0, -5e-3)), friction)
+    result = simulate(scenario)
+    weight = 5022.72
+    reaction = result.run.path[:, 1]
+    assert reaction[0] == pytest.approx(0.5 * weight, rel=1e-3)
+    assert reaction.min() > bound * (1.0 - 1e-3)
+    assert reaction.min() < 0.42 * weight
+    assert result.status == "completed"
+
+
+@pytest.mark.parametrize("friction, falls", [(0.7, math.atan(0.2)), (0.15, math.atan(0.15))])
+def test_a_block_on_a_floor_that_turns(friction, falls):
+    """It overturns at atan(b/h), or slides at atan(mu); the settlement is the arc of the floor's corner."""
+    floor = Block("floor", "stone", (1.0, 1.0, 0.2), (0.0, 0.0, -0.1), fixed=True)
+    block = Block("block", "stone", (0.2, 0.4, 1.0), (0.0, 0.0, 0.5))
+    control = SettlementControl(("floor",), rotation=Turn((0.0, 1.0, 0.0), 20.0, (0.0, 0.0, 0.0)), tolerance=1e-3)
+    law = JointLaw("concave", friction, 1e10, 4e9)
+    result = simulate(Scenario("turn", (0.0, 0.0, -G), law, STONE, (floor, block), control, output=Output(())))
+    corner = math.hypot(0.5, 0.2)
+    assert result.status == "collapse"
+    found = result.collapse
+    assert found["settlement"] / corner == pytest.approx(falls, rel=2e-3)
+    low, high = found["settlement_range"]
+    assert low < found["settlement"] < high and high - low < 2e-3 * high
+    assert found["mechanism"] == ("rocking" if friction > 0.2 else "sliding")
+    assert found["blocks"] == ["block"]
+
+
+def test_an_arch_that_spreads_too_far():
+    """At .458035 m the thrust reaches the outer edges of both springings. Steps far apart, and a coarse tolerance."""
+    control = SettlementControl(("arch.right",), (0.55, 0.0, 0.0), tolerance=1e-2)
+    result = simulate(arch(control))
+    assert result.status == "collapse"
+    assert result.collapse["settlement"] == pytest.approx(0.458035, rel=1e-2)
+    hinges = {name.split(" / ")[0] for name in result.collapse["hinges"]}
+    assert len(hinges) >= 4 and len(result.collapse["blocks"]) == 20
+
+
+def test_a_spread_in_real_time_is_that_of_equilibria():
+    """At 20 mm/s: the thrust follows three hinges but for what swings, and the energy balances."""
+    control = SettlementControl(("arch.right",), (0.01, 0.0, 0.0), quasi_static=False, rate=0.02)
+    scenario = dataclasses.replace(arch(control), output=Output(("energy", "frames"), rows=3000, frames=20))
+    result = simulate(scenario)
+    rows = result.rows
+    assert result.status == "completed" and rows["displacement"][-1] == pytest.approx(0.01, rel=1e-9)
+    late = rows["time"] > rows["time"][-1] - 0.3
+    assert rows["load"][late].mean() == pytest.approx(SPREAD[0.01], rel=2e-3)
+    assert result.energy.relative_residual < 1e-5
+    # gravity works on the stones, and the thrust on the support that gives way
+    first, *_, last = result.frames["displacement"][:, :, 2]
+    fallen = float((result.assembly.mass * G) @ (first - last))
+    work = np.trapezoid(rows["load"], rows["displacement"])
+    assert rows["energy"]["external"][-1] == pytest.approx(fallen - work, abs=1e-4 * work)
