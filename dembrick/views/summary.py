@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 _CARRIED = {"N": "N", "V_1": "N", "V_2": "N", "M_T": "N m"}
 _ROUNDING = 1e-9  # of N (times 1 m): forces below are not there
+_NO_BAR = "no error bar (--refine gives one)"
 _MEET = 1e-9  # of V: bounds closer than this meet, but for rounding
 
 
@@ -105,7 +106,8 @@ def key_numbers(results: Mapping) -> list[KeyNumber]:
     lines += _of_collapse(collapse, has_bracket="V" in point)
     lines += _of_yield(point, "" if collapse else "N", results.get("status") == "completed", path)
     lines += _of_theory(part(results, "theory"))
-    lines += _of_motion(results) if not (point or collapse) else []
+    lines += _of_settlement(part(results, "settlement"), collapse)
+    lines += _of_motion(results) if not (point or collapse or results.get("settlement")) else []
     audit = part(results, "energy")
     residual, stepping = number(audit.get("relative_residual")), number(audit.get("step_error"))
     if residual is not None:
@@ -183,8 +185,28 @@ def _of_motion(results: Mapping) -> list[KeyNumber]:
     moved, error = number(results.get("displacement")), number(results.get("displacement_error"))
     if moved is not None:
         value = length(moved) if error is None else with_error(moved, error, "m")
-        remark = "no error bar (--refine gives one)" if error is None else "from stiffer joints"
+        remark = _NO_BAR if error is None else "from stiffer joints"
         lines.append(KeyNumber("displacement at the end", value, remark))
+    return lines
+
+
+def _of_settlement(found: dict, collapse: dict) -> list[KeyNumber]:
+    """Where the structure came down, and the reaction along the motion of its supports."""
+    lines = []
+    at, bar = number(collapse.get("settlement")), number(collapse.get("error_estimate"))
+    if at is not None:
+        text = f"{at:.5g} m" if bar is None else with_error(at, abs(bar), "m")
+        lines.append(KeyNumber("settlement at collapse", text, _NO_BAR if bar is None else "from runs refined"))
+    reaction, bar, reached = (number(found.get(key)) for key in ("reaction", "reaction_error", "displacement"))
+    if reaction is not None:
+        text = f"{reaction:.6g} N" if bar is None else with_error(reaction, abs(bar), "N")
+        remark = "" if reached is None else f"at {length(reached)}; "
+        lines.append(KeyNumber("reaction along the motion", text, remark + (_NO_BAR if bar is None else "refined")))
+    for key in ("least", "greatest"):
+        one = part(found, key)
+        value, where = number(one.get("reaction")), number(one.get("displacement"))
+        if value is not None and where is not None:
+            lines.append(KeyNumber(f"{key} reaction", f"{value:.6g} N", f"at {length(where)}"))
     return lines
 
 
@@ -192,15 +214,15 @@ def _of_collapse(collapse: dict, has_bracket: bool) -> list[KeyNumber]:
     """The angle of the table, and the load factor unless a bracket says it better; with the refined estimate."""
     lines = []
     angle, factor, bar = (number(collapse.get(key)) for key in ("angle", "load_factor", "error_estimate"))
-    none, alone = "no error bar (--refine gives one)", on_one_path(collapse)
+    alone = on_one_path(collapse)
     if angle is not None:
         # angle = atan(factor)
         error = None if bar is None else math.degrees(abs(bar) * math.cos(math.radians(angle)) ** 2)
         text = f"{known(angle, None if alone else 0.0, 5)} deg" if error is None else with_error(angle, error, "deg")
-        lines.append(KeyNumber("collapse angle", text, none if error is None and not has_bracket else ""))
+        lines.append(KeyNumber("collapse angle", text, _NO_BAR if error is None and not has_bracket else ""))
     if factor is not None and not (has_bracket and bar is None):
         text = f"{factor:.5g}" if bar is None else with_error(factor, abs(bar), "").rstrip()
-        source = "from the run refined" if bar is not None else "" if lines else none
+        source = "from the run refined" if bar is not None else "" if lines else _NO_BAR
         lines.append(KeyNumber("load factor, refined" if has_bracket else "load factor", text, source))
     if isinstance(collapse.get("mechanism"), str) and not has_bracket:
         lines.append(KeyNumber("mechanism", collapse["mechanism"]))

@@ -30,6 +30,8 @@ ASSEMBLIES = {  # free blocks, joints
     "rocking_block": (1, 1),
     "rocking_push": (1, 1),
     "spinning_plate": (1, 1),
+    "arch_spread": (20, 21),
+    "pier_settles": (42, 95),
 }
 FILES = sorted(path.stem for path in shipped.folder().glob("*.toml") if path.stem not in ASSEMBLIES)
 MU, N = 0.64, 467.0

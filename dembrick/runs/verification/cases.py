@@ -17,6 +17,8 @@ UNITS = {
     "displacement": "m",
     "angle_at_displacement": "deg",
     "stands": "1",
+    "reaction": "N",
+    "settlement": "m",
 }
 RELATIONS = ("equal", "at most")
 

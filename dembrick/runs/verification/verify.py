@@ -131,6 +131,16 @@ def _stands(result) -> Measured:
     return float(moved < FALLEN), None, None
 
 
+def _reaction(result) -> Measured:
+    value, bar = result.settlement["reaction"], result.reaction_error
+    return (value, None, None) if bar is None else (value, value - bar, value + bar)
+
+
+def _settlement(result) -> Measured:
+    fallen = present(result.collapse)
+    return fallen["settlement"], *fallen["settlement_range"]
+
+
 _READ: dict[str, Callable[..., Measured]] = {
     "V": _limit,
     "load_factor": _limit,
@@ -138,4 +148,6 @@ _READ: dict[str, Callable[..., Measured]] = {
     "displacement": _displacement,
     "angle_at_displacement": _angle_at_displacement,
     "stands": _stands,
+    "reaction": _reaction,
+    "settlement": _settlement,
 }
