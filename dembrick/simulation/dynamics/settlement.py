@@ -198,18 +198,24 @@ class Settlement:
     def run(self) -> None:
         """Go on until the motion is complete or the structure comes down. Raises NotConvergedError, Interrupted."""
         with interrupts.deferred():
-            while (share := self._target()) is not None:
+            while self.collapse is None:
+                share, last = self._target(), False
+                if share is None and self.failed < math.inf:
+                    share, last = self.failed, True  # once more, from nearby: how the blocks come down
+                if share is None:
+                    return
                 self.session.pause(self)
                 ratio = self._go(share)
                 if ratio is not None:
+                    self.failed = math.inf if last else self.failed
                     self._note(share, ratio)
+                    continue
+                if last:
+                    self._fell()
                 elif self.careful:
                     self.failed = share
-                    self._fell()
-                    self._go_back()
-                else:
-                    self.careful = True
-                    self._go_back()
+                self.careful = True
+                self._go_back()
 
     def _fell(self) -> None:
         """Note how the blocks come down."""
@@ -266,7 +272,7 @@ class Settlement:
 
     def _own(self) -> dict[str, np.ndarray]:
         path = np.zeros((len(self.shares) + 200, 3))
-        path[: len(self.path)] = self.path
+        path[: len(self.path)] = np.array(self.path).reshape(-1, 3)
         numbers = np.array([self.share, min(self.failed, 2.0), self.equilibria, self.careful])
         return {SNAPSHOT: numbers, f"{SNAPSHOT}.path": path, f"{SNAPSHOT}.reaction": self.reaction}
 

@@ -1,0 +1,69 @@
+"""Settlements that are stopped on their way and go on: to the last bit the whole run."""
+
+import numpy as np
+import pytest
+
+from dembrick.errors import HistoryError
+from dembrick.history import Checkpoints, read
+from dembrick.runs.simulate import restart, simulate
+from dembrick.scenario.controls import SettlementControl
+from dembrick.scenario.model import Block, JointLaw, Material, Output, Scenario
+from dembrick.scenario.support_paths import Turn
+from dembrick.simulation import interrupts
+from dembrick.simulation.dynamics import settlement
+from dembrick.simulation.interrupts import Interrupted
+from helpers.restart_cases import check_same
+
+
+@pytest.fixture(autouse=True)
+def few(monkeypatch):
+    """Fewer equilibria on the way."""
+    monkeypatch.setattr(settlement, "EQUILIBRIA", 6)
+    monkeypatch.setattr(settlement, "WITHIN", 1.0)
+
+
+def turned_floor() -> Scenario:
+    """A block that overturns when its floor has turned by atan(.4)."""
+    floor = Block("floor", "stone", (1.0, 1.0, 0.2), (0.0, 0.0, -0.1), fixed=True)
+    block = Block("block", "stone", (0.2, 0.4, 0.5), (0.0, 0.0, 0.25))
+    control = SettlementControl(("floor",), rotation=Turn((0.0, 1.0, 0.0), 30.0), tolerance=0.05)
+    law, output = JointLaw("concave", 0.9, 1e9, 4e8), Output(checkpoint=1e9)
+    return Scenario(
+        "turned", (0.0, 0.0, -9.81), law, {"stone": Material(2000.0)}, (floor, block), control, output=output
+    )
+
+
+def test_a_settlement_goes_on_where_it_was_stopped(tmp_path, stop_after, monkeypatch):
+    """Stopped while the supports move and while blocks come down: it goes on from the last equilibrium."""
+    looks = []
+    monkeypatch.setattr(interrupts, "requested", lambda: looks.append(0) or 0)
+    whole = simulate(turned_floor(), tmp_path / "whole.h5")
+    assert whole.status == "collapse" and whole.collapse["settlement"] > 0.0
+    for stop in (len(looks) // 4, len(looks) // 2, len(looks) - 3):
+        path = tmp_path / f"{stop}.h5"
+        stop_after(stop)
+        with pytest.raises(Interrupted, match="after equilibrium [0-9]+; go on with: dembrick restart"):
+            simulate(turned_floor(), path)
+        stop_after(0)
+        with read(path) as found:
+            assert found.status == "interrupted" and found.n_row > 0
+        result = restart(path)
+        np.testing.assert_array_equal(result.run.path, whole.run.path)
+        assert result.collapse == whole.collapse and result.reactions == whole.reactions
+        check_same(tmp_path / "whole.h5", path)
+
+
+@pytest.mark.parametrize("numbers", [(2.0, 2.0, 3.0, 0.0), (0.5, 2.0, 0.0, 0.0), (0.5, 2.0, 1.5, 0.0)])
+def test_a_checkpoint_of_no_equilibrium_is_refused(tmp_path, stop_after, numbers):
+    path = tmp_path / "run.h5"
+    stop_after(40)
+    with pytest.raises(Interrupted):
+        simulate(turned_floor(), path)
+    stop_after(0)
+    for one in Checkpoints(path).existing():
+        with np.load(one) as found:
+            arrays = dict(found) | {settlement.SNAPSHOT: np.array(numbers)}
+        with open(one, "wb") as file:
+            np.savez(file, **arrays)
+    with pytest.raises(HistoryError, match="this checkpoint is of no step of this run"):
+        restart(path)
