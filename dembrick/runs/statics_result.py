@@ -44,7 +44,7 @@ class StaticsResult(RunResult):
     @property
     def reactions(self) -> dict[str, list[float]] | None:
         """Those of the blocks at rest; None where blocks fall."""
-        return RunResult.reactions.fget(self) if self.run.rest.stands else None
+        return super().reactions if self.run.rest.stands else None
 
     @property
     def plain_answer(self) -> str:

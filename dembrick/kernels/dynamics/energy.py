@@ -113,8 +113,8 @@ def book_loads(books, bodies, loads, step, dt):
 def book_supports(books, bodies, links, loads, dt):
     """Work that the supports which are moved did on the structure over the step that led here."""
     total = 0.0
-    for k in range(loads.supports.block.size):
-        b = loads.supports.block[k]
+    for k in range(loads.support.size):
+        b = loads.support[k]
         last = books.support[k]
         total += power(bodies, b, last)
         last[0], last[1], last[2], last[3], last[4], last[5] = gathered(bodies, b, links.wrench, 0.0, 0.0, 0.0)

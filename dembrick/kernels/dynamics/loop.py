@@ -15,7 +15,7 @@ from dembrick.kernels.dynamics.contact_forces import TOUCHED, clear_applied, tou
 from dembrick.kernels.dynamics.energy import book_step
 from dembrick.kernels.dynamics.joint_families import forces as joint_forces
 from dembrick.kernels.dynamics.joint_families import tiles_of
-from dembrick.kernels.dynamics.rigid_bodies import PrescribedMotion, move_supports, step_bodies
+from dembrick.kernels.dynamics.rigid_bodies import move_support, step_bodies
 from dembrick.kernels.dynamics.tiles import WORK, least_slack, rows_of_lanes
 from dembrick.kernels.math.vec3 import cross, rows_times
 
@@ -30,7 +30,12 @@ class Loads(NamedTuple):
     lever: ndarray  # (k, 3) m, from the centroid in body axes
     force: ndarray  # (s, k, 3) N, world
     gravity: ndarray  # (s, 3) m/s2, world
-    supports: PrescribedMotion
+    support: ndarray  # (m,) int64, fixed blocks that are moved; of each step's end, and of the step
+    place: ndarray  # (s, m, 3) m, their centroids, counted as `Bodies.position`
+    orientation: ndarray  # (s, m, 4) quaternions (w, x, y, z), body to world
+    velocity: ndarray  # (s, m, 3) m/s, mean of the step
+    spin: ndarray  # (s, m, 3) rad/s, likewise, world
+    moved: ndarray  # (s,) m2, square of the longest move of any of their points
 
 
 class Limits(NamedTuple):
@@ -120,9 +125,12 @@ def advance_bodies(
                     books.fallen, mean, work[t],
                 )  # fmt: skip
         moved2 = away2 = 0.0
-        if loads.supports.block.size > 0:
-            move_supports(loads.supports, bodies, step)
-            moved2 = loads.supports.moved[step]
+        for k in range(loads.support.size):
+            move_support(
+                bodies, loads.support[k], loads.place[step, k], loads.orientation[step, k], loads.velocity[step, k],
+                loads.spin[step, k],
+            )  # fmt: skip
+            moved2 = loads.moved[step]
         for t in range(moved.size):
             if moved[t] > moved2 or moved[t] != moved[t]:
                 moved2 = moved[t]

@@ -40,39 +40,22 @@ class Bodies(NamedTuple):
     side: ndarray  # (2 j,) uint32, 2 joint + 1 where the block is its host, 2 joint where it is the other
 
 
-class PrescribedMotion(NamedTuple):
-    """Fixed blocks that are moved: one entry a step of a chunk, of its end."""
-
-    block: ndarray  # (k,) int64
-    position: ndarray  # (s, k, 3) m, centroids, counted as `Bodies.position`
-    orientation: ndarray  # (s, k, 4) quaternions (w, x, y, z), body to world
-    velocity: ndarray  # (s, k, 3) m/s, mean of the step
-    spin: ndarray  # (s, k, 3) rad/s, likewise, world
-    moved: ndarray  # (s,) m2, square of the longest move of any of their points
-
-    def after(self, steps: int) -> "PrescribedMotion":
-        """What is left of it after so many steps."""
-        return PrescribedMotion(self.block, *(part[steps:] for part in self[1:]))
-
-
 @jit
-def move_supports(motion, bodies, step):
-    """Put the supports that are moved where they are at the end of a step."""
-    for k in range(motion.block.size):
-        b = motion.block[k]
-        q = motion.orientation[step, k]
-        for i in range(3):
-            bodies.position[b, i] = motion.position[step, k, i]
-            bodies.velocity[b, i] = motion.velocity[step, k, i]
-            bodies.spin[b, i] = motion.spin[step, k, i]
-        for i in range(4):
-            bodies.orientation[b, i] = q[i]
-        u, w, m = axes_of((q[0], q[1], q[2], q[3]))
-        R = bodies.rotation[b]
-        for i in range(3):
-            R[i, 0] = u[i]
-            R[i, 1] = w[i]
-            R[i, 2] = m[i]
+def move_support(bodies, b, x, q, v, w):
+    """Put a fixed block that is moved where it is at the end of a step: centroid x (3,), orientation q (4,); v and w
+    (3,): its mean velocity and spin in the step."""
+    for i in range(3):
+        bodies.position[b, i] = x[i]
+        bodies.velocity[b, i] = v[i]
+        bodies.spin[b, i] = w[i]
+    for i in range(4):
+        bodies.orientation[b, i] = q[i]
+    e1, e2, e3 = axes_of((q[0], q[1], q[2], q[3]))
+    R = bodies.rotation[b]
+    for i in range(3):
+        R[i, 0] = e1[i]
+        R[i, 1] = e2[i]
+        R[i, 2] = e3[i]
 
 
 @jit

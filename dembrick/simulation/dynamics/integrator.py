@@ -57,6 +57,7 @@ TRIAL = 64  # steps in which one thread and several show how fast they are
 FIRST_PAUSE, LONGEST_PAUSE = 250, 20_000  # steps until they show it again
 NO_LIMIT = 1e150  # m
 IN_LANES = ("tiles", "points", "dashpots", "ledger")  # arrays of tiles
+BY_STEP = ("force", "gravity", "place", "orientation", "velocity", "spin", "moved")  # of loads
 BETWEEN = ("seating", "contact_search", "geometry", "record")  # what a run does beside its steps
 
 
@@ -253,7 +254,7 @@ def present_velocities(motion: Motion, driving: Driving) -> tuple[np.ndarray, np
         touching.room[:], touching.overloaded[:] = np.inf, 0
     gravity, force = driving.at(np.array([motion.time]), motion.time_step)
     supports = driving.prescribed(np.array([motion.time]), motion.time_step)
-    loads, limits = Loads(driving.block, driving.lever, force, gravity, supports), Limits(NO_LIMIT, NO_LIMIT)
+    loads, limits = Loads(driving.block, driving.lever, force, gravity, *supports), Limits(NO_LIMIT, NO_LIMIT)
     advance_bodies(
         1, motion.time_step, bodies, links, corners, faces, loads, limits, 0.0, np.array([np.inf, 0.0]), touching,
         table, *shares(corners, faces, bodies, 1),
@@ -293,7 +294,7 @@ def advance_chunk(
     state, energy = motion.state, motion.energy
     energy.fit(len(driving.block), len(driving.supports))
     gravity, force = driving.at(times, dt)
-    loads = Loads(driving.block, driving.lever, force, gravity, driving.prescribed(times, dt))
+    loads = Loads(driving.block, driving.lever, force, gravity, *driving.prescribed(times, dt))
     loops = _loops(state, bodies)
     if (touching is None) not in motion._compiled:
         motion._compiled.add(touching is None)
@@ -305,7 +306,7 @@ def advance_chunk(
     while status == STALE or (status == RUNNING and done < len(times)):
         which, most = motion._pace.choose(len(loops))
         loop, own = loops[which]
-        rest = loads._replace(force=force[done:], gravity=gravity[done:], supports=loads.supports.after(done))
+        rest = loads._replace(**{name: getattr(loads, name)[done:] for name in BY_STEP})
         began = time.perf_counter()
         status, some = loop(
             min(most, len(times) - done), dt, bodies, *state[1:4], rest, limits, damping, motion._travel, touching,

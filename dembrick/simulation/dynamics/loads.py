@@ -16,9 +16,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dembrick.errors import ScenarioError
-from dembrick.kernels.dynamics.rigid_bodies import PrescribedMotion
 from dembrick.simulation.dynamics import time_histories
-from dembrick.simulation.dynamics.support_motion import AT_REST, SupportMotion, support_motion
+from dembrick.simulation.dynamics.support_motion import AT_REST, PrescribedMotion, SupportMotion, support_motion
 from dembrick.simulation.dynamics.time_histories import Curve
 
 if TYPE_CHECKING:

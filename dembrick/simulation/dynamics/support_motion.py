@@ -7,18 +7,28 @@ displacement of the point that moves furthest is the reaction along the motion.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from dembrick.geometry.rotations import rotation_matrix, turned_by
-from dembrick.kernels.dynamics.rigid_bodies import PrescribedMotion
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
     from dembrick.scenario.model import Scenario
 
 PIECES = 256  # of a path, by which its length is measured
+
+
+class PrescribedMotion(NamedTuple):
+    """The last fields of `kernels.dynamics.loop.Loads`, described there."""
+
+    support: np.ndarray
+    place: np.ndarray
+    orientation: np.ndarray
+    velocity: np.ndarray
+    spin: np.ndarray
+    moved: np.ndarray
 
 
 @dataclass(frozen=True)
