@@ -68,8 +68,9 @@ def made_up(path: Path, n_block: int, n_frame: int, formulation: str, channels: 
             joint[..., 3] = 0.02 * t[:, None] * joint[..., 0] * np.sin(np.arange(len(joints)))
             names = ("time", "load", "displacement", "unbalanced", "lower", "upper", "new_contacts")
             rows = dict.fromkeys(names, t)
-            none = np.zeros((len(t), 0))
+            none, supports = np.zeros((len(t), 0)), int(np.count_nonzero(assembly.fixed))
             rows |= {"energy": dict.fromkeys(energies(real_time=True), t)}
+            rows |= {"reaction": np.zeros((len(t), supports, 6))}
             writer.append(rows | {"actuator_displacement": none, "actuator_force": none, "joint": joint})
             angle = 0.5 * t[:, None] ** 2 * height * ~assembly.fixed
             shift = np.zeros((len(t), len(mass), 3))
