@@ -215,6 +215,8 @@ def _settle(scenario: Scenario, assembly: Assembly, session: Session, steps: flo
     moving = run.prepare(assembly, scenario.control, scenario.solver.step_factor)
     driving = loads.driving_of(scenario, assembly, moving.time_step)
     run.ask_for(moving, scenario.output, driving)
+    plan = settlement.plan(moving, scenario.control, driving, scenario.output)
+    session.warn_if_long(present(plan.seconds), "lower joint.normal_stiffness and joint.shear_stiffness")
     return settlement.settle(moving, scenario.control, driving, session, steps)
 
 

@@ -118,9 +118,7 @@ def ask_for(moving: Motion, output: Output, driving: Driving) -> None:
         moving.state = with_contact_forces(moving.state)
 
 
-def plan(
-    moving: Motion, control: Control, driving: Driving, output: Output, load_factor: float | None = None
-) -> Plan:
+def plan(moving: Motion, control: Control, driving: Driving, output: Output, load_factor: float | None = None) -> Plan:
     """What the run will take: the steps of its whole duration, or of a collapse at the ``load_factor``; without one
     those of a tilt to the vertical or of the longest push. Bytes at the most."""
     controller = _controller(moving, control)

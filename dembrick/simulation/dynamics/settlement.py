@@ -31,6 +31,7 @@ from dembrick.simulation.dynamics.recorder import Recorder
 from dembrick.simulation.dynamics.run import MEETINGS, MotionRun
 from dembrick.simulation.dynamics.state import seen
 from dembrick.simulation.dynamics.support_motion import AT_REST
+from dembrick.simulation.expected_cost import motion_seconds
 from dembrick.simulation.session import Plan, Progress, Session, Snapshot
 
 EQUILIBRIA = 80  # of the whole way, equally far apart
@@ -319,4 +320,5 @@ def plan(moving: Motion, control: Control, driving: Driving, output: Output) -> 
     fields = recorded(moving.assembly, output.channels, control)
     memory = 3 * sum(array.nbytes for array in moving.state.arrays)
     memory += bytes_of(fields, rows, rows, rows * MEETINGS * len(moving.assembly.names))
-    return Plan(dt, moving.critical_time_step, int(2 * rows * max(FEWEST, each)), memory)
+    steps = int(2 * rows * max(FEWEST, each))
+    return Plan(dt, moving.critical_time_step, steps, memory, motion_seconds(steps, len(moving.assembly.joints)))
