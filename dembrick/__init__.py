@@ -28,6 +28,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not follow names th
     from dembrick.scenario.controls import DisplacementControl as DisplacementControl
     from dembrick.scenario.controls import DynamicControl as DynamicControl
     from dembrick.scenario.controls import PushoverControl as PushoverControl
+    from dembrick.scenario.controls import SettlementControl as SettlementControl
     from dembrick.scenario.controls import StaticsControl as StaticsControl
     from dembrick.scenario.controls import TiltControl as TiltControl
     from dembrick.scenario.controls import YieldControl as YieldControl
@@ -48,6 +49,8 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not follow names th
     from dembrick.scenario.model import Scenario as Scenario
     from dembrick.scenario.model import Solver as Solver
     from dembrick.scenario.pressures import Pressure as Pressure
+    from dembrick.scenario.support_paths import SupportPath as SupportPath
+    from dembrick.scenario.support_paths import Turn as Turn
     from dembrick.scenario.toml import dumps as dumps
     from dembrick.scenario.toml import load as load
     from dembrick.scenario.toml import loads as loads
@@ -65,12 +68,13 @@ _NAMES = {  # by the module that has them
     "dembrick.runs.simulate": "restart simulate",
     "dembrick.runs.study": "sweep",
     "dembrick.scenario": "generators",
-    "dembrick.scenario.controls": "BaseMotionControl DisplacementControl DynamicControl PushoverControl StaticsControl "
-    "TiltControl YieldControl",
+    "dembrick.scenario.controls": "BaseMotionControl DisplacementControl DynamicControl PushoverControl "
+    "SettlementControl StaticsControl TiltControl YieldControl",
     "dembrick.scenario.generators": "Arch Dome Opening Return Stack Wall",
     "dembrick.scenario.model": "Actuator Block ControlPoint JointLaw JointOverride Load Material Output Scenario "
     "Solver",
     "dembrick.scenario.pressures": "Pressure",
+    "dembrick.scenario.support_paths": "SupportPath Turn",
     "dembrick.scenario.toml": "dumps load loads",
     "dembrick.views": "plot",
 }

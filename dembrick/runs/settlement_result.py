@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from dembrick.simulation.dynamics.settlement import SettlementRun
 
 
-@dataclasses.dataclass
+@dataclasses.dataclass(repr=False)
 class SettlementResult(MotionResult):
     """What a quasi-static settlement gave: equilibria in the deformed geometry, up to the end or to the last before the
     structure came down. ``reaction_error`` (N): of the reaction along the motion, from refined runs."""

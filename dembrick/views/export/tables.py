@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     import xarray
 
 AXES = {3: ("axis", list("xyz")), 4: ("quaternion", list("wxyz")), 2: ("tangent", ["t1", "t2"])}
+AXES[6] = ("component", ["F_x", "F_y", "F_z", "M_x", "M_y", "M_z"])
 
 
 def to_pandas(history: History) -> pandas.DataFrame:
@@ -36,7 +37,7 @@ def to_pandas(history: History) -> pandas.DataFrame:
 
 def to_xarray(history: History) -> xarray.Dataset:
     """All series and frames with named dimensions: ``row`` and ``frame`` (with their times), ``joint``, ``block``,
-    ``actuator``, ``control_point`` (with their names), ``axis``; unit and meaning are attributes of each variable.
+    ``actuator``, ``control_point``, ``support`` (with their names), ``axis``; unit and meaning are attributes of each variable.
 
     Raises MissingDependency without xarray.
     """
