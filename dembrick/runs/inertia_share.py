@@ -46,15 +46,14 @@ def inertia_share(result) -> float | None:
         stiffness = result.run.settings["actuator_stiffness"]
         most = control.rate * math.sqrt(stiffness * effective_mass(result.assembly))
         return min(most, peak - V) / V if V else None
-    collapse = result.collapse if isinstance(result, MotionResult) else None
+    drives = isinstance(result, MotionResult) and isinstance(control, TiltControl | PushoverControl)
+    collapse = result.collapse if drives else None
     if collapse is None or not collapse["load_factor"] > 0.0:
         return None
     if isinstance(control, TiltControl):
         return 1.0 - math.tan(math.radians(collapse["onset"])) / collapse["load_factor"]
-    if isinstance(control, PushoverControl):
-        g = float(np.linalg.norm(result.scenario.gravity))
-        return present(control.rate) * math.sqrt(g / present(control.displacement)) / g / collapse["load_factor"]
-    return None
+    g = float(np.linalg.norm(result.scenario.gravity))
+    return present(control.rate) * math.sqrt(g / present(control.displacement)) / g / collapse["load_factor"]
 
 
 def effective_mass(assembly: Assembly) -> float:
