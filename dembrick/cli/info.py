@@ -83,6 +83,8 @@ def _moved(results: dict) -> list[str]:
             lines.append(f"angle         {collapse['angle']:.5g} deg")
         if _is_number(collapse.get("load_factor")):
             lines.append(f"load factor   {collapse['load_factor']:.5g}, by {collapse.get('mechanism')}")
+        if _is_number(collapse.get("settlement")):
+            lines.append(f"settlement    {collapse['settlement']:.5g} m, by {collapse.get('mechanism')}")
     if _is_number(results.get("displacement")):
         lines.append(f"displacement  {results['displacement']:.5g} m")
     return lines

@@ -51,6 +51,8 @@ def listed(names: list[str]) -> str:
 
 def collapse_lines(collapse: dict) -> list[str]:
     """What the command line prints of it."""
+    if "settlement" in collapse:
+        return _settlement_lines(collapse)
     error, alone = collapse.get("error_estimate"), on_one_path(collapse)
     bar = "no error bar: --refine gives one" if error is None else f"+- {error:.2g}"
     width = error or 0.0
@@ -70,3 +72,16 @@ def collapse_lines(collapse: dict) -> list[str]:
         about = known(after, None if alone else width, 5)
         lines.insert(1, f"after a peak  load factor {about}; how high the peak is depends on the way there")
     return lines
+
+
+def _settlement_lines(collapse: dict) -> list[str]:
+    """The same where supports moved until the structure came down."""
+    error, between = collapse["error_estimate"], collapse.get("settlement_range")
+    bars = [] if between is None else [f"between {between[0]:.5g} and {between[1]:.5g}"]
+    bars.append("no error bar: --refine gives one" if error is None else f"+- {error:.2g} m")
+    return [
+        f"collapse      at a settlement of {collapse['settlement']:.5g} m ({', '.join(bars)}), by "
+        f"{collapse['mechanism']}",
+        f"blocks        {listed(collapse['blocks'])}",
+        f"hinges        {listed(collapse['hinges'])}",
+    ]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dembrick.runs.collapse import listed
+from dembrick.runs.collapse import collapse_lines
 from dembrick.runs.motion_result import MotionResult
 from dembrick.runs.result import reaction_lines
 
@@ -79,15 +79,3 @@ class SettlementResult(MotionResult):
         )
         lines.append(f"history       {self.history}")
         return "\n".join(lines)
-
-
-def collapse_lines(collapse: dict) -> list[str]:
-    """What the command line prints of the collapse."""
-    error, (low, high) = collapse["error_estimate"], collapse["settlement_range"]
-    bar = "" if error is None else f", +- {error:.2g} m by refined runs"
-    return [
-        f"collapse      at a settlement of {collapse['settlement']:.5g} m (between {low:.5g} and {high:.5g}{bar}), by "
-        f"{collapse['mechanism']}",
-        f"blocks        {listed(collapse['blocks'])}",
-        f"hinges        {listed(collapse['hinges'])}",
-    ]

@@ -35,6 +35,9 @@ CONTROL = {
     # pulled over by more than its weight holds: what overturns while nothing slips is held, to fall when time starts
     "overturned": '[control]\nkind = "dynamic"\nduration = 0.02\n'
     '[[loads]]\nblock = "pile.3"\nforce = [600.0, 0.0, 0.0]\n',
+    # drawn aside by a little, and then still
+    "settled": '[control]\nkind = "settlement"\nquasi_static = false\nrate = 0.05\nsupports = ["pile.base"]\n'
+    "displacement = [0.001, 0.0, 0.0]\n",
     "pushed": '[control]\nkind = "pushover"\nquasi_static = false\nrate = 0.02\ndirection = [1.0, 0.0, 0.0]\n'
     "displacement = 2.0e-4\n",
 }
@@ -49,7 +52,8 @@ def given(formulation, control, checkpoint=1e9):
 
 
 @pytest.mark.parametrize(
-    "formulation, control", [("concave", "shaken"), ("convex", "overturned"), ("convex", "pushed")]
+    "formulation, control",
+    [("concave", "shaken"), ("convex", "overturned"), ("convex", "pushed"), ("concave", "settled")],
 )
 def test_seating_goes_on_where_it_was_stopped(tmp_path, stop_after, monkeypatch, formulation, control):
     """Stopped after its first chunk, in its middle and before its last."""

@@ -50,10 +50,10 @@ class MotionEnergy:
         return self.table is not None
 
     def fit(self, loads: int, supports: int) -> None:
-        """Have room for so many loads, and supports that are moved."""
+        """Have room for so many loads, and supports that are moved; while they are held there is room left over."""
         if self.wanted and len(self.table.load) != loads:
             self.table = self.table._replace(load=np.zeros((loads, 6)))
-        if self.wanted and len(self.table.support) != supports:
+        if self.wanted and len(self.table.support) < supports:
             self.table = self.table._replace(support=np.zeros((supports, 6)))
 
     def begin(self, state: MovingState, velocity, spin, inertia, gravity, dt: float) -> None:

@@ -246,6 +246,7 @@ def joint_forces(motion: Motion, driving: Driving) -> None:
 def present_velocities(motion: Motion, driving: Driving) -> tuple[np.ndarray, np.ndarray]:
     """Velocities (n, 3) and spins (n, 3; rad/s, world) of the blocks at the moment of their positions: the mean of half
     a step before and half a step after, which a copy of everything takes."""
+    motion.energy.fit(len(driving.block), len(driving.supports))
     state, touching = motion.state, motion.contact_detection.touching
     bodies, links, corners, faces, table = (_copied(part) for part in (*state[:4], motion.energy.table))
     if touching is not None:

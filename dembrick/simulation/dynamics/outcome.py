@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 MOVED = 0.1  # of the longest displacement: blocks that have moved further belong to the mechanism
 DROPPED = 0.5  # of a block's least dimension: what has come down by more has fallen
 TURNED_OVER = math.cos(math.radians(45.0))  # of the angle between a block's vertical of the start and that of now
+CARRIED = 20.0  # times that where supports move under them, which speeds blocks up that stand
 OFF_BALANCE = 1e-3  # of gravity: blocks whose mean acceleration stays above it have begun to come down
 
 

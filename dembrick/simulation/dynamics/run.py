@@ -32,7 +32,7 @@ from dembrick.simulation.dynamics.integrator import (
     motion,
 )
 from dembrick.simulation.dynamics.loads import Driving
-from dembrick.simulation.dynamics.outcome import collapse_of, collapse_of_settlement, fallen
+from dembrick.simulation.dynamics.outcome import CARRIED, collapse_of, collapse_of_settlement, fallen
 from dembrick.simulation.dynamics.pushover import STRONGEST, PushController, controller_of
 from dembrick.simulation.dynamics.recorder import Recorder
 from dembrick.simulation.dynamics.state import (
@@ -178,6 +178,8 @@ def run(moving: Motion, control: Control, driving: Driving, session: Session) ->
     free, to_collapse = control.drives == NOTHING, control.ends_with == COLLAPSE
     controller = _controller(moving, control)
     past = Past(moving, controller)
+    if len(driving.supports):
+        past.extremes.threshold *= CARRIED
     resume = partial(past.restore, session.resumed) if session.resumed else None
     if resume is not None and past.has_begun(session.resumed):
         resume()
