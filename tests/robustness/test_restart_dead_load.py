@@ -75,7 +75,7 @@ def test_seating_goes_on_where_it_was_stopped(tmp_path, stop_after, monkeypatch,
         stop_after(0)
         said = []
         result = restart(path, report=said.append)
-        assert said == [f"going on from step {16 * chunk} of the seating"]
+        assert said[0] == f"going on from step {16 * chunk} of the seating"  # a fast rate is remarked after that
         assert result.run.motion.seating_steps == seating
         check_same(tmp_path / "whole.h5", path)
 
