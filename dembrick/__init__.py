@@ -22,6 +22,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not follow names th
     from dembrick.runs.result import Result as Result
     from dembrick.runs.simulate import restart as restart
     from dembrick.runs.simulate import simulate as simulate
+    from dembrick.runs.steps import steps as steps
     from dembrick.runs.study import sweep as sweep
     from dembrick.scenario import generators as generators
     from dembrick.scenario.controls import BaseMotionControl as BaseMotionControl
@@ -66,6 +67,7 @@ _NAMES = {  # by the module that has them
     "dembrick.runs.limit": "limit reaction",
     "dembrick.runs.result": "Result",
     "dembrick.runs.simulate": "restart simulate",
+    "dembrick.runs.steps": "steps",
     "dembrick.runs.study": "sweep",
     "dembrick.scenario": "generators",
     "dembrick.scenario.controls": "BaseMotionControl DisplacementControl DynamicControl PushoverControl "

@@ -122,7 +122,7 @@ def plan(moving: Motion, control: Control, driving: Driving, output: Output, loa
     """What the run will take: the steps of its whole duration, or of a collapse at the ``load_factor``; without one
     those of a tilt to the vertical or of the longest push. Bytes at the most."""
     controller = _controller(moving, control)
-    most = steps = _most_steps(moving, control, controller, driving)
+    most = steps = most_steps(moving, control, controller, driving)
     falls = control.ends_with == COLLAPSE
     if falls and load_factor is not None:
         steps = min(most, math.ceil(_seconds_to_collapse(moving, control, load_factor) / moving.time_step))
@@ -153,7 +153,7 @@ def _controller(moving: Motion, control: Control) -> PushController | None:
     return controller_of(control, moving.assembly, moving.assembly.gravity, moving.time_step)
 
 
-def _most_steps(moving: Motion, control: Control, controller: PushController | None, driving: Driving) -> int:
+def most_steps(moving: Motion, control: Control, controller: PushController | None, driving: Driving) -> int:
     """Steps after which the run ends if nothing ends it before."""
     if controller is not None:
         return controller.longest
@@ -175,27 +175,14 @@ def run(moving: Motion, control: Control, driving: Driving, session: Session) ->
     Raises NotConvergedError where the blocks find no rest before it, where a tilt or a push brings nothing down, and
     where blocks are pressed too deep into each other; DivergedError.
     """
-    free, to_collapse = control.drives == NOTHING, control.ends_with == COLLAPSE
+    to_collapse = control.ends_with == COLLAPSE
     controller = _controller(moving, control)
     past = Past(moving, controller)
     if len(driving.supports):
         past.extremes.threshold *= CARRIED
-    resume = partial(past.restore, session.resumed) if session.resumed else None
-    if resume is not None and past.has_begun(session.resumed):
-        resume()
-    else:
-        held = replace(driving, support_velocity=(), supports=AT_REST)
-        past.unbalanced[0] = find_equilibrium(moving, held, free, resume, partial(session.pause, past))
-        moving.phases["seating"], moving.loop_seconds = moving.loop_seconds, 0.0
-        past.at_rest[:] = seen(moving.state.bodies, moving.state.links)
-        if free:
-            _set_going(moving, driving)
-        else:
-            still = np.zeros_like(moving.state.bodies.velocity)
-            moving.energy.begin(moving.state, still, still, _turned_inertia(moving), still[0], 0.0)
-        moving.energy.open(moving.state)
+    start(moving, control, driving, past, session)
     goal = control.displacement if to_collapse else NO_LIMIT
-    steps = past.longest = _most_steps(moving, control, controller, driving)
+    steps = past.longest = most_steps(moving, control, controller, driving)
     past.may_end_early = to_collapse
     # a run that ends early still has some rows: a block falls within a second or so
     rows = max(1, (min(steps, math.ceil(20.0 / moving.time_step)) if to_collapse else steps))
@@ -246,6 +233,28 @@ def run(moving: Motion, control: Control, driving: Driving, session: Session) ->
         settings=settings,
         energy=moving.energy.sums(moving.state, rounding(moving)),
     )
+
+
+def start(moving: Motion, control: Control, driving: Driving, past: Past, session: Session) -> None:
+    """Bring the blocks to rest under the dead loads and give them their velocities, or go on from a checkpoint.
+
+    Raises NotConvergedError if the blocks find no rest and the control needs it.
+    """
+    free = control.drives == NOTHING
+    resume = partial(past.restore, session.resumed) if session.resumed else None
+    if resume is not None and past.has_begun(session.resumed):
+        resume()
+    else:
+        held = replace(driving, support_velocity=(), supports=AT_REST)
+        past.unbalanced[0] = find_equilibrium(moving, held, free, resume, partial(session.pause, past))
+        moving.phases["seating"], moving.loop_seconds = moving.loop_seconds, 0.0
+        past.at_rest[:] = seen(moving.state.bodies, moving.state.links)
+        if free:
+            _set_going(moving, driving)
+        else:
+            still = np.zeros_like(moving.state.bodies.velocity)
+            moving.energy.begin(moving.state, still, still, _turned_inertia(moving), still[0], 0.0)
+        moving.energy.open(moving.state)
 
 
 def rounding(moving: Motion) -> float:

@@ -1,0 +1,128 @@
+"""A run in real time as a loop of Python: the state every so often, loads set meanwhile, an end at any time."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dembrick.assembly.build import assemble
+from dembrick.errors import ScenarioError
+from dembrick.kernels.dynamics.loop import REACHED, Limits
+from dembrick.scenario import toml
+from dembrick.scenario.checks import show
+from dembrick.scenario.model import Scenario
+from dembrick.scenario.regimes import COLLAPSE
+from dembrick.simulation.dynamics import loads as loads_of
+from dembrick.simulation.dynamics import run
+from dembrick.simulation.dynamics.checkpoint import Past
+from dembrick.simulation.dynamics.integrator import NO_LIMIT, advance, present_velocities
+from dembrick.simulation.dynamics.state import joint_resultants
+from dembrick.simulation.session import Session
+
+Forces = Mapping[str, Sequence[float]]
+
+
+@dataclass(frozen=True)
+class Step:
+    """The state of n blocks at a ``time`` (s), seen from the supports: SI units, world axes.
+
+    ``position``, ``displacement`` from the start, ``velocity`` and ``spin`` (n, 3) of the centroids in the order of
+    ``names``, ``orientation`` (n, 4) quaternions (w, x, y, z); ``load``: what grows in the record of such a run;
+    ``joint_forces`` (j, 7): N, V_1, V_2, M_T, M_1, M_2 and slip of each joint.
+    """
+
+    time: float
+    load: float
+    names: tuple[str, ...]
+    position: np.ndarray
+    displacement: np.ndarray
+    orientation: np.ndarray
+    velocity: np.ndarray
+    spin: np.ndarray
+    joint_forces: np.ndarray
+
+    def of(self, name: str) -> int:
+        """The row of a block; ScenarioError if there is none of that name."""
+        if name not in self.names:
+            raise ScenarioError(f"there is no block {show(name)}")
+        return self.names.index(name)
+
+
+def steps(
+    scenario: Scenario | str | os.PathLike,
+    every: float,
+    loads: Callable[[Step], Forces | None] | None = None,
+) -> Iterator[Step]:
+    """Live through a scenario and give its state at the start and then about ``every`` seconds (whole time steps).
+
+    ``loads`` is called with each state and gives forces on the centroids of free blocks (N, by name), which hold until
+    the next one; blocks that it leaves out have none. Leave the loop to end the run early; a tilt ends by itself when a
+    block has moved by ``control.displacement``. Nothing is written. Raises ScenarioError for a control that is not in
+    real time, and what a run raises.
+    """
+    if not isinstance(scenario, Scenario):
+        scenario = toml.load(scenario)
+    control = scenario.control
+    if not control.regime.real_time or control.push_direction is not None:
+        raise ScenarioError(
+            f"steps go through time, and control kind {show(control.kind)} is a search for equilibria; "
+            "use kind dynamic or base-motion, or a tilt with quasi_static = false"
+        )
+    if not every > 0.0:
+        raise ScenarioError(f"every = {every:g} s: it must be longer than 0 s")
+    return _lived_through(scenario, every, loads)
+
+
+def _lived_through(scenario: Scenario, every: float, loads) -> Iterator[Step]:
+    assembly, control = assemble(scenario), scenario.control
+    moving = run.prepare(assembly, control, scenario.solver.step_factor)
+    driving = loads_of.driving_of(scenario, assembly, moving.time_step)
+    own = len(driving.block)
+    if loads is not None:
+        free = np.flatnonzero(~np.asarray(assembly.fixed))
+        driving = replace(
+            driving,
+            block=np.concatenate([driving.block, free]),
+            lever=np.concatenate([driving.lever, np.zeros((len(free), 3))]),
+            force=np.concatenate([driving.force, np.zeros((len(free), 3))]),
+            factor=(*driving.factor, *[None] * len(free)),
+        )
+        rows = {assembly.names[block]: own + k for k, block in enumerate(free)}
+    run.ask_for(moving, scenario.output, driving)
+    run.start(moving, control, driving, Past(moving, None), Session())
+    total = run.most_steps(moving, control, None, driving)
+    goal = control.displacement if control.ends_with == COLLAPSE else NO_LIMIT
+    limits = Limits(displacement=goal, longest=0.1 * float(moving.state.bodies.reach.min()))
+    stride, status = max(1, round(every / moving.time_step)), None
+    while True:
+        step = _state_of(moving, driving)
+        yield step
+        if moving.steps >= total or status == REACHED:
+            return
+        if loads is not None:
+            driving.force[own:] = 0.0
+            for name, force in (loads(step) or {}).items():
+                if name not in rows:
+                    raise ScenarioError(f"loads name {show(name)}, which is no free block")
+                driving.force[rows[name]] = force
+        status = advance(moving, driving, min(stride, total - moving.steps), limits)
+
+
+def _state_of(moving, driving) -> Step:
+    bodies, assembly = moving.state.bodies, moving.assembly
+    moved = bodies.position - (assembly.position - moving.state.middle)
+    velocity, spin = present_velocities(moving, driving)
+    return Step(
+        time=moving.time,
+        load=driving.load(moving.time, moving.time_step),
+        names=tuple(assembly.names),
+        position=assembly.position + moved,
+        displacement=moved,
+        orientation=bodies.orientation.copy(),
+        velocity=velocity,
+        spin=spin,
+        joint_forces=joint_resultants(moving.state),
+    )
