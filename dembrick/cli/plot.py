@@ -1,4 +1,4 @@
-"""``dembrick plot FILE.h5 ...``: figures of histories; PNG, SVG or PDF by the ending."""
+"""``dembrick plot FILE.h5 ...``: figures of histories, and of studies (table.csv); PNG, SVG or PDF by the ending."""
 
 from __future__ import annotations
 
@@ -22,7 +22,9 @@ LAB_FORMAT = (
 
 def add_arguments(parser) -> None:
     """Options of the command."""
-    parser.add_argument("histories", nargs="+", metavar="FILE.h5", help="history files, drawn into one figure")
+    parser.add_argument(
+        "histories", nargs="+", metavar="FILE.h5", help="history files, drawn into one figure; or table.csv of a study"
+    )
     parser.add_argument(
         "--to", metavar="FILE", help="figure file (default: results/<first history>.png, with the kind in its name)"
     )
@@ -34,6 +36,8 @@ def add_arguments(parser) -> None:
     parser.add_argument(
         "--joint", metavar="A/B", help="joint of path and joint, by its blocks (default: what gave way)"
     )
+    parser.add_argument("--over", action="append", default=[], metavar="KEY", help="of a study: this key only")
+    parser.add_argument("--answer", metavar="COLUMN", help="of a study: the column to draw (default: value or V)")
     add_force(parser)
     parser.add_argument("--stages", type=int, default=4, metavar="N", help="stages of joint (default: 4)")
 
@@ -42,10 +46,15 @@ def run(options, console) -> int:
     """Draw the figure."""
     from pathlib import Path
 
-    from dembrick import history
-    from dembrick.errors import ScenarioError
     from dembrick.views import plot
 
+    if any(plot.is_study(path) for path in options.histories):
+        return _study(options, console)
+    from dembrick import history
+    from dembrick.errors import ScenarioError
+
+    if options.over or options.answer:
+        raise ScenarioError("--over and --answer belong to the table of a study (table.csv), and this is a history")
     if options.label and len(options.label) != len(options.histories):
         raise ScenarioError(
             f"--label: {len(options.label)} labels for {len(options.histories)} histories; give one for each"
@@ -76,6 +85,28 @@ def run(options, console) -> int:
     ):
         name = f"{stem}.png" if options.kind == "curve" else f"{stem}_{options.kind}.png"
         path = options.to or default_output(name, history.is_ours)
+        plot.save(figure, path)
+    console.result({"figure": path}, f"figure: {path}")
+    return 0
+
+
+def _study(options, console) -> int:
+    """Draw the answers of a study over its keys."""
+    from pathlib import Path
+
+    from dembrick import history
+    from dembrick.errors import ScenarioError
+    from dembrick.views import plot
+
+    if len(options.histories) > 1:
+        raise ScenarioError("a study is drawn by itself: give one table.csv, and no other file")
+    if options.label or options.lab or options.joint or options.kind != "curve":
+        raise ScenarioError("--kind, --label, --lab and --joint belong to histories; a study has --over and --answer")
+    table = plot.read_study(options.histories[0])
+    figure = plot.study(table, options.answer, options.over)
+    with history.product("study", [table.path], [table.path], options.force):
+        name = Path(table.path).resolve().parent.name or "study"
+        path = options.to or default_output(f"{name}.png", history.is_ours)
         plot.save(figure, path)
     console.result({"figure": path}, f"figure: {path}")
     return 0

@@ -11,7 +11,7 @@ SIMULATES = True  # and so may compile
 
 def add_arguments(parser) -> None:
     """Options of the command."""
-    parser.add_argument("study", help="the TOML file: a base scenario, and the keys that change")
+    parser.add_argument("study", help="the TOML file: a base scenario, and the keys that change or are searched")
     parser.add_argument("--out", metavar="FOLDER", help="where rows and tables go (default: results/<study>)")
     parser.add_argument("--jobs", type=int, metavar="N", help="local processes (default: one a core)")
     parser.add_argument("--shard", metavar="i/n", help="run every n-th case only, for job arrays; shards share --out")
@@ -58,6 +58,10 @@ def _text(study, outcome) -> str:
     ]
     for cell in outcome.statistics[:_MOST_LINES]:
         fixed = ", ".join(f"{key} = {value}" for key, value in cell.items() if key in study.keys)
+        if study.search is not None:
+            bar = f"{study.search.key} = {cell['mean']:.5g} +- {cell['half_width']:.1g}"
+            lines.append(f"falls beyond  {bar}  {fixed}".rstrip())
+            continue
         scatter = "" if cell["deviation"] is None else f" N, deviation {cell['deviation']:.4g} N"
         error = "" if cell["standard_error"] is None else f", mean +- {cell['standard_error']:.3g} N"
         lines.append(f"V             {cell['mean']:.6g}{scatter}{error} ({cell['count']})  {fixed}")

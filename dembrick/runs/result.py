@@ -27,6 +27,12 @@ SHOWN = 8  # supports whose reactions the command line prints
 BRACKET_SLACK = 1e-9  # of V: rounding by which theory may lie outside a certified bracket
 
 
+def fell(answer: Mapping) -> bool:
+    """Whether a run fell, by the JSON object of its result: its status is "collapse" or "falls", or a block has fallen
+    at its end."""
+    return answer["status"] in ("collapse", "falls") or bool(answer.get("fallen"))
+
+
 @dataclasses.dataclass(repr=False)
 class RunResult:
     """What every run gives: what was run, the record, and how long it took (``wall``, s).

@@ -235,6 +235,7 @@ point | m | 3 numbers | a point of the axis at the start; left out, the centroid
     "yield": _TOLERANCE,
     "displacement": "rate | m/s | > 0 | speed of the actuators\ntravel | m | > 0 | how far they move",
     "statics": "",
+rebound | 1 | 0 to 1 | then so much of the amplitude the other way, until the impulses cancel
     "tilt": f"""
 axis | 1 | 3 numbers | axis of the table through the origin, right-hand rule
 rate | deg/s | 0 to 10 | how fast it turns, in real time; without it the limit itself is searched

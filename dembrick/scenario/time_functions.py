@@ -23,17 +23,20 @@ class Sine:
 
 @dataclass(frozen=True, slots=True)
 class Pulse:
-    """``amplitude`` from ``start`` for ``duration`` (s), else zero."""
+    """``amplitude`` from ``start`` for ``duration`` (s), then -``rebound`` times ``amplitude`` for ``duration`` over
+    ``rebound``, so that the integral of both is zero; else zero. Without a rebound there is the first part only."""
 
     amplitude: float
     duration: float
     start: float = 0.0
+    rebound: float = 0.0
 
     def __post_init__(self):
-        for key in ("amplitude", "duration", "start"):
+        for key in ("amplitude", "duration", "start", "rebound"):
             assign(self, **{key: real(key, getattr(self, key))})
         require(self.duration > 0.0, "duration", self.duration, "it must be longer than 0 s")
         require(self.start >= 0.0, "start", self.start, "the run starts at 0 s")
+        require(0.0 <= self.rebound <= 1.0, "rebound", self.rebound, "it is a part of the amplitude, between 0 and 1")
 
 
 def checked_columns(columns, file: str | tuple[str, ...] | None, values: int = 1) -> tuple[str, ...] | None:

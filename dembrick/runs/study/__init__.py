@@ -11,12 +11,14 @@ import os
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from dembrick.errors import OutputError
 from dembrick.runs.study.case import FAILED, run_cases
 from dembrick.runs.study.executors import run_here, run_local, run_on_cluster
 from dembrick.runs.study.plan import Study, load, scenario_of, shard
+from dembrick.runs.study.search import run_searches
 from dembrick.runs.study.table import Rows, stored, write_tables
 from dembrick.simulation.expected_cost import duration
 from dembrick.simulation.interrupts import Interrupted
@@ -32,7 +34,8 @@ class Outcome:
     """What a sweep left behind: how many cases have a row, how many of them failed, and the tables.
 
     ``statistics``: a row for each combination of the keys that are not drawn at random, with the number of cases that
-    gave a V, the mean of V, its standard deviation and the standard error of the mean.
+    gave a V (of a search: a value), its mean, its standard deviation and the standard error of the mean; of a search
+    also the mean half-width of the brackets.
     """
 
     cases: int
@@ -75,7 +78,7 @@ def sweep(
     _make(folder)
     if study.histories:
         _make(folder / "histories")
-    rows = Rows(folder, study.digest, len(study), label)
+    rows = Rows(folder, study.digest, len(study), label, study.columns)
     done = rows.done(retry)
     todo = [number for number in numbers if number not in done]
     ran = 0
@@ -92,7 +95,7 @@ def sweep(
     except Interrupted as stopped:
         kept = f"{len(done) + ran} of {len(study)} cases have their row in {folder}; the same command goes on"
         raise Interrupted(stopped.signum, f"interrupted: {kept}") from None
-    csv_path, h5_path, total = write_tables(folder, study.digest, study.keys, study.title)
+    csv_path, h5_path, total = write_tables(folder, study.digest, study.keys, study.title, study.columns)
     statistics, failed = _statistics(study, folder)
     wall = time.perf_counter() - began
     return Outcome(len(study), ran, total, failed, str(csv_path), str(h5_path), statistics, wall)
@@ -108,19 +111,22 @@ def _run(study: Study, folder: Path, todo: list[int], jobs: int, scheduler, time
         while part := list(itertools.islice(numbers, size)):
             yield [case(number) for number in part]
 
+    run, most = run_cases, _CHUNK
+    if study.search is not None:
+        run, most = partial(run_searches, study.search), 1  # a case is many runs
     base = (study.base, study.base_path)
     if jobs == 1 and scheduler is None:
-        yield from run_here(run_cases, chunks(todo, _CHUNK), *base)
+        yield from run_here(run, chunks(todo, most), *base)
         return
     # Two processes that fill a cold cache of compiled code can bring each other down: this one fills it first.
     first = _first_of_each_kind(study, todo)
-    yield from run_here(run_cases, chunks(first, 1), *base)
+    yield from run_here(run, chunks(first, 1), *base)
     rest = [number for number in todo if number not in set(first)]
-    size = max(1, min(_CHUNK, math.ceil(len(rest) / (4 * max(jobs, 1)))))
+    size = max(1, min(most, math.ceil(len(rest) / (4 * max(jobs, 1)))))
     if scheduler is not None:
-        yield from run_on_cluster(run_cases, chunks(rest, size), scheduler, timeout, *base)
+        yield from run_on_cluster(run, chunks(rest, size), scheduler, timeout, *base)
     else:
-        yield from run_local(run_cases, chunks(rest, size), jobs, *base)
+        yield from run_local(run, chunks(rest, size), jobs, *base)
 
 
 def _first_of_each_kind(study: Study, todo: list[int]) -> list[int]:
@@ -134,25 +140,29 @@ def _first_of_each_kind(study: Study, todo: list[int]) -> list[int]:
 
 
 def _statistics(study: Study, folder: Path) -> tuple[list[dict], int]:
-    """Mean and scatter of V over the draws of each population (Welford's sums), and how many cases failed."""
+    """Mean and scatter of the answers over the draws of each population (Welford's sums), and how many cases failed."""
     cells: dict[str, list] = {}
     status: dict[int, str] = {}
-    for row in stored(folder):
+    for row in stored(folder, study.columns):
         status[row["case"]] = row["status"]
-        if row["V"] is None or row["status"] == FAILED:
+        answer = row[study.answer]
+        if answer is None or row["status"] == FAILED:
             continue
         fixed = study.cell(row["case"])
-        sums = cells.setdefault(repr(fixed), [fixed, 0, 0.0, 0.0])
+        sums = cells.setdefault(repr(fixed), [fixed, 0, 0.0, 0.0, 0.0])
         sums[1] += 1
-        step = row["V"] - sums[2]
+        step = answer - sums[2]
         sums[2] += step / sums[1]
-        sums[3] += step * (row["V"] - sums[2])
+        sums[3] += step * (answer - sums[2])
+        sums[4] += row.get("half_width") or 0.0
     failed = sum(how == FAILED for how in status.values())
     statistics = []
-    for fixed, count, mean, squares in cells.values():
+    for fixed, count, mean, squares, widths in cells.values():
         deviation = math.sqrt(squares / (count - 1)) if count > 1 else None
         error = None if deviation is None else deviation / math.sqrt(count)
-        statistics.append({**fixed, "count": count, "mean": mean, "deviation": deviation, "standard_error": error})
+        bar = {} if study.search is None else {"half_width": widths / count}
+        numbers = {"count": count, "mean": mean, "deviation": deviation, "standard_error": error}
+        statistics.append({**fixed, **numbers, **bar})
     return statistics, failed
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from dembrick.errors import DembrickError
@@ -11,8 +11,9 @@ from dembrick.runs.study.together import limit_loads
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.model import Scenario
 
-# Column, and where its value stands in the JSON object of a run; a dot goes one level down, a number into a list.
-COLUMNS = {
+# Column, and where its value stands in the JSON object of a run; a dot goes one level down, a number into a list. Or
+# what makes the value out of that object.
+COLUMNS: dict[str, str | Callable[[dict], Any]] = {
     "status": "status",
     "V": "yield_point.V",
     "V_lower": "yield_point.V_lower",
@@ -36,6 +37,8 @@ COLUMNS = {
     "steps": "steps",
     "loop": "wall.loop",
     "history": "history",
+    "greatest_displacement": lambda result: max((result.get("greatest_displacement") or {}).values(), default=None),
+    "fallen": lambda result: None if result.get("fallen") is None else len(result["fallen"]),
     "error": "error",
 }
 TEXTS = ("status", "bracket", "mechanism", "collapse_mechanism", "history", "error")
@@ -73,7 +76,9 @@ def _alone(scenario: Scenario | DembrickError, history: str | None) -> dict[str,
         return failure(scenario, error, history)
 
 
-def _at(result: Any, path: str) -> Any:
+def _at(result: Any, path: str | Callable[[dict], Any]) -> Any:
+    if not isinstance(path, str):
+        return path(result)
     for part in path.split("."):
         if result is None:
             return None

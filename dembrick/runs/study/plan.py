@@ -21,6 +21,8 @@ A study is a TOML file::
 
 Keys are paths into the scenario, as for ``--set``. Where a study has several of the parts, every combination of them
 is a case: all formulations above see the same thousand frictions.
+
+With a ``[search]`` each case is a search for the value of one more key at which a run falls: see `study.search`.
 """
 
 from __future__ import annotations
@@ -37,6 +39,8 @@ from pathlib import Path
 from typing import Any
 
 from dembrick.errors import ScenarioError
+from dembrick.runs.study import search as searches
+from dembrick.runs.study.case import COLUMNS
 from dembrick.runs.study.draws import METHODS, Draws, distribution
 from dembrick.scenario import shipped
 from dembrick.scenario import toml as scenarios
@@ -46,7 +50,7 @@ from dembrick.scenario.text_files import read_text
 
 MOST_CASES = 10_000_000
 _DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+(?:[eE][-+]?\d+)?")
-_KEYS = ("title", "base", "histories", "grid", "list", "table", "draws")
+_KEYS = ("title", "base", "histories", "grid", "list", "table", "draws", "search")
 
 
 @dataclass(frozen=True)
@@ -66,6 +70,17 @@ class Study:
     _grid: dict[str, list]
     _lines: list[dict[str, Any]]
     _draws: Draws | None
+    search: searches.Search | None = None
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """The columns of the table after the case and its keys."""
+        return tuple(COLUMNS) if self.search is None else searches.COLUMNS
+
+    @property
+    def answer(self) -> str:
+        """The column with the answer of a case."""
+        return "V" if self.search is None else "value"
 
     def __len__(self) -> int:
         return math.prod(map(len, self._grid.values())) * len(self._lines) * (self._draws.count if self._draws else 1)
@@ -95,6 +110,8 @@ class Study:
 def load(path: str | os.PathLike) -> Study:
     """Read a study file and check it down to its first case; ScenarioError says what is wrong."""
     path = os.fsdecode(path)
+    if not os.path.exists(path):
+        path = os.fspath(shipped.find(path) or path)
     text = read_text(path, "a study (TOML)")
     try:
         document = tomllib.loads(text)
@@ -129,16 +146,26 @@ def _study(document: dict, path: str) -> Study:
     double = next((key for key in keys if keys.count(key) > 1), None)
     if double:
         raise ScenarioError(f"two columns set the key {show(double)}; leave it in one of grid, list, table and draws")
-    if not keys:
-        raise ScenarioError("nothing changes from case to case: give a [grid], a [list], a [table] or [draws]")
-    description = json.dumps([base, grid, lines, document.get("draws")], sort_keys=True, default=str)
+    search = searches.read(document["search"], keys) if "search" in document else None
+    if not keys and search is None:
+        raise ScenarioError(
+            "nothing changes from case to case: give a [grid], a [list], a [table], [draws] or a [search]"
+        )
+    parts = [base, grid, lines, document.get("draws")] + ([document["search"]] if search else [])
+    description = json.dumps(parts, sort_keys=True, default=str)
     digest = hashlib.sha256(description.encode()).hexdigest()[:16]
     histories = document.get("histories", False)
+    if histories and search:
+        raise ScenarioError("histories = true: the runs of a [search] keep no history; run its bracket with --set")
     title = document.get("title", Path(path).stem)
-    study = Study(title, path, base, base_path, histories, tuple(keys), digest, grid, lines, draws)
+    study = Study(title, path, base, base_path, histories, tuple(keys), digest, grid, lines, draws, search)
     if len(study) > MOST_CASES:
         raise ScenarioError(f"{len(study)} cases are more than {MOST_CASES}: split the study")
-    scenario_of(study, 0)  # a key that the scenario does not have shows in any case
+    if search is None:
+        scenario_of(study, 0)  # a key that the scenario does not have shows in any case
+    else:
+        for value in (search.low, search.high):
+            searches.check(scenarios.varied(base, base_path, {**study.changes(0), search.key: value}))
     return study
 
 

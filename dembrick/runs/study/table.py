@@ -32,7 +32,15 @@ _TEXT = h5py.string_dtype()
 class Rows:
     """The row file of one shard of a study, open for appending; a context manager."""
 
-    def __init__(self, folder: str | os.PathLike, digest: str, cases: int, label: str = "1/1"):
+    def __init__(
+        self,
+        folder: str | os.PathLike,
+        digest: str,
+        cases: int,
+        label: str = "1/1",
+        columns: Sequence[str] = tuple(COLUMNS),
+    ):
+        self._columns = columns
         self.folder = Path(folder)
         self._head = {"dembrick_study": FORMAT, "digest": digest, "cases": cases}
         self.path = self.folder / f"rows_{label.replace('/', '_of_')}.jsonl"
@@ -43,7 +51,7 @@ class Rows:
 
     def done(self, retry: bool = False) -> set[int]:
         """Numbers of the cases that have a row, in any shard's file; with ``retry`` without the failed ones."""
-        status = {row["case"]: row["status"] for row in stored(self.folder)}
+        status = {row["case"]: row["status"] for row in stored(self.folder, self._columns)}
         return {number for number, how in status.items() if not (retry and how == FAILED)}
 
     def __enter__(self) -> Rows:
@@ -80,24 +88,24 @@ def row_files(folder: str | os.PathLike) -> list[Path]:
     return sorted(Path(folder).glob("rows_*_of_*.jsonl"))
 
 
-def stored(folder: str | os.PathLike) -> Iterator[dict]:
-    """All rows in the folder, file by file.
+def stored(folder: str | os.PathLike, columns: Sequence[str] = tuple(COLUMNS)) -> Iterator[dict]:
+    """All rows in the folder, file by file; ``columns``: those after the case and its keys.
 
     A line that a kill has torn, or a disk or a hand has damaged, is left out, and its case is run again.
     """
     for path in row_files(folder):
-        for _, row in _rows_of(path):
+        for _, row in _rows_of(path, columns):
             yield row
 
 
-def _rows_of(path: Path) -> Iterator[tuple[int, dict]]:
+def _rows_of(path: Path, columns: Sequence[str]) -> Iterator[tuple[int, dict]]:
     """The sound rows of a file, each with the place where it begins."""
     with open(path, "rb") as file:
         head = file.readline()
         cases = (_parsed(head.decode("utf-8", "replace")) or {}).get("cases")
         offset = len(head)
         for line in file:
-            row = _row(line.decode("utf-8", "replace"))
+            row = _row(line.decode("utf-8", "replace"), columns)
             if row is not None and isinstance(cases, int) and row["case"] < cases:
                 yield offset, row
             offset += len(line)
@@ -111,15 +119,15 @@ def _parsed(line: str) -> dict | None:
     return row if isinstance(row, dict) else None
 
 
-def _row(line: str) -> dict | None:
+def _row(line: str, columns: Sequence[str]) -> dict | None:
     """The row of a case; None where the line is damaged: without a number or a column, with another type in one."""
     row = _parsed(line)
-    if row is None or "\ufffd" in line or not row.keys() >= {"case", "status", "V"}:
+    if row is None or "\ufffd" in line or not row.keys() >= {"case", *columns[:2]}:
         return None
     case = row["case"]
     if not isinstance(case, int) or isinstance(case, bool) or case < 0 or not isinstance(row["status"], str):
         return None
-    for name in COLUMNS:
+    for name in columns:
         value, kind = row.get(name), str if name in TEXTS else int | float
         if value is not None and (not isinstance(value, kind) or isinstance(value, bool)):
             return None
@@ -156,14 +164,16 @@ def _drop_torn_line(path: Path) -> None:
         file.truncate(end - back + tail.rfind(b"\n") + 1)
 
 
-def write_tables(folder: str | os.PathLike, digest: str, keys: Sequence[str], title: str) -> tuple[Path, Path, int]:
+def write_tables(
+    folder: str | os.PathLike, digest: str, keys: Sequence[str], title: str, columns: Sequence[str] = tuple(COLUMNS)
+) -> tuple[Path, Path, int]:
     """``table.csv`` and ``table.h5`` of all rows in the folder; returns both paths and the number of rows.
 
     One row a case: where a case was run again after it had failed, the later row counts.
     """
     folder = Path(folder)
-    order = _order(folder)
-    names = ["case", *keys, *COLUMNS]
+    order = _order(folder, columns)
+    names = ["case", *keys, *columns]
     csv_path, h5_path = folder / "table.csv", folder / "table.h5"
     try:
         with replacing(str(csv_path)) as part, open(part, "w", newline="", encoding="utf-8") as file:
@@ -182,11 +192,11 @@ def write_tables(folder: str | os.PathLike, digest: str, keys: Sequence[str], ti
     return csv_path, h5_path, len(order)
 
 
-def _order(folder: Path) -> list[tuple[Path, int]]:
+def _order(folder: Path, columns: Sequence[str]) -> list[tuple[Path, int]]:
     """Where the row of each case stands (file, offset), in the order of the cases."""
     place: dict[int, tuple[Path, int]] = {}
     for path in row_files(folder):
-        for offset, row in _rows_of(path):
+        for offset, row in _rows_of(path, columns):
             place[row["case"]] = (path, offset)
     return [place[number] for number in sorted(place)]
 

@@ -81,9 +81,15 @@ def sine_velocity(shape: Sine, quantity: str) -> Curve:
 
 def pulse_velocity(shape: Pulse, quantity: str) -> Curve:
     """Velocity (m/s) of supports whose acceleration, or velocity, is a pulse."""
+    end, back = shape.start + shape.duration, shape.rebound * shape.amplitude
+    last = end + (shape.duration / shape.rebound if back else 0.0)
     if quantity == "acceleration":
-        return lambda t: shape.amplitude * np.clip(t - shape.start, 0.0, shape.duration)
-    return lambda t: np.where((t >= shape.start) & (t < shape.start + shape.duration), shape.amplitude, 0.0)
+        return lambda t: (
+            shape.amplitude * np.clip(t - shape.start, 0.0, shape.duration) - back * np.clip(t - end, 0.0, last - end)
+        )
+    return lambda t: np.where(
+        (t >= shape.start) & (t < end), shape.amplitude, np.where((t >= end) & (t < last), -back, 0.0)
+    )
 
 
 def sampled_velocity(samples: Samples, quantity: str) -> Curve:

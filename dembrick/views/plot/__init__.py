@@ -11,12 +11,14 @@ from dembrick.views.plot.layout import layout
 from dembrick.views.plot.measured import MeasuredCurve, read_measured
 from dembrick.views.plot.panels import CurvePanel, curve_panels
 from dembrick.views.plot.paths import joint_path, load_path
+from dembrick.views.plot.studies import StudyTable, is_study, read_study, study
 from dembrick.views.plot.style import FORMATS, inline_svg, save
 
 __all__ = [
     "FORMATS",
     "CurvePanel",
     "MeasuredCurve",
+    "StudyTable",
     "control_points",
     "curve_panels",
     "domain_points",
@@ -25,12 +27,15 @@ __all__ = [
     "force_displacement",
     "inline_svg",
     "interaction",
+    "is_study",
     "joint_path",
     "joint_plane",
     "joint_stages",
     "layout",
     "load_path",
     "read_measured",
+    "read_study",
     "save",
+    "study",
     "unbalanced",
 ]

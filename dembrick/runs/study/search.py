@@ -1,0 +1,154 @@
+"""Search of a study: the value of a key at which a run begins to fall, by bisection, one search for each case.
+
+A study asks for it by a table::
+
+    [search]
+    key       = "control.scale"   # any key of the scenario that holds a number
+    low       = 0.1
+    high      = 2.0               # the run stands at one end and falls at the other
+    tolerance = 0.01              # relative half-width of the bracket at which the search ends
+
+A run *falls* if its status is "collapse" or "falls", or if a block has fallen at its end: its centroid has come down by
+more than half of its least dimension, or it has turned over by more than 45 deg.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from dembrick.errors import DembrickError, NotConvergedError, ScenarioError
+from dembrick.runs.result import fell
+from dembrick.runs.simulate import simulate
+from dembrick.runs.study.case import FAILED
+from dembrick.scenario import toml as scenarios
+from dembrick.scenario.checks import nearest, real, show
+from dembrick.scenario.model import Scenario
+
+COLUMNS = ("status", "value", "half_width", "stands", "falls", "runs", "loop", "error")
+FOUND = "found"
+_KEYS = ("key", "low", "high", "tolerance")
+_ROUNDING = 1e-9  # of the searched range: a bracket is not made narrower, as where the value is zero
+
+
+class Bracket(NamedTuple):
+    """The last value at which a run stands, the last at which it falls, and the number of runs."""
+
+    stands: float
+    falls: float
+    runs: int
+
+    @property
+    def value(self) -> float:
+        """The middle."""
+        return 0.5 * (self.stands + self.falls)
+
+    @property
+    def half_width(self) -> float:
+        """Error bar of the value."""
+        return 0.5 * abs(self.falls - self.stands)
+
+
+@dataclass(frozen=True)
+class Search:
+    """The searched key, the range, and the relative half-width of the bracket at which the search ends."""
+
+    key: str
+    low: float
+    high: float
+    tolerance: float
+
+    def bisect(self, falls_at: Callable[[float], bool]) -> Bracket:
+        """The bracket of the value at which ``falls_at`` changes; which end stands is found out.
+
+        Where it changes several times, one of the changes is found. Raises NotConvergedError where both ends stand, or
+        both fall.
+        """
+        ends = (self.low, self.high)
+        outcome = [falls_at(value) for value in ends]
+        if outcome[0] == outcome[1]:
+            what, remedy = ("falls", "whether it stands at all") if outcome[0] else ("stands", "what brings it down")
+            raise NotConvergedError(
+                f"it {what} at both ends, {self.key} = {self.low:g} and {self.high:g}; widen search.low and "
+                f"search.high, or check {remedy}"
+            )
+        stands, falls = ends if outcome[1] else reversed(ends)
+        runs = 2
+        while not self._close(stands, falls):
+            middle = 0.5 * (stands + falls)
+            if falls_at(middle):
+                falls = middle
+            else:
+                stands = middle
+            runs += 1
+        return Bracket(stands, falls, runs)
+
+    def _close(self, stands: float, falls: float) -> bool:
+        size = max(abs(0.5 * (stands + falls)), _ROUNDING / self.tolerance * (self.high - self.low))
+        return 0.5 * abs(falls - stands) <= self.tolerance * size
+
+
+def read(table: Any, swept: Sequence[str]) -> Search:
+    """The search that a table of a study states; ``swept``: keys that change from case to case already. ScenarioError
+    for a table that states none."""
+    if not isinstance(table, dict):
+        raise ScenarioError(f"search must be a table with {', '.join(_KEYS)}, not {show(table)}")
+    for name in table:
+        if name not in _KEYS:
+            raise ScenarioError(f"search: unknown key {show(name)}; {nearest(name, _KEYS)}")
+    missing = next((name for name in _KEYS if name not in table), None)
+    if missing is not None:
+        raise ScenarioError(f"search: missing key {show(missing)}; it has no default")
+    key = table["key"]
+    if not isinstance(key, str):
+        raise ScenarioError(f'search.key = {show(key)} must be the path of a key as text, such as "joint.friction"')
+    if key in swept:
+        raise ScenarioError(f"search.key = {show(key)} changes from case to case already; leave it in one of the two")
+    low, high, tolerance = (real(f"search.{name}", table[name]) for name in _KEYS[1:])
+    if not low < high:
+        raise ScenarioError(f"search.low = {low:g} must be below search.high = {high:g}")
+    if not 1e-6 <= tolerance <= 0.5:
+        raise ScenarioError(
+            f"search.tolerance = {tolerance:g} is out of range: it is the relative half-width of the bracket, between "
+            "1e-6 and 0.5; 0.01 is usual"
+        )
+    return Search(key, low, high, tolerance)
+
+
+def check(scenario: Scenario) -> None:
+    """ScenarioError for a control whose runs neither stand nor fall."""
+    control = scenario.control
+    if not control.regime.stands_or_falls:
+        raise ScenarioError(
+            f"search: a run of kind {show(control.kind)} neither stands nor falls, it gives a load; a [search] needs a "
+            'kind such as "statics", "dynamic" or "base-motion"'
+        )
+
+
+def run_searches(search: Search, base: str, base_path: str, cases: Sequence[tuple]) -> list[dict]:
+    """The rows of several cases, each given as (number, changes, history): the TOML text ``base`` with its changes."""
+    return [{"case": number, **changes} | _row(search, base, base_path, changes) for number, changes, _ in cases]
+
+
+def _row(search: Search, base: str, base_path: str, changes: Mapping[str, Any]) -> dict[str, Any]:
+    row: dict[str, Any] = dict.fromkeys(COLUMNS)
+    seconds = 0.0
+
+    def falls_at(value: float) -> bool:
+        nonlocal seconds
+        try:
+            scenario = scenarios.varied(base, base_path, {**changes, search.key: value})
+            check(scenario)
+            result = simulate(scenario, record=False, progress=False).as_dict()
+        except DembrickError as error:
+            raise NotConvergedError(f"{search.key} = {value:.9g}: {error}") from error
+        seconds += result["wall"]["loop"]
+        return fell(result)
+
+    try:
+        found = search.bisect(falls_at)
+    except DembrickError as error:
+        return row | {"status": FAILED, "error": str(error), "loop": seconds}
+    numbers = {"value": found.value, "half_width": found.half_width, **found._asdict()}
+    return row | {"status": FOUND, "loop": seconds} | numbers

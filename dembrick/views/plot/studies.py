@@ -1,0 +1,146 @@
+"""Figures of studies: the answer of every case over the keys that change, from the table that a sweep writes."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from dembrick.errors import ScenarioError
+from dembrick.scenario.checks import nearest, show
+from dembrick.scenario.csv_tables import Table, read_table
+from dembrick.views.plot import style
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+TABLE = "table.csv"
+ANSWERS = ("value", "V", "collapse_load_factor", "greatest_displacement")  # the first that any case has is drawn
+_MOST_LINES = 8  # in the legend of a panel; more cases than that are a cloud of points
+
+
+class StudyTable(NamedTuple):
+    """A study as it was read: its ``path``, the ``keys`` that change, and a row for each case that did not fail."""
+
+    path: str
+    keys: tuple[str, ...]
+    columns: tuple[str, ...]
+    rows: list[dict[str, str]]
+
+    def numbers(self, name: str) -> list[float | None]:
+        """A column as numbers, None if a cell holds none."""
+        return [_number(row[name]) for row in self.rows]
+
+
+def is_study(path: str | os.PathLike) -> bool:
+    """Whether a path names the table of a study, or the folder of one."""
+    return Path(path).suffix.lower() == ".csv" or Path(path).is_dir()
+
+
+def read_study(path: str | os.PathLike) -> StudyTable:
+    """The table of a sweep: STUDY/table.csv, or the folder STUDY. ScenarioError for a file that is no such table."""
+    path = Path(path) / TABLE if Path(path).is_dir() else Path(path)
+    table: Table = read_table(path, "the table of a study")
+    titles = table.titles
+    if titles[:1] != ("case",) or "status" not in titles:
+        raise ScenarioError(f"{path}: this is not the table of a study; 'dembrick sweep' writes table.csv")
+    rows = [dict(zip(titles, cells, strict=True)) for _, cells in table.lines]
+    sound = [row for row in rows if row["status"] != "failed"]
+    if not sound:
+        raise ScenarioError(f"{path}: no case of this study has an answer; its column 'error' says why")
+    place = titles.index("status")
+    return StudyTable(str(path), titles[1:place], titles[place:], sound)
+
+
+def study(table: StudyTable, answer: str | None = None, over: Sequence[str] = ()) -> Figure:
+    """The ``answer`` of every case over each of the keys that change, a panel for each key (or for those of ``over``).
+
+    Cases that differ in nothing else make a line; ``half_width`` of a search, or V_lower and V_upper of a limit load,
+    are bars. ScenarioError for columns that the table does not have.
+    """
+    answer = _answer(table, answer)
+    for key in over:
+        if key not in table.keys:
+            raise ScenarioError(f"{table.path}: no key {show(key)} changes in this study; {nearest(key, table.keys)}")
+    panels = list(over) or [key for key in table.keys if len({row[key] for row in table.rows}) > 1]
+    if not panels:
+        raise ScenarioError(f"{table.path}: no key changes in this study, so there is nothing to draw its answer over")
+    with style.settings():
+        figure = style.new_figure((max(5.2, 3.4 * len(panels)), 4.0))
+        for axes, key in zip(figure.subplots(1, len(panels), squeeze=False)[0], panels, strict=True):
+            _panel(axes, table, answer, key)
+            if axes.get_legend_handles_labels()[1]:
+                axes.legend(loc="best")
+    return figure
+
+
+def _answer(table: StudyTable, answer: str | None) -> str:
+    if answer is not None:
+        if answer not in table.columns:
+            raise ScenarioError(f"{table.path}: no column {show(answer)} is here; {nearest(answer, table.columns)}")
+        if not any(value is not None for value in table.numbers(answer)):
+            raise ScenarioError(f"{table.path}: the column {show(answer)} holds no numbers; choose another")
+        return answer
+    for name in ANSWERS:
+        if name in table.columns and any(value is not None for value in table.numbers(name)):
+            return name
+    raise ScenarioError(f"{table.path}: no column of an answer holds numbers; name one of {', '.join(table.columns)}")
+
+
+def _panel(axes: Axes, table: StudyTable, answer: str, key: str) -> None:
+    """One panel: a line for each combination of the other keys that change."""
+    others = [name for name in table.keys if name != key and len({row[name] for row in table.rows}) > 1]
+    lines: dict[tuple[str, ...], list[int]] = {}
+    for i, row in enumerate(table.rows):
+        lines.setdefault(tuple(row[name] for name in others), []).append(i)
+    x, numeric = _places(table, key)
+    y, bars = table.numbers(answer), _bars(table, answer)
+    if len(lines) > _MOST_LINES or all(len(line) == 1 for line in lines.values()):
+        lines = {(): list(range(len(table.rows)))}
+        joined = False
+    else:
+        joined = numeric
+    for i, (values, line) in enumerate(lines.items()):
+        colour, dashes, marker = style.CYCLE[i % len(style.CYCLE)]
+        shown = sorted((j for j in line if y[j] is not None), key=lambda j: x[j])
+        label = ", ".join(f"{name.rpartition('.')[2]} {value}" for name, value in zip(others, values, strict=False))
+        error = None if bars is None else [[bars[j][side] for j in shown] for side in (0, 1)]
+        axes.errorbar([x[j] for j in shown], [y[j] for j in shown], error, color=colour, marker=marker, capsize=2.5,
+                      ls=dashes if joined else "none", label=style.plain(label) if label else None)  # fmt: skip
+    if not numeric:
+        names = list(dict.fromkeys(row[key] for row in table.rows))
+        axes.set_xticks(range(len(names)), [style.plain(name) for name in names])
+    axes.set_xlabel(style.plain(key))
+    axes.set_ylabel(style.plain(answer.replace("_", " ")))
+
+
+def _places(table: StudyTable, key: str) -> tuple[list[float], bool]:
+    """Where the cases stand along the axis of a key: its numbers, or the places of its texts."""
+    found = table.numbers(key)
+    if all(value is not None for value in found):
+        return [value for value in found if value is not None], True
+    order = {name: float(i) for i, name in enumerate(dict.fromkeys(row[key] for row in table.rows))}
+    return [order[row[key]] for row in table.rows], False
+
+
+def _bars(table: StudyTable, answer: str) -> list[tuple[float, float]] | None:
+    """Error bars (below, above) of an answer; None if it has none."""
+    values = table.numbers(answer)
+    if answer == "value":
+        return [(width or 0.0,) * 2 for width in table.numbers("half_width")]
+    if answer != "V":
+        return None
+    ends = zip(values, table.numbers("V_lower"), table.numbers("V_upper"), strict=True)
+    return [
+        (max(0.0, V - (V if low is None else low)), max(0.0, (V if high is None else high) - V)) if V is not None
+        else (0.0, 0.0) for V, low, high in ends
+    ]  # fmt: skip
+
+
+def _number(text: str) -> float | None:
+    try:
+        return float(text)
+    except ValueError:
+        return None

@@ -1,0 +1,146 @@
+"""Studies with a search: the value of a key at which a run falls, by bisection."""
+
+import csv
+import math
+
+import pytest
+
+from dembrick import cli
+from dembrick.errors import NotConvergedError, ScenarioError
+from dembrick.runs import study as studies
+from dembrick.runs.study import search
+from dembrick.views import plot
+from helpers.scenario_text import block, header
+
+SLOPE = math.tan(math.radians(20.0))
+FLOOR = block("floor", [0.0, 0.0, -0.05], [1.0, 1.0, 0.1], "fixed = true")
+LEVEL = "gravity = [0.0, 0.0, -9.81]"
+BASE = (
+    header().replace(LEVEL, f"gravity = [{9.81 * SLOPE}, 0.0, -9.81]")
+    + FLOOR
+    + block("stone", [0.0, 0.0, 0.05], [0.2, 0.2, 0.1])
+    + '[control]\nkind = "statics"\n'
+)
+SEARCH = '[search]\nkey = "joint.friction"\nlow = 0.1\nhigh = 1.0\ntolerance = 1e-3\n'
+
+
+@pytest.fixture
+def write(tmp_path):
+    def write(body, base=BASE):
+        (tmp_path / "base.toml").write_text(base, encoding="utf-8")
+        path = tmp_path / "study.toml"
+        path.write_text(f'base = "base.toml"\n{body}', encoding="utf-8")
+        return path
+
+    return write
+
+
+def read_csv(path):
+    with open(path, newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def test_the_friction_that_holds_a_block_on_a_slope(write, tmp_path):
+    """tan 20 deg, whatever the formulation; it falls below, so the bracket is the other way round."""
+    path = write('[grid]\n"joint.formulation" = ["concave", "convex"]\n' + SEARCH)
+    outcome = studies.sweep(path, tmp_path / "out")
+    rows = read_csv(outcome.csv)
+    for row in rows:
+        value, bar = float(row["value"]), float(row["half_width"])
+        assert row["status"] == "found"
+        assert float(row["falls"]) <= SLOPE <= float(row["stands"])
+        assert abs(value - SLOPE) <= bar <= 1e-3 * value
+        assert int(row["runs"]) == 2 + math.ceil(math.log2(0.45 / (1e-3 * SLOPE)))
+    assert [cell["half_width"] for cell in outcome.statistics] == [float(row["half_width"]) for row in rows]
+    assert studies.sweep(path, tmp_path / "out").ran == 0
+
+
+def test_the_pulse_that_overturns_a_block(write, tmp_path):
+    """A block on a base that takes a pulse without end rocks, and so falls, from a = g b/h on."""
+    control = 'kind = "base-motion"\nduration = 1.5\ndirection = [1.0, 0.0, 0.0]\n'
+    control += "pulse = { amplitude = 9.81, duration = 5.0 }\n"
+    base = (
+        header(normal_stiffness=1e10)
+        + FLOOR
+        + block("stone", [0.0, 0.0, 0.1], [0.1, 0.2, 0.2])
+        + f"[control]\n{control}"
+    )
+    body = '[search]\nkey = "control.scale"\nlow = 0.4\nhigh = 0.59\ntolerance = 0.02\n'
+    outcome = studies.sweep(write(body, base), tmp_path / "out")
+    (row,) = read_csv(outcome.csv)
+    assert float(row["value"]) == pytest.approx(0.5, abs=float(row["half_width"]) + 0.01)  # elastic joints
+    assert row["runs"] == "6"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("joint.friction", "joint.frction", ["frction", "friction"]),
+        ("high = 1.0", "high = 0.1", ["search.low = 0.1 must be below search.high = 0.1"]),
+        ("tolerance = 1e-3\n", "", ["missing key 'tolerance'"]),
+        ("tolerance = 1e-3", "tolerance = 2.0", ["search.tolerance = 2", "between 1e-6 and 0.5"]),
+        ("low = 0.1", "lower = 0.1", ["search: unknown key 'lower'", "low"]),
+        ("low = 0.1", "low = -0.1", ["friction", "at least 0"]),
+        ("low = 0.1", 'low = "small"', ["search.low"]),
+        ("[search]", "histories = true\n[search]", ["keep no history"]),
+        ("[search]", '[grid]\n"joint.friction" = [0.5, 0.6]\n[search]', ["changes from case to case already"]),
+        ("[search]", '[grid]\n"control.kind" = ["yield"]\n[search]', ["neither stands nor falls"]),
+    ],
+)
+def test_what_is_no_search_is_refused_in_one_sentence(write, old, new, words):
+    base = BASE
+    if "yield" in new:
+        base += '[[actuators]]\nname = "jack"\nblock = "stone"\npoint = [0.1, 0.0, 0.05]\ndirection = [1.0, 0.0, 0.0]\n'
+    with pytest.raises(ScenarioError) as caught:
+        studies.load(write(SEARCH.replace(old, new), base))
+    for word in words:
+        assert word in str(caught.value)
+
+
+@pytest.mark.parametrize(("low", "high", "word"), [(0.5, 1.0, "stands at both ends"), (0.1, 0.2, "falls at both ends")])
+def test_ends_that_do_not_bracket_are_a_failed_case(write, tmp_path, low, high, word, capsys):
+    body = SEARCH.replace("low = 0.1", f"low = {low}").replace("high = 1.0", f"high = {high}")
+    code = cli.main(["sweep", str(write(body)), "--out", str(tmp_path / "out"), "--jobs", "1"])
+    assert code == 1
+    (row,) = read_csv(tmp_path / "out" / "table.csv")
+    assert row["status"] == "failed" and word in row["error"] and row["value"] == ""
+    with pytest.raises(ScenarioError, match="no case of this study has an answer"):
+        plot.read_study(tmp_path / "out")
+
+
+def test_bisection_ends_at_its_tolerance_also_at_zero():
+    wide = search.Search("key", -1.0, 3.0, 0.01)
+    for edge in (0.7, -0.2, 0.0, 2.9):
+        found = wide.bisect(lambda value, edge=edge: value > edge)
+        assert found.stands <= edge <= found.falls
+        assert found.half_width <= max(0.01 * abs(found.value), 4e-9)
+    assert found.runs == 2 + math.ceil(math.log2(2.0 / 0.029))
+    with pytest.raises(NotConvergedError, match="key = -1 and 3"):
+        wide.bisect(lambda value: False)
+
+
+def test_a_study_is_drawn_over_every_key_that_changes(tmp_path, capsys):
+    """A panel a key, a line for each combination of the others, with the bars of the search."""
+    lines = ["case,joint.formulation,control.pulse.duration,status,value,half_width,stands,falls,runs,loop,error"]
+    numbers = {("concave", 0.2): 1.4, ("concave", 0.5): 0.25, ("convex", 0.2): 1.5, ("convex", 0.5): 0.26}
+    for i, ((law, time), value) in enumerate(numbers.items()):
+        lines.append(f"{i},{law},{time},found,{value},0.01,{value - 0.01},{value + 0.01},9,1.0,")
+    lines.append("4,convex,1.0,failed,,,,,,,it stands at both ends")
+    folder = tmp_path / "domain"
+    folder.mkdir()
+    (folder / "table.csv").write_text("\n".join(lines) + "\n")
+    figure = plot.study(plot.read_study(folder))
+    laws, times = figure.axes
+    assert laws.get_xlabel() == "joint.formulation" and times.get_xlabel() == "control.pulse.duration"
+    concave, convex = times.containers
+    assert concave[0].get_xydata().tolist() == [[0.2, 1.4], [0.5, 0.25]]
+    assert convex[0].get_ydata().tolist() == [1.5, 0.26]
+    ends = concave[2][0].get_segments()[1]
+    assert ends[:, 1].tolist() == pytest.approx([0.24, 0.26])
+    assert [text.get_text() for text in laws.get_xticklabels()] == ["concave", "convex"]
+    target = tmp_path / "domain.svg"
+    command = ["plot", str(folder / "table.csv"), "--to", str(target)]
+    assert cli.main([*command, "--over", "control.pulse.duration"]) == 0 and target.exists()
+    assert cli.main([*command, "--over", "control.pulse.length"]) == 2
+    assert cli.main([*command, "--answer", "valu"]) == 2
+    assert "did you mean 'value'" in capsys.readouterr().err
