@@ -42,6 +42,7 @@ from dembrick.scenario.checks import show
 from dembrick.scenario.controls import ACTUATORS, DEAD_LOAD, EVERY_BLOCK
 from dembrick.scenario.limits import check_magnitudes
 from dembrick.scenario.model import Scenario
+from dembrick.scenario.stages import at_stage
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -88,7 +89,9 @@ _NO_POINTS = place_points(JointTable.of(()), DISCRETISATION)
 
 
 def assemble(scenario: Scenario) -> Assembly:
-    """Geometry, joints and dead loads of a scenario; ScenarioError where it cannot describe a test."""
+    """Geometry, joints and dead loads of a scenario, of its last stage if it has stages; ScenarioError where it cannot
+    describe a test."""
+    scenario = at_stage(scenario, len(scenario.stages) + 1)
     return loaded(scenario, at_rest(scenario))
 
 

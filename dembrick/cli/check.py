@@ -42,6 +42,7 @@ def run(options, console) -> int:
         "scenario": scenario.path or "",
         "title": scenario.title,
         "control": scenario.control.kind,
+        "stages": [stage.kind for stage in scenario.stages],
         "blocks": len(assembly.names),
         "free_blocks": int((~assembly.fixed).sum()),
         "joints": joints,
@@ -79,7 +80,7 @@ def _text(data: dict, plan) -> str:
 
     lines = [
         data["title"],
-        f"control       {data['control']}",
+        f"control       {', then '.join([*data['stages'], data['control']])}",
         f"blocks        {data['blocks']} ({data['free_blocks']} free)",
         f"joints        {len(data['joints'])}, contact points {data['contact_points']}",
     ]

@@ -138,7 +138,7 @@ def _text(result) -> str:
     from dembrick.views.summary import known, on_one_path
 
     point, run = result.yield_point, result.run
-    lines = [result.scenario.title, f"formulation   {result.scenario.joint.formulation}"]
+    lines = [result.scenario.title, f"formulation   {result.scenario.joint.formulation}", *result.stage_lines]
     unit, path = " N", getattr(result, "path", None) or {}
     if result.collapse is not None:
         from dembrick.runs.collapse import collapse_lines

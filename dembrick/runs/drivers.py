@@ -178,7 +178,7 @@ def _expected_factor(scenario: Scenario, assembly: Assembly) -> float | None:
 
 
 def _live_through(scenario: Scenario, assembly: Assembly, session: Session) -> MotionRun:
-    from dembrick.simulation.dynamics import loads, run
+    from dembrick.simulation.dynamics import handover, loads, run
 
     moving = run.prepare(assembly, scenario.control, scenario.solver.step_factor)
     driving = loads.driving_of(scenario, assembly, moving.time_step)
@@ -188,6 +188,8 @@ def _live_through(scenario: Scenario, assembly: Assembly, session: Session) -> M
         plan = run.plan(moving, scenario.control, driving, scenario.output, factor)
     most = present(plan.seconds) if plan.seconds_falling is None else plan.seconds_falling
     session.warn_if_long(most, _shorter(scenario.control), plan.at_most or plan.seconds_falling is not None)
+    if session.start is not None:
+        handover.start_on(moving, session.start)
     run.ask_for(moving, scenario.output, driving)
     return run.run(moving, scenario.control, driving, session)
 
@@ -210,9 +212,11 @@ def _plan_settlement(scenario: Scenario, assembly: Assembly) -> Plan:
 
 
 def _settle(scenario: Scenario, assembly: Assembly, session: Session, steps: float = 1.0) -> SettlementRun:
-    from dembrick.simulation.dynamics import loads, run, settlement
+    from dembrick.simulation.dynamics import handover, loads, run, settlement
 
     moving = run.prepare(assembly, scenario.control, scenario.solver.step_factor)
+    if session.start is not None:
+        handover.start_on(moving, session.start)
     driving = loads.driving_of(scenario, assembly, moving.time_step)
     run.ask_for(moving, scenario.output, driving)
     plan = settlement.plan(moving, scenario.control, driving, scenario.output)

@@ -57,6 +57,8 @@ def refinements(scenario: Scenario, several: bool = False) -> tuple[Refinement, 
     ``several``: several joints share the load, so that the limit of actuators may depend on the path as well.
     """
     control = scenario.control
+    if scenario.stages:
+        raise ScenarioError("--refine estimates the error of a run that starts from rest, and this one has [[stages]]")
     if control.regime is DEAD_LOAD:
         raise ScenarioError('a run of kind "statics" tells whether the blocks stand; --refine has nothing to estimate')
     if control.regime is CONSTANT_RATE or (control.regime is LIMIT_LOAD and not several):

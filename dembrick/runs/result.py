@@ -41,7 +41,7 @@ class RunResult:
     reaction (T, s, 6: F_x, F_y, F_z, M_x, M_y, M_z of every support), joint (T, j, 7: N, V_1, V_2, M_T, M_1, M_2,
     slip), energy (name: (T,)). ``frames``: time (F,), displacement (F, n, 3), orientation (F, n, 4), velocity and spin
     (F, n, 3), contact_force (F, c, 3). Only the channels of the scenario's output are there. ``history``: the file of
-    it. SI units.
+    it. ``stages``: the JSON objects of the stages before it. SI units.
     """
 
     scenario: Scenario
@@ -52,6 +52,7 @@ class RunResult:
     wall: dict
     history: str | None = None
     energy: EnergyAudit | None = None
+    stages: list[dict] = dataclasses.field(default_factory=list)
 
     def _dict(self, **own) -> dict:
         """The JSON object of any run; ``own`` is what this kind of run adds."""
@@ -64,6 +65,7 @@ class RunResult:
             "energy": None if self.energy is None else self.energy.as_dict(),
             "wall": self.wall,
             "history": self.history,
+            **({"stages": self.stages} if self.scenario.stages else {}),
         }
 
     @property
@@ -72,6 +74,16 @@ class RunResult:
         (N, N m; world axes); None where blocks fall that would be at rest."""
         names = (name for name, fixed in zip(self.assembly.names, self.assembly.fixed, strict=True) if fixed)
         return dict(zip(names, (self.run.reactions + 0.0).tolist(), strict=True))
+
+    @property
+    def stage_lines(self) -> list[str]:
+        """What the command line prints of the stages before."""
+        lines = []
+        for stage in self.stages:
+            V = (stage.get("yield_point") or {}).get("V")
+            load = "" if V is None else f", V = {V:.6g}"
+            lines.append(f"stage {stage['stage']:<8}{stage['kind']}: {stage['status']}{load}")
+        return lines
 
     @property
     def curve(self) -> Curve:

@@ -18,10 +18,12 @@ from dembrick.runs.notebook import notebook_bar
 from dembrick.runs.path_dependence import has_paths, ranged
 from dembrick.runs.record_store import Memory, RecordStore
 from dembrick.runs.result import Result
+from dembrick.runs.stages import Stages
 from dembrick.runs.statics_result import StaticsResult
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.checks import present
 from dembrick.scenario.model import Scenario
+from dembrick.scenario.stages import at_stage
 from dembrick.scenario.unit_slips import unit_slips
 from dembrick.simulation import interrupts
 from dembrick.simulation.interrupts import Interrupted
@@ -145,7 +147,10 @@ def _run(
             session = store.session(scenario.output) if store else Session()
             shown = notebook_bar() if progress is None else progress
             session.tell, session.report = shown if callable(shown) else None, report
-            run = driver.run(scenario, assembly, session)
+            stages = Stages(scenario)
+            if scenario.stages:
+                session = stages.run(session)
+            run = driver.run(at_stage(scenario, len(scenario.stages) + 1), assembly, session)
             audit = store.auditor.result(run.energy) if store and run.energy is not None else None
             until_written.enter_context(interrupts.deferred())  # a signal finds the answer there, and may not lose it
         except WriteError as error:  # the disk has what it has
@@ -168,7 +173,7 @@ def _run(
             if path and isinstance(error, Interrupted):
                 raise Interrupted(error.signum, f"{error}; go on with: dembrick restart {path}") from None
             raise
-        spent = {"start_up": start_up, "placing": placing, "began": began}
+        spent = {"start_up": start_up, "placing": placing, "began": began, "stages": stages.results}
         result = _finished(scenario, assembly, run, audit, store, spent, refine)
     if report:
         from dembrick.runs.inertia_share import inertia_remark  # and what moves blocks in real time
@@ -200,6 +205,7 @@ def _finished(scenario: Scenario, assembly: Assembly, run, audit, store, times, 
         wall=wall,
         history=path,
         energy=audit,
+        stages=times["stages"],
     )
     finishing = time.perf_counter()
     wall["total"] = finishing - began

@@ -83,7 +83,7 @@ class StaticsResult(RunResult):
     def text(self) -> str:
         """What the command line prints."""
         rest = self.run.rest
-        lines = [self.scenario.title, f"formulation   {self.scenario.joint.formulation}"]
+        lines = [self.scenario.title, f"formulation   {self.scenario.joint.formulation}", *self.stage_lines]
         lines.append(f"answer        {self.plain_answer}")
         lines += reaction_lines(self.reactions)
         lines.append(f"out of balance {rest.unbalanced:.2g} of the joint forces after {rest.steps} steps")

@@ -61,6 +61,7 @@ domes | | tables | spherical domes
 supports | | names | blocks and groups that are fixed
 control_points | | tables | points whose displacement is recorded
 pressures | | tables | pressures on bare faces: constant, of a fluid or of a fill
+stages | | tables | controls that are carried out before [control], one after the other; keys as there
 """
 _LAW = """
 formulation | | concave, corrected, corrected-shear, convex, distributed | how a joint carries force: at \
@@ -188,6 +189,7 @@ point | m | 3 numbers | where it acts, world position at the start; left out, at
 sine | | table | factor of the force in time, in runs in real time
 history | | a path | CSV file with the factor over time, in runs in real time
 columns | | 2 names | the columns of time and of values in the file
+stages | | whole numbers >= 1 | the stages in which it acts; left out, all
 """,
     Actuator: """
 name | | text | its name
@@ -195,6 +197,7 @@ block | | a block | the block it pushes
 point | m | 3 numbers | where it pushes, world position at the start, in the block or on a face
 direction | 1 | 3 numbers | along which line, in world axes; scaled to length 1
 weight | 1 | not 0 | it carries weight times V
+stages | | whole numbers >= 1 | the stages in which it pushes; left out, all that drive actuators
 """,
     Pressure: """
 block | | a block or group | whose faces are loaded
@@ -203,6 +206,7 @@ value | Pa | > 0 | a constant pressure
 surface | m | a number | or the height of the surface of a fluid or fill
 weight | N/m3 | > 0 | its weight per volume; the pressure is weight times depth
 actuator | | true, false | the pressure is the driven load, with the multiplier V
+stages | | whole numbers >= 1 | the stages in which it acts; left out, all
 """,
     ControlPoint: """
 name | | text | its name
@@ -225,6 +229,7 @@ phase | rad | a number | phase
 amplitude | of the motion | a number | height of a rectangular pulse
 duration | s | > 0 | its length
 start | s | >= 0 | when it begins
+rebound | 1 | 0 to 1 | then so much of the amplitude the other way, until the impulses cancel
 """,
     Turn: """
 axis | 1 | 3 numbers | axis of the turn, right-hand rule
@@ -235,7 +240,6 @@ point | m | 3 numbers | a point of the axis at the start; left out, the centroid
     "yield": _TOLERANCE,
     "displacement": "rate | m/s | > 0 | speed of the actuators\ntravel | m | > 0 | how far they move",
     "statics": "",
-rebound | 1 | 0 to 1 | then so much of the amplitude the other way, until the impulses cancel
     "tilt": f"""
 axis | 1 | 3 numbers | axis of the table through the origin, right-hand rule
 rate | deg/s | 0 to 10 | how fast it turns, in real time; without it the limit itself is searched
@@ -326,7 +330,8 @@ def written_fields(table: Any) -> list:
 def json_schema() -> dict:
     """JSON schema (draft 2020-12) of a scenario file, for editors that complete and check TOML."""
     schema = _object(Scenario)
-    schema["properties"]["control"] = {"oneOf": [_object(kind) for kind in controls()]}
+    control = {"oneOf": [_object(kind) for kind in controls()]}
+    schema["properties"] |= {"control": control, "stages": {"type": "array", "items": control}}
     schema["properties"]["joints"] = {"type": "array", "items": _override()}
     schema["properties"]["materials"] = {"type": "object", "additionalProperties": _object(Material)}
     schema["required"] = [*(key for key in schema["required"] if key != "blocks"), "control"]

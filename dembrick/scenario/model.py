@@ -43,6 +43,7 @@ from dembrick.scenario.controls import (  # noqa: F401 (all that a scenario is m
 from dembrick.scenario.generators import GENERATORS, Arch, Dome, Stack, Wall
 from dembrick.scenario.memory import check_memory
 from dembrick.scenario.pressures import Pressure
+from dembrick.scenario.stages import check_stages, stage_numbers
 
 FORMULATIONS = ("concave", "corrected", "corrected-shear", "convex", "distributed")
 PRESSURES = ("full", "effective", "linear")
@@ -127,6 +128,7 @@ class Load:
 
     ``block`` may name a group: then each of its blocks bears that force, at its centroid. In a dynamic run ``sine``, or
     the values of a CSV file ``history`` ("time [s], factor [1]"; ``columns`` picks two by name), multiply the force.
+    ``stages``: numbers of the stages in which it acts, None for all.
     """
 
     block: str
@@ -135,6 +137,7 @@ class Load:
     sine: Sine | None = None
     history: str | None = None
     columns: tuple[str, str] | None = None
+    stages: tuple[int, ...] | None = None
 
     def __post_init__(self):
         label = f" of the load on block {show(check_name('block', self.block))}"
@@ -147,6 +150,7 @@ class Load:
         assign(self, columns=checked_columns(self.columns, self.history))
         both = self.sine is not None and self.history is not None
         require(not both, f"history{label}", self.history, "a load has either a sine or a history")
+        assign(self, stages=stage_numbers(f"stages{label}", self.stages))
 
     @property
     def varies(self) -> bool:
@@ -158,7 +162,8 @@ class Load:
 class Actuator:
     """An actuator: a spring at a material ``point`` (m, world at the start), along a ``direction`` fixed in the world.
 
-    ``direction`` is stored at length 1. The actuator carries ``weight`` times the load of the system of all actuators.
+    ``direction`` is stored at length 1. The actuator carries ``weight`` times the load of the system of all actuators
+    of a stage; ``stages``: numbers of those in which it does, None for all that drive actuators.
     """
 
     name: str
@@ -166,6 +171,7 @@ class Actuator:
     point: Vector
     direction: Vector
     weight: float = 1.0
+    stages: tuple[int, ...] | None = None
 
     def __post_init__(self):
         label = f" of actuator {show(check_name('name', self.name))}"
@@ -175,6 +181,7 @@ class Actuator:
         weight = real(f"weight{label}", self.weight)
         require(weight != 0.0, f"weight{label}", weight, "it must not be 0")
         assign(self, point=vector("point", self.point, label=label), direction=unit_vector(direction), weight=weight)
+        assign(self, stages=stage_numbers(f"stages{label}", self.stages))
 
 
 @dataclass(frozen=True, slots=True)
@@ -243,7 +250,7 @@ class Scenario:
     what the generators lay: walls, stacks, arches, domes, in the order in which they are written. ``supports`` names
     blocks and groups that are fixed. ``groups`` maps the name of every group to the numbers of its blocks in
     ``all_blocks``: what ``group`` keys say, and for a name with dots in it, "wall.3.7", the parts before each dot,
-    "wall" and "wall.3" (unless a block is named so).
+    "wall" and "wall.3" (unless a block is named so). ``stages``: controls that are carried out before ``control``.
     """
 
     title: str
@@ -266,6 +273,7 @@ class Scenario:
     supports: tuple[str, ...] = ()
     control_points: tuple[ControlPoint, ...] = ()
     pressures: tuple[Pressure, ...] = ()
+    stages: tuple[Control, ...] = ()
     all_blocks: tuple[Block, ...] = field(default=(), init=False, compare=False, repr=False)
     groups: dict[str, tuple[int, ...]] = field(default_factory=dict, init=False, compare=False, repr=False)
 
@@ -281,13 +289,15 @@ class Scenario:
         for name in self.materials:
             check_name("name of a material", name)
         lists = {"blocks": Block, "joints": JointOverride, "loads": Load, "actuators": Actuator, "supports": str}
-        lists |= {"control_points": ControlPoint, "pressures": Pressure}
+        lists |= {"control_points": ControlPoint, "pressures": Pressure, "stages": Control}
         for key, kind in (lists | GENERATORS).items():
             assign(self, **{key: members_of(key, getattr(self, key), kind)})
-        if self.control.tilt_axis is not None:
-            along = abs(sum(a * g for a, g in zip(self.control.tilt_axis, self.gravity, strict=True)))
-            crosses = along < (1.0 - 1e-12) * math.hypot(*self.gravity)
-            require(crosses, "control.axis", self.control.tilt_axis, "it lies along gravity, which a tilt has to turn")
+        for control in (*self.stages, self.control):
+            if control.tilt_axis is not None:
+                along = abs(sum(a * g for a, g in zip(control.tilt_axis, self.gravity, strict=True)))
+                crosses = along < (1.0 - 1e-12) * math.hypot(*self.gravity)
+                require(crosses, "control.axis", control.tilt_axis, "it lies along gravity, which a tilt has to turn")
+        check_stages(self)
         self._lay()
         if not self.all_blocks:
             raise ScenarioError("a scenario needs at least one block")

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from dembrick.errors import ScenarioError
 from dembrick.scenario.blocks import Vector
 from dembrick.scenario.checks import assign, check_name, present, real, require, require_type, show, unit_vector, vector
+from dembrick.scenario.stages import stage_numbers
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,7 +17,8 @@ class Pressure:
     Either ``value`` (Pa) everywhere, or that of a fluid: ``weight`` (N/m3) times the depth below ``surface`` (m, height
     along +z). It acts along the normals of the faces, against ``direction``, on what of a face no joint covers. Area,
     direction and centre of pressure are those of the start: the force rides with the block and keeps its direction.
-    ``actuator``: the pressure is the driven load, and V its multiplier.
+    ``actuator``: the pressure is the driven load, and V its multiplier. ``stages``: numbers of the stages in which it
+    acts, None for all.
     """
 
     block: str
@@ -25,12 +27,13 @@ class Pressure:
     surface: float | None = None
     weight: float | None = None
     actuator: bool = False
+    stages: tuple[int, ...] | None = None
 
     def __post_init__(self):
         label = f" of the pressure on {show(check_name('block', self.block))}"
         direction = vector("direction", self.direction, label=label)
         require(any(direction), f"direction{label}", direction, "its length must be greater than 0")
-        assign(self, direction=unit_vector(direction))
+        assign(self, direction=unit_vector(direction), stages=stage_numbers(f"stages{label}", self.stages))
         require_type(isinstance(self.actuator, bool), f"actuator{label}", self.actuator, "true or false")
         if (self.value is None) == (self.surface is None) or (self.surface is None) != (self.weight is None):
             raise ScenarioError(

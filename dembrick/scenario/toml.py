@@ -35,6 +35,7 @@ from dembrick.scenario.model import (
 )
 from dembrick.scenario.overrides import apply_overrides, assign
 from dembrick.scenario.pressures import Pressure
+from dembrick.scenario.stages import controls_of
 from dembrick.scenario.support_paths import SupportPath, Turn
 from dembrick.scenario.text_files import read_text
 
@@ -95,6 +96,7 @@ def dumps(scenario: Scenario) -> str:
     document["materials"] = {name: _plain(material) for name, material in scenario.materials.items()}
     for key in _LISTS:
         document[key] = [_plain(entry, short=True) for entry in getattr(scenario, key)]
+    document["stages"] = [{"kind": stage.kind, **_plain(stage)} for stage in scenario.stages]
     document["control"] = {"kind": scenario.control.kind, **_plain(scenario.control)}
     document["solver"] = _plain(scenario.solver)
     document["output"] = _plain(scenario.output)
@@ -193,6 +195,7 @@ def _decode(
 
     decoders = {"joint": law, "joints": overrides, "materials": materials}
     decoders |= {key: partial(records, key, kind) for key, kind in _LISTS.items()}
+    decoders["stages"] = lambda: [_control(entry, there) for entry, there in _entries(document, "stages", place)]
     decoders["control"] = lambda: _control(document["control"], place.inside("[control]"))
     for key, kind in (("solver", Solver), ("output", Output)):
         decoders[key] = partial(_record, kind, document.get(key, {}), place.inside(f"[{key}]"))
@@ -206,8 +209,9 @@ def _decode(
             values[key] = decode()
     scenario = _make(Scenario, {**values, "path": path, "text": text}, place)
     driven = scenario.actuators or any(pressure.actuator for pressure in scenario.pressures)
-    if not driven and scenario.control.drives == ACTUATORS:
-        place.fail(f"control kind {show(scenario.control.kind)} drives actuators and there is none; add [[actuators]]")
+    drives = next((control for control in controls_of(scenario) if control.drives == ACTUATORS), None)
+    if not driven and drives is not None:
+        place.fail(f"control kind {show(drives.kind)} drives actuators and there is none; add [[actuators]]")
     return scenario
 
 

@@ -5,13 +5,16 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from dembrick.scenario.model import Output
 from dembrick.simulation import interrupts
 from dembrick.simulation.expected_cost import long_run
+
+if TYPE_CHECKING:
+    from dembrick.simulation.statics.state import State
 
 Observer = Callable[[Mapping[str, np.ndarray], Mapping[str, np.ndarray]], None]
 
@@ -77,14 +80,16 @@ class Session:
 
     ``observe(rows, frames)`` gets copies of what each chunk of steps brought (see ``recorder``), of the channels of
     ``output``. ``keep(arrays, where)`` writes a checkpoint, every ``output.checkpoint`` seconds and when a signal ends
-    the run. A run with ``resumed`` goes on from that snapshot. ``tell`` hears how far it is, ten times a second, and
-    ``report`` remarks.
+    the run. A run with ``resumed`` goes on from that snapshot. ``start``: the state of the searches that another run of
+    the same blocks has left, to start on; None for the blocks as they are drawn. ``tell`` hears how far it is, ten
+    times a second, and ``report`` remarks.
     """
 
     observe: Observer | None = None
     output: Output = field(default_factory=Output)
     keep: Callable[[Mapping[str, np.ndarray], str], None] | None = None
     resumed: Snapshot | None = None
+    start: State | None = None
     tell: Callable[[Progress], None] | None = None
     report: Callable[[str], None] | None = None
     last_kept: float = field(default_factory=time.monotonic)

@@ -37,6 +37,7 @@ def fits(scenario: Scenario) -> bool:
         and len(scenario.all_blocks) == 2
         and sum(block.fixed for block in scenario.all_blocks) == 1
         and not scenario.joints
+        and not scenario.stages
         and not scenario.supports
         and scenario.solver == Solver()
         and law.friction > 0.0

@@ -20,6 +20,7 @@ from dembrick.simulation.pressed_parts import check_pressures, pressed_parts, ro
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
+    from dembrick.kernels.statics.area_joints import Areas
 
 NEGLIGIBLE = 1e-5  # of the lighter block's weight: head joints of a wall carry so little, and slip all the time
 EQUAL = 12  # digits to which polygons are the same: rounding makes those of a wall differ in the last one or two
@@ -120,6 +121,13 @@ def work_ahead(faces: Faces, a: int, held, sense: float, offset: float, now, ste
 def retire(faces: Faces, a: int) -> None:
     """Let joint ``a`` carry nothing any more."""
     faces.k_n[a] = 0.0
+
+
+def take_memory(faces: Faces, left: Areas, sense: np.ndarray) -> None:
+    """Elastic shear resultants, plastic twists and slip of the same joints in the searches; ``sense`` (j,) of the
+    joints."""
+    own = sense[faces.joint][:, None]
+    faces.elastic[:], faces.twist[:], faces.slip[:] = own * left.elastic, own * left.twist, left.slip
 
 
 def arrays(faces: Faces) -> list[np.ndarray]:

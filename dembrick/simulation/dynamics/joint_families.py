@@ -70,6 +70,15 @@ def memory(state) -> list[np.ndarray]:
     return [array for module, joints in present(state) for array in module.memory(joints)]
 
 
+def take_memory(state, left) -> None:
+    """What the joints of a state of the searches remember, in the fields of ``left``."""
+    sense = state.links.sense
+    if state.corners is not None:
+        point_joints.take_memory(state.corners, left.points, sense)
+    if state.faces is not None:
+        area_joints.take_memory(state.faces, left.areas, sense)
+
+
 def contact_points(state) -> int:
     """How many contact points the joints have."""
     return 0 if state.corners is None else int(state.corners.start[-1])

@@ -12,12 +12,13 @@ import numpy as np
 from dembrick.assembly.contact_points import PointTable
 from dembrick.assembly.joints import JointTable
 from dembrick.kernels.dynamics.point_joints import Corners
-from dembrick.kernels.dynamics.tiles import AREA, ELASTIC, POINT, W, X, Y, rows_of_lanes
+from dembrick.kernels.dynamics.tiles import AREA, ELASTIC, POINT, SLIP, W, X, Y, rows_of_lanes
 from dembrick.simulation.dynamics.tiling import tiled, ways
 from dembrick.simulation.joint_stiffness import elastic_stiffness
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
+    from dembrick.kernels.statics.point_joints import Points
 
 
 def at_rest(assembly: Assembly) -> Corners | None:
@@ -94,6 +95,13 @@ def work_ahead(corners: Corners, p: int, held, sense: float, offset: float, now,
 def retire(corners: Corners, p: int) -> None:
     """Let joint ``p`` carry nothing any more."""
     corners.put(AREA, 0.0, p)
+
+
+def take_memory(corners: Corners, left: Points, sense: np.ndarray) -> None:
+    """Elastic shear forces and slip of the same points in the searches; ``sense`` (j,) of the joints."""
+    own = np.repeat(sense[corners.joint], np.diff(corners.start))
+    for row, values in ((ELASTIC, own * left.elastic_1), (ELASTIC + 1, own * left.elastic_2), (SLIP, left.slip)):
+        corners.put(row, values)
 
 
 def arrays(corners: Corners) -> list[np.ndarray]:

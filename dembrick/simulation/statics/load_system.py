@@ -21,8 +21,9 @@ from dembrick.simulation.statics.certificate import certificate
 from dembrick.simulation.statics.critical_step import Dashpots, block_inertia, dashpots
 from dembrick.simulation.statics.dead_load import seat
 from dembrick.simulation.statics.elastic_factor import elastic_factor, touches_itself
+from dembrick.simulation.statics.handover import starting_state
 from dembrick.simulation.statics.reactions import reactions
-from dembrick.simulation.statics.state import State, initial_state, load_vectors
+from dembrick.simulation.statics.state import State, load_vectors
 from dembrick.simulation.statics.stepper import Loop
 from dembrick.simulation.statics.stiffness import block_stiffness
 from dembrick.simulation.statics.yield_point import YieldPoint, read_off
@@ -67,11 +68,11 @@ class Replay:
 class LoadSystem:
     """The actuators as one load system: unit load, compliance of the joints against it, actuator stiffness."""
 
-    def __init__(self, assembly: Assembly):
+    def __init__(self, assembly: Assembly, start: State | None = None):
         if not len(assembly.actuators.block):
             raise ScenarioError("no [[actuators]]: a replay needs at least one actuator to push with")
         self.assembly = assembly
-        self.state = initial_state(assembly)
+        self.state = starting_state(assembly, start)
         blocks = self.state.blocks
         if not (blocks.dead_force[blocks.free].any() or blocks.dead_torque[blocks.free].any()):
             raise ScenarioError(
@@ -130,7 +131,7 @@ class Setup(LoadSystem):
     def __init__(
         self, assembly: Assembly, tolerance: float, session: Session | None = None, by_equilibria: bool | None = False
     ):
-        super().__init__(assembly)
+        super().__init__(assembly, session.start if session else None)
         whole = by_equilibria or touches_itself(self.state)
         self.factor = elastic_factor(self.state, assembly.position) if whole else None
         seated = seat(self.state, self.stiffness, assembly.names, self.factor, session)

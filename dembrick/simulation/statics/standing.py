@@ -13,6 +13,7 @@ from dembrick.simulation.expected_cost import STATICS_STEPS, relaxation_seconds
 from dembrick.simulation.session import Plan, Session
 from dembrick.simulation.statics.dead_load import Rest, rest
 from dembrick.simulation.statics.elastic_factor import elastic_factor, equations, touches_itself
+from dembrick.simulation.statics.handover import starting_state
 from dembrick.simulation.statics.reactions import reactions
 from dembrick.simulation.statics.recorder import Recorder
 from dembrick.simulation.statics.state import State, initial_state
@@ -51,7 +52,7 @@ class Standing:
 
 def find_rest(assembly: Assembly, session: Session) -> Standing:
     """The equilibrium of an assembly under its dead loads, or the blocks that fall; the record is its one row."""
-    state = initial_state(assembly)
+    state = starting_state(assembly, session.start)
     factor = elastic_factor(state, assembly.position) if touches_itself(state) else None
     found = rest(state, block_stiffness(state, shared=2.0), factor, session)
     if session.observe is not None:

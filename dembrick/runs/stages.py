@@ -1,0 +1,144 @@
+"""Stages of a scenario: quasi-static controls one after the other, each on the state that the last one left.
+
+A checkpoint holds the number of the stage, the results of those before it and the state that they left, beside what the
+stage itself goes on from. Between two stages it is that state alone.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dembrick.assembly import build as assemblies
+from dembrick.errors import DembrickError, HistoryError, ScenarioError
+from dembrick.runs.drivers import driver_of
+from dembrick.runs.result import fell
+from dembrick.scenario.checks import present, show
+from dembrick.scenario.stages import at_stage
+from dembrick.simulation.checkpoint_arrays import flattened, restored_state
+from dembrick.simulation.energy_audit import Auditor
+from dembrick.simulation.session import Session, Snapshot
+from dembrick.simulation.statics.state import State, initial_state
+
+if TYPE_CHECKING:
+    from dembrick.scenario.model import Scenario
+
+_NUMBER, _RESULTS, _AUDIT, _LEFT = "stages.number", "stages.results", "stages.audit", "stages.left."
+_BETWEEN = "stages.between"  # what a checkpoint between two stages has, and no other
+_LONGEST = 1 << 24  # bytes of the results of all stages
+
+
+class _Prefixed:
+    """The arrays of a snapshot whose names begin with a prefix, without it."""
+
+    def __init__(self, snapshot: Snapshot, prefix: str):
+        self._snapshot, self._prefix, self.path = snapshot, prefix, snapshot.path
+
+    def __contains__(self, name: str) -> bool:
+        return f"{self._prefix}{name}" in self._snapshot
+
+    def array(self, name: str, like: np.ndarray) -> np.ndarray:
+        return self._snapshot.array(f"{self._prefix}{name}", like)
+
+
+@dataclass
+class Stages:
+    """The stages before the last: how many are ``done``, their ``results``, and the state that they ``left``."""
+
+    scenario: Scenario
+    done: int = 0
+    results: list[dict] = field(default_factory=list)
+    left: State | None = None
+    auditor: Auditor = field(default_factory=Auditor)
+
+    def run(self, session: Session) -> Session:
+        """Carry out the stages that are not done yet; the surroundings of the last one.
+
+        Raises ScenarioError if a stage falls, on which no other can start; what a stage itself raises names it.
+        """
+        if session.resumed is not None:
+            session = replace(session, resumed=self._resumed(session.resumed))
+        while self.done < len(self.scenario.stages):
+            self._one(session)
+            session = replace(session, resumed=None)
+            keep = self._keeping(session, between=True)
+            if keep is not None:
+                keep({}, f"stage {self.done} of {len(self.scenario.stages) + 1}")
+        return replace(session, keep=self._keeping(session), start=self.left)
+
+    def _one(self, session: Session) -> None:
+        number = self.done + 1
+        scenario = at_stage(self.scenario, number)
+        own = Session(
+            observe=self._audit,
+            output=scenario.output,
+            keep=self._keeping(session),
+            resumed=session.resumed,
+            tell=session.tell,
+            report=session.report,
+            start=self.left,
+        )
+        try:
+            assembly = assemblies.assemble(scenario)
+            run = driver_of(scenario.control).run(scenario, assembly, own)
+            audit = None if run.energy is None else self.auditor.result(run.energy)
+        except DembrickError as error:
+            error.args = (f"stage {number} ({scenario.control.kind}): {error}", *error.args[1:])
+            raise
+        seconds = {"compile": run.compile_seconds, "loop": run.loop_seconds}
+        result = driver_of(scenario.control).result(
+            scenario=scenario, assembly=assembly, run=run, rows={}, frames={}, wall=seconds, energy=audit
+        )
+        answer = result.as_dict()
+        if scenario.control.regime.stands_or_falls and fell(answer):
+            raise ScenarioError(
+                f"stage {number} of kind {show(scenario.control.kind)} fell, and no stage can start on blocks that "
+                "fall: end the stages there, or change what brings them down"
+            )
+        told = {"stage": number, "kind": scenario.control.kind, **answer}
+        self.results.append(json.loads(json.dumps(told)))  # as a checkpoint gives it back
+        self.done, self.left, self.auditor = number, present(getattr(run, "state", None)), Auditor()
+
+    def _audit(self, rows: Mapping, _) -> None:
+        self.auditor.add(rows["energy"])
+
+    def _keeping(self, session: Session, between: bool = False):
+        """What writes a checkpoint of a stage, with what the stages before it have left."""
+        keep = session.keep
+        if keep is None:
+            return None
+
+        def kept(arrays: Mapping[str, np.ndarray], where: str) -> None:
+            text = np.frombuffer(json.dumps(self.results).encode(), np.uint8)
+            number = np.array([self.done, len(text)], float)
+            own: dict[str, Any] = {_NUMBER: number, _RESULTS: text, _AUDIT: self.auditor.worst}
+            if self.left is not None:
+                own |= {f"{_LEFT}{name}": array for name, array in flattened({"state": self.left}).items()}
+            if between:
+                own[_BETWEEN] = number
+            keep({**arrays, **own}, where if between else f"{where} of stage {self.done + 1}")
+
+        return kept
+
+    def _resumed(self, snapshot: Snapshot) -> Snapshot | None:
+        """Take the stages before from a snapshot; what the stage that was running goes on from, None between two."""
+        done, size = snapshot.array(_NUMBER, np.zeros(2)).tolist()
+        if not (done in range(len(self.scenario.stages) + 1) and size in range(_LONGEST)):
+            raise HistoryError(f"{snapshot.path}: this checkpoint is of no stage of this run")
+        text = snapshot.array(_RESULTS, np.zeros(int(size), np.uint8)).tobytes()
+        try:
+            results = json.loads(text)
+        except ValueError:
+            results = None
+        if not isinstance(results, list) or len(results) != done:
+            raise HistoryError(f"{snapshot.path}: the results of its stages cannot be read")
+        self.done, self.results = int(done), results
+        self.auditor.worst[:] = snapshot.array(_AUDIT, self.auditor.worst)
+        if self.done:
+            state = initial_state(assemblies.assemble(at_stage(self.scenario, self.done)))
+            self.left = restored_state(state, _Prefixed(snapshot, _LEFT))
+        return None if _BETWEEN in snapshot else snapshot

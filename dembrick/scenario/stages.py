@@ -1,0 +1,89 @@
+"""Stages: controls that are carried out one after the other, each on the state that the one before has left.
+
+``[[stages]]`` come first, ``[control]`` is the last. Loads, actuators and pressures act in all of them, or in those
+whose numbers they list.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from numbers import Integral
+from typing import TYPE_CHECKING, Any
+
+from dembrick.errors import ScenarioError
+from dembrick.scenario.checks import require, require_type, show
+from dembrick.scenario.controls import ACTUATORS, Control
+
+if TYPE_CHECKING:
+    from dembrick.scenario.model import Scenario
+
+IN_STAGES = ("loads", "actuators", "pressures")  # lists of a scenario whose entries may name their stages
+
+
+def stage_numbers(key: str, value: Any) -> tuple[int, ...] | None:
+    """Numbers of stages, counted from 1; None for all of them."""
+    if value is None:
+        return None
+    whole = isinstance(value, list | tuple) and all(isinstance(n, Integral) and not isinstance(n, bool) for n in value)
+    require_type(whole, key, value, "a list of numbers of stages")
+    require(len(value) > 0, key, value, "it must name at least one stage; leave it out for all of them")
+    require(all(n >= 1 for n in value), key, value, "stages are counted from 1")
+    return tuple(int(n) for n in value)
+
+
+def controls_of(scenario: Scenario) -> tuple[Control, ...]:
+    """The controls of all stages, that of ``[control]`` last."""
+    return (*scenario.stages, scenario.control)
+
+
+def check_stages(scenario: Scenario) -> None:
+    """ScenarioError for stages that cannot follow one another, and for numbers of stages that there are not."""
+    controls = controls_of(scenario)
+    for number, control in enumerate(controls[:-1], 1):
+        if control.regime.real_time:
+            where = "in the deformed geometry" if control.regime.quasi_static else "in real time"
+            raise ScenarioError(
+                f"stage {number} of kind {show(control.kind)} runs {where}, and only the last one can: make it [control]"
+            )
+    last = len(controls)
+    for key in IN_STAGES:
+        for number, entry in enumerate(getattr(scenario, key), 1):
+            missing = next((n for n in entry.stages or () if n > last), None)
+            if missing is not None:
+                what = f"stages of {key.removesuffix('s')} number {number}"
+                how = f"{last} with [control]" if last > 1 else "1, which is [control]; add [[stages]]"
+                raise ScenarioError(f"{what} = {show(list(entry.stages))}: there is no stage {missing}, but {how}")
+    if last == 1:
+        return
+    for number, control in enumerate(controls, 1):
+        pressures = any(pressure.actuator for pressure in _of_stage(scenario.pressures, number))
+        if control.drives == ACTUATORS and not (pressures or _of_stage(scenario.actuators, number)):
+            raise ScenarioError(
+                f"stage {number} of kind {show(control.kind)} drives actuators and none acts in it; add its number to "
+                "the stages of one"
+            )
+        if not control.loads_vary and any(load.varies for load in _of_stage(scenario.loads, number)):
+            raise ScenarioError(
+                f"a load that varies with time acts in stage {number} of kind {show(control.kind)}, which knows none; "
+                "give it the stages in which it acts"
+            )
+
+
+def _of_stage(entries: tuple, number: int) -> tuple:
+    return tuple(entry for entry in entries if entry.stages is None or number in entry.stages)
+
+
+def at_stage(scenario: Scenario, number: int) -> Scenario:
+    """One stage (counted from 1, `len(scenario.stages) + 1` is the last) as a scenario by itself: its control, and the
+    loads and actuators that act in it. Actuators are there only where the control drives them."""
+    if not scenario.stages:
+        return scenario
+    control = controls_of(scenario)[number - 1]
+    parts: dict[str, Any] = {
+        key: tuple(replace(entry, stages=None) for entry in _of_stage(getattr(scenario, key), number))
+        for key in IN_STAGES
+    }
+    if control.drives != ACTUATORS:
+        parts["actuators"] = ()
+        parts["pressures"] = tuple(pressure for pressure in parts["pressures"] if not pressure.actuator)
+    return replace(scenario, control=control, stages=(), text=None, **parts)

@@ -1,0 +1,209 @@
+"""Stages: controls one after the other, each on the state that the last one left."""
+
+import os
+
+import numpy as np
+import pytest
+
+from dembrick import cli
+from dembrick.errors import NotConvergedError, ScenarioError
+from dembrick.history import read
+from dembrick.runs import stages
+from dembrick.runs.simulate import restart, simulate
+from dembrick.scenario import toml
+from dembrick.simulation.interrupts import Interrupted
+from dembrick.simulation.statics import stepper
+from helpers.scenario_text import BASE, refused
+
+MU, N, A, B = 0.64, 467.0, 0.3, 0.2
+HALF = 0.5 * MU * N  # N, half of the strength in shear
+JOINT = BASE[: BASE.index("[[actuators]]")]
+JACK = BASE[BASE.index("[[actuators]]") : BASE.index("[control]")]
+COUPLE = "".join(  # V is its moment
+    f'[[actuators]]\nname = "{name}"\nblock = "upper"\npoint = [{x}, 0.0, 0.0]\ndirection = [0.0, {x}, 0.0]\n'
+    "weight = 5.0\n"
+    for name, x in (("one", 0.1), ("two", -0.1))
+)
+STATICS = 'kind = "statics"\n'
+YIELD = 'kind = "yield"\ntolerance = 1e-5\n'
+
+
+def scenario(*stages, formulation="concave", loads="", actuators=JACK, changes=(), more=""):
+    """The lab joint under stages, the last of which is its control."""
+    text = JOINT.replace('"convex"', f'"{formulation}"') + loads + actuators
+    text += "".join(f"[[stages]]\n{stage}" for stage in stages[:-1]) + f"[control]\n{stages[-1]}{more}"
+    return toml.loads(text, "staged.toml", changes)
+
+
+def push(force, stages=None):
+    text = f'[[loads]]\nblock = "upper"\npoint = [0.0, 0.0, 0.0]\nforce = {list(force)}\n'
+    return text + ("" if stages is None else f"stages = {stages}\n")
+
+
+def residual(jack):
+    """Forces (4, 2) that the points of a concave joint keep in balance with one another when a jack at x = ``jack`` has
+    been at its limit and is let go: those of the limit, less what elastic points carry of that load."""
+    x, y = 0.5 * A * np.array([-1, -1, 1, 1]), 0.5 * B * np.array([-1, 1, -1, 1])
+
+    def limit(centre):
+        r = np.hypot(x - centre, y)
+        f = 0.25 * MU * N * np.column_stack([-y, x - centre]) / r[:, None]
+        return f, (x * f[:, 1] - y * f[:, 0]).sum() - jack * f[:, 1].sum()
+
+    low, high = -10.0, 0.0
+    for _ in range(200):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if limit(middle)[1] > 0.0 else (middle, high)
+    f = limit(low)[0]
+    V, polar = f[:, 1].sum(), (x * x + y * y).sum()
+    return f - np.column_stack([-jack * V / polar * y, 0.25 * V + jack * V / polar * x])
+
+
+def test_the_residual_forces_have_the_numbers_of_another_source():
+    one, other = np.abs(residual(0.075)), np.abs(residual(0.135))
+    np.testing.assert_allclose(one, [[36.19610, 13.10524]] * 2 + [[3.11961, 13.10524]] * 2, atol=2e-5)
+    np.testing.assert_allclose(other, [[44.36401, 14.25476]] * 2 + [[1.59971, 14.25476]] * 2, atol=2e-5)
+
+
+CONTACTS = '[output]\nchannels = ["joints", "energy", "frames", "contacts"]\n'
+
+
+@pytest.mark.parametrize("last", [STATICS, 'kind = "dynamic"\nduration = 0.01\n'], ids=["statics", "real time"])
+@pytest.mark.parametrize("jack", [0.075, 0.135])
+def test_points_keep_forces_in_balance_when_the_jack_is_off(jack, last):
+    """Set 4a and 4b to the limit, then nothing, at rest and in time: what the points remember is handed over."""
+    given = scenario(YIELD, last, changes=[f"actuators.jack.point=[{jack}, 0.0, 0.0]"], more=CONTACTS)
+    result = simulate(given)
+    (stage,) = result.stages
+    assert (stage["stage"], stage["kind"], stage["status"]) == (1, "yield", "yield")
+    assert stage["yield_point"]["V"] == pytest.approx({0.075: 254.5698, 0.135: 212.2493}[jack], rel=2e-5)
+    found = result.frames["contact_force"][-1]
+    own = residual(jack)
+    order = [2 * (round(a / A + 0.5)) + round(b / B + 0.5) for a, b in result.assembly.contact_points.normal_arm]
+    np.testing.assert_allclose(found[:, :2], -own[order], atol=1e-4 * HALF)  # on the upper block
+    np.testing.assert_allclose(found[:, 2], 0.25 * N, rtol=1e-6)
+
+
+TORSION = [  # formulation; M_T with half of the strength in shear held along y and along x, and M_T0 (N m)
+    ("concave", 39.765984, 44.456094, 53.881380),
+    ("corrected-shear", 21.354677, 23.873307, 28.934692),
+    ("convex", 22.913836, 24.159095, 28.934692),
+]
+
+
+@pytest.mark.parametrize(("formulation", "along_y", "along_x", "alone"), TORSION)
+def test_torsion_with_half_of_the_shear_held_and_after_shear_and_back(formulation, along_y, along_x, alone):
+    """Unloading leaves nothing that the next limit knows of; what stays is a strength less."""
+    held = push((0.0, HALF, 0.0)), push((HALF, 0.0, 0.0))
+    for load, expected in zip(held, (along_y, along_x), strict=True):
+        given = scenario(STATICS, YIELD, formulation=formulation, loads=load, actuators=COUPLE)
+        result = simulate(given, record=False)
+        assert result.yield_point.V == pytest.approx(expected, rel=2e-5)
+        assert [stage["status"] for stage in result.stages] == ["stands"]
+    gone = push((0.0, HALF, 0.0), [1])
+    result = simulate(scenario(STATICS, STATICS, YIELD, formulation=formulation, loads=gone, actuators=COUPLE))
+    assert result.yield_point.V == pytest.approx(alone, rel=2e-5)
+    assert result.as_dict()["stages"] == result.stages and len(result.stages) == 2
+    base = [stage["reactions"]["lower"] for stage in result.stages]
+    assert base[0][1] == pytest.approx(-HALF, rel=1e-9) and abs(base[1][1]) < 1e-9
+
+
+def test_actuators_of_one_stage_are_not_those_of_another():
+    """Shear to its limit by a jack, then torsion to its limit by a couple, with `stages` of actuators."""
+    actuators = JACK.replace("0.075", "0.0") + "stages = [1]\n" + COUPLE.replace("weight", "stages = [2]\nweight")
+    result = simulate(scenario(YIELD, YIELD, formulation="convex", actuators=actuators), record=False)
+    assert result.stages[0]["yield_point"]["V"] == pytest.approx(MU * N, rel=2e-5)
+    assert result.yield_point.V == pytest.approx(28.934692, rel=2e-5)
+
+
+def test_a_search_that_follows_equilibria_and_a_test_at_a_rate_are_stages_too():
+    """Of a tower: its second limit is the first one, and a constant-rate test before it changes nothing."""
+    tower = '[[blocks]]\nname = "top"\nmaterial = "tuff"\nbox = [0.3, 0.2, 0.1]\nposition = [0.0, 0.0, 0.15]\n'
+    jack = JACK.replace('"upper"', '"top"').replace("0.075, 0.0, 0.0", "0.05, 0.0, 0.12")
+    rate = 'kind = "displacement"\nrate = 1e-3\ntravel = 2e-5\n'
+    result = simulate(scenario(rate, YIELD, YIELD, loads=tower, actuators=jack), record=False)
+    alone = simulate(scenario(YIELD, loads=tower, actuators=jack), record=False)
+    first = result.stages[1]["yield_point"]["V"]
+    assert first == pytest.approx(alone.yield_point.V, rel=1e-4)
+    assert result.yield_point.V == pytest.approx(alone.yield_point.V, rel=1e-4)
+
+
+def test_a_stopped_run_goes_on_in_its_stage(tmp_path, monkeypatch):
+    """Stopped in the first stage, between the first and the second, and in the last one: one and the same run."""
+    monkeypatch.setattr(os, "fsync", lambda _: None)
+    monkeypatch.setattr(stepper, "FIRST_WORK", 1)
+    monkeypatch.setattr(stepper, "CHUNK_SECONDS", 0.0)
+    path = tmp_path / "run.h5"
+    given = scenario(YIELD, STATICS, YIELD, more="[output]\ncheckpoint = 0.0\n")
+    whole = simulate(given, tmp_path / "whole.h5")
+    looks = []
+    original = stages.Stages._keeping
+
+    def stopping(self, session, between=False):
+        keep = original(self, session, between)
+
+        def kept(arrays, where):
+            keep(arrays, where)
+            looks.append(where)
+            if len(looks) == stop:
+                raise Interrupted(15, "stopped")
+
+        return None if keep is None else kept
+
+    monkeypatch.setattr(stages.Stages, "_keeping", stopping)
+    stop = -1
+    simulate(given, path, force=True)
+    places = list(looks)
+    assert "stage 1 of 3" in places and "stage 2 of 3" in places and places[-1].startswith("step")
+    for stop in (1, places.index("stage 1 of 3") + 1, places.index("stage 2 of 3") + 1, len(places)):
+        looks.clear()
+        with pytest.raises(Interrupted):
+            simulate(given, path, force=True)
+        stop = -1
+        result = restart(path)
+        assert result.yield_point == whole.yield_point
+        assert [s["yield_point"] for s in result.stages] == [s["yield_point"] for s in whole.stages]
+        with read(path) as one, read(tmp_path / "whole.h5") as other:
+            np.testing.assert_array_equal(one.load, other.load)
+            np.testing.assert_array_equal(one.frame_values("displacement", 0, one.n_frames),
+                                          other.frame_values("displacement", 0, other.n_frames))  # fmt: skip
+            assert len(one.results["stages"]) == 2
+
+
+def test_a_stage_after_one_that_fell_and_one_that_fails_are_one_sentence(tmp_path, capsys):
+    over = push((0.0, 2.1 * HALF, 0.0), [1])
+    with pytest.raises(
+        ScenarioError, match=r"stage 1 of kind 'statics' fell, and no stage can start on blocks that fall"
+    ):
+        simulate(scenario(STATICS, YIELD, loads=over))
+    slow = 'kind = "displacement"\nrate = 1e-3\ntravel = 1e-9\n'
+    with pytest.raises(NotConvergedError, match=r"^stage 1 \(displacement\): no limit load"):
+        simulate(scenario(slow, STATICS))
+    path = tmp_path / "fallen.toml"
+    path.write_text(toml.dumps(scenario(STATICS, YIELD, loads=over)))
+    assert toml.load(path).stages == scenario(STATICS, YIELD, loads=over).stages
+    assert cli.main(["run", str(path), "--out", str(tmp_path / "x.h5"), "--json"]) == 2
+    assert "stage 1 of kind 'statics' fell" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('[[stages]]\nkind = "dynamic"\nduration = 1.0\n', ["stage 1 of kind 'dynamic' runs in real time"]),
+        ('[[stages]]\nkind = "static"\n', ["[[stages]] number 1", "did you mean 'statics'"]),
+        ('[[stages]]\nkind = "statics"\nrate = 1.0\n', ["unknown key 'rate'"]),
+        (push((0.0, 1.0, 0.0), [2]), ["there is no stage 2", "add [[stages]]"]),
+        (push((0.0, 1.0, 0.0), [0]), ["stages are counted from 1"]),
+        (push((0.0, 1.0, 0.0), []), ["at least one stage"]),
+        (push((0.0, 1.0, 0.0), ["last"]), ["a list of numbers of stages"]),
+        ('[[stages]]\nkind = "yield"\n', ["stage 1 of kind 'yield' drives actuators and none acts in it"]),
+    ],
+)
+def test_stages_that_cannot_be_are_refused(text, words):
+    jack = JACK + "stages = [2]\n" if '"yield"' in text else JACK
+    refused(JOINT + jack + text + "[control]\n" + YIELD, *words)
+
+
+def test_refinement_and_real_time_in_stages():
+    with pytest.raises(ScenarioError, match=r"has \[\[stages\]\]"):
+        simulate(scenario(STATICS, 'kind = "dynamic"\nduration = 0.01\n', actuators=""), refine=True)
