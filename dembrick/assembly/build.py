@@ -25,6 +25,7 @@ from dembrick.assembly.contact_points import DISCRETISATION, PointTable, place_p
 from dembrick.assembly.joints import TOLERANCE, JointTable, find_joints
 from dembrick.assembly.laws import Laws
 from dembrick.assembly.loads import NO_LOADS, PointLoads, point_loads
+from dembrick.assembly.ties import NO_TIES, TieTable, given_ties
 from dembrick.assembly.validation import (
     check_control,
     check_overlap,
@@ -80,6 +81,7 @@ class Assembly:
     warnings: tuple[str, ...]
     laws: Laws
     point_loads: PointLoads
+    ties: TieTable
 
     def __repr__(self) -> str:
         return f"<Assembly: {len(self.names)} blocks, {len(self.joints)} joints>"
@@ -155,6 +157,7 @@ def at_rest(scenario: Scenario) -> Assembly:
         warnings=(),
         laws=laws,
         point_loads=NO_LOADS,
+        ties=NO_TIES,
     )
 
 
@@ -177,6 +180,12 @@ def loaded(scenario: Scenario, bare: Assembly, points: bool = True) -> Assembly:
         else:
             actuators = given_actuators(scenario, number, bare)
         watched = control_points(scenario, number, bare)
+        ties = given_ties(scenario, number, bare)
+        if len(ties) and not control.regime.carries_ties:
+            raise ScenarioError(
+                f"a run of kind {show(control.kind)} ({control.regime.name}) knows no [[ties]]; searches for limit "
+                "loads and statics do, and so does dembrick limit"
+            )
     except ScenarioError as error:
         refuse(scenario, str(error))
 
@@ -202,6 +211,7 @@ def loaded(scenario: Scenario, bare: Assembly, points: bool = True) -> Assembly:
         warnings=warnings,
         laws=Laws(scenario),
         point_loads=loads,
+        ties=ties,
     )
 
 

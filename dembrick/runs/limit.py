@@ -104,6 +104,13 @@ class LimitResult:
             "rounds": self.limit.rounds,
             "wall": self.wall,
         }
+        ties = self.assembly.ties
+        if len(ties) and self.limit.forces is not None:
+            names, tension = self.assembly.names, self.limit.forces.tension.tolist()
+            found["ties"] = [
+                {"between": [names[a], names[b]], "tension": T}
+                for a, b, T in zip(ties.block_a, ties.block_b, tension, strict=True)
+            ]
         if self.second_opinion is not None:
             one = self.second_opinion
             found["second_opinion"] = {

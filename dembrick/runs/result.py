@@ -65,8 +65,17 @@ class RunResult:
             "energy": None if self.energy is None else self.energy.as_dict(),
             "wall": self.wall,
             "history": self.history,
+            **self._tied(),
             **({"stages": self.stages} if self.scenario.stages else {}),
         }
+
+    def _tied(self) -> dict:
+        """The tension (N) of every tie and the elongation (m) that it keeps, where there are ties."""
+        ties, names = getattr(getattr(self.run, "state", None), "ties", None), self.assembly.names
+        if ties is None:
+            return {}
+        numbers = zip(ties.block_a, ties.block_b, ties.tension.tolist(), ties.yielded.tolist(), strict=True)
+        return {"ties": [{"between": [names[a], names[b]], "tension": T, "yielded": e} for a, b, T, e in numbers]}
 
     @property
     def reactions(self) -> dict[str, list[float]] | None:

@@ -27,6 +27,7 @@ from dembrick.scenario.model import (
 )
 from dembrick.scenario.pressures import Pressure
 from dembrick.scenario.support_paths import SupportPath, Turn
+from dembrick.scenario.ties import Tie, TieEnd
 
 NOT_KEYS = {"text", "path", "all_blocks", "groups"}  # fields of dataclasses that no file writes
 
@@ -61,6 +62,7 @@ domes | | tables | spherical domes
 supports | | names | blocks and groups that are fixed
 control_points | | tables | points whose displacement is recorded
 pressures | | tables | pressures on bare faces: constant, of a fluid or of a fill
+ties | | tables | bars and cables between points of two blocks
 stages | | tables | controls that are carried out before [control], one after the other; keys as there
 """
 _LAW = """
@@ -208,6 +210,17 @@ weight | N/m3 | > 0 | its weight per volume; the pressure is weight times depth
 actuator | | true, false | the pressure is the driven load, with the multiplier V
 stages | | whole numbers >= 1 | the stages in which it acts; left out, all
 """,
+    Tie: """
+between | | 2 tables | the ends of the tie
+stiffness | N/m | > 0 | force over elongation
+strength | N | > 0 | it yields at this force without end; left out, it never does
+prestress | N | a number | force at the start
+tension_only | | true, false | slack where it would push; false for a bar or a spring
+""",
+    TieEnd: """
+block | | a block | the block it is fastened to
+point | m | 3 numbers | where, world position at the start, in the block or on a face
+""",
     ControlPoint: """
 name | | text | its name
 block | | a block | the block it belongs to
@@ -301,6 +314,7 @@ def tables() -> dict[str, Any]:
     found |= {"[[walls]]": Wall, "openings = [{}]": Opening, "returns = [{}]": Return}
     found |= {"[[stacks]]": Stack, "[[arches]]": Arch, "[[domes]]": Dome}
     found |= {"[[loads]]": Load, "[[actuators]]": Actuator, "[[pressures]]": Pressure}
+    found |= {"[[ties]]": Tie, "between = [{}] of [[ties]]": TieEnd}
     found |= {"sine = {}": Sine, "pulse = {}": Pulse, "[[control_points]]": ControlPoint}
     found |= {"rotation = {}": Turn, "motions = [{}]": SupportPath}
     found |= {f'[control] kind = "{kind}"': kind for kind in controls()}

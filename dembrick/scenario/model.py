@@ -44,6 +44,7 @@ from dembrick.scenario.generators import GENERATORS, Arch, Dome, Stack, Wall
 from dembrick.scenario.memory import check_memory
 from dembrick.scenario.pressures import Pressure
 from dembrick.scenario.stages import check_stages, stage_numbers
+from dembrick.scenario.ties import Tie
 
 FORMULATIONS = ("concave", "corrected", "corrected-shear", "convex", "distributed")
 PRESSURES = ("full", "effective", "linear")
@@ -274,6 +275,7 @@ class Scenario:
     control_points: tuple[ControlPoint, ...] = ()
     pressures: tuple[Pressure, ...] = ()
     stages: tuple[Control, ...] = ()
+    ties: tuple[Tie, ...] = ()
     all_blocks: tuple[Block, ...] = field(default=(), init=False, compare=False, repr=False)
     groups: dict[str, tuple[int, ...]] = field(default_factory=dict, init=False, compare=False, repr=False)
 
@@ -289,7 +291,7 @@ class Scenario:
         for name in self.materials:
             check_name("name of a material", name)
         lists = {"blocks": Block, "joints": JointOverride, "loads": Load, "actuators": Actuator, "supports": str}
-        lists |= {"control_points": ControlPoint, "pressures": Pressure, "stages": Control}
+        lists |= {"control_points": ControlPoint, "pressures": Pressure, "stages": Control, "ties": Tie}
         for key, kind in (lists | GENERATORS).items():
             assign(self, **{key: members_of(key, getattr(self, key), kind)})
         for control in (*self.stages, self.control):
@@ -369,6 +371,9 @@ class Scenario:
         self._check_support_paths(blocks)
         for i, pressure in enumerate(self.pressures, 1):
             self._check_reference(f"block of pressure number {i}", pressure.block, blocks, self.groups)
+        for i, tie in enumerate(self.ties, 1):
+            for end in tie.between:
+                self._check_reference(f"block of tie number {i}", end.block, blocks, {})
         for actuator in self.actuators:
             if actuator.block in self.groups:
                 label = f"block of actuator {show(actuator.name)} = {show(actuator.block)}"

@@ -38,12 +38,13 @@ from dembrick.scenario.pressures import Pressure
 from dembrick.scenario.stages import controls_of
 from dembrick.scenario.support_paths import SupportPath, Turn
 from dembrick.scenario.text_files import read_text
+from dembrick.scenario.ties import Tie, TieEnd
 
 _LISTS = {"blocks": Block, **GENERATORS, "loads": Load, "actuators": Actuator, "control_points": ControlPoint}
-_LISTS["pressures"] = Pressure
+_LISTS |= {"pressures": Pressure, "ties": Tie}
 _TABLES = {"prism": Prism, "voussoir": Voussoir, "mesh": Mesh, "sine": Sine, "pulse": Pulse}  # tables inside others
 _TABLES["rotation"] = Turn
-_TABLE_LISTS = {"parts": Part, "openings": Opening, "returns": Return, "motions": SupportPath}
+_TABLE_LISTS = {"between": TieEnd, "parts": Part, "openings": Opening, "returns": Return, "motions": SupportPath}
 _OWN_KEYS = {"points": "distributed", "pressure": "convex"}  # law keys that belong to one formulation
 
 

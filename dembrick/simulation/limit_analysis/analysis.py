@@ -152,11 +152,13 @@ def limit_load(
     began = time.perf_counter()
     live = live_wrench(assembly)
     material = Material.of(assembly.joints) if material is None else material
-    if not tilt or material.dry:
+    if not tilt or (material.dry and not np.isfinite(assembly.ties.strength).any()):
         return replace(_limit(assembly, live, material, corners), seconds=time.perf_counter() - began)
     found, V = None, 0.0
     for _ in range(_TILT_ROUNDS):
-        found = _limit(assembly, live, material.scaled(math.hypot(1.0, V)), corners)
+        steeper = math.hypot(1.0, V)
+        ties = replace(assembly.ties, strength=steeper * assembly.ties.strength)
+        found = _limit(replace(assembly, ties=ties), live, material.scaled(steeper), corners)
         if found.unlimited or abs(found.load_factor - V) <= _TILT_SETTLED * max(1.0, V):
             break
         V = found.load_factor

@@ -192,7 +192,9 @@ def _blocks(structure: Structure) -> tuple[np.ndarray, np.ndarray]:
     within[order] = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
     shear = np.repeat(np.arange(len(layout.areas)), layout.n_shear)
     place += [within, counts[shear] + np.tile(np.arange(layout.n_shear), len(layout.areas))]
-    return np.concatenate([points, layout.n_point + owner, layout.n_point + shear]), np.concatenate(place)
+    ties = layout.n_point + len(layout.areas) + np.arange(len(layout.ties))
+    place.append(np.zeros(len(ties), np.int64))
+    return np.concatenate([points, layout.n_point + owner, layout.n_point + shear, ties]), np.concatenate(place)
 
 
 def _inverse_blocks(entries: Entries, block: np.ndarray, place: np.ndarray) -> Entries:

@@ -127,7 +127,10 @@ def plane_of_symmetry(
     if not (greatest > 0.0 and size > 0.0):
         return None
     normals = assembly.joints.axes[:, 2]
-    directions = np.concatenate([place / size, forces / greatest, normals, np.reshape(along, (-1, 3))])
+    ties = assembly.ties
+    ends = assembly.position[ties.block_a] + ties.arm_a - assembly.position[free].mean(axis=0)
+    lines = np.concatenate([ties.direction, ends / size])
+    directions = np.concatenate([place / size, forces / greatest, normals, lines, np.reshape(along, (-1, 3))])
     _, _, axes = np.linalg.svd(directions.T @ directions)
     plane = axes[2]
     plane = plane * np.sign(plane[np.argmax(np.abs(plane))])
@@ -202,13 +205,14 @@ class Layout:
     """The unknown joint forces of a structure, in units of ``frame.unit``: where they stand in the vector of unknowns.
 
     Points: N and the tangential forces, one after another, ``width`` 3 (or 2 in a plane) a point. Then the area joints:
-    first the normal forces at all corners, then V_1, V_2 and M_T / gyration (or V in a plane) a joint. Tangential
-    forces without cohesion are in units of the friction coefficient, so that their cone is the same for all, and exact
-    for no friction.
+    first the normal forces at all corners, then V_1, V_2 and M_T / gyration (or V in a plane) a joint. Then the tension
+    of every tie. Tangential forces without cohesion are in units of the friction coefficient, so that their cone is the
+    same for all, and exact for no friction.
     """
 
     def __init__(self, assembly: Assembly, frame: Frame, points: Points, areas: Areas):
         self.frame, self.points, self.areas, self._assembly = frame, points, areas, assembly
+        self.ties = assembly.ties
         joints, flat = assembly.joints, frame.plane is not None
         self.flat = flat
         if flat:
@@ -225,7 +229,8 @@ class Layout:
         self.n_corner, self.n_shear = len(self.corner_owner), (1 if flat else 3)
         self.corner_start = self.width * self.n_point
         self.shear_start = self.corner_start + self.n_corner
-        self.n = self.shear_start + self.n_shear * len(areas)
+        self.tie_start = self.shear_start + self.n_shear * len(areas)
+        self.n = self.tie_start + len(assembly.ties)
         self.tangents = self._tangents(joints.axes)
         self.adhesive = self.point_groups.total(points.adhesion) > 0.0
         self.adhesive_area = areas.adhesion > 0.0
@@ -272,6 +277,10 @@ class Layout:
         if not self.flat:
             turning = unit * areas.gyration[:, None] * normal[joint]
             parts.append(frame.wrenches(ends, place, np.zeros_like(turning), turning, column + 2))
+        ties = self._assembly.ties
+        place = self._assembly.position[ties.block_a] + ties.arm_a  # the same line of action at the other end
+        ends, column = (ties.block_a, ties.block_b), self.tie_start + np.arange(len(ties))
+        parts.append(frame.wrenches(ends, place, -ties.direction, None, column))
         return Entries.joined(*parts)
 
     def bond(self, frame: Frame | None = None) -> np.ndarray:
@@ -298,14 +307,14 @@ class Layout:
             tangential = tangential * self._in_joint(self.points.joint)
         corner = x[self.corner_start : self.shear_start]
         corner = self.corner_groups.share * corner[self.corner_groups.group]
-        shear = self.unit_of_area_shear[:, None] * x[self.shear_start :].reshape(-1, self.n_shear)
+        shear = self.unit_of_area_shear[:, None] * x[self.shear_start : self.tie_start].reshape(-1, self.n_shear)
         resultant = np.zeros((len(areas), 3))
         if self.flat:
             resultant[:, :2] = shear * self._in_joint(areas.joint)
         else:
             resultant[:] = shear
             resultant[:, 2] *= areas.gyration
-        return JointForces(normal, tangential, corner, resultant)
+        return JointForces(normal, tangential, corner, resultant, x[self.tie_start :])
 
     def _in_joint(self, joint: np.ndarray) -> np.ndarray:
         """The tangent of the plane in the joints' axes t1, t2 (k, 2)."""
@@ -319,12 +328,14 @@ def _each(n: int) -> Merged:
 @dataclass(frozen=True)
 class JointForces:
     """Forces on the second block: at points ``normal`` (p,), ``tangential`` (p, 2); of area joints ``corner`` (v,)
-    normal forces, counted from -f_t A at O, and ``shear`` (a, 3) V_1, V_2, M_T about O. N, N m."""
+    normal forces, counted from -f_t A at O, and ``shear`` (a, 3) V_1, V_2, M_T about O; ``tension`` (t,) of the ties.
+    N, N m."""
 
     normal: np.ndarray
     tangential: np.ndarray
     corner: np.ndarray
     shear: np.ndarray
+    tension: np.ndarray
 
     def resultants(self, points: Points, areas: Areas, n_joint: int) -> np.ndarray:
         """N, V_1, V_2, M_T, M_1, M_2 about O of every joint (j, 6): the action on block b that the joint holds, as in a

@@ -130,6 +130,7 @@ def _linear_rows(layout: Layout, cuts: Cuts, reduced: float) -> tuple[Entries, n
             stack.add(level, (at, normal, -slope), (at, normal + 1, np.array(sign)))
     corner = layout.corner_start + np.arange(layout.n_corner)
     stack.add(np.zeros(layout.n_corner), (np.arange(layout.n_corner), corner, np.array(-1.0)))
+    _add_ties(stack, layout)
     if not len(areas):
         return stack.entries, stack.limits, stack.count
     slope, level = _cap_of_areas(layout, reduced)
@@ -160,6 +161,16 @@ def _linear_rows(layout: Layout, cuts: Cuts, reduced: float) -> tuple[Entries, n
     if len(cuts.area) and not layout.flat:
         bounded(cuts.area, 1.0, cuts.twist)
     return stack.entries, stack.limits, stack.count
+
+
+def _add_ties(stack: _Stack, layout: Layout) -> None:
+    """Ties yield at their strength, and those that take tension only do not push."""
+    ties, column = layout.ties, layout.tie_start + np.arange(len(layout.ties))
+    yields = np.isfinite(ties.strength)
+    least = np.where(ties.tension_only, 0.0, np.where(yields, ties.strength, np.inf)) / layout.frame.unit
+    for sign, limit in ((1.0, ties.strength / layout.frame.unit), (-1.0, least)):
+        own = np.flatnonzero(np.isfinite(limit))
+        stack.add(limit[own], (np.arange(len(own)), column[own], np.array(sign)))
 
 
 def _cone_rows(layout: Layout, reduced: float) -> tuple[Entries, np.ndarray, np.ndarray]:
@@ -206,4 +217,4 @@ def area_shears(layout: Layout, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     slope, level = _cap_of_areas(layout, 1.0)
     corner = x[layout.corner_start : layout.shear_start]
     cap = level + slope * np.bincount(layout.corner_owner, corner, minlength=len(layout.areas))
-    return cap, x[layout.shear_start : layout.n].reshape(-1, layout.n_shear)
+    return cap, x[layout.shear_start : layout.tie_start].reshape(-1, layout.n_shear)

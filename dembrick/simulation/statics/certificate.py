@@ -37,7 +37,7 @@ def certificate(state: State, load: np.ndarray, elastic: float, tolerance: float
         "rest": np.zeros(1),
         "tilts": True,
     }
-    if len(state.joints.block_a) == 1:
+    if len(state.joints.block_a) == 1 and state.ties is None:
         parts |= _single_joint(state, load)
     return Certificate(
         every=1,

@@ -13,6 +13,7 @@ from dembrick.kernels.statics.loop import settle
 from dembrick.simulation import interrupts
 from dembrick.simulation.checkpoint_arrays import flattened, restored_state
 from dembrick.simulation.session import DEAD_LOADS, Progress, Session, Snapshot
+from dembrick.simulation.statics import ties
 from dembrick.simulation.statics.elastic_factor import touches_itself, whole_inertia
 from dembrick.simulation.statics.sparse_equations import Factors
 from dembrick.simulation.statics.state import State
@@ -103,6 +104,7 @@ def rest(state: State, stiffness: np.ndarray, factor: Factors | None = None, ses
         if moving:
             return Rest(False, ratio, steps, mechanism_of(state), moving, *seconds)
         ratio = 0.0  # there is no force at all: no gravity and no loads
+    ties.remember(state)
     blocks.velocity[:] = 0.0
     blocks.spin[:] = 0.0
     joints.step[:] = 0.0
@@ -129,6 +131,9 @@ class _Seating:
             while True:
                 most, momentum = self._rounds[self._round]
                 steps, began = min(pace, most - self._step), time.perf_counter()
+                if self._state.ties is not None:
+                    ties.pull(self._state)
+                    steps = 1  # their forces follow every step
                 ratio, self._step = settle(
                     self._step, steps, UNBALANCED, *self._state[:4], self._inertia, momentum
                 )  # fmt: skip

@@ -29,6 +29,8 @@ def starting_state(assembly: Assembly, left: State | None) -> State:
     blocks.displacement[:] = left.blocks.displacement
     blocks.rotation[:] = left.blocks.rotation + turned_since_the_start(assembly, left)
     _remember(state, left)
+    if state.ties is not None and left.ties is not None:
+        state.ties.yielded[:] = left.ties.yielded
     joints = state.joints
     motion = np.concatenate([blocks.displacement, blocks.rotation], axis=1)
     joints.relative[:] = np.einsum("jik,jk->ji", to_joint(joints.axes, joints.arm_b), motion[joints.block_b])

@@ -135,6 +135,8 @@ class Setup(LoadSystem):
         whole = by_equilibria or touches_itself(self.state)
         self.factor = elastic_factor(self.state, assembly.position) if whole else None
         seated = seat(self.state, self.stiffness, assembly.names, self.factor, session)
+        if self.state.ties is not None:  # some may be slack
+            self.factor = elastic_factor(self.state, assembly.position)
         self.unbalanced = seated.unbalanced
         self.compile_seconds, self.loop_seconds = seated.compile_seconds, seated.loop_seconds
         self.seated = self.state.blocks.displacement.copy()

@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 
 from dembrick.kernels.statics.newton import Trial, try_motion
-from dembrick.simulation.statics import joint_families
+from dembrick.simulation.statics import joint_families, ties
 from dembrick.simulation.statics.sparse_equations import Factors, inner
 from dembrick.simulation.statics.state import State
 from dembrick.simulation.statics.stiffness import to_joint
@@ -47,7 +47,8 @@ def _new_trial(state: State, place: np.ndarray) -> Trial:
     count = len(joints.block_a)
     row = np.full(len(state.blocks.displacement), -1)
     row[free] = place
-    seen_a, seen_b = to_joint(joints.axes, joints.arm_a), to_joint(joints.axes, joints.arm_b)
+    seen = to_joint(joints.axes, joints.arm_a), to_joint(joints.axes, joints.arm_b)
+    seen_a, seen_b = ties.ends(state, *seen)
     return Trial(
         seen_a=seen_a,
         seen_b=seen_b,
@@ -59,7 +60,7 @@ def _new_trial(state: State, place: np.ndarray) -> Trial:
         base=np.zeros((count, 6)),
         **joint_families.memory(state),
         force=np.zeros((7, 6)),
-        tangent=np.zeros((count, 6, 6)),
+        tangent=np.zeros((len(seen_a), 6, 6)),  # those of the ties last
         residual=np.zeros(6 * len(free)),
     )
 
@@ -98,6 +99,9 @@ class Equilibria:
         blocks = state.blocks
         rows = motion[self.rows]
         blocks.displacement[self.free], blocks.rotation[self.free] = rows[:, :3], rows[:, 3:]
+        ties.pull(state)
+        if state.ties is not None:
+            self.trial.tangent[len(state.joints.block_a) :] = ties.tangent(state.ties)
         try_motion(
             self.trial, blocks, state.joints, state.points, state.areas, state.actuators, V, with_tangent
         )  # fmt: skip

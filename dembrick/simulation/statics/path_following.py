@@ -29,10 +29,11 @@ from dembrick.kernels.statics.record import write_row
 from dembrick.simulation import interrupts
 from dembrick.simulation.checkpoint_arrays import flattened, restored_state
 from dembrick.simulation.session import Progress, Session, Snapshot
-from dembrick.simulation.statics import joint_families
+from dembrick.simulation.statics import joint_families, ties
 from dembrick.simulation.statics.newton import HELD, Equilibria
 from dembrick.simulation.statics.path_bounds import limit_bounds, peak_bounds
 from dembrick.simulation.statics.path_state import MOST_EQUILIBRIA, Drift, PathState
+from dembrick.simulation.statics.reactions import through_ties
 from dembrick.simulation.statics.recorder import Recorder
 from dembrick.simulation.statics.sparse_equations import Factors, inner
 from dembrick.simulation.statics.state import State
@@ -103,10 +104,10 @@ class PathFollower:
         self.compliance = inner(self.search.load, self.answer)
         self.seated = 0.0
         if recorder is not None:
-            self.seated = elastic_energy(state.joints, state.points, state.areas, None)
+            self.seated = elastic_energy(state.joints, state.points, state.areas, None) + ties.energy(state)
         self.seated_at = state.blocks.displacement.copy()
         # V that weighs as much as all dead loads
-        self.dead = float(np.linalg.norm(state.blocks.dead_force[self.free], axis=1).sum()) / self.weight
+        self.dead = float(np.linalg.norm(ties.dead_loads(state)[self.free, :3], axis=1).sum()) / self.weight
         self.session, self.turn_began = session, {}
         self.search.pause = lambda: session.pause(self, within=True)
         self.phases = {**self.search.phases, "bracket": 0.0, "record": 0.0, "path": 0.0}
@@ -324,7 +325,7 @@ class PathFollower:
             drift.drag *= 4.0
             return None, drift.drag <= MOST_DRAG and drift.steps < MOST_DRIFTS
         drift.V, drift.motion = found, self.search.motion()
-        self.way.friction += self._dissipated()
+        self.way.friction += self._dissipated() + ties.remember(state)
         remember(trial, state.joints, state.points, state.areas)
         self.search.attempt(drift.motion, drift.V, False)
         if self.search.out_of_balance() <= self.search.balanced:
@@ -342,9 +343,10 @@ class PathFollower:
         way.friction += self._dissipated()
         moved = step * self.weight
         way.external += 0.5 * (way.V + V) * moved
-        way.external += float((blocks.dead_force * blocks.velocity + blocks.dead_torque * blocks.spin).sum())
+        way.external += float((ties.dead_loads(state) * np.concatenate([blocks.velocity, blocks.spin], axis=1)).sum())
         closing = self._closes_gaps()
         hidden = 0.0 if self.certificate.strict else self._hidden(V, moved)
+        way.friction += ties.remember(state)
         remember(self.trial, state.joints, state.points, state.areas)
         way.V, way.driven = V, way.driven + step
         actuators = state.actuators
@@ -441,10 +443,12 @@ class PathFollower:
         lower, upper = self.certificate.bracket
         energy = record.energy[record.count[0]]
         energy[:] = 0.0
-        energy[ELASTIC] = elastic_energy(state.joints, state.points, state.areas, None) - self.seated
+        elastic = elastic_energy(state.joints, state.points, state.areas, None) + ties.energy(state)
+        energy[ELASTIC] = elastic - self.seated
         if number:
             energy[EXTERNAL], energy[FRICTION], energy[DASHPOTS] = self.way.external, self.way.friction, self.way.lost
         write_row(
             record, number, float(number), state.blocks, state.joints, state.points, state.areas, state.actuators,
             float(state.actuators.drive[2]), 0.0, lower, upper, False,
         )  # fmt: skip
+        record.reaction[record.count[0] - 1] += through_ties(state)

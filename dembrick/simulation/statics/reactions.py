@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dembrick.kernels.statics.record import write_reactions
+from dembrick.simulation.statics import ties
 from dembrick.simulation.statics.state import State
 
 
@@ -16,11 +17,17 @@ def support_numbers(state: State) -> np.ndarray:
 
 
 def reactions(state: State) -> np.ndarray:
-    """Force (N) and moment (N m, about its centroid) of every fixed block on the structure, through its joints (s, 6).
+    """Force (N) and moment (N m, about its centroid) of every fixed block on the structure, through its joints and ties
+    (s, 6).
 
     World axes: a block at rest on a floor is held up.
     """
     support = support_numbers(state)
     out = np.zeros((int(support.max(initial=-1)) + 1, 6))
     write_reactions(state.joints, support, out)
-    return out
+    return out + through_ties(state)
+
+
+def through_ties(state: State) -> np.ndarray | float:
+    """The part of `reactions` (s, 6) that the ties hold: what they do to a support, the other way; zero without any."""
+    return 0.0 if state.ties is None else -ties.on_blocks(state)[support_numbers(state) >= 0]

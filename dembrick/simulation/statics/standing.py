@@ -11,10 +11,11 @@ from dembrick.kernels.statics.energy import ELASTIC, elastic_energy
 from dembrick.kernels.statics.record import write_row
 from dembrick.simulation.expected_cost import STATICS_STEPS, relaxation_seconds
 from dembrick.simulation.session import Plan, Session
+from dembrick.simulation.statics import ties
 from dembrick.simulation.statics.dead_load import Rest, rest
 from dembrick.simulation.statics.elastic_factor import elastic_factor, equations, touches_itself
 from dembrick.simulation.statics.handover import starting_state
-from dembrick.simulation.statics.reactions import reactions
+from dembrick.simulation.statics.reactions import reactions, through_ties
 from dembrick.simulation.statics.recorder import Recorder
 from dembrick.simulation.statics.state import State, initial_state
 from dembrick.simulation.statics.stiffness import block_stiffness
@@ -59,9 +60,10 @@ def find_rest(assembly: Assembly, session: Session) -> Standing:
         recorder = Recorder(state, session, 1, 1, 1, assembly.control_points)
         energy = recorder.record.energy[0]
         energy[:] = 0.0
-        energy[ELASTIC] = elastic_energy(state.joints, state.points, state.areas, None)
+        energy[ELASTIC] = elastic_energy(state.joints, state.points, state.areas, None) + ties.energy(state)
         blocks, joints, points, areas = state.blocks, state.joints, state.points, state.areas
         write_row(recorder.record, 0, 0.0, blocks, joints, points, areas, state.actuators, 0.0, 0.0, 0.0, 0.0, True)
+        recorder.record.reaction[0] += through_ties(state)
         recorder.drain()
     return Standing(found, state, {"steps": found.steps})
 

@@ -14,10 +14,11 @@ from dembrick.geometry.rotations import rotation_matrix, turned_by
 from dembrick.kernels.state import Actuators, Blocks, Energy, Joints
 from dembrick.kernels.statics.area_joints import Areas
 from dembrick.kernels.statics.point_joints import Points
-from dembrick.simulation.statics import joint_families
+from dembrick.simulation.statics import joint_families, ties
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
+    from dembrick.simulation.statics.ties import Ties
 
 
 class State(NamedTuple):
@@ -28,6 +29,7 @@ class State(NamedTuple):
     points: Points | None
     areas: Areas | None
     actuators: Actuators
+    ties: Ties | None = None
 
 
 def initial_state(assembly: Assembly) -> State:
@@ -48,7 +50,7 @@ def initial_state(assembly: Assembly) -> State:
         dead_torque=np.array(assembly.dead_torque, float),
     )
     actuators = _actuators(assembly)
-    return State(blocks, _joints(assembly), *joint_families.at_rest(assembly), actuators)
+    return State(blocks, _joints(assembly), *joint_families.at_rest(assembly), actuators, ties.at_rest(assembly))
 
 
 def rotations(state: State) -> np.ndarray:

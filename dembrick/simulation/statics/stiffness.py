@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from dembrick.simulation.statics import joint_families
-from dembrick.simulation.statics.state import State
+
+if TYPE_CHECKING:
+    from dembrick.simulation.statics.state import State
 
 
 def to_joint(axes: np.ndarray, arm: np.ndarray) -> np.ndarray:

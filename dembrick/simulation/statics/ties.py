@@ -1,0 +1,132 @@
+"""Ties in searches: springs along the line between two points, ductile at their strength, slack where they would push.
+
+T = T_0 + k (e - e_p), not below zero if the tie takes tension only, and at most T_y. The elongation e is that of small
+displacements; what has yielded, e_p, is remembered. Ties are few, so that their forces are found here and added to the
+dead loads that the kernels see, before every evaluation of the joints.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from dembrick.simulation.statics.stiffness import to_joint
+
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
+    from dembrick.simulation.statics.state import State
+
+
+class Ties(NamedTuple):
+    """The t ties of a scene."""
+
+    block_a: np.ndarray  # (t,) int64
+    block_b: np.ndarray  # (t,) int64
+    seen_a: np.ndarray  # (t, 6, 6) from the motion of block a to that of its end, along the tie third
+    seen_b: np.ndarray  # (t, 6, 6) likewise of b
+    stiffness: np.ndarray  # (t,) N/m
+    strength: np.ndarray  # (t,) N, infinite if it never yields
+    least: np.ndarray  # (t,) N, zero where it takes tension only, else minus the strength
+    prestress: np.ndarray  # (t,) N
+    dead: np.ndarray  # (n, 6) N, N m: dead loads on the blocks without the ties
+    yielded: np.ndarray  # (t,) m, elongation that stays
+    tension: np.ndarray  # (t,) N, now
+    elongation: np.ndarray  # (t,) m, now
+
+
+def at_rest(assembly: Assembly) -> Ties | None:
+    """The ties of an assembly, as drawn; None without any."""
+    table = assembly.ties
+    if not len(table):
+        return None
+    across = np.eye(3)[np.argmin(np.abs(table.direction), axis=1)]
+    first = np.cross(table.direction, across)
+    first /= np.sqrt((first * first).sum(axis=1))[:, None]
+    axes = np.stack([first, np.cross(table.direction, first), table.direction], axis=1)
+    return Ties(
+        block_a=table.block_a.copy(),
+        block_b=table.block_b.copy(),
+        seen_a=to_joint(axes, table.arm_a),
+        seen_b=to_joint(axes, table.arm_b),
+        stiffness=table.stiffness.copy(),
+        strength=table.strength.copy(),
+        least=np.where(table.tension_only, 0.0, -table.strength),
+        prestress=table.prestress.copy(),
+        dead=np.concatenate([assembly.dead_force, assembly.dead_torque], axis=1),
+        yielded=np.zeros(len(table)),
+        tension=table.prestress.copy(),
+        elongation=np.zeros(len(table)),
+    )
+
+
+def pull(state: State) -> None:
+    """Let the ties of a state, if it has any, act on its blocks where they are now."""
+    ties, blocks = state.ties, state.blocks
+    if ties is None:
+        return
+    motion = np.concatenate([blocks.displacement, blocks.rotation], axis=1)
+    of_b = np.einsum("tk,tk->t", ties.seen_b[:, 2], motion[ties.block_b])
+    ties.elongation[:] = of_b - np.einsum("tk,tk->t", ties.seen_a[:, 2], motion[ties.block_a])
+    ties.tension[:] = np.clip(_trial(ties), ties.least, ties.strength)
+    wrench = ties.dead.copy()
+    np.add.at(wrench, ties.block_a, ties.tension[:, None] * ties.seen_a[:, 2])
+    np.add.at(wrench, ties.block_b, -ties.tension[:, None] * ties.seen_b[:, 2])
+    blocks.dead_force[:], blocks.dead_torque[:] = wrench[:, :3], wrench[:, 3:]
+
+
+def _trial(ties: Ties) -> np.ndarray:
+    """Tension (t,) if the ties were elastic from what has yielded."""
+    return ties.prestress + ties.stiffness * (ties.elongation - ties.yielded)
+
+
+def tangent(ties: Ties) -> np.ndarray:
+    """dT/de of the ties now, in place of the tangents of joints (t, 6, 6)."""
+    trial = _trial(ties)
+    found = np.zeros((len(trial), 6, 6))
+    found[:, 2, 2] = np.where((trial > ties.least) & (trial < ties.strength), ties.stiffness, 0.0)
+    return found
+
+
+def remember(state: State) -> float:
+    """Keep what the ties have yielded; the work that this took (J)."""
+    ties = state.ties
+    if ties is None:
+        return 0.0
+    trial, slack = _trial(ties), ties.least == 0.0
+    short = np.where(slack, 0.0, np.minimum(trial - ties.least, 0.0))  # of a bar that is pressed
+    given = np.where(trial > ties.strength, trial - ties.strength, short) / ties.stiffness
+    ties.yielded[:] += given
+    return float((ties.tension * given).sum())
+
+
+def energy(state: State) -> float:
+    """Elastic energy of the ties (J), zero where they carry nothing."""
+    ties = state.ties
+    return 0.0 if ties is None else float(0.5 * (ties.tension**2 / ties.stiffness).sum())
+
+
+def dead_loads(state: State) -> np.ndarray:
+    """Dead loads (n, 6) on the blocks, without ties."""
+    if state.ties is not None:
+        return state.ties.dead
+    return np.concatenate([state.blocks.dead_force, state.blocks.dead_torque], axis=1)
+
+
+def on_blocks(state: State) -> np.ndarray:
+    """What the ties do to the blocks now (n, 6), N and N m."""
+    return np.concatenate([state.blocks.dead_force, state.blocks.dead_torque], axis=1) - dead_loads(state)
+
+
+def ends(state: State, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """``a`` and ``b``, of the joints, followed by those of the ties: block numbers or matrices of what ends see."""
+    ties = state.ties
+    if ties is None:
+        return a, b
+    own = (ties.block_a, ties.block_b) if a.ndim == 1 else (ties.seen_a, ties.seen_b)
+    return np.concatenate([a, own[0]]), np.concatenate([b, own[1]])
+
+
+def with_ties(state: State, stiffness: np.ndarray) -> np.ndarray:
+    """The stiffness (j, 6, 6) of the joints, followed by that of the ties that are tight now, elastic."""
+    return stiffness if state.ties is None else np.concatenate([stiffness, tangent(state.ties)])

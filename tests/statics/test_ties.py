@@ -1,0 +1,185 @@
+"""Ties: springs between two blocks that yield, in limit analysis and in searches."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dembrick.assembly.build import assemble
+from dembrick.errors import ScenarioError
+from dembrick.runs.limit import limit
+from dembrick.runs.simulate import simulate
+from dembrick.scenario import toml
+from dembrick.scenario.controls import PushoverControl, StaticsControl, YieldControl
+from dembrick.scenario.generators import Arch
+from dembrick.scenario.model import Actuator, Block, JointLaw, Load, Material, Scenario
+from dembrick.scenario.ties import Tie, TieEnd
+from helpers.scenario_text import BASE, refused
+
+MU, N = 0.64, 467.0
+STEEP = "stiffness = 1e6\n"
+
+
+def tie(first, second, stiffness=1e8, **more):
+    return Tie((TieEnd(*first), TieEnd(*second)), stiffness, **more)
+
+
+def bed(*ties, formulation="convex", **more):
+    """The lab joint under 467 N, pushed in its plane at O."""
+    boxes = Block("lower", "tuff", (0.3, 0.2, 0.1), (0.0, 0.0, -0.05), fixed=True)
+    return Scenario(
+        **({"control": YieldControl(1e-4)} | more),
+        title="tied bed",
+        gravity=(0.0, 0.0, -9.81),
+        joint=JointLaw(formulation, MU, 1e10, 4e9),
+        materials={"tuff": Material(1500.0)},
+        blocks=(boxes, Block("upper", "tuff", (0.3, 0.2, 0.1), (0.0, 0.0, 0.05))),
+        loads=(Load("upper", (0.0, 0.0, -378.71)),),
+        actuators=(Actuator("jack", "upper", (0.0, 0.0, 0.0), (0.0, 1.0, 0.0)),),
+        ties=ties,
+    )
+
+
+def across(stiffness=1e3, **more):
+    return tie(("lower", (0.0, 0.0, -0.1)), ("upper", (0.0, 0.0, 0.1)), stiffness, **more)
+
+
+def arch(ends=None, strength=None, control=None, **more):
+    """A semicircle of 20 stones with t/R = 0.2, pushed along x, its stones k and 21 - k tied at their centroids."""
+    given = Scenario(
+        "tied arch",
+        (0.0, 0.0, -9.81),
+        JointLaw("concave", 0.7, 1e11, 4e10),
+        {"stone": Material(2000.0)},
+        control=control or PushoverControl((1.0, 0.0, 0.0)),
+        arches=(Arch("arch", "stone", 1.5, 0.3, 0.5, 20, 180.0),),
+    )
+    if ends is None:
+        return given
+    built = assemble(given)
+    place = dict(zip(built.names, built.position, strict=True))
+    names = f"arch.{ends}", f"arch.{21 - ends}"
+    return replace(given, ties=(tie(*((name, tuple(place[name])) for name in names), strength=strength, **more),))
+
+
+ARCH = {  # strength of the tie (N) -> multiplier of the weight, by an independent linear programme
+    3: {500.0: 0.3192831, 1000.0: 0.3450906, 2000.0: 0.3749465, None: 0.3938275},
+    4: {500.0: 0.3292318, 1000.0: 0.3559986, 2000.0: 0.3892269, None: 0.3938275},
+    5: {500.0: 0.3379997, 1000.0: 0.3659029, 2000.0: 0.3938275, None: 0.3938275},
+}
+
+
+def test_the_limit_of_a_tied_arch():
+    assert limit(arch()).load_factor == pytest.approx(0.2856458, abs=2e-7)
+    for ends, expected in ARCH.items():
+        for strength, factor in expected.items():
+            found = limit(arch(ends, strength))
+            assert found.lower - 2e-7 <= factor <= found.upper + 2e-7
+            (one,) = found.as_dict()["ties"]
+            assert one["between"] == [f"arch.{ends}", f"arch.{21 - ends}"]
+            if factor < 0.3938:
+                assert one["tension"] == pytest.approx(strength, rel=1e-5)
+
+
+def test_a_push_of_a_tied_arch_stays_below_its_limit_analysis_and_above_no_tie():
+    """What a ductile tie that has to stretch adds to an arch, by following equilibria."""
+    bare = simulate(arch(), record=False).yield_point.V
+    tied = simulate(arch(4, 1000.0), record=True)
+    assert bare == pytest.approx(0.2856458, rel=2e-3)
+    assert bare < tied.yield_point.V <= ARCH[4][1000.0] * (1.0 + 1e-4)
+    assert tied.yield_point.V == pytest.approx(ARCH[4][1000.0], rel=1e-3)
+    (one,) = tied.as_dict()["ties"]
+    assert one["tension"] == pytest.approx(1000.0, rel=1e-9) and one["yielded"] > 0.0
+    energy = tied.rows["energy"]
+    left = sum(values for name, values in energy.items() if name != "external") - energy["external"]
+    assert np.abs(left).max() < 3e-3 * np.abs(energy["external"]).max()
+    strong = simulate(arch(4), record=False)
+    assert strong.yield_point.V == pytest.approx(0.3938275, rel=1e-3)
+    assert strong.as_dict()["ties"][0]["tension"] == pytest.approx(2205.98, rel=1e-3)
+
+
+@pytest.mark.parametrize("formulation", ["convex", "concave"])
+def test_prestress_across_a_bed_adds_to_its_friction(formulation):
+    """V = mu (N + T); the joint is compressed by the tie, which costs it k times that."""
+    soft = simulate(bed(across(prestress=300.0), formulation=formulation))
+    assert soft.yield_point.V == pytest.approx(MU * (N + 300.0), rel=1e-4)
+    stiff = simulate(bed(across(1e7, prestress=300.0), formulation=formulation))
+    K = 1e10 * 0.06
+    shortened = (N + 300.0) / (K + 1e7)
+    T = 300.0 - 1e7 * shortened
+    (one,) = stiff.as_dict()["ties"]
+    assert one["tension"] == pytest.approx(T, rel=1e-6)
+    assert stiff.yield_point.V == pytest.approx(MU * (N + T), rel=1e-4)
+    assert stiff.as_dict()["reactions"]["lower"][2] == pytest.approx(N, rel=1e-6)  # of joint and tie together
+    found = limit(bed(across(strength=300.0), formulation=formulation))  # it may be stretched to that
+    assert found.load_factor == pytest.approx(MU * (N + 300.0), rel=1e-6)
+
+
+def test_a_tie_that_would_push_is_slack_and_a_bar_is_not():
+    """Under its weight alone the bed shortens: a slack tie carries nothing, a bar its share, and a bar that yields no
+    more than its strength."""
+    K, k = 1e10 * 0.06, 1e8
+    slack, bar, weak = (
+        simulate(bed(across(k, **more), control=StaticsControl())).as_dict()["ties"][0]
+        for more in ({}, {"tension_only": False}, {"tension_only": False, "strength": 20.0})
+    )
+    assert slack["tension"] == 0.0 and slack["yielded"] == 0.0
+    assert bar["tension"] == pytest.approx(-N * k / (K + k), rel=1e-9)
+    assert weak["tension"] == pytest.approx(-20.0, rel=1e-9)
+    assert weak["yielded"] == pytest.approx(-(N - 20.0) / K + 20.0 / k, rel=1e-6)
+
+
+def test_a_tie_holds_a_block_up_a_slope_that_is_too_steep():
+    """T = W (sin a - mu cos a) at least; without it the block slides."""
+    steep = replace(bed(), gravity=(0.0, 9.81 * np.sin(0.8), -9.81 * np.cos(0.8)), loads=(), control=StaticsControl(),
+                    actuators=())  # fmt: skip
+    assert simulate(steep).status == "falls"
+    held = tie(("lower", (0.0, -0.1, 0.0)), ("upper", (0.0, 0.1, 0.0)))
+    found = simulate(replace(steep, ties=(held,)))
+    assert found.status == "stands"
+    weight = 1500.0 * 0.006 * 9.81
+    assert found.as_dict()["ties"][0]["tension"] >= weight * (np.sin(0.8) - MU * np.cos(0.8)) * (1.0 - 1e-9)
+
+
+TIE = '[[ties]]\nbetween = [{ block = "lower", point = [0, 0, -0.1] }, { block = "upper", point = [0, 0, 0.1] }]\n'
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (TIE.replace("upper", "lower") + STEEP, ["lies inside one block"]),
+        (TIE + STEEP + "strength = -1.0\n", ["strength", "greater than 0 N"]),
+        (TIE + "stiffness = 0.0\n", ["stiffness", "greater than 0 N/m"]),
+        (TIE, ["missing key 'stiffness'"]),
+        (TIE + STEEP + "prestress = -5.0\n", ["prestress", "takes tension only"]),
+        (TIE + STEEP + "prestress = 5.0\nstrength = 4.0\n", ["prestress", "yields at its strength of 4 N"]),
+        (TIE.replace("upper", "uper") + STEEP, ["block of tie number 1", "'uper'", "upper"]),
+        (TIE.replace("0.1] }]", "-0.1] }]") + STEEP, ["at one point"]),
+        ('[[ties]]\nbetween = [{ block = "lower", point = [0, 0, -0.1] }]\n' + STEEP, ["a tie has two ends"]),
+        (TIE + STEEP + "tension = true\n", ["unknown key 'tension'"]),
+    ],
+)
+def test_ties_that_cannot_be_are_refused(text, words):
+    refused(BASE + text, *words)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (BASE + TIE.replace("0.1] }]", "0.3] }]") + STEEP, ["tie number 1", "outside block 'upper'"]),
+        (BASE.replace('kind      = "yield"\ntolerance = 1.0e-3', 'kind = "displacement"\nrate = 1e-4\ntravel = 1e-5')
+         + TIE + STEEP, ["'displacement' (constant rate) knows no [[ties]]"]),
+    ],
+)  # fmt: skip
+def test_ties_that_a_scene_cannot_have_are_refused(text, words):
+    with pytest.raises(ScenarioError) as caught:
+        assemble(toml.loads(text))
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_ties_are_written_as_they_are_read():
+    text = BASE + TIE + STEEP + "strength = 100.0\nprestress = 20.0\ntension_only = false\n"
+    given = toml.loads(text)
+    assert toml.loads(toml.dumps(given)).ties == given.ties
+    assert given.ties[0].strength == 100.0 and not given.ties[0].tension_only
