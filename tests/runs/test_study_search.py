@@ -82,6 +82,7 @@ def test_the_pulse_that_overturns_a_block(write, tmp_path):
         ("low = 0.1", "lower = 0.1", ["search: unknown key 'lower'", "low"]),
         ("low = 0.1", "low = -0.1", ["friction", "at least 0"]),
         ("low = 0.1", 'low = "small"', ["search.low"]),
+        ("low = 0.1", "low = 0.1\nscan = 0", ["search.scan = 0", "from 1 to 1000"]),
         ("[search]", "histories = true\n[search]", ["keep no history"]),
         ("[search]", '[grid]\n"joint.friction" = [0.5, 0.6]\n[search]', ["changes from case to case already"]),
         ("[search]", '[grid]\n"control.kind" = ["yield"]\n[search]', ["neither stands nor falls"]),
@@ -115,6 +116,11 @@ def test_bisection_ends_at_its_tolerance_also_at_zero():
         assert found.stands <= edge <= found.falls
         assert found.half_width <= max(0.01 * abs(found.value), 4e-9)
     assert found.runs == 2 + math.ceil(math.log2(2.0 / 0.029))
+    island = search.Search("key", 0.1, 1.6, 1e-3, scan=8)  # falls between 0.3 and 0.5 as well: the first change counts
+    found = island.bisect(lambda value: 0.3 < value < 0.5 or value > 0.9)
+    assert found.stands <= 0.3 <= found.falls
+    back = island.bisect(lambda value: value < 0.2 or 0.3 < value < 0.5)
+    assert back.falls <= 0.5 <= back.stands
     with pytest.raises(NotConvergedError, match="key = -1 and 3"):
         wide.bisect(lambda value: False)
 

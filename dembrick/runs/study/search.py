@@ -7,6 +7,7 @@ A study asks for it by a table::
     low       = 0.1
     high      = 2.0               # the run stands at one end and falls at the other
     tolerance = 0.01              # relative half-width of the bracket at which the search ends
+    scan      = 8                 # look through the range in so many steps first, from the end that stands
 
 A run *falls* if its status is "collapse" or "falls", or if a block has fallen at its end: its centroid has come down by
 more than half of its least dimension, or it has turned over by more than 45 deg.
@@ -28,7 +29,8 @@ from dembrick.scenario.model import Scenario
 
 COLUMNS = ("status", "value", "half_width", "stands", "falls", "runs", "loop", "error")
 FOUND = "found"
-_KEYS = ("key", "low", "high", "tolerance")
+_KEYS = ("key", "low", "high", "tolerance")  # all needed
+_SCAN = "scan"
 _ROUNDING = 1e-9  # of the searched range: a bracket is not made narrower, as where the value is zero
 
 
@@ -52,18 +54,20 @@ class Bracket(NamedTuple):
 
 @dataclass(frozen=True)
 class Search:
-    """The searched key, the range, and the relative half-width of the bracket at which the search ends."""
+    """The searched key, the range, the relative half-width of the bracket at which the search ends, and in how many
+    steps, of equal ratio where the range is positive, it is looked through for the first change before."""
 
     key: str
     low: float
     high: float
     tolerance: float
+    scan: int = 1
 
     def bisect(self, falls_at: Callable[[float], bool]) -> Bracket:
         """The bracket of the value at which ``falls_at`` changes; which end stands is found out.
 
-        Where it changes several times, one of the changes is found. Raises NotConvergedError where both ends stand, or
-        both fall.
+        Where it changes several times, one of the changes is found: the first one that `scan` meets. Raises
+        NotConvergedError where both ends stand, or both fall.
         """
         ends = (self.low, self.high)
         outcome = [falls_at(value) for value in ends]
@@ -75,6 +79,12 @@ class Search:
             )
         stands, falls = ends if outcome[1] else reversed(ends)
         runs = 2
+        for value in self._between(stands, falls):
+            runs += 1
+            if falls_at(value):
+                falls = value
+                break
+            stands = value
         while not self._close(stands, falls):
             middle = 0.5 * (stands + falls)
             if falls_at(middle):
@@ -83,6 +93,13 @@ class Search:
                 stands = middle
             runs += 1
         return Bracket(stands, falls, runs)
+
+    def _between(self, first: float, last: float) -> list[float]:
+        """The values that are looked at on the way from one end to the other."""
+        shares = [i / self.scan for i in range(1, self.scan)]
+        if self.low > 0.0:
+            return [first * (last / first) ** share for share in shares]
+        return [first + share * (last - first) for share in shares]
 
     def _close(self, stands: float, falls: float) -> bool:
         size = max(abs(0.5 * (stands + falls)), _ROUNDING / self.tolerance * (self.high - self.low))
@@ -95,8 +112,8 @@ def read(table: Any, swept: Sequence[str]) -> Search:
     if not isinstance(table, dict):
         raise ScenarioError(f"search must be a table with {', '.join(_KEYS)}, not {show(table)}")
     for name in table:
-        if name not in _KEYS:
-            raise ScenarioError(f"search: unknown key {show(name)}; {nearest(name, _KEYS)}")
+        if name not in (*_KEYS, _SCAN):
+            raise ScenarioError(f"search: unknown key {show(name)}; {nearest(name, (*_KEYS, _SCAN))}")
     missing = next((name for name in _KEYS if name not in table), None)
     if missing is not None:
         raise ScenarioError(f"search: missing key {show(missing)}; it has no default")
@@ -113,7 +130,10 @@ def read(table: Any, swept: Sequence[str]) -> Search:
             f"search.tolerance = {tolerance:g} is out of range: it is the relative half-width of the bracket, between "
             "1e-6 and 0.5; 0.01 is usual"
         )
-    return Search(key, low, high, tolerance)
+    scan = table.get(_SCAN, 1)
+    if not isinstance(scan, int) or isinstance(scan, bool) or not 1 <= scan <= 1000:
+        raise ScenarioError(f"search.scan = {show(scan)} must be a whole number of steps, from 1 to 1000")
+    return Search(key, low, high, tolerance, scan)
 
 
 def check(scenario: Scenario) -> None:
