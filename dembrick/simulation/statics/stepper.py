@@ -45,8 +45,8 @@ class Loop:
     def advance(self, n_steps: int, record) -> int:
         """Do ``n_steps`` and return the status; with none it compiles the kernel, or loads it from the cache."""
         status, self.step = advance(
-            self.step, n_steps, self.dt, *self.state[:5], self.scaled, self.inertia, self.drive, self.certificate, record,
-            self.energy, self.guard,
+            self.step, n_steps, self.dt, *self.state[:5], self.scaled, self.inertia, self.drive, self.certificate,
+            record, self.energy, self.guard,
         )  # fmt: skip
         return status
 
