@@ -43,7 +43,8 @@ def check_stages(scenario: Scenario) -> None:
         if control.regime.real_time:
             where = "in the deformed geometry" if control.regime.quasi_static else "in real time"
             raise ScenarioError(
-                f"stage {number} of kind {show(control.kind)} runs {where}, and only the last one can: make it [control]"
+                f"stage {number} of kind {show(control.kind)} runs {where}, and only the last one can: make it "
+                "[control]"
             )
     last = len(controls)
     for key in IN_STAGES:

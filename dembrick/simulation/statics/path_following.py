@@ -33,7 +33,6 @@ from dembrick.simulation.statics import joint_families, ties
 from dembrick.simulation.statics.newton import HELD, Equilibria
 from dembrick.simulation.statics.path_bounds import limit_bounds, peak_bounds
 from dembrick.simulation.statics.path_state import MOST_EQUILIBRIA, Drift, PathState
-from dembrick.simulation.statics.reactions import through_ties
 from dembrick.simulation.statics.recorder import Recorder
 from dembrick.simulation.statics.sparse_equations import Factors, inner
 from dembrick.simulation.statics.state import State
@@ -340,13 +339,12 @@ class PathFollower:
         state, blocks, way = self.state, self.state.blocks, self.way
         rows = change[self.rows]
         blocks.velocity[self.free], blocks.spin[self.free] = rows[:, :3], rows[:, 3:]
-        way.friction += self._dissipated()
+        way.friction += self._dissipated() + ties.remember(state)
         moved = step * self.weight
         way.external += 0.5 * (way.V + V) * moved
         way.external += float((ties.dead_loads(state) * np.concatenate([blocks.velocity, blocks.spin], axis=1)).sum())
         closing = self._closes_gaps()
         hidden = 0.0 if self.certificate.strict else self._hidden(V, moved)
-        way.friction += ties.remember(state)
         remember(self.trial, state.joints, state.points, state.areas)
         way.V, way.driven = V, way.driven + step
         actuators = state.actuators
@@ -440,15 +438,13 @@ class PathFollower:
     def _write(self, number: int) -> None:
         """Add the equilibrium of now, that with this ``number``, to the record."""
         state, record = self.state, self.recorder.record
-        lower, upper = self.certificate.bracket
         energy = record.energy[record.count[0]]
         energy[:] = 0.0
-        elastic = elastic_energy(state.joints, state.points, state.areas, None) + ties.energy(state)
-        energy[ELASTIC] = elastic - self.seated
+        energy[ELASTIC] = elastic_energy(*state[1:4], None) + ties.energy(state) - self.seated
         if number:
             energy[EXTERNAL], energy[FRICTION], energy[DASHPOTS] = self.way.external, self.way.friction, self.way.lost
         write_row(
             record, number, float(number), state.blocks, state.joints, state.points, state.areas, state.actuators,
-            float(state.actuators.drive[2]), 0.0, lower, upper, False,
+            float(state.actuators.drive[2]), 0.0, *self.certificate.bracket, False,
         )  # fmt: skip
-        record.reaction[record.count[0] - 1] += through_ties(state)
+        record.reaction[record.count[0] - 1] += ties.at_supports(state)

@@ -25,9 +25,4 @@ def reactions(state: State) -> np.ndarray:
     support = support_numbers(state)
     out = np.zeros((int(support.max(initial=-1)) + 1, 6))
     write_reactions(state.joints, support, out)
-    return out + through_ties(state)
-
-
-def through_ties(state: State) -> np.ndarray | float:
-    """The part of `reactions` (s, 6) that the ties hold: what they do to a support, the other way; zero without any."""
-    return 0.0 if state.ties is None else -ties.on_blocks(state)[support_numbers(state) >= 0]
+    return out + ties.at_supports(state)

@@ -15,7 +15,7 @@ from dembrick.simulation.statics import ties
 from dembrick.simulation.statics.dead_load import Rest, rest
 from dembrick.simulation.statics.elastic_factor import elastic_factor, equations, touches_itself
 from dembrick.simulation.statics.handover import starting_state
-from dembrick.simulation.statics.reactions import reactions, through_ties
+from dembrick.simulation.statics.reactions import reactions
 from dembrick.simulation.statics.recorder import Recorder
 from dembrick.simulation.statics.state import State, initial_state
 from dembrick.simulation.statics.stiffness import block_stiffness
@@ -63,7 +63,7 @@ def find_rest(assembly: Assembly, session: Session) -> Standing:
         energy[ELASTIC] = elastic_energy(state.joints, state.points, state.areas, None) + ties.energy(state)
         blocks, joints, points, areas = state.blocks, state.joints, state.points, state.areas
         write_row(recorder.record, 0, 0.0, blocks, joints, points, areas, state.actuators, 0.0, 0.0, 0.0, 0.0, True)
-        recorder.record.reaction[0] += through_ties(state)
+        recorder.record.reaction[0] += ties.at_supports(state)
         recorder.drain()
     return Standing(found, state, {"steps": found.steps})
 

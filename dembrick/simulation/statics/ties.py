@@ -118,6 +118,15 @@ def on_blocks(state: State) -> np.ndarray:
     return np.concatenate([state.blocks.dead_force, state.blocks.dead_torque], axis=1) - dead_loads(state)
 
 
+def at_supports(state: State) -> np.ndarray | float:
+    """What the fixed blocks exert on the structure through the ties (s, 6), N and N m; zero without any."""
+    if state.ties is None:
+        return 0.0
+    fixed = np.ones(len(state.blocks.displacement), bool)
+    fixed[state.blocks.free] = False
+    return -on_blocks(state)[fixed]
+
+
 def ends(state: State, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """``a`` and ``b``, of the joints, followed by those of the ties: block numbers or matrices of what ends see."""
     ties = state.ties
