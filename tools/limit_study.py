@@ -30,7 +30,6 @@ from dembrick.scenario import toml  # noqa: E402
 from dembrick.scenario.generators import Arch, Stack, Wall  # noqa: E402
 from dembrick.scenario.generators.walls import Return  # noqa: E402
 from dembrick.simulation.limit_analysis import analysis  # noqa: E402
-from dembrick.simulation.limit_analysis.strength import Material  # noqa: E402
 from helpers import pushed_assemblies as scenes  # noqa: E402
 from helpers.pushed_assemblies import law  # noqa: E402
 
@@ -62,10 +61,10 @@ TABLE = [  # assembly, scene, its arguments after the law, friction, references:
     ("arch askew", scenes.arch, (DIAGONAL,), 0.4, 0.1325254, None),
 ]
 BONDED = [  # a stack of five courses; strengths in Pa
-    ("stack across, c 10, f_t 5 kPa", Y, 0.64, {"cohesion": 1e4, "tension": 5e3}, 0.6038736),
-    ("stack along, c 10, f_t 5 kPa", X, 0.64, {"cohesion": 1e4, "tension": 5e3}, 0.9058104),
-    ("stack along, c 1, f_t 3 kPa", X, 0.3, {"cohesion": 1e3, "tension": 3e3}, 0.4019368),
-    ("stack across, f_c 15 kPa", Y, 0.64, {"crushing": 15e3}, 0.2116208),
+    ("stack across, c 10, f_t 5 kPa", Y, 0.64, {"cohesion": 1e4, "tensile_strength": 5e3}, 0.6038736),
+    ("stack along, c 10, f_t 5 kPa", X, 0.64, {"cohesion": 1e4, "tensile_strength": 5e3}, 0.9058104),
+    ("stack along, c 1, f_t 3 kPa", X, 0.3, {"cohesion": 1e3, "tensile_strength": 3e3}, 0.4019368),
+    ("stack across, f_c 15 kPa", Y, 0.64, {"compressive_strength": 15e3}, 0.2116208),
 ]
 
 
@@ -90,8 +89,7 @@ def table() -> None:
             assembly = build.assemble(scene(law(kind, friction), *arguments))
             shown(name, friction, kind, analysis.limit_load(assembly), reference)
     for name, direction, friction, strengths, reference in BONDED:
-        assembly = build.assemble(scenes.stack(law(friction=friction), direction))
-        found = analysis.limit_load(assembly, Material.of(assembly.joints, **strengths))
+        found = analysis.limit_load(build.assemble(scenes.stack(law(friction=friction, **strengths), direction)))
         shown(name, friction, "concave", found, reference)
 
 

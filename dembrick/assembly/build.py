@@ -33,6 +33,7 @@ from dembrick.assembly.validation import (
     check_pieces,
     check_rim,
     check_stiffness,
+    check_strengths,
     refuse,
     refuse_unsupported,
 )
@@ -190,7 +191,8 @@ def loaded(scenario: Scenario, bare: Assembly, points: bool = True) -> Assembly:
         refuse(scenario, str(error))
 
     joint_force, exact = dead_joint_forces(joints, bare.fixed, dead_force)
-    warnings = check_control(scenario) + check_stiffness(scenario, joints, joint_force)
+    warnings = check_control(scenario) + check_strengths(scenario, joints)
+    warnings += check_stiffness(scenario, joints, joint_force)
     tolerance = getattr(control, "tolerance", DISCRETISATION)
     if len(joints) == 1:  # the search for its limit load places the points of a lone joint itself
         tolerance = max(tolerance, DISCRETISATION)

@@ -17,12 +17,13 @@ from dembrick.assembly.laws import Laws
 from dembrick.errors import ScenarioError
 from dembrick.geometry import polygons
 from dembrick.scenario.checks import show
-from dembrick.scenario.controls import PATH_FOLLOWING, BaseMotionControl
+from dembrick.scenario.controls import DEAD_LOAD, LIMIT_LOAD, PATH_FOLLOWING, BaseMotionControl
 from dembrick.scenario.model import Scenario
 
 SOFT_WARNING = 1e-3  # elastic closing or sliding of a joint under its dead load, over its short side
 SOFT_LIMIT = 1e-2
 ROUNDED = 1e-5  # of the greatest velocity: a phase that was rounded makes no jump
+_MONOTONE = (LIMIT_LOAD, PATH_FOLLOWING, DEAD_LOAD)  # regimes in which loads only grow
 _FAR = 0.1  # of the smaller block's diameter: how far a message looks for the block that should have been touched
 
 
@@ -117,6 +118,46 @@ def check_rim(scenario: Scenario, joints: JointTable, points: PointTable) -> tup
                 f"{100.0 * gap:.2g} % of its half width inside the edge: what rocks there topples that much early. Use "
                 f"concave or convex joints{remedy}"
             )
+    return tuple(warnings)
+
+
+def check_strengths(scenario: Scenario, joints: JointTable) -> tuple[str, ...]:
+    """Refuse strengths that a formulation cannot follow, and warn about what their law does not say by itself."""
+    warnings = []
+    laws = [law for law in {id(law): law for law in joints.law}.values() if not law.dry]
+    for law in laws:
+        if law.formulation == "convex" and law.pressure != "full":
+            refuse(
+                scenario,
+                f"joint.pressure = {show(law.pressure)} follows the pressure of a dry joint: with cohesion or any "
+                'other strength beside friction use pressure = "full", or formulation = "distributed"',
+            )
+        crushes = law.compressive_strength is not None
+        if law.formulation == "convex" and crushes and scenario.control.regime not in _MONOTONE:
+            refuse(
+                scenario,
+                "joint.compressive_strength of convex joints is an envelope without memory, which holds where loads "
+                f"only grow, and control.kind = {show(scenario.control.kind)} lets them come back: use formulation = "
+                '"distributed", whose points remember how far they were crushed',
+            )
+        if law.dilation > 0.0 and scenario.control.regime not in _MONOTONE:
+            refuse(
+                scenario,
+                f"joint.dilation = {law.dilation:g} is followed from equilibrium to equilibrium, and control.kind = "
+                f"{show(scenario.control.kind)} lives through time, where a joint that lifts as it slides sets its "
+                "block ringing: leave dilation out, or use a search (yield, tilt or pushover with quasi_static = true)",
+            )
+    if any(law.bonded and law.cohesion > 0.0 and law.residual_cohesion is None for law in laws):
+        warnings.append(
+            "bonds are brittle: their cohesion is gone after the first slip or opening, as joint.residual_cohesion "
+            "is left out; write residual_cohesion = cohesion for a ductile joint"
+        )
+    corners = [law for law in laws if law.formulation.startswith(("concave", "corrected"))]
+    if any(law.compressive_strength is not None for law in corners):
+        warnings.append(
+            "points at the corners do not see the crushing of a toe: they crush only where N is above half of "
+            'compressive_strength times the area; use formulation = "distributed" or "convex"'
+        )
     return tuple(warnings)
 
 

@@ -124,8 +124,26 @@ def _searched(**fields) -> Result:
 # --- the limit of a load on every block, equilibrium by equilibrium
 
 
+def _refuse_stresses(scenario: Scenario, assembly: Assembly) -> None:
+    """ScenarioError for a tilt, whose load grows by the tangent of its angle while gravity stays, with strengths in Pa:
+    they would grow by 1 / cos with it."""
+    laws = {id(law): law for law in assembly.joints.law}.values()
+    stresses = any(law.cohesion or law.tensile_strength or law.compressive_strength for law in laws)
+    if stresses and scenario.control.tilt_axis is not None:
+        raise ScenarioError(
+            "a quasi-static tilt pushes the blocks by the tangent of its angle, which holds for friction alone: with "
+            'strengths in Pa use kind = "pushover", a tilt with a rate, or dembrick limit, which turns them'
+        )
+
+
+def _plan_path(scenario: Scenario, assembly: Assembly) -> Plan:
+    _refuse_stresses(scenario, assembly)
+    return limit_load.plan(assembly, scenario.control, scenario.solver.step_factor, scenario.output)
+
+
 def _follow_path(scenario: Scenario, assembly: Assembly, session: Session | None, steps: float = 1.0) -> Replay:
     control, factor = scenario.control, scenario.solver.step_factor
+    _refuse_stresses(scenario, assembly)
     assert isinstance(control, TiltControl | PushoverControl)
     if session is not None:
         expected = newton_steps(len(assembly.names), any(law.formulation == "convex" for law in assembly.joints.law))
@@ -246,7 +264,7 @@ def _moved(**fields) -> MotionResult:
 DRIVERS = {
     LIMIT_LOAD.name: Driver(_plan_of(limit_load), _limit_load, _searched, _other_path(_limit_load), _place_points),
     CONSTANT_RATE.name: Driver(_plan_of(constant_rate), _constant_rate, _searched),
-    PATH_FOLLOWING.name: Driver(_plan_of(limit_load), _follow_path, _searched, _other_path(_follow_path)),
+    PATH_FOLLOWING.name: Driver(_plan_path, _follow_path, _searched, _other_path(_follow_path)),
     DEAD_LOAD.name: Driver(lambda _, assembly: standing.plan(assembly), _find_rest, StaticsResult),
     SETTLEMENT.name: Driver(_plan_settlement, _settle, _settled, _refined_settlement),
     REAL_TIME.name: Driver(_plan_motion, _live_through, _moved),

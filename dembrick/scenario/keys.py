@@ -74,6 +74,14 @@ shear_stiffness | Pa/m | > 0 | penalty stiffness in the plane, per area
 points | 1 | 2 whole numbers >= 1, or "auto" | distributed only: points along t1 and t2; left out, the tolerance decides
 pressure | | full, effective, linear | convex only: how friction follows bending: not at all, on the \
 largest part centred on the resultant, or by the no-tension linear pressure
+cohesion | Pa | >= 0 | shear strength of the bond besides friction, per area; 0 is a dry joint
+tensile_strength | Pa | 0 to cohesion / friction | tensile strength of the bond; never regained once it broke
+dilation | 1 | 0 to residual_friction | tangent of the dilation angle: rise over slip, for slips small against \
+asperities
+residual_friction | 1 | 0 to friction | friction after the first slip or opening; left out, friction stays
+residual_cohesion | Pa | 0 to cohesion | cohesion of what is closed after the first slip or opening; left out \
+there is none (a brittle bond), residual_cohesion = cohesion is a ductile joint
+compressive_strength | Pa | > 0 | pressure at which the joint crushes, without hardening; left out, it never does
 """
 _BLOCK = """
 name | | text without control characters | its name; what stands before a dot names a group

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from numbers import Integral
-from typing import Any
 
 from dembrick.errors import ScenarioError
 from dembrick.scenario.blocks import Block, Vector
@@ -41,13 +40,12 @@ from dembrick.scenario.controls import (  # noqa: F401 (all that a scenario is m
     checked_columns,
 )
 from dembrick.scenario.generators import GENERATORS, Arch, Dome, Stack, Wall
+from dembrick.scenario.joint_laws import FORMULATIONS, PRESSURES, JointLaw, JointOverride  # noqa: F401
 from dembrick.scenario.memory import check_memory
 from dembrick.scenario.pressures import Pressure
 from dembrick.scenario.stages import check_stages, stage_numbers
 from dembrick.scenario.ties import Tie
 
-FORMULATIONS = ("concave", "corrected", "corrected-shear", "convex", "distributed")
-PRESSURES = ("full", "effective", "linear")
 CHANNELS = ("joints", "energy", "frames", "velocity", "contacts")  # of the record; the last three are of frames
 
 
@@ -60,67 +58,6 @@ class Material:
     def __post_init__(self):
         assign(self, density=real("density", self.density))
         require(self.density > 0.0, "density", self.density, "it must be greater than 0 kg/m3")
-
-
-@dataclass(frozen=True, slots=True)
-class JointLaw:
-    """Contact law of a joint: formulation, friction coefficient, stiffness per area (Pa/m).
-
-    ``points`` (n along t1, m along t2) belongs to ``distributed`` only; None lets the tolerance choose.
-    ``pressure`` belongs to ``convex`` only.
-    """
-
-    formulation: str
-    friction: float
-    normal_stiffness: float
-    shear_stiffness: float
-    points: tuple[int, int] | None = None
-    pressure: str = "full"
-
-    def __post_init__(self):
-        one_of("formulation", self.formulation, FORMULATIONS)
-        assign(self, friction=real("friction", self.friction))
-        require(self.friction >= 0.0, "friction", self.friction, "it must be at least 0")
-        for key in ("normal_stiffness", "shear_stiffness"):
-            value = real(key, getattr(self, key))
-            require(value > 0.0, key, value, "it must be greater than 0 Pa/m")
-            assign(self, **{key: value})
-        one_of("pressure", self.pressure, PRESSURES)
-        convex = self.pressure == "full" or self.formulation == "convex"
-        require(convex, "pressure", self.pressure, "only formulation = 'convex' has a choice of pressure")
-        if self.points is not None:
-            self._check_points()
-
-    def _check_points(self):
-        value: Any = self.points
-        value = value.tolist() if hasattr(value, "tolist") else value
-        require(self.formulation == "distributed", "points", value, "only formulation = 'distributed' has points")
-        whole = isinstance(value, list | tuple) and all(
-            isinstance(n, Integral) and not isinstance(n, bool) for n in value
-        )
-        require_type(whole, "points", value, "a list of 2 whole numbers")
-        require(len(value) == 2, "points", value, f"it must have 2 whole numbers, not {len(value)}")
-        require(all(n >= 1 for n in value), "points", value, "both counts must be at least 1")
-        require(value[0] * value[1] <= 1_000_000, "points", value, "at most a million points a joint")
-        assign(self, points=(int(value[0]), int(value[1])))
-
-
-@dataclass(frozen=True, slots=True)
-class JointOverride:
-    """A law for the joints between two named blocks or groups, in place of the default.
-
-    A group named twice means the joints inside it.
-    """
-
-    between: tuple[str, str]
-    law: JointLaw
-
-    def __post_init__(self):
-        pair = self.between
-        require_type(isinstance(pair, list | tuple), "between", pair, "a list of two block names (or groups)")
-        require(len(pair) == 2, "between", pair, f"it must name two blocks, not {len(pair)}")
-        assign(self, between=tuple(check_name(f"between[{i}]", name) for i, name in enumerate(pair)))
-        require_type(isinstance(self.law, JointLaw), "law", self.law, "a JointLaw")
 
 
 @dataclass(frozen=True, slots=True)

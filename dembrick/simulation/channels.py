@@ -13,7 +13,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from dembrick.assembly.joints import JointTable
 from dembrick.scenario.controls import Control
+from dembrick.simulation.joint_strengths import has_strengths
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
@@ -22,6 +24,7 @@ ROWS, FRAMES, CONTACTS = 0, 1, 2  # what a channel has an entry for: a row, a fr
 AXES = tuple("xyz")
 WRENCH = ("F_x [N]", "F_y [N]", "F_z [N]", "M_x [N m]", "M_y [N m]", "M_z [N m]")
 OPTIONAL = ("control_point", "support")  # where a scene has none of these, there is no channel of them
+STRENGTHS = "strengths"  # asks for what only joints with strengths beside friction have
 
 
 class Sizes(NamedTuple):
@@ -50,10 +53,10 @@ class Channel:
 
     ``path``: its dataset in a history. ``shape`` of an entry: numbers, or names of `Sizes`. ``unit`` and ``about``, in
     which {load}, {time} and {when} stand for what the control says. ``asked``: the word of ``output.channels`` that
-    asks for it, none if it is always recorded; ``real_time``: whether only runs in real time have it, or only the
-    others. ``columns``: the heading in CSV, in which {name}, {axis} (of ``axes``) and {time} say which entry; none if
-    CSV leaves it out. ``fill`` finds it from a record and its assembly, else a recorder gives it; ``in_file_only``:
-    results in memory do without. ``kind``: numpy's string of its type, of eight bytes.
+    asks for it, none if it is always recorded, `STRENGTHS` if joints do that have any; ``real_time``: whether only runs
+    in real time have it, or only the others. ``columns``: the heading in CSV, in which {name}, {axis} (of ``axes``) and
+    {time} say which entry; none if CSV leaves it out. ``fill`` finds it from a record and its assembly, else a recorder
+    gives it; ``in_file_only``: results in memory do without. ``kind``: numpy's string of its type, of eight bytes.
     """
 
     path: str
@@ -155,6 +158,9 @@ CHANNELS = (
              "second order in it"),
             ("new_contacts", True, "work done on contacts that formed since the start: what they hold, and what they "
              "took"),
+            ("crushing", None, "work taken by crushing of joints"),
+            ("fracture", None, "energy that springs of joints lost as bonds broke; it depends on the stiffness of the "
+             "joints and is no fracture energy of a material"),
         )
     ),
     Channel("history/unbalanced", "1", "unbalanced-force ratio", columns="unbalanced [{unit}]"),
@@ -178,6 +184,9 @@ CHANNELS = (
         "frames/velocity", "m/s", "velocity of each centroid, world axes", ("block", 3), "velocity"
     ),
     Channel("frames/spin", "rad/s", "angular velocity, world axes", ("block", 3), "velocity"),
+    Channel(
+        "frames/bond", "1", "part of the area of each joint whose bond holds", ("joint",), STRENGTHS,
+    ),
     Channel(
         "frames/joint_shift", "m",
         "where O is on the block that the polygon rides on, from O of the start, along t1 and t2 of the joint",
@@ -253,6 +262,8 @@ class Field:
 def recorded(assembly: Assembly, asked: Container[str], control: Control) -> tuple[Field, ...]:
     """The channels that a run records; ``asked``: the words of ``output.channels``."""
     sizes, regime = Sizes.of(assembly), control.regime
+    joints = assembly.joints
+    strong = has_strengths(joints.law if isinstance(joints, JointTable) else [joint.law for joint in joints])
     counts = regime.counts_equilibria
     words = {"load": control.curve.about, "load_unit": control.curve.unit}
     words |= {"time": "number of the equilibrium" if counts else "time", "time_unit": "1" if counts else "s"}
@@ -261,7 +272,7 @@ def recorded(assembly: Assembly, asked: Container[str], control: Control) -> tup
     for channel in CHANNELS:
         wanted = channel.real_time in (None, regime.real_time)
         wanted = wanted and ("frames" in asked or channel.grows_by == ROWS)
-        wanted = wanted and (not channel.asked or channel.asked in asked)
+        wanted = wanted and (not channel.asked or channel.asked in asked or (strong and channel.asked == STRENGTHS))
         wanted = wanted and (channel.asked != "energy" or regime.balances_energy)
         if wanted and not (channel.optional and not getattr(sizes, channel.shape[0])):
             unit, about = channel.unit.format(**words), channel.about.format(**words)

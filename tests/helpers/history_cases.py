@@ -31,7 +31,7 @@ def wedge():
 
 def joint(a, b, formulation="concave", origin=(0.0, 0.0, 0.0)):
     polygon = np.array([[-0.15, -0.1], [0.15, -0.1], [0.15, 0.1], [-0.15, 0.1]])
-    law = SimpleNamespace(formulation=formulation, friction=0.64, pressure="full")
+    law = SimpleNamespace(formulation=formulation, friction=0.64, pressure="full", dry=True)
     return SimpleNamespace(
         block_a=a, block_b=b, host=b, origin=np.array(origin), axes=np.eye(3), polygon=polygon, area=0.06, law=law
     )

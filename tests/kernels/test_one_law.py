@@ -14,9 +14,11 @@ from dembrick.kernels.dynamics import area_joints as moving_areas
 from dembrick.kernels.dynamics import point_joints as moving_points
 from dembrick.kernels.dynamics import tiles
 from dembrick.kernels.dynamics.energy_terms import BY_LAW as BY_LAW_LOST
-from dembrick.kernels.dynamics.energy_terms import DASHPOT, FRICTION, LEDGER, RELEASED, Books
-from dembrick.kernels.joint.point_law import point_law
-from dembrick.kernels.state import BY_LAW, DAMPING, SLIDING, Energy
+from dembrick.kernels.dynamics.energy_terms import CRUSHING as CRUSHING_LOST
+from dembrick.kernels.dynamics.energy_terms import DASHPOT, FRICTION, KINDS, LEDGER, RELEASED, Books
+from dembrick.kernels.dynamics.energy_terms import FRACTURE as FRACTURE_LOST
+from dembrick.kernels.joint.point_law import Strengths, point_law
+from dembrick.kernels.state import BY_LAW, CRUSHING, DAMPING, FRACTURE, SLIDING, Energy
 from dembrick.kernels.statics import area_joints, point_joints
 from dembrick.simulation.pressed_parts import pressed_parts
 
@@ -45,6 +47,29 @@ STATES = {
 }  # fmt: skip
 
 
+# pressures are some 500 Pa: bonds that random paths break, and a law of each kind
+BRITTLE = {"cohesion": 4e2, "tension": 3e2, "residual": 0.8}
+LAWS = {
+    "brittle": BRITTLE,
+    "ductile": {"cohesion": 4e2, "tension": 2e2, "residual_cohesion": 4e2},
+    "dilating": {"dilation": 0.3},
+    "bond that dilates": BRITTLE | {"dilation": 0.2, "residual_cohesion": 1e2},
+}
+CRUSHES = LAWS | {"crushing": {"crushing": 1.5e3}, "all": BRITTLE | {"dilation": 0.2, "crushing": 1.5e3}}
+
+
+def strengths_of(law):
+    """`Strengths` of one joint with what a law names, else dry."""
+    dry = {"cohesion": 0.0, "tension": 0.0, "crushing": np.inf, "dilation": 0.0, "residual_cohesion": 0.0}
+    values = dry | {"residual": 1.0} | law
+    return Strengths(**{name: np.array([value]) for name, value in values.items()}, held=np.zeros(1))
+
+
+def bond_of(law, count):
+    """The bond at the start (count,): where there is a strength that may be lost."""
+    return np.full(count, float(any(name in law for name in ("cohesion", "tension", "residual"))))
+
+
 def random_states():
     """Paths of a joint that closes, slides, turns, rocks and opens."""
     rng = np.random.default_rng(7)
@@ -63,17 +88,20 @@ def energy_of(points):
     if points is not None:
         k, x, y = points.k_n, points.x_n, points.y_n
         normal = np.array([[*((k * f).sum() for f in (1.0, x, y, x * x, y * y, x * y)), np.hypot(x, y).max()]])
-    return Energy(np.zeros(9), np.zeros(0, np.int64), np.zeros((2, 6)), normal)
+    return Energy(np.zeros(11), np.zeros(0, np.int64), np.zeros((2, 6)), normal)
 
 
 class StaticPoints:
     """A joint of four points in the searches."""
 
-    def __init__(self, mu=MU):
+    def __init__(self, mu=MU, law=None):
         x, y = np.ascontiguousarray(OUTLINE.T)
         zero = [np.zeros(4) for _ in range(4)]
+        bonds = (None, None)
+        if law is not None:
+            bonds = strengths_of(law), point_joints.Bonds(AREAS.copy(), bond_of(law, 4), *np.zeros((3, 4)))
         self.joint = point_joints.Points(
-            np.zeros(1, np.int64), np.array([0, 4]), np.array([mu]), x, y, x, y, K_N * AREAS, K_S * AREAS, *zero
+            np.zeros(1, np.int64), np.array([0, 4]), np.array([mu]), x, y, x, y, K_N * AREAS, K_S * AREAS, *zero, *bonds
         )
         self.energy, self.before = energy_of(self.joint), np.zeros(7)
 
@@ -89,20 +117,30 @@ class StaticPoints:
         return np.stack([self.joint.elastic_1, self.joint.elastic_2], axis=1)
 
     @property
+    def bonds(self):
+        """Of every point: whether the bond holds, crushed depth, rise."""
+        return np.stack(self.joint.bonds[1:4], axis=1)
+
+    @property
     def slip(self):
         return self.joint.slip
 
     @property
     def dissipated(self):
-        """By friction, by the law of friction, and by dashpots with what springs let go (J)."""
-        return self.energy.work[[SLIDING, BY_LAW, DAMPING]]
+        """By friction, by the law of friction, by dashpots with what springs let go, by crushing and by bonds that
+        broke (J)."""
+        return self.energy.work[[SLIDING, BY_LAW, DAMPING, CRUSHING, FRACTURE]]
 
 
 class MovingPoints:
     """The same joint in a tile, host b on the side of b; every lane has it."""
 
-    def __init__(self, mu=MU):
+    def __init__(self, mu=MU, law=None):
         self.mu = mu
+        self.strengths = None if law is None else strengths_of(law)
+        self.of_bonds = None if law is None else np.zeros(4 * moving_points.BOND)
+        if law is not None:
+            self.of_bonds.reshape(4, 3, W)[:, moving_points.BONDED] = bond_of(law, 4)[:, None]
         self.tile, self.work = np.zeros(tiles.TILE), np.zeros(tiles.WORK)
         self.tile[tiles.VISCOUS * W : (tiles.VISCOUS + 2) * W] = VISCOUS
         self.own = np.zeros(4 * tiles.POINT)
@@ -118,7 +156,11 @@ class MovingPoints:
         for pair in range(2):
             own = self.own[2 * pair * tiles.POINT : 2 * (pair + 1) * tiles.POINT]
             dashpots = self.dashpots[2 * pair * DASHPOT : 2 * (pair + 1) * DASHPOT]
-            if moving_points.press(self.work, own, *law, dashpots, None) > 0:
+            bonds = self.strengths, 0, None, None
+            if self.strengths is not None:
+                rows = self.of_bonds[2 * pair * moving_points.BOND : 2 * (pair + 1) * moving_points.BOND]
+                bonds = self.strengths, 0, rows, self.ledger
+            if moving_points.press(self.work, own, *law, dashpots, None, *bonds) > 0:
                 for which in range(2):
                     moving_points.book_losses(self.work, own, dashpots, which, *law, self.ledger)
         self.ledger[:W] += self.work[tiles.TAKEN * W : (tiles.TAKEN + 1) * W]
@@ -137,7 +179,12 @@ class MovingPoints:
     @property
     def dissipated(self):
         taken, lost = self.ledger[3], self.ledger.reshape(-1, W)[2:, 3]
-        return np.array([lost[FRICTION], lost[BY_LAW_LOST], taken + lost[RELEASED]])
+        own = lost[FRICTION], lost[BY_LAW_LOST], taken + lost[RELEASED], lost[CRUSHING_LOST], lost[FRACTURE_LOST]
+        return np.array(own)
+
+    @property
+    def bonds(self):
+        return self.of_bonds.reshape(4, 3, W)[:, :, 3]
 
 
 def place(work, motion, change, twist):
@@ -154,7 +201,7 @@ def place(work, motion, change, twist):
 class StaticArea:
     """A convex joint in the searches."""
 
-    def __init__(self, mu=MU, pressure="full"):
+    def __init__(self, mu=MU, pressure="full", law=None):
         x, y = np.ascontiguousarray(OUTLINE.T)
         second = np.array([polygons.second_moments(OUTLINE)])
         self.joint = area_joints.Areas(
@@ -162,6 +209,8 @@ class StaticArea:
             np.array([np.hypot(x, y).max()]), np.array([friction_integrals.area_radius(OUTLINE)]),
             friction_integrals.far_moments(OUTLINE)[None], np.array([K_N]), np.array([K_S]), np.zeros((1, 3)),
             np.zeros((1, 3)), np.zeros(1), np.zeros(1, np.int64), pressed_parts([pressure], [4]),
+            None if law is None else strengths_of(law),
+            None if law is None else area_joints.AreaBonds(bond_of(law, 1), *np.zeros((5, 1))),
         )  # fmt: skip
         self.energy = energy_of(None)
 
@@ -180,13 +229,18 @@ class StaticArea:
 
     @property
     def dissipated(self):
-        return self.energy.work[[SLIDING, BY_LAW, DAMPING]]
+        return self.energy.work[[SLIDING, BY_LAW, DAMPING, CRUSHING, FRACTURE]]
+
+    @property
+    def bonds(self):
+        """Whether the bond holds, and the rise."""
+        return np.stack(self.joint.bonds[:2])
 
 
 class MovingArea:
     """The same joint in a tile."""
 
-    def __init__(self, mu=MU, pressure="full"):
+    def __init__(self, mu=MU, pressure="full", law=None):
         one, zero = np.ones(1), np.zeros(1)
         self.tile, self.work = np.zeros(tiles.TILE), np.zeros(tiles.WORK)
         self.tile[tiles.VISCOUS * W : (tiles.VISCOUS + 2) * W] = VISCOUS
@@ -199,17 +253,20 @@ class MovingArea:
             elastic=np.zeros((1, 3)), twist=np.zeros((1, 3)), slip=np.zeros(1), count=np.full(1, 4),
             x=np.ascontiguousarray(OUTLINE[None, :, 0]), y=np.ascontiguousarray(OUTLINE[None, :, 1]),
             far=friction_integrals.far_moments(OUTLINE)[None], pressed=pressed_parts([pressure], [9]),
+            strengths=None if law is None else strengths_of(law),
+            bonds=None if law is None else moving_areas.FaceBonds(bond_of(law, 1), np.zeros(1)),
         )  # fmt: skip
         self.energy = Books(
             dashpots=np.zeros(0), ledger=np.zeros(0), face=np.zeros((1, 16)), damped=np.zeros(1),
-            lost=np.zeros((1, 4)), least=np.zeros(1), share=np.ones(1), place=np.full(1, -1), fallen=np.zeros(0),
+            lost=np.zeros((1, KINDS)), least=np.zeros(1), share=np.ones(1), place=np.full(1, -1), fallen=np.zeros(0),
             load=np.zeros((0, 6)), support=np.zeros((0, 6)), push=np.zeros((0, 6)), total=np.zeros(3),
             gravity=np.zeros(3), begun=np.zeros(1),
         )  # fmt: skip
 
     def step(self, motion, change, twist):
         place(self.work, motion, change, twist)
-        moving_areas.face_force(self.joint, self.joint.pressed, 0, self.tile, 3, self.work, self.energy)
+        law = self.joint.pressed, self.joint.strengths, self.joint.bonds
+        moving_areas.force_by(self.joint, *law, 0, self.tile, 3, self.work, self.energy)
         rows = self.work.reshape(-1, W)
         f = rows[tiles.FORCE : tiles.FORCE + 9, 3]
         return np.array([f[2], -f[0], -f[1], -rows[tiles.TWISTING, 3], -f[8], f[5]])
@@ -225,7 +282,12 @@ class MovingArea:
     @property
     def dissipated(self):
         lost = self.energy.lost[0]
-        return np.array([lost[FRICTION], lost[BY_LAW_LOST], self.energy.face[0, 15] + lost[RELEASED]])
+        dashpots = self.energy.face[0, 15] + lost[RELEASED]
+        return np.array([lost[FRICTION], lost[BY_LAW_LOST], dashpots, lost[CRUSHING_LOST], lost[FRACTURE_LOST]])
+
+    @property
+    def bonds(self):
+        return np.stack(self.joint.bonds)
 
 
 FAMILIES = {
@@ -269,6 +331,29 @@ def test_both_engines_through_random_states(family):
         opened += hold_together(one, other, path)
         slid += one.slip.max() > 0.0
     assert opened > 20 and slid > 30
+
+
+def families_and_laws():
+    """The families with the laws of strengths that they follow in real time."""
+    points = [(StaticPoints, MovingPoints, law) for law in CRUSHES.values()]
+    return points + [(StaticArea, MovingArea, law) for law in LAWS.values()]
+
+
+@pytest.mark.parametrize("one, other, law", families_and_laws(), ids=[*CRUSHES, *(f"area {name}" for name in LAWS)])
+def test_both_engines_with_strengths(one, other, law):
+    """Bonds break, crushed depth and rise grow in either engine alike; what they lose, too."""
+    kept = broke = grew = 0
+    for path in random_states():
+        first, second = one(law=law), other(law=law)
+        hold_together(first, second, path[:2])
+        kept += bool(first.bonds.any())
+        hold_together(first, second, path[2:])
+        np.testing.assert_allclose(second.bonds, first.bonds, rtol=1e-9, atol=1e-17)
+        broke += bool(first.energy.work[FRACTURE] != 0.0)
+        grew += bool(first.bonds.any())
+    assert kept > 5
+    assert broke > 20 or "cohesion" not in law
+    assert grew > 5 or set(law) <= {"cohesion", "tension", "residual", "residual_cohesion"}
 
 
 @pytest.mark.parametrize("family", FAMILIES)

@@ -8,7 +8,6 @@ import pytest
 from dembrick.assembly import build
 from dembrick.errors import ScenarioError
 from dembrick.simulation.limit_analysis import analysis
-from dembrick.simulation.limit_analysis.strength import Material
 from helpers import pushed_assemblies as scenes
 from helpers.pushed_assemblies import law
 
@@ -96,23 +95,22 @@ W = 2000.0 * 9.81 * 0.5  # Pa: weight of the stack over its bed
 @pytest.mark.parametrize(
     "direction, friction, strengths, expected",
     [
-        (Y, 0.64, {"cohesion": 1e4, "tension": 5e3}, 0.4 * (1.0 + 5e3 / W)),
-        (X, 0.64, {"cohesion": 1e4, "tension": 5e3}, 0.6 * (1.0 + 5e3 / W)),
-        (X, 0.3, {"cohesion": 1e3, "tension": 3e3}, 0.3 + 1e3 / W),
-        (Y, 0.64, {"crushing": 15e3}, 0.4 * (15e3 / W - 1.0)),
+        (Y, 0.64, {"cohesion": 1e4, "tensile_strength": 5e3}, 0.4 * (1.0 + 5e3 / W)),
+        (X, 0.64, {"cohesion": 1e4, "tensile_strength": 5e3}, 0.6 * (1.0 + 5e3 / W)),
+        (X, 0.3, {"cohesion": 1e3, "tensile_strength": 3e3}, 0.3 + 1e3 / W),
+        (Y, 0.64, {"compressive_strength": 15e3}, 0.4 * (15e3 / W - 1.0)),
     ],
 )
 def test_bonded_and_crushing_points_have_closed_forms(direction, friction, strengths, expected):
-    assembly = build.assemble(scenes.stack(law(friction=friction), direction))
-    found = analysis.limit_load(assembly, Material.of(assembly.joints, **strengths))
+    found = analysis.limit_load(build.assemble(scenes.stack(law(friction=friction, **strengths), direction)))
     assert found.load_factor == pytest.approx(expected, rel=1e-6)
     assert found.gap < 1e-6
 
 
 @pytest.mark.parametrize("direction, arm", [(Y, 0.4), (X, 0.6)])
 def test_a_bonded_convex_joint_is_as_strong_in_bending_as_its_corners(direction, arm):
-    assembly = build.assemble(scenes.stack(law("convex"), direction))
-    found = analysis.limit_load(assembly, Material.of(assembly.joints, cohesion=1e4, tension=5e3))
+    bonded = law("convex", cohesion=1e4, tensile_strength=5e3)
+    found = analysis.limit_load(build.assemble(scenes.stack(bonded, direction)))
     assert found.load_factor == pytest.approx(arm * (1.0 + 5e3 / W), rel=1e-6)
 
 
@@ -121,10 +119,11 @@ def test_cohesion_scales_the_limit_surface(formulation):
     """V at fixed eccentricity is (c A + mu N) / (mu N) times the dry one, for a load in the joint's plane."""
     from dembrick.scenario import toml
 
-    scenario = toml.load("scenarios/set4a.toml", [f"joint.formulation={formulation}"])
-    assembly = build.assemble(scenario)
-    dry = analysis.limit_load(assembly).load_factor
-    bonded = analysis.limit_load(assembly, Material.of(assembly.joints, cohesion=1e4, tension=0.0)).load_factor
+    keys = [f"joint.formulation={formulation}"]
+    dry, bonded = (
+        analysis.limit_load(build.assemble(toml.load("scenarios/set4a.toml", [*keys, *more]))).load_factor
+        for more in ([], ["joint.cohesion=1e4"])
+    )
     # corners move their normal forces to where they serve best, dry and bonded alike in a load in the plane
     assert bonded / dry == pytest.approx((600.0 + 0.64 * 467.0) / (0.64 * 467.0), rel=1e-5)
 
@@ -135,10 +134,10 @@ def test_a_tilt_knows_that_strengths_do_not_turn():
 
     from dembrick.scenario.controls import TiltControl
 
-    scenario = scenes.stack(law(), X)
+    scenario = scenes.stack(law(compressive_strength=15e3), X)
     tilt = TiltControl((-1.0, 0.0, 0.0), 1.0, 0.02, quasi_static=True)
     assembly = build.assemble(replace(scenario, control=tilt))
-    found = analysis.limit_load(assembly, Material.of(assembly.joints, crushing=15e3), tilt=True)
+    found = analysis.limit_load(assembly, tilt=True)
     angle = math.atan(found.load_factor)
     assert math.tan(angle) == pytest.approx(0.4 * (15e3 / (W * math.cos(angle)) - 1.0), rel=1e-6)
 
@@ -196,6 +195,6 @@ def test_the_bounds_see_less_friction(monkeypatch):
 
 
 def test_area_joints_that_crush_are_refused():
-    assembly = build.assemble(scenes.stack(law("convex"), Y))
+    assembly = build.assemble(scenes.stack(law("convex", compressive_strength=15e3), Y))
     with pytest.raises(ScenarioError, match="distributed"):
-        analysis.limit_load(assembly, Material.of(assembly.joints, crushing=15e3))
+        analysis.limit_load(assembly)

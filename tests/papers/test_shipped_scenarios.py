@@ -27,6 +27,8 @@ ASSEMBLIES = {  # free blocks, joints
     "ferris_tinloi_3": (46, 102),
     "dome": (129, 272),
     "dam": (6, 6),
+    "wall_mortared": (35, 82),
+    "slope_weak_joints": (4, 7),
     "newmark_pulse": (1, 1),
     "rocking_block": (1, 1),
     "rocking_push": (1, 1),
@@ -84,6 +86,17 @@ def test_limits_of_arches_by_theory_of_rigid_blocks(stem, factor):
     result = dembrick.simulate(shipped.folder() / f"{stem}.toml")
     assert result.status == "collapse" and result.collapse["mechanism"] == "rocking"
     assert result.collapse["load_factor"] == pytest.approx(factor, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    "stem, factor, after",
+    [("wall_mortared", 0.2 * (1.0 + 1e4 / (2000.0 * 9.81)), 0.2), ("slope_weak_joints", 0.2728850, 0.0273221)],
+)
+def test_bonds_break_and_leave_a_dry_joint(stem, factor, after):
+    """A wall cracks in its lowest bed at (b/H)(1 + f_t/(rho g H)) and rocks on at b/H; slabs slide off a slope."""
+    result = dembrick.simulate(shipped.folder() / f"{stem}.toml")
+    assert result.collapse["load_factor"] == pytest.approx(factor, rel=1e-3)
+    assert result.collapse["mechanism_load_factor"] == pytest.approx(after, rel=2e-3)
 
 
 def test_an_arch_falls_soon_after_its_limit():

@@ -213,7 +213,7 @@ def test_books_of_a_point_joint_against_points_one_by_one():
         dash, normal, before = zero((2, 6)), zero((1, 7)), zero(7)
         x, y = arms[:2]
         normal[0] = [*((k[0] * f).sum() for f in (1.0, x, y, x**2, y**2, x * y)), np.hypot(x, y).max()]
-        energy = Energy(zero(9), np.zeros(0, np.int64), dash, normal)
+        energy = Energy(zero(11), np.zeros(0, np.int64), dash, normal)
         motion = np.array([-1e-6, 0.0, 0.0])
         motions = []
         for _ in range(40):

@@ -4,13 +4,13 @@ of a family are those of `point_joints`, and `joint_families` calls them.
 Shear memory lives in the polygon's axes and turns with them. The normal force acts along the other's normal.
 """
 
-from math import sqrt
+from math import inf, sqrt
 from typing import NamedTuple
 
 from numpy import ndarray
 
 from dembrick._jit import jit
-from dembrick.kernels.dynamics.energy_terms import BY_LAW, FRICTION, RELEASED
+from dembrick.kernels.dynamics.energy_terms import BY_LAW, FRACTURE, FRICTION, RELEASED
 from dembrick.kernels.dynamics.tiles import (
     DEPTH,
     FORCE,
@@ -32,8 +32,24 @@ from dembrick.kernels.dynamics.tiles import (
     sense_of,
     three,
 )
-from dembrick.kernels.joint.area_law import area_friction, area_pressure, follow_bending, spring_pressure
+from dembrick.kernels.joint.area_law import (
+    area_friction,
+    area_pressure,
+    area_springs,
+    bonded_area,
+    follow_bending,
+    spring_pressure,
+    springs_hold,
+)
+from dembrick.kernels.joint.point_law import Strengths
 from dembrick.kernels.joint.pressure import Pressed
+
+
+class FaceBonds(NamedTuple):
+    """What convex joints with strengths remember."""
+
+    bonded: ndarray  # (a,) 1 while the bond holds, else 0
+    rise: ndarray  # (a,) m, by dilation
 
 
 class Faces(NamedTuple):
@@ -60,6 +76,8 @@ class Faces(NamedTuple):
     y: ndarray  # (o, v) m, along e2
     far: ndarray  # (o, 42) series of the limit surface about pure translation
     pressed: Pressed | None  # None where all pressures are full
+    strengths: Strengths | None = None  # beside friction; None where no joint has any
+    bonds: FaceBonds | None = None  # None where ``strengths`` is
 
 
 @jit
@@ -67,17 +85,20 @@ def book_pressure(row, q0, qx, qy, n, nx, ny, g0, gx, gy, d0, dx, dy):
     """Dashpots along the normal of a convex joint with the ``row`` (16,): pressure of the springs q, of all n; its
     penetration g and the growth of it d."""
     stepping = row[0] * g0 + row[1] * gx + row[2] * gy - (q0 * (g0 - d0) + qx * (gx - dx) + qy * (gy - dy))
-    n -= q0
-    nx -= qx
-    ny -= qy
-    row[15] += 0.5 * ((row[12] + n) * d0 + (row[13] + nx) * dx + (row[14] + ny) * dy)
+    book_dashpots(row, n - q0, nx - qx, ny - qy, d0, dx, dy)
     row[0] = q0
     row[1] = qx
     row[2] = qy
+    row[9] += 0.5 * stepping
+
+
+@jit
+def book_dashpots(row, n, nx, ny, d0, dx, dy):
+    """The work of its dashpots along the normal, that carry ``n`` and its moments now; d: growth of the penetration."""
+    row[15] += 0.5 * ((row[12] + n) * d0 + (row[13] + nx) * dx + (row[14] + ny) * dy)
     row[12] = n
     row[13] = nx
     row[14] = ny
-    row[9] += 0.5 * stepping
 
 
 @jit
@@ -106,6 +127,112 @@ def book_slip(books, faces, a, normal, q1, q2, qm, t1, t2, tm, b1, b2, bm):
         books.least[j] = min(books.least[j], loss)
     else:
         books.lost[j, RELEASED] += loss
+
+
+@jit
+def put_force(work, lane, cosine, sine, n, nx, ny, t1, t2, tm):
+    """Write down what `resultant` makes a wrench of: N and its moments, shear and torsion in the polygon's axes."""
+    put_three(work, FORCE, lane, (sine * t2 - cosine * t1, -(sine * t1 + cosine * t2), n))
+    put_three(work, FORCE + 3, lane, (0.0, 0.0, nx))
+    put_three(work, FORCE + 6, lane, (0.0, 0.0, ny))
+    work[TWISTING * W + lane] = -tm
+
+
+@jit
+def book_bonded(books, faces, strengths, bonds, a, bond, rise, g0, gx, gy, d0, dx, dy, n, nx, ny, shear, by_law):
+    """Book what a step took from the springs of convex joint ``a`` with strengths, whose bond and rise were those of
+    before; ``shear`` (J) by its plastic twist, ``by_law`` by friction. N and its moments are those of now."""
+    outline = faces.outline[a]
+    x = faces.x[outline]
+    y = faces.y[outline]
+    count = faces.count[outline]
+    area = faces.area[a]
+    second = faces.second[a]
+    reach = faces.reach[a]
+    k_n = faces.k_n[a]
+    most = strengths.crushing[a]  # infinite: what is crushed is not followed in real time
+    now = bonds.bonded[a]
+    risen = bonds.rise[a]
+    q0, qx, qy, _ = area_springs(x, y, 0, count, area, second, reach, now, most, g0 + risen, gx, gy)
+    p0, px, py, _ = area_springs(x, y, 0, count, area, second, reach, bond, most, g0 - d0 + rise, gx - dx, gy - dy)
+    across = springs_hold(x, y, 0, count, area, second, reach, bond, rise, most, g0 - d0, gx - dx, gy - dy)
+    across -= springs_hold(x, y, 0, count, area, second, reach, now, risen, most, g0, gx, gy)
+    across += (p0 + q0) * d0 + (px + qx) * dx + (py + qy) * dy
+    across *= 0.5 * k_n
+    row = books.face[a]
+    book_dashpots(row, n - k_n * q0, nx - k_n * qx, ny - k_n * qy, d0, dx, dy)
+    row[0] = k_n * q0
+    row[1] = k_n * qx
+    row[2] = k_n * qy
+    j = faces.joint[a]
+    share = books.share[j]
+    if now < bond:
+        books.lost[j, FRACTURE] += share * (shear + across)
+    elif n > 0.0:
+        dash = (n - k_n * q0) * (risen - rise)  # lengthens with what lifts
+        lifted = across - dash if risen > rise else 0.0
+        row[15] += dash
+        books.lost[j, FRICTION] += share * (shear + lifted)
+        books.lost[j, BY_LAW] += share * (by_law - n * (risen - rise))
+        books.least[j] = min(books.least[j], share * (shear + lifted))
+        row[9] += across - dash - lifted if risen > rise else across
+    else:
+        books.lost[j, RELEASED] += share * shear
+        row[9] += across
+
+
+@jit
+def bonded_face(faces, strengths, bonds, a, tile, lane, work, books):
+    """`face_force` of a joint of a scene where some have strengths."""
+    g0, gx, gy = three(work, DEPTH, lane)
+    d0, dx, dy = three(work, GROWTH, lane)
+    outline = faces.outline[a]
+    p1, p2, _ = three(work, MOVED, lane)
+    turn = work[TURN * W + lane]
+    c1 = tile[(SEEN + 3) * W + lane]
+    c2 = tile[(SEEN + 4) * W + lane]
+    scale = 1.0 / sqrt(c1 * c1 + c2 * c2)
+    cosine = c1 * scale
+    sine = c2 * scale
+    s1 = cosine * p1 + sine * p2
+    s2 = cosine * p2 - sine * p1
+    elastic = faces.elastic[a]
+    b1 = elastic[0]
+    b2 = elastic[1]
+    bm = elastic[2]
+    twist = faces.twist[a]
+    bond = bonds.bonded[a]
+    rise = bonds.rise[a]
+    n, nx, ny, t1, t2, tm, e1, e2, em, q1, q2, qm, w1, w2, wm, slid, _, bonded, risen = bonded_area(
+        faces.x[outline], faces.y[outline], 0, faces.count[outline], faces.area[a], faces.second[a], faces.reach[a],
+        faces.far[outline], faces.radius[a], strengths, a, faces.k_n[a], faces.k_s[a], faces.friction[a],
+        faces.negligible[a], tile[VISCOUS * W + lane], 1.0 + tile[(VISCOUS + 1) * W + lane], bond, rise, g0, gx, gy, d0,
+        dx, dy, s1, s2, turn, b1, b2, bm, twist[0], twist[1], twist[2],
+    )  # fmt: skip
+    elastic[0] = e1
+    elastic[1] = e2
+    elastic[2] = em
+    twist[0] = w1
+    twist[1] = w2
+    twist[2] = wm
+    faces.slip[a] += slid
+    bonds.bonded[a] = bonded
+    bonds.rise[a] = risen
+    put_force(work, lane, cosine, sine, n, nx, ny, t1, t2, tm)
+    if books is not None:
+        shear = 0.5 * ((b1 + e1) * q1 + (b2 + e2) * q2 + (bm + em) * qm)
+        by_law = t1 * q1 + t2 * q2 + tm * qm
+        book_bonded(books, faces, strengths, bonds, a, bond, rise, g0, gx, gy, d0, dx, dy, n, nx, ny, shear, by_law)
+        book_shear(books.face[a], elastic, s1, s2, turn, t1, t2, tm)
+
+
+@jit
+def force_by(faces, pressed, strengths, bonds, a, tile, lane, work, books):
+    """`face_force` by the law that the joints have: dry if ``strengths`` is None."""
+    if strengths is not None:
+        bonded_face(faces, strengths, bonds, a, tile, lane, work, books)
+    else:
+        face_force(faces, pressed, a, tile, lane, work, books)
 
 
 @jit
@@ -157,10 +284,7 @@ def face_force(faces, pressed, a, tile, lane, work, books):
     twist[1] = w2
     twist[2] = wm
     faces.slip[a] += slid
-    put_three(work, FORCE, lane, (sine * t2 - cosine * t1, -(sine * t1 + cosine * t2), n))
-    put_three(work, FORCE + 3, lane, (0.0, 0.0, nx))
-    put_three(work, FORCE + 6, lane, (0.0, 0.0, ny))
-    work[TWISTING * W + lane] = -tm
+    put_force(work, lane, cosine, sine, n, nx, ny, t1, t2, tm)
     if books is not None:
         row = books.face[a]
         q0, qx, qy = spring_pressure(x, y, 0, count, area, second, reach, h0, hx, hy)
@@ -180,21 +304,29 @@ def forces(links, faces, bodies, first, last, books, work):
         fetch(faces.joint, faces.lane[t], links, bodies, work)
         look(tile, work)
         for lane in range(faces.used[t]):
-            face_force(faces, faces.pressed, faces.lane[t, lane], tile, lane, work, books)
+            force_by(faces, faces.pressed, faces.strengths, faces.bonds, faces.lane[t, lane], tile, lane, work, books)
         resultant(tile, work)
         deliver(faces.joint, faces.lane[t], faces.used[t], work, links.wrench)
 
 
 @jit
-def springs_of(faces, a, g0, gx, gy):
-    """k_n times the integrals of <g>+, x <g>+ and y <g>+ over convex joint ``a``."""
+def springs_of(bonds, faces, a, g0, gx, gy):
+    """k_n times the integrals of <g>+, x <g>+ and y <g>+ over convex joint ``a``, of g itself where a bond holds; and
+    the penetration g0 at O, with the rise by dilation. ``bonds`` is ``faces.bonds``."""
     outline = faces.outline[a]
-    n, nx, ny = spring_pressure(
-        faces.x[outline], faces.y[outline], 0, faces.count[outline], faces.area[a], faces.second[a], faces.reach[a], g0,
-        gx, gy,
-    )  # fmt: skip
     k = faces.k_n[a]
-    return k * n, k * nx, k * ny
+    if bonds is not None:
+        g0 += bonds.rise[a]
+        n, nx, ny, _ = area_springs(
+            faces.x[outline], faces.y[outline], 0, faces.count[outline], faces.area[a], faces.second[a], faces.reach[a],
+            bonds.bonded[a], inf, g0, gx, gy,
+        )  # fmt: skip
+    else:
+        n, nx, ny = spring_pressure(
+            faces.x[outline], faces.y[outline], 0, faces.count[outline], faces.area[a], faces.second[a],
+            faces.reach[a], g0, gx, gy,
+        )  # fmt: skip
+    return k * n, k * nx, k * ny, g0
 
 
 @jit
@@ -208,7 +340,7 @@ def spring_energy(links, faces, a, held):
     gx = -sense * seen[5]
     gy = -sense * seen[8]
     row = held[a]
-    row[0], row[1], row[2] = springs_of(faces, a, g0, gx, gy)
+    row[0], row[1], row[2], g0 = springs_of(faces.bonds, faces, a, g0, gx, gy)
     e = faces.elastic[a]
     k = faces.k_s[a]
     sheared = (e[0] * e[0] + e[1] * e[1]) / (k * faces.area[a])

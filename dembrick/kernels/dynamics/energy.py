@@ -15,6 +15,7 @@ from dembrick.kernels.dynamics.energy_terms import (
     CONTACTS,
     GONE,
     HANDED,
+    KINDS,
     LEDGER,
     LOADS,
     OF_DASHPOTS,
@@ -45,7 +46,7 @@ def settle(books, links, j):
         row[OF_DASHPOTS] = 0.0
         books.least[j] = min(books.least[j], share * row[SMALLEST])
         row[SMALLEST] = 0.0
-        for i in range(4):
+        for i in range(KINDS):
             books.lost[j, i] += share * row[GONE + i]
             row[GONE + i] = 0.0
 

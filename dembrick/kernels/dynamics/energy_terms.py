@@ -7,15 +7,16 @@ from numpy import ndarray
 
 from dembrick.kernels.dynamics.tiles import W
 
-FRICTION, RELEASED, STEPPING, BY_LAW = range(4)
+FRICTION, RELEASED, STEPPING, BY_LAW, CRUSHING, FRACTURE = range(6)
+KINDS = 6
 LOADS, CONTACTS, HANDED = range(3)
 
 DASHPOT = 3 * W  # rows of a point in `Books.dashpots`
 
 # Rows of a tile of `Books.ledger`, J: what dashpots took; the smallest friction work of a step; what was lost, see
-# `Books.lost` (4). All since `share` changed
+# `Books.lost` (6). All since `share` changed
 OF_DASHPOTS, SMALLEST, GONE = 0, 1, 2
-LEDGER = 6 * W
+LEDGER = (GONE + KINDS) * W
 
 
 class Books(NamedTuple):
@@ -31,7 +32,8 @@ class Books(NamedTuple):
     # Springs (3): N and its x and y moments. Dashpots: V_1, V_2, M_T (6 to 8), what opening and closing within steps
     # took (9), N and its moments (12 to 14). What dashpots took (15). All that was taken is since `share` changed
     damped: ndarray  # (j,) what dashpots took until then
-    lost: ndarray  # (j, 4) friction; springs let go; opening and closing within a step; friction by its law
+    lost: ndarray  # (j, 6) friction; springs let go; opening and closing within a step; friction by its law; crushing;
+    # bonds that broke
     least: ndarray  # (j,) the smallest friction work of a step
     share: ndarray  # (j,) what new contacts leave to the joint
     place: ndarray  # (j,) int64, its number among the point joints; of a convex joint -1 less its number

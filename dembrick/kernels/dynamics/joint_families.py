@@ -53,7 +53,10 @@ def joint_of(corners, faces, family, index):
 def forces(links, corners, faces, bodies, share_corners, share_faces, t, books, work):
     """Forces of all joints in the tiles of share ``t``; ``share_*`` (t + 1,): where the shares begin."""
     if corners is not None:
-        point_joints.forces(links, corners, bodies, share_corners[t], share_corners[t + 1], corners.force, books, work)
+        point_joints.forces(
+            links, corners, bodies, share_corners[t], share_corners[t + 1], corners.force, corners.strengths,
+            corners.bonds, books, work,
+        )  # fmt: skip
     if faces is not None:
         area_joints.forces(links, faces, bodies, share_faces[t], share_faces[t + 1], books, work)
 

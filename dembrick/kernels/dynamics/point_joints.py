@@ -5,6 +5,9 @@ Joints of a tile have one law and equally many points, which never change; the f
 two and so on are taken side by side. Where there is an odd number the last is followed by one without an area. Shear
 memory lives in the plane's axes and turns with them. The normal force acts along the other's normal, and force and
 reaction at one world point.
+
+Where any joint has strengths, all points of the scene take the law with bonds (`answer_bonded` in place of `answer`),
+and what they lose is booked there.
 """
 
 from typing import NamedTuple
@@ -13,7 +16,18 @@ import numpy as np
 from numpy import ndarray
 
 from dembrick._jit import entry, jit
-from dembrick.kernels.dynamics.energy_terms import BY_LAW, DASHPOT, FRICTION, GONE, LEDGER, RELEASED, SMALLEST, STEPPING
+from dembrick.kernels.dynamics.energy_terms import (
+    BY_LAW,
+    CRUSHING,
+    DASHPOT,
+    FRACTURE,
+    FRICTION,
+    GONE,
+    LEDGER,
+    RELEASED,
+    SMALLEST,
+    STEPPING,
+)
 from dembrick.kernels.dynamics.tiles import (
     AREA,
     BEFORE,
@@ -49,7 +63,11 @@ from dembrick.kernels.dynamics.tiles import (
     sense_of,
     three,
 )
-from dembrick.kernels.joint.point_law import point_law, shear_loss
+from dembrick.kernels.joint.point_law import Strengths, bonded_law, bonded_losses, point_law, shear_loss, spring_of
+
+# Rows of a point in `Corners.bonds`: 1 while the bond holds, else 0; crushed depth and rise by dilation (m)
+BONDED, CRUSHED, RISE = 0, 1, 2
+BOND = 3 * W
 
 
 class Corners(NamedTuple):
@@ -70,6 +88,8 @@ class Corners(NamedTuple):
     tile_start: ndarray  # (t + 1,) uint32, first element of each tile in `points`
     points: ndarray  # point after point of a tile, rows as above
     force: ndarray | None  # (c, 3) N, world, last force on the host at each point; None where nobody asks for it
+    strengths: Strengths | None = None  # beside friction, an entry a law; None where no joint has any
+    bonds: ndarray | None = None  # point after point like ``points``, rows as above; None where ``strengths`` is
 
     def where(self, joint: int | None = None) -> ndarray:
         """Where the first row of each contact point is, of all joints (c,) or of one."""
@@ -78,6 +98,11 @@ class Corners(NamedTuple):
         count = np.diff(self.start)
         own = np.arange(int(self.start[-1])) - np.repeat(self.start[:-1].astype(np.int64), count)
         return np.repeat(self.place.astype(np.int64), count) + own * POINT
+
+    def of_bonds(self, row: int, joint: int | None = None) -> ndarray:
+        """Where a row of each contact point is in ``bonds``, of all joints (c,) or of one."""
+        where = self.where(joint)
+        return where // POINT * BOND + row * W + where % W
 
     def row(self, row: int, joint: int | None = None) -> ndarray:
         """A copy of a row of contact points, of all joints (c,) or of one."""
@@ -177,17 +202,101 @@ def answer(work, own, which, lane, k_n, k_s, friction, arm, dashpots, force_out)
     return x, y, xs, ys, t1, t2, normal, taken, loses
 
 
+@jit
+def answer_bonded(
+    work, own, which, lane, k_n, k_s, friction, arm, dashpots, force_out, strengths, law, bonds, ledger
+):  # fmt: skip
+    """`answer` of a point of a scene with strengths, those of the ``law``; ``bonds``: the rows of the two points in
+    `Corners.bonds`. What it loses is booked in the ``ledger`` of its tile."""
+    at = which * POINT + lane
+    x = own[X * W + at]
+    y = own[Y * W + at]
+    area = own[AREA * W + at]
+    g0, gx, gy = three(work, DEPTH, lane)
+    d0, dx, dy = three(work, GROWTH, lane)
+    g = g0 + x * gx + y * gy
+    d = d0 + x * dx + y * dy
+    xs = arm * x
+    ys = arm * y
+    p1, p2, x1 = three(work, MOVED, lane)
+    x2, y1, y2 = three(work, MOVED + 3, lane)
+    u1 = p1 + xs * x1 + ys * y1
+    u2 = p2 + xs * x2 + ys * y2
+    b1 = own[ELASTIC * W + at]
+    b2 = own[(ELASTIC + 1) * W + at]
+    k = k_n * area
+    of_bond = which * BOND + lane
+    bond = bonds[BONDED * W + of_bond]
+    depth = bonds[CRUSHED * W + of_bond]
+    rise = bonds[RISE * W + of_bond]
+    normal, spring, t1, t2, e1, e2, slid, bonded, crushed, risen = bonded_law(
+        g, d, u1, u2, b1, b2, k, k_s * area, friction, work[NORMAL * W + lane], work[DAMPED * W + lane],
+        work[DAMPING * W + lane], strengths, law, area, bond, depth, rise,
+    )  # fmt: skip
+    own[ELASTIC * W + at] = e1
+    own[(ELASTIC + 1) * W + at] = e2
+    own[SLIP * W + at] += slid
+    bonds[BONDED * W + of_bond] = bonded
+    bonds[CRUSHED * W + of_bond] = crushed
+    bonds[RISE * W + of_bond] = risen
+    taken = 0.0
+    if dashpots is not None:
+        c1 = t1 - e1
+        c2 = t2 - e2
+        n = normal - spring
+        last1, last2, last = three(dashpots, 0, which * DASHPOT + lane)
+        taken = (last1 + c1) * u1 + (last2 + c2) * u2 + (last + n) * d
+        put_three(dashpots, 0, which * DASHPOT + lane, (c1, c2, n))
+        before = spring_of(strengths, law, k, g - d, area, bond, depth, rise)
+        opened = normal == 0.0 and (b1 != 0.0 or b2 != 0.0)
+        held, by_law, crush, fracture, released, stepping, dash = bonded_losses(
+            strengths, law, area, friction, k, d, before, spring, normal,
+            shear_loss(b1, b2, e1, e2, u1, u2, k_s * area), slid, bonded < bond, crushed - depth, risen - rise, opened,
+        )  # fmt: skip
+        taken += 2.0 * dash
+        least = ledger[SMALLEST * W + lane]
+        ledger[SMALLEST * W + lane] = held if held < least else least
+        ledger[(GONE + FRICTION) * W + lane] += held
+        ledger[(GONE + BY_LAW) * W + lane] += by_law
+        ledger[(GONE + RELEASED) * W + lane] += released
+        ledger[(GONE + STEPPING) * W + lane] += stepping
+        ledger[(GONE + CRUSHING) * W + lane] += crush
+        ledger[(GONE + FRACTURE) * W + lane] += fracture
+    if force_out is not None:
+        put_three(work, LAST + 3 * which, lane, (t1, t2, normal))
+    return x, y, xs, ys, t1, t2, normal, taken, 0
+
+
+@jit
+def answer_by(
+    work, own, which, lane, k_n, k_s, friction, arm, dashpots, force_out, strengths, law, bonds, ledger
+):  # fmt: skip
+    """`answer` by the law that the points have: dry if ``strengths`` is None."""
+    if strengths is not None:
+        return answer_bonded(
+            work, own, which, lane, k_n, k_s, friction, arm, dashpots, force_out, strengths, law, bonds, ledger
+        )
+    return answer(work, own, which, lane, k_n, k_s, friction, arm, dashpots, force_out)
+
+
 @entry
-def press(work, own, k_n, k_s, friction, arm, dashpots, force_out):
+def press(
+    work, own, k_n, k_s, friction, arm, dashpots, force_out, strengths=None, law=0, bonds=None, ledger=None
+):  # fmt: skip
     """Forces of two points of every joint of a tile, and what they add to the sums of ``work``.
 
     ``own``: the rows of the points; ``dashpots``: those of the books, see `Books.dashpots`, or None; ``force_out`` is
-    None where the forces of single points are not wanted. Returns how many lose something for `book_losses`.
+    None where the forces of single points are not wanted; the last four: see `answer_bonded`. Returns how many lose
+    something for `book_losses`.
     """
     losing = 0
     for lane in range(W):
-        x, y, xs, ys, t1, t2, n, d, loses = answer(work, own, 0, lane, k_n, k_s, friction, arm, dashpots, force_out)
-        X, Y, XS, YS, T1, T2, N, D, LOSES = answer(work, own, 1, lane, k_n, k_s, friction, arm, dashpots, force_out)
+        x, y, xs, ys, t1, t2, n, d, loses = answer_by(
+            work, own, 0, lane, k_n, k_s, friction, arm, dashpots, force_out, strengths, law, bonds, ledger
+        )
+        X, Y, XS, YS, T1, T2, N, D, LOSES = answer_by(
+            work, own, 1, lane, k_n, k_s, friction, arm, dashpots, force_out, strengths, law, bonds, ledger
+        )
         a = FORCE * W + lane
         work[a] -= t1 + T1
         work[a + W] -= t2 + T2
@@ -257,11 +366,19 @@ def book_losses(work, own, dashpots, which, k_n, k_s, friction, arm, ledger):
 
 
 @jit
-def forces(links, corners, bodies, first, last, force_out, books, work):
+def bonds_of(bonds, point):
+    """The rows of two points in `Corners.bonds`, from number ``point`` on; None without any."""
+    if bonds is None:
+        return None
+    return bonds[point * BOND : (point + 2) * BOND]
+
+
+@jit
+def forces(links, corners, bodies, first, last, force_out, strengths, bonds, books, work):
     """Forces of the point joints in the tiles ``first`` to ``last``; ``work`` (WORK,) is scratch.
 
-    ``force_out`` is ``corners.force``, given apart so that its code goes where it is None; ``books`` are the energy
-    terms, or None.
+    ``force_out``, ``strengths`` and ``bonds`` are those of ``corners``, given apart so that their code goes where they
+    are None; ``books`` are the energy terms, or None.
     """
     for t in range(first, last):
         tile = links.tiles[t * TILE : (t + 1) * TILE]
@@ -276,13 +393,15 @@ def forces(links, corners, bodies, first, last, force_out, books, work):
         start = corners.tile_start[t]
         for i in range(0, (corners.tile_start[t + 1] - start) // POINT, 2):
             own = corners.points[start + i * POINT : start + (i + 2) * POINT]
+            pair = bonds_of(bonds, start // POINT + i)
             if books is None:
-                press(work, own, k_n, k_s, friction, arm, None, force_out)
+                press(work, own, k_n, k_s, friction, arm, None, force_out, strengths, law, pair, None)
             if books is not None:
                 of_books = (start // POINT + i) * DASHPOT
                 dashpots = books.dashpots[of_books : of_books + 2 * DASHPOT]
-                if press(work, own, k_n, k_s, friction, arm, dashpots, force_out) > 0:
-                    ledger = books.ledger[t * LEDGER : (t + 1) * LEDGER]
+                ledger = books.ledger[t * LEDGER : (t + 1) * LEDGER]
+                losing = press(work, own, k_n, k_s, friction, arm, dashpots, force_out, strengths, law, pair, ledger)
+                if losing > 0:
                     for which in range(2):
                         book_losses(work, own, dashpots, which, k_n, k_s, friction, arm, ledger)
             if force_out is not None:
@@ -292,6 +411,17 @@ def forces(links, corners, bodies, first, last, force_out, books, work):
         if books is not None:
             for lane in range(W):
                 books.ledger[t * LEDGER + lane] += work[TAKEN * W + lane]
+
+
+@jit
+def spring_length(strengths, bonds, law, k_n, begin, g):
+    """By how much the normal spring of a point is pressed (m, negative where a bond is pulled) at the penetration
+    ``g``; ``begin``: where its first row is in `Corners.points`."""
+    if bonds is not None:
+        at = begin // POINT * BOND + begin % W
+        bond, depth, rise = bonds[BONDED * W + at], bonds[CRUSHED * W + at], bonds[RISE * W + at]
+        return spring_of(strengths, law, k_n, g, 1.0, bond, depth, rise) / k_n
+    return max(g, 0.0)
 
 
 @jit
@@ -309,7 +439,8 @@ def spring_energy(links, corners, p, held):
         e1 = point[ELASTIC]
         e2 = point[ELASTIC + 1]
         g = sense * (offset - seen[2] - point[X] * seen[5] - point[Y] * seen[8])
-        if g > 0.0:
+        g = spring_length(corners.strengths, corners.bonds, law, corners.k_n[law], begin, g)
+        if g != 0.0:
             twice += corners.k_n[law] * point[AREA] * g * g
         if point[AREA] > 0.0:
             twice += (e1 * e1 + e2 * e2) / (corners.k_s[law] * point[AREA])

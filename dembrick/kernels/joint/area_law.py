@@ -11,14 +11,23 @@ the host), which is also the direction in which it slips.
 - Memory: the elastic (V_1, V_2, M_T). An open joint carries nothing and remembers nothing, as in `point_law`.
 - `slip` is the irreversible part of the shear displacement, as a path length averaged over what presses: the plastic
   work t.q over the strength, that is D(q) of the plastic twist q. For points it is the same mean of theirs.
+
+With strengths (those of `point_law`) one bond holds the whole polygon, by springs on both sides, until the tension at
+a corner passes f_t or (V_1, V_2, M_T) leaves the limit surface, which is scaled by c A + mu N; from then on the
+no-tension integral holds, and a surface scaled by c_r A + mu_r N. Crushing caps the pressure at f_c, without memory: it
+holds where loads only grow. Dilation lifts the block by tan psi times the slip, along the normal.
 """
 
 from math import sqrt
 
 from dembrick._jit import jit
-from dembrick.kernels.joint.limit_surface import PROXIMAL_TOLERANCE, chord, proximal_map
+from dembrick.kernels.joint.limit_surface import PROXIMAL_TOLERANCE, chord, gauge, proximal_map
 from dembrick.kernels.joint.no_tension import extremes, no_tension
+from dembrick.kernels.joint.point_law import breaks_at_once
 from dembrick.kernels.joint.pressure import follow_pressure
+
+LIFTS = 30  # of the search for the slip that lifts by what makes it
+LIFTED = 1e-12  # of the slip: its error at the end
 
 
 @jit
@@ -128,3 +137,143 @@ def area_friction(
         t1, t2, tm, b1 + k_t * (s1 - q1), b2 + k_t * (s2 - q2), bm + k_r * (turn - qm), q1, q2, qm, w1, w2, wm, slid,
         evaluations,
     )  # fmt: skip
+
+
+# --- with strengths
+
+
+@jit
+def area_springs(x, y, first, last, area, second, reach, bonded, most, g0, gx, gy):
+    """Integrals (3) over the polygon of what its normal springs are pressed by, g = g0 + gx x + gy y, its x and y
+    moments; and the volume beyond ``most`` (m), the penetration at which the joint crushes."""
+    if bonded > 0.0:
+        volume, moment_x, moment_y = closed_pressure(area, second, g0, gx, gy)
+    else:
+        volume, moment_x, moment_y = spring_pressure(x, y, first, last, area, second, reach, g0, gx, gy)
+    beyond = 0.0
+    if g0 + reach * sqrt(gx * gx + gy * gy) > most:
+        beyond, beyond_x, beyond_y = spring_pressure(x, y, first, last, area, second, reach, g0 - most, gx, gy)
+        volume -= beyond
+        moment_x -= beyond_x
+        moment_y -= beyond_y
+    return volume, moment_x, moment_y, beyond
+
+
+@jit
+def bonded_pressure(x, y, first, last, area, second, reach, viscous, bonded, most, g0, gx, gy, d0, dx, dy):
+    """`area_springs` with the dashpots: `area_pressure` where there is no bond."""
+    if bonded > 0.0:
+        h0 = g0 + viscous * d0
+        hx = gx + viscous * dx
+        hy = gy + viscous * dy
+        volume, moment_x, moment_y = closed_pressure(area, second, h0, hx, hy)
+    else:
+        volume, moment_x, moment_y, h0, hx, hy = area_pressure(
+            x, y, first, last, area, second, reach, viscous, g0, gx, gy, d0, dx, dy
+        )
+    if h0 + reach * sqrt(hx * hx + hy * hy) > most:
+        beyond, beyond_x, beyond_y = spring_pressure(x, y, first, last, area, second, reach, h0 - most, hx, hy)
+        volume -= beyond
+        moment_x -= beyond_x
+        moment_y -= beyond_y
+    return volume, moment_x, moment_y
+
+
+@jit
+def area_strength(strengths, i, area, bonded, friction, normal):
+    """What scales the limit surface of a convex joint under N = ``normal``, by the bond that it has (N)."""
+    if bonded > 0.0:
+        return max(strengths.cohesion[i] * area + friction * normal, 0.0)
+    return strengths.residual_cohesion[i] * area + strengths.residual[i] * friction * normal if normal > 0.0 else 0.0
+
+
+@jit
+def bonded_area(
+    x, y, first, last, area, second, reach, far, radius, strengths, i, k_n, k_s, friction, negligible, viscous, damped,
+    bonded, rise, g0, gx, gy, d0, dx, dy, s1, s2, turn, b1, b2, bm, w1, w2, wm, tolerance=PROXIMAL_TOLERANCE,
+):  # fmt: skip
+    """Force of a convex joint with the strengths ``i``, under full pressure, and its new memory.
+
+    ``k_n``, ``k_s`` Pa/m; ``bonded`` 1 or 0 and ``rise`` (m): memory; the penetration g and its growth d as in
+    `area_pressure`, the slip and the memory of shear as in `area_friction`. Returns N and its x and y moments (3), the
+    shear force (3), the new memory (3), the plastic twist (3), the next start (3), the slip path of the step,
+    evaluations of the surface, ``bonded`` and ``rise``.
+    """
+    held = strengths.held[0] > 0.0
+    most = strengths.crushing[i] / k_n
+    k_t = k_s * area
+    k_r = k_s * (second[0] + second[1])
+    if bonded > 0.0:
+        least, _ = extremes(x, y, first, last, g0 + rise, gx, gy)
+        n, nx, ny = bonded_pressure(
+            x, y, first, last, area, second, reach, viscous, bonded, most, g0 + rise, gx, gy, d0, dx, dy
+        )
+        n *= k_n
+        cap = area_strength(strengths, i, area, bonded, friction, n)
+        t1 = b1 + damped * k_t * s1
+        t2 = b2 + damped * k_t * s2
+        tm = bm + damped * k_r * turn
+        whole = held and (least < 0.0 or breaks_at_once(strengths, i))
+        tears = k_n * least < -strengths.tension[i] and not held
+        if not (whole or tears):
+            whole = chord(None, 0, radius, t1, t2, tm) <= cap
+            if not whole and cap > 0.0:
+                size, w1, w2, wm = gauge(
+                    x, y, first, last, area, reach, far, None, 0, t1 / cap, t2 / cap, tm / cap, w1, w2, wm, 0.0
+                )
+                whole = size <= 1.0
+        if whole:
+            return (
+                n, k_n * nx, k_n * ny, t1, t2, tm, b1 + k_t * s1, b2 + k_t * s2, bm + k_r * turn, 0.0, 0.0, 0.0,
+                w1, w2, wm, 0.0, 1, bonded, rise,
+            )  # fmt: skip
+        bonded = 0.0
+        if tears or breaks_at_once(strengths, i):  # the springs go at once, and no dashpot acts in this step
+            viscous = 0.0
+            damped = 1.0
+    dilation = strengths.dilation[i]
+    lift = below = above = last_lift = error = 0.0
+    bounded = False
+    evaluations = 0
+    for turns in range(LIFTS):
+        n, nx, ny = bonded_pressure(
+            x, y, first, last, area, second, reach, viscous, bonded, most, g0 + rise + lift, gx, gy, d0 + lift, dx, dy
+        )
+        n *= k_n
+        t1, t2, tm, e1, e2, em, q1, q2, qm, w1, w2, wm, slid, more = area_friction(
+            x, y, first, last, area, reach, far, None, 0, radius,
+            area_strength(strengths, i, area, bonded, friction, n), 1.0, negligible, k_t, k_r, damped, s1, s2, turn,
+            b1, b2, bm, w1, w2, wm, tolerance,
+        )  # fmt: skip
+        evaluations += more
+        wanted = dilation * slid
+        if turns == LIFTS - 1 or abs(wanted - lift) <= LIFTED * wanted:
+            break
+        # more lift is more strength and less slip: between what was too little and what was too much
+        if wanted > lift:
+            below = lift
+            if not bounded:
+                above = wanted
+                bounded = True
+        else:
+            above = lift
+        if turns > 0 and error != wanted - lift:
+            guess = lift + (wanted - lift) * (lift - last_lift) / (error - (wanted - lift))
+            if not below < guess < above:
+                guess = 0.5 * (below + above)
+        else:
+            guess = wanted
+        last_lift = lift
+        error = wanted - lift
+        lift = guess
+    return (
+        n, k_n * nx, k_n * ny, t1, t2, tm, e1, e2, em, q1, q2, qm, w1, w2, wm, slid, evaluations, bonded, rise + lift,
+    )  # fmt: skip
+
+
+@jit
+def springs_hold(x, y, first, last, area, second, reach, bonded, rise, most, g0, gx, gy):
+    """Twice the energy over k_n in the normal springs of a convex joint: a state, not a path, since what is crushed
+    gives nothing back."""
+    n, nx, ny, beyond = area_springs(x, y, first, last, area, second, reach, bonded, most, g0 + rise, gx, gy)
+    return n * (g0 + rise) + nx * gx + ny * gy - (most * beyond if beyond > 0.0 else 0.0)

@@ -1,6 +1,7 @@
 """The law of a contact point: a no-tension normal spring and Coulomb friction, each spring with a dashpot beside it.
 
-Both engines call `point_law` once a point and step. Sign of all shear quantities: the action on block b (in dynamics
+Both engines call `point_law` once a point and step, or `bonded_law` in scenes where any point has more strength than
+friction gives it, or dilates, or crushes. Sign of all shear quantities: the action on block b (in dynamics
 the host), which is also the direction in which it slips; the joint pushes back with the opposite.
 
 - Normal: N = k_n (g + viscous d'), never negative and zero if g <= 0; d' is `onset.dashpot_growth`.
@@ -12,10 +13,25 @@ the host), which is also the direction in which it slips; the joint pushes back 
 - `slip` is the irreversible part of the shear displacement, as a path length: the plastic increment of each step added
   up while the point is closed. What an open point moves past is no slip.
 
-The code has no branches, so that a loop over the lanes of a tile becomes wide instructions.
+The dry law has no branches, so that a loop over the lanes of a tile becomes wide instructions.
+
+With strengths (cohesion c, tensile strength f_t, compressive strength f_c, dilation tan psi, residual friction mu_r and
+cohesion c_r; areas A) a point remembers besides whether its *bond* holds, the depth by which it was crushed, and its
+rise by dilation. The normal spring then has the length g + rise - crushed. In this order:
+
+1. A bond breaks in tension if the spring pulls more than f_t A; without a bond a spring that does not press is open.
+2. What presses more than f_c A crushes by the rest, and goes on with f_c A.
+3. The bond breaks in shear beyond c A + mu N. From then on, in the same evaluation, the strength is c_r A + mu_r N; a
+   bond that breaks while it pulls leaves nothing.
+4. Slip ds lifts by tan psi ds, by its length and not its sense, and N grows with it.
+
+A bond that breaks lets its springs go at once: no dashpot holds them back.
 """
 
 from math import sqrt
+from typing import NamedTuple
+
+from numpy import ndarray
 
 from dembrick._jit import jit
 from dembrick.kernels.joint.onset import dashpot_growth
@@ -74,3 +90,150 @@ def shear_loss(before_1, before_2, after_1, after_2, slip_1, slip_2, k):
     q1 = k * slip_1 - (after_1 - before_1)
     q2 = k * slip_2 - (after_2 - before_2)
     return 0.5 * ((before_1 + after_1) * q1 + (before_2 + after_2) * q2) / divisor
+
+
+class Strengths(NamedTuple):
+    """Strengths of joints beside friction, an entry a joint (s,) or a law of joints; None in scenes without any."""
+
+    cohesion: ndarray  # (s,) Pa, while the bond holds
+    tension: ndarray  # (s,) Pa
+    crushing: ndarray  # (s,) Pa, infinite where nothing crushes
+    dilation: ndarray  # (s,) rise over slip
+    residual_cohesion: ndarray  # (s,) Pa, of a closed point without a bond
+    residual: ndarray  # (s,) residual friction over friction
+    held: ndarray  # (1,) 1 while no bond breaks that would let go of something: in seating, and within an equilibrium
+
+
+@jit
+def breaks_at_once(strengths, i):
+    """Whether a bond that breaks in shear while it presses lets go of something (brittle), or carries on (ductile)."""
+    return strengths.residual_cohesion[i] < strengths.cohesion[i] or strengths.residual[i] < 1.0
+
+
+@jit
+def bonded_law(
+    g, d, slip_1, slip_2, elastic_1, elastic_2, k_n, k_s, friction, viscous, damped, share, strengths, i, area, bonded,
+    crushed, rise,
+):  # fmt: skip
+    """Force of a contact point with the strengths ``i``, and its new memory.
+
+    ``area`` (m2) tributary; ``bonded`` 1 or 0, ``crushed`` and ``rise`` (m): memory; the rest as in `point_law`.
+    Returns N (negative in tension), N of the spring alone, the shear force (2), the new memory (2), the slip path of
+    the step (m), and ``bonded``, ``crushed``, ``rise``.
+    """
+    held = strengths.held[0] > 0.0
+    length = g + rise - crushed
+    spring = k_n * length
+    most = strengths.crushing[i] * area
+    if bonded > 0.0:
+        growth = d
+        if spring < -strengths.tension[i] * area and not held:
+            return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, crushed, rise
+    else:
+        growth = dashpot_growth(length, d)
+        if spring <= 0.0:
+            return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, crushed, rise
+    if spring > most:  # spring and dashpot are one behind the other with what crushes, and with what lifts
+        growth -= (spring - most) / k_n
+        crushed += (spring - most) / k_n
+        spring = most
+    normal = spring + k_n * viscous * growth
+    if normal > most:
+        normal = most
+    if bonded == 0.0 and normal <= 0.0:
+        return 0.0, spring, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, crushed, rise
+    t1 = elastic_1 + damped * k_s * slip_1
+    t2 = elastic_2 + damped * k_s * slip_2
+    size = sqrt(t1 * t1 + t2 * t2)
+    stiff = damped * k_s
+    if bonded > 0.0:
+        if size <= strengths.cohesion[i] * area + friction * normal or (
+            held and (spring <= 0.0 or breaks_at_once(strengths, i))
+        ):
+            e1 = elastic_1 + share * (t1 - elastic_1)
+            e2 = elastic_2 + share * (t2 - elastic_2)
+            return normal, spring, t1, t2, e1, e2, 0.0, bonded, crushed, rise
+        bonded = 0.0
+        if spring <= 0.0:
+            return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, crushed, rise
+        if breaks_at_once(strengths, i):  # the springs go at once, and no dashpot acts in this step
+            normal = spring
+            t1 = elastic_1 + k_s * slip_1
+            t2 = elastic_2 + k_s * slip_2
+            size = sqrt(t1 * t1 + t2 * t2)
+            stiff = k_s
+            share = 1.0
+            viscous = 0.0
+    mu = friction * strengths.residual[i]
+    cap = strengths.residual_cohesion[i] * area + mu * normal
+    slid = 0.0
+    if size > cap:
+        dilation = strengths.dilation[i]
+        slid = (size - cap) / max(stiff + mu * k_n * (1.0 + viscous) * dilation, NONE)
+        lift = dilation * slid
+        rise += lift
+        normal += k_n * (1.0 + viscous) * lift
+        spring += k_n * lift
+        if normal > most:  # what is crushed lifts no further
+            crushed += (spring - most) / k_n if spring > most else 0.0
+            spring = min(spring, most)
+            normal = most
+            again = (size - strengths.residual_cohesion[i] * area - mu * normal) / max(stiff, NONE)
+            rise += dilation * (again - slid)
+            crushed += dilation * (again - slid)
+            slid = again
+        kept = (strengths.residual_cohesion[i] * area + mu * normal) / size
+        t1 *= kept
+        t2 *= kept
+    e1 = elastic_1 + share * (t1 - elastic_1)
+    e2 = elastic_2 + share * (t2 - elastic_2)
+    if share == 1.0:
+        e1 = t1
+        e2 = t2
+    return normal, spring, t1, t2, e1, e2, slid, bonded, crushed, rise
+
+
+@jit
+def shear_strength(strengths, i, area, bonded, friction, normal):
+    """What a point may carry in shear under N = ``normal`` (N), by the bond that it has."""
+    if bonded > 0.0:
+        return max(strengths.cohesion[i] * area + friction * normal, 0.0)
+    return strengths.residual_cohesion[i] * area + strengths.residual[i] * friction * normal if normal > 0.0 else 0.0
+
+
+@jit
+def spring_of(strengths, i, k_n, g, area, bonded, crushed, rise):
+    """N of the normal spring of a point for a penetration ``g``, that of a step ago for instance."""
+    spring = k_n * (g + rise - crushed)
+    if bonded == 0.0 and spring < 0.0:
+        return 0.0
+    most = strengths.crushing[i] * area
+    return most if spring > most else spring
+
+
+@jit
+def bonded_losses(
+    strengths, i, area, friction, k_n, d, before, spring, normal, shear, slid, broke, deeper, lift, opened
+):  # fmt: skip
+    """What a step took from the springs of a point with strengths (J): by friction, the same by its law, by crushing,
+    by a bond that broke, let go by a point that opened, by opening or closing within the step, and what its dashpot
+    took more than by the growth of the penetration.
+
+    ``before`` and ``spring``: N of the normal spring a step ago and now, ``d`` the growth of the penetration (m);
+    ``shear``: see `shear_loss`; ``broke``: whether the bond did, ``deeper`` and ``lift``: growth of the crushed depth
+    and of the rise (m), ``opened``: whether the point let go of its shear. ``normal`` is N.
+    """
+    across = 0.5 * (before + spring) * d - 0.5 * (spring * spring - before * before) / max(k_n, NONE)
+    if broke:
+        return 0.0, 0.0, 0.0, shear + across, 0.0, 0.0, 0.0
+    crush = strengths.crushing[i] * area * deeper if deeper > 0.0 else 0.0
+    if slid > 0.0:
+        by_law = strengths.residual_cohesion[i] * area
+        by_law += (friction * strengths.residual[i] - strengths.dilation[i]) * normal
+        if lift > 0.0:  # what lifts takes its work from friction, and the dashpot lengthens with it
+            dash = (normal - spring) * (lift - deeper)
+            return shear + across - crush - dash, by_law * slid, crush, 0.0, 0.0, 0.0, dash
+        return shear, by_law * slid, crush, 0.0, 0.0, across - crush, 0.0
+    if opened:
+        return 0.0, 0.0, crush, 0.0, shear, across - crush, 0.0
+    return 0.0, 0.0, crush, 0.0, 0.0, across - crush, 0.0

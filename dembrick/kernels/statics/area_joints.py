@@ -4,19 +4,42 @@ The functions of a family are those of `point_joints`, under the same names; `jo
 convex joint is `kernels.joint.area_law`.
 """
 
+from math import inf
 from typing import NamedTuple
 
 from numpy import ndarray
 
-from dembrick._jit import jit
-from dembrick.kernels.joint.area_law import area_friction, area_pressure, follow_bending, spring_pressure
+from dembrick._jit import entry, jit
+from dembrick.kernels.joint.area_law import (
+    area_friction,
+    area_pressure,
+    area_springs,
+    area_strength,
+    bonded_area,
+    follow_bending,
+    spring_pressure,
+    springs_hold,
+)
 from dembrick.kernels.joint.limit_surface import gauge, surface
+from dembrick.kernels.joint.no_tension import extremes
+from dembrick.kernels.joint.point_law import Strengths, breaks_at_once
 from dembrick.kernels.joint.pressure import Pressed
-from dembrick.kernels.state import BY_LAW, DAMPING, LEAST, SLIDING
+from dembrick.kernels.state import BY_LAW, CRUSHING, DAMPING, FRACTURE, LEAST, SLIDING
 from dembrick.kernels.statics.dashpots import dashpot_work
 
 SAME = 1e-9  # of the normal force and its moment: a pressure that moves no more than that is at rest
 NEVER_OVER = 1e300  # N, of a block that no load of this direction turns over
+
+
+class AreaBonds(NamedTuple):
+    """What convex joints with strengths remember, and what their springs hold."""
+
+    bonded: ndarray  # (a,) 1 while the bond holds, else 0
+    rise: ndarray  # (a,) m, by dilation
+    crushed: ndarray  # (a,) m3, volume by which the pressed part is deeper than it can press
+    more: ndarray  # (a,) J, twice what the springs hold beyond half the resultant times the opening
+    normal: ndarray  # (a,) N
+    least: ndarray  # (a,) Pa, of the pressure at the corners, negative in tension
 
 
 class Areas(NamedTuple):
@@ -39,6 +62,8 @@ class Areas(NamedTuple):
     slip: ndarray  # (a,) m, length of the slip path at O
     evaluations: ndarray  # (a,) int64, evaluations of the limit surface
     pressed: Pressed | None  # None where all pressures are full
+    strengths: Strengths | None = None  # beside friction; None where no joint has any
+    bonds: AreaBonds | None = None  # None where ``strengths`` is
 
 
 @jit
@@ -60,7 +85,7 @@ def of_scene(areas, lone, i):
     return Areas(
         lone.zero, areas.start[i : i + 2], areas.friction[s], areas.x, areas.y, areas.area[s], areas.second[s],
         areas.reach[s], areas.radius[s], areas.far[s], areas.k_n[s], areas.k_s[s], areas.elastic[s], areas.twist[s],
-        areas.slip[s], areas.evaluations[s], pressed_of(areas.pressed, i),
+        areas.slip[s], areas.evaluations[s], pressed_of(areas.pressed, i), None, None,
     )  # fmt: skip
 
 
@@ -68,6 +93,96 @@ def of_scene(areas, lone, i):
 def forces(areas, a, before, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s, energy):
     """Resultant (N, V_1, V_2, M_T, M_1, M_2, slip) of convex joint ``a``; updates its memory and, with ``energy`` (not
     None), books the work of the step."""
+    return forces_by(
+        areas.strengths, areas.bonds, areas, a, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s, energy
+    )
+
+
+@jit
+def forces_by(strengths, bonds, areas, a, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s, energy):
+    """`forces` by the law that the joints have: dry if ``strengths`` is None."""
+    if strengths is not None:
+        return bonded_forces(
+            strengths, bonds, areas, a, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s, energy
+        )
+    return dry_forces(areas, a, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s, energy)
+
+
+@jit
+def bonded_forces(strengths, bonds, areas, a, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s, energy):
+    """`forces` of a joint of a scene where some have strengths."""
+    first = areas.start[a]
+    last = areas.start[a + 1]
+    x = areas.x
+    y = areas.y
+    area = areas.area[a]
+    second = areas.second[a]
+    reach = areas.reach[a]
+    k_n = areas.k_n[a]
+    elastic = areas.elastic[a]
+    twist = areas.twist[a]
+    b1 = elastic[0]
+    b2 = elastic[1]
+    br = elastic[2]
+    bond = bonds.bonded[a]
+    rise = bonds.rise[a]
+    most = strengths.crushing[a] / k_n
+    n, nx, ny, v1, v2, mt, e1, e2, er, q1, q2, qr, w1, w2, wr, slid, evaluations, bonded, risen = bonded_area(
+        x, y, first, last, area, second, reach, areas.far[a], areas.radius[a], strengths, a, k_n, areas.k_s[a],
+        areas.friction[a], 0.0, viscous_n, 1.0 + viscous_s, bond, rise, -dn, r2, -r1, -pn, pr2, -pr1, p1, p2, pr, b1,
+        b2, br, twist[0], twist[1], twist[2],
+    )  # fmt: skip
+    elastic[0] = e1
+    elastic[1] = e2
+    elastic[2] = er
+    twist[0] = w1
+    twist[1] = w2
+    twist[2] = wr
+    areas.slip[a] += slid
+    areas.evaluations[a] += evaluations
+    bonds.bonded[a] = bonded
+    bonds.rise[a] = risen
+    still, still_x, still_y, beyond = area_springs(
+        x, y, first, last, area, second, reach, bonded, most, risen - dn, r2, -r1
+    )
+    if energy is not None:
+        before, before_x, before_y, crushed = area_springs(
+            x, y, first, last, area, second, reach, bond, most, rise - dn + pn, r2 - pr2, pr1 - r1
+        )
+        across = springs_hold(x, y, first, last, area, second, reach, bond, rise, most, pn - dn, r2 - pr2, pr1 - r1)
+        across -= springs_hold(x, y, first, last, area, second, reach, bonded, risen, most, -dn, r2, -r1)
+        across += (before_x + still_x) * pr2 - (before_y + still_y) * pr1 - (before + still) * pn
+        across *= 0.5 * k_n
+        crushing = strengths.crushing[a] * (beyond - crushed) if beyond > crushed else 0.0
+        shear = 0.5 * ((b1 + e1) * q1 + (b2 + e2) * q2 + (br + er) * qr)
+        energy.work[CRUSHING] += crushing
+        if bonded < bond:
+            energy.work[FRACTURE] += shear + across - crushing
+        elif n > 0.0:
+            dash = (n - k_n * still) * (risen - rise)  # lengthens with what lifts
+            lifted = across - dash if risen > rise else 0.0
+            energy.work[DAMPING] += dash
+            energy.work[SLIDING] += shear + lifted
+            energy.work[BY_LAW] += v1 * q1 + v2 * q2 + mt * qr - n * (risen - rise)
+            energy.work[LEAST] = min(energy.work[LEAST], shear + lifted)
+        else:
+            energy.work[DAMPING] += shear
+        energy.work[DAMPING] += 0.5 * dashpot_work(
+            energy.dash[areas.joint[a]], v1 - e1, v2 - e2, mt - er, n - k_n * still, k_n * still_y - ny,
+            nx - k_n * still_x, p1, p2, pr, pn, pr1, pr2,
+        )  # fmt: skip
+    bonds.crushed[a] = beyond
+    bonds.normal[a] = n
+    bonds.least[a] = k_n * extremes(x, y, first, last, risen - dn, r2, -r1)[0]
+    bonds.more[a] = k_n * still * risen
+    if beyond > 0.0:
+        bonds.more[a] -= strengths.crushing[a] * beyond
+    return n, v1, v2, mt, -ny, nx, areas.slip[a]
+
+
+@jit
+def dry_forces(areas, a, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s, energy):
+    """`forces` of a joint of a scene in which none has strengths."""
     first = areas.start[a]
     last = areas.start[a + 1]
     area = areas.area[a]
@@ -139,7 +254,15 @@ def dissipation(areas, a, rest, normal, q1, q2, qr):
         q2 / size,
         qr / size,
     )[0]
-    return areas.friction[a] * normal * size * d
+    return strength(areas.strengths, areas.bonds, areas, a, normal) * size * d
+
+
+@jit
+def strength(strengths, bonds, areas, a, normal):
+    """What scales the limit surface of convex joint ``a`` (N) under the normal force ``normal``."""
+    if strengths is not None:
+        return area_strength(strengths, a, areas.area[a], bonds.bonded[a], areas.friction[a], normal)
+    return areas.friction[a] * normal
 
 
 @jit
@@ -148,7 +271,26 @@ def shear_energy(areas, a):
     k_t = areas.k_s[a] * areas.area[a]
     k_r = areas.k_s[a] * (areas.second[a, 0] + areas.second[a, 1])
     e = areas.elastic[a]
-    return 0.5 * ((e[0] ** 2 + e[1] ** 2) / k_t + e[2] ** 2 / k_r)
+    return 0.5 * ((e[0] ** 2 + e[1] ** 2) / k_t + e[2] ** 2 / k_r) + beyond_opening(areas.bonds, a)
+
+
+@jit
+def beyond_opening(bonds, a):
+    """Energy (J) in normal springs beyond half their resultant times the opening, of a joint that was crushed or
+    lifted."""
+    if bonds is not None:
+        return 0.5 * bonds.more[a]
+    return 0.0
+
+
+@jit
+def copy_bonds(bonds, memory, first, last):
+    """Copy what the joints ``first`` to ``last`` remember of their bonds."""
+    if bonds is not None:
+        for a in range(first, last):
+            memory.bonded[a] = bonds.bonded[a]
+            memory.rise[a] = bonds.rise[a]
+            memory.crushed[a] = bonds.crushed[a]
 
 
 @jit
@@ -159,6 +301,7 @@ def remember(areas, memory):
             memory.elastic[a, i] = areas.elastic[a, i]
             memory.twist[a, i] = areas.twist[a, i]
         memory.slip[a] = areas.slip[a]
+    copy_bonds(areas.bonds, memory.bonds, 0, areas.joint.size)
 
 
 @jit
@@ -168,6 +311,15 @@ def recall(areas, memory, a):
         areas.elastic[a, i] = memory.elastic[a, i]
         areas.twist[a, i] = memory.twist[a, i]
     areas.slip[a] = memory.slip[a]
+    copy_bonds(memory.bonds, areas.bonds, a, a + 1)
+
+
+@jit
+def write_bonds(bonds, areas, out):
+    """Which joints' bonds hold, into ``out`` (j,); ``bonds`` is ``areas.bonds``."""
+    if bonds is not None:
+        for a in range(areas.joint.size):
+            out[areas.joint[a]] = bonds.bonded[a]
 
 
 # --- limit-analysis bounds
@@ -262,3 +414,22 @@ def dead_gauge(areas, a, normal, dead):
     """Gauge of the dead load (6,) in the limit set, exact."""
     strength = areas.friction[a] * normal
     return area_gauge(areas, a, dead[0] / strength, dead[1] / strength, dead[5] / strength)
+
+
+# --- bonds
+
+
+@entry
+def reserves(areas, out):
+    """What bonds could carry more (a, 2), in N: in tension at the worst corner times the area, and in shear where its
+    loss would let go of something; infinite where there is no bond."""
+    for a in range(areas.joint.size):
+        out[a, 0] = out[a, 1] = inf
+        strengths = areas.strengths
+        if areas.bonds.bonded[a] > 0.0:
+            least = areas.bonds.least[a]
+            out[a, 0] = areas.area[a] * (strengths.tension[a] + least)
+            if least < 0.0 or breaks_at_once(strengths, a):
+                e = areas.elastic[a]
+                cap = area_strength(strengths, a, areas.area[a], 1.0, areas.friction[a], areas.bonds.normal[a])
+                out[a, 1] = cap if cap <= 0.0 else cap - cap * area_gauge(areas, a, e[0] / cap, e[1] / cap, e[2] / cap)

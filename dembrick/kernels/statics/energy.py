@@ -6,11 +6,13 @@ or closes within a step, and, in finite motion, the turning of the geometry with
 """
 
 from dembrick._jit import jit
+from dembrick.kernels.state import CRUSHING as CRUSHED
 from dembrick.kernels.state import DAMPING, HEAD, JACK_DAMPING, SEATED, SEATING, SLIDING, TORQUES
+from dembrick.kernels.state import FRACTURE as BROKEN
 from dembrick.kernels.statics import joint_families as families
 from dembrick.kernels.statics.joint_families import FAMILIES
 
-KINETIC, ELASTIC, JACK_SPRING, EXTERNAL, FRICTION, DASHPOTS = range(6)
+KINETIC, ELASTIC, JACK_SPRING, EXTERNAL, FRICTION, DASHPOTS, CRUSHING, FRACTURE = range(8)
 
 
 @jit
@@ -93,7 +95,8 @@ def kinetic_energy(blocks, scaled, inertia, dt):
 
 @jit
 def balance(energy, blocks, joints, points, areas, jacks, drive, scaled, inertia, dt, out):
-    """Write the six energies of this instant (J): kinetic, elastic, jack spring, external, friction, dashpots."""
+    """Write the eight energies of this instant (J): kinetic, elastic, jack spring, external, friction, dashpots,
+    crushing, fracture."""
     weights = 0.0
     for i in range(jacks.weight.size):
         weights += abs(jacks.weight[i])
@@ -104,3 +107,5 @@ def balance(energy, blocks, joints, points, areas, jacks, drive, scaled, inertia
     out[EXTERNAL] = energy.work[HEAD] + energy.work[TORQUES] + (dead_force_work(blocks) - energy.work[SEATING])
     out[FRICTION] = energy.work[SLIDING]
     out[DASHPOTS] = energy.work[DAMPING] + energy.work[JACK_DAMPING]
+    out[CRUSHING] = energy.work[CRUSHED]
+    out[FRACTURE] = energy.work[BROKEN]

@@ -200,6 +200,15 @@ def write_contacts(points, areas, joints, viscous, out):
 
 
 @jit
+def write_bonds(points, areas, out):
+    """The part of the area of every joint whose bond holds, into ``out`` (j,)."""
+    if points is not None:
+        point_joints.write_bonds(points.bonds, points, out)
+    if areas is not None:
+        area_joints.write_bonds(areas.bonds, areas, out)
+
+
+@jit
 def remember(points, areas, point_memory, area_memory):
     """Copy what all joints remember into the memories, a `Points` and an `Areas`, None where the family is."""
     if points is not None:

@@ -10,10 +10,28 @@ from typing import NamedTuple
 from numpy import ndarray, uint64
 
 from dembrick._jit import jit, jit_sum
-from dembrick.kernels.joint.point_law import point_law, shear_loss
+from dembrick.kernels.joint.point_law import (
+    Strengths,
+    bonded_law,
+    bonded_losses,
+    point_law,
+    shear_loss,
+    shear_strength,
+    spring_of,
+)
 from dembrick.kernels.math.vec3 import columns_times
-from dembrick.kernels.state import BY_LAW, DAMPING, LEAST, SLIDING
+from dembrick.kernels.state import BY_LAW, CRUSHING, DAMPING, FRACTURE, LEAST, SLIDING
 from dembrick.kernels.statics.dashpots import dashpot_work
+
+
+class Bonds(NamedTuple):
+    """What points with strengths remember, and what their normal springs carry."""
+
+    area: ndarray  # (c,) m2, tributary
+    bonded: ndarray  # (c,) 1 while the bond holds, else 0
+    crushed: ndarray  # (c,) m, depth by which the point was crushed
+    rise: ndarray  # (c,) m, by dilation
+    spring: ndarray  # (c,) N, of the normal spring without its dashpot
 
 
 class Points(NamedTuple):
@@ -32,6 +50,8 @@ class Points(NamedTuple):
     elastic_1: ndarray  # (c,) N, elastic shear force on b along t1
     elastic_2: ndarray  # (c,) N, along t2
     slip: ndarray  # (c,) m, length of the slip path
+    strengths: Strengths | None = None  # beside friction; None where no joint has any
+    bonds: Bonds | None = None  # None where ``strengths`` is
 
 
 @jit
@@ -39,7 +59,7 @@ def of_scene(points, lone, i):
     """The contact points of scene ``i`` of a batch: their numbers are those of the batch."""
     return Points(
         lone.zero, points.start[i : i + 2], points.friction[i : i + 1], points.x_n, points.y_n, points.x_s,
-        points.y_s, points.k_n, points.k_s, points.normal, points.elastic_1, points.elastic_2, points.slip,
+        points.y_s, points.k_n, points.k_s, points.normal, points.elastic_1, points.elastic_2, points.slip, None, None,
     )  # fmt: skip
 
 
@@ -70,6 +90,27 @@ def forces(points, p, before, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, v
     With ``energy`` (not None) the work of the step is booked, by the trapezoidal rule over the increment; ``before`` is
     the resultant of the last step.
     """
+    return forces_by(
+        points.strengths, points.bonds, points, p, before, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s,
+        energy,
+    )  # fmt: skip
+
+
+@jit
+def forces_by(
+    strengths, bonds, points, p, before, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s, energy
+):  # fmt: skip
+    """`forces` by the law that the points have: dry if ``strengths`` is None."""
+    if strengths is not None:
+        return bonded_forces(
+            strengths, bonds, points, p, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s, energy
+        )
+    return dry_forces(points, p, before, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s, energy)
+
+
+@jit
+def dry_forces(points, p, before, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s, energy):
+    """`forces` of a joint of a scene in which none has strengths."""
     mu = points.friction[p]
     damped = 1.0 + viscous_s
     share = 1.0 / damped
@@ -137,23 +178,136 @@ def forces(points, p, before, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, v
 
 
 @jit
+def bonded_forces(
+    strengths, bonds, points, p, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s, energy
+):  # fmt: skip
+    """`forces` of a joint of a scene where some have strengths; what they lose is summed point by point."""
+    mu = points.friction[p]
+    damped = 1.0 + viscous_s
+    share = 1.0 / damped
+    n = m1 = m2 = v1 = v2 = mt = slip = weight = 0.0
+    still_n = still_1 = still_2 = c1 = c2 = cm = 0.0
+    for i in range(points.start[p], points.start[p + 1]):
+        x = points.x_n[i]
+        y = points.y_n[i]
+        xs = points.x_s[i]
+        ys = points.y_s[i]
+        k = points.k_s[i]
+        k_n = points.k_n[i]
+        area = bonds.area[i]
+        s1 = p1 - pr * ys
+        s2 = p2 + pr * xs
+        b1 = points.elastic_1[i]
+        b2 = points.elastic_2[i]
+        bond = bonds.bonded[i]
+        depth = bonds.crushed[i]
+        rise = bonds.rise[i]
+        g = -(dn + r1 * y - r2 * x)
+        d = -(pn + pr1 * y - pr2 * x)
+        normal, spring, t1, t2, e1, e2, slid, bonded, crushed, risen = bonded_law(
+            g, d, s1, s2, b1, b2, k_n, k, mu, viscous_n, damped, share, strengths, p, area, bond, depth, rise
+        )  # fmt: skip
+        points.normal[i] = normal
+        points.elastic_1[i] = e1
+        points.elastic_2[i] = e2
+        bonds.bonded[i] = bonded
+        bonds.crushed[i] = crushed
+        bonds.rise[i] = risen
+        bonds.spring[i] = spring
+        n += normal
+        m1 -= y * normal
+        m2 += x * normal
+        v1 += t1
+        v2 += t2
+        mt += xs * t2 - ys * t1
+        points.slip[i] += slid
+        slip += k * points.slip[i]
+        weight += k
+        if energy is not None:
+            still_n += spring
+            still_1 -= y * spring
+            still_2 += x * spring
+            c1 += t1 - e1
+            c2 += t2 - e2
+            cm += xs * (t2 - e2) - ys * (t1 - e1)
+            before = spring_of(strengths, p, k_n, g - d, area, bond, depth, rise)
+            opened = normal == 0.0 and (b1 != 0.0 or b2 != 0.0)
+            friction, by_law, crushing, fracture, released, _, dash = bonded_losses(
+                strengths, p, area, mu, k_n, d, before, spring, normal,
+                shear_loss(b1, b2, e1, e2, s1, s2, k), slid, bonded < bond, crushed - depth, risen - rise, opened,
+            )  # fmt: skip
+            energy.work[SLIDING] += friction
+            energy.work[BY_LAW] += by_law
+            energy.work[LEAST] = min(energy.work[LEAST], friction)
+            energy.work[CRUSHING] += crushing
+            energy.work[FRACTURE] += fracture
+            energy.work[DAMPING] += released + dash
+    if energy is not None:
+        energy.work[DAMPING] += 0.5 * dashpot_work(
+            energy.dash[points.joint[p]], c1, c2, cm, n - still_n, m1 - still_1, m2 - still_2, p1, p2, pr, pn, pr1, pr2
+        )  # fmt: skip
+    return n, v1, v2, mt, m1, m2, slip / weight
+
+
+@jit
+def strength(strengths, bonds, points, p, i, normal):
+    """What point ``i`` of joint ``p`` may carry in shear (N) under the normal force ``normal``."""
+    if strengths is not None:
+        return shear_strength(strengths, p, bonds.area[i], bonds.bonded[i], points.friction[p], normal)
+    return points.friction[p] * normal
+
+
+@jit
 def dissipation(points, p, rest, normal, q1, q2, qr):
     """D(q) of point joint ``p`` with the normal forces ``rest`` of its points (N m for a twist in m, m, rad)."""
+    return dissipation_by(points.strengths, points.bonds, points, p, rest, q1, q2, qr)
+
+
+@jit
+def dissipation_by(strengths, bonds, points, p, rest, q1, q2, qr):
+    """`dissipation` by the law that the points have: dry if ``strengths`` is None."""
     total = 0.0
     for i in range(points.start[p], points.start[p + 1]):
         s1 = q1 - qr * points.y_s[i]
         s2 = q2 + qr * points.x_s[i]
-        total += rest[i] * (s1 * s1 + s2 * s2) ** 0.5
-    return points.friction[p] * total
+        carried = rest[i]
+        if strengths is not None:
+            carried = strength(strengths, bonds, points, p, i, rest[i])
+        total += carried * (s1 * s1 + s2 * s2) ** 0.5
+    if strengths is None:
+        total *= points.friction[p]
+    return total
 
 
 @jit_sum
 def shear_energy(points, p):
-    """Energy (J) in the shear springs of point joint ``p``."""
+    """Energy (J) in the shear springs of point joint ``p``, and what the normal springs hold more than half their force
+    times the penetration, because they were crushed or lifted."""
     twice = 0.0
     for i in range(uint64(points.start[p]), uint64(points.start[p + 1])):
         twice += (points.elastic_1[i] * points.elastic_1[i] + points.elastic_2[i] * points.elastic_2[i]) / points.k_s[i]
-    return 0.5 * twice
+    return 0.5 * (twice + beyond_penetration(points.bonds, points.start[p], points.start[p + 1]))
+
+
+@jit
+def beyond_penetration(bonds, first, last):
+    """Twice the energy (J) in normal springs beyond half their force times the penetration, of crushed or lifted
+    points."""
+    twice = 0.0
+    if bonds is not None:
+        for i in range(first, last):
+            twice += bonds.spring[i] * (bonds.rise[i] - bonds.crushed[i])
+    return twice
+
+
+@jit
+def copy_bonds(bonds, memory, first, last):
+    """Copy what the points ``first`` to ``last`` remember of their bonds."""
+    if bonds is not None:
+        for i in range(first, last):
+            memory.bonded[i] = bonds.bonded[i]
+            memory.crushed[i] = bonds.crushed[i]
+            memory.rise[i] = bonds.rise[i]
 
 
 @jit
@@ -163,6 +317,7 @@ def remember(points, memory):
         memory.elastic_1[i] = points.elastic_1[i]
         memory.elastic_2[i] = points.elastic_2[i]
         memory.slip[i] = points.slip[i]
+    copy_bonds(points.bonds, memory.bonds, 0, points.k_s.size)
 
 
 @jit
@@ -172,6 +327,7 @@ def recall(points, memory, p):
         points.elastic_1[i] = memory.elastic_1[i]
         points.elastic_2[i] = memory.elastic_2[i]
         points.slip[i] = memory.slip[i]
+    copy_bonds(memory.bonds, points.bonds, points.start[p], points.start[p + 1])
 
 
 @jit
@@ -189,13 +345,25 @@ def write_contacts(points, p, joints, viscous, out):
         t1 = points.elastic_1[i] + k * (slip[0] - slip[2] * points.y_s[i])
         t2 = points.elastic_2[i] + k * (slip[1] + slip[2] * points.x_s[i])
         size = sqrt(t1 * t1 + t2 * t2)
-        cap = points.friction[p] * points.normal[i]
+        cap = strength(points.strengths, points.bonds, points, p, i, points.normal[i])
         if size > cap:
             t1 *= cap / size
             t2 *= cap / size
         force = columns_times(axes, -t1, -t2, points.normal[i])
         for k in range(3):
             out[i, k] = force[k]
+
+
+@jit
+def write_bonds(bonds, points, out):
+    """The part of the area of every joint whose bond holds, into ``out`` (j,); ``bonds`` is ``points.bonds``."""
+    if bonds is not None:
+        for p in range(points.joint.size):
+            held = area = 0.0
+            for i in range(points.start[p], points.start[p + 1]):
+                held += bonds.area[i] * bonds.bonded[i]
+                area += bonds.area[i]
+            out[points.joint[p]] = held / area
 
 
 # --- limit-analysis bounds

@@ -11,7 +11,7 @@ from dembrick._jit import entry, jit
 from dembrick.kernels.math.quaternion import turned, turning
 from dembrick.kernels.math.vec3 import columns_times, cross
 from dembrick.kernels.statics.block_forces import unbalanced_ratio
-from dembrick.kernels.statics.joint_families import write_contacts
+from dembrick.kernels.statics.joint_families import write_bonds, write_contacts
 
 
 class Record(NamedTuple):
@@ -24,7 +24,7 @@ class Record(NamedTuple):
     joint: ndarray  # (r, j or 0, 7)
     support: ndarray  # (n,) int64, number of each block among the fixed ones, -1 where it is free
     reaction: ndarray  # (r, s, 6) N, N m, see `write_reactions`
-    energy: ndarray  # (r, 6) J, see `energy.balance`
+    energy: ndarray  # (r, 8) J, see `energy.balance`
     watched: ndarray  # (w,) int64, blocks of the control points
     lever: ndarray  # (w, 3) m, from their centroids to the points, body axes
     arm: ndarray  # (w, 3) m, the same at the start, world axes
@@ -35,6 +35,7 @@ class Record(NamedTuple):
     frame_velocity: ndarray  # (F, n or 0, 3) m/s
     frame_spin: ndarray  # (F, n or 0, 3) rad/s
     frame_contact: ndarray  # (F, c or 0, 3) N, on block b at each contact point, world
+    frame_bond: ndarray  # (F, j or 0) part of the joint's area whose bond holds
 
 
 @entry
@@ -83,6 +84,8 @@ def write_frame(record, time, blocks, joints, points, areas, viscous):
             record.frame_spin[frame, b, i] = blocks.spin[b, i]
     if record.frame_contact.shape[1] > 0:
         write_contacts(points, areas, joints, viscous, record.frame_contact[frame])
+    if record.frame_bond.shape[1] > 0:
+        write_bonds(points, areas, record.frame_bond[frame])
     record.count[1] = frame + 1
 
 

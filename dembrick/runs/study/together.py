@@ -30,7 +30,7 @@ _NO_PUSH = 1e-12  # of the actuators' force times the joint's size: what pushes 
 
 def fits(scenario: Scenario) -> bool:
     """Whether a case may be run with others: a limit load of one free block on a fixed one, by points that are given
-    or by the area, with the default time step."""
+    or by the area, without other strengths than friction, with the default time step."""
     law = scenario.joint
     return (
         isinstance(scenario.control, YieldControl)
@@ -41,6 +41,7 @@ def fits(scenario: Scenario) -> bool:
         and not scenario.supports
         and scenario.solver == Solver()
         and law.friction > 0.0
+        and law.dry
         and (law.formulation != "distributed" or law.points is not None)
     )
 

@@ -13,9 +13,10 @@ from dembrick.assembly.contact_points import PointTable
 from dembrick.assembly.joints import JointTable
 from dembrick.errors import HistoryError
 from dembrick.geometry import friction_integrals, polygons
-from dembrick.kernels.dynamics.area_joints import Faces
+from dembrick.kernels.dynamics.area_joints import FaceBonds, Faces
 from dembrick.simulation.dynamics.tiling import tiled, ways
 from dembrick.simulation.joint_stiffness import elastic_stiffness
+from dembrick.simulation.joint_strengths import bonded_at_start, strengths_of
 from dembrick.simulation.pressed_parts import check_pressures, pressed_parts, room_of
 
 if TYPE_CHECKING:
@@ -40,6 +41,7 @@ def at_rest(assembly: Assembly, first_tile: int) -> Faces | None:
     room = int((np.diff(joints.start)[chosen] + most).max())
     n = len(chosen)
     lane, used = tiled(np.zeros(n), ways(joints.axes[chosen, 2]))
+    strengths = strengths_of(laws)
     faces = Faces(
         joint=chosen.astype(np.uint32),
         tile=np.arange(len(used)) + first_tile,
@@ -62,6 +64,8 @@ def at_rest(assembly: Assembly, first_tile: int) -> Faces | None:
         y=np.zeros((0, room)),
         far=np.zeros((0, 42)),
         pressed=pressed_parts([law.pressure for law in laws], [room] * n),
+        strengths=strengths,
+        bonds=None if strengths is None else FaceBonds(bonded_at_start(laws), np.zeros(n)),
     )
     for numbers, outlines in joints.by_corners(chosen):
         size = np.abs(outlines).max(axis=(1, 2), keepdims=True)
@@ -128,12 +132,19 @@ def take_memory(faces: Faces, left: Areas, sense: np.ndarray) -> None:
     joints."""
     own = sense[faces.joint][:, None]
     faces.elastic[:], faces.twist[:], faces.slip[:] = own * left.elastic, own * left.twist, left.slip
+    if faces.bonds is not None and left.bonds is not None:
+        faces.bonds.bonded[:], faces.bonds.rise[:] = left.bonds.bonded, left.bonds.rise
 
 
 def arrays(faces: Faces) -> list[np.ndarray]:
-    """All arrays."""
+    """All arrays but the strengths, which nothing changes."""
     own = [array for array in faces if isinstance(array, np.ndarray)]
-    return own if faces.pressed is None else [*own, *faces.pressed]
+    return [*own, *(faces.pressed or ()), *(faces.bonds or ())]
+
+
+def bonded(faces: Faces) -> np.ndarray:
+    """The part of each joint's area whose bond holds (a,)."""
+    return np.zeros(len(faces.joint)) if faces.bonds is None else faces.bonds.bonded
 
 
 def memory(faces: Faces) -> list[np.ndarray]:

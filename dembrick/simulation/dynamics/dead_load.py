@@ -48,7 +48,7 @@ def find_equilibrium(
     others, over the joint forces. With ``sticking`` no joint slips meanwhile, so that a block that is to slide from the
     start begins with its weight on the joint. Blocks that overturn even so are held where they were drawn while the
     others come to rest, and begin to fall when time starts: ``motion.falling``. Without ``sticking`` such blocks raise
-    NotConvergedError, which names them.
+    NotConvergedError, which names them. Bonds hold meanwhile, whatever they bear.
 
     ``pause`` is called between two chunks of steps, of which ``motion.seating_steps`` are done then; ``resume`` takes
     state and steps back from there.
@@ -56,7 +56,7 @@ def find_equilibrium(
     drawn = _kept(motion)
     supported = _supported(motion.state)
     slack = _allowance(motion, APART if sticking else SLID)
-    with _friction(motion, STICKING if sticking else None):
+    with _friction(motion, STICKING if sticking else None), _held_bonds(motion):
         if resume is not None:
             resume()
         attempt = _Attempt(motion, driving, supported, slack)
@@ -167,6 +167,16 @@ def _friction(motion: Motion, friction: float | None):
     finally:
         for family, value in zip(motion.state.families, own, strict=True):
             family.friction[:] = value
+
+
+@contextmanager
+def _held_bonds(motion: Motion):
+    """That no bond breaks meanwhile: what the dead loads break, breaks when time begins."""
+    joint_families.hold_bonds(motion.state, True)
+    try:
+        yield
+    finally:
+        joint_families.hold_bonds(motion.state, False)
 
 
 def _allowance(motion: Motion, part: float) -> np.ndarray:

@@ -13,9 +13,12 @@ from dembrick.kernels.dynamics.energy import kinetic_energy, settle_all, take_st
 from dembrick.kernels.dynamics.energy_terms import (
     BY_LAW,
     CONTACTS,
+    CRUSHING,
     DASHPOT,
+    FRACTURE,
     FRICTION,
     HANDED,
+    KINDS,
     LEDGER,
     LOADS,
     RELEASED,
@@ -122,6 +125,8 @@ class MotionEnergy:
             "released": float(lost[RELEASED] + table.total[HANDED]),
             "stepping": float(lost[STEPPING]),
             "new_contacts": float(-table.total[CONTACTS]),
+            "crushing": float(lost[CRUSHING]),
+            "fracture": float(lost[FRACTURE]),
         }
 
     def sums(self, state: MovingState, rounding: float) -> Sums | None:
@@ -150,7 +155,7 @@ def _blank(state: MovingState, loads: int, supports: int) -> Books:
         ledger=rows_of_lanes(joint_families.point_tiles(state) * LEDGER),
         face=np.zeros((convex, 16)),
         damped=np.zeros(j),
-        lost=np.zeros((j, 4)),
+        lost=np.zeros((j, KINDS)),
         least=np.zeros(j),
         share=np.ones(j),
         place=joint_families.places(state),

@@ -79,6 +79,26 @@ def take_memory(state, left) -> None:
         area_joints.take_memory(state.faces, left.areas, sense)
 
 
+def has_strengths(state) -> bool:
+    """Whether any joint has more strength than friction gives it, or dilates, or crushes."""
+    return any(joints.strengths is not None for _, joints in present(state))
+
+
+def hold_bonds(state, held: bool) -> None:
+    """Let no bond break that would let go of something, or let bonds break again."""
+    for _, joints in present(state):
+        if joints.strengths is not None:
+            joints.strengths.held[:] = held
+
+
+def bonded(state) -> np.ndarray:
+    """The part of the area of every joint (j,) whose bond holds."""
+    found = np.zeros(len(state.links.host))
+    for module, joints in present(state):
+        found[joints.joint] = module.bonded(joints)
+    return found
+
+
 def contact_points(state) -> int:
     """How many contact points the joints have."""
     return 0 if state.corners is None else int(state.corners.start[-1])

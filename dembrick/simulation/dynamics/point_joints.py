@@ -11,10 +11,11 @@ import numpy as np
 
 from dembrick.assembly.contact_points import PointTable
 from dembrick.assembly.joints import JointTable
-from dembrick.kernels.dynamics.point_joints import Corners
+from dembrick.kernels.dynamics.point_joints import BOND, BONDED, CRUSHED, RISE, Corners
 from dembrick.kernels.dynamics.tiles import AREA, ELASTIC, POINT, SLIP, W, X, Y, rows_of_lanes
 from dembrick.simulation.dynamics.tiling import tiled, ways
 from dembrick.simulation.joint_stiffness import elastic_stiffness
+from dembrick.simulation.joint_strengths import bonded_at_start, strengths_of
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
@@ -33,8 +34,12 @@ def at_rest(assembly: Assembly) -> Corners | None:
     farthest = np.maximum.reduceat(np.abs(table.normal_arm).max(axis=1), start[:-1])
     shear_arm = np.maximum.reduceat(np.abs(table.shear_arm).max(axis=1), start[:-1]) / farthest
     values = [(k.normal_stiffness, k.shear_stiffness, k.friction) for k in laws]
-    distinct, law = np.unique(np.column_stack([values, np.round(shear_arm, 12)]), axis=0, return_inverse=True)
-    k_n, k_s, friction, shear_arm = np.ascontiguousarray(distinct.T)
+    strengths = strengths_of(laws)
+    more = np.zeros((len(laws), 0)) if strengths is None else np.column_stack([*strengths[:-1], bonded_at_start(laws)])
+    distinct, one, law = np.unique(
+        np.column_stack([values, np.round(shear_arm, 12), more]), axis=0, return_index=True, return_inverse=True
+    )
+    k_n, k_s, friction, shear_arm = np.ascontiguousarray(distinct[:, :4].T)
     law = law.reshape(-1)
     count = np.diff(start)
     lane, used = tiled(law * (count.max() + 1) + count, ways(joints.axes[chosen, 2]))
@@ -58,10 +63,23 @@ def at_rest(assembly: Assembly) -> Corners | None:
         tile_start=tile_start,
         points=rows_of_lanes(int(tile_start[-1])),
         force=None,
+        strengths=None if strengths is None else strengths_of([laws[i] for i in one]),
+        bonds=None if strengths is None else rows_of_lanes(int(tile_start[-1]) // POINT * BOND),
     )
     for row, values in ((X, x), (Y, y), (AREA, table.area)):
         corners.put(row, values)
+    if corners.bonds is not None:
+        corners.bonds[corners.of_bonds(BONDED)] = np.repeat(bonded_at_start(laws), count)
     return corners
+
+
+def bonded(corners: Corners) -> np.ndarray:
+    """The part of each joint's area whose bond holds (p,)."""
+    if corners.bonds is None:
+        return np.zeros(len(corners.joint))
+    area, starts = corners.area, corners.start[:-1]
+    held = np.add.reduceat(area * corners.bonds[corners.of_bonds(BONDED)], starts)
+    return held / np.maximum(np.add.reduceat(area, starts), 1e-300)
 
 
 def stiffness(corners: Corners) -> np.ndarray:
@@ -85,7 +103,13 @@ def work_ahead(corners: Corners, p: int, held, sense: float, offset: float, now,
     law = corners.law[p]
     x, y, area, e1, e2 = (corners.row(row, p) for row in (X, Y, AREA, ELASTIC, ELASTIC + 1))
     arm = corners.shear_arm[law]
-    depth = np.maximum(sense * (offset - now[2] - x * now[5] - y * now[8]), 0.0)
+    depth = sense * (offset - now[2] - x * now[5] - y * now[8])
+    if corners.bonds is None:
+        depth = np.maximum(depth, 0.0)
+    else:
+        bonded, crushed, rise = (corners.bonds[corners.of_bonds(row, p)] for row in (BONDED, CRUSHED, RISE))
+        depth = np.minimum(depth + rise - crushed, corners.strengths.crushing[law] / corners.k_n[law])
+        depth = np.where(bonded > 0.0, depth, np.maximum(depth, 0.0))
     of_point = -corners.k_n[law] * sense * area * depth * (step[2] + x * step[5] + y * step[8])
     of_point += e1 * (slip[0] + arm * (x * slip[3] + y * slip[6]))
     of_point += e2 * (slip[1] + arm * (x * slip[4] + y * slip[7]))
@@ -102,13 +126,17 @@ def take_memory(corners: Corners, left: Points, sense: np.ndarray) -> None:
     own = np.repeat(sense[corners.joint], np.diff(corners.start))
     for row, values in ((ELASTIC, own * left.elastic_1), (ELASTIC + 1, own * left.elastic_2), (SLIP, left.slip)):
         corners.put(row, values)
+    if corners.bonds is not None and left.bonds is not None:
+        bonds = left.bonds
+        for row, values in ((BONDED, bonds.bonded), (CRUSHED, bonds.crushed), (RISE, bonds.rise)):
+            corners.bonds[corners.of_bonds(row)] = values
 
 
 def arrays(corners: Corners) -> list[np.ndarray]:
-    """All arrays."""
-    return [array for array in corners if array is not None]
+    """All arrays but the strengths, which nothing changes."""
+    return [array for array in corners if isinstance(array, np.ndarray)]
 
 
 def memory(corners: Corners) -> list[np.ndarray]:
     """All arrays, but the forces that are only written down."""
-    return [array for array in corners if array is not None and array is not corners.force]
+    return [array for array in arrays(corners) if array is not corners.force]

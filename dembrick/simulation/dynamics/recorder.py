@@ -7,6 +7,7 @@ import time
 import numpy as np
 
 from dembrick.kernels.dynamics.record import unbalanced_ratio
+from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.integrator import Motion, present_velocities
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.pushover import PushController
@@ -84,6 +85,8 @@ class Recorder:
                 if due.stop:
                     velocity, spin = present_velocities(moving, self._present())
                 frames["velocity"], frames["spin"] = velocity[None][due], spin[None][due]
+            if joint_families.has_strengths(moving.state):
+                frames["bond"] = joint_families.bonded(moving.state)[None][due].copy()
             shift = moving.polygons.shift
             if "joints" in channels:
                 frames["joint_shift"] = shift[None][due].copy()

@@ -35,13 +35,15 @@ class Material:
     crushing: np.ndarray
 
     @staticmethod
-    def of(joints: JointTable, cohesion=0.0, tension=0.0, crushing=np.inf) -> Material:
-        """Friction of the joints' laws; the other strengths (Pa), one for all or (j,), by default those of dry
-        stone."""
-        n = len(joints)
-        friction = np.array([law.friction for law in joints.law], float)
-        given = (np.array(np.broadcast_to(value, n), float) for value in (cohesion, tension, crushing))
-        return Material(friction, *given)
+    def of(joints: JointTable) -> Material:
+        """Strengths of the joints' laws, as they are before anything slips or opens."""
+        laws = joints.law
+        return Material(
+            friction=np.array([law.friction for law in laws], float),
+            cohesion=np.array([law.cohesion for law in laws], float),
+            tension=np.array([law.tensile_strength for law in laws], float),
+            crushing=np.array([np.inf if (f_c := law.compressive_strength) is None else f_c for law in laws], float),
+        )
 
     def scaled(self, factor: float) -> Material:
         """The same friction, all other strengths times a factor."""

@@ -12,14 +12,15 @@ import numpy as np
 from dembrick.assembly.contact_points import PointTable
 from dembrick.assembly.joints import JointTable
 from dembrick.geometry import friction_integrals, polygons
-from dembrick.kernels.statics.area_joints import Areas
+from dembrick.kernels.statics.area_joints import AreaBonds, Areas, reserves
 from dembrick.simulation.joint_stiffness import elastic_stiffness
+from dembrick.simulation.joint_strengths import bonded_at_start, strengths_of
 from dembrick.simulation.pressed_parts import check_pressures, pressed_parts
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
 
-MEMORY = ("elastic", "twist", "slip")  # what the joints remember
+MEMORY = ("elastic", "twist", "slip", "bonds")  # what the joints remember
 
 
 def at_rest(assembly: Assembly) -> Areas | None:
@@ -34,6 +35,7 @@ def at_rest(assembly: Assembly) -> Areas | None:
     n, start = len(chosen), np.concatenate([[0], np.cumsum(counts)])
     corners = joints.corner[np.repeat(joints.start[chosen] - start[:-1], counts) + np.arange(start[-1])]
     second, reach, radius, far = np.empty((n, 3)), np.empty(n), np.empty(n), np.empty((n, 42))
+    strengths = strengths_of(laws)
     for numbers, shapes in joints.by_corners(chosen):
         some = np.searchsorted(chosen, numbers)
         second[some] = np.stack(polygons.second_moments(shapes), axis=1)
@@ -58,6 +60,8 @@ def at_rest(assembly: Assembly) -> Areas | None:
         slip=np.zeros(n),
         evaluations=np.zeros(n, np.int64),
         pressed=pressed_parts([law.pressure for law in laws], counts.tolist()),
+        strengths=strengths,
+        bonds=None if strengths is None else AreaBonds(bonded_at_start(laws), *np.zeros((5, n))),
     )
 
 
@@ -75,6 +79,8 @@ def of_cases(areas: Areas, cases) -> Areas:
         "k_n": np.array(cases.normal_stiffness),
         "k_s": np.array(cases.shear_stiffness),
         "pressed": pressed_parts([cases.pressure] * cases.count, counts.tolist()),
+        "strengths": None,
+        "bonds": None,
     }
     return Areas(**own, **{name: value[cases.shape] for name, value in areas._asdict().items() if name not in own})
 
@@ -103,7 +109,34 @@ def entries(areas: Areas) -> int:
 
 def friction_work(areas: Areas, before: Areas, normal: np.ndarray) -> float:
     """Work that friction took since the memory ``before``, by the forces of now (J); ``normal`` (a,) N."""
-    return float((areas.friction * normal * (areas.slip - before.slip)).sum())
+    strength = areas.friction * normal
+    if areas.strengths is not None:  # what slides has no bond; what rises takes its work from friction
+        s = areas.strengths
+        strength = s.residual_cohesion * areas.area + (s.residual * areas.friction - s.dilation) * normal
+    return float((strength * (areas.slip - before.slip)).sum())
+
+
+def crushing_work(areas: Areas, before: Areas) -> float:
+    """Work that crushing took since the memory ``before`` (J)."""
+    if areas.strengths is None:
+        return 0.0
+    deeper = areas.bonds.crushed - before.bonds.crushed
+    return float((areas.strengths.crushing[deeper > 0.0] * deeper[deeper > 0.0]).sum())
+
+
+def reserve(areas: Areas) -> np.ndarray:
+    """What the bonds could carry more (a, 2), in N: in tension, and in shear where its loss would let go of something.
+    Infinite where there is no bond."""
+    found = np.zeros((len(areas.joint), 2))
+    reserves(areas, found)
+    return found
+
+
+def greatest_strength(areas: Areas) -> np.ndarray:
+    """What the bond of each joint may carry besides friction (a,) in N."""
+    if areas.strengths is None:
+        return np.zeros(len(areas.joint))
+    return areas.area * np.maximum(areas.strengths.cohesion, areas.strengths.tension)
 
 
 def slip_twists(areas: Areas, steps: np.ndarray) -> np.ndarray:

@@ -20,8 +20,8 @@ def certificate(state: State, load: np.ndarray, elastic: float, tolerance: float
 
     Strict where the scene has one joint, and its friction does not depend on the load: point forces while the load
     neither presses nor tilts the joint, the full pressure of a convex joint while it does not press, and slides before
-    it could overturn; the pressures of a convex joint that follow the bending like points. A tolerance of 0 never ends
-    a run.
+    it could overturn; the pressures of a convex joint that follow the bending like points. Never with bonds, which may
+    break one after another. A tolerance of 0 never ends a run.
     """
     parts = {
         "strict": False,
@@ -37,7 +37,8 @@ def certificate(state: State, load: np.ndarray, elastic: float, tolerance: float
         "rest": np.zeros(1),
         "tilts": True,
     }
-    if len(state.joints.block_a) == 1 and state.ties is None:
+    alone = len(state.joints.block_a) == 1 and state.ties is None
+    if alone and not joint_families.has_strengths(state):
         parts |= _single_joint(state, load)
     return Certificate(
         every=1,
@@ -58,7 +59,7 @@ def empty_window(steps: int) -> np.ndarray:
 
 def frictionless(state: State, certificate: Certificate) -> bool:
     """Whether the one joint has no friction and the load asks for some: the limit load is zero."""
-    if len(state.joints.block_a) != 1:
+    if len(state.joints.block_a) != 1 or joint_families.has_strengths(state):
         return False
     return float(joint_families.friction(state)[0]) == 0.0 and bool(np.any(certificate.unit))
 

@@ -13,7 +13,7 @@ from dembrick.kernels.statics.loop import settle
 from dembrick.simulation import interrupts
 from dembrick.simulation.checkpoint_arrays import flattened, restored_state
 from dembrick.simulation.session import DEAD_LOADS, Progress, Session, Snapshot
-from dembrick.simulation.statics import ties
+from dembrick.simulation.statics import joint_families, ties
 from dembrick.simulation.statics.elastic_factor import touches_itself, whole_inertia
 from dembrick.simulation.statics.sparse_equations import Factors
 from dembrick.simulation.statics.state import State
@@ -80,6 +80,9 @@ def rest(state: State, stiffness: np.ndarray, factor: Factors | None = None, ses
     that of its stiffness, first in one go and then with momentum, which is dropped whenever it works against the
     forces. ``session`` keeps checkpoints of it, and may go on from one. Blocks that fall are those that still move at
     the end. Raises Interrupted.
+
+    Where joints have bonds they hold until the blocks rest; those that bear too much then break, and the others must
+    carry the loads without them.
     """
     joints, blocks = state.joints, state.blocks
     began = time.perf_counter()
@@ -91,11 +94,16 @@ def rest(state: State, stiffness: np.ndarray, factor: Factors | None = None, ses
         inertia = ScaledInertia(none, none, whole_inertia(factor))
     else:
         inertia = inverse_inertia(state, stiffness)
+    bonded, blocks = joint_families.has_strengths(state), state.blocks
+    if bonded and not (blocks.dead_force.any() or blocks.dead_torque.any()):
+        return Rest(True, 0.0, 0, None, (), 0.0, 0.0)  # what holds by itself
     settle(0, 0, UNBALANCED, *state[:4], inertia, MOMENTUM)  # no step: compiles, or loads the cache
     ready = time.perf_counter()
     # where blocks stand alone and do not come to rest at once, what opened is softer than the closed joint whose answer
     # each step is
-    rounds = ((FIRST_STEPS, 0.0), (MOST_STEPS, MOMENTUM)) if alone else ((MOST_STEPS, MOMENTUM),)
+    rounds = ((FIRST_STEPS, 0.0, False), (MOST_STEPS, MOMENTUM, False)) if alone else ((MOST_STEPS, MOMENTUM, False),)
+    if bonded:
+        rounds = (*((most, momentum, True) for most, momentum, _ in rounds), *rounds)
     ratio, steps = _Seating(state, inertia, rounds).run(session or Session())
     done = time.perf_counter()
     seconds = ready - began, done - ready
@@ -113,9 +121,10 @@ def rest(state: State, stiffness: np.ndarray, factor: Factors | None = None, ses
 
 
 class _Seating:
-    """The relaxation, chunk by chunk: ``rounds`` of (most steps, momentum), until one of them balances the forces."""
+    """The relaxation, chunk by chunk: ``rounds`` of (most steps, momentum, whether bonds are held), until one of them
+    balances the forces; where that was one with held bonds, until one does without."""
 
-    def __init__(self, state: State, inertia: ScaledInertia, rounds: tuple[tuple[int, float], ...]):
+    def __init__(self, state: State, inertia: ScaledInertia, rounds: tuple[tuple[int, float, bool], ...]):
         self._state, self._inertia, self._rounds = state, inertia, rounds
         self._round = self._step = 0
 
@@ -129,7 +138,8 @@ class _Seating:
         ratio, pace = 1.0, FEW
         with interrupts.deferred():
             while True:
-                most, momentum = self._rounds[self._round]
+                most, momentum, held = self._rounds[self._round]
+                joint_families.hold_bonds(self._state, held)
                 steps, began = min(pace, most - self._step), time.perf_counter()
                 if self._state.ties is not None:
                     ties.pull(self._state)
@@ -138,9 +148,12 @@ class _Seating:
                     self._step, steps, UNBALANCED, *self._state[:4], self._inertia, momentum
                 )  # fmt: skip
                 pace = max(1, min(int(steps * CHUNK_SECONDS / max(time.perf_counter() - began, 1e-9)), 16 * steps))
-                if ratio <= UNBALANCED or (self._step >= most and self._round + 1 == len(self._rounds)):
+                balanced, last = ratio <= UNBALANCED, self._round + 1 == len(self._rounds)
+                if (balanced and not held) or (self._step >= most and last):
                     return ratio, self._step
-                if self._step >= most:
+                if balanced:
+                    self._round, self._step = sum(held for _, _, held in self._rounds), 0
+                elif self._step >= most:
                     self._round, self._step = self._round + 1, 0
                 session.pause(self)
 

@@ -15,6 +15,7 @@ import numpy as np
 from dembrick.kernels.statics.area_joints import Areas
 from dembrick.kernels.statics.joint_families import AREAS, POINTS
 from dembrick.kernels.statics.point_joints import Points
+from dembrick.simulation.checkpoint_arrays import flattened
 from dembrick.simulation.statics import area_joints, point_joints
 
 if TYPE_CHECKING:
@@ -117,18 +118,60 @@ def memory(state) -> dict[str, Any]:
     for name, module in FAMILIES.items():
         joints = getattr(state, name)
         if joints is not None:
-            found[name] = joints._replace(**{field: getattr(joints, field).copy() for field in module.MEMORY})
+            found[name] = joints._replace(**{field: _copied(getattr(joints, field)) for field in module.MEMORY})
     return found
+
+
+def _copied(value):
+    """A copy of an array, of a named tuple of arrays, or None."""
+    return type(value)(*map(_copied, value)) if isinstance(value, tuple) else None if value is None else value.copy()
 
 
 def memory_arrays(part) -> dict[str, np.ndarray]:
     """The arrays of `memory`, kept in the fields of ``part``, by name."""
-    names = [(name, field) for name, module in FAMILIES.items() for field in module.MEMORY]
-    return {
-        f"{name}.{field}": getattr(getattr(part, name), field)
-        for name, field in names
-        if getattr(part, name) is not None
-    }
+    found: dict[str, np.ndarray] = {}
+    for name, module in FAMILIES.items():
+        joints = getattr(part, name)
+        if joints is not None:
+            kept = {field: getattr(joints, field) for field in module.MEMORY}
+            found |= {f"{name}.{field}": array for field, array in kept.items() if isinstance(array, np.ndarray)}
+            found |= flattened({f"{name}.{field}": part for field, part in kept.items() if isinstance(part, tuple)})
+    return found
+
+
+def has_strengths(state) -> bool:
+    """Whether any joint has more strength than friction gives it, or dilates, or crushes."""
+    return any(joints.strengths is not None for _, joints in present(state))
+
+
+def hold_bonds(state, held: bool) -> None:
+    """Let no bond break that would let go of something, or let bonds break again."""
+    for _, joints in present(state):
+        if joints.strengths is not None:
+            joints.strengths.held[:] = held
+
+
+def reserves(state) -> np.ndarray:
+    """What all bonds could carry more (m,), infinite where there is none; N."""
+    found = [module.reserve(joints).ravel() for module, joints in present(state) if joints.strengths is not None]
+    return np.concatenate([np.zeros(0), *found])
+
+
+def greatest_strength(state) -> np.ndarray:
+    """What the bonds of every joint may carry besides friction (j,) in N."""
+    found = np.zeros(len(state.joints.block_a))
+    for module, joints in present(state):
+        found[joints.joint] = module.greatest_strength(joints)
+    return found
+
+
+def crushing_work(state, before) -> float:
+    """Work that crushing took since the `memory` in the fields of ``before`` (J)."""
+    return sum(
+        module.crushing_work(getattr(state, name), getattr(before, name))
+        for name, module in FAMILIES.items()
+        if getattr(state, name) is not None
+    )
 
 
 def friction_work(state, before) -> float:

@@ -25,6 +25,7 @@ from dembrick.scenario.controls import PATH_FOLLOWING
 from dembrick.scenario.model import Output
 from dembrick.simulation.expected_cost import newton_seconds, newton_steps, search_steps
 from dembrick.simulation.session import Observer, Plan, Session
+from dembrick.simulation.statics import joint_families
 from dembrick.simulation.statics.certificate import frictionless
 from dembrick.simulation.statics.critical_step import critical_time_step
 from dembrick.simulation.statics.dead_load import inverse_inertia
@@ -106,6 +107,8 @@ def _by_equilibria(setup: Setup, session: Session, goal: float, steps: float) ->
     ready = time.perf_counter()
     # a load on all blocks is resisted by some part of their weight, one actuator by a few joints
     strength = GUESS * float(np.linalg.norm(state.blocks.dead_force[state.blocks.free], axis=1).sum()) / setup.weight
+    if joint_families.has_strengths(state):
+        strength += float(joint_families.greatest_strength(state).max()) / setup.weight
     strength = min(strength, rough_strength(state, certificate, setup.load)) or GUESS
     path = follower.run(steps * strength, goal)
     phases = {"seating": setup.loop_seconds, **path.phases}

@@ -198,7 +198,8 @@ def rough_strength(state: State, certificate: Certificate, load: np.ndarray) -> 
     loaded = set(state.actuators.block.tolist())
     joints = state.joints
     own = np.isin(joints.block_a, list(loaded)) | np.isin(joints.block_b, list(loaded))
-    capacity = float((np.maximum(joint_families.friction(state), 1e-3) * joints.resultant[:, 0])[own].sum())
+    carried = np.maximum(joint_families.friction(state), 1e-3) * joints.resultant[:, 0]
+    capacity = float((carried + joint_families.greatest_strength(state))[own].sum())
     unit = certificate.unit
     if np.any(unit):
         return capacity / (float(np.hypot(unit[0], unit[1])) + abs(float(unit[2])) / certificate.radius)

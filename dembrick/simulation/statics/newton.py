@@ -19,6 +19,7 @@ BACKTRACKS = 8  # of one iteration
 LOST = 1e4  # times the out-of-balance of the start: what is further away than that leads nowhere
 HELD = 1e-10  # of the elastic stiffness, added to the tangent
 DIFFERENCE = 1e-6  # of the elastic move of a joint, by which its tangent is taken
+LITTLE = 1e-3  # of the strongest bond: a force, where nothing weighs anything, to hold the out-of-balance against
 PIVOT = 0.1  # of the greatest entry of its column in a front: a pivot above it stays where it is
 
 
@@ -82,6 +83,7 @@ class Equilibria:
         self.answers = np.zeros((2, pattern.rows))  # of the tangent to the out-of-balance and to the unit load
         self.tangent, self._none = Factors(pattern, factor.fronts.room), np.zeros(pattern.rows)
         self.heaviest = float(np.linalg.norm(state.blocks.dead_force[self.free], axis=1).max())
+        self.heaviest = max(self.heaviest, LITTLE * float(joint_families.greatest_strength(state).max()))
         self.iterations = 0
         self.phases = {"joint_forces": 0.0, "equations": 0.0}
         self.pause: Callable[[], None] = lambda: None

@@ -11,6 +11,8 @@ Where many contacts are at the brink of opening or slipping, Newton's method fin
 of the elastic stiffness drags at each joint during the step. V is that without the drag, by virtual work, and what the
 drag leaves out of balance counts against the lower bound: it is made so small that it does not matter.
 
+Bonds break between equilibria, not within one (`bond_breaking`).
+
 Where blocks snap from one state into another, no further equilibrium lies near. Then they are let go: with a greater
 drag they drift to where they come to rest, the driven displacement held.
 """
@@ -18,21 +20,20 @@ drag they drift to where they come to rest, the driven displacement held.
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
 
 import numpy as np
 
-from dembrick.kernels.statics.energy import DASHPOTS, ELASTIC, EXTERNAL, FRICTION, elastic_energy
+from dembrick.kernels.statics.energy import ELASTIC, elastic_energy
 from dembrick.kernels.statics.load_bounds import NEVER, Certificate, instant_upper, strict_bounds
 from dembrick.kernels.statics.newton import remember
-from dembrick.kernels.statics.record import write_row
 from dembrick.simulation import interrupts
 from dembrick.simulation.checkpoint_arrays import flattened, restored_state
 from dembrick.simulation.session import Progress, Session, Snapshot
 from dembrick.simulation.statics import joint_families, ties
+from dembrick.simulation.statics.bond_breaking import BondBreaking
 from dembrick.simulation.statics.newton import HELD, Equilibria
 from dembrick.simulation.statics.path_bounds import limit_bounds, peak_bounds
-from dembrick.simulation.statics.path_state import MOST_EQUILIBRIA, Drift, PathState
+from dembrick.simulation.statics.path_state import MOST_EQUILIBRIA, Drift, Path, PathState
 from dembrick.simulation.statics.recorder import Recorder
 from dembrick.simulation.statics.sparse_equations import Factors, inner
 from dembrick.simulation.statics.state import State
@@ -58,24 +59,6 @@ NOTHING = 1e-6  # of the dead loads: a limit load below it is zero
 CORRECTIONS = 2.0  # of V by one more Newton step: what is charged if that is less than the work of the out-of-balance
 HIDDEN = 0.1  # of the tolerance: what the out-of-balance may hide of V before equilibria are found more closely
 CLOSED = 1e-3  # of the fastest relative motion of a step: gaps and their closing below it are none
-
-
-@dataclass
-class Path:
-    """A followed path: whether the bracket became narrow enough, Newton iterations and equilibria it took, and seconds
-    by phase; ``path`` is what is left, the choice of steps.
-
-    ``unlimited``: V grew beyond all dead loads; ``moved``: whether anything slid or opened meanwhile. ``peak``: bounds
-    of the greatest V on the path (N).
-    """
-
-    converged: bool
-    unlimited: bool
-    moved: bool
-    peak: tuple[float, float]
-    iterations: int
-    equilibria: int
-    phases: dict[str, float]
 
 
 class PathFollower:
@@ -105,9 +88,12 @@ class PathFollower:
         if recorder is not None:
             self.seated = elastic_energy(state.joints, state.points, state.areas, None) + ties.energy(state)
         self.seated_at = state.blocks.displacement.copy()
-        # V that weighs as much as all dead loads
+        # V that weighs as much as all dead loads, and all bonds
         self.dead = float(np.linalg.norm(ties.dead_loads(state)[self.free, :3], axis=1).sum()) / self.weight
+        self.bonds = BondBreaking(state)
+        self.dead += self.bonds.strength / self.weight
         self.session, self.turn_began = session, {}
+        self.way = self._at_start(0.0)
         self.search.pause = lambda: session.pause(self, within=True)
         self.phases = {**self.search.phases, "bracket": 0.0, "record": 0.0, "path": 0.0}
         self.elsewhere = 0.0  # s, with whoever gets the record, and with checkpoints
@@ -152,6 +138,8 @@ class PathFollower:
         phases = self.phases | self.search.phases
         phases["path"] = time.perf_counter() - began - self.elsewhere - sum(phases.values())
         peak = peak_bounds(way.seen, self.compliance / self.weight)
+        if peak[0] <= NOTHING * self.dead:
+            peak = 0.0, 0.0
         # what gives way elastically is a rounding of the driven displacement
         moved = way.seen[-1][0] > 1e-6 * (way.driven - way.start)
         return Path(converged, unlimited, moved, peak, way.iterations, way.equilibria, phases)
@@ -161,7 +149,7 @@ class PathFollower:
         driven = inner(self.search.load, motion) / self.weight
         self.state.actuators.drive[:2] = driven
         step = strength * self.compliance / self.weight / ELASTIC_STEPS
-        direction = self.answer / self.compliance * self.weight
+        direction = self._elastic_way()
         gain = self.weight / self.compliance
         return PathState(
             motion,
@@ -192,7 +180,7 @@ class PathFollower:
         if V is None:
             V, way.tried = self._dragged(*guess)
         if V is not None:
-            return V, True
+            return (V, True) if self.bonds.bear(way) else (None, True)
         if way.has_spare:
             way.direction, way.gain, way.has_spare = way.spare, way.spare_gain, False
             return None, True
@@ -205,6 +193,10 @@ class PathFollower:
             return None, False
         way.drift = Drift(way.motion + way.step * way.direction, way.V)
         return None, True
+
+    def _elastic_way(self) -> np.ndarray:
+        """Motion a metre of the driven displacement, as long as everything is elastic."""
+        return self.answer / self.compliance * self.weight
 
     def _dragged(self, motion: np.ndarray, V: float) -> tuple[float | None, int]:
         """The same as `_found` with a drag at each joint, made less and less until it is little; V without it."""
@@ -249,7 +241,12 @@ class PathFollower:
         change, slope = now - way.motion, (V - way.V) / way.step
         self._accept(change, V, way.step)
         way.motion = now
-        if way.jumps == way.kept:
+        if way.broke:
+            # what the others took over is no step: either the mechanism or the elastic answer may be the way on
+            way.spare, way.spare_gain, way.has_spare = change / way.step, 0.0, True
+            way.direction, way.gain = self._elastic_way(), self.weight / self.compliance
+            way.seen[-1], way.step = (*way.seen[-1][:3], NEVER, True), way.usual
+        elif way.jumps == way.kept:
             way.direction, way.gain, way.has_spare = change / way.step, slope, False
             way.usual = max(way.usual, way.step)
         else:
@@ -260,6 +257,11 @@ class PathFollower:
         way.longest = max(way.longest, way.seen[-1][0])
         judged = self._judged()
         way.calm += 1
+        jumped = way.broke
+        if self.bonds.give_way(self.search, way):
+            way.direction, way.gain, way.has_spare = self._elastic_way(), 0.0, False
+        if way.broke or jumped:
+            return judged and not way.broke
         if way.tried >= HARD:
             way.step *= SHRINKING
         elif (
@@ -291,7 +293,12 @@ class PathFollower:
     def _memory(self) -> dict[str, np.ndarray]:
         own = {"base": self.trial.base, **joint_families.memory_arrays(self.trial)}
         trial = {f"trial.{name}": array for name, array in own.items()}
-        return {**trial, "bracket": self.certificate.bracket, "way.seated_at": self.seated_at}
+        own = {
+            "bracket": self.certificate.bracket,
+            "way.seated_at": self.seated_at,
+            "way.reserves": self.bonds.reserves,
+        }
+        return {**trial, **own}
 
     def _snapshot(self) -> dict[str, np.ndarray]:
         arrays = {**self._memory(), **flattened({"state": self.state})}
@@ -325,6 +332,7 @@ class PathFollower:
             return None, drift.drag <= MOST_DRAG and drift.steps < MOST_DRIFTS
         drift.V, drift.motion = found, self.search.motion()
         self.way.friction += self._dissipated() + ties.remember(state)
+        self.way.crushing += joint_families.crushing_work(state, trial)
         remember(trial, state.joints, state.points, state.areas)
         self.search.attempt(drift.motion, drift.V, False)
         if self.search.out_of_balance() <= self.search.balanced:
@@ -340,13 +348,14 @@ class PathFollower:
         rows = change[self.rows]
         blocks.velocity[self.free], blocks.spin[self.free] = rows[:, :3], rows[:, 3:]
         way.friction += self._dissipated() + ties.remember(state)
+        way.crushing += joint_families.crushing_work(state, self.trial)
         moved = step * self.weight
         way.external += 0.5 * (way.V + V) * moved
         way.external += float((ties.dead_loads(state) * np.concatenate([blocks.velocity, blocks.spin], axis=1)).sum())
         closing = self._closes_gaps()
         hidden = 0.0 if self.certificate.strict else self._hidden(V, moved)
         remember(self.trial, state.joints, state.points, state.areas)
-        way.V, way.driven = V, way.driven + step
+        before, way.V, way.driven = way.V, V, way.driven + step
         actuators = state.actuators
         turned = np.cross(blocks.rotation[actuators.block], actuators.arm)
         actuators.displacement[:] = ((blocks.displacement[actuators.block] + turned) * actuators.direction).sum(axis=1)
@@ -354,6 +363,8 @@ class PathFollower:
         began = time.perf_counter()
         lower, upper = self._instant(V, moved, hidden)
         self.phases["bracket"] += time.perf_counter() - began
+        if self.bonds.borne < 1.0:  # a bond broke just before the end of the step
+            lower = min(lower, before + self.bonds.borne * (V - before))
         sure = min(V, lower)  # what a drag held up is no peak
         if sure > actuators.drive[3]:
             actuators.drive[3:5] = sure, way.driven
@@ -437,14 +448,7 @@ class PathFollower:
 
     def _write(self, number: int) -> None:
         """Add the equilibrium of now, that with this ``number``, to the record."""
-        state, record = self.state, self.recorder.record
-        energy = record.energy[record.count[0]]
-        energy[:] = 0.0
-        energy[ELASTIC] = elastic_energy(*state[1:4], None) + ties.energy(state) - self.seated
-        if number:
-            energy[EXTERNAL], energy[FRICTION], energy[DASHPOTS] = self.way.external, self.way.friction, self.way.lost
-        write_row(
-            record, number, float(number), state.blocks, state.joints, state.points, state.areas, state.actuators,
-            float(state.actuators.drive[2]), 0.0, *self.certificate.bracket, False,
-        )  # fmt: skip
-        record.reaction[record.count[0] - 1] += ties.at_supports(state)
+        self.recorder.write_equilibrium(self.state, number, self.way, self.seated, self.certificate.bracket)
+        record = self.recorder.record
+        record.energy[record.count[0] - 1, ELASTIC] += ties.energy(self.state)
+        record.reaction[record.count[0] - 1] += ties.at_supports(self.state)

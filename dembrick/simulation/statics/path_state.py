@@ -15,6 +15,24 @@ FIRST_DRAG = 0.01
 
 
 @dataclass
+class Path:
+    """A followed path: whether the bracket became narrow enough, Newton iterations and equilibria it took, and seconds
+    by phase; ``path`` is what is left, the choice of steps.
+
+    ``unlimited``: V grew beyond all dead loads; ``moved``: whether anything slid or opened meanwhile. ``peak``: bounds
+    of the greatest V on the path (N).
+    """
+
+    converged: bool
+    unlimited: bool
+    moved: bool
+    peak: tuple[float, float]
+    iterations: int
+    equilibria: int
+    phases: dict[str, float]
+
+
+@dataclass
 class Drift:
     """Blocks that were let go: the motion (6 f,) they have drifted to, V there, the drag and the steps taken."""
 
@@ -53,6 +71,9 @@ class PathState:
     external: float = 0.0  # J, work of actuators and dead loads
     friction: float = 0.0  # J
     lost: float = 0.0  # J, to the drag
+    crushing: float = 0.0  # J
+    fracture: float = 0.0  # J
+    broke: bool = False  # whether bonds broke at the last equilibrium, so that the next is not a step on from it
     # of every equilibrium: inelastic displacement (m), V, lower and upper bound (N), whether a gap is closing
     seen: list[tuple[float, float, float, float, bool]] = field(default_factory=lambda: [(0.0, 0.0, 0.0, NEVER, False)])
 

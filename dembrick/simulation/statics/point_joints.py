@@ -11,13 +11,14 @@ import numpy as np
 
 from dembrick.assembly.contact_points import PointTable
 from dembrick.assembly.joints import JointTable
-from dembrick.kernels.statics.point_joints import Points
+from dembrick.kernels.statics.point_joints import Bonds, Points
 from dembrick.simulation.joint_stiffness import elastic_stiffness
+from dembrick.simulation.joint_strengths import bonded_at_start, strengths_of
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
 
-MEMORY = ("elastic_1", "elastic_2", "slip")  # what the points remember
+MEMORY = ("elastic_1", "elastic_2", "slip", "bonds")  # what the points remember
 
 
 def at_rest(assembly: Assembly) -> Points | None:
@@ -29,6 +30,7 @@ def at_rest(assembly: Assembly) -> Points | None:
     laws = [joints.law[j] for j in chosen]
     counts = np.diff(table.start)[chosen]
     total = len(table.area)
+    strengths = strengths_of(laws)
     x_n, y_n = table.normal_arm.T.copy()
     shared = table.shear_arm is table.normal_arm
     x_s, y_s = (x_n, y_n) if shared else table.shear_arm.T.copy()
@@ -46,7 +48,15 @@ def at_rest(assembly: Assembly) -> Points | None:
         elastic_1=np.zeros(total),
         elastic_2=np.zeros(total),
         slip=np.zeros(total),
+        strengths=strengths,
+        bonds=None if strengths is None else _bonds(table.area, np.repeat(bonded_at_start(laws), counts)),
     )
+
+
+def _bonds(area: np.ndarray, bonded: np.ndarray) -> Bonds:
+    """Points (c,) of which some are ``bonded``, and that neither were crushed nor rose."""
+    crushed, rise, spring = np.zeros((3, len(area)))
+    return Bonds(np.array(area, float), bonded, crushed, rise, spring)
 
 
 def of_cases(points: Points, cases) -> Points:
@@ -56,6 +66,7 @@ def of_cases(points: Points, cases) -> Points:
     start = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
     entry = np.repeat(points.start[:-1][cases.shape] - start[:-1], counts) + np.arange(start[-1])
     own = {"joint": np.arange(cases.count), "start": start, "friction": np.array(cases.friction)}
+    own |= {"strengths": None, "bonds": None}
     values = {name: value[entry] for name, value in points._asdict().items() if name not in own}
     values["k_n"] *= np.repeat(cases.normal_stiffness, counts)
     values["k_s"] *= np.repeat(cases.shear_stiffness, counts)
@@ -92,8 +103,48 @@ def entries(points: Points) -> int:
 
 def friction_work(points: Points, before: Points, normal: np.ndarray) -> float:
     """Work that friction took since the memory ``before``, by the forces of now (J)."""
-    friction = np.repeat(points.friction, np.diff(points.start))
-    return float((friction * points.normal * (points.slip - before.slip)).sum())
+    counts = np.diff(points.start)
+    friction = np.repeat(points.friction, counts)
+    if points.strengths is None:
+        strength = friction * points.normal
+    else:  # what slides has no bond; what rises takes its work from friction
+        c_r, residual, dilation = (
+            np.repeat(getattr(points.strengths, name), counts) for name in ("residual_cohesion", "residual", "dilation")
+        )
+        strength = c_r * points.bonds.area + (residual * friction - dilation) * points.normal
+    return float((strength * (points.slip - before.slip)).sum())
+
+
+def crushing_work(points: Points, before: Points) -> float:
+    """Work that crushing took since the memory ``before`` (J)."""
+    if points.strengths is None:
+        return 0.0
+    deeper = points.bonds.crushed - before.bonds.crushed
+    strength = np.repeat(points.strengths.crushing, np.diff(points.start)) * points.bonds.area
+    return float((strength[deeper > 0.0] * deeper[deeper > 0.0]).sum())
+
+
+def reserve(points: Points) -> np.ndarray:
+    """What the bonds could carry more (c, 2), in N: in tension, and in shear where its loss would let go of something.
+    Infinite where there is no bond."""
+    counts = np.diff(points.start)
+    s, bonds = points.strengths, points.bonds
+    cohesion, tension, c_r, residual = (
+        np.repeat(value, counts) for value in (s.cohesion, s.tension, s.residual_cohesion, s.residual)
+    )
+    cap = cohesion * bonds.area + np.repeat(points.friction, counts) * points.normal
+    shear = cap - np.hypot(points.elastic_1, points.elastic_2)
+    brittle = (c_r < cohesion) | (residual < 1.0) | (bonds.spring <= 0.0)
+    found = np.stack([tension * bonds.area + bonds.spring, np.where(brittle, shear, np.inf)], axis=1)
+    return np.where(bonds.bonded[:, None] > 0.0, found, np.inf)
+
+
+def greatest_strength(points: Points) -> np.ndarray:
+    """What the bonds of each joint may carry besides friction (p,) in N."""
+    if points.strengths is None:
+        return np.zeros(len(points.joint))
+    area = np.add.reduceat(points.bonds.area, points.start[:-1])
+    return area * np.maximum(points.strengths.cohesion, points.strengths.tension)
 
 
 def slip_twists(points: Points, steps: np.ndarray) -> np.ndarray:

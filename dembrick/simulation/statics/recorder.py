@@ -8,10 +8,20 @@ from collections.abc import Mapping
 import numpy as np
 
 from dembrick.assembly.actuators import NO_CONTROL_POINTS, ControlPoints
-from dembrick.kernels.statics.record import Record
+from dembrick.kernels.statics.energy import (
+    CRUSHING,
+    DASHPOTS,
+    ELASTIC,
+    EXTERNAL,
+    FRACTURE,
+    FRICTION,
+    elastic_energy,
+)
+from dembrick.kernels.statics.record import Record, write_row
 from dembrick.simulation.channels import energies
 from dembrick.simulation.session import Session
 from dembrick.simulation.statics import joint_families
+from dembrick.simulation.statics.path_state import PathState
 from dembrick.simulation.statics.reactions import support_numbers
 from dembrick.simulation.statics.state import State
 
@@ -27,7 +37,8 @@ class Recorder:
     joint (T, j, 7).
     ``frames`` with the channel "frames": time (F,),
     displacement (F, n, 3), orientation (F, n, 4); "velocity" adds velocity and spin (F, n, 3), "contacts"
-    contact_force (F, c, 3). A row is taken every ``rows_every`` steps, a frame every ``frames_every`` rows and at the
+    contact_force (F, c, 3); joints with strengths add bond (F, j). A row is taken every ``rows_every`` steps, a frame
+    every ``frames_every`` rows and at the
     last row of a search. ``longest_chunk`` is how many steps may pass between two calls of `drain`.
     """
 
@@ -60,6 +71,7 @@ class Recorder:
             "frame_velocity": (moving, 3),
             "frame_spin": (moving, 3),
             "frame_contact": (points, 3),
+            "frame_bond": (n_joint if joint_families.has_strengths(state) else 0,),
         }
         rows, frames = _capacity(chunk // rows_every, of_rows), 0
         self.longest_chunk = min(chunk, (rows - 2) * rows_every)
@@ -78,6 +90,22 @@ class Recorder:
             **{name: np.zeros((rows, *shape)) for name, shape in of_rows.items()},
             **{name: np.zeros((frames, *shape)) for name, shape in of_frames.items()},
         )
+
+    def write_equilibrium(self, state: State, number: int, way: PathState, seated: float, bracket: np.ndarray) -> None:
+        """Add the equilibrium with this ``number`` on a ``way`` to the record; ``seated`` (J) is what the springs held
+        where it began, ``bracket`` (2,) N of the limit."""
+        record = self.record
+        energy = record.energy[record.count[0]]
+        energy[:] = 0.0
+        energy[ELASTIC] = elastic_energy(state.joints, state.points, state.areas, None) - seated
+        if number:
+            energy[EXTERNAL], energy[FRICTION], energy[DASHPOTS] = way.external, way.friction, way.lost
+            energy[CRUSHING], energy[FRACTURE] = way.crushing, way.fracture
+        lower, upper = bracket
+        write_row(
+            record, number, float(number), state.blocks, state.joints, state.points, state.areas, state.actuators,
+            float(state.actuators.drive[2]), 0.0, lower, upper, False,
+        )  # fmt: skip
 
     def drain(self) -> None:
         """Hand on what the loop wrote since the last time."""
@@ -104,6 +132,8 @@ class Recorder:
             frames["spin"] = record.frame_spin[:f].copy()
         if "contacts" in self._channels:
             frames["contact_force"] = record.frame_contact[:f].copy()
+        if "frames" in self._channels and record.frame_bond.shape[1]:
+            frames["bond"] = record.frame_bond[:f].copy()
         self._observe(rows, frames)
 
 

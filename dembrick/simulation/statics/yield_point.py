@@ -114,7 +114,7 @@ def at_peak(point: YieldPoint, peak: tuple[float, float], within: float) -> Yiel
 
     A peak that stands out of the bracket by less than ``within`` (N) is part of it.
     """
-    if not point.V_upper or not peak[0] > point.V_upper:
+    if point.V_upper is None or not peak[0] > point.V_upper:
         return point
     if peak[0] <= point.V_upper + within:
         V = 0.5 * (point.V_lower + peak[0])

@@ -1,0 +1,142 @@
+"""What a scenario says of the joints: their law, and the law of the joints between some blocks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from numbers import Integral
+from typing import Any
+
+from dembrick.scenario.checks import assign, check_name, one_of, real, require, require_type
+
+FORMULATIONS = ("concave", "corrected", "corrected-shear", "convex", "distributed")
+PRESSURES = ("full", "effective", "linear")
+
+
+@dataclass(frozen=True, slots=True)
+class JointLaw:
+    """Contact law of a joint: formulation, friction coefficient, stiffness per area (Pa/m).
+
+    ``points`` (n along t1, m along t2) belongs to ``distributed`` only; None lets the tolerance choose.
+    ``pressure`` belongs to ``convex`` only. Strengths in Pa: ``cohesion`` and ``tensile_strength`` of a bond;
+    ``residual_cohesion`` and ``residual_friction`` after it broke, by slip or by opening (None: no cohesion, and the
+    same friction); ``compressive_strength`` (None: nothing crushes). ``dilation``: rise over slip.
+    """
+
+    formulation: str
+    friction: float
+    normal_stiffness: float
+    shear_stiffness: float
+    points: tuple[int, int] | None = None
+    pressure: str = "full"
+    cohesion: float = 0.0
+    tensile_strength: float = 0.0
+    dilation: float = 0.0
+    residual_friction: float | None = None
+    residual_cohesion: float | None = None
+    compressive_strength: float | None = None
+
+    def __post_init__(self):
+        one_of("formulation", self.formulation, FORMULATIONS)
+        assign(self, friction=real("friction", self.friction))
+        require(self.friction >= 0.0, "friction", self.friction, "it must be at least 0")
+        for key in ("normal_stiffness", "shear_stiffness"):
+            value = real(key, getattr(self, key))
+            require(value > 0.0, key, value, "it must be greater than 0 Pa/m")
+            assign(self, **{key: value})
+        one_of("pressure", self.pressure, PRESSURES)
+        convex = self.pressure == "full" or self.formulation == "convex"
+        require(convex, "pressure", self.pressure, "only formulation = 'convex' has a choice of pressure")
+        if self.points is not None:
+            self._check_points()
+        self._check_strengths()
+
+    def _check_strengths(self):
+        for key in ("cohesion", "tensile_strength", "dilation", "residual_friction", "residual_cohesion"):
+            if getattr(self, key) is not None:
+                assign(self, **{key: real(key, getattr(self, key))})
+                unit = "" if key in ("dilation", "residual_friction") else " Pa"
+                require(getattr(self, key) >= 0.0, key, getattr(self, key), f"it must be at least 0{unit}")
+        if self.compressive_strength is not None:
+            assign(self, compressive_strength=real("compressive_strength", self.compressive_strength))
+            require(
+                self.compressive_strength > 0.0,
+                "compressive_strength",
+                self.compressive_strength,
+                "it must be greater than 0 Pa; leave it out where nothing crushes",
+            )
+        mu, mu_r = self.friction, self.friction_after
+        require(
+            mu_r <= mu, "residual_friction", mu_r, f"it must not be above friction = {mu:g}, the strength before slip"
+        )
+        require(
+            self.cohesion_after <= self.cohesion,
+            "residual_cohesion",
+            self.cohesion_after,
+            f"it must not be above cohesion = {self.cohesion:g} Pa, the strength before slip",
+        )
+        least = "friction" if self.residual_friction is None else "residual_friction"
+        require(
+            self.dilation <= mu_r,
+            "dilation",
+            self.dilation,
+            f"it must not be above {least} = {mu_r:g}, or slip would give work back",
+        )
+        needed = mu * self.tensile_strength
+        require(
+            needed <= self.cohesion * (1.0 + 1e-12),
+            "tensile_strength",
+            self.tensile_strength,
+            f"Coulomb's cone ends at cohesion / friction = {self.cohesion / mu if mu else 0.0:g} Pa; "
+            f"it needs a cohesion of friction x tensile_strength = {needed:g} Pa at least",
+        )
+
+    @property
+    def friction_after(self) -> float:
+        """Friction coefficient after the first slip or opening."""
+        return self.friction if self.residual_friction is None else self.residual_friction
+
+    @property
+    def cohesion_after(self) -> float:
+        """Cohesion (Pa) after the first slip or opening."""
+        return 0.0 if self.residual_cohesion is None else self.residual_cohesion
+
+    @property
+    def bonded(self) -> bool:
+        """Whether there is a bond that may break: a strength that is lost by the first slip or opening."""
+        return self.cohesion > 0.0 or self.tensile_strength > 0.0 or self.friction_after < self.friction
+
+    @property
+    def dry(self) -> bool:
+        """Whether there is nothing but friction, the same before and after slip."""
+        return not (self.bonded or self.dilation > 0.0 or self.compressive_strength is not None)
+
+    def _check_points(self):
+        value: Any = self.points
+        value = value.tolist() if hasattr(value, "tolist") else value
+        require(self.formulation == "distributed", "points", value, "only formulation = 'distributed' has points")
+        whole = isinstance(value, list | tuple) and all(
+            isinstance(n, Integral) and not isinstance(n, bool) for n in value
+        )
+        require_type(whole, "points", value, "a list of 2 whole numbers")
+        require(len(value) == 2, "points", value, f"it must have 2 whole numbers, not {len(value)}")
+        require(all(n >= 1 for n in value), "points", value, "both counts must be at least 1")
+        require(value[0] * value[1] <= 1_000_000, "points", value, "at most a million points a joint")
+        assign(self, points=(int(value[0]), int(value[1])))
+
+
+@dataclass(frozen=True, slots=True)
+class JointOverride:
+    """A law for the joints between two named blocks or groups, in place of the default.
+
+    A group named twice means the joints inside it.
+    """
+
+    between: tuple[str, str]
+    law: JointLaw
+
+    def __post_init__(self):
+        pair = self.between
+        require_type(isinstance(pair, list | tuple), "between", pair, "a list of two block names (or groups)")
+        require(len(pair) == 2, "between", pair, f"it must name two blocks, not {len(pair)}")
+        assign(self, between=tuple(check_name(f"between[{i}]", name) for i, name in enumerate(pair)))
+        require_type(isinstance(self.law, JointLaw), "law", self.law, "a JointLaw")

@@ -1,0 +1,103 @@
+"""Bonded joints in real time: a block on a base that takes a pulse, against closed forms."""
+
+import numpy as np
+import pytest
+
+from dembrick.runs.simulate import restart, simulate
+from dembrick.scenario import toml
+from helpers.restart_cases import check_same
+
+TEXT = """
+title = "a bonded block on a base that shakes"
+gravity = [0.0, 0.0, -9.81]
+[joint]
+formulation = "{formulation}"
+friction = 0.2
+normal_stiffness = 1e9
+shear_stiffness = 4e8
+{keys}
+[materials.stone]
+density = 2000.0
+[[blocks]]
+name = "base"
+material = "stone"
+box = [2.0, 1.0, 0.1]
+position = [0.0, 0.0, -0.05]
+fixed = true
+[[blocks]]
+name = "block"
+material = "stone"
+box = [0.3, 0.2, 0.04]
+position = [0.0, 0.0, 0.02]
+[control]
+kind = "base-motion"
+direction = [1.0, 0.0, 0.0]
+{shake}
+duration = 0.5
+[output]
+rows = 200
+frames = 20
+checkpoint = 0.0
+"""
+MASS, AREA, G = 2000.0 * 0.3 * 0.2 * 0.04, 0.06, 9.81
+PULSE = "pulse = { amplitude = 4.905, duration = 0.2 }"
+
+
+def shaken(formulation, keys, shake=PULSE):
+    return toml.loads(TEXT.format(formulation=formulation, keys=keys, shake=shake))
+
+
+def bond(threshold):
+    """Keys of a bond that slides at an acceleration of the base (m/s2), apart from friction 0.2."""
+    c = (threshold - 0.2 * G) * MASS / AREA
+    return f"cohesion = {c!r}\ntensile_strength = {c!r}"
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+def test_a_broken_bond_slides_as_a_dry_joint(formulation):
+    """Newmark's block: (A - mu g) t^2 / 2 + ((A - mu g) t)^2 / (2 mu g) = 0.147150 m, from when the bond breaks."""
+    result = simulate(shaken(formulation, bond(0.3 * G)))
+    assert result.rows["displacement"][-1] == pytest.approx(0.147150, rel=5e-3)
+    held = result.frames["bond"][:, 0]
+    assert held[0] == 1.0 and held[-1] == 0.0
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+def test_a_bond_that_holds_lets_nothing_slide(formulation):
+    """A sudden pulse makes the springs swing to twice the force: a bond for 1.1 g bears 0.5 g."""
+    result = simulate(shaken(formulation, bond(1.1 * G)))
+    assert result.rows["displacement"][-1] < 1e-5
+    assert np.all(result.frames["bond"] == 1.0)
+    assert result.rows["energy"]["fracture"][-1] == 0.0 and result.rows["energy"]["friction"][-1] == 0.0
+
+
+def test_residual_friction_in_real_time():
+    """Friction 0.2, 0.1 after the first slip: 0.4 g t^2 / 2 + (0.4 g t)^2 / (0.2 g) = 0.39240 m."""
+    scenario = shaken("convex", "residual_friction = 0.1")
+    slip = 0.4 * G * 0.04 / 2.0 + (0.4 * G * 0.2) ** 2 / (0.2 * G)
+    longer = toml.loads(toml.dumps(scenario), overrides=["control.duration=1.2"])
+    assert simulate(longer).rows["displacement"][-1] == pytest.approx(slip, rel=5e-3)
+
+
+def test_what_breaks_and_crushes_is_restarted_to_the_last_bit(tmp_path):
+    """A run of points that break and crush goes on from its checkpoint as if it had never stopped."""
+    from dembrick.simulation import interrupts
+    from dembrick.simulation.interrupts import Interrupted
+
+    scenario = shaken("concave", bond(0.3 * G) + "\ncompressive_strength = 810.0")
+    whole, stopped = tmp_path / "whole.h5", tmp_path / "stopped.h5"
+    result = simulate(scenario, whole)
+    assert result.rows["energy"]["crushing"][-1] > 0.0 and result.rows["energy"]["fracture"][-1] != 0.0
+    looks = 0
+
+    def requested():
+        nonlocal looks
+        looks += 1
+        return 2 if looks == 40 else 0
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(interrupts, "requested", requested)
+        with pytest.raises(Interrupted):
+            simulate(scenario, stopped)
+    restart(stopped)
+    check_same(whole, stopped)

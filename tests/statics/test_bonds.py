@@ -1,0 +1,203 @@
+"""Bonded, dilating and crushing joints in the searches and in constant-rate tests, against closed forms.
+
+Joint 0.3 x 0.2 m, N = 467 N, friction 0.64, c = 10 kPa: c A = 600 N and c A + mu N = 898.88 N, unless said otherwise.
+"""
+
+import dataclasses
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dembrick.runs.simulate import simulate
+from dembrick.scenario.controls import StaticsControl
+from dembrick.scenario.model import Output
+from helpers.one_joint import A, B, N, scene, single
+
+_FILE = Path(__file__).resolve().parents[2] / "tools" / "drawn_bonds.py"
+_SPEC = importlib.util.spec_from_file_location("drawn_bonds", _FILE)
+drawn = importlib.util.module_from_spec(_SPEC)
+_SPEC.loader.exec_module(drawn)
+
+C = {"cohesion": 1e4}
+DUCTILE = C | {"residual_cohesion": 1e4}
+STRONG = {"cohesion": 2e4, "tensile_strength": 2e4}
+TORSION = (((0.1, 0.0, 0.0), (0.0, 1.0, 0.0), 1.0), ((-0.1, 0.0, 0.0), (0.0, -1.0, 0.0), 1.0))  # 0.2 V
+BENDING = (((0.0, 0.0, 0.1), (0.0, 1.0, 0.0), 1.0), ((0.0, 0.0, 0.0), (0.0, -1.0, 0.0), 1.0))  # 0.1 V
+SHEAR, FORCE_A, FORCE_B = single((0.0, 0.0)), single((0.25 * A, 0.0)), single((0.45 * A, 0.0))
+
+
+def found(formulation, law, jacks=SHEAR, record=False, **options):
+    given = scene(formulation, jacks=jacks, **options)
+    return simulate(dataclasses.replace(given, joint=dataclasses.replace(given.joint, **law)), record=record)
+
+
+def holds(point, expected):
+    """The answer is within 0.1 % and the bracket holds the truth, of which seven digits are known."""
+    assert point.V == pytest.approx(expected, rel=1e-3)
+    assert point.V_lower * (1.0 - 2e-7) <= expected <= point.V_upper * (1.0 + 2e-7)
+
+
+@pytest.mark.parametrize(
+    "formulation, jacks, expected",
+    [
+        ("convex", SHEAR, 898.88),
+        ("convex", TORSION, 435.105605),
+        ("convex", FORCE_A, 649.7841),
+        ("convex", FORCE_B, 486.9210),
+        ("concave", SHEAR, 898.88),
+        ("concave", TORSION, 810.239485),
+        ("concave", FORCE_A, 765.6174),
+        ("concave", FORCE_B, 638.3386),
+        ("corrected", FORCE_A, 629.5826),
+        ("corrected-shear", FORCE_B, 465.6358),
+        ("concave", single((0.25 * A, 0.0), z=0.05), 757.8980),
+        ("concave", single((0.45 * A, 0.0), z=0.05), 627.1268),
+    ],
+)
+def test_ductile_joints(formulation, jacks, expected):
+    holds(found(formulation, DUCTILE, jacks).yield_point, expected)
+
+
+@pytest.mark.parametrize(
+    "jacks, peak, after",
+    [
+        (FORCE_A, 658.1388, 254.5698),
+        (FORCE_B, 536.5207, 212.2493),
+        (single((0.0, 0.0), z=0.05), 680.9697, 298.88),
+    ],
+)
+def test_brittle_points_break_one_after_another(jacks, peak, after):
+    """The first two slip by the elastic forces, and what is left is the dry joint."""
+    point = found("concave", C, jacks).yield_point
+    holds(point, peak)
+    assert point.V_after == pytest.approx(after, rel=1e-3)
+
+
+@pytest.mark.parametrize("formulation, jacks", [("convex", SHEAR), ("convex", TORSION), ("concave", SHEAR)])
+def test_residual_friction(formulation, jacks):
+    """From 898.88 N to 233.5 N, and M_T from 87.0211 to 22.6053 N m: one strength times the same surface."""
+    point = found(formulation, C | {"residual_friction": 0.5}, jacks).yield_point
+    holds(point, {SHEAR: 898.88, TORSION: 435.105605}[jacks])
+    assert point.V_after == pytest.approx(point.V * 233.5 / 898.88, rel=1e-3)
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+def test_a_bond_that_breaks_lets_its_springs_go(formulation):
+    """The energy at the drop is (V^2 - V_r^2) / (2 k_s A), booked as fracture; what friction takes follows."""
+    result = found(formulation, C | {"residual_friction": 0.5}, record=True)
+    energy = {name: values[-1] for name, values in result.rows["energy"].items()}
+    assert energy["fracture"] == pytest.approx(1.56971e-3, rel=1e-3)
+    slid = result.rows["joint"][-1, 0, 6]
+    assert slid > 1e-6 and energy["friction"] > 0.0
+    assert energy["crushing"] == 0.0
+    bond = result.frames["bond"][:, 0]
+    assert bond[0] == 1.0 and bond[-1] == 0.0
+
+
+@pytest.mark.parametrize(
+    "formulation, e, expected",
+    [
+        ("concave", 0.0, 1200.0),
+        ("concave", 0.05, 800.0),
+        ("concave", 0.1, 600.0),
+        ("convex", 0.0, 1200.0),
+        ("convex", 0.05, 480.0),
+        ("convex", 0.1, 300.0),
+    ],
+)
+def test_a_bond_is_pulled_off(formulation, e, expected):
+    """f_t A over 1 + 2 e / b of four corners, 1 + 6 e / b of a linear stress; nothing else acts."""
+    point = found(formulation, STRONG, single((0.0, e), (0.0, 0.0, 1.0)), normal=0.0).yield_point
+    holds(point, expected)
+    assert point.V_after == 0.0
+
+
+@pytest.mark.parametrize(
+    "formulation, tension, moment, after",
+    [
+        ("concave", 2e4, 166.70, 46.70),
+        ("convex", 2e4, 55.5667, 46.70),
+        ("convex", 1e4, 46.70, None),  # its first crack, at 35.5667, is no peak
+    ],
+)
+def test_bending(formulation, tension, moment, after):
+    point = found(formulation, STRONG | {"tensile_strength": tension}, BENDING).yield_point
+    assert 0.1 * point.V == pytest.approx(moment, rel=1e-3)
+    assert 0.1 * point.V_lower <= moment * (1 + 1e-6) and moment * (1 - 1e-6) <= 0.1 * point.V_upper
+    assert (None if after is None else 0.1 * point.V_after) == (after and pytest.approx(after, rel=1e-3))
+
+
+@pytest.mark.parametrize(
+    "formulation, crushing, moment",
+    [
+        ("concave", 100e3, 46.70),
+        ("concave", 10e3, 13.30),
+        ("convex", 100e3, 43.0652),
+        ("convex", 20e3, 28.5259),
+        ("convex", 10e3, 10.3518),
+    ],
+)
+def test_toe_crushing(formulation, crushing, moment):
+    """Four corners: min(N, f_c A - N) b / 2; a convex joint (N / 2)(b - N / (f_c a))."""
+    point = found(formulation, {"compressive_strength": crushing}, BENDING).yield_point
+    assert 0.1 * point.V == pytest.approx(moment, rel=1e-3)
+    assert 0.1 * point.V_lower <= moment * (1 + 1e-5) and moment * (1 - 1e-5) <= 0.1 * point.V_upper
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+def test_dilation_under_a_dead_load_lifts_and_changes_no_strength(formulation):
+    """Rise = tan psi times the slip; the work of the weight is that of less friction, and V stays."""
+    result = found(formulation, {"dilation": 0.2}, record=True)
+    holds(result.yield_point, 298.88)
+    slip, rise = result.rows["joint"][-1, 0, 6], result.frames["displacement"][-1, 1, 2]
+    start = result.frames["displacement"][0, 1, 2]
+    assert slip > 1e-8 and rise - start == pytest.approx(0.2 * slip, rel=1e-6)
+    friction = result.rows["energy"]["friction"][-1]
+    assert friction == pytest.approx((0.64 - 0.2) * N * slip, rel=1e-6)
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex", "distributed"])
+def test_no_strength_at_all_is_the_dry_joint_bit_for_bit(formulation):
+    options = {"jacks": single((0.25 * A, 0.0), z=0.05)} | ({"points": (4, 3)} if formulation == "distributed" else {})
+    nothing = {"cohesion": 0.0, "tensile_strength": 0.0, "dilation": 0.0, "residual_cohesion": 0.0}
+    bonded, dry = (found(formulation, law, **options) for law in (nothing | {"residual_friction": 0.64}, {}))
+    assert bonded.yield_point == dry.yield_point and bonded.run.steps == dry.run.steps
+
+
+def test_bonds_carry_a_block_that_would_slide():
+    """A block of 10 kg on a bed turned by 60 deg: friction alone lets it go; c A = 60 N more holds it."""
+    turned = (np.cos(np.pi / 6.0), np.sin(np.pi / 6.0), 0.0, 0.0)
+    given = scene("concave", normal=0.0, turn=turned)
+    weight = dataclasses.replace(given.loads[0], force=(0.0, 0.0, -98.1), point=None)
+    given = dataclasses.replace(given, loads=(weight,), actuators=(), control=StaticsControl())
+    stands = {}
+    for cohesion in (0.0, 500.0, 5e3):  # it takes (sin 60 - 0.64 cos 60) W / A = 893 Pa in shear, more as it tips
+        law = dataclasses.replace(given.joint, cohesion=cohesion, tensile_strength=cohesion)
+        stands[cohesion] = simulate(dataclasses.replace(given, joint=law), record=False).run.rest.stands
+    assert stands == {0.0: False, 500.0: False, 5e3: True}
+
+
+def test_drawn_bonds_lie_in_their_brackets():
+    for seed in range(20):
+        draw = drawn.pulled if seed % 3 == 0 else drawn.pushed
+        what, numbers = drawn.judged(*draw(np.random.default_rng([3, seed])))
+        assert what == "inside", (seed, numbers)
+
+
+def test_a_constant_rate_test_meets_the_peak_and_the_residual():
+    """Physical inertia, the same law: the peak within 0.5 %, then what is left, and the energy balance closes."""
+    from dembrick.scenario.controls import DisplacementControl
+
+    given = scene("concave", jacks=SHEAR)
+    law = dataclasses.replace(given.joint, cohesion=1e4, residual_friction=0.5)
+    control = DisplacementControl(rate=3e-4, travel=2e-5)
+    result = simulate(dataclasses.replace(given, joint=law, control=control, output=Output(rows=2000)))
+    load = result.rows["load"]
+    assert load.max() == pytest.approx(898.88, rel=5e-3)
+    assert result.yield_point.V == pytest.approx(233.5, rel=5e-3)
+    energy = {name: values[-1] for name, values in result.rows["energy"].items()}
+    assert energy["fracture"] == pytest.approx(1.56971e-3, rel=1e-2)
+    assert abs(result.energy.relative_residual) < 1e-6
+    assert B == 0.2
