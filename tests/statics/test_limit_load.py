@@ -376,7 +376,7 @@ def test_an_ellipse_for_the_exact_surface_is_caught(name, monkeypatch):
             for module, names in {
                 limit_surface: ("gauge", "proximal_map"),
                 area_law: ("area_friction", "proximal_map"),
-                area_joints: ("forces", "dissipation", "area_friction"),
+                area_joints: ("forces", "forces_by", "dry_forces", "dissipation", "area_friction"),
                 joint_families: ("forces", "dissipation"),
                 block_forces: ("joint_forces",),
                 load_bounds: ("upper_bound", "best_bound", "strict_bounds"),
