@@ -74,7 +74,8 @@ class LoadSystem:
         self.assembly = assembly
         self.state = starting_state(assembly, start)
         blocks = self.state.blocks
-        if not (blocks.dead_force[blocks.free].any() or blocks.dead_torque[blocks.free].any()):
+        pressed = blocks.dead_force[blocks.free].any() or blocks.dead_torque[blocks.free].any()
+        if not (pressed or joint_families.has_strengths(self.state)):
             raise ScenarioError(
                 "gravity is zero and there are no [[loads]], so nothing presses the joints and friction carries "
                 "nothing: give gravity, or loads that press"

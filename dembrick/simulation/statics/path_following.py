@@ -10,7 +10,6 @@ doubled until the memory of the elastic forces, and the strip of a convex joint 
 Where many contacts are at the brink of opening or slipping, Newton's method finds no way among them. Then a small part
 of the elastic stiffness drags at each joint during the step. V is that without the drag, by virtual work, and what the
 drag leaves out of balance counts against the lower bound: it is made so small that it does not matter.
-
 Bonds break between equilibria, not within one (`bond_breaking`).
 
 Where blocks snap from one state into another, no further equilibrium lies near. Then they are let go: with a greater
