@@ -138,7 +138,7 @@ def _refuse_stresses(scenario: Scenario, assembly: Assembly) -> None:
 
 def _plan_path(scenario: Scenario, assembly: Assembly) -> Plan:
     _refuse_stresses(scenario, assembly)
-    return limit_load.plan(assembly, scenario.control, scenario.solver.step_factor, scenario.output)
+    return _plan_of(limit_load)(scenario, assembly)
 
 
 def _follow_path(scenario: Scenario, assembly: Assembly, session: Session | None, steps: float = 1.0) -> Replay:
