@@ -39,11 +39,11 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not follow names th
     from dembrick.scenario.generators import Return as Return
     from dembrick.scenario.generators import Stack as Stack
     from dembrick.scenario.generators import Wall as Wall
+    from dembrick.scenario.joint_laws import JointLaw as JointLaw
+    from dembrick.scenario.joint_laws import JointOverride as JointOverride
     from dembrick.scenario.model import Actuator as Actuator
     from dembrick.scenario.model import Block as Block
     from dembrick.scenario.model import ControlPoint as ControlPoint
-    from dembrick.scenario.model import JointLaw as JointLaw
-    from dembrick.scenario.model import JointOverride as JointOverride
     from dembrick.scenario.model import Load as Load
     from dembrick.scenario.model import Material as Material
     from dembrick.scenario.model import Output as Output
@@ -73,8 +73,8 @@ _NAMES = {  # by the module that has them
     "dembrick.scenario.controls": "BaseMotionControl DisplacementControl DynamicControl PushoverControl "
     "SettlementControl StaticsControl TiltControl YieldControl",
     "dembrick.scenario.generators": "Arch Dome Opening Return Stack Wall",
-    "dembrick.scenario.model": "Actuator Block ControlPoint JointLaw JointOverride Load Material Output Scenario "
-    "Solver",
+    "dembrick.scenario.joint_laws": "JointLaw JointOverride",
+    "dembrick.scenario.model": "Actuator Block ControlPoint Load Material Output Scenario Solver",
     "dembrick.scenario.pressures": "Pressure",
     "dembrick.scenario.support_paths": "SupportPath Turn",
     "dembrick.scenario.toml": "dumps load loads",

@@ -1,7 +1,7 @@
 """The arrays the kernels work on: contiguous float64 / int64, one line a field with shape, unit and sign.
 
 Counts: n blocks, f free blocks, j joints, p point joints, c contact points, a area joints, v polygon vertices,
-k jacks, l loads, r recorded rows. "start" is the scenario's geometry. These are the only mutable things of a run.
+k actuators, l loads, r recorded rows. "start" is the scenario's geometry. These are the only mutable things of a run.
 """
 
 from typing import NamedTuple
@@ -32,7 +32,7 @@ class ScaledInertia(NamedTuple):
     """Artificial inertia of small motion: a full 6 x 6 matrix a block, proportional to its contact stiffness."""
 
     inverse: ndarray  # (n, 6, 6) per block, from (force, torque) to (acceleration, angular acceleration)
-    matrix: ndarray  # (n, 6, 6) its inverse, for the energy books
+    matrix: ndarray  # (n, 6, 6) its inverse, for the energy terms
     whole: "WholeInertia | None"  # in place of both where free blocks touch free blocks
 
 
@@ -76,7 +76,7 @@ class Joints(NamedTuple):
 
 
 class Actuators(NamedTuple):
-    """The load system: jack i carries V weight_i; one spring and dashpot drive the work-conjugate displacement."""
+    """The load system: actuator i carries V weight_i; one spring and dashpot drive the work-conjugate displacement."""
 
     block: ndarray  # (k,) int64
     arm: ndarray  # (k, 3) m, from the centroid to the loaded point now, world
@@ -88,22 +88,20 @@ class Actuators(NamedTuple):
     drive: ndarray  # (5,) head (m), driven displacement (m), V (N); greatest V so far (N), where (m)
 
 
-# Entries of `Energy.work` (J). Work of the jack head and of the dead torques; lost in friction, in dashpots of contacts
-# and to calming, and in the jack's dashpot; mu N |slip|; the smallest friction work of an increment; at the start, the
-# elastic energy of the seated joints, and the work of the dead forces up to then; lost by crushing, and by bonds that
-# broke.
+# Entries of `Energy.work` (J). Work of the actuators' head and of the dead torques; lost in friction, in dashpots of
+# contacts and to calming, and in that of the head; mu N |slip|; the smallest friction work of an increment; at the
+# start, the elastic energy of the seated joints, and the work of the dead forces up to then; lost by crushing, and by
+# bonds that broke.
 HEAD, TORQUES, SLIDING, DAMPING, JACK_DAMPING, BY_LAW, LEAST, SEATED, SEATING, CRUSHING, FRACTURE = range(11)
 
 
 class Energy(NamedTuple):
-    """The books of a run: work summed step by step, and what the last step left behind for the next.
+    """The energy terms of a run: work summed step by step, and what the last step left behind for the next.
 
     Few arrays: a search is so short that a third of a microsecond counts, which each one takes on the way into a loop.
     """
 
     work: ndarray  # (11,) J, one entry for each name above
     turned: ndarray  # (t,) int64, free blocks with a dead torque
-    dash: (
-        ndarray  # (j + 1, 6) N, N m: V_1, V_2, M_T, N, M_1, M_2 of each joint's dashpots, last step; last, the jack's V
-    )
+    dash: ndarray  # (j + 1, 6) N, N m: V_1, V_2, M_T, N, M_1, M_2 of each joint's dashpots, last step; V of the head's
     normal: ndarray  # (p, 7) N/m, N, N m: sums of k_n (1, x, y, x^2, y^2, x y) over each point joint; m, its reach

@@ -94,7 +94,7 @@ def _lived_through(scenario: Scenario, every: float, loads) -> Iterator[Step]:
     run.ask_for(moving, scenario.output, driving)
     run.start(moving, control, driving, Past(moving, None), Session())
     total = run.most_steps(moving, control, None, driving)
-    goal = control.displacement if control.ends_with == COLLAPSE else NO_LIMIT
+    goal = getattr(control, "displacement", NO_LIMIT) if control.ends_with == COLLAPSE else NO_LIMIT
     limits = Limits(displacement=goal, longest=0.1 * float(moving.state.bodies.reach.min()))
     stride, status = max(1, round(every / moving.time_step)), None
     while True:

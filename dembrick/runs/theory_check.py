@@ -42,12 +42,14 @@ def wrench(axes, arm, force, torque) -> np.ndarray:
 
 
 def theory_of(assembly: Assembly) -> Theory | None:
-    """The limit load of the scenario by theory, or None where no theory holds: more than one joint, or a load that
-    changes the normal force."""
+    """The limit load of the scenario by theory, or None if no theory holds: more than one joint, a joint with strengths
+    beside friction, or a load that changes the normal force."""
     if len(assembly.joints) != 1 or assembly.fixed.sum() != 1 or len(assembly.names) != 2:
         return None
     joint = assembly.joints[0]
     law, polygon = joint.law, joint.pieces or joint.polygon
+    if not law.dry:
+        return None
     b = joint.block_b
     arm = np.asarray(joint.arm_b)
     dead = wrench(joint.axes, arm, assembly.dead_force[b], assembly.dead_torque[b])

@@ -49,7 +49,7 @@ class MotionAudit(EnergyAudit):
 
 @dataclass(frozen=True)
 class Sums:
-    """What an audit wants of the books of a run in real time (J): friction, the same by its law, the least of a step,
+    """What an audit wants of a run in real time (J): friction, the same by its law, the least of a step,
     what contacts took by opening and closing within steps; the least energy that errors are held against; and what
     rounding of positions may make of nothing: less is no error."""
 
@@ -83,7 +83,7 @@ class Auditor:
             self.worst[i] = np.maximum(self.worst[i], np.abs(term).max())  # a NaN stays
 
     def result(self, books: Energy | Sums) -> EnergyAudit:
-        """The audit; EnergyAuditError where the books do not balance."""
+        """The audit; EnergyAuditError where the energy terms do not balance."""
         residual, scale = (float(value) for value in self.worst[:2])
         if isinstance(books, Sums):
             return _of_motion(residual, max(scale, books.floor, books.rounding / MOTION), books)

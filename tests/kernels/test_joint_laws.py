@@ -10,6 +10,7 @@ from scipy.optimize import minimize
 from dembrick import theory
 from dembrick.geometry import friction_integrals, polygons
 from dembrick.kernels.joint import limit_surface, no_tension, point_law
+from dembrick.kernels.math.geometric_median import median_distance
 from dembrick.kernels.statics import point_joints
 from dembrick.kernels.statics.point_joints import Points
 from helpers.compiled import forms, matrix
@@ -472,6 +473,6 @@ def test_torsion_radius_of_polygons_and_points(scale):
         assert friction_integrals.area_radius(polygon) == pytest.approx(theory.torsion_strength(law), rel=1e-9)
         weights = rng.uniform(0.1, 1.0, len(polygon))
         law = theory.points(polygon, weights / weights.sum(), 1.0)
-        radius = point_joints.median_distance(*polygon.T.copy(), weights, 0, len(weights))
+        radius = median_distance(*polygon.T.copy(), weights, 0, len(weights))
         # in torsion without shear the centre is free: V = 0 in the limit of a pure moment
         assert radius == pytest.approx(theory.torsion_strength(law), rel=1e-8)

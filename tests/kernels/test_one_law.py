@@ -11,11 +11,11 @@ import pytest
 
 from dembrick.geometry import friction_integrals, polygons
 from dembrick.kernels.dynamics import area_joints as moving_areas
+from dembrick.kernels.dynamics import bonded_points, tiles
 from dembrick.kernels.dynamics import point_joints as moving_points
-from dembrick.kernels.dynamics import tiles
 from dembrick.kernels.dynamics.energy_terms import BY_LAW as BY_LAW_LOST
 from dembrick.kernels.dynamics.energy_terms import CRUSHING as CRUSHING_LOST
-from dembrick.kernels.dynamics.energy_terms import DASHPOT, FRICTION, KINDS, LEDGER, RELEASED, Books
+from dembrick.kernels.dynamics.energy_terms import DASHPOT, FRICTION, KINDS, LEDGER, RELEASED, EnergyTerms
 from dembrick.kernels.dynamics.energy_terms import FRACTURE as FRACTURE_LOST
 from dembrick.kernels.joint.point_law import Strengths, point_law
 from dembrick.kernels.state import BY_LAW, CRUSHING, DAMPING, FRACTURE, SLIDING, Energy
@@ -138,9 +138,9 @@ class MovingPoints:
     def __init__(self, mu=MU, law=None):
         self.mu = mu
         self.strengths = None if law is None else strengths_of(law)
-        self.of_bonds = None if law is None else np.zeros(4 * moving_points.BOND)
+        self.of_bonds = None if law is None else np.zeros(4 * bonded_points.BOND)
         if law is not None:
-            self.of_bonds.reshape(4, 3, W)[:, moving_points.BONDED] = bond_of(law, 4)[:, None]
+            self.of_bonds.reshape(4, 3, W)[:, bonded_points.BONDED] = bond_of(law, 4)[:, None]
         self.tile, self.work = np.zeros(tiles.TILE), np.zeros(tiles.WORK)
         self.tile[tiles.VISCOUS * W : (tiles.VISCOUS + 2) * W] = VISCOUS
         self.own = np.zeros(4 * tiles.POINT)
@@ -158,11 +158,11 @@ class MovingPoints:
             dashpots = self.dashpots[2 * pair * DASHPOT : 2 * (pair + 1) * DASHPOT]
             bonds = self.strengths, 0, None, None
             if self.strengths is not None:
-                rows = self.of_bonds[2 * pair * moving_points.BOND : 2 * (pair + 1) * moving_points.BOND]
+                rows = self.of_bonds[2 * pair * bonded_points.BOND : 2 * (pair + 1) * bonded_points.BOND]
                 bonds = self.strengths, 0, rows, self.ledger
             if moving_points.press(self.work, own, *law, dashpots, None, *bonds) > 0:
                 for which in range(2):
-                    moving_points.book_losses(self.work, own, dashpots, which, *law, self.ledger)
+                    moving_points.add_losses(self.work, own, dashpots, which, *law, self.ledger)
         self.ledger[:W] += self.work[tiles.TAKEN * W : (tiles.TAKEN + 1) * W]
         f = self.work.reshape(-1, W)[tiles.FORCE : tiles.FORCE + 9, 3]
         # the force on the host at (1, x, y), the host's slip is b's
@@ -256,7 +256,7 @@ class MovingArea:
             strengths=None if law is None else strengths_of(law),
             bonds=None if law is None else moving_areas.FaceBonds(bond_of(law, 1), np.zeros(1)),
         )  # fmt: skip
-        self.energy = Books(
+        self.energy = EnergyTerms(
             dashpots=np.zeros(0), ledger=np.zeros(0), face=np.zeros((1, 16)), damped=np.zeros(1),
             lost=np.zeros((1, KINDS)), least=np.zeros(1), share=np.ones(1), place=np.full(1, -1), fallen=np.zeros(0),
             load=np.zeros((0, 6)), support=np.zeros((0, 6)), push=np.zeros((0, 6)), total=np.zeros(3),

@@ -81,7 +81,7 @@ class Faces(NamedTuple):
 
 
 @jit
-def book_pressure(row, q0, qx, qy, n, nx, ny, g0, gx, gy, d0, dx, dy):
+def add_pressure_energy(row, q0, qx, qy, n, nx, ny, g0, gx, gy, d0, dx, dy):
     """Dashpots along the normal of a convex joint with the ``row`` (16,): pressure of the springs q, of all n; its
     penetration g and the growth of it d."""
     stepping = row[0] * g0 + row[1] * gx + row[2] * gy - (q0 * (g0 - d0) + qx * (gx - dx) + qy * (gy - dy))
@@ -102,7 +102,7 @@ def book_dashpots(row, n, nx, ny, d0, dx, dy):
 
 
 @jit
-def book_shear(row, e, s1, s2, turn, t1, t2, tm):
+def add_shear_energy(row, e, s1, s2, turn, t1, t2, tm):
     """Its dashpots in shear and torsion: slip s and turn, friction t, elastic forces e (3,)."""
     t1 -= e[0]
     t2 -= e[1]
@@ -114,19 +114,19 @@ def book_shear(row, e, s1, s2, turn, t1, t2, tm):
 
 
 @jit
-def book_slip(books, faces, a, normal, q1, q2, qm, t1, t2, tm, b1, b2, bm):
+def add_slip_work(energy_terms, faces, a, normal, q1, q2, qm, t1, t2, tm, b1, b2, bm):
     """A step in which convex joint ``a`` slides by the plastic twist q, or in which it is open and lets go; it held b
     before."""
     j = faces.joint[a]
     e = faces.elastic[a]
-    share = books.share[j]
+    share = energy_terms.share[j]
     loss = 0.5 * share * ((b1 + e[0]) * q1 + (b2 + e[1]) * q2 + (bm + e[2]) * qm)
     if normal > 0.0:
-        books.lost[j, FRICTION] += loss
-        books.lost[j, BY_LAW] += share * (t1 * q1 + t2 * q2 + tm * qm)
-        books.least[j] = min(books.least[j], loss)
+        energy_terms.lost[j, FRICTION] += loss
+        energy_terms.lost[j, BY_LAW] += share * (t1 * q1 + t2 * q2 + tm * qm)
+        energy_terms.least[j] = min(energy_terms.least[j], loss)
     else:
-        books.lost[j, RELEASED] += loss
+        energy_terms.lost[j, RELEASED] += loss
 
 
 @jit
@@ -139,7 +139,7 @@ def put_force(work, lane, cosine, sine, n, nx, ny, t1, t2, tm):
 
 
 @jit
-def book_bonded(books, faces, strengths, bonds, a, bond, rise, g0, gx, gy, d0, dx, dy, n, nx, ny, shear, by_law):
+def book_bonded(energy_terms, faces, strengths, bonds, a, bond, rise, g0, gx, gy, d0, dx, dy, n, nx, ny, shear, by_law):
     """Book what a step took from the springs of convex joint ``a`` with strengths, whose bond and rise were those of
     before; ``shear`` (J) by its plastic twist, ``by_law`` by friction. N and its moments are those of now."""
     outline = faces.outline[a]
@@ -159,30 +159,30 @@ def book_bonded(books, faces, strengths, bonds, a, bond, rise, g0, gx, gy, d0, d
     across -= springs_hold(x, y, 0, count, area, second, reach, now, risen, most, g0, gx, gy)
     across += (p0 + q0) * d0 + (px + qx) * dx + (py + qy) * dy
     across *= 0.5 * k_n
-    row = books.face[a]
+    row = energy_terms.face[a]
     book_dashpots(row, n - k_n * q0, nx - k_n * qx, ny - k_n * qy, d0, dx, dy)
     row[0] = k_n * q0
     row[1] = k_n * qx
     row[2] = k_n * qy
     j = faces.joint[a]
-    share = books.share[j]
+    share = energy_terms.share[j]
     if now < bond:
-        books.lost[j, FRACTURE] += share * (shear + across)
+        energy_terms.lost[j, FRACTURE] += share * (shear + across)
     elif n > 0.0:
         dash = (n - k_n * q0) * (risen - rise)  # lengthens with what lifts
         lifted = across - dash if risen > rise else 0.0
         row[15] += dash
-        books.lost[j, FRICTION] += share * (shear + lifted)
-        books.lost[j, BY_LAW] += share * (by_law - n * (risen - rise))
-        books.least[j] = min(books.least[j], share * (shear + lifted))
+        energy_terms.lost[j, FRICTION] += share * (shear + lifted)
+        energy_terms.lost[j, BY_LAW] += share * (by_law - n * (risen - rise))
+        energy_terms.least[j] = min(energy_terms.least[j], share * (shear + lifted))
         row[9] += across - dash - lifted if risen > rise else across
     else:
-        books.lost[j, RELEASED] += share * shear
+        energy_terms.lost[j, RELEASED] += share * shear
         row[9] += across
 
 
 @jit
-def bonded_face(faces, strengths, bonds, a, tile, lane, work, books):
+def bonded_face(faces, strengths, bonds, a, tile, lane, work, energy_terms):
     """`face_force` of a joint of a scene where some have strengths."""
     g0, gx, gy = three(work, DEPTH, lane)
     d0, dx, dy = three(work, GROWTH, lane)
@@ -219,24 +219,26 @@ def bonded_face(faces, strengths, bonds, a, tile, lane, work, books):
     bonds.bonded[a] = bonded
     bonds.rise[a] = risen
     put_force(work, lane, cosine, sine, n, nx, ny, t1, t2, tm)
-    if books is not None:
+    if energy_terms is not None:
         shear = 0.5 * ((b1 + e1) * q1 + (b2 + e2) * q2 + (bm + em) * qm)
         by_law = t1 * q1 + t2 * q2 + tm * qm
-        book_bonded(books, faces, strengths, bonds, a, bond, rise, g0, gx, gy, d0, dx, dy, n, nx, ny, shear, by_law)
-        book_shear(books.face[a], elastic, s1, s2, turn, t1, t2, tm)
+        book_bonded(
+            energy_terms, faces, strengths, bonds, a, bond, rise, g0, gx, gy, d0, dx, dy, n, nx, ny, shear, by_law
+        )
+        add_shear_energy(energy_terms.face[a], elastic, s1, s2, turn, t1, t2, tm)
 
 
 @jit
-def force_by(faces, pressed, strengths, bonds, a, tile, lane, work, books):
+def force_by(faces, pressed, strengths, bonds, a, tile, lane, work, energy_terms):
     """`face_force` by the law that the joints have: dry if ``strengths`` is None."""
     if strengths is not None:
-        bonded_face(faces, strengths, bonds, a, tile, lane, work, books)
+        bonded_face(faces, strengths, bonds, a, tile, lane, work, energy_terms)
     else:
-        face_force(faces, pressed, a, tile, lane, work, books)
+        face_force(faces, pressed, a, tile, lane, work, energy_terms)
 
 
 @jit
-def face_force(faces, pressed, a, tile, lane, work, books):
+def face_force(faces, pressed, a, tile, lane, work, energy_terms):
     """Force of convex joint ``a``, in that lane of the tile: what `resultant` makes wrenches of. ``pressed`` is
     ``faces.pressed``, given apart so that its code goes where it is None."""
     viscous = tile[VISCOUS * W + lane]
@@ -285,26 +287,28 @@ def face_force(faces, pressed, a, tile, lane, work, books):
     twist[2] = wm
     faces.slip[a] += slid
     put_force(work, lane, cosine, sine, n, nx, ny, t1, t2, tm)
-    if books is not None:
-        row = books.face[a]
+    if energy_terms is not None:
+        row = energy_terms.face[a]
         q0, qx, qy = spring_pressure(x, y, 0, count, area, second, reach, h0, hx, hy)
-        book_pressure(row, k_n * q0, k_n * qx, k_n * qy, n, nx, ny, h0, hx, hy, d0, dx, dy)
-        book_shear(row, elastic, s1, s2, turn, t1, t2, tm)
+        add_pressure_energy(row, k_n * q0, k_n * qx, k_n * qy, n, nx, ny, h0, hx, hy, d0, dx, dy)
+        add_shear_energy(row, elastic, s1, s2, turn, t1, t2, tm)
         if slid > 0.0 or n <= 0.0:
-            book_slip(books, faces, a, n, q1, q2, qm, t1, t2, tm, b1, b2, bm)
+            add_slip_work(energy_terms, faces, a, n, q1, q2, qm, t1, t2, tm, b1, b2, bm)
 
 
 @jit
-def forces(links, faces, bodies, first, last, books, work):
-    """Forces of the convex joints in their tiles ``first`` to ``last``; ``work`` (WORK,) is scratch. ``books`` are the
-    energy books, or None."""
+def forces(links, faces, bodies, first, last, energy_terms, work):
+    """Forces of the convex joints in their tiles ``first`` to ``last``; ``work`` (WORK,) is scratch;
+    ``energy_terms`` may be None."""
     for t in range(first, last):
         begin = faces.tile[t] * TILE
         tile = links.tiles[begin : begin + TILE]
         fetch(faces.joint, faces.lane[t], links, bodies, work)
         look(tile, work)
         for lane in range(faces.used[t]):
-            force_by(faces, faces.pressed, faces.strengths, faces.bonds, faces.lane[t, lane], tile, lane, work, books)
+            force_by(
+                faces, faces.pressed, faces.strengths, faces.bonds, faces.lane[t, lane], tile, lane, work, energy_terms
+            )
         resultant(tile, work)
         deliver(faces.joint, faces.lane[t], faces.used[t], work, links.wrench)
 

@@ -1,7 +1,7 @@
 """Energy balance of a run in real time: every term is integrated by itself, none is a residual.
 
 Central differences balance exactly in this form: with the kinetic energy v(-1/2) M v(+1/2) / 2 at the moment of the
-forces, its change over a step is the work of all forces by the trapezoidal rule over the step's motion. So the books
+forces, its change over a step is the work of all forces by the trapezoidal rule over the step's motion. So the energies
 are those of the last forces, a step before the blocks' present places. Over a step in which the slip and the closing
 of a contact grow by s, a spring takes (e + e') s / 2 and a dashpot (d + d') s / 2; what slides by q loses
 (e + e') q / 2. A normal spring that opens or closes within a step works by that rule a little more, or less, than it
@@ -29,33 +29,33 @@ from dembrick.kernels.math.vec3 import cross, rows_times
 
 
 @jit
-def settle(books, links, j):
-    """Put what a joint lost into its own books; what follows may have another share."""
-    share = books.share[j]
-    place = books.place[j]
+def settle(energy_terms, links, j):
+    """Put what a joint lost into its own energy terms; what follows may have another share."""
+    share = energy_terms.share[j]
+    place = energy_terms.place[j]
     if place < 0:
-        row = books.face[-1 - place]
-        books.damped[j] += share * row[15]
+        row = energy_terms.face[-1 - place]
+        energy_terms.damped[j] += share * row[15]
         row[15] = 0.0
-        books.lost[j, STEPPING] += share * row[9]
+        energy_terms.lost[j, STEPPING] += share * row[9]
         row[9] = 0.0
     else:
         begin = links.place[j] // TILE * LEDGER + links.place[j] % W
-        row = books.ledger[begin : begin + LEDGER - W + 1 : W]
-        books.damped[j] += share * row[OF_DASHPOTS]
+        row = energy_terms.ledger[begin : begin + LEDGER - W + 1 : W]
+        energy_terms.damped[j] += share * row[OF_DASHPOTS]
         row[OF_DASHPOTS] = 0.0
-        books.least[j] = min(books.least[j], share * row[SMALLEST])
+        energy_terms.least[j] = min(energy_terms.least[j], share * row[SMALLEST])
         row[SMALLEST] = 0.0
         for i in range(KINDS):
-            books.lost[j, i] += share * row[GONE + i]
+            energy_terms.lost[j, i] += share * row[GONE + i]
             row[GONE + i] = 0.0
 
 
 @entry
-def settle_all(books, links):
+def settle_all(energy_terms, links):
     """`settle` for all joints."""
-    for j in range(books.share.size):
-        settle(books, links, j)
+    for j in range(energy_terms.share.size):
+        settle(energy_terms, links, j)
 
 
 @entry
@@ -93,13 +93,13 @@ def power(bodies, b, force):
 
 
 @jit
-def book_loads(books, bodies, loads, step, dt):
+def add_load_work(energy_terms, bodies, loads, step, dt):
     """Work of the loads over the step that led here."""
     total = 0.0
     for k in range(loads.block.size):
         b = loads.block[k]
         f = loads.force[step, k]
-        last = books.load[k]
+        last = energy_terms.load[k]
         total += power(bodies, b, last)
         r1, r2, r3 = rows_times(bodies.rotation[b], loads.lever[k, 0], loads.lever[k, 1], loads.lever[k, 2])
         last[0] = f[0]
@@ -107,27 +107,27 @@ def book_loads(books, bodies, loads, step, dt):
         last[2] = f[2]
         last[3], last[4], last[5] = cross(r1, r2, r3, f[0], f[1], f[2])
         total += power(bodies, b, last)
-    books.total[LOADS] += 0.5 * dt * total
+    energy_terms.total[LOADS] += 0.5 * dt * total
 
 
 @jit
-def book_supports(books, bodies, links, loads, dt):
+def add_support_work(energy_terms, bodies, links, loads, dt):
     """Work that the supports which are moved did on the structure over the step that led here."""
     total = 0.0
     for k in range(loads.support.size):
         b = loads.support[k]
-        last = books.support[k]
+        last = energy_terms.support[k]
         total += power(bodies, b, last)
         last[0], last[1], last[2], last[3], last[4], last[5] = gathered(bodies, b, links.wrench, 0.0, 0.0, 0.0)
         total += power(bodies, b, last)
-    books.total[LOADS] -= 0.5 * dt * total
+    energy_terms.total[LOADS] -= 0.5 * dt * total
 
 
 @jit
-def book_contacts(books, bodies, touching, dt):
+def add_contact_work(energy_terms, bodies, touching, dt):
     """Work of the new contacts on the blocks over the step that led here."""
     total = 0.0
-    push = books.push
+    push = energy_terms.push
     for b in range(push.shape[0]):
         total += power(bodies, b, push[b])
         for i in range(6):
@@ -151,51 +151,51 @@ def book_contacts(books, bodies, touching, dt):
             on[5] += sense * (t3 + m[2])
     for b in range(push.shape[0]):
         total += power(bodies, b, push[b])
-    books.total[CONTACTS] += 0.5 * dt * total
+    energy_terms.total[CONTACTS] += 0.5 * dt * total
 
 
 @jit
-def book_handing_over(books, links, corners, faces, touching):
+def add_handover_work(energy_terms, links, corners, faces, touching):
     """What the springs of joints held of which new contacts took over more."""
     for t in range(touching.first.size):
         j = touching.joint[t]
         if j >= 0:
             share = 1.0 - touching.weight[t]
-            if share != books.share[j]:
-                settle(books, links, j)
-                family, index = families.family_of(books.place[j])
-                energy = families.spring_energy(links, corners, faces, family, index, books.face)
-                books.total[HANDED] += (books.share[j] - share) * energy
-                books.share[j] = share
+            if share != energy_terms.share[j]:
+                settle(energy_terms, links, j)
+                family, index = families.family_of(energy_terms.place[j])
+                energy = families.spring_energy(links, corners, faces, family, index, energy_terms.face)
+                energy_terms.total[HANDED] += (energy_terms.share[j] - share) * energy
+                energy_terms.share[j] = share
 
 
 @jit
-def book_step(books, bodies, links, corners, faces, loads, touching, step, dt):
+def add_step(energy_terms, bodies, links, corners, faces, loads, touching, step, dt):
     """Book what is not a joint's, after the forces of a step and before the blocks move.
 
     Returns what gravity's work over the step that led here is to the momentum of a block: dt times its mean (3).
     """
-    book_loads(books, bodies, loads, step, dt)
-    book_supports(books, bodies, links, loads, dt)
+    add_load_work(energy_terms, bodies, loads, step, dt)
+    add_support_work(energy_terms, bodies, links, loads, dt)
     if touching is not None:
-        book_contacts(books, bodies, touching, dt)
-        book_handing_over(books, links, corners, faces, touching)
+        add_contact_work(energy_terms, bodies, touching, dt)
+        add_handover_work(energy_terms, links, corners, faces, touching)
     g = loads.gravity[step]
-    last = books.gravity
+    last = energy_terms.gravity
     half = 0.5 * dt
-    if books.begun[0] == 0.0:  # there was no step before, and nothing that was booked counts
-        books.begun[0] = 1.0
+    if energy_terms.begun[0] == 0.0:  # there was no step before, and nothing that was booked counts
+        energy_terms.begun[0] = 1.0
         half = 0.0
-        settle_all(books, links)
-        books.total[LOADS] = 0.0
-        books.total[HANDED] = 0.0  # but what hits as the run begins has pushed since then
-        for b in range(books.fallen.size):
-            books.fallen[b] = 0.0
-        for j in range(books.damped.size):
-            books.damped[j] = 0.0
-            books.least[j] = 0.0
-            for i in range(books.lost.shape[1]):
-                books.lost[j, i] = 0.0
+        settle_all(energy_terms, links)
+        energy_terms.total[LOADS] = 0.0
+        energy_terms.total[HANDED] = 0.0  # but what hits as the run begins has pushed since then
+        for b in range(energy_terms.fallen.size):
+            energy_terms.fallen[b] = 0.0
+        for j in range(energy_terms.damped.size):
+            energy_terms.damped[j] = 0.0
+            energy_terms.least[j] = 0.0
+            for i in range(energy_terms.lost.shape[1]):
+                energy_terms.lost[j, i] = 0.0
     m1 = half * (g[0] + last[0])
     m2 = half * (g[1] + last[1])
     m3 = half * (g[2] + last[2])

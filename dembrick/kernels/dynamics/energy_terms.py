@@ -11,15 +11,15 @@ FRICTION, RELEASED, STEPPING, BY_LAW, CRUSHING, FRACTURE = range(6)
 KINDS = 6
 LOADS, CONTACTS, HANDED = range(3)
 
-DASHPOT = 3 * W  # rows of a point in `Books.dashpots`
+DASHPOT = 3 * W  # rows of a point in `EnergyTerms.dashpots`
 
-# Rows of a tile of `Books.ledger`, J: what dashpots took; the smallest friction work of a step; what was lost, see
-# `Books.lost` (6). All since `share` changed
+# Rows of a tile of `EnergyTerms.ledger`, J: what dashpots took; the smallest friction work of a step; what was lost
+# (`EnergyTerms.lost`, 6). All since `share` changed
 OF_DASHPOTS, SMALLEST, GONE = 0, 1, 2
 LEDGER = (GONE + KINDS) * W
 
 
-class Books(NamedTuple):
+class EnergyTerms(NamedTuple):
     """What is booked, J; and what the last step left behind. None where nobody asks for it.
 
     Shear and torsion are in the sense in which the host slips; axes are those of the joint's elastic forces.
@@ -27,7 +27,7 @@ class Books(NamedTuple):
 
     dashpots: ndarray  # N, their last forces at every point: shear in the sense in which the host slips (2), and N;
     # three rows of every point of a tile, as in `Corners.points`
-    ledger: ndarray  # (t * LEDGER,) the books of the point joints, in tiles like theirs
+    ledger: ndarray  # (t * LEDGER,) the energy terms of the point joints, in tiles like theirs
     face: ndarray  # (a, 16) N, N m, J, those of the convex joints, one row because every step reads and writes it all.
     # Springs (3): N and its x and y moments. Dashpots: V_1, V_2, M_T (6 to 8), what opening and closing within steps
     # took (9), N and its moments (12 to 14). What dashpots took (15). All that was taken is since `share` changed
@@ -45,4 +45,4 @@ class Books(NamedTuple):
     # handed over
     total: ndarray
     gravity: ndarray  # (3,) m/s2
-    begun: ndarray  # (1,) 1 from the first forces on, which are where the books begin
+    begun: ndarray  # (1,) 1 from the first forces on, which are where the energy terms begin

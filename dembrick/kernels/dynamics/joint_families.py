@@ -14,7 +14,7 @@ FAMILIES = 2
 
 @jit
 def family_of(place):
-    """Family and number of a joint from its entry in `Books.place`."""
+    """Family and number of a joint from its entry in `EnergyTerms.place`."""
     if place >= 0:
         return POINTS, place
     return AREAS, -1 - place
@@ -50,15 +50,15 @@ def joint_of(corners, faces, family, index):
 
 
 @jit
-def forces(links, corners, faces, bodies, share_corners, share_faces, t, books, work):
+def forces(links, corners, faces, bodies, share_corners, share_faces, t, energy_terms, work):
     """Forces of all joints in the tiles of share ``t``; ``share_*`` (t + 1,): where the shares begin."""
     if corners is not None:
         point_joints.forces(
             links, corners, bodies, share_corners[t], share_corners[t + 1], corners.force, corners.strengths,
-            corners.bonds, books, work,
+            corners.bonds, energy_terms, work,
         )  # fmt: skip
     if faces is not None:
-        area_joints.forces(links, faces, bodies, share_faces[t], share_faces[t + 1], books, work)
+        area_joints.forces(links, faces, bodies, share_faces[t], share_faces[t + 1], energy_terms, work)
 
 
 @jit

@@ -12,7 +12,7 @@ from numpy import ndarray
 
 from dembrick._jit import jit, jit_parallel, prange, renamed
 from dembrick.kernels.dynamics.contact_forces import TOUCHED, clear_applied, touch
-from dembrick.kernels.dynamics.energy import book_step
+from dembrick.kernels.dynamics.energy import add_step
 from dembrick.kernels.dynamics.joint_families import forces as joint_forces
 from dembrick.kernels.dynamics.joint_families import tiles_of
 from dembrick.kernels.dynamics.rigid_bodies import move_support, step_bodies
@@ -74,8 +74,8 @@ def shares(corners, faces, bodies, threads: int) -> tuple[np.ndarray, ...]:
 
 
 def advance_bodies(
-    n_steps, dt, bodies, links, corners, faces, loads, limits, damping, travel, touching, books, work, share_corners,
-    share_faces, share_bodies, moved, away,
+    n_steps, dt, bodies, links, corners, faces, loads, limits, damping, travel, touching, energy_terms, work,
+    share_corners, share_faces, share_bodies, moved, away,
 ):  # fmt: skip
     """Advance up to ``n_steps`` steps of ``dt``; ``corners`` or ``faces`` is None where no joint is of that family.
 
@@ -84,7 +84,7 @@ def advance_bodies(
     all are, REACHED (a centroid has gone as far as ``limits`` says), STALE (polygons must be cut again before the next
     step), DIVERGED, or what comes of ``touching``, new contacts (None where there are none): MEETING
     (pairs must be looked for again), OVERLOADED (the step may be too long for what the contacts of a block did last),
-    DEEP, CROWDED. ``books``: the energy terms, or None.
+    DEEP, CROWDED. ``energy_terms`` may be None.
 
     ``share_*`` (t + 1,) int64: where the share of each thread begins among tiles of point joints, of convex joints and
     free blocks; ``work`` (t, WORK): scratch; ``moved`` and ``away`` (t,) m2: room for what each thread finds. A joint
@@ -106,23 +106,23 @@ def advance_bodies(
             clear_applied(touching, bodies)
         apply_loads(loads, bodies, step)
         for t in prange(moved.size):
-            joint_forces(links, corners, faces, bodies, share_corners, share_faces, t, books, work[t])
+            joint_forces(links, corners, faces, bodies, share_corners, share_faces, t, energy_terms, work[t])
         if touching is not None:
             touched = touch(touching, links, bodies, dt)
             if touched != TOUCHED:
                 return touched, step
-        if books is not None:
-            mean = book_step(books, bodies, links, corners, faces, loads, touching, step, dt)
+        if energy_terms is not None:
+            mean = add_step(energy_terms, bodies, links, corners, faces, loads, touching, step, dt)
         for t in prange(moved.size):
-            if books is None:
+            if energy_terms is None:
                 moved[t], away[t] = step_bodies(
                     bodies, links.wrench, share_bodies[t], share_bodies[t + 1], loads.gravity[step], dt, damping, None,
                     None, work[t],
                 )  # fmt: skip
-            if books is not None:
+            if energy_terms is not None:
                 moved[t], away[t] = step_bodies(
                     bodies, links.wrench, share_bodies[t], share_bodies[t + 1], loads.gravity[step], dt, damping,
-                    books.fallen, mean, work[t],
+                    energy_terms.fallen, mean, work[t],
                 )  # fmt: skip
         moved2 = away2 = 0.0
         for k in range(loads.support.size):

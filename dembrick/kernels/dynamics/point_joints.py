@@ -16,11 +16,10 @@ import numpy as np
 from numpy import ndarray
 
 from dembrick._jit import entry, jit
+from dembrick.kernels.dynamics.bonded_points import BOND, answer_bonded, bonds_of, spring_length
 from dembrick.kernels.dynamics.energy_terms import (
     BY_LAW,
-    CRUSHING,
     DASHPOT,
-    FRACTURE,
     FRICTION,
     GONE,
     LEDGER,
@@ -63,11 +62,7 @@ from dembrick.kernels.dynamics.tiles import (
     sense_of,
     three,
 )
-from dembrick.kernels.joint.point_law import Strengths, bonded_law, bonded_losses, point_law, shear_loss, spring_of
-
-# Rows of a point in `Corners.bonds`: 1 while the bond holds, else 0; crushed depth and rise by dilation (m)
-BONDED, CRUSHED, RISE = 0, 1, 2
-BOND = 3 * W
+from dembrick.kernels.joint.point_law import Strengths, point_law, shear_loss
 
 
 class Corners(NamedTuple):
@@ -203,71 +198,6 @@ def answer(work, own, which, lane, k_n, k_s, friction, arm, dashpots, force_out)
 
 
 @jit
-def answer_bonded(
-    work, own, which, lane, k_n, k_s, friction, arm, dashpots, force_out, strengths, law, bonds, ledger
-):  # fmt: skip
-    """`answer` of a point of a scene with strengths, those of the ``law``; ``bonds``: the rows of the two points in
-    `Corners.bonds`. What it loses is booked in the ``ledger`` of its tile."""
-    at = which * POINT + lane
-    x = own[X * W + at]
-    y = own[Y * W + at]
-    area = own[AREA * W + at]
-    g0, gx, gy = three(work, DEPTH, lane)
-    d0, dx, dy = three(work, GROWTH, lane)
-    g = g0 + x * gx + y * gy
-    d = d0 + x * dx + y * dy
-    xs = arm * x
-    ys = arm * y
-    p1, p2, x1 = three(work, MOVED, lane)
-    x2, y1, y2 = three(work, MOVED + 3, lane)
-    u1 = p1 + xs * x1 + ys * y1
-    u2 = p2 + xs * x2 + ys * y2
-    b1 = own[ELASTIC * W + at]
-    b2 = own[(ELASTIC + 1) * W + at]
-    k = k_n * area
-    of_bond = which * BOND + lane
-    bond = bonds[BONDED * W + of_bond]
-    depth = bonds[CRUSHED * W + of_bond]
-    rise = bonds[RISE * W + of_bond]
-    normal, spring, t1, t2, e1, e2, slid, bonded, crushed, risen = bonded_law(
-        g, d, u1, u2, b1, b2, k, k_s * area, friction, work[NORMAL * W + lane], work[DAMPED * W + lane],
-        work[DAMPING * W + lane], strengths, law, area, bond, depth, rise,
-    )  # fmt: skip
-    own[ELASTIC * W + at] = e1
-    own[(ELASTIC + 1) * W + at] = e2
-    own[SLIP * W + at] += slid
-    bonds[BONDED * W + of_bond] = bonded
-    bonds[CRUSHED * W + of_bond] = crushed
-    bonds[RISE * W + of_bond] = risen
-    taken = 0.0
-    if dashpots is not None:
-        c1 = t1 - e1
-        c2 = t2 - e2
-        n = normal - spring
-        last1, last2, last = three(dashpots, 0, which * DASHPOT + lane)
-        taken = (last1 + c1) * u1 + (last2 + c2) * u2 + (last + n) * d
-        put_three(dashpots, 0, which * DASHPOT + lane, (c1, c2, n))
-        before = spring_of(strengths, law, k, g - d, area, bond, depth, rise)
-        opened = normal == 0.0 and (b1 != 0.0 or b2 != 0.0)
-        held, by_law, crush, fracture, released, stepping, dash = bonded_losses(
-            strengths, law, area, friction, k, d, before, spring, normal,
-            shear_loss(b1, b2, e1, e2, u1, u2, k_s * area), slid, bonded < bond, crushed - depth, risen - rise, opened,
-        )  # fmt: skip
-        taken += 2.0 * dash
-        least = ledger[SMALLEST * W + lane]
-        ledger[SMALLEST * W + lane] = held if held < least else least
-        ledger[(GONE + FRICTION) * W + lane] += held
-        ledger[(GONE + BY_LAW) * W + lane] += by_law
-        ledger[(GONE + RELEASED) * W + lane] += released
-        ledger[(GONE + STEPPING) * W + lane] += stepping
-        ledger[(GONE + CRUSHING) * W + lane] += crush
-        ledger[(GONE + FRACTURE) * W + lane] += fracture
-    if force_out is not None:
-        put_three(work, LAST + 3 * which, lane, (t1, t2, normal))
-    return x, y, xs, ys, t1, t2, normal, taken, 0
-
-
-@jit
 def answer_by(
     work, own, which, lane, k_n, k_s, friction, arm, dashpots, force_out, strengths, law, bonds, ledger
 ):  # fmt: skip
@@ -285,9 +215,9 @@ def press(
 ):  # fmt: skip
     """Forces of two points of every joint of a tile, and what they add to the sums of ``work``.
 
-    ``own``: the rows of the points; ``dashpots``: those of the books, see `Books.dashpots`, or None; ``force_out`` is
-    None where the forces of single points are not wanted; the last four: see `answer_bonded`. Returns how many lose
-    something for `book_losses`.
+    ``own``: the rows of the points; ``dashpots``: see `EnergyTerms.dashpots`, or None; ``force_out`` is None
+    where the forces of single points are not wanted; the last four: see `answer_bonded`. Returns how many lose
+    something for `add_losses`.
     """
     losing = 0
     for lane in range(W):
@@ -333,7 +263,7 @@ def write_forces(corners, t, first, sense, work, out):
 
 
 @entry
-def book_losses(work, own, dashpots, which, k_n, k_s, friction, arm, ledger):
+def add_losses(work, own, dashpots, which, k_n, k_s, friction, arm, ledger):
     """Book what one point of every joint of a tile lost in a step, ``which`` of the two of `point_joints.press`: in
     friction, or let go where the point has opened."""
     for lane in range(W):
@@ -366,19 +296,11 @@ def book_losses(work, own, dashpots, which, k_n, k_s, friction, arm, ledger):
 
 
 @jit
-def bonds_of(bonds, point):
-    """The rows of two points in `Corners.bonds`, from number ``point`` on; None without any."""
-    if bonds is None:
-        return None
-    return bonds[point * BOND : (point + 2) * BOND]
-
-
-@jit
-def forces(links, corners, bodies, first, last, force_out, strengths, bonds, books, work):
+def forces(links, corners, bodies, first, last, force_out, strengths, bonds, energy_terms, work):
     """Forces of the point joints in the tiles ``first`` to ``last``; ``work`` (WORK,) is scratch.
 
     ``force_out``, ``strengths`` and ``bonds`` are those of ``corners``, given apart so that their code goes where they
-    are None; ``books`` are the energy terms, or None.
+    are None; ``energy_terms`` may be None.
     """
     for t in range(first, last):
         tile = links.tiles[t * TILE : (t + 1) * TILE]
@@ -394,34 +316,23 @@ def forces(links, corners, bodies, first, last, force_out, strengths, bonds, boo
         for i in range(0, (corners.tile_start[t + 1] - start) // POINT, 2):
             own = corners.points[start + i * POINT : start + (i + 2) * POINT]
             pair = bonds_of(bonds, start // POINT + i)
-            if books is None:
+            if energy_terms is None:
                 press(work, own, k_n, k_s, friction, arm, None, force_out, strengths, law, pair, None)
-            if books is not None:
+            if energy_terms is not None:
                 of_books = (start // POINT + i) * DASHPOT
-                dashpots = books.dashpots[of_books : of_books + 2 * DASHPOT]
-                ledger = books.ledger[t * LEDGER : (t + 1) * LEDGER]
+                dashpots = energy_terms.dashpots[of_books : of_books + 2 * DASHPOT]
+                ledger = energy_terms.ledger[t * LEDGER : (t + 1) * LEDGER]
                 losing = press(work, own, k_n, k_s, friction, arm, dashpots, force_out, strengths, law, pair, ledger)
                 if losing > 0:
                     for which in range(2):
-                        book_losses(work, own, dashpots, which, k_n, k_s, friction, arm, ledger)
+                        add_losses(work, own, dashpots, which, k_n, k_s, friction, arm, ledger)
             if force_out is not None:
                 write_forces(corners, t, i, tile[SENSE * W : (SENSE + 1) * W], work, force_out)
         resultant(tile, work)
         deliver(corners.joint, corners.lane[t], corners.used[t], work, links.wrench)
-        if books is not None:
+        if energy_terms is not None:
             for lane in range(W):
-                books.ledger[t * LEDGER + lane] += work[TAKEN * W + lane]
-
-
-@jit
-def spring_length(strengths, bonds, law, k_n, begin, g):
-    """By how much the normal spring of a point is pressed (m, negative where a bond is pulled) at the penetration
-    ``g``; ``begin``: where its first row is in `Corners.points`."""
-    if bonds is not None:
-        at = begin // POINT * BOND + begin % W
-        bond, depth, rise = bonds[BONDED * W + at], bonds[CRUSHED * W + at], bonds[RISE * W + at]
-        return spring_of(strengths, law, k_n, g, 1.0, bond, depth, rise) / k_n
-    return max(g, 0.0)
+                energy_terms.ledger[t * LEDGER + lane] += work[TAKEN * W + lane]
 
 
 @jit

@@ -46,7 +46,7 @@ TILE = ROWS * W
 OTHER, HOST, APART, FRAME, ARM, DEPTH, GROWTH, MOVED = 0, 4, 8, 11, 20, 23, 26, 29
 TURN, FORCE, TWISTING, WRENCH = 35, 36, 45, 46
 # and, for the points of a joint: dashpot along the normal, one plus that in shear, one over that; of the last two
-# points the force in the sense in which the host slips, and along the normal (N); for the books what dashpots took in
+# points the force in the sense in which the host slips, and along the normal (N); for the energy what dashpots took in
 # the step (J), and of the last two points the elastic shear before the step (N) and the length they slid by (m)
 NORMAL, DAMPED, DAMPING, LAST, TAKEN, BEFORE = 55, 56, 57, 58, 64, 65
 WORK = 72 * W

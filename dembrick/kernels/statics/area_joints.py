@@ -92,7 +92,7 @@ def of_scene(areas, lone, i):
 @jit
 def forces(areas, a, before, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s, energy):
     """Resultant (N, V_1, V_2, M_T, M_1, M_2, slip) of convex joint ``a``; updates its memory and, with ``energy`` (not
-    None), books the work of the step."""
+    None), energy_terms the work of the step."""
     return forces_by(
         areas.strengths, areas.bonds, areas, a, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s, energy
     )
@@ -327,7 +327,7 @@ def write_bonds(bonds, areas, out):
 
 @jit
 def carried_share(areas, a, rest, normal, now):
-    """The part of the forces of now that fits under the ``normal`` force of before the jacks pushed: a block that
+    """The part of the forces of now that fits under the ``normal`` force of before the actuators pushed: a block that
     bounces carries more for a moment."""
     return normal / now[0] if now[0] > normal else 1.0
 
@@ -347,7 +347,7 @@ def moved_from(pressed, a, reach, centre, normal, now):
 
 @jit
 def pressure_moved(areas, a, centre, normal, now):
-    """Whether friction follows a pressure that is not the one before the jacks pushed."""
+    """Whether friction follows a pressure that is not the one before the actuators pushed."""
     return moved_from(areas.pressed, a, areas.reach[a], centre, normal, now)
 
 

@@ -2,8 +2,8 @@
 kernels as a scene of its own.
 
 The arrays of a batch are those of ``state`` for k scenes one after another: blocks 2 i (fixed) and 2 i + 1 (free),
-joint i between them, the jacks of scene i, and one row each of what a scene has once. A scene is a view of its rows;
-nothing is copied. Both blocks are seen from O, the centroid of the joint, along the joint's axes.
+joint i between them, the actuators of scene i, and one row each of what a scene has once. A scene is a view of its
+rows; nothing is copied. Both blocks are seen from O, the centroid of the joint, along the joint's axes.
 """
 
 from typing import NamedTuple
@@ -36,7 +36,7 @@ class Settings(NamedTuple):
     ramp: float
     steady: int
     slowing: float
-    jack: float  # stiffness of the jacks over that of the joint
+    actuator: float  # stiffness of the actuators over that of the joint
     viscous: float
     calming: float
     memory: float
@@ -68,10 +68,10 @@ class Room(NamedTuple):
 class Loading(NamedTuple):
     """Loads of k scenes."""
 
-    unit: ndarray  # (k, 6) wrench of the jacks for V = 1 on b about O, the joint's axes
+    unit: ndarray  # (k, 6) wrench of the actuators for V = 1 on b about O, the joint's axes
     dead: ndarray  # (k, 6) wrench of the dead load likewise
     compliance: ndarray  # (k,) m/N, unit load times the closed joint's answer to it
-    weight: ndarray  # (k,) sum of the jacks' weights without their signs
+    weight: ndarray  # (k,) sum of the actuators' weights without their signs
     size: ndarray  # (k,) m, a step that moves a block further has diverged
 
 
@@ -108,12 +108,12 @@ def joint_of(joints, lone, i):
 
 
 @jit
-def jacks_of(jacks, i, each):
-    """The ``each`` jacks of scene ``i``."""
+def actuators_of(actuators, i, each):
+    """The ``each`` actuators of scene ``i``."""
     s = slice(each * i, each * i + each)
     return Actuators(
-        jacks.block[s], jacks.arm[s], jacks.lever[s], jacks.start[s], jacks.direction[s], jacks.weight[s],
-        jacks.displacement[s], jacks.drive[i],
+        actuators.block[s], actuators.arm[s], actuators.lever[s], actuators.start[s], actuators.direction[s],
+        actuators.weight[s], actuators.displacement[s], actuators.drive[i],
     )  # fmt: skip
 
 
@@ -157,16 +157,18 @@ def seat_one(blocks, joints, points, areas, inertia, settings):
 
 
 @jit
-def replay_one(i, blocks, joints, points, areas, jacks, seating, pushing, loading, lone, basis, room, settings, answer):
+def replay_one(
+    i, blocks, joints, points, areas, actuators, seating, pushing, loading, lone, basis, room, settings, answer
+):
     """Seat and push scene ``i`` until its bracket is within tolerance; returns the status and the steps taken."""
     if not seat_one(blocks, joints, points, areas, seating, settings):
         return UNSEATED, 0
-    # the jacks come to a block that the dead load has moved already, and do not push it back
+    # the actuators come to a block that the dead load has moved already, and do not push it back
     driven = 0.0
     for c in range(3):
         driven += loading.unit[i, c] * blocks.displacement[1, c] + loading.unit[i, c + 3] * blocks.rotation[1, c]
-    jacks.drive[0] = driven / loading.weight[i]
-    jacks.drive[1] = driven / loading.weight[i]
+    actuators.drive[0] = driven / loading.weight[i]
+    actuators.drive[1] = driven / loading.weight[i]
     certify(joints, points, areas, loading.unit[i], loading.dead[i], basis)
     strict = basis.scalars[0] == 1.0
     radius = basis.scalars[2]
@@ -181,7 +183,7 @@ def replay_one(i, blocks, joints, points, areas, jacks, seating, pushing, loadin
         return CONVERGED, 0
     unit = basis.unit
     strength = max(mu, 1e-3) * normal / ((unit[0] ** 2 + unit[1] ** 2) ** 0.5 + abs(unit[2]) / radius)
-    stiffness = settings.jack * loading.weight[i] / loading.compliance[i]
+    stiffness = settings.actuator * loading.weight[i] / loading.compliance[i]
     elastic = loading.weight[i] / loading.compliance[i]
     empty(room, settings.window)
     clear(room)
@@ -209,27 +211,27 @@ def replay_one(i, blocks, joints, points, areas, jacks, seating, pushing, loadin
             room.doubling, answer.twist[i], room.window,
         )  # fmt: skip
         status, step = advance(
-            step, settings.chunk, 1.0, blocks, joints, points, areas, jacks, pushing, None, drive, certificate, None,
-            None, guard,
+            step, settings.chunk, 1.0, blocks, joints, points, areas, actuators, pushing, None, drive, certificate,
+            None, None, guard,
         )  # fmt: skip
     return status, step
 
 
 @entry
 def replay_batch(
-    first, last, blocks, joints, points, areas, jacks, each, seating, pushing, loading, lone, basis, room, settings,
+    first, last, blocks, joints, points, areas, actuators, each, seating, pushing, loading, lone, basis, room, settings,
     answer,
 ):  # fmt: skip
     """Replay the scenes ``first`` to ``last`` - 1 of a batch one after another.
 
-    Either ``points`` or ``areas`` is None. ``each``: jacks of a scene. ``seating`` and ``pushing`` are the scaled
+    Either ``points`` or ``areas`` is None. ``each``: actuators of a scene. ``seating`` and ``pushing`` are the scaled
     inertia of the blocks (2 k, 6, 6) for either task. ``basis`` (`certify`) and ``room`` are to work in.
     """
     for i in range(first, last):
         s = slice(2 * i, 2 * i + 2)
         own = blocks_of(blocks, lone, i)
         joint = joint_of(joints, lone, i)
-        pushed = jacks_of(jacks, i, each)
+        pushed = actuators_of(actuators, i, each)
         still = ScaledInertia(seating.inverse[s], seating.matrix[s], None)
         moving = ScaledInertia(pushing.inverse[s], pushing.matrix[s], None)
         status, steps = replay_one(

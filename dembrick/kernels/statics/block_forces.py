@@ -10,9 +10,9 @@ from dembrick._jit import jit
 from dembrick.kernels.math.vec3 import columns_times, cross
 from dembrick.kernels.state import HEAD, JACK_DAMPING
 from dembrick.kernels.statics import joint_families as families
-from dembrick.kernels.statics.finite_rotation import finite_jack, finite_relative
+from dembrick.kernels.statics.finite_rotation import finite_actuator, finite_relative
 from dembrick.kernels.statics.joint_families import FAMILIES
-from dembrick.kernels.statics.small_displacement import small_jack, small_relative
+from dembrick.kernels.statics.small_displacement import small_actuator, small_relative
 
 
 @jit
@@ -81,22 +81,22 @@ def joint_forces(blocks, joints, points, areas, inertia, dt, viscous_n, viscous_
 
 
 @jit
-def jack_forces(blocks, jacks, drive, inertia, rate, dt, energy):
-    """Move the jack head by one step at ``rate``, let spring and dashpot act, and put V weight_i on the blocks.
+def actuator_forces(blocks, actuators, drive, inertia, rate, dt, energy):
+    """Move the actuator head by one step at ``rate``, let spring and dashpot act, and put V weight_i on the blocks.
 
     Returns V and the work-conjugate motion f.q of the last step.
     """
     driven = total = 0.0
-    for i in range(jacks.block.size):
+    for i in range(actuators.block.size):
         if inertia is not None:
-            u = finite_jack(blocks, jacks, i)
+            u = finite_actuator(blocks, actuators, i)
         else:
-            u = small_jack(blocks, jacks, i)
-        jacks.displacement[i] = u
-        driven += jacks.weight[i] * u
-        total += abs(jacks.weight[i])
+            u = small_actuator(blocks, actuators, i)
+        actuators.displacement[i] = u
+        driven += actuators.weight[i] * u
+        total += abs(actuators.weight[i])
     driven /= total
-    state = jacks.drive
+    state = actuators.drive
     state[0] += rate * dt
     dash = drive.dashpot * (rate - (driven - state[1]) / dt)
     v = drive.stiffness * (state[0] - driven) + dash
@@ -109,11 +109,11 @@ def jack_forces(blocks, jacks, drive, inertia, rate, dt, energy):
     moved = (driven - state[1]) * total
     state[1] = driven
     state[2] = v
-    for i in range(jacks.block.size):
-        f = v * jacks.weight[i]
-        d = jacks.direction
-        r = jacks.arm
-        add_force(blocks, jacks.block[i], f, d[i, 0], d[i, 1], d[i, 2], 0.0, 0.0, 0.0, r[i, 0], r[i, 1], r[i, 2])
+    for i in range(actuators.block.size):
+        f = v * actuators.weight[i]
+        d = actuators.direction
+        r = actuators.arm
+        add_force(blocks, actuators.block[i], f, d[i, 0], d[i, 1], d[i, 2], 0.0, 0.0, 0.0, r[i, 0], r[i, 1], r[i, 2])
     return v, moved
 
 

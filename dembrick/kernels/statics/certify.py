@@ -1,6 +1,6 @@
 """Whether the bracket of one joint between a fixed and a free block is strict, and what it is formed with.
 
-One kernel for a scene of its own and for the scenes of a batch: it reads the seated state, before the jacks push.
+One kernel for a scene of its own and for the scenes of a batch: it reads the seated state, before the actuators push.
 """
 
 from math import sqrt

@@ -1,8 +1,8 @@
 """Divergence guards of the time loop: a step too far or not a number, energy from nothing, a restless load.
 
 Friction and dashpots only take energy away. So the blocks never have more kinetic energy than the joints held at the
-start and jacks and dead loads have put in since; a motion that has RUNAWAY times as much makes its own, as a time step
-above the critical one does. What the load did is only summed here, see ``steady_load``.
+start and actuators and dead loads have put in since; a motion that has RUNAWAY times as much makes its own, as a time
+step above the critical one does. What the load did is only summed here, see ``steady_load``.
 """
 
 from typing import NamedTuple
@@ -22,7 +22,7 @@ class Guard(NamedTuple):
     longest: float  # m, a step that moves a block further than this has diverged
     mask: int  # steps between two looks at the energy, less one: a power of two less one
     stretch: int  # steps over which the load is summed, a multiple of that power of two
-    weights: float  # sum of |weight| of the jacks
+    weights: float  # sum of |weight| of the actuators
     turned: ndarray  # (t,) int64, free blocks with a dead torque
     start: ndarray  # (2,) J at the start: elastic energy, the same less the work of the dead forces up to then
     work: ndarray  # (2,) since then: sum of V times rate (W), work of the dead torques (J)

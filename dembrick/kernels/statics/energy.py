@@ -37,7 +37,7 @@ def add_dead_torque_work(work, turned, blocks, dt):
 
 
 @jit
-def open_books(energy, blocks, joints, points, areas):
+def begin_energy(energy, blocks, joints, points, areas):
     """Note what there is at the start; blocks at rest."""
     if energy is not None:
         energy.work[SEATED] = elastic_energy(joints, points, areas, None)
@@ -94,13 +94,13 @@ def kinetic_energy(blocks, scaled, inertia, dt):
 
 
 @jit
-def balance(energy, blocks, joints, points, areas, jacks, drive, scaled, inertia, dt, out):
-    """Write the eight energies of this instant (J): kinetic, elastic, jack spring, external, friction, dashpots,
+def balance(energy, blocks, joints, points, areas, actuators, drive, scaled, inertia, dt, out):
+    """Write the eight energies of this instant (J): kinetic, elastic, actuator spring, external, friction, dashpots,
     crushing, fracture."""
     weights = 0.0
-    for i in range(jacks.weight.size):
-        weights += abs(jacks.weight[i])
-    spring = jacks.drive[0] - jacks.drive[1]
+    for i in range(actuators.weight.size):
+        weights += abs(actuators.weight[i])
+    spring = actuators.drive[0] - actuators.drive[1]
     out[KINETIC] = kinetic_energy(blocks, scaled, inertia, dt)
     out[ELASTIC] = elastic_energy(joints, points, areas, energy.dash) - energy.work[SEATED]
     out[JACK_SPRING] = 0.5 * drive.stiffness * spring * spring * weights

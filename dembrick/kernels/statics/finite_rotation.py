@@ -110,17 +110,17 @@ def finite_relative(blocks, joints, j, dt):
 
 
 @jit
-def finite_jack(blocks, jacks, i):
-    """Displacement of the loaded point of jack ``i`` along its direction (m); brings its arm up to date."""
-    b = jacks.block[i]
+def finite_actuator(blocks, actuators, i):
+    """Displacement of the loaded point of actuator ``i`` along its direction (m); brings its arm up to date."""
+    b = actuators.block[i]
     u = blocks.displacement
-    lever = jacks.lever
+    lever = actuators.lever
     r1, r2, r3 = rotate(blocks.orientation, b, lever[i, 0], lever[i, 1], lever[i, 2])
-    jacks.arm[i, 0] = r1
-    jacks.arm[i, 1] = r2
-    jacks.arm[i, 2] = r3
-    s = jacks.start
-    d = jacks.direction
+    actuators.arm[i, 0] = r1
+    actuators.arm[i, 1] = r2
+    actuators.arm[i, 2] = r3
+    s = actuators.start
+    d = actuators.direction
     return (u[b, 0] + r1 - s[i, 0]) * d[i, 0] + (u[b, 1] + r2 - s[i, 1]) * d[i, 1] + (u[b, 2] + r3 - s[i, 2]) * d[i, 2]
 
 

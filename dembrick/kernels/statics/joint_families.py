@@ -120,7 +120,7 @@ def shear_energy(points, areas, family, index):
 
 @jit
 def carried_share(points, areas, family, index, rest, normal, now):
-    """The part of the forces ``now`` of a joint that fits under its normal forces of before the jacks pushed."""
+    """The part of the forces ``now`` of a joint that fits under its normal forces of before the actuators pushed."""
     if points is not None:
         if family == POINTS:
             return point_joints.carried_share(points, index, rest, normal, now)
@@ -132,7 +132,7 @@ def carried_share(points, areas, family, index, rest, normal, now):
 
 @jit
 def pressure_moved(points, areas, family, index, centre, normal, now):
-    """Whether friction follows a pressure that is not the one before the jacks pushed."""
+    """Whether friction follows a pressure that is not the one before the actuators pushed."""
     if points is not None:
         if family == POINTS:
             return point_joints.pressure_moved(points, index, centre, normal, now)

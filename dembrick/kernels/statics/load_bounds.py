@@ -35,8 +35,8 @@ class Certificate(NamedTuple):
     dead_gauge: float  # upper bound of the gauge of the dead load
     centre: ndarray  # (2,) centre of pressure
     radius: float  # m, torsion strength over V_0
-    normal: float  # N, before the jacks push
-    rest: ndarray  # (c,) N, of the contact points before the jacks push
+    normal: float  # N, before the actuators push
+    rest: ndarray  # (c,) N, of the contact points before the actuators push
     tilts: bool  # the load moves the pressure: a block that it pushes too fast rocks
     tolerance: float
     bracket: ndarray  # (2,) bounds of V, in and out
@@ -160,7 +160,7 @@ def instant_bounds(blocks, joints, points, areas, v, moved, dt):
 
 @jit
 def judge(certificate, step, lower, upper, v, driven):
-    """Fold the bounds of this instant into the bracket; True when it and the jacks' V are within tolerance.
+    """Fold the bounds of this instant into the bracket; True when it and the actuators' V are within tolerance.
 
     An indicator must hold still over its window while the load moves on: a load that still stores energy, however
     slowly it grows, has reached no limit. What it gained since the motion had half its length, at least, tells how much

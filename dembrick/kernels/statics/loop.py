@@ -1,19 +1,19 @@
 """The compiled time loops. Nothing is allocated in them; what a scene does not have is passed as None, and numba then
-leaves its code out: a family of joints, the record, the energy books, and either the scaled or the physical inertia.
+leaves its code out: a family of joints, the record, the energy terms, and either the scaled or the physical inertia.
 """
 
 from typing import NamedTuple
 
 from dembrick._jit import entry
 from dembrick.kernels.statics.block_forces import (
+    actuator_forces,
     clear_forces,
-    jack_forces,
     joint_forces,
     unbalanced_power,
     unbalanced_ratio,
 )
 from dembrick.kernels.statics.divergence import jumped, open_guard, watch
-from dembrick.kernels.statics.energy import add_dead_torque_work, balance, open_books
+from dembrick.kernels.statics.energy import add_dead_torque_work, balance, begin_energy
 from dembrick.kernels.statics.finite_rotation import finite_step
 from dembrick.kernels.statics.load_bounds import carried_load, instant_bounds, judge, strict_bounds
 from dembrick.kernels.statics.record import write_row
@@ -23,7 +23,7 @@ RUNNING, CONVERGED, DIVERGED, FULL, RUNAWAY = 0, 1, 2, 3, 4
 
 
 class Drive(NamedTuple):
-    """How the jacks are driven and how contacts are damped; constant during a chunk."""
+    """How the actuators are driven and how contacts are damped; constant during a chunk."""
 
     rate: float  # m/s of the head
     ramp: float  # s, the head speeds up to that rate over this time
@@ -39,7 +39,8 @@ class Drive(NamedTuple):
 
 @entry
 def advance(
-    first, n_steps, dt, blocks, joints, points, areas, jacks, scaled, inertia, drive, certificate, record, energy, guard
+    first, n_steps, dt, blocks, joints, points, areas, actuators, scaled, inertia, drive, certificate, record, energy,
+    guard,
 ):  # fmt: skip
     """Advance the replay from step ``first`` until ``n_steps`` more are done, or its bracket is within tolerance.
 
@@ -49,13 +50,13 @@ def advance(
     """
     bracket = certificate.bracket
     if first == 0 and n_steps > 0:
-        open_books(energy, blocks, joints, points, areas)
+        begin_energy(energy, blocks, joints, points, areas)
         open_guard(guard, blocks, joints, points, areas)
     for step in range(first, first + n_steps):
         clear_forces(blocks)
         joint_forces(blocks, joints, points, areas, inertia, dt, drive.viscous_n, drive.viscous_s, energy)
         rate = drive.rate * min(1.0, (step + 1) * dt / drive.ramp) * drive.slowing ** max(step - drive.steady, 0)
-        v, moved = jack_forces(blocks, jacks, drive, inertia, rate, dt, energy)
+        v, moved = actuator_forces(blocks, actuators, drive, inertia, rate, dt, energy)
         if energy is not None:
             add_dead_torque_work(energy.work, energy.turned, blocks, dt)
         done = False
@@ -67,20 +68,31 @@ def advance(
                     load = carried_load(certificate, joints, lower)
             else:
                 lower, upper = instant_bounds(blocks, joints, points, areas, v, moved, dt)
-            done = judge(certificate, step // certificate.every, lower, upper, v, jacks.drive[1])
-        if load > jacks.drive[3]:
-            jacks.drive[3] = load
-            jacks.drive[4] = jacks.drive[1]
+            done = judge(certificate, step // certificate.every, lower, upper, v, actuators.drive[1])
+        if load > actuators.drive[3]:
+            actuators.drive[3] = load
+            actuators.drive[4] = actuators.drive[1]
         if record is not None:
             if step % record.every[0] == 0 or done:
                 if energy is not None and record.count[0] < record.row.shape[0]:
                     balance(
-                        energy, blocks, joints, points, areas, jacks, drive, scaled, inertia, dt,
+                        energy, blocks, joints, points, areas, actuators, drive, scaled, inertia, dt,
                         record.energy[record.count[0]],
                     )  # fmt: skip
                 bounds = (bracket[0], bracket[1])
                 if not write_row(
-                    record, step, step * dt, blocks, joints, points, areas, jacks, load, drive.viscous_s, *bounds, done
+                    record,
+                    step,
+                    step * dt,
+                    blocks,
+                    joints,
+                    points,
+                    areas,
+                    actuators,
+                    load,
+                    drive.viscous_s,
+                    *bounds,
+                    done,
                 ):
                     return FULL, step
         if done:

@@ -124,18 +124,18 @@ def try_joint(trial, blocks, joints, points, areas, family, index, j, with_tange
 
 
 @jit
-def try_motion(trial, blocks, joints, points, areas, jacks, v, with_tangent):
+def try_motion(trial, blocks, joints, points, areas, actuators, v, with_tangent):
     """Out-of-balance of the blocks for their displacements and rotations and the load ``v``; and the tangents."""
     clear_forces(blocks)
     for family in range(FAMILIES):
         for i in range(families.size(points, areas, family)):
             j = families.joint_of(points, areas, family, i)
             try_joint(trial, blocks, joints, points, areas, family, i, j, with_tangent)
-    for i in range(jacks.block.size):
-        f = v * jacks.weight[i]
-        d = jacks.direction
-        r = jacks.arm
-        add_force(blocks, jacks.block[i], f, d[i, 0], d[i, 1], d[i, 2], 0.0, 0.0, 0.0, r[i, 0], r[i, 1], r[i, 2])
+    for i in range(actuators.block.size):
+        f = v * actuators.weight[i]
+        d = actuators.direction
+        r = actuators.arm
+        add_force(blocks, actuators.block[i], f, d[i, 0], d[i, 1], d[i, 2], 0.0, 0.0, 0.0, r[i, 0], r[i, 1], r[i, 2])
     for f in range(blocks.free.size):
         b = blocks.free[f]
         row = trial.row[b]

@@ -19,6 +19,7 @@ from dembrick.kernels.joint.point_law import (
     shear_strength,
     spring_of,
 )
+from dembrick.kernels.math.geometric_median import median_distance
 from dembrick.kernels.math.vec3 import columns_times
 from dembrick.kernels.state import BY_LAW, CRUSHING, DAMPING, FRACTURE, LEAST, SLIDING
 from dembrick.kernels.statics.dashpots import dashpot_work
@@ -371,7 +372,7 @@ def write_bonds(bonds, points, out):
 
 @jit
 def carried_share(points, p, rest, normal, now):
-    """The part of the forces of now that fits under the normal forces ``rest`` of before the jacks pushed."""
+    """The part of the forces of now that fits under the normal forces ``rest`` of before the actuators pushed."""
     share = 1.0
     for i in range(points.start[p], points.start[p + 1]):
         if points.normal[i] * share > rest[i]:
@@ -381,7 +382,7 @@ def carried_share(points, p, rest, normal, now):
 
 @jit
 def pressure_moved(points, p, centre, normal, now):
-    """Whether friction follows a pressure that is not the one before the jacks pushed: it is charged to the share."""
+    """Whether friction follows a pressure that is not the one before the actuators pushed; it is charged to it."""
     return False
 
 
@@ -390,49 +391,6 @@ def bound_twist(points, p, joints):
     """Slip twist (3) whose upper bound is the least: that of the last step."""
     q = joints.step[points.joint[p]]
     return q[0], q[1], q[2]
-
-
-@jit
-def median_distance(x, y, weights, first, last):
-    """Least weighted mean distance of points from any centre: M_T0 / V_0 of a joint that acts at points.
-
-    The geometric median by Weiszfeld's iteration, kept off the points as Vardi and Zhang do it; the value returned
-    belongs to a centre, so it is never below the minimum, and above it by rounding only.
-    """
-    total = c1 = c2 = 0.0
-    for i in range(first, last):
-        total += weights[i]
-        c1 += weights[i] * x[i]
-        c2 += weights[i] * y[i]
-    c1 /= total
-    c2 /= total
-    best = 1e300
-    for _ in range(10_000):
-        value = 0.0
-        for i in range(first, last):
-            value += weights[i] * sqrt((x[i] - c1) ** 2 + (y[i] - c2) ** 2)
-        value /= total
-        if value >= best * (1.0 - 1e-15):
-            return min(best, value)
-        best = value
-        pull = m1 = m2 = own = 0.0
-        for i in range(first, last):
-            distance = sqrt((x[i] - c1) ** 2 + (y[i] - c2) ** 2)
-            share = weights[i] / total
-            if distance <= 1e-14 * value:
-                own += share
-            else:
-                pull += share / distance
-                m1 += share / distance * x[i]
-                m2 += share / distance * y[i]
-        t1 = m1 / pull - c1
-        t2 = m2 / pull - c2
-        rest = pull * sqrt(t1 * t1 + t2 * t2)
-        if rest <= own:
-            return value
-        c1 += (1.0 - own / rest) * t1
-        c2 += (1.0 - own / rest) * t2
-    return best
 
 
 @jit

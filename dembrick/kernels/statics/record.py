@@ -90,7 +90,7 @@ def write_frame(record, time, blocks, joints, points, areas, viscous):
 
 
 @jit
-def write_row(record, step, time, blocks, joints, points, areas, jacks, load, viscous, lower, upper, last):
+def write_row(record, step, time, blocks, joints, points, areas, actuators, load, viscous, lower, upper, last):
     """Add a row to the record, with a frame where one is due or it is the ``last``; False when there is no room.
 
     ``load``: V (N), of an equilibrium where no inertia is physical.
@@ -101,12 +101,12 @@ def write_row(record, step, time, blocks, joints, points, areas, jacks, load, vi
         return False
     record.row[row, 0] = time
     record.row[row, 1] = load
-    record.row[row, 2] = jacks.drive[1]
+    record.row[row, 2] = actuators.drive[1]
     record.row[row, 3] = unbalanced_ratio(blocks, joints)
     record.row[row, 4] = lower
     record.row[row, 5] = upper
-    for i in range(jacks.block.size):
-        record.actuator[row, i] = jacks.displacement[i]
+    for i in range(actuators.block.size):
+        record.actuator[row, i] = actuators.displacement[i]
     for j in range(record.joint.shape[1]):
         for i in range(7):
             record.joint[row, j, i] = joints.resultant[j, i]

@@ -55,13 +55,13 @@ def small_relative(blocks, joints, j):
 
 
 @jit
-def small_jack(blocks, jacks, i):
-    """Displacement of the loaded point of jack ``i`` along its direction (m)."""
-    b = jacks.block[i]
+def small_actuator(blocks, actuators, i):
+    """Displacement of the loaded point of actuator ``i`` along its direction (m)."""
+    b = actuators.block[i]
     u = blocks.displacement
     r = blocks.rotation
-    c1, c2, c3 = cross(r[b, 0], r[b, 1], r[b, 2], jacks.arm[i, 0], jacks.arm[i, 1], jacks.arm[i, 2])
-    d = jacks.direction
+    c1, c2, c3 = cross(r[b, 0], r[b, 1], r[b, 2], actuators.arm[i, 0], actuators.arm[i, 1], actuators.arm[i, 2])
+    d = actuators.direction
     return (u[b, 0] + c1) * d[i, 0] + (u[b, 1] + c2) * d[i, 1] + (u[b, 2] + c3) * d[i, 2]
 
 
@@ -136,7 +136,7 @@ def small_step(blocks, inertia, dt, calming, memory, energy):
     """Central difference with the artificial inertia of the free blocks. Returns the longest move (m).
 
     ``calming`` takes away that part of the difference between a block's velocity and its running mean over about
-    1/``memory`` steps: it stills what swings and leaves what moves steadily. What it takes goes into the books.
+    1/``memory`` steps: it stills what swings and leaves what moves steadily. What it takes goes into the energy terms.
     """
     longest = 0.0
     mean = blocks.mean_velocity

@@ -23,7 +23,7 @@ from dembrick.kernels.dynamics.energy_terms import (
     LOADS,
     RELEASED,
     STEPPING,
-    Books,
+    EnergyTerms,
 )
 from dembrick.kernels.dynamics.tiles import rows_of_lanes
 from dembrick.simulation.channels import energies
@@ -38,7 +38,7 @@ FLOOR = 1e-3  # of what the springs hold at the start: where less is put in, err
 
 
 class MotionEnergy:
-    """The books of one run: ``table`` is what the loop writes into, None where nobody asks for them.
+    """The energy terms of one run: ``table`` is what the loop writes into, None where nobody asks for them.
 
     ``start`` (2,) J: kinetic energy, and energy in the springs of the joints, when time began.
     """
@@ -106,7 +106,7 @@ class MotionEnergy:
         return held, energy
 
     def energies(self, state: MovingState, dt: float) -> dict[str, float]:
-        """The books of the last forces (J): kinetic, elastic since the start, work of gravity and loads, friction,
+        """The energies of the last forces (J): kinetic, elastic since the start, work of gravity and loads, friction,
         dashpots, springs let go, contacts that opened or closed within a step, work done on new contacts."""
         if not self.wanted:
             return {}
@@ -146,11 +146,11 @@ class MotionEnergy:
         return {f"books.{name}": array for name, array in table.items()} | {"books.start": self.start}
 
 
-def _blank(state: MovingState, loads: int, supports: int) -> Books:
-    """Books in which nothing stands yet."""
+def _blank(state: MovingState, loads: int, supports: int) -> EnergyTerms:
+    """EnergyTerms in which nothing stands yet."""
     n, j = len(state.bodies.mass), len(state.links.host)
     convex = len(joint_families.convex_joints(state))
-    return Books(
+    return EnergyTerms(
         dashpots=rows_of_lanes(joint_families.point_rows(state) * DASHPOT),
         ledger=rows_of_lanes(joint_families.point_tiles(state) * LEDGER),
         face=np.zeros((convex, 16)),
@@ -171,7 +171,7 @@ def _blank(state: MovingState, loads: int, supports: int) -> Books:
 
 def _work_ahead(state: MovingState, held: np.ndarray, joints: np.ndarray, place: np.ndarray) -> np.ndarray:
     """What the springs of ``joints`` (k,) would take over the step that the blocks have made since the last forces, if
-    their forces stayed (k,), J; ``held``: see `take_stock`, ``place``: see `Books`."""
+    their forces stayed (k,), J; ``held``: see `take_stock`, ``place``: see `EnergyTerms`."""
     links = state.links
     wanted = {name: getattr(links, name)[joints] for name in ("host", "other", "place", "tangents", "plane")}
     own = links._replace(**wanted)

@@ -38,7 +38,7 @@ def present(state) -> Iterator[tuple[ModuleType, Any]]:
 
 
 def places(state) -> np.ndarray:
-    """`Books.place` (j,): the number of each joint among the point joints, or -1 less that among the convex ones."""
+    """`EnergyTerms.place` (j,): number of each joint among the point joints, or -1 less that among the convex ones."""
     found = np.zeros(len(state.links.host), np.int64)
     if state.corners is not None:
         found[state.corners.joint] = np.arange(len(state.corners.joint))

@@ -11,7 +11,8 @@ import numpy as np
 
 from dembrick.assembly.contact_points import PointTable
 from dembrick.assembly.joints import JointTable
-from dembrick.kernels.dynamics.point_joints import BOND, BONDED, CRUSHED, RISE, Corners
+from dembrick.kernels.dynamics.bonded_points import BOND, BONDED, CRUSHED, RISE
+from dembrick.kernels.dynamics.point_joints import Corners
 from dembrick.kernels.dynamics.tiles import AREA, ELASTIC, POINT, SLIP, W, X, Y, rows_of_lanes
 from dembrick.simulation.dynamics.tiling import tiled, ways
 from dembrick.simulation.joint_stiffness import elastic_stiffness

@@ -191,7 +191,7 @@ def _settings(tolerance: float, eta: float) -> Settings:
         ramp=float(load_system.RAMP),
         steady=16 * limit_load.HALVING,
         slowing=0.5 ** (1.0 / limit_load.HALVING),
-        jack=load_system.ACTUATOR_STIFFNESS,
+        actuator=load_system.ACTUATOR_STIFFNESS,
         viscous=load_system.VISCOUS,
         calming=limit_load.CALMING,
         memory=load_system.MEMORY,

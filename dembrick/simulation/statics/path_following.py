@@ -277,16 +277,14 @@ class PathFollower:
 
     @property
     def where(self) -> str:
-        """Equilibria found."""
         return f"equilibrium {self.way.equilibria}"
 
     @property
     def progress(self) -> Progress:
-        """How far the path is; nobody knows its length."""
         return Progress("equilibrium", self.way.equilibria)
 
     def snapshot(self) -> dict[str, np.ndarray]:
-        """What this turn began with: what it has tried since leaves no trace."""
+        """What this turn began with; what it has tried since leaves no trace."""
         return self.turn_began
 
     def _memory(self) -> dict[str, np.ndarray]:
@@ -312,7 +310,7 @@ class PathFollower:
         self.search.iterations, self.search.balanced = self.way.iterations, self.way.balanced
 
     def _moved(self) -> float:
-        """How far the block that moved most has moved since the start of the path (m)."""
+        """Greatest displacement of a block since the start of the path (m)."""
         return float(np.linalg.norm(self.state.blocks.displacement - self.seated_at, axis=1).max())
 
     def _drifted(self) -> tuple[float | None, bool]:
@@ -415,8 +413,7 @@ class PathFollower:
         fastest = max(float(np.abs(wider).max()), float(np.abs(change[:, :2]).max()))
         return bool(((gap > CLOSED * fastest) & (wider < -CLOSED * fastest)).any())
 
-    def _dissipated(self) -> float:
-        """Work that friction takes from the last equilibrium to this one, by the forces of this one (J)."""
+    def _dissipated(self) -> float:  # J, by friction since the last equilibrium, by the forces of this one
         return joint_families.friction_work(self.state, self.trial)
 
     def _judged(self) -> bool:
