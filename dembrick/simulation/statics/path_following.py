@@ -78,7 +78,8 @@ class PathFollower:
     ):
         session = session or Session()
         self.state, self.certificate, self.recorder = state, certificate, recorder
-        self.search = Equilibria(state, load, factor, max(BALANCED * certificate.tolerance, LEAST_BALANCED))
+        self.loosest = max(BALANCED * certificate.tolerance, LEAST_BALANCED)
+        self.search = Equilibria(state, load, factor, self.loosest)
         self.free, self.rows, self.trial = self.search.free, self.search.rows, self.search.trial
         self.weight = float(np.abs(state.actuators.weight).sum())
         self.answer = factor.pattern.to_rows(factor.answer(load[self.free]))
@@ -149,22 +150,12 @@ class PathFollower:
         self.state.actuators.drive[:2] = driven
         step = strength * self.compliance / self.weight / ELASTIC_STEPS
         direction = self._elastic_way()
-        gain = self.weight / self.compliance
-        return PathState(
-            motion,
-            direction,
-            direction.copy(),
-            driven=driven,
-            start=driven,
-            step=step,
-            usual=step,
-            longest=step,
-            gain=gain,
-            balanced=self.search.balanced,
-        )
+        steps = dict.fromkeys(("step", "usual", "longest"), step)
+        place = {"driven": driven, "start": driven, "gain": self.weight / self.compliance}
+        return PathState(motion, direction, direction.copy(), **place, **steps, balanced=self.search.balanced)
 
     def _found(self, motion: np.ndarray, V: float) -> tuple[float | None, int]:
-        """V of the equilibrium near ``motion`` at its driven displacement, or None; and the iterations that took."""
+        """V of the equilibrium near ``motion`` at its driven displacement, or None; and the iterations."""
         found = self.search.find(motion, V)
         self.way.iterations = self.search.iterations
         return found
@@ -182,6 +173,9 @@ class PathFollower:
             return (V, True) if self.bonds.bear(way) else (None, True)
         if way.has_spare:
             way.direction, way.gain, way.has_spare = way.spare, way.spare_gain, False
+            return None, True
+        if self.search.balanced < self.loosest:
+            way.closest = way.balanced = self.search.balanced = min(10.0 * self.search.balanced, self.loosest)
             return None, True
         way.step, way.calm = SHRINKING * way.step, -2
         if way.step > TURNING * way.usual:
@@ -309,8 +303,7 @@ class PathFollower:
         restored_state(self.state, snapshot)
         self.search.iterations, self.search.balanced = self.way.iterations, self.way.balanced
 
-    def _moved(self) -> float:
-        """Greatest displacement of a block since the start of the path (m)."""
+    def _moved(self) -> float:  # m, greatest displacement of a block since the start of the path
         return float(np.linalg.norm(self.state.blocks.displacement - self.seated_at, axis=1).max())
 
     def _drifted(self) -> tuple[float | None, bool]:
@@ -368,7 +361,7 @@ class PathFollower:
         given = way.driven - way.start - V * self.compliance / self.weight
         way.seen.append((given, V, lower, upper, closing))
 
-    def _instant(self, V: float, moved: float, hidden: float) -> tuple[float, float]:
+    def _instant(self, V: float, moved: float, hidden: float | None) -> tuple[float, float]:
         """Bounds of the limit load from the equilibrium of now, for the motion of the last step that ``moved`` V (m).
 
         Strict if the certificate is; else by the normal forces of now, charged with what is ``hidden`` of V (N).
@@ -379,29 +372,30 @@ class PathFollower:
             lower, upper = strict_bounds(self.certificate, joints, points, areas, V)
             return float(lower), float(upper)
         upper = float(instant_upper(blocks, joints, points, areas, V, moved, 1.0))
-        unbalanced = self.search.out_of_balance()
-        if unbalanced > self.search.balanced:  # a drag held the blocks up
+        if hidden is None:  # a drag held the blocks up
+            unbalanced = self.search.out_of_balance()
             return V / (1.0 + unbalanced), max(V, upper) * (1.0 + unbalanced)
         return V - hidden, max(V, upper) + hidden
 
-    def _hidden(self, V: float, moved: float) -> float:
+    def _hidden(self, V: float, moved: float) -> float | None:
         """What the out-of-balance may hide of V (N), by the motion of the last step; asks for a closer balance if that
-        is much.
+        is much. None if a drag held the blocks up.
 
-        A force that is missing in a joint is missing in its friction, and does as much work at the most as its block's
-        motion lets it. In towers that sum is far too much: then by what further Newton steps would change V.
+        A force that a joint lacks does as much work at the most as its block's motion lets it. If no closer balance is
+        to be had, as in high towers, one more Newton step tells what it hides.
         """
         blocks, search, hidden = self.state.blocks, self.search, 0.0
-        if moved <= 0.0 or search.out_of_balance() > search.balanced:
+        if search.out_of_balance() > search.balanced:
+            return None
+        if moved <= 0.0:
             return 0.0
         for force, way in ((blocks.force, blocks.velocity), (blocks.torque, blocks.spin)):
             work = np.linalg.norm(force[self.free], axis=1) @ np.linalg.norm(way[self.free], axis=1)
             hidden += float(work) / moved
-        much = HIDDEN * self.certificate.tolerance * V
-        if hidden > much:
-            hidden = min(hidden, CORRECTIONS * abs(search.correction(V)))
-        if hidden > much:
-            search.balanced = self.way.balanced = max(LEAST_BALANCED, 0.1 * search.balanced)
+        if hidden > HIDDEN * self.certificate.tolerance * V:
+            search.balanced = self.way.balanced = max(self.way.closest, 0.1 * search.balanced)
+            if self.way.closest > LEAST_BALANCED:
+                hidden = min(hidden, CORRECTIONS * abs(search.correction(V)))
         return hidden
 
     def _closes_gaps(self) -> bool:

@@ -60,6 +60,7 @@ class PathState:
     longest: float = 0.0  # m, the longest step, or what the blocks have given way
     gain: float = 0.0  # N/m, how V is thought to grow
     balanced: float = 0.0  # out-of-balance over joint forces that is none
+    closest: float = 1e-9  # the least that it may become; more once no equilibrium was found so closely
     tried: int = 0  # iterations of the last equilibrium that was asked for
     equilibria: int = 0
     iterations: int = 0
