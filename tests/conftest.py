@@ -2,13 +2,22 @@
 
 import os
 import signal
+from pathlib import Path
 
 import pytest
 
+import dembrick
 from dembrick.simulation import interrupts
 from dembrick.simulation.statics import stepper
 
 pytest.register_assert_rewrite("helpers")
+
+# A subprocess takes the package under test, not a checkout that it happens to be started in, which would be compiled
+# once more.
+os.environ["PYTHONSAFEPATH"] = "1"
+os.environ["PYTHONPATH"] = os.pathsep.join(
+    [str(Path(dembrick.__file__).parents[1]), *filter(None, [os.environ.get("PYTHONPATH")])]
+)
 
 # What compiles or runs longest goes first, searches beside motions: two workers then compile different kernels.
 FIRST = (

@@ -1,6 +1,5 @@
 """What a long command shows while it works, and how it is stopped."""
 
-import os
 import signal
 import subprocess
 import sys
@@ -140,8 +139,7 @@ def test_a_study_that_is_stopped_says_how_to_go_on(tmp_path):
     study = 'base = "base.toml"\n[grid]\n"control.duration" = [0.01, 1000.0, 1001.0, 1002.0]\n'
     (tmp_path / "study.toml").write_text(study)
     command = [sys.executable, "-m", "dembrick", "sweep", "study.toml", "--jobs", "2", "--out", "out"]
-    environment = {**os.environ, "PYTHONPATH": str(SCENARIOS.parent)}
-    run = subprocess.Popen(command, cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True)
+    run = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True)
     rows = tmp_path / "out" / "rows_1_of_1.jsonl"
     while not rows.exists() or rows.read_text().count("\n") < 2:  # the first case is over
         assert run.poll() is None
@@ -154,10 +152,9 @@ def test_a_study_that_is_stopped_says_how_to_go_on(tmp_path):
 
 
 def test_output_that_nobody_reads_is_no_error(tmp_path):
-    environment = {**os.environ, "PYTHONPATH": str(SCENARIOS.parent)}
     for words in (["--help"], ["check", str(SCENARIOS / "set4a.toml")]):
         run = subprocess.Popen(
-            [sys.executable, "-m", "dembrick", *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment
+            [sys.executable, "-m", "dembrick", *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE
         )
         run.stdout.close()
         assert run.stderr.read() == b"" and run.wait() == 0

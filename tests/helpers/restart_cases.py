@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import os
 import subprocess
 import sys
 import time
@@ -12,9 +11,6 @@ import numpy as np
 
 from dembrick.runs.lab import lab_scenario
 from dembrick.scenario import model
-from helpers.places import ROOT
-
-PACKAGE = str(ROOT)
 
 
 def case(name, formulation, tolerance=1e-3, **output):
@@ -62,7 +58,6 @@ sys.exit(main())
 def dembrick(*arguments, code="import sys; from dembrick.cli import main; sys.exit(main())", **options):
     return subprocess.Popen(
         [sys.executable, "-c", code, *arguments],
-        env={**os.environ, "PYTHONPATH": PACKAGE},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

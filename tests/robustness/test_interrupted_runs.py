@@ -21,7 +21,7 @@ from dembrick.scenario import toml
 from dembrick.simulation import interrupts
 from dembrick.simulation.interrupts import Interrupted
 from helpers.places import SCENARIOS
-from helpers.restart_cases import PACKAGE, SLOW, case, check_same, dembrick, wait_for
+from helpers.restart_cases import SLOW, case, check_same, dembrick, wait_for
 
 LONG = """
 [output]
@@ -74,9 +74,7 @@ from dembrick.cli import main
 record_store.RecordStore.keep = lambda *_: (print("waiting", flush=True), time.sleep(60))
 sys.exit(main(["run", {str(long_run / "long.toml")!r}, "--out", {str(tmp_path / "run.h5")!r}]))
 """
-    child = subprocess.Popen(
-        [sys.executable, "-c", code], env={**os.environ, "PYTHONPATH": PACKAGE}, stdout=subprocess.PIPE, text=True
-    )
+    child = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
     assert child.stdout.readline() == "waiting\n"
     child.send_signal(signal.SIGTERM)
     time.sleep(0.2)
@@ -175,7 +173,7 @@ from dembrick.cli import main
 record_store.RecordStore.session = lambda *_: os.kill(os.getpid(), 9)
 main(["run", {str(tmp_path / "set4a.toml")!r}, "--out", {str(tmp_path / "run.h5")!r}])
 """
-    done = subprocess.run([sys.executable, "-c", code], env={**os.environ, "PYTHONPATH": PACKAGE}, timeout=120)
+    done = subprocess.run([sys.executable, "-c", code], timeout=120)
     assert done.returncode == -9
     with read(tmp_path / "run.h5") as file:
         assert (file.status, file.begun, file.n_row, file.title) == ("running", False, 0, given.title)
