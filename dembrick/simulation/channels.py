@@ -7,6 +7,7 @@ the recorder that knows them gives them by the same name.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Container, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
@@ -70,18 +71,18 @@ class Channel:
     in_file_only: bool = False
     kind: str = "<f8"
     axes: tuple[str, ...] = AXES
+    grows_by: int = dataclasses.field(init=False, default=0)  # ROWS, FRAMES or CONTACTS
+
+    def __post_init__(self):
+        kind = FRAMES if self.path.startswith("frames/") else ROWS
+        if kind == FRAMES and self.name.startswith("new_contacts/") and self.name != "new_contacts/end":
+            kind = CONTACTS
+        object.__setattr__(self, "grows_by", kind)  # once, as every row asks for it
 
     @property
     def name(self) -> str:
         """The path without its first folder."""
         return self.path.partition("/")[2]
-
-    @property
-    def grows_by(self) -> int:
-        """ROWS, FRAMES or CONTACTS."""
-        if not self.path.startswith("frames/"):
-            return ROWS
-        return CONTACTS if self.name.startswith("new_contacts/") and self.name != "new_contacts/end" else FRAMES
 
     @property
     def always(self) -> bool:

@@ -6,29 +6,9 @@ import pytest
 from dembrick.runs.simulate import restart, simulate
 from dembrick.scenario import toml
 from helpers.restart_cases import check_same
+from helpers.scenario_text import block, header
 
-TEXT = """
-title = "a bonded block on a base that shakes"
-gravity = [0.0, 0.0, -9.81]
-[joint]
-formulation = "{formulation}"
-friction = 0.2
-normal_stiffness = 1e9
-shear_stiffness = 4e8
-{keys}
-[materials.stone]
-density = 2000.0
-[[blocks]]
-name = "base"
-material = "stone"
-box = [2.0, 1.0, 0.1]
-position = [0.0, 0.0, -0.05]
-fixed = true
-[[blocks]]
-name = "block"
-material = "stone"
-box = [0.3, 0.2, 0.04]
-position = [0.0, 0.0, 0.02]
+CONTROL = """
 [control]
 kind = "base-motion"
 direction = [1.0, 0.0, 0.0]
@@ -39,12 +19,15 @@ rows = 200
 frames = 20
 checkpoint = 0.0
 """
+BLOCKS = block("base", (0.0, 0.0, -0.05), (2.0, 1.0, 0.1), "fixed = true") + block(
+    "block", (0.0, 0.0, 0.02), (0.3, 0.2, 0.04)
+)
 MASS, AREA, G = 2000.0 * 0.3 * 0.2 * 0.04, 0.06, 9.81
 PULSE = "pulse = { amplitude = 4.905, duration = 0.2 }"
 
 
 def shaken(formulation, keys, shake=PULSE):
-    return toml.loads(TEXT.format(formulation=formulation, keys=keys, shake=shake))
+    return toml.loads(header(formulation, 0.2, keys=keys) + BLOCKS + CONTROL.format(shake=shake))
 
 
 def bond(threshold):

@@ -47,8 +47,8 @@ tolerance = 1.0e-3
 """
 
 
-def header(formulation="concave", friction=0.6, normal_stiffness=1e9, *, title="test", density=2000.0):
-    """Title, gravity, one joint law (ks = 0.4 kn) and one material, ``stone``; stiffness in Pa/m, density in kg/m3."""
+def header(formulation="concave", friction=0.6, normal_stiffness=1e9, *, title="test", density=2000.0, keys=""):
+    """Title, gravity, one joint law (ks = 0.4 kn, further ``keys``) and one material, ``stone``; Pa/m, kg/m3."""
     return f"""
 title = "{title}"
 gravity = [0.0, 0.0, -9.81]
@@ -57,6 +57,7 @@ formulation = "{formulation}"
 friction = {friction}
 normal_stiffness = {normal_stiffness}
 shear_stiffness = {0.4 * normal_stiffness}
+{keys}
 [materials.stone]
 density = {density}
 """

@@ -9,37 +9,18 @@ from dembrick.errors import ScenarioError
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml
 from dembrick.scenario.model import JointLaw
+from helpers.scenario_text import block, header
 
-TEXT = """
-title = "a bonded block"
-gravity = [0.0, 0.0, -9.81]
-[joint]
-formulation = "{formulation}"
-friction = 0.5
-normal_stiffness = 1e10
-shear_stiffness = 4e9
-{keys}
-[materials.stone]
-density = 2000.0
-[[blocks]]
-name = "bed"
-material = "stone"
-box = [1.0, 1.0, 0.1]
-position = [0.0, 0.0, -0.05]
-fixed = true
-[[blocks]]
-name = "block"
-material = "stone"
-box = [0.3, 0.2, 0.1]
-position = [0.0, 0.0, 0.05]
-[control]
-{control}
-"""
+BLOCKS = block("bed", (0.0, 0.0, -0.05), (1.0, 1.0, 0.1), "fixed = true") + block("block", (0.0, 0.0, 0.05))
 STATICS, SHAKE = 'kind = "statics"', 'kind = "dynamic"\nduration = 0.1'
 
 
+def text_of(keys, formulation="concave", control=STATICS):
+    return f"{header(formulation, 0.5, 1e10, keys=keys)}{BLOCKS}[control]\n{control}\n"
+
+
 def given(keys, formulation="concave", control=STATICS):
-    return toml.loads(TEXT.format(keys=keys, formulation=formulation, control=control))
+    return toml.loads(text_of(keys, formulation, control))
 
 
 @pytest.mark.parametrize(
@@ -96,7 +77,7 @@ def test_what_a_law_does_not_say_by_itself():
 
 
 def test_overrides_inherit_strengths_and_a_text_reads_back():
-    text = TEXT.format(keys="cohesion = 1e4\nresidual_cohesion = 5e3", formulation="concave", control=STATICS)
+    text = text_of("cohesion = 1e4\nresidual_cohesion = 5e3")
     text += '\n[[joints]]\nbetween = ["bed", "block"]\nfriction = 0.3\nresidual_friction = 0.2\n'
     scenario = toml.loads(text)
     law = scenario.joints[0].law
