@@ -10,12 +10,18 @@ import hashlib
 import os
 import stat
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 from types import FunctionType
 
+try:
+    import fcntl
+except ImportError:  # a system without POSIX locks
+    fcntl = None  # type: ignore[assignment]
+
 import numba
 from numba import get_num_threads, prange
-from numba.core.caching import FunctionCache
+from numba.core.caching import FunctionCache, IndexDataCacheFile
 
 __all__ = ["CACHE_FOLDER", "get_num_threads", "jit", "jit_parallel", "jit_sum", "kernel_hash", "prange"]
 
@@ -27,14 +33,15 @@ def kernel_hash() -> str:
     return source_hash(PACKAGE)
 
 
-def source_hash(package: Path, place: str = "") -> str:
+def source_hash(package: Path) -> str:
     """Hash of numba and of all sources of kernels in a copy of the package, at any depth below ``kernels``.
 
-    numba counts by its version and by whether it checks bounds (``NUMBA_BOUNDSCHECK``), which its own cache ignores.
-
-    ``place`` is mixed in: two copies of the package with the same sources must not share a cache folder.
+    numba counts by its version, by whether it checks bounds (``NUMBA_BOUNDSCHECK``) and by how far it optimises
+    (``NUMBA_OPT``), which its own cache ignores. The path does not count: copies of the same sources share what one of
+    them has compiled.
     """
-    digest = hashlib.sha256(f"{numba.__version__} {numba.config.BOUNDSCHECK} {place}".encode())
+    settings = f"{numba.__version__} {numba.config.BOUNDSCHECK} {numba.config.OPT}"
+    digest = hashlib.sha256(settings.encode())
     for source in [package / "_jit.py", *sorted((package / "kernels").rglob("*.py"))]:
         digest.update(f"\n{source.relative_to(package).as_posix()}\n".encode() + source.read_bytes())
     return digest.hexdigest()[:16]
@@ -81,7 +88,7 @@ def cache_folder() -> Path:
     bases.append(Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "dembrick")
     bases.append(Path(tempfile.gettempdir()) / f"dembrick-{os.getuid() if hasattr(os, 'getuid') else 'user'}")
     for base in bases:
-        folder = base / source_hash(PACKAGE, str(PACKAGE))  # of this copy: two copies must not evict each other
+        folder = base / source_hash(PACKAGE)
         if _is_safe(base) and is_own(folder):
             return folder
     return Path(tempfile.mkdtemp(prefix="dembrick-"))
@@ -96,8 +103,65 @@ CACHE_FOLDER = cache_folder()
 FLOATS = {"contract"}
 
 
-class _Cache(FunctionCache):
-    """numba's cache, but machine code that is found there is loaded as it is.
+class _Folder:
+    """Where the machine code of a kernel of this package is kept: found by the kernel's module, not by its path."""
+
+    def __init__(self, function):
+        self._name = f"{function.__module__}-{function.__code__.co_firstlineno}"
+
+    @classmethod
+    def from_function(cls, function, _file):
+        """See numba."""
+        return cls(function)
+
+    def ensure_cache_path(self):
+        """The folder was made when its name was chosen."""
+
+    def get_cache_path(self):
+        """See numba."""
+        return str(CACHE_FOLDER)
+
+    def get_source_stamp(self):
+        """What makes old machine code useless: any edit of a kernel, which gives the folder another name."""
+        return CACHE_FOLDER.name
+
+    def get_disambiguator(self):
+        """See numba."""
+        return self._name
+
+
+class _CacheFile(IndexDataCacheFile):
+    """numba's file of one kernel, whose index is read and written again by one process at a time.
+
+    Two processes that compile the same kernel for other arguments would lose an entry, or give two the same number.
+    What cannot be written, on a full disk for one, is compiled again by the next run.
+    """
+
+    def save(self, key, data):
+        """See numba."""
+        with suppress(OSError), open(CACHE_FOLDER / ".lock", "a") as lock:
+            if fcntl is not None:
+                with suppress(OSError):  # a disk without locks
+                    fcntl.flock(lock, fcntl.LOCK_EX)  # let go of when the file is closed
+            super().save(key, data)
+
+
+class _Impl(FunctionCache._impl_class):
+    _locator_classes = [_Folder]
+
+
+class _ParallelCache(FunctionCache):
+    """numba's cache in the package's own folder."""
+
+    _impl_class = _Impl
+
+    def __init__(self, function):
+        super().__init__(function)
+        self._cache_file = _CacheFile(self._cache_path, self._impl.filename_base, self._impl.locator.get_source_stamp())
+
+
+class _Cache(_ParallelCache):
+    """The same, but machine code that is found there is loaded as it is.
 
     numba first prepares for all that could be compiled, which took longer than loading the kernels of a short run.
     A kernel without the memory runtime needs none of it, and where nothing is found the compiler prepares itself.
@@ -113,12 +177,8 @@ def _compiled(function, cache=_Cache, fastmath=FLOATS, **options):
     kernel = numba.njit(error_model="numpy", fastmath=fastmath, **options)(function)
     if kernel is function:  # NUMBA_DISABLE_JIT
         return function
-    previous = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(CACHE_FOLDER)
-    try:
+    if function.__module__.startswith(f"{__package__}.kernels."):  # what the name of the folder answers for
         kernel._cache = cache(function)  # what ``cache=True`` does
-    finally:
-        numba.config.CACHE_DIR = previous
     return kernel
 
 
@@ -151,4 +211,4 @@ def renamed(function, name: str):
 
 def jit_parallel(function):
     """The same for a loop over threads (``prange``); it compiles for much longer, so only large scenes call for it."""
-    return _compiled(function, FunctionCache, parallel=True)
+    return _compiled(function, _ParallelCache, parallel=True)

@@ -4,12 +4,14 @@ import os
 import shutil
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numba
 import pytest
 
 import dembrick
+from dembrick import _jit
 from dembrick._jit import source_hash
 
 PACKAGE = Path(dembrick.__file__).parent
@@ -68,11 +70,41 @@ def test_a_moved_kernel_file_changes_it(copy):
     shutil.rmtree(copy / "kernels" / "one")
 
 
-def test_copies_of_the_package_do_not_share_a_folder():
-    assert source_hash(PACKAGE, "here") != source_hash(PACKAGE, "there")
+def test_a_copy_elsewhere_finds_what_another_compiled(tmp_path, copy):
+    """An installation of the same sources at another path, or the same one installed again, compiles nothing."""
+    code = "from dembrick.kernels.math.quaternion import product as kernel\nkernel(*8 * [1.0])\n"
+    code += "print(sum(kernel.stats.cache_hits.values()))"
+    hits = []
+    for place in (PACKAGE, copy):
+        environment = {**os.environ, "PYTHONPATH": str(place.parent), "DEMBRICK_CACHE_DIR": str(tmp_path)}
+        command = [sys.executable, "-c", code]
+        done = subprocess.run(command, env=environment, cwd=place.parent, capture_output=True, text=True, check=True)
+        hits.append(int(done.stdout))
+    assert hits == [0, 1]
 
 
-def test_checking_of_bounds_has_machine_code_of_its_own(monkeypatch):
+def test_processes_that_compile_one_kernel_side_by_side_lose_nothing(tmp_path, monkeypatch):
+    """Sixteen threads add an entry each to the cache of one kernel: all are found, each its own."""
+    monkeypatch.setattr(_jit, "CACHE_FOLDER", tmp_path)
+
+    def save(i):
+        _jit._CacheFile(str(tmp_path), "kernel", "stamp").save(i, i)
+
+    with ThreadPoolExecutor(16) as pool:
+        list(pool.map(save, range(64)))
+    found = _jit._CacheFile(str(tmp_path), "kernel", "stamp")
+    assert [found.load(i) for i in range(64)] == list(range(64))
+
+
+def test_a_full_disk_costs_the_cache_and_not_the_run(tmp_path, monkeypatch):
+    monkeypatch.setattr(_jit, "CACHE_FOLDER", tmp_path / "gone")
+    kept = _jit._CacheFile(str(tmp_path / "gone"), "kernel", "stamp")
+    kept.save(1, 1)
+    assert kept.load(1) is None
+
+
+@pytest.mark.parametrize("option", ["BOUNDSCHECK", "OPT"])
+def test_checking_of_bounds_or_less_optimisation_has_machine_code_of_its_own(monkeypatch, option):
     before = source_hash(PACKAGE)
-    monkeypatch.setattr(numba.config, "BOUNDSCHECK", 1)
+    monkeypatch.setattr(numba.config, option, 1)
     assert source_hash(PACKAGE) != before
