@@ -25,6 +25,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not follow names th
     from dembrick.runs.steps import steps as steps
     from dembrick.runs.study import sweep as sweep
     from dembrick.scenario import generators as generators
+    from dembrick.scenario.cad_models import CadModel as CadModel
     from dembrick.scenario.controls import BaseMotionControl as BaseMotionControl
     from dembrick.scenario.controls import DisplacementControl as DisplacementControl
     from dembrick.scenario.controls import DynamicControl as DynamicControl
@@ -70,6 +71,7 @@ _NAMES = {  # by the module that has them
     "dembrick.runs.steps": "steps",
     "dembrick.runs.study": "sweep",
     "dembrick.scenario": "generators",
+    "dembrick.scenario.cad_models": "CadModel",
     "dembrick.scenario.controls": "BaseMotionControl DisplacementControl DynamicControl PushoverControl "
     "SettlementControl StaticsControl TiltControl YieldControl",
     "dembrick.scenario.generators": "Arch Dome Opening Return Stack Wall",

@@ -77,6 +77,6 @@ def _convex(kind: str, description, folder: str) -> Polyhedron:
     if isinstance(description, Mesh):
         from dembrick.geometry.mesh_file import convex_solid  # only scenes with meshes pay for the reader
 
-        return convex_solid(os.path.join(folder, description.file), description.scale)
+        return convex_solid(os.path.join(folder, description.file), description.metres)
     stone = description
     return voussoir(stone.radius, stone.thickness, stone.depth, math.radians(stone.angle), stone.curved)

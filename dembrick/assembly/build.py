@@ -191,7 +191,7 @@ def loaded(scenario: Scenario, bare: Assembly, points: bool = True) -> Assembly:
         refuse(scenario, str(error))
 
     joint_force, exact = dead_joint_forces(joints, bare.fixed, dead_force)
-    warnings = check_control(scenario) + check_strengths(scenario, joints)
+    warnings = scenario.remarks + check_control(scenario) + check_strengths(scenario, joints)
     warnings += check_stiffness(scenario, joints, joint_force)
     tolerance = getattr(control, "tolerance", DISCRETISATION)
     if len(joints) == 1:  # the search for its limit load places the points of a lone joint itself

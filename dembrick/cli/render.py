@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import os
+from contextlib import ExitStack
 
 from dembrick.cli.paths import add_force
 
 
 def add_arguments(parser) -> None:
     """Options of the command."""
-    parser.add_argument("history", metavar="FILE", help="history file, or a scenario (.toml): as it is before a run")
+    parser.add_argument(
+        "histories",
+        nargs="+",
+        metavar="FILE",
+        help="history file, or a scenario (.toml): as it is before a run; several are drawn side by side",
+    )
     parser.add_argument(
         "--to", metavar="FILE", required=True, help="picture (.png), movie (.gif, .mp4) or page (.html)"
     )
@@ -43,6 +49,10 @@ def add_look(parser) -> None:
         default="displacement",
         help="what the blocks are coloured by (default: displacement)",
     )
+    look.add_argument(
+        "--names", choices=["none", "blocks", "joints", "all"], default="none", help="write the names of these"
+    )
+    look.add_argument("--thrust", action="store_true", help="draw the line of thrust, and the hinges as dots")
     look.add_argument("--forces", action="store_true", help="draw the forces of joints and of new contacts as arrows")
 
 
@@ -67,46 +77,58 @@ def opened(path: str):
     return mechanism_history.before_a_run(scenario, assemble(scenario))
 
 
+def look_of(options) -> dict:
+    """How a history is shown, by the options."""
+    look = {"view": options.camera, "magnification": options.magnify, "color": options.color}
+    return look | {"forces": options.forces, "names": options.names, "thrust": options.thrust}
+
+
 def run(options, console) -> int:
     """Draw the picture, the movie or the page."""
-    ending = options.to.lower().rpartition(".")[2]
-    if ending in ("html", "htm"):
-        from dembrick import history
-        from dembrick.views import page
-
-        with (
-            opened(options.history) as found,
-            history.product("page", [found.scenario_text], [options.history], options.force),
-        ):
-            console.meter.busy("drawing")
-            page.write(found, options.to)
-        console.result({"page": options.to}, f"page: {options.to}")
-        return 0
     from dembrick import history
-    from dembrick.views import render
 
-    look = {"view": options.camera, "magnification": options.magnify, "color": options.color}
-    look |= {"forces": options.forces}
-    if is_scenario(options.history):
-        look["color"] = "none"  # nothing has moved yet
-    if options.size:
-        look["size"] = tuple(options.size)
-    kind = "movie" if ending in ("gif", "mp4") else "picture"
-    with (
-        opened(options.history) as found,
-        history.product(kind, [found.scenario_text], [options.history], options.force),
-    ):
+    kind = _kind(options)
+    before = [is_scenario(path) for path in options.histories]
+    with ExitStack() as stack:
+        found = [stack.enter_context(opened(path)) for path in options.histories]
+        texts = [own.scenario_text for own in found]
+        stack.enter_context(history.product(kind, texts, options.histories, options.force))
         console.meter.busy("drawing")
-        if kind == "movie":
-            render.movie(
-                found,
-                options.to,
-                **look,
-                fps=options.fps,
-                count=options.count,
-                progress=lambda done, total: console.progress(done, total, "frames"),
-            )
+        if kind == "page":
+            from dembrick.views import page
+
+            page.write(found[0], options.to)
         else:
-            render.picture(found, options.to, **look, frame=options.frame, time=options.time)
+            _draw(found, kind, options, console, look_of(options) | ({"color": "none"} if all(before) else {}))
     console.result({kind: options.to}, f"{kind}: {options.to}")
     return 0
+
+
+def _kind(options) -> str:
+    """page, movie or picture, by the ending."""
+    from dembrick.errors import ScenarioError
+
+    ending = options.to.lower().rpartition(".")[2]
+    if ending not in ("html", "htm"):
+        return "movie" if ending in ("gif", "mp4") else "picture"
+    if len(options.histories) > 1:
+        raise ScenarioError("a page shows one run; --to FILE.png or FILE.gif draws several side by side")
+    return "page"
+
+
+def _draw(found, kind: str, options, console, look: dict) -> None:
+    from dembrick.views import render
+
+    size = tuple(options.size) if options.size else None
+    if kind == "picture":
+        render.picture(found, options.to, **look, size=size, frame=options.frame, time=options.time)
+        return
+    render.movie(
+        found,
+        options.to,
+        **look,
+        size=size,
+        fps=options.fps,
+        count=options.count,
+        progress=lambda done, total: console.progress(done, total, "frames"),
+    )

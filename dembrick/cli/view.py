@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dembrick.cli.render import add_look
+from dembrick.cli.render import add_look, look_of
 
 
 def add_arguments(parser) -> None:
@@ -17,11 +17,5 @@ def run(options, console) -> int:
     from dembrick.views import render
 
     with history.read(options.history) as found:
-        render.view(
-            found,
-            view=options.camera,
-            magnification=options.magnify,
-            color=options.color,
-            forces=options.forces,
-        )
+        render.view(found, **look_of(options))
     return 0

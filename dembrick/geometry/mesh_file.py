@@ -38,7 +38,7 @@ def convex_solid(path: str, scale: float = 1.0) -> Polyhedron:
     Raises ScenarioError for a file that cannot be read, and for a surface with holes, inside out, flat or not convex;
     MissingDependency without meshio.
     """
-    points, faces = _read(path)
+    points, faces = read_surface(path)
     try:
         return checked(points * scale, faces)
     except ScenarioError as error:
@@ -123,16 +123,22 @@ def _meshio_mesh(path: str, ending: str):
         return meshio.read(file, "ply")
 
 
-def _read(path: str) -> tuple[np.ndarray, list[tuple[int, ...]]]:
-    """Corners (n, 3) and faces of the surface in a file."""
+def check_file(path: str, endings: tuple[str, ...], largest: int) -> None:
+    """ScenarioError unless a path is that of an ordinary file with one of the endings, of ``largest`` bytes at most."""
     ending = os.path.splitext(path)[1].lower()
-    if ending not in ENDINGS:
-        raise ScenarioError(f"mesh file {path}: its ending is {ending or 'none'}; known are {', '.join(ENDINGS)}")
+    if ending not in endings:
+        raise ScenarioError(f"mesh file {path}: its ending is {ending or 'none'}; known are {', '.join(endings)}")
     if not os.path.isfile(path):
         what = "this is not an ordinary file" if os.path.exists(path) else "there is no such file"
         raise ScenarioError(f"mesh file {path}: {what}")
-    if os.path.getsize(path) > LARGEST_FILE:
-        raise ScenarioError(f"mesh file {path}: longer than {LARGEST_FILE >> 20} MiB, this is no block but a scan")
+    if os.path.getsize(path) > largest:
+        raise ScenarioError(f"mesh file {path}: longer than {largest >> 20} MiB, this is no block but a scan")
+
+
+def read_surface(path: str) -> tuple[np.ndarray, list[tuple[int, ...]]]:
+    """Corners (n, 3) and faces of the surface in a file."""
+    ending = os.path.splitext(path)[1].lower()
+    check_file(path, ENDINGS, LARGEST_FILE)
     try:
         import meshio  # noqa: F401 - asked for before the file is judged
     except ImportError as error:

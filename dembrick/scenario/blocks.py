@@ -12,7 +12,8 @@ import math
 from dataclasses import dataclass
 
 from dembrick.errors import ScenarioError
-from dembrick.scenario.checks import assign, check_name, real, require, require_type, show, unit_vector, vector
+from dembrick.scenario.checks import assign, check_name, one_of, real, require, require_type, show, unit_vector, vector
+from dembrick.scenario.units import LENGTHS
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -69,17 +70,24 @@ class Voussoir:
 class Mesh:
     """A closed convex surface in a ``file`` (STL, OBJ, PLY, .msh, .vtu), beside the scenario unless the path says else.
 
-    ``scale`` takes the file's unit to metres: 0.001 for a file in millimetres.
+    ``unit`` of its lengths: m, cm, mm, in or ft; ``scale`` is a factor of these.
     """
 
     file: str
     scale: float = 1.0
+    unit: str = "m"
 
     def __post_init__(self):
         check_name("file", self.file)
         scale = real("scale", self.scale)
         require(scale > 0.0, "scale", scale, "it must be greater than 0")
+        one_of("unit", self.unit, tuple(LENGTHS))
         assign(self, scale=scale)
+
+    @property
+    def metres(self) -> float:
+        """What a length of 1 in the file is worth in metres."""
+        return self.scale * LENGTHS[self.unit]
 
 
 @dataclass(frozen=True, slots=True)

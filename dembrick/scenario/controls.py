@@ -40,6 +40,7 @@ from dembrick.scenario.regimes import (
     SETTLEMENT,
     STEEPEST,
     SUPPORTS,
+    TILT_LOAD,
     YIELD,
     Control,
     Curve,
@@ -129,7 +130,7 @@ class TiltControl(Control):
     def curve(self) -> Curve:
         """A search drives the blocks by their weights, as actuators would."""
         about = "load factor: the tangent of the angle of the table"
-        return Curve("load factor tan(angle)", "1", about, DRIVEN if self.quasi_static else FURTHEST)
+        return Curve(TILT_LOAD, "1", about, DRIVEN if self.quasi_static else FURTHEST)
 
     @property
     def tilt_axis(self) -> Vector:

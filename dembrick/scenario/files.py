@@ -20,6 +20,7 @@ def inputs_of(scenario: Scenario) -> list[str]:
     for block in scenario.all_blocks:
         solids: list[Block | Part] = [block, *(block.parts or ())]
         named += [solid.mesh.file for solid in solids if solid.mesh is not None]
+    named += [model.file for model in scenario.models]
     folder = folder_of(scenario)
     own = [scenario.path] if scenario.path else []
     return own + [os.path.join(folder, name) for name in dict.fromkeys(named) if name]

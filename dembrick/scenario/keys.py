@@ -12,6 +12,7 @@ from functools import cache
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
 from dembrick.scenario.blocks import Block, Mesh, Part, Prism, Voussoir
+from dembrick.scenario.cad_models import CadModel
 from dembrick.scenario.controls import CONTROLS, Pulse, Sine
 from dembrick.scenario.generators import Arch, Dome, Opening, Return, Stack, Wall
 from dembrick.scenario.model import (
@@ -29,7 +30,7 @@ from dembrick.scenario.pressures import Pressure
 from dembrick.scenario.support_paths import SupportPath, Turn
 from dembrick.scenario.ties import Tie, TieEnd
 
-NOT_KEYS = {"text", "path", "all_blocks", "groups"}  # fields of dataclasses that no file writes
+NOT_KEYS = {"text", "path", "all_blocks", "groups", "remarks"}  # fields of dataclasses that no file writes
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +60,7 @@ walls | | tables | walls of coursed blocks
 stacks | | tables | equal blocks on one another
 arches | | tables | circular arches
 domes | | tables | spherical domes
+models | | tables | structures drawn in CAD, many solids in a file
 supports | | names | blocks and groups that are fixed
 control_points | | tables | points whose displacement is recorded
 pressures | | tables | pressures on bare faces: constant, of a fluid or of a fill
@@ -141,7 +143,8 @@ angle | deg | 0 to 180 | angle that the stone spans
 curved | | true, false | mass, centroid and inertia of the piece of a ring instead of the quadrilateral
 """,
     Mesh: "file | | a path | STL, OBJ, PLY, .msh or .vtu file, beside the scenario\n"
-    "scale | 1 | > 0 | takes the unit of the file to metres: 0.001 for millimetres",
+    "unit | | m, cm, mm, in, ft | unit of the lengths in the file\n"
+    "scale | 1 | > 0 | factor of these lengths",
     Wall: _PLACED
     + """
 block | m | 3 numbers > 0 | length, thickness and height of a block
@@ -191,6 +194,12 @@ angle | deg | 0 to 120 | from the axis down to the springing; 90 is a hemisphere
 oculus | deg | 0 to 60 | from the axis to the rim of an open eye
 key | deg | 0 to 60 | or from the axis to the rim of the key stone
 springing | | true, false | a ring of fixed stones below
+""",
+    CadModel: _PLACED
+    + """
+file | | a path | OBJ, STL, glTF (.gltf, .glb), COMPAS JSON, PLY, .msh or .vtu file, beside the scenario
+unit | | m, cm, mm, in, ft | unit of the lengths in the file
+gap_tolerance | m | >= 0 | faces of two solids that look at each other nearer than this come to lie on one plane
 """,
     Load: """
 block | | a block or group | what it acts on; each block of a group bears the whole force
@@ -320,7 +329,7 @@ def tables() -> dict[str, Any]:
     found |= {"[materials.NAME]": Material, "[[blocks]]": Block}
     found |= {"prism = {}": Prism, "voussoir = {}": Voussoir, "mesh = {}": Mesh, "parts = [{}]": Part}
     found |= {"[[walls]]": Wall, "openings = [{}]": Opening, "returns = [{}]": Return}
-    found |= {"[[stacks]]": Stack, "[[arches]]": Arch, "[[domes]]": Dome}
+    found |= {"[[stacks]]": Stack, "[[arches]]": Arch, "[[domes]]": Dome, "[[models]]": CadModel}
     found |= {"[[loads]]": Load, "[[actuators]]": Actuator, "[[pressures]]": Pressure}
     found |= {"[[ties]]": Tie, "between = [{}] of [[ties]]": TieEnd}
     found |= {"sine = {}": Sine, "pulse = {}": Pulse, "[[control_points]]": ControlPoint}

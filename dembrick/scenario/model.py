@@ -8,11 +8,13 @@ a negative friction, a number given as text or a load on a block that is not the
 from __future__ import annotations
 
 import math
+import os
 from dataclasses import dataclass, field, replace
 from numbers import Integral
 
 from dembrick.errors import ScenarioError
 from dembrick.scenario.blocks import Block, Vector
+from dembrick.scenario.cad_models import CadModel
 from dembrick.scenario.checks import (
     assign,
     check_name,
@@ -185,10 +187,11 @@ class Scenario:
     """One test, complete. ``text`` is the TOML it came from, ``path`` its file (both None when written in Python).
 
     Two scenarios are equal when they say the same, wherever they come from. ``all_blocks`` holds ``blocks`` and then
-    what the generators lay: walls, stacks, arches, domes, in the order in which they are written. ``supports`` names
-    blocks and groups that are fixed. ``groups`` maps the name of every group to the numbers of its blocks in
-    ``all_blocks``: what ``group`` keys say, and for a name with dots in it, "wall.3.7", the parts before each dot,
-    "wall" and "wall.3" (unless a block is named so). ``stages``: controls that are carried out before ``control``.
+    what the generators lay: walls, stacks, arches, domes, and what ``models`` from CAD hold, in the order in which they
+    are written; ``remarks`` are those on the gaps of the models. ``supports`` names blocks and groups that are fixed.
+    ``groups`` maps the name of every group to the numbers of its blocks in ``all_blocks``: what ``group`` keys say, and
+    for a name with dots in it, "wall.3.7", the parts before each dot, "wall" and "wall.3" (unless a block is named so).
+    ``stages``: controls that are carried out before ``control``.
     """
 
     title: str
@@ -213,8 +216,10 @@ class Scenario:
     pressures: tuple[Pressure, ...] = ()
     stages: tuple[Control, ...] = ()
     ties: tuple[Tie, ...] = ()
+    models: tuple[CadModel, ...] = ()
     all_blocks: tuple[Block, ...] = field(default=(), init=False, compare=False, repr=False)
     groups: dict[str, tuple[int, ...]] = field(default_factory=dict, init=False, compare=False, repr=False)
+    remarks: tuple[str, ...] = field(default=(), init=False, compare=False, repr=False)
 
     def __post_init__(self):
         one_line("title", self.title)
@@ -229,6 +234,7 @@ class Scenario:
             check_name("name of a material", name)
         lists = {"blocks": Block, "joints": JointOverride, "loads": Load, "actuators": Actuator, "supports": str}
         lists |= {"control_points": ControlPoint, "pressures": Pressure, "stages": Control, "ties": Tie}
+        lists["models"] = CadModel
         for key, kind in (lists | GENERATORS).items():
             assign(self, **{key: members_of(key, getattr(self, key), kind)})
         for control in (*self.stages, self.control):
@@ -253,6 +259,10 @@ class Scenario:
         blocks = list(self.blocks)
         for generator in generators:
             blocks += generator.build()
+        for model in self.models:
+            solids, remarks = model.build(os.path.dirname(self.path or ""))
+            blocks += solids
+            assign(self, remarks=(*self.remarks, *remarks))
         assign(self, all_blocks=tuple(blocks), groups=_groups(blocks))
         if self.supports:
             numbers = {block.name: i for i, block in enumerate(blocks)}

@@ -60,6 +60,7 @@ class Curve(NamedTuple):
 
 
 DRIVEN = "driven displacement"
+TILT_LOAD = "load factor tan(angle)"  # name of the load of a table that tilts
 FURTHEST = "displacement of the block that moved furthest"
 OF_ACTUATORS = Curve("load V", "N", "load multiplier V: the force of an actuator of weight 1", DRIVEN)
 

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple, NoReturn
 from dembrick.errors import ScenarioError
 from dembrick.scenario import shipped
 from dembrick.scenario.blocks import Mesh, Part, Prism, Voussoir
+from dembrick.scenario.cad_models import CadModel
 from dembrick.scenario.checks import nearest, show
 from dembrick.scenario.controls import ACTUATORS, CONTROLS, Pulse, Sine
 from dembrick.scenario.generators import GENERATORS, Opening, Return
@@ -41,7 +42,7 @@ from dembrick.scenario.text_files import read_text
 from dembrick.scenario.ties import Tie, TieEnd
 
 _LISTS = {"blocks": Block, **GENERATORS, "loads": Load, "actuators": Actuator, "control_points": ControlPoint}
-_LISTS |= {"pressures": Pressure, "ties": Tie}
+_LISTS |= {"pressures": Pressure, "ties": Tie, "models": CadModel}
 _TABLES = {"prism": Prism, "voussoir": Voussoir, "mesh": Mesh, "sine": Sine, "pulse": Pulse}  # tables inside others
 _TABLES["rotation"] = Turn
 _TABLE_LISTS = {"between": TieEnd, "parts": Part, "openings": Opening, "returns": Return, "motions": SupportPath}
@@ -172,10 +173,10 @@ def _decode(
     """The scenario of a document. What it shares with the document ``like``, table by table, has been checked already
     and is taken from its scenario."""
     keys = _keys_of(Scenario)
-    for key in ("path", "text", "all_blocks", "groups"):
+    for key in ("path", "text", "all_blocks", "groups", "remarks"):
         del keys[key]
     keys["control"] = True
-    keys["blocks"] = not any(key in document for key in GENERATORS)
+    keys["blocks"] = not any(key in document for key in (*GENERATORS, "models"))
     _check_keys(document, keys, place)
 
     def law() -> JointLaw:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 STANDARD_GRAVITY = 9.80665  # m/s2: the unit "g", whatever the gravity of a scenario
 
+LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254, "ft": 0.3048}  # units of drawings, in metres
 UNITS: dict[str, dict[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "min": 60.0},
     "displacement": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6},

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 
@@ -14,7 +16,7 @@ from dembrick.views.motion.blocks import CarriedPoints, Poses, all_vertices
 from dembrick.views.motion.joints import nearest
 from dembrick.views.render.colors import COLORS
 from dembrick.views.render.images import MOVIES, Movie, write_png
-from dembrick.views.render.look import VIEWS, Look, automatic_magnification
+from dembrick.views.render.look import NAMES, VIEWS, Look, LookOptions, automatic_magnification
 from dembrick.views.render.scene import Scene
 from dembrick.views.render.screen import require_display, require_drawing
 
@@ -25,6 +27,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "COLORS",
+    "NAMES",
     "VIEWS",
     "automatic_magnification",
     "meshes",
@@ -66,58 +69,49 @@ def meshes(
 
 
 def picture(
-    history: History,
+    history: History | Sequence[History],
     path: str | os.PathLike,
     *,
     frame: int = -1,
     time: float | None = None,
-    view: str = "iso",
-    magnification: float | None = None,
-    color: str = "displacement",
-    forces: bool = False,
-    size: tuple[int, int] = SIZE,
+    size: tuple[int, int] | None = None,
+    **look: Unpack[LookOptions],
 ) -> str:
     """Write a PNG of one frame: the blocks, where they started, actuators, torsion centre; the path.
 
-    ``frame`` counts from the end where negative; ``time`` (s) takes the nearest frame instead. Without
-    ``magnification`` the motion is blown up until it is seen; the picture says how much. ``color``: displacement,
-    utilisation, slip (the greatest of a block's joints), energy (kinetic) or none; ``forces`` draws those of the
-    joints.
+    Several histories are drawn side by side, to one scale, with the same colours and magnification. ``frame`` counts
+    from the end where negative; ``time`` (s) takes the nearest frame instead. ``look``: the fields of
+    :class:`dembrick.views.render.look.Look`, among them ``view`` (iso, front, side, top); ``magnification``, without
+    which the motion is blown up until it is seen (the picture says how much); ``color``: displacement, utilisation,
+    slip (the greatest of a block's joints), energy (kinetic) or none; ``forces`` of the joints; ``names`` of blocks,
+    joints or all; ``thrust``: the line of thrust with its hinges.
     """
-    path, look = os.fspath(path), Look(view, magnification, color, forces)
+    path, chosen, histories = os.fspath(path), Look(**look), _several(history)
     if os.path.splitext(path)[1].lower() != ".png":
         raise OutputError(f"{path}: a picture is written as PNG; let the name end in .png")
     target = check_output(path)
-    number = _frame(history, frame if time is None else nearest_frame(history, time))
-    require_drawing()
-    plotter = _plotter(size, smooth=True)
-    try:
-        Scene(plotter, history, look, [number])
-        write_png(plotter.screenshot(return_img=True), path, target)
-    finally:
-        plotter.close()
+    frames = [[_frame(own, frame if time is None else nearest_frame(own, time))] for own in histories]
+    with _scenes(histories, chosen, frames, size or SIZE, smooth=True) as scenes:
+        write_png(_pixels(scenes), path, target)
     return path
 
 
 def movie(
-    history: History,
+    history: History | Sequence[History],
     path: str | os.PathLike,
     *,
-    view: str = "iso",
-    magnification: float | None = None,
-    color: str = "displacement",
-    forces: bool = False,
-    size: tuple[int, int] = MOVIE_SIZE,
+    size: tuple[int, int] | None = None,
     fps: float = 20.0,
     count: int = MOVIE_FRAMES,
     progress: Callable[[int, int], None] | None = None,
+    **look: Unpack[LookOptions],
 ) -> str:
     """Write the motion as an animated GIF or an MP4 by the ending of ``path``; the path.
 
     At most ``count`` frames, ``fps`` of them a second, as :func:`movie_frames` chooses them; the rest as for
     :func:`picture`. MP4 needs the extra ``movie``.
     """
-    path, look = os.fspath(path), Look(view, magnification, color, forces)
+    path, chosen, histories = os.fspath(path), Look(**look), _several(history)
     if os.path.splitext(path)[1].lower() not in MOVIES:
         raise OutputError(f"{path}: a movie is written as {' or '.join(MOVIES)}; let the name end in one of them")
     if not (np.isfinite(fps) and 0.1 <= fps <= 100.0):
@@ -125,25 +119,71 @@ def movie(
     if count < 2:
         raise ScenarioError(f"count = {count!r} is out of range: a movie has at least 2 frames")
     target = check_output(path)
-    frames = movie_frames(history, count)
+    frames = frames_side_by_side(histories, count)
     Movie.require(path)
-    require_drawing()
-    plotter = _plotter(size, smooth=False)  # smooth edges would take most of the time of a movie
-    try:
-        scene = Scene(plotter, history, look, sorted(set(frames)))
-        # the scene shows the last frame, the one with most colours
-        sample = plotter.screenshot(return_img=True)[..., :3]
-        sample = np.concatenate([sample, scene.shades(sample.shape[1])])
+    # smooth edges would take most of the time of a movie
+    with _scenes(histories, chosen, frames, size or MOVIE_SIZE, smooth=False) as scenes:
+        # the scenes show their last frames, those with most colours
+        sample = _pixels(scenes)[..., :3]
+        sample = np.concatenate([sample, scenes[0].shades(sample.shape[1])])
         with Movie(path, target, fps, sample) as film:
-            for done, frame in enumerate(frames):
-                scene.show(frame)
-                plotter.render()
-                film.add(plotter.screenshot(return_img=True))
+            for done, numbers in enumerate(zip(*frames, strict=True)):
+                for scene, number in zip(scenes, numbers, strict=True):
+                    scene.show(number)
+                film.add(_pixels(scenes))
                 if progress:
-                    progress(done + 1, len(frames))
-    finally:
-        plotter.close()
+                    progress(done + 1, len(frames[0]))
     return path
+
+
+def _several(history: History | Sequence[History]) -> list[History]:
+    return list(history) if isinstance(history, list | tuple) else [history]
+
+
+@contextmanager
+def _scenes(
+    histories: list[History], look: Look, frames: list[list[int]], size: tuple[int, int], smooth: bool
+) -> Iterator[list[Scene]]:
+    """A scene for each history, side by side: to one scale, with the same colours and magnification."""
+    require_drawing()
+    if len(histories) > 1 and look.magnification is None:
+        factors = [automatic_magnification(own, last) for own, (*_, last) in zip(histories, frames, strict=True)]
+        look = replace(look, magnification=min(factors))
+    names = [os.path.splitext(os.path.basename(own.path))[0] if len(histories) > 1 else "" for own in histories]
+    plotters = []
+    try:
+        scenes = []
+        for own, numbers, name in zip(histories, frames, names, strict=True):
+            plotters.append(_plotter(size, smooth))
+            scenes.append(Scene(plotters[-1], own, look, sorted(set(numbers)), name=name, waits=True))
+        largest, whole = max(scene.largest for scene in scenes), max(scene.whole for scene in scenes)
+        for scene in scenes:
+            scene.build(largest, whole)
+        yield scenes
+    finally:
+        for plotter in plotters:
+            plotter.close()
+
+
+def _pixels(scenes: list[Scene]) -> np.ndarray:
+    """The scenes beside one another, (h, w, 3)."""
+    return np.concatenate([scene.pixels()[..., :3] for scene in scenes], axis=1)
+
+
+def frames_side_by_side(histories: list[History], count: int) -> list[list[int]]:
+    """The frames of a movie of at most ``count``, as many of each history.
+
+    Equal times in real time, where a run that has ended stays as it is; equal parts of the way for equilibria.
+    """
+    if len(histories) == 1:
+        return [movie_frames(histories[0], count)]
+    lasts = [_frame(history, -1) for history in histories]
+    if any(history.counts_equilibria for history in histories):
+        count = min(count, max(lasts) + 1)
+        return [np.round(np.linspace(0, last, count)).astype(int).tolist() for last in lasts]
+    times = [history.frame_time for history in histories]
+    wanted = np.linspace(min(own[0] for own in times), max(own[-1] for own in times), count)
+    return [nearest(own, wanted).tolist() for own in times]
 
 
 def movie_frames(history: History, count: int) -> list[int]:
@@ -161,22 +201,18 @@ def movie_frames(history: History, count: int) -> list[int]:
     return nearest(times, np.linspace(times[0], times[-1], count)).tolist()
 
 
-def view(
-    history: History,
-    *,
-    view: str = "iso",
-    magnification: float | None = None,
-    color: str = "displacement",
-    forces: bool = False,
-) -> None:
-    """Open a window with a time slider; the arrow keys go from frame to frame. Returns when it is closed."""
-    look = Look(view, magnification, color, forces)
+def view(history: History, **look: Unpack[LookOptions]) -> None:
+    """Open a window with a time slider; the arrow keys go from frame to frame. Returns when it is closed.
+
+    ``look`` as for :func:`picture`.
+    """
+    chosen = Look(**look)
     _frame(history, -1)
     require_display()
     import pyvista
 
     plotter = pyvista.Plotter(window_size=[1280, 960], title=f"dembrick: {history.title}")
-    with_slider(plotter, history, look)
+    with_slider(plotter, history, chosen)
     plotter.show()
 
 

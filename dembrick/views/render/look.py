@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypedDict
 
 import numpy as np
 
@@ -21,21 +21,37 @@ VIEWS = {  # direction from the focus to the camera, and what is up in the pictu
     "side": ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
     "top": ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0)),
 }
+NAMES = ("none", "blocks", "joints", "all")
 _SEEN = 0.12  # of the largest block: how far the farthest corner moves in a picture by itself
+
+
+class LookOptions(TypedDict, total=False):
+    """The fields of `Look` as keywords, each of which may be left out."""
+
+    view: str
+    magnification: float | None
+    color: str
+    forces: bool
+    names: str
+    thrust: bool
 
 
 @dataclass(frozen=True, slots=True)
 class Look:
     """How a history is shown: camera ``view``, ``magnification`` of the motion (None: so that it is seen), what the
-    blocks are coloured by, and whether the forces of joints and of new contacts are drawn."""
+    blocks are coloured by, and whether the forces of joints and of new contacts are drawn. ``names``: of blocks,
+    joints, all or none of them. ``thrust``: the line of thrust with its hinges."""
 
     view: str = "iso"
     magnification: float | None = None
     color: str = "displacement"
     forces: bool = False
+    names: str = "none"
+    thrust: bool = False
 
     def __post_init__(self):
-        for name, value, known in (("view", self.view, VIEWS), ("color", self.color, COLORS)):
+        told = (("view", self.view, VIEWS), ("color", self.color, COLORS), ("names", self.names, NAMES))
+        for name, value, known in told:
             if value not in known:
                 raise ScenarioError(f"{name} = {value!r} is unknown; use one of {', '.join(known)}")
         factor = self.magnification

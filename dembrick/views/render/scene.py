@@ -6,17 +6,20 @@ Nothing is rebuilt for a frame: points and colours are written into the meshes t
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dembrick.errors import HistoryError
 from dembrick.geometry.rotations import rotation_matrix
+from dembrick.scenario.regimes import TILT_LOAD
 from dembrick.views.motion.blocks import CarriedPoints, Poses, all_vertices, rotation_times
-from dembrick.views.motion.joints import JointMotion
-from dembrick.views.plot.subject import JointAlone, chosen_joint, pushes_several
+from dembrick.views.motion.joints import JointMotion, nearest
+from dembrick.views.plot.subject import JointAlone, chosen_joint, joint_names, pushes_several
+from dembrick.views.render.annotations import CRIMSON, Names, ScaleBar, ThrustLine, require_thrust
 from dembrick.views.render.colors import Colouring
+from dembrick.views.render.force_arrows import ARROW, GREEN, PURPLE, DrawnForces, ForceArrows
 from dembrick.views.render.look import VIEWS, Look, automatic_magnification, largest_extent
 
 if TYPE_CHECKING:
@@ -24,35 +27,39 @@ if TYPE_CHECKING:
 
 # Where the blocks go in a picture, as parts of its width and height: text above them, the colour bar on the right.
 _LEFT, _RIGHT, _BOTTOM, _TOP = 0.03, 0.81, 0.04, 0.87
-_GREY, _ORANGE, _BLUE, _GREEN, _PURPLE = "#CFCFCF", "#D55E00", "#0072B2", "#009E73", "#CC79A7"
-_ARROW = {"tip_length": 0.22, "tip_radius": 0.035, "shaft_radius": 0.012}
-# blocks: more are drawn with thin lines, and without where they started; less where arrows stand between them
+_GREY, _ORANGE, _BLUE = "#CFCFCF", "#D55E00", "#0072B2"
 MECHANISM = "limit"  # status of a history that shows the mechanism of limit analysis
+# blocks: more are drawn with thin lines, and without where they started; less where arrows stand between them
 _FEW, _FEW_WITH_FORCES = 50, 12
 _FORCE, _FORCE_OF_MANY = 0.6, 1.2  # of the largest block that is free to move: the longest arrow of a joint force
-IMPACT = 3.0  # of the greatest force in the usual frame: where there are greater ones, arrows end at that of the usual
 
 
 class Scene:
     """Blocks, actuators, torsion centre and joint forces of ``history`` in a pyvista ``plotter``.
 
     ``frames``: those that will be shown; the colours and the camera suit all of them. ``below``: the part of the
-    picture's height that is left free at its foot.
+    picture's height that is left free at its foot. ``name`` stands before the title. With ``waits`` nothing is built
+    yet: :meth:`build` is called once the scenes beside it are known.
     """
 
-    def __init__(self, plotter, history: History, look: Look, frames: Iterable[int], below: float = _BOTTOM):
-        frames = list(frames)
+    def __init__(
+        self, plotter, history: History, look: Look, frames: Iterable[int], *, below: float = _BOTTOM, name: str = "",
+        waits: bool = False,
+    ):  # fmt: skip
+        frames, self._name = list(frames), name
         self._below = below
         self._plotter, self._history, self._look = plotter, history, look
         body, self._block, self._starts = all_vertices(history)
         self._carried = CarriedPoints(history, body, self._block)
-        needed = look.forces or look.color in ("utilisation", "slip")
+        needed = look.forces or look.thrust or look.color in ("utilisation", "slip")
         self._joints = JointMotion(history) if needed and history.n_joint else None
         self._colouring = None if look.color == "none" else Colouring(history, look.color, self._carried, self._joints)
         if look.forces and not (self._joints and history.has_joints and history.n_row):
             raise HistoryError(
                 f'{history.path}: the forces of joints were not recorded; run it again with "joints" in output.channels'
             )
+        if look.thrust:
+            require_thrust(history, self._joints)
         first = Poses.read(history, 0, 1)
         self._start = self._carried.magnified(first, 0.0)[0]
         moving = [i for i in range(history.n_block) if not history.block_fixed[i]]
@@ -70,10 +77,24 @@ class Scene:
         self._many = history.n_block > (_FEW_WITH_FORCES if look.forces else _FEW)
         self._meets = look.forces and history.has_new_contacts
         self._marked = self._marked_joint()
+        self._drawn_forces = self._arrows = self._thrust = None
+        if self._joints is not None and history.has_joints and history.n_row:
+            self._drawn_forces = DrawnForces(history, self._joints, self._factor, bool(self._meets))
+        if look.forces:
+            longest = (_FORCE_OF_MANY if self._many else _FORCE) * self._length
+            self._arrows = ForceArrows(self._drawn_forces, longest)
         self._survey(frames)
+        self._last = frames[-1]
+        if not waits:
+            self.build(self.largest, self.whole)
+
+    def build(self, largest: float, whole: float) -> None:
+        """Draw the last of the frames: colours up to the value ``largest``, ``whole`` (m) the height of the picture."""
+        if self._colouring is not None:
+            self._scale = self._colouring.scale(largest)
         self._build()
-        self.show(frames[-1])
-        self._place_camera()
+        self.show(self._last)
+        self._place_camera(whole)
 
     @property
     def frame(self) -> int:
@@ -95,16 +116,25 @@ class Scene:
                 self._free.cell_data["shown"][:] = np.minimum(values, 1e30)[self._owner]
         self._show_actuators(poses)
         marked = self._show_centre(frame)
-        if self._look.forces:
-            self._show_forces(frame, poses)
+        if self._arrows is not None:
+            self._arrows.show(frame, poses)
+        if self._thrust is not None:
+            self._thrust.show(frame, poses)
+        for names, places in self._names:
+            names.show(places(poses, points))
         self._text.input = self._words(marked)
+
+    def pixels(self) -> np.ndarray:
+        """The picture (h, w, 3) as it is now."""
+        self._plotter.render()
+        return self._plotter.screenshot(return_img=True)
 
     def shades(self, width: int) -> np.ndarray:
         """Pixels (h, width, 3) of all shades of the arrows, thin as they are, for who chooses few colours."""
         import pyvista
 
         rows = [np.zeros((0, 3))]
-        for colour in (_GREEN, _PURPLE) if self._look.forces else ():
+        for colour in (*((GREEN, PURPLE) if self._look.forces else ()), *((CRIMSON,) if self._look.thrust else ())):
             rows.append(np.outer(np.linspace(0.25, 1.0, 8), pyvista.Color(colour).int_rgb))
         return np.repeat(np.repeat(np.concatenate(rows)[:, None], 8, axis=0), width, axis=1).astype(np.uint8)
 
@@ -124,7 +154,7 @@ class Scene:
     def _survey(self, frames: list[int]) -> None:
         """The room that the motion needs, seen from the camera, and the largest values, over all frames to be shown."""
         self._seen = np.array([np.full(3, np.inf), np.full(3, -np.inf)])
-        largest, pressed = 0.0, []
+        largest = 0.0
         self._make_room(self._start)
         for frame in frames:
             poses = self._poses(frame)
@@ -138,25 +168,12 @@ class Scene:
             if self._colouring is not None:
                 values = self._colouring.values(frame, poses)
                 largest = max(largest, float(values.max(initial=0.0, where=np.isfinite(values))))
-            if self._look.forces:
-                forces = np.concatenate([force for _, force in self._forces(frame, poses)])
-                pressed.append(float(np.linalg.norm(forces, axis=1).max(initial=0.0)))
-        # an impact in one of the frames would leave nothing to be seen of the forces in all others
-        self._most_force = max(pressed, default=0.0)
-        usual = float(np.median(pressed or [0.0]))
-        self._largest_force = usual if 0.0 < IMPACT * usual < self._most_force else self._most_force
-        self._most_met = 0
-        if self._look.forces:
-            for frame in frames:
-                found = self._forces(frame, self._poses(frame))
-                self._most_met = max(self._most_met, len(found[1][0]))
-                for place, force in found:
-                    size = np.linalg.norm(force, axis=1, keepdims=True)
-                    way = np.divide(force, size, out=np.zeros_like(force), where=size > 0.0)
-                    half = 0.5 * self._arrow_length(size) * way
-                    self._make_room(np.concatenate([place - half, place + half]))
-        if self._colouring is not None:
-            self._scale = self._colouring.scale(largest)
+        if self._arrows is not None:
+            self._arrows.survey(frames, self._poses, self._make_room)
+        self.largest = largest
+        width, height = self._plotter.window_size
+        extent = (self._seen[1] - self._seen[0])[:2]
+        self.whole = max(extent[1] / (_TOP - self._below), extent[0] / (_RIGHT - _LEFT) * height / width)
 
     def _make_room(self, points: np.ndarray) -> None:
         """Points (n, 3) that must be in the picture."""
@@ -206,19 +223,46 @@ class Scene:
             plotter.add_mesh(rest, color="#777777", line_width=2, opacity=0.8)
         self._actuators = []
         for _ in history.actuators:
-            arrow = plotter.add_mesh(pyvista.Arrow(start=(0, 0, 0), direction=(1, 0, 0), **_ARROW), color=_ORANGE)
+            arrow = plotter.add_mesh(pyvista.Arrow(start=(0, 0, 0), direction=(1, 0, 0), **ARROW), color=_ORANGE)
             point = plotter.add_mesh(pyvista.Sphere(radius=0.015 * self._length), color=_ORANGE)
             self._actuators.append((arrow, point))
         if self._marked:
             rod = pyvista.Cylinder(direction=(1, 0, 0), radius=0.006 * self._length, height=self._length)
             self._rod = plotter.add_mesh(rod, color=_BLUE)
-        if self._look.forces:
-            self._build_forces()
+        if self._arrows is not None:
+            self._arrows.build(plotter, history.n_joint, self._start[0])
+        if self._look.thrust:
+            self._thrust = ThrustLine(plotter, history, self._joints, self._drawn_forces)
+        self._names = self._build_names()
+        self.bar = ScaleBar(plotter)
         size = max(8, round(plotter.window_size[0] / 120))
         self._text = plotter.add_text(" ", position=(0.012, 0.985), viewport=True, color="black", font_size=size)
         axes = {"x_color": "#D55E00", "y_color": "#009E73", "z_color": "#0072B2", "color": "black"}
         plotter.add_axes(interactive=False, viewport=(0.0, 0.0, 0.14, 0.14), line_width=3, **axes)
         self._text.prop.justification_vertical = "top"
+
+    def _build_names(self) -> list[tuple[Names, Callable]]:
+        """The names that were asked for, each with what tells where they are: ``(poses, vertices) -> points``."""
+        history, found = self._history, []
+        if self._look.names in ("blocks", "all"):
+            starts = np.array(self._starts)
+            counts = np.diff(starts)[:, None]
+            found.append(
+                (
+                    Names(self._plotter, history.block_names, "black"),
+                    lambda _, points: np.add.reduceat(points, starts[:-1], axis=0) / counts,
+                )
+            )
+        if self._look.names in ("joints", "all") and history.n_joint:
+            joints = self._joints or JointMotion(history)
+            drawn, middle = DrawnForces(history, joints, self._factor, False), np.zeros((joints.n_joint, 2))
+            found.append(
+                (
+                    Names(self._plotter, joint_names(history), _BLUE),
+                    lambda poses, _: drawn.on_joints(poses, middle),
+                )
+            )
+        return found
 
     def _surface(self, blocks: list[int]):
         """The faces of some blocks on the vertices of all."""
@@ -262,14 +306,15 @@ class Scene:
             table.SetTableValue(i, *(1.0 - opacity * (1.0 - colour[:3])), 1.0)
         bar.SetLookupTable(table)
 
-    def _place_camera(self) -> None:
-        """Parallel projection: what must be seen fills the part of the picture that is left for it."""
+    def _place_camera(self, whole: float) -> None:
+        """Parallel projection: what must be seen fills the part of the picture that is left for it.
+
+        ``whole`` (m): height of the whole picture in the scene.
+        """
         plotter = self._plotter
         low, high = self._seen
         width, height = plotter.window_size
-        extent = (high - low)[:2]
-        # height of the whole picture in the scene, and its middle against that of the part used
-        whole = max(extent[1] / (_TOP - self._below), extent[0] / (_RIGHT - _LEFT) * height / width)
+        # its middle against that of the part used
         aside = np.array([(1.0 - _LEFT - _RIGHT) * width / height, 1.0 - self._below - _TOP, 0.0])
         focus = (0.5 * (low + high) + 0.5 * whole * aside) @ self._screen
         distance = (high - low)[2] + self._length
@@ -322,86 +367,6 @@ class Scene:
             self._rod.visibility = bool(len(ends))
         return bool(len(ends))
 
-    def _joint_forces(self, frame: int, poses: Poses) -> tuple[np.ndarray, np.ndarray]:
-        """Where the resultant of every joint passes, on the drawn blocks, and its force on b: (j, 3) m, (j, 3) N."""
-        joints, now = self._joints, self._joints.at(range(frame, frame + 1))
-        N, V_1, V_2, _, M_1, M_2 = now.resultants[0, :, :6].T
-        at = np.stack([M_2, -M_1], axis=1)
-        at = np.divide(at, N[:, None], out=np.zeros_like(at), where=N[:, None] > 0.0)
-        # the centre of pressure cannot be outside the joint but by rounding of a small N
-        far = np.linalg.norm(at, axis=1)
-        at *= np.minimum(1.0, np.divide(joints.size, far, out=np.ones_like(far), where=far > 0.0))[:, None]
-        first, host = rotation_matrix(self._history.orientation0), joints.host
-        turned = rotation_times(poses.rotation[0] @ first.swapaxes(1, 2), self._factor)[host]
-        arm = joints.arm_host + np.einsum("ji,jik->jk", now.shift[0] + at, joints.axes[:, :2])
-        place = joints.origin - joints.arm_host + self._factor * poses.displacement[0, host]
-        place = place + np.einsum("jik,jk->ji", turned, arm)
-        force = np.einsum("ji,jik->jk", np.stack([-V_1, -V_2, N], axis=1), now.acting_axes[0])
-        return place, force
-
-    def _met_forces(self, frame: int, poses: Poses) -> tuple[np.ndarray, np.ndarray]:
-        """Where the new contacts press, on the drawn second blocks, and their forces on these: (c, 3) m, (c, 3) N."""
-        if not self._meets:
-            return np.zeros((0, 3)), np.zeros((0, 3))
-        _, met = self._history.frame_new_contacts(frame, frame + 1)
-        block, turn = met["blocks"][:, 1], poses.rotation[0]
-        start = rotation_matrix(self._history.orientation0).swapaxes(1, 2)
-        drawn = rotation_times(turn @ start, self._factor) @ start.swapaxes(1, 2) @ turn.swapaxes(1, 2)
-        arm = np.einsum("cik,ck->ci", drawn[block], met["point"] - poses.position[0, block])
-        return self._history.position0[block] + self._factor * poses.displacement[0, block] + arm, met["force"]
-
-    def _forces(self, frame: int, poses: Poses) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
-        """Places and forces of the joints, and of the new contacts."""
-        return self._joint_forces(frame, poses), self._met_forces(frame, poses)
-
-    def _build_forces(self) -> None:
-        self._arrows = self._add_arrows(self._history.n_joint, _GREEN)
-        self._met_arrows = self._add_arrows(self._most_met, _PURPLE)
-
-    def _add_arrows(self, n: int, colour: str):
-        """Up to ``n`` arrows, whose points, directions and lengths are written into what is returned."""
-        import pyvista
-        from vtkmodules.vtkRenderingCore import vtkActor, vtkGlyph3DMapper
-
-        arrows = pyvista.PolyData(np.zeros((n, 3)))
-        if not n:
-            return arrows
-        arrows.point_data["force"], arrows.point_data["length"] = np.zeros((n, 3)), np.zeros(n)
-        mapper = vtkGlyph3DMapper()
-        mapper.SetInputData(arrows)
-        mapper.SetSourceData(
-            pyvista.Arrow(start=(-0.5, 0, 0), **(_ARROW | {"tip_radius": 0.07, "shaft_radius": 0.025}))
-        )
-        mapper.SetOrientationArray("force")
-        mapper.SetScaleArray("length")
-        mapper.SetScaleModeToScaleByMagnitude()
-        mapper.ScalarVisibilityOff()
-        actor = vtkActor()
-        actor.SetMapper(mapper)
-        actor.GetProperty().SetColor(pyvista.Color(colour).float_rgb)
-        actor.GetProperty().SetAmbient(0.4)
-        actor.GetProperty().SetDiffuse(0.6)
-        self._plotter.add_actor(actor)
-        return arrows
-
-    def _arrow_length(self, force):
-        """Length (m) of the arrow of a force (N); no arrow is longer than that of the largest one to be told apart."""
-        longest = (_FORCE_OF_MANY if self._many else _FORCE) * self._length
-        return longest / (self._largest_force or 1.0) * np.minimum(force, self._largest_force)
-
-    def _show_forces(self, frame: int, poses: Poses) -> None:
-        """Arrows of the forces of joints and new contacts on their second blocks, as long as the force is large."""
-        both = zip((self._arrows, self._met_arrows), self._forces(frame, poses), strict=True)
-        for arrows, (place, force) in both:
-            if not arrows.n_points:
-                continue
-            n = len(place)
-            arrows.points[:n], arrows.point_data["force"][:n] = place, force
-            arrows.point_data["length"][:n] = self._arrow_length(np.linalg.norm(force, axis=1))
-            arrows.point_data["length"][n:] = 0.0  # contacts that there are in other frames
-            arrows.points[n:] = self._start[0]
-            arrows.Modified()
-
     def _words(self, marked: bool) -> str:
         history = self._history
         shown = f"motion x {self._factor:g}" if self._factor != 1.0 else "true scale"
@@ -410,18 +375,38 @@ class Scene:
             keys.append("orange: body forces" if pushes_several(history) else "orange: actuators")
         if marked:
             keys.append("blue: torsion centre")
-        if self._look.forces:
-            more = " or more" if self._most_force > self._largest_force else ""
-            met = " purple: those of new contacts," if self._most_met else ""
-            keys.append(f"green: joint forces,{met} the longest {self._largest_force:.4g} N{more}")
+        if self._arrows is not None:
+            keys.append(self._arrows.words())
             if history.in_real_time and not self._meets and history.new_contacts.any():
                 keys.append("forces of new contacts were not recorded")
+        if self._thrust is not None:
+            keys.append(f"red: line of thrust, {_count(len(self._thrust.hinges), 'hinge')}")
         now = float(history.frame_time[self._frame])
         if history.status == MECHANISM:
             told = "mechanism of limit analysis: velocities, to no scale"
         else:
-            told = f"equilibrium {now:g}, {shown}" if history.counts_equilibria else f"time {now:.4g} s, {shown}"
-        return "\n".join([*textwrap.wrap(history.title, 84)[:2], told, "; ".join(keys)]).rstrip()
+            when = f"equilibrium {now:g}" if history.counts_equilibria else f"time {now:.4g} s"
+            told = ", ".join([when, *self._load(), shown])
+        title = textwrap.wrap(f"{self._name}: {history.title}" if self._name else history.title, 84)
+        return "\n".join([*title[:2], told, "; ".join(keys)]).rstrip()
+
+    def _load(self) -> list[str]:
+        """The load of the frame in words; of a table that tilts its angle too."""
+        history, curve = self._history, self._history.curve
+        if curve.load is None or not history.n_row:
+            return []
+        value = float(history.load[self._row(self._frame)])
+        if curve.load == TILT_LOAD:
+            return [f"table at {np.degrees(np.arctan(value)):.4g} deg", f"load factor {value:.4g}"]
+        unit = "" if curve.unit == "1" else f" {curve.unit}"
+        return [f"{curve.load.removeprefix('load ')} {value:.4g}{unit}"]
+
+    def _row(self, frame: int) -> int:
+        return int(nearest(self._history.time, [self._history.frame_time[frame]])[0])
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}" if number == 1 else f"{number or 'no'} {what}s"
 
 
 def _placed(origin, direction, length: float) -> np.ndarray:

@@ -22,14 +22,14 @@ PROBE = (
 @lru_cache(maxsize=1)
 def require_drawing() -> None:
     """MissingDependency unless pyvista is installed and this machine can draw off screen."""
-    if not os.environ.get("DISPLAY"):
+    if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
         os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
     _require_pyvista()
     if not _works(off=1):
-        raise MissingDependency(
-            "this machine cannot draw off screen: install EGL and a driver "
-            "(Debian and Ubuntu: apt install libegl1 libgl1-mesa-dri) and try again"
-        )
+        linux = "install EGL and a driver (Debian and Ubuntu: apt install libegl1 libgl1-mesa-dri) and try again"
+        elsewhere = "its OpenGL driver is missing or too old; update it"
+        remedy = linux if sys.platform.startswith("linux") else elsewhere
+        raise MissingDependency(f"this machine cannot draw off screen: {remedy}")
 
 
 def require_display() -> None:

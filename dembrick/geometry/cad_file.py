@@ -1,0 +1,300 @@
+"""Solids from CAD: many of them in one file, with their names. OBJ, STL, glTF, COMPAS JSON, and what meshio reads.
+
+Objects (``o``) of an OBJ file are solids, or its groups (``g``) where it has no objects; so are the named solids of a
+text STL file, the nodes of a glTF scene and the blocks of a COMPAS assembly. Within each, and in files that name
+nothing, a solid ends where its surface is closed. Every solid is checked as :mod:`dembrick.geometry.mesh_file` says.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from dembrick.errors import MissingDependency, ScenarioError
+from dembrick.geometry import mesh_file
+from dembrick.geometry.shapes import Polyhedron
+
+ENDINGS = (".obj", ".stl", ".gltf", ".glb", ".json", ".ply", ".msh", ".vtu")
+LARGEST_FILE = 64 << 20  # bytes
+MOST_SOLIDS = 20_000
+
+Faces = list[tuple[int, ...]]
+
+
+class Solid(NamedTuple):
+    """A convex polyhedron of a file: its ``name`` there, whether the file says that it is a support, and its corners
+    (nv, 3) m and faces (corner numbers, counterclockwise seen from outside) in the coordinates of the file."""
+
+    name: str
+    fixed: bool
+    corners: np.ndarray
+    faces: tuple[tuple[int, ...], ...]
+
+
+class _Named(NamedTuple):
+    name: str
+    points: np.ndarray
+    faces: Faces
+    fixed: bool = False
+
+
+def read(path: str, scale: float) -> list[Solid]:
+    """The solids of a file in its order, lengths times ``scale`` in metres; equal names get numbers.
+
+    Raises ScenarioError for a file that cannot be read and for a solid that is no convex block.
+    """
+    ending = os.path.splitext(path)[1].lower()
+    mesh_file.check_file(path, ENDINGS, LARGEST_FILE)
+    readers = {".obj": _obj, ".stl": _stl, ".gltf": _gltf, ".glb": _gltf, ".json": _compas}
+    found = [part for named in readers.get(ending, _of_meshio)(path) for part in _closed_parts(named)]
+    if not found:
+        raise ScenarioError(f"{path}: there is no surface in the file; every block needs one that is closed")
+    if len(found) > MOST_SOLIDS:
+        raise ScenarioError(f"{path}: it holds {len(found)} solids; at most {MOST_SOLIDS} are taken")
+    solids = []
+    for name, part in zip(_different([part.name for part in found]), found, strict=True):
+        try:
+            shape = mesh_file.checked(part.points * scale, part.faces)
+        except ScenarioError as error:
+            raise ScenarioError(f"{path}: solid {name!r}: {error}") from None
+        solids.append(Solid(name, part.fixed, corners_of(shape), shape.faces))
+    return solids
+
+
+def corners_of(shape: Polyhedron) -> np.ndarray:
+    """Corners (nv, 3) of a polyhedron in the coordinates that it was described in."""
+    return shape.vertices + shape.centroid
+
+
+def _different(names: list[str]) -> list[str]:
+    """The names, with a number at each that is there several times."""
+    taken: dict[str, int] = {}
+    several = {name for name in names if names.count(name) > 1} if len(set(names)) < len(names) else set()
+    found = []
+    for name in names:
+        taken[name] = taken.get(name, 0) + 1
+        found.append(f"{name}.{taken[name]}" if name in several else name)
+    return found
+
+
+def _closed_parts(solid: _Named) -> Iterator[_Named]:
+    """The closed surfaces that a solid of a file is made of, each with the corners that it uses.
+
+    Parts that share no corner are apart, whatever the order of their faces. Of those that touch, as bodies in an STL
+    file do, one ends with the face that closes it. What never closes is handed on whole, to be refused by name.
+    """
+    points, number = np.unique(solid.points + 0.0, axis=0, return_inverse=True)
+    number = number.reshape(-1)
+    faces = [tuple(int(number[i]) for i in face) for face in solid.faces]
+    parts: list[Faces] = []
+    for together in _connected(faces, len(points)):
+        open_edges: set[tuple[int, int]] = set()
+        begun: Faces = []
+        for face in together:
+            begun.append(face)
+            for edge in zip(face, face[1:] + face[:1], strict=True):
+                back = edge[::-1]
+                open_edges.symmetric_difference_update([back if back in open_edges else edge])
+            if not open_edges:
+                parts.append(begun)
+                begun = []
+        if begun and len(begun) < len(together):  # the order of the faces tells no solids
+            parts = [*parts[: -1 if parts else None], together]
+        elif begun:
+            parts.append(begun)
+    for faces in parts:
+        used, local = np.unique(np.concatenate([np.array(face) for face in faces]), return_inverse=True)
+        ends = np.cumsum([0, *map(len, faces)])
+        own = [tuple(local.reshape(-1)[a:b].tolist()) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+        yield _Named(solid.name, points[used], own, solid.fixed)
+
+
+def _connected(faces: Faces, n_point: int) -> list[Faces]:
+    """Faces that hang together by corners, in their order."""
+    root = list(range(n_point))
+
+    def find(i: int) -> int:
+        while root[i] != i:
+            root[i] = root[root[i]]
+            i = root[i]
+        return i
+
+    for face in faces:
+        for other in face[1:]:
+            root[find(other)] = find(face[0])
+    found: dict[int, Faces] = {}
+    for face in faces:
+        found.setdefault(find(face[0]), []).append(face)
+    return list(found.values())
+
+
+# --- formats ---
+
+
+def _of_meshio(path: str) -> list[_Named]:
+    points, faces = mesh_file.read_surface(path)
+    return [_Named("solid", points, faces)]
+
+
+def _text(path: str) -> str:
+    try:
+        with open(path, encoding="utf-8", errors="replace") as file:
+            return file.read()
+    except OSError as error:
+        raise ScenarioError(f"{path}: it cannot be read ({error.strerror})") from None
+
+
+def _obj(path: str) -> list[_Named]:
+    points: list[list[float]] = []
+    by_object: dict[str, Faces] = {}
+    by_group: dict[str, Faces] = {}
+    name = group = "solid"
+    for number, line in enumerate(_text(path).replace("\\\n", " ").splitlines(), 1):
+        word, _, rest = line.strip().partition(" ")
+        try:
+            if word == "v":
+                points.append([float(x) for x in rest.split()[:3]])
+            elif word == "o":
+                name = rest.strip() or "solid"
+            elif word == "g":
+                group = rest.strip() or "solid"
+            elif word == "f":
+                corners = [int(part.split("/")[0]) for part in rest.split()]
+                face = tuple(i - 1 if i > 0 else len(points) + i for i in corners)
+                if len(face) < 3 or min(face) < 0 or max(face) >= len(points):
+                    raise ValueError("a face has fewer than three corners, or names one that is not there")
+                by_object.setdefault(name, []).append(face)
+                by_group.setdefault(group, []).append(face)
+        except ValueError as error:
+            raise ScenarioError(f"{path}: line {number} cannot be read as OBJ: {error}") from None
+    if any(len(point) != 3 for point in points):
+        raise ScenarioError(f"{path}: a corner has fewer than three coordinates")
+    found = by_object if len(by_object) > 1 or "solid" not in by_object else by_group
+    return [_Named(own, np.array(points), faces) for own, faces in found.items()]
+
+
+_SOLID = re.compile(r"^[ \t]*solid\b[ \t]*(.*?)[ \t]*$(.*?)^[ \t]*endsolid\b", re.MULTILINE | re.DOTALL)
+_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corner", "<f4", (3, 3)), ("attribute", "<u2")])
+
+
+def _stl(path: str) -> list[_Named]:
+    with open(path, "rb") as file:
+        data = file.read()
+    count = int.from_bytes(data[80:84], "little") if len(data) >= 84 else -1
+    if len(data) == 84 + _TRIANGLE.itemsize * count:
+        found = [("solid", np.frombuffer(data, _TRIANGLE, offset=84)["corner"].reshape(-1, 3).astype(float))]
+    else:
+        text = data.decode("utf-8", "replace")
+        try:
+            found = [(name or "solid", _vertices(body)) for name, body in _SOLID.findall(text)]
+        except ValueError:
+            raise ScenarioError(f"{path}: a vertex of it has no three numbers, so it cannot be read as STL") from None
+        if not found:
+            raise ScenarioError(f"{path}: it is neither a binary STL file, whose length would fit, nor one of text")
+    solids = []
+    for name, corners in found:
+        if len(corners) % 3 or corners.shape[1:] != (3,):
+            raise ScenarioError(f"{path}: solid {name!r} has a triangle without three corners")
+        faces = [(i, i + 1, i + 2) for i in range(0, len(corners), 3)]
+        solids.append(_Named(name, corners, faces))
+    return solids
+
+
+def _vertices(text: str) -> np.ndarray:
+    """The corners (n, 3) of the triangles in the text of a solid."""
+    return np.array([line.split()[1:4] for line in text.splitlines() if "vertex" in line], float)
+
+
+def _gltf(path: str) -> list[_Named]:
+    """Nodes of the scene. glTF has y upwards; here z is."""
+    try:
+        import pyvista
+    except ImportError as error:
+        raise MissingDependency("glTF files are read by pyvista; install it with: pip install pyvista") from error
+    names = _gltf_names(path)
+    scene = pyvista.read(path)
+    found: list[_Named] = []
+
+    def walk(part, name: str) -> None:
+        for i in range(part.n_blocks):
+            own = re.fullmatch(r"Node_(\d+)", part.get_block_name(i) or "")
+            inner = names.get(int(own.group(1)), name) if own else name
+            if isinstance(part[i], pyvista.MultiBlock):
+                walk(part[i], inner)
+            elif part[i] is not None and part[i].n_cells:
+                corners = np.asarray(part[i].points, float)[:, [0, 2, 1]] * [1.0, -1.0, 1.0]
+                triangles = part[i].triangulate().faces.reshape(-1, 4)[:, 1:]
+                found.append(_Named(inner, corners, [tuple(map(int, face)) for face in triangles]))
+
+    walk(scene, "solid")
+    return found
+
+
+def _gltf_names(path: str) -> dict[int, str]:
+    """Names of the nodes by their number, or of their meshes."""
+    with open(path, "rb") as file:
+        data = file.read()
+    if data[:4] == b"glTF":
+        data = data[20 : 20 + int.from_bytes(data[12:16], "little")]
+    document = _json(path, data, "glTF")
+    try:
+        meshes, names = document.get("meshes", []), {}
+        for number, node in enumerate(document.get("nodes", [])):
+            mesh = meshes[node["mesh"]].get("name") if "mesh" in node else None
+            names[number] = str(node.get("name") or mesh or f"node {number}")
+        return names
+    except (AttributeError, IndexError, KeyError, TypeError) as error:
+        raise ScenarioError(f"{path}: it cannot be read as glTF: its nodes are damaged ({error})") from None
+
+
+def _json(path: str, data: bytes, kind: str) -> dict[str, Any]:
+    try:
+        document = json.loads(data)
+    except (ValueError, RecursionError) as error:
+        raise ScenarioError(f"{path}: it cannot be read as {kind}: {error}") from None
+    if not isinstance(document, dict):
+        raise ScenarioError(f"{path}: it cannot be read as {kind}: it is not a table of keys")
+    return document
+
+
+def _compas(path: str) -> list[_Named]:
+    """The blocks of a COMPAS assembly: what has ``vertex`` and ``face``, by its name or the key of its node."""
+    with open(path, "rb") as file:
+        document = _json(path, file.read(), "COMPAS JSON")
+    found: list[_Named] = []
+    waiting: list[tuple[str, bool, Any]] = [("solid", False, document)]
+    while waiting:
+        name, fixed, part = waiting.pop()
+        if isinstance(part, list):
+            waiting += [(str(i), fixed, entry) for i, entry in reversed(list(enumerate(part)))]
+        if not isinstance(part, dict):
+            continue
+        fixed = bool(part.get("is_support", fixed))
+        if isinstance(part.get("vertex"), dict) and isinstance(part.get("face"), dict) and part["face"]:
+            found.append(_compas_block(path, name, fixed, part))
+            continue
+        for key, entry in reversed(list(part.items())):
+            inner = name if key in ("block", "data", "graph", "node", "geometry") else str(key)
+            waiting.append((inner, fixed, entry))
+    if not found:
+        raise ScenarioError(f"{path}: no block is in it; a COMPAS assembly has blocks with 'vertex' and 'face'")
+    return found
+
+
+def _compas_block(path: str, name: str, fixed: bool, block: dict[str, Any]) -> _Named:
+    try:
+        number = {str(key): i for i, key in enumerate(block["vertex"])}
+        defaults = block.get("default_vertex_attributes") or block.get("dva") or {}
+        points = [
+            [float(vertex.get(axis, defaults.get(axis, 0.0))) for axis in "xyz"] for vertex in block["vertex"].values()
+        ]
+        faces = [tuple(number[str(i)] for i in face) for face in block["face"].values()]
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise ScenarioError(f"{path}: block {name!r} is damaged: {error!r}") from None
+    own = (block.get("attributes") or {}).get("name")
+    return _Named(str(own) if own and own not in ("Block", "Mesh") else name, np.array(points), faces, fixed)

@@ -1,0 +1,172 @@
+"""Close the gaps between solids whose faces nearly touch: faces that look at each other come to lie on one plane.
+
+CAD models are drawn to a tolerance of their own. Two faces within it, apart or inside one another, are meant to touch.
+All faces that are linked so share one plane, the mean by area; every solid is cut anew by its planes.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from dembrick.errors import ScenarioError
+from dembrick.geometry import clipping
+from dembrick.geometry.cad_file import Solid, corners_of
+from dembrick.geometry.convex_hull import hull
+
+_TOUCH = 1e-6  # of the smaller solid: faces so near touch already, see assembly.joint_detection
+_ANGLE = 0.1  # rad: faces that look past each other by more are no pair
+
+
+class Gap(NamedTuple):
+    """Two faces that look at each other: numbers of solids and faces, and how far they are apart at most (m)."""
+
+    first: tuple[int, int]
+    second: tuple[int, int]
+    distance: float
+
+
+class Face(NamedTuple):
+    """A face in the world: outward unit ``normal``, ``offset`` along it, ``area``, corners (m, 3)."""
+
+    normal: np.ndarray
+    offset: float
+    area: float
+    corners: np.ndarray
+
+
+def faces_of(solid: Solid) -> list[Face]:
+    """The faces of a solid."""
+    found = []
+    for numbers in solid.faces:
+        corners = solid.corners[list(numbers)]
+        middle = corners.mean(axis=0)
+        arms = corners - middle
+        double = np.cross(arms, np.roll(arms, -1, axis=0)).sum(axis=0)
+        size = float(np.linalg.norm(double))
+        normal = double / size
+        found.append(Face(normal, float(normal @ middle), 0.5 * size, corners))
+    return found
+
+
+def gaps(solids: list[Solid], tolerance: float) -> list[Gap]:
+    """Pairs of faces nearer than ``tolerance`` (m) over all that they share, but not yet touching."""
+    faces = [faces_of(solid) for solid in solids]
+    normals = [np.array([face.normal for face in own]) for own in faces]
+    low = np.array([solid.corners.min(axis=0) for solid in solids]) - tolerance
+    high = np.array([solid.corners.max(axis=0) for solid in solids]) + tolerance
+    size = (high - low).max(axis=1)
+    order = np.argsort(low[:, 0], kind="stable")
+    found: list[Gap] = []
+    for place, a in enumerate(order):
+        for b in order[place + 1 :]:
+            if low[b, 0] > high[a, 0]:
+                break
+            if (low[a] > high[b]).any() or (low[b] > high[a]).any():
+                continue
+            i, j = min(int(a), int(b)), max(int(a), int(b))
+            for k, m in np.argwhere(normals[i] @ normals[j].T < -np.cos(_ANGLE)).tolist():
+                distance = _distance(faces[i][k], faces[j][m], tolerance)
+                if distance is not None and distance > _TOUCH * min(size[i], size[j]):
+                    found.append(Gap((i, k), (j, m), distance))
+    return found
+
+
+def _distance(one: Face, two: Face, tolerance: float) -> float | None:
+    """The greatest distance of two faces that look at each other, over what they share; None where it is larger than
+    ``tolerance``, and where they share nothing."""
+    apart = (two.corners - one.corners[0]) @ one.normal
+    if apart.min() > tolerance or apart.max() < -tolerance:
+        return None
+    first = np.cross(one.normal, np.eye(3)[int(np.argmin(np.abs(one.normal)))])
+    first /= np.linalg.norm(first)
+    axes = np.stack([first, np.cross(one.normal, first)], axis=1)
+    outlines = [(face.corners - one.corners[0]) @ axes for face in (one, two)]
+    room = max(map(len, outlines))
+    own, other = (
+        np.concatenate([outline, np.repeat(outline[-1:], room - len(outline), axis=0)])[None]
+        for outline in (outlines[0], outlines[1][::-1])
+    )
+    corners, count = clipping.clip(own, other)
+    shared = corners[0, : count[0]]
+    if len(shared) < 3:
+        return None
+    x, y = (shared - shared[0]).T
+    area = 0.5 * abs(float((x * np.roll(y, -1) - np.roll(x, -1) * y).sum()))
+    around = float(np.linalg.norm(shared - np.roll(shared, 1, axis=0), axis=1).sum())
+    if area <= 0.5 * tolerance * around:  # a strip along an edge is no shared face
+        return None
+    # height of the plane of the second over the shared corners
+    world = one.corners[0] + shared @ axes.T
+    heights = (two.offset - world @ two.normal) / (one.normal @ two.normal)
+    distance = float(np.abs(heights).max())
+    return distance if distance <= tolerance else None
+
+
+def close(solids: list[Solid], tolerance: float) -> tuple[list[Solid], list[Gap]]:
+    """The solids with all :func:`gaps` within ``tolerance`` closed, and these gaps.
+
+    Raises ScenarioError where a face would have to move by more than the tolerance, since faces that hang together
+    through others do not lie in one plane.
+    """
+    found = gaps(solids, tolerance)
+    if not found:
+        return solids, []
+    faces = [faces_of(solid) for solid in solids]
+    planes = {(i, k): (face.normal, face.offset) for i, own in enumerate(faces) for k, face in enumerate(own)}
+    moved: set[int] = set()
+    for group in _groups(found):
+        reference = faces[group[0][0]][group[0][1]].normal
+        chosen = [faces[i][k] for i, k in group]
+        signs = np.sign([face.normal @ reference for face in chosen])
+        areas = np.array([face.area for face in chosen])
+        normal = (signs * areas) @ np.array([face.normal for face in chosen])
+        normal /= np.linalg.norm(normal)
+        middles = np.array([face.corners.mean(axis=0) for face in chosen])
+        offset = float(areas @ (middles @ normal) / areas.sum())
+        for (i, k), face, sign in zip(group, chosen, signs, strict=True):
+            way = float(np.abs(face.corners @ normal - offset).max())
+            if way > tolerance:
+                raise ScenarioError(
+                    f"closing the gaps at solid {solids[i].name!r} would move a face of it by {way:.3g} m, more than "
+                    f"gap_tolerance = {tolerance:g} m: the faces that touch there do not lie in one plane; mend the "
+                    "model, or take a smaller gap_tolerance"
+                )
+            planes[i, k] = sign * normal, float(sign * offset)
+            moved.add(i)
+    closed = [
+        _cut(solid, [planes[i, k] for k in range(len(faces[i]))]) if i in moved else solid
+        for i, solid in enumerate(solids)
+    ]
+    return closed, found
+
+
+def _groups(found: list[Gap]) -> list[list[tuple[int, int]]]:
+    """Faces that are linked by gaps."""
+    root: dict[tuple[int, int], tuple[int, int]] = {}
+
+    def find(face: tuple[int, int]) -> tuple[int, int]:
+        while root.setdefault(face, face) != face:
+            face = root[face]
+        return face
+
+    for gap in found:
+        root[find(gap.second)] = find(gap.first)
+    together: dict[tuple[int, int], list[tuple[int, int]]] = {}
+    for face in list(root):
+        together.setdefault(find(face), []).append(face)
+    return list(together.values())
+
+
+def _cut(solid: Solid, planes: list[tuple[np.ndarray, float]]) -> Solid:
+    """The solid between ``planes`` (outward normal, offset): its corners lie where three meet, inside of all."""
+    middle = solid.corners.mean(axis=0)
+    # seen from inside, a plane is the point normal / distance, and a corner a face of the hull of these points
+    dual = hull(np.array([normal / (offset - normal @ middle) for normal, offset in planes]))
+    corners = []
+    for numbers in dual.faces:
+        points = corners_of(dual)[list(numbers)]
+        corners.append(middle + np.linalg.lstsq(points, np.ones(len(points)), rcond=None)[0])
+    shape = hull(np.array(corners))
+    return Solid(solid.name, solid.fixed, corners_of(shape), shape.faces)

@@ -1,0 +1,143 @@
+"""Arrows for the forces of joints and of new contacts, where they act on the drawn blocks."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dembrick.geometry.rotations import rotation_matrix
+from dembrick.views.motion.blocks import Poses, rotation_times
+from dembrick.views.motion.joints import JointMotion
+
+if TYPE_CHECKING:
+    from dembrick.history.reader import History
+
+GREEN, PURPLE = "#009E73", "#CC79A7"
+ARROW = {"tip_length": 0.22, "tip_radius": 0.035, "shaft_radius": 0.012}
+IMPACT = 3.0  # of the greatest force in the usual frame: where there are greater ones, arrows end at that of the usual
+
+
+class DrawnForces:
+    """Forces of the joints and new contacts of a history, where the blocks are drawn whose motion is magnified by
+    ``factor``."""
+
+    def __init__(self, history: History, joints: JointMotion, factor: float, meets: bool):
+        self._history, self._joints, self._factor, self._meets = history, joints, factor, meets
+
+    def of_joints(self, frame: int, poses: Poses) -> tuple[np.ndarray, np.ndarray]:
+        """Where the resultant of every joint passes, on the drawn blocks, and its force on b: (j, 3) m, (j, 3) N."""
+        joints, now = self._joints, self._joints.at(range(frame, frame + 1))
+        N, V_1, V_2, _, M_1, M_2 = now.resultants[0, :, :6].T
+        at = np.stack([M_2, -M_1], axis=1)
+        at = np.divide(at, N[:, None], out=np.zeros_like(at), where=N[:, None] > 0.0)
+        # the centre of pressure cannot be outside the joint but by rounding of a small N
+        far = np.linalg.norm(at, axis=1)
+        at *= np.minimum(1.0, np.divide(joints.size, far, out=np.ones_like(far), where=far > 0.0))[:, None]
+        place = self.on_joints(poses, now.shift[0] + at)
+        force = np.einsum("ji,jik->jk", np.stack([-V_1, -V_2, N], axis=1), now.acting_axes[0])
+        return place, force
+
+    def on_joints(self, poses: Poses, at: np.ndarray) -> np.ndarray:
+        """Points (j, 2) m of the joints' planes from O of the start, on the drawn blocks (j, 3)."""
+        joints, host = self._joints, self._joints.host
+        first = rotation_matrix(self._history.orientation0)
+        turned = rotation_times(poses.rotation[0] @ first.swapaxes(1, 2), self._factor)[host]
+        arm = joints.arm_host + np.einsum("ji,jik->jk", at, joints.axes[:, :2])
+        place = joints.origin - joints.arm_host + self._factor * poses.displacement[0, host]
+        return place + np.einsum("jik,jk->ji", turned, arm)
+
+    def of_new_contacts(self, frame: int, poses: Poses) -> tuple[np.ndarray, np.ndarray]:
+        """Where the new contacts press, on the drawn second blocks, and their forces on these: (c, 3) m, (c, 3) N."""
+        if not self._meets:
+            return np.zeros((0, 3)), np.zeros((0, 3))
+        _, met = self._history.frame_new_contacts(frame, frame + 1)
+        block, turn = met["blocks"][:, 1], poses.rotation[0]
+        start = rotation_matrix(self._history.orientation0).swapaxes(1, 2)
+        drawn = rotation_times(turn @ start, self._factor) @ start.swapaxes(1, 2) @ turn.swapaxes(1, 2)
+        arm = np.einsum("cik,ck->ci", drawn[block], met["point"] - poses.position[0, block])
+        return self._history.position0[block] + self._factor * poses.displacement[0, block] + arm, met["force"]
+
+    def both(self, frame: int, poses: Poses) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+        """Places and forces of the joints, and of the new contacts."""
+        return self.of_joints(frame, poses), self.of_new_contacts(frame, poses)
+
+
+class ForceArrows:
+    """The arrows in a plotter; the longest is ``longest`` (m) long.
+
+    ``most_force``: the greatest force of all frames; ``largest_force``: the one that the longest arrow stands for.
+    """
+
+    def __init__(self, forces: DrawnForces, longest: float):
+        self._forces, self._longest = forces, longest
+        self.most_force = self.largest_force = 0.0
+        self.most_met = 0
+
+    def survey(self, frames: list[int], poses_of, make_room) -> None:
+        """Scale the arrows so that they suit all ``frames``, and make room for them."""
+        found = [self._forces.both(frame, poses_of(frame)) for frame in frames]
+        pressed = [max(float(np.linalg.norm(force, axis=1).max(initial=0.0)) for _, force in both) for both in found]
+        # an impact in one of the frames would leave nothing to be seen of the forces in all others
+        self.most_force = max(pressed, default=0.0)
+        usual = float(np.median(pressed or [0.0]))
+        self.largest_force = usual if 0.0 < IMPACT * usual < self.most_force else self.most_force
+        for both in found:
+            self.most_met = max(self.most_met, len(both[1][0]))
+            for place, force in both:
+                size = np.linalg.norm(force, axis=1, keepdims=True)
+                way = np.divide(force, size, out=np.zeros_like(force), where=size > 0.0)
+                half = 0.5 * self.length(size) * way
+                make_room(np.concatenate([place - half, place + half]))
+
+    def build(self, plotter, n_joint: int, somewhere: np.ndarray) -> None:
+        """Put the arrows into the plotter; those that a frame has no contact for lie ``somewhere``, without length."""
+        self._somewhere = somewhere
+        self._arrows = self._added(plotter, n_joint, GREEN), self._added(plotter, self.most_met, PURPLE)
+
+    def _added(self, plotter, n: int, colour: str):
+        """Up to ``n`` arrows, whose points, directions and lengths are written into what is returned."""
+        import pyvista
+        from vtkmodules.vtkRenderingCore import vtkActor, vtkGlyph3DMapper
+
+        arrows = pyvista.PolyData(np.zeros((n, 3)))
+        if not n:
+            return arrows
+        arrows.point_data["force"], arrows.point_data["length"] = np.zeros((n, 3)), np.zeros(n)
+        mapper = vtkGlyph3DMapper()
+        mapper.SetInputData(arrows)
+        thick = ARROW | {"tip_radius": 0.07, "shaft_radius": 0.025}
+        mapper.SetSourceData(pyvista.Arrow(start=(-0.5, 0, 0), **thick))
+        mapper.SetOrientationArray("force")
+        mapper.SetScaleArray("length")
+        mapper.SetScaleModeToScaleByMagnitude()
+        mapper.ScalarVisibilityOff()
+        actor = vtkActor()
+        actor.SetMapper(mapper)
+        actor.GetProperty().SetColor(pyvista.Color(colour).float_rgb)
+        actor.GetProperty().SetAmbient(0.4)
+        actor.GetProperty().SetDiffuse(0.6)
+        plotter.add_actor(actor)
+        return arrows
+
+    def length(self, force):
+        """Length (m) of the arrow of a force (N); no arrow is longer than that of the largest one to be told apart."""
+        return self._longest / (self.largest_force or 1.0) * np.minimum(force, self.largest_force)
+
+    def show(self, frame: int, poses: Poses) -> None:
+        """Arrows of the forces of joints and new contacts on their second blocks, as long as the force is large."""
+        for arrows, (place, force) in zip(self._arrows, self._forces.both(frame, poses), strict=True):
+            if not arrows.n_points:
+                continue
+            n = len(place)
+            arrows.points[:n], arrows.point_data["force"][:n] = place, force
+            arrows.point_data["length"][:n] = self.length(np.linalg.norm(force, axis=1))
+            arrows.point_data["length"][n:] = 0.0  # contacts that there are in other frames
+            arrows.points[n:] = self._somewhere
+            arrows.Modified()
+
+    def words(self) -> str:
+        """What the arrows mean, for the text of a picture."""
+        more = " or more" if self.most_force > self.largest_force else ""
+        met = " purple: those of new contacts," if self.most_met else ""
+        return f"green: joint forces,{met} the longest {self.largest_force:.4g} N{more}"
