@@ -49,9 +49,8 @@ def check_overlap(scenario: Scenario, bodies: Bodies, pairs) -> None:
             "their common volume would count twice: let them touch",
         )
     more = f" ({len(over) - 1} more pairs overlap less)" if len(over) > 1 else ""
-    refuse(
-        scenario, f"blocks {first} and {second} overlap by {depths[worst]:.6g} m{more}; move one of them that far out"
-    )
+    overlap = f"blocks {first} and {second} overlap by {depths[worst]:.6g} m{more}; move one of them that far out"
+    refuse(scenario, overlap + _of_models(scenario))
 
 
 def check_pieces(scenario: Scenario, joints: JointTable) -> None:
@@ -101,9 +100,13 @@ def refuse_unsupported(scenario: Scenario, shapes, position, orientation, fixed,
         if abs(nearest.gap) <= TOLERANCE * min(shapes[here].diameter, shapes[there].diameter):
             hint = f"it touches {show(scenario.all_blocks[there].name)}, but their faces are not parallel"
     others = f" (nor from {int(loose.sum()) - 1} more)" if loose.sum() > 1 else ""
-    refuse(
-        scenario, f"block {name} rests on nothing: no chain of joints leads from it to a fixed block{others}; {hint}"
-    )
+    loosely = f"block {name} rests on nothing: no chain of joints leads from it to a fixed block{others}; {hint}"
+    refuse(scenario, loosely + _of_models(scenario))
+
+
+def _of_models(scenario: Scenario) -> str:
+    """What the reading of models from CAD remarked, for a message on blocks that do not touch as they should."""
+    return "".join(f"; {remark}" for remark in scenario.remarks)
 
 
 def check_rim(scenario: Scenario, joints: JointTable, points: PointTable) -> tuple[str, ...]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import warnings
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
@@ -217,7 +218,8 @@ def _gltf(path: str) -> list[_Named]:
     except ImportError as error:
         raise MissingDependency("glTF files are read by pyvista; install it with: pip install pyvista") from error
     names = _gltf_names(path)
-    scene = pyvista.read(path)
+    with warnings.catch_warnings(action="ignore"):  # of a scene without a mesh, which is refused in a sentence
+        scene = pyvista.read(path)
     found: list[_Named] = []
 
     def walk(part, name: str) -> None:

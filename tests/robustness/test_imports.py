@@ -17,7 +17,11 @@ PACKAGE = Path(dembrick.__file__).parent
 PACKAGES = ["geometry", "scenario", "assembly", "kernels", "theory", "simulation", "history", "views", "runs", "cli"]
 GROUND = {"", "errors", "_jit"}
 OUTSIDE = {  # third-party modules a package may import; the others: any but scipy
-    "geometry": {"numpy", "meshio"},  # meshio in mesh_file only, imported when a scene has a mesh
+    "geometry": {
+        "numpy",
+        "meshio",
+        "pyvista",
+    },  # in mesh_file and cad_file, imported when a scene has a mesh or a model
     "scenario": {"numpy"},
     "assembly": {"numpy"},
     "kernels": {"numpy"},

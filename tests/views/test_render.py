@@ -122,7 +122,8 @@ def test_a_scene_is_moved_in_place(run, drawing):
             np.testing.assert_allclose(mesh.points, expected, rtol=0, atol=1e-12)
             moved = np.concatenate([m["displacement"] for m in render.meshes(run, k)])
             np.testing.assert_allclose(mesh["shown"], 1e3 * moved, rtol=1e-9, atol=1e-12)  # in mm
-            assert f"\ntime {1e-4 * k:.4g} s, motion x 10\n" in found._text.input
+            load = run.load[np.argmin(np.abs(run.time - run.frame_time[k]))]
+            assert f"\ntime {1e-4 * k:.4g} s, V {load:.4g} N, motion x 10\n" in found._text.input
             assert found._plotter.scalar_bars.keys() == {found._scale.title + "\n"}
         assert found._scale.title == "displacement [mm]"
         top = np.concatenate([m["displacement"] for m in render.meshes(run, 3)]).max()
@@ -163,7 +164,7 @@ def test_units_follow_the_size(run, drawing):
 def test_forces_of_joints(run, drawing):
     """The resultant on the upper block, at the centre of pressure, as long as it is large."""
     with drawn(run, forces=True, magnification=1.0) as found:
-        arrows = found._arrows
+        arrows = found.arrows.of_joints
         N, V_1, V_2, _, M_1, M_2, _ = JointMotion(run).resultants(3)[0]
         # the axes are those of the upper block, on which the polygon rides, laid into the plane of the lower one
         axis, middle = np.array([1.0, 2.0, -2.0]) / 3.0, np.array([0.0, 0.0, 0.05])
@@ -200,9 +201,9 @@ def test_forces_ride_on_the_blocks_that_are_drawn(tmp_path, drawing):
         axis, middle = np.array([1.0, 2.0, -2.0]) / 3.0, np.array([0.4, 1000.0, 0.2])
         arm = rodrigues((np.array([0.0, 0.0, 0.1]) + at - middle)[None], axis, 10.0 * 0.03)[0]
         expected = middle + 10.0 * three.frame_displacement(3)[2] + arm
-        np.testing.assert_allclose(found._arrows.points[1], expected, rtol=0, atol=1e-10)
+        np.testing.assert_allclose(found.arrows.of_joints.points[1], expected, rtol=0, atol=1e-10)
         force = rodrigues(np.array([[-V_1, -V_2, N]]), axis, 0.03)[0]
-        np.testing.assert_allclose(found._arrows["force"][1], force, rtol=1e-12)
+        np.testing.assert_allclose(found.arrows.of_joints["force"][1], force, rtol=1e-12)
 
 
 @pytest.mark.parametrize("factor", [1.0, 3.0])
@@ -220,7 +221,7 @@ def test_forces_of_new_contacts(tmp_path, drawing, factor):
     ) as shown:  # fmt: skip
         for frame in (3, 1, 2):
             shown.show(frame)
-            arrows, met = shown._met_arrows, cases.new_contacts(frame, frame + 1)
+            arrows, met = shown.arrows.of_new_contacts, cases.new_contacts(frame, frame + 1)
             moved = found.frame_displacement(frame)[1]
             # back to where the block stood, and on as far as it is drawn
             start = rodrigues(met["point"] - middle - moved, axis, -0.01 * frame)
@@ -252,11 +253,11 @@ def test_an_impact_leaves_the_other_forces_to_be_seen(tmp_path, drawing):
         writer.finish("completed", {})
     with history.read(tmp_path / "run.h5") as found:
         with drawn(found, frames=range(7), forces=True) as shown:
-            longest, less = shown._arrow_length(10.0), shown._arrow_length(5.0)
+            longest, less = shown.arrows.length(10.0), shown.arrows.length(5.0)
             assert less == pytest.approx(longest / 2.0) and "the longest 10 N or more" in shown._text.input
             for frame, length in ((4, longest), (5, longest)):
                 shown.show(frame)
-                assert shown._arrows["length"][0] == pytest.approx(length)
+                assert shown.arrows.of_joints["length"][0] == pytest.approx(length)
         assert shown.shades(30).shape == (128, 30, 3) and len(np.unique(shown.shades(2).reshape(-1, 3), axis=0)) == 16
         with drawn(found, frames=(4,), forces=True) as shown:
             assert shown._text.input.endswith("the longest 1000 N")
@@ -335,7 +336,7 @@ def test_the_arrows_of_the_forces_fit_too(tmp_path, view, drawing):
         writer.append_frames(np.linspace(0.0, rows["time"][-1], 4), *cases.frames(0, 4)[1:])
         writer.finish("completed", {})
     with history.read(tmp_path / "run.h5") as wide, drawn(wide, forces=True, view=view, magnification=0.0) as found:
-        assert found._arrows["length"][0] == pytest.approx(0.6 * 0.3)
+        assert found.arrows.of_joints["length"][0] == pytest.approx(0.6 * 0.3)
         middle = np.array([0.0, 0.0, 0.09])
         y = in_picture(found._plotter, np.array([middle, -middle]))[1]
         assert scene._BOTTOM - 1e-9 <= y[1] < y[0] <= scene._TOP + 1e-9

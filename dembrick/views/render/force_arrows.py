@@ -93,7 +93,8 @@ class ForceArrows:
     def build(self, plotter, n_joint: int, somewhere: np.ndarray) -> None:
         """Put the arrows into the plotter; those that a frame has no contact for lie ``somewhere``, without length."""
         self._somewhere = somewhere
-        self._arrows = self._added(plotter, n_joint, GREEN), self._added(plotter, self.most_met, PURPLE)
+        self.of_joints = self._added(plotter, n_joint, GREEN)
+        self.of_new_contacts = self._added(plotter, self.most_met, PURPLE)
 
     def _added(self, plotter, n: int, colour: str):
         """Up to ``n`` arrows, whose points, directions and lengths are written into what is returned."""
@@ -126,7 +127,8 @@ class ForceArrows:
 
     def show(self, frame: int, poses: Poses) -> None:
         """Arrows of the forces of joints and new contacts on their second blocks, as long as the force is large."""
-        for arrows, (place, force) in zip(self._arrows, self._forces.both(frame, poses), strict=True):
+        shown = self.of_joints, self.of_new_contacts
+        for arrows, (place, force) in zip(shown, self._forces.both(frame, poses), strict=True):
             if not arrows.n_points:
                 continue
             n = len(place)

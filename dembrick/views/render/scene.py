@@ -77,12 +77,12 @@ class Scene:
         self._many = history.n_block > (_FEW_WITH_FORCES if look.forces else _FEW)
         self._meets = look.forces and history.has_new_contacts
         self._marked = self._marked_joint()
-        self._drawn_forces = self._arrows = self._thrust = None
+        self._drawn_forces = self.arrows = self.thrust = None
         if self._joints is not None and history.has_joints and history.n_row:
             self._drawn_forces = DrawnForces(history, self._joints, self._factor, bool(self._meets))
         if look.forces:
             longest = (_FORCE_OF_MANY if self._many else _FORCE) * self._length
-            self._arrows = ForceArrows(self._drawn_forces, longest)
+            self.arrows = ForceArrows(self._drawn_forces, longest)
         self._survey(frames)
         self._last = frames[-1]
         if not waits:
@@ -116,10 +116,10 @@ class Scene:
                 self._free.cell_data["shown"][:] = np.minimum(values, 1e30)[self._owner]
         self._show_actuators(poses)
         marked = self._show_centre(frame)
-        if self._arrows is not None:
-            self._arrows.show(frame, poses)
-        if self._thrust is not None:
-            self._thrust.show(frame, poses)
+        if self.arrows is not None:
+            self.arrows.show(frame, poses)
+        if self.thrust is not None:
+            self.thrust.show(frame, poses)
         for names, places in self._names:
             names.show(places(poses, points))
         self._text.input = self._words(marked)
@@ -168,8 +168,8 @@ class Scene:
             if self._colouring is not None:
                 values = self._colouring.values(frame, poses)
                 largest = max(largest, float(values.max(initial=0.0, where=np.isfinite(values))))
-        if self._arrows is not None:
-            self._arrows.survey(frames, self._poses, self._make_room)
+        if self.arrows is not None:
+            self.arrows.survey(frames, self._poses, self._make_room)
         self.largest = largest
         width, height = self._plotter.window_size
         extent = (self._seen[1] - self._seen[0])[:2]
@@ -229,10 +229,10 @@ class Scene:
         if self._marked:
             rod = pyvista.Cylinder(direction=(1, 0, 0), radius=0.006 * self._length, height=self._length)
             self._rod = plotter.add_mesh(rod, color=_BLUE)
-        if self._arrows is not None:
-            self._arrows.build(plotter, history.n_joint, self._start[0])
+        if self.arrows is not None:
+            self.arrows.build(plotter, history.n_joint, self._start[0])
         if self._look.thrust:
-            self._thrust = ThrustLine(plotter, history, self._joints, self._drawn_forces)
+            self.thrust = ThrustLine(plotter, history, self._joints, self._drawn_forces)
         self._names = self._build_names()
         self.bar = ScaleBar(plotter)
         size = max(8, round(plotter.window_size[0] / 120))
@@ -375,12 +375,12 @@ class Scene:
             keys.append("orange: body forces" if pushes_several(history) else "orange: actuators")
         if marked:
             keys.append("blue: torsion centre")
-        if self._arrows is not None:
-            keys.append(self._arrows.words())
+        if self.arrows is not None:
+            keys.append(self.arrows.words())
             if history.in_real_time and not self._meets and history.new_contacts.any():
                 keys.append("forces of new contacts were not recorded")
-        if self._thrust is not None:
-            keys.append(f"red: line of thrust, {_count(len(self._thrust.hinges), 'hinge')}")
+        if self.thrust is not None:
+            keys.append(f"red: line of thrust, {_count(len(self.thrust.hinges), 'hinge')}")
         now = float(history.frame_time[self._frame])
         if history.status == MECHANISM:
             told = "mechanism of limit analysis: velocities, to no scale"
@@ -399,7 +399,7 @@ class Scene:
         if curve.load == TILT_LOAD:
             return [f"table at {np.degrees(np.arctan(value)):.4g} deg", f"load factor {value:.4g}"]
         unit = "" if curve.unit == "1" else f" {curve.unit}"
-        return [f"{curve.load.removeprefix('load ')} {value:.4g}{unit}"]
+        return [f"{'V' if curve.unit == 'N' and curve.load.endswith(' V') else curve.load} {value:.4g}{unit}"]
 
     def _row(self, frame: int) -> int:
         return int(nearest(self._history.time, [self._history.frame_time[frame]])[0])

@@ -1,0 +1,291 @@
+"""Many solids from one CAD file: every format, names, units, gaps that are closed, what is refused in a sentence."""
+
+import base64
+import json
+
+import numpy as np
+import pytest
+
+from dembrick import cli
+from dembrick.assembly.build import assemble
+from dembrick.errors import ScenarioError
+from dembrick.geometry import cad_file, closed_gaps
+from dembrick.runs.simulate import simulate
+from dembrick.scenario import toml
+from dembrick.scenario.files import inputs_of
+from helpers.scenario_text import header
+
+QUADS = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
+TRIANGLES = [(q[0], q[i], q[i + 1]) for q in QUADS for i in (1, 2)]
+# a gate, in mm: two posts 200 wide and 1000 high, a lintel across; drawn to a tenth of a millimetre or three
+GATE = {
+    "ground": ((-500.0, -500.0, -100.0), (1500.0, 800.0, 0.0)),
+    "left": ((0.0, 0.0, 0.2), (200.0, 300.0, 1000.0)),
+    "right": ((800.0, 0.0, -0.1), (1000.0, 300.0, 999.8)),
+    "lintel": ((-50.0, 0.0, 1000.1), (1050.0, 300.0, 1200.0)),
+}
+
+
+def corners(low, high):
+    return np.array([[x, y, z] for z in (low[2], high[2]) for y in (low[1], high[1]) for x in (low[0], high[0])])
+
+
+def obj(path, boxes=GATE, word="o", faces=QUADS):
+    lines, first = [], 1
+    for name, ends in boxes.items():
+        lines += [f"{word} {name}", *("v {:.9g} {:.9g} {:.9g}".format(*point) for point in corners(*ends))]
+        lines += ["f " + " ".join(f"{i + first}/1/1" for i in face) for face in faces]
+        first += 8
+    path.write_text("\n".join(lines) + "\n")
+
+
+def text_stl(path, boxes=GATE, names=True):
+    lines = []
+    for name, ends in boxes.items():
+        points = corners(*ends)
+        lines.append(f"solid {name}" if names else "solid")
+        for face in TRIANGLES:
+            lines += [
+                "facet normal 0 0 0",
+                "outer loop",
+                *("vertex {:.9g} {:.9g} {:.9g}".format(*points[i]) for i in face),
+            ]
+            lines += ["endloop", "endfacet"]
+        lines.append(f"endsolid {name}" if names else "endsolid")
+    path.write_text("\n".join(lines) + "\n")
+
+
+def binary_stl(path, boxes=GATE):
+    triangles = np.zeros(12 * len(boxes), cad_file._TRIANGLE)
+    triangles["corner"] = np.concatenate([corners(*ends)[np.array(TRIANGLES)] for ends in boxes.values()])
+    path.write_bytes(b"a model of bodies".ljust(80) + len(triangles).to_bytes(4, "little") + triangles.tobytes())
+
+
+def gltf(path, boxes=GATE, binary=False):
+    """Metres and y upwards, as the format has it; the second solid stands where its node moves it."""
+    blob, views, accessors, meshes, nodes = b"", [], [], [], []
+    for i, (name, ends) in enumerate(boxes.items()):
+        x, y, z = (1e-3 * corners(*ends)).T
+        points = np.stack([x, z, -y], axis=1) - (i == 1) * np.array([1.0, 2.0, 3.0])
+        for data, kind in ((points.astype("<f4"), 5126), (np.array(TRIANGLES, "<u2"), 5123)):
+            views.append({"buffer": 0, "byteOffset": len(blob), "byteLength": data.nbytes})
+            count = len(data) if kind == 5126 else data.size
+            entry = {"bufferView": len(views) - 1, "componentType": kind, "count": count}
+            ends_of = {"min": data.min(axis=0).tolist(), "max": data.max(axis=0).tolist()} if kind == 5126 else {}
+            accessors.append(entry | {"type": "VEC3" if kind == 5126 else "SCALAR"} | ends_of)
+            blob += data.tobytes()
+        primitive = {"attributes": {"POSITION": 2 * i}, "indices": 2 * i + 1}
+        meshes.append({"name": name, "primitives": [primitive]})
+        nodes.append({"mesh": i, "name": name} | ({"translation": [1.0, 2.0, 3.0]} if i == 1 else {}))
+    document = {"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": list(range(len(nodes)))}], "nodes": nodes}
+    document |= {"meshes": meshes, "accessors": accessors, "bufferViews": views, "buffers": [{"byteLength": len(blob)}]}
+    if not binary:
+        document["buffers"][0]["uri"] = "data:application/octet-stream;base64," + base64.b64encode(blob).decode()
+        path.write_text(json.dumps(document))
+        return
+    text = json.dumps(document).encode()
+    text += b" " * (-len(text) % 4)
+    blob += b"\0" * (-len(blob) % 4)
+    chunks = len(text).to_bytes(4, "little") + b"JSON" + text + len(blob).to_bytes(4, "little") + b"BIN\0" + blob
+    path.write_bytes(b"glTF" + (2).to_bytes(4, "little") + (12 + len(chunks)).to_bytes(4, "little") + chunks)
+
+
+def compas(path, boxes=GATE, old=False):
+    blocks = {}
+    for i, (name, ends) in enumerate(boxes.items()):
+        vertex = {str(k): dict(zip("xyz", point.tolist(), strict=True)) for k, point in enumerate(corners(*ends))}
+        data = {"attributes": {"name": name}, "vertex": vertex, "face": {str(k): list(f) for k, f in enumerate(QUADS)}}
+        if old:
+            data["face"] = {k: [str(i) for i in face] for k, face in data["face"].items()}
+        block = {"dtype": "compas_assembly.datastructures/Block", "data": data}
+        blocks[str(i)] = data if old else {"block": block, "is_support": name == "ground"}
+    graph = {"dtype": "compas.datastructures/Graph", "data": {"node": blocks, "edge": {"0": {"1": {"vertex": None}}}}}
+    new = {"dtype": "compas_assembly.datastructures/Assembly", "data": {"graph": graph}}
+    path.write_text(json.dumps({"assembly": {"vertex": {"0": {}}}, "blocks": blocks} if old else new))
+
+
+WRITERS = {
+    "objects.obj": (obj, {}),
+    "groups.obj": (obj, {"word": "g"}),
+    "triangles.obj": (obj, {"faces": TRIANGLES}),
+    "text.stl": (text_stl, {}),
+    "scene.gltf": (gltf, {}),
+    "scene.glb": (gltf, {"binary": True}),
+    "assembly.json": (compas, {}),
+    "older.json": (compas, {"old": True}),
+}
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_every_format_gives_the_solids_with_their_names(tmp_path, name):
+    write, options = WRITERS[name]
+    write(tmp_path / name, **options)
+    in_metres = name.startswith("scene")
+    solids = cad_file.read(str(tmp_path / name), 1.0 if in_metres else 1e-3)
+    assert [solid.name for solid in solids] == list(GATE)
+    for solid, (low, high) in zip(solids, GATE.values(), strict=True):
+        np.testing.assert_allclose(solid.corners.min(axis=0), 1e-3 * np.array(low), atol=1e-7)
+        np.testing.assert_allclose(solid.corners.max(axis=0), 1e-3 * np.array(high), atol=1e-7)
+        assert len(solid.corners) == 8 and len(solid.faces) == 6
+    assert [solid.fixed for solid in solids] == [name == "assembly.json", False, False, False]
+
+
+def test_bodies_without_names_end_where_their_surface_closes(tmp_path):
+    """Bodies that touch share corners: in a binary STL file nothing else tells where one ends."""
+    cubes = {str(i): ((i, 0.0, 0.0), (i + 1.0, 1.0, 1.0)) for i in range(3)}
+    for write, options in ((binary_stl, {}), (text_stl, {"names": False})):
+        write(tmp_path / "cubes.stl", cubes, **options)
+        solids = cad_file.read(str(tmp_path / "cubes.stl"), 1.0)
+        assert [solid.name for solid in solids] == ["solid.1", "solid.2", "solid.3"]
+        assert [solid.corners[:, 0].min() for solid in solids] == [0.0, 1.0, 2.0]
+
+
+def test_gaps_are_closed_within_the_tolerance_and_not_beyond(tmp_path):
+    obj(tmp_path / "gate.obj")
+    solids = cad_file.read(str(tmp_path / "gate.obj"), 1e-3)
+    closed, found = closed_gaps.close(solids, 1e-3)
+    assert sorted(round(1e3 * gap.distance, 6) for gap in found) == [0.1, 0.1, 0.2, 0.3]
+    top = [solid.corners[:, 2].max() for solid in closed]
+    assert top[1] == pytest.approx(top[2], abs=1e-12) and closed[3].corners[:, 2].min() == pytest.approx(
+        top[1], abs=1e-12
+    )
+    for before, after in zip(solids, closed, strict=True):
+        assert len(after.corners) == 8 and len(after.faces) == 6
+        assert np.abs(np.sort(before.corners, axis=0) - np.sort(after.corners, axis=0)).max() < 3e-4
+    some, fewer = closed_gaps.close(solids, 1.5e-4)
+    assert len(fewer) == 2 and some[3].corners[:, 2].min() != pytest.approx(some[2].corners[:, 2].max(), abs=1e-5)
+    assert closed_gaps.close(solids, 5e-5) == (solids, [])
+
+
+def test_faces_askew_come_onto_one_plane(tmp_path):
+    """A slope of 1e-4 between the faces: the mean plane has half of it."""
+    boxes = {"low": ((0.0, 0.0, 0.0), (1.0, 1.0, 1.0)), "high": ((0.0, 0.0, 1.0), (1.0, 1.0, 2.0))}
+    obj(tmp_path / "two.obj", boxes)
+    low, high = cad_file.read(str(tmp_path / "two.obj"), 1.0)
+    lifted = high.corners.copy()
+    lifted[(lifted[:, 0] == 1.0) & (lifted[:, 2] == 1.0), 2] += 1e-4
+    closed, found = closed_gaps.close([low, high._replace(corners=lifted)], 2e-4)
+    assert [gap.distance for gap in found] == pytest.approx([1e-4], rel=1e-3)
+    for solid, z in zip(closed, (1.0, 1.0), strict=True):
+        shared = solid.corners[np.abs(solid.corners[:, 2] - z) < 1e-3]
+        np.testing.assert_allclose(shared[:, 2], 1.0 + 0.5e-4 * shared[:, 0], atol=1e-9)
+
+
+def test_faces_in_a_row_that_would_move_too_far_are_refused(tmp_path):
+    """Steps of 0.9 mm, each within the tolerance, lead 3.6 mm apart on one slab: no plane is near to all."""
+    boxes = {f"{i}": ((i, 0.0, 0.9e-3 * i), (i + 1.5, 1.0, 1.0)) for i in range(5)}
+    boxes |= {f"under {i}": ((i, 0.0, -1.0), (i + 1.5, 1.0, 0.9e-3 * i - 4e-4)) for i in range(5)}
+    obj(tmp_path / "steps.obj", boxes)
+    solids = cad_file.read(str(tmp_path / "steps.obj"), 1.0)
+    with pytest.raises(ScenarioError, match="more than gap_tolerance = 0.001 m: the faces that touch there do not lie"):
+        closed_gaps.close(solids, 1e-3)
+
+
+SCENE = (
+    header(title="gate", friction=0.7, normal_stiffness=1e11)
+    + """
+[[models]]
+name = "gate"
+file = "gate.obj"
+unit = "mm"
+material = "stone"
+gap_tolerance = 0.0005
+[control]
+kind = "tilt"
+axis = [0.0, 1.0, 0.0]
+"""
+)
+SCENE = 'supports = ["gate.ground"]\n' + SCENE
+
+
+@pytest.fixture
+def scene(tmp_path):
+    obj(tmp_path / "gate.obj")
+    path = tmp_path / "gate.toml"
+    path.write_text(SCENE)
+    return str(path)
+
+
+def test_a_gate_from_cad_falls_when_its_posts_do(scene):
+    """Posts of width b and height h under a lintel turn about their toes at tan(angle) = b / h, whatever they weigh."""
+    found = simulate(scene, record=False)
+    assert found.collapse["load_factor"] == pytest.approx(0.2, rel=1e-3)
+    assert [name.partition(".")[2] for name in found.collapse["blocks"]] == ["left", "right", "lintel"]
+    scenario = toml.load(scene)
+    assert inputs_of(scenario) == [scene, scene.replace("toml", "obj")]
+    assert toml.loads(toml.dumps(scenario), scene) == scenario
+    turned = toml.load(scene, ["models.gate.heading=90", "models.gate.position=[1,2,3]", "control.axis=[1,0,0]"])
+    assert simulate(turned, record=False).collapse["load_factor"] == pytest.approx(0.2, rel=1e-3)
+
+
+def test_gaps_are_told(scene, capsys):
+    assert assemble(toml.load(scene)).warnings[0] == (
+        "model 'gate': 4 pairs of faces up to 0.3 mm apart or inside one another were put on one plane "
+        "(gap_tolerance = 0.0005 m)"
+    )
+    remarks = toml.load(scene, ["models.gate.gap_tolerance=0"]).remarks
+    assert len(remarks) == 1 and "share no joint" in remarks[0] and "gap_tolerance = 0.0004 closes them" in remarks[0]
+    assert cli.main(["check", scene, "--set", "models.gate.gap_tolerance=0"]) == 2
+    assert "gap_tolerance = 0.0004 closes them" in capsys.readouterr().err
+
+
+def test_an_edited_file_is_read_again(scene, tmp_path):
+    assert len(toml.load(scene).all_blocks) == 4
+    obj(tmp_path / "gate.obj", dict(list(GATE.items())[:3]))
+    assert len(toml.load(scene).all_blocks) == 3
+
+
+@pytest.mark.parametrize(
+    "changes, said",
+    [
+        (["models.gate.unit=yard"], "unit of model 'gate' = 'yard' is not one of m, cm, mm, in, ft"),
+        (["models.gate.gap_tolerance=-1"], "gap_tolerance of model 'gate' = -1.0 is out of range: it must be at least"),
+        (["models.gate.file=none.obj"], "there is no such file"),
+        (["models.gate.file=gate.toml"], "its ending is .toml; known are .obj, .stl, .gltf"),
+        (["models.gate.unit=m"], "blocks 'gate.ground' and 'gate.right' overlap by 0.1 m"),
+    ],
+)  # fmt: skip
+def test_keys_that_are_wrong(scene, changes, said):
+    with pytest.raises(ScenarioError) as refusal:
+        assemble(toml.load(scene, changes))
+    assert said in str(refusal.value)
+
+
+BAD = {
+    "empty.obj": (b"", "there is no surface"),
+    "words.obj": (b"v 1 2 three\n", "line 1 cannot be read as OBJ"),
+    "short.obj": (
+        b"o a\nv 0 0 0\nf 1 2 3\n",
+        "line 3 cannot be read as OBJ: a face has fewer than three corners, or names",
+    ),
+    "flat.obj": (b"o a\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 3 2\n", "solid 'a': the surface is flat"),
+    "noise.stl": (b"solid x\nfacet\n", "neither a binary STL file"),
+    "cut.stl": (b"x" * 80 + (5).to_bytes(4, "little") + b"short", "neither a binary STL file"),
+    "bad.stl": (b"solid a\nvertex 1 2 three\nendsolid a\n", "has no three numbers"),
+    "list.json": (b"[1, 2]", "it is not a table of keys"),
+    "cut.json": (b'{"a": ', "cannot be read as COMPAS JSON"),
+    "other.json": (b'{"a": 1}', "no block is in it"),
+    "hole.json": (b'{"a": {"vertex": {"0": {"x": 1}}, "face": {"0": [0, 1, 2]}}}', "is damaged: KeyError('1')"),
+    "cut.glb": (b"glTF" + bytes(20), "cannot be read as glTF"),
+    "nodes.gltf": (b'{"nodes": [{"mesh": 7}]}', "its nodes are damaged"),
+    "scene.gltf": (b'{"asset": {"version": "2.0"}, "nodes": []}', "there is no surface"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_files_are_refused_in_a_sentence(tmp_path, name, capfd):
+    content, said = BAD[name]
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(ScenarioError) as refusal:
+        cad_file.read(str(tmp_path / name), 1.0)
+    assert said in str(refusal.value) and str(tmp_path / name) in str(refusal.value)
+    assert "\n" not in str(refusal.value)
+
+
+def test_a_solid_that_is_not_convex_is_named(tmp_path):
+    boxes = {"good": ((0.0, 0.0, 0.0), (1.0, 1.0, 1.0))}
+    obj(tmp_path / "bad.obj", boxes)
+    text = (tmp_path / "bad.obj").read_text().replace("v 1 1 1", "v 0.4 0.4 0.4")
+    (tmp_path / "bad.obj").write_text(text.replace("o good", "o dented"))
+    with pytest.raises(ScenarioError, match="solid 'dented': .*(not plane|not convex)"):
+        cad_file.read(str(tmp_path / "bad.obj"), 1.0)

@@ -1,0 +1,151 @@
+"""What is drawn over the blocks: scale bar, names, line of thrust, hinges; runs side by side; the angle of a table."""
+
+import math
+
+import numpy as np
+import pytest
+
+from dembrick import cli, history
+from dembrick.errors import HistoryError, ScenarioError
+from dembrick.runs.simulate import simulate
+from dembrick.scenario import toml
+from dembrick.views import render
+from dembrick.views.render import annotations, scene, screen
+from helpers.scenario_text import header
+
+pyvista = pytest.importorskip("pyvista")
+
+EDGE, COUNT = 0.2, 3  # of a column of cubes
+COLUMN = (
+    header(title="column", normal_stiffness=1e11)
+    + f"""
+[[stacks]]
+name = "column"
+material = "stone"
+blocks = {COUNT}
+box = [{EDGE}, {EDGE}, {EDGE}]
+base = 0.1
+[control]
+kind = "tilt"
+axis = [0.0, 1.0, 0.0]
+"""
+)
+
+
+@pytest.fixture(scope="module")
+def column(tmp_path_factory):
+    path = tmp_path_factory.mktemp("column") / "column.h5"
+    simulate(toml.loads(COLUMN), path)
+    with history.read(path) as found:
+        yield found
+
+
+@pytest.fixture(autouse=True)
+def closed_at_the_end():
+    yield
+    pyvista.close_all()
+
+
+def drawn(run, frames=(-1,), size=(400, 300), **look):
+    plotter = pyvista.Plotter(off_screen=True, window_size=list(size))
+    return scene.Scene(plotter, run, render.Look(**look), [range(run.n_frames)[frame] for frame in frames])
+
+
+def test_the_line_of_thrust_of_a_column_leaves_it_at_the_hinge(column, drawing):
+    """A column under its weight W and W tan(angle): z below its middle the thrust is z tan(angle) off the axis."""
+    found = drawn(column, view="front", thrust=True, magnification=0.0)
+    slope = float(column.load[-1])
+    assert slope == pytest.approx(1.0 / COUNT, rel=2e-3)
+    line = found.thrust._line
+    heights = EDGE * np.arange(COUNT)
+    above = 0.5 * (COUNT * EDGE - heights)  # from a joint up to the middle of what stands on it
+    order = np.argsort(line.points[:, 2])
+    np.testing.assert_allclose(line.points[order, 2], heights, atol=1e-6)
+    np.testing.assert_allclose(np.abs(line.points[order, 0]), slope * above, atol=1e-4)
+    pairs = {tuple(sorted(order.tolist().index(j) for j in pair)) for pair in line.lines.reshape(-1, 3)[:, 1:].tolist()}
+    assert pairs == {(0, 1), (1, 2)}  # through the two lower cubes; the top one has one joint
+    assert found.thrust.hinges == [int(order[0])] and "1 hinge" in found._text.input
+
+
+def test_the_picture_of_a_table_tells_its_angle(column, drawing):
+    angle = math.degrees(math.atan(float(column.load[-1])))
+    assert f"table at {angle:.4g} deg, load factor {float(column.load[-1]):.4g}" in drawn(column)._text.input
+
+
+def test_the_scale_bar_is_as_long_as_it_says(column, drawing):
+    """In pixels: the width of a cube, seen from the front, is to the bar as 0.2 m to what is written at it."""
+    found = drawn(column, size=(1200, 900), view="front", magnification=0.0, color="none")
+    shown = found.pixels().astype(int)
+    bar, whole = found.bar, 2.0 * found._plotter.camera.parallel_scale * 4.0 / 3.0
+    assert bar.length in (0.05, 0.1, 0.2) and bar._text.input == annotations.length_text(bar.length)
+    rows = slice(round(900 * (1.0 - 0.055)) - 3, round(900 * (1.0 - 0.055)) + 4)
+    dark = np.flatnonzero((shown[rows, 960:].sum(axis=2) < 200).any(axis=0))
+    assert dark[-1] - dark[0] == pytest.approx(bar.length / whole * 1200, abs=4)
+    before = bar.length
+    found._plotter.camera.parallel_scale *= 10.0  # a window that is zoomed
+    found.pixels()
+    assert bar.length == pytest.approx(10.0 * before)
+
+
+@pytest.mark.parametrize("longest, text", [(4.9, "2 m"), (0.5, "50 cm"), (0.0021, "2 mm"), (1.5e-4, "100 µm")])
+def test_lengths_are_round(longest, text):
+    assert annotations.length_text(annotations.round_length(longest)) == text
+
+
+def test_names_stand_at_blocks_and_joints(column, drawing):
+    found = drawn(column, names="all", magnification=0.0)
+    (blocks, _), (joints, _) = found._names
+    at = dict(zip(column.block_names, blocks._cloud.points, strict=True))
+    np.testing.assert_allclose(at["column.2"], [0.0, 0.0, 0.3], atol=1e-6)
+    assert joints._cloud.n_points == COUNT
+    np.testing.assert_allclose(np.sort(joints._cloud.points[:, 2]), [0.0, 0.2, 0.4], atol=1e-6)
+    without, named = drawn(column, magnification=0.0).pixels(), found.pixels()
+    assert (without != named).any(axis=2).sum() > 200
+    with pytest.raises(ScenarioError, match="names = 'walls' is unknown; use one of none, blocks, joints, all"):
+        drawn(column, names="walls")
+
+
+def test_two_runs_stand_side_by_side_to_one_scale(column, tmp_path, drawing, capsys):
+    """A column half as high beside it: half as many pixels high, the same colours, and names that tell them apart."""
+    text = COLUMN.replace(f"blocks = {COUNT}", "blocks = 1")
+    simulate(toml.loads(text), tmp_path / "cube.h5")
+    with history.read(tmp_path / "cube.h5") as cube:
+        with render._scenes([column, cube], render.Look("front"), [[column.n_frames - 1], [cube.n_frames - 1]],
+                            (400, 300), smooth=False) as (first, second):  # fmt: skip
+            assert first._plotter.camera.parallel_scale == second._plotter.camera.parallel_scale
+            assert first.bar.length == second.bar.length and first._factor == second._factor
+            assert first._scale == second._scale
+            assert first._text.input.startswith("column: ") and second._text.input.startswith("cube: ")
+        path = tmp_path / "both.png"
+        assert cli.main(["render", column.path, cube.path, "--to", str(path), "--size", "200", "150"]) == 0
+        image = pyvista.read(path)
+        assert image.dimensions[:2] == (400, 150)
+        movie = ["render", column.path, cube.path, "--to", str(tmp_path / "both.gif"), "--count", "3"]
+        assert cli.main([*movie, "--size", "160", "120"]) == 0
+        frames = render.frames_side_by_side([column, cube], 5)
+        assert len(frames[0]) == len(frames[1]) and frames[0][-1] == column.n_frames - 1
+        assert cli.main(["render", column.path, cube.path, "--to", str(tmp_path / "both.html")]) == 2
+        assert "a page shows one run" in capsys.readouterr().err
+
+
+def test_where_there_is_no_line_of_thrust_that_is_said(tmp_path, drawing):
+    text = COLUMN.replace(f"blocks = {COUNT}", "blocks = 1")
+    simulate(toml.loads(text), tmp_path / "cube.h5")
+    with (
+        history.read(tmp_path / "cube.h5") as cube,
+        pytest.raises(HistoryError, match="no block has exactly two joints"),
+    ):
+        drawn(cube, thrust=True)
+
+
+def test_egl_is_asked_for_on_linux_only(monkeypatch):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("VTK_DEFAULT_OPENGL_WINDOW", raising=False)
+    monkeypatch.setattr(screen, "_works", lambda off: True)
+    for platform, asked in (("darwin", False), ("win32", False), ("linux", True)):
+        monkeypatch.setattr("sys.platform", platform)
+        screen.require_drawing.cache_clear()
+        screen.require_drawing()
+        assert ("VTK_DEFAULT_OPENGL_WINDOW" in screen.os.environ) == asked, platform
+    monkeypatch.delenv("VTK_DEFAULT_OPENGL_WINDOW")
+    screen.require_drawing.cache_clear()
