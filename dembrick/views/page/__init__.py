@@ -67,6 +67,7 @@ def document(history: History) -> str:
         legend=escape(_legend(data)),
         frames_note=escape(_frames_note(history, data)),
         results=results_table(history.results),
+        record_note=escape(_record_note(history, data)),
         scenario=escape(scenario),
         footer=escape(_origin(history)),
         style=style,
@@ -137,6 +138,15 @@ def _frames_note(history: History, data: dict) -> str:
     """Says so where not all frames are on the page."""
     shown = len(data["time"])
     return "" if shown == history.n_frames else f"{shown} of {history.n_frames} recorded frames are shown."
+
+
+def _record_note(history: History, data: dict) -> str:
+    """What the record that can be downloaded holds."""
+    if data["record"] is None:
+        return "No row was recorded."
+    joint = " and the chosen joint's forces" if data["joints"] else ""
+    some = "" if data["record"]["rows"] == history.n_row else f" {data['record']['rows']} of {history.n_row} rows;"
+    return f"Time, load, displacement{joint}.{some} dembrick export writes everything."
 
 
 def _origin(history: History) -> str:

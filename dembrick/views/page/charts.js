@@ -2,6 +2,7 @@
 
 const SVG = "http://www.w3.org/2000/svg";
 const MARGIN = {left: 62, right: 16, top: 10, bottom: 42}, NEAR_ENOUGH = 28; // pixels
+const LETTER = 6.6, LINE = 14; // pixels that a letter is wide at most as a rule, and a line of text is high
 
 function element(name, attributes, parent) {
   const node = document.createElementNS(SVG, name);
@@ -16,6 +17,21 @@ function ticks(low, high, wanted) {
   const step = power * [1, 2, 5, 10].find((factor) => factor * power >= rough * 0.999), marks = [];
   for (let i = Math.ceil(low / step - 1e-9); i * step <= high + 1e-9 * step; i++) marks.push(i * step);
   return marks.map((x) => (Math.abs(x) < 1e-9 * step ? 0 : x));
+}
+
+// The lines of a text that is to fit into so many pixels.
+function wrapped(text, pixels) {
+  const lines = [""];
+  for (const word of text.split(" ")) {
+    const longer = lines[lines.length - 1] ? `${lines[lines.length - 1]} ${word}` : word;
+    if (longer.length * LETTER <= pixels || !lines[lines.length - 1]) lines[lines.length - 1] = longer;
+    else lines.push(word);
+  }
+  return lines;
+}
+
+function writeLines(lines, attributes, svg) {
+  lines.forEach((line, i) => { element("text", {...attributes, y: attributes.y + i * LINE}, svg).textContent = line; });
 }
 
 const spell = (x) => String(Number(x.toPrecision(6)));
@@ -35,30 +51,32 @@ function makeChart(host, legend, chart, label, choose) {
 
   function draw() {
     const wide = Math.max(260, host.clientWidth), high = Math.min(340, Math.max(220, 0.58 * wide));
+    const names = {x: wrapped(chart.xName, wide - MARGIN.left - MARGIN.right), y: wrapped(chart.yName, high - MARGIN.top - MARGIN.bottom)};
+    const left = MARGIN.left + LINE * (names.y.length - 1), bottom = MARGIN.bottom + LINE * (names.x.length - 1);
     host.replaceChildren();
     svg = element("svg", {viewBox: `0 0 ${wide} ${high}`, height: high, role: "img", "aria-label": label}, host);
     scale = {
-      x: (x) => MARGIN.left + (x - spanX[0]) / (spanX[1] - spanX[0]) * (wide - MARGIN.left - MARGIN.right),
-      y: (y) => high - MARGIN.bottom - (y - spanY[0]) / (spanY[1] - spanY[0]) * (high - MARGIN.top - MARGIN.bottom),
+      x: (x) => left + (x - spanX[0]) / (spanX[1] - spanX[0]) * (wide - left - MARGIN.right),
+      y: (y) => high - bottom - (y - spanY[0]) / (spanY[1] - spanY[0]) * (high - MARGIN.top - bottom),
     };
     for (const x of ticks(...spanX, wide / 90)) {
-      element("line", {class: "grid", x1: scale.x(x), x2: scale.x(x), y1: MARGIN.top, y2: high - MARGIN.bottom}, svg);
-      element("text", {x: scale.x(x), y: high - MARGIN.bottom + 16, "text-anchor": "middle"}, svg).textContent = spell(x);
+      element("line", {class: "grid", x1: scale.x(x), x2: scale.x(x), y1: MARGIN.top, y2: high - bottom}, svg);
+      element("text", {x: scale.x(x), y: high - bottom + 16, "text-anchor": "middle"}, svg).textContent = spell(x);
     }
     for (const y of ticks(...spanY, high / 50)) {
-      element("line", {class: "grid", x1: MARGIN.left, x2: wide - MARGIN.right, y1: scale.y(y), y2: scale.y(y)}, svg);
-      element("text", {x: MARGIN.left - 6, y: scale.y(y) + 4, "text-anchor": "end"}, svg).textContent = spell(y);
+      element("line", {class: "grid", x1: left, x2: wide - MARGIN.right, y1: scale.y(y), y2: scale.y(y)}, svg);
+      element("text", {x: left - 6, y: scale.y(y) + 4, "text-anchor": "end"}, svg).textContent = spell(y);
     }
-    element("path", {class: "axis", d: `M${MARGIN.left} ${MARGIN.top}V${high - MARGIN.bottom}H${wide - MARGIN.right}`}, svg);
-    element("text", {x: (wide + MARGIN.left - MARGIN.right) / 2, y: high - 8, "text-anchor": "middle"}, svg).textContent = chart.xName;
-    const turned = `rotate(-90 14 ${(high - MARGIN.bottom + MARGIN.top) / 2})`;
-    element("text", {x: 14, y: (high - MARGIN.bottom + MARGIN.top) / 2, "text-anchor": "middle", transform: turned}, svg).textContent = chart.yName;
+    element("path", {class: "axis", d: `M${left} ${MARGIN.top}V${high - bottom}H${wide - MARGIN.right}`}, svg);
+    const across = (wide + left - MARGIN.right) / 2, middle = (high - bottom + MARGIN.top) / 2;
+    writeLines(names.x, {x: across, y: high - bottom + 34, "text-anchor": "middle"}, svg);
+    writeLines(names.y, {x: 14, y: middle, "text-anchor": "middle", transform: `rotate(-90 14 ${middle})`}, svg);
     if (chart.band) {
       const [low, top] = chart.band.map(scale.y);
-      element("rect", {class: "band", x: MARGIN.left, width: wide - MARGIN.left - MARGIN.right, y: top, height: Math.max(low - top, 0.5)}, svg);
+      element("rect", {class: "band", x: left, width: wide - left - MARGIN.right, y: top, height: Math.max(low - top, 0.5)}, svg);
     }
     for (const level of chart.levels)
-      element("line", {class: `line ${level.look}`, x1: MARGIN.left, x2: wide - MARGIN.right, y1: scale.y(level.y), y2: scale.y(level.y)}, svg);
+      element("line", {class: `line ${level.look}`, x1: left, x2: wide - MARGIN.right, y1: scale.y(level.y), y2: scale.y(level.y)}, svg);
     for (const line of chart.lines) {
       const d = line.x.map((x, i) => (Number.isFinite(x) && Number.isFinite(line.y[i]) ? `${i ? "L" : "M"}${scale.x(x).toFixed(2)} ${scale.y(line.y[i]).toFixed(2)}` : "")).join("");
       if (d) element("path", {class: `line ${line.look}`, d: d.replace(/^L/, "M")}, svg);
@@ -97,8 +115,12 @@ function makeChart(host, legend, chart, label, choose) {
     legend.append(entry);
   }
   let width = 0;
-  new ResizeObserver(() => { if (host.clientWidth !== width) { width = host.clientWidth; draw(); } }).observe(host);
+  const watch = new ResizeObserver(() => { if (host.clientWidth !== width) { width = host.clientWidth; draw(); } });
+  watch.observe(host);
   width = host.clientWidth;
   draw();
-  return (frame) => { now = frame; place(); };
+  return {
+    show(frame) { now = frame; place(); },
+    remove() { watch.disconnect(); host.replaceChildren(); legend.replaceChildren(); },
+  };
 }

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -11,8 +10,9 @@ import numpy as np
 from dembrick.errors import HistoryError
 from dembrick.geometry.rotations import quaternion_product, rotation_matrix, rotation_vector
 from dembrick.views import summary
-from dembrick.views.motion.joints import JointMotion
-from dembrick.views.page import diagrams
+from dembrick.views.motion.joints import CHANNELS, JointMotion
+from dembrick.views.page import choices, diagrams
+from dembrick.views.page.packing import packed as _packed
 from dembrick.views.plot.paths import JointPath, joint_path
 from dembrick.views.plot.subject import JointAlone
 
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 MOST_FRAMES = 240
 MOST_BYTES = 8 << 20  # of packed frames
 _MAGNIFY = 0.12  # of the largest block: how far the farthest corner moves in a page that was just opened
+_MOST_USED = 200_000  # joints times frames, for which utilisation and slip are told
 _FAR = 2.0  # of the scene: a torsion centre further away is that of a shear
 
 
@@ -75,6 +76,9 @@ def collect(history: History) -> dict:
         "centre": _centres(history, path, frames, middle, float(np.ptp(world, axis=0).max())),
         "curve": diagrams.curve(history, record),
         "path": None if path is None else diagrams.yield_domain(history, record, path),
+        "colours": _colours(history, frames, float(moved.max())),
+        "joints": choices.joints(history, record, path),
+        "record": choices.record(history),
         "readout": diagrams.readout(history, record, path),
     }
 
@@ -151,6 +155,27 @@ def _actuator(history: History, actuator: dict, vertices: np.ndarray, middle: np
     }
 
 
+def _colours(history: History, frames: Frames, moved: float) -> list[dict]:
+    """What the blocks can be coloured by: a name, what the end of the scale says, values (f, n) of the blocks."""
+    found = [{"name": "displacement", "text": summary.length(moved), "values": None, "most": 1.0}]
+    if history.n_joint and history.has_joints and history.n_row and len(frames.number) * history.n_joint <= _MOST_USED:
+        joints = JointMotion(history)
+        now = joints.at(frames.number.tolist())
+        slip = now.resultants[..., CHANNELS.index("slip")]
+        for name, of_joint, most in (
+            ("utilisation", now.utilisation, 1.0),
+            ("slip", slip, float(slip.max(initial=0.0))),
+        ):
+            values = np.zeros((len(frames.number), history.n_block))
+            for blocks in (joints.block_a, joints.block_b):
+                for j, block in enumerate(blocks):
+                    np.fmax(values[:, block], of_joint[:, j], out=values[:, block])
+            text = "1: slides, or a hinge" if name == "utilisation" else summary.length(most)
+            values = _packed(np.minimum(values, 1e30), "<f4")
+            found.append({"name": name, "text": text, "values": values, "most": most or 1.0})
+    return [*found, {"name": "none", "text": "", "values": None, "most": 1.0}]
+
+
 def recorded_path(history: History) -> JointPath | None:
     """The path of the joint that gave way, None where no joint was recorded."""
     if not (history.n_joint and history.n_row and history.has_joints):
@@ -186,7 +211,3 @@ def _depth(history: History, joint: dict) -> float:
         ends.append((own + history.position0[block]) @ joint["axes"][2])
     ends = np.concatenate(ends)
     return float(np.ptp(ends))
-
-
-def _packed(values: np.ndarray, kind: str) -> str:
-    return base64.b64encode(np.ascontiguousarray(values, kind).tobytes()).decode()

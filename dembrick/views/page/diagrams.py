@@ -66,10 +66,10 @@ def curve(history: History, record: Record) -> dict:
     return chart
 
 
-def yield_domain(history: History, record: Record, path: JointPath) -> dict:
-    """Torsion over shear force of a joint on its limit surface."""
+def yield_domain(history: History, record: Record, path: JointPath, rows: np.ndarray | None = None) -> dict:
+    """Torsion over shear force of a joint on its limit surface, through ``rows`` or as many rows as a line takes."""
     x, y = path.drawn
-    kept = _thinned(history)
+    kept = _thinned(history) if rows is None else rows
     kept = kept[np.isfinite(x[kept])]  # an open joint has no strength to draw its forces over
     lines = []
     for section in path.sections:

@@ -84,6 +84,47 @@
     const made = makeViewer(find("view"), scene);
     for (const button of document.querySelectorAll("[data-view]")) button.addEventListener("click", () => made.look(button.dataset.view));
     views.push(made.show);
+    data.colours.forEach((colour, i) => addOption("colour", colour.name, i));
+    find("colour").addEventListener("change", () => {
+      const colour = data.colours[Number(find("colour").value)];
+      made.paint(colour.name === "displacement" ? null : {values: colour.values && new Float32Array(bytes(colour.values)), most: colour.most});
+      find("scale-high").textContent = colour.text;
+      find("ramp").hidden = find("scale-low").hidden = !colour.text;
+    });
+  }
+
+  function addOption(select, text, value) {
+    const option = document.createElement("option");
+    option.value = String(value);
+    option.textContent = text;
+    find(select).append(option);
+  }
+
+  const charts = {};
+  function showChart(name, chart) {
+    if (charts[name]) charts[name].remove();
+    find(`${name}-title`).textContent = chart.title;
+    charts[name] = makeChart(find(name), find(`${name}-legend`), chart, chart.title, choose);
+    charts[name].show(frame);
+  }
+
+  // The record as CSV: time, load and displacement, and what the chosen joint carries.
+  function asCsv() {
+    const joint = data.joints.length ? data.joints[Number(find("joint").value)] : null;
+    const columns = [...data.record.columns, ...(joint ? joint.columns : [])];
+    const values = columns.map((column) => new Float64Array(bytes(column.values)));
+    const quote = (text) => (/[",\n]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text);
+    const lines = [columns.map((column) => quote(column.name)).join(",")];
+    for (let i = 0; i < values[0].length; i++) lines.push(values.map((column) => (Number.isNaN(column[i]) ? "" : String(column[i]))).join(","));
+    return lines.join("\n") + "\n";
+  }
+
+  function download() {
+    const link = document.createElement("a");
+    link.href = URL.createObjectURL(new Blob([asCsv()], {type: "text/csv"}));
+    link.download = data.record.file;
+    link.click();
+    setTimeout(() => URL.revokeObjectURL(link.href), 10000);
   }
 
   slider.max = String(frames - 1);
@@ -94,12 +135,15 @@
   stretch.addEventListener("input", () => show(frame));
   play.addEventListener("click", () => (playing ? pause() : start()));
   for (const name of ["curve", "path"]) {
-    const chart = data[name];
-    if (!chart) { find(`${name}-figure`).hidden = true; continue; }
-    find(`${name}-title`).textContent = chart.title;
-    const move = makeChart(find(name), find(`${name}-legend`), chart, chart.title, choose);
-    views.push(move);
+    if (!data[name]) { find(`${name}-figure`).hidden = true; continue; }
+    showChart(name, data[name]);
+    views.push((newFrame) => charts[name].show(newFrame));
   }
+  data.joints.forEach((joint, i) => addOption("joint", joint.name, i));
+  find("joint-choice").hidden = data.joints.length < 2;
+  find("joint").addEventListener("change", () => showChart("path", data.joints[Number(find("joint").value)].chart || data.path));
+  find("download").hidden = !data.record;
+  find("download").addEventListener("click", download);
   try {
     viewer();
   } catch (error) {

@@ -113,7 +113,7 @@ function rod(from, along, length, radius, head, colour, out) {
   }
 }
 
-// Returns {show(frame, magnification), look(name)}; throws an Error in plain words where there is no WebGL.
+// Returns {show(frame, magnification), paint(quantity), look(name)}; throws an Error in plain words where there is no WebGL.
 function makeViewer(canvas, scene) {
   const gl = canvas.getContext("webgl", {antialias: true, alpha: true});
   if (!gl) throw new Error("This browser shows no WebGL, so the blocks cannot be drawn; the diagrams below work without.");
@@ -123,7 +123,7 @@ function makeViewer(canvas, scene) {
   const rest = new Float32Array(9 * parts.edges.length), motion = new Float64Array(6);
   const shownTurn = new Float64Array(9), trueTurn = new Float64Array(9), turns = new Float64Array(9 * scene.blocks);
   let program, buffer, places, angle = Math.atan2(1.5, 1), height = Math.asin(1.4 / Math.hypot(1, 1.5, 1.4)), near = 1;
-  let frame = 0, magnification = 1, waiting = false;
+  let frame = 0, magnification = 1, waiting = false, paint = null;
 
   function prepare() {
     program = gl.createProgram();
@@ -168,10 +168,18 @@ function makeViewer(canvas, scene) {
     }
   }
 
+  // What the colour of a corner of block b shows, as a part of the greatest: its displacement, or a value of its block.
+  function shade(v, b) {
+    if (paint === null) return cividis(amount[v] / scene.most);
+    if (!paint.values) return STONE;
+    const value = paint.values[Math.round(frame) * scene.blocks + b];
+    return Number.isNaN(value) ? STONE : cividis(value / paint.most);
+  }
+
   function fill() {
     for (let t = 0; t < count; t++) {
       const v = parts.vertex[t], b = scene.blockOf[v], x = parts.normal[3 * t], y = parts.normal[3 * t + 1], z = parts.normal[3 * t + 2];
-      const colour = scene.fixed[b] ? STONE : cividis(amount[v] / scene.most);
+      const colour = scene.fixed[b] ? STONE : shade(v, b);
       for (let i = 0; i < 3; i++) {
         points[9 * t + i] = moved[3 * v + i];
         points[9 * t + 3 + i] = parts.normal[3 * t + i] + turns[9 * b + 3 * i] * x + turns[9 * b + 3 * i + 1] * y + turns[9 * b + 3 * i + 2] * z;
@@ -288,6 +296,12 @@ function makeViewer(canvas, scene) {
       frame = newFrame;
       magnification = newMagnification;
       move();
+      fill();
+      ask();
+    },
+    // By {values, most}, values of the blocks frame after frame; by nothing without values; by displacement where null.
+    paint(newPaint) {
+      paint = newPaint;
       fill();
       ask();
     },
