@@ -73,7 +73,7 @@ def test_a_moved_kernel_file_changes_it(copy):
 def test_a_copy_elsewhere_finds_what_another_compiled(tmp_path, copy):
     """An installation of the same sources at another path, or the same one installed again, compiles nothing."""
     code = "from dembrick.kernels.math.quaternion import product as kernel\nkernel(*8 * [1.0])\n"
-    code += "print(sum(kernel.stats.cache_hits.values()))"
+    code += "print(sum(kernel.called.stats.cache_hits.values()))"
     hits = []
     for place in (PACKAGE, copy):
         environment = {**os.environ, "PYTHONPATH": str(place.parent), "DEMBRICK_CACHE_DIR": str(tmp_path)}

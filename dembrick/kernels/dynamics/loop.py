@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray
 
-from dembrick._jit import jit, jit_parallel, prange, renamed
+from dembrick._jit import entry, jit, jit_parallel, prange, renamed
 from dembrick.kernels.dynamics.contact_forces import TOUCHED, clear_applied, touch
 from dembrick.kernels.dynamics.energy import add_step
 from dembrick.kernels.dynamics.joint_families import forces as joint_forces
@@ -149,4 +149,4 @@ def advance_bodies(
 
 # One source, compiled twice: without threads `prange` is `range`. Small scenes never call, nor compile, the second.
 advance_bodies_together = jit_parallel(renamed(advance_bodies, "advance_bodies_together"))
-advance_bodies = jit(advance_bodies)
+advance_bodies = entry(advance_bodies)
