@@ -30,6 +30,13 @@ def assembly_mechanism(slid: np.ndarray, turned: np.ndarray, tilted: np.ndarray)
     return max(zip(most, ("sliding", "rocking", "torsion"), strict=True))[1]
 
 
+def crushes(closed: np.ndarray, strength: np.ndarray, *moves: np.ndarray) -> bool:
+    """Whether joints give way by crushing: those with a compressive ``strength`` (j,) in Pa have ``closed`` (j,) at O
+    by more than any rim has moved otherwise, ``moves`` (j,), all in m."""
+    depth = float(closed[np.isfinite(strength)].max(initial=0.0))
+    return depth > max(float(move.max(initial=0.0)) for move in moves)
+
+
 def fastest_blocks(speed: np.ndarray) -> np.ndarray:
     """The blocks (k,) of a mechanism whose blocks move at ``speed`` (n,): at least a tenth as fast as the fastest."""
     return np.flatnonzero(speed > MOVED * speed.max(initial=0.0))

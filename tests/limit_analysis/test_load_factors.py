@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dembrick.assembly import build
-from dembrick.errors import ScenarioError
+from dembrick.errors import NotConvergedError
 from dembrick.simulation.limit_analysis import analysis
 from helpers import pushed_assemblies as scenes
 from helpers.pushed_assemblies import law
@@ -194,7 +194,41 @@ def test_the_bounds_see_less_friction(monkeypatch):
     assert less.load_factor == pytest.approx(0.99 * found.load_factor, rel=1e-6)
 
 
-def test_area_joints_that_crush_are_refused():
-    assembly = build.assemble(scenes.stack(law("convex", compressive_strength=15e3), Y))
-    with pytest.raises(ScenarioError, match="distributed"):
-        analysis.limit_load(assembly)
+@pytest.mark.parametrize("direction, width", [(X, 0.3), (Y, 0.2)])
+@pytest.mark.parametrize("strength", [10e3, 15e3, 1e6])
+def test_convex_joints_that_crush(direction, width, strength):
+    """A stack of height H pushed over: lambda = (b/H)(1 - rho g H / f_c), the toe crushing over N / (f_c a)."""
+    joint = law("convex", friction=0.9, compressive_strength=strength)
+    found = analysis.limit_load(build.assemble(scenes.stack(joint, direction)))
+    exact = width / 0.5 * (1.0 - W / strength)
+    assert found.lower <= exact <= found.upper * (1.0 + 1e-7)
+    assert found.load_factor == pytest.approx(exact, rel=1e-5)
+    assert found.gap < 1e-4 and found.mechanism.kind == "rocking"
+
+
+def test_dense_points_tend_to_the_convex_joint_that_crushes():
+    """Askew, where no closed form is at hand: 400 points a joint, each with its own strength."""
+    joint = {"friction": 0.9, "compressive_strength": 15e3}
+    exact, points = (
+        analysis.limit_load(build.assemble(scenes.stack(law(formulation, **joint, **more), DIAGONAL)))
+        for formulation, more in (("convex", {}), ("distributed", {"points": (20, 20)}))
+    )
+    assert exact.load_factor == pytest.approx(points.load_factor, rel=1e-5)
+    assert exact.gap < 1e-5
+
+
+def test_a_bond_and_crushing_together():
+    """The block bears f_c at its toe and f_t at its heel: M = (N + f_t A)(b - (N + f_t A) / ((f_c + f_t) a)) / 2."""
+    joint = law("convex", friction=0.9, cohesion=1e6, tensile_strength=5e3, compressive_strength=15e3)
+    found = analysis.limit_load(build.assemble(scenes.stack(joint, Y)))
+    total = W + 5e3
+    exact = total * 0.2 * (1.0 - total / 20e3) / (W * 0.5)
+    assert found.load_factor == pytest.approx(exact, rel=1e-6)
+
+
+@pytest.mark.parametrize("formulation", ["convex", "concave", "distributed"])
+def test_what_is_too_heavy_falls_by_crushing(formulation):
+    more = {"points": (4, 4)} if formulation == "distributed" else {}
+    joint = law(formulation, friction=0.9, compressive_strength=9e3, **more)
+    with pytest.raises(NotConvergedError, match="does not stand under its dead loads: by crushing of stack.1"):
+        analysis.limit_load(build.assemble(scenes.stack(joint, Y)))

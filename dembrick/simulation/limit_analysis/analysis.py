@@ -12,9 +12,18 @@ import numpy as np
 
 from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.simulation.limit_analysis import bounds, solver
+from dembrick.simulation.limit_analysis.crushing_surface import first_planes
 from dembrick.simulation.limit_analysis.equilibrium import JointForces
 from dembrick.simulation.limit_analysis.mechanism import Mechanism, mechanism_of
-from dembrick.simulation.limit_analysis.programme import NO_CUTS, Cuts, Loads, Structure, programme_of, structure_of
+from dembrick.simulation.limit_analysis.programme import (
+    NO_CUTS,
+    Cuts,
+    Loads,
+    Structure,
+    area_normals,
+    programme_of,
+    structure_of,
+)
 from dembrick.simulation.limit_analysis.solver import INFEASIBLE, SOLVED, UNBOUNDED, Entries, Programme, Solution
 from dembrick.simulation.limit_analysis.strength import (
     Material,
@@ -28,6 +37,7 @@ if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
 
 FINE = 3e-7  # of the friction of area joints: how far inside their surface the forces of the lower bound are looked for
+CRUSHED = 1e-8  # of N: by how much the surface of crushing may be exceeded, which the lower bound pays for
 MOST_ROUNDS = 80  # of cutting planes
 GAP = 1e-4  # of the load factor: a wider gap between the bounds is no answer
 LITTLE = 1e-3  # of the dead loads: a load so small need not be known better than one as great as that
@@ -39,7 +49,8 @@ _TILT_ROUNDS, _TILT_SETTLED = 40, 1e-9
 @dataclass(frozen=True)
 class Optimum:
     """The least cost of a programme: ``status``; ``reached`` by forces within their strengths that balance the loads,
-    and ``bound``, which no such forces fall below; the unknowns ``x``, and the duals ``y`` of equilibrium."""
+    and ``bound``, which no such forces fall below; the unknowns ``x``, the duals ``y`` of equilibrium, and the ``cuts``
+    that bounded the area joints."""
 
     status: str
     reached: float
@@ -47,6 +58,7 @@ class Optimum:
     x: np.ndarray
     y: np.ndarray
     rounds: int
+    cuts: Cuts
 
 
 @dataclass(frozen=True)
@@ -133,11 +145,6 @@ def prepared(
     joints, table = corner_points(joints, chosen, table)
     material = Material.of(joints) if material is None else material
     points, areas = point_strengths(table, material), area_strengths(joints, table, material)
-    if np.isfinite(areas.crushing).any():
-        raise ScenarioError(
-            "limit analysis knows a compressive strength of contact points only: give the joints that crush "
-            'formulation = "distributed", which tends to the convex joint as its points grow dense'
-        )
     return structure_of(assembly, points, areas, dead_wrench(assembly), list(live), along)
 
 
@@ -235,7 +242,7 @@ def standing(structure: Structure) -> Standing:
     found = optimum(structure, Loads(structure.dead, None), np.zeros(layout.n))
     if found.status == SOLVED and found.reached == 0.0:
         return Standing(True, 0.0, found.x, None)
-    missing, y = _least_missing(structure)
+    missing, y = _least_missing(structure, found.cuts)
     unbalanced = missing / max(float(np.abs(structure.dead).sum()), 1e-300)
     if unbalanced <= _STANDS:
         return Standing(True, unbalanced, found.x if found.status == SOLVED else np.zeros(layout.n), None)
@@ -243,12 +250,12 @@ def standing(structure: Structure) -> Standing:
     return Standing(False, unbalanced, None, mechanism_of(structure, y, forces))
 
 
-def _least_missing(structure: Structure) -> tuple[float, np.ndarray]:
+def _least_missing(structure: Structure, cuts: Cuts) -> tuple[float, np.ndarray]:
     """The least sum of forces that free blocks lack for equilibrium, and the velocities that it is dual to: those of
-    the fall, each block's of length one at most."""
+    the fall, each block's of length one at most. ``cuts`` bound the area joints."""
     n, rows, per = structure.layout.n, structure.frame.rows, structure.frame.per_block
     blocks = rows // per
-    plain = programme_of(structure, Loads(structure.dead, None), np.zeros(n), NO_CUTS)
+    plain = programme_of(structure, Loads(structure.dead, None), np.zeros(n), cuts)
     number = np.arange(rows)
     size = (per + 1) * np.arange(blocks)
     extra = Entries.joined(
@@ -276,34 +283,49 @@ def optimum(structure: Structure, loads: Loads, cost: np.ndarray, inner: np.ndar
     """The least cost . x of joint forces that balance ``loads`` within the strengths, from both sides.
 
     ``inner``: unknowns that balance them well inside. Area joints are bounded by cutting planes: each round adds the
-    plane that cuts off the forces of every joint beyond its limit surface, until, with a little less friction, no joint
-    is beyond the surface of its own friction.
+    plane that cuts off the forces of every joint beyond its surface of friction or of crushing, until, with a little
+    less strength, no joint is beyond the surface of its own strength.
     """
-    surfaces = len(structure.areas) > 0 and not structure.layout.flat
-    reduced, cuts, rounds = (1.0 / (1.0 + FINE) if surfaces else 1.0), Cuts(*NO_CUTS), 0
+    crushes = structure.areas.crushes
+    surfaces = len(structure.areas) > 0 and not (structure.layout.flat and not len(crushes))
+    reduced, rounds = (1.0 / (1.0 + FINE) if surfaces else 1.0), 0
+    places, closing = first_planes(structure.areas, crushes)
+    cuts = NO_CUTS._replace(crushed=crushes[places], closing=closing)
     while True:
         programme = programme_of(structure, loads, cost, cuts, reduced)
         found = solver.solve(programme)
         rounds += 1
-        if found.status == INFEASIBLE or not surfaces:
+        if found.status == INFEASIBLE or not surfaces or rounds == MOST_ROUNDS:
             break
-        over, twist = bounds.surface_excess(structure, found.x)
-        allowed = bounds.ROUNDING * np.abs(found.x).max(initial=0.0)
-        if not (over > allowed).any() or rounds == MOST_ROUNDS:
+        further = _cuts_off(structure, found.x)
+        if further is None:
             break
-        cut = np.flatnonzero(over > -0.5 * FINE * np.abs(over).max())
-        cut = cut[(over[cut] > 0.0) & np.any(twist[cut] != 0.0, axis=1)]
-        cuts = cuts.more(cut, twist[cut])
+        cuts = cuts.more(*further)
     if found.status != SOLVED:
-        return Optimum(found.status, math.nan, math.nan, found.x, found.equation_dual, rounds)
+        return Optimum(found.status, math.nan, math.nan, found.x, found.equation_dual, rounds, cuts)
     plain, outer = programme, found
     if surfaces:
         plain = programme_of(structure, loads, cost, cuts)
         outer = solver.solve(plain)
         if outer.status != SOLVED:
-            return Optimum(outer.status, math.nan, math.nan, outer.x, outer.equation_dual, rounds)
+            return Optimum(outer.status, math.nan, math.nan, outer.x, outer.equation_dual, rounds, cuts)
     x, reached = _within(structure, plain, found, inner)
-    return Optimum(SOLVED, reached, bounds.least_cost(structure, plain, outer), x, outer.equation_dual, rounds)
+    return Optimum(SOLVED, reached, bounds.least_cost(structure, plain, outer), x, outer.equation_dual, rounds, cuts)
+
+
+def _cuts_off(structure: Structure, x: np.ndarray) -> Cuts | None:
+    """The planes that cut the forces of a solution off, of all area joints beyond a surface; None if none is."""
+    most = float(np.abs(x).max(initial=0.0))
+    over, twist = bounds.surface_excess(structure, x)
+    crushed, closing = bounds.crushing_excess(structure, x)
+    normal = area_normals(structure.layout, x)[structure.areas.crushes, 0]
+    if not (
+        (over > bounds.ROUNDING * most).any() or (crushed > np.maximum(CRUSHED * normal, bounds.ROUNDING * most)).any()
+    ):
+        return None
+    cut = np.flatnonzero((over > 0.0) & np.any(twist != 0.0, axis=1))
+    pressed = np.flatnonzero((crushed > 0.0) & np.any(closing != 0.0, axis=1))
+    return Cuts(cut, twist[cut], structure.areas.crushes[pressed], closing[pressed])
 
 
 def _within(structure: Structure, programme: Programme, found: Solution, inner: np.ndarray | None):

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from dembrick.simulation.limit_analysis.friction_surface import gauges
-from dembrick.simulation.limit_analysis.programme import Structure, area_shears
+from dembrick.simulation.limit_analysis import crushing_surface, friction_surface
+from dembrick.simulation.limit_analysis.programme import Structure, area_normals, area_shears
 from dembrick.simulation.limit_analysis.solver import Entries, Programme, Solution, SparseMatrix
 
 CAP = 10.0  # of the largest joint force found: forces beyond it are not looked at by the upper bound
@@ -84,11 +84,11 @@ def _matrices(programme: Programme, columns: int | None = None) -> tuple[SparseM
     return both[0], both[1]
 
 
-def excess(structure: Structure, programme: Programme, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def excess(structure: Structure, programme: Programme, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """By how much joint forces exceed their strengths, row by row and cone by cone, in the unit of forces (negative:
-    what is left); then the same of the area joints, by their exact limit surface."""
+    what is left); then the same of the area joints, by their exact surfaces of friction and of crushing."""
     slack = programme.limits - _matrices(programme)[1].times(x)
-    return cone_excess(programme, slack), surface_excess(structure, x)[0]
+    return cone_excess(programme, slack), surface_excess(structure, x)[0], crushing_excess(structure, x)[0]
 
 
 def cone_excess(programme: Programme, slack: np.ndarray) -> np.ndarray:
@@ -107,8 +107,20 @@ def surface_excess(structure: Structure, x: np.ndarray) -> tuple[np.ndarray, np.
     if not len(areas) or layout.flat:
         return np.zeros(0), np.zeros((0, 3))
     cap, shear = area_shears(layout, x)
-    size, twist = gauges(areas, np.arange(len(areas)), shear)
+    size, twist = friction_surface.gauges(areas, np.arange(len(areas)), shear)
     return size - cap, twist
+
+
+def crushing_excess(structure: Structure, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(gauge - 1) f_c A / 2 (c,) of the area joints that crush, and the planes (c, 3) that attain it."""
+    areas, layout = structure.areas, structure.layout
+    chosen = areas.crushes
+    if not len(chosen):
+        return np.zeros(0), np.zeros((0, 3))
+    strongest = (areas.crushing + areas.tension)[chosen] / layout.frame.unit
+    force = area_normals(layout, x)[chosen] / strongest[:, None]
+    gauge, plane = crushing_surface.gauges(areas, chosen, force)
+    return 0.5 * (gauge - 1.0) * strongest, plane
 
 
 def share_of_inner(over: np.ndarray, inner: np.ndarray, allowed: float) -> float:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dembrick.simulation.limit_analysis.programme import Structure
-from dembrick.simulation.mechanism import assembly_mechanism, fastest_blocks, joint_mechanism, nothing_between
+from dembrick.simulation.mechanism import assembly_mechanism, crushes, fastest_blocks, joint_mechanism, nothing_between
 
 _CLOSED = 1e-6  # of the greatest normal force: joints that carry less are open
 
@@ -16,8 +16,8 @@ _CLOSED = 1e-6  # of the greatest normal force: joints that carry less are open
 class Mechanism:
     """``velocity`` (n, 6) of the blocks, translation of the centroid and rotation, at the rate 1 of the load's
     displacement; ``relative`` (j, 6) d1, d2, dn, r1, r2, rn of block b against a at O in the joint's axes; ``blocks``
-    that take part; ``joint`` that moves most among those that press; ``kind``: rocking, sliding, torsion, uplift, and
-    torsion-shear of a joint by itself."""
+    that take part; ``joint`` that moves most among those that press; ``kind``: rocking, sliding, torsion, uplift,
+    crushing, and torsion-shear of a joint by itself."""
 
     velocity: np.ndarray
     relative: np.ndarray
@@ -52,6 +52,11 @@ def mechanism_of(structure: Structure, y: np.ndarray, resultants: np.ndarray, su
     kind = assembly_mechanism(slid, turned, tilted)
     if len(joints) == 1:
         kind = joint_mechanism(relative[0, [0, 1, 5]], relative[0, 3:5], float(reach[0]))[1]
+    strength = np.full(len(joints), np.inf)
+    for part in (structure.points, areas):
+        strength[part.joint] = part.crushing
+    if crushes(-relative[:, 2], strength, slid, turned, tilted):
+        kind = "crushing"
     moving = fastest_blocks(np.linalg.norm(velocity[:, :3], axis=1))
     weight = float(np.linalg.norm(assembly.dead_force[~assembly.fixed], axis=1).max())
     if nothing_between(moving, (joints.block_a, joints.block_b), resultants[:, 0], weight):

@@ -14,18 +14,22 @@ from dembrick.simulation.limit_analysis.strength import Areas, Points
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
 
-NO_CUTS = np.zeros(0, np.int64), np.zeros((0, 3))
-
 
 class Cuts(NamedTuple):
-    """Planes that bound the friction of area joints: ``area`` (k,) which, ``twist`` (k, 3) of D_1 = 1."""
+    """Planes that bound the strengths of area joints: their friction, ``area`` (k,) which, ``twist`` (k, 3) of D_1 = 1;
+    their crushing, ``crushed`` (c,) which, ``closing`` (c, 3) of a mean |l| of 1."""
 
-    area: np.ndarray
-    twist: np.ndarray
+    area: np.ndarray = np.zeros(0, np.int64)
+    twist: np.ndarray = np.zeros((0, 3))
+    crushed: np.ndarray = np.zeros(0, np.int64)
+    closing: np.ndarray = np.zeros((0, 3))
 
-    def more(self, area: np.ndarray, twist: np.ndarray) -> Cuts:
+    def more(self, area: np.ndarray, twist: np.ndarray, crushed: np.ndarray, closing: np.ndarray) -> Cuts:
         """These and others."""
-        return Cuts(np.concatenate([self.area, area]), np.concatenate([self.twist, twist]))
+        return Cuts(*(np.concatenate(both) for both in zip(self, (area, twist, crushed, closing), strict=True)))
+
+
+NO_CUTS = Cuts()
 
 
 @dataclass(frozen=True)
@@ -67,7 +71,7 @@ class Loads(NamedTuple):
 def programme_of(structure: Structure, loads: Loads, cost: np.ndarray, cuts: Cuts, reduced: float = 1.0) -> Programme:
     """min cost . x: the joint forces of the layout and, last, the multiplier of ``loads.live`` where there is one.
 
-    ``reduced`` multiplies the shear strength of area joints.
+    ``reduced`` multiplies the shear strength and the compressive strength of area joints.
     """
     layout, rows = structure.layout, structure.frame.rows
     entries = structure.equilibrium
@@ -160,7 +164,25 @@ def _linear_rows(layout: Layout, cuts: Cuts, reduced: float) -> tuple[Entries, n
             bounded(every, areas.radius / areas.gyration, np.tile([0.0, 0.0, sign], (len(areas), 1)))
     if len(cuts.area) and not layout.flat:
         bounded(cuts.area, 1.0, cuts.twist)
+    _add_crushing(stack, layout, cuts, reduced)
     return stack.entries, stack.limits, stack.count
+
+
+def _add_crushing(stack: _Stack, layout: Layout, cuts: Cuts, reduced: float) -> None:
+    """f_c A <l> - sum of corner forces times l >= 0, l = closing . (1, r / gyration), of the planes of ``cuts``."""
+    areas, area = layout.areas, cuts.crushed
+    if not len(area):
+        return
+    strongest = (areas.crushing + areas.tension)[area] / layout.frame.unit
+    counts = np.diff(areas.start)[area]
+    row = np.repeat(np.arange(len(area)), counts)
+    corner = np.repeat(areas.start[area] - np.cumsum(counts) + counts, counts) + np.arange(len(row))
+    arm = areas.corner[corner] / areas.gyration[area[row], None]
+    value = cuts.closing[row, 0] + (cuts.closing[row, 1:] * arm).sum(axis=1)
+    groups = layout.corner_groups
+    column = layout.corner_start + groups.group[corner]
+    # of a mean |l| of 1 and a mean l of closing[0] the positive part is half their sum
+    stack.add(reduced * strongest * 0.5 * (1.0 + cuts.closing[:, 0]), (row, column, groups.share[corner] * value))
 
 
 def _add_ties(stack: _Stack, layout: Layout) -> None:
@@ -218,3 +240,12 @@ def area_shears(layout: Layout, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     corner = x[layout.corner_start : layout.shear_start]
     cap = level + slope * np.bincount(layout.corner_owner, corner, minlength=len(layout.areas))
     return cap, x[layout.shear_start : layout.tie_start].reshape(-1, layout.n_shear)
+
+
+def area_normals(layout: Layout, x: np.ndarray) -> np.ndarray:
+    """N, counted from -f_t A, and the integral of p r / gyration (a, 3) of the area joints of a solution."""
+    areas, groups = layout.areas, layout.corner_groups
+    force = groups.share * x[layout.corner_start : layout.shear_start][groups.group]
+    arm = areas.corner / areas.gyration[areas.owner, None]
+    values = (force, force * arm[:, 0], force * arm[:, 1])
+    return np.stack([np.bincount(areas.owner, value, minlength=len(areas)) for value in values], axis=1)

@@ -1,14 +1,14 @@
 """What the joints of an assembly can carry: strengths of contact points and of area joints, in newtons.
 
 A contact point (area A_i) carries -f_t A_i <= N_i <= f_c A_i and |t_i| <= c A_i + mu N_i. An area joint, ``convex``
-with ``full`` pressure, carries a no-tension pressure for N, M_1 and M_2, and (V_1, V_2, M_T) inside the limit surface
-of its polygon, scaled by c A + mu N. Both sets are convex, which is all that the theorems of limit analysis ask for.
-Joints of ``effective`` and ``linear`` pressure are not: their friction goes with the pressed part, and between two
-states of pressure the sum of both frictions can be out of reach. The smallest convex set around them is that of points
-at the corners of the polygon: a linear pressure may shrink to any corner, and a point inside carries nothing that
-points at the corners do not carry together (mu |v + w x r| is convex along the joint, so that it is greatest at a
-corner). They are bounded by ``concave`` points, which ``distributed`` points tend to as they fill the polygon up to its
-rim.
+with ``full`` pressure, carries a no-tension pressure for N, M_1 and M_2, of at most f_c if it crushes, and
+(V_1, V_2, M_T) inside the limit surface of its polygon, scaled by c A + mu N. These sets are convex, which is all that
+the theorems of limit analysis ask for. Joints of ``effective`` and ``linear`` pressure are not: their friction goes
+with the pressed part, and between two states of pressure the sum of both frictions can be out of reach. The smallest
+convex set around them is that of points at the corners of the polygon: a linear pressure may shrink to any corner, and
+a point inside carries nothing that points at the corners do not carry together (mu |v + w x r| is convex along the
+joint, so that it is greatest at a corner). They are bounded by ``concave`` points, which ``distributed`` points tend to
+as they fill the polygon up to its rim.
 """
 
 from __future__ import annotations
@@ -96,6 +96,11 @@ class Areas:
 
     def __len__(self) -> int:
         return len(self.joint)
+
+    @property
+    def crushes(self) -> np.ndarray:
+        """The area joints (c,) that have a compressive strength."""
+        return np.flatnonzero(np.isfinite(self.crushing))
 
     @property
     def owner(self) -> np.ndarray:

@@ -165,6 +165,15 @@ def greatest_strength(state) -> np.ndarray:
     return found
 
 
+def compressive_strength(state) -> np.ndarray:
+    """The pressure at which every joint crushes (j,) in Pa, infinite where it never does."""
+    found = np.full(len(state.joints.block_a), np.inf)
+    for _, joints in present(state):
+        if joints.strengths is not None:
+            found[joints.joint] = joints.strengths.crushing
+    return found
+
+
 def crushing_work(state, before) -> float:
     """Work that crushing took since the `memory` in the fields of ``before`` (J)."""
     return sum(

@@ -9,7 +9,7 @@ import numpy as np
 
 from dembrick.errors import BracketError
 from dembrick.kernels.statics.load_bounds import NEVER, Certificate
-from dembrick.simulation.mechanism import assembly_mechanism, fastest_blocks, joint_mechanism, nothing_between
+from dembrick.simulation.mechanism import assembly_mechanism, crushes, fastest_blocks, joint_mechanism, nothing_between
 from dembrick.simulation.statics import joint_families
 from dembrick.simulation.statics.state import State
 
@@ -135,6 +135,8 @@ def _mechanism(state: State, j: int) -> tuple[tuple[float, float] | None, str]:
     """Torsion centre of the last slip of joint ``j``, and the name of the mechanism."""
     if lifted_off(state):
         return None, "uplift"
+    if crushed(state):
+        return None, "crushing"
     return joint_mechanism(joint_families.slip_twists(state)[j], state.joints.tilt[j], joint_families.reach(state)[j])
 
 
@@ -153,6 +155,8 @@ def mechanism_of(state: State) -> str:
     """Name of the mechanism of an assembly in its last step: of the joint that moved most."""
     if lifted_off(state):
         return "uplift"
+    if crushed(state):
+        return "crushing"
     return assembly_mechanism(*last_moves(state))
 
 
@@ -164,6 +168,18 @@ def slides(state: State) -> bool:
     slid, turned, tilted = last_moves(state)
     several = len(state.joints.block_a) > 1
     return bool(several and max(slid.max(), turned.max()) > SLIDING * max(tilted.max(), slid.max(), turned.max()))
+
+
+def crushed(state: State) -> bool:
+    """Whether joints gave way by crushing in the last step."""
+    strength = joint_families.compressive_strength(state)
+    if not np.isfinite(strength).any():
+        return False
+    joints, blocks = state.joints, state.blocks
+    sides = ((joints.block_a, joints.arm_a), (joints.block_b, joints.arm_b))
+    moved_a, moved_b = (blocks.velocity[block] + np.cross(blocks.spin[block], arm) for block, arm in sides)
+    closed = np.einsum("jk,jk->j", moved_a - moved_b, joints.axes[:, 2])
+    return crushes(closed, strength, *last_moves(state))
 
 
 def lifted_off(state: State) -> bool:
