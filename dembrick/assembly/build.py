@@ -192,7 +192,7 @@ def loaded(scenario: Scenario, bare: Assembly, points: bool = True) -> Assembly:
 
     joint_force, exact = dead_joint_forces(joints, bare.fixed, dead_force)
     warnings = scenario.remarks + check_control(scenario) + check_strengths(scenario, joints)
-    warnings += check_stiffness(scenario, joints, joint_force)
+    warnings += check_stiffness(scenario, bare.shapes, joints, joint_force)
     tolerance = getattr(control, "tolerance", DISCRETISATION)
     if len(joints) == 1:  # the search for its limit load places the points of a lone joint itself
         tolerance = max(tolerance, DISCRETISATION)

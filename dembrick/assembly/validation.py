@@ -16,9 +16,11 @@ from dembrick.assembly.joints import TOLERANCE, JointTable, find_joints
 from dembrick.assembly.laws import Laws
 from dembrick.errors import ScenarioError
 from dembrick.geometry import polygons
+from dembrick.geometry.shapes import Shape
 from dembrick.scenario.checks import show
 from dembrick.scenario.controls import DEAD_LOAD, LIMIT_LOAD, PATH_FOLLOWING, BaseMotionControl
 from dembrick.scenario.model import Scenario
+from dembrick.scenario.unit_slips import unit_slips
 
 SOFT_WARNING = 1e-3  # elastic closing or sliding of a joint under its dead load, over its short side
 SOFT_LIMIT = 1e-2
@@ -201,16 +203,17 @@ def _check_base_motion(control: BaseMotionControl) -> tuple[str, ...]:
     return tuple(warnings)
 
 
-def check_stiffness(scenario: Scenario, joints, joint_force: np.ndarray) -> tuple[str, ...]:
+def check_stiffness(scenario: Scenario, shapes: tuple[Shape, ...], joints, joint_force: np.ndarray) -> tuple[str, ...]:
     """Refuse joints that their dead load would close, or friction shear, by more than a hundredth of their short side.
 
+    Where a number of the scenario, or a size of its ``shapes``, looks like a slip of units, that is named as the cause.
     The numbers of this project are those of stiff joints (undeformed geometry); a tenth of the limit is warned about.
     """
     if not len(joints):
         return ()
     laws, area, side = joints.law, joints.area, np.empty(len(joints))
-    for numbers, shapes in joints.by_corners():
-        side[numbers] = polygons.width(shapes)
+    for numbers, corners in joints.by_corners():
+        side[numbers] = polygons.width(corners)
     for number, pieces in joints.pieces.items():
         side[number] = max(polygons.width(piece) for piece in pieces)
     normal = np.maximum((joint_force * joints.axes[:, 2]).sum(axis=1), 0.0)
@@ -233,7 +236,8 @@ def check_stiffness(scenario: Scenario, joints, joint_force: np.ndarray) -> tupl
         if value > SOFT_WARNING
     ]
     if softness > SOFT_LIMIT:
-        refuse(scenario, f"{numbers}; at most {SOFT_LIMIT:g} is accepted: raise {' and '.join(keys)}")
+        remedy = "; ".join(unit_slips(scenario, shapes)) or f"raise {' and '.join(keys)}"
+        refuse(scenario, f"{numbers}; at most {SOFT_LIMIT:g} is accepted: {remedy}")
     count = int((np.maximum(closing, sliding) > SOFT_WARNING).sum())
     more = f" ({count - 1} more joints are above it too)" if count > 1 else ""
     effect = f"above {SOFT_WARNING:g} the deformed geometry shows in the result"

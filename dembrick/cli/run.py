@@ -134,7 +134,7 @@ def _text(result) -> str:
     if result.yield_point is None:
         return result.text()
     from dembrick.runs.path_dependence import path_lines
-    from dembrick.runs.result import reaction_lines
+    from dembrick.runs.result import printed, reaction_lines
     from dembrick.views.summary import known, on_one_path
 
     point, run = result.yield_point, result.run
@@ -161,11 +161,13 @@ def _text(result) -> str:
         if result.theory.discretisation_error is not None:
             lines.append(f"discretised   {100 * result.theory.discretisation_error:+.2g} % from the continuum")
     lines.append(f"V_peak        {known(point.V_peak, error)}{unit} at {1e6 * point.displacement_at_peak:.3g} um")
-    lines.append(f"joint         N = {point.N:.6g} N, V_1 = {point.V_1:.6g} N, V_2 = {point.V_2:.6g} N, "
-                 f"M_T = {point.M_T:.6g} N m")  # fmt: skip
+    carried = (point.N, point.V_1, point.V_2, point.M_T)
+    N, V_1, V_2, M_T = printed(carried, max(map(abs, carried)))
+    lines.append(f"joint         N = {N} N, V_1 = {V_1} N, V_2 = {V_2} N, M_T = {M_T} N m")
     where = ""
     if point.torsion_centre is not None:
-        where = f", centre ({point.torsion_centre[0]:.5g}, {point.torsion_centre[1]:.5g}) m"
+        x, y = printed(point.torsion_centre, max(map(abs, point.torsion_centre)))
+        where = f", centre ({x}, {y}) m"
     lines.append(f"mechanism     {point.mechanism}{where}")
     took = f"loop {1e3 * run.loop_seconds:.3g} ms"
     if "equilibria" in run.settings:

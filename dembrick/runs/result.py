@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from dembrick.simulation.dynamics.run import MotionRun  # and its kernels: for runs in real time only
     from dembrick.simulation.statics.standing import Standing
 
+ROUNDING = 1e-7  # of the largest: a force or a moment that is none
 SHOWN = 8  # supports whose reactions the command line prints
 BRACKET_SLACK = 1e-9  # of V: rounding by which theory may lie outside a certified bracket
 
@@ -156,12 +157,19 @@ class RunResult:
         return page.fragment(self)
 
 
+def printed(values: Iterable[float], largest: float) -> list[str]:
+    """Numbers by six digits; what is only rounding beside the ``largest`` of their kind is 0."""
+    return [f"{value:.6g}" if abs(value) > ROUNDING * largest else "0" for value in values]
+
+
 def reaction_lines(found: Mapping[str, list[float]] | None) -> list[str]:
     """What the command line prints of the reactions of supports."""
     lines = []
-    for name, (fx, fy, fz, *moment) in list((found or {}).items())[:SHOWN]:
-        about = ", ".join(f"{m:.6g}" for m in moment)
-        lines.append(f"reaction      {name}: {fx:.6g}, {fy:.6g}, {fz:.6g} N; {about} N m about its centroid")
+    largest = max((abs(value) for reaction in (found or {}).values() for value in reaction), default=0.0)
+    for name, reaction in list((found or {}).items())[:SHOWN]:
+        numbers = printed(reaction, largest)
+        force, moment = ", ".join(numbers[:3]), ", ".join(numbers[3:])
+        lines.append(f"reaction      {name}: {force} N; {moment} N m about its centroid")
     if found is not None and len(found) > SHOWN:
         lines.append(f"  ... and {len(found) - SHOWN} more supports (--json lists all)")
     return lines

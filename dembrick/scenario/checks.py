@@ -50,7 +50,10 @@ def nearest(word: str, known: Iterable[str]) -> str:
 
 
 def require(condition: bool, key: str, value: object, bound: str) -> None:
-    """ScenarioError "... is out of range" unless ``condition`` holds; ``bound`` says what would be right."""
+    """ScenarioError "... is out of range", or "is missing", unless ``condition`` holds; ``bound`` says what would be
+    right."""
+    if not condition and value is None:
+        raise ScenarioError(f"{key} is missing: {bound}")
     if not condition:
         raise ScenarioError(f"{key} = {show(value)} is out of range: {bound}")
 

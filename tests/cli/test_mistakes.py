@@ -7,8 +7,10 @@ import pytest
 
 from dembrick import history
 from dembrick.assembly.block_shapes import shapes_of
+from dembrick.assembly.build import assemble
 from dembrick.cli import main
 from dembrick.errors import HistoryError, ScenarioError
+from dembrick.runs.result import printed, reaction_lines
 from dembrick.runs.study import plan
 from dembrick.scenario import toml
 from dembrick.scenario.unit_slips import unit_slips
@@ -116,6 +118,28 @@ def test_blocks_of_any_shape_may_be_in_mm(shape, tmp_path):
     scenario = toml.loads(text)
     (found,) = unit_slips(scenario, shapes_of(scenario.all_blocks, str(tmp_path)))
     assert "'upper' is 300 m long: lengths are in metres" in found
+
+
+def test_a_scenario_in_mm_is_told_so_before_it_is_called_soft():
+    """Blocks of 300 m close their joints by far more than is accepted; the remedy is not a greater stiffness."""
+    before, after, said = SLIPS["mm"]
+    with pytest.raises(
+        ScenarioError, match="is soft for its load.*'upper' is 300 m long: lengths are in metres"
+    ) as found:
+        assemble(toml.loads(SET4A.replace(before, after)))
+    assert "raise" not in str(found.value)
+
+
+def test_a_key_that_is_needed_and_missing():
+    text = SET4A.partition("[[actuators]]")[0] + '[control]\nkind = "tilt"\naxis = [1.0, 0.0, 0.0]\nrate = 1.0\n'
+    assert "[control]: displacement is missing: a tilt in real time needs it, in m" in refused(text)
+
+
+def test_rounding_beside_a_force_prints_as_none():
+    assert printed((467.0, -8.4e-14, 215.9, 3e-5), 467.0) == ["467", "0", "215.9", "0"]
+    assert reaction_lines({"base": [4e-11, -7063.2, 105948.0, 11301.1, 7.8e-10, 0.0]}) == [
+        "reaction      base: 0, -7063.2, 105948 N; 11301.1, 0, 0 N m about its centroid"
+    ]
 
 
 def test_warnings_stand_on_standard_error_and_quiet_hides_them(capsys):

@@ -132,7 +132,7 @@ BAD = {
     "pushover in real time without a rate": (
         '"yield"',
         '"pushover"\ndirection = [1, 0, 0]\nquasi_static = false',
-        "rate = None is out of range",
+        "rate is missing",
         "a push in real time needs it, in m/s",
     ),
     "rate missing": ('"yield"\ntolerance = 1.0e-3', '"displacement"\ntravel=1e-5', "missing key 'rate' in [control]"),
