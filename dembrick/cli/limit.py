@@ -27,7 +27,7 @@ def add_arguments(parser) -> None:
 def run(options, console) -> int:
     """Analyse the scenario; 1 where it does not stand under its dead loads or the solver fails."""
     from dembrick.errors import DembrickError, ScenarioError
-    from dembrick.runs import limit, limit_standing
+    from dembrick.runs import limit
     from dembrick.scenario import toml as scenarios
     from dembrick.scenario.controls import DEAD_LOAD
 
@@ -42,10 +42,6 @@ def run(options, console) -> int:
     try:
         if options.reaction is not None:
             found = limit.reaction(scenario, options.reaction, _vector(options.direction), report=console.remark)
-        elif statics:
-            stands = limit_standing.stands(scenario, report=console.remark)
-            console.result(stands.as_dict(), stands.text())
-            return 0
         else:
             found = limit.limit(scenario, heuristic=options.heuristic, report=console.remark)
     except DembrickError as error:

@@ -16,7 +16,7 @@ from dembrick.errors import DembrickError, NotConvergedError, ScenarioError
 from dembrick.runs.left_out import LeftOut, left_out
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.checks import nearest, present, show
-from dembrick.scenario.controls import EVERY_BLOCK, Control, PushoverControl, TiltControl
+from dembrick.scenario.controls import DEAD_LOAD, EVERY_BLOCK, Control, PushoverControl, TiltControl
 from dembrick.scenario.model import Scenario
 from dembrick.simulation.limit_analysis import analysis, solver
 from dembrick.simulation.limit_analysis.mechanism import Mechanism
@@ -25,6 +25,7 @@ from dembrick.simulation.limit_analysis.reactions import Extreme, reaction_range
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
+    from dembrick.runs.limit_standing import StandingResult
 
 SECONDS_A_BLOCK = 3e-3  # of processor time, roughly; large assemblies take more
 
@@ -220,13 +221,21 @@ def limit(
     *,
     heuristic: bool = False,
     report: Callable[[str], None] | None = None,
-) -> LimitResult:
-    """Rigid-block limit analysis of a scenario (or the TOML file of one): the greatest load of its control.
+) -> LimitResult | StandingResult:
+    """Rigid-block limit analysis of a scenario (or the TOML file of one): the greatest load of its control, or of
+    ``kind = "statics"``, which has none, whether it stands: a `StandingResult`, see `limit_standing.stands`.
 
     Supports, loads and joints are those of the search; ``heuristic`` adds the second opinion without dilatancy. Raises
     ScenarioError for input that is no test or has no load, NotConvergedError where it does not stand under its dead
     loads or the solver fails, MissingDependency without the extra ``limit``.
     """
+    scenario = scenario if isinstance(scenario, Scenario) else scenarios.load(scenario)
+    if scenario.control.regime is DEAD_LOAD:
+        from dembrick.runs.limit_standing import stands
+
+        if heuristic:
+            raise ScenarioError('the second opinion belongs to a load, and kind "statics" has none')
+        return stands(scenario, report=report)
     began = time.perf_counter()
     given, assembly, built = assembled(scenario, began, report)
     tilt = given.control.tilt_axis is not None

@@ -114,6 +114,10 @@ def test_the_harmonic_stack(overhang, stands):
 def test_statics_by_limit_analysis(friction, status, tmp_path, capsys):
     """A semicircular arch of 20 voussoirs needs mu = .308877."""
     arch = replace(scenes.arch(law(friction=friction), (1.0, 0.0, 0.0)), control=StaticsControl())
+    found = limit(arch)
+    assert found.status == status and found.as_dict()["statics"]["stands"] == (status == "stands")
+    with pytest.raises(ScenarioError, match="belongs to a load"):
+        limit(arch, heuristic=True)
     assert cli.main(["limit", saved(tmp_path, arch), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["status"] == status and told["statics"]["stands"] == (status == "stands")
