@@ -11,7 +11,7 @@ from dembrick import history
 from dembrick.cli import main
 from dembrick.errors import HistoryError, MissingDependency, OutputError, ScenarioError, WriteError
 from dembrick.views import export
-from dembrick.views.export import text, vtkhdf
+from dembrick.views.export import pvd, text, vtkhdf
 from dembrick.views.motion.joints import JointMotion
 from helpers import history_cases as cases
 from helpers.places import tool_module
@@ -471,6 +471,24 @@ def test_a_series_that_breaks_off_leaves_an_earlier_one(tmp_path, monkeypatch):
     assert sorted(os.listdir(tmp_path)) == before
     layers = [f"x{layer}_{k:05d}.vtu" for layer in ("", "_joints") for k in range(N_FRAME)]
     assert sorted(os.listdir(tmp_path / "x_frames")) == sorted(layers)
+
+
+def test_a_list_that_breaks_off_leaves_an_earlier_series(tmp_path, monkeypatch):
+    """The disk is full once all frames are written: the last list finds no room."""
+    found = make(tmp_path, channels=("frames",))
+    export.export(found, tmp_path / "x.pvd")
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*.*") if path.is_file()}
+    write = pvd._list
+
+    def broken(target, files, times):
+        if "joints" in target:
+            raise OSError(28, "No space left on device")
+        write(target, files, times)
+
+    monkeypatch.setattr(pvd, "_list", broken)
+    with pytest.raises(WriteError, match="No space left"):
+        export.export(found, tmp_path / "x.pvd")
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*.*") if path.is_file()} == before
 
 
 def test_the_history_is_not_overwritten(tmp_path):

@@ -5,14 +5,14 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Callable, Collection, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
 from dembrick.errors import MissingDependency, OutputError
-from dembrick.history import History, part_name, products, replacing
+from dembrick.history import History, part_name, replacing
 from dembrick.views.export.files import checked_target, writing
 from dembrick.views.export.layers import LAYERS, Layer, NewContacts, Picture
 
@@ -33,21 +33,19 @@ def to_pvd(
     target = checked_target(history, path)
     stem, ending = os.path.splitext(target)
     times, lists = history.frame_time, {}
-    with writing(path), _new_folder(f"{stem}_frames") as folder:
+    place = os.path.basename(f"{stem}_frames")
+    with writing(path), ExitStack() as lists_written, _new_folder(f"{stem}_frames") as folder:
         picture = Picture(history, report, only)
         for suffix, layer in picture.layers.items():
             lists[stem + suffix + ending] = _frames(folder, stem + suffix, len(times), _meshes(picture, layer))
         for suffix, scattered in picture.scattered.items():
             vertices = partial(_vertices, scattered)
             lists[stem + suffix + ending] = _frames(folder, stem + suffix, len(times), vertices)
-        for name in lists:  # an older list must not name the frames of this one
-            products.refuse_foreign(name, name)
+        for name, frames in lists.items():
+            _list(lists_written.enter_context(replacing(name)), [f"{place}/{frame}" for frame in frames], times)
+        for name in lists:  # all is on the disk: from here on an older list would name the frames of this one
             with suppress(FileNotFoundError):
                 os.unlink(name)
-    place = os.path.basename(f"{stem}_frames")
-    with writing(path):
-        for name, frames in lists.items():
-            _list(name, [f"{place}/{frame}" for frame in frames], times)
     return [*lists, *(os.path.join(f"{stem}_frames", frame) for frames in lists.values() for frame in frames)]
 
 
@@ -113,7 +111,7 @@ def _frames(folder: str, stem: str, count: int, mesh: Callable) -> list[str]:
 
 def _list(target: str, files: list[str], times: np.ndarray) -> None:
     """The list of the frames of a layer."""
-    with replacing(target) as part, open(part, "w", encoding="utf-8") as file:
+    with open(target, "w", encoding="utf-8") as file:
         file.write('<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n<Collection>\n')
         for time, name in zip(times.tolist(), files, strict=True):
             file.write(f'<DataSet timestep="{time!r}" part="0" file={quoteattr(name)}/>\n')
