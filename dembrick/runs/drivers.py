@@ -185,11 +185,12 @@ def _expected_factor(scenario: Scenario, assembly: Assembly) -> float | None:
     """About the load factor of a collapse in real time, by limit analysis if that takes seconds; None if it does not,
     or finds none."""
     from dembrick.runs import limit
+    from dembrick.runs.limit_scenario import searched
 
     if scenario.control.ends_with != COLLAPSE or not limit.cheaper_than(SECONDS_OF_CHECK, assembly):
         return None
     try:
-        found = limit.associative_bound(build.assemble(limit.searched(scenario)), scenario.control)
+        found = limit.associative_bound(build.assemble(searched(scenario)), scenario.control)
     except (NotConvergedError, ScenarioError):
         return None
     return None if found is None else found["upper"]

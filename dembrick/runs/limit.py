@@ -6,26 +6,26 @@ import math
 import os
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dembrick.assembly import build as assemblies
 from dembrick.errors import DembrickError, NotConvergedError, ScenarioError
 from dembrick.runs.left_out import LeftOut, left_out
+from dembrick.runs.limit_scenario import assembled, names_of
+from dembrick.runs.limit_standing import StandingResult, stands
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.checks import nearest, present, show
-from dembrick.scenario.controls import DEAD_LOAD, EVERY_BLOCK, Control, PushoverControl, TiltControl
+from dembrick.scenario.controls import DEAD_LOAD, EVERY_BLOCK, Control
 from dembrick.scenario.model import Scenario
 from dembrick.simulation.limit_analysis import analysis, solver
-from dembrick.simulation.limit_analysis.mechanism import Mechanism
 from dembrick.simulation.limit_analysis.non_associative import SecondOpinion, second_opinion
 from dembrick.simulation.limit_analysis.reactions import Extreme, reaction_range
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
-    from dembrick.runs.limit_standing import StandingResult
 
 SECONDS_A_BLOCK = 3e-3  # of processor time, roughly; large assemblies take more
 
@@ -231,8 +231,6 @@ def limit(
     """
     scenario = scenario if isinstance(scenario, Scenario) else scenarios.load(scenario)
     if scenario.control.regime is DEAD_LOAD:
-        from dembrick.runs.limit_standing import stands
-
         if heuristic:
             raise ScenarioError('the second opinion belongs to a load, and kind "statics" has none')
         return stands(scenario, report=report)
@@ -312,29 +310,6 @@ def expected_seconds(assembly: Assembly) -> float:
     return 0.5 + SECONDS_A_BLOCK * blocks * max(1.0, blocks / 1000.0) ** 0.5
 
 
-def searched(scenario: Scenario) -> Scenario:
-    """The scenario with the load that limit analysis looks at: of a tilt or a push in real time the quasi-static
-    one."""
-    control = scenario.control
-    if not isinstance(control, TiltControl | PushoverControl) or control.quasi_static:
-        return scenario
-    without: dict[str, Any] = {} if control.push_direction is None else {"rate": None}
-    return replace(scenario, control=replace(control, quasi_static=True, **without), text=None)
-
-
-def assembled(
-    given: Scenario | str | os.PathLike, began: float, report: Callable[[str], None] | None
-) -> tuple[Scenario, Assembly, float]:
-    """A scenario as limit analysis looks at it, its assembly, and the seconds that took; `report` hears warnings."""
-    solver.require()
-    scenario = searched(given if isinstance(given, Scenario) else scenarios.load(given))
-    assembly = assemblies.assemble(scenario)
-    if report:
-        for warning in assembly.warnings:
-            report(warning)
-    return scenario, assembly, time.perf_counter() - began
-
-
 def _left_out(assembly: Assembly, found: analysis.Limit, tilt: bool) -> list[LeftOut]:
     moved = present(found.mechanism).relative
     reach = np.array([np.abs(joint.polygon).max() for joint in assembly.joints])
@@ -364,11 +339,6 @@ def _digits(found: analysis.Limit) -> int:
     """Digits of the load factor that its bounds leave."""
     gap = max(found.gap, 1e-10)
     return int(min(9, max(4, math.floor(-math.log10(gap)) + 1)))
-
-
-def names_of(assembly: Assembly, mechanism: Mechanism | None) -> list[str]:
-    """Names of the blocks that move in a mechanism."""
-    return [] if mechanism is None else [assembly.names[i] for i in mechanism.blocks]
 
 
 def _some(names: list[str]) -> str:

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from dembrick.runs.limit import assembled, names_of
+from dembrick.runs.limit_scenario import assembled, names_of
 from dembrick.scenario.model import Scenario
 from dembrick.simulation.limit_analysis import analysis
 

@@ -1,0 +1,47 @@
+"""What limit analysis looks at: the scenario of a quasi-static load, its assembly, and the names of blocks."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from dembrick.assembly import build as assemblies
+from dembrick.scenario import toml as scenarios
+from dembrick.scenario.controls import PushoverControl, TiltControl
+from dembrick.scenario.model import Scenario
+from dembrick.simulation.limit_analysis import solver
+
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
+    from dembrick.simulation.limit_analysis.mechanism import Mechanism
+
+
+def searched(scenario: Scenario) -> Scenario:
+    """The scenario with the load that limit analysis looks at: of a tilt or a push in real time the quasi-static
+    one."""
+    control = scenario.control
+    if not isinstance(control, TiltControl | PushoverControl) or control.quasi_static:
+        return scenario
+    without: dict[str, Any] = {} if control.push_direction is None else {"rate": None}
+    return replace(scenario, control=replace(control, quasi_static=True, **without), text=None)
+
+
+def assembled(
+    given: Scenario | str | os.PathLike, began: float, report: Callable[[str], None] | None
+) -> tuple[Scenario, Assembly, float]:
+    """A scenario as limit analysis looks at it, its assembly, and the seconds that took; `report` hears warnings."""
+    solver.require()
+    scenario = searched(given if isinstance(given, Scenario) else scenarios.load(given))
+    assembly = assemblies.assemble(scenario)
+    if report:
+        for warning in assembly.warnings:
+            report(warning)
+    return scenario, assembly, time.perf_counter() - began
+
+
+def names_of(assembly: Assembly, mechanism: Mechanism | None) -> list[str]:
+    """Names of the blocks that move in a mechanism."""
+    return [] if mechanism is None else [assembly.names[i] for i in mechanism.blocks]
