@@ -23,6 +23,9 @@ except ImportError:  # a system without POSIX locks
 import numba
 from numba import get_num_threads, prange
 from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler
+from numba.core.registry import CPUDispatcher
 
 __all__ = ["CACHE_FOLDER", "get_num_threads", "jit", "jit_parallel", "jit_sum", "kernel_hash", "prange"]
 
@@ -190,18 +193,51 @@ def renamed(function, name: str):
     return copy
 
 
+class _Part(JITCodeLibrary):
+    """Code that only ever becomes part of other code: it is optimised, and made machine code, there and not by itself.
+
+    numba does both for every function it compiles, together with all that it calls: what is called from a depth of ten
+    was optimised ten times, and nobody ever ran nine of them.
+    """
+
+    def _optimize_final_module(self):
+        pass
+
+    def _finalize_final_module(self):
+        self._finalize_dynamic_globals()
+        self._finalized = True
+
+
+class _PartCompiler(Compiler):
+    def __init__(self, typingctx, targetctx, _, args, return_type, flags, locals):
+        flags.no_compile = flags.no_cpython_wrapper = flags.no_cfunc_wrapper = True
+        super().__init__(typingctx, targetctx, _Part(targetctx.codegen(), "part"), args, return_type, flags, locals)
+
+
+class _Parts(CPUDispatcher):
+    """A function as other kernels see it."""
+
+    def add_overload(self, cres):
+        """See numba. What was compiled has no entry point, the name under which numba would find it: it gets one."""
+        cres, part = cres._replace(entry_point=object()), cres._asdict()["library"]
+        self.targetctx.insert_user_function(cres.entry_point, cres.fndesc, [part])
+        self.overloads[tuple(cres.signature.args)] = cres
+
+
 class Inlined:
     """A kernel that other kernels take into their own code, and that Python may call as well.
 
-    numba gives every function the code by which Python calls it, which holds the whole body once more. Kernels need
-    none, and without it, and without the one for C, they compile in two thirds of the time. ``called`` is compiled with
-    it if Python calls. Not so for a kernel that only Python calls, which is better an `entry`.
+    Other kernels take it as `_Parts`, without the code by which Python calls it, which holds the whole body once more;
+    a first run compiles in less than half the time. ``called`` is compiled if Python calls. Not so for a kernel that
+    only Python calls, which is better an `entry`.
     """
 
     def __init__(self, function, **options):
         update_wrapper(self, function)
         self.py_func = function
-        self._inner = _compiled(function, no_cpython_wrapper=True, forceinline=True, **options)
+        options = {"fastmath": FLOATS, **options}
+        wanted = {"nopython": True, "error_model": "numpy", "forceinline": True, **options}
+        self._inner = _Parts(function, targetoptions=wanted, pipeline_class=_PartCompiler)
         self._numba_type_ = numba.types.Dispatcher(self._inner)  # what other kernels see
         self.called = _compiled(renamed(function, f"{function.__name__}_called"), **options)
 

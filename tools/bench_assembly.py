@@ -52,7 +52,7 @@ def chunk(moving, driving, steps: int) -> float:
     """Nanoseconds of this thread a joint and step of one call of the loop."""
     times = (moving.steps + np.arange(steps)) * moving.time_step
     began = time.thread_time()
-    integrator._advance(moving, moving.state.bodies, driving, times, CALM, 0.0, moving.time_step)
+    integrator.advance_chunk(moving, moving.state.bodies, driving, times, CALM, 0.0, moving.time_step)
     took = time.thread_time() - began
     moving.steps += steps
     return 1e9 * took / steps / len(moving.assembly.joints)

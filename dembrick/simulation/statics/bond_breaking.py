@@ -65,7 +65,7 @@ class BondBreaking:
             return False
         before = elastic_energy(state.joints, state.points, state.areas, None)
         joint_families.hold_bonds(state, False)
-        search.attempt(way.motion, way.V, False)
+        search.attempt(way.motion, way.V)
         joint_families.hold_bonds(state, True)
         way.fracture += before - elastic_energy(state.joints, state.points, state.areas, None)
         remember(search.trial, state.joints, state.points, state.areas)

@@ -95,21 +95,32 @@ class Equilibria:
         motion[self.rows] = np.concatenate([blocks.displacement[self.free], blocks.rotation[self.free]], axis=1)
         return motion
 
-    def attempt(self, motion: np.ndarray, V: float, with_tangent: bool) -> float:
+    def attempt(self, motion: np.ndarray, V: float) -> float:
         """Out-of-balance of a motion under the load V: the square root of the elastic energy that it would give (J)."""
-        began, state = time.perf_counter(), self.state
-        blocks = state.blocks
+        began, blocks = time.perf_counter(), self.state.blocks
         rows = motion[self.rows]
         blocks.displacement[self.free], blocks.rotation[self.free] = rows[:, :3], rows[:, 3:]
-        ties.pull(state)
+        ties.pull(self.state)
+        self._try(V, with_tangent=False)
+        forces = time.perf_counter()
+        energy = self.factor.energy(self.trial.residual)
+        self.phases["joint_forces"] += forces - began
+        self.phases["equations"] += time.perf_counter() - forces
+        return math.sqrt(max(0.0, energy))
+
+    def differentiate(self, V: float) -> None:
+        """Tangents of the joints at the motion of now."""
+        began, state = time.perf_counter(), self.state
         if state.ties is not None:
             self.trial.tangent[len(state.joints.block_a) :] = ties.tangent(state.ties)
-        try_motion(
-            self.trial, blocks, state.joints, state.points, state.areas, state.actuators, V, with_tangent
-        )  # fmt: skip
-        energy = self.factor.energy(self.trial.residual)
+        self._try(V, with_tangent=True)
         self.phases["joint_forces"] += time.perf_counter() - began
-        return math.sqrt(max(0.0, energy))
+
+    def _try(self, V: float, with_tangent: bool) -> None:
+        state = self.state
+        try_motion(
+            self.trial, state.blocks, state.joints, state.points, state.areas, state.actuators, V, with_tangent
+        )  # fmt: skip
 
     def out_of_balance(self) -> float:
         """Out-of-balance force or moment over the greatest joint force or dead load of a block, the worst block."""
@@ -124,7 +135,7 @@ class Equilibria:
 
     def find(self, motion: np.ndarray, V: float) -> tuple[float | None, int]:
         """V of the equilibrium at the driven displacement of ``motion``, near it; None where none is found."""
-        start = size = self.attempt(motion, V, True)
+        start = size = self.attempt(motion, V)
         for iteration in range(MOST_ITERATIONS):
             if not size <= LOST * start:
                 return None, iteration
@@ -132,6 +143,7 @@ class Equilibria:
                 return V, iteration
             self.pause()
             self.iterations += 1
+            self.differentiate(V)
             if not self.solve():
                 return None, iteration
             by_residual, by_load = self.answers
@@ -139,7 +151,7 @@ class Equilibria:
             change = by_residual + change_V * by_load
             part, best = 1.0, (math.inf, 0.0)
             for _ in range(BACKTRACKS):
-                found = self.attempt(motion + part * change, V + part * change_V, False)
+                found = self.attempt(motion + part * change, V + part * change_V)
                 if found < best[0]:
                     best = (found, part)
                 if found < (1.0 - 0.1 * part) * size:
@@ -148,12 +160,15 @@ class Equilibria:
             if best[1] == 0.0:
                 return None, iteration
             motion, V = motion + best[1] * change, V + best[1] * change_V
-            size = self.attempt(motion, V, True)
+            size = best[0]
+            if best[1] != part:  # the last part that was tried was not the best
+                self.attempt(motion, V)
         return None, MOST_ITERATIONS
 
     def correction(self, V: float) -> float:
         """By how much one more Newton step would change V at the motion of now (N); infinite where there is none."""
-        self.attempt(self.motion(), V, True)
+        self.attempt(self.motion(), V)
+        self.differentiate(V)
         if not self.solve():
             return math.inf
         by_residual, by_load = self.answers

@@ -102,7 +102,8 @@ class PathFollower:
         """Call every kernel once, at the motion of now, to compile it or load it; the state stays as it is."""
         state = self.state
         remember(self.trial, state.joints, state.points, state.areas)
-        self.search.attempt(self.search.motion(), 0.0, True)
+        self.search.attempt(self.search.motion(), 0.0)
+        self.search.differentiate(0.0)
         self.search.prepare()
         self._instant(0.0, 0.0, 0.0)
         if self.recorder is not None:
@@ -203,10 +204,10 @@ class PathFollower:
             if found is None:
                 break
             motion = search.motion()
-            search.attempt(motion, found, False)
+            search.attempt(motion, found)
             work = inner(self.trial.residual, motion - way.motion)
             V = found - work / (way.step * self.weight)
-            search.attempt(motion, V, False)
+            search.attempt(motion, V)
             excess = search.out_of_balance() / (LITTLE * self.certificate.tolerance)
             if excess <= 1.0:
                 break
@@ -220,7 +221,7 @@ class PathFollower:
             iterations += tried
             if found is not None:
                 return found, iterations
-            search.attempt(motion, V, False)
+            search.attempt(motion, V)
         way.drag *= min(FASTER, 0.5 / max(excess, 0.1))
         way.lost += work
         way.dragged = way.dragged - 1 if way.dragged else ALONG - 1
@@ -324,7 +325,7 @@ class PathFollower:
         self.way.friction += self._dissipated() + ties.remember(state)
         self.way.crushing += joint_families.crushing_work(state, trial)
         remember(trial, state.joints, state.points, state.areas)
-        self.search.attempt(drift.motion, drift.V, False)
+        self.search.attempt(drift.motion, drift.V)
         if self.search.out_of_balance() <= self.search.balanced:
             self.way.drift = None
             return drift.V, True
