@@ -29,7 +29,7 @@ html_title = f"dembrick {version}"
 html_theme_options = {"top_of_page_buttons": []}
 html_show_sourcelink = False
 
-myst_enable_extensions = ["dollarmath", "deflist", "colon_fence"]
+myst_enable_extensions = ["dollarmath", "deflist", "colon_fence", "attrs_inline"]
 myst_heading_anchors = 3
 nb_execution_mode = "cache"
 nb_execution_timeout = 600

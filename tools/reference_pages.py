@@ -1,4 +1,4 @@
-"""Write the generated pages of the reference: scenario keys, commands, layout of a history, verification, gallery.
+"""Write the generated pages: scenario keys, commands, layout of a history, verification cases, gallery.
 
     python tools/reference_pages.py [FOLDER]
 
@@ -9,6 +9,7 @@ histories that it writes, cases and examples from the files that ship. Nothing h
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 import tempfile
 from dataclasses import MISSING
@@ -19,6 +20,16 @@ from dembrick.cli import VERBS, full_parser
 from dembrick.runs.verification import cases
 from dembrick.scenario import keys, shipped
 
+PICTURES = Path(__file__).resolve().parent.parent / "docs" / "gallery"
+GALLERY = {  # kinds of control: heading
+    ("pushover", "tilt", "statics"): "Structures at their limit",
+    ("settlement",): "Supports that settle",
+    ("base-motion", "dynamic"): "In real time",
+    ("yield",): "Limit loads of tests",
+    ("displacement",): "Tests at a constant rate",
+    ("study",): "Studies",
+}
+
 
 def write(folder: Path) -> None:
     """Write all pages into ``folder``; a page that has not changed is left alone, so that a rebuild is quick."""
@@ -28,8 +39,8 @@ def write(folder: Path) -> None:
         "commands.md": commands_page(),
         "history.md": history_page(),
         "cases.md": cases_page(),
-        "examples.md": examples_page(),
     }
+    pages["../gallery.md"] = gallery_page(PICTURES)
     for name, text in pages.items():
         path = folder / name
         if not path.exists() or path.read_text(encoding="utf-8") != text:
@@ -167,13 +178,25 @@ def cases_page() -> str:
     )
 
 
-def examples_page() -> str:
-    """The scenarios that ship."""
-    rows = [[f"`{name}`", shipped.description(path)] for name, path in shipped.examples().items()]
-    return (
-        "# Shipped scenarios\n\n`dembrick run NAME` runs one, `dembrick examples NAME` prints it, `dembrick examples "
-        "--copy DIR` copies them all.\n\n" + table(["name", "what it says of itself"], rows)
-    )
+def gallery_page(pictures: Path) -> str:
+    """The scenarios that ship, each with its picture, number and time as ``tools/gallery.py`` found them."""
+    entries = json.loads((pictures / "gallery.json").read_text(encoding="utf-8"))
+    parts = [
+        "# Gallery\n\n`dembrick run NAME` runs one of these, `dembrick examples NAME` prints it, `dembrick examples "
+        "--copy DIR` copies them all. Pictures, numbers and times are those of `tools/gallery.py`; seconds "
+        "are those of one processor, once compiled.\n"
+    ]
+    for kinds, heading in GALLERY.items():
+        rows = []
+        for name, path in shipped.examples().items():
+            entry = entries[name]
+            if entry["kind"] in kinds:
+                picture = f"![{name}](gallery/{name.replace('/', '_')}.png){{width=330px}}"
+                blocks = f", {entry['blocks']} blocks" if entry["blocks"] else ""
+                told = f"**{entry['title']}**. {shipped.description(path)} `{name}`{blocks}"
+                rows.append([picture, told, entry["number"], f"{entry['seconds']:g} s"])
+        parts.append(f"## {heading}\n\n" + table(["", "what", "answer", "time"], rows))
+    return "\n".join(parts)
 
 
 if __name__ == "__main__":

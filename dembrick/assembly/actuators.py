@@ -12,6 +12,7 @@ from dembrick.assembly.surface_pressures import face_forces
 from dembrick.errors import ScenarioError
 from dembrick.geometry.shapes import parts_of
 from dembrick.scenario.checks import show
+from dembrick.scenario.pressures import PRESSURE
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
@@ -104,7 +105,7 @@ def _joined(given: ActuatorTable, driven, bare: Assembly) -> ActuatorTable:
     weight = np.sqrt((force**2).sum(axis=1))
     block, arm = np.array([face.block for face in driven]), np.array([face.arm for face in driven])
     return ActuatorTable(
-        names=(*given.names, *(f"pressure on {bare.names[i]}" for i in block)),
+        names=(*given.names, *(f"{PRESSURE}{bare.names[i]}" for i in block)),
         block=np.concatenate([given.block, block]),
         point=np.concatenate([given.point, bare.position[block] + arm]),
         arm=np.concatenate([given.arm, arm]),

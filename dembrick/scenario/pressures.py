@@ -9,6 +9,8 @@ from dembrick.scenario.blocks import Vector
 from dembrick.scenario.checks import assign, check_name, present, real, require, require_type, show, unit_vector, vector
 from dembrick.scenario.stages import stage_numbers
 
+PRESSURE = "pressure on "  # begins the name of a driven pressure among the actuators
+
 
 @dataclass(frozen=True, slots=True)
 class Pressure:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -26,6 +27,15 @@ def test_the_python_block_runs_and_says_what_it_should(tmp_path, monkeypatch, ca
     (line, *_) = names["figure"].axes[0].lines
     history = dembrick.read_history("set4a.h5")
     assert line.get_ydata() == pytest.approx(history.load)
+
+
+def test_the_light_install_asks_for_what_the_full_one_does():
+    """The group that README names beside --no-deps: three of the dependencies, with the same bounds."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    group = project["dependency-groups"]["solver"]
+    assert set(group) < set(project["project"]["dependencies"])
+    assert [re.match(r"\w+", entry).group() for entry in group] == ["numpy", "numba", "h5py"]
+    assert "--group solver" in TEXT
 
 
 def test_its_pictures_exist():

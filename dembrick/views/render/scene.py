@@ -13,6 +13,7 @@ import numpy as np
 
 from dembrick.errors import HistoryError
 from dembrick.geometry.rotations import rotation_matrix
+from dembrick.scenario.pressures import PRESSURE
 from dembrick.scenario.regimes import TILT_LOAD
 from dembrick.views.motion.blocks import CarriedPoints, Poses, all_vertices, rotation_times
 from dembrick.views.motion.joints import JointMotion, nearest
@@ -372,7 +373,7 @@ class Scene:
         shown = f"motion x {self._factor:g}" if self._factor != 1.0 else "true scale"
         keys = ["grey: start"] if not self._many else []
         if self._actuators:
-            keys.append("orange: body forces" if pushes_several(history) else "orange: actuators")
+            keys.append(f"orange: {self._driven()}")
         if marked:
             keys.append("blue: torsion centre")
         if self.arrows is not None:
@@ -389,6 +390,14 @@ class Scene:
             told = ", ".join([when, *self._load(), shown])
         title = textwrap.wrap(f"{self._name}: {history.title}" if self._name else history.title, 84)
         return "\n".join([*title[:2], told, "; ".join(keys)]).rstrip()
+
+    def _driven(self) -> str:
+        """What the arrows of the load system stand for."""
+        history = self._history
+        if history.curve.unit == "1" and pushes_several(history):
+            return "body forces"
+        pressed = all(actuator["name"].startswith(PRESSURE) for actuator in history.actuators)
+        return "driven pressure" if pressed else "actuators"
 
     def _load(self) -> list[str]:
         """The load of the frame in words; of a table that tilts its angle too."""

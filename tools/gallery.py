@@ -1,0 +1,119 @@
+"""Run every shipped scenario and draw it for the gallery of the documentation: picture, number, time.
+
+    python tools/gallery.py [NAME ...]
+
+Writes ``docs/gallery/NAME.png`` and the entry of NAME in ``docs/gallery/gallery.json``; without names all of them,
+which takes some minutes. The documentation is built from these files, so that it needs no run. Times are seconds of the
+processor for a run that has been compiled, so that they depend little on what else the machine does.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+import time
+from pathlib import Path
+
+from PIL import Image
+
+import dembrick
+from dembrick import history
+from dembrick.scenario import shipped
+from dembrick.views import plot, render, summary
+
+FOLDER = Path(__file__).resolve().parent.parent / "docs" / "gallery"
+SIZE = (640, 480)
+COLOURS = 48
+TWICE = 20.0  # s: runs that take less are run again, once everything is compiled
+LOOKS: dict[str, dict] = {  # what shows the structure best
+    "arch": {"view": "front", "thrust": True, "color": "utilisation"},
+    "arch_tied": {"view": "front", "thrust": True, "color": "utilisation"},
+    "arch_tilt": {"view": "front", "thrust": True, "color": "utilisation"},
+    "oppenheim": {"view": "front", "thrust": True, "color": "utilisation"},
+    "arch_spread": {"view": "front", "magnification": 1.0},
+    "arch_shaken": {"view": "front", "magnification": 1.0},
+    "pier_settles": {"view": "front"},
+    "dam": {"view": "front"},
+    "slope_weak_joints": {"view": "front"},
+    "wall_collapse": {"magnification": 1.0},
+    "rocking_block": {"view": "front"},
+    "rocking_push": {"view": "front"},
+}
+
+
+def timed(path: Path, target: Path) -> tuple[object, float]:
+    """A run and its seconds of the processor, without those of compiling."""
+    before = time.process_time()
+    result = dembrick.simulate(path, target, progress=False)
+    seconds = time.process_time() - before
+    if seconds < TWICE:
+        before = time.process_time()
+        result = dembrick.simulate(path, target, force=True, progress=False)
+        seconds = time.process_time() - before
+    return result, seconds
+
+
+def scenario_entry(name: str, path: Path, folder: Path) -> dict:
+    """Run a scenario, draw it, and say what came out."""
+    result, seconds = timed(path, folder / "run.h5")
+    results = result.results
+    with history.read(folder / "run.h5") as found:
+        render.picture(found, FOLDER / f"{name}.png", size=SIZE, **LOOKS.get(name, {}))
+        small(FOLDER / f"{name}.png")
+        kind, blocks = dembrick.load(path).control.kind, found.n_block
+    (folder / "run.h5").unlink()
+    first = next(line for line in summary.key_numbers(results) if any(letter.isdecimal() for letter in line.value))
+    return {
+        "title": results["title"],
+        "kind": kind,
+        "blocks": blocks,
+        "number": f"{first.name} {first.value}",
+        "seconds": float(f"{seconds:.2g}"),
+    }
+
+
+def small(path: Path) -> None:
+    """Write a picture again with few colours, a third as large."""
+    with Image.open(path) as picture:
+        few = picture.convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE)
+    few.save(path, optimize=True)
+
+
+def study_entry(name: str, path: Path, folder: Path) -> dict:
+    """Run a study, draw its answers, and say how many cases it has."""
+    before = time.process_time()
+    dembrick.sweep(path, folder / "study", jobs=1)
+    seconds = time.process_time() - before
+    table = plot.read_study(str(folder / "study" / "table.csv"))
+    plot.save(plot.study(table), FOLDER / f"{name.replace('/', '_')}.png")
+    return {
+        "title": name,
+        "kind": "study",
+        "blocks": None,
+        "number": f"{len(table.rows)} cases",
+        "seconds": float(f"{seconds:.2g}"),
+    }
+
+
+def main() -> None:
+    """Draw what was asked for, or everything."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("names", nargs="*", metavar="NAME", help="shipped scenarios (default: all)")
+    asked = parser.parse_args().names
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    file = FOLDER / "gallery.json"
+    entries = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
+    shipped_now = shipped.examples()
+    for name in asked or shipped_now:
+        path = shipped_now[name]
+        with tempfile.TemporaryDirectory() as folder:
+            make = study_entry if name.startswith(f"{shipped.STUDIES}/") else scenario_entry
+            entries[name] = make(name, path, Path(folder))
+        print(name, entries[name]["number"], f"{entries[name]['seconds']} s", flush=True)
+        kept = {key: entries[key] for key in shipped_now if key in entries}
+        file.write_text(json.dumps(kept, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
