@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from dembrick.assembly import build as assemblies
+from dembrick.runs.logger import heard_by
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.controls import PushoverControl, TiltControl
 from dembrick.scenario.model import Scenario
@@ -36,6 +37,7 @@ def assembled(
     solver.require()
     scenario = searched(given if isinstance(given, Scenario) else scenarios.load(given))
     assembly = assemblies.assemble(scenario)
+    report = heard_by(report)
     if report:
         for warning in assembly.warnings:
             report(warning)

@@ -14,6 +14,7 @@ from dembrick.assembly import build as assemblies
 from dembrick.errors import DembrickError, HistoryError, NotConvergedError, WriteError
 from dembrick.runs.drivers import driver_of
 from dembrick.runs.error_estimate import Refinement, error_of, refinements
+from dembrick.runs.logger import LOGGER, heard_by
 from dembrick.runs.notebook import notebook_bar
 from dembrick.runs.path_dependence import has_paths, ranged
 from dembrick.runs.record_store import Memory, RecordStore
@@ -52,15 +53,15 @@ def simulate(
     ``history`` is the HDF5 file to write; ``force`` lets it replace any, or with "own" a finished one of the same
     scenario. Without ``record`` (and a history) only the yield point is kept, which is what a batch wants. ``refine``
     runs it a few times more, for the range of limits that other paths lead to, or for an error estimate of a collapse
-    in real time or of how far blocks have moved, see `error_estimate`. ``report`` gets warnings; ``progress`` hears ten
-    times a second how far the run is (see `simulation.session.Progress`). None shows a bar in a notebook, False
-    nothing.
+    in real time or of how far blocks have moved, see `error_estimate`. ``report`` gets warnings, which without it go to
+    the logger ``dembrick``; ``progress`` hears ten times a second how far the run is (see
+    `simulation.session.Progress`). None shows a bar in a notebook, False nothing.
 
     Raises ScenarioError for input that is not a test, OutputError for a path that cannot be used, NotConvergedError
     and DivergedError where there is no answer; the history then is kept, with the status "failed". Interrupted, which
     is a KeyboardInterrupt, leaves the status "interrupted", and `restart` goes on from there.
     """
-    began, start_up = time.perf_counter(), _start_up()
+    began, start_up, report = time.perf_counter(), _start_up(), heard_by(report)
     if not isinstance(scenario, Scenario):
         scenario = scenarios.load(scenario)
     assembly = _built(scenario, report)
@@ -91,7 +92,7 @@ def restart(
     """
     from dembrick.history import claimed, read
 
-    began, start_up = time.perf_counter(), _start_up()
+    began, start_up, report = time.perf_counter(), _start_up(), heard_by(report)
     with claimed(history), closing(read(history)) as left:
         if left.status not in ("running", "interrupted"):
             raise HistoryError(
@@ -120,6 +121,7 @@ def _start_up() -> float:
 
 def _built(scenario: Scenario, report: Callable[[str], None] | None):
     """The assembly, its warnings reported."""
+    LOGGER.info("%s: %r", scenario.path or "a scenario of Python", scenario)
     assembly = assemblies.assemble(scenario)
     if report:
         for warning in (*unit_slips(scenario, assembly.shapes), *assembly.warnings):
@@ -175,12 +177,13 @@ def _run(
             raise
         spent = {"start_up": start_up, "placing": placing, "began": began, "stages": stages.results}
         result = _finished(scenario, assembly, run, audit, store, spent, refine)
+    LOGGER.info("%r", result)
     if report:
         from dembrick.runs.inertia_share import inertia_remark  # and what moves blocks in real time
 
-        remark = inertia_remark(result)
-        if remark:
-            report(remark)
+        carried = inertia_remark(result)
+        if carried:
+            report(carried)
     return result
 
 

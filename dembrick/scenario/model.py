@@ -184,7 +184,9 @@ class Output:
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Scenario:
-    """One test, complete. ``text`` is the TOML it came from, ``path`` its file (both None when written in Python).
+    """One test, complete: the blocks and how they touch, the loads, and what is done to them.
+
+    ``text`` is the TOML it came from, ``path`` its file (both None when written in Python).
 
     Two scenarios are equal when they say the same, wherever they come from. ``all_blocks`` holds ``blocks`` and then
     what the generators lay: walls, stacks, arches, domes, and what ``models`` from CAD hold, in the order in which they

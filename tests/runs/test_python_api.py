@@ -89,3 +89,17 @@ def test_a_history_gives_the_same_table(result):
 
     with in_memory.recording(result) as found:
         assert export.to_pandas(found).equals(result.to_pandas())
+
+
+def test_remarks_and_answers_are_logged(caplog, capsys):
+    """Silent by itself; with logging set up remarks are warnings, the scenario and its answer information."""
+    caplog.set_level("INFO", logger="dembrick")
+    dembrick.simulate(dembrick.load("set4a", ["materials.tuff.density=150"]), record=False)
+    told = [(record.levelname, record.getMessage()) for record in caplog.records if record.name == "dembrick"]
+    assert any(level == "WARNING" and "150" in text for level, text in told)
+    assert told[0][0] == told[-1][0] == "INFO" and "<Scenario" in told[0][1] and "<Result" in told[-1][1]
+    assert capsys.readouterr() == ("", "")
+    caplog.clear()
+    heard = []
+    dembrick.simulate(dembrick.load("set4a", ["materials.tuff.density=150"]), record=False, report=heard.append)
+    assert heard and not [record for record in caplog.records if record.levelname == "WARNING"]

@@ -1,0 +1,28 @@
+"""The logger ``dembrick`` of runs from Python: remarks are warnings, what is run and what came out is information.
+
+It stays silent until the user sets up logging, as by ``logging.basicConfig(level="INFO")``.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+
+LOGGER = logging.getLogger("dembrick")
+LOGGER.addHandler(logging.NullHandler())
+
+
+def heard_by(report: Callable[[str], None] | None) -> Callable[[str], None] | None:
+    """What hears the remarks of a run: ``report``, else the logger if anybody listens to it, else nothing."""
+    if report is not None:
+        return report
+    logger: logging.Logger | None = LOGGER
+    while logger is not None:
+        if any(not isinstance(handler, logging.NullHandler) for handler in logger.handlers):
+            return _remark
+        logger = logger.parent if logger.propagate else None
+    return None
+
+
+def _remark(text: str) -> None:
+    LOGGER.warning("%s", text)
