@@ -1,4 +1,4 @@
-"""Replays of laboratory tests of dry-stacked stone blocks by explicit dynamics.
+"""Discrete elements for dry-stacked masonry: limit loads with error bars, collapse, settlement, shaking.
 
     >>> import dembrick
     >>> result = dembrick.simulate("scenarios/set4a.toml")
@@ -25,6 +25,10 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not follow names th
     from dembrick.runs.steps import steps as steps
     from dembrick.runs.study import sweep as sweep
     from dembrick.scenario import generators as generators
+    from dembrick.scenario.blocks import Mesh as Mesh
+    from dembrick.scenario.blocks import Part as Part
+    from dembrick.scenario.blocks import Prism as Prism
+    from dembrick.scenario.blocks import Voussoir as Voussoir
     from dembrick.scenario.cad_models import CadModel as CadModel
     from dembrick.scenario.controls import BaseMotionControl as BaseMotionControl
     from dembrick.scenario.controls import DisplacementControl as DisplacementControl
@@ -53,10 +57,15 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not follow names th
     from dembrick.scenario.pressures import Pressure as Pressure
     from dembrick.scenario.support_paths import SupportPath as SupportPath
     from dembrick.scenario.support_paths import Turn as Turn
+    from dembrick.scenario.ties import Tie as Tie
+    from dembrick.scenario.ties import TieEnd as TieEnd
+    from dembrick.scenario.time_functions import Pulse as Pulse
+    from dembrick.scenario.time_functions import Sine as Sine
     from dembrick.scenario.toml import dumps as dumps
     from dembrick.scenario.toml import load as load
     from dembrick.scenario.toml import loads as loads
     from dembrick.views import plot as plot
+    from dembrick.views import render as render
 
 __version__ = "0.1.0"
 
@@ -71,6 +80,7 @@ _NAMES = {  # by the module that has them
     "dembrick.runs.steps": "steps",
     "dembrick.runs.study": "sweep",
     "dembrick.scenario": "generators",
+    "dembrick.scenario.blocks": "Mesh Part Prism Voussoir",
     "dembrick.scenario.cad_models": "CadModel",
     "dembrick.scenario.controls": "BaseMotionControl DisplacementControl DynamicControl PushoverControl "
     "SettlementControl StaticsControl TiltControl YieldControl",
@@ -79,11 +89,13 @@ _NAMES = {  # by the module that has them
     "dembrick.scenario.model": "Actuator Block ControlPoint Load Material Output Scenario Solver",
     "dembrick.scenario.pressures": "Pressure",
     "dembrick.scenario.support_paths": "SupportPath Turn",
+    "dembrick.scenario.ties": "Tie TieEnd",
+    "dembrick.scenario.time_functions": "Pulse Sine",
     "dembrick.scenario.toml": "dumps load loads",
-    "dembrick.views": "plot",
+    "dembrick.views": "plot render",
 }
 _HOMES = {name: home for home, names in _NAMES.items() for name in names.split()}
-_MODULES = ("generators", "plot", "theory")
+_MODULES = ("generators", "plot", "render", "theory")
 __all__ = ["__version__", *_HOMES]
 
 

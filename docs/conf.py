@@ -22,7 +22,7 @@ extensions = [
     "sphinx_copybutton",
     "sphinx-mathjax-offline",  # formulas without a content network, in the build and in the browser
 ]
-exclude_patterns = ["_build", "**.ipynb_checkpoints"]
+exclude_patterns = ["_build", "**.ipynb_checkpoints", "reference/python_names.md"]
 templates_path = []
 html_theme = "furo"
 html_title = f"dembrick {version}"

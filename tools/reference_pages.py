@@ -38,6 +38,7 @@ def write(folder: Path) -> None:
         "scenario.md": scenario_page(),
         "commands.md": commands_page(),
         "history.md": history_page(),
+        "python_names.md": python_names(),
         "cases.md": cases_page(),
     }
     pages["../gallery.md"] = gallery_page(PICTURES)
@@ -178,6 +179,53 @@ def cases_page() -> str:
     )
 
 
+PYTHON = {  # heading of the reference of Python: names at the top level of the package
+    "Runs": "simulate restart steps sweep limit reaction simulate_domain replay_lab",
+    "Results and histories": "Result MotionResult StaticsResult History read_history",
+    "Scenarios": "load loads dumps Scenario Material JointLaw JointOverride Load Pressure Tie TieEnd Actuator "
+    "ControlPoint Solver Output Sine Pulse",
+    "Blocks and structures": "Block Part Prism Voussoir Mesh Wall Opening Return Stack Arch Dome CadModel",
+    "Controls": "YieldControl DisplacementControl StaticsControl TiltControl PushoverControl SettlementControl "
+    "SupportPath Turn DynamicControl BaseMotionControl",
+}
+MODULES = {  # module at the top level: its functions
+    "plot": "force_displacement control_points energies unbalanced load_path joint_stages layout domains interaction "
+    "read_measured read_study study save",
+    "render": "picture movie view meshes",
+    "theory": "limit_load limit_loads limit_load_at_height overturning_load torsion_strength convex points "
+    "linear_pressure interaction_curve approximate_domain gauge",
+    "generators": "",
+}
+HELD = {  # what functions give back, with what it can do
+    "Result": "dembrick.runs.result.Result",
+    "MotionResult": "dembrick.runs.motion_result.MotionResult",
+    "StaticsResult": "dembrick.runs.statics_result.StaticsResult",
+    "History": "dembrick.history.reader.History",
+}
+
+
+def python_names() -> str:
+    """Every name of the package and its modules, for Sphinx to fill in from the docstrings."""
+    parts = []
+    for heading, names in PYTHON.items():
+        lines = []
+        for name in names.split():
+            kind = "autoclass" if name[0].isupper() else "autofunction"
+            lines.append(f".. {kind}:: {HELD.get(name, f'dembrick.{name}')}")
+            if name in HELD:
+                lines += ["   :members:", "   :inherited-members:", ""]
+        parts.append(_block(heading, lines))
+    for module, names in MODULES.items():
+        if names:
+            lines = [f".. autofunction:: dembrick.{module}.{name}" for name in names.split()]
+            parts.append(_block(f"`dembrick.{module}`", lines))
+    return "\n".join(parts)
+
+
+def _block(heading: str, lines: list[str]) -> str:
+    return f"## {heading}\n\n```{{eval-rst}}\n" + "\n".join(lines) + "\n```\n"
+
+
 def gallery_page(pictures: Path) -> str:
     """The scenarios that ship, each with its picture, number and time as ``tools/gallery.py`` found them."""
     entries = json.loads((pictures / "gallery.json").read_text(encoding="utf-8"))
@@ -189,7 +237,7 @@ def gallery_page(pictures: Path) -> str:
     for kinds, heading in GALLERY.items():
         rows = []
         for name, path in shipped.examples().items():
-            entry = entries[name]
+            entry = entries.get(name, {"kind": None})  # of a study that takes too long to be drawn here
             if entry["kind"] in kinds:
                 picture = f"![{name}](gallery/{name.replace('/', '_')}.png){{width=330px}}"
                 blocks = f", {entry['blocks']} blocks" if entry["blocks"] else ""

@@ -163,7 +163,8 @@ def _text(result) -> str:
     lines.append(f"V_peak        {known(point.V_peak, error)}{unit} at {1e6 * point.displacement_at_peak:.3g} um")
     carried = (point.N, point.V_1, point.V_2, point.M_T)
     N, V_1, V_2, M_T = printed(carried, max(map(abs, carried)))
-    lines.append(f"joint         N = {N} N, V_1 = {V_1} N, V_2 = {V_2} N, M_T = {M_T} N m")
+    which = f"{' / '.join(point.joint)}: " if len(result.assembly.joints) > 1 else ""
+    lines.append(f"joint         {which}N = {N} N, V_1 = {V_1} N, V_2 = {V_2} N, M_T = {M_T} N m")
     where = ""
     if point.torsion_centre is not None:
         x, y = printed(point.torsion_centre, max(map(abs, point.torsion_centre)))

@@ -47,6 +47,9 @@ def yield_point(results) -> dict[str, float]:
     point: dict = {name: number(value) for name, value in found.items()}
     point = {name: value for name, value in point.items() if value is not None}
     point |= {name: found[name] for name in ("bracket", "mechanism") if isinstance(found.get(name), str)}
+    joint = found.get("joint")
+    if isinstance(joint, list | tuple) and len(joint) == 2:
+        point["joint"] = " / ".join(map(str, joint))
     centre = found.get("torsion_centre")
     if isinstance(centre, list | tuple) and len(centre) == 2:
         centre = tuple(number(x) for x in centre)
@@ -153,7 +156,7 @@ def _of_yield(point: dict, unit: str, at_rate: bool, path: dict) -> list[KeyNumb
     shown = {name: 0.0 if abs(point[name]) <= least else point[name] for name in _CARRIED if name in point}
     carried = [f"{name} = {shown[name]:.5g} {_CARRIED[name]}" for name in shown]
     if carried:
-        lines.append(KeyNumber("the joint carries", ", ".join(carried)))
+        lines.append(KeyNumber("the joint carries", ", ".join(carried), point.get("joint", "")))
     if "mechanism" in point:
         centre = point.get("torsion_centre")
         # + 0.0: a negative zero would only puzzle the reader

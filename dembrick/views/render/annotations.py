@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from dembrick.history.reader import History
 
 CRIMSON = "#B3003C"
-HINGE = 0.97  # of the way from O to the edge: the centre of pressure of a hinge of stiff joints is as far out
+HINGE = 0.99  # of the way from O to the edge: the centre of pressure of a hinge of stiff joints is as far out
 _CARRIES = 1e-6  # of the greatest N of a frame: joints with less carry nothing
 _WIDEST = 0.13  # of the picture's width: the longest scale bar
 _BAR = (0.9, 0.055)  # middle of the scale bar in the picture
@@ -174,7 +174,11 @@ def thrust_line(
             if block in own:
                 own[block].append(j)
     pairs = [pair for pair in own.values() if len(pair) == 2]
-    bent = carries & (now.bending_utilisation[0] >= HINGE)
+    # from O of the start, also where a joint was cut as it slid over an edge: a slip is small against the joint
+    M_1, M_2 = now.resultants[0, :, 4:6].T
+    at = now.shift[0] + np.stack([M_2, -M_1], axis=1) / np.where(carries, N, 1.0)[:, None]
+    normals, distance = joints.edges
+    bent = carries & ((np.einsum("jmk,jk->jm", normals, at) / distance).max(axis=-1, initial=0.0) >= HINGE)
     return place, np.array(pairs, np.int64).reshape(-1, 2), np.flatnonzero(bent).tolist()
 
 
