@@ -235,15 +235,15 @@ def gallery_page(pictures: Path) -> str:
         "are those of one processor, once compiled.\n"
     ]
     for kinds, heading in GALLERY.items():
-        rows = []
+        parts.append(f"## {heading}\n")
         for name, path in shipped.examples().items():
-            entry = entries.get(name, {"kind": None})  # of a study that takes too long to be drawn here
-            if entry["kind"] in kinds:
-                picture = f"![{name}](gallery/{name.replace('/', '_')}.png){{width=330px}}"
-                blocks = f", {entry['blocks']} blocks" if entry["blocks"] else ""
-                told = f"**{entry['title']}**. {shipped.description(path)} `{name}`{blocks}"
-                rows.append([picture, told, entry["number"], f"{entry['seconds']:g} s"])
-        parts.append(f"## {heading}\n\n" + table(["", "what", "answer", "time"], rows))
+            entry = entries.get(name, {"kind": None})  # of what takes too long to be drawn here
+            if entry["kind"] not in kinds:
+                continue
+            blocks = f"{entry['blocks']} blocks, " if entry["blocks"] else ""
+            picture = f"![{name}](gallery/{name.replace('/', '_')}.png){{width=560px}}"
+            answer = f"**{entry['title']}**: {entry['number']} ({blocks}{entry['seconds']:g} s)."
+            parts.append(f"### {name}\n\n{picture}\n\n{answer} {shipped.description(path)}\n")
     return "\n".join(parts)
 
 
