@@ -7,6 +7,7 @@ What moves blocks in real time is imported when a run needs it and not before.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 from dembrick.assembly import build
@@ -33,7 +34,7 @@ from dembrick.scenario.controls import (
     YieldControl,
 )
 from dembrick.scenario.model import Scenario
-from dembrick.simulation.expected_cost import LONG, newton_seconds, newton_steps
+from dembrick.simulation.expected_cost import LONG, WITHIN_SLIDING, newton_seconds, newton_steps
 from dembrick.simulation.interrupts import Interrupted
 from dembrick.simulation.session import Plan, Session
 from dembrick.simulation.statics import constant_rate, limit_load, point_placement, standing
@@ -46,7 +47,7 @@ if TYPE_CHECKING:
     from dembrick.simulation.dynamics.settlement import SettlementRun
 
 
-SECONDS_OF_CHECK = 10.0  # s that limit analysis may take to tell how long a run in real time will be
+SECONDS_OF_CHECK = 10.0  # s that limit analysis may take to tell how long a run will be
 
 
 class Driver(NamedTuple):
@@ -107,6 +108,28 @@ def _plan_of(module) -> Callable[[Scenario, Assembly], Plan]:
     )
 
 
+def _plan_search(scenario: Scenario, assembly: Assembly) -> Plan:
+    """The plan of a search, by the joints that slide in the mechanism of limit analysis if that takes seconds."""
+    from dembrick.runs import limit
+
+    plan = _plan_of(limit_load)(scenario, assembly)
+    if not has_paths(assembly) or not limit.cheaper_than(SECONDS_OF_CHECK, assembly):
+        return plan
+    try:
+        sliding = limit.sliding_joints(assembly, scenario.control)
+    except (NotConvergedError, ScenarioError):
+        return plan
+    if not sliding:
+        return plan
+    steps = newton_steps(int((~assembly.fixed).sum()), _has_convex(assembly), sliding)
+    seconds = newton_seconds(steps, len(assembly.joints))
+    return replace(plan, steps=steps, seconds=seconds, within=WITHIN_SLIDING)
+
+
+def _has_convex(assembly: Assembly) -> bool:
+    return any(law.formulation == "convex" for law in assembly.joints.law)
+
+
 def _searched(**fields) -> Result:
     """The yield point of a run compared with theory, if one holds, what stands beside it, and the collapse of a load on
     every block."""
@@ -138,7 +161,7 @@ def _refuse_stresses(scenario: Scenario, assembly: Assembly) -> None:
 
 def _plan_path(scenario: Scenario, assembly: Assembly) -> Plan:
     _refuse_stresses(scenario, assembly)
-    return _plan_of(limit_load)(scenario, assembly)
+    return _plan_search(scenario, assembly)
 
 
 def _follow_path(scenario: Scenario, assembly: Assembly, session: Session | None, steps: float = 1.0) -> Replay:
@@ -146,7 +169,7 @@ def _follow_path(scenario: Scenario, assembly: Assembly, session: Session | None
     _refuse_stresses(scenario, assembly)
     assert isinstance(control, TiltControl | PushoverControl)
     if session is not None:
-        expected = newton_steps(len(assembly.names), any(law.formulation == "convex" for law in assembly.joints.law))
+        expected = newton_steps(len(assembly.names), _has_convex(assembly))
         session.warn_if_long(newton_seconds(expected, len(assembly.joints)), "take fewer blocks")
     return limit_load.find_limit_load(assembly, control.tolerance, factor, session, control.displacement or 0.0, steps)
 
@@ -263,7 +286,7 @@ def _moved(**fields) -> MotionResult:
 
 
 DRIVERS = {
-    LIMIT_LOAD.name: Driver(_plan_of(limit_load), _limit_load, _searched, _other_path(_limit_load), _place_points),
+    LIMIT_LOAD.name: Driver(_plan_search, _limit_load, _searched, _other_path(_limit_load), _place_points),
     CONSTANT_RATE.name: Driver(_plan_of(constant_rate), _constant_rate, _searched),
     PATH_FOLLOWING.name: Driver(_plan_path, _follow_path, _searched, _other_path(_follow_path)),
     DEAD_LOAD.name: Driver(lambda _, assembly: standing.plan(assembly), _find_rest, StaticsResult),

@@ -27,6 +27,7 @@ from dembrick.simulation.limit_analysis.reactions import Extreme, reaction_range
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
 
+SLIDES, PRESSES = 1e-3, 1e-6  # of the greatest move, and of the greatest N: what slides, and what presses
 SECONDS_A_BLOCK = 3e-3  # of processor time, roughly; large assemblies take more
 
 
@@ -299,6 +300,18 @@ def associative_bound(assembly: Assembly, control: Control) -> dict | None:
     return {"load_factor": found.load_factor, "lower": found.lower, "upper": found.upper}
 
 
+def sliding_joints(assembly: Assembly, control: Control) -> int:
+    """How many joints that press slide in the mechanism of limit analysis; 0 if nothing limits the load. Raises as
+    :func:`limit` does."""
+    found = analysis.limit_load(assembly, tilt=control.tilt_axis is not None)
+    if found.unlimited:
+        return 0
+    slid, turned, tilted = _moves(assembly, found).T
+    slips = np.maximum(slid, turned)
+    pressed = found.resultants[:, 0] > PRESSES * found.resultants[:, 0].max(initial=0.0)
+    return int(((slips > SLIDES * max(slips.max(), tilted.max())) & pressed).sum())
+
+
 def cheaper_than(seconds: float, assembly: Assembly) -> bool:
     """Whether limit analysis of an assembly is there and surely costs less than a search that took ``seconds``."""
     return expected_seconds(assembly) < seconds and solver.installed()
@@ -310,10 +323,11 @@ def expected_seconds(assembly: Assembly) -> float:
     return 0.5 + SECONDS_A_BLOCK * blocks * max(1.0, blocks / 1000.0) ** 0.5
 
 
-def _left_out(assembly: Assembly, found: analysis.Limit, tilt: bool) -> list[LeftOut]:
+def _moves(assembly: Assembly, found: analysis.Limit) -> np.ndarray:
+    """How far the rims of the joints slide, turn about the normal and tilt in the mechanism (j, 3)."""
     moved = present(found.mechanism).relative
     reach = np.array([np.abs(joint.polygon).max() for joint in assembly.joints])
-    moves = np.stack(
+    return np.stack(
         [
             np.hypot(moved[:, 0], moved[:, 1]),
             reach * np.abs(moved[:, 5]),
@@ -321,7 +335,10 @@ def _left_out(assembly: Assembly, found: analysis.Limit, tilt: bool) -> list[Lef
         ],
         axis=1,
     )
-    return left_out(assembly, found.load_factor, found.resultants, moves, tilt)
+
+
+def _left_out(assembly: Assembly, found: analysis.Limit, tilt: bool) -> list[LeftOut]:
+    return left_out(assembly, found.load_factor, found.resultants, _moves(assembly, found), tilt)
 
 
 def _failure(scenario: Scenario, error: DembrickError) -> dict:
