@@ -112,3 +112,32 @@ def test_a_large_skeleton_is_laid_out_as_a_small_one(tmp_path, monkeypatch):
             assert file["history/x"].attrs["units"] == "m"
     assert list(offsets[0]) == list(offsets[1])
     assert cases.SCENARIO
+
+
+PICTURES = """
+import resource, signal, sys
+sys.path[:0] = {paths!r}
+import numpy as np
+from matplotlib.figure import Figure
+from dembrick.errors import WriteError
+from dembrick.views.plot.style import save
+from dembrick.views.render.images import write_png
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+figure, pixels = Figure(), np.random.default_rng(0).integers(0, 255, (200, 200, 3), np.uint8)
+figure.add_subplot().plot([0, 1])
+resource.setrlimit(resource.RLIMIT_FSIZE, (1000, resource.RLIM_INFINITY))
+for name in ("a.png", "a.svg", "a.pdf", "b.png"):
+    path = {folder!r} + "/" + name
+    try:
+        write_png(pixels, path, path) if name[0] == "b" else save(figure, path)
+    except WriteError as error:
+        print(error)
+"""
+
+
+def test_pictures_on_a_full_disk_say_why_and_nothing_else(tmp_path):
+    code = PICTURES.format(paths=[str(TESTS), *sys.path], folder=str(tmp_path))
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300)
+    assert done.stderr == ""
+    assert [line.count("File too large") for line in done.stdout.splitlines()] == [1, 1, 1, 1]
+    assert not os.listdir(tmp_path)

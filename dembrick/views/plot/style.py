@@ -142,8 +142,11 @@ def save(figure: Figure, path: str | os.PathLike) -> str:
     target = check_output(path)
     stamp = {".png": {}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}[ending]
     try:
-        with settings(), replacing(target) as part:
-            figure.savefig(part, format=ending[1:], dpi=DOTS_PER_INCH, metadata=stamp)
+        picture = io.BytesIO()  # a writer of matplotlib that fails half way says more than one sentence
+        with settings():
+            figure.savefig(picture, format=ending[1:], dpi=DOTS_PER_INCH, metadata=stamp)
+        with replacing(target) as part, open(part, "wb") as file:
+            file.write(picture.getvalue())
     except OSError as error:
         raise WriteError(f"{path}: the figure cannot be written ({reason(error)}); choose another path") from error
     return path

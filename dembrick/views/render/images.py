@@ -17,19 +17,19 @@ _COLOURS = 256  # of a GIF's palette, taken from its last frame, which has the m
 def write_png(image: np.ndarray, path: str, target: str) -> None:
     """Write pixels (h, w, 3) to ``target``, the file behind ``path``; OutputError where that fails."""
     import pyvista
+    from vtkmodules.util.numpy_support import vtk_to_numpy
     from vtkmodules.vtkIOImage import vtkPNGWriter
 
     grid = pyvista.ImageData(dimensions=(image.shape[1], image.shape[0], 1))
     grid.point_data["rgb"] = np.ascontiguousarray(image[::-1, :, :3]).reshape(-1, 3)
     grid.set_active_scalars("rgb")
+    writer = vtkPNGWriter()
+    writer.SetInputData(grid)
+    writer.WriteToMemoryOn()  # Python knows why a write to the disk fails, VTK does not
+    writer.Write()
     try:
-        with replacing(target) as part:
-            writer = vtkPNGWriter()
-            writer.SetFileName(part)
-            writer.SetInputData(grid)
-            writer.Write()
-            if writer.GetErrorCode() or not os.path.getsize(part):
-                raise OSError("the PNG writer failed")
+        with replacing(target) as part, open(part, "wb") as file:
+            file.write(vtk_to_numpy(writer.GetResult()).tobytes())
     except OSError as error:
         raise WriteError(f"{path}: the picture cannot be written ({reason(error)}); choose another path") from error
 
