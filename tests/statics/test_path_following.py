@@ -344,3 +344,20 @@ def test_the_plan_tells_the_memory_of_a_search(blocks):
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert limit_load.plan(built, given.control, 0.5, given.output).memory == pytest.approx(peak, rel=0.15)
+
+
+@pytest.mark.parametrize("short", [1e-4, 1e-3, 5e-3])
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-3])
+def test_a_load_that_is_next_to_nothing(short, tolerance):
+    """Four blocks at 1 - x of the harmonic overhang l/(2k) fall by a push of x of their weight."""
+    place, blocks = 0.0, [Block("base", "stone", (1.0, 0.5, 0.2), (0.0, 0.0, -0.1), fixed=True)]
+    for level, k in enumerate((4, 3, 2, 1)):
+        place += (1.0 - short) * 0.5 / k
+        blocks.append(Block(f"b.{k}", "stone", (1.0, 0.5, 0.2), (place, 0.0, 0.1 + 0.2 * level)))
+    # the four blocks are 0.8 m high and their centroid is x of l/2 inside the edge: x 0.5 / 0.4 of their weight
+    point = simulate(
+        scene(PushoverControl((1.0, 0.0, 0.0), tolerance=tolerance), blocks=tuple(blocks)), record=False
+    ).yield_point
+    exact = short * 0.5 / 0.4
+    assert point.V_lower * (1.0 - 1e-6) <= exact <= point.V_upper * (1.0 + 1e-6)
+    assert point.V == pytest.approx(exact, rel=tolerance)

@@ -124,14 +124,17 @@ class Equilibria:
 
     def out_of_balance(self) -> float:
         """Out-of-balance force or moment over the greatest joint force or dead load of a block, the worst block."""
-        resultant = self.state.joints.resultant
-        largest = max(self.heaviest, float(np.sqrt((resultant[:, :3] ** 2).sum(axis=1)).max()))
-        residual = self.trial.residual[self.rows]
+        largest, residual = self.greatest_force(), self.trial.residual[self.rows]
         worst = max(
             float(np.sqrt((residual[:, :3] ** 2).sum(axis=1)).max()),
             float(np.sqrt((residual[:, 3:] ** 2).sum(axis=1)).max()) / float(self.trial.reach.max()),
         )
         return worst / largest if largest > 0.0 else 1.0
+
+    def greatest_force(self) -> float:
+        """The greatest joint force, or dead load of a block (N)."""
+        resultant = self.state.joints.resultant
+        return max(self.heaviest, float(np.sqrt((resultant[:, :3] ** 2).sum(axis=1)).max()))
 
     def find(self, motion: np.ndarray, V: float) -> tuple[float | None, int]:
         """V of the equilibrium at the driven displacement of ``motion``, near it; None where none is found."""

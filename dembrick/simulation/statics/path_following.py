@@ -42,12 +42,12 @@ EASY, HARD = 6, 12  # iterations up to which a step may grow, from which it shri
 GROWTH = 2.0  # of an easy step
 SHRINKING = 0.5  # of a step that finds no equilibrium
 SHORTEST = 1e-6  # of what the blocks have given way: steps below it lead nowhere
-BALANCED = 1e-2  # of the tolerance: out-of-balance over joint forces at an equilibrium
+BALANCED, USUAL = 1e-2, 1e-3  # of the tolerance, or of the usual one: out-of-balance over joint forces at equilibrium
 LEAST_BALANCED = 1e-9
 YIELDING = 0.5  # of the elastic slope of V: below it steps may grow
 TURNING = 0.02  # of the longest step so far: where none but shorter ones find equilibrium, the blocks are let go
 JUMP = 0.25  # of it: the step by which the actuators go on meanwhile
-LITTLE = 0.1  # of the tolerance: what a step with drag may leave out of balance over the joint forces
+LITTLE = 0.1  # of the tolerance: what a step with drag may leave out of balance over the joint forces or the load
 FASTER = 4.0  # by which the drag of a step rises where it is too small to help, or falls at most to become little
 MOST_TRIES = 6  # of a step with less and less drag
 ALONG = 4  # steps with drag before one without is tried again
@@ -78,7 +78,7 @@ class PathFollower:
     ):
         session = session or Session()
         self.state, self.certificate, self.recorder = state, certificate, recorder
-        self.loosest = max(BALANCED * certificate.tolerance, LEAST_BALANCED)
+        self.loosest = max(BALANCED * min(certificate.tolerance, USUAL), LEAST_BALANCED)
         self.search = Equilibria(state, load, factor, self.loosest)
         self.free, self.rows, self.trial = self.search.free, self.search.rows, self.search.trial
         self.weight = float(np.abs(state.actuators.weight).sum())
@@ -208,7 +208,7 @@ class PathFollower:
             work = inner(self.trial.residual, motion - way.motion)
             V = found - work / (way.step * self.weight)
             search.attempt(motion, V)
-            excess = search.out_of_balance() / (LITTLE * self.certificate.tolerance)
+            excess = self._held_up(V) / (LITTLE * self.certificate.tolerance)
             if excess <= 1.0:
                 break
             way.drag *= max(1.0 / FASTER, 0.5 / excess)
@@ -374,9 +374,14 @@ class PathFollower:
             return float(lower), float(upper)
         upper = float(instant_upper(blocks, joints, points, areas, V, moved, 1.0))
         if hidden is None:  # a drag held the blocks up
-            unbalanced = self.search.out_of_balance()
+            unbalanced = self._held_up(V)
             return V / (1.0 + unbalanced), max(V, upper) * (1.0 + unbalanced)
         return V - hidden, max(V, upper) + hidden
+
+    def _held_up(self, V: float) -> float:
+        """What a drag leaves out of balance, over the greatest joint force, or over the load if that is less."""
+        load = max(abs(V), NOTHING * self.dead) * self.weight
+        return self.search.out_of_balance() * max(1.0, self.search.greatest_force() / load)
 
     def _hidden(self, V: float, moved: float) -> float | None:
         """What the out-of-balance may hide of V (N), by the motion of the last step; asks for a closer balance if that
