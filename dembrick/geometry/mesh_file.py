@@ -150,6 +150,8 @@ def read_surface(path: str) -> tuple[np.ndarray, list[tuple[int, ...]]]:
             mesh = _meshio_mesh(path, ending)
     except (Exception, SystemExit) as error:  # whatever its readers raise on a broken file
         reason = " ".join(str(error).split()) or type(error).__name__
+        if isinstance(error, SystemExit):
+            reason = "its contents are not what readers of that ending know"
         raise ScenarioError(f"mesh file {path}: it cannot be read as {ending[1:]}: {reason[:200]}") from None
     if not len(mesh.points):
         raise ScenarioError(f"mesh file {path}: there is no surface in it; a block needs one that is closed")

@@ -128,9 +128,10 @@ def test_files_that_cannot_be_read(tmp_path):
         ("a.step", b"", "known are .stl, .obj, .ply, .msh, .vtu"),
         ("a.vtu", b"<VTKFile", "cannot be read as vtu"),
         ("a.ply", b"\x00\x01", "cannot be read as ply"),
+        ("a.msh", b"(0 x)\n(10 (0 1 4 0 3)\n((((", "cannot be read as msh: its contents are not what readers"),
     ):
         (tmp_path / name).write_bytes(content)
-        with pytest.raises(ScenarioError, match=r"a\.(stl|obj|step|vtu|ply)") as caught:
+        with pytest.raises(ScenarioError, match=r"a\.(stl|obj|step|vtu|ply|msh)") as caught:
             convex_solid(str(tmp_path / name))
         assert fragment in str(caught.value) and "\n" not in str(caught.value)
     with pytest.raises(ScenarioError, match="there is no such file"):
