@@ -11,6 +11,7 @@ def add_arguments(parser) -> None:
 
 def run(options, console) -> int:
     """List, print or copy shipped scenarios."""
+    import os
     import shutil
     from difflib import get_close_matches
     from pathlib import Path
@@ -39,7 +40,7 @@ def run(options, console) -> int:
     copied = []
     for name, path in found.items():
         target = folder / Path(f"{name}.toml").relative_to(".") if options.name is None else folder / path.name
-        if target.exists():
+        if os.path.exists(target):
             raise OutputError(f"{target}: this file exists; choose another folder")
         copied.append((path, target))
     for path in shipped.folder().glob("*.csv") if options.name is None else ():

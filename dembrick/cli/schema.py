@@ -11,6 +11,7 @@ def add_arguments(parser) -> None:
 def run(options, console) -> int:
     """Print or write the schema."""
     import json
+    import os
     from pathlib import Path
 
     from dembrick.errors import OutputError, WriteError
@@ -23,7 +24,7 @@ def run(options, console) -> int:
     path = Path(options.out)
     if path.suffix != ".json":
         raise OutputError(f"{path}: the schema is JSON; give a name that ends in .json")
-    if path.exists():
+    if os.path.exists(path):
         raise OutputError(f"{path}: this file exists; choose another name")
     try:
         path.write_text(text + "\n", encoding="utf-8")

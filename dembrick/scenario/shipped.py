@@ -6,6 +6,7 @@ installed. Studies, templates and verification cases lie in folders of their own
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 TEMPLATES = "templates"
@@ -37,7 +38,7 @@ def find(name: str) -> Path | None:
     stem = name.removesuffix(".toml")
     for place in ("", STUDIES, VERIFICATION):
         path = folder() / place / f"{stem}.toml"
-        if stem and "/" not in stem and "\\" not in stem and path.is_file():
+        if stem and "/" not in stem and "\\" not in stem and os.path.isfile(path):
             return path
     return examples().get(stem)
 

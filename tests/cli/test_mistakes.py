@@ -53,6 +53,18 @@ def test_set_takes_a_path(path):
     assert toml.loads(text, overrides=[f"control.file={path}"]).control.file == path
 
 
+@pytest.mark.parametrize(
+    "words",
+    [["check"], ["run"], ["limit"], ["sweep"], ["plot"], ["render", "--to", "a.png"], ["info"], ["schema", "--out"]],
+    ids=lambda words: words[0],
+)
+def test_a_name_too_long_for_any_file(words, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main([*words, "9" * 400]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("error: 999")
+
+
 def test_a_scenario_for_a_study():
     with pytest.raises(ScenarioError, match='this is a scenario .*; a study has base = "SCENARIO.toml"'):
         plan.load(SCENARIOS / "set4a.toml")

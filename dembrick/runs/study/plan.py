@@ -136,7 +136,7 @@ def _study(document: dict, path: str) -> Study:
         if not isinstance(document.get(key, kind()), kind):
             raise ScenarioError(f"{key} = {show(document[key])} must be a {'text' if kind is str else 'true or false'}")
     base_path = str(Path(path).parent / base_name)
-    if not Path(base_path).exists() and (found := shipped.find(base_name)):
+    if not os.path.exists(base_path) and (found := shipped.find(base_name)):
         base_path = str(found)
     base = scenarios.text_of(scenarios.load(base_path, regular=True))
     grid = {key: _grid_values(key, value) for key, value in _flat(document.get("grid", {}), "grid").items()}

@@ -36,12 +36,12 @@ class StudyTable(NamedTuple):
 
 def is_study(path: str | os.PathLike) -> bool:
     """Whether a path names the table of a study, or the folder of one."""
-    return Path(path).suffix.lower() == ".csv" or Path(path).is_dir()
+    return Path(path).suffix.lower() == ".csv" or os.path.isdir(path)
 
 
 def read_study(path: str | os.PathLike) -> StudyTable:
     """The table of a sweep: STUDY/table.csv, or the folder STUDY. ScenarioError for a file that is no such table."""
-    path = Path(path) / TABLE if Path(path).is_dir() else Path(path)
+    path = Path(path) / TABLE if os.path.isdir(path) else Path(path)
     table: Table = read_table(path, "the table of a study")
     titles = table.titles
     if titles[:1] != ("case",) or "status" not in titles:
