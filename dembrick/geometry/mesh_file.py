@@ -164,7 +164,10 @@ def read_surface(path: str) -> tuple[np.ndarray, list[tuple[int, ...]]]:
         kind = cells.type.rstrip("0123456789")
         if kind in _SURFACES:
             faces += [tuple(int(i) for i in cell) for cell in cells.data]
-        for face in _SOLIDS.get(cells.type, ()):
+        shown = _SOLIDS.get(cells.type, ())
+        if any(len(cell) <= max(map(max, shown)) for cell in cells.data if shown):
+            raise ScenarioError(f"mesh file {path}: a cell of kind {cells.type} has fewer corners than such a cell has")
+        for face in shown:
             for cell in cells.data:
                 corners = tuple(int(cell[i]) for i in face)
                 key = frozenset(corners)

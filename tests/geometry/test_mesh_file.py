@@ -140,6 +140,14 @@ def test_files_that_cannot_be_read(tmp_path):
         assemble(toml.loads(SCENE))
 
 
+def test_a_cell_that_is_cut_short(tmp_path):
+    """The file ends within its last cell, a tetrahedron."""
+    text = "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n4\n1 0 0 0\n2 .1 0 0\n3 0 .1 0\n4 0 0 .1\n$EndNodes\n"
+    (tmp_path / "a.msh").write_text(text + "$Elements\n1\n1 4 2 ")
+    with pytest.raises(ScenarioError, match="a cell of kind tetra has fewer corners than such a cell has"):
+        convex_solid(str(tmp_path / "a.msh"))
+
+
 def test_corners_that_coincide_and_faces_without_an_area_are_taken_out():
     soup = np.concatenate([CORNERS[list(face)] for face in TRIANGLES])
     faces = [(3 * k, 3 * k + 1, 3 * k + 2) for k in range(len(TRIANGLES))]
