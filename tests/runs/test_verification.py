@@ -38,6 +38,22 @@ def test_cases_pass_and_fail_if_the_reference_is_off_by_a_hundredth(name):
     assert not wrong.passed
 
 
+LONG = ("ferris-tinloi-6", "wall-tilt", "drum-column", "arch-s", "beam-on", "hexagonal")  # begin names of long cases
+
+
+@pytest.mark.parametrize("case", cases.all_cases().values(), ids=lambda case: case.name)
+def test_every_case_that_is_short_passes(case):
+    """What takes seconds is left to the command; so none of the others goes wrong unseen."""
+    if not case.name.startswith(LONG):
+        found = verify.outcome_of(case)
+        assert found.passed, (found.value, found.lower, found.upper, found.failure)
+
+
+@pytest.mark.slow
+def test_the_whole_table_passes(capsys):
+    assert cli.main(["verify", "--quiet"]) == 0, capsys.readouterr().err
+
+
 def test_a_bar_that_leaves_the_reference_out_fails_unless_the_case_says_why():
     assert outcome().passed and outcome().bar_holds
     narrow = outcome(lower=100.01, upper=100.03)

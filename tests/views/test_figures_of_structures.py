@@ -14,7 +14,7 @@ from dembrick.scenario.controls import BaseMotionControl, DynamicControl
 from dembrick.scenario.model import Block, JointLaw, Material, Output, Scenario
 from dembrick.scenario.time_functions import Sine
 from dembrick.views import page, plot
-from dembrick.views.plot.joint_plane import _used
+from dembrick.views.plot.joint_plane import _used, joint_stages
 from dembrick.views.plot.paths import joint_path
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
@@ -88,3 +88,10 @@ def test_control_points_start_from_rest(arch):
 )
 def test_a_utilisation_that_is_no_number_is_said_in_words(used, text):
     assert text in _used(used)
+
+
+def test_a_joint_that_bends_says_how_far_and_a_hinge_that_it_is_one(arch):
+    assert _used(0.1, 0.5).splitlines() == ["friction used 0.1", "bending used 0.5"] and _used(0.5, 0.4)[-3:] == "0.5"
+    with history.read(arch) as found:
+        (axes, *_) = joint_stages(found, stages=1).axes
+    assert axes.get_title().splitlines()[-2] == "a hinge"

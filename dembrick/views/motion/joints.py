@@ -34,8 +34,9 @@ from dembrick.views.motion.relative import STATES, RelativeMotion, quaternion_of
 if TYPE_CHECKING:
     from dembrick.history.reader import History
 
-__all__ = ["CHANNELS", "STATES", "JointFrames", "JointMotion", "RelativeMotion", "nearest", "torsion_centre"]
+__all__ = ["CHANNELS", "HINGE", "STATES", "JointFrames", "JointMotion", "RelativeMotion", "nearest", "torsion_centre"]
 
+HINGE = 0.99  # of the way from O to the edge: the centre of pressure of a hinge of stiff joints is as far out
 CHANNELS = ("N", "V_1", "V_2", "M_T", "M_1", "M_2", "slip")
 
 
@@ -123,6 +124,10 @@ class JointMotion:
     def friction_utilisation(self, frames) -> np.ndarray:
         """(j,): how much of its friction each joint uses; see :attr:`JointFrames.friction_utilisation`."""
         return self._in(frames, "friction_utilisation")
+
+    def bending_utilisation(self, frames) -> np.ndarray:
+        """(j,): how far its centre of pressure is to the edge; see :attr:`JointFrames.bending_utilisation`."""
+        return self._in(frames, "bending_utilisation")
 
     def frame_axes(self, frames) -> np.ndarray:
         """(j, 3, 3): the joints' axes riding on a, world, as rows."""

@@ -17,7 +17,7 @@ import numpy as np
 from dembrick import theory
 from dembrick.errors import HistoryError, ScenarioError
 from dembrick.views import summary
-from dembrick.views.motion.joints import CHANNELS, JointMotion
+from dembrick.views.motion.joints import CHANNELS, HINGE, JointMotion
 from dembrick.views.plot import style, subject
 from dembrick.views.plot.curves import labelled
 
@@ -38,9 +38,10 @@ _NEAR = 1.6  # joint's sizes from O: a centre further away is marked at the rim 
 class Stage(NamedTuple):
     """One moment of a joint, at ``points`` (k, 2) m.
 
-    ``load``: that of the row; ``movement`` (k, 2) m: of b over a since the stage before, elastic part included;
-    ``centre`` (2,) m: about which that turned, NaN in shear. ``friction`` (k, 2): on b, as it was recorded, or else
-    where the joint slides; None where it is not known. ``limit``: the greatest that friction can be at a point. Both
+    ``load``: that of the row; ``utilisation`` of friction, and ``bending``, whose 1 is a hinge; ``movement`` (k, 2) m:
+    of b over a since the stage before, elastic part included; ``centre`` (2,) m: about which that turned, NaN in shear.
+    ``friction`` (k, 2): on b, as it was recorded, or else where the joint slides; None where it is not known.
+    ``limit``: the greatest that friction can be at a point. Both
     are in N at contact points, in Pa at points that only stand for the whole.
     """
 
@@ -48,6 +49,7 @@ class Stage(NamedTuple):
     time: float
     load: float
     utilisation: float
+    bending: float
     points: np.ndarray
     movement: np.ndarray
     centre: np.ndarray
@@ -81,14 +83,14 @@ def joint_plane(
     for frame in frames:
         both = motion.relative([since, frame])
         movement = both[1].slip(0, points) - both[0].slip(0, points)
-        used = float(motion.friction_utilisation(frame)[0])
+        used, bent = float(motion.friction_utilisation(frame)[0]), float(motion.bending_utilisation(frame)[0])
         friction, limit = _friction(own, motion, frame, points, shown, SLIDES_FROM <= used < np.inf)
         row = int(motion.rows(frame))
         load = float(history.series("load", row, row + 1)[0])
         centre = motion.torsion_centre(frame, since)[0]
         centre = np.where(np.hypot(*centre) <= _SHEAR * motion.size[0], centre, np.nan)
         found.append(
-            Stage(frame, float(history.frame_time[frame]), load, used, points, movement, centre, friction, limit)
+            Stage(frame, float(history.frame_time[frame]), load, used, bent, points, movement, centre, friction, limit)
         )
         since = frame
     return found
@@ -266,14 +268,20 @@ def _draw(axes, polygon: np.ndarray, stages: list[Stage], extent: np.ndarray, lo
     axes.grid(False)
     axes.spines[:].set_visible(False)
     moved = float(np.linalg.norm(stage.movement, axis=1).max())
-    axes.set_title(f"{load}\n{_used(stage.utilisation)}\nmoved {summary.length(moved)}", fontsize=8)
+    used = _used(stage.utilisation, stage.bending)
+    axes.set_title(f"{load}\n{used}\nmoved {summary.length(moved)}", fontsize=8)
 
 
-def _used(utilisation: float) -> str:
-    """How much of its friction a joint uses, in words where that is no number."""
+def _used(utilisation: float, bending: float = 0.0) -> str:
+    """How much of its friction a joint uses, in words where that is no number, and of its bending strength if that is
+    more."""
     if math.isnan(utilisation):
         return "utilisation not known: cut at an edge"
-    return f"utilisation {utilisation:.3g}" if math.isfinite(utilisation) else "pushed without friction strength"
+    if not math.isfinite(utilisation):
+        return "pushed without friction strength"
+    if bending > utilisation:
+        return f"friction used {utilisation:.3g}\n{'a hinge' if bending > HINGE else f'bending used {bending:.3g}'}"
+    return f"utilisation {utilisation:.3g}"
 
 
 def _arrows(axes, points: np.ndarray, vectors: np.ndarray, length: float, full: float, colour: str, label: str) -> None:

@@ -9,14 +9,13 @@ import numpy as np
 
 from dembrick.errors import HistoryError
 from dembrick.views.motion.blocks import Poses
-from dembrick.views.motion.joints import JointMotion
+from dembrick.views.motion.joints import HINGE, JointMotion
 from dembrick.views.render.force_arrows import DrawnForces
 
 if TYPE_CHECKING:
     from dembrick.history.reader import History
 
 CRIMSON = "#B3003C"
-HINGE = 0.99  # of the way from O to the edge: the centre of pressure of a hinge of stiff joints is as far out
 _CARRIES = 1e-6  # of the greatest N of a frame: joints with less carry nothing
 _WIDEST = 0.13  # of the picture's width: the longest scale bar
 _BAR = (0.9, 0.055)  # middle of the scale bar in the picture
