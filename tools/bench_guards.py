@@ -63,7 +63,7 @@ class Variant:
             n = min(steps, TURN)
             began = time.perf_counter()
             status, self.done = advance(
-                self.done, n, self.dt, *self.state[:5], None, self.inertia, self.drive, self.certificate,
+                self.done, n, self.dt, *self.state[:5], None, None, self.inertia, self.drive, self.certificate,
                 self.recorder.record, self.energy, self.guard,
             )  # fmt: skip
             spent += time.perf_counter() - began

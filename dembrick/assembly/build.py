@@ -182,11 +182,6 @@ def loaded(scenario: Scenario, bare: Assembly, points: bool = True) -> Assembly:
             actuators = given_actuators(scenario, number, bare)
         watched = control_points(scenario, number, bare)
         ties = given_ties(scenario, number, bare)
-        if len(ties) and not control.regime.carries_ties:
-            raise ScenarioError(
-                f"a run of kind {show(control.kind)} ({control.regime.name}) knows no [[ties]]; searches for limit "
-                "loads and statics do, and so does dembrick limit"
-            )
     except ScenarioError as error:
         refuse(scenario, str(error))
 

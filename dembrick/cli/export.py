@@ -12,7 +12,7 @@ def add_arguments(parser) -> None:
     parser.add_argument("history", metavar="FILE.h5", help="history file")
     parser.add_argument("--to", metavar="FILE", required=True, help="output; .vtkhdf, .pvd or .csv")
     add_force(parser)
-    layers = ["blocks", "joints", "contacts"]
+    layers = ["blocks", "joints", "contacts", "ties"]
     parser.add_argument("--layers", nargs="+", choices=layers, default=layers, help="what to write (default: all)")
 
 

@@ -134,7 +134,7 @@ def _text(result) -> str:
     if result.yield_point is None:
         return result.text()
     from dembrick.runs.path_dependence import path_lines
-    from dembrick.runs.result import printed, reaction_lines
+    from dembrick.runs.result import printed
     from dembrick.views.summary import known, on_one_path
 
     point, run = result.yield_point, result.run
@@ -177,6 +177,6 @@ def _text(result) -> str:
         lines.append(
             f"time step     {run.time_step:.3g} s (critical {run.critical_time_step:.3g} s), {run.steps} steps, {took}"
         )
-    lines += reaction_lines(result.reactions)
+    lines += result.force_lines
     lines.append(f"history       {result.history}")
     return "\n".join(lines)

@@ -126,6 +126,16 @@ def geometry(assembly: Assembly) -> list[Table]:
         Table(a + "direction", _floats(actuators.direction, 3), "1", "its direction, world axes"),
         Table(a + "weight", _floats(actuators.weight), "1", "its share of the load"),
     ]
+    ties = assembly.ties
+    if len(ties):
+        t = "geometry/ties/"
+        between = np.stack([ties.block_a, ties.block_b], axis=1)
+        ends = assembly.position[between] + np.stack([ties.arm_a, ties.arm_b], axis=1)
+        tables += [
+            Table(t + "blocks", _ints(between), "1", "the two blocks that each tie joins"),
+            Table(t + "points", _floats(ends, 2, 3), "m", "its ends at the start, world axes"),
+            Table(t + "strength", _floats(ties.strength), "N", "at which it yields, infinite if it never does"),
+        ]
     watched = assembly.control_points
     if watched.names:
         tables += [

@@ -72,7 +72,7 @@ class History(RestGeometry):
     def _open_series(self) -> None:
         self._series, self.energy_names, self.has_frames, self.has_joints = {}, (), False, False
         self.n_row = self.n_frames = self.n_block = self.n_joint = self.n_actuator = self.n_control_point = 0
-        self.n_support = 0
+        self.n_support = self.n_tie = 0
         self.begun = guard.exists(self._file, WRITTEN) or self.status != "running"
         if not self.begun:
             return
@@ -84,12 +84,15 @@ class History(RestGeometry):
         found = {folder: guard.members(self._file, folder) for folder in ("history", "frames")}
         if "control_point" in found["history"]:
             self.n_control_point = guard.dataset(self._file, "geometry/control_points/name", "text", (None,)).shape[0]
+        if "tension" in found["history"]:
+            self.n_tie = guard.dataset(self._file, "geometry/ties/blocks", "integer", (None, 2)).shape[0]
         if "reaction" in found["history"]:
             self.n_support = int(np.count_nonzero(self.block_fixed))
         self.has_joints, self.has_frames = "joint" in found["history"], "time" in found["frames"]
         found["history/energy"] = guard.members(self._file, "history/energy")
         n_point = guard.dataset(self._file, "geometry/joints/point", "number", (None, 5)).shape[0]
-        sizes = Sizes(self.n_block, self.n_joint, self.n_actuator, self.n_control_point, n_point, self.n_support)
+        counts = self.n_block, self.n_joint, self.n_actuator, self.n_control_point, n_point, self.n_support, self.n_tie
+        sizes = Sizes(*counts)
         for channel in CHANNELS:
             if channel.grows_by != CONTACTS and self._has(channel, found):
                 self._open(channel, sizes, self.n_frames if channel.grows_by == FRAMES else self.n_row)
@@ -295,6 +298,11 @@ class History(RestGeometry):
         """(T, n_support, 6) N, N m: force and moment of the supports on the structure, about their centroids at the
         start, world axes; (T, 0, 6) where there are none, and where the run did not record them."""
         return self.series("reaction") if self.n_support else np.zeros((self.n_row, 0, 6))
+
+    @cached_property
+    def tension(self) -> np.ndarray:
+        """(T, n_tie) N: tension of the ties, negative where a bar is pressed."""
+        return self.series("tension") if self.n_tie else np.zeros((self.n_row, 0))
 
     # --- frames ---
 

@@ -1,4 +1,4 @@
-"""Geometry at rest in a history: blocks, joints, actuators and control points as they stood at the start."""
+"""Geometry at rest in a history: blocks, joints, actuators, control points and ties as they stood at the start."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class RestGeometry:
     """What a history knows of the start of its run; read when asked for, and checked against its own counts.
 
     The class that opens the file gives ``path`` and ``_file``, ``begun`` and the counts ``n_block``, ``n_joint``,
-    ``n_actuator`` and ``n_control_point``.
+    ``n_actuator``, ``n_control_point`` and ``n_tie``.
     """
 
     def _table(self, path: str, *tail: int, count: int | None = None, kind: str = "number") -> np.ndarray:
@@ -166,3 +166,15 @@ class RestGeometry:
         blocks = self._numbers("control_points/block", self.n_block, count=n)
         point = self._table("control_points/point", 3, count=n)
         return [{"name": names[i], "block": int(blocks[i]), "point": point[i]} for i in range(n)]
+
+    @cached_property
+    def ties(self) -> list[dict]:
+        """One dict a tie: ``name``, ``blocks`` (2), ``points`` (2, 3) m at the start."""
+        n = self.n_tie
+        if not n:
+            return []
+        blocks = self._numbers("ties/blocks", self.n_block, 2, count=n)
+        points = self._table("ties/points", 2, 3, count=n)
+        pairs = [" - ".join(self.block_names[i] for i in pair) for pair in blocks.tolist()]
+        names = [f"tie {pair}" if pairs.count(pair) == 1 else f"tie {pair} #{k}" for k, pair in enumerate(pairs, 1)]
+        return [{"name": names[i], "blocks": blocks[i], "points": points[i]} for i in range(n)]

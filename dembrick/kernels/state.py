@@ -90,9 +90,9 @@ class Actuators(NamedTuple):
 
 # Entries of `Energy.work` (J). Work of the actuators' head and of the dead torques; lost in friction, in dashpots of
 # contacts and to calming, and in that of the head; mu N |slip|; the smallest friction work of an increment; at the
-# start, the elastic energy of the seated joints, and the work of the dead forces up to then; lost by crushing, and by
-# bonds that broke.
-HEAD, TORQUES, SLIDING, DAMPING, JACK_DAMPING, BY_LAW, LEAST, SEATED, SEATING, CRUSHING, FRACTURE = range(11)
+# start, the elastic energy of the seated joints, and the work of the dead forces up to then; lost by crushing, by bonds
+# that broke, and by ties that yield.
+HEAD, TORQUES, SLIDING, DAMPING, JACK_DAMPING, BY_LAW, LEAST, SEATED, SEATING, CRUSHING, FRACTURE, YIELDING = range(12)
 
 
 class Energy(NamedTuple):
@@ -101,7 +101,7 @@ class Energy(NamedTuple):
     Few arrays: a search is so short that a third of a microsecond counts, which each one takes on the way into a loop.
     """
 
-    work: ndarray  # (11,) J, one entry for each name above
+    work: ndarray  # (12,) J, one entry for each name above
     turned: ndarray  # (t,) int64, free blocks with a dead torque
     dash: ndarray  # (j + 1, 6) N, N m: V_1, V_2, M_T, N, M_1, M_2 of each joint's dashpots, last step; V of the head's
     normal: ndarray  # (p, 7) N/m, N, N m: sums of k_n (1, x, y, x^2, y^2, x y) over each point joint; m, its reach

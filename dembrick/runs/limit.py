@@ -16,6 +16,7 @@ from dembrick.errors import DembrickError, NotConvergedError, ScenarioError
 from dembrick.runs.left_out import LeftOut, left_out
 from dembrick.runs.limit_scenario import assembled, names_of
 from dembrick.runs.limit_standing import StandingResult, stands
+from dembrick.runs.result import tie_lines
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.checks import nearest, present, show
 from dembrick.scenario.controls import DEAD_LOAD, EVERY_BLOCK, Control
@@ -106,13 +107,8 @@ class LimitResult:
             "rounds": self.limit.rounds,
             "wall": self.wall,
         }
-        ties = self.assembly.ties
-        if len(ties) and self.limit.forces is not None:
-            names, tension = self.assembly.names, self.limit.forces.tension.tolist()
-            found["ties"] = [
-                {"between": [names[a], names[b]], "tension": T}
-                for a, b, T in zip(ties.block_a, ties.block_b, tension, strict=True)
-            ]
+        if self._ties():
+            found["ties"] = self._ties()
         if self.second_opinion is not None:
             one = self.second_opinion
             found["second_opinion"] = {
@@ -126,6 +122,15 @@ class LimitResult:
                 "mechanism": one.mechanism.kind,
             }
         return found
+
+    def _ties(self) -> list[dict]:
+        """The tension (N) of every tie in the limit state."""
+        ties, names = self.assembly.ties, self.assembly.names
+        if not len(ties) or self.limit.forces is None:
+            return []
+        tension = self.limit.forces.tension.tolist()
+        pairs = zip(ties.block_a, ties.block_b, tension, strict=True)
+        return [{"between": [names[a], names[b]], "tension": T} for a, b, T in pairs]
 
     def text(self) -> str:
         """What the command line prints."""
@@ -141,6 +146,7 @@ class LimitResult:
             f"limit         {angle}{what} {self.load_factor:.{digits}g}{unit}, proven between "
             f"{self.lower:.{digits + 1}g} and {self.upper:.{digits + 1}g}{unit}"
         )
+        lines += tie_lines(self._ties())
         lines.append("flow          associative: an upper bound for friction without dilatancy")
         lines.append(f"mechanism     {self.mechanism}")
         lines.append(f"blocks        {_some(self.blocks)}")
@@ -202,6 +208,15 @@ class ReactionResult:
             "flow": "associative",
             "wall": self.wall,
         }
+
+    def _ties(self) -> list[dict]:
+        """The tension (N) of every tie in the limit state."""
+        ties, names = self.assembly.ties, self.assembly.names
+        if not len(ties) or self.limit.forces is None:
+            return []
+        tension = self.limit.forces.tension.tolist()
+        pairs = zip(ties.block_a, ties.block_b, tension, strict=True)
+        return [{"between": [names[a], names[b]], "tension": T} for a, b, T in pairs]
 
     def text(self) -> str:
         """What the command line prints."""

@@ -19,6 +19,7 @@ from dembrick.errors import ScenarioError
 from dembrick.geometry.rotations import quaternion_product, rotation_matrix
 from dembrick.scenario import toml as scenarios
 from dembrick.simulation.channels import JOINT_CHANNELS, ROWS, recorded
+from dembrick.simulation.statics import ties
 from dembrick.simulation.statics.reactions import reactions
 from dembrick.simulation.statics.state import initial_state
 
@@ -45,7 +46,12 @@ def write(result, mechanism, resultants: np.ndarray, path: str | os.PathLike, fo
     if assembly.fixed.any():
         state = initial_state(assembly)
         state.joints.resultant[:] = joint[0]
+        if state.ties is not None:
+            state.ties.tension[:] = result.limit.forces.tension
+            ties.act(state)
         rows["reaction"] = np.tile(reactions(state), (2, 1, 1))
+    if len(assembly.ties):
+        rows["tension"] = np.tile(result.limit.forces.tension, (2, 1))
     if assembly.control_points.names:
         rows["control_point"][1] = assembly.control_points.displacement(
             displacement, rotation_matrix(quaternion_product(turn, assembly.orientation))
@@ -70,7 +76,10 @@ def before_a_run(scenario: Scenario, assembly: Assembly) -> Iterator[history.His
     with tempfile.TemporaryDirectory(prefix="dembrick-") as folder:
         path, text = os.path.join(folder, "start.h5"), scenarios.text_of(scenario)
         with history.HistoryWriter(path, text, assembly, {}, channels=("frames",), control=scenario.control) as writer:
-            writer.append(_rows(assembly, scenario.control, 1))
+            rows = _rows(assembly, scenario.control, 1)
+            if len(assembly.ties):
+                rows["tension"] = assembly.ties.prestress[None]
+            writer.append(rows)
             still = np.zeros((1, len(assembly.names), 3))
             writer.append_frames(np.zeros(1), still, assembly.orientation[None])
             writer.finish("start", {"title": scenario.title})

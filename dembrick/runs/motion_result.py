@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dembrick.runs.collapse import collapse_lines, listed
-from dembrick.runs.result import RunResult, reaction_lines
+from dembrick.runs.result import RunResult
 
 if TYPE_CHECKING:
     from dembrick.simulation.dynamics.run import MotionRun
@@ -120,7 +120,7 @@ class MotionResult(RunResult):
         lines.append(f"fallen        {listed(self.fallen) or 'none'}")
         if self.not_standing:
             lines.append(f"not standing  {listed(self.not_standing)}: no equilibrium under the dead loads")
-        lines += reaction_lines(self.reactions)
+        lines += self.force_lines
         lines.append(f"simulated     {motion.time:.6g} s")
         lines.append(
             f"time step     {motion.time_step:.3g} s (critical {motion.critical_time_step:.3g} s), "

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from dembrick.simulation.statics.standing import Standing
 
 ROUNDING = 1e-7  # of the largest: a force or a moment that is none
-SHOWN = 8  # supports whose reactions the command line prints
+SHOWN = 8  # supports whose reactions, and ties whose tensions, the command line prints
 BRACKET_SLACK = 1e-9  # of V: rounding by which theory may lie outside a certified bracket
 
 
@@ -72,11 +72,12 @@ class RunResult:
 
     def _tied(self) -> dict:
         """The tension (N) of every tie and the elongation (m) that it keeps, where there are ties."""
-        ties, names = getattr(getattr(self.run, "state", None), "ties", None), self.assembly.names
-        if ties is None:
+        table, names = self.assembly.ties, self.assembly.names
+        if not len(table):
             return {}
-        numbers = zip(ties.block_a, ties.block_b, ties.tension.tolist(), ties.yielded.tolist(), strict=True)
-        return {"ties": [{"between": [names[a], names[b]], "tension": T, "yielded": e} for a, b, T, e in numbers]}
+        numbers = zip(table.block_a, table.block_b, *self.run.ties, strict=True)
+        found = [(names[a], names[b], float(T), float(e)) for a, b, T, e in numbers]
+        return {"ties": [{"between": [a, b], "tension": T, "yielded": e} for a, b, T, e in found]}
 
     @property
     def reactions(self) -> dict[str, list[float]] | None:
@@ -84,6 +85,11 @@ class RunResult:
         (N, N m; world axes); None where blocks fall that would be at rest."""
         names = (name for name, fixed in zip(self.assembly.names, self.assembly.fixed, strict=True) if fixed)
         return dict(zip(names, (self.run.reactions + 0.0).tolist(), strict=True))
+
+    @property
+    def force_lines(self) -> list[str]:
+        """What the command line prints of the reactions of supports and of the ties."""
+        return reaction_lines(self.reactions) + tie_lines(self._tied().get("ties", ()))
 
     @property
     def stage_lines(self) -> list[str]:
@@ -160,6 +166,17 @@ class RunResult:
 def printed(values: Iterable[float], largest: float) -> list[str]:
     """Numbers by six digits; what is only rounding beside the ``largest`` of their kind is 0."""
     return [f"{value:.6g}" if abs(value) > ROUNDING * largest else "0" for value in values]
+
+
+def tie_lines(ties: Sequence[Mapping]) -> list[str]:
+    """What the command line prints of ties, as results have them."""
+    lines = []
+    for tie in ties[:SHOWN]:
+        kept = f", yielded by {tie['yielded']:.4g} m" if tie.get("yielded") else ""
+        lines.append(f"tie           {' - '.join(tie['between'])}: {tie['tension']:.6g} N{kept}")
+    if len(ties) > SHOWN:
+        lines.append(f"  ... and {len(ties) - SHOWN} more ties (--json lists all)")
+    return lines
 
 
 def reaction_lines(found: Mapping[str, list[float]] | None) -> list[str]:

@@ -9,7 +9,6 @@ import numpy as np
 
 from dembrick.runs.collapse import collapse_lines
 from dembrick.runs.motion_result import MotionResult
-from dembrick.runs.result import reaction_lines
 
 if TYPE_CHECKING:
     from dembrick.simulation.dynamics.settlement import SettlementRun
@@ -71,7 +70,7 @@ class SettlementResult(MotionResult):
             at = found[key]
             lines.append(f"  {key:8}    {at['reaction']:.6g} N at {at['displacement']:.4g} m")
         lines.append(f"  at rest     {found['at_rest']:.6g} N")
-        lines += reaction_lines(self.reactions)
+        lines += self.force_lines
         lines.append(f"out of balance {self.run.unbalanced:.2g} of the joint forces, at the most")
         lines.append(
             f"equilibria    {found['equilibria']}, by {motion.steps} steps of relaxation, loop "

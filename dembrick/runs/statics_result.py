@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import TYPE_CHECKING
 
-from dembrick.runs.result import RunResult, reaction_lines
+from dembrick.runs.result import RunResult
 from dembrick.simulation.statics.dead_load import does_not_stand
 from dembrick.simulation.statics.state import rotations
 
@@ -85,7 +85,7 @@ class StaticsResult(RunResult):
         rest = self.run.rest
         lines = [self.scenario.title, f"formulation   {self.scenario.joint.formulation}", *self.stage_lines]
         lines.append(f"answer        {self.plain_answer}")
-        lines += reaction_lines(self.reactions)
+        lines += self.force_lines
         lines.append(f"out of balance {rest.unbalanced:.2g} of the joint forces after {rest.steps} steps")
         lines.append(f"history       {self.history}")
         return "\n".join(lines)

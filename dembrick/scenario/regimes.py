@@ -20,7 +20,7 @@ class Regime(NamedTuple):
     ``quasi_static``: every block needs a chain of joints to a support. ``real_time``: blocks move in time, part and
     meet again. ``counts_equilibria``: the times of the record are the numbers of equilibria. ``small_displacements``:
     it stays in the geometry of the start, and adds up small rotations. ``balances_energy``: its record has energies.
-    ``stands_or_falls``: that is what a run answers, as opposed to a load. ``carries_ties``: its blocks may be tied.
+    ``stands_or_falls``: that is what a run answers, as opposed to a load.
     """
 
     name: str
@@ -30,7 +30,6 @@ class Regime(NamedTuple):
     small_displacements: bool = False
     balances_energy: bool = True
     stands_or_falls: bool = True
-    carries_ties: bool = False
 
     @property
     def kinematics(self) -> str:
@@ -38,12 +37,10 @@ class Regime(NamedTuple):
         return "small displacements" if self.small_displacements else "finite rotations"
 
 
-LIMIT_LOAD = Regime("limit load", small_displacements=True, stands_or_falls=False, carries_ties=True)
+LIMIT_LOAD = Regime("limit load", small_displacements=True, stands_or_falls=False)
 CONSTANT_RATE = Regime("constant rate", stands_or_falls=False)
-PATH_FOLLOWING = Regime(
-    "path following", counts_equilibria=True, small_displacements=True, stands_or_falls=False, carries_ties=True
-)
-DEAD_LOAD = Regime("dead load", small_displacements=True, carries_ties=True)
+PATH_FOLLOWING = Regime("path following", counts_equilibria=True, small_displacements=True, stands_or_falls=False)
+DEAD_LOAD = Regime("dead load", small_displacements=True)
 SETTLEMENT = Regime("settlement", real_time=True, counts_equilibria=True, balances_energy=False)
 REAL_TIME = Regime("real time", quasi_static=False, real_time=True)
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 ROWS, FRAMES, CONTACTS = 0, 1, 2  # what a channel has an entry for: a row, a frame, a new contact of a frame
 AXES = tuple("xyz")
 WRENCH = ("F_x [N]", "F_y [N]", "F_z [N]", "M_x [N m]", "M_y [N m]", "M_z [N m]")
-OPTIONAL = ("control_point", "support")  # where a scene has none of these, there is no channel of them
+OPTIONAL = ("control_point", "support", "tie")  # where a scene has none of these, there is no channel of them
 STRENGTHS = "strengths"  # asks for what only joints with strengths beside friction have
 
 
@@ -37,6 +37,7 @@ class Sizes(NamedTuple):
     control_point: int
     point: int
     support: int
+    tie: int
 
     @classmethod
     def of(cls, assembly: Assembly) -> Sizes:
@@ -45,6 +46,7 @@ class Sizes(NamedTuple):
         return cls(
             len(assembly.names), len(assembly.joints), len(assembly.actuators.names),
             len(assembly.control_points.names), points, int(np.count_nonzero(assembly.fixed)),
+            len(assembly.ties),
         )  # fmt: skip
 
 
@@ -133,6 +135,10 @@ CHANNELS = (
         "force and moment of each support on the structure, about the support's centroid at the start, world axes",
         ("support", 6), columns="reaction of {name} {axis}", axes=WRENCH,
     ),
+    Channel("history/tension", "N", "tension of each tie, negative where a bar is pressed", ("tie",),
+            columns="tension of {name} [{unit}]"),
+    Channel("history/yielded", "m", "elongation that each tie has yielded and keeps", ("tie",),
+            columns="yielded of {name} [{unit}]"),
     *(
         Channel(f"history/joint/{name}", unit, about, ("joint",), "joints", columns=f"{name} {{name}} [{{unit}}]")
         for name, unit, about in (
@@ -149,19 +155,20 @@ CHANNELS = (
         Channel(f"history/energy/{name}", "J", f"{about}{{when}}", (), "energy", only, f"{name} energy [{{unit}}]")
         for name, only, about in (
             ("kinetic", None, "kinetic energy"),
-            ("elastic", None, "energy in the springs of the joints, since the start"),
+            ("elastic", None, "energy in the springs of joints and ties, since the start"),
             ("jack_spring", False, "energy in the spring of the actuators"),
             ("external", None, "work of gravity, loads and actuators since the start"),
             ("friction", None, "work taken by friction"),
             ("dashpots", None, "work taken by dashpots"),
             ("released", True, "energy that springs of joints lost in letting go or in being cut or handed over"),
-            ("stepping", True, "work taken by springs of joints that open or close within a time step: an error of "
+            ("stepping", True, "work taken by springs that open or close within a time step: an error of "
              "second order in it"),
             ("new_contacts", True, "work done on contacts that formed since the start: what they hold, and what they "
              "took"),
             ("crushing", None, "work taken by crushing of joints"),
             ("fracture", None, "energy that springs of joints lost as bonds broke; it depends on the stiffness of the "
              "joints and is no fracture energy of a material"),
+            ("yielding", None, "work taken by ties that yield"),
         )
     ),
     Channel("history/unbalanced", "1", "unbalanced-force ratio", columns="unbalanced [{unit}]"),

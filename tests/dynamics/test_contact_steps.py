@@ -8,6 +8,7 @@ import pytest
 from scipy.linalg import eigh
 
 from dembrick import history
+from dembrick.assembly.ties import NO_TIES
 from dembrick.cli import main
 from dembrick.errors import DivergedError
 from dembrick.geometry.rotations import quaternion_product
@@ -19,6 +20,7 @@ from dembrick.scenario.model import Block, Load, Output, Sine, Solver
 from dembrick.scenario.toml import dumps
 from dembrick.simulation.dynamics import contact_detection, time_step
 from dembrick.simulation.dynamics.state import MovingState
+from dembrick.simulation.moving_ties import moving_ties
 from helpers.impact_scenes import collapse, falling_arch, scene
 from helpers.pairs import BLOCK, K_N, K_S, SETTINGS, Pair, no_joints, quaternion, set_up
 
@@ -59,7 +61,8 @@ def masses(pair):
 
 def looked_at(pair):
     """What a closer look finds of the last step, and the bounds of both blocks."""
-    state = MovingState(pair.bodies, no_joints(), None, None, np.zeros(3))
+    none = moving_ties(NO_TIES, np.zeros((2, 3)), np.zeros((2, 3, 3)))
+    state = MovingState(pair.bodies, no_joints(), None, None, none, np.zeros(3))
     return time_step.load_of_contacts(state, pair.contact, np.zeros(0), DT), pair.contact.load.copy()
 
 

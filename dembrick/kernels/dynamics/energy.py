@@ -21,10 +21,13 @@ from dembrick.kernels.dynamics.energy_terms import (
     OF_DASHPOTS,
     SMALLEST,
     STEPPING,
+    TIES_STEPPED,
+    TIES_YIELDED,
 )
 from dembrick.kernels.dynamics.joint_families import FAMILIES
 from dembrick.kernels.dynamics.rigid_bodies import gathered
 from dembrick.kernels.dynamics.tiles import TILE, W
+from dembrick.kernels.joint.ties import tie_losses
 from dembrick.kernels.math.vec3 import cross, rows_times
 
 
@@ -170,13 +173,16 @@ def add_handover_work(energy_terms, links, corners, faces, touching):
 
 
 @jit
-def add_step(energy_terms, bodies, links, corners, faces, loads, touching, step, dt):
+def add_step(energy_terms, bodies, links, corners, faces, ties, loads, touching, step, dt):
     """Book what is not a joint's, after the forces of a step and before the blocks move.
 
     Returns what gravity's work over the step that led here is to the momentum of a block: dt times its mean (3).
     """
     add_load_work(energy_terms, bodies, loads, step, dt)
     add_support_work(energy_terms, bodies, links, loads, dt)
+    yielded, stepped = tie_losses(ties)
+    energy_terms.total[TIES_YIELDED] += yielded
+    energy_terms.total[TIES_STEPPED] += stepped
     if touching is not None:
         add_contact_work(energy_terms, bodies, touching, dt)
         add_handover_work(energy_terms, links, corners, faces, touching)
@@ -188,6 +194,8 @@ def add_step(energy_terms, bodies, links, corners, faces, loads, touching, step,
         half = 0.0
         settle_all(energy_terms, links)
         energy_terms.total[LOADS] = 0.0
+        energy_terms.total[TIES_YIELDED] = 0.0
+        energy_terms.total[TIES_STEPPED] = 0.0
         energy_terms.total[HANDED] = 0.0  # but what hits as the run begins has pushed since then
         for b in range(energy_terms.fallen.size):
             energy_terms.fallen[b] = 0.0

@@ -9,7 +9,7 @@ from dembrick.kernels.dynamics.tiles import W
 
 FRICTION, RELEASED, STEPPING, BY_LAW, CRUSHING, FRACTURE = range(6)
 KINDS = 6
-LOADS, CONTACTS, HANDED = range(3)
+LOADS, CONTACTS, HANDED, TIES_YIELDED, TIES_STEPPED = range(5)
 
 DASHPOT = 3 * W  # rows of a point in `EnergyTerms.dashpots`
 
@@ -41,8 +41,8 @@ class EnergyTerms(NamedTuple):
     load: ndarray  # (k, 6) N, N m, the loads
     support: ndarray  # (k, 6) N, N m, of joints and contacts on the supports that are moved
     push: ndarray  # (n, 6) N, N m, of all new contacts on each block
-    # (3,) work of loads and of supports that are moved, of new contacts, and what springs of joints held that were
-    # handed over
+    # (5,) work of loads and of supports that are moved, of new contacts, and what springs of joints held that were
+    # handed over; what yielding took from ties, and what those took that became tight or slack within a step
     total: ndarray
     gravity: ndarray  # (3,) m/s2
     begun: ndarray  # (1,) 1 from the first forces on, which are where the energy terms begin

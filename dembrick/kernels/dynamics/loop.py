@@ -16,6 +16,7 @@ from dembrick.kernels.dynamics.energy import add_step
 from dembrick.kernels.dynamics.joint_families import forces as joint_forces
 from dembrick.kernels.dynamics.joint_families import tiles_of
 from dembrick.kernels.dynamics.rigid_bodies import move_support, step_bodies
+from dembrick.kernels.dynamics.tie_forces import clear_tied, pull_ties
 from dembrick.kernels.dynamics.tiles import WORK, least_slack, rows_of_lanes
 from dembrick.kernels.math.vec3 import cross, rows_times
 
@@ -74,7 +75,7 @@ def shares(corners, faces, bodies, threads: int) -> tuple[np.ndarray, ...]:
 
 
 def advance_bodies(
-    n_steps, dt, bodies, links, corners, faces, loads, limits, damping, travel, touching, energy_terms, work,
+    n_steps, dt, bodies, links, corners, faces, ties, loads, limits, damping, travel, touching, energy_terms, work,
     share_corners, share_faces, share_bodies, moved, away,
 ):  # fmt: skip
     """Advance up to ``n_steps`` steps of ``dt``; ``corners`` or ``faces`` is None where no joint is of that family.
@@ -104,7 +105,9 @@ def advance_bodies(
             if touching.overloaded[0] > 0:
                 return OVERLOADED, step
             clear_applied(touching, bodies)
+        clear_tied(ties, bodies)
         apply_loads(loads, bodies, step)
+        pull_ties(ties, bodies)
         for t in prange(moved.size):
             joint_forces(links, corners, faces, bodies, share_corners, share_faces, t, energy_terms, work[t])
         if touching is not None:
@@ -112,7 +115,7 @@ def advance_bodies(
             if touched != TOUCHED:
                 return touched, step
         if energy_terms is not None:
-            mean = add_step(energy_terms, bodies, links, corners, faces, loads, touching, step, dt)
+            mean = add_step(energy_terms, bodies, links, corners, faces, ties, loads, touching, step, dt)
         for t in prange(moved.size):
             if energy_terms is None:
                 moved[t], away[t] = step_bodies(

@@ -211,8 +211,8 @@ def replay_one(
             room.doubling, answer.twist[i], room.window,
         )  # fmt: skip
         status, step = advance(
-            step, settings.chunk, 1.0, blocks, joints, points, areas, actuators, pushing, None, drive, certificate,
-            None, None, guard,
+            step, settings.chunk, 1.0, blocks, joints, points, areas, actuators, None, pushing, None, drive,
+            certificate, None, None, guard,
         )  # fmt: skip
     return status, step
 

@@ -7,6 +7,8 @@ motion, it stays that of the start.
 from math import sqrt
 
 from dembrick._jit import jit
+from dembrick.kernels.joint.ties import stretch
+from dembrick.kernels.math.quaternion import rotate
 from dembrick.kernels.math.vec3 import columns_times, cross
 from dembrick.kernels.state import HEAD, JACK_DAMPING
 from dembrick.kernels.statics import joint_families as families
@@ -78,6 +80,35 @@ def joint_forces(blocks, joints, points, areas, inertia, dt, viscous_n, viscous_
                 points, areas, family, i, joints.resultant[j], *seen, more * viscous_n, more * viscous_s, energy
             )
             react(blocks, joints, j, *found)
+
+
+@jit
+def tie_forces(blocks, ties):
+    """Forces of all ties in the moving geometry, put on the blocks."""
+    u = blocks.displacement
+    for t in range(ties.stiffness.size):
+        a = ties.block[t, 0]
+        b = ties.block[t, 1]
+        arm = ties.arm[t]
+        for side in range(2):
+            lever = ties.lever[t, side]
+            r1, r2, r3 = rotate(blocks.orientation, ties.block[t, side], lever[0], lever[1], lever[2])
+            arm[side, 0] = r1
+            arm[side, 1] = r2
+            arm[side, 2] = r3
+        offset = ties.offset[t]
+        stretch(
+            ties,
+            t,
+            offset[0] + u[b, 0] - u[a, 0] + (arm[1, 0] - arm[0, 0]),
+            offset[1] + u[b, 1] - u[a, 1] + (arm[1, 1] - arm[0, 1]),
+            offset[2] + u[b, 2] - u[a, 2] + (arm[1, 2] - arm[0, 2]),
+        )
+        f = ties.force[t]
+        for side in range(2):
+            sense = 1.0 - 2.0 * side
+            r = arm[side]
+            add_force(blocks, ties.block[t, side], sense, f[0], f[1], f[2], 0.0, 0.0, 0.0, r[0], r[1], r[2])
 
 
 @jit

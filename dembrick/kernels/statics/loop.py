@@ -5,10 +5,13 @@ leaves its code out: a family of joints, the record, the energy terms, and eithe
 from typing import NamedTuple
 
 from dembrick._jit import entry
+from dembrick.kernels.joint.ties import tie_losses
+from dembrick.kernels.state import YIELDING
 from dembrick.kernels.statics.block_forces import (
     actuator_forces,
     clear_forces,
     joint_forces,
+    tie_forces,
     unbalanced_power,
     unbalanced_ratio,
 )
@@ -39,26 +42,32 @@ class Drive(NamedTuple):
 
 @entry
 def advance(
-    first, n_steps, dt, blocks, joints, points, areas, actuators, scaled, inertia, drive, certificate, record, energy,
-    guard,
+    first, n_steps, dt, blocks, joints, points, areas, actuators, ties, scaled, inertia, drive, certificate, record,
+    energy, guard,
 ):  # fmt: skip
     """Advance the replay from step ``first`` until ``n_steps`` more are done, or its bracket is within tolerance.
 
     ``scaled`` inertia moves the blocks by small motion, physical ``inertia`` by finite motion; the other is None.
+    ``ties`` is None in small motion, where their forces are among the dead loads.
     Returns the status (RUNNING when all steps are done, CONVERGED, DIVERGED where a block jumped or is no number,
     RUNAWAY where there is more energy than was put in, FULL when the record has no room) and the number of steps done.
     """
     bracket = certificate.bracket
     if first == 0 and n_steps > 0:
-        begin_energy(energy, blocks, joints, points, areas)
-        open_guard(guard, blocks, joints, points, areas)
+        begin_energy(energy, blocks, joints, points, areas, ties)
+        open_guard(guard, blocks, joints, points, areas, ties)
     for step in range(first, first + n_steps):
         clear_forces(blocks)
         joint_forces(blocks, joints, points, areas, inertia, dt, drive.viscous_n, drive.viscous_s, energy)
+        if ties is not None:
+            tie_forces(blocks, ties)
         rate = drive.rate * min(1.0, (step + 1) * dt / drive.ramp) * drive.slowing ** max(step - drive.steady, 0)
         v, moved = actuator_forces(blocks, actuators, drive, inertia, rate, dt, energy)
         if energy is not None:
             add_dead_torque_work(energy.work, energy.turned, blocks, dt)
+            if ties is not None:
+                yielded, _ = tie_losses(ties)
+                energy.work[YIELDING] += yielded
         done = False
         load = v
         if step % certificate.every == 0:
@@ -76,7 +85,7 @@ def advance(
             if step % record.every[0] == 0 or done:
                 if energy is not None and record.count[0] < record.row.shape[0]:
                     balance(
-                        energy, blocks, joints, points, areas, actuators, drive, scaled, inertia, dt,
+                        energy, blocks, joints, points, areas, actuators, ties, drive, scaled, inertia, dt,
                         record.energy[record.count[0]],
                     )  # fmt: skip
                 bounds = (bracket[0], bracket[1])
@@ -89,6 +98,7 @@ def advance(
                     points,
                     areas,
                     actuators,
+                    ties,
                     load,
                     drive.viscous_s,
                     *bounds,

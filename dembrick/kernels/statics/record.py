@@ -8,6 +8,7 @@ from typing import NamedTuple
 from numpy import ndarray
 
 from dembrick._jit import entry, jit
+from dembrick.kernels.joint.ties import TENSION, YIELDED
 from dembrick.kernels.math.quaternion import turned, turning
 from dembrick.kernels.math.vec3 import columns_times, cross
 from dembrick.kernels.statics.block_forces import unbalanced_ratio
@@ -24,7 +25,9 @@ class Record(NamedTuple):
     joint: ndarray  # (r, j or 0, 7)
     support: ndarray  # (n,) int64, number of each block among the fixed ones, -1 where it is free
     reaction: ndarray  # (r, s, 6) N, N m, see `write_reactions`
-    energy: ndarray  # (r, 8) J, see `energy.balance`
+    tension: ndarray  # (r, t) N, of the ties
+    yielded: ndarray  # (r, t) m, the elongation that they keep
+    energy: ndarray  # (r, 9) J, see `energy.balance`
     watched: ndarray  # (w,) int64, blocks of the control points
     lever: ndarray  # (w, 3) m, from their centroids to the points, body axes
     arm: ndarray  # (w, 3) m, the same at the start, world axes
@@ -68,6 +71,28 @@ def write_reactions(joints, support, out):
 
 
 @jit
+def write_ties(record, row, ties):
+    """What ties carry and keep in a row, and what the fixed blocks exert through them."""
+    for t in range(ties.stiffness.size):
+        record.tension[row, t] = ties.now[t, TENSION]
+        record.yielded[row, t] = ties.now[t, YIELDED]
+        f = ties.force[t]
+        for side in range(2):
+            s = record.support[ties.block[t, side]]
+            if s >= 0:
+                arm = ties.arm[t, side]
+                sense = 2.0 * side - 1.0
+                c1, c2, c3 = cross(arm[0], arm[1], arm[2], f[0], f[1], f[2])
+                out = record.reaction[row, s]
+                out[0] += sense * f[0]
+                out[1] += sense * f[1]
+                out[2] += sense * f[2]
+                out[3] += sense * c1
+                out[4] += sense * c2
+                out[5] += sense * c3
+
+
+@jit
 def write_frame(record, time, blocks, joints, points, areas, viscous):
     """Add a frame to the record; there must be room. ``viscous`` is the dashpot ratio in shear."""
     frame = record.count[1]
@@ -90,7 +115,7 @@ def write_frame(record, time, blocks, joints, points, areas, viscous):
 
 
 @jit
-def write_row(record, step, time, blocks, joints, points, areas, actuators, load, viscous, lower, upper, last):
+def write_row(record, step, time, blocks, joints, points, areas, actuators, ties, load, viscous, lower, upper, last):
     """Add a row to the record, with a frame where one is due or it is the ``last``; False when there is no room.
 
     ``load``: V (N), of an equilibrium where no inertia is physical.
@@ -111,6 +136,8 @@ def write_row(record, step, time, blocks, joints, points, areas, actuators, load
         for i in range(7):
             record.joint[row, j, i] = joints.resultant[j, i]
     write_reactions(joints, record.support, record.reaction[row])
+    if ties is not None:
+        write_ties(record, row, ties)
     for w in range(record.watched.size):
         b = record.watched[w]
         r = blocks.rotation[b]

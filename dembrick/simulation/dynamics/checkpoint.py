@@ -14,7 +14,7 @@ from dembrick.simulation.dynamics.outcome import Extremes
 from dembrick.simulation.dynamics.pushover import PushController
 from dembrick.simulation.session import DEAD_LOADS, Progress, Snapshot, step_at
 
-PARTS = ("bodies", "links", "corners", "faces")  # of the state, that a checkpoint holds
+PARTS = ("bodies", "links", "corners", "faces", "ties")  # of the state, that a checkpoint holds
 COUNTERS = ("faces.outline", "faces.count", "faces.pressed.count")  # integers among them that change
 
 

@@ -23,9 +23,12 @@ from dembrick.kernels.dynamics.energy_terms import (
     LOADS,
     RELEASED,
     STEPPING,
+    TIES_STEPPED,
+    TIES_YIELDED,
     EnergyTerms,
 )
 from dembrick.kernels.dynamics.tiles import rows_of_lanes
+from dembrick.kernels.joint.ties import tie_energy
 from dembrick.simulation.channels import energies
 from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.joint_polygons import Polygons
@@ -71,7 +74,7 @@ class MotionEnergy:
         turned = np.linalg.solve(inertia[free], half * torque[free, :, None])[..., 0]
         twice = (mass * (v * v - moved * moved)).sum()
         twice += (np.einsum("nij,nj,ni->n", inertia[free], w, w) - half * (torque[free] * turned).sum(axis=1)).sum()
-        self.start[:] = 0.5 * twice, self._springs(state)[1].sum()
+        self.start[:] = 0.5 * twice, self._springs(state)[1].sum() + tie_energy(state.ties)
 
     def open(self, state: MovingState) -> None:
         """Begin again with the next step; what was booked before time began does not count."""
@@ -118,15 +121,16 @@ class MotionEnergy:
         kinetic = kinetic_energy(state.bodies, state.links.wrench, *table.gravity.tolist(), dt)
         return {
             "kinetic": kinetic,
-            "elastic": float((table.share * self._springs(state)[1]).sum() - self.start[1]),
+            "elastic": float((table.share * self._springs(state)[1]).sum() + tie_energy(state.ties) - self.start[1]),
             "external": float(table.fallen.sum() + table.total[LOADS]),
             "friction": float(lost[FRICTION]),
             "dashpots": float(table.damped.sum()),
             "released": float(lost[RELEASED] + table.total[HANDED]),
-            "stepping": float(lost[STEPPING]),
+            "stepping": float(lost[STEPPING] + table.total[TIES_STEPPED]),
             "new_contacts": float(-table.total[CONTACTS]),
             "crushing": float(lost[CRUSHING]),
             "fracture": float(lost[FRACTURE]),
+            "yielding": float(table.total[TIES_YIELDED]),
         }
 
     def sums(self, state: MovingState, rounding: float) -> Sums | None:
@@ -137,6 +141,7 @@ class MotionEnergy:
         settle_all(table, state.links)
         lost, least = table.lost.sum(axis=0), float(table.least.min(initial=0.0))
         friction, by_law, stepping = (float(lost[kind]) for kind in (FRICTION, BY_LAW, STEPPING))
+        stepping += float(table.total[TIES_STEPPED])
         return Sums(friction, by_law, least, stepping, FLOOR * self.start[1], rounding)
 
     @property
@@ -163,7 +168,7 @@ def _blank(state: MovingState, loads: int, supports: int) -> EnergyTerms:
         load=np.zeros((loads, 6)),
         support=np.zeros((supports, 6)),
         push=np.zeros((n, 6)),
-        total=np.zeros(3),
+        total=np.zeros(5),
         gravity=np.zeros(3),
         begun=np.zeros(1),
     )

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from dembrick.errors import ScenarioError
 from dembrick.geometry.rotations import rotation_matrix, turned_by, unit_quaternion
 from dembrick.kernels.dynamics.tiles import SEEN
+from dembrick.kernels.joint.ties import YIELDED
 from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.state import seen
 
@@ -34,5 +35,7 @@ def start_on(moving: Motion, left: State) -> None:
     bodies.rotation[:] = rotation_matrix(bodies.orientation)
     bodies.start[:] = bodies.position
     joint_families.take_memory(state, left)
+    if left.ties is not None:
+        state.ties.now[:, YIELDED] = left.ties.yielded
     links.put(SEEN, seen(bodies, links))
     links.kept[:] = links.seen[:, [0, 1, 3, 4]]

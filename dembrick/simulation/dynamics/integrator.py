@@ -248,7 +248,7 @@ def present_velocities(motion: Motion, driving: Driving) -> tuple[np.ndarray, np
     a step before and half a step after, which a copy of everything takes."""
     motion.energy.fit(len(driving.block), len(driving.supports))
     state, touching = motion.state, motion.contact_detection.touching
-    bodies, links, corners, faces, table = (_copied(part) for part in (*state[:4], motion.energy.table))
+    bodies, links, corners, faces, ties, table = (_copied(part) for part in (*state[:5], motion.energy.table))
     if touching is not None:
         shared = {name: getattr(touching, name) for name in ("parts", "scratch", "pressed")}
         touching = _copied(touching._replace(**dict.fromkeys(shared)))._replace(**shared)
@@ -257,7 +257,7 @@ def present_velocities(motion: Motion, driving: Driving) -> tuple[np.ndarray, np
     supports = driving.prescribed(np.array([motion.time]), motion.time_step)
     loads, limits = Loads(driving.block, driving.lever, force, gravity, *supports), Limits(NO_LIMIT, NO_LIMIT)
     advance_bodies(
-        1, motion.time_step, bodies, links, corners, faces, loads, limits, 0.0, np.array([np.inf, 0.0]), touching,
+        1, motion.time_step, bodies, links, corners, faces, ties, loads, limits, 0.0, np.array([np.inf, 0.0]), touching,
         table, *shares(corners, faces, bodies, 1),
     )  # fmt: skip
     now = state.bodies
@@ -301,7 +301,7 @@ def advance_chunk(
         motion._compiled.add(touching is None)
         began = time.perf_counter()
         for loop, own in loops:
-            loop(0, dt, bodies, *state[1:4], loads, limits, damping, motion._travel, touching, energy.table, *own)
+            loop(0, dt, bodies, *state[1:5], loads, limits, damping, motion._travel, touching, energy.table, *own)
         motion.compile_seconds += time.perf_counter() - began
     done, status = 0, RUNNING
     while status == STALE or (status == RUNNING and done < len(times)):
@@ -310,7 +310,7 @@ def advance_chunk(
         rest = loads._replace(**{name: getattr(loads, name)[done:] for name in BY_STEP})
         began = time.perf_counter()
         status, some = loop(
-            min(most, len(times) - done), dt, bodies, *state[1:4], rest, limits, damping, motion._travel, touching,
+            min(most, len(times) - done), dt, bodies, *state[1:5], rest, limits, damping, motion._travel, touching,
             energy.table, *own,
         )  # fmt: skip
         done += some

@@ -7,6 +7,7 @@ import time
 import numpy as np
 
 from dembrick.kernels.dynamics.record import unbalanced_ratio
+from dembrick.kernels.joint.ties import TENSION, YIELDED
 from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.integrator import Motion, present_velocities
 from dembrick.simulation.dynamics.loads import Driving
@@ -70,6 +71,10 @@ class Recorder:
         if watched.names:
             moved = moving.state.bodies.position - self._origin
             rows["control_point"] = watched.displacement(moved, moving.state.bodies.rotation)[None]
+        if len(moving.state.ties.stiffness):
+            rows["tension"], rows["yielded"] = (
+                moving.state.ties.now[None, :, [TENSION, YIELDED]].transpose(2, 0, 1).copy()
+            )
         if "joints" in channels:
             rows["joint"] = joint_resultants(moving.state)[None]
         frames = {}

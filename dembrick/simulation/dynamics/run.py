@@ -13,6 +13,7 @@ from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.geometry.rotations import rotation_matrix, turned_by
 from dembrick.kernels.dynamics.loop import REACHED, Limits
 from dembrick.kernels.dynamics.tiles import SEEN
+from dembrick.kernels.joint.ties import TENSION, YIELDED
 from dembrick.scenario.checks import show
 from dembrick.scenario.model import Output
 from dembrick.scenario.regimes import COLLAPSE, COMPLETED, NOTHING, STEEPEST, Limit
@@ -77,6 +78,12 @@ class MotionRun:
     def reactions(self) -> np.ndarray:
         """Of the supports (s, 6) at the end, see `dynamics.state.reactions`."""
         return self.motion.reactions
+
+    @property
+    def ties(self) -> tuple[np.ndarray, np.ndarray]:
+        """Tension (t,) N of the ties at the end, and the elongation (t,) m that they keep."""
+        now = self.motion.state.ties.now
+        return now[:, TENSION], now[:, YIELDED]
 
     @property
     def compile_seconds(self) -> float:

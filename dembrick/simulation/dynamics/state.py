@@ -29,7 +29,9 @@ from dembrick.kernels.dynamics.tiles import (
     W,
     rows_of_lanes,
 )
+from dembrick.kernels.joint.ties import Ties
 from dembrick.simulation.dynamics import joint_families
+from dembrick.simulation.moving_ties import at_ends, moving_ties
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
@@ -42,6 +44,7 @@ class MovingState(NamedTuple):
     links: Links
     corners: Corners | None
     faces: Faces | None
+    ties: Ties
     middle: np.ndarray  # (3,) m, what positions count from
 
     @property
@@ -52,7 +55,7 @@ class MovingState(NamedTuple):
     @property
     def arrays(self) -> list[np.ndarray]:
         """All arrays that a run changes."""
-        return [*self.bodies, *self.links, *joint_families.arrays(self)]
+        return [*self.bodies, *self.links, *joint_families.arrays(self), *self.ties]
 
 
 def moving_state(assembly: Assembly) -> MovingState:
@@ -63,7 +66,8 @@ def moving_state(assembly: Assembly) -> MovingState:
     bodies = _bodies(assembly, links, middle)
     links.put(SEEN, seen(bodies, links))
     links.kept[:] = links.seen[:, [0, 1, 3, 4]]
-    return MovingState(bodies, links, corners, faces, middle)
+    ties = moving_ties(assembly.ties, assembly.position, assembly.rotation)
+    return MovingState(bodies, links, corners, faces, ties, middle)
 
 
 def _bodies(assembly: Assembly, links: Links, middle: np.ndarray) -> Bodies:
@@ -169,7 +173,7 @@ def joint_resultants(state: MovingState) -> np.ndarray:
 
 def reactions(state: MovingState, fixed: np.ndarray, contacts: Mapping[str, np.ndarray]) -> np.ndarray:
     """Force (N) and moment (N m, about its centroid at the start) of each ``fixed`` block (n,) on the structure (s, 6),
-    through its joints and new ``contacts`` (see `ContactDetection.pressed`), of the last forces; world axes."""
+    through its joints, ties and new ``contacts`` (see `ContactDetection.pressed`), of the last forces; world axes."""
     bodies, links = state.bodies, state.links
     total = np.zeros((len(fixed), 6))
     np.add.at(total, links.host, -links.wrench[:, :6])
@@ -179,6 +183,7 @@ def reactions(state: MovingState, fixed: np.ndarray, contacts: Mapping[str, np.n
         arm = contacts["point"] - state.middle - bodies.position[block]
         np.add.at(total, block, sense * np.concatenate([force, contacts["torque"] + cross(arm, force)], axis=1))
     total = total[fixed]
+    total -= at_ends(state.ties, len(fixed))[fixed]
     total[:, 3:] += cross((bodies.position - bodies.start)[fixed], total[:, :3])
     return total
 

@@ -16,6 +16,7 @@ import numpy as np
 from dembrick.geometry import polygons
 from dembrick.geometry.shapes import Polyhedron, parts_of
 from dembrick.kernels.dynamics.contact_forces import Touching
+from dembrick.kernels.joint.ties import SHORTEST
 from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.state import MovingState, arms
 from dembrick.simulation.joint_stiffness import elastic_stiffness
@@ -30,7 +31,7 @@ COARSE = 1.2  # rad in a step: contacts that swing faster damp as such
 
 
 class JointOperator:
-    """x -> M^-1/2 (sum over joints of stiffness, each part times its weight) M^-1/2 x for the free blocks."""
+    """x -> M^-1/2 (sum over joints and ties of stiffness, each part times its weight) M^-1/2 x for the free blocks."""
 
     def __init__(self, state: MovingState):
         bodies, links = state.bodies, state.links
@@ -48,6 +49,31 @@ class JointOperator:
         self.to_host = self._to_joint(axes, arm_host, bodies.mass, root, free, links.host)
         self.to_other = self._to_joint(axes, arm_other, bodies.mass, root, free, links.other)
         self.stiffness = joint_families.stiffness(state)
+        self._add_ties(state)
+
+    def _add_ties(self, state: MovingState) -> None:
+        """The ties as elastic bars, all tight: k along the line, and across it what their pre-stress turns with it."""
+        ties, bodies = state.ties, state.bodies
+        block, arm = ties.block, ties.arm
+        line = bodies.position[block[:, 1]] + arm[:, 1] - bodies.position[block[:, 0]] - arm[:, 0]
+        length = np.maximum(np.sqrt((line * line).sum(axis=1)), SHORTEST)
+        line /= length[:, None]
+        across = np.cross(line, np.eye(3)[np.argmin(np.abs(line), axis=1)])
+        across /= np.sqrt((across * across).sum(axis=1))[:, None]
+        axes = np.stack([across, np.cross(line, across), line], axis=1)
+        k = np.zeros((len(line), 6, 6))
+        k[:, [0, 1], [0, 1]], k[:, 2, 2] = (ties.prestress / length)[:, None], ties.stiffness
+        ends = [
+            self._to_joint(axes, arm[:, side], bodies.mass, self._root, self._free, block[:, side]) for side in (0, 1)
+        ]
+        self._tied = block, *ends, k
+
+    def _pulled(self, x: np.ndarray, y: np.ndarray) -> None:
+        """Add to ``y`` (n, 6) what the ties make of ``x`` (n, 6, 1)."""
+        block, to_a, to_b, k = self._tied
+        force = k @ (to_b @ x[block[:, 1]] - to_a @ x[block[:, 0]])
+        np.add.at(y, block[:, 1], (np.swapaxes(to_b, 1, 2) @ force)[:, :, 0])
+        np.add.at(y, block[:, 0], -(np.swapaxes(to_a, 1, 2) @ force)[:, :, 0])
 
     @staticmethod
     def _to_joint(axes, arm, mass, root, free, block) -> np.ndarray:
@@ -80,8 +106,9 @@ class JointOperator:
         self.stiffness = np.concatenate([self.stiffness, k])
         return on
 
-    def greatest(self, normal: np.ndarray, shear: np.ndarray) -> float:
-        """Greatest eigenvalue with the normal and the shear part of every joint weighted by (j,) each."""
+    def greatest(self, normal: np.ndarray, shear: np.ndarray, ties: bool = True) -> float:
+        """Greatest eigenvalue with the normal and the shear part of every joint weighted by (j,) each; with ``ties``,
+        or without."""
         weight = np.stack([shear, shear, normal, normal, normal, shear], axis=1)
         k = self.stiffness * weight[:, :, None]
 
@@ -91,6 +118,8 @@ class JointOperator:
             y = np.zeros((self.blocks, 6))
             np.add.at(y, self.host, (np.swapaxes(self.to_host, 1, 2) @ force)[:, :, 0])
             np.add.at(y, self.other, -(np.swapaxes(self.to_other, 1, 2) @ force)[:, :, 0])
+            if ties:
+                self._pulled(x, y)
             return y.ravel()
 
         return _lanczos(apply, 6 * self.blocks)
@@ -166,7 +195,7 @@ def critical_time_step(state: MovingState, constants: np.ndarray) -> float:
     if not constants.any():
         return dt
     # the greatest eigenvalue of a sum is at most the sum of the greatest
-    spring, dashpot = 4.0 / dt**2, operator.greatest(constants[:, 0], constants[:, 1])
+    spring, dashpot = 4.0 / dt**2, operator.greatest(constants[:, 0], constants[:, 1], ties=False)
     return (math.sqrt(dashpot**2 + 4.0 * spring) - dashpot) / spring
 
 

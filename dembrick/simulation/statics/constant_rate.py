@@ -20,7 +20,7 @@ from dembrick.kernels.state import Inertia
 from dembrick.kernels.statics.divergence import Guard
 from dembrick.scenario.model import Output
 from dembrick.simulation.session import Observer, Plan, Session
-from dembrick.simulation.statics import joint_families
+from dembrick.simulation.statics import joint_families, ties
 from dembrick.simulation.statics.guards import came_down, new_guard, refuse_divergence
 from dembrick.simulation.statics.load_system import (
     MOST_STEPS_AT_RATE,
@@ -32,7 +32,7 @@ from dembrick.simulation.statics.recorder import Recorder
 from dembrick.simulation.statics.state import State, new_energy
 from dembrick.simulation.statics.steady_load import refuse_unsound, steady
 from dembrick.simulation.statics.stepper import Loop, Stepper
-from dembrick.simulation.statics.yield_point import YieldPoint
+from dembrick.simulation.statics.yield_point import YieldPoint, at_the_end
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
@@ -47,9 +47,10 @@ def push_at_constant_rate(
     """Move the actuator head over ``travel`` (m) at ``rate`` (m/s) with physical inertia; returns a Replay.
 
     The bracket is what the record allows: strict at any rate, as narrow as the rate lets it be. Where it is not strict,
-    V is the mean load of the last quarter of the travel. Raises DivergedError, and NotConvergedError where the dead
-    loads alone bring the blocks down, where the load of an uncertified test still rises or swings at the end, or where
-    that of a slow certified one swings wildly or stays far below its bracket.
+    V is the mean load of the last quarter of the travel; with ties, the load at its end. Raises DivergedError, and
+    NotConvergedError where the dead loads alone bring the blocks down, where the load of an uncertified test without
+    ties still rises or swings at the end, or where that of a slow certified one swings wildly or stays far below its
+    bracket.
     """
     session = Session.of(session)
     setup = Setup(assembly, tolerance=0.0, session=session)
@@ -71,6 +72,7 @@ def push_at_constant_rate(
         inverse=np.linalg.inv(assembly.inertia),
     )
     _to_finite_motion(state)
+    moving = ties.start_moving(state, assembly)
     output = session.output
     rows_every = max(1, steps_wanted // output.rows)
     chunk = min(CHUNK, steps_wanted)
@@ -80,7 +82,7 @@ def push_at_constant_rate(
     setup.certificate = setup.certificate._replace(every=rows_every)
     energy = new_energy(state) if recorder else None
     guard = new_guard(assembly, state, steps_wanted)
-    loop = Loop(dt, state, None, inertia, drive, setup.certificate, energy, guard)
+    loop = Loop(dt, state, None, inertia, drive, setup.certificate, energy, guard, moving)
     began = time.perf_counter()
     loop.advance(0, recorder.record if recorder else None)  # no step: compiles, or loads the cache
     compiled = time.perf_counter() - began
@@ -88,6 +90,7 @@ def push_at_constant_rate(
         loop.restore(session.resumed)
     status = Stepper(loop, session, recorder, CHUNK, steps_wanted).to(steps_wanted)
     refuse_divergence(status, assembly, state, loop.step, dt, critical)
+    ties.stop_moving(state, moving)
     chosen = {"rate": rate, "inertia": "physical"}
     replay = setup.finished(True, loop, critical, compiled, setup.settings(drive) | chosen)
     if replay.yield_point.V_upper is None:
@@ -102,6 +105,8 @@ def push_at_constant_rate(
         slip = replay.yield_point.V_lower * setup.compliance / setup.weight
         pace = rate * critical / slip if slip > 0.0 else math.inf
         refuse_unsound(replay.yield_point, guard, pace, float(joint_families.reach(state).max()))
+    elif state.ties is not None:  # they may stretch for ever: V is what is carried at the end of the travel
+        replay.yield_point = at_the_end(replay.yield_point)
     else:
         replay.yield_point = _steady(replay.yield_point, guard, 1e-3 * setup.dead_strength(), assembly, state)
     return replay

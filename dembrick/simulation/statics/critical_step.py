@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dembrick.simulation.statics import joint_families
+from dembrick.simulation.statics import joint_families, ties
 from dembrick.simulation.statics.state import State
 from dembrick.simulation.statics.stiffness import block_stiffness, couplings, to_joint
 
@@ -119,7 +119,7 @@ def dashpots(state: State, inertia: np.ndarray, actuator: np.ndarray) -> Dashpot
     loaded = state.actuators.block[moves[state.actuators.block]]
     square = _greatest_eigenvalues(lower[loaded], alone[loaded] + actuator[loaded]).max()
     actuator_time = 2.0 * DAMPING_RATIO / math.sqrt(square)
-    k = greatest_frequency(state, inertia, alone, actuator) ** 2
+    k = greatest_frequency(state, inertia, alone, actuator + ties.bound(state)) ** 2
     c = greatest_frequency(state, inertia, block_stiffness(state, 1.0, times), actuator * actuator_time, times) ** 2
     return Dashpots(times, actuator_time, (math.sqrt(c * c + 4.0 * k) - c) / k)
 

@@ -64,6 +64,11 @@ class Replay:
         """Of the supports (s, 6) at the end, see `statics.reactions`."""
         return reactions(self.state)
 
+    @property
+    def ties(self) -> tuple[np.ndarray, np.ndarray]:
+        """Tension (t,) N of the ties at the end, and the elongation (t,) m that they keep."""
+        return self.state.ties.tension, self.state.ties.yielded
+
 
 class LoadSystem:
     """The actuators as one load system: unit load, compliance of the joints against it, actuator stiffness."""

@@ -22,7 +22,7 @@ import time
 
 import numpy as np
 
-from dembrick.kernels.statics.energy import ELASTIC, elastic_energy
+from dembrick.kernels.statics.energy import elastic_energy
 from dembrick.kernels.statics.load_bounds import NEVER, Certificate, instant_upper, strict_bounds
 from dembrick.kernels.statics.newton import remember
 from dembrick.simulation import interrupts
@@ -322,7 +322,8 @@ class PathFollower:
             drift.drag *= 4.0
             return None, drift.drag <= MOST_DRAG and drift.steps < MOST_DRIFTS
         drift.V, drift.motion = found, self.search.motion()
-        self.way.friction += self._dissipated() + ties.remember(state)
+        self.way.friction += self._dissipated()
+        self.way.yielding += ties.remember(state)
         self.way.crushing += joint_families.crushing_work(state, trial)
         remember(trial, state.joints, state.points, state.areas)
         self.search.attempt(drift.motion, drift.V)
@@ -338,7 +339,8 @@ class PathFollower:
         state, blocks, way = self.state, self.state.blocks, self.way
         rows = change[self.rows]
         blocks.velocity[self.free], blocks.spin[self.free] = rows[:, :3], rows[:, 3:]
-        way.friction += self._dissipated() + ties.remember(state)
+        way.friction += self._dissipated()
+        way.yielding += ties.remember(state)
         way.crushing += joint_families.crushing_work(state, self.trial)
         moved = step * self.weight
         way.external += 0.5 * (way.V + V) * moved
@@ -445,6 +447,3 @@ class PathFollower:
     def _write(self, number: int) -> None:
         """Add the equilibrium of now, that with this ``number``, to the record."""
         self.recorder.write_equilibrium(self.state, number, self.way, self.seated, self.certificate.bracket)
-        record = self.recorder.record
-        record.energy[record.count[0] - 1, ELASTIC] += ties.energy(self.state)
-        record.reaction[record.count[0] - 1] += ties.at_supports(self.state)

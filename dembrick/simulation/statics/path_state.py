@@ -74,6 +74,7 @@ class PathState:
     lost: float = 0.0  # J, to the drag
     crushing: float = 0.0  # J
     fracture: float = 0.0  # J
+    yielding: float = 0.0  # J, of ties
     broke: bool = False  # whether bonds broke at the last equilibrium, so that the next is not a step on from it
     # of every equilibrium: inelastic displacement (m), V, lower and upper bound (N), whether a gap is closing
     seen: list[tuple[float, float, float, float, bool]] = field(default_factory=lambda: [(0.0, 0.0, 0.0, NEVER, False)])

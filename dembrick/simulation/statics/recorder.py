@@ -15,12 +15,13 @@ from dembrick.kernels.statics.energy import (
     EXTERNAL,
     FRACTURE,
     FRICTION,
+    YIELDING,
     elastic_energy,
 )
 from dembrick.kernels.statics.record import Record, write_row
 from dembrick.simulation.channels import energies
 from dembrick.simulation.session import Session
-from dembrick.simulation.statics import joint_families
+from dembrick.simulation.statics import joint_families, ties
 from dembrick.simulation.statics.path_state import PathState
 from dembrick.simulation.statics.reactions import support_numbers
 from dembrick.simulation.statics.state import State
@@ -33,7 +34,8 @@ class Recorder:
     """Rows and frames of a run; the session's ``observe(rows, frames)`` gets copies of what each chunk brought.
 
     ``rows``: time, load, displacement, unbalanced, lower, upper (T,), actuator_displacement and actuator_force (T, k),
-    reaction (T, s, 6), energy (name: (T,)), with control points control_point (T, w, 3), and with the channel "joints"
+    reaction (T, s, 6), energy (name: (T,)), with ties tension and yielded (T, t), with control points control_point
+    (T, w, 3), and with the channel "joints"
     joint (T, j, 7).
     ``frames`` with the channel "frames": time (F,),
     displacement (F, n, 3), orientation (F, n, 4); "velocity" adds velocity and spin (F, n, 3), "contacts"
@@ -55,12 +57,14 @@ class Recorder:
         n_block, n_joint = len(state.blocks.displacement), len(state.joints.block_a)
         moving = n_block if "velocity" in channels else 0
         points = joint_families.contact_points(state) if "contacts" in channels else 0
-        support = support_numbers(state)
+        support, n_tie = support_numbers(state), 0 if state.ties is None else len(state.ties.stiffness)
         of_rows = {  # shapes of an entry
             "row": (6,),
             "actuator": (len(state.actuators.block),),
             "joint": (n_joint if "joints" in channels else 0, 7),
             "reaction": (int(support.max(initial=-1)) + 1, 6),
+            "tension": (n_tie,),
+            "yielded": (n_tie,),
             "energy": (len(ENERGIES),),
             "way": (len(watched.block), 3),
         }
@@ -100,12 +104,13 @@ class Recorder:
         energy[ELASTIC] = elastic_energy(state.joints, state.points, state.areas, None) - seated
         if number:
             energy[EXTERNAL], energy[FRICTION], energy[DASHPOTS] = way.external, way.friction, way.lost
-            energy[CRUSHING], energy[FRACTURE] = way.crushing, way.fracture
+            energy[CRUSHING], energy[FRACTURE], energy[YIELDING] = way.crushing, way.fracture, way.yielding
         lower, upper = bracket
         write_row(
-            record, number, float(number), state.blocks, state.joints, state.points, state.areas, state.actuators,
+            record, number, float(number), state.blocks, state.joints, state.points, state.areas, state.actuators, None,
             float(state.actuators.drive[2]), 0.0, lower, upper, False,
         )  # fmt: skip
+        ties.write(state, record)
 
     def drain(self) -> None:
         """Hand on what the loop wrote since the last time."""
@@ -119,6 +124,8 @@ class Recorder:
         rows["reaction"] = record.reaction[:n].copy()
         if len(record.watched):
             rows["control_point"] = record.way[:n].copy()
+        if record.tension.shape[1]:
+            rows["tension"], rows["yielded"] = record.tension[:n].copy(), record.yielded[:n].copy()
         if "joints" in self._channels:
             rows["joint"] = record.joint[:n].copy()
         rows["energy"] = dict(zip(ENERGIES, record.energy[:n].copy().T, strict=True))

@@ -41,6 +41,11 @@ class Standing:
         return reactions(self.state)
 
     @property
+    def ties(self) -> tuple[np.ndarray, np.ndarray]:
+        """Tension (t,) N of the ties at the end, and the elongation (t,) m that they keep."""
+        return self.state.ties.tension, self.state.ties.yielded
+
+    @property
     def compile_seconds(self) -> float:
         """Spent on compiling, or on loading what was compiled."""
         return self.rest.compile_seconds
@@ -60,10 +65,12 @@ def find_rest(assembly: Assembly, session: Session) -> Standing:
         recorder = Recorder(state, session, 1, 1, 1, assembly.control_points)
         energy = recorder.record.energy[0]
         energy[:] = 0.0
-        energy[ELASTIC] = elastic_energy(state.joints, state.points, state.areas, None) + ties.energy(state)
+        energy[ELASTIC] = elastic_energy(state.joints, state.points, state.areas, None)
         blocks, joints, points, areas = state.blocks, state.joints, state.points, state.areas
-        write_row(recorder.record, 0, 0.0, blocks, joints, points, areas, state.actuators, 0.0, 0.0, 0.0, 0.0, True)
-        recorder.record.reaction[0] += ties.at_supports(state)
+        write_row(
+            recorder.record, 0, 0.0, blocks, joints, points, areas, state.actuators, None, 0.0, 0.0, 0.0, 0.0, True
+        )
+        ties.write(state, recorder.record)
         recorder.drain()
     return Standing(found, state, {"steps": found.steps})
 

@@ -119,7 +119,7 @@ def turned_blocks(state: State) -> np.ndarray:
 def new_energy(state: State) -> Energy:
     """Energy terms, all zero, of a run that starts from ``state``."""
     return Energy(
-        work=np.zeros(11),
+        work=np.zeros(12),
         turned=turned_blocks(state),
         dash=np.zeros((len(state.joints.block_a) + 1, 6)),
         normal=joint_families.normal_sums(state),

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dembrick.errors import HistoryError
+from dembrick.kernels.joint.ties import Ties
 from dembrick.kernels.state import Energy, Inertia, ScaledInertia
 from dembrick.kernels.statics.divergence import Guard
 from dembrick.kernels.statics.load_bounds import Certificate
@@ -39,21 +40,22 @@ class Loop:
     certificate: Certificate
     energy: Energy | None
     guard: Guard | None
+    ties: Ties | None = None  # in moving geometry
     step: int = 0
     seconds: float = 0.0  # wall time spent in it by this process
 
     def advance(self, n_steps: int, record) -> int:
         """Do ``n_steps`` and return the status; with none it compiles the kernel, or loads it from the cache."""
         status, self.step = advance(
-            self.step, n_steps, self.dt, *self.state[:5], self.scaled, self.inertia, self.drive, self.certificate,
-            record, self.energy, self.guard,
+            self.step, n_steps, self.dt, *self.state[:5], self.ties, self.scaled, self.inertia, self.drive,
+            self.certificate, record, self.energy, self.guard,
         )  # fmt: skip
         return status
 
     def parts(self) -> dict[str, tuple]:
         """The named tuples beside the state by name, without those that the scene does not have."""
         parts = {"scaled": self.scaled, "inertia": self.inertia, "drive": self.drive}
-        parts |= {"certificate": self.certificate, "energy": self.energy, "guard": self.guard}
+        parts |= {"certificate": self.certificate, "energy": self.energy, "guard": self.guard, "ties": self.ties}
         return {name: part for name, part in parts.items() if part is not None}
 
     def snapshot(self) -> dict[str, np.ndarray]:

@@ -11,10 +11,15 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from dembrick.kernels.joint.ties import LENGTH, TENSION, YIELDED
+from dembrick.kernels.joint.ties import Ties as MovingTies
+from dembrick.kernels.statics.energy import ELASTIC
+from dembrick.simulation.moving_ties import at_ends, moving_ties
 from dembrick.simulation.statics.stiffness import to_joint
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
+    from dembrick.kernels.statics.record import Record
     from dembrick.simulation.statics.state import State
 
 
@@ -69,6 +74,12 @@ def pull(state: State) -> None:
     of_b = np.einsum("tk,tk->t", ties.seen_b[:, 2], motion[ties.block_b])
     ties.elongation[:] = of_b - np.einsum("tk,tk->t", ties.seen_a[:, 2], motion[ties.block_a])
     ties.tension[:] = np.clip(_trial(ties), ties.least, ties.strength)
+    act(state)
+
+
+def act(state: State) -> None:
+    """Put the tensions of the ties on the blocks, beside the dead loads."""
+    ties, blocks = state.ties, state.blocks
     wrench = ties.dead.copy()
     np.add.at(wrench, ties.block_a, ties.tension[:, None] * ties.seen_a[:, 2])
     np.add.at(wrench, ties.block_b, -ties.tension[:, None] * ties.seen_b[:, 2])
@@ -125,6 +136,53 @@ def at_supports(state: State) -> np.ndarray | float:
     fixed = np.ones(len(state.blocks.displacement), bool)
     fixed[state.blocks.free] = False
     return -on_blocks(state)[fixed]
+
+
+def write(state: State, record: Record) -> None:
+    """Add to the last row of a record what the ties hold, carry and keep."""
+    if state.ties is None:
+        return
+    row = record.count[0] - 1
+    record.energy[row, ELASTIC] += energy(state)
+    record.reaction[row] += at_supports(state)
+    record.tension[row], record.yielded[row] = state.ties.tension, state.ties.yielded
+
+
+def start_moving(state: State, assembly: Assembly) -> MovingTies:
+    """The ties of a seated state in moving geometry; they no longer count as dead loads."""
+    moving = moving_ties(assembly.ties, assembly.position, assembly.rotation)
+    if state.ties is not None:
+        moving.now[:] = np.stack(
+            [moving.length + state.ties.elongation, state.ties.tension, state.ties.yielded], axis=1
+        )
+        moving.before[:] = moving.now
+        state.blocks.dead_force[:], state.blocks.dead_torque[:] = state.ties.dead[:, :3], state.ties.dead[:, 3:]
+    return moving
+
+
+def stop_moving(state: State, moving: MovingTies) -> None:
+    """Give a state what its ties do at the end of a run in moving geometry."""
+    ties = state.ties
+    if ties is None:
+        return
+    ties.tension[:], ties.yielded[:] = moving.now[:, TENSION], moving.now[:, YIELDED]
+    ties.elongation[:] = moving.now[:, LENGTH] - moving.length
+    wrench = ties.dead + at_ends(moving, len(ties.dead))
+    state.blocks.dead_force[:], state.blocks.dead_torque[:] = wrench[:, :3], wrench[:, 3:]
+
+
+def bound(state: State) -> np.ndarray:
+    """Stiffness (n, 6, 6) of blocks on their ties, twice where those join free blocks: together no less than all ties
+    do."""
+    n = len(state.blocks.displacement)
+    found, free = np.zeros((n, 6, 6)), np.zeros(n, bool)
+    free[state.blocks.free] = True
+    ties = state.ties
+    if ties is not None:
+        k = ties.stiffness * np.where(free[ties.block_a] & free[ties.block_b], 2.0, 1.0)
+        for block, seen in ((ties.block_a, ties.seen_a), (ties.block_b, ties.seen_b)):
+            np.add.at(found, block, k[:, None, None] * seen[:, 2, :, None] * seen[:, 2, None, :])
+    return found
 
 
 def ends(state: State, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -109,6 +109,13 @@ def read_off(state: State, certificate: Certificate, names, physical: bool = Fal
     )
 
 
+def at_the_end(point: YieldPoint) -> YieldPoint:
+    """``point`` with what the actuators carried when the replay ended for its V, in a bracket that holds it."""
+    V = point.actuator_load
+    above = None if point.V_upper is None else max(point.V_upper, V)
+    return replace(point, V=V, V_lower=min(point.V_lower, V), V_upper=above)
+
+
 def at_peak(point: YieldPoint, peak: tuple[float, float], within: float) -> YieldPoint:
     """``point`` of a path that had a ``peak`` (bounds of it): about the peak, if that is a limit load of its own.
 

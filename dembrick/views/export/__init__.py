@@ -1,8 +1,8 @@
 """Histories in the formats of other programs: VTKHDF and PVD for ParaView, CSV for everything else; tables of pandas
 and xarray.
 
-A picture has three layers, each with a file of its own: the blocks, their joints (``<stem>_joints``) and the forces in
-the contact points (``<stem>_contacts``). See ``layers`` for what they carry.
+A picture has up to four layers, each with a file of its own: the blocks, their joints (``<stem>_joints``), the forces
+in the contact points (``<stem>_contacts``) and the ties (``<stem>_ties``). See ``layers`` for what they carry.
 """
 
 from __future__ import annotations

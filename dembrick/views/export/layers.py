@@ -4,6 +4,7 @@
 |---|---|---|
 | blocks | the faces of all blocks | block; displacement, velocity, spin, kinetic_energy; displacement of every vertex |
 | joints | the polygons, riding on their hosts | joint, block_a, block_b; N, V_1, V_2, V, M_T, M_1, M_2, slip, utilisation, state, open_share, torsion_centre, torsion_centre_joint; opening at every corner |
+| ties | a line a tie | block_a, block_b; tension, yielded |
 | contacts | a vertex a contact point | joint; force on block b, normal_force |
 | new_contacts | a vertex a contact that formed in the run, as many as each frame has | block_a, block_b; force and torque on block b, normal, normal_force, area, slip |
 
@@ -26,8 +27,9 @@ from dembrick.history import History
 from dembrick.kernels.recorded_motion import resultant_points
 from dembrick.views.motion.blocks import CarriedPoints, Poses, all_vertices, block_quantities
 from dembrick.views.motion.joints import CHANNELS, STATES, JointFrames, JointMotion, RelativeMotion, torsion_centre
+from dembrick.views.motion.ties import TieMotion
 
-LAYERS = ("blocks", "joints", "contacts")  # the last with the new contacts, where there can be any
+LAYERS = ("blocks", "joints", "contacts", "ties")  # contacts with the new ones, where there can be any
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +89,8 @@ class Picture:
                 report(
                     'velocities were not recorded: taken from the frames; "velocity" in output.channels records them'
                 )
+        if "ties" in only and history.n_tie:
+            self.layers["_ties"] = Ties(history)
         if "contacts" in only and history.has_new_contacts:
             self.scattered["_new_contacts"] = NewContacts(history)
         elif "contacts" in only and history.in_real_time and history.new_contacts.any():
@@ -225,6 +229,25 @@ class Contacts:
             away = np.einsum("fci,cik->fck", arms[:, moved] - self._arms[moved], self._tangents[moved])
             points[:, moved] += np.einsum("fcik,fck->fci", span.poses.rotation[:, self._host[moved]], away)
         return points
+
+
+class Ties:
+    """The ties, lines between their ends."""
+
+    kind = "Lines"
+
+    def __init__(self, history: History):
+        self._motion = TieMotion(history)
+        self.n_point = 2 * self._motion.count
+        self.cells = [(i, i + 1) for i in range(0, self.n_point, 2)]
+        blocks = self._motion.blocks
+        self.fixed = {"block_a": blocks[:, 0], "block_b": blocks[:, 1]}
+
+    def frames(self, span: Span) -> Frames:
+        """Points and values of some frames."""
+        found = {name: self._motion.series(name, span.start, span.stop) for name in ("tension", "yielded")}
+        cells = {name: values.astype(np.float32) for name, values in found.items()}
+        return Frames(self._motion.ends(span.poses), {}, cells)
 
 
 class NewContacts:

@@ -16,7 +16,7 @@ from dembrick.history import History, part_name, replacing
 from dembrick.views.export.files import checked_target, writing
 from dembrick.views.export.layers import LAYERS, Layer, NewContacts, Picture
 
-_NAMES = {1: "vertex", 3: "triangle", 4: "quad"}
+_NAMES = {1: "vertex", 2: "line", 3: "triangle", 4: "quad"}
 
 
 def to_pvd(

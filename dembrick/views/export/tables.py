@@ -37,8 +37,8 @@ def to_pandas(history: History) -> pandas.DataFrame:
 
 def to_xarray(history: History) -> xarray.Dataset:
     """All series and frames with named dimensions: ``row`` and ``frame`` (with their times), ``joint``, ``block``,
-    ``actuator``, ``control_point``, ``support`` (with their names), ``axis``; unit and meaning are attributes of
-    each variable.
+    ``actuator``, ``control_point``, ``support``, ``tie`` (with their names), ``axis``; unit and meaning are attributes
+    of each variable.
 
     Raises MissingDependency without xarray.
     """

@@ -16,7 +16,7 @@ _ROWS = 4096  # rows held at a time
 
 
 def names_of(history: History) -> dict[str, list[str]]:
-    """Names of joints, blocks, actuators, control points and supports, by what the shape of a channel counts.
+    """Names of joints, blocks, actuators, control points, supports and ties, by what the shape of a channel counts.
 
     Joints are called by their blocks, with a number if several join the same two.
     """
@@ -26,7 +26,7 @@ def names_of(history: History) -> dict[str, list[str]]:
         pairs = [f"{pair} #{i}" for i, pair in enumerate(pairs)]
     actuators, points = ([one["name"] for one in many] for many in (history.actuators, history.control_points))
     found = {"joint": pairs, "block": names, "actuator": actuators, "control_point": points}
-    return found | {"support": history.support_names}
+    return found | {"support": history.support_names, "tie": [tie["name"] for tie in history.ties]}
 
 
 def columns_of(history: History) -> list[tuple[str, list[str]]]:

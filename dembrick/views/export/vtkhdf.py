@@ -26,8 +26,8 @@ def to_vtkhdf(
     report: Callable[[str], None] | None = None,
     only: Collection[str] = LAYERS,
 ) -> list[str]:
-    """The blocks at ``path``, the joints at ``<stem>_joints.vtkhdf``, contact forces at ``<stem>_contacts.vtkhdf``, and
-    those of contacts that formed in the run at ``<stem>_new_contacts.vtkhdf``."""
+    """The blocks at ``path``, the joints at ``<stem>_joints.vtkhdf``, contact forces at ``<stem>_contacts.vtkhdf``,
+    those of contacts that formed in the run at ``<stem>_new_contacts.vtkhdf``, ties at ``<stem>_ties.vtkhdf``."""
     target = checked_target(history, path)
     stem, ending = os.path.splitext(target)
     with writing(path), ExitStack() as stack:

@@ -129,6 +129,8 @@ def _legend(data: dict) -> str:
     words = "Grey lines: where the blocks started."
     if data["actuators"]:
         words += " Orange arrows: actuators, as long as their load."
+    if data["ties"]:
+        words += " Magenta rods: ties."
     if data["centre"]:
         words += " Blue rod: the torsion centre of the joint."
     return words

@@ -73,6 +73,9 @@ def collect(history: History) -> dict:
         "actuators": [
             _actuator(history, actuator, rest[actuator["block"]], middle) for actuator in history.actuators if pushed
         ],
+        "ties": [
+            {"blocks": tie["blocks"].tolist(), "points": (tie["points"] - middle).tolist()} for tie in history.ties
+        ],
         "centre": _centres(history, path, frames, middle, float(np.ptp(world, axis=0).max())),
         "curve": diagrams.curve(history, record),
         "path": None if path is None else diagrams.yield_domain(history, record, path),

@@ -3,7 +3,7 @@
 // Blocks in WebGL 1: the scene is moved on the processor, frame by frame, and drawn as flat triangles and edges.
 
 const CIVIDIS = [[0, 34, 78], [44, 65, 114], [87, 93, 109], [125, 124, 120], [165, 156, 116], [210, 192, 96], [254, 232, 56]];
-const STONE = [0.78, 0.78, 0.76], ACTUATOR = [0.84, 0.37, 0], CENTRE = [0, 0.45, 0.7];
+const STONE = [0.78, 0.78, 0.76], ACTUATOR = [0.84, 0.37, 0], CENTRE = [0, 0.45, 0.7], TIE = [0.85, 0, 0.54];
 const VIEWS = {iso: [1, 1.5, 1.4], front: [0, -1, 0], side: [1, 0, 0], top: [0, 0, 1]};
 const NEAR_POLE = 1.5533; // rad: the view never tips over
 
@@ -212,6 +212,11 @@ function makeViewer(canvas, scene) {
       // the arrow leaves the block where its line of action does, so that it is never hidden inside
       rod(plus(carried(actuator.block, actuator.point), way, actuator.out[share < 0 ? 1 : 0]), way, length, 0.014 * scene.reach,
         Math.min(0.13 * scene.reach, 0.6 * length), ACTUATOR, out);
+    }
+    for (const tie of scene.ties) {
+      const from = carried(tie.blocks[0], tie.points[0]), along = minus(carried(tie.blocks[1], tie.points[1]), from);
+      const length = Math.hypot(...along) || 1e-12;
+      rod(from, along.map((x) => x / length), length, 0.008 * scene.reach, 0, TIE, out);
     }
     const rest = scene.centreAt(frame);
     if (rest) {

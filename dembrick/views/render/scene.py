@@ -22,6 +22,7 @@ from dembrick.views.render.annotations import CRIMSON, Names, ScaleBar, ThrustLi
 from dembrick.views.render.colors import Colouring
 from dembrick.views.render.force_arrows import ARROW, GREEN, PURPLE, DrawnForces, ForceArrows
 from dembrick.views.render.look import VIEWS, Look, automatic_magnification, largest_extent
+from dembrick.views.render.ties import DrawnTies
 
 if TYPE_CHECKING:
     from dembrick.history.reader import History
@@ -36,7 +37,7 @@ _FORCE, _FORCE_OF_MANY = 0.6, 1.2  # of the largest block that is free to move: 
 
 
 class Scene:
-    """Blocks, actuators, torsion centre and joint forces of ``history`` in a pyvista ``plotter``.
+    """Blocks, actuators, ties, torsion centre and joint forces of ``history`` in a pyvista ``plotter``.
 
     ``frames``: those that will be shown; the colours and the camera suit all of them. ``below``: the part of the
     picture's height that is left free at its foot. ``name`` stands before the title. With ``waits`` nothing is built
@@ -70,6 +71,7 @@ class Scene:
             self._factor = min(
                 automatic_magnification(history, frame) for frame in {frames[0], frames[-1]} - {0} or {0}
             )
+        self._ties = DrawnTies(history, self._factor)
         direction, up = (np.array(v) for v in VIEWS[look.view])
         right = np.cross(up, direction)
         # rows: to the right and up in the picture, and towards the camera
@@ -116,6 +118,7 @@ class Scene:
             else:
                 self._free.cell_data["shown"][:] = np.minimum(values, 1e30)[self._owner]
         self._show_actuators(poses)
+        self._ties.show(poses)
         marked = self._show_centre(frame)
         if self.arrows is not None:
             self.arrows.show(frame, poses)
@@ -161,6 +164,7 @@ class Scene:
             poses = self._poses(frame)
             self._make_room(self._carried.magnified(poses, self._factor)[0])
             self._make_room(self._rod_at(frame))
+            self._make_room(self._ties.ends(poses))
             self._make_room(
                 np.concatenate(
                     [[tip, tip + length * way] for tip, way, length in self._arrows_of(poses)] or [np.zeros((0, 3))]
@@ -227,6 +231,7 @@ class Scene:
             arrow = plotter.add_mesh(pyvista.Arrow(start=(0, 0, 0), direction=(1, 0, 0), **ARROW), color=_ORANGE)
             point = plotter.add_mesh(pyvista.Sphere(radius=0.015 * self._length), color=_ORANGE)
             self._actuators.append((arrow, point))
+        self._ties.build(plotter)
         if self._marked:
             rod = pyvista.Cylinder(direction=(1, 0, 0), radius=0.006 * self._length, height=self._length)
             self._rod = plotter.add_mesh(rod, color=_BLUE)
@@ -374,6 +379,7 @@ class Scene:
         keys = ["grey: start"] if not self._many else []
         if self._actuators:
             keys.append(f"orange: {self._driven()}")
+        keys += self._ties.words(self._frame)
         if marked:
             keys.append("blue: torsion centre")
         if self.arrows is not None:

@@ -1,0 +1,48 @@
+"""Ties in real time: their forces, put on the blocks as loads are. The law is `kernels.joint.ties`."""
+
+from dembrick._jit import jit
+from dembrick.kernels.joint.ties import stretch
+from dembrick.kernels.math.vec3 import cross, rows_times
+
+
+@jit
+def clear_tied(ties, bodies):
+    """Take all loads off the blocks that ties hold: those of the step come next."""
+    for t in range(ties.stiffness.size):
+        for side in range(2):
+            for i in range(6):
+                bodies.applied[ties.block[t, side], i] = 0.0
+
+
+@jit
+def pull_ties(ties, bodies):
+    """Add the forces of all ties to the loads on their blocks."""
+    for t in range(ties.stiffness.size):
+        a = ties.block[t, 0]
+        b = ties.block[t, 1]
+        for side in range(2):
+            lever = ties.lever[t, side]
+            r1, r2, r3 = rows_times(bodies.rotation[ties.block[t, side]], lever[0], lever[1], lever[2])
+            ties.arm[t, side, 0] = r1
+            ties.arm[t, side, 1] = r2
+            ties.arm[t, side, 2] = r3
+        arm = ties.arm[t]
+        x = bodies.position
+        stretch(
+            ties,
+            t,
+            x[b, 0] - x[a, 0] + (arm[1, 0] - arm[0, 0]),
+            x[b, 1] - x[a, 1] + (arm[1, 1] - arm[0, 1]),
+            x[b, 2] - x[a, 2] + (arm[1, 2] - arm[0, 2]),
+        )
+        f = ties.force[t]
+        for side in range(2):
+            sense = 1.0 - 2.0 * side
+            c1, c2, c3 = cross(arm[side, 0], arm[side, 1], arm[side, 2], f[0], f[1], f[2])
+            load = bodies.applied[ties.block[t, side]]
+            load[0] += sense * f[0]
+            load[1] += sense * f[1]
+            load[2] += sense * f[2]
+            load[3] += sense * c1
+            load[4] += sense * c2
+            load[5] += sense * c3

@@ -1,0 +1,84 @@
+"""The law of a tie: a bar, cable or prop along the line between two points of two blocks.
+
+T = T_0 + k (l - l_0 - l_p), zero where it would push if it takes tension only; at its strength it yields without
+hardening, and l_p grows by what it yields. Both engines call `stretch` once a tie and step, in the moving geometry.
+"""
+
+from math import sqrt
+from typing import NamedTuple
+
+from numpy import ndarray
+
+from dembrick._jit import jit
+
+# Columns of `Ties.now` and `Ties.before`: length (m), tension (N), elongation that stays (m)
+LENGTH, TENSION, YIELDED = 0, 1, 2
+SHORTEST = 1e-12  # m, of a line that has a direction
+
+
+class Ties(NamedTuple):
+    """The t ties of a scene, possibly none."""
+
+    block: ndarray  # (t, 2) int64, blocks a and b
+    lever: ndarray  # (t, 2, 3) m, from their centroids to the ends, body axes
+    offset: ndarray  # (t, 3) m, centroid of b seen from that of a at the start, world
+    stiffness: ndarray  # (t,) N/m
+    strength: ndarray  # (t,) N, infinite if it never yields
+    least: ndarray  # (t,) N, zero where it takes tension only, else minus the strength
+    prestress: ndarray  # (t,) N, T_0
+    length: ndarray  # (t,) m, l_0
+    now: ndarray  # (t, 3) length, tension, elongation that stays
+    before: ndarray  # (t, 3) the same a step ago
+    force: ndarray  # (t, 3) N, on the end of a, world
+    arm: ndarray  # (t, 2, 3) m, from the centroids to the ends now, world
+
+
+@jit
+def stretch(ties, t, s1, s2, s3):
+    """Let tie ``t`` answer to the line s from its end on a to that on b (m, world): its force, and what it keeps."""
+    now = ties.now[t]
+    before = ties.before[t]
+    for i in range(3):
+        before[i] = now[i]
+    k = ties.stiffness[t]
+    least = ties.least[t]
+    length = sqrt(s1 * s1 + s2 * s2 + s3 * s3)
+    tension = ties.prestress[t] + k * (length - ties.length[t] - now[YIELDED])
+    if tension > ties.strength[t]:
+        now[YIELDED] += (tension - ties.strength[t]) / k
+        tension = ties.strength[t]
+    if tension < least:
+        if least < 0.0:
+            now[YIELDED] += (tension - least) / k
+        tension = least
+    now[LENGTH] = length
+    now[TENSION] = tension
+    share = tension / max(length, SHORTEST)
+    force = ties.force[t]
+    force[0] = share * s1
+    force[1] = share * s2
+    force[2] = share * s3
+
+
+@jit
+def tie_energy(ties):
+    """Elastic energy of all ties (J)."""
+    total = 0.0
+    for t in range(ties.stiffness.size):
+        total += 0.5 * ties.now[t, TENSION] ** 2 / ties.stiffness[t]
+    return total
+
+
+@jit
+def tie_losses(ties):
+    """What the last step took from all ties (J): by yielding, and by those that became tight or slack within it."""
+    yielding = stepping = 0.0
+    for t in range(ties.stiffness.size):
+        now = ties.now[t]
+        before = ties.before[t]
+        mean = 0.5 * (before[TENSION] + now[TENSION])
+        yielded = mean * (now[YIELDED] - before[YIELDED])
+        held = mean * (now[TENSION] - before[TENSION]) / ties.stiffness[t]
+        yielding += yielded
+        stepping += mean * (now[LENGTH] - before[LENGTH]) - held - yielded
+    return yielding, stepping

@@ -1,0 +1,184 @@
+"""Ties in moving geometry: runs in real time, settlements and constant-rate tests against closed forms."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from dembrick import history
+from dembrick.runs.simulate import restart, simulate
+from dembrick.scenario.blocks import Block
+from dembrick.scenario.controls import DisplacementControl, DynamicControl, SettlementControl, StaticsControl
+from dembrick.scenario.model import Actuator, JointLaw, Load, Material, Output, Scenario
+from dembrick.scenario.ties import Tie, TieEnd
+from dembrick.views import export
+from helpers.restart_cases import check_same
+
+G = 9.81
+MASS = 12.0  # kg, of the block
+K = 1e5  # N/m
+SPEED = 0.5
+
+
+def tie(first, second, stiffness=K, **more):
+    return Tie((TieEnd(*first), TieEnd(*second)), stiffness, **more)
+
+
+def pulled(duration, *, speed=SPEED, output=("joints", "energy", "frames"), **more) -> Scenario:
+    """A block that slides without friction away from what it is tied to."""
+    blocks = (
+        Block("floor", "stone", (3.0, 1.0, 0.1), (0.0, 0.0, -0.05), fixed=True),
+        Block("anchor", "stone", (0.1, 0.1, 0.1), (-1.0, 0.0, 0.05), fixed=True),
+        Block("block", "stone", (0.3, 0.2, 0.1), (0.0, 0.0, 0.05), velocity=(speed, 0.0, 0.0)),
+    )
+    law = JointLaw("concave", 0.0, 1e9, 4e8)
+    bar = tie(("anchor", (-1.0, 0.0, 0.05)), ("block", (0.0, 0.0, 0.05)), **more)
+    return Scenario(
+        "pulled", (0.0, 0.0, -G), law, {"stone": Material(2000.0)}, blocks, DynamicControl(duration), ties=(bar,),
+        output=Output(output, rows=2000, frames=20),
+    )  # fmt: skip
+
+
+def test_a_block_swings_once_on_a_slack_cable():
+    """Half a swing: e = v sqrt(m / k) at the most, and back at speed v after pi sqrt(m / k); then it is slack."""
+    period = math.pi * math.sqrt(MASS / K)
+    result = simulate(pulled(2.0 * period, output=("joints", "energy", "frames", "velocity")))
+    tension, time = result.rows["tension"][:, 0], result.rows["time"]
+    assert tension.max() == pytest.approx(SPEED * math.sqrt(MASS * K), rel=1e-4)
+    assert time[tension.argmax()] == pytest.approx(0.5 * period, abs=period / 200)
+    late = time > 1.01 * period
+    assert np.all(tension[late] == 0.0) and np.all(result.rows["yielded"] == 0.0)
+    assert result.frames["velocity"][-1, 2, 0] == pytest.approx(-SPEED, rel=1e-4)
+    np.testing.assert_allclose(result.rows["reaction"][:, 1, 0], -tension, atol=1e-9)  # of the anchor
+    assert result.rows["energy"]["elastic"].max() == pytest.approx(0.5 * MASS * SPEED**2, rel=1e-4)
+    assert result.energy.relative_residual < 1e-6
+
+
+@pytest.mark.parametrize("strength", [300.0, 100.0])
+def test_a_tie_yields_and_stays_longer(strength):
+    """m v^2 / 2 = T_y^2 / (2 k) + T_y e_p: what it yields is work, and is kept."""
+    result = simulate(pulled(0.12, strength=strength))
+    kept = (0.5 * MASS * SPEED**2 - 0.5 * strength**2 / K) / strength
+    assert result.rows["tension"].max() == strength
+    assert result.rows["yielded"][-1, 0] == pytest.approx(kept, rel=1e-3)
+    assert result.rows["energy"]["yielding"][-1] == pytest.approx(strength * kept, rel=1e-3)
+    assert result.energy.relative_residual < 1e-6
+    (found,) = result.as_dict()["ties"]
+    assert found["between"] == ["anchor", "block"] and found["yielded"] == pytest.approx(kept, rel=1e-3)
+    assert "tie           anchor - block: 0 N, yielded by" in result.text()
+
+
+def test_a_prop_pushes_and_yields_both_ways():
+    """Thrown at its anchor: a bar carries the same in compression."""
+    result = simulate(pulled(0.12, speed=-SPEED, strength=300.0, tension_only=False))
+    kept = (0.5 * MASS * SPEED**2 - 0.5 * 300.0**2 / K) / 300.0
+    assert result.rows["tension"].min() == -300.0
+    assert result.rows["yielded"].min() == pytest.approx(-kept, rel=1e-3)
+    assert result.energy.relative_residual < 1e-6
+
+
+def test_a_block_circles_on_a_tie():
+    """T = m v^2 / L with that pre-stress: it neither stretches nor spins, and is back after 2 pi L / v."""
+    L, v = 1.0, 2.0
+    blocks = (
+        Block("pivot", "stone", (0.1, 0.1, 0.1), (0.0, 0.0, 0.0), fixed=True),
+        Block("block", "stone", (0.3, 0.2, 0.1), (L, 0.0, 0.0), velocity=(0.0, v, 0.0)),
+    )
+    bar = tie(("pivot", (0.0, 0.0, 0.0)), ("block", (L, 0.0, 0.0)), 1e6, prestress=MASS * v * v / L)
+    given = Scenario(
+        "circle", (0.0, 0.0, 0.0), JointLaw("concave", 0.5, 1e8, 4e7), {"stone": Material(2000.0)}, blocks,
+        DynamicControl(2.0 * math.pi * L / v), ties=(bar,), output=Output(("energy", "frames"), rows=500, frames=8),
+    )  # fmt: skip
+    result = simulate(given)
+    np.testing.assert_allclose(result.rows["tension"], MASS * v * v / L, rtol=1e-3)
+    middle = result.frames["displacement"][len(result.frames["time"]) // 2, 1]
+    assert np.linalg.norm(middle + [L, 0.0, 0.0]) == pytest.approx(L, rel=1e-3)
+    assert np.abs(result.frames["displacement"][-1, 1]).max() < 1e-3
+    assert result.energy.relative_residual < 1e-6
+
+
+def hung(control, stiffness=1e7, **more) -> Scenario:
+    """A block on a support, and on a tie from above."""
+    blocks = (
+        Block("support", "stone", (0.3, 0.2, 0.1), (0.0, 0.0, -0.05), fixed=True),
+        Block("beam", "stone", (0.3, 0.2, 0.1), (0.0, 0.0, 1.05), fixed=True),
+        Block("block", "stone", (0.3, 0.2, 0.1), (0.0, 0.0, 0.05)),
+    )
+    law = JointLaw("convex", 0.6, 1e9, 4e8)
+    bar = tie(("beam", (0.0, 0.0, 1.0)), ("block", (0.0, 0.0, 0.1)), stiffness, **more)
+    return Scenario(
+        "hung", (0.0, 0.0, -G), law, {"stone": Material(2000.0)}, blocks, control, ties=(bar,), output=Output(()),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("sinks", [2e-6, 4e-5])
+def test_a_support_sinks_from_under_a_block_on_a_tie(sinks):
+    """d = (W + K s) / (K + k) while the block rests on both, and W / k once it hangs."""
+    W, joint, k = MASS * G, 1e9 * 0.06, 1e7
+    result = simulate(hung(SettlementControl(("support",), (0.0, 0.0, -sinks))))
+    d = min((W + joint * sinks) / (joint + k), W / k)
+    (found,) = result.as_dict()["ties"]
+    assert found["tension"] == pytest.approx(k * d, rel=1e-5)
+    assert result.reactions["support"][2] == pytest.approx(W - k * d, abs=1e-5 * W)
+    assert result.reactions["beam"][2] == pytest.approx(k * d, rel=1e-5)
+    standing = simulate(hung(StaticsControl())).as_dict()["ties"][0]["tension"]
+    assert result.rows["tension"][0, 0] == pytest.approx(standing, rel=1e-5)
+
+
+def test_a_tied_block_slides_at_constant_rate():
+    """V = mu (N + T cos b) + T sin b after 5 mm; T = T_0 + k (l - l_0) of a tie of 0.3 m across the bed."""
+    blocks = (
+        Block("lower", "tuff", (0.3, 0.2, 0.15), (0.0, 0.0, -0.075), fixed=True),
+        Block("upper", "tuff", (0.3, 0.2, 0.15), (0.0, 0.0, 0.075)),
+    )
+    weight = 1500.0 * 0.009 * G
+    given = Scenario(
+        "tied bed", (0.0, 0.0, -G), JointLaw("convex", 0.64, 1e11, 4e10), {"tuff": Material(1500.0)}, blocks,
+        DisplacementControl(rate=0.01, travel=5e-3), loads=(Load("upper", (0.0, 0.0, weight - 467.0)),),
+        actuators=(Actuator("jack", "upper", (0.0, 0.0, 0.0), (0.0, 1.0, 0.0)),),
+        ties=(tie(("lower", (0.0, 0.0, -0.15)), ("upper", (0.0, 0.0, 0.15)), 1e6, prestress=300.0),),
+        output=Output(("joints", "energy"), rows=500),
+    )  # fmt: skip
+    result = simulate(given)
+    rows = result.rows
+    soon = (rows["displacement"] > 1e-4) & (rows["displacement"] < 3e-4)
+    assert rows["load"][soon].mean() == pytest.approx(490.88, rel=2e-3)  # the first slip: mu (N + T_0)
+    assert rows["tension"][-1, 0] == pytest.approx(341.6638, rel=1e-3)  # the joint shortens it by 0.13 N
+    assert result.yield_point.V == pytest.approx(523.2081, rel=1e-3)
+    assert result.reactions["lower"][2] == pytest.approx(467.0, rel=1e-3)  # of joint and tie together
+    assert abs(result.energy.relative_residual) < 1e-5
+
+
+def test_ties_are_kept_shown_and_restarted(tmp_path):
+    """A run goes on from a checkpoint with what its ties have yielded; files hold ends, tension and yielded length."""
+    from dembrick.simulation import interrupts
+    from dembrick.simulation.interrupts import Interrupted
+
+    given = pulled(0.12, strength=300.0)
+    given = dataclasses.replace(given, output=dataclasses.replace(given.output, checkpoint=0.0, rows=60))
+    whole, stopped = tmp_path / "whole.h5", tmp_path / "stopped.h5"
+    simulate(given, whole)
+    looks = 0
+
+    def requested():
+        nonlocal looks
+        looks += 1
+        return 2 if looks == 20 else 0
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(interrupts, "requested", requested)
+        with pytest.raises(Interrupted):
+            simulate(given, stopped)
+    restart(stopped)
+    check_same(whole, stopped)
+    with history.read(whole) as found:
+        (one,) = found.ties
+        assert one["name"] == "tie anchor - block" and one["blocks"].tolist() == [1, 2]
+        np.testing.assert_allclose(one["points"], [[-1.0, 0.0, 0.05], [0.0, 0.0, 0.05]], atol=1e-15)
+        assert found.tension.max() == 300.0
+        export.export(found, tmp_path / "table.csv")
+        files = export.export(found, tmp_path / "moved.vtkhdf")
+        assert str(tmp_path / "moved_ties.vtkhdf") in files
+    head = (tmp_path / "table.csv").read_text().splitlines()[0]
+    assert "tension of tie anchor - block [N]" in head and "yielded of tie anchor - block [m]" in head
