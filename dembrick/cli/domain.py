@@ -17,6 +17,7 @@ def add_arguments(parser) -> None:
     parser.add_argument("--scenario", metavar="FILE.toml", help="joint, friction and N of a scenario with two blocks")
     parser.add_argument("--mu", type=float, help="friction coefficient")
     parser.add_argument("--N", type=float, help="normal force, N")
+    parser.add_argument("--cohesion", type=float, metavar="C", help="cohesion that the joint keeps, Pa (default: 0)")
     parser.add_argument("--eccentricity", type=float, nargs=2, metavar=("EX", "EY"), help="of N from the centroid, m")
     parser.add_argument("--formulation", nargs="+", metavar="F", help="default: all five")
     parser.add_argument("--pressure", default="full", metavar="P", help="of convex: full, effective or linear")
@@ -72,7 +73,7 @@ def run(options, console) -> int:
             from dembrick.views import plot
 
             curves = [name for name in formulations if name in ("convex", "concave", "corrected")]
-            shown = (*joint.edges, joint.friction, joint.normal_force)
+            shown = (*joint.edges, joint.friction, joint.normal_force, joint.cohesion)
             figure = plot.domains(simulated, joint=shown, formulations=curves, experiments={})
             plot.save(figure, options.plot)
     sound = all(_sound(found, options.tolerance) for found in checks.values())
@@ -87,7 +88,9 @@ def _joint(options):
     given = [options.a is not None or options.b is not None, options.polygon is not None, options.scenario is not None]
     if sum(given) != 1:
         raise ScenarioError("give the joint by --a and --b, by --polygon, or by --scenario")
-    eccentricity = {} if options.eccentricity is None else {"eccentricity": tuple(options.eccentricity)}
+    more = {} if options.eccentricity is None else {"eccentricity": tuple(options.eccentricity)}
+    if options.cohesion is not None:
+        more["cohesion"] = options.cohesion
     if options.scenario is not None:
         import dataclasses
 
@@ -96,7 +99,7 @@ def _joint(options):
 
         built = build.assemble(toml.load(options.scenario))
         joint = DomainJoint.of_assembly(built)
-        changed = {"friction": options.mu, "normal_force": options.N} | eccentricity
+        changed = {"friction": options.mu, "normal_force": options.N} | more
         changed = {key: value for key, value in changed.items() if value is not None}
         return dataclasses.replace(joint, **changed), built.joints[0].law.formulation
     for name in ("a", "b") if given[0] else ():
@@ -106,7 +109,7 @@ def _joint(options):
         if getattr(options, name) is None:
             raise ScenarioError(f"--{name} is missing: a domain needs friction and a normal force")
     if given[0]:
-        return DomainJoint.rectangle(options.a, options.b, options.mu, options.N, **eccentricity), None
+        return DomainJoint.rectangle(options.a, options.b, options.mu, options.N, **more), None
     try:
         corners = [tuple(map(float, corner.split(","))) for corner in options.polygon.strip(";").split(";")]
         if {len(corner) for corner in corners} != {2}:
@@ -115,7 +118,7 @@ def _joint(options):
         raise ScenarioError(
             f"--polygon {options.polygon!r} is no list of corners: write x,y;x,y;x,y in m, in quotes"
         ) from None
-    return DomainJoint.from_corners(corners, options.mu, options.N, **eccentricity), None
+    return DomainJoint.from_corners(corners, options.mu, options.N, **more), None
 
 
 def _sound(found: dict, tolerance: float) -> bool:

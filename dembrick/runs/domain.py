@@ -13,6 +13,7 @@ from dembrick import theory
 from dembrick.assembly import quadrature
 from dembrick.errors import ScenarioError
 from dembrick.geometry import polygons
+from dembrick.runs.theory_check import known_cohesion
 from dembrick.scenario.checks import present
 from dembrick.scenario.model import FORMULATIONS, PRESSURES, JointLaw, nearest
 from dembrick.simulation.statics.batch import face
@@ -27,14 +28,18 @@ __all__ = ["DomainJoint", "Request", "by_simulation", "by_theory", "simulate_dom
 @dataclass(frozen=True)
 class DomainJoint:
     """The joint that a domain is drawn for: ``polygon`` (m, 2) about its centroid along t1 and t2 (m),
-    counter-clockwise; ``friction``; ``normal_force`` (N) through ``eccentricity`` (m, from the centroid)."""
+    counter-clockwise; ``friction``; ``normal_force`` (N) through ``eccentricity`` (m, from the centroid); ``cohesion``
+    (Pa), which the joint keeps as it slips."""
 
     polygon: np.ndarray
     friction: float
     normal_force: float
     eccentricity: tuple[float, float] = (0.0, 0.0)
+    cohesion: float = 0.0
 
     def __post_init__(self):
+        if not (math.isfinite(self.cohesion) and self.cohesion >= 0.0):
+            raise ScenarioError(f"cohesion = {self.cohesion!r} is out of range: it must be finite and at least 0 Pa")
         for name, value in (("friction", self.friction), ("normal force", self.normal_force)):
             if not (math.isfinite(value) and value > 0.0):
                 raise ScenarioError(f"{name} = {value!r} is out of range: a domain needs one greater than 0")
@@ -71,7 +76,13 @@ class DomainJoint:
         normal = -float(force[2])
         eccentricity = (float(moment[1]) / normal, float(-moment[0]) / normal) if normal > 0.0 else (0.0, 0.0)
         x, y = (0.0 if abs(e) < 1e-12 * np.abs(joint.polygon).max() else e for e in eccentricity)
-        return DomainJoint(np.array(joint.polygon), joint.law.friction, normal, (x, y))
+        cohesion = known_cohesion(joint.law)
+        if cohesion is None:
+            raise ScenarioError(
+                "a domain is that of a joint that keeps its strength: with residual_cohesion = cohesion and no "
+                "residual_friction, dilation or compressive_strength"
+            )
+        return DomainJoint(np.array(joint.polygon), joint.law.friction, normal, (x, y), cohesion)
 
     @property
     def edges(self) -> tuple[float, float] | None:
@@ -88,6 +99,7 @@ class DomainJoint:
             "b": b,
             "friction": self.friction,
             "normal_force": self.normal_force,
+            "cohesion": self.cohesion,
             "polygon": self.polygon.tolist(),
             "eccentricity": list(self.eccentricity),
         }
@@ -119,13 +131,14 @@ def _check(formulations: Sequence[str], request: Request) -> None:
 
 
 def _formulation(joint: DomainJoint, name: str, request: Request, continuum: bool) -> theory.Formulation:
-    """The joint by theory; with ``continuum`` a distributed one is the limit that its points tend to."""
-    if name == "convex" or (name == "distributed" and continuum):
+    """The joint by theory; with ``continuum`` a dry distributed one is the limit that its points tend to."""
+    if name == "convex" or (name == "distributed" and continuum and joint.cohesion == 0.0):
         pressure = request.pressure if name == "convex" else "linear"
-        return theory.polygon_formulation(joint.polygon, joint.friction, pressure)
+        return theory.polygon_formulation(joint.polygon, joint.friction, pressure, joint.cohesion)
     law = JointLaw(name, joint.friction, 1.0, 1.0, points=request.points if name == "distributed" else None)
     arms = present(quadrature.contact_points(face(joint.polygon, law), request.tolerance))
-    return theory.point_formulation(arms.normal_arm, arms.area, joint.friction, arms.shear_arm, name)
+    of_points = arms.normal_arm, arms.area, joint.friction, arms.shear_arm, name
+    return theory.point_formulation(*of_points, joint.cohesion)
 
 
 def _limits(joint: DomainJoint, formulation: theory.Formulation, load: np.ndarray, height: float) -> np.ndarray:
@@ -167,18 +180,20 @@ def simulate_domain(
     formulation: str = "convex",
     count: int = 36,
     eccentricity: tuple[float, float] = (0.0, 0.0),
+    cohesion: float = 0.0,
     threads: int | None = None,
     **request,
 ) -> YieldDomain:
     """The yield domain of a joint by simulation: a replay in each of ``count`` directions, all in one compiled call.
 
-    The joint is a rectangle a x b or a convex ``polygon`` of corners (m, 2) in m. ``request``: space, shear_angle,
-    height, pressure, points, tolerance, see :class:`Request`. The result has ``points`` (V_1, V_2, M_T), the bracket
+    The joint is a rectangle a x b or a convex ``polygon`` of corners (m, 2) in m; with ``cohesion`` (Pa), which it
+    keeps, the directions are searched one after the other. ``request``: space, shear_angle, height, pressure, points,
+    tolerance, see :class:`Request`. The result has ``points`` (V_1, V_2, M_T), the bracket
     of each in ``limits``, and ``convexity()`` and ``normality()``.
     """
     if (polygon is None) == (a is None or b is None):
         raise ScenarioError("a joint is given either by its polygon or by the edges a and b")
-    options = {"eccentricity": tuple(eccentricity)}
+    options = {"eccentricity": tuple(eccentricity), "cohesion": cohesion}
     if polygon is None:
         joint = DomainJoint.rectangle(present(a), present(b), friction, normal_force, **options)
     else:
@@ -188,6 +203,8 @@ def simulate_domain(
 
 def _simulated(joint, formulation, count, request, threads=None, progress=None) -> YieldDomain:
     _check([formulation], request)
+    if joint.cohesion > 0.0:
+        return _bonded(joint, formulation, count, request, progress)
     return yield_domain(
         joint.polygon,
         formulation,
@@ -204,6 +221,22 @@ def _simulated(joint, formulation, count, request, threads=None, progress=None) 
         threads=threads,
         progress=progress,
     )
+
+
+def _bonded(joint: DomainJoint, formulation: str, count: int, request: Request, progress) -> YieldDomain:
+    """The domain of a joint with cohesion, which is searched for direction by direction."""
+    from dembrick.runs import bonded_domain
+
+    k = bonded_domain.STIFFNESS
+    law = JointLaw(
+        formulation, joint.friction, k, 0.4 * k, request.points if formulation == "distributed" else None,
+        request.pressure_of(formulation), joint.cohesion, residual_cohesion=joint.cohesion,
+    )  # fmt: skip
+    return bonded_domain.yield_domain(
+        joint.polygon, law, normal_force=joint.normal_force, eccentricity=joint.eccentricity, count=count,
+        space=request.space, shear_angle=request.shear_angle, height=request.height, tolerance=request.tolerance,
+        progress=progress,
+    )  # fmt: skip
 
 
 def by_simulation(
@@ -238,7 +271,7 @@ def by_simulation(
             row |= {"relative_half_width": float(limits.half_width[i] / limits.V[i])}
             row |= {"bracket": "certified" if limits.certified[i] else "indicator", "error_vs_theory": float(error[i])}
             row |= {"slip": limits.twist[i].tolist(), "N": joint.normal_force, "friction": joint.friction}
-            rows.append(row | {"a": a, "b": b, "load_height": request.height})
+            rows.append(row | {"a": a, "b": b, "load_height": request.height, "cohesion": joint.cohesion})
         checks[name] = {
             "certified": domain.certified,
             "convexity": domain.convexity().as_dict(),

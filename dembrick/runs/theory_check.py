@@ -14,6 +14,7 @@ from dembrick import theory
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
+    from dembrick.scenario.joint_laws import JointLaw
 
 _NONE = 1e-12
 
@@ -41,14 +42,25 @@ def wrench(axes, arm, force, torque) -> np.ndarray:
     return np.concatenate([axes @ force, axes @ (torque - np.cross(arm, force))])
 
 
-def theory_of(assembly: Assembly) -> Theory | None:
-    """The limit load of the scenario by theory, or None if no theory holds: more than one joint, a joint with strengths
-    beside friction, or a load that changes the normal force."""
-    if len(assembly.joints) != 1 or assembly.fixed.sum() != 1 or len(assembly.names) != 2:
+def known_cohesion(law: JointLaw, after_slip: bool = False) -> float | None:
+    """The cohesion (Pa) with which theory knows a joint: of one that keeps its strength as it slips, and before slip of
+    one that has a single bond for all of its area; None of others, which break point by point, dilate or crush."""
+    if law.dilation > 0.0 or law.compressive_strength is not None:
+        return None
+    keeps = law.cohesion_after == law.cohesion and law.friction_after == law.friction
+    return law.cohesion if keeps or (law.formulation == "convex" and not after_slip) else None
+
+
+def theory_of(assembly: Assembly, after_slip: bool = False) -> Theory | None:
+    """The limit load of the scenario by theory, or None if no theory holds: more than one joint, a joint that dilates,
+    crushes, tears open or breaks point by point, ties, or a load that changes the normal force. ``after_slip``: of what
+    a joint carries as it slides on."""
+    if len(assembly.joints) != 1 or len(assembly.ties) or assembly.fixed.sum() != 1 or len(assembly.names) != 2:
         return None
     joint = assembly.joints[0]
     law, polygon = joint.law, joint.pieces or joint.polygon
-    if not law.dry:
+    cohesion = known_cohesion(law, after_slip)
+    if cohesion is None:
         return None
     b = joint.block_b
     arm = np.asarray(joint.arm_b)
@@ -66,7 +78,7 @@ def theory_of(assembly: Assembly) -> Theory | None:
     normal = -dead[2]
     if not normal > 0.0:
         return None
-    if law.friction == 0.0:
+    if law.friction == 0.0 and cohesion == 0.0:
         return Theory(0.0, None, 0.0 if law.formulation == "distributed" else None)
     # a moment about t1 presses towards -t2, one about t2 towards +t1
     centre = np.array([dead[4], -dead[3]]) / normal
@@ -78,10 +90,15 @@ def theory_of(assembly: Assembly) -> Theory | None:
             formulation, normal, load, overturning=overturning, dead_load=tangential, centre=centre
         ).V
 
-    if law.formulation == "convex":
-        return Theory(limit(theory.polygon_formulation(polygon, law.friction, law.pressure)), None, None)
     points = assembly.contact_points[0]
-    V = limit(theory.point_formulation(points.normal_arm, points.area, law.friction, points.shear_arm, law.formulation))
+    if law.formulation == "convex":
+        formulation = theory.polygon_formulation(polygon, law.friction, law.pressure, cohesion)
+    else:
+        arms = points.normal_arm, points.area
+        formulation = theory.point_formulation(*arms, law.friction, points.shear_arm, law.formulation, cohesion)
+    V = limit(formulation)
+    if not law.dry and V > theory.closed_until(formulation, normal, centre, overturning):
+        return None  # what opens before that loses its bond, or pulls by it
     gap = None
     if law.formulation == "distributed":
         gap = V / limit(theory.polygon_formulation(polygon, law.friction, "linear")) - 1.0

@@ -27,7 +27,7 @@ from dembrick.theory.interaction import (
 )
 from dembrick.theory.limit_load import LimitLoad, LimitLoads, gauge, limit_load, limit_loads
 from dembrick.theory.limit_surface import Law, PointLaw, PolygonLaw, convex, linear_pressure, points
-from dembrick.theory.overturning import limit_load_at_height, overturning_load
+from dembrick.theory.overturning import closed_until, limit_load_at_height, overturning_load
 
 __all__ = [
     "APPROXIMATIONS",
@@ -43,6 +43,7 @@ __all__ = [
     "PolygonLaw",
     "approximate_domain",
     "centre_curve",
+    "closed_until",
     "convex",
     "effective_polygon",
     "formulation_law",

@@ -79,6 +79,7 @@ def approximate_domain(
     b: float,
     friction: float = 1.0,
     normal_force: float = 1.0,
+    cohesion: float = 0.0,
     *,
     direction: ArrayLike = (0.0, 1.0),
     count: int = 1441,
@@ -86,12 +87,14 @@ def approximate_domain(
     """One of :data:`APPROXIMATIONS` for a rectangle a x b; its errors are measured on ``count`` rays."""
     if name not in APPROXIMATIONS:
         raise ScenarioError(f"approximate domain {name!r} is unknown: use one of {', '.join(APPROXIMATIONS)}")
-    exact = interaction_curve("convex", a, b, friction, normal_force, count=count, direction=direction)
+    exact = interaction_curve("convex", a, b, friction, normal_force, cohesion, count=count, direction=direction)
     v, m = exact.normalised
     corners = None
     if name in _PIECES:
         pieces = _PIECES[name]
-        corner = interaction_curve("convex", a, b, friction, normal_force, count=pieces + 1, direction=direction)
+        corner = interaction_curve(
+            "convex", a, b, friction, normal_force, cohesion, count=pieces + 1, direction=direction
+        )
         corners = np.stack(corner.normalised, axis=1)
     excess = _radius(name, corners, v, m) - 1.0
     # what is left of inscribed curves above 0 is rounding

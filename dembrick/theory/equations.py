@@ -2,7 +2,8 @@
 
 The paper works with unsigned magnitudes and measures the rectangle from the torsion centre C: its lower corner is at
 ``(x_c, y_c)``, so its centroid O is at ``(x_c + a/2, y_c + b/2)``. All functions accept arrays and broadcast. Lengths
-in m, forces in N, torsion in N m. ``a`` runs along x, ``b`` along y, ``shear_strength`` is V_0 = friction * N.
+in m, forces in N, torsion in N m. ``a`` runs along x, ``b`` along y, ``shear_strength`` is V_0 = friction * N, or
+cohesion * a b + friction * N of a joint that keeps its cohesion.
 The signed generalisation to any polygon is in :mod:`dembrick.theory.limit_surface`; it shares no formula with this one.
 """
 

@@ -3,7 +3,8 @@
 A :class:`Formulation` is the joint without its load: where normal force acts, where friction acts, and how a normal
 force N whose resultant passes through a point e of the joint distributes. ``law(N, e)`` is the friction law at that
 distribution. Normal forces of points are those of equal springs per area that cannot pull (a planar distribution while
-all points press); a rigid joint with free normal forces would give other numbers.
+all points press); a rigid joint with free normal forces would give other numbers. Cohesion, of joints that keep it
+as they slip, acts on what is closed: V_0 = c A + mu N takes the place of mu N in the paper's formulas.
 """
 
 from __future__ import annotations
@@ -140,6 +141,23 @@ class Formulation:
     areas: np.ndarray | None = None
     parts: tuple[np.ndarray, ...] | None = None
     pressure: str = "full"
+    cohesion: float = 0.0  # Pa, of what is closed
+
+    def __post_init__(self):
+        if not (np.isfinite(self.cohesion) and self.cohesion >= 0.0):
+            raise ScenarioError(f"cohesion = {self.cohesion!r} is out of range: it must be finite and at least 0 Pa")
+        if self.cohesion > 0.0 and self.pressure != "full":
+            raise ScenarioError(
+                f'pressure = "{self.pressure}" is that of a dry joint: cohesion acts on the whole polygon, friction on '
+                'the pressure, and the two surfaces do not scale; use pressure = "full"'
+            )
+
+    @property
+    def area(self) -> float:
+        """Of the joint (m2)."""
+        if self.parts is None:
+            return float(self.areas.sum())
+        return float(sum(moment_matrix(part, part[0])[0, 0] for part in self.parts))
 
     @property
     def follows_pressure(self) -> bool:
@@ -157,12 +175,12 @@ class Formulation:
         """Friction law at a normal force N (N) through ``centre`` (m, about O; None: where the area's middle is)."""
         e = self.middle if centre is None else np.asarray(centre, float)
         if self.parts is not None and not self.follows_pressure:
-            return convex(self.parts, self.friction, normal_force)
+            return convex(self.parts, self.friction, normal_force, self.cohesion)
         if not distance_to_exit(self.hull, e, (0.0, 0.0)) >= 0.0:
             raise ScenarioError(f"the normal force acts at {tuple(e)} m, outside the joint: it tips over there")
         if self.parts is None:
             forces = spring_forces(self.normal_arms, self.areas, normal_force, e)
-            return points(self.shear_arms, forces, self.friction)
+            return points(self.shear_arms, forces, self.friction, self.cohesion * self.areas)
         if centre is not None:  # keep off the edge, see _EDGE
             out = e - self.middle
             reach = distance_to_exit(self.hull, self.middle, out)
@@ -175,7 +193,12 @@ class Formulation:
 
 
 def point_formulation(
-    normal_arms: ArrayLike, areas: ArrayLike, friction: float, shear_arms: ArrayLike | None = None, name: str = "points"
+    normal_arms: ArrayLike,
+    areas: ArrayLike,
+    friction: float,
+    shear_arms: ArrayLike | None = None,
+    name: str = "points",
+    cohesion: float = 0.0,
 ) -> Formulation:
     """Points that press at ``normal_arms`` (n, 2) and slip at ``shear_arms`` (None: the same), with areas (n,)."""
     normal_arms, areas = np.array(normal_arms, float), np.array(areas, float)
@@ -184,17 +207,19 @@ def point_formulation(
         raise ScenarioError("point arms must have shape (n, 2) and areas (n,), the same n for all")
     if not (np.all(areas > 0.0) and np.isfinite(normal_arms).all() and np.isfinite(shear_arms).all()):
         raise ScenarioError("point areas must be greater than 0 and arms finite")
-    return Formulation(name, friction, convex_hull(normal_arms), normal_arms, shear_arms, areas)
+    hull = convex_hull(normal_arms)
+    return Formulation(name, friction, hull, normal_arms, shear_arms, areas, cohesion=cohesion)
 
 
 def polygon_formulation(
-    polygon: ArrayLike | Sequence[ArrayLike], friction: float, pressure: str = "full"
+    polygon: ArrayLike | Sequence[ArrayLike], friction: float, pressure: str = "full", cohesion: float = 0.0
 ) -> Formulation:
     """The convex formulation on a polygon, or on a union of polygons that do not overlap."""
     if pressure not in PRESSURES:
         raise ScenarioError(f"pressure = {pressure!r} is unknown: use one of {', '.join(PRESSURES)}")
     parts = as_parts(polygon)
-    return Formulation("convex", friction, convex_hull(np.concatenate(parts)), parts=parts, pressure=pressure)
+    hull = convex_hull(np.concatenate(parts))
+    return Formulation("convex", friction, hull, parts=parts, pressure=pressure, cohesion=cohesion)
 
 
 def rectangle_formulation(
@@ -202,6 +227,7 @@ def rectangle_formulation(
     a: float,
     b: float,
     friction: float,
+    cohesion: float = 0.0,
     *,
     pressure: str = "full",
     cells: tuple[int, int] | None = None,
@@ -214,20 +240,21 @@ def rectangle_formulation(
         raise ScenarioError(f"a joint of {a!r} x {b!r} m needs two finite edges greater than 0")
     corners = as_polygon(rectangle(a, b))
     if name == "convex":
-        return polygon_formulation(corners, friction, pressure)
+        return polygon_formulation(corners, friction, pressure, cohesion)
     quarter = np.full(4, a * b / 4.0)
     if name == "concave":
-        return point_formulation(corners, quarter, friction, name=name)
+        return point_formulation(corners, quarter, friction, name=name, cohesion=cohesion)
     if name in ("corrected", "corrected-shear"):
         reduced = rectangle(*reduced_dimensions(a, b))
-        return point_formulation(corners if name == "corrected-shear" else reduced, quarter, friction, reduced, name)
+        pressed = corners if name == "corrected-shear" else reduced
+        return point_formulation(pressed, quarter, friction, reduced, name, cohesion)
     if name == "distributed":
         if cells is None:
             raise ScenarioError("distributed needs cells = (n, m): how many points along each edge")
         n, m = cells
         x, y = (np.arange(n) + 0.5) / n - 0.5, (np.arange(m) + 0.5) / m - 0.5
         arms = np.stack([grid.ravel() for grid in np.meshgrid(a * x, b * y, indexing="ij")], axis=1)
-        return point_formulation(arms, np.full(n * m, a * b / (n * m)), friction, name=name)
+        return point_formulation(arms, np.full(n * m, a * b / (n * m)), friction, name=name, cohesion=cohesion)
     raise ScenarioError(f"formulation = {name!r} is unknown: use one of {', '.join(FORMULATIONS)}")
 
 
@@ -237,11 +264,12 @@ def formulation_law(
     b: float,
     friction: float,
     normal_force: float,
+    cohesion: float = 0.0,
     *,
     centre: ArrayLike | None = None,
     pressure: str = "full",
     cells: tuple[int, int] | None = None,
 ) -> PolygonLaw | PointLaw:
-    """Friction law of a rectangle's formulation under N through ``centre`` (None: central)."""
-    joint = rectangle_formulation(name, a, b, friction, pressure=pressure, cells=cells)
+    """Friction law of a rectangle's formulation under N through ``centre`` (None: central); ``cohesion`` in Pa."""
+    joint = rectangle_formulation(name, a, b, friction, cohesion, pressure=pressure, cells=cells)
     return joint.law(normal_force, centre)

@@ -56,6 +56,7 @@ def interaction_curve(
     b: float,
     friction: float,
     normal_force: float,
+    cohesion: float = 0.0,
     *,
     count: int = 181,
     direction: ArrayLike = (0.0, 1.0),
@@ -71,7 +72,7 @@ def interaction_curve(
     size = float(np.hypot(*d))
     if not size > 0.0 or count < 2:
         raise ScenarioError("an interaction curve needs a direction longer than 0 and at least 2 points")
-    law = formulation_law(formulation, a, b, friction, normal_force, pressure=pressure, cells=cells)
+    law = formulation_law(formulation, a, b, friction, normal_force, cohesion, pressure=pressure, cells=cells)
     M_T0 = torsion_strength(law)
     if not law.strength > 0.0:
         raise ScenarioError("an interaction curve needs friction and normal force greater than 0")

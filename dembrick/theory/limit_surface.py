@@ -111,7 +111,8 @@ def _sum_over_points(
 
 
 class PointLaw(_Law):
-    """Coulomb friction at points. ``arms`` (n, 2) about O in m, ``strengths`` (n,) = friction * N_i in N."""
+    """Coulomb friction at points. ``arms`` (n, 2) about O in m, ``strengths`` (n,) in N: friction * N_i and what
+    cohesion adds."""
 
     def __init__(self, arms: np.ndarray, strengths: np.ndarray):
         carrying = strengths > 0.0
@@ -230,18 +231,21 @@ class PolygonLaw(_Law):
         return np.abs(w) * M, G, np.swapaxes(T, 1, 2) @ block @ T
 
 
-def _checked(friction: float, normal_force: float) -> None:
-    for name, value in (("friction", friction), ("normal_force", normal_force)):
+def _checked(friction: float, normal_force: float, cohesion: float = 0.0) -> None:
+    for name, value in (("friction", friction), ("normal_force", normal_force), ("cohesion", cohesion)):
         if not (np.isfinite(value) and value >= 0.0):
             raise ScenarioError(f"{name} = {value!r} is out of range: it must be finite and at least 0")
 
 
-def convex(polygon: ArrayLike | Sequence[ArrayLike], friction: float, normal_force: float) -> PolygonLaw:
-    """Uniform pressure N/A over a polygon, or over a union of polygons that do not overlap (paper eq. 1 and 5)."""
-    _checked(friction, normal_force)
+def convex(
+    polygon: ArrayLike | Sequence[ArrayLike], friction: float, normal_force: float, cohesion: float = 0.0
+) -> PolygonLaw:
+    """Uniform pressure N/A over a polygon, or over a union of polygons that do not overlap (paper eq. 1 and 5); a
+    ``cohesion`` (Pa) scales the same surface: V_0 = c A + mu N."""
+    _checked(friction, normal_force, cohesion)
     parts = as_parts(polygon)
     area = sum(moment_matrix(part, part[0])[0, 0] for part in parts)
-    return PolygonLaw(parts, friction * normal_force / area)
+    return PolygonLaw(parts, cohesion + friction * normal_force / area)
 
 
 def linear_pressure(
@@ -257,12 +261,14 @@ def linear_pressure(
     return PolygonLaw(pressed, friction * level, friction * slope, about)
 
 
-def points(arms: ArrayLike, normal_forces: ArrayLike, friction: float) -> PointLaw:
-    """Coulomb friction at points ``arms`` (n, 2) about O, each under its normal force (n,) in N, never negative."""
+def points(arms: ArrayLike, normal_forces: ArrayLike, friction: float, adhesion: ArrayLike | None = None) -> PointLaw:
+    """Coulomb friction at points ``arms`` (n, 2) about O, each under its normal force (n,) in N, never negative; what
+    is pressed has an ``adhesion`` (n,) in N besides."""
     arms, normal_forces = np.array(arms, float), np.array(normal_forces, float)
     if arms.ndim != 2 or arms.shape[1:] != (2,) or normal_forces.shape != arms.shape[:1] or len(arms) == 0:
         raise ScenarioError("points needs arms of shape (n, 2) and normal forces of shape (n,), n at least 1")
     if not (np.isfinite(arms).all() and np.isfinite(normal_forces).all() and np.all(normal_forces >= 0.0)):
         raise ScenarioError("points needs finite arms and finite normal forces that are at least 0")
     _checked(friction, 0.0)
-    return PointLaw(arms, friction * normal_forces)
+    bonds = 0.0 if adhesion is None else np.where(normal_forces > 0.0, np.asarray(adhesion, float), 0.0)
+    return PointLaw(arms, friction * normal_forces + bonds)

@@ -66,18 +66,20 @@ def limit_load_at_height(
     if not formulation.follows_pressure or not lever.any():
         sliding = limit_load(formulation.law(normal_force, start), load, dead_load)
         return sliding if sliding.V <= V_tip else tipped
-    # no distribution of N bears more than V_0 in translation
+    # no distribution of N bears more than V_0 = c A + mu N in translation
     force = float(np.hypot(*load[:2]))
     bound = np.inf
     if force > 0.0:
-        bound = (formulation.friction * normal_force + float(np.hypot(*np.asarray(dead_load, float)[:2]))) / force
+        V_0 = formulation.cohesion * formulation.area + formulation.friction * normal_force
+        bound = (V_0 + float(np.hypot(*np.asarray(dead_load, float)[:2]))) / force
     end = min(V_tip, 1.001 * bound)
     below, excess_below = 0.0, limit(0.0).V
     steps = np.linspace(0.0, end, _SCAN + 1)[1:]
     if excess_below > 0.0:
         # While all of the joint is pressed, the pressure is linear in V, so that the limit, the least of D / (f . q)
         # over all twists, is concave in it: it comes down to V but once.
-        closed = min(_closed_until(formulation, normal_force, start, lever), end)
+        linear = formulation.parts is None or formulation.pressure == "linear"
+        closed = min(closed_until(formulation, normal_force, start, lever), end) if linear else 0.0
         steps = np.concatenate([[closed] if closed > 0.0 else [], steps[steps > closed]])
     for above in steps.tolist():
         if above == V_tip:
@@ -93,10 +95,10 @@ def limit_load_at_height(
     return LimitLoad(float(V), found.twist, found.torsion_centre)
 
 
-def _closed_until(formulation: Formulation, normal_force: float, centre: np.ndarray, lever: np.ndarray) -> float:
+def closed_until(
+    formulation: Formulation, normal_force: float, centre: ArrayLike, lever: ArrayLike = (0.0, 0.0)
+) -> float:
     """V up to which a linear pressure, of N through ``centre`` + V ``lever`` / N, presses all points or corners."""
-    if formulation.parts is not None and formulation.pressure != "linear":
-        return 0.0
     at = formulation.normal_arms if formulation.parts is None else np.concatenate(formulation.parts)
     phi = np.column_stack([np.ones(len(at)), at])
     if formulation.parts is None:
@@ -105,7 +107,8 @@ def _closed_until(formulation: Formulation, normal_force: float, centre: np.ndar
         moments = sum(moment_matrix(part) for part in formulation.parts)
     if np.linalg.matrix_rank(moments) < 3:  # points in a line
         return 0.0
-    ends = np.linalg.solve(moments, np.array([[normal_force, *(normal_force * centre)], [0.0, *lever]]).T)
+    thrust = normal_force * np.array([1.0, *centre])
+    ends = np.linalg.solve(moments, np.array([thrust, [0.0, *lever]]).T)
     level, slope = (phi @ ends).T
     if not (level > 0.0).all():
         return 0.0

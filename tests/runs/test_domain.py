@@ -1,5 +1,6 @@
 """Yield domains from the command line and from Python: joints of every kind, their checks, bad requests."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -11,6 +12,8 @@ from dembrick.cli import main
 from dembrick.errors import ScenarioError
 from dembrick.runs import domain
 from dembrick.runs.lab import lab_scenario
+from dembrick.runs.theory_check import theory_of
+from dembrick.scenario.ties import Tie, TieEnd
 
 LAB = ["--a", "0.3", "--b", "0.2", "--mu", "0.64", "--N", "467"]
 OBLIQUE = "0,0;0.4,0;0.35,0.2;0.05,0.25"
@@ -97,3 +100,33 @@ def test_bad_requests(capsys, arguments, words):
 def test_a_joint_is_given_once():
     with pytest.raises(ScenarioError, match="either by its polygon or by the edges"):
         dembrick.simulate_domain(friction=0.6, normal_force=1.0)
+
+
+def test_a_joint_with_cohesion(capsys):
+    """c A + mu N = 898.88 N in shear, times c_T in torsion: by theory, and by a search in each direction."""
+    wanted = ["--cohesion", "1e4", "--formulation", "convex", "concave", "--simulate", "3", "--points", "2"]
+    code, found = answer(capsys, *LAB, *wanted)
+    assert code == 0 and found["joint"]["cohesion"] == 1e4
+    for name, torsion in (("convex", 87.021121), ("concave", 162.047897)):
+        shear, *_, twist = [row for row in found["rows"] if row["source"] == "theory" and row["formulation"] == name]
+        assert shear["V"] == pytest.approx(898.88, rel=1e-9) and twist["M_T"] == pytest.approx(torsion, rel=1e-6)
+        assert found["checks"][name]["error_vs_theory"] < 1e-3 and not found["checks"][name]["certified"]
+
+
+def test_a_bonded_scenario_has_the_domain_of_its_theory():
+    """Ductile joints are compared with theory; brittle points and tied blocks are not."""
+    given = lab_scenario("set4a", "concave")
+    ductile, brittle = (
+        dataclasses.replace(given, joint=dataclasses.replace(given.joint, cohesion=1e4, residual_cohesion=residual))
+        for residual in (1e4, None)
+    )
+    assert theory_of(build.assemble(ductile)).V == pytest.approx(765.6174, rel=2e-7)
+    assert theory_of(build.assemble(brittle)) is None
+    convex = dataclasses.replace(brittle, joint=dataclasses.replace(brittle.joint, formulation="convex"))
+    assert theory_of(build.assemble(convex)).V == pytest.approx(649.7841, rel=2e-7)
+    assert theory_of(build.assemble(convex), after_slip=True) is None
+    assert domain.DomainJoint.of_assembly(build.assemble(ductile)).cohesion == 1e4
+    with pytest.raises(ScenarioError, match="keeps its strength"):
+        domain.DomainJoint.of_assembly(build.assemble(brittle))
+    ends = TieEnd("lower", (0.0, 0.0, -0.1)), TieEnd("upper", (0.0, 0.0, 0.1))
+    assert theory_of(build.assemble(dataclasses.replace(given, ties=(Tie(ends, 1e6),)))) is None

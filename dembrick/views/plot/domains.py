@@ -27,12 +27,18 @@ _APPROXIMATE = (":", "--", "-.", (0, (10, 3)))
 
 
 class RectangularJoint(NamedTuple):
-    """What a domain is drawn for: edges along t1 and t2 (m), friction, normal force (N)."""
+    """What a domain is drawn for: edges along t1 and t2 (m), friction, normal force (N), cohesion (Pa)."""
 
     a: float
     b: float
     friction: float
     normal_force: float
+    cohesion: float = 0.0
+
+    @property
+    def strength(self) -> float:
+        """V_0 (N)."""
+        return self.cohesion * self.a * self.b + self.friction * self.normal_force
 
 
 def domain_points(histories) -> list[dict]:
@@ -100,7 +106,7 @@ def interaction(
             )
         for row in rows:
             own = _joint([row], None, fallback=joint)
-            V_0 = own.friction * own.normal_force
+            V_0 = own.strength
             M_T0 = _torsion_strength(row["formulation"], own)
             _mark(axes, row, _shear(row) / V_0, abs(row["M_T"]) / M_T0)
         axes.set_xlabel(r"$V / V_0$ [-]")
@@ -149,8 +155,9 @@ def domains(
                 axes.annotate(name, (x, y), (7, 2), textcoords="offset points", ha="left", va="bottom")
         axes.set_xlabel("V [N]")
         axes.set_ylabel(r"$M_T$ [N m]")
-        a, b, friction, normal = joint
-        axes.set_title(f"joint {a:.3g} x {b:.3g} m, N = {normal:.4g} N, friction {friction:.3g}")
+        a, b, friction, normal, cohesion = joint
+        bond = f", cohesion {1e-3 * cohesion:.3g} kPa" if cohesion else ""
+        axes.set_title(f"joint {a:.3g} x {b:.3g} m, N = {normal:.4g} N, friction {friction:.3g}{bond}")
         _frame(axes)
         style.legend(figure, axes, ax is None)
     return figure
@@ -184,7 +191,7 @@ def _joint(rows: Sequence[Mapping], given, fallback: RectangularJoint | None = N
         return RectangularJoint(*(float(value) for value in given))
     keys = ("a", "b", "friction", "N")
     if rows and all(rows[0].get(key) is not None for key in keys):
-        return RectangularJoint(*(float(rows[0][key]) for key in keys))
+        return RectangularJoint(*(float(rows[0][key]) for key in keys), float(rows[0].get("cohesion") or 0.0))
     if fallback is not None:
         return fallback._replace(normal_force=float(rows[0]["N"])) if rows else fallback
     raise ScenarioError("a yield domain needs a joint (a, b, friction, N) or a history that reached its yield point")

@@ -1,0 +1,115 @@
+"""Bonded, crushing and dilating joints on supports that move, against closed forms."""
+
+import math
+
+import pytest
+
+from dembrick.runs.simulate import simulate
+from dembrick.scenario.blocks import Block
+from dembrick.scenario.controls import SettlementControl
+from dembrick.scenario.model import JointLaw, Material, Output, Scenario
+from dembrick.scenario.support_paths import Turn
+
+G = 9.81
+STONE = {"stone": Material(2000.0)}
+W, K = 3000.0, 1e8  # N, N/m
+
+
+def beam(sinks, formulation, bond=500.0, **law) -> Scenario:
+    """A block of 3000 N on three supports of 100 MN/m each, whose middle one goes down; bonds of so many newtons."""
+    width, depth = 0.2, 0.5
+    area, height = width * depth, W / (2000.0 * G * 2.4 * depth)
+    blocks = [Block("beam", "stone", box=(2.4, depth, height), position=(0.0, 0.0, 0.5 * height))]
+    for name, x in (("left", -1.0), ("middle", 0.0), ("right", 1.0)):
+        blocks.append(Block(name, "stone", box=(width, depth, 0.2), position=(x, 0.0, -0.1), fixed=True))
+    own = {"cohesion": bond / area, "tensile_strength": bond / area} if bond else {}
+    law = JointLaw(formulation, 0.6, K / area, 0.4 * K / area, **own, **law)
+    control = SettlementControl(("middle",), (0.0, 0.0, -sinks))
+    return Scenario("beam", (0.0, 0.0, -G), law, STONE, tuple(blocks), control, output=Output(("frames",)))
+
+
+@pytest.mark.parametrize("formulation", ["convex", "concave"])
+def test_a_bonded_beam_hangs_its_middle_support_until_the_bond_breaks(formulation):
+    """Middle W / 3 - 2 k s / 3, down to minus the bond at s = (W + 3 f_t A) / (2 k); then W / 2 at both ends."""
+    brink = (W + 3.0 * 500.0) / (2.0 * K)
+    result = simulate(beam(1.1 * brink, formulation))
+    rows, bonded = result.rows, result.frames["bond"]
+    for s, load, (left, middle, right) in zip(
+        rows["displacement"], -rows["load"], rows["reaction"][:, :, 2], strict=True
+    ):
+        held = s < brink
+        assert middle == pytest.approx(W / 3.0 - 2.0 * K * s / 3.0 if held else 0.0, abs=1e-4 * W), s
+        assert left == pytest.approx(right, abs=1e-4 * W)
+        assert abs(load) == pytest.approx(abs(middle), abs=1e-9)
+    assert rows["reaction"][:, 1, 2].min() < -480.0  # of 500 N, to the next equilibrium on the way
+    assert bonded[0].tolist() == [1.0, 1.0, 1.0] and bonded[-1].tolist() == [1.0, 0.0, 1.0]
+    assert result.reactions["left"][2] == pytest.approx(0.5 * W, rel=1e-4)
+
+
+def tower(formulation, control, friction=0.9, **law) -> Scenario:
+    """A block of 0.2 x 0.4 x 1 m on a floor that turns."""
+    floor = Block("floor", "stone", (1.0, 1.0, 0.2), (0.0, 0.0, -0.1), fixed=True)
+    block = Block("block", "stone", (0.2, 0.4, 1.0), (0.0, 0.0, 0.5))
+    law = JointLaw(formulation, friction, 1e10, 4e9, **law)
+    return Scenario("turn", (0.0, 0.0, -G), law, STONE, (floor, block), control, output=Output(()))
+
+
+def turning(angle):
+    return SettlementControl(("floor",), rotation=Turn((0.0, 1.0, 0.0), angle, (0.0, 0.0, 0.0)), tolerance=1e-3)
+
+
+@pytest.mark.parametrize("formulation, lever", [("convex", 1.0 / 6.0), ("concave", 0.5)])
+def test_a_bonded_block_on_a_floor_that_turns(formulation, lever):
+    """It overturns as its bond tears: W h sin th = (f_t A + W cos th) b / 6 of a linear stress, b / 2 of corners."""
+    f_t, b, h, A = 6e3 if formulation == "concave" else 4e4, 0.2, 0.5, 0.08
+    weight = 2000.0 * A * 2.0 * h * G
+    law = {"cohesion": f_t, "tensile_strength": f_t}
+    result = simulate(tower(formulation, turning(60.0), friction=1.0, **law))
+    low, high = 0.0, 1.5
+    for _ in range(60):
+        th = 0.5 * (low + high)
+        torn = weight * h * math.sin(th) > (f_t * A + weight * math.cos(th)) * lever * b
+        low, high = (low, th) if torn else (th, high)
+    assert result.status == "collapse"
+    assert result.collapse["settlement"] / math.hypot(0.5, 0.2) == pytest.approx(low, rel=3e-3)
+    assert low > 1.15 * math.atan(0.2)  # a dry block overturns long before
+
+
+@pytest.mark.parametrize("formulation", ["convex", "concave"])
+def test_a_bonded_block_that_would_slide(formulation):
+    """c A + mu W cos th = W sin th."""
+    A, weight = 0.08, 2000.0 * 0.08 * 0.4 * G
+    floor = Block("floor", "stone", (1.0, 1.0, 0.2), (0.0, 0.0, -0.1), fixed=True)
+    block = Block("block", "stone", (0.4, 0.2, 0.4), (0.0, 0.0, 0.2))
+    law = JointLaw(formulation, 0.2, 1e10, 4e9, cohesion=1e3)
+    control = turning(40.0)
+    result = simulate(Scenario("slide", (0.0, 0.0, -G), law, STONE, (floor, block), control, output=Output(())))
+    low, high = 0.0, 1.0
+    for _ in range(60):
+        th = 0.5 * (low + high)
+        slides = weight * math.sin(th) > 1e3 * A + 0.2 * weight * math.cos(th)
+        low, high = (low, th) if slides else (th, high)
+    assert result.status == "collapse" and result.collapse["mechanism"] == "sliding"
+    assert result.collapse["settlement"] / math.hypot(0.5, 0.2) == pytest.approx(low, rel=3e-3)
+
+
+def test_a_toe_that_crushes_under_a_block_on_a_floor_that_turns():
+    """Eight rows of points carry f_c A / 8 each at the most, from the toe on: W h sin th is their moment about O."""
+    f_c, rows, b, h, A = 1e5, 8, 0.2, 0.5, 0.08
+    weight = 2000.0 * A * 2.0 * h * G
+
+    def moment(N):
+        found, left = 0.0, N
+        for i in range(rows):
+            carried = min(left, f_c * A / rows)
+            found, left = found + carried * 0.5 * b * (1.0 - (2 * i + 1) / rows), left - carried
+        return found
+
+    low, high = 0.0, 1.0
+    for _ in range(60):
+        th = 0.5 * (low + high)
+        low, high = (low, th) if weight * h * math.sin(th) > moment(weight * math.cos(th)) else (th, high)
+    result = simulate(tower("distributed", turning(20.0), points=(rows, 2), compressive_strength=f_c))
+    assert result.status == "collapse"
+    assert result.collapse["settlement"] / math.hypot(0.5, 0.2) == pytest.approx(low, rel=5e-3)
+    assert low < 0.85 * math.atan(0.2)
