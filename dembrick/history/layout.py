@@ -81,6 +81,14 @@ _WRITTEN = Dataset(
 )
 
 
+_STRENGTHS = (
+    ("cohesion", "Pa", "cohesion of the bond", lambda law: law.cohesion),
+    ("tensile_strength", "Pa", "tensile strength of the bond", lambda law: law.tensile_strength),
+    ("residual_cohesion", "Pa", "cohesion after the bond broke", lambda law: law.cohesion_after),
+    ("residual_friction", "1", "friction coefficient after the bond broke", lambda law: law.friction_after),
+)
+
+
 def dataset_of(field: Field, count: int) -> Dataset:
     """The dataset of a channel, with so many entries."""
     return Dataset(field.path, field.kind, (count, *field.tail), field.units, field.description)
@@ -126,6 +134,11 @@ def geometry(assembly: Assembly) -> list[Table]:
         Table(a + "direction", _floats(actuators.direction, 3), "1", "its direction, world axes"),
         Table(a + "weight", _floats(actuators.weight), "1", "its share of the load"),
     ]
+    if any(not joint.law.dry for joint in joints):
+        tables += [
+            Table(j + name, _floats([value(joint.law) for joint in joints]), units, about)
+            for name, units, about, value in _STRENGTHS
+        ]
     ties = assembly.ties
     if len(ties):
         t = "geometry/ties/"

@@ -11,6 +11,8 @@ from dembrick.history import guard
 from dembrick.scenario.checks import show
 from dembrick.scenario.model import FORMULATIONS, PRESSURES
 
+STRENGTHS = ("cohesion", "tensile_strength", "residual_cohesion", "residual_friction")  # of joints that are not dry
+
 
 class RestGeometry:
     """What a history knows of the start of its run; read when asked for, and checked against its own counts.
@@ -108,7 +110,8 @@ class RestGeometry:
 
     @cached_property
     def joints(self) -> list[dict]:
-        """One dict a joint: blocks, ``origin``, ``axes`` (rows t1, t2, n), ``polygon`` (m, 2), law, contact points."""
+        """One dict a joint: blocks, ``origin``, ``axes`` (rows t1, t2, n), ``polygon`` (m, 2), law, contact points;
+        ``STRENGTHS`` where any joint has more than friction."""
         n = self.n_joint
         if not n:
             return []
@@ -116,7 +119,9 @@ class RestGeometry:
         names = {"area": (), "friction": (), "origin": (3,), "axes": (3, 3)}
         columns = {name: self._table(f"joints/{name}", *tail, count=n) for name, tail in names.items()}
         formulation = self._words("joints/formulation", n, FORMULATIONS)
-        has_pressure = "pressure" in guard.members(self._file, "geometry/joints")
+        there = guard.members(self._file, "geometry/joints")
+        has_pressure, strong = "pressure" in there, "cohesion" in there
+        strengths = {key: self._table(f"joints/{key}", count=n) for key in STRENGTHS} if strong else {}
         pressure = self._words("joints/pressure", n, PRESSURES) if has_pressure else ["full"] * n
         polygons, points = self._table("joints/polygon", 2), self._table("joints/point", 5)
         p = self._starts("joints/polygon_start", n, len(polygons))
@@ -126,7 +131,7 @@ class RestGeometry:
             joint = dict(zip(("block_a", "block_b", "host"), blocks[i], strict=True))
             joint |= {"area": float(columns["area"][i]), "friction": float(columns["friction"][i])}
             joint |= {"origin": columns["origin"][i], "axes": columns["axes"][i], "formulation": formulation[i]}
-            joint |= {"pressure": pressure[i]}
+            joint |= {"pressure": pressure[i], **{key: float(values[i]) for key, values in strengths.items()}}
             own = points[c[i] : c[i + 1]]
             joint |= {"polygon": polygons[p[i] : p[i + 1]]}
             joint |= {"normal_arms": own[:, :2], "shear_arms": own[:, 2:4], "areas": own[:, 4]}

@@ -6,6 +6,7 @@ import numpy as np
 
 from dembrick import history
 from dembrick.assembly.actuators import NO_CONTROL_POINTS, ControlPoints
+from dembrick.assembly.ties import NO_TIES
 from dembrick.scenario import model
 from dembrick.scenario.controls import DynamicControl
 from dembrick.simulation.channels import energies
@@ -53,6 +54,7 @@ def assembly():
         inertia=np.array([np.diag([0.0375, 0.075, 0.0975])] * 2),
         joints=joints,
         contact_points=points,
+        ties=NO_TIES,
         control_points=ControlPoints(
             ("mark",), np.array([1]), np.array([[0.0, 0.0, 0.1]]), np.zeros((1, 3)), np.zeros((1, 3))
         ),

@@ -29,6 +29,7 @@ from dembrick.kernels.recorded_motion import (
 )
 from dembrick.simulation.pressed_parts import pressed_parts
 from dembrick.theory.polygons import convex_hull
+from dembrick.views.motion.bonds import Bonds
 from dembrick.views.motion.relative import STATES, RelativeMotion, quaternion_of, rotation_vector, torsion_centre
 
 if TYPE_CHECKING:
@@ -145,6 +146,11 @@ class JointMotion:
         )
         areas = np.concatenate([np.zeros(0), *(joint["areas"] for joint in joints)])
         return normal, shear, areas, np.repeat(np.arange(self.n_joint), np.diff(self.point_start))
+
+    @cached_property
+    def bonds(self) -> Bonds | None:
+        """Strengths of the joints beside friction; None where they have none."""
+        return Bonds(self) if self.history.joints and "cohesion" in self.history.joints[0] else None
 
     @cached_property
     def edges(self) -> tuple[np.ndarray, np.ndarray]:
@@ -367,22 +373,31 @@ class JointFrames:
     @cached_property
     def bending_utilisation(self) -> np.ndarray:
         """(f, j): how far the centre of pressure is on its way from O to the edge of what can carry N: the polygon of a
-        convex joint, that around the contact points else; 1 is a hinge. 0 where the joint carries nothing, NaN where it
-        was cut as it slid over an edge, see `friction_utilisation`."""
+        convex joint, that around the contact points else; 1 is a hinge. Of a bond that holds, tension over strength.
+        0 where the joint carries nothing, NaN where it was cut as it slid over an edge, see `friction_utilisation`."""
         N, moments = self.resultants[..., 0], self.resultants[..., 4:6]
         carries = N > 0.0
         centre = np.stack([moments[..., 1], -moments[..., 0]], axis=-1) / np.where(carries, N, 1.0)[..., None]
         normals, distance = self.joints.edges
         found = (np.einsum("jmk,fjk->fjm", normals, centre) / distance).max(axis=-1, initial=0.0)
         found[self.shift.any(axis=2)] = np.nan
-        return np.where(carries, found, 0.0)
+        found = np.where(carries, found, 0.0)
+        bonds = self.joints.bonds
+        return found if bonds is None else np.where(self._held > 0.0, bonds.tension_utilisation(self.resultants), found)
+
+    @cached_property
+    def _held(self) -> np.ndarray:
+        """(f, j): the part of every joint's area whose bond holds; zero where it never had one."""
+        found = self._values("bond")
+        return np.where(self.joints.bonds.bonded, 0.0 if found is None else found, 0.0)
 
     @cached_property
     def friction_utilisation(self) -> np.ndarray:
         """(f, j): gauge of (V_1, V_2, M_T) in the joint's own limit set at its N; 1 is the yield domain's edge.
 
         ``convex``: the exact surface of the polygon under the pressure of its law. Point formulations: the set of all
-        forces that Coulomb friction at the points can give, each under its own normal force. A joint without friction
+        forces that Coulomb friction at the points can give, each under its own normal force. Bonds add their cohesion
+        as long as they hold. A joint without friction
         strength is at 0 when it carries nothing, and at infinity else. Where contact forces were not recorded, a joint
         that touches at a corner with next to no force may read above 1. NaN for a joint that was cut where it slid over
         an edge, unless its contact points were recorded: its strength is that of a polygon which is not known.
@@ -398,6 +413,9 @@ class JointFrames:
                 opening = self.relative.components[..., 2:5]
                 bending = np.concatenate([resultants[..., [0, 4, 5]], opening], axis=-1)
             strength = joints.friction * resultants[..., 0]
+            if joints.bonds is not None:
+                closed = 1.0 - self.relative.open_share
+                strength = joints.bonds.area_strength(resultants[..., 0], self._held, closed)
             area_gauges(*joints.surfaces, pressed, bending, strength, force, joints.twist[0], found)
         unknown = self.shift.any(axis=2) & (force != 0.0).any(axis=2)
         if joints.point_start[-1]:
@@ -406,6 +424,10 @@ class JointFrames:
             x, y = np.ascontiguousarray(joints.points[1].T)
             normal = np.ascontiguousarray(self.normal_forces)
             rest = (start, joint, joints.friction)
+            if joints.bonds is not None:  # strengths in place of normal forces
+                recorded = self.point_forces is not None
+                normal = joints.bonds.point_strength(resultants, self._held, normal, recorded)
+                rest = (start, joint, np.ones(joints.n_joint))
             point_gauges(x, y, *rest, normal, force, joints.twist[1], np.zeros(6), found)
             arms = self._values("contact_arm")
             if arms is not None:

@@ -1,0 +1,81 @@
+"""Strengths of the bonded joints of a recorded run: what they may carry in shear, how much of their tension they use.
+
+While a bond holds, the normal stress of a joint is linear over its area or its points, and may pull.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dembrick.history.rest_geometry import STRENGTHS
+from dembrick.theory.polygons import moment_matrix
+
+if TYPE_CHECKING:
+    from dembrick.views.motion.joints import JointMotion
+
+
+class Bonds:
+    """Strengths (j,) of the joints of ``joints``: cohesion, tension, residual cohesion (Pa), residual friction."""
+
+    def __init__(self, joints: JointMotion):
+        given = joints.history.joints
+        self.cohesion, self.tension, self.after, self.residual = (
+            np.array([joint[key] for joint in given], float) for key in STRENGTHS
+        )
+        self._area, self._friction = joints.area, joints.friction
+        self.bonded = (self.cohesion > 0.0) | (self.tension > 0.0) | (self.residual < self._friction)
+        arms, _, self._areas, self._owner = joints.points
+        self._start = joints.point_start
+        # stress at each of these places: phi . H^-1 (N, M_2, -M_1)
+        self._places, self._matrices = [], []
+        for j in range(joints.n_joint):
+            own = slice(self._start[j], self._start[j + 1])
+            corners = joints.polygon[j, : joints.n_corner[j]]
+            at = arms[own] if own.stop > own.start else corners
+            phi = np.column_stack([np.ones(len(at)), at])
+            H = (phi * self._areas[own, None]).T @ phi if own.stop > own.start else moment_matrix(corners)
+            self._places.append(phi)
+            self._matrices.append(np.linalg.pinv(H, rcond=1e-12, hermitian=True))
+
+    def _stress(self, j: int, resultants: np.ndarray) -> np.ndarray:
+        """Linear normal stress (f, k) Pa of joint ``j`` at its points or corners."""
+        load = np.stack([resultants[:, j, 0], resultants[:, j, 5], -resultants[:, j, 4]], axis=1)
+        return load @ self._matrices[j] @ self._places[j].T
+
+    def tension_utilisation(self, resultants: np.ndarray) -> np.ndarray:
+        """(f, j): greatest tension over the tensile strength; without any, how far bending is on its way to a stress
+        that pulls."""
+        found = np.zeros(resultants.shape[:2])
+        for j in np.flatnonzero((self.cohesion > 0.0) | (self.tension > 0.0)):
+            stress = self._stress(j, resultants)
+            least = stress.min(axis=1)
+            if self.tension[j] > 0.0:
+                found[:, j] = np.maximum(-least, 0.0) / self.tension[j]
+            else:
+                mean = resultants[:, j, 0] / self._area[j]
+                found[:, j] = np.where(mean > 0.0, (mean - least) / np.where(mean > 0.0, mean, 1.0), 0.0)
+        return found
+
+    def area_strength(self, N: np.ndarray, held: np.ndarray, closed: np.ndarray) -> np.ndarray:
+        """V_0 (f, j) N of joints under ``N``, ``held`` and ``closed`` (f, j): the parts of their areas with a bond, and
+        that are closed."""
+        bonded = self.cohesion * self._area + self._friction * N
+        broken = np.where(N > 0.0, self.after * self._area * closed + self.residual * N, 0.0)
+        return np.maximum(held * bonded + (1.0 - held) * broken, 0.0)
+
+    def point_strength(
+        self, resultants: np.ndarray, held: np.ndarray, normal: np.ndarray, recorded: bool
+    ) -> np.ndarray:
+        """What every contact point (f, c) may carry in shear (N) under its ``normal`` force; unless those were
+        ``recorded``, under a linear stress in joints whose bonds all hold. Of joints that have lost some of their bonds
+        the mean of both."""
+        normal = normal.copy()
+        for j in np.flatnonzero(np.diff(self._start)) if not recorded else ():
+            own, whole = slice(self._start[j], self._start[j + 1]), held[:, j] == 1.0
+            normal[whole, own] = self._stress(j, resultants)[whole] * self._areas[own]
+        owner, held = self._owner, held[:, self._owner]
+        bonded = self.cohesion[owner] * self._areas + self._friction[owner] * normal
+        broken = np.where(normal > 0.0, self.after[owner] * self._areas + self.residual[owner] * normal, 0.0)
+        return np.maximum(held * bonded + (1.0 - held) * broken, 0.0)

@@ -1,0 +1,56 @@
+"""Utilisation of bonded joints: 1 at the bonded strength, in shear, torsion and tension."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from dembrick import history
+from dembrick.runs.simulate import simulate
+from dembrick.views.motion.joints import JointMotion
+from helpers.one_joint import A, scene, single
+
+FORCE = single((0.25 * A, 0.0))
+BENDING = (((0.0, 0.0, 0.1), (0.0, 1.0, 0.0), 1.0), ((0.0, 0.0, 0.0), (0.0, -1.0, 0.0), 1.0))
+
+
+def used(path, formulation, jacks, normal=467.0, **law):
+    """V, utilisation and bonded part of the area, in all frames, of a search that is recorded; and its peak."""
+    given = scene(formulation, jacks=jacks, normal=normal)
+    result = simulate(dataclasses.replace(given, joint=dataclasses.replace(given.joint, **law)), path)
+    with history.read(path) as found:
+        motion = JointMotion(found)
+        rows = motion.rows(range(found.n_frames))
+        return found.load[rows], motion.at(range(found.n_frames)).utilisation[:, 0], result.frames["bond"][:, 0]
+
+
+@pytest.mark.parametrize("formulation, limit", [("convex", 649.7841), ("concave", 765.6174), ("corrected-shear", None)])
+def test_a_ductile_joint_at_its_limit(tmp_path, formulation, limit):
+    """On the way the convex joint is at V / V_limit; at the limit all of them are at 1."""
+    V, found, _ = used(tmp_path / "a.h5", formulation, FORCE, cohesion=1e4, residual_cohesion=1e4)
+    assert found[-1] == pytest.approx(1.0, rel=2e-3)
+    if limit is not None:
+        assert V[-1] == pytest.approx(limit, rel=1e-3)
+    if formulation == "convex":
+        np.testing.assert_allclose(found, V / limit, atol=1e-3)
+
+
+def test_a_brittle_joint_before_and_after(tmp_path):
+    """In shear, 898.88 N before, 233.5 N after: it is at its strength in both."""
+    law = {"cohesion": 1e4, "residual_friction": 0.5}
+    V, found, held = used(tmp_path / "b.h5", "convex", single((0.0, 0.0)), **law)
+    whole = held == 1.0
+    np.testing.assert_allclose(found[whole], V[whole] / 898.88, atol=1e-6)
+    assert V[whole].max() > 0.9 * 898.88 and not whole[-1]
+    assert found[-1] == pytest.approx(1.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("formulation, crack", [("convex", 555.667), ("concave", 1667.0)])
+def test_tension_is_used_up_at_the_first_crack(tmp_path, formulation, crack):
+    """(f_t + N / A) W of a linear stress, (f_t A + N) b / 2 of corners, over an arm of 0.1 m."""
+    law = {"cohesion": 2e4, "tensile_strength": 2e4}
+    V, found, held = used(tmp_path / "c.h5", formulation, BENDING, **law)
+    pulls = (held == 1.0) & (found > 1e-3)
+    V_0 = 467.0 * 0.2 / (6.0 if formulation == "convex" else 2.0) / 0.1  # where it begins to pull
+    np.testing.assert_allclose(found[pulls], (V[pulls] - V_0) / (crack - V_0), atol=2e-3)
+    assert found[pulls].max() > 0.8
