@@ -36,9 +36,9 @@ def way(control, friction):
     return simulate(sliding(control, friction)).frames["displacement"][-1, 1]
 
 
-def record(path, **columns):
+def record(path, seconds=1.2, **columns):
     """A CSV of accelerations in g at every millisecond; ``columns``: functions of time."""
-    time = np.arange(0.0, 1.2, 1e-3)
+    time = np.arange(0.0, seconds, 1e-3)
     titles = ", ".join(["time [s]", *(f"{name} [g]" for name in columns)])
     values = np.column_stack([time, *(curve(time) for curve in columns.values())])
     path.write_text(titles + "\n" + "\n".join(", ".join(f"{value:.12g}" for value in row) for row in values) + "\n")
@@ -61,6 +61,39 @@ def test_a_pulse_with_a_vertical_part(tmp_path, vertical, expected):
     assert exact == pytest.approx(expected, rel=1e-6)
     held = 0.5 * beyond * lasts**2 + (beyond * lasts) ** 2 / (2.0 * mu * G)
     assert -way(control, mu)[0] == pytest.approx(held, rel=5e-3)
+
+
+@pytest.mark.parametrize(
+    "sine, cosine, expected",
+    [(0.0, 0.0, -0.0019270), (0.2, 0.0, 0.0918147), (0.0, 0.2, -0.0010574), (-0.2, 0.0, -0.0971288)],
+)
+def test_a_vertical_part_in_phase_makes_a_block_drift(tmp_path, sine, cosine, expected):
+    """.5 g along x at 2 Hz, friction .3, 2 s from rest: numbers of an independent integration, here to 0.3 mm of slides
+    of some 0.1 m."""
+    unit, turn = G / 9.80665, 4.0 * np.pi
+    file = record(
+        tmp_path / "both.csv",
+        2.1,
+        across=lambda t: 0.5 * unit * np.sin(turn * t),
+        up=lambda t: unit * (sine * np.sin(turn * t) + cosine * np.cos(turn * t)),
+    )
+    control = BaseMotionControl(2.0, (X, Z), file=file, columns=("time", "across", "up"))
+    assert way(control, 0.3)[0] == pytest.approx(expected, abs=3e-4)
+
+
+@pytest.mark.parametrize("friction, moves", [(0.431, True), (0.437, False)])
+def test_three_components_move_a_block_beyond_their_threshold(tmp_path, friction, moves):
+    """hypot(a_x, a_y) = mu (g + a_z): (.3, .25, -.1) g at mu = .433903, of g = 9.80665 m/s2 in the record. They grow
+    slowly, so that the springs do not swing."""
+    found = math.hypot(0.3, 0.25) / (G / 9.80665 - 0.1)
+    assert math.hypot(0.3, 0.25) / 0.9 == pytest.approx(0.433903, rel=1e-6)
+    columns = {
+        name: (lambda t, a=a: a * np.minimum(t / 0.3, 1.0)) for name, a in {"a": 0.3, "b": 0.25, "c": -0.1}.items()
+    }
+    file = record(tmp_path / "three.csv", 1.1, **columns)
+    control = BaseMotionControl(1.0, (X, Y, Z), file=file, columns=("time", "a", "b", "c"))
+    slid = np.linalg.norm(way(control, friction * found / (math.hypot(0.3, 0.25) / 0.9))[:2])
+    assert (slid > 1e-3) == moves and (slid < 1e-5) != moves
 
 
 def test_three_components_pull_along_their_sum(tmp_path):

@@ -7,6 +7,7 @@ import pytest
 from dembrick.runs.limit import reaction
 from dembrick.scenario.blocks import Block
 from dembrick.scenario.controls import DynamicControl
+from dembrick.scenario.generators import Arch, Wall
 from dembrick.scenario.model import Scenario
 from helpers import pushed_assemblies as scenes
 from helpers.pushed_assemblies import law
@@ -28,6 +29,38 @@ def test_the_thrust_of_an_arch(formulation, friction, greatest):
 def test_a_springing_that_sinks():
     found = reaction(scenes.arch(law(friction=0.7), (1.0, 0.0, 0.0)), "arch.right", (0.0, 0.0, 1.0))
     assert found.least.value == pytest.approx(6565.6696, rel=1e-7)
+
+
+@pytest.mark.parametrize(
+    "stones, angle, thrust, greatest", [(21, 180.0, 2113.66950, 3526.49507), (21, 140.0, 2122.77539, None)]
+)
+def test_the_thrust_of_other_arches(stones, angle, thrust, greatest):
+    """With a key stone, whose two sides are hinges; and of 140 deg."""
+    arch = Arch("arch", "stone", 1.5, 0.3, 0.5, stones, angle)
+    given = Scenario("arch", scenes.GRAVITY, law(friction=0.7), scenes.STONE, (), DynamicControl(1.0), arches=(arch,))
+    found = reaction(given, "arch.right", (-1.0, 0.0, 0.0))
+    assert found.least.value == pytest.approx(thrust, rel=1e-6)
+    if greatest is not None:
+        assert found.greatest.value == pytest.approx(greatest, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    "courses, blocks, bounds",
+    [(6, 6, {0.5: 2636.93, 0.64: 2338.37, 0.8: 2071.39}), (4, 4, {0.5: 1255.68, 0.64: 1113.51, 0.8: 969.59})],
+)
+def test_bricks_on_a_slab_that_sinks(courses, blocks, bounds):
+    """Running bond on two slabs that meet in its middle: the least reaction of one of them."""
+    middle = 0.2 * blocks
+    slabs = tuple(
+        Block(name, "stone", (middle + 0.4, 0.6, 0.2), (x, 0.0, -0.1), fixed=True)
+        for name, x in (("left", 0.5 * middle - 0.2), ("right", 1.5 * middle + 0.2))
+    )
+    wall = Wall("wall", "stone", (0.4, 0.2, 0.2), courses, blocks, ends="half", position=(0.0, 0.0, 0.0))
+    for friction, bound in bounds.items():
+        given = Scenario(
+            "bond", scenes.GRAVITY, law(friction=friction), scenes.STONE, slabs, DynamicControl(1.0), walls=(wall,)
+        )
+        assert reaction(given, "right", (0.0, 0.0, 1.0)).least.value == pytest.approx(bound, rel=1e-5)
 
 
 def beam_on_three(width=0.2) -> Scenario:

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from dembrick.runs.simulate import simulate
-from dembrick.scenario.controls import StaticsControl
-from dembrick.scenario.model import Output
+from dembrick.scenario.controls import PushoverControl, StaticsControl
+from dembrick.scenario.model import Block, JointLaw, Material, Output, Scenario
 from helpers.one_joint import A, B, N, scene, single
 
 _FILE = Path(__file__).resolve().parents[2] / "tools" / "drawn_bonds.py"
@@ -144,6 +144,46 @@ def test_toe_crushing(formulation, crushing, moment):
     point = found(formulation, {"compressive_strength": crushing}, BENDING).yield_point
     assert 0.1 * point.V == pytest.approx(moment, rel=1e-3)
     assert 0.1 * point.V_lower <= moment * (1 + 1e-5) and moment * (1 - 1e-5) <= 0.1 * point.V_upper
+
+
+@pytest.mark.parametrize("rows, tension, moment", [(4, 2e4, 69.4583), (8, 2e4, 62.5125), (8, 1e4, 40.8625)])
+def test_rows_of_points_crack_one_after_another(rows, tension, moment):
+    """The first crack is at (f_t A + N)(b / 6)(1 + 1 / m); with 10 kPa it comes at 40.0125, and the rocking limit
+    N (b / 2)(1 - 1 / m) after it is more."""
+    law = STRONG | {"tensile_strength": tension}
+    point = found("distributed", law, BENDING, points=(2, rows)).yield_point
+    crack = (tension * 0.06 + N) * B / 6.0 * (1.0 + 1.0 / rows)
+    assert max(crack, N * B / 2.0 * (1.0 - 1.0 / rows)) == pytest.approx(moment, rel=2e-6)
+    assert 0.1 * point.V == pytest.approx(moment, rel=1e-3)
+
+
+@pytest.mark.parametrize("points", [(6, 4), (12, 8)])
+def test_torsion_breaks_distributed_points_from_the_corners_on(points):
+    """(c A + mu N) times the mean square distance over that of the farthest point: 54.016 N m of fine points."""
+    n, m = points
+    farthest = np.hypot(A * (1.0 - 1.0 / n), B * (1.0 - 1.0 / m)) / 2.0
+    mean = (A**2 * (1.0 - 1.0 / n**2) + B**2 * (1.0 - 1.0 / m**2)) / 12.0
+    point = found("distributed", C, TORSION, points=points).yield_point
+    assert 0.2 * point.V == pytest.approx(898.88 * mean / farthest, rel=1e-3)
+    assert 898.88 * np.hypot(A, B) / 6.0 == pytest.approx(54.0160, rel=1e-6)
+
+
+def wall(height, control, density=2000.0) -> Scenario:
+    """A block 0.2 m thick on a floor, whose joint crushes at 200 kPa."""
+    law = JointLaw("convex", 0.9, 1e11, 4e10, compressive_strength=2e5)
+    blocks = (
+        Block("floor", "stone", (2.0, 2.0, 0.2), (0.0, 0.0, -0.1), fixed=True),
+        Block("wall", "stone", (0.2, 0.5, height), (0.0, 0.0, 0.5 * height)),
+    )
+    return Scenario("wall", (0.0, 0.0, -9.81), law, {"stone": Material(density)}, blocks, control)
+
+
+def test_a_wall_stands_on_a_toe_that_crushes():
+    """lambda = (b / H)(1 - rho g H / f_c) = .180380; H_max = f_c / (rho g) = 10.1937 m."""
+    point = simulate(wall(1.0, PushoverControl((1.0, 0.0, 0.0))), record=False).yield_point
+    assert point.V == pytest.approx(0.180380, rel=1e-3)
+    assert simulate(wall(10.18, StaticsControl()), record=False).status == "stands"
+    assert simulate(wall(10.21, StaticsControl()), record=False).status == "falls"
 
 
 @pytest.mark.parametrize("formulation", ["concave", "convex"])

@@ -98,6 +98,12 @@ def test_a_push_of_a_tied_arch_stays_below_its_limit_analysis_and_above_no_tie()
     assert strong.as_dict()["ties"][0]["tension"] == pytest.approx(2205.98, rel=1e-3)
 
 
+def test_more_prestress_than_needed_is_not_more_strength():
+    """A cable so soft that it holds 4000 N whatever the arch does: .3399844, below .3938275."""
+    found = simulate(arch(4, prestress=4000.0, stiffness=1.0), record=False)
+    assert found.yield_point.V == pytest.approx(0.3399844, rel=1e-3)
+
+
 @pytest.mark.parametrize("formulation", ["convex", "concave"])
 def test_prestress_across_a_bed_adds_to_its_friction(formulation):
     """V = mu (N + T); the joint is compressed by the tie, which costs it k times that."""
