@@ -18,7 +18,7 @@ from dembrick.errors import ScenarioError
 from dembrick.geometry import polygons
 from dembrick.geometry.shapes import Shape
 from dembrick.scenario.checks import show
-from dembrick.scenario.controls import DEAD_LOAD, LIMIT_LOAD, PATH_FOLLOWING, BaseMotionControl
+from dembrick.scenario.controls import CONSTANT_RATE, DEAD_LOAD, LIMIT_LOAD, PATH_FOLLOWING, BaseMotionControl
 from dembrick.scenario.model import Scenario
 from dembrick.scenario.unit_slips import unit_slips
 
@@ -145,12 +145,12 @@ def check_strengths(scenario: Scenario, joints: JointTable) -> tuple[str, ...]:
                 f"only grow, and control.kind = {show(scenario.control.kind)} lets them come back: use formulation = "
                 '"distributed", whose points remember how far they were crushed',
             )
-        if law.dilation > 0.0 and scenario.control.regime not in _MONOTONE:
+        if law.dilation > 0.0 and scenario.control.regime not in (*_MONOTONE, CONSTANT_RATE):
             refuse(
                 scenario,
-                f"joint.dilation = {law.dilation:g} is followed from equilibrium to equilibrium, and control.kind = "
-                f"{show(scenario.control.kind)} lives through time, where a joint that lifts as it slides sets its "
-                "block ringing: leave dilation out, or use a search (yield, tilt or pushover with quasi_static = true)",
+                f"joint.dilation = {law.dilation:g} lifts a block as it slides, and control.kind = "
+                f"{show(scenario.control.kind)} has no dashpot that would keep it from ringing: leave dilation out, or "
+                "use a search (yield, tilt or pushover with quasi_static = true) or a test at constant rate",
             )
     if any(law.bonded and law.cohesion > 0.0 and law.residual_cohesion is None for law in laws):
         warnings.append(

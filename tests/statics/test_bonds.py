@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from dembrick.runs.simulate import simulate
-from dembrick.scenario.controls import PushoverControl, StaticsControl
+from dembrick.scenario.controls import DisplacementControl, PushoverControl, StaticsControl
 from dembrick.scenario.model import Block, JointLaw, Material, Output, Scenario
+from dembrick.scenario.ties import Tie, TieEnd
 from helpers.one_joint import A, B, N, scene, single
 
 _FILE = Path(__file__).resolve().parents[2] / "tools" / "drawn_bonds.py"
@@ -146,26 +147,46 @@ def test_toe_crushing(formulation, crushing, moment):
     assert 0.1 * point.V_lower <= moment * (1 + 1e-5) and moment * (1 - 1e-5) <= 0.1 * point.V_upper
 
 
-@pytest.mark.parametrize("rows, tension, moment", [(4, 2e4, 69.4583), (8, 2e4, 62.5125), (8, 1e4, 40.8625)])
+def cells(n, m):
+    """Places (n m, 2) and areas of n x m equal cells of the joint."""
+    x, y = (np.arange(n) + 0.5) / n - 0.5, (np.arange(m) + 0.5) / m - 0.5
+    places = np.stack(np.meshgrid(A * x, B * y), axis=-1).reshape(-1, 2)
+    return places, np.full(n * m, A * B / (n * m))
+
+
+def placed(law, jacks, points):
+    """V of a distributed joint, and the places and areas of its points."""
+    result = found("distributed", law, jacks, points=points)
+    (own,) = result.assembly.contact_points
+    return result.yield_point.V, own.normal_arm, own.area
+
+
+def cracks(places, areas, tension):
+    """M of the first crack, and of rocking about the last row (N m)."""
+    farthest = np.abs(places[:, 1]).max()
+    first = (tension + N / areas.sum()) * (areas * places[:, 1] ** 2).sum() / farthest
+    return first, N * farthest
+
+
+@pytest.mark.parametrize("rows, tension, moment", [(4, 2e4, 69.4583), (8, 2e4, 62.5125)])
 def test_rows_of_points_crack_one_after_another(rows, tension, moment):
-    """The first crack is at (f_t A + N)(b / 6)(1 + 1 / m); with 10 kPa it comes at 40.0125, and the rocking limit
-    N (b / 2)(1 - 1 / m) after it is more."""
-    law = STRONG | {"tensile_strength": tension}
-    point = found("distributed", law, BENDING, points=(2, rows)).yield_point
-    crack = (tension * 0.06 + N) * B / 6.0 * (1.0 + 1.0 / rows)
-    assert max(crack, N * B / 2.0 * (1.0 - 1.0 / rows)) == pytest.approx(moment, rel=2e-6)
-    assert 0.1 * point.V == pytest.approx(moment, rel=1e-3)
+    """The first crack is at (f_t A + N)(b / 6)(1 + 1 / m) of equal rows; here of the rows that the program places."""
+    assert max(cracks(*cells(2, rows), tension)) == pytest.approx(moment, rel=2e-6)
+    V, *points = placed(STRONG | {"tensile_strength": tension}, BENDING, (2, rows))
+    assert 0.1 * V == pytest.approx(max(cracks(*points, tension)), rel=1e-3)
 
 
-@pytest.mark.parametrize("points", [(6, 4), (12, 8)])
-def test_torsion_breaks_distributed_points_from_the_corners_on(points):
-    """(c A + mu N) times the mean square distance over that of the farthest point: 54.016 N m of fine points."""
-    n, m = points
-    farthest = np.hypot(A * (1.0 - 1.0 / n), B * (1.0 - 1.0 / m)) / 2.0
-    mean = (A**2 * (1.0 - 1.0 / n**2) + B**2 * (1.0 - 1.0 / m**2)) / 12.0
-    point = found("distributed", C, TORSION, points=points).yield_point
-    assert 0.2 * point.V == pytest.approx(898.88 * mean / farthest, rel=1e-3)
-    assert 898.88 * np.hypot(A, B) / 6.0 == pytest.approx(54.0160, rel=1e-6)
+def breaks(places, areas):
+    """M_T (N m) at which the farthest point slips by the elastic forces, the others held."""
+    square = (places**2).sum(axis=1)
+    return 898.88 / areas.sum() * (areas * square).sum() / np.sqrt(square.max())
+
+
+def test_torsion_breaks_distributed_points_from_the_corners_on():
+    """Fine points begin at (c A + mu N) hypot(a, b) / 6 = 54.016 N m, .62 of M_T0."""
+    assert breaks(*cells(300, 200)) == pytest.approx(54.0160, rel=5e-3)
+    V, *own = placed(C, TORSION, (6, 4))
+    assert 0.2 * V == pytest.approx(breaks(*own), rel=1e-3)
 
 
 def wall(height, control, density=2000.0) -> Scenario:
@@ -228,8 +249,6 @@ def test_drawn_bonds_lie_in_their_brackets():
 
 def test_a_constant_rate_test_meets_the_peak_and_the_residual():
     """Physical inertia, the same law: the peak within 0.5 %, then what is left, and the energy balance closes."""
-    from dembrick.scenario.controls import DisplacementControl
-
     given = scene("concave", jacks=SHEAR)
     law = dataclasses.replace(given.joint, cohesion=1e4, residual_friction=0.5)
     control = DisplacementControl(rate=3e-4, travel=2e-5)
@@ -241,3 +260,28 @@ def test_a_constant_rate_test_meets_the_peak_and_the_residual():
     assert energy["fracture"] == pytest.approx(1.56971e-3, rel=1e-2)
     assert abs(result.energy.relative_residual) < 1e-6
     assert B == 0.2
+
+
+def test_dilation_against_a_spring_grows_with_the_slip():
+    """N(s) = N + K' tan psi s, 1 / K' = 1 / K + 1 / (k_n A); V = mu N(s); rise = tan psi s - (N(s) - N) / (k_n A)."""
+    given, K = scene("concave", jacks=SHEAR), 1e6
+    cap = Block("cap", "stone", (A, B, 0.1), (0.0, 0.0, 100.05), fixed=True)
+    ends = TieEnd("upper", (0.0, 0.0, 0.1)), TieEnd("cap", (0.0, 0.0, 100.0))
+    bar = Tie(ends, K, prestress=-K * N / (1e10 * A * B), tension_only=False)  # nothing as the block has settled
+    given = dataclasses.replace(
+        given,
+        joint=dataclasses.replace(given.joint, dilation=0.2),
+        blocks=(*given.blocks, cap),
+        ties=(bar,),
+        control=DisplacementControl(rate=5e-3, travel=1.1e-3),
+        output=Output(rows=400),
+    )
+    result = simulate(given)
+    rows = result.rows
+    slip = rows["joint"][:, 0, 6]
+    at = {"N": rows["joint"][:, 0, 0], "V": rows["load"], "rise": -rows["tension"][:, 0] / K}
+    at = {name: float(np.interp(1e-3, slip, values)) for name, values in at.items()}
+    assert at["N"] == pytest.approx(666.6672, rel=1e-5)
+    assert at["V"] == pytest.approx(426.66702, rel=1e-3)
+    assert at["rise"] == pytest.approx(0.1996672e-3, rel=1e-4)
+    assert abs(result.energy.relative_residual) < 1e-8
