@@ -62,6 +62,33 @@ def test_residual_friction_in_real_time():
     assert simulate(longer).rows["displacement"][-1] == pytest.approx(slip, rel=5e-3)
 
 
+WALL = """
+[[walls]]
+name = "wall"
+material = "stone"
+block = [0.3, 0.2, 0.1]
+courses = 3
+blocks = 3
+ends = "half"
+position = [0.0, 0.0, 0.0]
+"""
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+def test_a_mortar_without_strength_is_the_dry_wall_bit_for_bit(formulation):
+    """Shaken until it slides: f_t = c = 0 is the same law, kernel and memory."""
+    mortar = "cohesion = 0.0\ntensile_strength = 0.0\nresidual_cohesion = 0.0\nresidual_friction = 0.2\ndilation = 0.0"
+    floor = block("base", (0.5, 0.0, -0.05), (2.0, 1.0, 0.1), "fixed = true")
+    control = CONTROL.format(shake=PULSE).replace("duration = 0.5", "duration = 0.05")
+    wet, dry = (
+        simulate(toml.loads(header(formulation, 0.2, keys=keys) + floor + WALL + control)) for keys in (mortar, "")
+    )
+    assert dry.rows["displacement"][-1] > 1e-3
+    for name in ("displacement", "load", "joint", "reaction"):
+        np.testing.assert_array_equal(wet.rows[name], dry.rows[name])
+    np.testing.assert_array_equal(wet.frames["orientation"], dry.frames["orientation"])
+
+
 def test_what_breaks_and_crushes_is_restarted_to_the_last_bit(tmp_path):
     """A run of points that break and crush goes on from its checkpoint as if it had never stopped."""
     from dembrick.simulation import interrupts
