@@ -209,15 +209,6 @@ class ReactionResult:
             "wall": self.wall,
         }
 
-    def _ties(self) -> list[dict]:
-        """The tension (N) of every tie in the limit state."""
-        ties, names = self.assembly.ties, self.assembly.names
-        if not len(ties) or self.limit.forces is None:
-            return []
-        tension = self.limit.forces.tension.tolist()
-        pairs = zip(ties.block_a, ties.block_b, tension, strict=True)
-        return [{"between": [names[a], names[b]], "tension": T} for a, b, T in pairs]
-
     def text(self) -> str:
         """What the command line prints."""
         lines = [self.scenario.title, f"reaction      of {self.support} along {self.direction} on the other blocks"]
