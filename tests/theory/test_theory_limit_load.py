@@ -10,7 +10,7 @@ from dembrick.errors import ScenarioError
 from dembrick.theory import convex, equations, formulation_law, gauge, limit_load, limit_loads, points, torsion_strength
 from dembrick.theory.formulations import pressure_plane, rectangle_formulation, spring_forces
 from dembrick.theory.limit_load import _kinks, _minimise, _Problem
-from dembrick.theory.overturning import _closed_until
+from dembrick.theory.overturning import closed_until
 from dembrick.theory.polygons import centroid, rectangle
 
 A, B, FRICTION, NORMAL = 0.3, 0.2, 0.64, 467.0
@@ -250,7 +250,7 @@ def test_a_joint_is_closed_as_far_as_a_linear_pressure_presses_all_of_it(name):
     """Up to that load the limit is concave in it, and needs no search for its first crossing."""
     joint = rectangle_formulation(name, 0.3, 0.2, 0.64, pressure="linear" if name == "convex" else "full", cells=(6, 4))
     lever, start = np.array([0.02, 0.05]), np.array([0.01, -0.005])
-    V = _closed_until(joint, 467.0, start, lever)
+    V = closed_until(joint, 467.0, start, lever)
     for share, closed in ((0.999, True), (1.001, False)):
         centre = start + share * V / 467.0 * lever
         if joint.parts is None:
@@ -259,4 +259,4 @@ def test_a_joint_is_closed_as_far_as_a_linear_pressure_presses_all_of_it(name):
             level, slope = pressure_plane(joint.parts, 467.0, centre)
             pressed = np.maximum(level + (joint.parts[0] - centre) @ slope, 0.0)
         assert bool((pressed > 0.0).all()) == closed
-    assert _closed_until(joint, 467.0, np.array([0.14, 0.09]), lever) == 0.0
+    assert closed_until(joint, 467.0, np.array([0.14, 0.09]), lever) == 0.0
