@@ -24,7 +24,7 @@ def beam(sinks, formulation, bond=500.0, **law) -> Scenario:
         blocks.append(Block(name, "stone", box=(width, depth, 0.2), position=(x, 0.0, -0.1), fixed=True))
     own = {"cohesion": bond / area, "tensile_strength": bond / area} if bond else {}
     law = JointLaw(formulation, 0.6, K / area, 0.4 * K / area, **own, **law)
-    control = SettlementControl(("middle",), (0.0, 0.0, -sinks))
+    control = SettlementControl(("middle",), (0.0, 0.0, -sinks), tolerance=1e-3)
     return Scenario("beam", (0.0, 0.0, -G), law, STONE, tuple(blocks), control, output=Output(("frames",)))
 
 
@@ -41,7 +41,7 @@ def test_a_bonded_beam_hangs_its_middle_support_until_the_bond_breaks(formulatio
         assert middle == pytest.approx(W / 3.0 - 2.0 * K * s / 3.0 if held else 0.0, abs=1e-4 * W), s
         assert left == pytest.approx(right, abs=1e-4 * W)
         assert abs(load) == pytest.approx(abs(middle), abs=1e-9)
-    assert rows["reaction"][:, 1, 2].min() < -480.0  # of 500 N, to the next equilibrium on the way
+    assert rows["reaction"][:, 1, 2].min() == pytest.approx(-500.0, rel=5e-3)
     assert bonded[0].tolist() == [1.0, 1.0, 1.0] and bonded[-1].tolist() == [1.0, 0.0, 1.0]
     assert result.reactions["left"][2] == pytest.approx(0.5 * W, rel=1e-4)
 
@@ -58,12 +58,12 @@ def turning(angle):
     return SettlementControl(("floor",), rotation=Turn((0.0, 1.0, 0.0), angle, (0.0, 0.0, 0.0)), tolerance=1e-3)
 
 
-@pytest.mark.parametrize("formulation, lever", [("concave", 0.5)])
+@pytest.mark.parametrize("formulation, lever", [("convex", 1.0 / 6.0), ("concave", 0.5)])
 def test_a_bonded_block_on_a_floor_that_turns(formulation, lever):
     """It overturns as its bond tears: W h sin th = (f_t A + W cos th) b / 6 of a linear stress, b / 2 of corners."""
-    f_t, b, h, A = 6e3 if formulation == "concave" else 4e4, 0.2, 0.5, 0.08
+    f_t, b, h, A = 6e3 if formulation == "concave" else 8e4, 0.2, 0.5, 0.08
     weight = 2000.0 * A * 2.0 * h * G
-    law = {"cohesion": f_t, "tensile_strength": f_t}
+    law = {"cohesion": 1e6, "tensile_strength": f_t}
     result = simulate(tower(formulation, turning(60.0), friction=1.0, **law))
     low, high = 0.0, 1.5
     for _ in range(60):
@@ -77,17 +77,19 @@ def test_a_bonded_block_on_a_floor_that_turns(formulation, lever):
 
 @pytest.mark.parametrize("formulation", ["convex", "concave"])
 def test_a_bonded_block_that_would_slide(formulation):
-    """c A + mu W cos th = W sin th."""
+    """c A + mu W cos th = W sin th; at corners the upper pair goes first, by the elastic forces: its N is less by
+    W sin th h / b."""
     A, weight = 0.08, 2000.0 * 0.08 * 0.4 * G
     floor = Block("floor", "stone", (1.0, 1.0, 0.2), (0.0, 0.0, -0.1), fixed=True)
     block = Block("block", "stone", (0.4, 0.2, 0.4), (0.0, 0.0, 0.2))
-    law = JointLaw(formulation, 0.2, 1e10, 4e9, cohesion=1e3)
+    law = JointLaw(formulation, 0.2, 1e10, 4e9, cohesion=1e3, tensile_strength=3e3)
     control = turning(40.0)
     result = simulate(Scenario("slide", (0.0, 0.0, -G), law, STONE, (floor, block), control, output=Output(())))
     low, high = 0.0, 1.0
     for _ in range(60):
         th = 0.5 * (low + high)
-        slides = weight * math.sin(th) > 1e3 * A + 0.2 * weight * math.cos(th)
+        less = 0.0 if formulation == "convex" else 2.0 * weight * math.sin(th) * 0.2 / 0.4
+        slides = weight * math.sin(th) > 1e3 * A + 0.2 * (weight * math.cos(th) - less)
         low, high = (low, th) if slides else (th, high)
     assert result.status == "collapse" and result.collapse["mechanism"] == "sliding"
     assert result.collapse["settlement"] / math.hypot(0.5, 0.2) == pytest.approx(low, rel=3e-3)

@@ -5,6 +5,9 @@ dynamic relaxation with local damping. Finite rotations, joints that open and sl
 are those of a run in real time. Where the blocks come down instead, the structure goes back to its last equilibrium and
 tries again so slowly that inertia does not count, then by half the step, until the settlement at which it falls is
 known to the tolerance.
+
+Bonds hold until the blocks rest; those that bear too much then break, and the blocks come to rest again. So no swing
+breaks a bond, and the settlement at which bonds break is known to the tolerance too.
 """
 
 from __future__ import annotations
@@ -22,6 +25,7 @@ from dembrick.scenario.model import Output
 from dembrick.scenario.regimes import COLLAPSE, COMPLETED, Control
 from dembrick.simulation import interrupts
 from dembrick.simulation.channels import bytes_of, recorded
+from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.checkpoint import Past
 from dembrick.simulation.dynamics.dead_load import CHUNK, LOCAL_DAMPING, STEP, find_equilibrium, unbalanced
 from dembrick.simulation.dynamics.integrator import LONGEST_MOVE, NO_LIMIT, Motion, advance
@@ -88,7 +92,8 @@ class Settlement:
     """The way of the supports, from equilibrium to equilibrium.
 
     ``share``: how much of it they have gone, and ``failed``: at which share the blocks came down (infinite: not yet)
-    although they were moved with all care (``careful``).
+    although they were moved with all care (``careful``); ``broken``: at which share bonds were seen to break (infinite:
+    at none to come).
     """
 
     def __init__(self, moving: Motion, control: Control, driving: Driving, session: Session, refine: float = 1.0):
@@ -97,6 +102,7 @@ class Settlement:
         self.supports = driving.supports
         self.shares = shares(WITHIN * moving.smallest / self.supports.length, refine)
         self.share, self.failed, self.equilibria, self.careful = 0.0, math.inf, 0, False
+        self.broken, self.bonds = math.inf, joint_families.bonded(moving.state)
         self.path: list[tuple[float, float, float]] = []
         self.collapse: dict | None = None
         self.limits = Limits(NO_LIMIT, LONGEST_MOVE * moving.smallest)
@@ -135,10 +141,20 @@ class Settlement:
         """Take the supports to a share of their way and let the blocks come to rest: the out-of-balance over the joint
         forces; None where they come down."""
         driving, steps = self._moving(self.share, share)
-        before, still = self.moving.state.bodies.position.copy(), self._at(share)
+        before, bonded = self.moving.state.bodies.position.copy(), joint_families.has_strengths(self.moving.state)
+        joint_families.hold_bonds(self.moving.state, bonded)
+        self._advance(driving, steps)
+        ratio = self._rest(share, before)
+        if not bonded or ratio is None:
+            return ratio
+        joint_families.hold_bonds(self.moving.state, False)
+        return self._rest(share, before)
+
+    def _rest(self, share: float, before: np.ndarray) -> float | None:
+        """Let the blocks come to rest, which were at ``before`` (n, 3) at the last equilibrium; as `_go`."""
+        still = self._at(share)
         free = ~np.asarray(self.moving.assembly.fixed)
         least = np.array([float(np.ptp(shape.vertices, axis=0).min()) for shape in self.moving.assembly.shapes])
-        self._advance(driving, steps)
         arrived, balanced, middle = self.moving.state.bodies.position.copy(), 0, 0.0
         for chunk in range(MOST_STEPS // CHUNK):
             self._advance(still, CHUNK)
@@ -175,11 +191,19 @@ class Settlement:
         moving.phases["seating"], moving.loop_seconds = moving.loop_seconds, 0.0
         past.at_rest[:] = seen(moving.state.bodies, moving.state.links)
         self._advance(self._at(0.0), CHUNK)
-        self._note(0.0, float(past.unbalanced[0]))
+        ratio = float(past.unbalanced[0])
+        if joint_families.has_strengths(moving.state):  # what the dead loads break, breaks now
+            ratio = self._rest(0.0, moving.state.bodies.position.copy())
+            if ratio is None:
+                raise NotConvergedError(
+                    "no equilibrium under the dead loads: blocks come down as bonds break, before the supports move; "
+                    "check loads, supports and the strengths of the joints"
+                )
+        self._note(0.0, ratio)
 
     def _note(self, share: float, ratio: float) -> None:
         """Keep an equilibrium and record it."""
-        self.share = share
+        self.share, self.bonds = share, joint_families.bonded(self.moving.state).copy()
         self.past.extremes.note(self.moving)
         self.recorder.driving = self._at(share)
         self.reaction = self.moving.reactions
@@ -194,6 +218,9 @@ class Settlement:
         if self.failed < math.inf:
             close = self.failed - self.share <= self.control.tolerance * self.failed
             return None if close else 0.5 * (self.share + self.failed)
+        if self.broken < math.inf:
+            close = self.broken - self.share <= self.control.tolerance * self.broken
+            return self.broken if close else 0.5 * (self.share + self.broken)
         return next((share for share in self.shares if share > self.share * (1.0 + 1e-12)), None)
 
     def run(self) -> None:
@@ -208,6 +235,13 @@ class Settlement:
                 self.session.pause(self)
                 ratio = self._go(share)
                 if ratio is not None:
+                    broke = (joint_families.bonded(self.moving.state) < self.bonds).any()
+                    if broke and share < self.broken and share - self.share > self.control.tolerance * share:
+                        self.broken = share  # from nearby: which bonds break first
+                        self._go_back()
+                        continue
+                    if broke or share >= self.broken:
+                        self.broken = math.inf
                     self.failed = math.inf if last else self.failed
                     self._note(share, ratio)
                     continue
@@ -274,7 +308,7 @@ class Settlement:
     def _own(self) -> dict[str, np.ndarray]:
         path = np.zeros((len(self.shares) + 200, 3))
         path[: len(self.path)] = np.array(self.path).reshape(-1, 3)
-        numbers = np.array([self.share, min(self.failed, 2.0), self.equilibria, self.careful])
+        numbers = np.array([self.share, min(self.failed, 2.0), min(self.broken, 2.0), self.equilibria, self.careful])
         return {SNAPSHOT: numbers, f"{SNAPSHOT}.path": path, f"{SNAPSHOT}.reaction": self.reaction}
 
     def snapshot(self) -> dict[str, np.ndarray]:
@@ -284,8 +318,9 @@ class Settlement:
     def _restore(self, snapshot: Snapshot) -> None:
         self.reaction = np.zeros_like(self.moving.reactions)
         shapes = self._own()
-        self.share, failed, count, careful = snapshot.array(SNAPSHOT, shapes[SNAPSHOT]).tolist()
-        self.failed = math.inf if failed >= 2.0 else failed
+        self.share, failed, broken, count, careful = snapshot.array(SNAPSHOT, shapes[SNAPSHOT]).tolist()
+        self.failed, self.broken = (math.inf if share >= 2.0 else share for share in (failed, broken))
+        self.bonds = joint_families.bonded(self.moving.state).copy()
         if not (0.0 <= self.share <= 1.0 and count.is_integer() and 1 <= count <= len(shapes[f"{SNAPSHOT}.path"])):
             raise HistoryError(f"{snapshot.path}: this checkpoint is of no step of this run")
         self.equilibria, self.careful = int(count), bool(careful)
