@@ -53,7 +53,7 @@ def test_a_settlement_goes_on_where_it_was_stopped(tmp_path, stop_after, monkeyp
         check_same(tmp_path / "whole.h5", path)
 
 
-@pytest.mark.parametrize("numbers", [(2.0, 2.0, 3.0, 0.0), (0.5, 2.0, 0.0, 0.0), (0.5, 2.0, 1.5, 0.0)])
+@pytest.mark.parametrize("numbers", [(2.0, 2.0, 2.0, 3.0, 0.0), (0.5, 2.0, 2.0, 0.0, 0.0), (0.5, 2.0, 2.0, 1.5, 0.0)])
 def test_a_checkpoint_of_no_equilibrium_is_refused(tmp_path, stop_after, numbers):
     path = tmp_path / "run.h5"
     stop_after(40)

@@ -48,6 +48,8 @@ BALANCED = 1e-6  # out-of-balance force over joint forces at which the blocks re
 MOST_STEPS = 200_000  # of a relaxation
 DRIFTING = 1.5  # how much further blocks are at its end than at its middle if they go on and do not swing
 DROPPED = 0.5  # of a block's least dimension: one that has moved so far since the last equilibrium has come down
+SPARE = 200  # equilibria for which there is room beside those asked for, and on the way to breaking bonds:
+BREAKS = 64  # of each joint
 SNAPSHOT = "settlement"  # what a checkpoint of it has, and no other
 
 
@@ -103,6 +105,8 @@ class Settlement:
         self.shares = shares(WITHIN * moving.smallest / self.supports.length, refine)
         self.share, self.failed, self.equilibria, self.careful = 0.0, math.inf, 0, False
         self.broken, self.bonds = math.inf, joint_families.bonded(moving.state)
+        self.bonded = joint_families.has_strengths(moving.state)
+        self.room = len(self.shares) + SPARE + (BREAKS * len(moving.state.links.host) if self.bonded else 0)
         self.path: list[tuple[float, float, float]] = []
         self.collapse: dict | None = None
         self.limits = Limits(NO_LIMIT, LONGEST_MOVE * moving.smallest)
@@ -141,11 +145,11 @@ class Settlement:
         """Take the supports to a share of their way and let the blocks come to rest: the out-of-balance over the joint
         forces; None where they come down."""
         driving, steps = self._moving(self.share, share)
-        before, bonded = self.moving.state.bodies.position.copy(), joint_families.has_strengths(self.moving.state)
-        joint_families.hold_bonds(self.moving.state, bonded)
+        before = self.moving.state.bodies.position.copy()
+        joint_families.hold_bonds(self.moving.state, self.bonded)
         self._advance(driving, steps)
         ratio = self._rest(share, before)
-        if not bonded or ratio is None:
+        if not self.bonded or ratio is None:
             return ratio
         joint_families.hold_bonds(self.moving.state, False)
         return self._rest(share, before)
@@ -192,7 +196,7 @@ class Settlement:
         past.at_rest[:] = seen(moving.state.bodies, moving.state.links)
         self._advance(self._at(0.0), CHUNK)
         ratio = float(past.unbalanced[0])
-        if joint_families.has_strengths(moving.state):  # what the dead loads break, breaks now
+        if self.bonded:  # what the dead loads break, breaks now
             ratio = self._rest(0.0, moving.state.bodies.position.copy())
             if ratio is None:
                 raise NotConvergedError(
@@ -236,7 +240,8 @@ class Settlement:
                 ratio = self._go(share)
                 if ratio is not None:
                     broke = (joint_families.bonded(self.moving.state) < self.bonds).any()
-                    if broke and share < self.broken and share - self.share > self.control.tolerance * share:
+                    far = share - self.share > self.control.tolerance * share and self.equilibria < self.room - SPARE
+                    if broke and far and share < self.broken:
                         self.broken = share  # from nearby: which bonds break first
                         self._go_back()
                         continue
@@ -306,7 +311,7 @@ class Settlement:
         return Progress("equilibrium", self.equilibria, HALVINGS + len(self.shares), None, True)
 
     def _own(self) -> dict[str, np.ndarray]:
-        path = np.zeros((len(self.shares) + 200, 3))
+        path = np.zeros((self.room, 3))
         path[: len(self.path)] = np.array(self.path).reshape(-1, 3)
         numbers = np.array([self.share, min(self.failed, 2.0), min(self.broken, 2.0), self.equilibria, self.careful])
         return {SNAPSHOT: numbers, f"{SNAPSHOT}.path": path, f"{SNAPSHOT}.reaction": self.reaction}
