@@ -199,12 +199,12 @@ def test_a_block_on_a_floor_that_turns(friction, falls):
 
 
 def test_an_arch_that_spreads_too_far():
-    """At .458035 m the thrust reaches the outer edges of both springings; up to nine tenths of that it follows three
-    rigid hinges. Steps far apart, and a coarse tolerance."""
+    """At .458035 m the thrust reaches the outer edges of both springings; on the way it follows three rigid hinges, less
+    closely (.33 %) once hinges have turned so far that new contacts carry them. Steps far apart, a coarse tolerance."""
     control = SettlementControl(("arch.right",), (0.5, 0.0, 0.0), tolerance=1e-2)
     result = simulate(arch(control))
     for x, thrust in FURTHER.items():
-        assert np.interp(x, *result.run.path[:, :2].T) == pytest.approx(thrust, rel=3e-3)
+        assert np.interp(x, *result.run.path[:, :2].T) == pytest.approx(thrust, rel=5e-4 if x < 0.35 else 4e-3)
     assert result.status == "collapse"
     assert result.collapse["settlement"] == pytest.approx(0.458035, rel=1e-2)
     hinges = {name.split(" / ")[0] for name in result.collapse["hinges"]}
