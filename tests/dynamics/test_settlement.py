@@ -199,8 +199,8 @@ def test_a_block_on_a_floor_that_turns(friction, falls):
 
 
 def test_an_arch_that_spreads_too_far():
-    """At .458035 m the thrust reaches the outer edges of both springings; on the way it follows three rigid hinges, less
-    closely (.33 %) once hinges have turned so far that new contacts carry them. Steps far apart, a coarse tolerance."""
+    """At .458035 m the thrust reaches the outer edges of both springings; on the way it follows three rigid hinges, to
+    .34 % once hinges have turned so far that new contacts carry them. Steps far apart, and a coarse tolerance."""
     control = SettlementControl(("arch.right",), (0.5, 0.0, 0.0), tolerance=1e-2)
     result = simulate(arch(control))
     for x, thrust in FURTHER.items():
