@@ -157,7 +157,8 @@ def test_disagreement_with_theory_exits_3(call, monkeypatch):
     from dembrick.runs import theory_check
 
     true = theory_check.theory_of
-    monkeypatch.setattr(theory_check, "theory_of", lambda a: dataclasses.replace(true(a), V=1.01 * true(a).V))
+    off = lambda *a, **more: dataclasses.replace(true(*a, **more), V=1.01 * true(*a, **more).V)  # noqa: E731
+    monkeypatch.setattr(theory_check, "theory_of", off)
     code, out, err = call("run", SET_4A, "--json")
     assert (code, json.loads(out)["status"]) == (3, "yield")
     assert "disagree" in err
