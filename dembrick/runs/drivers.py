@@ -134,7 +134,7 @@ def _searched(**fields) -> Result:
     """The yield point of a run compared with theory, if one holds, what stands beside it, and the collapse of a load on
     every block."""
     run, assembly, control = fields["run"], fields["assembly"], fields["scenario"].control
-    expected = theory_check.theory_of(assembly, after_slip=control.regime is CONSTANT_RATE)
+    expected = theory_check.theory_of(assembly, control.regime is CONSTANT_RATE)
     if expected is not None and run.yield_point.V is not None:
         expected = expected.compared(run.yield_point.V)
     falls = control.ends_with == COLLAPSE and not run.yield_point.unlimited
