@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -51,7 +52,7 @@ def yield_domain(
         loads=(Load("upper", (0.0, 0.0, -normal_force), (*eccentricity, 0.0)),),
         control=YieldControl(tolerance),
     )
-    found = []
+    found: list[tuple[Any, Any]] = []
     for i in range(count):
         actuators = tuple(
             Actuator(f"jack {k}", "upper", tuple(point[i, k]), tuple(direction[i, k]), float(weight[i, k]))
@@ -73,5 +74,5 @@ def yield_domain(
             for name in ("V", "V_lower", "V_upper", "actuator_load", "N", "V_1", "V_2", "M_T")
         },
     )
-    V_0 = law.cohesion * polygons.area(polygon) + law.friction * normal_force
+    V_0 = float(law.cohesion * polygons.area(polygon) + law.friction * normal_force)
     return YieldDomain(load, limits, space, V_0, lever)
