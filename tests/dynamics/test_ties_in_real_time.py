@@ -13,6 +13,8 @@ from dembrick.scenario.controls import DisplacementControl, DynamicControl, Sett
 from dembrick.scenario.model import Actuator, JointLaw, Load, Material, Output, Scenario
 from dembrick.scenario.ties import Tie, TieEnd
 from dembrick.views import export
+from dembrick.views.motion.blocks import Poses
+from dembrick.views.render.ties import DrawnTies
 from helpers.restart_cases import check_same
 
 G = 9.81
@@ -177,6 +179,12 @@ def test_ties_are_kept_shown_and_restarted(tmp_path):
         assert one["name"] == "tie anchor - block" and one["blocks"].tolist() == [1, 2]
         np.testing.assert_allclose(one["points"], [[-1.0, 0.0, 0.05], [0.0, 0.0, 0.05]], atol=1e-15)
         assert found.tension.max() == 300.0
+        drawn, last = DrawnTies(found, 1.0), found.n_frames - 1
+        assert drawn.words(last) == [f"magenta: tie, {found.tension[-1, 0]:.4g} N"]
+        away = found.frame_displacement(last)[2]
+        np.testing.assert_allclose(
+            drawn.ends(Poses.read(found, last, last + 1)), [[-1.0, 0.0, 0.05], away + [0.0, 0.0, 0.05]], atol=1e-12
+        )
         export.export(found, tmp_path / "table.csv")
         files = export.export(found, tmp_path / "moved.vtkhdf")
         assert str(tmp_path / "moved_ties.vtkhdf") in files
