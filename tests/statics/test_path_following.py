@@ -113,6 +113,16 @@ def test_a_large_wall_takes_few_newton_steps():
     assert result.run.steps <= 40
 
 
+def test_a_mechanism_is_followed_without_newton_steps():
+    """Once V stays the same the next equilibrium lies on the tangent: ever longer steps need no iteration."""
+    wall = Wall("wall", "stone", (0.3, 0.2, 0.1), courses=12, blocks=12, base=0.1)
+    assembly = build.assemble(scene(tilt(), friction=0.64, walls=(wall,)))
+    begun, gone = (limit_load.find_limit_load(assembly, 1e-4, 0.5, goal=goal) for goal in (None, 1e-2))
+    assert gone.settings["equilibria"] >= begun.settings["equilibria"] + 8
+    assert gone.steps <= begun.steps + 4
+    assert gone.yield_point.V == pytest.approx(0.2 / 1.2, rel=1e-5)
+
+
 def test_corrected_joints_let_the_wall_fall_early():
     """Their points carry the weight too, and stand s = 0.537 of the half thickness from the middle."""
     assert simulate(leaf("corrected")).collapse["angle"] == pytest.approx(6.1302, rel=1e-3)

@@ -5,11 +5,14 @@ from dembrick._jit import jit
 
 @jit
 def pressed_part(xa, ya, ga, xb, yb, gb):
-    """The part of an edge from a to b where the penetration g, linear along it, is positive: both ends with their g."""
-    if ga < 0.0:
+    """The part of an edge from a to b where the penetration g, linear along it, is positive: both ends with their g.
+
+    An edge is cut only between ends of opposite signs: a corner that just touches may be negative by rounding.
+    """
+    if ga < 0.0 < gb:
         s = ga / (ga - gb)
         return xa + s * (xb - xa), ya + s * (yb - ya), 0.0, xb, yb, gb
-    if gb < 0.0:
+    if gb < 0.0 < ga:
         s = ga / (ga - gb)
         return xa, ya, ga, xa + s * (xb - xa), ya + s * (yb - ya), 0.0
     return xa, ya, ga, xb, yb, gb

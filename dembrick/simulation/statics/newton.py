@@ -177,6 +177,15 @@ class Equilibria:
         by_residual, by_load = self.answers
         return -inner(self.load, by_residual) / inner(self.load, by_load)
 
+    def mechanism(self, slope: float) -> np.ndarray | None:
+        """Motion (6 f,) over the work that the unit load does on it, along the tangent of the last iteration.
+
+        None where V grows by more than ``slope`` (N/J) with that work: then it is no mechanism that moves.
+        """
+        by_load = self.answers[1]
+        work = inner(self.load, by_load)
+        return by_load / work if work * slope > 1.0 else None
+
     def prepare(self) -> None:
         """Compile what `solve` calls, or load it, without any work."""
         self.tangent.prepare(self.trial.seen_a, self.trial.seen_b, self.trial.tangent)

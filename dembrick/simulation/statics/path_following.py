@@ -44,11 +44,12 @@ SHRINKING = 0.5  # of a step that finds no equilibrium
 SHORTEST = 1e-6  # of what the blocks have given way: steps below it lead nowhere
 BALANCED, USUAL = 1e-2, 1e-3  # of the tolerance, or of the usual one: out-of-balance over joint forces at equilibrium
 LEAST_BALANCED = 1e-9
+CONSTANT = 1e-6  # of the elastic slope of V: below it a mechanism moves
 YIELDING = 0.5  # of the elastic slope of V: below it steps may grow
 TURNING = 0.02  # of the longest step so far: where none but shorter ones find equilibrium, the blocks are let go
 JUMP = 0.25  # of it: the step by which the actuators go on meanwhile
 LITTLE = 0.1  # of the tolerance: what a step with drag may leave out of balance over the joint forces or the load
-FASTER = 4.0  # by which the drag of a step rises where it is too small to help, or falls at most to become little
+FASTER = 4.0  # by which the drag of a step rises if it is too small, or falls at most; the square if it hardly mattered
 MOST_TRIES = 6  # of a step with less and less drag
 ALONG = 4  # steps with drag before one without is tried again
 MOST_JUMPS, MOST_DRIFTS, MOST_DRAG = 20, 300, 1e4  # of a path; steps of one; drag over elastic stiffness
@@ -211,7 +212,7 @@ class PathFollower:
             excess = self._held_up(V) / (LITTLE * self.certificate.tolerance)
             if excess <= 1.0:
                 break
-            way.drag *= max(1.0 / FASTER, 0.5 / excess)
+            way.drag *= max(1.0 / (FASTER if tried > 1 else FASTER**2), 0.5 / excess)
         if excess > 1.0:
             if found is None:
                 way.drag = min(FASTER * way.drag, MOST_DRAG)
@@ -242,11 +243,14 @@ class PathFollower:
             way.seen[-1], way.step = (*way.seen[-1][:3], NEVER, True), way.usual
         elif way.jumps == way.kept:
             way.direction, way.gain, way.has_spare = change / way.step, slope, False
+            # the tangent of a mechanism is true however far; the last step may have been elastic for a part
+            mechanism = self.search.mechanism(CONSTANT / self.compliance) if way.tried else None
+            if mechanism is not None:
+                way.turn_to(mechanism * self.weight, 0.0)
             way.usual = max(way.usual, way.step)
         else:
             # the blocks found their mechanism, or fell back into an elastic state: either may be the way on
-            way.spare, way.spare_gain, way.has_spare = way.direction, way.gain, True
-            way.direction, way.gain = change / way.step, 0.0
+            way.turn_to(change / way.step, 0.0)
             way.seen[-1], way.kept = (*way.seen[-1][:3], NEVER, True), way.jumps
         way.longest = max(way.longest, way.seen[-1][0])
         judged = self._judged()

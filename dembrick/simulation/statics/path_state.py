@@ -79,6 +79,11 @@ class PathState:
     # of every equilibrium: inelastic displacement (m), V, lower and upper bound (N), whether a gap is closing
     seen: list[tuple[float, float, float, float, bool]] = field(default_factory=lambda: [(0.0, 0.0, 0.0, NEVER, False)])
 
+    def turn_to(self, direction: np.ndarray, gain: float) -> None:
+        """Look for the next equilibrium in another direction, and in that of now only if there is none."""
+        self.spare, self.spare_gain, self.has_spare = self.direction, self.gain, True
+        self.direction, self.gain = direction, gain
+
     def snapshot(self) -> dict[str, np.ndarray]:
         """All of it as arrays."""
         seen, drift = np.zeros((MOST_EQUILIBRIA + 1, 5)), self.drift or Drift(np.zeros_like(self.motion), 0.0, 0.0)
