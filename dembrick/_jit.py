@@ -112,6 +112,7 @@ class _Folder:
 
     def __init__(self, function):
         self._name = f"{function.__module__}-{function.__code__.co_firstlineno}"
+        self._py_file = function.__code__.co_filename  # where numba warns of a kernel that it cannot keep
 
     @classmethod
     def from_function(cls, function, _file):

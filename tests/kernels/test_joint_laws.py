@@ -202,6 +202,14 @@ def test_no_tension_integral_against_quadrature_and_on_a_vertex():
     assert open_part(x, y, -0.1, 0.0, 0.0) == (0.0, 0.0, 0.0)
 
 
+def test_a_touching_edge_may_be_negative_by_rounding():
+    """Corners at zero penetration, whose sign depends on how a product and a sum were rounded, move no force."""
+    x, y = np.array([1.0, 2.0, 2.0, 1.0]), np.array([0.0, 0.0, 1.0, 1.0])
+    for least in (0.0, -3e-17):
+        found = no_tension.no_tension(x, y, 0, 4, least, -1.0 - 2e-16, 1.0, 1e-16)
+        np.testing.assert_allclose(found, (0.5, 5.0 / 6.0, 0.25), rtol=1e-12)
+
+
 def test_no_tension_meets_the_closed_joint():
     """Continuous where the last corner closes, and equal to area x level, second moments x slope there."""
     rng = np.random.default_rng(5)

@@ -243,7 +243,6 @@ class PathFollower:
             way.seen[-1], way.step = (*way.seen[-1][:3], NEVER, True), way.usual
         elif way.jumps == way.kept:
             way.direction, way.gain, way.has_spare = change / way.step, slope, False
-            # the tangent of a mechanism is true however far; the last step may have been elastic for a part
             mechanism = self.search.mechanism(CONSTANT / self.compliance) if way.tried else None
             if mechanism is not None:
                 way.turn_to(mechanism * self.weight, 0.0)
@@ -326,7 +325,7 @@ class PathFollower:
             drift.drag *= 4.0
             return None, drift.drag <= MOST_DRAG and drift.steps < MOST_DRIFTS
         drift.V, drift.motion = found, self.search.motion()
-        self.way.friction += self._dissipated()
+        self.way.friction += joint_families.friction_work(state, self.trial)
         self.way.yielding += ties.remember(state)
         self.way.crushing += joint_families.crushing_work(state, trial)
         remember(trial, state.joints, state.points, state.areas)
@@ -343,7 +342,7 @@ class PathFollower:
         state, blocks, way = self.state, self.state.blocks, self.way
         rows = change[self.rows]
         blocks.velocity[self.free], blocks.spin[self.free] = rows[:, :3], rows[:, 3:]
-        way.friction += self._dissipated()
+        way.friction += joint_families.friction_work(state, self.trial)
         way.yielding += ties.remember(state)
         way.crushing += joint_families.crushing_work(state, self.trial)
         moved = step * self.weight
@@ -418,9 +417,6 @@ class PathFollower:
         gap, wider = joint_families.gaps(state, change)
         fastest = max(float(np.abs(wider).max()), float(np.abs(change[:, :2]).max()))
         return bool(((gap > CLOSED * fastest) & (wider < -CLOSED * fastest)).any())
-
-    def _dissipated(self) -> float:  # J, by friction since the last equilibrium, by the forces of this one
-        return joint_families.friction_work(self.state, self.trial)
 
     def _judged(self) -> bool:
         """Fold the bounds into the bracket; True when it is narrow enough and V is that of a mechanism."""
