@@ -6,7 +6,7 @@ Columns of the table:
 
 error       |V / theory - 1| of the replay; bar is the half-width of its bracket over V, which bounds the error.
 steps       time steps of the replay.
-loop        best and median over the repeats of the loop time that the program reports (seating the dead load, forces,
+loop        best and median over the repeats of the loop time that the program reports (dead-load equilibrium, forces,
             bracket), in one warm process without a history.
 x plain     best loop over the time of the plain four-point loop (tools/plain_loop.py) for the same number of steps.
             The plain loop always has four points: for `distributed` and `convex` read it as "what four corners cost".

@@ -26,7 +26,7 @@ from dembrick.scenario.model import Load, Scenario
 from dembrick.simulation.energy_audit import audit
 from dembrick.simulation.statics import constant_rate, limit_load, load_system
 from dembrick.simulation.statics.critical_step import critical_time_step
-from dembrick.simulation.statics.dead_load import inverse_inertia, seat
+from dembrick.simulation.statics.dead_load import dead_load_equilibrium, inverse_inertia
 from dembrick.simulation.statics.elastic_factor import elastic_factor, touches_itself
 from dembrick.simulation.statics.guards import new_guard, refuse_divergence
 from dembrick.simulation.statics.state import initial_state
@@ -40,7 +40,7 @@ AT_RATE = 1e-2  # of V, for the steady load of a constant-rate test
 PLATEAU = 3e-2  # of V, for the mean load once a block slides
 SLOW = 0.1  # elastic slips per critical time step: at this rate and below the second half of a test is a plateau
 TRAVEL = 20.0  # elastic slips of a constant-rate test
-SEATED = 1e-6  # of the weight above: N of a tower against statics
+LEVEL = 1e-6  # of the weight above: N of a tower against statics
 CREEP = 1e-12  # m, at rest
 
 
@@ -187,7 +187,7 @@ def must_fall(scenario: Scenario, expected: Callable, pace: float, height: float
 
 
 def _at_rest(setup: load_system.Setup, physical: bool, rate: float = 0.0) -> Loop:
-    """A loop on the seated blocks: with physical inertia in finite motion, or scaled in small motion.
+    """A loop on the blocks in dead-load equilibrium: with physical inertia in finite motion, or scaled in small motion.
 
     Without a ``rate`` there is no jack either.
     """
@@ -268,13 +268,13 @@ def undisturbed(formulation: str, steps: int = BESIDE) -> Outcome:
     return Outcome("right" if right else "WRONG", f"moved by {apart:.2g} m, its neighbour by {moved:.2g} m", apart)
 
 
-def seated(scenario: Scenario, densities) -> Outcome:
-    """N of every joint of a tower after seating against the weight above it."""
+def standing(scenario: Scenario, densities) -> Outcome:
+    """N of every joint of a tower after the dead-load equilibrium against the weight above it."""
     try:
         built = assemblies.assemble(scenario)
         state = initial_state(built)
         factor = elastic_factor(state, built.position) if touches_itself(state) else None
-        seat(state, block_stiffness(state, shared=2.0), built.names, factor)
+        dead_load_equilibrium(state, block_stiffness(state, shared=2.0), built.names, factor)
     except ScenarioError as error:
         return Outcome("refused", _named(error))
     except DembrickError as error:
@@ -284,4 +284,4 @@ def seated(scenario: Scenario, densities) -> Outcome:
     error = float(np.abs(state.joints.resultant[:, 0] / above - 1.0).max())
     shear = float(np.abs(state.joints.resultant[:, 1:3]).max() / above.max())
     worst = max(error, shear)
-    return Outcome("right" if worst <= SEATED else "WRONG", f"N off by {error:.2g}, V by {shear:.2g}", worst)
+    return Outcome("right" if worst <= LEVEL else "WRONG", f"N off by {error:.2g}, V by {shear:.2g}", worst)

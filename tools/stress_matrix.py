@@ -18,7 +18,7 @@ from stress_judge import (
     push_at_rate,
     push_to_limit,
     rest,
-    seated,
+    standing,
     undisturbed,
 )
 from stress_scenes import (
@@ -135,7 +135,7 @@ def critical_height(kn: float) -> float:
 
 
 def tower_cells(short: bool) -> Iterator[Cell]:
-    """Towers: N of every joint by seating, the limit load of the lowest joint by search and at constant rate.
+    """Towers: N of every joint under dead load, the limit load of the lowest joint by search and at constant rate.
 
     The highest would buckle in finite motion with the joints of the others: its own are ten times as stiff; that it
     cannot stand on the others is a cell of its own.
@@ -147,7 +147,7 @@ def tower_cells(short: bool) -> Iterator[Cell]:
             jacks = jack(0.2 * A)
             scenario = stack(formulation, densities, (kn,) * count, 0, jacks, tolerance=1e-2)
             yield Cell(
-                "tower", count, f"seat {formulation}", lambda s=scenario, d=densities: seated(s, d)
+                "tower", count, f"seat {formulation}", lambda s=scenario, d=densities: standing(s, d)
             )  # fmt: skip
             # a wave goes up the tower and back within a few times as many steps as there are blocks
             pace = 0.01 / count

@@ -4,7 +4,7 @@
 
 Every case is replayed from rest, ``repeats`` times in one warm process and round after round, so that a busy moment of
 the machine hits all cases alike; times are medians. Only the geometry is built once per case. The loop time is the
-program's own (seating the dead load, forces, bracket), without history. Process seconds are those of one
+program's own (dead-load equilibrium, forces, bracket), without history. Process seconds are those of one
 `python -m dembrick run` each, start-up and history file included.
 
 What is varied, all of it crossed with the tolerances 1e-2 to 1e-6:

@@ -97,7 +97,7 @@ class _Facing:
         area, x, y = polygons.area_and_centroid(points)
         polygon = points - np.stack([x, y], axis=1)[:, None]
         wide = 2.0 * area > self.limit * polygons.perimeter(polygon)
-        arm, gap = self._seat(self.base + x[:, None] * self.t1 + y[:, None] * self.t2)
+        arm, gap = self._on_host(self.base + x[:, None] * self.t1 + y[:, None] * self.t2)
         kept = np.flatnonzero(wide & (np.abs(gap) <= self.limit))
         polygon, count = polygon[kept], count[kept]
         return Contacts(
@@ -112,7 +112,7 @@ class _Facing:
             gap=gap[kept],
         )
 
-    def _seat(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _on_host(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """O on the host's face, seen from the centroid of a, and the gap there."""
         normal, normal_b = self.normal, self.normal_b
         to_a = self.offset_a - (normal * point).sum(axis=1)

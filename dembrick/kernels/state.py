@@ -89,10 +89,11 @@ class Actuators(NamedTuple):
 
 
 # Entries of `Energy.work` (J). Work of the actuators' head and of the dead torques; lost in friction, in dashpots of
-# contacts and to calming, and in that of the head; mu N |slip|; the smallest friction work of an increment; at the
-# start, the elastic energy of the seated joints, and the work of the dead forces up to then; lost by crushing, by bonds
+# contacts and to calming, and in that of the head; mu N |slip|; the smallest friction work of an increment; in the
+# dead-load equilibrium, the elastic energy of the joints and the work of the dead forces; lost by crushing, by bonds
 # that broke, and by ties that yield.
-HEAD, TORQUES, SLIDING, DAMPING, JACK_DAMPING, BY_LAW, LEAST, SEATED, SEATING, CRUSHING, FRACTURE, YIELDING = range(12)
+HEAD, TORQUES, SLIDING, DAMPING, ACTUATOR_DAMPING, BY_LAW, LEAST = range(7)
+ELASTIC_AT_START, DEAD_LOAD_WORK, CRUSHING, FRACTURE, YIELDING = range(7, 12)
 
 
 class Energy(NamedTuple):

@@ -27,7 +27,7 @@ def collapse_of(run: Replay, assembly: Assembly, control: Control) -> dict:
     above it; ``angle`` (deg) that of a table tilted so far and ``time`` (s) when it stands so at its rate, None without
     one; both None for a pushover. ``mechanism_load_factor`` is what the blocks still carry while they come down: a peak
     above it rests on forces locked into the joints, and so on the way they were loaded. ``displacement`` (m) is that of
-    the block that has moved most since it was seated.
+    the block that has moved most since the dead-load equilibrium.
     """
     point = run.yield_point
     V, rate = present(point.V), getattr(control, "rate", None)
@@ -38,7 +38,7 @@ def collapse_of(run: Replay, assembly: Assembly, control: Control) -> dict:
         "mechanism_load_factor": V if point.V_after is None else point.V_after,
         "time": None if angle is None or rate is None else angle / rate,
         "displacement": float(np.linalg.norm(present(run.moved), axis=1).max()),
-        "mechanism": mechanism_of(run.state),
+        "mechanism": point.mechanism if point.bracket == "certified" else mechanism_of(run.state),
         "blocks": [assembly.names[i] for i in moving_blocks(run.state)],
     }
 

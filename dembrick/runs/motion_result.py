@@ -41,7 +41,7 @@ class MotionResult(RunResult):
 
     @property
     def displacement(self) -> np.ndarray:
-        """How far every centroid has moved since the blocks were seated (n, 3), in the frame of the supports (m)."""
+        """How far every centroid has moved since the dead-load equilibrium (n, 3), in the frame of the supports (m)."""
         return self.run.motion.displacement
 
     @property

@@ -171,7 +171,7 @@ class PushoverControl(Control):
     """Every block pushed along ``direction`` by the same share of its weight, the load factor, to its limit.
 
     ``tolerance`` is the relative half-width of the bracket of that limit. The curve goes on past it until a block has
-    moved ``displacement`` (m) since it was seated, where that is given. With ``quasi_static`` false the blocks are
+    moved ``displacement`` (m) since the dead-load equilibrium, if given. With ``quasi_static`` false the blocks are
     pushed in real time, their mean displacement by ``rate`` (m/s), with contact ``damping`` as in `TiltControl`.
     """
 

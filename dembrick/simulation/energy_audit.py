@@ -82,14 +82,14 @@ class Auditor:
         for i, term in enumerate((gone - energies["external"] - there, np.abs(energies["external"]) + there)):
             self.worst[i] = np.maximum(self.worst[i], np.abs(term).max())  # a NaN stays
 
-    def result(self, books: Energy | Sums) -> EnergyAudit:
+    def result(self, energy: Energy | Sums) -> EnergyAudit:
         """The audit; EnergyAuditError where the energy terms do not balance."""
         residual, scale = (float(value) for value in self.worst[:2])
-        if isinstance(books, Sums):
-            return _of_motion(residual, max(scale, books.floor, books.rounding / MOTION), books)
+        if isinstance(energy, Sums):
+            return _of_motion(residual, max(scale, energy.floor, energy.rounding / MOTION), energy)
         relative = residual / scale if scale else 0.0
-        by_law, friction = float(books.work[BY_LAW]), float(books.work[SLIDING])
-        result = EnergyAudit(relative, friction / by_law - 1.0 if by_law else 0.0, float(books.work[LEAST]))
+        by_law, friction = float(energy.work[BY_LAW]), float(energy.work[SLIDING])
+        result = EnergyAudit(relative, friction / by_law - 1.0 if by_law else 0.0, float(energy.work[LEAST]))
         if not relative <= LIMIT:
             raise EnergyAuditError(
                 f"the energy balance is off by {relative:.2g} of the external work (limit {LIMIT:g}): the time step "
@@ -103,11 +103,11 @@ class Auditor:
         return result
 
 
-def _of_motion(residual: float, scale: float, books: Sums) -> MotionAudit:
+def _of_motion(residual: float, scale: float, energy: Sums) -> MotionAudit:
     """The audit of a run in real time, residual and scale in J."""
-    relative, stepping = (residual / scale, books.stepping / scale) if scale else (0.0, 0.0)
-    law_error = (books.friction - books.by_law) / scale if scale else 0.0
-    result = MotionAudit(relative, law_error, books.least, stepping)
+    relative, stepping = (residual / scale, energy.stepping / scale) if scale else (0.0, 0.0)
+    law_error = (energy.friction - energy.by_law) / scale if scale else 0.0
+    result = MotionAudit(relative, law_error, energy.least, stepping)
     if not relative <= MOTION:
         raise EnergyAuditError(
             f"the energy balance is off by {relative:.2g} of what was put in (limit {MOTION:g}): the time step does "
@@ -121,8 +121,8 @@ def _of_motion(residual: float, scale: float, books: Sums) -> MotionAudit:
     return result
 
 
-def audit(energies: Mapping[str, np.ndarray], books: Energy) -> EnergyAudit:
+def audit(energies: Mapping[str, np.ndarray], energy: Energy) -> EnergyAudit:
     """Audit recorded energies (T,) in J; EnergyAuditError where they do not balance."""
     auditor = Auditor()
     auditor.add(energies)
-    return auditor.result(books)
+    return auditor.result(energy)

@@ -33,3 +33,19 @@ def strengths_of(laws: Sequence[JointLaw]) -> Strengths | None:
 def bonded_at_start(laws: Sequence[JointLaw]) -> np.ndarray:
     """1 where a joint has a bond that may break, else 0."""
     return np.array([float(law.bonded) for law in laws])
+
+
+def repeated(strengths: Strengths, counts: np.ndarray) -> Strengths:
+    """An entry of each strength for every contact point, from those of joints with so many points (s,)."""
+    each = {name: np.repeat(value, counts) for name, value in strengths._asdict().items() if name != "held"}
+    return strengths._replace(**each)
+
+
+def sliding_strength(strengths: Strengths | None, area, friction: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """What slip does work against (N), an entry for each of ``strengths``, from N (N) and the ``area`` that carries it.
+
+    What slides has no bond, and what rises by dilation takes the work of that from friction.
+    """
+    if strengths is None:
+        return friction * normal
+    return strengths.residual_cohesion * area + (strengths.residual * friction - strengths.dilation) * normal

@@ -17,7 +17,7 @@ from dembrick.simulation.dynamics.integrator import advance, joint_forces
 from dembrick.simulation.dynamics.state import contact_forces, joint_resultants, out_of_balance, with_contact_forces
 from dembrick.views.export.layers import Contacts, Picture
 from dembrick.views.motion.joints import JointMotion
-from helpers.seated_blocks import FORMULATIONS, about, place, seated
+from helpers.resting_blocks import FORMULATIONS, about, place, resting
 
 POINTS = ("concave", "corrected", "corrected-shear", "distributed")
 ALL = model.CHANNELS
@@ -56,7 +56,7 @@ def naive_resultants(state):
 
 def rubbing(formulation):
     """A block on a floor, pressed unevenly, that has slipped and turned."""
-    moving, driving = seated(formulation, floor=(2.0, 2.0, 0.1), turn=(0.8, 0.0, 0.36, -0.48), friction=0.3)
+    moving, driving = resting(formulation, floor=(2.0, 2.0, 0.1), turn=(0.8, 0.0, 0.36, -0.48), friction=0.3)
     moving.state = with_contact_forces(moving.state)
     for _ in range(3):
         place(moving, moving.state.bodies.rotation[1] @ [1e-7, 2e-7, -1e-8], about((0.3, -0.2, 0.9), 3e-6))
@@ -155,6 +155,6 @@ def test_frames_of_a_tilting_wall_carry_what_its_rows_say(tmp_path, formulation)
 
 
 def test_without_the_channel_nothing_is_written_down():
-    moving, driving = seated("concave")
+    moving, driving = resting("concave")
     advance(moving, driving, 3, Limits(displacement=1.0, longest=1.0))
     assert moving.state.corners.force is None

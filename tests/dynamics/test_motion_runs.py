@@ -120,7 +120,7 @@ def test_thirty_by_thirty():
 
 
 def still(courses, blocks, duration):
-    """How far the top course has moved since it was seated (m), and the speed fitted to its path (m/s)."""
+    """How far the top course has moved since the dead-load equilibrium (m), and the speed fitted to its path (m/s)."""
     result = simulate(wall(DynamicControl(duration), courses, blocks))
     top = [i for i, name in enumerate(result.assembly.names) if name.startswith(f"wall.{courses}.")]
     path = result.frames["displacement"][:, top] - result.frames["displacement"][:1, top]

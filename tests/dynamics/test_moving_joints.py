@@ -19,7 +19,7 @@ from dembrick.simulation.dynamics.dead_load import find_equilibrium
 from dembrick.simulation.dynamics.integrator import Motion, advance, joint_forces, motion
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.state import arms, joint_resultants, seen
-from helpers.seated_blocks import FORMULATIONS, GRAVITY, about, place, seated, two_blocks
+from helpers.resting_blocks import FORMULATIONS, GRAVITY, about, place, resting, two_blocks
 
 FAR = Limits(displacement=1e6, longest=1.0)
 TURNED = (0.8, 0.0, 0.36, -0.48)
@@ -28,7 +28,7 @@ TURNED = (0.8, 0.0, 0.36, -0.48)
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_a_pair_that_turns_as_one_feels_nothing(formulation):
     """Forces turn with the pair, to the last digits, after a whole turn in a hundred steps too."""
-    moving, driving = seated(formulation)
+    moving, driving = resting(formulation)
     state = moving.state
     place(moving, (2e-8, 1e-8, 0.0), about((0, 0, 1), 1e-7))  # some shear and torsion in memory, no slip
     for _ in range(2):  # the dashpots rest again
@@ -53,7 +53,7 @@ def test_a_pair_that_turns_as_one_feels_nothing(formulation):
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_action_and_reaction_at_one_point(formulation):
     """The wrench on the other is minus that on the host: forces, and torques about any one point."""
-    moving, driving = seated(formulation)
+    moving, driving = resting(formulation)
     place(moving, (1e-7, 2e-7, -1e-6), about((0.6, 0.8, 0.0), 2e-5))
     joint_forces(moving, driving)
     bodies, links = moving.state.bodies, moving.state.links
@@ -69,7 +69,7 @@ def test_the_same_in_any_frame(formulation):
     start = {"velocity": (0.3, 0.2, 0.0), "angular_velocity": (0.0, 0.0, 2.0)}
     ends = []
     for turn in ((1.0, 0.0, 0.0, 0.0), TURNED):
-        moving, driving = seated(formulation, turn=turn, floor=(2.0, 2.0, 0.1))
+        moving, driving = resting(formulation, turn=turn, floor=(2.0, 2.0, 0.1))
         R = rotation_matrix(np.array(turn))
         moving.time_step = 2e-5  # its bound has rounding of its own
         moving.state.links.put(VISCOUS, [[0.1, 0.1]])
@@ -84,7 +84,7 @@ def test_the_same_in_any_frame(formulation):
 @pytest.mark.parametrize("angle", [1e-3, 1e-2, 0.1, 0.5, 1.2])
 def test_gap_is_exact_for_large_turns(angle):
     """A block turned on its toe by any angle: the corners at the toe touch, the others are as high as geometry says."""
-    moving, driving = seated()
+    moving, driving = resting()
     bodies, links = moving.state.bodies, moving.state.links
     toe = bodies.position[1] + (0.15, 0.0, -0.05)
     turn = about((0, 1, 0), angle)
@@ -100,7 +100,7 @@ def test_gap_is_exact_for_large_turns(angle):
 @pytest.mark.parametrize("angle", [1e-4, 1e-2, 0.1])
 def test_strip_of_a_rocking_convex_joint(angle):
     """Turned on its edge, a convex joint is pressed on a strip w = sqrt(2 N / (kn L tan)), its resultant w/3 inside."""
-    moving, driving = seated("convex", friction=0.0)
+    moving, driving = resting("convex", friction=0.0)
     bodies = moving.state.bodies
     toe = bodies.position[1] + (0.15, 0.0, -0.05)
     turn = about((0, 1, 0), angle)
@@ -117,7 +117,7 @@ def test_strip_of_a_rocking_convex_joint(angle):
 def test_tilting_is_no_torsion():
     """A convex joint that tilts about an oblique line of its plane through O neither slips nor twists, though the edges
     of its polygon, seen along the normal, turn by angle^2 / 4."""
-    moving, driving = seated("convex")
+    moving, driving = resting("convex")
     bodies, links, faces = moving.state.bodies, moving.state.links, moving.state.faces
     foot = bodies.position[1] + arms(bodies, links)[0][0]
     foot[2] -= links.seen[0, 2] - links.offset[0]  # O, seen in the plane
@@ -143,9 +143,9 @@ def torsion_strength(moving: Motion, driving: Driving) -> float:
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_a_small_turn_changes_no_strength(formulation):
     """Two equal blocks: a thousandth of a radian leaves the torsion strength where it was, within a thousandth."""
-    moving, driving = seated(formulation)
+    moving, driving = resting(formulation)
     before = torsion_strength(moving, driving)
-    moving, driving = seated(formulation)
+    moving, driving = resting(formulation)
     place(moving, (0.0, 0.0, 0.0), about((0, 0, 1), 1e-3))
     joint_forces(moving, driving)
     moving.polygons.cut_stale()
@@ -157,7 +157,7 @@ def test_a_small_turn_changes_no_strength(formulation):
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_sliding_off_the_edge(formulation):
     """Half over the edge, the joint is what both faces share: its area, and where the weight is carried."""
-    moving, driving = seated(formulation)
+    moving, driving = resting(formulation)
     last = None
     for _ in range(300):
         place(moving, (5e-4, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
@@ -229,7 +229,7 @@ def test_equal_polygons_are_kept_once_until_they_are_cut():
     faces, found = moving.state.faces, joint_resultants(moving.state)
     np.testing.assert_array_equal(faces.far[0], far)
     for i in range(n):
-        alone, driving_alone = seated("convex")
+        alone, driving_alone = resting("convex")
         alone.state.links.put(VISCOUS, moving.state.links.viscous[[i]])
         for _ in range(2 if i < out else 0):
             place(alone, (0.01 * (i + 1), 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
@@ -260,7 +260,7 @@ def test_a_wall_takes_less_than_2_kb_a_block(formulation):
 
 def test_polygons_inside_the_face_are_left_alone():
     """On a floor larger than its path a polygon is looked at when it nears the edge, and never cut."""
-    moving, driving = seated(floor=(2.0, 2.0, 0.1))
+    moving, driving = resting(floor=(2.0, 2.0, 0.1))
     area, x = moving.state.corners.area.copy(), moving.state.corners.x.copy()
     for _ in range(10):
         place(moving, (0.05, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))

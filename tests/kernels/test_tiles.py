@@ -16,7 +16,7 @@ from dembrick.simulation.dynamics.integrator import joint_forces, motion
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.state import contact_forces, joint_resultants, with_contact_forces
 from dembrick.simulation.dynamics.tiling import tiled
-from helpers.seated_blocks import GRAVITY, about, place
+from helpers.resting_blocks import GRAVITY, about, place
 
 LAWS = {  # nine points are an odd number
     "concave": {},

@@ -1,4 +1,4 @@
-"""Runs in real time that are stopped or killed while their blocks are being seated: to the last bit the whole run."""
+"""Runs in real time that are stopped or killed in their dead-load equilibrium: to the last bit the whole run."""
 
 import dataclasses
 import json
@@ -60,7 +60,7 @@ def test_seating_goes_on_where_it_was_stopped(tmp_path, stop_after, monkeypatch,
     monkeypatch.setattr(dead_load, "CHUNK", 16)
     scene = given(formulation, control)
     whole = simulate(scene, tmp_path / "whole.h5")
-    seating = whole.run.motion.seating_steps
+    seating = whole.run.motion.dead_load_steps
     if control == "overturned":
         assert whole.run.motion.falling.any()
     chunks = -(-seating // 16)
@@ -68,15 +68,16 @@ def test_seating_goes_on_where_it_was_stopped(tmp_path, stop_after, monkeypatch,
     for chunk in (1, chunks // 2, chunks - 1):
         path = tmp_path / f"{chunk}.h5"
         stop_after(chunk)
-        with pytest.raises(Interrupted, match=f"after step {16 * chunk} of the seating; go on with: dembrick restart"):
+        place = f"step {16 * chunk} of the dead-load equilibrium"
+        with pytest.raises(Interrupted, match=f"after {place}; go on with: dembrick restart"):
             simulate(scene, path)
         with read(path) as found:
             assert found.n_row == 0 and found.status == "interrupted"
         stop_after(0)
         said = []
         result = restart(path, report=said.append)
-        assert said[0] == f"going on from step {16 * chunk} of the seating"  # a fast rate is remarked after that
-        assert result.run.motion.seating_steps == seating
+        assert said[0] == f"going on from {place}"  # a fast rate is remarked after that
+        assert result.run.motion.dead_load_steps == seating
         check_same(tmp_path / "whole.h5", path)
 
 
@@ -96,13 +97,13 @@ def test_a_run_that_is_killed_in_its_seating(tmp_path):
     child.send_signal(signal.SIGKILL)
     child.communicate(timeout=60)
     places = [Checkpoint(one).about["where"] for one in Checkpoints(path).existing()]
-    assert all(place.endswith("of the seating") for place in places)
+    assert all(place.endswith("of the dead-load equilibrium") for place in places)
     with read(path) as found:
         assert found.status == "running" and found.n_row == 0
     done = dembrick("restart", str(path), "--json", code=quick)
     out, err = done.communicate(timeout=300)
     assert done.returncode == 0, err
-    assert json.loads(out)["status"] == "completed" and "of the seating" in err
+    assert json.loads(out)["status"] == "completed" and "of the dead-load equilibrium" in err
     whole = dembrick("run", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "whole.h5"), code=quick)
     assert whole.wait(timeout=300) == 0
     check_same(tmp_path / "whole.h5", path)

@@ -1,4 +1,4 @@
-"""Stop and restart of searches that follow equilibria, and of the seating before them: to the last bit one run."""
+"""Stop and restart of searches that follow equilibria, and of the dead load before: to the last bit one run."""
 
 import dataclasses
 import os
@@ -167,7 +167,7 @@ def test_a_way_comes_back_whole():
 
 
 def test_seating_goes_on_in_the_middle(tmp_path, signal_after):
-    """A joint that opens under its dead load takes many steps; it is stopped there, and what is kept is the seating."""
+    """A joint that opens under its dead load takes many steps, and is stopped there."""
     load = model.Load("upper", (0.0, 0.0, -200.0), (0.0, 0.09, 0.2))
     given = scene(TILT, "convex", loads=(load,), **{**tower(), "actuators": ()})
     looked = signal_after(0)
@@ -175,14 +175,14 @@ def test_seating_goes_on_in_the_middle(tmp_path, signal_after):
     for looks in (2, 6):
         path = tmp_path / f"{looks}.h5"
         signal_after(looks)
-        with pytest.raises(Interrupted, match=f"after step {looks} of the seating"):
+        with pytest.raises(Interrupted, match=f"after step {looks} of the dead-load equilibrium"):
             simulate(given, path)
         newest, _ = Checkpoints(path).newest(read(path).run)
-        assert newest.array("seating", np.zeros(2)).tolist() == [0.0, looks]
+        assert newest.array("dead_load", np.zeros(2)).tolist() == [0.0, looks]
         again = signal_after(0)
         messages = []
         restart(path, report=messages.append)
-        assert f"going on from step {looks} of the seating" in messages
+        assert f"going on from step {looks} of the dead-load equilibrium" in messages
         assert again[0] == looked[0] - looks
         check_same(tmp_path / "whole.h5", path)
 
@@ -197,7 +197,7 @@ def test_a_signal_while_it_is_seated_again_leaves_the_later_checkpoint(tmp_path,
         simulate(given, path)
     kept = [Checkpoint(one).about["where"] for one in Checkpoints(path).existing()]
     signal_after(1)
-    with pytest.raises(Interrupted, match="of the seating"):
+    with pytest.raises(Interrupted, match="of the dead-load equilibrium"):
         restart(path)
     assert [Checkpoint(one).about["where"] for one in Checkpoints(path).existing()] == kept
     signal_after(0)

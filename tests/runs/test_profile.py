@@ -114,7 +114,7 @@ def test_equilibria_are_timed_by_phase(monkeypatch):
     monkeypatch.setattr(Equilibria, "_solve", slowly)
     result = simulate(stack(PushoverControl((1.0, 0.0, 0.0), 1e-3)))
     phases, wall = result.run.phases, result.wall
-    assert set(phases) == {"seating", "joint_forces", "equations", "bracket", "record", "path"}
+    assert set(phases) == {"dead_load", "joint_forces", "equations", "bracket", "record", "path"}
     # one call is for compiling
     assert len(slow) > 1 and phases["equations"] >= sum(slow[1:]) and min(phases.values()) > 0.0
     assert sum(phases.values()) == pytest.approx(wall["loop"])
@@ -128,9 +128,9 @@ def test_info_tells_where_the_time_of_assemblies_went(tmp_path, capsys, control)
     assert main(["info", path, "--profile", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert sum(found["loop"].values()) == pytest.approx(found["wall"]["loop"])
-    phases = {"seating", "contact_search", "geometry", "record", "steps"}
+    phases = {"dead_load", "contact_search", "geometry", "record", "steps"}
     if control.kind == "pushover":
-        phases = {"seating", "joint_forces", "equations", "bracket", "record", "path"}
+        phases = {"dead_load", "joint_forces", "equations", "bracket", "record", "path"}
     assert set(found["loop"]) == phases
     assert main(["info", path, "--profile"]) == 0
     out = capsys.readouterr().out

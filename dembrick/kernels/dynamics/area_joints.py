@@ -85,7 +85,7 @@ def add_pressure_energy(row, q0, qx, qy, n, nx, ny, g0, gx, gy, d0, dx, dy):
     """Dashpots along the normal of a convex joint with the ``row`` (16,): pressure of the springs q, of all n; its
     penetration g and the growth of it d."""
     stepping = row[0] * g0 + row[1] * gx + row[2] * gy - (q0 * (g0 - d0) + qx * (gx - dx) + qy * (gy - dy))
-    book_dashpots(row, n - q0, nx - qx, ny - qy, d0, dx, dy)
+    add_dashpot_work(row, n - q0, nx - qx, ny - qy, d0, dx, dy)
     row[0] = q0
     row[1] = qx
     row[2] = qy
@@ -93,7 +93,7 @@ def add_pressure_energy(row, q0, qx, qy, n, nx, ny, g0, gx, gy, d0, dx, dy):
 
 
 @jit
-def book_dashpots(row, n, nx, ny, d0, dx, dy):
+def add_dashpot_work(row, n, nx, ny, d0, dx, dy):
     """The work of its dashpots along the normal, that carry ``n`` and its moments now; d: growth of the penetration."""
     row[15] += 0.5 * ((row[12] + n) * d0 + (row[13] + nx) * dx + (row[14] + ny) * dy)
     row[12] = n
@@ -139,8 +139,10 @@ def put_force(work, lane, cosine, sine, n, nx, ny, t1, t2, tm):
 
 
 @jit
-def book_bonded(energy_terms, faces, strengths, bonds, a, bond, rise, g0, gx, gy, d0, dx, dy, n, nx, ny, shear, by_law):
-    """Book what a step took from the springs of convex joint ``a`` with strengths, whose bond and rise were those of
+def add_bonded_losses(
+    energy_terms, faces, strengths, bonds, a, bond, rise, g0, gx, gy, d0, dx, dy, n, nx, ny, shear, by_law
+):
+    """Add what a step took from the springs of convex joint ``a`` with strengths, whose bond and rise were those of
     before; ``shear`` (J) by its plastic twist, ``by_law`` by friction. N and its moments are those of now."""
     outline = faces.outline[a]
     x = faces.x[outline]
@@ -160,7 +162,7 @@ def book_bonded(energy_terms, faces, strengths, bonds, a, bond, rise, g0, gx, gy
     across += (p0 + q0) * d0 + (px + qx) * dx + (py + qy) * dy
     across *= 0.5 * k_n
     row = energy_terms.face[a]
-    book_dashpots(row, n - k_n * q0, nx - k_n * qx, ny - k_n * qy, d0, dx, dy)
+    add_dashpot_work(row, n - k_n * q0, nx - k_n * qx, ny - k_n * qy, d0, dx, dy)
     row[0] = k_n * q0
     row[1] = k_n * qx
     row[2] = k_n * qy
@@ -222,7 +224,7 @@ def bonded_face(faces, strengths, bonds, a, tile, lane, work, energy_terms):
     if energy_terms is not None:
         shear = 0.5 * ((b1 + e1) * q1 + (b2 + e2) * q2 + (bm + em) * qm)
         by_law = t1 * q1 + t2 * q2 + tm * qm
-        book_bonded(
+        add_bonded_losses(
             energy_terms, faces, strengths, bonds, a, bond, rise, g0, gx, gy, d0, dx, dy, n, nx, ny, shear, by_law
         )
         add_shear_energy(energy_terms.face[a], elastic, s1, s2, turn, t1, t2, tm)

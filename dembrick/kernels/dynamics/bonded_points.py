@@ -44,7 +44,7 @@ def answer_bonded(
     work, own, which, lane, k_n, k_s, friction, arm, dashpots, force_out, strengths, law, bonds, ledger
 ):  # fmt: skip
     """`answer` of a point of a scene with strengths, those of the ``law``; ``bonds``: the rows of the two points in
-    `Corners.bonds`. What it loses is booked in the ``ledger`` of its tile."""
+    `Corners.bonds`. What it loses is counted in the ``ledger`` of its tile."""
     at = which * POINT + lane
     x = own[X * W + at]
     y = own[Y * W + at]

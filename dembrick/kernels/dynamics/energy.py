@@ -174,7 +174,7 @@ def add_handover_work(energy_terms, links, corners, faces, touching):
 
 @jit
 def add_step(energy_terms, bodies, links, corners, faces, ties, loads, touching, step, dt):
-    """Book what is not a joint's, after the forces of a step and before the blocks move.
+    """Add what is not a joint's, after the forces of a step and before the blocks move.
 
     Returns what gravity's work over the step that led here is to the momentum of a block: dt times its mean (3).
     """
@@ -189,7 +189,7 @@ def add_step(energy_terms, bodies, links, corners, faces, ties, loads, touching,
     g = loads.gravity[step]
     last = energy_terms.gravity
     half = 0.5 * dt
-    if energy_terms.begun[0] == 0.0:  # there was no step before, and nothing that was booked counts
+    if energy_terms.begun[0] == 0.0:  # there was no step before, and nothing that was counted counts
         energy_terms.begun[0] = 1.0
         half = 0.0
         settle_all(energy_terms, links)

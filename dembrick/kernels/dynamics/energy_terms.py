@@ -20,7 +20,7 @@ LEDGER = (GONE + KINDS) * W
 
 
 class EnergyTerms(NamedTuple):
-    """What is booked, J; and what the last step left behind. None where nobody asks for it.
+    """What is counted, J; and what the last step left behind. None where nobody asks for it.
 
     Shear and torsion are in the sense in which the host slips; axes are those of the joint's elastic forces.
     """

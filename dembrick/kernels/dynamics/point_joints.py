@@ -7,7 +7,7 @@ memory lives in the plane's axes and turns with them. The normal force acts alon
 reaction at one world point.
 
 Where any joint has strengths, all points of the scene take the law with bonds (`answer_bonded` in place of `answer`),
-and what they lose is booked there.
+and what they lose is counted there.
 """
 
 from typing import NamedTuple
@@ -264,7 +264,7 @@ def write_forces(corners, t, first, sense, work, out):
 
 @entry
 def add_losses(work, own, dashpots, which, k_n, k_s, friction, arm, ledger):
-    """Book what one point of every joint of a tile lost in a step, ``which`` of the two of `point_joints.press`: in
+    """Add what one point of every joint of a tile lost in a step, ``which`` of the two of `point_joints.press`: in
     friction, or let go where the point has opened."""
     for lane in range(W):
         at = which * POINT + lane
@@ -319,8 +319,8 @@ def forces(links, corners, bodies, first, last, force_out, strengths, bonds, ene
             if energy_terms is None:
                 press(work, own, k_n, k_s, friction, arm, None, force_out, strengths, law, pair, None)
             if energy_terms is not None:
-                of_books = (start // POINT + i) * DASHPOT
-                dashpots = energy_terms.dashpots[of_books : of_books + 2 * DASHPOT]
+                of_dashpots = (start // POINT + i) * DASHPOT
+                dashpots = energy_terms.dashpots[of_dashpots : of_dashpots + 2 * DASHPOT]
                 ledger = energy_terms.ledger[t * LEDGER : (t + 1) * LEDGER]
                 losing = press(work, own, k_n, k_s, friction, arm, dashpots, force_out, strengths, law, pair, ledger)
                 if losing > 0:

@@ -224,7 +224,7 @@ def step_bodies(bodies, wrench, first, last, g, dt, damping, fallen, mean, work)
     """Move the free blocks ``first`` to ``last`` through a step, under gravity g (3,), loads and joints.
 
     Every block gathers the forces of its joints in their order, so the sums do not depend on who else works on them.
-    ``damping`` is local damping (quasi-static seating only; zero in a dynamic run). ``fallen`` (n,) gets the momentum
+    ``damping`` is local damping (dead-load equilibrium only; zero in a dynamic run). ``fallen`` (n,) gets the momentum
     times ``mean`` (3) on top, the work of gravity over the step before, unless it is None. ``work``: scratch, see
     `lanes`. Returns the squares of the longest move of a material point of a block in this step and of the longest
     displacement since the start (m2).

@@ -23,7 +23,7 @@ from math import sqrt
 from dembrick._jit import jit
 from dembrick.kernels.joint.limit_surface import PROXIMAL_TOLERANCE, chord, gauge, proximal_map
 from dembrick.kernels.joint.no_tension import extremes, no_tension
-from dembrick.kernels.joint.point_law import breaks_at_once
+from dembrick.kernels.joint.point_law import breaks_at_once, shear_strength
 from dembrick.kernels.joint.pressure import follow_pressure
 
 LIFTS = 30  # of the search for the slip that lifts by what makes it
@@ -180,14 +180,6 @@ def bonded_pressure(x, y, first, last, area, second, reach, viscous, bonded, mos
 
 
 @jit
-def area_strength(strengths, i, area, bonded, friction, normal):
-    """What scales the limit surface of a convex joint under N = ``normal``, by the bond that it has (N)."""
-    if bonded > 0.0:
-        return max(strengths.cohesion[i] * area + friction * normal, 0.0)
-    return strengths.residual_cohesion[i] * area + strengths.residual[i] * friction * normal if normal > 0.0 else 0.0
-
-
-@jit
 def bonded_area(
     x, y, first, last, area, second, reach, far, radius, strengths, i, k_n, k_s, friction, negligible, viscous, damped,
     bonded, rise, g0, gx, gy, d0, dx, dy, s1, s2, turn, b1, b2, bm, w1, w2, wm, tolerance=PROXIMAL_TOLERANCE,
@@ -209,7 +201,7 @@ def bonded_area(
             x, y, first, last, area, second, reach, viscous, bonded, most, g0 + rise, gx, gy, d0, dx, dy
         )
         n *= k_n
-        cap = area_strength(strengths, i, area, bonded, friction, n)
+        cap = shear_strength(strengths, i, area, bonded, friction, n)
         t1 = b1 + damped * k_t * s1
         t2 = b2 + damped * k_t * s2
         tm = bm + damped * k_r * turn
@@ -242,7 +234,7 @@ def bonded_area(
         n *= k_n
         t1, t2, tm, e1, e2, em, q1, q2, qm, w1, w2, wm, slid, more = area_friction(
             x, y, first, last, area, reach, far, None, 0, radius,
-            area_strength(strengths, i, area, bonded, friction, n), 1.0, negligible, k_t, k_r, damped, s1, s2, turn,
+            shear_strength(strengths, i, area, bonded, friction, n), 1.0, negligible, k_t, k_r, damped, s1, s2, turn,
             b1, b2, bm, w1, w2, wm, tolerance,
         )  # fmt: skip
         evaluations += more

@@ -101,13 +101,33 @@ class Strengths(NamedTuple):
     dilation: ndarray  # (s,) rise over slip
     residual_cohesion: ndarray  # (s,) Pa, of a closed point without a bond
     residual: ndarray  # (s,) residual friction over friction
-    held: ndarray  # (1,) 1 while no bond breaks that would let go of something: in seating, and within an equilibrium
+    held: ndarray  # (1,) 1 while no bond breaks that would let go of something: while an equilibrium is looked for
 
 
 @jit
 def breaks_at_once(strengths, i):
     """Whether a bond that breaks in shear while it presses lets go of something (brittle), or carries on (ductile)."""
     return strengths.residual_cohesion[i] < strengths.cohesion[i] or strengths.residual[i] < 1.0
+
+
+@jit
+def bond_strength(strengths, i, area, friction, normal):
+    """Shear strength (N) while the bond holds: c A + mu N."""
+    return strengths.cohesion[i] * area + friction * normal
+
+
+@jit
+def residual_strength(strengths, i, area, friction, normal):
+    """Shear strength (N) without a bond, if it presses: c_r A + mu_r N."""
+    return strengths.residual_cohesion[i] * area + strengths.residual[i] * friction * normal
+
+
+@jit
+def shear_strength(strengths, i, area, bonded, friction, normal):
+    """Shear strength (N) under N = ``normal`` of a point, or what scales the limit surface of an area, by its bond."""
+    if bonded > 0.0:
+        return max(bond_strength(strengths, i, area, friction, normal), 0.0)
+    return residual_strength(strengths, i, area, friction, normal) if normal > 0.0 else 0.0
 
 
 @jit
@@ -147,7 +167,7 @@ def bonded_law(
     size = sqrt(t1 * t1 + t2 * t2)
     stiff = damped * k_s
     if bonded > 0.0:
-        if size <= strengths.cohesion[i] * area + friction * normal or (
+        if size <= bond_strength(strengths, i, area, friction, normal) or (
             held and (spring <= 0.0 or breaks_at_once(strengths, i))
         ):
             e1 = elastic_1 + share * (t1 - elastic_1)
@@ -165,7 +185,7 @@ def bonded_law(
             share = 1.0
             viscous = 0.0
     mu = friction * strengths.residual[i]
-    cap = strengths.residual_cohesion[i] * area + mu * normal
+    cap = residual_strength(strengths, i, area, friction, normal)
     slid = 0.0
     if size > cap:
         dilation = strengths.dilation[i]
@@ -178,11 +198,11 @@ def bonded_law(
             crushed += (spring - most) / k_n if spring > most else 0.0
             spring = min(spring, most)
             normal = most
-            again = (size - strengths.residual_cohesion[i] * area - mu * normal) / max(stiff, NONE)
+            again = (size - residual_strength(strengths, i, area, friction, normal)) / max(stiff, NONE)
             rise += dilation * (again - slid)
             crushed += dilation * (again - slid)
             slid = again
-        kept = (strengths.residual_cohesion[i] * area + mu * normal) / size
+        kept = residual_strength(strengths, i, area, friction, normal) / size
         t1 *= kept
         t2 *= kept
     e1 = elastic_1 + share * (t1 - elastic_1)
@@ -191,14 +211,6 @@ def bonded_law(
         e1 = t1
         e2 = t2
     return normal, spring, t1, t2, e1, e2, slid, bonded, crushed, rise
-
-
-@jit
-def shear_strength(strengths, i, area, bonded, friction, normal):
-    """What a point may carry in shear under N = ``normal`` (N), by the bond that it has."""
-    if bonded > 0.0:
-        return max(strengths.cohesion[i] * area + friction * normal, 0.0)
-    return strengths.residual_cohesion[i] * area + strengths.residual[i] * friction * normal if normal > 0.0 else 0.0
 
 
 @jit
@@ -228,8 +240,7 @@ def bonded_losses(
         return 0.0, 0.0, 0.0, shear + across, 0.0, 0.0, 0.0
     crush = strengths.crushing[i] * area * deeper if deeper > 0.0 else 0.0
     if slid > 0.0:
-        by_law = strengths.residual_cohesion[i] * area
-        by_law += (friction * strengths.residual[i] - strengths.dilation[i]) * normal
+        by_law = residual_strength(strengths, i, area, friction, normal) - strengths.dilation[i] * normal
         if lift > 0.0:  # what lifts takes its work from friction, and the dashpot lengthens with it
             dash = (normal - spring) * (lift - deeper)
             return shear + across - crush - dash, by_law * slid, crush, 0.0, 0.0, 0.0, dash

@@ -14,7 +14,6 @@ from dembrick.kernels.joint.area_law import (
     area_friction,
     area_pressure,
     area_springs,
-    area_strength,
     bonded_area,
     follow_bending,
     spring_pressure,
@@ -22,7 +21,7 @@ from dembrick.kernels.joint.area_law import (
 )
 from dembrick.kernels.joint.limit_surface import gauge, surface
 from dembrick.kernels.joint.no_tension import extremes
-from dembrick.kernels.joint.point_law import Strengths, breaks_at_once
+from dembrick.kernels.joint.point_law import Strengths, breaks_at_once, shear_strength
 from dembrick.kernels.joint.pressure import Pressed
 from dembrick.kernels.state import BY_LAW, CRUSHING, DAMPING, FRACTURE, LEAST, SLIDING
 from dembrick.kernels.statics.dashpots import dashpot_work
@@ -261,7 +260,7 @@ def dissipation(areas, a, rest, normal, q1, q2, qr):
 def strength(strengths, bonds, areas, a, normal):
     """What scales the limit surface of convex joint ``a`` (N) under the normal force ``normal``."""
     if strengths is not None:
-        return area_strength(strengths, a, areas.area[a], bonds.bonded[a], areas.friction[a], normal)
+        return shear_strength(strengths, a, areas.area[a], bonds.bonded[a], areas.friction[a], normal)
     return areas.friction[a] * normal
 
 
@@ -431,5 +430,5 @@ def reserves(areas, out):
             out[a, 0] = areas.area[a] * (strengths.tension[a] + least)
             if least < 0.0 or breaks_at_once(strengths, a):
                 e = areas.elastic[a]
-                cap = area_strength(strengths, a, areas.area[a], 1.0, areas.friction[a], areas.bonds.normal[a])
+                cap = shear_strength(strengths, a, areas.area[a], 1.0, areas.friction[a], areas.bonds.normal[a])
                 out[a, 1] = cap if cap <= 0.0 else cap - cap * area_gauge(areas, a, e[0] / cap, e[1] / cap, e[2] / cap)

@@ -1,5 +1,5 @@
-"""Many scenes of a fixed and a free block in one compiled call: each is seated, pushed and bracketed by the same
-kernels as a scene of its own.
+"""Many scenes of a fixed and a free block in one compiled call: each brought to rest, pushed and bracketed as in a
+scene of its own, by the same kernels.
 
 The arrays of a batch are those of ``state`` for k scenes one after another: blocks 2 i (fixed) and 2 i + 1 (free),
 joint i between them, the actuators of scene i, and one row each of what a scene has once. A scene is a view of its
@@ -18,7 +18,7 @@ from dembrick.kernels.statics.divergence import Guard
 from dembrick.kernels.statics.load_bounds import NEVER, Certificate
 from dembrick.kernels.statics.loop import CONVERGED, RUNNING, Drive, advance, settle
 
-UNSEATED = 5  # besides the states of `advance`: the dead loads alone bring the block down
+FALLS = 5  # besides the states of `advance`: the dead loads alone bring the block down
 
 
 class Settings(NamedTuple):
@@ -27,8 +27,8 @@ class Settings(NamedTuple):
     tolerance: float
     caution: float  # part of the tolerance that an indicator gets
     unbalanced: float  # of the joint forces: equilibrium under the dead loads
-    first_steps: int  # of seating, without momentum
-    seating_steps: int
+    first_steps: int  # of the dead-load equilibrium, without momentum
+    dead_load_steps: int
     momentum: float
     eta: float  # circular frequency of the blocks times the time step
     slip_per_step: float
@@ -141,11 +141,11 @@ def clear(room):
 
 
 @jit
-def seat_one(blocks, joints, points, areas, inertia, settings):
-    """Equilibrium under the dead loads, as ``dead_load.seat`` finds it; False where there is none."""
+def dead_load_equilibrium(blocks, joints, points, areas, inertia, settings):
+    """Equilibrium under the dead loads, as ``simulation.statics.dead_load`` finds it; False where there is none."""
     ratio = 1.0
     for attempt in range(2):
-        most = settings.first_steps if attempt == 0 else settings.seating_steps
+        most = settings.first_steps if attempt == 0 else settings.dead_load_steps
         momentum = 0.0 if attempt == 0 else settings.momentum
         if not ratio <= settings.unbalanced:
             ratio, _ = settle(0, most, settings.unbalanced, blocks, joints, points, areas, inertia, momentum)
@@ -158,11 +158,11 @@ def seat_one(blocks, joints, points, areas, inertia, settings):
 
 @jit
 def replay_one(
-    i, blocks, joints, points, areas, actuators, seating, pushing, loading, lone, basis, room, settings, answer
+    i, blocks, joints, points, areas, actuators, resting, pushing, loading, lone, basis, room, settings, answer
 ):
-    """Seat and push scene ``i`` until its bracket is within tolerance; returns the status and the steps taken."""
-    if not seat_one(blocks, joints, points, areas, seating, settings):
-        return UNSEATED, 0
+    """Load and push scene ``i`` until its bracket is within tolerance; returns the status and the steps taken."""
+    if not dead_load_equilibrium(blocks, joints, points, areas, resting, settings):
+        return FALLS, 0
     # the actuators come to a block that the dead load has moved already, and do not push it back
     driven = 0.0
     for c in range(3):
@@ -219,12 +219,12 @@ def replay_one(
 
 @entry
 def replay_batch(
-    first, last, blocks, joints, points, areas, actuators, each, seating, pushing, loading, lone, basis, room, settings,
+    first, last, blocks, joints, points, areas, actuators, each, resting, pushing, loading, lone, basis, room, settings,
     answer,
 ):  # fmt: skip
     """Replay the scenes ``first`` to ``last`` - 1 of a batch one after another.
 
-    Either ``points`` or ``areas`` is None. ``each``: actuators of a scene. ``seating`` and ``pushing`` are the scaled
+    Either ``points`` or ``areas`` is None. ``each``: actuators of a scene. ``resting`` and ``pushing`` are the scaled
     inertia of the blocks (2 k, 6, 6) for either task. ``basis`` (`certify`) and ``room`` are to work in.
     """
     for i in range(first, last):
@@ -232,7 +232,7 @@ def replay_batch(
         own = blocks_of(blocks, lone, i)
         joint = joint_of(joints, lone, i)
         pushed = actuators_of(actuators, i, each)
-        still = ScaledInertia(seating.inverse[s], seating.matrix[s], None)
+        still = ScaledInertia(resting.inverse[s], resting.matrix[s], None)
         moving = ScaledInertia(pushing.inverse[s], pushing.matrix[s], None)
         status, steps = replay_one(
             i, own, joint, families.points_of_scene(points, lone, i), families.areas_of_scene(areas, lone, i), pushed,

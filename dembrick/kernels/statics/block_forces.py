@@ -10,7 +10,7 @@ from dembrick._jit import jit
 from dembrick.kernels.joint.ties import stretch
 from dembrick.kernels.math.quaternion import rotate
 from dembrick.kernels.math.vec3 import columns_times, cross
-from dembrick.kernels.state import HEAD, JACK_DAMPING
+from dembrick.kernels.state import ACTUATOR_DAMPING, HEAD
 from dembrick.kernels.statics import joint_families as families
 from dembrick.kernels.statics.finite_rotation import finite_actuator, finite_relative
 from dembrick.kernels.statics.joint_families import FAMILIES
@@ -135,7 +135,7 @@ def actuator_forces(blocks, actuators, drive, inertia, rate, dt, energy):
         head = rate * dt * total
         last = energy.dash[energy.dash.shape[0] - 1]
         energy.work[HEAD] += 0.5 * (state[2] + v) * head
-        energy.work[JACK_DAMPING] += 0.5 * (last[0] + dash) * (head - (driven - state[1]) * total)
+        energy.work[ACTUATOR_DAMPING] += 0.5 * (last[0] + dash) * (head - (driven - state[1]) * total)
         last[0] = dash
     moved = (driven - state[1]) * total
     state[1] = driven

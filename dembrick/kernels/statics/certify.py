@@ -1,6 +1,6 @@
 """Whether the bracket of one joint between a fixed and a free block is strict, and what it is formed with.
 
-One kernel for a scene of its own and for the scenes of a batch: it reads the seated state, before the actuators push.
+One kernel for a scene of its own and for those of a batch: it reads the dead-load equilibrium, before actuators push.
 """
 
 from math import sqrt
@@ -37,7 +37,7 @@ def at_joint(joints, j, w, out):
 
 @entry
 def certify(joints, points, areas, unit, dead, basis):
-    """Fill ``basis`` for joint 0, the only one of its scene, from the seated state.
+    """Fill ``basis`` for joint 0, the only one of its scene, from the dead-load equilibrium.
 
     ``unit`` and ``dead`` (6,) are the wrenches of the unit load and of the dead load on b about O (`at_joint`). Strict
     where the friction of the joint does not depend on the load: where it follows the pressure, while the load neither

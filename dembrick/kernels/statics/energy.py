@@ -7,14 +7,14 @@ or closes within a step, and, in finite motion, the turning of the geometry with
 
 from dembrick._jit import jit
 from dembrick.kernels.joint.ties import tie_energy
+from dembrick.kernels.state import ACTUATOR_DAMPING, DAMPING, DEAD_LOAD_WORK, ELASTIC_AT_START, HEAD, SLIDING, TORQUES
 from dembrick.kernels.state import CRUSHING as CRUSHED
-from dembrick.kernels.state import DAMPING, HEAD, JACK_DAMPING, SEATED, SEATING, SLIDING, TORQUES
 from dembrick.kernels.state import FRACTURE as BROKEN
 from dembrick.kernels.state import YIELDING as YIELDED
 from dembrick.kernels.statics import joint_families as families
 from dembrick.kernels.statics.joint_families import FAMILIES
 
-KINETIC, ELASTIC, JACK_SPRING, EXTERNAL, FRICTION, DASHPOTS, CRUSHING, FRACTURE, YIELDING = range(9)
+KINETIC, ELASTIC, ACTUATOR_SPRING, EXTERNAL, FRICTION, DASHPOTS, CRUSHING, FRACTURE, YIELDING = range(9)
 
 
 @jit
@@ -42,10 +42,10 @@ def add_dead_torque_work(work, turned, blocks, dt):
 def begin_energy(energy, blocks, joints, points, areas, ties):
     """Note what there is at the start; blocks at rest."""
     if energy is not None:
-        energy.work[SEATED] = elastic_energy(joints, points, areas, None)
+        energy.work[ELASTIC_AT_START] = elastic_energy(joints, points, areas, None)
         if ties is not None:
-            energy.work[SEATED] += tie_energy(ties)
-        energy.work[SEATING] = dead_force_work(blocks)
+            energy.work[ELASTIC_AT_START] += tie_energy(ties)
+        energy.work[DEAD_LOAD_WORK] = dead_force_work(blocks)
 
 
 @jit
@@ -106,13 +106,13 @@ def balance(energy, blocks, joints, points, areas, actuators, ties, drive, scale
         weights += abs(actuators.weight[i])
     spring = actuators.drive[0] - actuators.drive[1]
     out[KINETIC] = kinetic_energy(blocks, scaled, inertia, dt)
-    out[ELASTIC] = elastic_energy(joints, points, areas, energy.dash) - energy.work[SEATED]
+    out[ELASTIC] = elastic_energy(joints, points, areas, energy.dash) - energy.work[ELASTIC_AT_START]
     if ties is not None:
         out[ELASTIC] += tie_energy(ties)
-    out[JACK_SPRING] = 0.5 * drive.stiffness * spring * spring * weights
-    out[EXTERNAL] = energy.work[HEAD] + energy.work[TORQUES] + (dead_force_work(blocks) - energy.work[SEATING])
+    out[ACTUATOR_SPRING] = 0.5 * drive.stiffness * spring * spring * weights
+    out[EXTERNAL] = energy.work[HEAD] + energy.work[TORQUES] + (dead_force_work(blocks) - energy.work[DEAD_LOAD_WORK])
     out[FRICTION] = energy.work[SLIDING]
-    out[DASHPOTS] = energy.work[DAMPING] + energy.work[JACK_DAMPING]
+    out[DASHPOTS] = energy.work[DAMPING] + energy.work[ACTUATOR_DAMPING]
     out[CRUSHING] = energy.work[CRUSHED]
     out[FRACTURE] = energy.work[BROKEN]
     out[YIELDING] = energy.work[YIELDED]

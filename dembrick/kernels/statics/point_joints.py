@@ -4,16 +4,17 @@ The functions of a family are those of `area_joints`, under the same names; `joi
 point is `kernels.joint.point_law`.
 """
 
-from math import sqrt
+from math import inf, sqrt
 from typing import NamedTuple
 
 from numpy import ndarray, uint64
 
-from dembrick._jit import jit, jit_sum
+from dembrick._jit import entry, jit, jit_sum
 from dembrick.kernels.joint.point_law import (
     Strengths,
     bonded_law,
     bonded_losses,
+    breaks_at_once,
     point_law,
     shear_loss,
     shear_strength,
@@ -88,8 +89,8 @@ def spring_resultant(points, p, sums, dn, r1, r2):
 def forces(points, p, before, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s, energy):
     """Resultant (N, V_1, V_2, M_T, M_1, M_2, slip) of point joint ``p``; updates the memory of its contact points.
 
-    With ``energy`` (not None) the work of the step is booked, by the trapezoidal rule over the increment; ``before`` is
-    the resultant of the last step.
+    With ``energy`` (not None) the work of the step is added up, by the trapezoidal rule; ``before`` is the
+    resultant of the last step.
     """
     return forces_by(
         points.strengths, points.bonds, points, p, before, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s,
@@ -428,3 +429,22 @@ def dead_gauge(points, p, normal, dead):
             force = sqrt(points.elastic_1[i] ** 2 + points.elastic_2[i] ** 2)
             taken = max(taken, force / (points.friction[p] * points.normal[i]))
     return taken
+
+
+# --- bonds
+
+
+@entry
+def reserves(points, out):
+    """What bonds could carry more (c, 2), in N: in tension, and in shear where its loss would let go of something;
+    infinite where there is no bond."""
+    for p in range(points.joint.size):
+        for i in range(points.start[p], points.start[p + 1]):
+            out[i, 0] = out[i, 1] = inf
+            strengths = points.strengths
+            bonds = points.bonds
+            if bonds.bonded[i] > 0.0:
+                out[i, 0] = strengths.tension[p] * bonds.area[i] + bonds.spring[i]
+                if bonds.spring[i] <= 0.0 or breaks_at_once(strengths, p):
+                    cap = strength(strengths, bonds, points, p, i, points.normal[i])
+                    out[i, 1] = cap - sqrt(points.elastic_1[i] ** 2 + points.elastic_2[i] ** 2)

@@ -23,7 +23,7 @@ class Past:
 
     def __init__(self, moving: Motion, controller: PushController | None):
         self.moving, self._controller = moving, controller
-        self.unbalanced = np.zeros(1)  # after the seating
+        self.unbalanced = np.zeros(1)  # after the dead-load equilibrium
         self.longest, self.may_end_early = 0, False  # steps of the run, and whether a collapse ends it
         self.at_rest = np.zeros((len(moving.state.links.host), 9))  # `seen` then
         self.extremes = Extremes.of(moving)
@@ -32,7 +32,7 @@ class Past:
     def where(self) -> str:
         """Steps done, and the time."""
         if not self.moving.steps:
-            return f"step {self.moving.seating_steps} of the seating"
+            return f"step {self.moving.dead_load_steps} of the dead-load equilibrium"
         return step_at(self.moving.steps, self.moving.time_step)
 
     @property
@@ -40,7 +40,7 @@ class Past:
         """How far the run is."""
         moving = self.moving
         if not moving.steps:
-            return Progress(DEAD_LOADS, moving.seating_steps)
+            return Progress(DEAD_LOADS, moving.dead_load_steps)
         return Progress("step", moving.steps, self.longest, moving.time, self.may_end_early)
 
     def _arrays(self) -> dict[str, np.ndarray]:
@@ -55,25 +55,23 @@ class Past:
     def snapshot(self) -> dict[str, np.ndarray]:
         """Everything that the run goes on from."""
         moving = self.moving
-        loop = np.array([moving.steps, moving.time_step, moving.seating_steps])
+        loop = np.array([moving.steps, moving.time_step, moving.dead_load_steps])
         parts = {name: getattr(moving.state, name) for name in PARTS}
-        met = (
-            moving.contact_detection.snapshot() if moving.steps else {}
-        )  # nobody looks for pairs while blocks are seated
+        met = moving.contact_detection.snapshot() if moving.steps else {}  # nobody looks for pairs before time begins
         return {"loop": loop, **met, **self._arrays(), **flattened(parts)}
 
     def has_begun(self, snapshot: Snapshot) -> bool:
-        """Whether the blocks were seated when the ``snapshot`` was taken, and time had begun."""
+        """Whether the dead-load equilibrium was reached when the ``snapshot`` was taken, and time had begun."""
         return bool(snapshot.array("loop", np.zeros(3))[0] > 0.0)
 
     def restore(self, snapshot: Snapshot) -> None:
         """Take it from a snapshot of the same scene; HistoryError where it is of another."""
         moving = self.moving
-        steps, dt, seating = snapshot.array("loop", np.zeros(3)).tolist()
-        counts = min(steps, seating) >= 0.0 < max(steps, seating) and steps.is_integer() and seating.is_integer()
+        steps, dt, before = snapshot.array("loop", np.zeros(3)).tolist()
+        counts = min(steps, before) >= 0.0 < max(steps, before) and steps.is_integer() and before.is_integer()
         if not (counts and 0.0 < dt < math.inf):
             raise HistoryError(f"{snapshot.path}: this checkpoint is of no step of this run")
-        moving.steps, moving.time_step, moving.seating_steps = int(steps), dt, int(seating)
+        moving.steps, moving.time_step, moving.dead_load_steps = int(steps), dt, int(before)
         for name, own in self._arrays().items():
             own[...] = snapshot.array(name, own)
         moving.polygons.make_room(joint_families.rooms(moving.state, snapshot))

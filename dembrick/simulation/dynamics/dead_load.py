@@ -50,7 +50,7 @@ def find_equilibrium(
     others come to rest, and begin to fall when time starts: ``motion.falling``. Without ``sticking`` such blocks raise
     NotConvergedError, which names them. Bonds hold meanwhile, whatever they bear.
 
-    ``pause`` is called between two chunks of steps, of which ``motion.seating_steps`` are done then; ``resume`` takes
+    ``pause`` is called between two chunks of steps, of which ``motion.dead_load_steps`` are done then; ``resume`` takes
     state and steps back from there.
     """
     drawn = _kept(motion)
@@ -70,12 +70,12 @@ def find_equilibrium(
                     raise _fallen(motion, falls)
                 _put_back(motion, drawn)
                 motion.falling |= falls
-                motion.attempt[:] = motion.seating_steps, -1.0
+                motion.attempt[:] = motion.dead_load_steps, -1.0
     bodies = motion.state.bodies
     bodies.velocity[:], bodies.momentum[:], bodies.spin[:] = 0.0, 0.0, 0.0
     if not (sticking or attempt.ratio <= attempt.enough):
         raise NotConvergedError(
-            f"no equilibrium under the dead loads: after {motion.seating_steps} steps the out-of-balance force is "
+            f"no equilibrium under the dead loads: after {motion.dead_load_steps} steps the out-of-balance force is "
             f"still {attempt.ratio:.2g} of the joint forces, so the blocks slide or overturn before the run begins; "
             "check loads, friction and supports"
         )
@@ -105,7 +105,7 @@ class _Attempt:
 
         After the first has been seen to fall it goes on as long again: the slower parts of a mechanism show then.
         """
-        motion, begun = self.motion, self.motion.seating_steps
+        motion, begun = self.motion, self.motion.dead_load_steps
         self.ratio, self.enough = 0.0, BALANCED
         none = np.zeros(len(self.supported), bool)
         standing = self.supported & ~motion.falling
@@ -113,15 +113,15 @@ class _Attempt:
         held = bodies._replace(free=bodies.free[standing[bodies.free]])
         if not (len(held.free) and len(motion.state.links.host)):
             return none
-        while motion.seating_steps - motion.attempt[0] < MOST_STEPS:
-            if pause is not None and motion.seating_steps > begun:
+        while motion.dead_load_steps - motion.attempt[0] < MOST_STEPS:
+            if pause is not None and motion.dead_load_steps > begun:
                 pause()
             status, done = self._advance(held, CHUNK)
-            motion.seating_steps += done
+            motion.dead_load_steps += done
             self.ratio, self.enough = unbalanced(motion.state, self.driving, standing)
             falls = standing & ~self._tied()
             if falls.any():
-                spent = motion.seating_steps - motion.attempt[0]
+                spent = motion.dead_load_steps - motion.attempt[0]
                 if motion.attempt[1] < 0.0:
                     motion.attempt[1] = spent
                 if spent >= 2.0 * motion.attempt[1] or status != RUNNING:

@@ -52,7 +52,7 @@ class MotionEnergy:
 
     @property
     def wanted(self) -> bool:
-        """Whether anything is booked."""
+        """Whether anything is counted."""
         return self.table is not None
 
     def fit(self, loads: int, supports: int) -> None:
@@ -77,7 +77,7 @@ class MotionEnergy:
         self.start[:] = 0.5 * twice, self._springs(state)[1].sum() + tie_energy(state.ties)
 
     def open(self, state: MovingState) -> None:
-        """Begin again with the next step; what was booked before time began does not count."""
+        """Begin again with the next step; what was counted before time began does not count."""
         if self.wanted:
             self.table.begun[:] = 0.0
             self.table.face[:, :3] = self._springs(state)[0]
@@ -134,7 +134,7 @@ class MotionEnergy:
         }
 
     def sums(self, state: MovingState, rounding: float) -> Sums | None:
-        """What the audit wants; None where nothing was booked. ``rounding`` (J): less is no error of the run."""
+        """What the audit wants; None where nothing was counted. ``rounding`` (J): less is no error of the run."""
         if not self.wanted:
             return None
         table = self.table
@@ -148,7 +148,7 @@ class MotionEnergy:
     def arrays(self) -> dict[str, np.ndarray]:
         """All that a run goes on from."""
         table = {} if self.table is None else self.table._asdict()
-        return {f"books.{name}": array for name, array in table.items()} | {"books.start": self.start}
+        return {f"energy.{name}": array for name, array in table.items()} | {"energy.start": self.start}
 
 
 def _blank(state: MovingState, loads: int, supports: int) -> EnergyTerms:

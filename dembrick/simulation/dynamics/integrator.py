@@ -58,7 +58,7 @@ FIRST_PAUSE, LONGEST_PAUSE = 250, 20_000  # steps until they show it again
 NO_LIMIT = 1e150  # m
 IN_LANES = ("tiles", "points", "dashpots", "ledger")  # arrays of tiles
 BY_STEP = ("force", "gravity", "place", "orientation", "velocity", "spin", "moved")  # of loads
-BETWEEN = ("seating", "contact_search", "geometry", "record")  # what a run does beside its steps
+BETWEEN = ("dead_load", "contact_search", "geometry", "record")  # what a run does beside its steps
 
 
 def damping_of_restitution(restitution: float) -> float:
@@ -99,7 +99,7 @@ class Motion:
     loop_seconds: float = 0.0
     phases: dict[str, float] = field(default_factory=lambda: dict.fromkeys(BETWEEN, 0.0))
     steps: int = 0
-    seating_steps: int = 0
+    dead_load_steps: int = 0
     contact_detection: ContactDetection = field(init=False)
     energy: MotionEnergy = field(init=False)
     falling: np.ndarray = field(init=False)
@@ -124,7 +124,7 @@ class Motion:
 
     @property
     def time(self) -> float:
-        """Seconds since the seating."""
+        """Seconds since the dead-load equilibrium."""
         return self.steps * self.time_step
 
     @property
@@ -134,7 +134,7 @@ class Motion:
 
     @property
     def displacement(self) -> np.ndarray:
-        """Of every centroid since the seating (n, 3), in the frame of the supports (m)."""
+        """Of every centroid since the dead-load equilibrium (n, 3), in the frame of the supports (m)."""
         return self.state.bodies.position - self.state.bodies.start
 
     @property

@@ -92,7 +92,7 @@ class MotionRun:
 
     @property
     def loop_seconds(self) -> float:
-        """Spent in the loop, seating counted."""
+        """Spent in the loop, dead-load equilibrium counted."""
         return sum(self.phases.values())
 
     @property
@@ -102,7 +102,7 @@ class MotionRun:
 
 
 def prepare(assembly: Assembly, control: Control, step_factor: float) -> Motion:
-    """The assembly before it is seated, with the contact damping of the control; ScenarioError where nothing moves."""
+    """The assembly as drawn, with the contact damping of the control; ScenarioError if nothing moves."""
     if control.needs_supports and not np.any(assembly.fixed):
         raise ScenarioError(f"control kind {show(control.kind)} moves supports and no block is fixed: fix one")
     if not len(assembly.fixed) - np.sum(assembly.fixed):
@@ -177,7 +177,7 @@ def most_steps(moving: Motion, control: Control, controller: PushController | No
 
 
 def run(moving: Motion, control: Control, driving: Driving, session: Session) -> MotionRun:
-    """Seat the blocks and live through the run; the session's observer gets rows and frames.
+    """Find the dead-load equilibrium and go through the run; the session's observer gets rows and frames.
 
     Raises NotConvergedError where the blocks find no rest before it, where a tilt or a push brings nothing down, and
     where blocks are pressed too deep into each other; DivergedError.
@@ -224,7 +224,7 @@ def run(moving: Motion, control: Control, driving: Driving, session: Session) ->
             f"the table stood at {STEEPEST:g} deg" if controller is None else f"the load factor came near {STRONGEST:g}"
         )
         raise NotConvergedError(f"no block moved by {goal:.6g} m before {least}; ask for a smaller displacement")
-    settings = {"contact_damping": moving.damping, "seating_steps": moving.seating_steps, "inertia": "physical"}
+    settings = {"contact_damping": moving.damping, "dead_load_steps": moving.dead_load_steps, "inertia": "physical"}
     collapse = None
     if to_collapse:
         collapse = collapse_of(moving, control, controller, past.at_rest, past.extremes)
@@ -254,7 +254,7 @@ def start(moving: Motion, control: Control, driving: Driving, past: Past, sessio
     else:
         held = replace(driving, support_velocity=(), supports=AT_REST)
         past.unbalanced[0] = find_equilibrium(moving, held, free, resume, partial(session.pause, past))
-        moving.phases["seating"], moving.loop_seconds = moving.loop_seconds, 0.0
+        moving.phases["dead_load"], moving.loop_seconds = moving.loop_seconds, 0.0
         past.at_rest[:] = seen(moving.state.bodies, moving.state.links)
         if free:
             _set_going(moving, driving)

@@ -192,7 +192,7 @@ class Settlement:
         held = replace(self.driving, supports=AT_REST)
         resume = None if resumed is None else partial(past.restore, resumed)
         past.unbalanced[0] = find_equilibrium(moving, held, False, resume, partial(self.session.pause, past))
-        moving.phases["seating"], moving.loop_seconds = moving.loop_seconds, 0.0
+        moving.phases["dead_load"], moving.loop_seconds = moving.loop_seconds, 0.0
         past.at_rest[:] = seen(moving.state.bodies, moving.state.links)
         self._advance(self._at(0.0), CHUNK)
         ratio = float(past.unbalanced[0])
@@ -283,9 +283,11 @@ class Settlement:
             self.collapse |= {"settlement": 0.5 * (low + high), "settlement_range": [low, high]}
         path = np.array(self.path)
         settings = {
-            "contact_damping": moving.damping, "local_damping": LOCAL_DAMPING, "seating_steps": moving.seating_steps,
+            "contact_damping": moving.damping,
+            "local_damping": LOCAL_DAMPING,
+            "dead_load_steps": moving.dead_load_steps,
             "equilibria": len(path),
-        }  # fmt: skip
+        }
         return SettlementRun(
             motion=moving,
             status=COMPLETED if self.collapse is None else COLLAPSE,

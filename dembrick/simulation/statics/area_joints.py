@@ -14,7 +14,7 @@ from dembrick.assembly.joints import JointTable
 from dembrick.geometry import friction_integrals, polygons
 from dembrick.kernels.statics.area_joints import AreaBonds, Areas, reserves
 from dembrick.simulation.joint_stiffness import elastic_stiffness
-from dembrick.simulation.joint_strengths import bonded_at_start, strengths_of
+from dembrick.simulation.joint_strengths import bonded_at_start, sliding_strength, strengths_of
 from dembrick.simulation.pressed_parts import check_pressures, pressed_parts
 
 if TYPE_CHECKING:
@@ -109,10 +109,7 @@ def entries(areas: Areas) -> int:
 
 def friction_work(areas: Areas, before: Areas, normal: np.ndarray) -> float:
     """Work that friction took since the memory ``before``, by the forces of now (J); ``normal`` (a,) N."""
-    strength = areas.friction * normal
-    if areas.strengths is not None:  # what slides has no bond; what rises takes its work from friction
-        s = areas.strengths
-        strength = s.residual_cohesion * areas.area + (s.residual * areas.friction - s.dilation) * normal
+    strength = sliding_strength(areas.strengths, areas.area, areas.friction, normal)
     return float((strength * (areas.slip - before.slip)).sum())
 
 

@@ -23,7 +23,7 @@ from dembrick.assembly.joints import Joint
 from dembrick.assembly.quadrature import ContactPoints, contact_points
 from dembrick.geometry import polygons
 from dembrick.kernels.state import Actuators, Blocks, Joints, ScaledInertia
-from dembrick.kernels.statics.batch import UNSEATED, Answer, Loading, Lone, Room, Settings, replay_batch
+from dembrick.kernels.statics.batch import FALLS, Answer, Loading, Lone, Room, Settings, replay_batch
 from dembrick.kernels.statics.certify import Basis
 from dembrick.kernels.statics.load_bounds import NEVER
 from dembrick.kernels.statics.loop import CONVERGED
@@ -41,8 +41,8 @@ STEP_FACTOR = 0.9  # of the time step that is stable
 class LimitLoads:
     """What became of k cases, row by row. SI units, joint axes; N, V_1, V_2, M_T act on b about O.
 
-    ``status``: "yield", or what went wrong: "not converged", "diverged", "not seated" (the dead load alone brings the
-    block down); V and its bounds are those reached. ``V`` is the middle of the bracket, NaN without an upper bound
+    ``status``: "yield", or what went wrong: "not converged", "diverged", "no equilibrium" (under dead load
+    alone); V and its bounds are those reached. ``V`` is the middle of the bracket, NaN without an upper bound
     (``V_upper`` infinite). ``certified`` tells a strict bracket from an indicator. ``twist`` (k, 3) is the slip twist
     that gave the upper bound, where certified, else that at the end; ``tilt`` (k, 2) how the block rocked in the last
     step (rad).
@@ -68,8 +68,8 @@ class LimitLoads:
         return 0.5 * (self.V_upper - self.V_lower)
 
 
-_STATUS = np.array(["not converged", "yield", "diverged", "not converged", "diverged", "not seated"])
-assert _STATUS[CONVERGED] == "yield" and _STATUS[UNSEATED] == "not seated"
+_STATUS = np.array(["not converged", "yield", "diverged", "not converged", "diverged", "no equilibrium"])
+assert _STATUS[CONVERGED] == "yield" and _STATUS[FALLS] == "no equilibrium"
 
 
 def find_limit_loads(
@@ -183,7 +183,7 @@ def _settings(tolerance: float, eta: float) -> Settings:
         caution=certificate.CAUTION,
         unbalanced=dead_load.UNBALANCED,
         first_steps=dead_load.FIRST_STEPS,
-        seating_steps=dead_load.MOST_STEPS,
+        dead_load_steps=dead_load.MOST_STEPS,
         momentum=dead_load.MOMENTUM,
         eta=eta,
         slip_per_step=limit_load.SLIP_PER_STEP,
@@ -247,6 +247,6 @@ def _run(cases: Cases, faces: _Faces) -> LimitLoads:
         V_2=resultant[:, 2].copy(),
         M_T=resultant[:, 3].copy(),
         twist=np.where(strict[:, None], answer.twist, joint_families.slip_twists(whole)),
-        tilt=joints.tilt.copy(),
+        tilt=np.where(strict[:, None], 0.0, joints.tilt),  # what is certified slides before it overturns
         steps=answer.steps,
     )

@@ -14,7 +14,7 @@ CAUTION = 0.5  # an indicator must be this much narrower than asked: what still 
 
 
 def certificate(state: State, load: np.ndarray, elastic: float, tolerance: float) -> Certificate:
-    """The certificate of a seated state for the unit load (n, 6) of the actuators.
+    """The certificate of a dead-load equilibrium for the unit load (n, 6) of the actuators.
 
     ``elastic`` (N/m) is the elastic stiffness of V against the driven displacement.
 

@@ -143,7 +143,7 @@ def _steps(rate: float, travel: float, dt: float) -> int:
 
 
 def _to_finite_motion(state: State) -> None:
-    """Turn the infinitesimal rotations of the seated state into orientations."""
+    """Turn the infinitesimal rotations of the dead-load equilibrium into orientations."""
     blocks = state.blocks
     blocks.orientation[:] = unit_quaternion(turned_by(blocks.rotation, blocks.orientation))
     blocks.rotation[:] = 0.0

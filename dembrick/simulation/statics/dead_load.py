@@ -24,7 +24,7 @@ MOST_STEPS = 20_000
 FIRST_STEPS = 30  # without momentum, for blocks on fixed ones
 MOMENTUM = 0.9  # of the last move that is kept where blocks stand on free blocks
 FEW = 8  # steps in the first chunk, before the pace is known
-SNAPSHOT = "seating"  # what a checkpoint of it has, and no other
+SNAPSHOT = "dead_load"  # what a checkpoint of it has, and no other
 CHUNK_SECONDS = 0.2  # of a chunk: a signal is answered within that
 
 
@@ -50,7 +50,7 @@ class Rest:
     loop_seconds: float
 
 
-def seat(
+def dead_load_equilibrium(
     state: State, stiffness: np.ndarray, names, factor: Factors | None = None, session: Session | None = None
 ) -> Rest:
     """`rest` of blocks that must stand: NotConvergedError, which names those that do not."""
@@ -76,7 +76,7 @@ def rest(state: State, stiffness: np.ndarray, factor: Factors | None = None, ses
     """Relax ``state`` until the out-of-balance forces are ``UNBALANCED`` of the joint forces.
 
     Where free blocks touch only fixed ones, every block moves by the answer of its own ``stiffness`` (n, 6, 6) to its
-    out-of-balance: a single Newton step seats it. Else the whole assembly moves by its elastic answer, ``factor`` being
+    out-of-balance: a single Newton step is enough. Else the whole assembly moves by its elastic answer, ``factor`` is
     that of its stiffness, first in one go and then with momentum, which is dropped whenever it works against the
     forces. ``session`` keeps checkpoints of it, and may go on from one. Blocks that fall are those that still move at
     the end. Raises Interrupted.
@@ -89,7 +89,7 @@ def rest(state: State, stiffness: np.ndarray, factor: Factors | None = None, ses
     alone = not touches_itself(state)
     if not alone:
         if factor is None:
-            raise ValueError("free blocks that touch each other are seated by the factor of their stiffness")
+            raise ValueError("free blocks that touch each other need the factor of their stiffness")
         none = np.zeros((0, 6, 6))
         inertia = ScaledInertia(none, none, whole_inertia(factor))
     else:
@@ -104,7 +104,7 @@ def rest(state: State, stiffness: np.ndarray, factor: Factors | None = None, ses
     rounds = ((FIRST_STEPS, 0.0, False), (MOST_STEPS, MOMENTUM, False)) if alone else ((MOST_STEPS, MOMENTUM, False),)
     if bonded:
         rounds = (*((most, momentum, True) for most, momentum, _ in rounds), *rounds)
-    ratio, steps = _Seating(state, inertia, rounds).run(session or Session())
+    ratio, steps = _Relaxation(state, inertia, rounds).run(session or Session())
     done = time.perf_counter()
     seconds = ready - began, done - ready
     if not ratio <= UNBALANCED:
@@ -120,7 +120,7 @@ def rest(state: State, stiffness: np.ndarray, factor: Factors | None = None, ses
     return Rest(True, ratio, steps, None, (), *seconds)
 
 
-class _Seating:
+class _Relaxation:
     """The relaxation, chunk by chunk: ``rounds`` of (most steps, momentum, whether bonds are held), until one of them
     balances the forces; where that was one with held bonds, until one does without."""
 
@@ -160,7 +160,7 @@ class _Seating:
     @property
     def where(self) -> str:
         """Steps done."""
-        return f"step {self._step} of the seating"
+        return f"step {self._step} of the dead-load equilibrium"
 
     @property
     def progress(self) -> Progress:

@@ -111,7 +111,7 @@ def _by_equilibria(setup: Setup, session: Session, goal: float, steps: float) ->
         strength += float(joint_families.greatest_strength(state).max()) / setup.weight
     strength = min(strength, rough_strength(state, certificate, setup.load)) or GUESS
     path = follower.run(steps * strength, goal)
-    phases = {"seating": setup.loop_seconds, **path.phases}
+    phases = {"dead_load": setup.loop_seconds, **path.phases}
     phases["equations"] += setup.factor.seconds
     point = read_off(state, certificate, setup.assembly.names)
     if path.unlimited:
@@ -130,7 +130,7 @@ def _by_equilibria(setup: Setup, session: Session, goal: float, steps: float) ->
         compile_seconds=setup.compile_seconds + ready - began,
         loop_seconds=sum(phases.values()),
         settings={"equilibria": path.equilibria, "inertia": "none", "gave_way": path.moved},
-        moved=state.blocks.displacement - setup.seated,
+        moved=state.blocks.displacement - setup.displacement_at_start,
         phases=phases,
     )
 

@@ -19,7 +19,7 @@ from dembrick.simulation.session import Plan, Session
 from dembrick.simulation.statics import joint_families
 from dembrick.simulation.statics.certificate import certificate
 from dembrick.simulation.statics.critical_step import Dashpots, block_inertia, dashpots
-from dembrick.simulation.statics.dead_load import seat
+from dembrick.simulation.statics.dead_load import dead_load_equilibrium
 from dembrick.simulation.statics.elastic_factor import elastic_factor, touches_itself
 from dembrick.simulation.statics.handover import starting_state
 from dembrick.simulation.statics.reactions import reactions
@@ -56,7 +56,7 @@ class Replay:
     loop_seconds: float
     energy: Energy | None = None
     settings: dict = field(default_factory=dict)
-    moved: np.ndarray | None = None  # (n, 3) m, since the blocks were seated
+    moved: np.ndarray | None = None  # (n, 3) m, since the dead-load equilibrium
     phases: dict | None = None  # s, of the loop, where it was timed by phase
 
     @property
@@ -128,7 +128,7 @@ class LoadSystem:
 
 
 class Setup(LoadSystem):
-    """The load system on the seated state, with the certificate of its limit load.
+    """The load system on the dead-load equilibrium, with the certificate of its limit load.
 
     ``by_equilibria``: whether its limit is to be searched by following equilibria; None leaves that to the scene:
     wherever the bracket is not certified.
@@ -140,12 +140,12 @@ class Setup(LoadSystem):
         super().__init__(assembly, session.start if session else None)
         whole = by_equilibria or touches_itself(self.state)
         self.factor = elastic_factor(self.state, assembly.position) if whole else None
-        seated = seat(self.state, self.stiffness, assembly.names, self.factor, session)
+        found = dead_load_equilibrium(self.state, self.stiffness, assembly.names, self.factor, session)
         if self.state.ties is not None:  # some may be slack
             self.factor = elastic_factor(self.state, assembly.position)
-        self.unbalanced = seated.unbalanced
-        self.compile_seconds, self.loop_seconds = seated.compile_seconds, seated.loop_seconds
-        self.seated = self.state.blocks.displacement.copy()
+        self.unbalanced = found.unbalanced
+        self.compile_seconds, self.loop_seconds = found.compile_seconds, found.loop_seconds
+        self.displacement_at_start = self.state.blocks.displacement.copy()
         # the actuators come to blocks that the dead loads have moved already, and do not push them back
         moved = np.concatenate([self.state.blocks.displacement, self.state.blocks.rotation], axis=1)
         self.state.actuators.drive[:2] = float((self.load * moved).sum()) / self.weight
@@ -171,7 +171,7 @@ class Setup(LoadSystem):
         )
 
     def finished(self, converged: bool, loop: Loop, critical: float, compiled: float, settings: dict) -> Replay:
-        """What came of it; ``compiled``: seconds of compiling after the seating."""
+        """What came of it; ``compiled``: seconds of compiling after the dead-load equilibrium."""
         return Replay(
             yield_point=read_off(loop.state, loop.certificate, self.assembly.names, loop.inertia is not None),
             state=loop.state,
@@ -185,7 +185,7 @@ class Setup(LoadSystem):
             loop_seconds=self.loop_seconds + loop.seconds,
             energy=loop.energy,
             settings=settings,
-            moved=loop.state.blocks.displacement - self.seated,
+            moved=loop.state.blocks.displacement - self.displacement_at_start,
         )
 
     @staticmethod

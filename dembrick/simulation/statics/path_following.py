@@ -62,7 +62,7 @@ CLOSED = 1e-3  # of the fastest relative motion of a step: gaps and their closin
 
 
 class PathFollower:
-    """Pushes a seated ``state`` by the unit ``load`` (n, 6) to its limit, or until no further equilibrium is found.
+    """Pushes a ``state`` in equilibrium by the unit ``load`` (n, 6) to its limit, or until no further one is found.
 
     ``factor``: of the elastic stiffness. The bracket ends up in ``certificate``; every equilibrium is recorded, its
     number for a time. ``session`` keeps checkpoints and may go on from one.
@@ -85,10 +85,10 @@ class PathFollower:
         self.weight = float(np.abs(state.actuators.weight).sum())
         self.answer = factor.pattern.to_rows(factor.answer(load[self.free]))
         self.compliance = inner(self.search.load, self.answer)
-        self.seated = 0.0
+        self.elastic_at_start = 0.0
         if recorder is not None:
-            self.seated = elastic_energy(state.joints, state.points, state.areas, None) + ties.energy(state)
-        self.seated_at = state.blocks.displacement.copy()
+            self.elastic_at_start = elastic_energy(state.joints, state.points, state.areas, None) + ties.energy(state)
+        self.displacement_at_start = state.blocks.displacement.copy()
         # V that weighs as much as all dead loads, and all bonds
         self.dead = float(np.linalg.norm(ties.dead_loads(state)[self.free, :3], axis=1).sum()) / self.weight
         self.bonds = BondBreaking(state)
@@ -290,7 +290,7 @@ class PathFollower:
         trial = {f"trial.{name}": array for name, array in own.items()}
         own = {
             "bracket": self.certificate.bracket,
-            "way.seated_at": self.seated_at,
+            "way.displacement_at_start": self.displacement_at_start,
             "way.reserves": self.bonds.reserves,
         }
         return {**trial, **own}
@@ -308,7 +308,7 @@ class PathFollower:
         self.search.iterations, self.search.balanced = self.way.iterations, self.way.balanced
 
     def _moved(self) -> float:  # m, greatest displacement of a block since the start of the path
-        return float(np.linalg.norm(self.state.blocks.displacement - self.seated_at, axis=1).max())
+        return float(np.linalg.norm(self.state.blocks.displacement - self.displacement_at_start, axis=1).max())
 
     def _drifted(self) -> tuple[float | None, bool]:
         """One step of blocks that were let go, at the driven displacement held: V where they have come to rest, else
@@ -446,4 +446,4 @@ class PathFollower:
 
     def _write(self, number: int) -> None:
         """Add the equilibrium of now, that with this ``number``, to the record."""
-        self.recorder.write_equilibrium(self.state, number, self.way, self.seated, self.certificate.bracket)
+        self.recorder.write_equilibrium(self.state, number, self.way, self.elastic_at_start, self.certificate.bracket)

@@ -11,9 +11,9 @@ import numpy as np
 
 from dembrick.assembly.contact_points import PointTable
 from dembrick.assembly.joints import JointTable
-from dembrick.kernels.statics.point_joints import Bonds, Points
+from dembrick.kernels.statics.point_joints import Bonds, Points, reserves
 from dembrick.simulation.joint_stiffness import elastic_stiffness
-from dembrick.simulation.joint_strengths import bonded_at_start, strengths_of
+from dembrick.simulation.joint_strengths import bonded_at_start, repeated, sliding_strength, strengths_of
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
@@ -105,14 +105,9 @@ def friction_work(points: Points, before: Points, normal: np.ndarray) -> float:
     """Work that friction took since the memory ``before``, by the forces of now (J)."""
     counts = np.diff(points.start)
     friction = np.repeat(points.friction, counts)
-    if points.strengths is None:
-        strength = friction * points.normal
-    else:  # what slides has no bond; what rises takes its work from friction
-        c_r, residual, dilation = (
-            np.repeat(getattr(points.strengths, name), counts) for name in ("residual_cohesion", "residual", "dilation")
-        )
-        strength = c_r * points.bonds.area + (residual * friction - dilation) * points.normal
-    return float((strength * (points.slip - before.slip)).sum())
+    strengths = None if points.strengths is None else repeated(points.strengths, counts)
+    area = None if points.bonds is None else points.bonds.area
+    return float((sliding_strength(strengths, area, friction, points.normal) * (points.slip - before.slip)).sum())
 
 
 def crushing_work(points: Points, before: Points) -> float:
@@ -127,16 +122,9 @@ def crushing_work(points: Points, before: Points) -> float:
 def reserve(points: Points) -> np.ndarray:
     """What the bonds could carry more (c, 2), in N: in tension, and in shear where its loss would let go of something.
     Infinite where there is no bond."""
-    counts = np.diff(points.start)
-    s, bonds = points.strengths, points.bonds
-    cohesion, tension, c_r, residual = (
-        np.repeat(value, counts) for value in (s.cohesion, s.tension, s.residual_cohesion, s.residual)
-    )
-    cap = cohesion * bonds.area + np.repeat(points.friction, counts) * points.normal
-    shear = cap - np.hypot(points.elastic_1, points.elastic_2)
-    brittle = (c_r < cohesion) | (residual < 1.0) | (bonds.spring <= 0.0)
-    found = np.stack([tension * bonds.area + bonds.spring, np.where(brittle, shear, np.inf)], axis=1)
-    return np.where(bonds.bonded[:, None] > 0.0, found, np.inf)
+    found = np.zeros((len(points.normal), 2))
+    reserves(points, found)
+    return found
 
 
 def greatest_strength(points: Points) -> np.ndarray:

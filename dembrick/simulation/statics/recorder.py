@@ -95,13 +95,13 @@ class Recorder:
             **{name: np.zeros((frames, *shape)) for name, shape in of_frames.items()},
         )
 
-    def write_equilibrium(self, state: State, number: int, way: PathState, seated: float, bracket: np.ndarray) -> None:
-        """Add the equilibrium with this ``number`` on a ``way`` to the record; ``seated`` (J) is what the springs held
+    def write_equilibrium(self, state: State, number: int, way: PathState, before: float, bracket: np.ndarray) -> None:
+        """Add the equilibrium with this ``number`` on a ``way`` to the record; ``before`` (J) is what the springs held
         where it began, ``bracket`` (2,) N of the limit."""
         record = self.record
         energy = record.energy[record.count[0]]
         energy[:] = 0.0
-        energy[ELASTIC] = elastic_energy(state.joints, state.points, state.areas, None) - seated
+        energy[ELASTIC] = elastic_energy(state.joints, state.points, state.areas, None) - before
         if number:
             energy[EXTERNAL], energy[FRICTION], energy[DASHPOTS] = way.external, way.friction, way.lost
             energy[CRUSHING], energy[FRACTURE], energy[YIELDING] = way.crushing, way.fracture, way.yielding

@@ -149,7 +149,7 @@ def write(state: State, record: Record) -> None:
 
 
 def start_moving(state: State, assembly: Assembly) -> MovingTies:
-    """The ties of a seated state in moving geometry; they no longer count as dead loads."""
+    """The ties of a dead-load equilibrium in moving geometry; they no longer count as dead loads."""
     moving = moving_ties(assembly.ties, assembly.position, assembly.rotation)
     if state.ties is not None:
         moving.now[:] = np.stack(

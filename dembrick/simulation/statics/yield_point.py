@@ -84,7 +84,7 @@ def read_off(state: State, certificate: Certificate, names, physical: bool = Fal
     slid, turned, tilted = last_moves(state)
     j = int(np.argmax(np.maximum(np.maximum(slid, turned), tilted)))
     resultant = state.joints.resultant[j]
-    centre, mechanism = _mechanism(state, j)
+    centre, mechanism = _mechanism(state, certificate, j)
     drive = state.actuators.drive
     peak = float(drive[3])
     if not physical and kind != "open":
@@ -138,13 +138,20 @@ def without_limit(point: YieldPoint) -> YieldPoint:
     )
 
 
-def _mechanism(state: State, j: int) -> tuple[tuple[float, float] | None, str]:
-    """Torsion centre of the last slip of joint ``j``, and the name of the mechanism."""
+def _mechanism(state: State, certificate: Certificate, j: int) -> tuple[tuple[float, float] | None, str]:
+    """Torsion centre of the last slip of joint ``j``, and the name of the mechanism.
+
+    A strict bracket is that of a joint that slides before it overturns, by the twist of the upper bound: it may close
+    on the last elastic step, which tilts the joint.
+    """
+    reach = joint_families.reach(state)[j]
+    if certificate.strict and certificate.twist.any():
+        return joint_mechanism(certificate.twist, np.zeros(2), reach)
     if lifted_off(state):
         return None, "uplift"
     if crushed(state):
         return None, "crushing"
-    return joint_mechanism(joint_families.slip_twists(state)[j], state.joints.tilt[j], joint_families.reach(state)[j])
+    return joint_mechanism(joint_families.slip_twists(state)[j], state.joints.tilt[j], reach)
 
 
 def last_moves(state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -91,7 +91,7 @@ def _common_diagram(histories) -> subject.Diagram:
     return diagrams.pop()
 
 
-def _since_seated(displacement: np.ndarray) -> np.ndarray:
+def _since_dead_load(displacement: np.ndarray) -> np.ndarray:
     """Lengths (T, k) of displacements (T, k, 3) from the first row on, where the blocks rest under their dead loads."""
     return np.sqrt(((displacement - displacement[:1]) ** 2).sum(axis=2))
 
@@ -106,7 +106,7 @@ def control_points(histories, labels: Sequence[str] | None = None, ax: Axes | No
     diagram = _common_diagram(histories)
     with style.settings():
         figure, axes = style.canvas(ax)
-        travels = [_since_seated(history.control_point) for history in histories]
+        travels = [_since_dead_load(history.control_point) for history in histories]
         longest = max((float(travel.max()) for travel in travels if travel.size), default=0.0)
         unit, factor = ("mm", 1e3) if longest > _MILLIMETRES_FROM else ("µm", 1e6)
         lines = 0

@@ -39,7 +39,7 @@ def two_blocks(
     return motion(built, 0.1, 0.3)
 
 
-def seated(*arguments, **keywords) -> tuple[Motion, Driving]:
+def resting(*arguments, **keywords) -> tuple[Motion, Driving]:
     """The same at rest under gravity, and what drives it."""
     moving = two_blocks(*arguments, **keywords)
     driving = Driving(moving.assembly.gravity)
