@@ -13,9 +13,11 @@ from dembrick.errors import ScenarioError
 from dembrick.geometry.shapes import parts_of
 from dembrick.scenario.checks import show
 from dembrick.scenario.pressures import PRESSURE
+from dembrick.scenario.regimes import OF_ACTUATORS, OF_PRESSURES, Curve
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
+    from dembrick.scenario.controls import Control
     from dembrick.scenario.model import Scenario
 
 ON_FACE = 1e-9  # of the block's diameter: a point so little outside is on the face
@@ -112,6 +114,12 @@ def _joined(given: ActuatorTable, driven, bare: Assembly) -> ActuatorTable:
         direction=np.concatenate([given.direction, force / weight[:, None]]),
         weight=np.concatenate([given.weight, weight]),
     )
+
+
+def recorded_curve(control: Control, actuators: ActuatorTable) -> Curve:
+    """What a run under ``control`` records; its load is a factor without a unit if nothing but pressures is driven."""
+    pressed = bool(actuators.names) and all(name.startswith(PRESSURE) for name in actuators.names)
+    return OF_PRESSURES if pressed and control.curve is OF_ACTUATORS else control.curve
 
 
 def actuators_on_all_blocks(scenario: Scenario, loads, bare: Assembly) -> ActuatorTable:

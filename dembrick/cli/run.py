@@ -139,11 +139,10 @@ def _text(result) -> str:
 
     point, run = result.yield_point, result.run
     lines = [result.scenario.title, f"formulation   {result.scenario.joint.formulation}", *result.stage_lines]
-    unit, path = " N", getattr(result, "path", None) or {}
+    unit, path = " N" if result.curve.unit == "N" else "", getattr(result, "path", None) or {}
     if result.collapse is not None:
         from dembrick.runs.collapse import collapse_lines
 
-        unit = ""
         lines += collapse_lines(result.collapse)
     if result.unlimited:
         return "\n".join([*lines, f"answer        {result.plain_answer}", f"history       {result.history}"])
@@ -152,7 +151,7 @@ def _text(result) -> str:
         lines.append(f"V             about {known(point.V, None)}{unit}, of this path ({point.bracket})")
     else:
         lines.append(f"V             {known(point.V, error)}{unit} +- {point.half_width:.2g}{unit} ({point.bracket})")
-    if unit:
+    if result.collapse is None:
         lines += path_lines(path, unit)
     if result.theory is not None:
         error = result.theory.error

@@ -16,6 +16,7 @@ import h5py
 import numpy as np
 
 import dembrick
+from dembrick.assembly.actuators import recorded_curve
 from dembrick.errors import HistoryError, OutputError, WriteError
 from dembrick.history import layout
 from dembrick.history.files import check_output, clear_parts, reason, replacing
@@ -241,7 +242,8 @@ class HistoryWriter:
 
     def _attributes(self, status: str, results: Mapping) -> dict:
         found = {"format": layout.FORMAT, "status": status, "run": self.run, "versions": _json(_versions())}
-        control, curve = self._control, self._control.curve
+        control = self._control
+        curve = recorded_curve(control, self._assembly.actuators)
         found |= {"control": control.kind, "regime": control.regime.name, "kinematics": control.regime.kinematics}
         found |= {"load_name": curve.load or "", "load_unit": curve.unit, "displacement_name": curve.displacement}
         return found | {"results": _json(results), "settings": _json(self._settings)}

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dembrick.assembly import build as assemblies
+from dembrick.assembly.actuators import recorded_curve
 from dembrick.errors import DembrickError, NotConvergedError, ScenarioError
 from dembrick.runs.left_out import LeftOut, left_out
 from dembrick.runs.limit_scenario import assembled, names_of
@@ -19,7 +20,7 @@ from dembrick.runs.limit_standing import StandingResult, stands
 from dembrick.runs.result import tie_lines
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.checks import nearest, present, show
-from dembrick.scenario.controls import DEAD_LOAD, EVERY_BLOCK, Control
+from dembrick.scenario.controls import DEAD_LOAD, Control
 from dembrick.scenario.model import Scenario
 from dembrick.simulation.limit_analysis import analysis, solver
 from dembrick.simulation.limit_analysis.non_associative import SecondOpinion, second_opinion
@@ -135,7 +136,7 @@ class LimitResult:
     def text(self) -> str:
         """What the command line prints."""
         lines = [self.scenario.title]
-        unit = "" if self.scenario.control.drives == EVERY_BLOCK else " N"
+        unit = " N" if recorded_curve(self.scenario.control, self.assembly.actuators).unit == "N" else ""
         if self.limit.unlimited:
             lines.append(f"limit         {_unlimited(self.scenario.control)}")
             return "\n".join([*lines, *self.remarks])

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dembrick.assembly.actuators import recorded_curve
 from dembrick.assembly.build import Assembly
 from dembrick.assembly.contact_points import widest_rim
 from dembrick.runs import theory_check
@@ -104,7 +105,7 @@ class RunResult:
     @property
     def curve(self) -> Curve:
         """What the record shows: names of load and displacement, and the unit of the load."""
-        return self.scenario.control.curve
+        return recorded_curve(self.scenario.control, self.assembly.actuators)
 
     if TYPE_CHECKING:
 

@@ -60,6 +60,7 @@ DRIVEN = "driven displacement"
 TILT_LOAD = "load factor tan(angle)"  # name of the load of a table that tilts
 FURTHEST = "displacement of the block that moved furthest"
 OF_ACTUATORS = Curve("load V", "N", "load multiplier V: the force of an actuator of weight 1", DRIVEN)
+OF_PRESSURES = Curve("load factor V", "1", "load multiplier V: of the driven pressures", DRIVEN)
 
 
 class Limit(NamedTuple):

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from dembrick.assembly.actuators import recorded_curve
 from dembrick.assembly.joints import JointTable
 from dembrick.scenario.controls import Control
 from dembrick.simulation.joint_strengths import has_strengths
@@ -273,7 +274,8 @@ def recorded(assembly: Assembly, asked: Container[str], control: Control) -> tup
     joints = assembly.joints
     strong = has_strengths(joints.law if isinstance(joints, JointTable) else [joint.law for joint in joints])
     counts = regime.counts_equilibria
-    words = {"load": control.curve.about, "load_unit": control.curve.unit}
+    curve = recorded_curve(control, assembly.actuators)
+    words = {"load": curve.about, "load_unit": curve.unit}
     words |= {"time": "number of the equilibrium" if counts else "time", "time_unit": "1" if counts else "s"}
     words["when"] = " (of the last forces, a step before the row)" if regime.real_time else ""
     found = []

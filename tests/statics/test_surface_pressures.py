@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from dembrick.assembly.build import assemble
+from dembrick.cli import main
 from dembrick.errors import ScenarioError
+from dembrick.history import read
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml
 
@@ -152,3 +154,12 @@ def test_a_driven_pressure_needs_a_control_that_drives():
 def test_round_trip_through_toml():
     given = scene(SIX, f"{WATER}\n{DRIVEN}")
     assert toml.loads(toml.dumps(given)) == given
+
+
+def test_the_multiplier_of_a_pressure_has_no_unit(tmp_path, capsys):
+    """V is a force if an actuator pushes; what multiplies pressures is a factor, in history and text."""
+    path = tmp_path / "dam.h5"
+    assert main(["run", "dam", "--out", str(path)]) == 0
+    assert "V             1.28 +-" in capsys.readouterr().out
+    with read(path) as history:
+        assert (history.curve.load, history.curve.unit) == ("load factor V", "1")

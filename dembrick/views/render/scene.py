@@ -400,10 +400,9 @@ class Scene:
     def _driven(self) -> str:
         """What the arrows of the load system stand for."""
         history = self._history
-        if history.curve.unit == "1" and pushes_several(history):
-            return "body forces"
-        pressed = all(actuator["name"].startswith(PRESSURE) for actuator in history.actuators)
-        return "driven pressure" if pressed else "actuators"
+        if all(actuator["name"].startswith(PRESSURE) for actuator in history.actuators):
+            return "driven pressure"
+        return "body forces" if history.curve.unit == "1" and pushes_several(history) else "actuators"
 
     def _load(self) -> list[str]:
         """The load of the frame in words; of a table that tilts its angle too."""
