@@ -1,7 +1,7 @@
 """Close the gaps between solids whose faces nearly touch: faces that look at each other come to lie on one plane.
 
 CAD models are drawn to a tolerance of their own. Two faces within it, apart or inside one another, are meant to touch.
-All faces that are linked so share one plane, the mean by area; every solid is cut anew by its planes.
+All faces that are linked so share one plane, the mean by area; every solid is cut again by its planes.
 """
 
 from __future__ import annotations

@@ -7,7 +7,9 @@ import pytest
 
 from dembrick import theory
 from dembrick.kernels.joint.utilisation import best_kink, point_gauge
-from dembrick.views.motion.joints import CHANNELS, STATES, JointMotion, nearest, torsion_centre
+from dembrick.views.motion.frames import nearest
+from dembrick.views.motion.joints import CHANNELS, STATES, JointMotion
+from dembrick.views.motion.relative import torsion_centre
 
 A, B = 0.3, 0.2
 CORNERS = 0.5 * np.array([[-A, -B], [A, -B], [A, B], [-A, B]])

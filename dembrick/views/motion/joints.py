@@ -30,12 +30,11 @@ from dembrick.kernels.recorded_motion import (
 from dembrick.simulation.pressed_parts import pressed_parts
 from dembrick.theory.polygons import convex_hull
 from dembrick.views.motion.bonds import Bonds
+from dembrick.views.motion.frames import nearest
 from dembrick.views.motion.relative import STATES, RelativeMotion, quaternion_of, rotation_vector, torsion_centre
 
 if TYPE_CHECKING:
     from dembrick.history.reader import History
-
-__all__ = ["CHANNELS", "HINGE", "STATES", "JointFrames", "JointMotion", "RelativeMotion", "nearest", "torsion_centre"]
 
 HINGE = 0.99  # of the way from O to the edge: the centre of pressure of a hinge of stiff joints is as far out
 CHANNELS = ("N", "V_1", "V_2", "M_T", "M_1", "M_2", "slip")
@@ -448,8 +447,3 @@ class JointFrames:
             np.maximum.at(row, owner, np.abs(points).max(axis=1))
         ratio = np.divide(size[1], size[0], out=np.ones_like(size[0]), where=size[0] > 0.0)
         return np.ascontiguousarray((ratio[owner, None] * (arms - self.shift[k, owner])).T)
-
-
-def nearest(times: np.ndarray, wanted) -> np.ndarray:
-    """Index of the entry of ``times`` (ascending) next to each wanted time; halfway, the earlier one."""
-    return np.searchsorted(0.5 * (times[1:] + times[:-1]), wanted)

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dembrick.errors import HistoryError, ScenarioError
-from dembrick.views.motion.joints import STATES, JointMotion, nearest
+from dembrick.views.motion.frames import nearest
+from dembrick.views.motion.joints import STATES, JointMotion
 
 if TYPE_CHECKING:
     from dembrick.history.reader import History

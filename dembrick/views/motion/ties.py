@@ -8,7 +8,7 @@ import numpy as np
 
 from dembrick.geometry.rotations import rotation_matrix
 from dembrick.views.motion.blocks import CarriedPoints, Poses
-from dembrick.views.motion.joints import nearest
+from dembrick.views.motion.frames import nearest
 
 if TYPE_CHECKING:
     from dembrick.history.reader import History

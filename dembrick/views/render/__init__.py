@@ -13,7 +13,7 @@ import numpy as np
 from dembrick.errors import HistoryError, OutputError, ScenarioError
 from dembrick.history.files import check_output
 from dembrick.views.motion.blocks import CarriedPoints, Poses, all_vertices
-from dembrick.views.motion.joints import nearest
+from dembrick.views.motion.frames import nearest
 from dembrick.views.render.colors import COLORS
 from dembrick.views.render.images import MOVIES, Movie, write_png
 from dembrick.views.render.look import NAMES, VIEWS, Look, LookOptions, automatic_magnification

@@ -16,7 +16,8 @@ from dembrick.geometry.rotations import rotation_matrix
 from dembrick.scenario.pressures import PRESSURE
 from dembrick.scenario.regimes import TILT_LOAD
 from dembrick.views.motion.blocks import CarriedPoints, Poses, all_vertices, rotation_times
-from dembrick.views.motion.joints import JointMotion, nearest
+from dembrick.views.motion.frames import nearest
+from dembrick.views.motion.joints import JointMotion
 from dembrick.views.plot.subject import JointAlone, chosen_joint, joint_names, pushes_several
 from dembrick.views.render.annotations import CRIMSON, Names, ScaleBar, ThrustLine, require_thrust
 from dembrick.views.render.colors import Colouring
