@@ -100,7 +100,7 @@ def _text(data: dict, plan) -> str:
     if data["expected_seconds_falling"] is not None and data["free_blocks"] > 1:
         took += f" ({duration(data['expected_seconds_falling'])} if all of it comes down)"
     memory = max(1, round(plan.memory / 1e6))
-    doubt = f" (to a factor of {plan.within:g}, as joints slide)" if plan.within > 2.0 else ""
+    doubt = f" (to a factor of {plan.within:g})" if plan.within > 2.0 else ""
     lines.append(f"expected      {bound}{plan.steps} steps{doubt}{took}, {memory} MB beside those of the program")
     return "\n".join(lines)
 

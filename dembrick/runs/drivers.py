@@ -34,7 +34,7 @@ from dembrick.scenario.controls import (
     YieldControl,
 )
 from dembrick.scenario.model import Scenario
-from dembrick.simulation.expected_cost import LONG, WITHIN_SLIDING, newton_seconds, newton_steps
+from dembrick.simulation.expected_cost import LONG, WITHIN, newton_seconds, newton_steps
 from dembrick.simulation.interrupts import Interrupted
 from dembrick.simulation.session import Plan, Session
 from dembrick.simulation.statics import constant_rate, limit_load, point_placement, standing
@@ -113,7 +113,10 @@ def _plan_search(scenario: Scenario, assembly: Assembly) -> Plan:
     from dembrick.runs import limit
 
     plan = _plan_of(limit_load)(scenario, assembly)
-    if not has_paths(assembly) or not limit.cheaper_than(SECONDS_OF_CHECK, assembly):
+    if not has_paths(assembly):
+        return plan
+    plan = replace(plan, within=WITHIN)
+    if not limit.cheaper_than(SECONDS_OF_CHECK, assembly):
         return plan
     try:
         sliding = limit.sliding_joints(assembly, scenario.control)
@@ -123,7 +126,7 @@ def _plan_search(scenario: Scenario, assembly: Assembly) -> Plan:
         return plan
     steps = newton_steps(int((~assembly.fixed).sum()), _has_convex(assembly), sliding)
     seconds = newton_seconds(steps, len(assembly.joints))
-    return replace(plan, steps=steps, seconds=seconds, within=WITHIN_SLIDING)
+    return replace(plan, steps=steps, seconds=seconds)
 
 
 def _has_convex(assembly: Assembly) -> bool:

@@ -1,10 +1,9 @@
 """What a run will cost in steps and seconds, before it is made: measured costs of steps times expected counts.
 
 The costs are processor time of one core of a usual server, of compiled code; docs/performance.md has the tables. They
-are good to a factor of two or so. What nobody knows beforehand is how many Newton steps a search takes. Of 34 drawn and
-shipped structures that rock 28 took the steps told here to a factor of two; of 73 whose joints slide over one another,
-as limit analysis counts them, 43, and 55 to a factor of three: friction that sticks and slips in turns takes 4 to 1,900
-steps for some ten to a hundred blocks.
+are good to a factor of two or so. What nobody knows beforehand is how many Newton steps a search takes: walls of twenty
+to two hundred blocks that rock took 3 to 56, those whose joints slide over one another, as limit analysis counts them,
+55 to 1,055. Of 36 such walls 33 took the steps told here to a factor of four.
 """
 
 from __future__ import annotations
@@ -13,11 +12,11 @@ import math
 
 START_SECONDS = 1.0  # of a command: start-up, loading what is compiled, building, writing
 LONG = 3600.0  # s: a run that takes more says so before it starts
-FIRST_NEWTON, NEWTON_PER_ROOT = 28.0, 0.28  # steps of a search that rocks: few blocks, and more with the root of them
+FIRST_NEWTON, NEWTON_PER_ROOT = 14.0, 0.12  # steps of a search that rocks: few blocks, and more with the root of them
 FIRST_SLIDING, NEWTON_PER_JOINT = 70.0, 2.0  # of one that slides: and more with every joint that does
-CONVEX_NEWTON, CONVEX_SLIDING = 2.5, 1.3  # times as many steps where joints are convex
-WITHIN_SLIDING = 3.0  # factor by which the steps of one that slides may be off
-NEWTON_SECONDS = 1.8e-5  # s a joint and Newton step: equations, joint forces, bracket
+CONVEX_NEWTON, CONVEX_SLIDING = 3.8, 1.3  # times as many steps where joints are convex
+WITHIN = 4.0  # factor by which the steps of a search of several joints may be off
+NEWTON_SECONDS = 1.4e-5  # s a joint and Newton step: equations, joint forces, bracket
 STATICS_STEPS = 50  # of a dead-load equilibrium of an assembly: 1 to 300 have been seen where it stands
 RELAXATION_SECONDS = 1.5e-6  # s a joint and step of a dead-load equilibrium
 LOOP_SECONDS, POINT_SECONDS = 4e-7, 8e-9  # s a joint and step of a constant-rate test, and a contact point more

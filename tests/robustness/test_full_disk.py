@@ -73,7 +73,7 @@ print(failed, done)
 
 
 @pytest.mark.parametrize(
-    ("writer", "largest"), [("finished", 150_000), ("large", 150_000), ("exported", 400_000), ("tables", 400_000)]
+    ("writer", "largest"), [("finished", 250_000), ("large", 250_000), ("exported", 400_000), ("tables", 400_000)]
 )
 def test_a_full_disk_is_an_error(writer, largest, tmp_path):
     code = WRITERS.format(paths=[str(TESTS), *sys.path], folder=str(tmp_path), writer=writer, largest=largest)

@@ -41,12 +41,12 @@ def test_steps_are_expected_within_a_factor_of_two(stem, changes):
     assert steps == plan.steps or not plan.exact
 
 
-@pytest.mark.parametrize("stem", ["verification/ferris_tinloi_4", "verification/goodman_bray", "oppenheim"])
+@pytest.mark.parametrize("stem", ["verification/ferris_tinloi_4", "verification/goodman_bray", "oppenheim", "arch"])
 def test_steps_of_small_searches_are_expected_within_what_is_said(stem):
-    """Joints that slide are counted by limit analysis, and the factor is three there."""
+    """Joints that slide are counted by limit analysis."""
     scenario, plan = planned(stem)
     steps = simulate(scenario, record=False).as_dict()["steps"]
-    assert plan.within == (2.0 if stem == "oppenheim" else 3.0)
+    assert plan.within == 4.0
     assert 1.0 / plan.within < plan.steps / steps < plan.within
 
 
@@ -55,17 +55,17 @@ def test_a_wall_that_slides_takes_what_was_measured():
     for size, steps, seconds in ((10, 367, 0.8), (14, 763, 4.2)):
         scenario = pushed_assemblies.wall(pushed_assemblies.law(), size, size, (1.0, 0.0, 0.0))
         plan = driver_of(scenario.control).plan(scenario, assemble(scenario))
-        assert 1.0 / 3.0 < plan.steps / steps < 3.0 and 1.0 / 3.0 < plan.seconds / seconds < 3.0
+        assert 0.25 < plan.steps / steps < 4.0 and 0.25 < plan.seconds / seconds < 4.0
 
 
 def test_check_says_how_far_off_it_may_be(capsys):
     assert main(["check", str(SCENARIOS / "verification" / "goodman_bray.toml")]) == 0
-    assert "steps (to a factor of 3, as joints slide)" in capsys.readouterr().out
+    assert "steps (to a factor of 4)" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(  # docs/performance.md: walls out of their plane, processor time and Newton steps
     "blocks, joints, steps, seconds",
-    [(916, 2655, 19, 0.97), (2526, 7425, 23, 3.5), (4936, 14595, 27, 9.0), (10051, 29850, 57, 38.0)],
+    [(916, 2655, 12, 0.38), (2526, 7425, 16, 1.6), (4936, 14595, 16, 3.7), (10051, 29850, 36, 18.7)],
 )
 def test_large_searches_take_what_was_measured(blocks, joints, steps, seconds):
     expected = newton_steps(blocks, convex=False)
