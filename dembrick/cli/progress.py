@@ -20,7 +20,7 @@ WIDTH = 24  # of a bar
 FIRST_LINE, LONGEST_PAUSE = 10.0, 600.0  # s, between lines where there is no terminal
 RECENT = 10.0  # s, over which the pace is taken
 OFTEN = 0.1  # s, between two pictures of a bar
-COMPILING = "compiling (first run of this kind; about a minute, then it is kept)"
+COMPILING = "compiling (first run of this kind; half a minute, then it is kept)"
 
 
 class Meter:
