@@ -15,6 +15,7 @@ LONG = 3600.0  # s: a run that takes more says so before it starts
 FIRST_NEWTON, NEWTON_PER_ROOT = 14.0, 0.12  # steps of a search that rocks: few blocks, and more with the root of them
 FIRST_SLIDING, NEWTON_PER_JOINT = 70.0, 2.0  # of one that slides: and more with every joint that does
 CONVEX_NEWTON, CONVEX_SLIDING = 3.8, 1.3  # times as many steps where joints are convex
+EQUILIBRIA = 32  # on the path of a search: some ten to sixty are recorded
 WITHIN = 4.0  # factor by which the steps of a search of several joints may be off
 NEWTON_SECONDS = 1.4e-5  # s a joint and Newton step: equations, joint forces, bracket
 STATICS_STEPS = 50  # of a dead-load equilibrium of an assembly: 1 to 300 have been seen where it stands

@@ -23,7 +23,7 @@ from dembrick.errors import NotConvergedError
 from dembrick.kernels.statics.loop import CONVERGED, RUNNING
 from dembrick.scenario.controls import PATH_FOLLOWING
 from dembrick.scenario.model import Output
-from dembrick.simulation.expected_cost import newton_seconds, newton_steps, search_steps
+from dembrick.simulation.expected_cost import EQUILIBRIA, newton_seconds, newton_steps, search_steps
 from dembrick.simulation.session import Observer, Plan, Session
 from dembrick.simulation.statics import joint_families
 from dembrick.simulation.statics.certificate import frictionless
@@ -185,7 +185,7 @@ def plan(assembly: Assembly, control: YieldControl, step_factor: float, output: 
         return system.plan(dt, steps, steps, control, output)
     convex = any(law.formulation == "convex" for law in assembly.joints.law)
     steps = newton_steps(len(system.state.blocks.free), convex)
-    planned = system.plan(dt, steps, steps, control, output)
+    planned = system.plan(dt, steps, EQUILIBRIA, control, output)
     solving = BYTES_A_TRIAL * joints
     if whole:
         solving += equations(system.state, assembly.position).bytes(factors=2)
