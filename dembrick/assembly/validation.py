@@ -145,13 +145,6 @@ def check_strengths(scenario: Scenario, joints: JointTable) -> tuple[str, ...]:
                 f"only grow, and control.kind = {show(scenario.control.kind)} lets them come back: use formulation = "
                 '"distributed", whose points remember how far they were crushed',
             )
-        if law.dilation > 0.0 and scenario.control.regime not in (*_MONOTONE, CONSTANT_RATE):
-            refuse(
-                scenario,
-                f"joint.dilation = {law.dilation:g} lifts a block as it slides, and under control.kind = "
-                f"{show(scenario.control.kind)} what is lifted rings and flies: leave dilation out, or use a search "
-                "(yield, tilt or pushover with quasi_static = true) or a test at constant rate",
-            )
     if any(law.bonded and law.cohesion > 0.0 and law.residual_cohesion is None for law in laws):
         warnings.append(
             "bonds are brittle: their cohesion is gone after the first slip or opening, as joint.residual_cohesion "

@@ -62,6 +62,38 @@ def test_residual_friction_in_real_time():
     assert simulate(longer).rows["displacement"][-1] == pytest.approx(slip, rel=5e-3)
 
 
+@pytest.mark.parametrize("formulation", ["concave", "convex", "distributed"])
+@pytest.mark.parametrize("dilation", [0.05, 0.15])
+def test_a_joint_that_dilates_lifts_the_block_as_it_slides(formulation, dilation):
+    """Newmark's block on a joint that rises by t of its slip: N = m (g + t a) and m (A - a) = mu N while it speeds up,
+    so that a = (A - mu g) / (1 + mu t); then it slows down by mu g / (1 + mu t)."""
+    A, T, mu, t = 4.905, 0.2, 0.2, dilation
+    scenario = shaken(formulation, f"dilation = {t}")
+    result = simulate(toml.loads(toml.dumps(scenario), overrides=["control.duration=0.8"]))
+    faster, slower = (A - mu * G) / (1.0 + mu * t), mu * G / (1.0 + mu * t)
+    slip = 0.5 * faster * T**2 + (faster * T) ** 2 / (2.0 * slower)
+    assert result.rows["displacement"][-1] == pytest.approx(slip * np.hypot(1.0, t), rel=2e-3)
+    assert result.frames["displacement"][-1, -1, 2] == pytest.approx(t * slip, rel=2e-3)
+    time, normal = result.rows["time"], result.rows["joint"][:, 0, 0]
+    sliding = (time > 0.05) & (time < 0.95 * T)
+    assert sliding.sum() > 20
+    assert normal[sliding] == pytest.approx(MASS * (G + t * faster), rel=1e-3)
+    first = 0.5 * faster * T**2
+    taken = MASS * (mu - t) * ((G + t * faster) * first + (G - t * slower) * (slip - first))
+    assert result.rows["energy"]["friction"][-1] == pytest.approx(taken, rel=5e-3)
+    assert abs(result.energy.relative_residual) < 1e-9
+
+
+def test_a_joint_that_dilates_opens_if_its_block_jumps():
+    """Thrown up by a downward blow of the base, the block flies, and lands where it left."""
+    shake = "sine = { amplitude = 30.0, frequency = 4.0 }"
+    text = toml.dumps(shaken("concave", "dilation = 0.1", shake)).replace("[1.0, 0.0, 0.0]", "[0.0, 0.0, 1.0]", 1)
+    result = simulate(toml.loads(text))
+    flies = result.rows["joint"][:, 0, 0] == 0.0
+    assert flies.any() and not flies.all()
+    assert abs(result.frames["displacement"][-1, -1, 0]) < 1e-6
+
+
 WALL = """
 [[walls]]
 name = "wall"

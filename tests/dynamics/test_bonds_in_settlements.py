@@ -7,7 +7,7 @@ import pytest
 from dembrick.runs.simulate import simulate
 from dembrick.scenario.blocks import Block
 from dembrick.scenario.controls import SettlementControl
-from dembrick.scenario.model import JointLaw, Material, Output, Scenario
+from dembrick.scenario.model import JointLaw, JointOverride, Material, Output, Scenario
 from dembrick.scenario.support_paths import Turn
 
 G = 9.81
@@ -115,3 +115,25 @@ def test_a_toe_that_crushes_under_a_block_on_a_floor_that_turns():
     assert result.status == "collapse"
     assert result.collapse["settlement"] / math.hypot(0.5, 0.2) == pytest.approx(low, rel=5e-3)
     assert low < 0.85 * math.atan(0.2)
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex", "distributed"])
+@pytest.mark.parametrize("dilation", [0.1, 0.3])
+def test_a_block_that_is_pushed_over_a_joint_that_dilates(formulation, dilation):
+    """Behind a smooth support that moves: V = mu W, and tan psi of its slip higher than it stood."""
+    floor = Block("floor", "stone", (2.0, 1.0, 0.2), (0.0, 0.0, -0.1), fixed=True)
+    pusher = Block("pusher", "stone", (0.1, 0.2, 0.1), (-0.25, 0.0, 0.07), fixed=True)
+    block = Block("block", "stone", (0.4, 0.3, 0.1), (0.0, 0.0, 0.05))
+    law, smooth = JointLaw(formulation, 0.4, 1e9, 4e8, dilation=dilation), JointLaw(formulation, 0.0, 1e9, 4e8)
+    control = SettlementControl(("pusher",), (0.002, 0.0, 0.0))
+    own = (JointOverride(("pusher", "block"), smooth),)
+    scenario = Scenario(
+        "pushed", (0.0, 0.0, -G), law, STONE, (floor, pusher, block), control, joints=own, output=Output(("frames",))
+    )
+    result = simulate(scenario)
+    weight, area = 2000.0 * 0.4 * 0.3 * 0.1 * G, 0.4 * 0.3
+    assert result.status == "completed"
+    assert -result.rows["load"][-1] == pytest.approx(0.4 * weight, rel=control.tolerance)
+    moved = result.frames["displacement"][-1, -1]
+    elastic = 0.4 * weight / (4e8 * area)  # of the slip, which lifts nothing
+    assert moved[2] == pytest.approx(dilation * (moved[0] - elastic) - weight / (1e9 * area), rel=1e-3)

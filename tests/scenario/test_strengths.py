@@ -49,8 +49,6 @@ def test_refused(keys, said):
     [
         ('cohesion = 1.0\npressure = "linear"', "convex", STATICS, 'pressure = "full"'),
         ("compressive_strength = 1e6", "convex", SHAKE, '"distributed"'),
-        ("dilation = 0.1", "concave", SHAKE, "leave dilation out"),
-        ("dilation = 0.1", "convex", SHAKE, "leave dilation out"),
     ],
 )
 def test_refused_by_what_is_done_with_it(keys, formulation, control, said):

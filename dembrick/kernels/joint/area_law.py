@@ -15,13 +15,14 @@ the host), which is also the direction in which it slips.
 With strengths (those of `point_law`) one bond holds the whole polygon, by springs on both sides, until the tension at
 a corner passes f_t or (V_1, V_2, M_T) leaves the limit surface, which is scaled by c A + mu N; from then on the
 no-tension integral holds, and a surface scaled by c_r A + mu_r N. Crushing caps the pressure at f_c, without memory: it
-holds where loads only grow. Dilation lifts the block by tan psi times the slip, along the normal.
+holds where loads only grow. Dilation lifts the block by tan psi times the slip, along the normal; slip and lift of a
+step are one solution, so that a joint has not opened that came apart by less than its slip lifts it.
 """
 
 from math import sqrt
 
 from dembrick._jit import jit
-from dembrick.kernels.joint.limit_surface import PROXIMAL_TOLERANCE, chord, gauge, proximal_map
+from dembrick.kernels.joint.limit_surface import PROXIMAL_TOLERANCE, chord, gauge, proximal_map, surface
 from dembrick.kernels.joint.no_tension import extremes, no_tension
 from dembrick.kernels.joint.point_law import breaks_at_once, shear_strength
 from dembrick.kernels.joint.pressure import follow_pressure
@@ -238,7 +239,10 @@ def bonded_area(
             b1, b2, bm, w1, w2, wm, tolerance,
         )  # fmt: skip
         evaluations += more
-        wanted = dilation * slid
+        if dilation > 0.0 and n <= 0.0 and q1 * q1 + q2 * q2 + qm * qm > 0.0:  # the slip under next to no N
+            wanted = dilation * surface(x, y, first, last, area, reach, far, None, 0, q1, q2, qm)[0]
+        else:
+            wanted = dilation * slid
         if turns == LIFTS - 1 or abs(wanted - lift) <= LIFTED * wanted:
             break
         # more lift is more strength and less slip: between what was too little and what was too much
@@ -258,6 +262,8 @@ def bonded_area(
         last_lift = lift
         error = wanted - lift
         lift = guess
+    if n <= 0.0:
+        lift = 0.0
     return (
         n, k_n * nx, k_n * ny, t1, t2, tm, e1, e2, em, q1, q2, qm, w1, w2, wm, slid, evaluations, bonded, rise + lift,
     )  # fmt: skip

@@ -23,7 +23,8 @@ rise by dilation. The normal spring then has the length g + rise - crushed. In t
 2. What presses more than f_c A crushes by the rest, and goes on with f_c A.
 3. The bond breaks in shear beyond c A + mu N. From then on, in the same evaluation, the strength is c_r A + mu_r N; a
    bond that breaks while it pulls leaves nothing.
-4. Slip ds lifts by tan psi ds, by its length and not its sense, and N grows with it.
+4. Slip ds lifts by tan psi ds, by its length and not its sense, and N grows with it: slip and lift of a step are one
+   solution. So a point that has come apart by less than its slip lifts it has not opened.
 
 A bond that breaks lets its springs go at once: no dashpot holds them back.
 """
@@ -151,7 +152,7 @@ def bonded_law(
             return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, crushed, rise
     else:
         growth = dashpot_growth(length, d)
-        if spring <= 0.0:
+        if spring <= 0.0 and strengths.dilation[i] == 0.0:
             return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, crushed, rise
     if spring > most:  # spring and dashpot are one behind the other with what crushes, and with what lifts
         growth -= (spring - most) / k_n
@@ -160,7 +161,7 @@ def bonded_law(
     normal = spring + k_n * viscous * growth
     if normal > most:
         normal = most
-    if bonded == 0.0 and normal <= 0.0:
+    if bonded == 0.0 and normal <= 0.0 and strengths.dilation[i] == 0.0:
         return 0.0, spring, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, crushed, rise
     t1 = elastic_1 + damped * k_s * slip_1
     t2 = elastic_2 + damped * k_s * slip_2
@@ -186,11 +187,15 @@ def bonded_law(
             viscous = 0.0
     mu = friction * strengths.residual[i]
     cap = residual_strength(strengths, i, area, friction, normal)
+    dilation = strengths.dilation[i]
     slid = 0.0
+    lift = 0.0
     if size > cap:
-        dilation = strengths.dilation[i]
         slid = (size - cap) / max(stiff + mu * k_n * (1.0 + viscous) * dilation, NONE)
         lift = dilation * slid
+    if normal + k_n * (1.0 + viscous) * lift <= 0.0 or spring + k_n * lift <= 0.0:
+        return 0.0, max(spring, 0.0), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, crushed, rise
+    if size > cap:
         rise += lift
         normal += k_n * (1.0 + viscous) * lift
         spring += k_n * lift
