@@ -18,7 +18,7 @@ from dembrick.errors import ScenarioError
 from dembrick.geometry import polygons
 from dembrick.geometry.shapes import Shape
 from dembrick.scenario.checks import show
-from dembrick.scenario.controls import CONSTANT_RATE, DEAD_LOAD, LIMIT_LOAD, PATH_FOLLOWING, BaseMotionControl
+from dembrick.scenario.controls import DEAD_LOAD, LIMIT_LOAD, PATH_FOLLOWING, BaseMotionControl
 from dembrick.scenario.model import Scenario
 from dembrick.scenario.unit_slips import unit_slips
 
