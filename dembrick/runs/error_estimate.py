@@ -10,7 +10,8 @@ decides how joints are loaded on the way, and so to which limit friction without
 ratio for a dry joint: the search is made for several, for both stiffnesses doubled and by steps half as long, and the
 least and greatest limit are the range that the structure's own path leaves open.
 
-A quasi-static settlement knows no rate either: its error is that of the stiffness and of its steps.
+A quasi-static settlement knows no rate either: its error is that of the stiffness and of its steps, which are halved
+together with the acceleration of the supports on them.
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ STONE = {"stone": Material(2000.0)}
 WEIGHT = 13811.599  # N, of the arch
 # thrust of the arch over the spread (m) of its right springing: three rigid hinges
 SPREAD = {0.01: 2156.0722, 0.05: 2263.4567, 0.1: 2409.2076}
-FURTHER = {0.05: 2263.4567, 0.1: 2409.2076, 0.2: 2749.3188, 0.3: 3181.3291, 0.4: 3762.9176}
+FURTHER = {0.05: 2263.4567, 0.1: 2409.2076, 0.2: 2749.3188, 0.3: 3181.3291, 0.4: 3762.9176, 0.412: 3847.4920}
 LEAST_THRUST = 2130.36785
 # right reaction and thrust over the sinking (m) of its right springing
 SINKING = {0.01: (6585.1488, 2592.0099), 0.05: (6662.7129, 2598.9175), 0.1: (6758.8426, 2607.2245)}
@@ -64,7 +64,7 @@ def test_the_thrust_of_a_spreading_arch(spread):
     bound = reaction_bounds(spread.scenario, "arch.right", (-1.0, 0.0, 0.0)).least
     assert bound.value == pytest.approx(LEAST_THRUST, rel=1e-6)
     for x in (0.01, 0.05, 0.1):
-        assert thrust_at(spread, x) == pytest.approx(SPREAD[x], rel=2e-4)
+        assert thrust_at(spread, x) == pytest.approx(SPREAD[x], rel=6e-5)
     np.testing.assert_allclose(spread.rows["load"], spread.run.path[:, 1], rtol=1e-12)
     np.testing.assert_allclose(spread.rows["displacement"], spread.run.path[:, 0], rtol=1e-12)
     assert list(spread.rows["time"]) == list(range(len(spread.run.path)))
@@ -198,18 +198,50 @@ def test_a_block_on_a_floor_that_turns(friction, falls):
     assert found["blocks"] == ["block"]
 
 
-def test_an_arch_that_spreads_too_far():
+def test_hinges_of_stiff_joints_stay_closed():
+    """Ten times as stiff, in long steps: a hinge that rattles open slides, and its joint ends for good."""
+    result = simulate(arch(SettlementControl(("arch.right",), (0.1, 0.0, 0.0)), stiffness=1e11))
+    for x in (0.05, 0.1):
+        assert np.interp(x, *result.run.path[:, :2].T) == pytest.approx(SPREAD[x], rel=2e-5)
+    assert not result.run.motion.contact_detection.retired.any()
+
+
+@pytest.fixture(scope="module")
+def too_far():
+    """Steps far apart, and a coarse tolerance."""
+    patch = pytest.MonkeyPatch()
+    patch.setattr(settlement, "EQUILIBRIA", 20)
+    result = simulate(arch(SettlementControl(("arch.right",), (0.5, 0.0, 0.0), tolerance=1e-2), stiffness=2e10))
+    patch.undo()
+    return result
+
+
+def test_an_arch_that_spreads_too_far(too_far):
     """At .458035 m the thrust reaches the outer edges of both springings; on the way it follows three rigid hinges, to
-    .34 % once hinges have turned so far that new contacts carry them. Steps far apart, and a coarse tolerance."""
-    control = SettlementControl(("arch.right",), (0.5, 0.0, 0.0), tolerance=1e-2)
-    result = simulate(arch(control))
+    .3 % at nine tenths of that. By then the crown has turned so far that its blocks press each other as new contacts,
+    along a toe of 2 mm: that is what the stiffness of the joints makes of a hinge, and fades with its root."""
     for x, thrust in FURTHER.items():
-        assert np.interp(x, *result.run.path[:, :2].T) == pytest.approx(thrust, rel=5e-4 if x < 0.35 else 4e-3)
-    assert result.status == "collapse"
-    assert result.collapse["settlement"] == pytest.approx(0.458035, rel=1e-2)
-    hinges = {name.split(" / ")[0] for name in result.collapse["hinges"]}
-    assert len(hinges) >= 4 and len(result.collapse["blocks"]) == 20
-    assert "collapse      at a settlement of 0.45" in result.text() and "hinges        arch." in result.text()
+        assert np.interp(x, *too_far.run.path[:, :2].T) == pytest.approx(thrust, rel=2e-4 if x < 0.35 else 3e-3)
+    assert too_far.status == "collapse"
+    assert too_far.collapse["settlement"] == pytest.approx(0.458035, rel=1e-2)
+    hinges = {name.split(" / ")[0] for name in too_far.collapse["hinges"]}
+    assert len(hinges) >= 4 and len(too_far.collapse["blocks"]) == 20
+    assert "collapse      at a settlement of 0.45" in too_far.text() and "hinges        arch." in too_far.text()
+
+
+def test_frames_of_the_fall_follow_the_last_equilibrium(too_far):
+    """The crown comes down further and further, by half of a voussoir's least dimension; no row tells of it."""
+    rows, frames = too_far.rows, too_far.frames
+    last = len(too_far.run.path) - 1
+    assert rows["time"][-1] == last and len(rows["time"]) == len(too_far.run.path)
+    falling = frames["time"] > last
+    assert falling.sum() > 3 and frames["time"][-1] == last + 1.0 and (np.diff(frames["time"]) > 0.0).all()
+    assert frames["time"][~falling].tolist() == rows["time"].tolist()
+    crown = too_far.assembly.names.index("arch.10")
+    assert (np.diff(frames["displacement"][last:, crown, 2]) < 0.0).all()
+    away = np.linalg.norm(frames["displacement"][last:] - frames["displacement"][last], axis=2).max(axis=1)
+    least = min(np.ptp(shape.vertices, axis=0).min() for shape in too_far.assembly.shapes)
+    assert 0.5 * least < away[-1] < least and away[1] < 0.5 * away[-1]
 
 
 def test_a_collapse_in_real_time_says_at_which_settlement():

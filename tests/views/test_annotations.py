@@ -149,3 +149,71 @@ def test_egl_is_asked_for_on_linux_only(monkeypatch):
         assert ("VTK_DEFAULT_OPENGL_WINDOW" in screen.os.environ) == asked, platform
     monkeypatch.delenv("VTK_DEFAULT_OPENGL_WINDOW")
     screen.require_drawing.cache_clear()
+
+
+DAM = (
+    header(title="dam", normal_stiffness=1e10)
+    + """
+[[stacks]]
+name = "dam"
+material = "stone"
+blocks = 6
+box = [0.6, 1.0, 0.2]
+base = 0.2
+[[pressures]]
+block = "dam"
+direction = [-1.0, 0.0, 0.0]
+surface = 1.2
+weight = 9810.0
+actuator = true
+[control]
+kind = "yield"
+"""
+)
+
+
+def test_a_driven_pressure_presses_on_its_faces_by_what_it_is(tmp_path, drawing):
+    """Of water behind a dam: courses k from the top carry 2 k - 1 parts, two thirds of the way down for the first."""
+    simulate(toml.loads(DAM), tmp_path / "dam.h5")
+    with history.read(tmp_path / "dam.h5") as run:
+        found = drawn(run, view="front", magnification=0.0)
+        arrows = [np.array(arrow.user_matrix) for arrow, _ in found._actuators]
+        assert "orange: driven pressure" in found._text.input
+    height, length = 0.2, np.array([np.linalg.norm(arrow[:3, 0]) for arrow in arrows])
+    np.testing.assert_allclose(length / length[-1], [11, 9, 7, 5, 3, 1], rtol=1e-9)
+    for k, arrow in zip(range(6, 0, -1), arrows, strict=True):
+        np.testing.assert_allclose(arrow[:3, 0] / np.linalg.norm(arrow[:3, 0]), [1.0, 0.0, 0.0], atol=1e-12)
+        depth = height * 2.0 / 3.0 * (k**3 - (k - 1) ** 3) / (k**2 - (k - 1) ** 2)
+        np.testing.assert_allclose(arrow[:3, 3] + arrow[:3, 0], [-0.3, 0.0, 1.2 - depth], atol=1e-9)
+
+
+def test_a_fall_is_told_from_an_equilibrium(tmp_path, drawing):
+    """A block on a floor that turns until it overturns: the last frames say that they are of no equilibrium."""
+    text = (
+        header(title="turn")
+        + """
+[[blocks]]
+name = "floor"
+material = "stone"
+box = [1.0, 1.0, 0.2]
+position = [0.0, 0.0, -0.1]
+fixed = true
+[[blocks]]
+name = "block"
+material = "stone"
+box = [0.2, 0.4, 0.5]
+position = [0.0, 0.0, 0.25]
+[control]
+kind = "settlement"
+supports = ["floor"]
+rotation = { axis = [0.0, 1.0, 0.0], angle = 30.0, point = [0.0, 0.0, 0.0] }
+tolerance = 0.05
+"""
+    )
+    simulate(toml.loads(text), tmp_path / "turn.h5")
+    with history.read(tmp_path / "turn.h5") as run:
+        last = int(run.time[-1])
+        found = drawn(run, frames=(last, -1), view="front")
+        assert f"\ncoming down after equilibrium {last}, " in found._text.input
+        found.show(last)
+        assert f"\nequilibrium {last}, reaction along the motion " in found._text.input

@@ -49,11 +49,22 @@ class Recorder:
         if self._session.observe is None:
             return
         began = time.perf_counter()
-        moving, channels = self._moving, self._session.output.channels
+        moving = self._moving
+        rows, frames = self._row(equilibrium), {}
+        if self.takes_frames:
+            row = moving.steps // self._rows_every if equilibrium is None else equilibrium
+            due = last or row % self._frames_every == 0
+            frames = self.frame(rows["time"][0], slice(0, 1 if due else 0))
+        moving.phases["record"] += time.perf_counter() - began
+        self._session.observe(rows, frames)
+
+    def _row(self, equilibrium: int | None) -> dict:
+        """A row of the present state, of an ``equilibrium`` with that number."""
+        moving = self._moving
         counts, reaction = equilibrium is not None, moving.reactions
         energy = {} if counts else moving.energy.energies(moving.state, moving.time_step)
         displacement, load = self.curve(reaction)
-        rows = {
+        row = {
             "time": np.array([float(equilibrium) if counts else moving.time]),
             "load": np.array([load]),
             "displacement": np.array([displacement]),
@@ -66,43 +77,58 @@ class Recorder:
             "new_contacts": np.array([float(moving.contact_detection.carrying)]),
         }
         if np.any(moving.assembly.fixed):
-            rows["reaction"] = reaction[None]
+            row["reaction"] = reaction[None]
         watched = moving.assembly.control_points
         if watched.names:
             moved = moving.state.bodies.position - self._origin
-            rows["control_point"] = watched.displacement(moved, moving.state.bodies.rotation)[None]
+            row["control_point"] = watched.displacement(moved, moving.state.bodies.rotation)[None]
         if len(moving.state.ties.stiffness):
-            rows["tension"], rows["yielded"] = (
+            row["tension"], row["yielded"] = (
                 moving.state.ties.now[None, :, [TENSION, YIELDED]].transpose(2, 0, 1).copy()
             )
+        if "joints" in self._session.output.channels:
+            row["joint"] = joint_resultants(moving.state)[None]
+        return row
+
+    def frame(self, time: float, due: slice = slice(0, 1)) -> dict:
+        """A frame of the present state at ``time``, as the observer gets it, or none where none is ``due``."""
+        moving, channels = self._moving, self._session.output.channels
+        bodies, shift = moving.state.bodies, moving.polygons.shift
+        frames = {
+            "time": np.array([time])[due],
+            "displacement": (bodies.position - self._origin)[None][due],
+            "orientation": bodies.orientation[None][due].copy(),
+        }
+        if "velocity" in channels:
+            velocity, spin = bodies.velocity, bodies.spin
+            if due.stop:
+                velocity, spin = present_velocities(moving, self._present())
+            frames["velocity"], frames["spin"] = velocity[None][due], spin[None][due]
+        if joint_families.has_strengths(moving.state):
+            frames["bond"] = joint_families.bonded(moving.state)[None][due].copy()
         if "joints" in channels:
-            rows["joint"] = joint_resultants(moving.state)[None]
-        frames = {}
-        if "frames" in channels:
-            row = equilibrium if counts else moving.steps // self._rows_every
-            due = slice(0, 1 if last or row % self._frames_every == 0 else 0)
-            bodies = moving.state.bodies
-            frames["time"] = rows["time"][due]
-            frames["displacement"] = (bodies.position - self._origin)[None][due]
-            frames["orientation"] = bodies.orientation[None][due].copy()
-            if "velocity" in channels:
-                velocity, spin = bodies.velocity, bodies.spin
-                if due.stop:
-                    velocity, spin = present_velocities(moving, self._present())
-                frames["velocity"], frames["spin"] = velocity[None][due], spin[None][due]
-            if joint_families.has_strengths(moving.state):
-                frames["bond"] = joint_families.bonded(moving.state)[None][due].copy()
-            shift = moving.polygons.shift
-            if "joints" in channels:
-                frames["joint_shift"] = shift[None][due].copy()
-            if "contacts" in channels:
-                frames["contact_arm"] = contact_arms(moving.state, shift)[None][due]
-                frames["contact_force"] = contact_forces(moving.state, moving.contact_detection.left_to_joints())[None][
-                    due
-                ]
-                frames["new_contacts"] = _in_frames(moving.contact_detection.pressed(moving.state.middle), due)
-        moving.phases["record"] += time.perf_counter() - began
-        self._session.observe(rows, frames)
+            frames["joint_shift"] = shift[None][due].copy()
+        if "contacts" in channels:
+            left = moving.contact_detection.left_to_joints()
+            frames["contact_arm"] = contact_arms(moving.state, shift)[None][due]
+            frames["contact_force"] = contact_forces(moving.state, left)[None][due]
+            frames["new_contacts"] = _in_frames(moving.contact_detection.pressed(moving.state.middle), due)
+        return frames
+
+    def follow_up(self, frames: list[dict]) -> None:
+        """Frames after the last equilibrium, of what is none and has no row."""
+        if self._session.observe is not None:
+            none = {
+                name: {key: value[:0] for key, value in of.items()} if isinstance(of, dict) else of[:0]
+                for name, of in self._row(0).items()
+            }
+            for frame in frames:
+                self._session.observe(none, frame)
+
+    @property
+    def takes_frames(self) -> bool:
+        """Whether anyone asked for frames."""
+        return self._session.observe is not None and "frames" in self._session.output.channels
 
     def curve(self, reaction: np.ndarray) -> tuple[float, float]:
         """Displacement and load of now, given the reactions (s, 6) of the supports.

@@ -6,6 +6,9 @@ are those of a run in real time. Where the blocks come down instead, the structu
 tries again so slowly that inertia does not count, then by half the step, until the settlement at which it falls is
 known to the tolerance.
 
+Frames of the fall follow that of the last equilibrium; their times are between its number and the next, and the row
+next to them is its own: nothing is in equilibrium any more.
+
 Bonds hold until the blocks rest; those that bear too much then break, and the blocks come to rest again. So no swing
 breaks a bond, and the settlement at which bonds break is known to the tolerance too.
 """
@@ -41,13 +44,14 @@ from dembrick.simulation.session import Plan, Progress, Session, Snapshot
 EQUILIBRIA = 80  # of the whole way, equally far apart
 HALVINGS = 7  # of the first of these steps: the reaction changes most when the supports begin to move
 WITHIN = 0.05  # of the smallest block: the longest step
-GENTLE = 0.02  # of gravity: the greatest acceleration of the supports,
+GENTLE = 0.005  # of gravity: the greatest acceleration of the supports; at 0.02 hinges of stiff joints rattle open,
 CAREFUL = 0.2  # of the tolerance: the same in gravities, once blocks have come down
 FEWEST = 512  # steps of a move
 BALANCED = 1e-6  # out-of-balance force over joint forces at which the blocks rest
 MOST_STEPS = 200_000  # of a relaxation
 DRIFTING = 1.5  # how much further blocks are at its end than at its middle if they go on and do not swing
 DROPPED = 0.5  # of a block's least dimension: one that has moved so far since the last equilibrium has come down
+FALL = 8  # frames of that, equally far apart
 SPARE = 200  # equilibria for which there is room beside those asked for, and on the way to breaking bonds:
 BREAKS = 64  # of each joint
 SNAPSHOT = "settlement"  # what a checkpoint of it has, and no other
@@ -95,7 +99,7 @@ class Settlement:
 
     ``share``: how much of it they have gone, and ``failed``: at which share the blocks came down (infinite: not yet)
     although they were moved with all care (``careful``); ``broken``: at which share bonds were seen to break (infinite:
-    at none to come).
+    at none to come). ``fall``: frames of how they come down, once that is to be seen.
     """
 
     def __init__(self, moving: Motion, control: Control, driving: Driving, session: Session, refine: float = 1.0):
@@ -103,12 +107,14 @@ class Settlement:
         self.past = Past(moving, None)
         self.supports = driving.supports
         self.shares = shares(WITHIN * moving.smallest / self.supports.length, refine)
+        self.gentle = refine * GENTLE
         self.share, self.failed, self.equilibria, self.careful = 0.0, math.inf, 0, False
         self.broken, self.bonds = math.inf, joint_families.bonded(moving.state)
         self.bonded = joint_families.has_strengths(moving.state)
         self.room = len(self.shares) + SPARE + (BREAKS * len(moving.state.links.host) if self.bonded else 0)
         self.path: list[tuple[float, float, float]] = []
         self.collapse: dict | None = None
+        self.fall: list[dict] | None = None
         self.limits = Limits(NO_LIMIT, LONGEST_MOVE * moving.smallest)
         self.recorder = Recorder(moving, driving, session, 1, 1, None)
         self.dt = STEP * moving.time_step
@@ -119,7 +125,7 @@ class Settlement:
     def _moving(self, begin: float, end: float) -> tuple[Driving, int]:
         """What drives supports from one share to another, at rest at both ends, and the steps that takes."""
         distance = (end - begin) * self.supports.length
-        gentle = min(GENTLE, CAREFUL * self.control.tolerance) if self.careful else GENTLE
+        gentle = min(self.gentle, CAREFUL * self.control.tolerance) if self.careful else self.gentle
         seconds = math.sqrt(6.0 * distance / (gentle * self.gravity)) if self.gravity > 0.0 else 0.0
         steps = max(FEWEST, math.ceil(seconds / self.dt))
         start = self.moving.steps * self.dt
@@ -163,7 +169,9 @@ class Settlement:
         for chunk in range(MOST_STEPS // CHUNK):
             self._advance(still, CHUNK)
             away = np.linalg.norm(self.moving.state.bodies.position - before, axis=1)
-            if (away > DROPPED * least)[free].any():
+            down = float((away / (DROPPED * least))[free].max())
+            self._look_on(down)
+            if down > 1.0:
                 return None
             ratio, enough = unbalanced(self.moving.state, still, free)
             balanced = balanced + 1 if ratio <= max(BALANCED, enough) else 0
@@ -172,12 +180,22 @@ class Settlement:
             if chunk == MOST_STEPS // CHUNK // 2:
                 middle = _farthest(self.moving.state.bodies.position, arrived)
         if _farthest(self.moving.state.bodies.position, arrived) > DRIFTING * middle:
+            self._look_on(1.0)
             return None
         raise NotConvergedError(
             f"no equilibrium at a settlement of {share * self.supports.length:.6g} m: after {MOST_STEPS} steps of "
             f"relaxation the out-of-balance force is still {ratio:.2g} of the joint forces; lower the stiffness of the "
             "joints, or take quasi_static = false"
         )
+
+    def _look_on(self, down: float) -> None:
+        """Keep a frame of how blocks come down, where that is to be seen: ``down`` is how far, 1 at the end."""
+        if self.fall is None or not self.recorder.takes_frames:
+            return
+        last = self.equilibria - 1
+        before = float(self.fall[-1]["time"][0]) - last if self.fall else 0.0
+        if down >= 1.0 or down >= before + 1.0 / FALL:
+            self.fall.append(self.recorder.frame(last + min(down, 1.0)))
 
     # --- equilibria
 
@@ -237,6 +255,7 @@ class Settlement:
                 if share is None:
                     return
                 self.session.pause(self)
+                self.fall = [] if last else None
                 ratio = self._go(share)
                 if ratio is not None:
                     broke = (joint_families.bonded(self.moving.state) < self.bonds).any()
@@ -258,7 +277,8 @@ class Settlement:
                 self._go_back()
 
     def _fell(self) -> None:
-        """Note how the blocks come down."""
+        """Note how the blocks come down, and record it."""
+        self.recorder.follow_up(self.fall or [])
         moving, links = self.moving, self.moving.state.links
         position = self.kept.arrays["bodies.position"]
         away = np.linalg.norm(moving.state.bodies.position - position, axis=1)

@@ -28,7 +28,7 @@ from dembrick.views.render.ties import DrawnTies
 if TYPE_CHECKING:
     from dembrick.history.reader import History
 
-# Where the blocks go in a picture, as parts of its width and height: text above them, the colour bar on the right.
+# Where the blocks go in a picture, as parts of its width and height: text above, colour bar, axes and scale beside.
 _LEFT, _RIGHT, _BOTTOM, _TOP = 0.03, 0.81, 0.04, 0.87
 _GREY, _ORANGE, _BLUE = "#CFCFCF", "#D55E00", "#0072B2"
 MECHANISM = "limit"  # status of a history that shows the mechanism of limit analysis
@@ -166,11 +166,7 @@ class Scene:
             self._make_room(self._carried.magnified(poses, self._factor)[0])
             self._make_room(self._rod_at(frame))
             self._make_room(self._ties.ends(poses))
-            self._make_room(
-                np.concatenate(
-                    [[tip, tip + length * way] for tip, way, length in self._arrows_of(poses)] or [np.zeros((0, 3))]
-                )
-            )
+            self._make_room(np.reshape([ends for _, *ends in self._arrows_of(poses)], (-1, 3)))
             if self._colouring is not None:
                 values = self._colouring.values(frame, poses)
                 largest = max(largest, float(values.max(initial=0.0, where=np.isfinite(values))))
@@ -245,7 +241,7 @@ class Scene:
         size = max(8, round(plotter.window_size[0] / 120))
         self._text = plotter.add_text(" ", position=(0.012, 0.985), viewport=True, color="black", font_size=size)
         axes = {"x_color": "#D55E00", "y_color": "#009E73", "z_color": "#0072B2", "color": "black"}
-        plotter.add_axes(interactive=False, viewport=(0.0, 0.0, 0.14, 0.14), line_width=3, **axes)
+        plotter.add_axes(interactive=False, viewport=(0.84, 0.08, 0.96, 0.22), line_width=3, **axes)
         self._text.prop.justification_vertical = "top"
 
     def _build_names(self) -> list[tuple[Names, Callable]]:
@@ -298,7 +294,7 @@ class Scene:
     def _bar(self) -> dict:
         size = round(self._plotter.window_size[0] / 62)
         bar = {"title": self._scale.title + "\n", "color": "black", "n_labels": 5, "fmt": "%.3g", "vertical": True}
-        bar |= {"position_x": 0.875, "position_y": 0.14, "height": 0.6, "width": 0.05}
+        bar |= {"position_x": 0.875, "position_y": 0.26, "height": 0.5, "width": 0.05}
         return bar | {"title_font_size": size, "label_font_size": size}
 
     def _fade_bar(self, opacity: float) -> None:
@@ -332,27 +328,34 @@ class Scene:
 
     # --- frame by frame ---
 
-    def _arrows_of(self, poses: Poses) -> list[tuple[np.ndarray, np.ndarray, float]]:
-        """Loaded point on the drawn block, direction and length of the arrow of each actuator."""
+    def _arrows_of(self, poses: Poses) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """Loaded point on the drawn block, tail and tip of the arrow of each actuator."""
         history, arrows = self._history, []
+        most = max((abs(actuator["weight"]) for actuator in history.actuators), default=1.0)
         for actuator in history.actuators:
             i = actuator["block"]
             first = rotation_matrix(history.orientation0[i])
             turn = rotation_times(poses.rotation[0, i] @ first.T, self._factor)
-            tip = history.position0[i] + self._factor * poses.displacement[0, i]
-            tip = tip + turn @ (actuator["point"] - history.position0[i])
+            point = history.position0[i] + self._factor * poses.displacement[0, i]
+            point = point + turn @ (actuator["point"] - history.position0[i])
             way = actuator["direction"] * np.sign(actuator["weight"])
-            # the head of the arrow lies outside the block, so that an actuator inside it is seen in every view
-            corners = history.block_vertices(i) @ first.T @ way
-            reach = float(corners.max() - (actuator["point"] - history.position0[i]) @ way)
-            arrows.append((tip, way, reach + 0.35 * self._length))
+            if actuator["name"].startswith(PRESSURE):
+                # it presses on a face from outside, by as much as the arrow is long
+                tail, tip = point - 0.5 * self._length * abs(actuator["weight"]) / most * way, point
+            else:
+                # the head of the arrow lies outside the block, so that an actuator inside it is seen in every view
+                corners = history.block_vertices(i) @ first.T @ way
+                reach = float(corners.max() - (actuator["point"] - history.position0[i]) @ way)
+                tail, tip = point, point + (reach + 0.35 * self._length) * way
+            arrows.append((point, tail, tip))
         return arrows
 
     def _show_actuators(self, poses: Poses) -> None:
-        """An arrow of one length an actuator, pushing at its point."""
-        for (arrow, point), (tip, way, length) in zip(self._actuators, self._arrows_of(poses), strict=True):
-            arrow.user_matrix = _placed(tip, way, length)
-            point.user_matrix = _placed(tip, way, 1.0)
+        """An arrow an actuator, pushing at its point."""
+        for (arrow, dot), (point, tail, tip) in zip(self._actuators, self._arrows_of(poses), strict=True):
+            way = tip - tail
+            arrow.user_matrix = _placed(tail, way, float(np.linalg.norm(way)))
+            dot.user_matrix = _placed(point, way, 1.0)
 
     def _rod_at(self, frame: int) -> np.ndarray:
         """Ends (2, 3) of a thin axis through the torsion centre of the marked joint; (0, 3) where none is in sight."""
@@ -393,8 +396,7 @@ class Scene:
         if history.status == MECHANISM:
             told = "mechanism of limit analysis: velocities, to no scale"
         else:
-            when = f"equilibrium {now:g}" if history.counts_equilibria else f"time {now:.4g} s"
-            told = ", ".join([when, *self._load(), shown])
+            told = ", ".join([*self._when(now), shown])
         title = textwrap.wrap(f"{self._name}: {history.title}" if self._name else history.title, 84)
         return "\n".join([*title[:2], told, "; ".join(keys)]).rstrip()
 
@@ -404,6 +406,15 @@ class Scene:
         if all(actuator["name"].startswith(PRESSURE) for actuator in history.actuators):
             return "driven pressure"
         return "body forces" if history.curve.unit == "1" and pushes_several(history) else "actuators"
+
+    def _when(self, now: float) -> list[str]:
+        """The time or the equilibrium of the frame in words, and its load."""
+        history = self._history
+        if not history.counts_equilibria:
+            return [f"time {now:.4g} s", *self._load()]
+        if history.n_row and now > history.time[-1]:
+            return [f"coming down after equilibrium {history.time[-1]:g}"]
+        return [f"equilibrium {now:g}", *self._load()]
 
     def _load(self) -> list[str]:
         """The load of the frame in words; of a table that tilts its angle too."""
