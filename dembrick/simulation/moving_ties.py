@@ -38,6 +38,8 @@ def moving_ties(table: TieTable, position: np.ndarray, rotation: np.ndarray) -> 
 def at_ends(ties: Ties, blocks: int) -> np.ndarray:
     """What the ties exert on every one of so many blocks, at its centroid (n, 6): N and N m, world axes."""
     found = np.zeros((blocks, 6))
+    if not len(ties.stiffness):
+        return found
     for side, sense in ((0, 1.0), (1, -1.0)):
         couple = np.cross(ties.arm[:, side], ties.force)
         np.add.at(found, ties.block[:, side], sense * np.concatenate([ties.force, couple], axis=1))

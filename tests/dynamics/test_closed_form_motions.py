@@ -153,7 +153,7 @@ def test_bounce(formulation, within, restitution):
 def bounced(formulation, restitution, speed, step_factor=0.9):
     """Speed after over speed before the first impact of a block thrown up at that speed."""
     flight = 2.0 * speed / 9.81 * (1.0 + 0.9 * restitution)
-    given = scenario(DynamicControl(flight, restitution), formulation, velocity=(0.0, 0.0, speed), rows=20000)
+    given = scenario(DynamicControl(flight, restitution), formulation, velocity=(0.0, 0.0, speed), rows=3000)
     result = simulate(dataclasses.replace(given, solver=dataclasses.replace(given.solver, step_factor=step_factor)))
     rise = result.frames["velocity"][:, 1, 2]
     landing = int(np.argmin(rise))

@@ -107,6 +107,7 @@ class Motion:
     _travel: np.ndarray = field(default_factory=lambda: np.zeros(2))
     _pace: _Pace = field(default_factory=lambda: _Pace())
     _compiled: set = field(default_factory=set)
+    _ahead: tuple = (None,) * 7  # the copies of `present_velocities`, kept: there is one at every frame
 
     def __post_init__(self):
         self.contact_detection = ContactDetection(self.assembly, self.damping)
@@ -247,11 +248,15 @@ def present_velocities(motion: Motion, driving: Driving) -> tuple[np.ndarray, np
     """Velocities (n, 3) and spins (n, 3; rad/s, world) of the blocks at the moment of their positions: the mean of half
     a step before and half a step after, which a copy of everything takes."""
     motion.energy.fit(len(driving.block), len(driving.supports))
-    state, touching = motion.state, motion.contact_detection.touching
-    bodies, links, corners, faces, ties, table = (_copied(part) for part in (*state[:5], motion.energy.table))
+    state, touching, shared = motion.state, motion.contact_detection.touching, {}
     if touching is not None:
         shared = {name: getattr(touching, name) for name in ("parts", "scratch", "pressed")}
-        touching = _copied(touching._replace(**dict.fromkeys(shared)))._replace(**shared)
+        touching = touching._replace(**dict.fromkeys(shared))
+    parts = (*state[:5], motion.energy.table, touching)
+    motion._ahead = tuple(_copied(part, into) for part, into in zip(parts, motion._ahead, strict=True))
+    bodies, links, corners, faces, ties, table, touching = motion._ahead
+    if touching is not None:
+        touching = touching._replace(**shared)
         touching.room[:], touching.overloaded[:] = np.inf, 0
     gravity, force = driving.at(np.array([motion.time]), motion.time_step)
     supports = driving.prescribed(np.array([motion.time]), motion.time_step)
@@ -266,19 +271,22 @@ def present_velocities(motion: Motion, driving: Driving) -> tuple[np.ndarray, np
     return velocity, np.einsum("nij,njk,nk->ni", now.rotation, now.inverse, in_body)
 
 
-def _copied(part):
+def _copied(part, into=None):
     """A named tuple with copies of its arrays, at any depth, where lines of the cache begin as in the original; None
-    stays None."""
+    stays None. They are written over those of an earlier copy, ``into``, if they fit."""
     if part is None:
         return None
-    copies = {}
-    for name, array in part._asdict().items():
+    copies = []
+    for name, array, old in zip(part._fields, part, into or (None,) * len(part), strict=True):
         if isinstance(array, tuple):
-            copies[name] = _copied(array)
-        elif array is not None:
-            copies[name] = rows_of_lanes(len(array)) if name in IN_LANES else np.empty_like(array)
-            copies[name][...] = array
-    return part._replace(**copies)
+            copies.append(_copied(array, old))
+            continue
+        if array is not None and (old is None or old.shape != array.shape):
+            old = rows_of_lanes(len(array)) if name in IN_LANES else np.empty_like(array)
+        if array is not None:
+            old[...] = array
+        copies.append(old if array is not None else None)
+    return part._make(copies)
 
 
 def advance_chunk(
