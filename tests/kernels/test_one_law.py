@@ -144,9 +144,10 @@ class MovingPoints:
         self.tile, self.work = np.zeros(tiles.TILE), np.zeros(tiles.WORK)
         self.tile[tiles.VISCOUS * W : (tiles.VISCOUS + 2) * W] = VISCOUS
         self.own = np.zeros(4 * tiles.POINT)
-        self.rows = self.own.reshape(4, -1, W)
-        self.rows[:, tiles.X], self.rows[:, tiles.Y] = OUTLINE[:, 0, None], OUTLINE[:, 1, None]
-        self.rows[:, tiles.AREA] = AREAS[:, None]
+        rows = self.own.reshape(4, -1, W)
+        rows[:, tiles.X], rows[:, tiles.Y] = OUTLINE[:, 0, None], OUTLINE[:, 1, None]
+        rows[:, tiles.AREA] = AREAS[:, None]
+        self.sheared, self.slipped = np.zeros(4 * tiles.SHEAR), np.zeros(4 * W)
         self.dashpots, self.ledger = np.zeros(4 * DASHPOT), np.zeros(LEDGER)
 
     def step(self, motion, change, twist):
@@ -155,14 +156,16 @@ class MovingPoints:
         law = (K_N, K_S, self.mu, 1.0)
         for pair in range(2):
             own = self.own[2 * pair * tiles.POINT : 2 * (pair + 1) * tiles.POINT]
+            sheared = self.sheared[2 * pair * tiles.SHEAR : 2 * (pair + 1) * tiles.SHEAR]
             dashpots = self.dashpots[2 * pair * DASHPOT : 2 * (pair + 1) * DASHPOT]
             bonds = self.strengths, 0, None, None
             if self.strengths is not None:
                 rows = self.of_bonds[2 * pair * bonded_points.BOND : 2 * (pair + 1) * bonded_points.BOND]
                 bonds = self.strengths, 0, rows, self.ledger
-            if moving_points.press(self.work, own, *law, dashpots, None, *bonds) > 0:
-                for which in range(2):
-                    moving_points.add_losses(self.work, own, dashpots, which, *law, self.ledger)
+            if moving_points.press(self.work, own, sheared, *law, dashpots, None, *bonds):
+                moving_points.add_slip(self.work, self.slipped[2 * pair * W : 2 * (pair + 1) * W])
+                for which in range(2 if self.strengths is None else 0):
+                    moving_points.add_losses(self.work, own, sheared, dashpots, which, *law, self.ledger)
         self.ledger[:W] += self.work[tiles.TAKEN * W : (tiles.TAKEN + 1) * W]
         f = self.work.reshape(-1, W)[tiles.FORCE : tiles.FORCE + 9, 3]
         # the force on the host at (1, x, y), the host's slip is b's
@@ -170,11 +173,11 @@ class MovingPoints:
 
     @property
     def memory(self):
-        return self.rows[:, tiles.ELASTIC : tiles.ELASTIC + 2, 3]
+        return self.sheared.reshape(4, 2, W)[..., 3]
 
     @property
     def slip(self):
-        return self.rows[:, tiles.SLIP, 3]
+        return self.slipped.reshape(4, W)[:, 3]
 
     @property
     def dissipated(self):
@@ -244,7 +247,8 @@ class MovingArea:
         one, zero = np.ones(1), np.zeros(1)
         self.tile, self.work = np.zeros(tiles.TILE), np.zeros(tiles.WORK)
         self.tile[tiles.VISCOUS * W : (tiles.VISCOUS + 2) * W] = VISCOUS
-        self.tile[(tiles.SEEN + 3) * W : (tiles.SEEN + 4) * W] = 1.0  # the polygon's axes are the plane's
+        self.seen = np.zeros(tiles.SEEN_TILE)
+        self.seen[tiles.FIRST * W : (tiles.FIRST + 1) * W] = 1.0  # the polygon's axes are the plane's
         self.joint = moving_areas.Faces(
             joint=np.zeros(1, np.uint32), tile=np.zeros(1, np.int64), lane=np.zeros((1, W), np.uint32),
             used=np.ones(1, np.int64), outline=np.zeros(1, np.uint32), k_n=K_N * one, k_s=K_S * one, friction=mu * one,
@@ -266,7 +270,7 @@ class MovingArea:
     def step(self, motion, change, twist):
         place(self.work, motion, change, twist)
         law = self.joint.pressed, self.joint.strengths, self.joint.bonds
-        moving_areas.force_by(self.joint, *law, 0, self.tile, 3, self.work, self.energy)
+        moving_areas.force_by(self.joint, *law, 0, self.tile, self.seen, 3, self.work, self.energy)
         rows = self.work.reshape(-1, W)
         f = rows[tiles.FORCE : tiles.FORCE + 9, 3]
         return np.array([f[2], -f[0], -f[1], -rows[tiles.TWISTING, 3], -f[8], f[5]])

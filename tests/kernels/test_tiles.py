@@ -1,6 +1,7 @@
 """Joints and blocks side by side: nothing depends on who stands beside whom."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -8,15 +9,16 @@ import pytest
 from dembrick.assembly import build
 from dembrick.geometry.rotations import frame_quaternion, rotation_matrix, unit_quaternion
 from dembrick.kernels.dynamics.rigid_bodies import ANGLE2, fetch_block, turn_block, turn_body, turn_slowly
-from dembrick.kernels.dynamics.tiles import OFFSET, VISCOUS, WORK, W, rows_of_lanes
+from dembrick.kernels.dynamics.tiles import AREA, LEVER, OFFSET, POINT, TILE, VISCOUS, WORK, W, rows_of_lanes
 from dembrick.scenario.controls import DynamicControl
 from dembrick.scenario.model import Block, JointLaw, Material, Scenario
 from dembrick.simulation.dynamics.dead_load import find_equilibrium
 from dembrick.simulation.dynamics.integrator import joint_forces, motion
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.state import contact_forces, joint_resultants, with_contact_forces
-from dembrick.simulation.dynamics.tiling import tiled
+from dembrick.simulation.dynamics.tiling import tiled, without_rounding
 from helpers.resting_blocks import GRAVITY, about, place
+from helpers.walls import wall
 
 LAWS = {  # nine points are an odd number
     "concave": {},
@@ -112,6 +114,45 @@ def test_what_stands_in_tiles_is_read_as_a_copy_that_refuses_to_be_written():
     links.put(OFFSET, [0.5], 1)
     np.testing.assert_array_equal(links.offset, [before[0], 0.5, before[2]])
     assert corners.where().shape == corners.x.shape and len(np.unique(corners.where())) == 12
+
+
+def test_tiles_of_a_regular_wall_share_what_no_step_changes():
+    """Until that of a joint changes: then no other joint notices."""
+    moving = motion(wall("concave", courses=20, blocks=20), 0.1, 0.5)
+    links, corners = moving.state.links, moving.state.corners
+    points = [corners.points[a * POINT : b * POINT] for a, b in pairwise(corners.tile_start.tolist())]
+
+    def read():
+        """What the loop reads of every tile."""
+        return links.tiles.reshape(-1, TILE)[links.like].copy(), [points[t].copy() for t in corners.like]
+
+    assert len(np.unique(links.like)) < 0.6 * len(links.like) and len(np.unique(corners.like)) < 0.3 * len(links.like)
+    np.testing.assert_array_equal(read()[0], links.tiles.reshape(-1, TILE))
+    for j in (int(corners.joint[corners.lane[np.bincount(corners.like).argmax(), 3]]), 200, 200, 7):
+        links_before, points_before = read()
+        where, p = int(links.place[j]), int(np.flatnonzero(corners.joint == j)[0])
+        links.put(LEVER, links.lever[j] + 0.01, j)
+        corners.put(AREA, 0.5 * corners.row(AREA, p), p)
+        now, points_now = read()
+        changed = now != links_before
+        rows = (np.arange(LEVER, LEVER + 3) * W + where % W).tolist()
+        assert [where // W] == np.flatnonzero(changed.any(axis=1)).tolist()
+        assert np.flatnonzero(changed[where // W]).tolist() == rows
+        changed = [(a != b).sum() for a, b in zip(points_before, points_now, strict=True)]
+        assert np.flatnonzero(changed).tolist() == [where // W] and max(changed) == 4
+    links.share(), corners.share()
+    np.testing.assert_array_equal(read()[0], now)
+
+
+def test_numbers_that_differ_by_rounding_are_the_same():
+    rng = np.random.default_rng(4)
+    exact = rng.choice([0.3, 1e-9, -2e7, 0.0], (50, 3))
+    found = without_rounding(exact * (1.0 + 3e-16 * rng.integers(-2, 3, exact.shape)))
+    np.testing.assert_allclose(found, exact, rtol=1e-15)
+    assert len(np.unique(found)) == 4
+    lengths = exact[:, 0] * 1e-7 + 1e-15 * rng.standard_normal(50)
+    assert len(np.unique(without_rounding(lengths, lengths=True))) == len(np.unique(exact[:, 0])) - 1
+    np.testing.assert_array_equal(without_rounding(np.array([1.0, 1.0 + 1e-9, -0.0])), [1.0, 1.0 + 1e-9, 0.0])
 
 
 def test_tiles_begin_with_a_line_of_the_cache():

@@ -13,10 +13,11 @@ from dembrick._jit import jit
 from dembrick.kernels.dynamics.energy_terms import BY_LAW, FRACTURE, FRICTION, RELEASED
 from dembrick.kernels.dynamics.tiles import (
     DEPTH,
+    FIRST,
     FORCE,
     GROWTH,
     MOVED,
-    SEEN,
+    SEEN_TILE,
     TILE,
     TURN,
     TWISTING,
@@ -24,11 +25,11 @@ from dembrick.kernels.dynamics.tiles import (
     W,
     deliver,
     fetch,
-    lane_of,
     look,
     offset_of,
     put_three,
     resultant,
+    seen_by,
     sense_of,
     three,
 )
@@ -184,15 +185,15 @@ def add_bonded_losses(
 
 
 @jit
-def bonded_face(faces, strengths, bonds, a, tile, lane, work, energy_terms):
+def bonded_face(faces, strengths, bonds, a, tile, seen, lane, work, energy_terms):
     """`face_force` of a joint of a scene where some have strengths."""
     g0, gx, gy = three(work, DEPTH, lane)
     d0, dx, dy = three(work, GROWTH, lane)
     outline = faces.outline[a]
     p1, p2, _ = three(work, MOVED, lane)
     turn = work[TURN * W + lane]
-    c1 = tile[(SEEN + 3) * W + lane]
-    c2 = tile[(SEEN + 4) * W + lane]
+    c1 = seen[FIRST * W + lane]
+    c2 = seen[(FIRST + 1) * W + lane]
     scale = 1.0 / sqrt(c1 * c1 + c2 * c2)
     cosine = c1 * scale
     sine = c2 * scale
@@ -231,16 +232,16 @@ def bonded_face(faces, strengths, bonds, a, tile, lane, work, energy_terms):
 
 
 @jit
-def force_by(faces, pressed, strengths, bonds, a, tile, lane, work, energy_terms):
+def force_by(faces, pressed, strengths, bonds, a, tile, seen, lane, work, energy_terms):
     """`face_force` by the law that the joints have: dry if ``strengths`` is None."""
     if strengths is not None:
-        bonded_face(faces, strengths, bonds, a, tile, lane, work, energy_terms)
+        bonded_face(faces, strengths, bonds, a, tile, seen, lane, work, energy_terms)
     else:
-        face_force(faces, pressed, a, tile, lane, work, energy_terms)
+        face_force(faces, pressed, a, tile, seen, lane, work, energy_terms)
 
 
 @jit
-def face_force(faces, pressed, a, tile, lane, work, energy_terms):
+def face_force(faces, pressed, a, tile, seen, lane, work, energy_terms):
     """Force of convex joint ``a``, in that lane of the tile: what `resultant` makes wrenches of. ``pressed`` is
     ``faces.pressed``, given apart so that its code goes where it is None."""
     viscous = tile[VISCOUS * W + lane]
@@ -262,8 +263,8 @@ def face_force(faces, pressed, a, tile, lane, work, energy_terms):
     # slip of the step at the foot of O in the plane's axes, and what turns them into the polygon's
     p1, p2, _ = three(work, MOVED, lane)
     turn = work[TURN * W + lane]
-    c1 = tile[(SEEN + 3) * W + lane]
-    c2 = tile[(SEEN + 4) * W + lane]
+    c1 = seen[FIRST * W + lane]
+    c2 = seen[(FIRST + 1) * W + lane]
     scale = 1.0 / sqrt(c1 * c1 + c2 * c2)
     cosine = c1 * scale
     sine = c2 * scale
@@ -303,15 +304,26 @@ def forces(links, faces, bodies, first, last, energy_terms, work):
     """Forces of the convex joints in their tiles ``first`` to ``last``; ``work`` (WORK,) is scratch;
     ``energy_terms`` may be None."""
     for t in range(first, last):
-        begin = faces.tile[t] * TILE
-        tile = links.tiles[begin : begin + TILE]
+        own = faces.tile[t]
+        like = links.like[own]
+        tile = links.tiles[like * TILE : (like + 1) * TILE]
+        seen = links.seen_tiles[own * SEEN_TILE : (own + 1) * SEEN_TILE]
         fetch(faces.joint, faces.lane[t], links, bodies, work)
-        look(tile, work)
+        look(tile, seen, work)
         for lane in range(faces.used[t]):
             force_by(
-                faces, faces.pressed, faces.strengths, faces.bonds, faces.lane[t, lane], tile, lane, work, energy_terms
+                faces,
+                faces.pressed,
+                faces.strengths,
+                faces.bonds,
+                faces.lane[t, lane],
+                tile,
+                seen,
+                lane,
+                work,
+                energy_terms,
             )
-        resultant(tile, work)
+        resultant(tile, seen, work)
         deliver(faces.joint, faces.lane[t], faces.used[t], work, links.wrench)
 
 
@@ -340,7 +352,7 @@ def spring_energy(links, faces, a, held):
     """Energy (J) in the springs of convex joint ``a``; writes their pressure and its moments into row ``a`` of
     ``held``."""
     j = faces.joint[a]
-    seen = links.tiles[lane_of(links, j, SEEN, 9)]
+    seen = links.seen_tiles[seen_by(links, j)]
     sense = sense_of(links, j)
     g0 = sense * (offset_of(links, j) - seen[2])
     gx = -sense * seen[5]

@@ -19,16 +19,17 @@ from dembrick.kernels.dynamics.tiles import (
     DAMPED,
     DAMPING,
     DEPTH,
-    ELASTIC,
     GROWTH,
     LAST,
     MOVED,
     NORMAL,
     POINT,
-    SLIP,
+    SHEAR,
+    SLID,
     W,
     X,
     Y,
+    lane_of,
     put_three,
     three,
 )
@@ -41,7 +42,7 @@ BOND = 3 * W
 
 @jit
 def answer_bonded(
-    work, own, which, lane, k_n, k_s, friction, arm, dashpots, force_out, strengths, law, bonds, ledger
+    work, own, sheared, which, lane, k_n, k_s, friction, arm, dashpots, force_out, strengths, law, bonds, ledger
 ):  # fmt: skip
     """`answer` of a point of a scene with strengths, those of the ``law``; ``bonds``: the rows of the two points in
     `Corners.bonds`. What it loses is counted in the ``ledger`` of its tile."""
@@ -59,8 +60,9 @@ def answer_bonded(
     x2, y1, y2 = three(work, MOVED + 3, lane)
     u1 = p1 + xs * x1 + ys * y1
     u2 = p2 + xs * x2 + ys * y2
-    b1 = own[ELASTIC * W + at]
-    b2 = own[(ELASTIC + 1) * W + at]
+    of_shear = which * SHEAR + lane
+    b1 = sheared[of_shear]
+    b2 = sheared[W + of_shear]
     k = k_n * area
     of_bond = which * BOND + lane
     bond = bonds[BONDED * W + of_bond]
@@ -70,9 +72,9 @@ def answer_bonded(
         g, d, u1, u2, b1, b2, k, k_s * area, friction, work[NORMAL * W + lane], work[DAMPED * W + lane],
         work[DAMPING * W + lane], strengths, law, area, bond, depth, rise,
     )  # fmt: skip
-    own[ELASTIC * W + at] = e1
-    own[(ELASTIC + 1) * W + at] = e2
-    own[SLIP * W + at] += slid
+    sheared[of_shear] = e1
+    sheared[W + of_shear] = e2
+    work[(SLID + which) * W + lane] = slid
     bonds[BONDED * W + of_bond] = bonded
     bonds[CRUSHED * W + of_bond] = crushed
     bonds[RISE * W + of_bond] = risen
@@ -101,7 +103,7 @@ def answer_bonded(
         ledger[(GONE + FRACTURE) * W + lane] += fracture
     if force_out is not None:
         put_three(work, LAST + 3 * which, lane, (t1, t2, normal))
-    return x, y, xs, ys, t1, t2, normal, taken, 0
+    return x, y, xs, ys, t1, t2, normal, taken, slid > 0.0
 
 
 @jit
@@ -113,11 +115,11 @@ def bonds_of(bonds, point):
 
 
 @jit
-def spring_length(strengths, bonds, law, k_n, begin, g):
+def spring_length(strengths, bonds, law, k_n, place, g):
     """By how much the normal spring of a point is pressed (m, negative where a bond is pulled) at the penetration
-    ``g``; ``begin``: where its first row is in `Corners.points`."""
+    ``g``; ``place``: see `Corners.where`."""
     if bonds is not None:
-        at = begin // POINT * BOND + begin % W
-        bond, depth, rise = bonds[BONDED * W + at], bonds[CRUSHED * W + at], bonds[RISE * W + at]
+        own = bonds[lane_of(place, BOND)]
+        bond, depth, rise = own[BONDED], own[CRUSHED], own[RISE]
         return spring_of(strengths, law, k_n, g, 1.0, bond, depth, rise) / k_n
     return max(g, 0.0)

@@ -26,7 +26,7 @@ from dembrick.kernels.dynamics.energy_terms import (
 )
 from dembrick.kernels.dynamics.joint_families import FAMILIES
 from dembrick.kernels.dynamics.rigid_bodies import gathered
-from dembrick.kernels.dynamics.tiles import TILE, W
+from dembrick.kernels.dynamics.tiles import lane_of
 from dembrick.kernels.joint.ties import tie_losses
 from dembrick.kernels.math.vec3 import cross, rows_times
 
@@ -43,8 +43,7 @@ def settle(energy_terms, links, j):
         energy_terms.lost[j, STEPPING] += share * row[9]
         row[9] = 0.0
     else:
-        begin = links.place[j] // TILE * LEDGER + links.place[j] % W
-        row = energy_terms.ledger[begin : begin + LEDGER - W + 1 : W]
+        row = energy_terms.ledger[lane_of(links.place[j], LEDGER)]
         energy_terms.damped[j] += share * row[OF_DASHPOTS]
         row[OF_DASHPOTS] = 0.0
         energy_terms.least[j] = min(energy_terms.least[j], share * row[SMALLEST])

@@ -10,6 +10,7 @@ Where any joint has strengths, all points of the scene take the law with bonds (
 and what they lose is counted there.
 """
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -41,8 +42,10 @@ from dembrick.kernels.dynamics.tiles import (
     MOVED,
     NORMAL,
     POINT,
-    SEEN,
+    SEEN_TILE,
     SENSE,
+    SHEAR,
+    SLID,
     SLIP,
     TAKEN,
     TILE,
@@ -51,6 +54,7 @@ from dembrick.kernels.dynamics.tiles import (
     W,
     X,
     Y,
+    alike,
     combined,
     deliver,
     fetch,
@@ -59,7 +63,9 @@ from dembrick.kernels.dynamics.tiles import (
     offset_of,
     put_three,
     resultant,
+    seen_by,
     sense_of,
+    set_apart,
     three,
 )
 from dembrick.kernels.joint.point_law import Strengths, point_law, shear_loss
@@ -71,7 +77,7 @@ class Corners(NamedTuple):
 
     joint: ndarray  # (p,) uint32
     start: ndarray  # (p + 1,) uint32, first contact point of each
-    place: ndarray  # (p,) uint32, where the first row of its first point is in `points`
+    place: ndarray  # (p,) uint32, where its first point is: its lane, plus W times the points in tiles before
     law: ndarray  # (p,) uint32, which of the following
     k_n: ndarray  # (l,) Pa/m
     k_s: ndarray  # (l,) Pa/m
@@ -80,34 +86,54 @@ class Corners(NamedTuple):
     lane: ndarray  # (t, W) uint32, which of the p joints each lane has; the last one again where there are no more
     used: ndarray  # (t,) uint32, lanes that have one of their own
     tile_law: ndarray  # (t,) uint32
-    tile_start: ndarray  # (t + 1,) uint32, first element of each tile in `points`
+    tile_start: ndarray  # (t + 1,) int64, first point of each tile
+    like: ndarray  # (t,) uint32, the tile of ``points`` that the loop reads in place of each: see `alike`
     points: ndarray  # point after point of a tile, rows as above
+    sheared: ndarray  # likewise, elastic shear force: two rows a point
+    slipped: ndarray  # likewise, length of the slip path: one row a point
     force: ndarray | None  # (c, 3) N, world, last force on the host at each point; None where nobody asks for it
     strengths: Strengths | None = None  # beside friction, an entry a law; None where no joint has any
-    bonds: ndarray | None = None  # point after point like ``points``, rows as above; None where ``strengths`` is
+    bonds: ndarray | None = None  # likewise, see `bonded_points`; None where ``strengths`` is
 
     def where(self, joint: int | None = None) -> ndarray:
-        """Where the first row of each contact point is, of all joints (c,) or of one."""
+        """Each contact point in the sense of ``place``, of all joints (c,) or of one."""
         if joint is not None:
-            return int(self.place[joint]) + np.arange(int(self.start[joint + 1]) - int(self.start[joint])) * POINT
+            return int(self.place[joint]) + np.arange(int(self.start[joint + 1]) - int(self.start[joint])) * W
         count = np.diff(self.start)
         own = np.arange(int(self.start[-1])) - np.repeat(self.start[:-1].astype(np.int64), count)
-        return np.repeat(self.place.astype(np.int64), count) + own * POINT
+        return np.repeat(self.place.astype(np.int64), count) + own * W
 
     def of_bonds(self, row: int, joint: int | None = None) -> ndarray:
         """Where a row of each contact point is in ``bonds``, of all joints (c,) or of one."""
         where = self.where(joint)
-        return where // POINT * BOND + row * W + where % W
+        return where // W * BOND + row * W + where % W
 
     def row(self, row: int, joint: int | None = None) -> ndarray:
         """A copy of a row of contact points, of all joints (c,) or of one."""
-        found = self.points[self.where(joint) + row * W]
+        array, where = self._where(row, joint)
+        found = array[where]
         found.flags.writeable = False  # who writes into it means `put`
         return found
 
     def put(self, row: int, values, joint: int | None = None) -> None:
         """Write a row of contact points, of all joints (c,) or of one."""
-        self.points[self.where(joint) + row * W] = values
+        if row < ELASTIC:
+            tiles = np.searchsorted(self.tile_start, self.where(joint) // W, side="right") - 1
+            set_apart(self.like, tiles)
+        array, where = self._where(row, joint)
+        array[where] = values
+
+    def share(self) -> None:
+        """Let tiles whose points are the same to the last bit take them from one of them."""
+        self.like[:] = alike(self.points[a * POINT : b * POINT] for a, b in pairwise(self.tile_start.tolist()))
+
+    def _where(self, row: int, joint: int | None) -> tuple[ndarray, ndarray]:
+        """The array that has this row, and where it is in it."""
+        array, size, row = (self.points, POINT, row) if row < ELASTIC else (self.sheared, SHEAR, row - ELASTIC)
+        if row >= SLIP - ELASTIC and array is self.sheared:
+            array, size, row = self.slipped, W, 0
+        where = self.where(joint)
+        return array, where // W * size + row * W + where % W
 
     @property
     def x(self) -> ndarray:
@@ -152,9 +178,10 @@ def begin(tile, work):
 
 
 @jit
-def answer(work, own, which, lane, k_n, k_s, friction, arm, dashpots, force_out):
+def answer(work, own, sheared, which, lane, k_n, k_s, friction, arm, dashpots, force_out):
     """One point of the pair that `press` takes, its ``which``: its arms of the normal force and of friction, its shear
-    force in the sense in which the host slips, its normal force, what its dashpots took, whether it lost something."""
+    force in the sense in which the host slips, its normal force, what its dashpots took, whether it slid or lost
+    something else."""
     at = which * POINT + lane
     x = own[X * W + at]
     y = own[Y * W + at]
@@ -169,18 +196,19 @@ def answer(work, own, which, lane, k_n, k_s, friction, arm, dashpots, force_out)
     x2, y1, y2 = three(work, MOVED + 3, lane)
     u1 = p1 + xs * x1 + ys * y1
     u2 = p2 + xs * x2 + ys * y2
-    b1 = own[ELASTIC * W + at]
-    b2 = own[(ELASTIC + 1) * W + at]
+    of_shear = which * SHEAR + lane
+    b1 = sheared[of_shear]
+    b2 = sheared[W + of_shear]
     k = k_n * area
     normal, t1, t2, e1, e2, slid = point_law(
         g, d, u1, u2, b1, b2, k, k_s * area, friction, work[NORMAL * W + lane], work[DAMPED * W + lane],
         work[DAMPING * W + lane],
     )  # fmt: skip
-    own[ELASTIC * W + at] = e1
-    own[(ELASTIC + 1) * W + at] = e2
-    own[SLIP * W + at] += slid
+    sheared[of_shear] = e1
+    sheared[W + of_shear] = e2
+    work[(SLID + which) * W + lane] = slid
     taken = 0.0
-    loses = 0
+    loses = slid > 0.0
     if dashpots is not None:
         c1 = t1 - e1
         c2 = t2 - e2
@@ -188,10 +216,11 @@ def answer(work, own, which, lane, k_n, k_s, friction, arm, dashpots, force_out)
         last1, last2, last = three(dashpots, 0, which * DASHPOT + lane)
         taken = (last1 + c1) * u1 + (last2 + c2) * u2 + (last + n) * d
         put_three(dashpots, 0, which * DASHPOT + lane, (c1, c2, n))
-        put_three(work, BEFORE + 3 * which, lane, (b1, b2, slid))
+        work[(BEFORE + 2 * which) * W + lane] = b1
+        work[(BEFORE + 2 * which + 1) * W + lane] = b2
         # slides, or lets go of what it held, or opened or closed in the step
         held = abs(b1) + abs(b2)
-        loses = 1 if slid > 0.0 or (normal == 0.0 and held > 0.0) or g * (g - d) < 0.0 else 0
+        loses = loses | ((normal == 0.0) & (held > 0.0)) | (g * (g - d) < 0.0)
     if force_out is not None:
         put_three(work, LAST + 3 * which, lane, (t1, t2, normal))
     return x, y, xs, ys, t1, t2, normal, taken, loses
@@ -199,33 +228,33 @@ def answer(work, own, which, lane, k_n, k_s, friction, arm, dashpots, force_out)
 
 @jit
 def answer_by(
-    work, own, which, lane, k_n, k_s, friction, arm, dashpots, force_out, strengths, law, bonds, ledger
+    work, own, sheared, which, lane, k_n, k_s, friction, arm, dashpots, force_out, strengths, law, bonds, ledger
 ):  # fmt: skip
     """`answer` by the law that the points have: dry if ``strengths`` is None."""
     if strengths is not None:
         return answer_bonded(
-            work, own, which, lane, k_n, k_s, friction, arm, dashpots, force_out, strengths, law, bonds, ledger
+            work, own, sheared, which, lane, k_n, k_s, friction, arm, dashpots, force_out, strengths, law, bonds, ledger
         )
-    return answer(work, own, which, lane, k_n, k_s, friction, arm, dashpots, force_out)
+    return answer(work, own, sheared, which, lane, k_n, k_s, friction, arm, dashpots, force_out)
 
 
 @entry
 def press(
-    work, own, k_n, k_s, friction, arm, dashpots, force_out, strengths=None, law=0, bonds=None, ledger=None
+    work, own, sheared, k_n, k_s, friction, arm, dashpots, force_out, strengths=None, law=0, bonds=None, ledger=None
 ):  # fmt: skip
     """Forces of two points of every joint of a tile, and what they add to the sums of ``work``.
 
-    ``own``: the rows of the points; ``dashpots``: see `EnergyTerms.dashpots`, or None; ``force_out`` is None
-    where the forces of single points are not wanted; the last four: see `answer_bonded`. Returns how many lose
-    something for `add_losses`.
+    ``own``: the rows of the points, ``sheared`` their elastic shear; ``dashpots``: see `EnergyTerms.dashpots`, or None;
+    ``force_out`` is None where the forces of single points are not wanted; the last four: see `answer_bonded`. Returns
+    whether any slides or loses something for `add_losses`.
     """
-    losing = 0
+    losing = False
     for lane in range(W):
         x, y, xs, ys, t1, t2, n, d, loses = answer_by(
-            work, own, 0, lane, k_n, k_s, friction, arm, dashpots, force_out, strengths, law, bonds, ledger
+            work, own, sheared, 0, lane, k_n, k_s, friction, arm, dashpots, force_out, strengths, law, bonds, ledger
         )
         X, Y, XS, YS, T1, T2, N, D, LOSES = answer_by(
-            work, own, 1, lane, k_n, k_s, friction, arm, dashpots, force_out, strengths, law, bonds, ledger
+            work, own, sheared, 1, lane, k_n, k_s, friction, arm, dashpots, force_out, strengths, law, bonds, ledger
         )
         a = FORCE * W + lane
         work[a] -= t1 + T1
@@ -239,8 +268,15 @@ def press(
         work[a + 8 * W] += y * n + Y * N
         if dashpots is not None:
             work[TAKEN * W + lane] += 0.5 * (d + D)
-            losing += loses + LOSES
+        losing |= loses | LOSES
     return losing
+
+
+@entry
+def add_slip(work, slipped):
+    """Add to the slip paths of two points of every joint of a tile what they slid by in the step."""
+    for lane in range(2 * W):
+        slipped[lane] += work[SLID * W + lane]
 
 
 @jit
@@ -263,7 +299,7 @@ def write_forces(corners, t, first, sense, work, out):
 
 
 @entry
-def add_losses(work, own, dashpots, which, k_n, k_s, friction, arm, ledger):
+def add_losses(work, own, sheared, dashpots, which, k_n, k_s, friction, arm, ledger):
     """Add what one point of every joint of a tile lost in a step, ``which`` of the two of `point_joints.press`: in
     friction, or let go where the point has opened."""
     for lane in range(W):
@@ -271,13 +307,15 @@ def add_losses(work, own, dashpots, which, k_n, k_s, friction, arm, ledger):
         x = own[X * W + at]
         y = own[Y * W + at]
         area = own[AREA * W + at]
-        e1 = own[ELASTIC * W + at]
-        e2 = own[(ELASTIC + 1) * W + at]
+        e1 = sheared[which * SHEAR + lane]
+        e2 = sheared[which * SHEAR + W + lane]
         g0, gx, gy = three(work, DEPTH, lane)
         d0, dx, dy = three(work, GROWTH, lane)
         p1, p2, x1 = three(work, MOVED, lane)
         x2, y1, y2 = three(work, MOVED + 3, lane)
-        b1, b2, slid = three(work, BEFORE + 3 * which, lane)
+        b1 = work[(BEFORE + 2 * which) * W + lane]
+        b2 = work[(BEFORE + 2 * which + 1) * W + lane]
+        slid = work[(SLID + which) * W + lane]
         s1 = p1 + arm * (x * x1 + y * y1)
         s2 = p2 + arm * (x * x2 + y * y2)
         lost = shear_loss(b1, b2, e1, e2, s1, s2, k_s * area)
@@ -303,9 +341,11 @@ def forces(links, corners, bodies, first, last, force_out, strengths, bonds, ene
     are None; ``energy_terms`` may be None.
     """
     for t in range(first, last):
-        tile = links.tiles[t * TILE : (t + 1) * TILE]
+        like = links.like[t]
+        tile = links.tiles[like * TILE : (like + 1) * TILE]
+        seen = links.seen_tiles[t * SEEN_TILE : (t + 1) * SEEN_TILE]
         fetch(corners.joint, corners.lane[t], links, bodies, work)
-        look(tile, work)
+        look(tile, seen, work)
         begin(tile, work)
         law = corners.tile_law[t]
         k_n = corners.k_n[law]
@@ -313,22 +353,28 @@ def forces(links, corners, bodies, first, last, force_out, strengths, bonds, ene
         friction = corners.friction[law]
         arm = corners.shear_arm[law]
         start = corners.tile_start[t]
-        for i in range(0, (corners.tile_start[t + 1] - start) // POINT, 2):
-            own = corners.points[start + i * POINT : start + (i + 2) * POINT]
-            pair = bonds_of(bonds, start // POINT + i)
+        begins = corners.tile_start[corners.like[t]]
+        for i in range(0, corners.tile_start[t + 1] - start, 2):
+            own = corners.points[(begins + i) * POINT : (begins + i + 2) * POINT]
+            first_point = start + i
+            sheared = corners.sheared[first_point * SHEAR : (first_point + 2) * SHEAR]
+            pair = bonds_of(bonds, first_point)
             if energy_terms is None:
-                press(work, own, k_n, k_s, friction, arm, None, force_out, strengths, law, pair, None)
+                losing = press(work, own, sheared, k_n, k_s, friction, arm, None, force_out, strengths, law, pair, None)
             if energy_terms is not None:
-                of_dashpots = (start // POINT + i) * DASHPOT
-                dashpots = energy_terms.dashpots[of_dashpots : of_dashpots + 2 * DASHPOT]
+                dashpots = energy_terms.dashpots[first_point * DASHPOT : (first_point + 2) * DASHPOT]
                 ledger = energy_terms.ledger[t * LEDGER : (t + 1) * LEDGER]
-                losing = press(work, own, k_n, k_s, friction, arm, dashpots, force_out, strengths, law, pair, ledger)
-                if losing > 0:
+                losing = press(
+                    work, own, sheared, k_n, k_s, friction, arm, dashpots, force_out, strengths, law, pair, ledger
+                )
+                if strengths is None and losing:
                     for which in range(2):
-                        add_losses(work, own, dashpots, which, k_n, k_s, friction, arm, ledger)
+                        add_losses(work, own, sheared, dashpots, which, k_n, k_s, friction, arm, ledger)
+            if losing:
+                add_slip(work, corners.slipped[first_point * W : (first_point + 2) * W])
             if force_out is not None:
                 write_forces(corners, t, i, tile[SENSE * W : (SENSE + 1) * W], work, force_out)
-        resultant(tile, work)
+        resultant(tile, seen, work)
         deliver(corners.joint, corners.lane[t], corners.used[t], work, links.wrench)
         if energy_terms is not None:
             for lane in range(W):
@@ -339,18 +385,19 @@ def forces(links, corners, bodies, first, last, force_out, strengths, bonds, ene
 def spring_energy(links, corners, p, held):
     """Energy (J) in the springs of point joint ``p``; ``held`` is for the pressure of convex joints."""
     j = corners.joint[p]
-    seen = links.tiles[lane_of(links, j, SEEN, 9)]
+    seen = links.seen_tiles[seen_by(links, j)]
     sense = sense_of(links, j)
     offset = offset_of(links, j)
     law = corners.law[p]
     twice = 0.0
     for i in range(corners.start[p + 1] - corners.start[p]):
-        begin = corners.place[p] + i * POINT
-        point = corners.points[begin : begin + POINT : W]
-        e1 = point[ELASTIC]
-        e2 = point[ELASTIC + 1]
+        place = corners.place[p] + i * W
+        point = corners.points[lane_of(place, POINT)]
+        shear = corners.sheared[lane_of(place, SHEAR)]
+        e1 = shear[0]
+        e2 = shear[1]
         g = sense * (offset - seen[2] - point[X] * seen[5] - point[Y] * seen[8])
-        g = spring_length(corners.strengths, corners.bonds, law, corners.k_n[law], begin, g)
+        g = spring_length(corners.strengths, corners.bonds, law, corners.k_n[law], place, g)
         if g != 0.0:
             twice += corners.k_n[law] * point[AREA] * g * g
         if point[AREA] > 0.0:
@@ -363,7 +410,8 @@ def mean_slip(corners, p):
     """Length of the slip path (m) of point joint ``p``, averaged over its points by their areas."""
     area = slip = 0.0
     for i in range(corners.start[p + 1] - corners.start[p]):
-        at = corners.place[p] + i * POINT
-        area += corners.points[at + AREA * W]
-        slip += corners.points[at + AREA * W] * corners.points[at + SLIP * W]
+        place = corners.place[p] + i * W
+        own = corners.points[lane_of(place, POINT)][AREA]
+        area += own
+        slip += own * corners.slipped[place]
     return slip / area if area > 0.0 else 0.0

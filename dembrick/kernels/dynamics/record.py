@@ -5,7 +5,7 @@ from math import sqrt
 from dembrick._jit import jit
 from dembrick.kernels.dynamics import joint_families as families
 from dembrick.kernels.dynamics.joint_families import FAMILIES
-from dembrick.kernels.dynamics.tiles import LEVER, lane_of, sense_of
+from dembrick.kernels.dynamics.tiles import LEVER, TILE, lane_of, sense_of
 from dembrick.kernels.math.vec3 import cross, rows_times
 
 
@@ -27,7 +27,7 @@ def write_resultants(bodies, links, corners, faces, out):
         x1, x2, x3 = rows_times(R, t[0, 0], t[0, 1], t[0, 2])
         y1, y2, y3 = rows_times(R, t[1, 0], t[1, 1], t[1, 2])
         z1, z2, z3 = cross(x1, x2, x3, y1, y2, y3)
-        lever = links.tiles[lane_of(links, j, LEVER, 3)]
+        lever = links.tiles[lane_of(links.place[j], TILE)][LEVER : LEVER + 3]
         r1 = lever[0] * x1 + lever[1] * y1 + lever[2] * z1
         r2 = lever[0] * x2 + lever[1] * y2 + lever[2] * z2
         r3 = lever[0] * x3 + lever[1] * y3 + lever[2] * z3

@@ -14,8 +14,13 @@ however far the blocks have turned. Slip and closing of a step are differences o
 total motion: nothing drifts, and a pair that moves as one rigid body sees nothing. Friction acts in the plane, at the
 foot of the point that it belongs to: where a block rocks, that point (O of a convex joint) rises from the plane while
 its toe stays.
+
+Large scenes are bound by the memory, so what a step does not change stands apart from what it does, and tiles in which
+it is the same to the last bit take it from one of them, which stays in the cache (`alike`): a regular wall has some
+hundred kinds of tiles.
 """
 
+from collections.abc import Iterable
 from math import sqrt
 from typing import NamedTuple
 
@@ -30,13 +35,19 @@ W = 16  # lanes of a tile
 LINE = 64  # bytes of a line of the cache
 NONE = 1e-140  # as good as zero, in a divisor
 
-# Rows of a tile of `Links`: quaternions (w, x, y, z) of the plane's frame in the axes of the other block and of the
-# polygon's in those of the host; arm of O from the host's centroid, along e1, e2 and e1 x e2 (m); +1 where the other's
-# outward normal is m, -1 where it is -m; distance of the plane from the other's centroid, along m (m); dashpot over
-# spring force for the same increment, normal and shear; O from the other's centroid, e1 and e2 in the plane's axes
-PLANE, TANGENTS, LEVER, SENSE, OFFSET, VISCOUS, SEEN = 0, 4, 8, 11, 12, 13, 15
-ROWS = 24
+# Rows of a tile of `Links.tiles`, which no step changes: quaternions (w, x, y, z) of the plane's frame in the axes of
+# the other block and of the polygon's in those of the host; arm of O from the host's centroid, along e1, e2 and e1 x e2
+# (m); +1 where the other's outward normal is m, -1 where it is -m; distance of the plane from the other's centroid,
+# along m (m); dashpot over spring force for the same increment, normal and shear
+PLANE, TANGENTS, LEVER, SENSE, OFFSET, VISCOUS = 0, 4, 8, 11, 12, 13
+ROWS = 15
 TILE = ROWS * W
+
+# Rows of a tile of `Links.seen_tiles`: O from the other's centroid, e1 and e2, in the plane's axes; outside of kernels
+# they have the numbers from SEEN on, after those of `Links.tiles`
+ORIGIN, FIRST, SECOND = 0, 3, 6
+SEEN = ROWS
+SEEN_TILE = 9 * W
 
 # Rows of `work`: quaternions of the two blocks and centroid of the host from that of the other (m, world); the plane's
 # frame in the world; arm of O from the host's centroid in the plane's axes (m); penetration at O and its slopes along
@@ -46,15 +57,18 @@ TILE = ROWS * W
 OTHER, HOST, APART, FRAME, ARM, DEPTH, GROWTH, MOVED = 0, 4, 8, 11, 20, 23, 26, 29
 TURN, FORCE, TWISTING, WRENCH = 35, 36, 45, 46
 # and, for the points of a joint: dashpot along the normal, one plus that in shear, one over that; of the last two
-# points the force in the sense in which the host slips, and along the normal (N); for the energy what dashpots took in
-# the step (J), and of the last two points the elastic shear before the step (N) and the length they slid by (m)
-NORMAL, DAMPED, DAMPING, LAST, TAKEN, BEFORE = 55, 56, 57, 58, 64, 65
+# points the force in the sense in which the host slips, and along the normal (N), and the length that they slid by in
+# the step (m); for the energy what dashpots took in it (J), and of the last two points the elastic shear before it (N)
+NORMAL, DAMPED, DAMPING, LAST, SLID, TAKEN, BEFORE = 55, 56, 57, 58, 64, 66, 67
 WORK = 72 * W
 
-# Rows of a contact point: where it is, along e1 and e2 from O (m); its tributary area (m2); elastic shear force in the
-# sense in which the host slips, along u1 and u2 (N); length of its slip path (m)
-X, Y, AREA, ELASTIC, SLIP = 0, 1, 2, 3, 5
-POINT = 6 * W
+# Rows of a contact point, that no step changes: where it is, along e1 and e2 from O (m); its tributary area (m2). Its
+# memory, of which the slip path grows only where a point slides: elastic shear force in the sense in which the host
+# slips, along u1 and u2 (N), and the length of its slip path (m)
+X, Y, AREA = 0, 1, 2
+POINT = 3 * W
+SHEAR = 2 * W
+ELASTIC, SLIP = 3, 5  # numbers of the rows of the memory outside of kernels, after those of a point
 
 
 def rows_of_lanes(size: int) -> ndarray:
@@ -62,6 +76,21 @@ def rows_of_lanes(size: int) -> ndarray:
     room = np.zeros(size + LINE // 8)
     first = -room.ctypes.data % LINE // 8
     return room[first : first + size]
+
+
+def alike(tiles: Iterable[ndarray]) -> ndarray:
+    """For each of t tiles the first one whose rows are the same to the last bit, (t,)."""
+    first: dict[bytes, int] = {}
+    return np.array([first.setdefault(tile.tobytes(), t) for t, tile in enumerate(tiles)], np.uint32)
+
+
+def set_apart(like: ndarray, tiles: ndarray) -> None:
+    """Let each of the ``tiles`` (k,) stand for no other one in ``like`` (t,), see `alike`, before its rows change."""
+    for t in np.unique(tiles):
+        rest = np.flatnonzero(like == t)
+        rest = rest[rest != t]
+        like[rest] = rest[:1]  # has the same rows
+        like[t] = t
 
 
 class Links(NamedTuple):
@@ -77,8 +106,10 @@ class Links(NamedTuple):
     tangents: ndarray  # (j,) uint32, e1, e2 in the host's body axes: a row of `axes`
     plane: ndarray  # (j,) uint32, u1, u2 in the other's body axes: a row of `axes`
     axes: ndarray  # (k, 2, 3) pairs of directions in body axes, each once: blocks of a wall have few
-    place: ndarray  # (j,) uint32, where the first row of the joint's lane is in `tiles`
+    place: ndarray  # (j,) uint32, its lane: that of its tile, plus W times the tile
     tiles: ndarray  # (t * TILE,) see above
+    like: ndarray  # (t,) uint32, the tile of ``tiles`` that the loop reads in place of each: see `alike`
+    seen_tiles: ndarray  # (t * SEEN_TILE,) see above
     wrench: ndarray  # (j, 9) N, N m: see above
     kept: ndarray  # (j, 4) O and e1 along u1 and u2, of `seen`, when the polygon was last cut to the other's face
     reach: ndarray  # (j,) float32, m, greatest distance of the polygon from O
@@ -87,14 +118,28 @@ class Links(NamedTuple):
 
     def rows(self, first: int, count: int, joints=slice(None)) -> ndarray:
         """A copy (k, count) of rows that stand in tiles; (count,) for a single joint."""
-        found = self.tiles[self.place[joints, None] + np.arange(first, first + count) * W]
+        array, where = self._where(first, count, joints)
+        found = array[where]
         found.flags.writeable = False  # who writes into it means `put`
         return found
 
     def put(self, first: int, values, joints=slice(None)) -> None:
         """Write rows: values (k, count); (count,) for a single joint."""
         values = np.asarray(values, float)
-        self.tiles[self.place[joints, None] + np.arange(first, first + values.shape[-1]) * W] = values
+        if first < SEEN:
+            set_apart(self.like, self.place[joints] // W)
+        array, where = self._where(first, values.shape[-1], joints)
+        array[where] = values
+
+    def share(self) -> None:
+        """Let tiles that are the same to the last bit take their rows from one of them."""
+        self.like[:] = alike(self.tiles.reshape(-1, TILE))
+
+    def _where(self, first: int, count: int, joints) -> tuple[ndarray, ndarray]:
+        """The array that has these rows, and where they are in it."""
+        array, size, first = (self.tiles, TILE, first) if first < SEEN else (self.seen_tiles, SEEN_TILE, first - SEEN)
+        place = self.place[joints, None].astype(np.int64)
+        return array, place // W * size + place % W + np.arange(first, first + count) * W
 
     @property
     def seen(self) -> ndarray:
@@ -181,8 +226,8 @@ def fetch(joint, number, links, bodies, work):
 
 
 @entry
-def look(tile, work):
-    """See where the hosts are now and what moved since the last step; the sums of forces begin at zero."""
+def look(tile, seen, work):
+    """See where the hosts are now and what moved since the last step, when they were ``seen``."""
     for lane in range(W):
         p = product(*four(work, OTHER, lane), *four(tile, PLANE, lane))
         t = product(*four(work, HOST, lane), *four(tile, TANGENTS, lane))
@@ -191,9 +236,9 @@ def look(tile, work):
         r = combined(three(tile, LEVER, lane), (0.0, 0.0, 0.0), e, g, n)
         d = three(work, APART, lane)
         o = (dot(d, u) + r[0], dot(d, w) + r[1], dot(d, m) + r[2])
-        o1, o2, o3 = three(tile, SEEN, lane)
-        e1, e2, e3 = three(tile, SEEN + 3, lane)
-        g1, g2, g3 = three(tile, SEEN + 6, lane)
+        o1, o2, o3 = three(seen, ORIGIN, lane)
+        e1, e2, e3 = three(seen, FIRST, lane)
+        g1, g2, g3 = three(seen, SECOND, lane)
         sense = tile[SENSE * W + lane]
         offset = tile[OFFSET * W + lane]
         put_three(work, DEPTH, lane, (sense * (offset - o[2]), -sense * e[2], -sense * g[2]))
@@ -222,13 +267,13 @@ def look(tile, work):
         put_three(work, FRAME + 3, lane, w)
         put_three(work, FRAME + 6, lane, m)
         put_three(work, ARM, lane, r)
-        put_three(tile, SEEN, lane, o)
-        put_three(tile, SEEN + 3, lane, e)
-        put_three(tile, SEEN + 6, lane, g)
+        put_three(seen, ORIGIN, lane, o)
+        put_three(seen, FIRST, lane, e)
+        put_three(seen, SECOND, lane, g)
 
 
 @entry
-def resultant(tile, work):
+def resultant(tile, seen, work):
     """The wrenches of what `FORCE` and `TWISTING` hold, of which the parts along the plane act in it."""
     for lane in range(W):
         sense = tile[SENSE * W + lane]
@@ -238,14 +283,14 @@ def resultant(tile, work):
         a3 *= sense
         b3 *= sense
         c3 *= sense
-        e1, e2, _ = three(tile, SEEN + 3, lane)
-        g1, g2, _ = three(tile, SEEN + 6, lane)
-        height = tile[(SEEN + 2) * W + lane] - tile[OFFSET * W + lane]
+        e1, e2, _ = three(seen, FIRST, lane)
+        g1, g2, _ = three(seen, SECOND, lane)
+        height = seen[(ORIGIN + 2) * W + lane] - tile[OFFSET * W + lane]
         p1 = e2 * b3 + g2 * c3 + height * a2
         p2 = -(e1 * b3 + g1 * c3 + height * a1)
         p3 = e1 * b2 - e2 * b1 + g1 * c2 - g2 * c1 + work[TWISTING * W + lane]
         h1, h2, h3 = cross(*three(work, ARM, lane), a1, a2, a3)
-        o1, o2, o3 = cross(*three(tile, SEEN, lane), a1, a2, a3)
+        o1, o2, o3 = cross(*three(seen, ORIGIN, lane), a1, a2, a3)
         u = three(work, FRAME, lane)
         w = three(work, FRAME + 3, lane)
         m = three(work, FRAME + 6, lane)
@@ -265,22 +310,28 @@ def deliver(joint, number, used, work, wrench):
 
 
 @jit
-def lane_of(links, j, first, count):
-    """Where ``count`` rows of joint ``j`` are in `Links.tiles`: a kernel may not return them."""
-    begin = links.place[j] + first * W
-    return slice(begin, begin + count * W, W)
+def lane_of(place, size):
+    """Where the rows of a lane are in tiles of that ``size``, ``place`` as in `Links`: a kernel may not return them."""
+    tile = place // W
+    return slice(tile * size + place % W, (tile + 1) * size, W)
+
+
+@jit
+def seen_by(links, j):
+    """Where `Links.seen` of joint ``j`` is in `Links.seen_tiles`."""
+    return lane_of(links.place[j], SEEN_TILE)
 
 
 @jit
 def sense_of(links, j):
     """`Links.sense` of joint ``j``."""
-    return links.tiles[links.place[j] + SENSE * W]
+    return links.tiles[lane_of(links.place[j], TILE)][SENSE]
 
 
 @jit
 def offset_of(links, j):
     """`Links.offset` of joint ``j``."""
-    return links.tiles[links.place[j] + OFFSET * W]
+    return links.tiles[lane_of(links.place[j], TILE)][OFFSET]
 
 
 @jit
@@ -289,7 +340,7 @@ def least_slack(links):
     least = 1e300
     for j in range(links.host.size):
         kept = links.kept[j]
-        seen = links.tiles[lane_of(links, j, SEEN, 9)]
+        seen = links.seen_tiles[seen_by(links, j)]
         p1 = seen[0] - kept[0]
         p2 = seen[1] - kept[1]
         e1 = seen[3] - kept[2]

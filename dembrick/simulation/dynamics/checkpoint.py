@@ -15,7 +15,7 @@ from dembrick.simulation.dynamics.pushover import PushController
 from dembrick.simulation.session import DEAD_LOADS, Progress, Snapshot, step_at
 
 PARTS = ("bodies", "links", "corners", "faces", "ties")  # of the state, that a checkpoint holds
-COUNTERS = ("faces.outline", "faces.count", "faces.pressed.count")  # integers among them that change
+COUNTERS = ("faces.outline", "faces.count", "faces.pressed.count", "links.like", "corners.like")  # integers that change
 
 
 class Past:
@@ -77,6 +77,7 @@ class Past:
         moving.polygons.make_room(joint_families.rooms(moving.state, snapshot))
         parts = {name: restored(name, getattr(moving.state, name), snapshot, COUNTERS) for name in PARTS}
         moving.state = moving.state._replace(**parts)
+        moving.state.links.share()
         joint_families.check_restored(moving.state, snapshot.path)
         if moving.steps:
             moving.contact_detection.restore(moving.state, moving.polygons, snapshot)

@@ -38,6 +38,7 @@ from dembrick.simulation.dynamics.energy import MotionEnergy
 from dembrick.simulation.dynamics.joint_polygons import Polygons
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.state import MovingState, moving_state, reactions
+from dembrick.simulation.dynamics.tiling import without_rounding
 from dembrick.simulation.dynamics.time_step import (
     contact_time_step,
     critical_time_step,
@@ -56,7 +57,7 @@ MANY = 2000  # joints from which a step may be worth sharing among threads
 TRIAL = 64  # steps in which one thread and several show how fast they are
 FIRST_PAUSE, LONGEST_PAUSE = 250, 20_000  # steps until they show it again
 NO_LIMIT = 1e150  # m
-IN_LANES = ("tiles", "points", "dashpots", "ledger")  # arrays of tiles
+IN_LANES = ("tiles", "seen_tiles", "points", "sheared", "slipped", "dashpots", "ledger")  # arrays of tiles
 BY_STEP = ("force", "gravity", "place", "orientation", "velocity", "spin", "moved")  # of loads
 BETWEEN = ("dead_load", "contact_search", "geometry", "record")  # what a run does beside its steps
 
@@ -159,7 +160,8 @@ def motion(
     dt = step_factor / impacts * critical
     if duration is not None and duration < MOST_STEPS * dt:
         dt = duration / math.ceil(duration / dt * (1.0 - 1e-12))
-    state.links.put(VISCOUS, stepped_dashpots(frequency * dt, damping))
+    state.links.put(VISCOUS, without_rounding(stepped_dashpots(frequency * dt, damping)))
+    state.links.share()
     moving = Motion(assembly, Polygons(assembly, state), dt, critical, damping)
     moving.contact_detection.bearable -= STABLE * dt / of_joints  # at most: springs alone take its square
     return moving

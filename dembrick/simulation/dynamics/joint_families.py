@@ -14,7 +14,6 @@ import numpy as np
 
 from dembrick.kernels.dynamics.area_joints import Faces
 from dembrick.kernels.dynamics.point_joints import Corners
-from dembrick.kernels.dynamics.tiles import POINT
 from dembrick.simulation.dynamics import area_joints, point_joints
 
 if TYPE_CHECKING:
@@ -106,7 +105,7 @@ def contact_points(state) -> int:
 
 def point_rows(state) -> int:
     """How many points there is room for in the tiles of point joints."""
-    return 0 if state.corners is None else len(state.corners.points) // POINT
+    return 0 if state.corners is None else int(state.corners.tile_start[-1])
 
 
 def point_tiles(state) -> int:
@@ -131,5 +130,5 @@ def rooms(state, snapshot) -> int:
 
 def check_restored(state, path) -> None:
     """HistoryError if what was restored from the checkpoint ``path`` leads out of its arrays."""
-    if state.faces is not None:
-        area_joints.check_restored(state.faces, path)
+    for module, joints in present(state):
+        module.check_restored(joints, path)

@@ -13,8 +13,8 @@ from dembrick.assembly.contact_points import PointTable
 from dembrick.assembly.joints import JointTable
 from dembrick.kernels.dynamics.bonded_points import BOND, BONDED, CRUSHED, RISE
 from dembrick.kernels.dynamics.point_joints import Corners
-from dembrick.kernels.dynamics.tiles import AREA, ELASTIC, POINT, SLIP, W, X, Y, rows_of_lanes
-from dembrick.simulation.dynamics.tiling import tiled, ways
+from dembrick.kernels.dynamics.tiles import AREA, ELASTIC, POINT, SHEAR, SLIP, W, X, Y, rows_of_lanes
+from dembrick.simulation.dynamics.tiling import tiled, ways, without_rounding
 from dembrick.simulation.joint_stiffness import elastic_stiffness
 from dembrick.simulation.joint_strengths import bonded_at_start, strengths_of
 
@@ -45,10 +45,11 @@ def at_rest(assembly: Assembly) -> Corners | None:
     count = np.diff(start)
     lane, used = tiled(law * (count.max() + 1) + count, ways(joints.axes[chosen, 2]))
     first = lane[:, 0]
-    tile_start = np.concatenate([[0], np.cumsum((count[first] + 1) // 2 * 2 * POINT)])
+    tile_start = np.concatenate([[0], np.cumsum((count[first] + 1) // 2 * 2)])
     place = np.zeros(len(chosen), np.uint32)
     own = np.arange(W) < used[:, None]
-    place[lane[own]] = (tile_start[:-1, None] + np.arange(W))[own]
+    place[lane[own]] = (tile_start[:-1, None] * W + np.arange(W))[own]
+    points = int(tile_start[-1])
     corners = Corners(
         joint=chosen.astype(np.uint32),
         start=start.astype(np.uint32),
@@ -62,13 +63,17 @@ def at_rest(assembly: Assembly) -> Corners | None:
         used=used,
         tile_law=law[first].astype(np.int64),
         tile_start=tile_start,
-        points=rows_of_lanes(int(tile_start[-1])),
+        like=np.arange(len(lane), dtype=np.uint32),
+        points=rows_of_lanes(points * POINT),
+        sheared=rows_of_lanes(points * SHEAR),
+        slipped=rows_of_lanes(points * W),
         force=None,
         strengths=None if strengths is None else strengths_of([laws[i] for i in one]),
-        bonds=None if strengths is None else rows_of_lanes(int(tile_start[-1]) // POINT * BOND),
+        bonds=None if strengths is None else rows_of_lanes(points * BOND),
     )
     for row, values in ((X, x), (Y, y), (AREA, table.area)):
-        corners.put(row, values)
+        corners.put(row, without_rounding(values, lengths=row != AREA))
+    corners.share()
     if corners.bonds is not None:
         corners.bonds[corners.of_bonds(BONDED)] = np.repeat(bonded_at_start(laws), count)
     return corners
@@ -141,3 +146,8 @@ def arrays(corners: Corners) -> list[np.ndarray]:
 def memory(corners: Corners) -> list[np.ndarray]:
     """All arrays, but the forces that are only written down."""
     return [array for array in arrays(corners) if array is not corners.force]
+
+
+def check_restored(corners: Corners, path) -> None:
+    """See which tiles are alike in what was restored from the checkpoint ``path``."""
+    corners.share()

@@ -20,8 +20,8 @@ from dembrick.kernels.dynamics.tiles import (
     LEVER,
     OFFSET,
     PLANE,
-    ROWS,
     SEEN,
+    SEEN_TILE,
     SENSE,
     TANGENTS,
     TILE,
@@ -31,6 +31,7 @@ from dembrick.kernels.dynamics.tiles import (
 )
 from dembrick.kernels.joint.ties import Ties
 from dembrick.simulation.dynamics import joint_families
+from dembrick.simulation.dynamics.tiling import without_rounding
 from dembrick.simulation.moving_ties import at_ends, moving_ties
 
 if TYPE_CHECKING:
@@ -111,7 +112,7 @@ def _links(assembly: Assembly, corners: Corners | None, faces: Faces | None) -> 
     for family in (corners, faces):
         if family is not None:
             lanes = np.arange(W) < family.used[:, None]
-            where = W * ROWS * np.arange(tiles, tiles + len(lanes))[:, None] + np.arange(W)
+            where = W * np.arange(tiles, tiles + len(lanes))[:, None] + np.arange(W)
             place[family.joint[family.lane[lanes]]] = where[lanes]
             tiles += len(lanes)
     reach = np.empty(n)
@@ -125,6 +126,8 @@ def _links(assembly: Assembly, corners: Corners | None, faces: Faces | None) -> 
         axes=axes,
         place=place,
         tiles=rows_of_lanes(tiles * TILE),
+        like=np.arange(tiles, dtype=np.uint32),
+        seen_tiles=rows_of_lanes(tiles * SEEN_TILE),
         wrench=np.zeros((n, 9)),
         kept=np.zeros((n, 4)),
         reach=reach.astype(np.float32),
@@ -133,9 +136,10 @@ def _links(assembly: Assembly, corners: Corners | None, faces: Faces | None) -> 
     )
     links.put(PLANE, frames[links.plane])
     links.put(TANGENTS, frames[links.tangents])
-    links.put(LEVER, np.einsum("jik,jk->ji", table.axes, arm_host))
+    links.put(LEVER, without_rounding(np.einsum("jik,jk->ji", table.axes, arm_host), lengths=True))
     links.put(SENSE, sense[:, None])
-    links.put(OFFSET, ((arm_other * table.axes[:, 2]).sum(axis=1) - sense * table.gap)[:, None])
+    offset = (arm_other * table.axes[:, 2]).sum(axis=1) - sense * table.gap
+    links.put(OFFSET, without_rounding(offset, lengths=True)[:, None])
     return links
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from dembrick.kernels.dynamics.tiles import W
 
 FEW = 8  # directions of normals: more are of no use, and joints near each other should stay so
+ROUNDING = 1e-12
 STRETCH = 512  # joints that are sorted by their direction at a time
 
 
@@ -28,6 +29,22 @@ def tiled(kind: np.ndarray, way: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         lanes.append(padded.reshape(tiles, W))
         used.append(np.minimum(len(members) - W * np.arange(tiles), W))
     return np.concatenate(lanes), np.concatenate(used)
+
+
+def without_rounding(values: np.ndarray, lengths: bool = False) -> np.ndarray:
+    """Numbers (k, ...), the same where they differ by rounding alone: then tiles of a regular wall are the same.
+
+    Rounding is as large as `ROUNDING` of the numbers themselves, or of the greatest of them if they are ``lengths``:
+    differences of coordinates.
+    """
+    flat = values.reshape(-1)
+    order = np.argsort(flat, kind="stable")
+    ascending = flat[order]
+    size = np.abs(ascending)
+    new = np.diff(ascending, prepend=-np.inf) > ROUNDING * (size.max(initial=0.0) if lengths else size)
+    same = np.empty_like(flat)
+    same[order] = ascending[new][np.cumsum(new) - 1]
+    return same.reshape(values.shape) + 0.0  # and -0 is 0
 
 
 def ways(normals: np.ndarray) -> np.ndarray:
