@@ -160,8 +160,16 @@ def check_strengths(scenario: Scenario, joints: JointTable) -> tuple[str, ...]:
 
 
 def check_control(scenario: Scenario) -> tuple[str, ...]:
-    """Warn about keys of the control that do nothing, and of supports that begin with a jump of their velocity."""
+    """Warn about what does nothing under the control, and of supports that begin with a jump of their velocity."""
     control, rate = scenario.control, getattr(scenario.control, "rate", None)
+    if control.regime is DEAD_LOAD:
+        driven = ["[[actuators]]"] if scenario.actuators else []
+        driven += ["[[pressures]] with actuator = true"] if any(p.actuator for p in scenario.pressures) else []
+        if driven:
+            return (
+                f"{' and '.join(driven)} carry nothing in a run of kind {show(control.kind)}, which asks for dead "
+                "loads alone: give forces as [[loads]], pressures without actuator = true",
+            )
     if control.regime is PATH_FOLLOWING and rate is not None:
         return (
             f"control.rate = {rate:g} does nothing where control.quasi_static = true: the limit is searched "

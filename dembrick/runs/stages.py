@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dembrick.assembly import build as assemblies
-from dembrick.errors import DembrickError, HistoryError, ScenarioError
+from dembrick.assembly.validation import refuse
+from dembrick.errors import DembrickError, HistoryError
 from dembrick.runs.drivers import driver_of
 from dembrick.runs.result import fell
 from dembrick.scenario.checks import present, show
@@ -95,9 +96,10 @@ class Stages:
         )
         answer = result.as_dict()
         if scenario.control.regime.stands_or_falls and fell(answer):
-            raise ScenarioError(
+            refuse(
+                scenario,
                 f"stage {number} of kind {show(scenario.control.kind)} fell, and no stage can start on blocks that "
-                "fall: end the stages there, or change what brings them down"
+                "fall: end the stages there, or change what brings them down",
             )
         told = {"stage": number, "kind": scenario.control.kind, **answer}
         self.results.append(json.loads(json.dumps(told)))  # as a checkpoint gives it back

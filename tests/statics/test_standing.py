@@ -12,6 +12,7 @@ from dembrick.runs.simulate import simulate
 from dembrick.scenario.controls import PushoverControl, StaticsControl, YieldControl
 from dembrick.scenario.generators import Arch
 from dembrick.scenario.model import Actuator, Block, JointLaw, Material, Scenario
+from dembrick.scenario.pressures import Pressure
 from dembrick.scenario.toml import loads, text_of
 
 G = 9.81
@@ -103,3 +104,14 @@ def test_nothing_to_carry_is_carried():
     actuator = Actuator("push", "top", (0.6, 0.0, 0.5), (1.0, 0.0, 0.0))
     with pytest.raises(ScenarioError, match="gravity is zero and there are no .*nothing presses the joints"):
         simulate(replace(floating, control=YieldControl(), actuators=(actuator,)))
+
+
+def test_what_is_driven_carries_nothing_in_statics_and_that_is_said():
+    """Dead loads alone are asked for: a pressure that would slide the stack by its foot is left out, with a remark."""
+    wet = Pressure("top", (1.0, 0.0, 0.0), value=1e6, actuator=True)
+    said: list[str] = []
+    result = simulate(replace(overhanging(0.9), pressures=(wet,)), report=said.append)
+    assert result.status == "stands"
+    (remark,) = [text for text in said if "carry nothing" in text]
+    assert remark.startswith("[[pressures]] with actuator = true carry nothing in a run of kind 'statics'")
+    assert simulate(replace(overhanging(0.9), pressures=(replace(wet, actuator=False),))).status == "falls"
