@@ -50,6 +50,7 @@ def test_the_friction_that_holds_a_block_on_a_slope(write, tmp_path):
         assert row["status"] == "found"
         assert float(row["falls"]) <= SLOPE <= float(row["stands"])
         assert abs(value - SLOPE) <= bar <= 1e-3 * value
+        assert 2.0 * bar == pytest.approx(float(row["stands"]) - float(row["falls"]), rel=1e-9)
         assert int(row["runs"]) == 2 + math.ceil(math.log2(0.45 / (1e-3 * SLOPE)))
     assert [cell["half_width"] for cell in outcome.statistics] == [float(row["half_width"]) for row in rows]
     assert studies.sweep(path, tmp_path / "out").ran == 0
