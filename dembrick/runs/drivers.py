@@ -124,7 +124,7 @@ def _plan_search(scenario: Scenario, assembly: Assembly) -> Plan:
         return plan
     if not sliding:
         return plan
-    steps = newton_steps(int((~assembly.fixed).sum()), _has_convex(assembly), sliding)
+    steps = newton_steps(_has_convex(assembly), sliding)
     seconds = newton_seconds(steps, len(assembly.joints))
     return replace(plan, steps=steps, seconds=seconds)
 
@@ -172,7 +172,7 @@ def _follow_path(scenario: Scenario, assembly: Assembly, session: Session | None
     _refuse_stresses(scenario, assembly)
     assert isinstance(control, TiltControl | PushoverControl)
     if session is not None:
-        expected = newton_steps(len(assembly.names), _has_convex(assembly))
+        expected = newton_steps(_has_convex(assembly))
         session.warn_if_long(newton_seconds(expected, len(assembly.joints)), "take fewer blocks")
     return limit_load.find_limit_load(assembly, control.tolerance, factor, session, control.displacement or 0.0, steps)
 

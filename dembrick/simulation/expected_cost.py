@@ -12,12 +12,12 @@ import math
 
 START_SECONDS = 1.0  # of a command: start-up, loading what is compiled, building, writing
 LONG = 3600.0  # s: a run that takes more says so before it starts
-FIRST_NEWTON, NEWTON_PER_ROOT = 14.0, 0.12  # steps of a search that rocks: few blocks, and more with the root of them
+ROCKING = 13.0  # steps of a search that rocks, however many blocks
 FIRST_SLIDING, NEWTON_PER_JOINT = 70.0, 2.0  # of one that slides: and more with every joint that does
-CONVEX_NEWTON, CONVEX_SLIDING = 3.8, 1.3  # times as many steps where joints are convex
+CONVEX_NEWTON, CONVEX_SLIDING = 3.6, 1.3  # times as many steps where joints are convex
 EQUILIBRIA = 32  # on the path of a search: some ten to sixty are recorded
 WITHIN = 4.0  # factor by which the steps of a search of several joints may be off
-NEWTON_SECONDS = 1.4e-5  # s a joint and Newton step: equations, joint forces, bracket
+NEWTON_SECONDS = 1.2e-5  # s a joint and Newton step: equations, joint forces, bracket
 STATICS_STEPS = 50  # of a dead-load equilibrium of an assembly: 1 to 300 have been seen where it stands
 RELAXATION_SECONDS = 1.5e-6  # s a joint and step of a dead-load equilibrium
 LOOP_SECONDS, POINT_SECONDS = 4e-7, 8e-9  # s a joint and step of a constant-rate test, and a contact point more
@@ -31,12 +31,11 @@ def search_steps(tolerance: float) -> int:
     return SEARCH_FIRST + round(SEARCH_PER_DIGIT * max(0.0, -math.log10(tolerance) - 2.0))
 
 
-def newton_steps(blocks: int, convex: bool, sliding: int = 0) -> int:
-    """Newton steps of a search through equilibria of so many free blocks, ``sliding`` joints of which slide in the
-    mechanism."""
+def newton_steps(convex: bool, sliding: int = 0) -> int:
+    """Newton steps of a search through equilibria, ``sliding`` joints of which slide in the mechanism."""
     if sliding:
         return round((FIRST_SLIDING + NEWTON_PER_JOINT * sliding) * (CONVEX_SLIDING if convex else 1.0))
-    return round((FIRST_NEWTON + NEWTON_PER_ROOT * math.sqrt(blocks)) * (CONVEX_NEWTON if convex else 1.0))
+    return round(ROCKING * (CONVEX_NEWTON if convex else 1.0))
 
 
 def newton_seconds(steps: int, joints: int) -> float:

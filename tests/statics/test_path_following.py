@@ -122,6 +122,15 @@ def test_a_large_wall_takes_few_newton_steps():
     assert result.run.steps <= 40
 
 
+@pytest.mark.parametrize("formulation", ["concave", "corrected-shear"])
+def test_a_high_wall_takes_no_more_newton_steps(formulation):
+    """A step beyond the limit opens the joints of many courses, and one mechanism is found among them by halves."""
+    wall = Wall("wall", "stone", (0.3, 0.2, 0.1), courses=60, blocks=6, base=0.1)
+    result = simulate(scene(tilt(), friction=0.64, walls=(wall,), formulation=formulation), record=False)
+    assert result.collapse["load_factor"] == pytest.approx(0.2 / 6.0, rel=1e-4)
+    assert result.run.steps <= 16
+
+
 def test_a_mechanism_is_followed_without_newton_steps():
     """Once V stays the same the next equilibrium lies on the tangent: ever longer steps need no iteration."""
     wall = Wall("wall", "stone", (0.3, 0.2, 0.1), courses=12, blocks=12, base=0.1)

@@ -184,7 +184,7 @@ def plan(assembly: Assembly, control: YieldControl, step_factor: float, output: 
         steps = search_steps(control.tolerance)
         return system.plan(dt, steps, steps, control, output)
     convex = any(law.formulation == "convex" for law in assembly.joints.law)
-    steps = newton_steps(len(system.state.blocks.free), convex)
+    steps = newton_steps(convex)
     planned = system.plan(dt, steps, EQUILIBRIA, control, output)
     solving = BYTES_A_TRIAL * joints
     if whole:

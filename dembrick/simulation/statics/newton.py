@@ -17,7 +17,10 @@ from dembrick.simulation.statics.stiffness import to_joint
 MOST_ITERATIONS = 20  # for one equilibrium
 BACKTRACKS = 8  # of one iteration
 LOST = 1e4  # times the out-of-balance of the start: what is further away than that leads nowhere
-HELD = 1e-10  # of the elastic stiffness, added to the tangent
+SHORT, MOST_SHORT = 0.1, 3  # parts of Newton steps that are short; so many after one another lead nowhere
+SINGULAR = 1e3  # times the out-of-balance of now: a Newton step that ends there is one of a singular tangent
+HELD, LEAP = 1e-10, 1e-5  # of the elastic stiffness, added to the tangent; the same where that is singular
+MOST_LEAPS, NEARER = 12, 0.8  # from there; how much smaller the out-of-balance must become by each
 DIFFERENCE = 1e-6  # of the elastic move of a joint, by which its tangent is taken
 LITTLE = 1e-3  # of the strongest bond: a force, where nothing weighs anything, to hold the out-of-balance against
 PIVOT = 0.1  # of the greatest entry of its column in a front: a pivot above it stays where it is
@@ -137,36 +140,79 @@ class Equilibria:
         return max(self.heaviest, float(np.sqrt((resultant[:, :3] ** 2).sum(axis=1)).max()))
 
     def find(self, motion: np.ndarray, V: float) -> tuple[float | None, int]:
-        """V of the equilibrium at the driven displacement of ``motion``, near it; None where none is found."""
+        """V of the equilibrium at the driven displacement of ``motion``, near it, and the iterations that it took; None
+        where none is found."""
+        before, short, leapt = self.iterations, 0, False
         start = size = self.attempt(motion, V)
-        for iteration in range(MOST_ITERATIONS):
-            if not size <= LOST * start:
-                return None, iteration
+        while size <= LOST * start and short < MOST_SHORT and self.iterations - before < MOST_ITERATIONS:
             if self.out_of_balance() <= self.balanced:
-                return V, iteration
-            self.pause()
-            self.iterations += 1
-            self.differentiate(V)
-            if not self.solve():
-                return None, iteration
-            by_residual, by_load = self.answers
-            change_V = -inner(self.load, by_residual) / inner(self.load, by_load)
-            change = by_residual + change_V * by_load
-            part, best = 1.0, (math.inf, 0.0)
-            for _ in range(BACKTRACKS):
-                found = self.attempt(motion + part * change, V + part * change_V)
-                if found < best[0]:
-                    best = (found, part)
-                if found < (1.0 - 0.1 * part) * size:
-                    break
-                part *= 0.5
-            if best[1] == 0.0:
-                return None, iteration
-            motion, V = motion + best[1] * change, V + best[1] * change_V
-            size = best[0]
-            if best[1] != part:  # the last part that was tried was not the best
-                self.attempt(motion, V)
-        return None, MOST_ITERATIONS
+                return V, self.iterations - before
+            change = self._newton_step(V)
+            if change is None:
+                break
+            found = self.attempt(motion + change[0], V + change[1])
+            if found > SINGULAR * size and not leapt and not self.trial.drag[0] > 0.0:
+                leapt, landed = True, self._leap(motion, V, size)
+                if landed is not None:
+                    motion, V, size = landed
+                    continue
+                found = math.inf
+            part, size = self._line_search(motion, V, change, size, found)
+            if part == 0.0:
+                break
+            motion, V = motion + part * change[0], V + part * change[1]
+            short = short + 1 if part < SHORT else 0
+        return None, self.iterations - before
+
+    def _newton_step(self, V: float) -> tuple[np.ndarray, float] | None:
+        """Change of the motion of now and of V by a Newton step at constant driven displacement; None without one."""
+        self.pause()
+        self.iterations += 1
+        self.differentiate(V)
+        if not self.solve():
+            return None
+        by_residual, by_load = self.answers
+        change_V = -inner(self.load, by_residual) / inner(self.load, by_load)
+        return by_residual + change_V * by_load, change_V
+
+    def _line_search(
+        self, motion: np.ndarray, V: float, change: tuple[np.ndarray, float], size: float, found: float
+    ) -> tuple[float, float]:
+        """The part of a ``change`` that is taken, and the out-of-balance there; ``size`` of now, ``found`` by all of it."""
+        part, best = 1.0, (found, 1.0) if found < math.inf else (math.inf, 0.0)
+        for _ in range(BACKTRACKS - 1):
+            if found < (1.0 - 0.1 * part) * size:
+                break
+            part *= 0.5
+            found = self.attempt(motion + part * change[0], V + part * change[1])
+            best = min(best, (found, part))
+        if best[1] not in (part, 0.0):  # the last part that was tried was not the best
+            self.attempt(motion + best[1] * change[0], V + best[1] * change[1])
+        return best[1], best[0]
+
+    def _leap(self, motion: np.ndarray, V: float, start: float) -> tuple[np.ndarray, float, float] | None:
+        """Motion, V and out-of-balance after whole Newton steps from where the tangent is singular, or None.
+
+        More joints are open or slide there than one mechanism lets: any of many mechanisms may move. The law is almost
+        piecewise linear, so that a whole step tells which of the joints move back and close, however far away it ends
+        (the method of active sets), about half of them at a time.
+        """
+        held, last, landed = self.trial.drag[1], math.inf, None
+        self.trial.drag[1] = max(held, LEAP)
+        self.attempt(motion, V)
+        for _ in range(MOST_LEAPS):
+            change = self._newton_step(V)
+            if change is None:
+                break
+            motion, V = motion + change[0], V + change[1]
+            size = self.attempt(motion, V)
+            if size < start:
+                landed = motion, V, size
+            if not start <= size < NEARER * last:
+                break
+            last = size
+        self.trial.drag[1] = held
+        return landed
 
     def correction(self, V: float) -> float:
         """By how much one more Newton step would change V at the motion of now (N); infinite where there is none."""
