@@ -178,7 +178,7 @@ class Equilibria:
     def _line_search(
         self, motion: np.ndarray, V: float, change: tuple[np.ndarray, float], size: float, found: float
     ) -> tuple[float, float]:
-        """The part of a ``change`` that is taken, and the out-of-balance there; ``size`` of now, ``found`` by all of it."""
+        """The part of a ``change`` that is taken, and the out-of-balance there; ``size`` now, ``found`` after all."""
         part, best = 1.0, (found, 1.0) if found < math.inf else (math.inf, 0.0)
         for _ in range(BACKTRACKS - 1):
             if found < (1.0 - 0.1 * part) * size:
