@@ -26,7 +26,7 @@ FOLDER = Path(__file__).resolve().parent.parent / "docs" / "gallery"
 SIZE = (640, 480)
 COLOURS = 48
 TWICE = 20.0  # s: runs that take less are run again, once everything is compiled
-LONG = {"studies/drum_column_domain"}  # half an hour: drawn only if asked for
+LONG = {"studies/drum_column_domain"}  # eight minutes: drawn only if asked for
 LOOKS: dict[str, dict] = {  # what shows the structure best
     "arch": {"view": "front", "thrust": True, "color": "utilisation"},
     "arch_tied": {"view": "front", "thrust": True, "color": "utilisation"},

@@ -47,7 +47,7 @@ def test_the_friction_that_holds_a_block_on_a_slope(write, tmp_path):
     rows = read_csv(outcome.csv)
     for row in rows:
         value, bar = float(row["value"]), float(row["half_width"])
-        assert row["status"] == "found"
+        assert row["status"] == "found" and row["searched"] == "joint.friction"
         assert float(row["falls"]) <= SLOPE <= float(row["stands"])
         assert abs(value - SLOPE) <= bar <= 1e-3 * value
         assert 2.0 * bar == pytest.approx(float(row["stands"]) - float(row["falls"]), rel=1e-9)
@@ -128,16 +128,19 @@ def test_bisection_ends_at_its_tolerance_also_at_zero():
 
 def test_a_study_is_drawn_over_every_key_that_changes(tmp_path, capsys):
     """A panel a key, a line for each combination of the others, with the bars of the search."""
-    lines = ["case,joint.formulation,control.pulse.duration,status,value,half_width,stands,falls,runs,loop,error"]
+    lines = [
+        "case,joint.formulation,control.pulse.duration,status,searched,value,half_width,stands,falls,runs,loop,error"
+    ]
     numbers = {("concave", 0.2): 1.4, ("concave", 0.5): 0.25, ("convex", 0.2): 1.5, ("convex", 0.5): 0.26}
     for i, ((law, time), value) in enumerate(numbers.items()):
-        lines.append(f"{i},{law},{time},found,{value},0.01,{value - 0.01},{value + 0.01},9,1.0,")
-    lines.append("4,convex,1.0,failed,,,,,,,it stands at both ends")
+        lines.append(f"{i},{law},{time},found,control.scale,{value},0.01,{value - 0.01},{value + 0.01},9,1.0,")
+    lines.append("4,convex,1.0,failed,control.scale,,,,,,,it stands at both ends")
     folder = tmp_path / "domain"
     folder.mkdir()
     (folder / "table.csv").write_text("\n".join(lines) + "\n")
     figure = plot.study(plot.read_study(folder))
     laws, times = figure.axes
+    assert times.get_ylabel() == "control.scale at which it falls"
     assert laws.get_xlabel() == "joint.formulation" and times.get_xlabel() == "control.pulse.duration"
     concave, convex = times.containers
     assert concave[0].get_xydata().tolist() == [[0.2, 1.4], [0.5, 0.25]]

@@ -41,7 +41,7 @@ COLUMNS: dict[str, str | Callable[[dict], Any]] = {
     "fallen": lambda result: None if result.get("fallen") is None else len(result["fallen"]),
     "error": "error",
 }
-TEXTS = ("status", "bracket", "mechanism", "collapse_mechanism", "history", "error")
+TEXTS = ("status", "searched", "bracket", "mechanism", "collapse_mechanism", "history", "error")
 FAILED = "failed"
 
 

@@ -27,7 +27,7 @@ from dembrick.scenario import toml as scenarios
 from dembrick.scenario.checks import nearest, real, show
 from dembrick.scenario.model import Scenario
 
-COLUMNS = ("status", "value", "half_width", "stands", "falls", "runs", "loop", "error")
+COLUMNS = ("status", "searched", "value", "half_width", "stands", "falls", "runs", "loop", "error")
 FOUND = "found"
 _KEYS = ("key", "low", "high", "tolerance")  # all needed
 _SCAN = "scan"
@@ -152,7 +152,7 @@ def run_searches(search: Search, base: str, base_path: str, cases: Sequence[tupl
 
 
 def _row(search: Search, base: str, base_path: str, changes: Mapping[str, Any]) -> dict[str, Any]:
-    row: dict[str, Any] = dict.fromkeys(COLUMNS)
+    row: dict[str, Any] = dict.fromkeys(COLUMNS) | {"searched": search.key}
     seconds = 0.0
 
     def falls_at(value: float) -> bool:

@@ -113,7 +113,8 @@ def _panel(axes: Axes, table: StudyTable, answer: str, key: str) -> None:
         names = list(dict.fromkeys(row[key] for row in table.rows))
         axes.set_xticks(range(len(names)), [style.plain(name) for name in names])
     axes.set_xlabel(style.plain(key))
-    axes.set_ylabel(style.plain(answer.replace("_", " ")))
+    searched = table.rows[0].get("searched") if answer == "value" else None
+    axes.set_ylabel(style.plain(f"{searched} at which it falls" if searched else answer.replace("_", " ")))
 
 
 def _places(table: StudyTable, key: str) -> tuple[list[float], bool]:
