@@ -62,9 +62,10 @@ def scenario_entry(name: str, path: Path, folder: Path) -> dict:
     with history.read(folder / "run.h5") as found:
         render.picture(found, FOLDER / f"{name}.png", size=SIZE, **LOOKS.get(name, {}))
         small(FOLDER / f"{name}.png")
-        kind, blocks = dembrick.load(path).control.kind, found.n_block
+        kind, blocks, unit = dembrick.load(path).control.kind, found.n_block, found.curve.unit
     (folder / "run.h5").unlink()
-    first = next(line for line in summary.key_numbers(results) if any(letter.isdecimal() for letter in line.value))
+    lines = summary.key_numbers(results, unit)
+    first = next(line for line in lines if any(letter.isdecimal() for letter in line.value))
     return {
         "title": results["title"],
         "kind": kind,

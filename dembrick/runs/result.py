@@ -154,7 +154,7 @@ class RunResult:
         """The title and the first key number with its error bar."""
         from dembrick.views import summary
 
-        first = [f"{number.name} {number.value}" for number in summary.key_numbers(self.as_dict())[:1]]
+        first = [f"{number.name} {number.value}" for number in summary.key_numbers(self.as_dict(), self.curve.unit)[:1]]
         return f"<{type(self).__name__} {self.scenario.title!r}: {', '.join([self.status, *first])}>"
 
     def _repr_html_(self) -> str:

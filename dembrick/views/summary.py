@@ -98,8 +98,11 @@ def length(metres: float) -> str:
     return f"{metres * 1e6:.4g} µm"
 
 
-def key_numbers(results: Mapping) -> list[KeyNumber]:
-    """What a reader asks first: the limit load with its bracket, theory beside it, the mechanism, the collapse."""
+def key_numbers(results: Mapping, unit: str = "N") -> list[KeyNumber]:
+    """What a reader asks first: the limit load with its bracket, theory beside it, the mechanism, the collapse.
+
+    ``unit`` of the load of actuators, "1" for a factor.
+    """
     lines = []
     if isinstance(results.get("error"), str):
         lines.append(KeyNumber("no answer", results["error"]))
@@ -107,7 +110,7 @@ def key_numbers(results: Mapping) -> list[KeyNumber]:
         lines.append(KeyNumber("answer", results["answer"]))
     point, collapse, path = yield_point(results), part(results, "collapse"), part(results, "path")
     lines += _of_collapse(collapse, has_bracket="V" in point)
-    lines += _of_yield(point, "" if collapse else "N", results.get("status") == "completed", path)
+    lines += _of_yield(point, "" if collapse or unit == "1" else unit, results.get("status") == "completed", path)
     lines += _of_theory(part(results, "theory"))
     lines += _of_settlement(part(results, "settlement"), collapse)
     lines += _of_motion(results) if not (point or collapse or results.get("settlement")) else []

@@ -195,6 +195,7 @@ def test_numbers_of_the_gallery_are_those_of_now(name):
     from dembrick.views import summary
 
     entries = json.loads((DOCS / "gallery" / "gallery.json").read_text(encoding="utf-8"))
-    first = summary.key_numbers(dembrick.simulate(name, record=False).results)[0]
+    result = dembrick.simulate(name, record=False)
+    first = summary.key_numbers(result.results, result.curve.unit)[0]
     told, now = (float(re.search(r"-?\d+\.?\d*", text).group()) for text in (entries[name]["number"], first.value))
     assert entries[name]["number"].startswith(first.name) and told == pytest.approx(now, rel=1e-4)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import dembrick
 from dembrick.assembly.build import assemble
 from dembrick.cli import main
 from dembrick.errors import ScenarioError
@@ -163,3 +164,5 @@ def test_the_multiplier_of_a_pressure_has_no_unit(tmp_path, capsys):
     assert "V             1.28 +-" in capsys.readouterr().out
     with read(path) as history:
         assert (history.curve.load, history.curve.unit) == ("load factor V", "1")
+    result = dembrick.simulate("dam", record=False)
+    assert "load factor 1.28" in repr(result) and " N" not in repr(result)

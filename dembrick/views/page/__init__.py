@@ -66,7 +66,7 @@ def document(history: History) -> str:
         subtitle=escape(_subtitle(history)),
         legend=escape(_legend(data)),
         frames_note=escape(_frames_note(history, data)),
-        results=results_table(history.results),
+        results=results_table(history.results, history.curve.unit),
         record_note=escape(_record_note(history, data)),
         scenario=escape(scenario),
         footer=escape(_origin(history)),
@@ -80,7 +80,7 @@ def document(history: History) -> str:
 
 def fragment(result) -> str:
     """What a notebook shows of a result: the title, the key numbers with their error bars, the curve."""
-    text = f"<strong>{escape(result.scenario.title)}</strong>{results_table(result.results)}"
+    text = f"<strong>{escape(result.scenario.title)}</strong>{results_table(result.results, result.curve.unit)}"
     if len(result.rows.get("load", ())):
         from dembrick.views import plot
 
@@ -88,9 +88,9 @@ def fragment(result) -> str:
     return text
 
 
-def results_table(results: dict) -> str:
-    """The key numbers of a run as an HTML table."""
-    lines = summary.key_numbers(results)
+def results_table(results: dict, unit: str = "N") -> str:
+    """The key numbers of a run as an HTML table; ``unit`` of its load, "1" for a factor."""
+    lines = summary.key_numbers(results, unit)
     if not lines:
         return "<p>There are no results yet: the run has not ended.</p>"
     rows = []
