@@ -21,11 +21,14 @@ except ImportError:  # a system without POSIX locks
     fcntl = None  # type: ignore[assignment]
 
 import numba
+from llvmlite import ir
 from numba import get_num_threads, prange
+from numba.core import cgutils, types
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 from numba.core.registry import CPUDispatcher
+from numba.extending import intrinsic
 
 __all__ = ["CACHE_FOLDER", "get_num_threads", "jit", "jit_parallel", "jit_sum", "kernel_hash", "prange"]
 
@@ -269,6 +272,32 @@ def jit_sum(function):
 def entry(function):
     """The same for a loop that Python or a batch enters: compiled once, not inlined into every caller."""
     return _compiled(function, nogil=True, _nrt=False)
+
+
+def _prefetch(_, array, index):
+    """`prefetch` for numba: the instruction of the processor."""
+
+    def code(context, builder, signature, arguments):
+        place = builder.gep(context.make_array(signature.args[0])(context, builder, arguments[0]).data, [arguments[1]])
+        byte, number = cgutils.voidptr_t, cgutils.int32_t
+        kind = ir.FunctionType(ir.VoidType(), [byte, number, number, number])
+        instruction = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
+        read, keep, data = number(0), number(3), number(1)
+        builder.call(instruction, [builder.bitcast(place, byte), read, keep, data])
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp), code
+
+
+def prefetch(array, index) -> None:
+    """Have the line of the cache that holds this number of an array (one-dimensional) on its way before it is needed.
+
+    It is no error if there is no such number.
+    """
+
+
+if not numba.config.DISABLE_JIT:
+    prefetch = intrinsic(_prefetch)
 
 
 def jit_parallel(function):

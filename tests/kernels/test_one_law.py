@@ -15,7 +15,7 @@ from dembrick.kernels.dynamics import bonded_points, tiles
 from dembrick.kernels.dynamics import point_joints as moving_points
 from dembrick.kernels.dynamics.energy_terms import BY_LAW as BY_LAW_LOST
 from dembrick.kernels.dynamics.energy_terms import CRUSHING as CRUSHING_LOST
-from dembrick.kernels.dynamics.energy_terms import DASHPOT, FRICTION, KINDS, LEDGER, RELEASED, EnergyTerms
+from dembrick.kernels.dynamics.energy_terms import DASHPOTS, FRICTION, KINDS, LEDGER, RELEASED, EnergyTerms
 from dembrick.kernels.dynamics.energy_terms import FRACTURE as FRACTURE_LOST
 from dembrick.kernels.joint.point_law import Strengths, point_law
 from dembrick.kernels.state import BY_LAW, CRUSHING, DAMPING, FRACTURE, SLIDING, Energy
@@ -148,7 +148,7 @@ class MovingPoints:
         rows[:, tiles.X], rows[:, tiles.Y] = OUTLINE[:, 0, None], OUTLINE[:, 1, None]
         rows[:, tiles.AREA] = AREAS[:, None]
         self.sheared, self.slipped = np.zeros(4 * tiles.SHEAR), np.zeros(4 * W)
-        self.dashpots, self.ledger = np.zeros(4 * DASHPOT), np.zeros(LEDGER)
+        self.dashpots, self.ledger = np.zeros(DASHPOTS), np.zeros(LEDGER)
 
     def step(self, motion, change, twist):
         place(self.work, motion, change, twist)
@@ -157,16 +157,15 @@ class MovingPoints:
         for pair in range(2):
             own = self.own[2 * pair * tiles.POINT : 2 * (pair + 1) * tiles.POINT]
             sheared = self.sheared[2 * pair * tiles.SHEAR : 2 * (pair + 1) * tiles.SHEAR]
-            dashpots = self.dashpots[2 * pair * DASHPOT : 2 * (pair + 1) * DASHPOT]
             bonds = self.strengths, 0, None, None
             if self.strengths is not None:
                 rows = self.of_bonds[2 * pair * bonded_points.BOND : 2 * (pair + 1) * bonded_points.BOND]
                 bonds = self.strengths, 0, rows, self.ledger
-            if moving_points.press(self.work, own, sheared, *law, dashpots, None, *bonds):
+            if moving_points.press(self.work, own, sheared, *law, True, None, *bonds):
                 moving_points.add_slip(self.work, self.slipped[2 * pair * W : 2 * (pair + 1) * W])
                 for which in range(2 if self.strengths is None else 0):
-                    moving_points.add_losses(self.work, own, sheared, dashpots, which, *law, self.ledger)
-        self.ledger[:W] += self.work[tiles.TAKEN * W : (tiles.TAKEN + 1) * W]
+                    moving_points.add_losses(self.work, own, sheared, which, *law, self.ledger)
+        moving_points.add_dashpot_work(self.work, self.dashpots, self.ledger)
         f = self.work.reshape(-1, W)[tiles.FORCE : tiles.FORCE + 9, 3]
         # the force on the host at (1, x, y), the host's slip is b's
         return np.array([f[2], -f[0], -f[1], -(f[4] - f[6]), -f[8], f[5]])

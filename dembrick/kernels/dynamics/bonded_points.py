@@ -6,10 +6,10 @@ from dembrick._jit import jit
 from dembrick.kernels.dynamics.energy_terms import (
     BY_LAW,
     CRUSHING,
-    DASHPOT,
     FRACTURE,
     FRICTION,
     GONE,
+    OF_DASHPOTS,
     RELEASED,
     SMALLEST,
     STEPPING,
@@ -42,7 +42,7 @@ BOND = 3 * W
 
 @jit
 def answer_bonded(
-    work, own, sheared, which, lane, k_n, k_s, friction, arm, dashpots, force_out, strengths, law, bonds, ledger
+    work, own, sheared, which, lane, k_n, k_s, friction, arm, energy, force_out, strengths, law, bonds, ledger
 ):  # fmt: skip
     """`answer` of a point of a scene with strengths, those of the ``law``; ``bonds``: the rows of the two points in
     `Corners.bonds`. What it loses is counted in the ``ledger`` of its tile."""
@@ -78,21 +78,14 @@ def answer_bonded(
     bonds[BONDED * W + of_bond] = bonded
     bonds[CRUSHED * W + of_bond] = crushed
     bonds[RISE * W + of_bond] = risen
-    taken = 0.0
-    if dashpots is not None:
-        c1 = t1 - e1
-        c2 = t2 - e2
-        n = normal - spring
-        last1, last2, last = three(dashpots, 0, which * DASHPOT + lane)
-        taken = (last1 + c1) * u1 + (last2 + c2) * u2 + (last + n) * d
-        put_three(dashpots, 0, which * DASHPOT + lane, (c1, c2, n))
+    if energy is not None:
         before = spring_of(strengths, law, k, g - d, area, bond, depth, rise)
         opened = normal == 0.0 and (b1 != 0.0 or b2 != 0.0)
         held, by_law, crush, fracture, released, stepping, dash = bonded_losses(
             strengths, law, area, friction, k, d, before, spring, normal,
             shear_loss(b1, b2, e1, e2, u1, u2, k_s * area), slid, bonded < bond, crushed - depth, risen - rise, opened,
         )  # fmt: skip
-        taken += 2.0 * dash
+        ledger[OF_DASHPOTS * W + lane] += dash
         least = ledger[SMALLEST * W + lane]
         ledger[SMALLEST * W + lane] = held if held < least else least
         ledger[(GONE + FRICTION) * W + lane] += held
@@ -103,7 +96,7 @@ def answer_bonded(
         ledger[(GONE + FRACTURE) * W + lane] += fracture
     if force_out is not None:
         put_three(work, LAST + 3 * which, lane, (t1, t2, normal))
-    return x, y, xs, ys, t1, t2, normal, taken, slid > 0.0
+    return x, y, xs, ys, t1, t2, normal, t1 - e1, t2 - e2, normal - spring, slid > 0.0
 
 
 @jit

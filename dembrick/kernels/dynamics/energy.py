@@ -28,7 +28,8 @@ from dembrick.kernels.dynamics.joint_families import FAMILIES
 from dembrick.kernels.dynamics.rigid_bodies import gathered
 from dembrick.kernels.dynamics.tiles import lane_of
 from dembrick.kernels.joint.ties import tie_losses
-from dembrick.kernels.math.vec3 import cross, rows_times
+from dembrick.kernels.math.quaternion import rotate
+from dembrick.kernels.math.vec3 import cross
 
 
 @jit
@@ -77,7 +78,7 @@ def kinetic_energy(bodies, wrench, g1, g2, g3, dt):
     for f in range(bodies.free.size):
         b = bodies.free[f]
         mass = bodies.mass[b]
-        f1, f2, f3, t1, t2, t3 = gathered(bodies, b, wrench, g1, g2, g3)
+        f1, f2, f3, t1, t2, t3 = gathered(bodies, b, wrench, True, g1, g2, g3)
         v = bodies.velocity[b]
         w = bodies.spin[b]
         L = bodies.momentum[b]
@@ -103,7 +104,7 @@ def add_load_work(energy_terms, bodies, loads, step, dt):
         f = loads.force[step, k]
         last = energy_terms.load[k]
         total += power(bodies, b, last)
-        r1, r2, r3 = rows_times(bodies.rotation[b], loads.lever[k, 0], loads.lever[k, 1], loads.lever[k, 2])
+        r1, r2, r3 = rotate(bodies.orientation, b, loads.lever[k, 0], loads.lever[k, 1], loads.lever[k, 2])
         last[0] = f[0]
         last[1] = f[1]
         last[2] = f[2]
@@ -120,7 +121,7 @@ def add_support_work(energy_terms, bodies, links, loads, dt):
         b = loads.support[k]
         last = energy_terms.support[k]
         total += power(bodies, b, last)
-        last[0], last[1], last[2], last[3], last[4], last[5] = gathered(bodies, b, links.wrench, 0.0, 0.0, 0.0)
+        last[0], last[1], last[2], last[3], last[4], last[5] = gathered(bodies, b, links.wrench, True, 0.0, 0.0, 0.0)
         total += power(bodies, b, last)
     energy_terms.total[LOADS] -= 0.5 * dt * total
 

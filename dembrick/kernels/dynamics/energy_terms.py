@@ -11,7 +11,7 @@ FRICTION, RELEASED, STEPPING, BY_LAW, CRUSHING, FRACTURE = range(6)
 KINDS = 6
 LOADS, CONTACTS, HANDED, TIES_YIELDED, TIES_STEPPED = range(5)
 
-DASHPOT = 3 * W  # rows of a point in `EnergyTerms.dashpots`
+DASHPOTS = 9 * W  # rows of a tile in `EnergyTerms.dashpots`
 
 # Rows of a tile of `EnergyTerms.ledger`, J: what dashpots took; the smallest friction work of a step; what was lost
 # (`EnergyTerms.lost`, 6). All since `share` changed
@@ -25,8 +25,8 @@ class EnergyTerms(NamedTuple):
     Shear and torsion are in the sense in which the host slips; axes are those of the joint's elastic forces.
     """
 
-    dashpots: ndarray  # N, their last forces at every point: shear in the sense in which the host slips (2), and N;
-    # three rows of every point of a tile, as in `Corners.points`
+    dashpots: ndarray  # (t * DASHPOTS,) N, N m, what the dashpots of point joints carried last, in tiles like theirs:
+    # shear in the sense in which the host slips (2) and N, summed over the points, and these sums times x and y
     ledger: ndarray  # (t * LEDGER,) the energy terms of the point joints, in tiles like theirs
     face: ndarray  # (a, 16) N, N m, J, those of the convex joints, one row because every step reads and writes it all.
     # Springs (3): N and its x and y moments. Dashpots: V_1, V_2, M_T (6 to 8), what opening and closing within steps

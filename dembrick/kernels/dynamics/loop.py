@@ -15,10 +15,11 @@ from dembrick.kernels.dynamics.contact_forces import TOUCHED, clear_applied, tou
 from dembrick.kernels.dynamics.energy import add_step
 from dembrick.kernels.dynamics.joint_families import forces as joint_forces
 from dembrick.kernels.dynamics.joint_families import tiles_of
-from dembrick.kernels.dynamics.rigid_bodies import move_support, step_bodies
+from dembrick.kernels.dynamics.rigid_bodies import move_support, step_bodies, write_rotations
 from dembrick.kernels.dynamics.tie_forces import clear_tied, pull_ties
 from dembrick.kernels.dynamics.tiles import WORK, least_slack, rows_of_lanes
-from dembrick.kernels.math.vec3 import cross, rows_times
+from dembrick.kernels.math.quaternion import rotate
+from dembrick.kernels.math.vec3 import cross
 
 RUNNING, REACHED, STALE, DIVERGED, MEETING, OVERLOADED = 0, 1, 2, 3, 4, 5
 
@@ -56,7 +57,7 @@ def apply_loads(loads, bodies, step):
     for k in range(block.size):
         b = block[k]
         f = loads.force[step, k]
-        r1, r2, r3 = rows_times(bodies.rotation[b], loads.lever[k, 0], loads.lever[k, 1], loads.lever[k, 2])
+        r1, r2, r3 = rotate(bodies.orientation, b, loads.lever[k, 0], loads.lever[k, 1], loads.lever[k, 2])
         t1, t2, t3 = cross(r1, r2, r3, f[0], f[1], f[2])
         load = bodies.applied[b]
         load[0] += f[0]
@@ -94,6 +95,7 @@ def advance_bodies(
     """
     goal2 = limits.displacement**2
     longest2 = limits.longest**2
+    loaded = loads.block.size > 0 or ties.stiffness.size > 0 or touching is not None
     for step in range(n_steps):
         if travel[0] <= 0.0:
             travel[0] = least_slack(links)
@@ -111,22 +113,23 @@ def advance_bodies(
         for t in prange(moved.size):
             joint_forces(links, corners, faces, bodies, share_corners, share_faces, t, energy_terms, work[t])
         if touching is not None:
+            write_rotations(bodies, loads.support)
             touched = touch(touching, links, bodies, dt)
             if touched != TOUCHED:
                 return touched, step
         if energy_terms is not None:
             mean = add_step(energy_terms, bodies, links, corners, faces, ties, loads, touching, step, dt)
         for t in prange(moved.size):
+            first, last = share_bodies[t], share_bodies[t + 1]
+            g = loads.gravity[step]
             if energy_terms is None:
                 moved[t], away[t] = step_bodies(
-                    bodies, links.wrench, share_bodies[t], share_bodies[t + 1], loads.gravity[step], dt, damping, None,
-                    None, work[t],
-                )  # fmt: skip
+                    bodies, links.wrench, loaded, first, last, g, dt, damping, None, None, work[t]
+                )
             if energy_terms is not None:
                 moved[t], away[t] = step_bodies(
-                    bodies, links.wrench, share_bodies[t], share_bodies[t + 1], loads.gravity[step], dt, damping,
-                    energy_terms.fallen, mean, work[t],
-                )  # fmt: skip
+                    bodies, links.wrench, loaded, first, last, g, dt, damping, energy_terms.fallen, mean, work[t]
+                )
         moved2 = away2 = 0.0
         for k in range(loads.support.size):
             move_support(

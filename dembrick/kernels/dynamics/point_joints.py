@@ -20,10 +20,11 @@ from dembrick._jit import entry, jit
 from dembrick.kernels.dynamics.bonded_points import BOND, answer_bonded, bonds_of, spring_length
 from dembrick.kernels.dynamics.energy_terms import (
     BY_LAW,
-    DASHPOT,
+    DASHPOTS,
     FRICTION,
     GONE,
     LEDGER,
+    OF_DASHPOTS,
     RELEASED,
     SMALLEST,
     STEPPING,
@@ -33,6 +34,7 @@ from dembrick.kernels.dynamics.tiles import (
     BEFORE,
     DAMPED,
     DAMPING,
+    DASHPOT,
     DEPTH,
     ELASTIC,
     FORCE,
@@ -47,7 +49,6 @@ from dembrick.kernels.dynamics.tiles import (
     SHEAR,
     SLID,
     SLIP,
-    TAKEN,
     TILE,
     TWISTING,
     VISCOUS,
@@ -57,6 +58,8 @@ from dembrick.kernels.dynamics.tiles import (
     alike,
     combined,
     deliver,
+    dot,
+    expect,
     fetch,
     lane_of,
     look,
@@ -173,15 +176,17 @@ def begin(tile, work):
         put_three(work, FORCE, lane, zero)
         put_three(work, FORCE + 3, lane, zero)
         put_three(work, FORCE + 6, lane, zero)
+        put_three(work, DASHPOT, lane, zero)
+        put_three(work, DASHPOT + 3, lane, zero)
+        put_three(work, DASHPOT + 6, lane, zero)
         work[TWISTING * W + lane] = 0.0
-        work[TAKEN * W + lane] = 0.0
 
 
 @jit
-def answer(work, own, sheared, which, lane, k_n, k_s, friction, arm, dashpots, force_out):
+def answer(work, own, sheared, which, lane, k_n, k_s, friction, arm, energy, force_out):
     """One point of the pair that `press` takes, its ``which``: its arms of the normal force and of friction, its shear
-    force in the sense in which the host slips, its normal force, what its dashpots took, whether it slid or lost
-    something else."""
+    force in the sense in which the host slips, its normal force, what of these three its dashpots carry, whether it
+    slid or lost something else."""
     at = which * POINT + lane
     x = own[X * W + at]
     y = own[Y * W + at]
@@ -207,54 +212,48 @@ def answer(work, own, sheared, which, lane, k_n, k_s, friction, arm, dashpots, f
     sheared[of_shear] = e1
     sheared[W + of_shear] = e2
     work[(SLID + which) * W + lane] = slid
-    taken = 0.0
+    dashpot = 0.0
     loses = slid > 0.0
-    if dashpots is not None:
-        c1 = t1 - e1
-        c2 = t2 - e2
-        n = normal - k * max(g, 0.0)
-        last1, last2, last = three(dashpots, 0, which * DASHPOT + lane)
-        taken = (last1 + c1) * u1 + (last2 + c2) * u2 + (last + n) * d
-        put_three(dashpots, 0, which * DASHPOT + lane, (c1, c2, n))
-        work[(BEFORE + 2 * which) * W + lane] = b1
-        work[(BEFORE + 2 * which + 1) * W + lane] = b2
+    if energy is not None:
+        dashpot = normal - k * max(g, 0.0)
+        put_three(work, BEFORE + 3 * which, lane, (b1, b2, normal))
         # slides, or lets go of what it held, or opened or closed in the step
         held = abs(b1) + abs(b2)
         loses = loses | ((normal == 0.0) & (held > 0.0)) | (g * (g - d) < 0.0)
     if force_out is not None:
         put_three(work, LAST + 3 * which, lane, (t1, t2, normal))
-    return x, y, xs, ys, t1, t2, normal, taken, loses
+    return x, y, xs, ys, t1, t2, normal, t1 - e1, t2 - e2, dashpot, loses
 
 
 @jit
 def answer_by(
-    work, own, sheared, which, lane, k_n, k_s, friction, arm, dashpots, force_out, strengths, law, bonds, ledger
+    work, own, sheared, which, lane, k_n, k_s, friction, arm, energy, force_out, strengths, law, bonds, ledger
 ):  # fmt: skip
     """`answer` by the law that the points have: dry if ``strengths`` is None."""
     if strengths is not None:
         return answer_bonded(
-            work, own, sheared, which, lane, k_n, k_s, friction, arm, dashpots, force_out, strengths, law, bonds, ledger
+            work, own, sheared, which, lane, k_n, k_s, friction, arm, energy, force_out, strengths, law, bonds, ledger
         )
-    return answer(work, own, sheared, which, lane, k_n, k_s, friction, arm, dashpots, force_out)
+    return answer(work, own, sheared, which, lane, k_n, k_s, friction, arm, energy, force_out)
 
 
 @entry
 def press(
-    work, own, sheared, k_n, k_s, friction, arm, dashpots, force_out, strengths=None, law=0, bonds=None, ledger=None
+    work, own, sheared, k_n, k_s, friction, arm, energy, force_out, strengths=None, law=0, bonds=None, ledger=None
 ):  # fmt: skip
     """Forces of two points of every joint of a tile, and what they add to the sums of ``work``.
 
-    ``own``: the rows of the points, ``sheared`` their elastic shear; ``dashpots``: see `EnergyTerms.dashpots`, or None;
-    ``force_out`` is None where the forces of single points are not wanted; the last four: see `answer_bonded`. Returns
-    whether any slides or loses something for `add_losses`.
+    ``own``: the rows of the points, ``sheared`` their elastic shear; ``energy`` is None where none is counted, and
+    ``force_out`` where the forces of single points are not wanted; the last four: see `answer_bonded`. Returns whether
+    any slides or loses something for `add_losses`.
     """
     losing = False
     for lane in range(W):
-        x, y, xs, ys, t1, t2, n, d, loses = answer_by(
-            work, own, sheared, 0, lane, k_n, k_s, friction, arm, dashpots, force_out, strengths, law, bonds, ledger
+        x, y, xs, ys, t1, t2, n, c1, c2, c, loses = answer_by(
+            work, own, sheared, 0, lane, k_n, k_s, friction, arm, energy, force_out, strengths, law, bonds, ledger
         )
-        X, Y, XS, YS, T1, T2, N, D, LOSES = answer_by(
-            work, own, sheared, 1, lane, k_n, k_s, friction, arm, dashpots, force_out, strengths, law, bonds, ledger
+        X, Y, XS, YS, T1, T2, N, C1, C2, C, LOSES = answer_by(
+            work, own, sheared, 1, lane, k_n, k_s, friction, arm, energy, force_out, strengths, law, bonds, ledger
         )
         a = FORCE * W + lane
         work[a] -= t1 + T1
@@ -266,8 +265,17 @@ def press(
         work[a + 6 * W] -= ys * t1 + YS * T1
         work[a + 7 * W] -= ys * t2 + YS * T2
         work[a + 8 * W] += y * n + Y * N
-        if dashpots is not None:
-            work[TAKEN * W + lane] += 0.5 * (d + D)
+        if energy is not None:
+            a = DASHPOT * W + lane
+            work[a] += c1 + C1
+            work[a + W] += c2 + C2
+            work[a + 2 * W] += c + C
+            work[a + 3 * W] += xs * c1 + XS * C1
+            work[a + 4 * W] += xs * c2 + XS * C2
+            work[a + 5 * W] += x * c + X * C
+            work[a + 6 * W] += ys * c1 + YS * C1
+            work[a + 7 * W] += ys * c2 + YS * C2
+            work[a + 8 * W] += y * c + Y * C
         losing |= loses | LOSES
     return losing
 
@@ -299,7 +307,22 @@ def write_forces(corners, t, first, sense, work, out):
 
 
 @entry
-def add_losses(work, own, sheared, dashpots, which, k_n, k_s, friction, arm, ledger):
+def add_dashpot_work(work, dashpots, ledger):
+    """Add what the dashpots of a tile took in a step, in which they carried ``dashpots`` before, see `EnergyTerms`."""
+    for lane in range(W):
+        taken = 0.0
+        for i in range(3):
+            slip_1, slip_2 = work[(MOVED + 2 * i) * W + lane], work[(MOVED + 2 * i + 1) * W + lane]
+            now = three(work, DASHPOT + 3 * i, lane)
+            last = three(dashpots, 3 * i, lane)
+            moved = (slip_1, slip_2, work[(GROWTH + i) * W + lane])
+            taken += dot((now[0] + last[0], now[1] + last[1], now[2] + last[2]), moved)
+            put_three(dashpots, 3 * i, lane, now)
+        ledger[OF_DASHPOTS * W + lane] += 0.5 * taken
+
+
+@entry
+def add_losses(work, own, sheared, which, k_n, k_s, friction, arm, ledger):
     """Add what one point of every joint of a tile lost in a step, ``which`` of the two of `point_joints.press`: in
     friction, or let go where the point has opened."""
     for lane in range(W):
@@ -313,8 +336,7 @@ def add_losses(work, own, sheared, dashpots, which, k_n, k_s, friction, arm, led
         d0, dx, dy = three(work, GROWTH, lane)
         p1, p2, x1 = three(work, MOVED, lane)
         x2, y1, y2 = three(work, MOVED + 3, lane)
-        b1 = work[(BEFORE + 2 * which) * W + lane]
-        b2 = work[(BEFORE + 2 * which + 1) * W + lane]
+        b1, b2, normal = three(work, BEFORE + 3 * which, lane)
         slid = work[(SLID + which) * W + lane]
         s1 = p1 + arm * (x * x1 + y * y1)
         s2 = p2 + arm * (x * x2 + y * y2)
@@ -323,7 +345,6 @@ def add_losses(work, own, sheared, dashpots, which, k_n, k_s, friction, arm, led
         least = ledger[SMALLEST * W + lane]
         ledger[SMALLEST * W + lane] = held if held < least else least
         g = g0 + x * gx + y * gy
-        normal = dashpots[(which * 3 + 2) * W + lane] + k_n * area * max(g, 0.0)
         let_go = lost if slid == 0.0 and e1 == 0.0 and e2 == 0.0 and area > 0.0 else 0.0
         before = g - (d0 + x * dx + y * dy)
         stepping = min(g, 0.0) * max(before, 0.0) - max(g, 0.0) * min(before, 0.0)
@@ -344,6 +365,12 @@ def forces(links, corners, bodies, first, last, force_out, strengths, bonds, ene
         like = links.like[t]
         tile = links.tiles[like * TILE : (like + 1) * TILE]
         seen = links.seen_tiles[t * SEEN_TILE : (t + 1) * SEEN_TILE]
+        expect(links.seen_tiles, (t + 1) * SEEN_TILE, SEEN_TILE)
+        next_point = corners.tile_start[t + 1]
+        expect(corners.sheared, next_point * SHEAR, (next_point - corners.tile_start[t]) * SHEAR)
+        if energy_terms is not None:
+            expect(energy_terms.dashpots, (t + 1) * DASHPOTS, DASHPOTS)
+            expect(energy_terms.ledger, (t + 1) * LEDGER, W)
         fetch(corners.joint, corners.lane[t], links, bodies, work)
         look(tile, seen, work)
         begin(tile, work)
@@ -362,14 +389,13 @@ def forces(links, corners, bodies, first, last, force_out, strengths, bonds, ene
             if energy_terms is None:
                 losing = press(work, own, sheared, k_n, k_s, friction, arm, None, force_out, strengths, law, pair, None)
             if energy_terms is not None:
-                dashpots = energy_terms.dashpots[first_point * DASHPOT : (first_point + 2) * DASHPOT]
                 ledger = energy_terms.ledger[t * LEDGER : (t + 1) * LEDGER]
                 losing = press(
-                    work, own, sheared, k_n, k_s, friction, arm, dashpots, force_out, strengths, law, pair, ledger
+                    work, own, sheared, k_n, k_s, friction, arm, True, force_out, strengths, law, pair, ledger
                 )
                 if strengths is None and losing:
                     for which in range(2):
-                        add_losses(work, own, sheared, dashpots, which, k_n, k_s, friction, arm, ledger)
+                        add_losses(work, own, sheared, which, k_n, k_s, friction, arm, ledger)
             if losing:
                 add_slip(work, corners.slipped[first_point * W : (first_point + 2) * W])
             if force_out is not None:
@@ -377,8 +403,10 @@ def forces(links, corners, bodies, first, last, force_out, strengths, bonds, ene
         resultant(tile, seen, work)
         deliver(corners.joint, corners.lane[t], corners.used[t], work, links.wrench)
         if energy_terms is not None:
-            for lane in range(W):
-                energy_terms.ledger[t * LEDGER + lane] += work[TAKEN * W + lane]
+            add_dashpot_work(
+                work, energy_terms.dashpots[t * DASHPOTS : (t + 1) * DASHPOTS],
+                energy_terms.ledger[t * LEDGER : (t + 1) * LEDGER],
+            )  # fmt: skip
 
 
 @jit

@@ -11,14 +11,14 @@ from numpy import ndarray
 
 from dembrick._jit import entry, jit
 from dembrick.kernels.dynamics.tiles import W, combined, dot, four, put_three, three
-from dembrick.kernels.math.quaternion import axes_of, half_turn, product, turned_back
-from dembrick.kernels.math.vec3 import columns_times, cross, rows_times
+from dembrick.kernels.math.quaternion import axes_of, half_turn, product, rotate, rotate_back, turned_back
+from dembrick.kernels.math.vec3 import cross, rows_times
 
 SLOW = 1e-4  # rad a step: up to here one correction of the spin, and a series for the turn, are exact to rounding
 
 # Rows of `work`, see `lanes`: orientation, angular momentum, inverse of the inertia (its six parts); the orientation a
-# step later, the spin, the axes then, the square of the angle of the turn
-ORIENTATION, MOMENTUM, INVERSE, TURNED, SPIN, AXES, ANGLE2 = 0, 4, 7, 13, 17, 20, 29
+# step later, the spin, the square of the angle of the turn
+ORIENTATION, MOMENTUM, INVERSE, TURNED, SPIN, ANGLE2 = 0, 4, 7, 13, 17, 20
 
 
 class Bodies(NamedTuple):
@@ -26,8 +26,8 @@ class Bodies(NamedTuple):
 
     free: ndarray  # (f,) uint32, blocks that move
     position: ndarray  # (n, 3) m, centroids now
-    rotation: ndarray  # (n, 3, 3) body to world, now
-    orientation: ndarray  # (n, 4) the same as quaternions (w, x, y, z)
+    rotation: ndarray  # (n, 3, 3) body to world: of the orientation, when `write_rotations` was called last
+    orientation: ndarray  # (n, 4) quaternions (w, x, y, z), body to world, now
     velocity: ndarray  # (n, 3) m/s, half a step back
     spin: ndarray  # (n, 3) rad/s, half a step back
     momentum: ndarray  # (n, 3) N m s, angular momentum about the centroid, half a step back
@@ -50,6 +50,12 @@ def move_support(bodies, b, x, q, v, w):
         bodies.spin[b, i] = w[i]
     for i in range(4):
         bodies.orientation[b, i] = q[i]
+
+
+@jit
+def write_rotation(bodies, b):
+    """Make the orientation of block ``b`` a matrix."""
+    q = bodies.orientation[b]
     e1, e2, e3 = axes_of((q[0], q[1], q[2], q[3]))
     R = bodies.rotation[b]
     for i in range(3):
@@ -58,16 +64,24 @@ def move_support(bodies, b, x, q, v, w):
         R[i, 2] = e3[i]
 
 
+@entry
+def write_rotations(bodies, supports):
+    """Make the orientations of all blocks that move, of which ``supports`` (m,) are moved, matrices."""
+    for b in bodies.free:
+        write_rotation(bodies, b)
+    for b in supports:
+        write_rotation(bodies, b)
+
+
 @jit
 def turn_body(bodies, b, dt):
     """Turn block ``b`` through a step under its angular momentum.
 
     In body axes the momentum turns back by half the step's turn, and the spin is what the inertia makes of it there.
     """
-    R = bodies.rotation[b]
     inverse = bodies.inverse[b]
     L = bodies.momentum
-    l1, l2, l3 = columns_times(R, L[b, 0], L[b, 1], L[b, 2])
+    l1, l2, l3 = rotate_back(bodies.orientation, b, L[b, 0], L[b, 1], L[b, 2])
     w1, w2, w3 = rows_times(inverse, l1, l2, l3)
     half = 0.5 * dt
     m1, m2, m3 = turned_back(half * w1, half * w2, half * w3, l1, l2, l3)
@@ -86,6 +100,9 @@ def turn_body(bodies, b, dt):
         angle2 = dt * dt * (w1 * w1 + w2 * w2 + w3 * w3)
     c, s = half_turn(angle2)
     s *= dt
+    # a turn leaves its own axis alone, so this is the spin in the world before and after it
+    spin = bodies.spin[b]
+    spin[0], spin[1], spin[2] = rotate(bodies.orientation, b, w1, w2, w3)
     q = bodies.orientation[b]
     a0, a1, a2, a3 = product(q[0], q[1], q[2], q[3], c, s * w1, s * w2, s * w3)
     # one Newton step to length 1, from next to it
@@ -94,14 +111,6 @@ def turn_body(bodies, b, dt):
     q[1] = n * a1
     q[2] = n * a2
     q[3] = n * a3
-    # a turn leaves its own axis alone, so this is the spin in the world before and after it
-    spin = bodies.spin[b]
-    spin[0], spin[1], spin[2] = rows_times(R, w1, w2, w3)
-    u, w, m = axes_of((q[0], q[1], q[2], q[3]))
-    for i in range(3):
-        R[i, 0] = u[i]
-        R[i, 1] = w[i]
-        R[i, 2] = m[i]
     return angle2
 
 
@@ -143,10 +152,6 @@ def turn_slowly(work, dt):
         put_three(work, TURNED + 1, lane, (q[1], q[2], q[3]))
         # a turn leaves its own axis alone, so this is the spin in the world before and after it
         put_three(work, SPIN, lane, combined((w1, w2, w3), (0.0, 0.0, 0.0), u, w, m))
-        u, w, m = axes_of(q)
-        put_three(work, AXES, lane, u)
-        put_three(work, AXES + 3, lane, w)
-        put_three(work, AXES + 6, lane, m)
         work[ANGLE2 * W + lane] = angle2
 
 
@@ -175,11 +180,8 @@ def turn_block(bodies, b, work, lane, dt):
     for i in range(4):
         q[i] = work[(TURNED + i) * W + lane]
     spin = bodies.spin[b]
-    R = bodies.rotation[b]
     for i in range(3):
         spin[i] = work[(SPIN + i) * W + lane]
-        for k in range(3):
-            R[i, k] = work[(AXES + 3 * k + i) * W + lane]
     return angle2
 
 
@@ -194,16 +196,22 @@ def resisted(f, v, damping):
 
 
 @jit
-def gathered(bodies, b, wrench, g1, g2, g3):
-    """Force and couple (6) at the centroid of block ``b``: gravity, what is applied, its joints in their order."""
+def gathered(bodies, b, wrench, loaded, g1, g2, g3):
+    """Force and couple (6) at the centroid of block ``b``: gravity, what is applied if any block is ``loaded``, its
+    joints in their order."""
     mass = bodies.mass[b]
-    load = bodies.applied
-    f1 = mass * g1 + load[b, 0]
-    f2 = mass * g2 + load[b, 1]
-    f3 = mass * g3 + load[b, 2]
-    t1 = load[b, 3]
-    t2 = load[b, 4]
-    t3 = load[b, 5]
+    f1 = mass * g1
+    f2 = mass * g2
+    f3 = mass * g3
+    t1 = t2 = t3 = 0.0
+    if loaded:
+        load = bodies.applied[b]
+        f1 += load[0]
+        f2 += load[1]
+        f3 += load[2]
+        t1 += load[3]
+        t2 += load[4]
+        t3 += load[5]
     for k in range(bodies.side_start[b], bodies.side_start[b + 1]):
         side = bodies.side[k]
         w = wrench[side >> 1]
@@ -220,10 +228,11 @@ def gathered(bodies, b, wrench, g1, g2, g3):
 
 
 @jit
-def step_bodies(bodies, wrench, first, last, g, dt, damping, fallen, mean, work):
+def step_bodies(bodies, wrench, loaded, first, last, g, dt, damping, fallen, mean, work):
     """Move the free blocks ``first`` to ``last`` through a step, under gravity g (3,), loads and joints.
 
     Every block gathers the forces of its joints in their order, so the sums do not depend on who else works on them.
+    ``loaded``: whether there are loads besides gravity on any block.
     ``damping`` is local damping (dead-load equilibrium only; zero in a dynamic run). ``fallen`` (n,) gets the momentum
     times ``mean`` (3) on top, the work of gravity over the step before, unless it is None. ``work``: scratch, see
     `lanes`. Returns the squares of the longest move of a material point of a block in this step and of the longest
@@ -238,7 +247,7 @@ def step_bodies(bodies, wrench, first, last, g, dt, damping, fallen, mean, work)
         for lane in range(n):
             b = bodies.free[begin + lane]
             mass = bodies.mass[b]
-            f1, f2, f3, t1, t2, t3 = gathered(bodies, b, wrench, g1, g2, g3)
+            f1, f2, f3, t1, t2, t3 = gathered(bodies, b, wrench, loaded, g1, g2, g3)
             v = bodies.velocity[b]
             L = bodies.momentum[b]
             if damping > 0.0:

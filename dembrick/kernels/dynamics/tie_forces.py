@@ -2,7 +2,8 @@
 
 from dembrick._jit import jit
 from dembrick.kernels.joint.ties import stretch
-from dembrick.kernels.math.vec3 import cross, rows_times
+from dembrick.kernels.math.quaternion import rotate
+from dembrick.kernels.math.vec3 import cross
 
 
 @jit
@@ -22,7 +23,7 @@ def pull_ties(ties, bodies):
         b = ties.block[t, 1]
         for side in range(2):
             lever = ties.lever[t, side]
-            r1, r2, r3 = rows_times(bodies.rotation[ties.block[t, side]], lever[0], lever[1], lever[2])
+            r1, r2, r3 = rotate(bodies.orientation, ties.block[t, side], lever[0], lever[1], lever[2])
             ties.arm[t, side, 0] = r1
             ties.arm[t, side, 1] = r2
             ties.arm[t, side, 2] = r3

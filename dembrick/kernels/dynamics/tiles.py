@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray
 
-from dembrick._jit import entry, jit
+from dembrick._jit import entry, jit, prefetch
 from dembrick.kernels.math.quaternion import axes_of, product
 from dembrick.kernels.math.vec3 import cross
 
@@ -58,9 +58,10 @@ OTHER, HOST, APART, FRAME, ARM, DEPTH, GROWTH, MOVED = 0, 4, 8, 11, 20, 23, 26, 
 TURN, FORCE, TWISTING, WRENCH = 35, 36, 45, 46
 # and, for the points of a joint: dashpot along the normal, one plus that in shear, one over that; of the last two
 # points the force in the sense in which the host slips, and along the normal (N), and the length that they slid by in
-# the step (m); for the energy what dashpots took in it (J), and of the last two points the elastic shear before it (N)
-NORMAL, DAMPED, DAMPING, LAST, SLID, TAKEN, BEFORE = 55, 56, 57, 58, 64, 66, 67
-WORK = 72 * W
+# the step (m); for the energy the sums over the points of what dashpots carry, as in FORCE, and of the last two points
+# the elastic shear before the step and the force along the normal (N)
+NORMAL, DAMPED, DAMPING, LAST, SLID, DASHPOT, BEFORE = 55, 56, 57, 58, 64, 66, 75
+WORK = 81 * W
 
 # Rows of a contact point, that no step changes: where it is, along e1 and e2 from O (m); its tributary area (m2). Its
 # memory, of which the slip path grows only where a point slides: elastic shear force in the sense in which the host
@@ -201,6 +202,16 @@ def combined(a, f, r, s, t):
         f[1] + a[0] * r[1] + a[1] * s[1] + a[2] * t[1],
         f[2] + a[0] * r[2] + a[1] * s[2] + a[2] * t[2],
     )
+
+
+@jit
+def expect(array, begin, size):
+    """Have ``size`` numbers of an array, from number ``begin`` on, on their way into the cache.
+
+    A tile is too short for the processor to see by itself what comes next.
+    """
+    for i in range(begin, begin + size, LINE // 8):
+        prefetch(array, i)
 
 
 @jit

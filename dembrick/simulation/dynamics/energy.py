@@ -14,7 +14,7 @@ from dembrick.kernels.dynamics.energy_terms import (
     BY_LAW,
     CONTACTS,
     CRUSHING,
-    DASHPOT,
+    DASHPOTS,
     FRACTURE,
     FRICTION,
     HANDED,
@@ -156,7 +156,7 @@ def _blank(state: MovingState, loads: int, supports: int) -> EnergyTerms:
     n, j = len(state.bodies.mass), len(state.links.host)
     convex = len(joint_families.convex_joints(state))
     return EnergyTerms(
-        dashpots=rows_of_lanes(joint_families.point_rows(state) * DASHPOT),
+        dashpots=rows_of_lanes(joint_families.point_tiles(state) * DASHPOTS),
         ledger=rows_of_lanes(joint_families.point_tiles(state) * LEDGER),
         face=np.zeros((convex, 16)),
         damped=np.zeros(j),

@@ -31,6 +31,7 @@ from dembrick.kernels.dynamics.loop import (
     advance_bodies_together,
     shares,
 )
+from dembrick.kernels.dynamics.rigid_bodies import write_rotations
 from dembrick.kernels.dynamics.tiles import VISCOUS, rows_of_lanes
 from dembrick.scenario.model import show
 from dembrick.simulation.dynamics.contact_detection import STABLE, ContactDetection
@@ -323,6 +324,7 @@ def advance_chunk(
             min(most, len(times) - done), dt, bodies, *state[1:5], rest, limits, damping, motion._travel, touching,
             energy.table, *own,
         )  # fmt: skip
+        write_rotations(bodies, loads.support)
         done += some
         took = time.perf_counter() - began
         motion._pace.note(which, some, took)

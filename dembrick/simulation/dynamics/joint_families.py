@@ -103,11 +103,6 @@ def contact_points(state) -> int:
     return 0 if state.corners is None else int(state.corners.start[-1])
 
 
-def point_rows(state) -> int:
-    """How many points there is room for in the tiles of point joints."""
-    return 0 if state.corners is None else int(state.corners.tile_start[-1])
-
-
 def point_tiles(state) -> int:
     """How many tiles the point joints have."""
     return 0 if state.corners is None else len(state.corners.used)
