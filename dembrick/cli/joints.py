@@ -1,4 +1,4 @@
-"""``dembrick joints FILE.h5``: what every joint carries at one moment."""
+"""``dembrick joints FILE.h5``: what every joint and every support carries at one moment."""
 
 from __future__ import annotations
 
@@ -35,16 +35,21 @@ def run(options, console) -> int:
     """Print the table."""
     from dembrick import history
     from dembrick.runs.lab import write_csv
-    from dembrick.views.motion.table import joint_table
+    from dembrick.views.motion.table import REACTION, joint_table, reaction_table
 
     with history.read(options.history) as found:
         rows = joint_table(found, options.frame, options.time)
+        reactions = reaction_table(found, options.frame, options.time)
         text = found.scenario_text
     if options.csv:
         require_ending(options.csv, [".csv"], "a table")
         with history.product("joints", [text], [options.history], options.force):
             write_csv(rows, options.csv)
-    console.result({"history": options.history, "joints": rows}, _text(rows, len(rows) if options.all else MOST))
+    text = _text(rows, len(rows) if options.all else MOST)
+    if reactions:
+        text += "\n\n" + _text_of_reactions(reactions, len(reactions) if options.all else MOST)
+    of_supports = {row["support"]: [row[name] for name in REACTION] for row in reactions}
+    console.result({"history": options.history, "joints": rows, "reactions": of_supports}, text)
     return 0
 
 
@@ -62,6 +67,22 @@ def _text(rows: list[dict], most: int) -> str:
         lines.append(f"{row['joint']:{width}}{cells}  {row['state']}")
     if len(rows) > most:
         lines.append(f"and {len(rows) - most} joints that are utilised less: --all, or --csv")
+    return "\n".join(lines)
+
+
+def _text_of_reactions(rows: list[dict], most: int) -> str:
+    """Force of every support, and moment about its centroid at the start."""
+    units = dict.fromkeys(("F_x", "F_y", "F_z"), "N") | dict.fromkeys(("M_x", "M_y", "M_z"), "N m")
+    width = max([7, *(len(row["support"]) for row in rows[:most])])
+    largest = {
+        unit: max(abs(row[name]) for row in rows for name in units if units[name] == unit) for unit in ("N", "N m")
+    }
+    lines = [f"{'support':{width}}" + "".join(f"{f'{name} [{unit}]':>12}" for name, unit in units.items())]
+    for row in rows[:most]:
+        cells = "".join(f"{_cell(row[name], largest[unit], 1.0):>12}" for name, unit in units.items())
+        lines.append(f"{row['support']:{width}}{cells}")
+    if len(rows) > most:
+        lines.append(f"and {len(rows) - most} more supports: --all")
     return "\n".join(lines)
 
 

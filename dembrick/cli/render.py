@@ -53,6 +53,9 @@ def add_look(parser) -> None:
         "--names", choices=["none", "blocks", "joints", "all"], default="none", help="write the names of these"
     )
     look.add_argument("--thrust", action="store_true", help="draw the line of thrust, and the hinges as dots")
+    look.add_argument(
+        "--reactions", action="store_true", help="draw the reactions of the supports as arrows below them"
+    )
     look.add_argument("--forces", action="store_true", help="draw the forces of joints and of new contacts as arrows")
 
 
@@ -80,7 +83,8 @@ def opened(path: str):
 def look_of(options) -> dict:
     """How a history is shown, by the options."""
     look = {"view": options.camera, "magnification": options.magnify, "color": options.color}
-    return look | {"forces": options.forces, "names": options.names, "thrust": options.thrust}
+    drawn = {"forces": options.forces, "thrust": options.thrust, "reactions": options.reactions}
+    return look | drawn | {"names": options.names}
 
 
 def run(options, console) -> int:

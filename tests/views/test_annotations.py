@@ -10,6 +10,7 @@ from dembrick.errors import HistoryError, ScenarioError
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml
 from dembrick.views import render
+from dembrick.views.motion.table import reaction_table
 from dembrick.views.render import annotations, scene, screen
 from helpers.scenario_text import header
 
@@ -185,6 +186,38 @@ def test_a_driven_pressure_presses_on_its_faces_by_what_it_is(tmp_path, drawing)
         np.testing.assert_allclose(arrow[:3, 0] / np.linalg.norm(arrow[:3, 0]), [1.0, 0.0, 0.0], atol=1e-12)
         depth = height * 2.0 / 3.0 * (k**3 - (k - 1) ** 3) / (k**2 - (k - 1) ** 2)
         np.testing.assert_allclose(arrow[:3, 3] + arrow[:3, 0], [-0.3, 0.0, 1.2 - depth], atol=1e-9)
+
+
+def test_reactions_are_drawn_along_their_lines_of_action(tmp_path, drawing):
+    """A beam on two supports, one of which moves out and sinks, so that it rests on the edges to that side: through
+    these go the lines of the arrows, which are as long as the reactions are large."""
+    text = header(title="beam", normal_stiffness=1e11)
+    for name, x in (("left", -0.5), ("right", 0.3)):
+        text += (
+            f'[[blocks]]\nname = "{name}"\nmaterial = "stone"\nbox = [0.3, 0.2, 0.2]\nposition = [{x}, 0.0, -0.1]\n'
+            "fixed = true\n"
+        )
+    text += (
+        '[[blocks]]\nname = "beam"\nmaterial = "stone"\nbox = [1.2, 0.2, 0.2]\nposition = [0.0, 0.0, 0.1]\n'
+        '[control]\nkind = "settlement"\nsupports = ["right"]\ndisplacement = [0.1, 0.0, -0.02]\n'
+    )
+    simulate(toml.loads(text), tmp_path / "beam.h5")
+    with history.read(tmp_path / "beam.h5") as run:
+        found = drawn(run, view="front", reactions=True, magnification=1.0)
+        arrows = [np.array(arrow.user_matrix) for arrow in found._reactions._arrows]
+        force, table = run.reaction[-1, :, :3], reaction_table(run)
+    size = np.linalg.norm(force, axis=1)
+    length = np.array([np.linalg.norm(arrow[:3, 0]) for arrow in arrows])
+    np.testing.assert_allclose(length / length.max(), size / size.max(), rtol=1e-9)
+    for k, (x, top) in enumerate(((-0.5, 0.0), (0.4, -0.02))):
+        way = arrows[k][:3, 0] / length[k]
+        np.testing.assert_allclose(way, force[k] / size[k], atol=1e-12)
+        tip = arrows[k][:3, 3] + arrows[k][:3, 0]
+        corners = [(x + i, j, top + k) for i in (-0.15, 0.15) for j in (-0.1, 0.1) for k in (-0.2, 0.0)]
+        assert ((np.array(corners) - tip) @ way).min() == pytest.approx(0.0, abs=1e-9)  # all of the support beyond it
+        assert (tip + (top - tip[2]) / way[2] * way)[0] == pytest.approx(x + 0.15, abs=1e-3)
+    assert f"dark: reactions, the longest {size.max():.4g} N" in found._text.input
+    assert [row["F_z"] for row in table] == force[:, 2].tolist() and table[1]["support"] == "right"
 
 
 def test_a_fall_is_told_from_an_equilibrium(tmp_path, drawing):

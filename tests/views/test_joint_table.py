@@ -57,7 +57,8 @@ def test_the_hinges_of_an_arch(arch):
 def test_on_the_command_line(arch, tmp_path, capsys):
     """The most utilised joint comes first; CSV and JSON have them all, in the order of the assembly."""
     assert main(["joints", arch, "--csv", str(tmp_path / "joints.csv"), "--json"]) == 0
-    rows = json.loads(capsys.readouterr().out)["joints"]
+    told = json.loads(capsys.readouterr().out)
+    rows, reactions = told["joints"], told["reactions"]
     assert len(rows) == 18 and set(rows[0]) == {"joint", "state", *UNITS}
     with open(tmp_path / "joints.csv", newline="") as lines:
         table = list(csv.DictReader(lines))
@@ -66,8 +67,10 @@ def test_on_the_command_line(arch, tmp_path, capsys):
     assert main(["joints", arch]) == 0
     lines = capsys.readouterr().out.splitlines()
     most = max(rows, key=lambda row: row["utilisation"])
-    assert lines[1].split()[0] == most["joint"] and len(lines) == 19
+    assert lines[1].split()[0] == most["joint"] and len(lines) == 19 + 4 and not lines[19]
     assert float(lines[1].split()[1]) == pytest.approx(most["N"], rel=1e-4)
+    told = {line.split()[0]: [float(number) for number in line.split()[1:]] for line in lines[21:]}
+    assert told == {name: pytest.approx(wrench, rel=1e-4, abs=1e-3) for name, wrench in reactions.items()}
     with pytest.raises(SystemExit):
         main(["joints", arch, "--frame", "0", "--time", "1"])
 

@@ -1,4 +1,4 @@
-"""What every joint of a recorded run carries at one moment, as a table."""
+"""What every joint and every support of a recorded run carries at one moment, as tables."""
 
 from __future__ import annotations
 
@@ -27,6 +27,8 @@ UNITS = {
     "utilisation": "1",
 }
 
+REACTION = ("F_x", "F_y", "F_z", "M_x", "M_y", "M_z")
+
 
 def joint_table(history: History, frame: int = -1, time: float | None = None) -> list[dict]:
     """One dict a joint: ``joint`` (its two blocks), ``state`` and the quantities of ``UNITS``, in a frame or in the one
@@ -38,20 +40,9 @@ def joint_table(history: History, frame: int = -1, time: float | None = None) ->
     joint's yield domain at its N, or how far the centre of pressure is on its way to the edge, whichever is more.
     HistoryError where frames or joint forces were not recorded.
     """
-    if not history.n_frames:
-        raise HistoryError(f'{history.path}: no frames were recorded; run it again with "frames" in output.channels')
     if not history.has_joints:
         history.joint("N")  # says what to record
-    if time is not None:
-        first, last = float(history.frame_time[0]), float(history.frame_time[-1])
-        if not first - 1e-9 * (last - first) <= time <= last + 1e-9 * (last - first):
-            raise ScenarioError(
-                f"time = {time!r} s is out of range: {history.path} runs from {first:.6g} to {last:.6g} s"
-            )
-        frame = int(nearest(history.frame_time, [time])[0])
-    if not -history.n_frames <= frame < history.n_frames:
-        raise HistoryError(f"{history.path}: it has {history.n_frames} frames, and no frame {frame}")
-    frame %= history.n_frames
+    frame = _frame(history, frame, time)
     joints = JointMotion(history)
     now = joints.at([frame])
     columns = dict(zip(("N", "V_1", "V_2", "M_T", "M_1", "M_2", "slip"), now.resultants[0].T, strict=True))
@@ -66,3 +57,31 @@ def joint_table(history: History, frame: int = -1, time: float | None = None) ->
         | {name: float(columns[name][j]) if np.isfinite(columns[name][j]) else None for name in UNITS}
         for j in range(joints.n_joint)
     ]
+
+
+def reaction_table(history: History, frame: int = -1, time: float | None = None) -> list[dict]:
+    """One dict a support: ``support`` and its force ``F_x``, ``F_y``, ``F_z`` (N) and moment ``M_x``, ``M_y``, ``M_z``
+    (N m, about its centroid at the start) on the structure, in the row next to a frame or to a ``time`` (s)."""
+    if not (history.n_support and history.n_row):
+        return []
+    row = nearest(history.time, [history.frame_time[_frame(history, frame, time)]])[0]
+    return [
+        {"support": name} | dict(zip(REACTION, wrench, strict=True))
+        for name, wrench in zip(history.support_names, history.reaction[row].tolist(), strict=True)
+    ]
+
+
+def _frame(history: History, frame: int, time: float | None) -> int:
+    """The number of a frame, or of the one nearest to a ``time`` (s); an error if there is none."""
+    if not history.n_frames:
+        raise HistoryError(f'{history.path}: no frames were recorded; run it again with "frames" in output.channels')
+    if time is not None:
+        first, last = float(history.frame_time[0]), float(history.frame_time[-1])
+        if not first - 1e-9 * (last - first) <= time <= last + 1e-9 * (last - first):
+            raise ScenarioError(
+                f"time = {time!r} s is out of range: {history.path} runs from {first:.6g} to {last:.6g} s"
+            )
+        frame = int(nearest(history.frame_time, [time])[0])
+    if not -history.n_frames <= frame < history.n_frames:
+        raise HistoryError(f"{history.path}: it has {history.n_frames} frames, and no frame {frame}")
+    return frame % history.n_frames

@@ -84,7 +84,7 @@ def picture(
     :class:`dembrick.views.render.look.Look`, among them ``view`` (iso, front, side, top); ``magnification``, without
     which the motion is blown up until it is seen (the picture says how much); ``color``: displacement, utilisation,
     slip (the greatest of a block's joints), energy (kinetic) or none; ``forces`` of the joints; ``names`` of blocks,
-    joints or all; ``thrust``: the line of thrust with its hinges.
+    joints or all; ``thrust``: the line of thrust with its hinges; ``reactions`` of the supports.
     """
     path, chosen, histories = os.fspath(path), Look(**look), _several(history)
     if os.path.splitext(path)[1].lower() != ".png":

@@ -18,6 +18,18 @@ ARROW = {"tip_length": 0.22, "tip_radius": 0.035, "shaft_radius": 0.012}
 IMPACT = 3.0  # of the greatest force in the usual frame: where there are greater ones, arrows end at that of the usual
 
 
+def placed(origin, direction, length: float) -> np.ndarray:
+    """Matrix (4, 4) that takes the unit vector along x to ``length`` times ``direction`` from ``origin``."""
+    x = np.asarray(direction, float) / np.linalg.norm(direction)
+    helper = np.eye(3)[int(np.argmin(np.abs(x)))]
+    y = np.cross(helper, x)
+    y /= np.linalg.norm(y)
+    matrix = np.eye(4)
+    matrix[:3, :3] = length * np.column_stack([x, y, np.cross(x, y)])
+    matrix[:3, 3] = origin
+    return matrix
+
+
 class DrawnForces:
     """Forces of the joints and new contacts of a history, where the blocks are drawn whose motion is magnified by
     ``factor``."""

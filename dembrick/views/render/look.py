@@ -34,13 +34,14 @@ class LookOptions(TypedDict, total=False):
     forces: bool
     names: str
     thrust: bool
+    reactions: bool
 
 
 @dataclass(frozen=True, slots=True)
 class Look:
     """How a history is shown: camera ``view``, ``magnification`` of the motion (None: so that it is seen), what the
     blocks are coloured by, and whether the forces of joints and of new contacts are drawn. ``names``: of blocks,
-    joints, all or none of them. ``thrust``: the line of thrust with its hinges."""
+    joints, all or none of them. ``thrust``: the line of thrust with its hinges. ``reactions``: of the supports."""
 
     view: str = "iso"
     magnification: float | None = None
@@ -48,6 +49,7 @@ class Look:
     forces: bool = False
     names: str = "none"
     thrust: bool = False
+    reactions: bool = False
 
     def __post_init__(self):
         told = (("view", self.view, VIEWS), ("color", self.color, COLORS), ("names", self.names, NAMES))

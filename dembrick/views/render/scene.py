@@ -21,8 +21,9 @@ from dembrick.views.motion.joints import JointMotion
 from dembrick.views.plot.subject import JointAlone, chosen_joint, joint_names, pushes_several
 from dembrick.views.render.annotations import CRIMSON, Names, ScaleBar, ThrustLine, require_thrust
 from dembrick.views.render.colors import Colouring
-from dembrick.views.render.force_arrows import ARROW, GREEN, PURPLE, DrawnForces, ForceArrows
+from dembrick.views.render.force_arrows import ARROW, GREEN, PURPLE, DrawnForces, ForceArrows, placed
 from dembrick.views.render.look import VIEWS, Look, automatic_magnification, largest_extent
+from dembrick.views.render.reactions import DrawnReactions
 from dembrick.views.render.ties import DrawnTies
 
 if TYPE_CHECKING:
@@ -38,7 +39,7 @@ _FORCE, _FORCE_OF_MANY = 0.6, 1.2  # of the largest block that is free to move: 
 
 
 class Scene:
-    """Blocks, actuators, ties, torsion centre and joint forces of ``history`` in a pyvista ``plotter``.
+    """Blocks, actuators, ties, reactions, torsion centre and joint forces of ``history`` in a pyvista ``plotter``.
 
     ``frames``: those that will be shown; the colours and the camera suit all of them. ``below``: the part of the
     picture's height that is left free at its foot. ``name`` stands before the title. With ``waits`` nothing is built
@@ -73,6 +74,8 @@ class Scene:
                 automatic_magnification(history, frame) for frame in {frames[0], frames[-1]} - {0} or {0}
             )
         self._ties = DrawnTies(history, self._factor)
+        extent = float(np.ptp(self._start, axis=0).max())
+        self._reactions = DrawnReactions(history, look.reactions, self._factor, extent)
         direction, up = (np.array(v) for v in VIEWS[look.view])
         right = np.cross(up, direction)
         # rows: to the right and up in the picture, and towards the camera
@@ -120,6 +123,7 @@ class Scene:
                 self._free.cell_data["shown"][:] = np.minimum(values, 1e30)[self._owner]
         self._show_actuators(poses)
         self._ties.show(poses)
+        self._reactions.show(frame, poses)
         marked = self._show_centre(frame)
         if self.arrows is not None:
             self.arrows.show(frame, poses)
@@ -172,6 +176,7 @@ class Scene:
                 largest = max(largest, float(values.max(initial=0.0, where=np.isfinite(values))))
         if self.arrows is not None:
             self.arrows.survey(frames, self._poses, self._make_room)
+        self._reactions.survey(frames, self._poses, self._make_room)
         self.largest = largest
         width, height = self._plotter.window_size
         extent = (self._seen[1] - self._seen[0])[:2]
@@ -229,6 +234,7 @@ class Scene:
             point = plotter.add_mesh(pyvista.Sphere(radius=0.015 * self._length), color=_ORANGE)
             self._actuators.append((arrow, point))
         self._ties.build(plotter)
+        self._reactions.build(plotter)
         if self._marked:
             rod = pyvista.Cylinder(direction=(1, 0, 0), radius=0.006 * self._length, height=self._length)
             self._rod = plotter.add_mesh(rod, color=_BLUE)
@@ -354,8 +360,8 @@ class Scene:
         """An arrow an actuator, pushing at its point."""
         for (arrow, dot), (point, tail, tip) in zip(self._actuators, self._arrows_of(poses), strict=True):
             way = tip - tail
-            arrow.user_matrix = _placed(tail, way, float(np.linalg.norm(way)))
-            dot.user_matrix = _placed(point, way, 1.0)
+            arrow.user_matrix = placed(tail, way, float(np.linalg.norm(way)))
+            dot.user_matrix = placed(point, way, 1.0)
 
     def _rod_at(self, frame: int) -> np.ndarray:
         """Ends (2, 3) of a thin axis through the torsion centre of the marked joint; (0, 3) where none is in sight."""
@@ -372,7 +378,7 @@ class Scene:
         """The axis of the torsion centre; whether it is in sight."""
         ends = self._rod_at(frame)
         if len(ends):
-            self._rod.user_matrix = _placed(0.5 * (ends[0] + ends[1]), ends[1] - ends[0], 1.0)
+            self._rod.user_matrix = placed(0.5 * (ends[0] + ends[1]), ends[1] - ends[0], 1.0)
         if self._marked:
             self._rod.visibility = bool(len(ends))
         return bool(len(ends))
@@ -383,7 +389,7 @@ class Scene:
         keys = ["grey: start"] if not self._many else []
         if self._actuators:
             keys.append(f"orange: {self._driven()}")
-        keys += self._ties.words(self._frame)
+        keys += self._ties.words(self._frame) + self._reactions.words()
         if marked:
             keys.append("blue: torsion centre")
         if self.arrows is not None:
@@ -433,15 +439,3 @@ class Scene:
 
 def _count(number: int, what: str) -> str:
     return f"{number} {what}" if number == 1 else f"{number or 'no'} {what}s"
-
-
-def _placed(origin, direction, length: float) -> np.ndarray:
-    """Matrix (4, 4) that takes the unit vector along x to ``length`` times ``direction`` from ``origin``."""
-    x = np.asarray(direction, float) / np.linalg.norm(direction)
-    helper = np.eye(3)[int(np.argmin(np.abs(x)))]
-    y = np.cross(helper, x)
-    y /= np.linalg.norm(y)
-    matrix = np.eye(4)
-    matrix[:3, :3] = length * np.column_stack([x, y, np.cross(x, y)])
-    matrix[:3, 3] = origin
-    return matrix
