@@ -67,14 +67,16 @@ class Areas(NamedTuple):
 
 @jit
 def pressed_of(pressed, i):
-    """The pressed part of scene ``i`` of a batch, whose corners are numbered as in the batch; None without any."""
-    if pressed is None:
-        return None
+    """The pressed part of scene ``i`` of a batch, whose corners are numbered as in the batch; None without any. One
+    type, as `joint_families.points_of_scene`."""
     s = slice(i, i + 1)
-    return Pressed(
-        pressed.kind[s], pressed.pieces[s], pressed.start[s], pressed.count[s], pressed.x, pressed.y, pressed.spare_x,
-        pressed.spare_y, pressed.centre[s], pressed.density[s], pressed.reach[s], pressed.radius[s],
-    )  # fmt: skip
+    if pressed is not None:
+        return Pressed(
+            pressed.kind[s], pressed.pieces[s], pressed.start[s], pressed.count[s], pressed.x, pressed.y,
+            pressed.spare_x, pressed.spare_y, pressed.centre[s], pressed.density[s], pressed.reach[s],
+            pressed.radius[s],
+        )  # fmt: skip
+    return pressed
 
 
 @jit

@@ -141,14 +141,16 @@ def clear(room):
 
 
 @jit
-def dead_load_equilibrium(blocks, joints, points, areas, inertia, settings):
-    """Equilibrium under the dead loads, as ``simulation.statics.dead_load`` finds it; False where there is none."""
+def dead_load_equilibrium(first, blocks, joints, points, areas, inertia, settings):
+    """Equilibrium under the dead loads, as ``simulation.statics.dead_load`` finds it; False where there is none.
+
+    ``first`` is 0, of the type that a scene of its own has compiled, which a literal is not."""
     ratio = 1.0
     for attempt in range(2):
         most = settings.first_steps if attempt == 0 else settings.dead_load_steps
         momentum = 0.0 if attempt == 0 else settings.momentum
         if not ratio <= settings.unbalanced:
-            ratio, _ = settle(0, most, settings.unbalanced, blocks, joints, points, areas, inertia, momentum)
+            ratio, _ = settle(first, most, settings.unbalanced, blocks, joints, points, areas, inertia, momentum)
     for i in range(3):
         blocks.velocity[1, i] = 0.0
         blocks.spin[1, i] = 0.0
@@ -161,7 +163,8 @@ def replay_one(
     i, blocks, joints, points, areas, actuators, resting, pushing, loading, lone, basis, room, settings, answer
 ):
     """Load and push scene ``i`` until its bracket is within tolerance; returns the status and the steps taken."""
-    if not dead_load_equilibrium(blocks, joints, points, areas, resting, settings):
+    step = answer.steps[i]  # 0
+    if not dead_load_equilibrium(step, blocks, joints, points, areas, resting, settings):
         return FALLS, 0
     # the actuators come to a block that the dead load has moved already, and do not push it back
     driven = 0.0
@@ -194,7 +197,6 @@ def replay_one(
         slip *= settings.gently
         calming = settings.calming
     status = RUNNING
-    step = answer.steps[i]  # 0, of the type that a scene of its own has compiled
     while status == RUNNING and step < settings.most_steps:
         guard = Guard(
             loading.size[i], settings.mask, settings.stretch, loading.weight[i], lone.one, room.start, room.work,

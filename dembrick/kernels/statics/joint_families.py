@@ -20,18 +20,22 @@ def only_family(points, areas):
 
 @jit
 def points_of_scene(points, lone, i):
-    """The point joint of scene ``i`` of a batch; None if it has none."""
-    if points is None:
-        return None
-    return point_joints.of_scene(points, lone, i)
+    """The point joint of scene ``i`` of a batch; None if it has none.
+
+    Both ways out are of one type, so that what is compiled for the scenes of a batch serves a scene of its own; after
+    ``return None`` it would be a type of something or nothing.
+    """
+    if points is not None:
+        return point_joints.of_scene(points, lone, i)
+    return points
 
 
 @jit
 def areas_of_scene(areas, lone, i):
-    """The convex joint of scene ``i`` of a batch; None if it has none."""
-    if areas is None:
-        return None
-    return area_joints.of_scene(areas, lone, i)
+    """The convex joint of scene ``i`` of a batch; None if it has none. One type, as `points_of_scene`."""
+    if areas is not None:
+        return area_joints.of_scene(areas, lone, i)
+    return areas
 
 
 @jit

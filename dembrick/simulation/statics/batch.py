@@ -162,7 +162,7 @@ def _actuators(cases: Cases) -> Actuators:
         arm=arm.copy(),
         lever=arm.copy(),
         start=arm.copy(),
-        direction=np.array(cases.actuator_direction, float).reshape(-1, 3),
+        direction=np.array(cases.actuator_direction, float, order="C").reshape(-1, 3),
         weight=np.array(cases.actuator_weight, float).reshape(-1),
         displacement=np.zeros(k * each),
         drive=np.zeros((k, 5)),

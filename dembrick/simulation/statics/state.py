@@ -68,7 +68,7 @@ def _actuators(assembly: Assembly) -> Actuators:
         arm=arm,
         lever=np.einsum("kji,kj->ki", rotation, arm),
         start=arm.copy(),
-        direction=np.array(actuators.direction, float).reshape(-1, 3),
+        direction=np.array(actuators.direction, float, order="C").reshape(-1, 3),
         weight=np.array(actuators.weight, float),
         displacement=np.zeros(len(arm)),
         drive=np.zeros(5),
