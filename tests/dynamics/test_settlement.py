@@ -107,7 +107,8 @@ def test_a_springing_that_sinks():
     for x, (reaction, horizontal) in SINKING.items():
         assert thrust_at(result, x) == pytest.approx(reaction, rel=5e-4)
         assert thrust[x] == pytest.approx(horizontal, rel=5e-4)
-    assert result.run.path[0, 1] == pytest.approx(0.5 * WEIGHT, rel=1e-6)
+    # elastic joints let the stones down by some 10 um, not to the last one alike on both sides
+    assert result.run.path[0, 1] == pytest.approx(0.5 * WEIGHT, rel=1e-5)
     assert result.run.path[1:, 1].min() == pytest.approx(6565.6696, rel=1e-3)
 
 

@@ -10,7 +10,8 @@ from dembrick.errors import HistoryError, ScenarioError
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml
 from dembrick.views import render
-from dembrick.views.motion.table import reaction_table
+from dembrick.views.motion.joints import JointMotion
+from dembrick.views.motion.table import joint_table, reaction_table
 from dembrick.views.render import annotations, scene, screen
 from helpers.scenario_text import header
 
@@ -250,3 +251,11 @@ tolerance = 0.05
         assert f"\ncoming down after equilibrium {last}, " in found._text.input
         found.show(last)
         assert f"\nequilibrium {last}, reaction along the motion " in found._text.input
+        rows, joints = joint_table(run), JointMotion(run)
+        assert rows[0]["N"] == pytest.approx(2000.0 * 9.81 * 0.04 * math.cos(math.radians(30.0)), rel=0.2)
+        assert rows == joint_table(run, last) and joints.resultants(last)[0, 0] == rows[0]["N"]
+        assert not joints.resultants(-1)[:, :6].any()
+        assert rows[0]["utilisation"] > 0.9 and joint_table(run, time=last + 1.0)[0]["N"] == 0.0
+        assert not drawn(run, frames=(last, -1), view="front", reactions=True)._reactions._arrows[0].visibility
+        for look, shown in (({}, "coming down after"), ({"color": "utilisation"}, "equilibrium")):
+            assert render._shown(run, render.Look(**look)) == (run.n_frames - 1 if shown[0] == "c" else last)

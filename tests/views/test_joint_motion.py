@@ -74,6 +74,7 @@ def run(
     joint |= {"areas": np.full(len(arms), A * B / 4)}
     times = np.arange(len(motions), dtype=float)
     found = SimpleNamespace(
+        counts_equilibria=False,
         n_frames=len(motions),
         joints=[joint],
         position0=position0,

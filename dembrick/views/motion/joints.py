@@ -30,7 +30,7 @@ from dembrick.kernels.recorded_motion import (
 from dembrick.simulation.pressed_parts import pressed_parts
 from dembrick.theory.polygons import convex_hull
 from dembrick.views.motion.bonds import Bonds
-from dembrick.views.motion.frames import nearest
+from dembrick.views.motion.frames import coming_down, nearest
 from dembrick.views.motion.relative import STATES, RelativeMotion, quaternion_of, rotation_vector, torsion_centre
 
 if TYPE_CHECKING:
@@ -339,6 +339,7 @@ class JointFrames:
         found = np.empty((len(rows), self.joints.n_joint, len(CHANNELS)))
         for i, name in enumerate(CHANNELS):
             found[..., i] = self._history.series(f"joint/{name}", first, last)[rows - first]
+        found[coming_down(self._history, self._frames), :, :6] = 0.0
         return found
 
     @cached_property

@@ -120,7 +120,7 @@ class JointAlone:
         self.joints = [joint | {"block_a": 0, "block_b": 1, "host": self._blocks.index(joint["host"])}]
         self.position0, self.orientation0 = (a[self._blocks] for a in (history.position0, history.orientation0))
         self.n_frames, self.frame_time, self.time = history.n_frames, history.frame_time, history.time
-        self.small_displacements = history.small_displacements
+        self.small_displacements, self.counts_equilibria = history.small_displacements, history.counts_equilibria
 
     def frame_values(self, name: str, start: int, stop: int) -> np.ndarray | None:
         """Frames start to stop of a channel, (f, 2, ...), (f, c, ...) or (f, 1, 2); None where not recorded."""

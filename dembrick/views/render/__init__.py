@@ -13,7 +13,7 @@ import numpy as np
 from dembrick.errors import HistoryError, OutputError, ScenarioError
 from dembrick.history.files import check_output
 from dembrick.views.motion.blocks import CarriedPoints, Poses, all_vertices
-from dembrick.views.motion.frames import nearest
+from dembrick.views.motion.frames import last_in_rows, nearest
 from dembrick.views.render.colors import COLORS
 from dembrick.views.render.images import MOVIES, Movie, write_png
 from dembrick.views.render.look import NAMES, VIEWS, Look, LookOptions, automatic_magnification
@@ -90,7 +90,7 @@ def picture(
     if os.path.splitext(path)[1].lower() != ".png":
         raise OutputError(f"{path}: a picture is written as PNG; let the name end in .png")
     target = check_output(path)
-    frames = [[_frame(own, frame if time is None else nearest_frame(own, time))] for own in histories]
+    frames = [[_shown(own, chosen) if (frame, time) == (-1, None) else _asked(own, frame, time)] for own in histories]
     with _scenes(histories, chosen, frames, size or SIZE, smooth=True) as scenes:
         write_png(_pixels(scenes), path, target)
     return path
@@ -134,6 +134,16 @@ def movie(
                 if progress:
                     progress(done + 1, len(frames[0]))
     return path
+
+
+def _asked(history: History, frame: int, time: float | None) -> int:
+    return _frame(history, frame if time is None else nearest_frame(history, time))
+
+
+def _shown(history: History, look: Look) -> int:
+    """The last frame; if it shows a structure that comes down, and forces are to be drawn, that of the last
+    equilibrium."""
+    return last_in_rows(history) if look.needs_forces and history.n_frames else _frame(history, -1)
 
 
 def _several(history: History | Sequence[History]) -> list[History]:

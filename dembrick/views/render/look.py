@@ -51,6 +51,11 @@ class Look:
     thrust: bool = False
     reactions: bool = False
 
+    @property
+    def needs_forces(self) -> bool:
+        """Whether it shows anything of what joints and supports carry."""
+        return self.forces or self.thrust or self.reactions or self.color in ("utilisation", "slip")
+
     def __post_init__(self):
         told = (("view", self.view, VIEWS), ("color", self.color, COLORS), ("names", self.names, NAMES))
         for name, value, known in told:

@@ -9,7 +9,7 @@ import numpy as np
 from dembrick.errors import HistoryError
 from dembrick.geometry.rotations import rotation_matrix
 from dembrick.views.motion.blocks import Poses
-from dembrick.views.motion.frames import nearest
+from dembrick.views.motion.frames import coming_down, nearest
 from dembrick.views.render.force_arrows import ARROW, placed
 
 if TYPE_CHECKING:
@@ -41,8 +41,10 @@ class DrawnReactions:
                 make_room(self.ends(frame, poses_of(frame)).reshape(-1, 3))
 
     def _now(self, frame: int) -> np.ndarray:
-        """Forces and moments (s, 6) of the row next to a frame."""
+        """Forces and moments (s, 6) of the row next to a frame; zero if the structure comes down."""
         history = self._history
+        if coming_down(history, [frame])[0]:
+            return np.zeros((len(self._blocks), 6))
         return history.reaction[nearest(history.time, [history.frame_time[frame]])[0]]
 
     def ends(self, frame: int, poses: Poses) -> np.ndarray:

@@ -16,7 +16,7 @@ from dembrick.geometry.rotations import rotation_matrix
 from dembrick.scenario.pressures import PRESSURE
 from dembrick.scenario.regimes import TILT_LOAD
 from dembrick.views.motion.blocks import CarriedPoints, Poses, all_vertices, rotation_times
-from dembrick.views.motion.frames import nearest
+from dembrick.views.motion.frames import coming_down, nearest
 from dembrick.views.motion.joints import JointMotion
 from dembrick.views.plot.subject import JointAlone, chosen_joint, joint_names, pushes_several
 from dembrick.views.render.annotations import CRIMSON, Names, ScaleBar, ThrustLine, require_thrust
@@ -418,7 +418,7 @@ class Scene:
         history = self._history
         if not history.counts_equilibria:
             return [f"time {now:.4g} s", *self._load()]
-        if history.n_row and now > history.time[-1]:
+        if coming_down(history, [self._frame])[0]:
             return [f"coming down after equilibrium {history.time[-1]:g}"]
         return [f"equilibrium {now:g}", *self._load()]
 
