@@ -11,11 +11,20 @@ import pytest
 
 from dembrick.geometry import friction_integrals, polygons
 from dembrick.kernels.dynamics import area_joints as moving_areas
-from dembrick.kernels.dynamics import bonded_points, tiles
+from dembrick.kernels.dynamics import area_tiles, bonded_points, tiles
 from dembrick.kernels.dynamics import point_joints as moving_points
 from dembrick.kernels.dynamics.energy_terms import BY_LAW as BY_LAW_LOST
 from dembrick.kernels.dynamics.energy_terms import CRUSHING as CRUSHING_LOST
-from dembrick.kernels.dynamics.energy_terms import DASHPOTS, FRICTION, KINDS, LEDGER, RELEASED, EnergyTerms
+from dembrick.kernels.dynamics.energy_terms import (
+    DASHPOTS,
+    FACE_ENERGY,
+    FRICTION,
+    KINDS,
+    LEDGER,
+    RELEASED,
+    TAKEN,
+    EnergyTerms,
+)
 from dembrick.kernels.dynamics.energy_terms import FRACTURE as FRACTURE_LOST
 from dembrick.kernels.joint.point_law import Strengths, point_law
 from dembrick.kernels.state import BY_LAW, CRUSHING, DAMPING, FRACTURE, SLIDING, Energy
@@ -148,6 +157,7 @@ class MovingPoints:
         rows[:, tiles.X], rows[:, tiles.Y] = OUTLINE[:, 0, None], OUTLINE[:, 1, None]
         rows[:, tiles.AREA] = AREAS[:, None]
         self.sheared, self.slipped = np.zeros(4 * tiles.SHEAR), np.zeros(4 * W)
+        self.seen = seen_flat()
         self.dashpots, self.ledger = np.zeros(DASHPOTS), np.zeros(LEDGER)
 
     def step(self, motion, change, twist):
@@ -163,9 +173,9 @@ class MovingPoints:
                 bonds = self.strengths, 0, rows, self.ledger
             if moving_points.press(self.work, own, sheared, *law, True, None, *bonds):
                 moving_points.add_slip(self.work, self.slipped[2 * pair * W : 2 * (pair + 1) * W])
-                for which in range(2 if self.strengths is None else 0):
-                    moving_points.add_losses(self.work, own, sheared, which, *law, self.ledger)
-        moving_points.add_dashpot_work(self.work, self.dashpots, self.ledger)
+                if self.strengths is None:
+                    moving_points.add_losses(self.work, own, sheared, *law, self.ledger)
+        moving_points.add_dashpot_work(self.work, self.seen, self.dashpots, self.ledger)
         f = self.work.reshape(-1, W)[tiles.FORCE : tiles.FORCE + 9, 3]
         # the force on the host at (1, x, y), the host's slip is b's
         return np.array([f[2], -f[0], -f[1], -(f[4] - f[6]), -f[8], f[5]])
@@ -187,6 +197,13 @@ class MovingPoints:
     @property
     def bonds(self):
         return self.of_bonds.reshape(4, 3, W)[:, :, 3]
+
+
+def seen_flat():
+    """What is seen of hosts whose polygons lie in the plane, their axes along its axes."""
+    seen = np.zeros(tiles.SEEN_TILE)
+    seen[tiles.FIRST * W : (tiles.FIRST + 1) * W] = seen[(tiles.SECOND + 1) * W : (tiles.SECOND + 2) * W] = 1.0
+    return seen
 
 
 def place(work, motion, change, twist):
@@ -243,24 +260,23 @@ class MovingArea:
     """The same joint in a tile."""
 
     def __init__(self, mu=MU, pressure="full", law=None):
-        one, zero = np.ones(1), np.zeros(1)
         self.tile, self.work = np.zeros(tiles.TILE), np.zeros(tiles.WORK)
         self.tile[tiles.VISCOUS * W : (tiles.VISCOUS + 2) * W] = VISCOUS
-        self.seen = np.zeros(tiles.SEEN_TILE)
-        self.seen[tiles.FIRST * W : (tiles.FIRST + 1) * W] = 1.0  # the polygon's axes are the plane's
-        self.joint = moving_areas.Faces(
+        self.seen = seen_flat()
+        reach, radius = np.hypot(*OUTLINE.T).max(), friction_integrals.area_radius(OUTLINE)
+        fixed = (K_N, K_S, mu, 0.06, *polygons.second_moments(OUTLINE), 0.0, reach, radius)
+        self.joint = area_tiles.Faces(
             joint=np.zeros(1, np.uint32), tile=np.zeros(1, np.int64), lane=np.zeros((1, W), np.uint32),
-            used=np.ones(1, np.int64), outline=np.zeros(1, np.uint32), k_n=K_N * one, k_s=K_S * one, friction=mu * one,
-            area=0.06 * one, second=np.array([polygons.second_moments(OUTLINE)]), negligible=zero,
-            reach=np.array([np.hypot(*OUTLINE.T).max()]), radius=np.array([friction_integrals.area_radius(OUTLINE)]),
-            elastic=np.zeros((1, 3)), twist=np.zeros((1, 3)), slip=np.zeros(1), count=np.full(1, 4),
+            used=np.ones(1, np.int64), outline=np.zeros(1, np.uint32), place=np.zeros(1, np.uint32),
+            like=np.zeros(1, np.uint32), tiles=np.repeat(fixed, W), sheared=np.zeros(area_tiles.ELASTIC),
+            twist=np.zeros((1, 3)), slip=np.zeros(1), count=np.full(1, 4),
             x=np.ascontiguousarray(OUTLINE[None, :, 0]), y=np.ascontiguousarray(OUTLINE[None, :, 1]),
             far=friction_integrals.far_moments(OUTLINE)[None], pressed=pressed_parts([pressure], [9]),
             strengths=None if law is None else strengths_of(law),
-            bonds=None if law is None else moving_areas.FaceBonds(bond_of(law, 1), np.zeros(1)),
+            bonds=None if law is None else area_tiles.FaceBonds(bond_of(law, 1), np.zeros(1)),
         )  # fmt: skip
         self.energy = EnergyTerms(
-            dashpots=np.zeros(0), ledger=np.zeros(0), face=np.zeros((1, 16)), damped=np.zeros(1),
+            dashpots=np.zeros(0), ledger=np.zeros(0), face=np.zeros(FACE_ENERGY), damped=np.zeros(1),
             lost=np.zeros((1, KINDS)), least=np.zeros(1), share=np.ones(1), place=np.full(1, -1), fallen=np.zeros(0),
             load=np.zeros((0, 6)), support=np.zeros((0, 6)), push=np.zeros((0, 6)), total=np.zeros(3),
             gravity=np.zeros(3), begun=np.zeros(1),
@@ -269,10 +285,10 @@ class MovingArea:
     def step(self, motion, change, twist):
         place(self.work, motion, change, twist)
         law = self.joint.pressed, self.joint.strengths, self.joint.bonds
-        moving_areas.force_by(self.joint, *law, 0, self.tile, self.seen, 3, self.work, self.energy)
+        moving_areas.forces_of_tile(self.joint, *law, 0, self.tile, self.seen, self.work, self.energy)
         rows = self.work.reshape(-1, W)
-        f = rows[tiles.FORCE : tiles.FORCE + 9, 3]
-        return np.array([f[2], -f[0], -f[1], -rows[tiles.TWISTING, 3], -f[8], f[5]])
+        f = rows[tiles.FORCE : tiles.FORCE + 9, 0]
+        return np.array([f[2], -f[0], -f[1], -rows[tiles.TWISTING, 0], -f[8], f[5]])
 
     @property
     def memory(self):
@@ -285,7 +301,7 @@ class MovingArea:
     @property
     def dissipated(self):
         lost = self.energy.lost[0]
-        dashpots = self.energy.face[0, 15] + lost[RELEASED]
+        dashpots = self.energy.face[TAKEN * W] + lost[RELEASED]
         return np.array([lost[FRICTION], lost[BY_LAW_LOST], dashpots, lost[CRUSHING_LOST], lost[FRACTURE_LOST]])
 
     @property
@@ -357,6 +373,31 @@ def test_both_engines_with_strengths(one, other, law):
     assert kept > 5
     assert broke > 20 or "cohesion" not in law
     assert grew > 5 or set(law) <= {"cohesion", "tension", "residual", "residual_cohesion"}
+
+
+def test_convex_joints_side_by_side_do_what_they_do_one_by_one():
+    """Those that stick and are wholly closed are done by `stick`, with their energy; it leaves the others alone."""
+    stuck = set()
+    for path in random_states():
+        one, other = MovingArea(), MovingArea()
+        for motion, change, twist in path:
+            small = np.multiply(0.1, change)  # so that some stick
+            found = one.step(motion, small, twist)
+            place(other.work, motion, small, twist)
+            moving_areas.face_force(
+                other.joint, None, 0, other.tile, other.seen, other.joint.tiles, other.joint.sheared, 0, other.work,
+                other.energy.face, other.energy,
+            )  # fmt: skip
+            rows = other.work.reshape(-1, W)
+            f = rows[tiles.FORCE : tiles.FORCE + 9, 0]
+            alone = np.array([f[2], -f[0], -f[1], -rows[tiles.TWISTING, 0], -f[8], f[5]])
+            np.testing.assert_allclose(found, alone, rtol=1e-12, atol=1e-9)
+            np.testing.assert_allclose(one.memory, other.memory, rtol=1e-12, atol=1e-9)
+            np.testing.assert_allclose(one.dissipated, other.dissipated, rtol=1e-12, atol=1e-18)
+            energies = one.energy.face.reshape(-1, W)[:, 0], other.energy.face.reshape(-1, W)[:, 0]
+            np.testing.assert_allclose(*energies, rtol=1e-9, atol=1e-15)
+            stuck.add(bool(one.work[tiles.REST * W] == 0.0))
+    assert stuck == {True, False}
 
 
 @pytest.mark.parametrize("family", FAMILIES)

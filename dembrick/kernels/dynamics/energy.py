@@ -13,6 +13,7 @@ from dembrick._jit import entry, jit
 from dembrick.kernels.dynamics import joint_families as families
 from dembrick.kernels.dynamics.energy_terms import (
     CONTACTS,
+    FACE_ENERGY,
     GONE,
     HANDED,
     KINDS,
@@ -20,13 +21,15 @@ from dembrick.kernels.dynamics.energy_terms import (
     LOADS,
     OF_DASHPOTS,
     SMALLEST,
+    STEPPED,
     STEPPING,
+    TAKEN,
     TIES_STEPPED,
     TIES_YIELDED,
 )
 from dembrick.kernels.dynamics.joint_families import FAMILIES
 from dembrick.kernels.dynamics.rigid_bodies import gathered
-from dembrick.kernels.dynamics.tiles import lane_of
+from dembrick.kernels.dynamics.tiles import W, lane_of
 from dembrick.kernels.joint.ties import tie_losses
 from dembrick.kernels.math.quaternion import rotate
 from dembrick.kernels.math.vec3 import cross
@@ -37,12 +40,12 @@ def settle(energy_terms, links, j):
     """Put what a joint lost into its own energy terms; what follows may have another share."""
     share = energy_terms.share[j]
     place = energy_terms.place[j]
-    if place < 0:
-        row = energy_terms.face[-1 - place]
-        energy_terms.damped[j] += share * row[15]
-        row[15] = 0.0
-        energy_terms.lost[j, STEPPING] += share * row[9]
-        row[9] = 0.0
+    if place < 0:  # tiles of convex joints come after those of point joints
+        row = energy_terms.face[lane_of(links.place[j] - energy_terms.ledger.size // LEDGER * W, FACE_ENERGY)]
+        energy_terms.damped[j] += share * row[TAKEN]
+        row[TAKEN] = 0.0
+        energy_terms.lost[j, STEPPING] += share * row[STEPPED]
+        row[STEPPED] = 0.0
     else:
         row = energy_terms.ledger[lane_of(links.place[j], LEDGER)]
         energy_terms.damped[j] += share * row[OF_DASHPOTS]
@@ -167,7 +170,7 @@ def add_handover_work(energy_terms, links, corners, faces, touching):
             if share != energy_terms.share[j]:
                 settle(energy_terms, links, j)
                 family, index = families.family_of(energy_terms.place[j])
-                energy = families.spring_energy(links, corners, faces, family, index, energy_terms.face)
+                energy = families.spring_energy(links, corners, faces, family, index, None)
                 energy_terms.total[HANDED] += (energy_terms.share[j] - share) * energy
                 energy_terms.share[j] = share
 

@@ -5,18 +5,28 @@ from typing import NamedTuple
 
 from numpy import ndarray
 
-from dembrick.kernels.dynamics.tiles import W
+from dembrick._jit import jit
+from dembrick.kernels.dynamics.tiles import W, put_three, three
 
 FRICTION, RELEASED, STEPPING, BY_LAW, CRUSHING, FRACTURE = range(6)
 KINDS = 6
 LOADS, CONTACTS, HANDED, TIES_YIELDED, TIES_STEPPED = range(5)
 
-DASHPOTS = 9 * W  # rows of a tile in `EnergyTerms.dashpots`
+# Rows of a tile of `EnergyTerms.dashpots`: N and its x and y moments of the dashpots along the normal (N, N m), V_1,
+# V_2 and M_T of those in shear and torsion
+PRESSING, SHEARING = 0, 3
+DASHPOTS = 6 * W
 
 # Rows of a tile of `EnergyTerms.ledger`, J: what dashpots took; the smallest friction work of a step; what was lost
 # (`EnergyTerms.lost`, 6). All since `share` changed
 OF_DASHPOTS, SMALLEST, GONE = 0, 1, 2
 LEDGER = (GONE + KINDS) * W
+
+
+# Rows of a tile of `EnergyTerms.face`, after the same: N and its x and y moments of the springs (N, N m); what opening
+# and closing within steps took, and what dashpots took (J), both since `share` changed
+SPRINGS, STEPPED, TAKEN = 6, 9, 10
+FACE_ENERGY = 11 * W
 
 
 class EnergyTerms(NamedTuple):
@@ -25,12 +35,9 @@ class EnergyTerms(NamedTuple):
     Shear and torsion are in the sense in which the host slips; axes are those of the joint's elastic forces.
     """
 
-    dashpots: ndarray  # (t * DASHPOTS,) N, N m, what the dashpots of point joints carried last, in tiles like theirs:
-    # shear in the sense in which the host slips (2) and N, summed over the points, and these sums times x and y
+    dashpots: ndarray  # (t * DASHPOTS,) what the dashpots of the point joints carried last, in tiles like theirs
     ledger: ndarray  # (t * LEDGER,) the energy terms of the point joints, in tiles like theirs
-    face: ndarray  # (a, 16) N, N m, J, those of the convex joints, one row because every step reads and writes it all.
-    # Springs (3): N and its x and y moments. Dashpots: V_1, V_2, M_T (6 to 8), what opening and closing within steps
-    # took (9), N and its moments (12 to 14). What dashpots took (15). All that was taken is since `share` changed
+    face: ndarray  # (t * FACE_ENERGY,) those of the convex joints, in tiles like theirs
     damped: ndarray  # (j,) what dashpots took until then
     lost: ndarray  # (j, 6) friction; springs let go; opening and closing within a step; friction by its law; crushing;
     # bonds that broke
@@ -46,3 +53,12 @@ class EnergyTerms(NamedTuple):
     total: ndarray
     gravity: ndarray  # (3,) m/s2
     begun: ndarray  # (1,) 1 from the first forces on, which are where the energy terms begin
+
+
+@jit
+def dashpot_work(row, lane, which, c0, c1, c2, d0, d1, d2):
+    """Work (J) of the dashpots of the joint in that lane of the tile ``row``, ``which`` PRESSING or SHEARING, over the
+    motion d of a step; they carry c now, which is written down for the next one."""
+    last0, last1, last2 = three(row, which, lane)
+    put_three(row, which, lane, (c0, c1, c2))
+    return 0.5 * ((last0 + c0) * d0 + (last1 + c1) * d1 + (last2 + c2) * d2)

@@ -10,14 +10,8 @@ Where any joint has strengths, all points of the scene take the law with bonds (
 and what they lose is counted there.
 """
 
-from itertools import pairwise
-from typing import NamedTuple
-
-import numpy as np
-from numpy import ndarray
-
 from dembrick._jit import entry, jit
-from dembrick.kernels.dynamics.bonded_points import BOND, answer_bonded, bonds_of, spring_length
+from dembrick.kernels.dynamics.bonded_points import answer_bonded, bonds_of, spring_length
 from dembrick.kernels.dynamics.energy_terms import (
     BY_LAW,
     DASHPOTS,
@@ -25,9 +19,12 @@ from dembrick.kernels.dynamics.energy_terms import (
     GONE,
     LEDGER,
     OF_DASHPOTS,
+    PRESSING,
     RELEASED,
+    SHEARING,
     SMALLEST,
     STEPPING,
+    dashpot_work,
 )
 from dembrick.kernels.dynamics.tiles import (
     AREA,
@@ -36,7 +33,7 @@ from dembrick.kernels.dynamics.tiles import (
     DAMPING,
     DASHPOT,
     DEPTH,
-    ELASTIC,
+    FIRST,
     FORCE,
     FRAME,
     GROWTH,
@@ -44,21 +41,20 @@ from dembrick.kernels.dynamics.tiles import (
     MOVED,
     NORMAL,
     POINT,
+    SECOND,
     SEEN_TILE,
     SENSE,
     SHEAR,
     SLID,
-    SLIP,
     TILE,
+    TURN,
     TWISTING,
     VISCOUS,
     W,
     X,
     Y,
-    alike,
     combined,
     deliver,
-    dot,
     expect,
     fetch,
     lane_of,
@@ -68,100 +64,9 @@ from dembrick.kernels.dynamics.tiles import (
     resultant,
     seen_by,
     sense_of,
-    set_apart,
     three,
 )
-from dembrick.kernels.joint.point_law import Strengths, point_law, shear_loss
-
-
-class Corners(NamedTuple):
-    """p joints with contact points, in t tiles. What stands in tiles can be read point by point under the names
-    below, as copies; `put` writes it."""
-
-    joint: ndarray  # (p,) uint32
-    start: ndarray  # (p + 1,) uint32, first contact point of each
-    place: ndarray  # (p,) uint32, where its first point is: its lane, plus W times the points in tiles before
-    law: ndarray  # (p,) uint32, which of the following
-    k_n: ndarray  # (l,) Pa/m
-    k_s: ndarray  # (l,) Pa/m
-    friction: ndarray  # (l,)
-    shear_arm: ndarray  # (l,) friction acts at this times the arm of the normal force
-    lane: ndarray  # (t, W) uint32, which of the p joints each lane has; the last one again where there are no more
-    used: ndarray  # (t,) uint32, lanes that have one of their own
-    tile_law: ndarray  # (t,) uint32
-    tile_start: ndarray  # (t + 1,) int64, first point of each tile
-    like: ndarray  # (t,) uint32, the tile of ``points`` that the loop reads in place of each: see `alike`
-    points: ndarray  # point after point of a tile, rows as above
-    sheared: ndarray  # likewise, elastic shear force: two rows a point
-    slipped: ndarray  # likewise, length of the slip path: one row a point
-    force: ndarray | None  # (c, 3) N, world, last force on the host at each point; None where nobody asks for it
-    strengths: Strengths | None = None  # beside friction, an entry a law; None where no joint has any
-    bonds: ndarray | None = None  # likewise, see `bonded_points`; None where ``strengths`` is
-
-    def where(self, joint: int | None = None) -> ndarray:
-        """Each contact point in the sense of ``place``, of all joints (c,) or of one."""
-        if joint is not None:
-            return int(self.place[joint]) + np.arange(int(self.start[joint + 1]) - int(self.start[joint])) * W
-        count = np.diff(self.start)
-        own = np.arange(int(self.start[-1])) - np.repeat(self.start[:-1].astype(np.int64), count)
-        return np.repeat(self.place.astype(np.int64), count) + own * W
-
-    def of_bonds(self, row: int, joint: int | None = None) -> ndarray:
-        """Where a row of each contact point is in ``bonds``, of all joints (c,) or of one."""
-        where = self.where(joint)
-        return where // W * BOND + row * W + where % W
-
-    def row(self, row: int, joint: int | None = None) -> ndarray:
-        """A copy of a row of contact points, of all joints (c,) or of one."""
-        array, where = self._where(row, joint)
-        found = array[where]
-        found.flags.writeable = False  # who writes into it means `put`
-        return found
-
-    def put(self, row: int, values, joint: int | None = None) -> None:
-        """Write a row of contact points, of all joints (c,) or of one."""
-        if row < ELASTIC:
-            tiles = np.searchsorted(self.tile_start, self.where(joint) // W, side="right") - 1
-            set_apart(self.like, tiles)
-        array, where = self._where(row, joint)
-        array[where] = values
-
-    def share(self) -> None:
-        """Let tiles whose points are the same to the last bit take them from one of them."""
-        self.like[:] = alike(self.points[a * POINT : b * POINT] for a, b in pairwise(self.tile_start.tolist()))
-
-    def _where(self, row: int, joint: int | None) -> tuple[ndarray, ndarray]:
-        """The array that has this row, and where it is in it."""
-        array, size, row = (self.points, POINT, row) if row < ELASTIC else (self.sheared, SHEAR, row - ELASTIC)
-        if row >= SLIP - ELASTIC and array is self.sheared:
-            array, size, row = self.slipped, W, 0
-        where = self.where(joint)
-        return array, where // W * size + row * W + where % W
-
-    @property
-    def x(self) -> ndarray:
-        """(c,) m, from O along e1."""
-        return self.row(X)
-
-    @property
-    def y(self) -> ndarray:
-        """(c,) m, along e2."""
-        return self.row(Y)
-
-    @property
-    def area(self) -> ndarray:
-        """(c,) m2, tributary."""
-        return self.row(AREA)
-
-    @property
-    def elastic(self) -> ndarray:
-        """(c, 2) N, elastic shear force, in the sense in which the host slips, along u1, u2."""
-        return np.stack([self.row(ELASTIC), self.row(ELASTIC + 1)], axis=1)
-
-    @property
-    def slip(self) -> ndarray:
-        """(c,) m, length of the slip path."""
-        return self.row(SLIP)
+from dembrick.kernels.joint.point_law import point_law, shear_loss
 
 
 @entry
@@ -307,51 +212,57 @@ def write_forces(corners, t, first, sense, work, out):
 
 
 @entry
-def add_dashpot_work(work, dashpots, ledger):
-    """Add what the dashpots of a tile took in a step, in which they carried ``dashpots`` before, see `EnergyTerms`."""
+def add_dashpot_work(work, seen, dashpots, ledger):
+    """Add what the dashpots of a tile took in a step, see `EnergyTerms.dashpots`.
+
+    All points of a joint slip as one rigid figure: by the slip at the foot of O, and by the turn.
+    """
     for lane in range(W):
-        taken = 0.0
-        for i in range(3):
-            slip_1, slip_2 = work[(MOVED + 2 * i) * W + lane], work[(MOVED + 2 * i + 1) * W + lane]
-            now = three(work, DASHPOT + 3 * i, lane)
-            last = three(dashpots, 3 * i, lane)
-            moved = (slip_1, slip_2, work[(GROWTH + i) * W + lane])
-            taken += dot((now[0] + last[0], now[1] + last[1], now[2] + last[2]), moved)
-            put_three(dashpots, 3 * i, lane, now)
-        ledger[OF_DASHPOTS * W + lane] += 0.5 * taken
+        v1, v2, n = three(work, DASHPOT, lane)
+        x1, x2, nx = three(work, DASHPOT + 3, lane)
+        y1, y2, ny = three(work, DASHPOT + 6, lane)
+        e1, e2, _ = three(seen, FIRST, lane)
+        g1, g2, _ = three(seen, SECOND, lane)
+        twisting = e1 * x2 - e2 * x1 + g1 * y2 - g2 * y1
+        d0, dx, dy = three(work, GROWTH, lane)
+        p1, p2, _ = three(work, MOVED, lane)
+        taken = dashpot_work(dashpots, lane, PRESSING, n, nx, ny, d0, dx, dy)
+        taken += dashpot_work(dashpots, lane, SHEARING, v1, v2, twisting, p1, p2, work[TURN * W + lane])
+        ledger[OF_DASHPOTS * W + lane] += taken
 
 
 @entry
-def add_losses(work, own, sheared, which, k_n, k_s, friction, arm, ledger):
-    """Add what one point of every joint of a tile lost in a step, ``which`` of the two of `point_joints.press`: in
-    friction, or let go where the point has opened."""
+def add_losses(work, own, sheared, k_n, k_s, friction, arm, ledger):
+    """Add what the two points of `press` of every joint of a tile lost in a step: in friction, or let go where a point
+    has opened."""
     for lane in range(W):
-        at = which * POINT + lane
-        x = own[X * W + at]
-        y = own[Y * W + at]
-        area = own[AREA * W + at]
-        e1 = sheared[which * SHEAR + lane]
-        e2 = sheared[which * SHEAR + W + lane]
         g0, gx, gy = three(work, DEPTH, lane)
         d0, dx, dy = three(work, GROWTH, lane)
         p1, p2, x1 = three(work, MOVED, lane)
         x2, y1, y2 = three(work, MOVED + 3, lane)
-        b1, b2, normal = three(work, BEFORE + 3 * which, lane)
-        slid = work[(SLID + which) * W + lane]
-        s1 = p1 + arm * (x * x1 + y * y1)
-        s2 = p2 + arm * (x * x2 + y * y2)
-        lost = shear_loss(b1, b2, e1, e2, s1, s2, k_s * area)
-        held = lost if slid > 0.0 else 0.0
-        least = ledger[SMALLEST * W + lane]
-        ledger[SMALLEST * W + lane] = held if held < least else least
-        g = g0 + x * gx + y * gy
-        let_go = lost if slid == 0.0 and e1 == 0.0 and e2 == 0.0 and area > 0.0 else 0.0
-        before = g - (d0 + x * dx + y * dy)
-        stepping = min(g, 0.0) * max(before, 0.0) - max(g, 0.0) * min(before, 0.0)
-        ledger[(GONE + FRICTION) * W + lane] += held
-        ledger[(GONE + RELEASED) * W + lane] += let_go
-        ledger[(GONE + STEPPING) * W + lane] += 0.5 * k_n * area * stepping
-        ledger[(GONE + BY_LAW) * W + lane] += friction * normal * slid
+        for which in range(2):
+            at = which * POINT + lane
+            x = own[X * W + at]
+            y = own[Y * W + at]
+            area = own[AREA * W + at]
+            e1 = sheared[which * SHEAR + lane]
+            e2 = sheared[which * SHEAR + W + lane]
+            b1, b2, normal = three(work, BEFORE + 3 * which, lane)
+            slid = work[(SLID + which) * W + lane]
+            s1 = p1 + arm * (x * x1 + y * y1)
+            s2 = p2 + arm * (x * x2 + y * y2)
+            lost = shear_loss(b1, b2, e1, e2, s1, s2, k_s * area)
+            held = lost if slid > 0.0 else 0.0
+            least = ledger[SMALLEST * W + lane]
+            ledger[SMALLEST * W + lane] = held if held < least else least
+            g = g0 + x * gx + y * gy
+            let_go = lost if slid == 0.0 and e1 == 0.0 and e2 == 0.0 and area > 0.0 else 0.0
+            before = g - (d0 + x * dx + y * dy)
+            stepping = min(g, 0.0) * max(before, 0.0) - max(g, 0.0) * min(before, 0.0)
+            ledger[(GONE + FRICTION) * W + lane] += held
+            ledger[(GONE + RELEASED) * W + lane] += let_go
+            ledger[(GONE + STEPPING) * W + lane] += 0.5 * k_n * area * stepping
+            ledger[(GONE + BY_LAW) * W + lane] += friction * normal * slid
 
 
 @jit
@@ -394,8 +305,7 @@ def forces(links, corners, bodies, first, last, force_out, strengths, bonds, ene
                     work, own, sheared, k_n, k_s, friction, arm, True, force_out, strengths, law, pair, ledger
                 )
                 if strengths is None and losing:
-                    for which in range(2):
-                        add_losses(work, own, sheared, which, k_n, k_s, friction, arm, ledger)
+                    add_losses(work, own, sheared, k_n, k_s, friction, arm, ledger)
             if losing:
                 add_slip(work, corners.slipped[first_point * W : (first_point + 2) * W])
             if force_out is not None:
@@ -404,7 +314,7 @@ def forces(links, corners, bodies, first, last, force_out, strengths, bonds, ene
         deliver(corners.joint, corners.lane[t], corners.used[t], work, links.wrench)
         if energy_terms is not None:
             add_dashpot_work(
-                work, energy_terms.dashpots[t * DASHPOTS : (t + 1) * DASHPOTS],
+                work, seen, energy_terms.dashpots[t * DASHPOTS : (t + 1) * DASHPOTS],
                 energy_terms.ledger[t * LEDGER : (t + 1) * LEDGER],
             )  # fmt: skip
 

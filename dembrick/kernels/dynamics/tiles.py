@@ -61,6 +61,7 @@ TURN, FORCE, TWISTING, WRENCH = 35, 36, 45, 46
 # the step (m); for the energy the sums over the points of what dashpots carry, as in FORCE, and of the last two points
 # the elastic shear before the step and the force along the normal (N)
 NORMAL, DAMPED, DAMPING, LAST, SLID, DASHPOT, BEFORE = 55, 56, 57, 58, 64, 66, 75
+REST = 55  # and, of a convex joint, whether it slides, or is not wholly closed
 WORK = 81 * W
 
 # Rows of a contact point, that no step changes: where it is, along e1 and e2 from O (m); its tributary area (m2). Its
@@ -85,9 +86,19 @@ def alike(tiles: Iterable[ndarray]) -> ndarray:
     return np.array([first.setdefault(tile.tobytes(), t) for t, tile in enumerate(tiles)], np.uint32)
 
 
+def where_in(place: ndarray, size: int, first: int, count: int, joints=slice(None)) -> ndarray:
+    """Where ``count`` rows of joints, from ``first`` on, are in tiles of that ``size``; ``place`` as in `Links`."""
+    place = place[joints, None].astype(np.int64)
+    return place // W * size + place % W + np.arange(first, first + count) * W
+
+
 def set_apart(like: ndarray, tiles: ndarray) -> None:
     """Let each of the ``tiles`` (k,) stand for no other one in ``like`` (t,), see `alike`, before its rows change."""
-    for t in np.unique(tiles):
+    apart = np.unique(tiles)
+    if len(apart) == len(like):
+        like[:] = apart
+        return
+    for t in apart[np.bincount(like, minlength=len(like))[apart] != 1]:  # not those that stand for themselves alone
         rest = np.flatnonzero(like == t)
         rest = rest[rest != t]
         like[rest] = rest[:1]  # has the same rows
@@ -139,8 +150,7 @@ class Links(NamedTuple):
     def _where(self, first: int, count: int, joints) -> tuple[ndarray, ndarray]:
         """The array that has these rows, and where they are in it."""
         array, size, first = (self.tiles, TILE, first) if first < SEEN else (self.seen_tiles, SEEN_TILE, first - SEEN)
-        place = self.place[joints, None].astype(np.int64)
-        return array, place // W * size + place % W + np.arange(first, first + count) * W
+        return array, where_in(self.place, size, first, count, joints)
 
     @property
     def seen(self) -> ndarray:

@@ -48,6 +48,13 @@ def spring_pressure(x, y, first, last, area, second, reach, g0, gx, gy):
 
 
 @jit
+def wholly_closed(reach, g0, d0, h0, hx, hy):
+    """Whether h (see `area_pressure`) and g are positive on the circle around a polygon, and there was contact at O a
+    step ago: then no corner needs to be looked at."""
+    return (h0 > reach * sqrt(hx * hx + hy * hy)) & (g0 > 0.0) & (g0 > d0)
+
+
+@jit
 def area_pressure(x, y, first, last, area, second, reach, viscous, g0, gx, gy, d0, dx, dy):
     """Integrals (3) over the polygon of <h>+, x <h>+ and y <h>+, and h = h0 + hx x + hy y itself (3).
 
@@ -57,8 +64,7 @@ def area_pressure(x, y, first, last, area, second, reach, viscous, g0, gx, gy, d
     h0 = g0 + viscous * d0
     hx = gx + viscous * dx
     hy = gy + viscous * dy
-    # h and g positive on the circle around the polygon, and contact at O a step ago: no corner needs to be looked at
-    if min(h0 - reach * sqrt(hx * hx + hy * hy), g0, g0 - d0) <= 0.0:
+    if not wholly_closed(reach, g0, d0, h0, hx, hy):
         least, most, before = 1e300, -1e300, -1e300
         for i in range(first, last):
             g = g0 + gx * x[i] + gy * y[i]
@@ -91,6 +97,16 @@ def follow_bending(pressed, a, x, y, first, last, reach, volume, moment_x, momen
 
 
 @jit
+def trial_force(pressed, a, radius, k_t, k_r, damped, s1, s2, turn, b1, b2, bm):
+    """The force (3) that a convex joint carries if it does not slide, its memory then (3), and a bound of what strength
+    that takes; see `area_friction`."""
+    f1 = b1 + damped * k_t * s1
+    f2 = b2 + damped * k_t * s2
+    fm = bm + damped * k_r * turn
+    return f1, f2, fm, b1 + k_t * s1, b2 + k_t * s2, bm + k_r * turn, chord(pressed, a, radius, f1, f2, fm)
+
+
+@jit
 def area_friction(
     x, y, first, last, area, reach, far, pressed, a, radius, normal, friction, negligible, k_t, k_r, damped,
     s1, s2, turn, b1, b2, bm, w1, w2, wm, tolerance=PROXIMAL_TOLERANCE,
@@ -107,17 +123,12 @@ def area_friction(
         return (
             0.0, 0.0, 0.0, 0.0, 0.0, 0.0, s1 + b1 / k_t, s2 + b2 / k_t, turn + bm / k_r, 0.0, 0.0, 0.0, 0.0, 0,
         )  # fmt: skip
+    f1, f2, fm, e1, e2, em, size = trial_force(pressed, a, radius, k_t, k_r, damped, s1, s2, turn, b1, b2, bm)
+    strength = friction * normal
+    if size <= strength:  # inside the limit surface by convexity, and most joints are most of the time
+        return f1, f2, fm, e1, e2, em, 0.0, 0.0, 0.0, w1, w2, wm, 0.0, 0
     full_t = damped * k_t
     full_r = damped * k_r
-    f1 = b1 + full_t * s1
-    f2 = b2 + full_t * s2
-    fm = bm + full_r * turn
-    strength = friction * normal
-    size = chord(pressed, a, radius, f1, f2, fm)
-    if size <= strength:  # inside the limit surface by convexity, and most joints are most of the time
-        return (
-            f1, f2, fm, b1 + k_t * s1, b2 + k_t * s2, bm + k_r * turn, 0.0, 0.0, 0.0, w1, w2, wm, 0.0, 0,
-        )  # fmt: skip
     if strength <= negligible:
         kept = strength / size
         t1 = kept * f1

@@ -13,8 +13,9 @@ from dembrick.assembly.contact_points import PointTable
 from dembrick.assembly.joints import JointTable
 from dembrick.errors import HistoryError
 from dembrick.geometry import friction_integrals, polygons
-from dembrick.kernels.dynamics.area_joints import FaceBonds, Faces
-from dembrick.simulation.dynamics.tiling import tiled, ways
+from dembrick.kernels.dynamics.area_tiles import AREA, ELASTIC, FACE, K_N, MU, NEGLIGIBLE, REACH, FaceBonds, Faces
+from dembrick.kernels.dynamics.tiles import W, rows_of_lanes, where_in
+from dembrick.simulation.dynamics.tiling import tiled, ways, without_rounding
 from dembrick.simulation.joint_stiffness import elastic_stiffness
 from dembrick.simulation.joint_strengths import bonded_at_start, strengths_of
 from dembrick.simulation.pressed_parts import check_pressures, pressed_parts, room_of
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
     from dembrick.kernels.statics.area_joints import Areas
 
-NEGLIGIBLE = 1e-5  # of the lighter block's weight: head joints of a wall carry so little, and slip all the time
+PART_OF_WEIGHT = 1e-5  # of the lighter block's weight: head joints of a wall carry so little, and slip all the time
 EQUAL = 12  # digits to which polygons are the same: rounding makes those of a wall differ in the last one or two
 
 
@@ -41,6 +42,9 @@ def at_rest(assembly: Assembly, first_tile: int) -> Faces | None:
     room = int((np.diff(joints.start)[chosen] + most).max())
     n = len(chosen)
     lane, used = tiled(np.zeros(n), ways(joints.axes[chosen, 2]))
+    own = np.arange(W) < used[:, None]
+    place = np.zeros(n, np.uint32)
+    place[lane[own]] = np.arange(lane.size).reshape(lane.shape)[own]
     strengths = strengths_of(laws)
     faces = Faces(
         joint=chosen.astype(np.uint32),
@@ -48,15 +52,10 @@ def at_rest(assembly: Assembly, first_tile: int) -> Faces | None:
         lane=lane,
         used=used,
         outline=np.zeros(n, np.uint32),
-        k_n=np.array([law.normal_stiffness for law in laws]),
-        k_s=np.array([law.shear_stiffness for law in laws]),
-        friction=np.array([law.friction for law in laws]),
-        area=np.zeros(n),
-        second=np.zeros((n, 3)),
-        negligible=NEGLIGIBLE * _lightest(assembly, joints)[chosen],
-        reach=np.zeros(n),
-        radius=np.zeros(n),
-        elastic=np.zeros((n, 3)),
+        place=place,
+        like=np.arange(len(lane), dtype=np.uint32),
+        tiles=rows_of_lanes(len(lane) * FACE),
+        sheared=rows_of_lanes(len(lane) * ELASTIC),
         twist=np.zeros((n, 3)),
         slip=np.zeros(n),
         count=np.zeros(0, np.int64),
@@ -67,6 +66,8 @@ def at_rest(assembly: Assembly, first_tile: int) -> Faces | None:
         strengths=strengths,
         bonds=None if strengths is None else FaceBonds(bonded_at_start(laws), np.zeros(n)),
     )
+    faces.put(K_N, [(law.normal_stiffness, law.shear_stiffness, law.friction) for law in laws])
+    faces.put(NEGLIGIBLE, without_rounding(PART_OF_WEIGHT * _lightest(assembly, joints)[chosen])[:, None])
     for numbers, outlines in joints.by_corners(chosen):
         size = np.abs(outlines).max(axis=(1, 2), keepdims=True)
         form = np.concatenate([(outlines / size).reshape(len(size), -1), np.log(size)[:, :, 0]], axis=1)
@@ -74,6 +75,7 @@ def at_rest(assembly: Assembly, first_tile: int) -> Faces | None:
         rows = len(faces.count) + np.arange(len(first))
         faces = with_outlines(faces, len(faces.count) + len(first))
         put_outlines(faces, rows, outlines[first], np.searchsorted(chosen, numbers), which.reshape(-1))
+    faces.share()
     return faces
 
 
@@ -100,38 +102,50 @@ def put_outlines(faces: Faces, rows: np.ndarray, outlines: np.ndarray, i: np.nda
     faces.x[rows, :m], faces.y[rows, :m] = outlines[..., 0], outlines[..., 1]
     faces.far[rows] = friction_integrals.far_moments(outlines)
     faces.outline[i] = rows[which]
-    faces.area[i] = polygons.area(outlines)[which]
-    faces.second[i] = np.stack(polygons.second_moments(outlines), axis=1)[which]
-    faces.reach[i] = np.sqrt((outlines**2).sum(axis=2).max(axis=1))[which]
-    faces.radius[i] = friction_integrals.area_radius(outlines)[which]
+    second = np.stack(polygons.second_moments(outlines), axis=1)
+    faces.put(AREA, np.column_stack([polygons.area(outlines), second])[which], i)
+    reach = np.sqrt((outlines**2).sum(axis=2).max(axis=1))
+    faces.put(REACH, np.column_stack([reach, friction_integrals.area_radius(outlines)])[which], i)
 
 
 def stiffness(faces: Faces) -> np.ndarray:
     """Elastic stiffness (a, 6, 6) of the closed joints, see `elastic_stiffness`."""
     yy, xx, xy = faces.second.T
-    moments = (faces.area, 0.0, 0.0, xx, yy, xy)
-    return elastic_stiffness([faces.k_s * a for a in moments], [faces.k_n * a for a in moments])
+    moments, k_n, k_s = (faces.area, 0.0, 0.0, xx, yy, xy), faces.k_n, faces.k_s
+    return elastic_stiffness([k_s * a for a in moments], [k_n * a for a in moments])
 
 
 def work_ahead(faces: Faces, a: int, held, sense: float, offset: float, now, step, slip, turn: float) -> float:
     """Work (J) that the springs of joint ``a`` would take over a ``step`` (9,) of `Links.seen` from ``now``, if their
     forces stayed; ``slip`` (9,) and ``turn`` of the feet in it, ``held`` (a, 3) N and its moments."""
-    e, after = faces.elastic[a], now + step
+    e, after = faces.sheared[where_in(faces.place, ELASTIC, 0, 3, a)], now + step
     along = after[3:5] / np.hypot(*after[3:5])
     work = -sense * (held[a] @ step[[2, 5, 8]]) + e[0] * (along @ slip[:2])
     return float(work + e[1] * (along[0] * slip[1] - along[1] * slip[0]) + e[2] * turn)
 
 
+def friction(faces: Faces) -> np.ndarray:
+    """A copy of the friction of the joints (a,)."""
+    return faces.rows(MU, 1)[:, 0]
+
+
+def put_friction(faces: Faces, values) -> None:
+    """Give the joints that friction, a number or one for each."""
+    faces.put(MU, np.broadcast_to(values, len(faces.joint))[:, None])
+    faces.share()
+
+
 def retire(faces: Faces, a: int) -> None:
     """Let joint ``a`` carry nothing any more."""
-    faces.k_n[a] = 0.0
+    faces.put(K_N, [0.0], a)
 
 
 def take_memory(faces: Faces, left: Areas, sense: np.ndarray) -> None:
     """Elastic shear resultants, plastic twists and slip of the same joints in the searches; ``sense`` (j,) of the
     joints."""
     own = sense[faces.joint][:, None]
-    faces.elastic[:], faces.twist[:], faces.slip[:] = own * left.elastic, own * left.twist, left.slip
+    faces.put_elastic(own * left.elastic)
+    faces.twist[:], faces.slip[:] = own * left.twist, left.slip
     if faces.bonds is not None and left.bonds is not None:
         faces.bonds.bonded[:], faces.bonds.rise[:] = left.bonds.bonded, left.bonds.rise
 
@@ -162,6 +176,7 @@ def rooms(faces: Faces, snapshot) -> int:
 
 def check_restored(faces: Faces, path) -> None:
     """HistoryError if what was restored from the checkpoint ``path`` leads out of its arrays."""
+    faces.share()
     if (faces.count < 0).any() or (faces.count > faces.x.shape[1]).any():
         raise HistoryError(f"{path}: faces.count leads out of its polygons")
     part = faces.pressed

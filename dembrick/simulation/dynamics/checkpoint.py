@@ -15,7 +15,9 @@ from dembrick.simulation.dynamics.pushover import PushController
 from dembrick.simulation.session import DEAD_LOADS, Progress, Snapshot, step_at
 
 PARTS = ("bodies", "links", "corners", "faces", "ties")  # of the state, that a checkpoint holds
-COUNTERS = ("faces.outline", "faces.count", "faces.pressed.count", "links.like", "corners.like")  # integers that change
+COUNTERS = (  # integers among them that change
+    "faces.outline", "faces.count", "faces.pressed.count", "links.like", "corners.like", "faces.like",
+)  # fmt: skip
 
 
 class Past:

@@ -148,25 +148,23 @@ def _arrays(motion: Motion) -> list[np.ndarray]:
 
 def _put_back(motion: Motion, drawn: list[np.ndarray]) -> None:
     """Everything as it was drawn, but for the friction that holds for now, and the room that cutting has made."""
-    friction = [family.friction.copy() for family in motion.state.families]
+    friction = joint_families.friction(motion.state)
     for array, value in zip(_arrays(motion), drawn, strict=True):
         array[tuple(slice(0, n) for n in value.shape)] = value
-    for family, value in zip(motion.state.families, friction, strict=True):
-        family.friction[:] = value
+    joint_families.put_friction(motion.state, friction)
 
 
 @contextmanager
 def _friction(motion: Motion, friction: float | None):
     """That friction in all joints meanwhile, unless it is None."""
-    own = [family.friction.copy() for family in motion.state.families]
+    own = joint_families.friction(motion.state)
     if friction is not None:
-        for family in motion.state.families:
-            family.friction[:] = friction
+        joint_families.put_friction(motion.state, [friction] * len(own))
     try:
         yield
     finally:
-        for family, value in zip(motion.state.families, own, strict=True):
-            family.friction[:] = value
+        if friction is not None:
+            joint_families.put_friction(motion.state, own)
 
 
 @contextmanager

@@ -15,6 +15,7 @@ from dembrick.kernels.dynamics.energy_terms import (
     CONTACTS,
     CRUSHING,
     DASHPOTS,
+    FACE_ENERGY,
     FRACTURE,
     FRICTION,
     HANDED,
@@ -22,12 +23,13 @@ from dembrick.kernels.dynamics.energy_terms import (
     LEDGER,
     LOADS,
     RELEASED,
+    SPRINGS,
     STEPPING,
     TIES_STEPPED,
     TIES_YIELDED,
     EnergyTerms,
 )
-from dembrick.kernels.dynamics.tiles import rows_of_lanes
+from dembrick.kernels.dynamics.tiles import rows_of_lanes, where_in
 from dembrick.kernels.joint.ties import tie_energy
 from dembrick.simulation.channels import energies
 from dembrick.simulation.dynamics import joint_families
@@ -80,7 +82,7 @@ class MotionEnergy:
         """Begin again with the next step; what was counted before time began does not count."""
         if self.wanted:
             self.table.begun[:] = 0.0
-            self.table.face[:, :3] = self._springs(state)[0]
+            self._put_springs(state, slice(None), self._springs(state)[0])
 
     def cut(self, polygons: Polygons) -> None:
         """Cut the polygons that have moved too far; what their springs hold less of then is let go.
@@ -98,8 +100,13 @@ class MotionEnergy:
         worked -= _work_ahead(polygons.state, after, stale, table.place)
         convex = stale[table.place[stale] < 0]
         own = -1 - table.place[convex]
-        table.face[own, :3] = after[own]
+        self._put_springs(polygons.state, own, after[own])
         table.lost[stale, RELEASED] += table.share[stale] * ((before - energy)[stale] + 0.5 * worked)
+
+    def _put_springs(self, state: MovingState, own, held: np.ndarray) -> None:
+        """Write N and its moments (k, 3) of the springs of the convex joints ``own``."""
+        if state.faces is not None:
+            self.table.face[where_in(state.faces.place, FACE_ENERGY, SPRINGS, 3, own)] = held
 
     def _springs(self, state: MovingState) -> tuple[np.ndarray, np.ndarray]:
         """N and its moments (a, 3) of the springs of convex joints, and energy (j,) J of those of all joints."""
@@ -154,11 +161,10 @@ class MotionEnergy:
 def _blank(state: MovingState, loads: int, supports: int) -> EnergyTerms:
     """EnergyTerms in which nothing stands yet."""
     n, j = len(state.bodies.mass), len(state.links.host)
-    convex = len(joint_families.convex_joints(state))
     return EnergyTerms(
         dashpots=rows_of_lanes(joint_families.point_tiles(state) * DASHPOTS),
         ledger=rows_of_lanes(joint_families.point_tiles(state) * LEDGER),
-        face=np.zeros((convex, 16)),
+        face=rows_of_lanes(0 if state.faces is None else len(state.faces.used) * FACE_ENERGY),
         damped=np.zeros(j),
         lost=np.zeros((j, KINDS)),
         least=np.zeros(j),

@@ -58,7 +58,7 @@ MANY = 2000  # joints from which a step may be worth sharing among threads
 TRIAL = 64  # steps in which one thread and several show how fast they are
 FIRST_PAUSE, LONGEST_PAUSE = 250, 20_000  # steps until they show it again
 NO_LIMIT = 1e150  # m
-IN_LANES = ("tiles", "seen_tiles", "points", "sheared", "slipped", "dashpots", "ledger")  # arrays of tiles
+IN_LANES = ("tiles", "seen_tiles", "points", "sheared", "slipped", "dashpots", "ledger", "face")  # arrays of tiles
 BY_STEP = ("force", "gravity", "place", "orientation", "velocity", "spin", "moved")  # of loads
 BETWEEN = ("dead_load", "contact_search", "geometry", "record")  # what a run does beside its steps
 

@@ -6,14 +6,14 @@ kernels are the module of the same name in `kernels.dynamics`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dembrick.kernels.dynamics.area_joints import Faces
-from dembrick.kernels.dynamics.point_joints import Corners
+from dembrick.kernels.dynamics.area_tiles import Faces
+from dembrick.kernels.dynamics.point_tiles import Corners
 from dembrick.simulation.dynamics import area_joints, point_joints
 
 if TYPE_CHECKING:
@@ -76,6 +76,17 @@ def take_memory(state, left) -> None:
         point_joints.take_memory(state.corners, left.points, sense)
     if state.faces is not None:
         area_joints.take_memory(state.faces, left.areas, sense)
+
+
+def friction(state) -> list[np.ndarray]:
+    """A copy of the friction of every family: a number for each of its laws, or joints."""
+    return [module.friction(joints) for module, joints in present(state)]
+
+
+def put_friction(state, values: Iterable) -> None:
+    """Give every family that friction."""
+    for (module, joints), value in zip(present(state), values, strict=True):
+        module.put_friction(joints, value)
 
 
 def has_strengths(state) -> bool:

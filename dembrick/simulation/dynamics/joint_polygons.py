@@ -23,6 +23,7 @@ from dembrick.assembly.joints import JointTable
 from dembrick.geometry import polygons
 from dembrick.geometry.clipping import clip, simplify
 from dembrick.geometry.shapes import parts_of
+from dembrick.kernels.dynamics.area_tiles import K_N, REACH
 from dembrick.kernels.dynamics.tiles import AREA, LEVER, SEEN, SENSE, X, Y
 from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.area_joints import put_outlines, with_outlines
@@ -213,7 +214,7 @@ class Polygons:
         outline = (shared[0, : int(count[0])] - origin) @ np.linalg.inv(tangents)
         area, x, y = polygons.area_and_centroid(outline) if len(outline) else (0.0, 0.0, 0.0)
         if not area > GONE * self._joints[j].area:
-            faces.k_n[i] = 0.0
+            faces.put(K_N, [0.0], i)
             return
         step = self._move_origin(j, np.array([x, y]))
         if faces.outline[i] < self._shared:
@@ -221,9 +222,10 @@ class Polygons:
             faces = self.state.faces
             faces.outline[i] = faces.outline.max() + 1
         put_outlines(faces, faces.outline[[i]], (outline - (x, y))[None], np.array([i]), np.array([0]))
-        faces.k_n[i] = self._joints[j].law.normal_stiffness
-        faces.elastic[i, 2] -= step[0] * faces.elastic[i, 1] - step[1] * faces.elastic[i, 0]
-        links.reach[j] = faces.reach[i]
+        faces.put(K_N, [self._joints[j].law.normal_stiffness], i)
+        e1, e2, em = faces.elastic[i]
+        faces.put_elastic([e1, e2, em - (step[0] * e2 - step[1] * e1)], i)
+        links.reach[j] = faces.rows(REACH, 1, i)[0]
 
 
 def room_along(points: np.ndarray, face: np.ndarray, direction: np.ndarray, change: float, margin: float) -> float:

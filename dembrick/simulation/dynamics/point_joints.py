@@ -12,7 +12,7 @@ import numpy as np
 from dembrick.assembly.contact_points import PointTable
 from dembrick.assembly.joints import JointTable
 from dembrick.kernels.dynamics.bonded_points import BOND, BONDED, CRUSHED, RISE
-from dembrick.kernels.dynamics.point_joints import Corners
+from dembrick.kernels.dynamics.point_tiles import Corners
 from dembrick.kernels.dynamics.tiles import AREA, ELASTIC, POINT, SHEAR, SLIP, W, X, Y, rows_of_lanes
 from dembrick.simulation.dynamics.tiling import tiled, ways, without_rounding
 from dembrick.simulation.joint_stiffness import elastic_stiffness
@@ -120,6 +120,16 @@ def work_ahead(corners: Corners, p: int, held, sense: float, offset: float, now,
     of_point += e1 * (slip[0] + arm * (x * slip[3] + y * slip[6]))
     of_point += e2 * (slip[1] + arm * (x * slip[4] + y * slip[7]))
     return float(of_point.sum())
+
+
+def friction(corners: Corners) -> np.ndarray:
+    """A copy of the friction of the laws (l,)."""
+    return corners.friction.copy()
+
+
+def put_friction(corners: Corners, values) -> None:
+    """Give the laws that friction, a number or one for each."""
+    corners.friction[:] = values
 
 
 def retire(corners: Corners, p: int) -> None:

@@ -12,8 +12,8 @@ import numpy as np
 
 from dembrick.assembly.joints import JointTable
 from dembrick.geometry.rotations import frame_quaternion
-from dembrick.kernels.dynamics.area_joints import Faces
-from dembrick.kernels.dynamics.point_joints import Corners
+from dembrick.kernels.dynamics.area_tiles import Faces
+from dembrick.kernels.dynamics.point_tiles import Corners
 from dembrick.kernels.dynamics.record import write_resultants
 from dembrick.kernels.dynamics.rigid_bodies import Bodies
 from dembrick.kernels.dynamics.tiles import (
@@ -47,11 +47,6 @@ class MovingState(NamedTuple):
     faces: Faces | None
     ties: Ties
     middle: np.ndarray  # (3,) m, what positions count from
-
-    @property
-    def families(self) -> list[Corners | Faces]:
-        """The families of joints that there are."""
-        return [joints for _, joints in joint_families.present(self)]
 
     @property
     def arrays(self) -> list[np.ndarray]:
