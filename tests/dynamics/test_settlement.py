@@ -110,6 +110,7 @@ def test_a_springing_that_sinks():
     # elastic joints let the stones down by some 10 um, not to the last one alike on both sides
     assert result.run.path[0, 1] == pytest.approx(0.5 * WEIGHT, rel=1e-5)
     assert result.run.path[1:, 1].min() == pytest.approx(6565.6696, rel=1e-3)
+    assert result.fallen == []  # though stones have come down with it by two thirds of their thickness
 
 
 def test_two_supports_that_move_apart():
@@ -227,6 +228,7 @@ def test_an_arch_that_spreads_too_far(too_far):
     assert too_far.collapse["settlement"] == pytest.approx(0.458035, rel=1e-2)
     hinges = {name.split(" / ")[0] for name in too_far.collapse["hinges"]}
     assert len(hinges) >= 4 and len(too_far.collapse["blocks"]) == 20
+    assert too_far.fallen == too_far.collapse["blocks"]
     assert "collapse      at a settlement of 0.45" in too_far.text() and "hinges        arch." in too_far.text()
 
 
@@ -257,6 +259,21 @@ def test_a_collapse_in_real_time_says_at_which_settlement():
     angle = result.collapse["settlement"] / math.hypot(0.5, 0.2)
     assert math.atan(0.4) * 0.98 < angle < math.atan(0.4) * 1.1
     assert "collapse      at a settlement of 0." in result.text()
+
+
+@pytest.mark.parametrize("friction", [0.6, 0.2])
+def test_what_comes_down_with_its_support_has_not_fallen(friction):
+    """A floor that sinks by twice the height of a block and turns by 25 deg, with the block or from under it."""
+    floor = Block("floor", "stone", (4.0, 1.0, 0.2), (0.0, 0.0, -0.1), fixed=True)
+    away = Block("away", "stone", (1.0, 1.0, 0.2), (0.0, 3.0, -0.1), fixed=True)
+    block = Block("block", "stone", (0.2, 0.2, 0.1), (0.3, 0.0, 0.05))
+    turn, rides = Turn((0.0, 1.0, 0.0), 25.0), friction > math.tan(math.radians(25.0))
+    control = SettlementControl(("floor",), (0.0, 0.0, -0.2), turn, quasi_static=False, rate=0.5)
+    law = JointLaw("concave", friction, 1e8, 4e7)
+    scene = Scenario("ride", (0.0, 0.0, -G), law, STONE, (floor, away, block), control, output=Output(()))
+    result = simulate(scene)
+    assert result.fallen == ([] if rides else ["block"])
+    assert result.status == ("completed" if rides else "collapse")
 
 
 def test_a_spread_in_real_time_is_that_of_equilibria():

@@ -9,8 +9,8 @@ A study asks for it by a table::
     tolerance = 0.01              # relative half-width of the bracket at which the search ends
     scan      = 8                 # look through the range in so many steps first, from the end that stands
 
-A run *falls* if its status is "collapse" or "falls", or if a block has fallen at its end: its centroid has come down by
-more than half of its least dimension, or it has turned over by more than 45 deg.
+A run *falls* if its status is "collapse" or "falls", or if a block has fallen at its end, and no support took it
+along: its centroid has come down by more than half of its least dimension, or it has turned over by more than 45 deg.
 """
 
 from __future__ import annotations

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 MOVED = 0.1  # of the longest displacement: blocks that have moved further belong to the mechanism
 DROPPED = 0.5  # of a block's least dimension: what has come down by more has fallen
 TURNED_OVER = math.cos(math.radians(45.0))  # of the angle between a block's vertical of the start and that of now
+STILL = 1e-12  # of a turn: rounding
 CARRIED = 20.0  # times that where supports move under them, which speeds blocks up that stand
 OFF_BALANCE = 1e-3  # of gravity: blocks whose mean acceleration stays above it have begun to come down
 
@@ -62,17 +63,38 @@ class Extremes:
 
 def fallen(moving: Motion) -> np.ndarray:
     """Which blocks (n,) have fallen: their centroid has come down along gravity by more than half of the least
-    dimension of the block, or they have turned over, a vertical line in them by more than 45 deg."""
+    dimension of the block, or they have turned over, a vertical line in them by more than 45 deg.
+
+    Where supports have moved, that is seen from each of them, as if it had carried all blocks along: a block that has
+    come down or turned with any support has not fallen.
+    """
     assembly, bodies = moving.assembly, moving.state.bodies
-    weight = float(np.linalg.norm(assembly.gravity))
+    weight, free = float(np.linalg.norm(assembly.gravity)), ~np.asarray(assembly.fixed)
     if not weight > 0.0:
         return np.zeros(len(assembly.names), bool)
     down = np.asarray(assembly.gravity, float) / weight
     least = np.array([float(np.ptp(shape.vertices, axis=0).min()) for shape in assembly.shapes])
-    dropped = moving.displacement @ down > DROPPED * least
     line = np.einsum("nij,i->nj", assembly.rotation, down)  # of the start, in body axes
-    turned = np.einsum("nij,nj,i->n", bodies.rotation, line, down) < TURNED_OVER
-    return ~np.asarray(assembly.fixed) & (dropped | turned)
+    away, found = moving.displacement, free.copy()
+    for carried, turn in _carried(moving):
+        dropped = (away - carried) @ down > DROPPED * least
+        turned = np.einsum("nij,nj,i->n", bodies.rotation, line, turn @ down) < TURNED_OVER
+        found &= dropped | turned
+    return found
+
+
+def _carried(moving: Motion) -> list[tuple[np.ndarray, np.ndarray]]:
+    """How far all blocks (n, 3) would be, and how turned (3, 3), if they had moved with each support as one body; once
+    for all supports that stand still."""
+    assembly, bodies, away = moving.assembly, moving.state.bodies, moving.displacement
+    turn = bodies.rotation @ np.swapaxes(assembly.rotation, 1, 2)
+    still = (away == 0.0).all(axis=1) & (np.abs(turn - np.eye(3)).max(axis=(1, 2)) < STILL)
+    moved = np.flatnonzero(np.asarray(assembly.fixed) & ~still)
+    rides = [(np.zeros(3), np.eye(3))] if len(moved) < int(np.sum(assembly.fixed)) or not len(moved) else []
+    for i in moved.tolist():
+        arm = bodies.start - bodies.start[i]
+        rides.append((away[i] + arm @ (turn[i] - np.eye(3)).T, turn[i]))
+    return rides
 
 
 def collapse_of(

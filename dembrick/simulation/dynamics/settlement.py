@@ -33,7 +33,7 @@ from dembrick.simulation.dynamics.checkpoint import Past
 from dembrick.simulation.dynamics.dead_load import CHUNK, LOCAL_DAMPING, STEP, find_equilibrium, unbalanced
 from dembrick.simulation.dynamics.integrator import LONGEST_MOVE, NO_LIMIT, Motion, advance
 from dembrick.simulation.dynamics.loads import Driving
-from dembrick.simulation.dynamics.outcome import MOVED, fallen, settlement_collapse
+from dembrick.simulation.dynamics.outcome import MOVED, settlement_collapse
 from dembrick.simulation.dynamics.recorder import Recorder
 from dembrick.simulation.dynamics.run import MEETINGS, MotionRun
 from dembrick.simulation.dynamics.state import seen
@@ -314,7 +314,7 @@ class Settlement:
             collapse=self.collapse,
             unbalanced=float(path[:, 2].max()),
             furthest=self.past.extremes.furthest,
-            fallen=fallen(moving),
+            fallen=np.isin(moving.assembly.names, [] if self.collapse is None else self.collapse["blocks"]),
             settings=settings,
             path=path,
             reaction=self.reaction,
