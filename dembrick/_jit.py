@@ -11,7 +11,7 @@ import os
 import stat
 import tempfile
 from contextlib import suppress
-from functools import update_wrapper
+from functools import cached_property, update_wrapper
 from pathlib import Path
 from types import FunctionType
 
@@ -233,17 +233,29 @@ class Inlined:
 
     Other kernels take it as `_Parts`, without the code by which Python calls it, which holds the whole body once more;
     a first run compiles in less than half the time. ``called`` is compiled if Python calls. Not so for a kernel that
-    only Python calls, which is better an `entry`.
+    only Python calls, which is better an `entry`. Both are made when they are first asked for: a run that finds its
+    kernels in the cache asks for few.
     """
 
     def __init__(self, function, **options):
         update_wrapper(self, function)
         self.py_func = function
-        options = {"fastmath": FLOATS, **options}
-        wanted = {"nopython": True, "error_model": "numpy", "forceinline": True, **options}
-        self._inner = _Parts(function, targetoptions=wanted, pipeline_class=_PartCompiler)
-        self._numba_type_ = numba.types.Dispatcher(self._inner)  # what other kernels see
-        self.called = _compiled(renamed(function, f"{function.__name__}_called"), **options)
+        self._options = {"fastmath": FLOATS, **options}
+
+    @cached_property
+    def _part(self):
+        wanted = {"nopython": True, "error_model": "numpy", "forceinline": True, **self._options}
+        return _Parts(self.py_func, targetoptions=wanted, pipeline_class=_PartCompiler)
+
+    @cached_property
+    def _numba_type_(self):
+        """What other kernels see; a weak reference."""
+        return numba.types.Dispatcher(self._part)
+
+    @cached_property
+    def called(self):
+        """What Python calls."""
+        return _compiled(renamed(self.py_func, f"{self.py_func.__name__}_called"), **self._options)
 
     def __call__(self, *arguments):
         """Call it from Python."""

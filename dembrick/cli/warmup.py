@@ -1,66 +1,100 @@
-"""``dembrick warmup``: compile the kernels into the cache, one process, nothing kept."""
+"""``dembrick warmup``: compile the kernels into the cache, in one process or several side by side, nothing kept."""
 
 from __future__ import annotations
 
 SIMULATES = True  # and so may compile
 
+FORMULATIONS = ("concave", "convex")
+
 
 def add_arguments(parser) -> None:
-    """No options beyond the common ones."""
+    """Options of the command."""
+    parser.add_argument("--jobs", type=int, metavar="N", help="processes side by side (default: one a core)")
 
 
 def run(options, console) -> int:
     """Run one small scene of each family of joints and each way to run, and a few limit loads together."""
+    import os
     import time
 
     from dembrick._jit import CACHE_FOLDER
-    from dembrick.runs import domain
-    from dembrick.runs.simulate import simulate
+    from dembrick.errors import ScenarioError
+    from dembrick.runs.study.executors import run_here, run_local
 
+    if options.jobs is not None and options.jobs < 1:
+        raise ScenarioError(f"--jobs = {options.jobs} is out of range: it must be at least 1")
     began = time.perf_counter()
-    scenes = _scenes()
-    for i, (name, scenario) in enumerate(scenes.items()):
-        console.progress(i, len(scenes) + 1, name)
-        simulate(scenario)
-    console.progress(len(scenes), len(scenes) + 1, "limit loads together")
-    for formulation in ("concave", "convex"):
-        domain.simulate_domain(a=0.3, b=0.2, friction=0.64, normal_force=467.0, formulation=formulation, count=4)
-    console.progress(len(scenes) + 1, len(scenes) + 1, "")
+    tasks = [(kind, formulation) for kind in KINDS for formulation in FORMULATIONS]
+    jobs = min(options.jobs or os.cpu_count() or 1, len(tasks))
+    chunks = [[task] for task in tasks]
+    done = run_here(_compile, chunks) if jobs == 1 else run_local(_compile, chunks, jobs)
+    console.progress(0, len(tasks), "")
+    for i, names in enumerate(done):
+        console.progress(i + 1, len(tasks), names[0])
     seconds = time.perf_counter() - began
-    console.result({"seconds": seconds, "cache": str(CACHE_FOLDER)}, f"warm after {seconds:.1f} s: {CACHE_FOLDER}")
+    found = {"seconds": seconds, "jobs": jobs, "cache": str(CACHE_FOLDER)}
+    console.result(found, f"warm after {seconds:.1f} s: {CACHE_FOLDER}")
     return 0
 
 
-def _scenes() -> dict:
-    """Scenes by what they compile."""
-    from dembrick.runs.lab import lab_scenario
-    from dembrick.scenario.controls import DynamicControl, PushoverControl
+def _compile(tasks: list[tuple[str, str]]) -> list[str]:
+    """Run what compiles the kernels of some kinds; their names. The cache is shared with other processes safely."""
+    for kind, formulation in tasks:
+        KINDS[kind](formulation)
+    return [f"{kind}, {formulation}" for kind, formulation in tasks]
+
+
+def _simulate(*scenarios) -> None:
+    from dembrick.runs import simulate
+
+    for scenario in scenarios:
+        simulate.simulate(scenario)
+
+
+def _scene(formulation: str, control, *free):
+    """Blocks on a floor: position (m) and vertical velocity (m/s) of each."""
     from dembrick.scenario.model import Block, JointLaw, Material, Output, Scenario
 
-    def scene(formulation, control, *free) -> Scenario:
-        return Scenario(
-            title="warm up",
-            gravity=(0.0, 0.0, -9.81),
-            joint=JointLaw(formulation, 0.64, 1e9, 4e8),
-            materials={"stone": Material(2000.0)},
-            blocks=(
-                Block("floor", "stone", (2.0, 2.0, 0.1), (0.0, 0.0, -0.05), fixed=True),
-                *(
-                    Block(f"block {i}", "stone", (0.3, 0.2, 0.1), place, velocity=(0.0, 0.0, speed))
-                    for i, (place, speed) in enumerate(free)
-                ),
+    return Scenario(
+        title="warm up",
+        gravity=(0.0, 0.0, -9.81),
+        joint=JointLaw(formulation, 0.64, 1e9, 4e8),
+        materials={"stone": Material(2000.0)},
+        blocks=(
+            Block("floor", "stone", (2.0, 2.0, 0.1), (0.0, 0.0, -0.05), fixed=True),
+            *(
+                Block(f"block {i}", "stone", (0.3, 0.2, 0.1), place, velocity=(0.0, 0.0, speed))
+                for i, (place, speed) in enumerate(free)
             ),
-            control=control,
-            output=Output(("joints", "energy", "frames", "velocity")),
-        )
+        ),
+        control=control,
+        output=Output(("joints", "energy", "frames", "velocity")),
+    )
 
-    low, high, thrown = ((0.0, 0.0, 0.05), 0.0), ((0.0, 0.0, 0.15), 0.0), ((0.5, 0.0, 0.051), -1.0)
-    push = PushoverControl((1.0, 0.0, 0.0), tolerance=1e-2)
-    found = {}
-    for formulation in ("concave", "convex"):
-        found[f"limit load, {formulation}"] = lab_scenario("set4a", formulation)
-        found[f"constant rate, {formulation}"] = lab_scenario("set4a_curve", formulation)
-        found[f"equilibria, {formulation}"] = scene(formulation, push, low, high)
-        found[f"motion, {formulation}"] = scene(formulation, DynamicControl(1e-3), low)
-        found[f"impact, {formulation}"] = scene(formulation, DynamicControl(2e-3), low, thrown)
-    return found
+
+LOW, HIGH, THROWN = ((0.0, 0.0, 0.05), 0.0), ((0.0, 0.0, 0.15), 0.0), ((0.5, 0.0, 0.051), -1.0)
+
+
+def _motion(formulation: str) -> None:
+    """With and without contact detection: one process, as both have most of their code in common."""
+    from dembrick.scenario.controls import DynamicControl
+
+    _simulate(_scene(formulation, DynamicControl(1e-3), LOW), _scene(formulation, DynamicControl(2e-3), LOW, THROWN))
+
+
+def _equilibria(formulation: str) -> None:
+    from dembrick.scenario.controls import PushoverControl
+
+    _simulate(_scene(formulation, PushoverControl((1.0, 0.0, 0.0), tolerance=1e-2), LOW, HIGH))
+
+
+def _single_joints(formulation: str) -> None:
+    """The limit load, the constant rate, and limit loads together."""
+    from dembrick.runs import domain
+    from dembrick.runs.lab import lab_scenario
+
+    _simulate(lab_scenario("set4a", formulation), lab_scenario("set4a_curve", formulation))
+    domain.simulate_domain(a=0.3, b=0.2, friction=0.64, normal_force=467.0, formulation=formulation, count=4)
+
+
+KINDS = {"motion": _motion, "equilibria": _equilibria, "single joints": _single_joints}  # the longest first

@@ -13,7 +13,7 @@ import math
 START_SECONDS = 1.0  # of a command: start-up, loading what is compiled, building, writing
 LONG = 3600.0  # s: a run that takes more says so before it starts
 ROCKING = 13.0  # steps of a search that rocks, however many blocks
-FIRST_SLIDING, NEWTON_PER_JOINT = 70.0, 2.0  # of one that slides: and more with every joint that does
+FIRST_SLIDING, NEWTON_PER_JOINT = 45.0, 2.0  # of one that slides: and more with every joint that does
 CONVEX_NEWTON, CONVEX_SLIDING = 3.6, 1.3  # times as many steps where joints are convex
 EQUILIBRIA = 32  # on the path of a search: some ten to sixty are recorded
 WITHIN = 4.0  # factor by which the steps of a search of several joints may be off

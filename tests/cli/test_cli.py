@@ -218,11 +218,31 @@ def test_warmup_runs_every_kind_of_loop(call, monkeypatch):
     ran = []
     simulate = simulate_module.simulate
     monkeypatch.setattr(simulate_module, "simulate", lambda scenario: ran.append(simulate(scenario)))
-    code, out, _ = call("warmup", "--json")
+    code, out, _ = call("warmup", "--jobs", "1", "--json")
     assert code == 0 and json.loads(out)["cache"] == str(_jit.CACHE_FOLDER)
     assert {one.scenario.control.kind for one in ran} == {"yield", "displacement", "pushover", "dynamic"}
     touching = [one.run.motion.contact_detection.touching for one in ran if one.scenario.control.kind == "dynamic"]
     assert [one is None for one in touching] == [True, False, True, False]
+
+
+def test_warmup_compiles_in_as_many_processes_as_are_asked_for(call, monkeypatch):
+    from dembrick.cli import warmup
+    from dembrick.runs.study import executors
+
+    ran, asked = [], []
+    kinds = {kind: lambda formulation, kind=kind: ran.append((kind, formulation)) for kind in warmup.KINDS}
+    monkeypatch.setattr(warmup, "KINDS", kinds)
+
+    def here(function, chunks, jobs):
+        asked.append(jobs)
+        return executors.run_here(function, chunks)
+
+    monkeypatch.setattr(executors, "run_local", here)
+    code, out, _ = call("warmup", "--jobs", "3", "--json")
+    assert code == 0 and json.loads(out)["jobs"] == 3 and asked == [3]
+    assert len(set(ran)) == len(ran) == 2 * len(kinds)
+    code, _, err = call("warmup", "--jobs", "0")
+    assert code == 2 and "--jobs = 0 is out of range" in err
 
 
 def test_module_is_the_command():

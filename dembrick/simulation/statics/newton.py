@@ -15,7 +15,8 @@ from dembrick.simulation.statics.state import State
 from dembrick.simulation.statics.stiffness import to_joint
 
 MOST_ITERATIONS = 20  # for one equilibrium
-BACKTRACKS = 8  # of one iteration
+ENOUGH, SLACK = 0.9, 0.5  # of the out-of-balance, or of its work on a step: what a step, or a part of it, may leave
+MOST_PARTS, BACKTRACKS = 12, 8  # of one step that are tried, by secants, or by halves
 LOST = 1e4  # times the out-of-balance of the start: what is further away than that leads nowhere
 SHORT, MOST_SHORT = 0.1, 3  # parts of Newton steps that are short; so many after one another lead nowhere
 SINGULAR = 1e3  # times the out-of-balance of now: a Newton step that ends there is one of a singular tangent
@@ -100,16 +101,19 @@ class Equilibria:
 
     def attempt(self, motion: np.ndarray, V: float) -> float:
         """Out-of-balance of a motion under the load V: the square root of the elastic energy that it would give (J)."""
-        began, blocks = time.perf_counter(), self.state.blocks
-        rows = motion[self.rows]
-        blocks.displacement[self.free], blocks.rotation[self.free] = rows[:, :3], rows[:, 3:]
-        ties.pull(self.state)
+        began = time.perf_counter()
+        self._move(motion)
         self._try(V, with_tangent=False)
         forces = time.perf_counter()
         energy = self.factor.energy(self.trial.residual)
         self.phases["joint_forces"] += forces - began
         self.phases["equations"] += time.perf_counter() - forces
         return math.sqrt(max(0.0, energy))
+
+    def _move(self, motion: np.ndarray) -> None:
+        blocks, rows = self.state.blocks, motion[self.rows]
+        blocks.displacement[self.free], blocks.rotation[self.free] = rows[:, :3], rows[:, 3:]
+        ties.pull(self.state)
 
     def differentiate(self, V: float) -> None:
         """Tangents of the joints at the motion of now."""
@@ -147,20 +151,23 @@ class Equilibria:
         while size <= LOST * start and short < MOST_SHORT and self.iterations - before < MOST_ITERATIONS:
             if self.out_of_balance() <= self.balanced:
                 return V, self.iterations - before
-            change = self._newton_step(V)
-            if change is None:
+            step = self._newton_step(V)
+            if step is None:
                 break
-            found = self.attempt(motion + change[0], V + change[1])
+            change, change_V = step
+            work = inner(self.trial.residual, change)
+            found = self.attempt(motion + change, V + change_V)
             if found > SINGULAR * size and not leapt and not self.trial.drag[0] > 0.0:
                 leapt, landed = True, self._leap(motion, V, size)
                 if landed is not None:
                     motion, V, size = landed
                     continue
-                found = math.inf
-            part, size = self._line_search(motion, V, change, size, found)
-            if part == 0.0:
-                break
-            motion, V = motion + part * change[0], V + part * change[1]
+                found = self.attempt(motion + change, V + change_V)
+            part = 1.0
+            if not found < ENOUGH * size:
+                part = self._line_search(motion, V, step, work) if work > 0.0 else self._halved(motion, V, step, size)
+                found = self.attempt(motion + part * change, V + part * change_V)
+            motion, V, size = motion + part * change, V + part * change_V, found
             short = short + 1 if part < SHORT else 0
         return None, self.iterations - before
 
@@ -175,20 +182,38 @@ class Equilibria:
         change_V = -inner(self.load, by_residual) / inner(self.load, by_load)
         return by_residual + change_V * by_load, change_V
 
-    def _line_search(
-        self, motion: np.ndarray, V: float, change: tuple[np.ndarray, float], size: float, found: float
-    ) -> tuple[float, float]:
-        """The part of a ``change`` that is taken, and the out-of-balance there; ``size`` now, ``found`` after all."""
-        part, best = 1.0, (found, 1.0) if found < math.inf else (math.inf, 0.0)
-        for _ in range(BACKTRACKS - 1):
+    def _line_search(self, motion: np.ndarray, V: float, step: tuple[np.ndarray, float], work: float) -> float:
+        """The part of a Newton ``step`` where the out-of-balance forces do next to no work on it (Matthies and Strang,
+        IJNME 14 (1979) 1613): the least potential energy, if nothing slides.
+
+        ``work``: that of the forces where it begins, J; those of now are where it ends.
+        """
+        change, change_V = step
+        low, high, part = (0.0, work), (1.0, inner(self.trial.residual, change)), 1.0
+        if not high[1] < 0.0:
+            return part
+        for _ in range(MOST_PARTS):
+            secant = low[0] + (high[0] - low[0]) * low[1] / (low[1] - high[1])
+            part = min(max(secant, low[0] + 0.05 * (high[0] - low[0])), low[0] + 0.9 * (high[0] - low[0]))
+            self._move(motion + part * change)
+            self._try(V + part * change_V, with_tangent=False)
+            rest = inner(self.trial.residual, change)
+            if abs(rest) <= SLACK * work:
+                break
+            low, high = ((part, rest), high) if rest > 0.0 else (low, (part, rest))
+        return part
+
+    def _halved(self, motion: np.ndarray, V: float, step: tuple[np.ndarray, float], size: float) -> float:
+        """The part of a Newton ``step`` that leaves least out of balance, by halves, where the forces work against it
+        from the start."""
+        part, best = 1.0, (math.inf, 1.0)
+        for _ in range(BACKTRACKS):
+            found = self.attempt(motion + part * step[0], V + part * step[1])
+            best = min(best, (found, part))
             if found < (1.0 - 0.1 * part) * size:
                 break
             part *= 0.5
-            found = self.attempt(motion + part * change[0], V + part * change[1])
-            best = min(best, (found, part))
-        if best[1] not in (part, 0.0):  # the last part that was tried was not the best
-            self.attempt(motion + best[1] * change[0], V + best[1] * change[1])
-        return best[1], best[0]
+        return best[1]
 
     def _leap(self, motion: np.ndarray, V: float, start: float) -> tuple[np.ndarray, float, float] | None:
         """Motion, V and out-of-balance after whole Newton steps from where the tangent is singular, or None.
