@@ -1,12 +1,15 @@
 """Dead-load equilibrium before a dynamic run: what stands is at rest, what does not is let fall, and it is said."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from dembrick.errors import NotConvergedError
 from dembrick.runs.simulate import simulate
 from dembrick.scenario.controls import BaseMotionControl, DynamicControl, Sine
-from dembrick.scenario.model import Block, JointLaw, Material, Scenario
+from dembrick.scenario.model import Block, JointLaw, Material, Scenario, Solver
+from dembrick.simulation.dynamics.dead_load import MOST_STEPS
 
 AT_REST = 1e-9  # m
 
@@ -88,3 +91,15 @@ def test_supports_that_shake_want_all_blocks_to_stand_and_name_those_that_do_not
     shaken = BaseMotionControl(0.05, (1.0, 0.0, 0.0), sine=Sine(0.1, 5.0))
     with pytest.raises(NotConvergedError, match="no equilibrium under the dead loads: 'loose' slide or overturn"):
         simulate(scene([*pile(2, 0.2), ledge, loose], control=shaken))
+
+
+def test_small_steps_are_more_of_them_until_blocks_rest():
+    """At a six hundredth of the usual step a pile needs some hundreds of times the usual steps, and gets them."""
+    control = BaseMotionControl(duration=1e-4, direction=(1.0, 0.0, 0.0), sine=Sine(0.1, 2.0))
+    given = scene(pile(4, 0.5), control=control)
+    steps = []
+    for factor in (0.9, 0.0015):
+        result = simulate(replace(given, solver=Solver(step_factor=factor)))
+        assert result.run.unbalanced <= 1e-9
+        steps.append(result.run.motion.dead_load_steps)
+    assert steps[1] > max(MOST_STEPS, 100 * steps[0])

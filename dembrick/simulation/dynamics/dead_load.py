@@ -29,7 +29,8 @@ ROUNDING = 4.0  # of the force that a rounded position makes: no less can be ask
 APART = 0.02  # of a joint's size: where friction holds, blocks that move further against each other overturn
 SLID = 1.0  # of its size, where joints may slip
 ELASTIC = 4.0  # times what the joint's own force does to it when it is closed: so much comes on top
-MOST_STEPS = 200_000  # of one attempt
+MOST_STEPS = 200_000  # of one attempt, at the usual time step
+USUAL = 0.9  # of the critical time step: solver.step_factor, if nobody asks for another
 CHUNK = 256  # steps after which it is seen whether the blocks rest
 STICKING = 1e9  # friction of joints that may not slip
 NAMED = 5  # blocks that a message names
@@ -83,6 +84,11 @@ def find_equilibrium(
     return attempt.ratio
 
 
+def most_steps(motion: Motion) -> int:
+    """Of a relaxation: smaller steps are more of them."""
+    return round(MOST_STEPS * max(1.0, USUAL * motion.critical_time_step / motion.time_step))
+
+
 class _Attempt:
     """Relaxation with the blocks held that are known to fall; ``slack`` (j,): how far joints may move (m)."""
 
@@ -113,7 +119,8 @@ class _Attempt:
         held = bodies._replace(free=bodies.free[standing[bodies.free]])
         if not (len(held.free) and len(motion.state.links.host)):
             return none
-        while motion.dead_load_steps - motion.attempt[0] < MOST_STEPS:
+        most = most_steps(motion)
+        while motion.dead_load_steps - motion.attempt[0] < most:
             if pause is not None and motion.dead_load_steps > begun:
                 pause()
             status, done = self._advance(held, CHUNK)

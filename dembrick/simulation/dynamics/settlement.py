@@ -30,7 +30,7 @@ from dembrick.simulation import interrupts
 from dembrick.simulation.channels import bytes_of, recorded
 from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.checkpoint import Past
-from dembrick.simulation.dynamics.dead_load import CHUNK, LOCAL_DAMPING, STEP, find_equilibrium, unbalanced
+from dembrick.simulation.dynamics.dead_load import CHUNK, LOCAL_DAMPING, STEP, find_equilibrium, most_steps, unbalanced
 from dembrick.simulation.dynamics.integrator import LONGEST_MOVE, NO_LIMIT, Motion, advance
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.outcome import MOVED, settlement_collapse
@@ -48,7 +48,6 @@ GENTLE = 0.005  # of gravity: the greatest acceleration of the supports; at 0.02
 CAREFUL = 0.2  # of the tolerance: the same in gravities, once blocks have come down
 FEWEST = 512  # steps of a move
 BALANCED = 1e-6  # out-of-balance force over joint forces at which the blocks rest
-MOST_STEPS = 200_000  # of a relaxation
 DRIFTING = 1.5  # how much further blocks are at its end than at its middle if they go on and do not swing
 DROPPED = 0.5  # of a block's least dimension: one that has moved so far since the last equilibrium has come down
 FALL = 8  # frames of that, equally far apart
@@ -166,7 +165,8 @@ class Settlement:
         free = ~np.asarray(self.moving.assembly.fixed)
         least = np.array([float(np.ptp(shape.vertices, axis=0).min()) for shape in self.moving.assembly.shapes])
         arrived, balanced, middle = self.moving.state.bodies.position.copy(), 0, 0.0
-        for chunk in range(MOST_STEPS // CHUNK):
+        most = most_steps(self.moving)
+        for chunk in range(most // CHUNK):
             self._advance(still, CHUNK)
             away = np.linalg.norm(self.moving.state.bodies.position - before, axis=1)
             down = float((away / (DROPPED * least))[free].max())
@@ -177,13 +177,13 @@ class Settlement:
             balanced = balanced + 1 if ratio <= max(BALANCED, enough) else 0
             if balanced == 2:  # forces of a swing vanish at one moment, and not at the next
                 return ratio
-            if chunk == MOST_STEPS // CHUNK // 2:
+            if chunk == most // CHUNK // 2:
                 middle = _farthest(self.moving.state.bodies.position, arrived)
         if _farthest(self.moving.state.bodies.position, arrived) > DRIFTING * middle:
             self._look_on(1.0)
             return None
         raise NotConvergedError(
-            f"no equilibrium at a settlement of {share * self.supports.length:.6g} m: after {MOST_STEPS} steps of "
+            f"no equilibrium at a settlement of {share * self.supports.length:.6g} m: after {most} steps of "
             f"relaxation the out-of-balance force is still {ratio:.2g} of the joint forces; lower the stiffness of the "
             "joints, or take quasi_static = false"
         )
