@@ -233,6 +233,9 @@ def fetch(joint, number, links, bodies, work):
         j = joint[number[lane]]
         other = links.other[j]
         host = links.host[j]
+        row = links.wrench[j]  # `deliver` wants both its lines
+        prefetch(row, 0)
+        prefetch(row, 8)
         work[lane] = q[other, 0]
         work[W + lane] = q[other, 1]
         work[2 * W + lane] = q[other, 2]

@@ -13,7 +13,18 @@ from dembrick.assembly.contact_points import PointTable
 from dembrick.assembly.joints import JointTable
 from dembrick.errors import HistoryError
 from dembrick.geometry import friction_integrals, polygons
-from dembrick.kernels.dynamics.area_tiles import AREA, ELASTIC, FACE, K_N, MU, NEGLIGIBLE, REACH, FaceBonds, Faces
+from dembrick.kernels.dynamics.area_tiles import (
+    AREA,
+    ELASTIC,
+    FACE,
+    K_N,
+    MU,
+    NEGLIGIBLE,
+    RADIUS,
+    REACH,
+    FaceBonds,
+    Faces,
+)
 from dembrick.kernels.dynamics.tiles import W, rows_of_lanes, where_in
 from dembrick.simulation.dynamics.tiling import tiled, ways, without_rounding
 from dembrick.simulation.joint_stiffness import elastic_stiffness
@@ -66,6 +77,7 @@ def at_rest(assembly: Assembly, first_tile: int) -> Faces | None:
         strengths=strengths,
         bonds=None if strengths is None else FaceBonds(bonded_at_start(laws), np.zeros(n)),
     )
+    faces.tiles.reshape(len(lane), -1, W)[:, RADIUS] = 1.0  # a divisor, in lanes without a joint too
     faces.put(K_N, [(law.normal_stiffness, law.shear_stiffness, law.friction) for law in laws])
     faces.put(NEGLIGIBLE, without_rounding(PART_OF_WEIGHT * _lightest(assembly, joints)[chosen])[:, None])
     for numbers, outlines in joints.by_corners(chosen):
