@@ -23,6 +23,9 @@ from dembrick.scenario.toml import load
 from dembrick.simulation.statics import limit_load
 from dembrick.simulation.statics.dead_load import dead_load_equilibrium
 from dembrick.simulation.statics.elastic_factor import elastic_factor
+from dembrick.simulation.statics.load_system import Setup
+from dembrick.simulation.statics.path_following import PathFollower
+from dembrick.simulation.statics.sparse_equations import inner
 from dembrick.simulation.statics.state import initial_state
 from dembrick.simulation.statics.stiffness import block_stiffness
 from dembrick.views.export.text import to_csv
@@ -129,6 +132,26 @@ def test_a_high_wall_takes_no_more_newton_steps(formulation):
     result = simulate(scene(tilt(), friction=0.64, walls=(wall,), formulation=formulation), record=False)
     assert result.collapse["load_factor"] == pytest.approx(0.2 / 6.0, rel=1e-4)
     assert result.run.steps <= 16
+
+
+def test_a_newton_step_is_cut_where_the_forces_do_no_more_work_on_it():
+    """A dome pushed elastically to loads beyond its limit, .37: a whole step from there goes too far."""
+    dome = Dome("dome", "stone", radius=2.0, thickness=0.2, rings=4, blocks=8, key=8.0)
+    setup = Setup(build.assemble(scene(tilt((0.0, 1.0, 0.0)), domes=(dome,))), 1e-3)
+    follower = PathFollower(setup.state, setup.load, setup.factor, setup.certificate)
+    follower.prepare()
+    search = follower.search
+    start = search.motion()
+    for V in (0.5, 2.0, 10.0):
+        motion = start + V * follower.answer
+        search.attempt(motion, V)
+        step = search._newton_step(V)
+        work = inner(search.trial.residual, step[0])
+        search.attempt(motion + step[0], V + step[1])
+        assert inner(search.trial.residual, step[0]) < -0.8 * work < 0.0
+        part = search._line_search(motion, V, step, work)
+        search.attempt(motion + part * step[0], V + part * step[1])
+        assert 0.0 < part < 1.0 and abs(inner(search.trial.residual, step[0])) <= 0.5 * work
 
 
 def test_a_mechanism_is_followed_without_newton_steps():
