@@ -25,17 +25,13 @@ def quaternion(axis, angle):
 
 
 def no_joints():
-    numbers, lengths = np.zeros(0, np.uint32), np.zeros(0, np.float32)
-    axes, shapes = np.zeros((0, 2, 3)), [(0,), (0, 9), (0, 4)]
+    """`Links` of a scene without joints."""
+    numbers, rows, few = np.zeros(0, np.uint32), np.zeros(0), np.zeros(0, np.float32)
     return Links(
-        *[numbers] * 4,
-        axes,
-        numbers,
-        *(np.zeros(shape) for shape in shapes),
-        lengths,
-        lengths,
-        np.zeros((0, 3), np.float32),
-    )
+        host=numbers, other=numbers, tangents=numbers, plane=numbers, axes=np.zeros((0, 2, 3)), place=numbers,
+        tiles=rows, like=numbers, seen_tiles=rows, wrench=np.zeros((0, 9)), kept=np.zeros((0, 4)), reach=few, slack=few,
+        glide=np.zeros((0, 3), np.float32),
+    )  # fmt: skip
 
 
 class Pair:
