@@ -203,7 +203,7 @@ def _plan_motion(scenario: Scenario, assembly: Assembly) -> Plan:
     from dembrick.simulation.dynamics import loads, run
 
     moving = run.prepare(assembly, scenario.control, scenario.solver.step_factor)
-    driving = loads.driving_of(scenario, assembly, moving.time_step)  # opens the files that the scenario names
+    driving = loads.driving_of(scenario, moving)  # opens the files that the scenario names
     return run.plan(moving, scenario.control, driving, scenario.output, _expected_factor(scenario, assembly))
 
 
@@ -226,15 +226,15 @@ def _live_through(scenario: Scenario, assembly: Assembly, session: Session) -> M
     from dembrick.simulation.dynamics import handover, loads, run
 
     moving = run.prepare(assembly, scenario.control, scenario.solver.step_factor)
-    driving = loads.driving_of(scenario, assembly, moving.time_step)
+    if session.start is not None:
+        handover.start_on(moving, session.start)
+    driving = loads.driving_of(scenario, moving)
     plan = run.plan(moving, scenario.control, driving, scenario.output)
     if plan.at_most and present(plan.seconds) > LONG:  # of the longest such run; this one is worth a closer look
         factor = _expected_factor(scenario, assembly)
         plan = run.plan(moving, scenario.control, driving, scenario.output, factor)
     most = present(plan.seconds) if plan.seconds_falling is None else plan.seconds_falling
     session.warn_if_long(most, _shorter(scenario.control), plan.at_most or plan.seconds_falling is not None)
-    if session.start is not None:
-        handover.start_on(moving, session.start)
     run.ask_for(moving, scenario.output, driving)
     return run.run(moving, scenario.control, driving, session)
 
@@ -252,7 +252,7 @@ def _plan_settlement(scenario: Scenario, assembly: Assembly) -> Plan:
     from dembrick.simulation.dynamics import loads, run, settlement
 
     moving = run.prepare(assembly, scenario.control, scenario.solver.step_factor)
-    driving = loads.driving_of(scenario, assembly, moving.time_step)
+    driving = loads.driving_of(scenario, moving)
     return settlement.plan(moving, scenario.control, driving, scenario.output)
 
 
@@ -262,7 +262,7 @@ def _settle(scenario: Scenario, assembly: Assembly, session: Session, steps: flo
     moving = run.prepare(assembly, scenario.control, scenario.solver.step_factor)
     if session.start is not None:
         handover.start_on(moving, session.start)
-    driving = loads.driving_of(scenario, assembly, moving.time_step)
+    driving = loads.driving_of(scenario, moving)
     run.ask_for(moving, scenario.output, driving)
     plan = settlement.plan(moving, scenario.control, driving, scenario.output)
     session.warn_if_long(present(plan.seconds), "lower joint.normal_stiffness and joint.shear_stiffness")

@@ -19,10 +19,10 @@ from dembrick.errors import DembrickError, HistoryError
 from dembrick.runs.drivers import driver_of
 from dembrick.runs.result import fell
 from dembrick.scenario.checks import present, show
-from dembrick.scenario.stages import at_stage
+from dembrick.scenario.stages import at_stage, controls_of
 from dembrick.simulation.checkpoint_arrays import flattened, restored_state
 from dembrick.simulation.energy_audit import Auditor
-from dembrick.simulation.session import Session, Snapshot
+from dembrick.simulation.session import Kept, Session, Snapshot
 from dembrick.simulation.statics.state import State, initial_state
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ class Stages:
     scenario: Scenario
     done: int = 0
     results: list[dict] = field(default_factory=list)
-    left: State | None = None
+    left: State | Kept | None = None
     auditor: Auditor = field(default_factory=Auditor)
 
     def run(self, session: Session) -> Session:
@@ -119,7 +119,8 @@ class Stages:
             number = np.array([self.done, len(text)], float)
             own: dict[str, Any] = {_NUMBER: number, _RESULTS: text, _AUDIT: self.auditor.worst}
             if self.left is not None:
-                own |= {f"{_LEFT}{name}": array for name, array in flattened({"state": self.left}).items()}
+                left = self.left.arrays if isinstance(self.left, Kept) else flattened({"state": self.left})
+                own |= {f"{_LEFT}{name}": array for name, array in left.items()}
             if between:
                 own[_BETWEEN] = number
             keep({**arrays, **own}, where if between else f"{where} of stage {self.done + 1}")
@@ -140,7 +141,9 @@ class Stages:
             raise HistoryError(f"{snapshot.path}: the results of its stages cannot be read")
         self.done, self.results = int(done), results
         self.auditor.worst[:] = snapshot.array(_AUDIT, self.auditor.worst)
-        if self.done:
+        if self.done and controls_of(self.scenario)[self.done - 1].regime.real_time:
+            self.left = Kept({}, _Prefixed(snapshot, _LEFT))  # read as the stage after it begins
+        elif self.done:
             state = initial_state(assemblies.assemble(at_stage(self.scenario, self.done)))
             self.left = restored_state(state, _Prefixed(snapshot, _LEFT))
         return None if _BETWEEN in snapshot else snapshot

@@ -79,7 +79,7 @@ def steps(
 def _lived_through(scenario: Scenario, every: float, loads) -> Iterator[Step]:
     assembly, control = assemble(scenario), scenario.control
     moving = run.prepare(assembly, control, scenario.solver.step_factor)
-    driving = loads_of.driving_of(scenario, assembly, moving.time_step)
+    driving = loads_of.driving_of(scenario, moving)
     own = len(driving.block)
     if loads is not None:
         free = np.flatnonzero(~np.asarray(assembly.fixed))

@@ -40,11 +40,17 @@ def check_stages(scenario: Scenario) -> None:
     """ScenarioError for stages that cannot follow one another, and for numbers of stages that there are not."""
     controls = controls_of(scenario)
     for number, control in enumerate(controls[:-1], 1):
-        if control.regime.real_time:
-            where = "in the deformed geometry" if control.regime.quasi_static else "in real time"
+        after = controls[number]
+        if control.regime.real_time and not control.regime.quasi_static:
             raise ScenarioError(
-                f"stage {number} of kind {show(control.kind)} runs {where}, and only the last one can: make it "
+                f"stage {number} of kind {show(control.kind)} runs in real time, and only the last one can: make it "
                 "[control]"
+            )
+        if control.regime.real_time and not after.regime.real_time:
+            raise ScenarioError(
+                f"stage {number + 1} of kind {show(after.kind)} knows the geometry of the start, and stage {number} of "
+                f"kind {show(control.kind)} leaves another one: put it before, or take a settlement or a run in real "
+                "time in its place"
             )
     last = len(controls)
     for key in IN_STAGES:

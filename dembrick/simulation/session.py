@@ -31,6 +31,23 @@ class Snapshot(Protocol):
         """The array ``name``, which must have the shape and the type of ``like``."""
 
 
+class Kept:
+    """A snapshot in memory: copies of ``arrays``, and of those that were read from ``source``."""
+
+    def __init__(self, arrays: Mapping[str, np.ndarray], source: Snapshot | None = None, path: str = "what is kept"):
+        self.arrays = {name: np.array(array) for name, array in arrays.items()}
+        self._source, self.path = source, path if source is None else source.path
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.arrays or (self._source is not None and name in self._source)
+
+    def array(self, name: str, like: np.ndarray) -> np.ndarray:
+        """The array ``name``."""
+        if name not in self.arrays and self._source is not None:
+            self.arrays[name] = np.array(self._source.array(name, like))
+        return self.arrays[name]
+
+
 class Pausable(Protocol):
     """A run between two chunks: where it is, and all that it would go on from."""
 
@@ -91,7 +108,7 @@ class Session:
     output: Output = field(default_factory=Output)
     keep: Callable[[Mapping[str, np.ndarray], str], None] | None = None
     resumed: Snapshot | None = None
-    start: State | None = None
+    start: State | Kept | None = None
     tell: Callable[[Progress], None] | None = None
     report: Callable[[str], None] | None = None
     last_kept: float = field(default_factory=time.monotonic)

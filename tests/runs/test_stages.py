@@ -15,6 +15,7 @@ from dembrick.scenario import toml
 from dembrick.simulation.interrupts import Interrupted
 from dembrick.simulation.statics import stepper
 from helpers.scenario_text import BASE, refused
+from helpers.scenario_text import block as block_text
 
 MU, N, A, B = 0.64, 467.0, 0.3, 0.2
 HALF = 0.5 * MU * N  # N, half of the strength in shear
@@ -248,3 +249,113 @@ def test_stages_that_cannot_be_are_refused(text, words):
 def test_refinement_and_real_time_in_stages():
     with pytest.raises(ScenarioError, match=r"has \[\[stages\]\]"):
         simulate(scenario(STATICS, 'kind = "dynamic"\nduration = 0.01\n', actuators=""), refine=True)
+
+
+# --- after a settlement
+
+G = 9.81
+SUPPORTS = """
+title = "settled"
+gravity = [0.0, 0.0, -9.81]
+[joint]
+formulation = "{formulation}"
+friction = 0.5
+normal_stiffness = 1e10
+shear_stiffness = 4e9
+[materials]
+stone = {{ density = 2000.0 }}
+"""
+
+
+def turned(formulation, *stages, degrees=10.0, more="[output]\nrows = 400\nframes = 20\n"):
+    """A flat block on a floor that turns about its middle by so many degrees, and what comes then."""
+    text = SUPPORTS.format(formulation=formulation) + block_text(
+        "floor", (0.0, 0.0, -0.1), (2.0, 1.0, 0.2), "fixed = true"
+    )
+    text += block_text("block", (0.0, 0.0, 0.05), (0.4, 0.2, 0.1))
+    floor = 'kind = "settlement"\nsupports = ["floor"]\n'
+    floor += f"rotation = {{ axis = [0.0, 1.0, 0.0], angle = {degrees}, point = [0.0, 0.0, 0.0] }}\n"
+    every = [floor, *stages]
+    text += "".join(f"[[stages]]\n{stage}" for stage in every[:-1]) + f"[control]\n{every[-1]}{more}"
+    return toml.loads(text, "turned.toml")
+
+
+def pulse(degrees, amplitude=6.0):
+    """The base moves up the floor."""
+    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    return f'kind = "base-motion"\ndirection = [{-c!r}, 0.0, {s!r}]\nduration = 0.8\n' + (
+        f"pulse = {{ amplitude = {amplitude}, duration = 0.2 }}\n"
+    )
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+def test_a_block_on_a_floor_that_has_turned_takes_a_pulse(formulation):
+    """a = A + g sin th - mu g cos th for the pulse, then it slows down by mu g cos th - g sin th; before, it stands."""
+    result = simulate(turned(formulation, pulse(10.0)))
+    th, A, T = math.radians(10.0), 6.0, 0.2
+    faster = A + G * math.sin(th) - 0.5 * G * math.cos(th)
+    slower = 0.5 * G * math.cos(th) - G * math.sin(th)
+    slip = 0.5 * faster * T**2 + (faster * T) ** 2 / (2.0 * slower)
+    assert result.rows["displacement"][-1] == pytest.approx(slip, rel=5e-3)
+    assert result.rows["joint"][0, 0, 0] == pytest.approx(16.0 * G * math.cos(th), rel=1e-5)
+    first, last = result.frames["displacement"][[0, -1], 1]
+    assert first[0] == pytest.approx(0.05 * math.sin(th), abs=1e-6)  # on the floor as it has turned
+    assert last - first == pytest.approx(slip * np.array([math.cos(th), 0.0, -math.sin(th)]), rel=5e-3, abs=1e-6)
+    assert result.stages[0]["kind"] == "settlement" and result.stages[0]["status"] == "completed"
+    assert abs(result.energy.relative_residual) < 1e-9
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+def test_one_settlement_after_another(formulation):
+    """A beam on three equal springs: the middle one goes down by s, and then up by s / 2; then the left one down."""
+    weight, k, s = 3000.0, 1e8, 1e-5
+    text = SUPPORTS.format(formulation=formulation).replace("1e10", f"{k / 0.1!r}").replace("4e9", f"{k / 0.1!r}")
+    text += block_text("beam", (0.0, 0.0, 0.1), (2.4, 0.5, weight / (2000.0 * G * 1.2) / 1.0))
+    text = text.replace("position = [0.0, 0.0, 0.1]", f"position = [0.0, 0.0, {0.5 * weight / (2000.0 * G * 1.2)!r}]")
+    for name, x in (("left", -1.0), ("middle", 0.0), ("right", 1.0)):
+        text += block_text(name, (x, 0.0, -0.1), (0.2, 0.5, 0.2), "fixed = true")
+
+    def sinks(name, by):
+        return f'kind = "settlement"\nsupports = ["{name}"]\ndisplacement = [0.0, 0.0, {-by!r}]\n'
+
+    text += f"[[stages]]\n{sinks('middle', s)}[[stages]]\n{sinks('middle', -0.5 * s)}[control]\n{sinks('left', s)}"
+    result = simulate(toml.loads(text, "beam.toml"))
+    one, two = (stage["reactions"]["middle"][2] for stage in result.stages)
+    assert one == pytest.approx(weight / 3.0 - 2.0 * k * s / 3.0, rel=1e-5)
+    assert two == pytest.approx(weight / 3.0 - k * s / 3.0, rel=1e-5)
+    third = weight / 3.0 - k * s / 3.0 + k * s / 3.0  # a spring at an end shares with the middle as (-1, 2, -1) / 6
+    assert result.reactions["middle"][2] == pytest.approx(third, rel=1e-4)
+
+
+def test_a_search_knows_the_geometry_of_the_start():
+    with pytest.raises(ScenarioError, match="stage 2 of kind 'tilt' knows the geometry of the start, and stage 1"):
+        turned("concave", 'kind = "tilt"\naxis = [0.0, 1.0, 0.0]\n')
+
+
+def test_a_run_in_real_time_after_a_settlement_goes_on_where_it_was_stopped(tmp_path, monkeypatch):
+    """Stopped between both, and in the last: the settled state comes from the checkpoint."""
+    monkeypatch.setattr(os, "fsync", lambda _: None)
+    path = tmp_path / "run.h5"
+    given = turned("convex", pulse(10.0), more="[output]\nrows = 40\nframes = 4\ncheckpoint = 0.0\n")
+    whole = simulate(given, tmp_path / "whole.h5")
+    original = stages.Stages._keeping
+
+    def stopping(self, session, between=False):
+        keep = original(self, session, between)
+
+        def keeping(arrays, where):
+            keep(arrays, where)
+            if stop in where:
+                raise Interrupted(15, "stopped")
+
+        return None if keep is None else keeping
+
+    monkeypatch.setattr(stages.Stages, "_keeping", stopping)
+    for stop in ("stage 1 of 2", "(t = "):  # the second of them in the last stage, which alone has a time
+        with pytest.raises(Interrupted):
+            simulate(given, path, force=True)
+        stop = "nowhere"
+        result = restart(path)
+        assert result.rows["displacement"][-1] == whole.rows["displacement"][-1]
+        with read(path) as one, read(tmp_path / "whole.h5") as other:
+            np.testing.assert_array_equal(one.displacement, other.displacement)

@@ -20,6 +20,24 @@ COUNTERS = (  # integers among them that change
 )  # fmt: skip
 
 
+def restore_scene(moving: Motion, snapshot: Snapshot, met: bool) -> None:
+    """Blocks, joints, ties and polygons as in a snapshot of the same scene, and new contacts if blocks have ``met``."""
+    polygons = moving.polygons
+    for name, own in _polygons(moving).items():
+        own[...] = snapshot.array(name, own)
+    polygons.make_room(joint_families.rooms(moving.state, snapshot))
+    parts = {name: restored(name, getattr(moving.state, name), snapshot, COUNTERS) for name in PARTS}
+    moving.state = moving.state._replace(**parts)
+    moving.state.links.share()
+    joint_families.check_restored(moving.state, snapshot.path)
+    if met:
+        moving.contact_detection.restore(moving.state, polygons, snapshot)
+
+
+def _polygons(moving: Motion) -> dict[str, np.ndarray]:
+    return {"polygons.shift": moving.polygons.shift, "polygons.whole": moving.polygons.whole}
+
+
 class Past:
     """What a run remembers beside its state, so that it can go on from a checkpoint."""
 
@@ -51,8 +69,7 @@ class Past:
         arrays |= {"motion.falling": moving.falling, "motion.attempt": moving.attempt}
         if self._controller is not None:
             arrays |= {"controller.present": self._controller.present, "controller.peak": self._controller.peak}
-        arrays |= moving.energy.arrays | self.extremes.arrays
-        return arrays | {"polygons.shift": moving.polygons.shift, "polygons.whole": moving.polygons.whole}
+        return arrays | moving.energy.arrays | self.extremes.arrays
 
     def snapshot(self) -> dict[str, np.ndarray]:
         """Everything that the run goes on from."""
@@ -60,7 +77,7 @@ class Past:
         loop = np.array([moving.steps, moving.time_step, moving.dead_load_steps])
         parts = {name: getattr(moving.state, name) for name in PARTS}
         met = moving.contact_detection.snapshot() if moving.steps else {}  # nobody looks for pairs before time begins
-        return {"loop": loop, **met, **self._arrays(), **flattened(parts)}
+        return {"loop": loop, **met, **self._arrays(), **_polygons(moving), **flattened(parts)}
 
     def has_begun(self, snapshot: Snapshot) -> bool:
         """Whether the dead-load equilibrium was reached when the ``snapshot`` was taken, and time had begun."""
@@ -76,10 +93,4 @@ class Past:
         moving.steps, moving.time_step, moving.dead_load_steps = int(steps), dt, int(before)
         for name, own in self._arrays().items():
             own[...] = snapshot.array(name, own)
-        moving.polygons.make_room(joint_families.rooms(moving.state, snapshot))
-        parts = {name: restored(name, getattr(moving.state, name), snapshot, COUNTERS) for name in PARTS}
-        moving.state = moving.state._replace(**parts)
-        moving.state.links.share()
-        joint_families.check_restored(moving.state, snapshot.path)
-        if moving.steps:
-            moving.contact_detection.restore(moving.state, moving.polygons, snapshot)
+        restore_scene(moving, snapshot, met=moving.steps > 0)

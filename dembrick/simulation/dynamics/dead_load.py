@@ -52,8 +52,10 @@ def find_equilibrium(
     NotConvergedError, which names them. Bonds hold meanwhile, whatever they bear.
 
     ``pause`` is called between two chunks of steps, of which ``motion.dead_load_steps`` are done then; ``resume`` takes
-    state and steps back from there.
+    state and steps back from there. What a settlement left is at rest already.
     """
+    if motion.settled:
+        return unbalanced(motion.state, driving, ~np.asarray(motion.assembly.fixed))[0]
     drawn = _kept(motion)
     supported = _supported(motion.state)
     slack = _allowance(motion, APART if sticking else SLID)

@@ -87,7 +87,8 @@ def restitution_of_damping(ratio: float) -> float:
 class Motion:
     """An assembly that can come to rest and move: its time step (s), and how long it took (s).
 
-    ``loop_seconds`` went into compiled steps, ``phases`` into what lies between them. ``falling`` (n,): blocks that
+    ``settled``: it begins in the equilibrium that a settlement left, new contacts and all. ``loop_seconds`` went into
+    compiled steps, ``phases`` into what lies between them. ``falling`` (n,): blocks that
     find no equilibrium under the dead loads; ``attempt`` (2,): of the search for it, the step at which the present
     attempt began, and after how many the first block was seen to fall (-1: none yet).
     """
@@ -102,6 +103,7 @@ class Motion:
     phases: dict[str, float] = field(default_factory=lambda: dict.fromkeys(BETWEEN, 0.0))
     steps: int = 0
     dead_load_steps: int = 0
+    settled: bool = False
     contact_detection: ContactDetection = field(init=False)
     energy: MotionEnergy = field(init=False)
     falling: np.ndarray = field(init=False)

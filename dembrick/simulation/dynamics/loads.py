@@ -21,8 +21,8 @@ from dembrick.simulation.dynamics.support_motion import AT_REST, PrescribedMotio
 from dembrick.simulation.dynamics.time_histories import Curve
 
 if TYPE_CHECKING:
-    from dembrick.assembly.build import Assembly
     from dembrick.scenario.model import Scenario
+    from dembrick.simulation.dynamics.integrator import Motion
 
 NOTHING_MOVES = AT_REST.between(np.zeros(1), 1.0)
 RESOLVED = 4.0  # time steps in the period of a load: fewer would make another load of it
@@ -89,11 +89,13 @@ def turned_back(vectors: np.ndarray, axis: np.ndarray, cosine: np.ndarray, sine:
     return along + cosine * (vectors - along) - sine * beside
 
 
-def driving_of(scenario: Scenario, assembly: Assembly, time_step: float) -> Driving:
-    """Gravity, loads and the motion of the supports; ScenarioError where a history is not fit for the run.
+def driving_of(scenario: Scenario, moving: Motion) -> Driving:
+    """Gravity, loads and the motion of the supports from where they are; ScenarioError where a history is not fit for
+    the run.
 
     A file is looked for beside the scenario.
     """
+    assembly, time_step = moving.assembly, moving.time_step
     control = scenario.control
     duration, place = getattr(control, "duration", 0.0), f"{scenario.path}: " if scenario.path else ""
     loads = assembly.point_loads
@@ -127,7 +129,7 @@ def driving_of(scenario: Scenario, assembly: Assembly, time_step: float) -> Driv
             (np.array(direction, float), _support_velocity(scenario, file, columns, time_step))
             for direction, file, columns in control.components
         )
-    driving["supports"] = supports = support_motion(scenario, assembly)
+    driving["supports"] = supports = support_motion(scenario, assembly, moving.state.bodies)
     if len(supports) and control.rate is not None:
         driving["share"] = lambda times: np.clip(control.rate / supports.length * times, 0.0, 1.0)
     return Driving(**driving)

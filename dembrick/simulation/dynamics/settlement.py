@@ -16,7 +16,6 @@ breaks a bond, and the settlement at which bonds break is known to the tolerance
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -39,7 +38,7 @@ from dembrick.simulation.dynamics.run import MEETINGS, MotionRun
 from dembrick.simulation.dynamics.state import seen
 from dembrick.simulation.dynamics.support_motion import AT_REST
 from dembrick.simulation.expected_cost import motion_seconds
-from dembrick.simulation.session import Plan, Progress, Session, Snapshot
+from dembrick.simulation.session import Kept, Plan, Progress, Session, Snapshot
 
 EQUILIBRIA = 80  # of the whole way, equally far apart
 HALVINGS = 7  # of the first of these steps: the reaction changes most when the supports begin to move
@@ -59,31 +58,17 @@ SNAPSHOT = "settlement"  # what a checkpoint of it has, and no other
 @dataclass
 class SettlementRun(MotionRun):
     """A finished settlement. ``path`` (T, 3): displacement of the supports (m), reaction along their motion (N) and
-    out-of-balance over joint forces of every equilibrium; ``reaction`` (s, 6): of all supports at the last one."""
+    out-of-balance over joint forces of every equilibrium; ``reaction`` (s, 6): of all supports at the last one, and
+    ``state``: everything then, for a stage that comes after."""
 
     path: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     reaction: np.ndarray = field(default_factory=lambda: np.zeros((0, 6)))
+    state: Kept | None = None
 
     @property
     def reactions(self) -> np.ndarray:
         """Of the supports (s, 6) at the last equilibrium."""
         return self.reaction
-
-
-class _Kept:
-    """A copy of a state in memory, to go back to."""
-
-    path = "the last equilibrium"
-
-    def __init__(self, arrays: Mapping[str, np.ndarray]):
-        self.arrays = {name: np.array(array) for name, array in arrays.items()}
-
-    def __contains__(self, name: str) -> bool:
-        return name in self.arrays
-
-    def array(self, name: str, like: np.ndarray) -> np.ndarray:
-        """The array ``name``."""
-        return self.arrays[name]
 
 
 def shares(longest: float, refine: float = 1.0) -> list[float]:
@@ -205,7 +190,7 @@ class Settlement:
         if resumed is not None and SNAPSHOT in resumed:
             past.restore(resumed)
             self._restore(resumed)
-            self.kept = _Kept(past.snapshot() | self._own())
+            self.kept = self._equilibrium()
             return
         held = replace(self.driving, supports=AT_REST)
         resume = None if resumed is None else partial(past.restore, resumed)
@@ -214,12 +199,12 @@ class Settlement:
         past.at_rest[:] = seen(moving.state.bodies, moving.state.links)
         self._advance(self._at(0.0), CHUNK)
         ratio = float(past.unbalanced[0])
-        if self.bonded:  # what the dead loads break, breaks now
+        if self.bonded or moving.settled:  # what the dead loads break, breaks now; other loads than before move blocks
             ratio = self._rest(0.0, moving.state.bodies.position.copy())
             if ratio is None:
                 raise NotConvergedError(
-                    "no equilibrium under the dead loads: blocks come down as bonds break, before the supports move; "
-                    "check loads, supports and the strengths of the joints"
+                    "no equilibrium under the dead loads: blocks come down before the supports move, as bonds break or "
+                    "loads are not those of the stage before; check loads, supports and the strengths of the joints"
                 )
         self._note(0.0, ratio)
 
@@ -233,7 +218,10 @@ class Settlement:
         self.path.append((displacement, load, ratio))
         self.recorder.take(equilibrium=self.equilibria)
         self.equilibria += 1
-        self.kept = _Kept(self.past.snapshot() | self._own())
+        self.kept = self._equilibrium()
+
+    def _equilibrium(self) -> Kept:
+        return Kept(self.past.snapshot() | self._own(), path="the last equilibrium")
 
     def _target(self) -> float | None:
         """The share of the next equilibrium; None if the motion is complete or its end known well enough."""
@@ -318,6 +306,7 @@ class Settlement:
             settings=settings,
             path=path,
             reaction=self.reaction,
+            state=self.kept,
         )
 
     # --- checkpoints

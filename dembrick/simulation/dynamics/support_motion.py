@@ -15,6 +15,7 @@ from dembrick.geometry.rotations import rotation_matrix, turned_by
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
+    from dembrick.kernels.dynamics.rigid_bodies import Bodies
     from dembrick.scenario.model import Scenario
 
 PIECES = 256  # of a path, by which its length is measured
@@ -86,8 +87,8 @@ AT_REST = SupportMotion(
 )
 
 
-def support_motion(scenario: Scenario, assembly: Assembly) -> SupportMotion:
-    """The paths of a control's supports; `AT_REST` where none moves."""
+def support_motion(scenario: Scenario, assembly: Assembly, bodies: Bodies) -> SupportMotion:
+    """The paths of a control's supports from where ``bodies`` has them; `AT_REST` where none moves."""
     paths: dict[int, tuple] = {}
     for path in scenario.control.support_paths:
         for name in path.supports:
@@ -96,7 +97,7 @@ def support_motion(scenario: Scenario, assembly: Assembly) -> SupportMotion:
     if not paths:
         return AT_REST
     block, middle = np.array(sorted(paths), np.int64), assembly.position.mean(axis=0)
-    start = assembly.position[block] - middle
+    start = bodies.position[block].copy()
     point, turn = start.copy(), np.zeros_like(start)
     for k, i in enumerate(block.tolist()):
         rotation = paths[i][1]
@@ -105,7 +106,7 @@ def support_motion(scenario: Scenario, assembly: Assembly) -> SupportMotion:
             if rotation.point is not None:
                 point[k] = np.array(rotation.point) - middle
     motion = SupportMotion(
-        block, start, np.array(assembly.orientation[block], float),
+        block, start, bodies.orientation[block].copy(),
         np.array([0.5 * assembly.shapes[i].diameter for i in block]),
         np.array([paths[i][0] for i in block.tolist()], float), point, turn, 1.0,
     )  # fmt: skip
