@@ -27,8 +27,8 @@ _MOST_ARRAYS = 1000
 _COUNTS = ("number", "rows", "frames")
 _LONGEST_LINE = 100  # characters
 _LONGEST_HEADER = 4096  # bytes before the numbers of an array
-# NotImplementedError: zipfile, of a way of packing that a flipped byte makes of it
-_DAMAGE = (OSError, ValueError, KeyError, EOFError, RuntimeError, NotImplementedError, zipfile.BadZipFile, zlib.error)
+# RuntimeError: zipfile, also of a way of packing that a flipped byte makes of it
+_DAMAGE = (OSError, ValueError, KeyError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error)
 
 
 class Checkpoint:

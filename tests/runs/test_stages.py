@@ -327,6 +327,21 @@ def test_one_settlement_after_another(formulation):
     assert result.reactions["middle"][2] == pytest.approx(third, rel=1e-4)
 
 
+def test_an_arch_whose_springing_has_spread_stands_in_time():
+    """Its hinges have turned so far that new contacts carry a part: nothing moves, no force or energy changes."""
+    text = SUPPORTS.replace("0.5", "0.7").format(formulation="concave")
+    text += '[[arches]]\nname = "arch"\nmaterial = "stone"\nradius = 1.5\nthickness = 0.5\ndepth = 0.5\nvoussoirs = 6\n'
+    text += '[[stages]]\nkind = "settlement"\nsupports = ["arch.right"]\ndisplacement = [0.4, 0.0, 0.0]\n'
+    result = simulate(toml.loads(text + '[control]\nkind = "dynamic"\nduration = 0.02\n', "arch.toml"))
+    assert result.rows["new_contacts"][0] > 0.0
+    assert result.rows["displacement"].max() < 1e-8
+    for name in ("arch.left", "arch.right"):  # the moment is about where the support is as the stage begins
+        assert result.reactions[name][:3] == pytest.approx(result.stages[0]["reactions"][name][:3], rel=1e-6, abs=0.01)
+    elastic, external = (result.rows["energy"][name] for name in ("elastic", "external"))
+    assert np.abs(elastic).max() < 1e-6 and np.abs(external).max() < 1e-5
+    assert abs(result.energy.relative_residual) < 1e-2
+
+
 def test_a_search_knows_the_geometry_of_the_start():
     with pytest.raises(ScenarioError, match="stage 2 of kind 'tilt' knows the geometry of the start, and stage 1"):
         turned("concave", 'kind = "tilt"\naxis = [0.0, 1.0, 0.0]\n')

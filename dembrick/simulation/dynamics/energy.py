@@ -64,9 +64,10 @@ class MotionEnergy:
         if self.wanted and len(self.table.support) < supports:
             self.table = self.table._replace(support=np.zeros((supports, 6)))
 
-    def begin(self, state: MovingState, velocity, spin, inertia, gravity, dt: float) -> None:
+    def begin(self, state: MovingState, velocity, spin, inertia, gravity, dt: float, share: np.ndarray) -> None:
         """Note what there is when time begins: blocks with ``velocity`` and ``spin`` (n, 3), inertia (n, 3, 3) in world
-        axes; after the first forces, under ``gravity``. Of the leap-frog energy, as it is at every later row."""
+        axes; after the first forces, under ``gravity``; ``share`` (j,): what new contacts leave to the joints. Of the
+        leap-frog energy, as it is at every later row."""
         if not self.wanted:
             return
         free, half = state.bodies.free, 0.5 * dt
@@ -76,7 +77,8 @@ class MotionEnergy:
         turned = np.linalg.solve(inertia[free], half * torque[free, :, None])[..., 0]
         twice = (mass * (v * v - moved * moved)).sum()
         twice += (np.einsum("nij,nj,ni->n", inertia[free], w, w) - half * (torque[free] * turned).sum(axis=1)).sum()
-        self.start[:] = 0.5 * twice, self._springs(state)[1].sum() + tie_energy(state.ties)
+        self.table.share[:] = share
+        self.start[:] = 0.5 * twice, (share * self._springs(state)[1]).sum() + tie_energy(state.ties)
 
     def open(self, state: MovingState) -> None:
         """Begin again with the next step; what was counted before time began does not count."""

@@ -244,9 +244,10 @@ def _trouble(motion: Motion, status: int) -> str:
 
 
 def joint_forces(motion: Motion, driving: Driving) -> None:
-    """Let the joints answer to where the blocks are, and nothing move."""
+    """Let the joints, and new contacts, answer to where the blocks are, and nothing move."""
     held = motion.state.bodies._replace(free=np.zeros(0, np.uint32))
-    advance_chunk(motion, held, driving, np.zeros(1), Limits(1.0, 1.0), 0.0, motion.time_step)
+    touching = motion.contact_detection.touching
+    advance_chunk(motion, held, driving, np.zeros(1), Limits(1.0, 1.0), 0.0, motion.time_step, touching)
 
 
 def present_velocities(motion: Motion, driving: Driving) -> tuple[np.ndarray, np.ndarray]:

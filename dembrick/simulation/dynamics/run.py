@@ -260,7 +260,8 @@ def start(moving: Motion, control: Control, driving: Driving, past: Past, sessio
             _set_going(moving, driving)
         else:
             still = np.zeros_like(moving.state.bodies.velocity)
-            moving.energy.begin(moving.state, still, still, _turned_inertia(moving), still[0], 0.0)
+            share = moving.contact_detection.left_to_joints()
+            moving.energy.begin(moving.state, still, still, _turned_inertia(moving), still[0], 0.0, share)
         moving.energy.open(moving.state)
 
 
@@ -303,7 +304,7 @@ def _set_going(moving: Motion, driving: Driving) -> None:
     joint_forces(moving, driving)
     gravity, _ = driving.at(np.zeros(1), dt)
     inertia = _turned_inertia(moving)
-    moving.energy.begin(state, velocity, spin, inertia, gravity[0], dt)
+    moving.energy.begin(state, velocity, spin, inertia, gravity[0], dt, moving.contact_detection.left_to_joints())
     for array, value in zip(memory, kept, strict=True):  # the first step looks again
         array[...] = value
     state.links.put(SEEN, came_from)
