@@ -25,6 +25,8 @@ from dembrick.simulation.statics.dead_load import dead_load_equilibrium
 from dembrick.simulation.statics.elastic_factor import elastic_factor
 from dembrick.simulation.statics.load_system import Setup
 from dembrick.simulation.statics.path_following import PathFollower
+from dembrick.simulation.statics.path_prediction import go_on_rocking
+from dembrick.simulation.statics.path_state import PathState
 from dembrick.simulation.statics.sparse_equations import inner
 from dembrick.simulation.statics.state import initial_state
 from dembrick.simulation.statics.stiffness import block_stiffness
@@ -132,6 +134,30 @@ def test_a_high_wall_takes_no_more_newton_steps(formulation):
     result = simulate(scene(tilt(), friction=0.64, walls=(wall,), formulation=formulation), record=False)
     assert result.collapse["load_factor"] == pytest.approx(0.2 / 6.0, rel=1e-4)
     assert result.run.steps <= 16
+
+
+def test_convex_joints_that_rock_are_predicted():
+    """Two steps a doubling of the motion where tangent and secant tell how the pressed strip shrinks, three without."""
+    result = simulate(leaf("convex"), record=False)
+    assert result.yield_point.V == pytest.approx(0.2, rel=1e-3)
+    assert result.run.steps <= 38
+
+
+@pytest.mark.parametrize("start, now, ahead", [(1.0, 2.0, 4.0), (1.5, 2.0, 2.1), (0.5, 2.0, 20.0)])
+def test_a_strip_that_shrinks_with_the_root_of_the_motion_is_met(start, now, ahead):
+    mechanism, closing, limit, short = np.array([2.0, -1.0]), np.array([0.3, 0.7]), 5.0, 0.4
+
+    def motion(given):
+        return mechanism * given + closing * math.sqrt(given)
+
+    way = PathState(motion(now), closing, closing)
+    way.seen = [(given, limit - short / math.sqrt(given), 0.0, 1.0, False) for given in (start, now)]
+    way.V, way.step = way.seen[-1][1], ahead - now
+    secant = (motion(now) - motion(start)) / (now - start)
+    go_on_rocking(way, mechanism + 0.5 * closing / math.sqrt(now), secant, 0.1)
+    assert way.motion + way.step * way.direction == pytest.approx(motion(ahead), rel=1e-12)
+    assert way.V + way.step * way.gain == pytest.approx(limit - short / math.sqrt(ahead), rel=1e-12)
+    assert way.has_spare and np.array_equal(way.spare, secant) and way.spare_gain == 0.1
 
 
 def test_a_newton_step_is_cut_where_the_forces_do_no_more_work_on_it():

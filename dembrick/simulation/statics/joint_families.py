@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
 
 FAMILIES: dict[str, ModuleType] = {"points": point_joints, "areas": area_joints}  # fields of a state
+CLOSED = 1e-3  # of the fastest relative motion of a step: gaps and their closing below it are none
 
 
 def at_rest(assembly: Assembly) -> tuple[Points | None, Areas | None]:
@@ -194,13 +195,16 @@ def friction_work(state, before) -> float:
     return work
 
 
-def gaps(state, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Opening at every point or corner of all joints (m), and by how much a ``change`` (j, 6) of the joints' motion has
-    widened it (m)."""
-    opening, found, widened = state.joints.opening, [], []
+def closes_gaps(state, base: np.ndarray) -> bool:
+    """Whether any open contact point or corner has come nearer since the joints moved by ``base`` (j, 6), more than by
+    rounding: a mechanism that does so moves at a constant load only until the gap has closed, and is no limit."""
+    opening, change = state.joints.opening, state.joints.relative - base
+    found, widened = [], []
     for module, joints in present(state):
         j = np.repeat(joints.joint, np.diff(joints.start))
         x, y = module.corners(joints)
         found.append(opening[j, 0] + opening[j, 1] * y - opening[j, 2] * x)
         widened.append(change[j, 2] + change[j, 3] * y - change[j, 4] * x)
-    return np.concatenate(found), np.concatenate(widened)
+    gap, wider = np.concatenate(found), np.concatenate(widened)
+    fastest = max(float(np.abs(wider).max()), float(np.abs(change[:, :2]).max()))
+    return bool(((gap > CLOSED * fastest) & (wider < -CLOSED * fastest)).any())

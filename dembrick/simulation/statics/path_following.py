@@ -18,6 +18,7 @@ drag they drift to where they come to rest, the driven displacement held.
 
 from __future__ import annotations
 
+import math
 import time
 
 import numpy as np
@@ -32,6 +33,7 @@ from dembrick.simulation.statics import joint_families, ties
 from dembrick.simulation.statics.bond_breaking import BondBreaking
 from dembrick.simulation.statics.newton import HELD, Equilibria
 from dembrick.simulation.statics.path_bounds import limit_bounds, peak_bounds
+from dembrick.simulation.statics.path_prediction import go_on_rocking
 from dembrick.simulation.statics.path_state import MOST_EQUILIBRIA, Drift, Path, PathState
 from dembrick.simulation.statics.recorder import Recorder
 from dembrick.simulation.statics.sparse_equations import Factors, inner
@@ -58,7 +60,6 @@ WITHOUT_END = 4 * ELASTIC_STEPS  # elastic steps after which the guess of the li
 NOTHING = 1e-6  # of the dead loads: a limit load below it is zero
 CORRECTIONS = 2.0  # of V by one more Newton step: what is charged if that is less than the work of the out-of-balance
 HIDDEN = 0.1  # of the tolerance: what the out-of-balance may hide of V before equilibria are found more closely
-CLOSED = 1e-3  # of the fastest relative motion of a step: gaps and their closing below it are none
 
 
 class PathFollower:
@@ -234,22 +235,23 @@ class PathFollower:
         way.equilibria += 1
         now = self.search.motion()
         change, slope = now - way.motion, (V - way.V) / way.step
+        secant = change / way.step
         self._accept(change, V, way.step)
         way.motion = now
         if way.broke:
             # what the others took over is no step: either the mechanism or the elastic answer may be the way on
-            way.spare, way.spare_gain, way.has_spare = change / way.step, 0.0, True
+            way.spare, way.spare_gain, way.has_spare = secant, 0.0, True
             way.direction, way.gain = self._elastic_way(), self.weight / self.compliance
             way.seen[-1], way.step = (*way.seen[-1][:3], NEVER, True), way.usual
         elif way.jumps == way.kept:
-            way.direction, way.gain, way.has_spare = change / way.step, slope, False
+            way.direction, way.gain, way.has_spare = secant, slope, False
             mechanism = self.search.mechanism(CONSTANT / self.compliance) if way.tried else None
             if mechanism is not None:
                 way.turn_to(mechanism * self.weight, 0.0)
             way.usual = max(way.usual, way.step)
         else:
             # the blocks found their mechanism, or fell back into an elastic state: either may be the way on
-            way.turn_to(change / way.step, 0.0)
+            way.turn_to(secant, 0.0)
             way.seen[-1], way.kept = (*way.seen[-1][:3], NEVER, True), way.jumps
         way.longest = max(way.longest, way.seen[-1][0])
         judged = self._judged()
@@ -271,6 +273,9 @@ class PathFollower:
             )
         ):
             way.step, way.drag = GROWTH * way.step, way.drag / GROWTH  # what drags is about the same
+        if way.tried and joint_families.has_areas(self.state):
+            tangent = self.search.mechanism(math.inf)
+            go_on_rocking(way, None if tangent is None else tangent * self.weight, secant, slope)
         return judged
 
     @property
@@ -348,7 +353,7 @@ class PathFollower:
         moved = step * self.weight
         way.external += 0.5 * (way.V + V) * moved
         way.external += float((ties.dead_loads(state) * np.concatenate([blocks.velocity, blocks.spin], axis=1)).sum())
-        closing = self._closes_gaps()
+        closing = joint_families.closes_gaps(state, self.trial.base)
         hidden = 0.0 if self.certificate.strict else self._hidden(V, moved)
         remember(self.trial, state.joints, state.points, state.areas)
         before, way.V, way.driven = way.V, V, way.driven + step
@@ -408,15 +413,6 @@ class PathFollower:
             if self.way.closest > LEAST_BALANCED:
                 hidden = min(hidden, CORRECTIONS * abs(search.correction(V)))
         return hidden
-
-    def _closes_gaps(self) -> bool:
-        """Whether any open contact point or corner has come nearer since the last equilibrium, more than by rounding:
-        such a mechanism moves at a constant V only until the gap has closed, and is no limit."""
-        state, joints = self.state, self.state.joints
-        change = joints.relative - self.trial.base
-        gap, wider = joint_families.gaps(state, change)
-        fastest = max(float(np.abs(wider).max()), float(np.abs(change[:, :2]).max()))
-        return bool(((gap > CLOSED * fastest) & (wider < -CLOSED * fastest)).any())
 
     def _judged(self) -> bool:
         """Fold the bounds into the bracket; True when it is narrow enough and V is that of a mechanism."""
