@@ -1,4 +1,4 @@
-"""Tilting tables, shaken supports and load histories from end to end, and what they refuse."""
+"""Tilting tables, walls that are pushed and scenarios in real time from end to end, and what they refuse."""
 
 import json
 import math
@@ -17,9 +17,9 @@ from dembrick.scenario.model import Block, JointLaw, Load, Material, Scenario, W
 from dembrick.simulation.dynamics.dead_load import find_equilibrium
 from dembrick.simulation.dynamics.integrator import advance, motion
 from dembrick.simulation.dynamics.loads import Driving
-from dembrick.simulation.dynamics.time_histories import pulse_velocity, read_samples, sampled_velocity, sine_velocity
 from dembrick.theory.motion import toppling_tilt
 from helpers.places import SCENARIOS
+from helpers.resting_blocks import block_on_floor
 
 
 def wall(control, courses=4, blocks=2, formulation="concave", friction=0.64, stiffness=1e10, **more):
@@ -189,115 +189,6 @@ def test_scenario_rocking_block():
     assert last < -angle.min()
 
 
-# --- supports that shake
-
-
-def block_on_floor(control, loads=(), friction=0.2):
-    return Scenario(
-        title="block",
-        gravity=(0.0, 0.0, -9.81),
-        joint=JointLaw("convex", friction, 1e9, 1e9),
-        materials={"stone": Material(2000.0)},
-        blocks=(
-            Block("floor", "stone", (4.0, 4.0, 0.1), (0.0, 0.0, -0.05), fixed=True),
-            Block("block", "stone", (0.3, 0.2, 0.1), (0.0, 0.0, 0.05)),
-        ),
-        control=control,
-        loads=loads,
-    )
-
-
-HEADINGS = {
-    "acceleration": "time [s], acceleration [m/s2]",
-    "velocity": "time [s], velocity [m/s]",
-    "displacement": "time [s], displacement [m]",
-    "factor": "time [s], factor [1]",
-}
-
-
-def write(path, time, value, quantity="acceleration"):
-    lines = [HEADINGS[quantity], *(f"{float(t)!r}, {float(v)!r}" for t, v in zip(time, value, strict=True))]
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    return path.name
-
-
-@pytest.mark.parametrize("quantity", ["acceleration", "velocity", "displacement"])
-def test_a_file_shakes_as_the_curve_that_it_samples(quantity, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    shape, time = (
-        Sine({"acceleration": 4.0, "velocity": 0.6, "displacement": 0.1}[quantity], 1.0, 0.3),
-        np.linspace(0, 1, 1001),
-    )
-    file = write(tmp_path / "base.csv", time, shape.amplitude * np.sin(2.0 * math.pi * time + 0.3), quantity)
-    common = {"duration": 0.8, "direction": (0.0, 1.0, 0.0), "quantity": quantity}
-    by_curve = simulate(block_on_floor(BaseMotionControl(sine=shape, **common)))
-    by_file = simulate(block_on_floor(BaseMotionControl(file=file, **common)))
-    np.testing.assert_allclose(by_file.displacement, by_curve.displacement, rtol=3e-5, atol=1e-10)
-    assert 0.01 < by_curve.run.furthest[1] < 1.0
-
-
-def test_curves_of_supports_are_consistent():
-    """Acceleration, velocity and displacement of one motion give one velocity."""
-    t = np.linspace(0.0, 2.0, 50)
-    omega = 2.0 * math.pi * 0.7
-    shapes = {"displacement": (0.1, 0.2), "velocity": (0.1 * omega, 0.2 + math.pi / 2),
-              "acceleration": (-0.1 * omega**2, 0.2)}  # fmt: skip
-    gained = {q: sine_velocity(Sine(a, 0.7, p), q)(t) for q, (a, p) in shapes.items()}
-    for values in gained.values():
-        np.testing.assert_allclose(values - values[0], gained["velocity"] - gained["velocity"][0], atol=1e-12)
-    pulse = pulse_velocity(Pulse(2.0, 0.5, 0.1), "acceleration")
-    np.testing.assert_allclose(pulse(np.array([0.0, 0.1, 0.35, 0.6, 5.0])), [0.0, 0.0, 0.5, 1.0, 1.0])
-
-
-def test_spline_of_a_cubic(tmp_path):
-    """The natural spline is exact for a straight line, and close inside a smooth curve."""
-    time = np.linspace(0.0, 1.0, 201)
-    write(tmp_path / "line.csv", time, 3.0 * time, "displacement")
-    slope = sampled_velocity(read_samples(tmp_path / "line.csv", 1.0, "displacement"), "displacement")
-    np.testing.assert_allclose(slope(np.array([0.0, 0.123, 0.99])), 3.0, rtol=1e-12)
-    write(tmp_path / "sine.csv", time, np.sin(3.0 * time), "displacement")
-    slope = sampled_velocity(read_samples(tmp_path / "sine.csv", 1.0, "displacement"), "displacement")
-    np.testing.assert_allclose(slope(np.array([0.3, 0.456])), 3.0 * np.cos(3.0 * np.array([0.3, 0.456])), rtol=1e-6)
-
-
-BAD_FILES = {
-    "gap": ("0,0\n0.01,1\n0.02,1\n0.05,1\n0.06,1\n", "line 5: time leaves a gap of 0.03 s"),
-    "backwards": ("0,0\n0.01,1\n0.005,1\n0.06,1\n", "line 4: time goes back"),
-    "text": ("0,0\n0.01,much\n", "line 3: 'much' in column 'a' is no finite number"),
-    "not a number": ("0,0\n0.01,nan\n", "line 3: 'nan' in column 'a' is no finite number"),
-    "too short": ("0,0\n0.01,1\n0.02,1\n", "covers 0 to 0.02 s, the run lasts from 0 to 1 s"),
-    "empty": ("", "at least 2 lines"),
-}
-
-
-@pytest.mark.parametrize("name", BAD_FILES)
-def test_histories_that_are_refused(name, tmp_path):
-    text, message = BAD_FILES[name]
-    (tmp_path / "base.csv").write_text("t [s],a [m/s2]\n" + text, encoding="utf-8")
-    with pytest.raises(ScenarioError, match=message.replace("(", r"\(")):
-        read_samples(tmp_path / "base.csv", 1.0, "acceleration")
-
-
-def test_a_history_finer_than_the_time_step_is_refused(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    time = np.arange(0.0, 0.011, 1e-6)
-    file = write(tmp_path / "base.csv", time, np.zeros(len(time)))
-    with pytest.raises(ScenarioError, match=r"base.csv: its step of 1e-06 s is shorter than the time step"):
-        simulate(block_on_floor(BaseMotionControl(0.01, (1.0, 0.0, 0.0), file=file)))
-    with pytest.raises(ScenarioError, match="there.csv: there is no such file"):
-        simulate(block_on_floor(BaseMotionControl(0.01, (1.0, 0.0, 0.0), file="there.csv")))
-
-
-def test_a_load_history_pushes(tmp_path, monkeypatch):
-    """A force that a file doubles half way: F/m less friction, twice."""
-    monkeypatch.chdir(tmp_path)
-    file = write(tmp_path / "push.csv", [0.0, 0.1, 0.2, 0.3], [1.0, 1.0, 1.0, 1.0], "factor")
-    push = Load("block", (12.0 * 4.0, 0.0, 0.0), history=file)
-    result = simulate(block_on_floor(DynamicControl(0.25), (push,)))
-    time = result.run.motion.time
-    assert result.displacement[1, 0] == pytest.approx(0.5 * (4.0 - 1.962) * time**2, rel=2e-3)
-
-
 def push(displacement=0.02, rate=2e-3, direction=(0.0, 1.0, 0.0), **more):
     return PushoverControl(direction, displacement, quasi_static=False, rate=rate, **more)
 
@@ -365,7 +256,7 @@ def tower(control, box, friction=0.8):
 # --- what ends a run, and what is no run
 
 
-def test_blocks_that_meet_anew_go_on():
+def test_blocks_that_meet_again_go_on():
     """A block slides into a pillar, which it pushes on; neither goes through the other."""
     scenario = block_on_floor(DynamicControl(0.3))
     pillar = Block("pillar", "stone", (0.1, 0.1, 0.12), (0.3, 0.0, 0.06))

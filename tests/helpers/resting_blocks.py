@@ -16,6 +16,22 @@ GRAVITY = np.array([0.0, 0.0, -9.81])
 FORMULATIONS = ("concave", "corrected", "corrected-shear", "convex", "distributed")
 
 
+def block_on_floor(control, loads=(), friction=0.2) -> Scenario:
+    """A block of 0.3 x 0.2 x 0.1 m on a wide floor."""
+    return Scenario(
+        title="block",
+        gravity=(0.0, 0.0, -9.81),
+        joint=JointLaw("convex", friction, 1e9, 1e9),
+        materials={"stone": Material(2000.0)},
+        blocks=(
+            Block("floor", "stone", (4.0, 4.0, 0.1), (0.0, 0.0, -0.05), fixed=True),
+            Block("block", "stone", (0.3, 0.2, 0.1), (0.0, 0.0, 0.05)),
+        ),
+        control=control,
+        loads=loads,
+    )
+
+
 def two_blocks(
     formulation="concave", floor=(0.3, 0.2, 0.1), turn=(1.0, 0.0, 0.0, 0.0), friction=0.64, **block
 ) -> Motion:

@@ -1,0 +1,103 @@
+"""Supports that shake and loads that change with time, by curves and by files."""
+
+import math
+
+import numpy as np
+import pytest
+
+from dembrick.errors import ScenarioError
+from dembrick.runs.simulate import simulate
+from dembrick.scenario.controls import BaseMotionControl, DynamicControl, Pulse, Sine
+from dembrick.scenario.model import Load
+from dembrick.simulation.dynamics.time_histories import pulse_velocity, read_samples, sampled_velocity, sine_velocity
+from helpers.resting_blocks import block_on_floor
+
+HEADINGS = {
+    "acceleration": "time [s], acceleration [m/s2]",
+    "velocity": "time [s], velocity [m/s]",
+    "displacement": "time [s], displacement [m]",
+    "factor": "time [s], factor [1]",
+}
+
+
+def write(path, time, value, quantity="acceleration"):
+    lines = [HEADINGS[quantity], *(f"{float(t)!r}, {float(v)!r}" for t, v in zip(time, value, strict=True))]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path.name
+
+
+@pytest.mark.parametrize("quantity", ["acceleration", "velocity", "displacement"])
+def test_a_file_shakes_as_the_curve_that_it_samples(quantity, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    shape, time = (
+        Sine({"acceleration": 4.0, "velocity": 0.6, "displacement": 0.1}[quantity], 1.0, 0.3),
+        np.linspace(0, 1, 1001),
+    )
+    file = write(tmp_path / "base.csv", time, shape.amplitude * np.sin(2.0 * math.pi * time + 0.3), quantity)
+    common = {"duration": 0.8, "direction": (0.0, 1.0, 0.0), "quantity": quantity}
+    by_curve = simulate(block_on_floor(BaseMotionControl(sine=shape, **common)))
+    by_file = simulate(block_on_floor(BaseMotionControl(file=file, **common)))
+    np.testing.assert_allclose(by_file.displacement, by_curve.displacement, rtol=3e-5, atol=1e-10)
+    assert 0.01 < by_curve.run.furthest[1] < 1.0
+
+
+def test_curves_of_supports_are_consistent():
+    """Acceleration, velocity and displacement of one motion give one velocity."""
+    t = np.linspace(0.0, 2.0, 50)
+    omega = 2.0 * math.pi * 0.7
+    shapes = {"displacement": (0.1, 0.2), "velocity": (0.1 * omega, 0.2 + math.pi / 2),
+              "acceleration": (-0.1 * omega**2, 0.2)}  # fmt: skip
+    gained = {q: sine_velocity(Sine(a, 0.7, p), q)(t) for q, (a, p) in shapes.items()}
+    for values in gained.values():
+        np.testing.assert_allclose(values - values[0], gained["velocity"] - gained["velocity"][0], atol=1e-12)
+    pulse = pulse_velocity(Pulse(2.0, 0.5, 0.1), "acceleration")
+    np.testing.assert_allclose(pulse(np.array([0.0, 0.1, 0.35, 0.6, 5.0])), [0.0, 0.0, 0.5, 1.0, 1.0])
+
+
+def test_spline_of_a_cubic(tmp_path):
+    """The natural spline is exact for a straight line, and close inside a smooth curve."""
+    time = np.linspace(0.0, 1.0, 201)
+    write(tmp_path / "line.csv", time, 3.0 * time, "displacement")
+    slope = sampled_velocity(read_samples(tmp_path / "line.csv", 1.0, "displacement"), "displacement")
+    np.testing.assert_allclose(slope(np.array([0.0, 0.123, 0.99])), 3.0, rtol=1e-12)
+    write(tmp_path / "sine.csv", time, np.sin(3.0 * time), "displacement")
+    slope = sampled_velocity(read_samples(tmp_path / "sine.csv", 1.0, "displacement"), "displacement")
+    np.testing.assert_allclose(slope(np.array([0.3, 0.456])), 3.0 * np.cos(3.0 * np.array([0.3, 0.456])), rtol=1e-6)
+
+
+BAD_FILES = {
+    "gap": ("0,0\n0.01,1\n0.02,1\n0.05,1\n0.06,1\n", "line 5: time leaves a gap of 0.03 s"),
+    "backwards": ("0,0\n0.01,1\n0.005,1\n0.06,1\n", "line 4: time goes back"),
+    "text": ("0,0\n0.01,much\n", "line 3: 'much' in column 'a' is no finite number"),
+    "not a number": ("0,0\n0.01,nan\n", "line 3: 'nan' in column 'a' is no finite number"),
+    "too short": ("0,0\n0.01,1\n0.02,1\n", "covers 0 to 0.02 s, the run lasts from 0 to 1 s"),
+    "empty": ("", "at least 2 lines"),
+}
+
+
+@pytest.mark.parametrize("name", BAD_FILES)
+def test_histories_that_are_refused(name, tmp_path):
+    text, message = BAD_FILES[name]
+    (tmp_path / "base.csv").write_text("t [s],a [m/s2]\n" + text, encoding="utf-8")
+    with pytest.raises(ScenarioError, match=message.replace("(", r"\(")):
+        read_samples(tmp_path / "base.csv", 1.0, "acceleration")
+
+
+def test_a_history_finer_than_the_time_step_is_refused(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    time = np.arange(0.0, 0.011, 1e-6)
+    file = write(tmp_path / "base.csv", time, np.zeros(len(time)))
+    with pytest.raises(ScenarioError, match=r"base.csv: its step of 1e-06 s is shorter than the time step"):
+        simulate(block_on_floor(BaseMotionControl(0.01, (1.0, 0.0, 0.0), file=file)))
+    with pytest.raises(ScenarioError, match="there.csv: there is no such file"):
+        simulate(block_on_floor(BaseMotionControl(0.01, (1.0, 0.0, 0.0), file="there.csv")))
+
+
+def test_a_load_history_pushes(tmp_path, monkeypatch):
+    """A force that a file doubles half way: F/m less friction, twice."""
+    monkeypatch.chdir(tmp_path)
+    file = write(tmp_path / "push.csv", [0.0, 0.1, 0.2, 0.3], [1.0, 1.0, 1.0, 1.0], "factor")
+    push = Load("block", (12.0 * 4.0, 0.0, 0.0), history=file)
+    result = simulate(block_on_floor(DynamicControl(0.25), (push,)))
+    time = result.run.motion.time
+    assert result.displacement[1, 0] == pytest.approx(0.5 * (4.0 - 1.962) * time**2, rel=2e-3)

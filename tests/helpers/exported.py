@@ -1,0 +1,78 @@
+"""Finished histories to be exported, and VTK's own reader of what was."""
+
+import os
+
+import numpy as np
+import pytest
+
+from dembrick import history
+from helpers import history_cases as cases
+
+N_FRAME = 7
+EVERYTHING = ("joints", "energy", "frames", "velocity", "contacts")
+THREE = ["out.vtkhdf", "out_joints.vtkhdf", "out_contacts.vtkhdf"]
+
+
+def make(folder, assembly=None, n_frame=N_FRAME, n_row=61, channels=EVERYTHING):
+    """A finished history whose frames fall on every tenth row."""
+    assembly = assembly or cases.mixed_assembly()
+    path = folder / "run.h5"
+    n_block, n_joint, n_jack = len(assembly.names), len(assembly.joints), len(assembly.actuators.names)
+    n_point = sum(len(p.area) for p in assembly.contact_points if p is not None)
+    with history.HistoryWriter(path, cases.SCENARIO, assembly, {}, channels=channels) as writer:
+        writer.append(cases.record(0, n_row, n_joint, n_jack))
+        if n_frame:
+            needs = {"velocity": "velocity", "spin": "velocity", "contact_force": "contacts"}
+            moving = cases.motion(0, n_frame, n_block, n_point).items()
+            moving = {name: values for name, values in moving if needs[name] in channels}
+            writer.append_frames(*cases.frames(0, n_frame, n_block), **moving)
+        writer.finish("completed", {})
+    return history.read(path)
+
+
+def vtk_steps(path):
+    """(times, PolyData of every step) through vtkHDFReader; vtk arrays as numpy."""
+    reader_module = pytest.importorskip("vtkmodules.vtkIOHDF")
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
+    reader = reader_module.vtkHDFReader()
+    assert reader.CanReadFile(os.fspath(path))
+    reader.SetFileName(os.fspath(path))
+    reader.UpdateInformation()
+    axis, information = reader.GetExecutive().TIME_STEPS(), reader.GetOutputInformation(0)
+    times = [information.Get(axis, i) for i in range(information.Length(axis))]
+    n_step = reader.GetNumberOfSteps()
+    assert len(times) == n_step or n_step == 1  # VTK gives a single step no time
+    steps = []
+    for k in range(n_step):
+        reader.SetStep(k)
+        reader.Update()
+        output = reader.GetOutputDataObject(0)
+        polygons = output.GetPolys()
+        corners = vtk_to_numpy(polygons.GetConnectivityArray()).tolist()
+        offsets = vtk_to_numpy(polygons.GetOffsetsArray()).tolist()
+        step = {
+            "points": vtk_to_numpy(output.GetPoints().GetData()).copy(),
+            "faces": [tuple(corners[a:b]) for a, b in zip(offsets, offsets[1:], strict=False)],
+            "vertices": [(i,) for i in vtk_to_numpy(output.GetVerts().GetConnectivityArray()).tolist()],
+        }
+        for key, data in (("cells", output.GetCellData()), ("at_points", output.GetPointData())):
+            arrays = [data.GetArray(i) for i in range(data.GetNumberOfArrays())]
+            step[key] = {array.GetName(): vtk_to_numpy(array).copy() for array in arrays}
+        steps.append(step)
+    return times, steps
+
+
+def real_time(folder, n_frame=N_FRAME):
+    """A finished history whose frames have new contacts: none, one, two or three each."""
+    assembly = cases.assembly()
+    with history.HistoryWriter(
+        folder / "run.h5", cases.SCENARIO, assembly, {}, channels=EVERYTHING, control=cases.MOTION
+    ) as writer:
+        writer.append(cases.moving_record(0, n_frame))
+        met, arms = cases.new_contacts(0, n_frame), np.tile(assembly.joints[0].polygon, (n_frame, 1, 1))
+        arms[2:, 1] += [-0.02, 0.03]
+        moving = cases.motion(0, n_frame) | {"joint_shift": np.zeros((n_frame, 1, 2)), "contact_arm": arms}
+        writer.append_frames(*cases.frames(0, n_frame), **moving, new_contacts=met)
+        writer.finish("completed", {})
+    return history.read(folder / "run.h5")

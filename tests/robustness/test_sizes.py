@@ -1,0 +1,38 @@
+"""How long a module and a function may be, and how many parameters a function may have."""
+
+import ast
+from pathlib import Path
+
+import dembrick
+
+PACKAGE, TESTS = Path(dembrick.__file__).parent, Path(__file__).parents[1]
+MODULE, FUNCTION, PARAMETERS = 450, 100, 10
+
+
+def functions():
+    """Functions of the package outside kernels, with the name of their module."""
+    for path in sorted(PACKAGE.rglob("*.py")):
+        if path.relative_to(PACKAGE).parts[0] != "kernels":
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                if isinstance(node, ast.FunctionDef):
+                    yield f"{path.relative_to(PACKAGE)}: {node.name}", node
+
+
+def test_modules_can_be_read_at_a_sitting():
+    for root in (PACKAGE, TESTS):
+        lines = {path: len(path.read_text(encoding="utf-8").splitlines()) for path in root.rglob("*.py")}
+        assert len(lines) > 50
+        assert not {str(path): n for path, n in lines.items() if n > MODULE}
+
+
+def test_functions_are_short():
+    assert not [name for name, node in functions() if node.end_lineno - node.lineno >= FUNCTION]
+
+
+def test_few_functions_have_many_parameters():
+    many = []
+    for name, node in functions():
+        given = [a.arg for a in (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)]
+        if len([a for a in given if a not in ("self", "cls")]) > PARAMETERS:
+            many.append(name)
+    assert len(many) <= 3, many

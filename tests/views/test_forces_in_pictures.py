@@ -1,0 +1,147 @@
+"""Forces of joints and new contacts in pictures, and the camera that has them all in view."""
+
+import numpy as np
+import pytest
+
+from dembrick import history
+from dembrick.geometry.shapes import box
+from dembrick.scenario.model import CHANNELS
+from dembrick.views.motion.joints import JointMotion
+from dembrick.views.render import scene
+from helpers import history_cases as cases
+from helpers.scenes import drawn, in_picture, rodrigues
+
+pytest.importorskip("pyvista")
+
+
+def test_forces_of_joints(run, drawing):
+    """The resultant on the upper block, at the centre of pressure, as long as it is large."""
+    with drawn(run, forces=True, magnification=1.0) as found:
+        arrows = found.arrows.of_joints
+        N, V_1, V_2, _, M_1, M_2, _ = JointMotion(run).resultants(3)[0]
+        # the axes are those of the upper block, on which the polygon rides, laid into the plane of the lower one
+        axis, middle = np.array([1.0, 2.0, -2.0]) / 3.0, np.array([0.0, 0.0, 0.05])
+        t1 = rodrigues(np.array([[1.0, 0.0, 0.0]]), axis, 0.03)[0] * [1.0, 1.0, 0.0]
+        t1 /= np.linalg.norm(t1)
+        axes = np.array([t1, np.cross([0.0, 0.0, 1.0], t1), [0.0, 0.0, 1.0]])
+        np.testing.assert_allclose(arrows["force"][0], np.array([-V_1, -V_2, N]) @ axes)
+        limit = np.hypot(0.15, 0.1)
+        at = np.array([M_2, -M_1, 0.0]) / N
+        at *= min(1.0, limit / np.linalg.norm(at))
+        place = middle + run.frame_displacement(3)[1] + rodrigues((at - middle)[None], axis, 0.03)[0]
+        np.testing.assert_allclose(arrows.points[0], place, atol=1e-12)
+        assert arrows["length"][0] == pytest.approx(0.6 * 0.3)
+        assert f"green: joint forces, the longest {np.sqrt(V_1**2 + V_2**2 + N**2):.4g} N" in found._text.input
+        # blocks shine through: two faces on white, in the bar too
+        colour, bar = found._meshes[0], next(iter(found._plotter.scalar_bars.values())).GetLookupTable()
+        solid = np.array(next(a for a in found._plotter.actors.values() if a.mapper.dataset is colour).mapper.
+                         lookup_table.GetTableValue(255)[:3])  # fmt: skip
+        np.testing.assert_allclose(bar.GetTableValue(255)[:3], 1.0 - (1.0 - 0.65**2) * (1.0 - solid), atol=0.01)
+
+
+def test_forces_ride_on_the_blocks_that_are_drawn(tmp_path, drawing):
+    """The second joint of three blocks, whose polygon rides on the third: ten times as far in the picture."""
+    assembly = cases.mixed_assembly()
+    assembly.orientation[2] = [1.0, 0.0, 0.0, 0.0]
+    with history.HistoryWriter(tmp_path / "run.h5", cases.SCENARIO, assembly, {}) as writer:
+        writer.append(cases.record(0, 31, 2, 0))
+        writer.append_frames(*cases.frames(0, 4, 3))
+        writer.finish("completed", {})
+    with history.read(tmp_path / "run.h5") as three, drawn(three, forces=True, magnification=10.0) as found:
+        N, V_1, V_2, _, M_1, M_2, _ = JointMotion(three).resultants(3)[1]
+        at = np.array([M_2, -M_1, 0.0]) / N
+        at *= min(1.0, np.hypot(0.15, 0.1) / np.linalg.norm(at))
+        axis, middle = np.array([1.0, 2.0, -2.0]) / 3.0, np.array([0.4, 1000.0, 0.2])
+        arm = rodrigues((np.array([0.0, 0.0, 0.1]) + at - middle)[None], axis, 10.0 * 0.03)[0]
+        expected = middle + 10.0 * three.frame_displacement(3)[2] + arm
+        np.testing.assert_allclose(found.arrows.of_joints.points[1], expected, rtol=0, atol=1e-10)
+        force = rodrigues(np.array([[-V_1, -V_2, N]]), axis, 0.03)[0]
+        np.testing.assert_allclose(found.arrows.of_joints["force"][1], force, rtol=1e-12)
+
+
+@pytest.mark.parametrize("factor", [1.0, 3.0])
+def test_forces_of_new_contacts(tmp_path, drawing, factor):
+    """As many arrows as the frame has, riding on the second block where that is drawn; the others have no length."""
+    with cases.open_writer(tmp_path / "run.h5", channels=CHANNELS, control=cases.MOTION) as writer:
+        writer.append(cases.moving_record(0, 5))
+        still = {"joint_shift": np.zeros((4, 1, 2)), "contact_arm": np.zeros((4, 4, 2))}
+        met = cases.new_contacts(0, 4)
+        writer.append_frames(*cases.frames(0, 4), **cases.motion(0, 4), **still, new_contacts=met)
+        writer.finish("completed", {})
+    axis, middle = np.array([1.0, 2.0, -2.0]) / 3.0, np.array([0.0, 0.0, 0.05])
+    with history.read(tmp_path / "run.h5") as found, drawn(
+        found, frames=(1, 2, 3), forces=True, magnification=factor
+    ) as shown:  # fmt: skip
+        for frame in (3, 1, 2):
+            shown.show(frame)
+            arrows, met = shown.arrows.of_new_contacts, cases.new_contacts(frame, frame + 1)
+            moved = found.frame_displacement(frame)[1]
+            # back to where the block stood, and on as far as it is drawn
+            start = rodrigues(met["point"] - middle - moved, axis, -0.01 * frame)
+            place = middle + factor * moved + rodrigues(start, axis, factor * 0.01 * frame)
+            np.testing.assert_allclose(arrows.points[:frame], place, atol=1e-5)
+            np.testing.assert_allclose(arrows["force"][:frame], met["force"])
+            size = np.linalg.norm(met["force"], axis=1)
+            np.testing.assert_allclose(arrows["length"][:frame] / size, arrows["length"][0] / size[0])
+            assert len(arrows["length"]) == 3 and not arrows["length"][frame:].any() and arrows["length"][0] > 0.0
+        assert "purple: those of new contacts" in shown._text.input
+    with history.HistoryWriter(
+        tmp_path / "less.h5", cases.SCENARIO, cases.assembly(), {}, control=cases.MOTION
+    ) as writer:
+        writer.append(cases.moving_record(0, 5))
+        writer.append_frames(*cases.frames(0, 4), joint_shift=np.zeros((4, 1, 2)))
+        writer.finish("completed", {})
+    with history.read(tmp_path / "less.h5") as found, drawn(found, forces=True) as shown:
+        assert "forces of new contacts were not recorded" in shown._text.input
+
+
+def test_an_impact_leaves_the_other_forces_to_be_seen(tmp_path, drawing):
+    """A hundred times the weight in one frame of seven: its arrow is cut, and the picture says so."""
+    rows = cases.record(0, 7)
+    rows["joint"][..., 0, :] = [10.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+    rows["joint"][4, 0, 0] = 1000.0
+    with history.HistoryWriter(tmp_path / "run.h5", cases.SCENARIO, cases.assembly(), {}) as writer:
+        writer.append(rows)
+        writer.append_frames(rows["time"], *cases.frames(0, 7)[1:])
+        writer.finish("completed", {})
+    with history.read(tmp_path / "run.h5") as found:
+        with drawn(found, frames=range(7), forces=True) as shown:
+            longest, less = shown.arrows.length(10.0), shown.arrows.length(5.0)
+            assert less == pytest.approx(longest / 2.0) and "the longest 10 N or more" in shown._text.input
+            for frame, length in ((4, longest), (5, longest)):
+                shown.show(frame)
+                assert shown.arrows.of_joints["length"][0] == pytest.approx(length)
+        assert shown.shades(30).shape == (128, 30, 3) and len(np.unique(shown.shades(2).reshape(-1, 3), axis=0)) == 16
+        with drawn(found, frames=(4,), forces=True) as shown:
+            assert shown._text.input.endswith("the longest 1000 N")
+
+
+def test_torsion_centre_is_marked_where_it_is(run, drawing):
+    centre = JointMotion(run).torsion_centre(3)[0]
+    with drawn(run) as found:
+        if np.linalg.norm(centre) > 0.6 or np.isnan(centre).any():
+            assert not found._rod.visibility and "torsion centre" not in found._text.input
+        else:
+            np.testing.assert_allclose(found._rod.user_matrix[:2, 3], centre)
+        found.show(0)
+        assert not found._rod.visibility and "blue" not in found._text.input
+
+
+@pytest.mark.parametrize("view", ["front", "side"])
+def test_the_arrows_of_the_forces_fit_too(tmp_path, view, drawing):
+    """As long as the blocks that can move are large, whatever the size of what they stand on."""
+    assembly = cases.assembly()
+    assembly.shapes = (box((3.0, 2.0, 0.1)), assembly.shapes[1])
+    with history.HistoryWriter(tmp_path / "run.h5", cases.SCENARIO, assembly, {}) as writer:
+        rows = cases.record(0, 5)
+        rows["joint"][..., :3] = (1.0, 0.0, 0.0)
+        rows["joint"][-1, 0, :3] = (100.0, 0.0, 0.0)
+        rows["joint"][..., 4:6] = 0.0
+        writer.append(rows)
+        writer.append_frames(np.linspace(0.0, rows["time"][-1], 4), *cases.frames(0, 4)[1:])
+        writer.finish("completed", {})
+    with history.read(tmp_path / "run.h5") as wide, drawn(wide, forces=True, view=view, magnification=0.0) as found:
+        assert found.arrows.of_joints["length"][0] == pytest.approx(0.6 * 0.3)
+        middle = np.array([0.0, 0.0, 0.09])
+        y = in_picture(found._plotter, np.array([middle, -middle]))[1]
+        assert scene._BOTTOM - 1e-9 <= y[1] < y[0] <= scene._TOP + 1e-9
