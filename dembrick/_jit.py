@@ -11,7 +11,7 @@ import os
 import stat
 import tempfile
 from contextlib import suppress
-from functools import cached_property, update_wrapper
+from functools import cache, cached_property, update_wrapper
 from pathlib import Path
 from types import FunctionType
 
@@ -35,8 +35,9 @@ __all__ = ["CACHE_FOLDER", "get_num_threads", "jit", "jit_parallel", "jit_sum", 
 PACKAGE = Path(__file__).parent
 
 
+@cache
 def kernel_hash() -> str:
-    """Hash of everything that ends up in machine code."""
+    """Hash of everything that ends up in machine code, as its sources were when it was first asked for."""
     return source_hash(PACKAGE)
 
 
@@ -95,7 +96,7 @@ def cache_folder() -> Path:
     bases.append(Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "dembrick")
     bases.append(Path(tempfile.gettempdir()) / f"dembrick-{os.getuid() if hasattr(os, 'getuid') else 'user'}")
     for base in bases:
-        folder = base / source_hash(PACKAGE)
+        folder = base / kernel_hash()
         if _is_safe(base) and is_own(folder):
             return folder
     return Path(tempfile.mkdtemp(prefix="dembrick-"))
