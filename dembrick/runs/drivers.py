@@ -43,8 +43,8 @@ from dembrick.simulation.statics.load_system import Replay
 if TYPE_CHECKING:
     from dembrick.runs.motion_result import MotionResult
     from dembrick.runs.settlement_result import SettlementResult
+    from dembrick.simulation.dynamics.equilibria import EquilibriaRun
     from dembrick.simulation.dynamics.run import MotionRun
-    from dembrick.simulation.dynamics.settlement import SettlementRun
 
 
 SECONDS_OF_CHECK = 10.0  # s that limit analysis may take to tell how long a run will be
@@ -256,7 +256,7 @@ def _plan_settlement(scenario: Scenario, assembly: Assembly) -> Plan:
     return settlement.plan(moving, scenario.control, driving, scenario.output)
 
 
-def _settle(scenario: Scenario, assembly: Assembly, session: Session, steps: float = 1.0) -> SettlementRun:
+def _settle(scenario: Scenario, assembly: Assembly, session: Session, steps: float = 1.0) -> EquilibriaRun:
     from dembrick.simulation.dynamics import handover, loads, run, settlement
 
     moving = run.prepare(assembly, scenario.control, scenario.solver.step_factor)

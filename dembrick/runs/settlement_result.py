@@ -11,7 +11,7 @@ from dembrick.runs.collapse import collapse_lines
 from dembrick.runs.motion_result import MotionResult
 
 if TYPE_CHECKING:
-    from dembrick.simulation.dynamics.settlement import SettlementRun
+    from dembrick.simulation.dynamics.equilibria import EquilibriaRun
 
 
 @dataclasses.dataclass(repr=False)
@@ -19,7 +19,7 @@ class SettlementResult(MotionResult):
     """What a quasi-static settlement gave: equilibria in the deformed geometry, up to the end or to the last before the
     structure came down. ``reaction_error`` (N): of the reaction along the motion, from refined runs."""
 
-    run: SettlementRun
+    run: EquilibriaRun
     reaction_error: float | None = None
 
     @property

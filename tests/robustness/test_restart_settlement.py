@@ -10,7 +10,7 @@ from dembrick.scenario.controls import SettlementControl
 from dembrick.scenario.model import Block, JointLaw, Material, Output, Scenario
 from dembrick.scenario.support_paths import Turn
 from dembrick.simulation import interrupts
-from dembrick.simulation.dynamics import settlement
+from dembrick.simulation.dynamics import equilibria, settlement
 from dembrick.simulation.interrupts import Interrupted
 from helpers.restart_cases import check_same
 
@@ -53,7 +53,10 @@ def test_a_settlement_goes_on_where_it_was_stopped(tmp_path, stop_after, monkeyp
         check_same(tmp_path / "whole.h5", path)
 
 
-@pytest.mark.parametrize("numbers", [(2.0, 2.0, 2.0, 3.0, 0.0), (0.5, 2.0, 2.0, 0.0, 0.0), (0.5, 2.0, 2.0, 1.5, 0.0)])
+@pytest.mark.parametrize(
+    "numbers",
+    [(2.0, 0.0, 0.0, 3.0, 0.0), (0.5, 0.0, 0.0, 0.0, 0.0), (0.5, 0.0, 0.0, 1.5, 0.0), (0.5, -1.0, 0.0, 3.0, 0.0)],
+)
 def test_a_checkpoint_of_no_equilibrium_is_refused(tmp_path, stop_after, numbers):
     path = tmp_path / "run.h5"
     stop_after(40)
@@ -62,7 +65,7 @@ def test_a_checkpoint_of_no_equilibrium_is_refused(tmp_path, stop_after, numbers
     stop_after(0)
     for one in Checkpoints(path).existing():
         with np.load(one) as found:
-            arrays = dict(found) | {settlement.SNAPSHOT: np.array(numbers)}
+            arrays = dict(found) | {equilibria.SNAPSHOT: np.array(numbers)}
         with open(one, "wb") as file:
             np.savez(file, **arrays)
     with pytest.raises(HistoryError, match="this checkpoint is of no step of this run"):

@@ -1,0 +1,365 @@
+"""A path of equilibria in the deformed geometry: one after the other, while something grows that drives the blocks.
+
+What grows is a parameter: the share of their way that supports have gone, or a load. It grows a little, slowly against
+gravity, and is held until the blocks rest, by dynamic relaxation with local damping. Finite rotations, joints that open
+and slide and contacts that form on the way are those of a run in real time. Where the blocks come down instead, the
+structure goes back to its last equilibrium and tries again so slowly that inertia does not count, then by half the
+step, until the parameter at which it falls is known to the tolerance.
+
+Frames of the fall follow that of the last equilibrium; their times are between its number and the next, and the row
+next to them is its own: nothing is in equilibrium any more.
+
+Bonds hold until the blocks rest; those that bear too much then break, and the blocks come to rest again. So no swing
+breaks a bond, and the parameter at which bonds break is known to the tolerance too.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import numpy as np
+
+from dembrick.errors import HistoryError, NotConvergedError
+from dembrick.kernels.dynamics.loop import Limits
+from dembrick.scenario.regimes import COLLAPSE, COMPLETED, Control
+from dembrick.simulation import interrupts
+from dembrick.simulation.dynamics import joint_families
+from dembrick.simulation.dynamics.checkpoint import Past
+from dembrick.simulation.dynamics.dead_load import CHUNK, LOCAL_DAMPING, STEP, find_equilibrium, most_steps, unbalanced
+from dembrick.simulation.dynamics.integrator import LONGEST_MOVE, NO_LIMIT, Motion, advance
+from dembrick.simulation.dynamics.loads import Driving
+from dembrick.simulation.dynamics.outcome import MOVED
+from dembrick.simulation.dynamics.recorder import Recorder
+from dembrick.simulation.dynamics.run import MotionRun
+from dembrick.simulation.dynamics.state import seen
+from dembrick.simulation.dynamics.support_motion import AT_REST
+from dembrick.simulation.dynamics.time_histories import Curve
+from dembrick.simulation.session import Kept, Progress, Session, Snapshot
+
+FEWEST = 512  # steps in which the parameter grows
+BALANCED = 1e-6  # out-of-balance force over joint forces at which the blocks rest
+DRIFTING = 1.5  # how much further blocks are at its end than at its middle if they go on and do not swing
+DROPPED = 0.5  # of a block's least dimension: one that has moved so far since the last equilibrium has come down
+FALL = 8  # frames of that, equally far apart
+SPARE = 200  # equilibria for which there is room beside those of the way, and on the way to breaking bonds:
+BREAKS = 64  # of each joint
+SNAPSHOT = "equilibria"  # what a checkpoint of it has, and no other
+
+
+@dataclass
+class EquilibriaRun(MotionRun):
+    """A finished path of equilibria. ``path`` (T, 3): displacement (m), load and out-of-balance over joint forces of
+    every equilibrium; ``reaction`` (s, 6): of all supports at the last one, and ``state``: everything then, for a stage
+    that comes after. ``bracket``: the parameter at the last equilibrium, and at which the blocks came down (infinite:
+    they did not)."""
+
+    path: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    reaction: np.ndarray = field(default_factory=lambda: np.zeros((0, 6)))
+    state: Kept | None = None
+    bracket: tuple[float, float] = (0.0, math.inf)
+
+    @property
+    def reactions(self) -> np.ndarray:
+        """Of the supports (s, 6) at the last equilibrium."""
+        return self.reaction
+
+
+class EquilibriumPath:
+    """Equilibrium after equilibrium, while a parameter grows from zero.
+
+    ``reached``: the parameter of the last equilibrium, and ``failed``: that at which the blocks came down (infinite:
+    not yet) although it grew with all care (``careful``); ``broken``: at which bonds were seen to break (infinite: at
+    none to come). ``fall``: frames of how they come down, once that is to be seen. ``way``: equilibria on the way, at
+    the most. A kind of path says what drives the blocks at a parameter (`driven`), in how many steps it grows (`steps`)
+    and where it goes next (`following`).
+    """
+
+    greatest = 1.0  # parameter of all
+
+    def __init__(self, moving: Motion, control: Control, driving: Driving, session: Session, way: int):
+        self.moving, self.control, self.driving, self.session, self.way = moving, control, driving, session, way
+        self.past = Past(moving, None)
+        self.reached, self.failed, self.equilibria, self.careful = 0.0, math.inf, 0, False
+        self.broken, self.bonds = math.inf, joint_families.bonded(moving.state)
+        self.bonded = joint_families.has_strengths(moving.state)
+        self.room = way + SPARE + (BREAKS * len(moving.state.links.host) if self.bonded else 0)
+        self.path: list[tuple[float, float, float]] = []
+        self.collapse: dict | None = None
+        self.fall: list[dict] | None = None
+        self.limits = Limits(NO_LIMIT, LONGEST_MOVE * moving.smallest)
+        self.recorder = Recorder(moving, driving, session, 1, 1, None)
+        self.dt = STEP * moving.time_step
+
+    # --- what a kind of path says
+
+    def driven(self, parameter: Curve) -> Driving:
+        """What drives the run while the parameter is that function of time."""
+        raise AssertionError("a kind of path says it")
+
+    def steps(self, begin: float, end: float) -> int:
+        """In how many steps the parameter grows from ``begin`` to ``end``."""
+        raise AssertionError("a kind of path says it")
+
+    def following(self) -> float | None:
+        """The parameter of the next equilibrium, None at the end of the way."""
+        raise AssertionError("a kind of path says it")
+
+    def said(self, parameter: float) -> str:
+        """A value of the parameter, for a message."""
+        raise AssertionError("a kind of path says it")
+
+    def come_down(self, before: np.ndarray, blocks: np.ndarray) -> dict:
+        """How ``blocks`` (k,) come down since the joints looked like ``before`` (j, 9, of `seen`)."""
+        raise AssertionError("a kind of path says it")
+
+    @property
+    def slow(self) -> str:
+        """What else to do if blocks find neither rest nor fall, for a message."""
+        return "lower the stiffness of the joints"
+
+    # --- between two equilibria
+
+    def _growing(self, begin: float, end: float) -> tuple[Driving, int]:
+        """What drives the blocks from one parameter to another, at rest at both ends, and the steps that takes."""
+        steps, start = self.steps(begin, end), self.moving.steps * self.dt
+
+        def parameter(times: np.ndarray) -> np.ndarray:
+            x = np.clip((times - start) / (steps * self.dt), 0.0, 1.0)
+            return begin + (end - begin) * x * x * (3.0 - 2.0 * x)
+
+        return self.driven(parameter), steps
+
+    def _at(self, parameter: float) -> Driving:
+        """What drives the run while the parameter is held."""
+        return self.driven(lambda times: np.full(np.shape(times), parameter))
+
+    def _advance(self, driving: Driving, steps: int) -> None:
+        while steps > 0:
+            some = min(steps, 8 * CHUNK)
+            advance(self.moving, driving, some, self.limits, LOCAL_DAMPING, STEP)
+            steps -= some
+            self.session.pause(self, within=True)
+
+    def _go(self, parameter: float) -> float | None:
+        """Take the parameter there and let the blocks come to rest: the out-of-balance over the joint forces; None if
+        they come down."""
+        driving, steps = self._growing(self.reached, parameter)
+        before = self.moving.state.bodies.position.copy()
+        joint_families.hold_bonds(self.moving.state, self.bonded)
+        self._advance(driving, steps)
+        ratio = self._rest(parameter, before)
+        if not self.bonded or ratio is None:
+            return ratio
+        joint_families.hold_bonds(self.moving.state, False)
+        return self._rest(parameter, before)
+
+    def _rest(self, parameter: float, before: np.ndarray) -> float | None:
+        """Let the blocks come to rest, which were at ``before`` (n, 3) at the last equilibrium; as `_go`."""
+        still = self._at(parameter)
+        free = ~np.asarray(self.moving.assembly.fixed)
+        least = np.array([float(np.ptp(shape.vertices, axis=0).min()) for shape in self.moving.assembly.shapes])
+        arrived, balanced, middle = self.moving.state.bodies.position.copy(), 0, 0.0
+        most = most_steps(self.moving)
+        for chunk in range(most // CHUNK):
+            self._advance(still, CHUNK)
+            away = np.linalg.norm(self.moving.state.bodies.position - before, axis=1)
+            down = float((away / (DROPPED * least))[free].max())
+            self._look_on(down)
+            if down > 1.0:
+                return None
+            ratio, enough = unbalanced(self.moving.state, still, free)
+            balanced = balanced + 1 if ratio <= max(BALANCED, enough) else 0
+            if balanced == 2:  # forces of a swing vanish at one moment, and not at the next
+                return ratio
+            if chunk == most // CHUNK // 2:
+                middle = _farthest(self.moving.state.bodies.position, arrived)
+        if _farthest(self.moving.state.bodies.position, arrived) > DRIFTING * middle:
+            self._look_on(1.0)
+            return None
+        raise NotConvergedError(
+            f"no equilibrium at {self.said(parameter)}: after {most} steps of relaxation the out-of-balance force is "
+            f"still {ratio:.2g} of the joint forces; {self.slow}"
+        )
+
+    def _look_on(self, down: float) -> None:
+        """Keep a frame of how blocks come down, where that is to be seen: ``down`` is how far, 1 at the end."""
+        if self.fall is None or not self.recorder.takes_frames:
+            return
+        last = self.equilibria - 1
+        before = float(self.fall[-1]["time"][0]) - last if self.fall else 0.0
+        if down >= 1.0 or down >= before + 1.0 / FALL:
+            self.fall.append(self.recorder.frame(last + min(down, 1.0)))
+
+    # --- equilibria
+
+    def begin(self, resumed: Snapshot | None) -> None:
+        """The equilibrium under the dead loads, before the parameter grows; or go on from a checkpoint."""
+        moving, past = self.moving, self.past
+        if resumed is not None and SNAPSHOT in resumed:
+            past.restore(resumed)
+            self._restore(resumed)
+            self.kept = self._equilibrium()
+            return
+        held = replace(self._at(0.0), supports=AT_REST)
+        resume = None if resumed is None else partial(past.restore, resumed)
+        past.unbalanced[0] = find_equilibrium(moving, held, False, resume, partial(self.session.pause, past))
+        moving.phases["dead_load"], moving.loop_seconds = moving.loop_seconds, 0.0
+        past.at_rest[:] = seen(moving.state.bodies, moving.state.links)
+        self._advance(self._at(0.0), CHUNK)
+        ratio = float(past.unbalanced[0])
+        if self.bonded or moving.settled:  # what the dead loads break, breaks now; other loads than before move blocks
+            before = moving.state.bodies.position.copy()
+            ratio = self._rest(0.0, before)
+            if ratio is None:
+                self.falls_at_once(before)
+                return
+        self._note(0.0, ratio)
+
+    def _note(self, parameter: float, ratio: float) -> None:
+        """Keep an equilibrium and record it."""
+        self.reached, self.bonds = parameter, joint_families.bonded(self.moving.state).copy()
+        self.past.extremes.note(self.moving)
+        self.recorder.driving = self._at(parameter)
+        self.reaction = self.moving.reactions
+        displacement, load = self.recorder.curve(self.reaction)
+        self.path.append((displacement, load, ratio))
+        self.recorder.take(equilibrium=self.equilibria)
+        self.equilibria += 1
+        self.kept = self._equilibrium()
+
+    def _equilibrium(self) -> Kept:
+        return Kept(self.past.snapshot() | self._own(), path="the last equilibrium")
+
+    def falls_at_once(self, before: np.ndarray) -> None:
+        """What comes of blocks, ``before`` (n, 3) at the start, that come down under the dead loads."""
+        raise NotConvergedError(
+            "no equilibrium under the dead loads: blocks come down before anything grows, as bonds break or loads are "
+            "not those of the stage before; check loads, supports and the strengths of the joints"
+        )
+
+    def _target(self) -> float | None:
+        """The parameter of the next equilibrium; None at the end of the way or if its end is known well enough."""
+        for end, at_end in ((self.failed, None), (self.broken, self.broken)):
+            if end < math.inf:
+                close = end - self.reached <= self.control.tolerance * end
+                return at_end if close else 0.5 * (self.reached + end)
+        return self.following()
+
+    def run(self) -> None:
+        """Go on to the end of the way or until the structure comes down. Raises NotConvergedError, Interrupted."""
+        with interrupts.deferred():
+            while self.collapse is None:
+                target, last = self._target(), False
+                if target is None and self.failed < math.inf:
+                    target, last = self.failed, True  # once more, from nearby: how the blocks come down
+                if target is None:
+                    return
+                self.session.pause(self)
+                self.fall = [] if last else None
+                ratio = self._go(target)
+                if ratio is not None:
+                    broke = (joint_families.bonded(self.moving.state) < self.bonds).any()
+                    far = target - self.reached > self.control.tolerance * target
+                    if broke and far and self.equilibria < self.room - SPARE and target < self.broken:
+                        self.broken = target  # from nearby: which bonds break first
+                        self._go_back()
+                        continue
+                    if broke or target >= self.broken:
+                        self.broken = math.inf
+                    self.failed = math.inf if last else self.failed
+                    self._note(target, ratio)
+                    continue
+                if last:
+                    self._fell(self.kept.arrays["bodies.position"], self.kept.arrays["bodies.rotation"])
+                elif self.careful:
+                    self.failed = target
+                self.careful = True
+                self._go_back()
+
+    def _fell(self, position: np.ndarray, rotation: np.ndarray) -> None:
+        """Note how the blocks come down, which stood at ``position`` (n, 3) and ``rotation``, and record it."""
+        self.recorder.follow_up(self.fall or [])
+        moving, links = self.moving, self.moving.state.links
+        away = np.linalg.norm(moving.state.bodies.position - position, axis=1)
+        away[np.asarray(moving.assembly.fixed)] = 0.0
+        before = seen(moving.state.bodies._replace(position=position, rotation=rotation), links)
+        self.collapse = self.come_down(before, np.flatnonzero(away > MOVED * away.max()))
+
+    def _go_back(self) -> None:
+        own = self._own()
+        self.past.restore(self.kept)
+        for name, array in own.items():
+            self.kept.arrays[name] = array
+
+    def found(self) -> EquilibriaRun:
+        """Go the whole way, from the start or from where the session resumes it, and say what came of it."""
+        self.begin(self.session.resumed)
+        self.run()
+        self.moving.compile_seconds += self.recorder.compile_seconds
+        return self.finished()
+
+    def finished(self) -> EquilibriaRun:
+        """What came of it."""
+        moving, path = self.moving, np.array(self.path)
+        return EquilibriaRun(
+            motion=moving,
+            status=COMPLETED if self.collapse is None else COLLAPSE,
+            collapse=self.collapse,
+            unbalanced=float(path[:, 2].max()),
+            furthest=self.past.extremes.furthest,
+            fallen=np.isin(moving.assembly.names, [] if self.collapse is None else self.collapse["blocks"]),
+            settings={
+                "contact_damping": moving.damping,
+                "local_damping": LOCAL_DAMPING,
+                "dead_load_steps": moving.dead_load_steps,
+                "equilibria": len(path),
+            },
+            path=path,
+            reaction=self.reaction,
+            state=self.kept,
+            bracket=(self.reached, self.failed),
+        )
+
+    # --- checkpoints
+
+    @property
+    def where(self) -> str:
+        """Equilibria found."""
+        return f"equilibrium {self.equilibria}"
+
+    @property
+    def progress(self) -> Progress:
+        """How far it is."""
+        return Progress("equilibrium", self.equilibria, self.way, None, True)
+
+    def _own(self) -> dict[str, np.ndarray]:
+        path = np.zeros((self.room, 3))
+        path[: len(self.path)] = np.array(self.path).reshape(-1, 3)
+        ends = (0.0 if end == math.inf else end for end in (self.failed, self.broken))  # both are greater than zero
+        numbers = np.array([self.reached, *ends, self.equilibria, self.careful])
+        return {SNAPSHOT: numbers, f"{SNAPSHOT}.path": path, f"{SNAPSHOT}.reaction": self.reaction}
+
+    def snapshot(self) -> dict[str, np.ndarray]:
+        """The last equilibrium: what was tried since leaves no trace."""
+        return self.kept.arrays
+
+    def _restore(self, snapshot: Snapshot) -> None:
+        self.reaction = np.zeros_like(self.moving.reactions)
+        shapes = self._own()
+        self.reached, failed, broken, count, careful = snapshot.array(SNAPSHOT, shapes[SNAPSHOT]).tolist()
+        self.failed, self.broken = (end or math.inf for end in (failed, broken))
+        self.bonds = joint_families.bonded(self.moving.state).copy()
+        sound = 0.0 <= self.reached <= self.greatest and min(failed, broken) >= 0.0
+        if not (sound and count.is_integer() and 1 <= count <= len(shapes[f"{SNAPSHOT}.path"])):
+            raise HistoryError(f"{snapshot.path}: this checkpoint is of no step of this run")
+        self.equilibria, self.careful = int(count), bool(careful)
+        rows = snapshot.array(f"{SNAPSHOT}.path", shapes[f"{SNAPSHOT}.path"])[: self.equilibria].tolist()
+        self.path = [tuple(row) for row in rows]
+        self.reaction = snapshot.array(f"{SNAPSHOT}.reaction", self.reaction).copy()
+
+
+def _farthest(position: np.ndarray, start: np.ndarray) -> float:
+    """How far (m) the centroid that has moved furthest is from where it was (n, 3)."""
+    return float(np.linalg.norm(position - start, axis=1).max())
