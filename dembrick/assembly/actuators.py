@@ -136,6 +136,23 @@ def actuators_on_all_blocks(scenario: Scenario, loads, bare: Assembly) -> Actuat
     )
 
 
+def effective_mass(assembly: Assembly) -> float:
+    """The mass (kg) that actuators of one multiplier V have to speed up: V over the acceleration of the driven
+    displacement, if nothing but the inertia of the blocks resists."""
+    actuators = assembly.actuators
+    force = actuators.direction * actuators.weight[:, None]
+    push, turn = np.zeros((len(assembly.names), 3)), np.zeros((len(assembly.names), 3))
+    np.add.at(push, actuators.block, force)
+    np.add.at(turn, actuators.block, np.cross(actuators.arm, force))
+    free = ~assembly.fixed
+    mass, inertia = np.asarray(assembly.mass)[free], np.asarray(assembly.inertia)[free]
+    rotation = np.asarray(assembly.rotation)[free]
+    local = np.einsum("nij,ni->nj", rotation, turn[free])
+    speed_up = (push[free] ** 2).sum(axis=1) / mass
+    spin_up = (local * np.linalg.solve(inertia, local[..., None])[..., 0]).sum(axis=1)
+    return float(np.abs(actuators.weight).sum() / (speed_up + spin_up).sum())
+
+
 def control_points(scenario: Scenario, number: dict[str, int], bare: Assembly) -> ControlPoints:
     """The control points of a scenario, centroids where it gives no point; ScenarioError where one is outside."""
     given = scenario.control_points

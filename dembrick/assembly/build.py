@@ -126,7 +126,7 @@ def at_rest(scenario: Scenario) -> Assembly:
 
     laws = Laws(scenario)
     # moving joints are cut by the faces they slide over, so that each keeps to one pair of convex parts
-    unite = control.drives == ACTUATORS or control.regime is DEAD_LOAD
+    unite = (control.drives == ACTUATORS or control.regime is DEAD_LOAD) and not control.in_deformed_geometry
     joints = find_joints(shapes, position, orientation, fixed, laws.between, TOLERANCE, (bodies, pairs), unite)
     check_pieces(scenario, joints)
     check_overrides(scenario, laws, joints, fixed)

@@ -131,12 +131,12 @@ def _is_hdf5(path: str) -> bool:
 
 
 def _text(result) -> str:
-    if result.yield_point is None:
-        return result.text()
     from dembrick.runs.path_dependence import path_lines
-    from dembrick.runs.result import printed
+    from dembrick.runs.result import Result, printed
     from dembrick.views.summary import known, on_one_path
 
+    if not isinstance(result, Result):
+        return result.text()
     point, run = result.yield_point, result.run
     lines = [result.scenario.title, f"formulation   {result.scenario.joint.formulation}", *result.stage_lines]
     unit, path = " N" if result.curve.unit == "N" else "", getattr(result, "path", None) or {}

@@ -23,7 +23,10 @@ from dembrick.scenario.controls import (
     COLLAPSE,
     CONSTANT_RATE,
     DEAD_LOAD,
+    DEFORMED_REST,
+    DRIVEN_PATH,
     LIMIT_LOAD,
+    LOAD_PATH,
     PATH_FOLLOWING,
     REAL_TIME,
     SETTLEMENT,
@@ -41,6 +44,7 @@ from dembrick.simulation.statics import constant_rate, limit_load, point_placeme
 from dembrick.simulation.statics.load_system import Replay
 
 if TYPE_CHECKING:
+    from dembrick.runs.load_path_result import DeformedRestResult, DrivenPathResult, LoadPathResult
     from dembrick.runs.motion_result import MotionResult
     from dembrick.runs.settlement_result import SettlementResult
     from dembrick.simulation.dynamics.equilibria import EquilibriaRun
@@ -245,35 +249,65 @@ def _shorter(control: Control) -> str:
     return f"{remedy}, or lower joint.normal_stiffness and joint.shear_stiffness: the time step grows"
 
 
-# --- settlement, equilibrium by equilibrium
+# --- paths of equilibria in the deformed geometry: supports that settle, loads that grow, travels, and rest
 
 
-def _plan_settlement(scenario: Scenario, assembly: Assembly) -> Plan:
-    from dembrick.simulation.dynamics import loads, run, settlement
+def _plan_equilibria(scenario: Scenario, assembly: Assembly) -> Plan:
+    from dembrick.simulation.dynamics import loads, run
 
+    _refuse_stresses(scenario, assembly)
     moving = run.prepare(assembly, scenario.control, scenario.solver.step_factor)
     driving = loads.driving_of(scenario, moving)
-    return settlement.plan(moving, scenario.control, driving, scenario.output)
+    return _path_of(scenario.control).plan(moving, scenario.control, driving, scenario.output)
 
 
-def _settle(scenario: Scenario, assembly: Assembly, session: Session, steps: float = 1.0) -> EquilibriaRun:
-    from dembrick.simulation.dynamics import handover, loads, run, settlement
+def _find_equilibria(scenario: Scenario, assembly: Assembly, session: Session, steps: float = 1.0) -> EquilibriaRun:
+    from dembrick.simulation.dynamics import handover, loads, run
 
-    moving = run.prepare(assembly, scenario.control, scenario.solver.step_factor)
+    control = scenario.control
+    _refuse_stresses(scenario, assembly)
+    moving = run.prepare(assembly, control, scenario.solver.step_factor)
     if session.start is not None:
         handover.start_on(moving, session.start)
     driving = loads.driving_of(scenario, moving)
     run.ask_for(moving, scenario.output, driving)
-    plan = settlement.plan(moving, scenario.control, driving, scenario.output)
+    plan = _path_of(control).plan(moving, control, driving, scenario.output)
     session.warn_if_long(present(plan.seconds), "lower joint.normal_stiffness and joint.shear_stiffness")
-    return settlement.settle(moving, scenario.control, driving, session, steps)
+    return _path_of(control).follow(moving, control, driving, session, steps)
 
 
-def _refined_settlement(scenario: Scenario, steps: float) -> float:
-    """Settlement at the collapse (m), or reaction at the end (N), by ``steps`` times the usual ones."""
+def _path_of(control: Control):
+    """The module of a path of equilibria in the deformed geometry."""
+    from dembrick.simulation.dynamics import driven_path, load_path, settlement
+
+    return {SETTLEMENT.name: settlement, DRIVEN_PATH.name: driven_path}.get(control.regime.name, load_path)
+
+
+def _refined_path(scenario: Scenario, steps: float) -> float:
+    """What is uncertain of a path by ``steps`` times the usual ones: a load, the settlement at the collapse (m), or the
+    reaction at the end (N)."""
     assembly = build.assemble(scenario)
-    run = _settle(scenario, assembly, Session(), steps)
-    return _settled(scenario=scenario, assembly=assembly, run=run, rows={}, frames={}, wall={}).uncertain
+    run = _find_equilibria(scenario, assembly, Session(), steps)
+    result = driver_of(scenario.control).result
+    return result(scenario=scenario, assembly=assembly, run=run, rows={}, frames={}, wall={}).uncertain  # type: ignore[return-value,union-attr]
+
+
+def _limit_found(**fields) -> LoadPathResult:
+    from dembrick.runs.load_path_result import LoadPathResult
+
+    return LoadPathResult(**fields)
+
+
+def _driven(**fields) -> DrivenPathResult:
+    from dembrick.runs.load_path_result import DrivenPathResult
+
+    return DrivenPathResult(**fields)
+
+
+def _rested(**fields) -> DeformedRestResult:
+    from dembrick.runs.load_path_result import DeformedRestResult
+
+    return DeformedRestResult(**fields)
 
 
 def _settled(**fields) -> SettlementResult:
@@ -293,6 +327,9 @@ DRIVERS = {
     CONSTANT_RATE.name: Driver(_plan_of(constant_rate), _constant_rate, _searched),
     PATH_FOLLOWING.name: Driver(_plan_path, _follow_path, _searched, _other_path(_follow_path)),
     DEAD_LOAD.name: Driver(lambda _, assembly: standing.plan(assembly), _find_rest, StaticsResult),
-    SETTLEMENT.name: Driver(_plan_settlement, _settle, _settled, _refined_settlement),
+    LOAD_PATH.name: Driver(_plan_equilibria, _find_equilibria, _limit_found, _refined_path),
+    DRIVEN_PATH.name: Driver(_plan_equilibria, _find_equilibria, _driven, _refined_path),
+    DEFORMED_REST.name: Driver(_plan_equilibria, _find_equilibria, _rested),
+    SETTLEMENT.name: Driver(_plan_equilibria, _find_equilibria, _settled, _refined_path),
     REAL_TIME.name: Driver(_plan_motion, _live_through, _moved),
 }

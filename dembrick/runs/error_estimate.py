@@ -10,8 +10,8 @@ decides how joints are loaded on the way, and so to which limit friction without
 ratio for a dry joint: the search is made for several, for both stiffnesses doubled and by steps half as long, and the
 least and greatest limit are the range that the structure's own path leaves open.
 
-A quasi-static settlement knows no rate either: its error is that of the stiffness and of its steps, which are halved
-together with the acceleration of the supports on them.
+Equilibria in the deformed geometry know no rate either: their error is that of the stiffness and of the steps of the
+path, which are halved; supports also move by half the acceleration on them.
 """
 
 from __future__ import annotations
@@ -27,7 +27,10 @@ from dembrick.scenario.checks import present
 from dembrick.scenario.controls import (
     CONSTANT_RATE,
     DEAD_LOAD,
+    DEFORMED_REST,
+    DRIVEN_PATH,
     LIMIT_LOAD,
+    LOAD_PATH,
     PATH_FOLLOWING,
     SETTLEMENT,
     PushoverControl,
@@ -60,14 +63,14 @@ def refinements(scenario: Scenario, several: bool = False) -> tuple[Refinement, 
     control = scenario.control
     if scenario.stages:
         raise ScenarioError("--refine estimates the error of a run that starts from rest, and this one has [[stages]]")
-    if control.regime is DEAD_LOAD:
+    if control.regime in (DEAD_LOAD, DEFORMED_REST):
         raise ScenarioError('a run of kind "statics" tells whether the blocks stand; --refine has nothing to estimate')
     if control.regime is CONSTANT_RATE or (control.regime is LIMIT_LOAD and not several):
         raise ScenarioError(
             f'a run of kind "{control.kind}" has the bracket of its limit load for an error bar; --refine is for limit '
             "loads of several joints, tilt, pushover, base-motion and dynamic"
         )
-    if control.regime is SETTLEMENT:
+    if control.regime in (SETTLEMENT, LOAD_PATH, DRIVEN_PATH):
         return Refinement(stiffer(scenario, 2.0, 2.0), OF_STIFFNESS), Refinement(scenario, 1.0, 0.5)
     if control.regime in (PATH_FOLLOWING, LIMIT_LOAD):
         others = [with_ratio(scenario, ratio) for ratio in RATIOS if not _has_ratio(scenario, ratio)]

@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dembrick.runs.motion_result import MotionResult
+from dembrick.assembly.actuators import effective_mass
 from dembrick.runs.result import Result
 from dembrick.scenario.checks import present
-from dembrick.scenario.controls import CONSTANT_RATE, PushoverControl, TiltControl
+from dembrick.scenario.controls import CONSTANT_RATE, REAL_TIME, PushoverControl, TiltControl
 from dembrick.views.summary import known
 
 if TYPE_CHECKING:
-    from dembrick.assembly.build import Assembly
+    pass
 
 REMARKED = 0.05  # of V
 
@@ -46,7 +46,7 @@ def inertia_share(result) -> float | None:
         stiffness = result.run.settings["actuator_stiffness"]
         most = control.rate * math.sqrt(stiffness * effective_mass(result.assembly))
         return min(most, peak - V) / V if V else None
-    drives = isinstance(result, MotionResult) and isinstance(control, TiltControl | PushoverControl)
+    drives = isinstance(control, TiltControl | PushoverControl) and control.regime is REAL_TIME
     collapse = result.collapse if drives else None
     if collapse is None or not collapse["load_factor"] > 0.0:
         return None
@@ -54,20 +54,3 @@ def inertia_share(result) -> float | None:
         return 1.0 - math.tan(math.radians(collapse["onset"])) / collapse["load_factor"]
     g = float(np.linalg.norm(result.scenario.gravity))
     return present(control.rate) * math.sqrt(g / present(control.displacement)) / g / collapse["load_factor"]
-
-
-def effective_mass(assembly: Assembly) -> float:
-    """The mass (kg) that actuators of one multiplier V have to speed up: V over the acceleration of the driven
-    displacement, if nothing but the inertia of the blocks resists."""
-    actuators = assembly.actuators
-    force = actuators.direction * actuators.weight[:, None]
-    push, turn = np.zeros((len(assembly.names), 3)), np.zeros((len(assembly.names), 3))
-    np.add.at(push, actuators.block, force)
-    np.add.at(turn, actuators.block, np.cross(actuators.arm, force))
-    free = ~assembly.fixed
-    mass, inertia = np.asarray(assembly.mass)[free], np.asarray(assembly.inertia)[free]
-    rotation = np.asarray(assembly.rotation)[free]
-    local = np.einsum("nij,ni->nj", rotation, turn[free])
-    speed_up = (push[free] ** 2).sum(axis=1) / mass
-    spin_up = (local * np.linalg.solve(inertia, local[..., None])[..., 0]).sum(axis=1)
-    return float(np.abs(actuators.weight).sum() / (speed_up + spin_up).sum())

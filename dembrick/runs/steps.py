@@ -66,7 +66,7 @@ def steps(
     if not isinstance(scenario, Scenario):
         scenario = toml.load(scenario)
     control = scenario.control
-    if not control.regime.real_time or control.push_direction is not None:
+    if control.regime.quasi_static or control.push_direction is not None:
         raise ScenarioError(
             f"steps go through time, and control kind {show(control.kind)} is a search for equilibria; "
             "use kind dynamic or base-motion, or a tilt with quasi_static = false"

@@ -31,10 +31,13 @@ from dembrick.scenario.regimes import (
     COLLAPSE,
     CONSTANT_RATE,
     DEAD_LOAD,
+    DEFORMED_REST,
     DRIVEN,
+    DRIVEN_PATH,
     EVERY_BLOCK,
     FURTHEST,
     LIMIT_LOAD,
+    LOAD_PATH,
     PATH_FOLLOWING,
     REAL_TIME,
     SETTLEMENT,
@@ -55,16 +58,25 @@ QUANTITIES = ("acceleration", "velocity", "displacement")
 
 @dataclass(frozen=True, slots=True)
 class YieldControl(Control):
-    """The limit load to ``tolerance``, the relative half-width of its bracket; everything else follows from it."""
+    """The limit load to ``tolerance``, the relative half-width of its bracket; everything else follows from it.
+
+    With ``large_displacements`` it is that of the deformed geometry, and found from equilibrium to equilibrium.
+    """
 
     tolerance: float = 1.0e-3
+    large_displacements: bool = False
 
     kind = "yield"
-    regime = LIMIT_LOAD
     ends_with = YIELD
     drives = ACTUATORS
 
+    @property
+    def regime(self) -> Regime:
+        """In the geometry of the start, or in the deformed one."""
+        return LOAD_PATH if self.large_displacements else LIMIT_LOAD
+
     def __post_init__(self):
+        _check_large_displacements(self)
         assign(self, tolerance=real("tolerance", self.tolerance))
         require(
             1e-8 <= self.tolerance <= 0.1,
@@ -76,16 +88,25 @@ class YieldControl(Control):
 
 @dataclass(frozen=True, slots=True)
 class DisplacementControl(Control):
-    """A constant-rate test as the laboratory runs it: ``rate`` (m/s) over ``travel`` (m), physical mass."""
+    """A constant-rate test as the laboratory runs it: ``rate`` (m/s) over ``travel`` (m), physical mass.
+
+    With ``large_displacements`` it goes from equilibrium to equilibrium in the deformed geometry, as a slow test would.
+    """
 
     rate: float
     travel: float
+    large_displacements: bool = False
 
     kind = "displacement"
-    regime = CONSTANT_RATE
     drives = ACTUATORS
 
+    @property
+    def regime(self) -> Regime:
+        """At its rate, or from equilibrium to equilibrium."""
+        return DRIVEN_PATH if self.large_displacements else CONSTANT_RATE
+
     def __post_init__(self):
+        _check_large_displacements(self)
         for key, unit in (("rate", "m/s"), ("travel", "m")):
             value = real(key, getattr(self, key))
             require(value > 0.0, key, value, f"it must be greater than 0 {unit}")
@@ -94,10 +115,22 @@ class DisplacementControl(Control):
 
 @dataclass(frozen=True, slots=True)
 class StaticsControl(Control):
-    """Whether the blocks stand under their dead loads; nothing is driven, and actuators carry nothing."""
+    """Whether the blocks stand under their dead loads; nothing is driven, and actuators carry nothing.
+
+    ``large_displacements``: in the deformed geometry.
+    """
+
+    large_displacements: bool = False
 
     kind = "statics"
-    regime = DEAD_LOAD
+
+    @property
+    def regime(self) -> Regime:
+        """In the geometry of the start, or in the deformed one."""
+        return DEFORMED_REST if self.large_displacements else DEAD_LOAD
+
+    def __post_init__(self):
+        _check_large_displacements(self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +140,7 @@ class TiltControl(Control):
     ``quasi_static``, which is the default without a ``rate``, looks for that limit to ``tolerance`` and follows it
     until a block has moved ``displacement`` (m), if one is given. Else the table turns at ``rate`` (deg/s) in real time
     until a block has moved ``displacement`` against it since it was at rest. ``damping``: of critical, of a contact's
-    dashpot against the two blocks it joins.
+    dashpot against the two blocks it joins. ``large_displacements``: the limit is that of the deformed geometry.
     """
 
     axis: Vector
@@ -116,6 +149,7 @@ class TiltControl(Control):
     damping: float = 0.05
     quasi_static: bool | None = None
     tolerance: float = 1.0e-3
+    large_displacements: bool = False
 
     kind = "tilt"
     ends_with = COLLAPSE
@@ -124,7 +158,7 @@ class TiltControl(Control):
     @property
     def regime(self) -> Regime:
         """Looked for, or lived through."""
-        return PATH_FOLLOWING if self.quasi_static else REAL_TIME
+        return _searched(self)
 
     @property
     def curve(self) -> Curve:
@@ -149,6 +183,7 @@ class TiltControl(Control):
         quasi_static = self.rate is None if self.quasi_static is None else self.quasi_static
         require_type(isinstance(quasi_static, bool), "quasi_static", quasi_static, "true or false")
         assign(self, axis=unit_vector(axis), quasi_static=quasi_static)
+        _check_large_displacements(self)
         damping = real("damping", self.damping)
         for key, unit in (("rate", "deg/s"), ("displacement", "m")):
             value = getattr(self, key)
@@ -173,6 +208,7 @@ class PushoverControl(Control):
     ``tolerance`` is the relative half-width of the bracket of that limit. The curve goes on past it until a block has
     moved ``displacement`` (m) since the dead-load equilibrium, if given. With ``quasi_static`` false the blocks are
     pushed in real time, their mean displacement by ``rate`` (m/s), with contact ``damping`` as in `TiltControl`.
+    ``large_displacements``: the limit is that of the deformed geometry.
     """
 
     direction: Vector
@@ -181,6 +217,7 @@ class PushoverControl(Control):
     tolerance: float = 1.0e-3
     rate: float | None = None
     damping: float = 0.05
+    large_displacements: bool = False
 
     kind = "pushover"
     curve = Curve("load factor", "1", "load factor: the share of its weight by which every block is pushed", DRIVEN)
@@ -190,7 +227,7 @@ class PushoverControl(Control):
     @property
     def regime(self) -> Regime:
         """Looked for, or lived through."""
-        return PATH_FOLLOWING if self.quasi_static else REAL_TIME
+        return _searched(self)
 
     @property
     def push_direction(self) -> Vector:
@@ -204,6 +241,7 @@ class PushoverControl(Control):
             assign(self, displacement=real("displacement", self.displacement))
             require(self.displacement > 0.0, "displacement", self.displacement, "it must be greater than 0 m")
         require_type(isinstance(self.quasi_static, bool), "quasi_static", self.quasi_static, "true or false")
+        _check_large_displacements(self)
         bound = "it is a relative error between 1e-8 and 0.1; 1e-3 is usual"
         require(1e-8 <= self.tolerance <= 0.1, "tolerance", self.tolerance, bound)
         damping = real("damping", self.damping)
@@ -384,6 +422,24 @@ def _direction(value) -> tuple[float, ...]:
     direction = vector("direction", value)
     require(any(direction), "direction", direction, "its length must be greater than 0")
     return unit_vector(direction)
+
+
+def _searched(control: TiltControl | PushoverControl) -> Regime:
+    if not control.quasi_static:
+        return REAL_TIME
+    return LOAD_PATH if control.large_displacements else PATH_FOLLOWING
+
+
+def _check_large_displacements(control: Control) -> None:
+    """It is true or false, and an end of the path is not asked for beside it: a load path ends at its limit."""
+    given = control.large_displacements  # type: ignore[attr-defined]
+    require_type(isinstance(given, bool), "large_displacements", given, "true or false")
+    end = getattr(control, "displacement", None)
+    if control.in_deformed_geometry and end is not None:
+        raise ScenarioError(
+            f"displacement = {end:g}: a search in the deformed geometry ends where the blocks come down; leave it out, "
+            "or take quasi_static = false"
+        )
 
 
 def _check_motion(control: DynamicControl | BaseMotionControl) -> None:

@@ -109,6 +109,10 @@ heading | deg | a number | direction of its axis about z; zero is along x
 group | | text | a further group that its blocks belong to
 """
 _TOLERANCE = "tolerance | 1 | 1e-8 to 0.1 | relative half-width of the error bar of the limit"
+_LARGE = (
+    "large_displacements | | true, false | from equilibrium to equilibrium in the deformed geometry; true after a "
+    "settlement"
+)
 _DAMPING = "damping | 1 | 0 to 0.9 | dashpot of a contact, as a part of critical damping (real time)"
 _IMPACT = """
 duration | s | > 0 | how long the run lasts
@@ -267,9 +271,9 @@ angle | deg | -90 to 90, not 0 | by how much, at the end
 point | m | 3 numbers | a point of the axis at the start; left out, the centroid of each support
 """,
     SupportPath: _MOTION,
-    "yield": _TOLERANCE,
-    "displacement": "rate | m/s | > 0 | speed of the actuators\ntravel | m | > 0 | how far they move",
-    "statics": "",
+    "yield": f"{_TOLERANCE}\n{_LARGE}",
+    "displacement": "rate | m/s | > 0 | speed of the actuators\ntravel | m | > 0 | how far they move\n" + _LARGE,
+    "statics": _LARGE,
     "tilt": f"""
 axis | 1 | 3 numbers | axis of the table through the origin, right-hand rule
 rate | deg/s | 0 to 10 | how fast it turns, in real time; without it the limit itself is searched
@@ -277,6 +281,7 @@ displacement | m | > 0 | the run ends when a block has moved so far against the 
 quasi_static | | true, false | find the angle of the limit itself, without time; the default without a rate
 {_TOLERANCE}
 {_DAMPING}
+{_LARGE}
 """,
     "pushover": f"""
 direction | 1 | 3 numbers | along which every block is pushed by the same share of its weight
@@ -285,6 +290,7 @@ quasi_static | | true, false | find the limit itself; false: push in real time
 rate | m/s | > 0 | how fast the mean displacement grows, in real time
 {_TOLERANCE}
 {_DAMPING}
+{_LARGE}
 """,
     "settlement": f"""
 {_MOTION}

@@ -45,7 +45,7 @@ from dembrick.scenario.generators import GENERATORS, Arch, Dome, Stack, Wall
 from dembrick.scenario.joint_laws import FORMULATIONS, PRESSURES, JointLaw, JointOverride  # noqa: F401
 from dembrick.scenario.memory import check_memory
 from dembrick.scenario.pressures import Pressure
-from dembrick.scenario.stages import check_stages, stage_numbers
+from dembrick.scenario.stages import check_stages, controls_of, in_deformed_geometry, stage_numbers
 from dembrick.scenario.ties import Tie
 
 CHANNELS = ("joints", "energy", "frames", "velocity", "contacts")  # of the record; the last three are of frames
@@ -244,6 +244,8 @@ class Scenario:
                 along = abs(sum(a * g for a, g in zip(control.tilt_axis, self.gravity, strict=True)))
                 crosses = along < (1.0 - 1e-12) * math.hypot(*self.gravity)
                 require(crosses, "control.axis", control.tilt_axis, "it lies along gravity, which a tilt has to turn")
+        *before, last = in_deformed_geometry(controls_of(self))
+        assign(self, stages=tuple(before), control=last)
         check_stages(self)
         self._lay()
         if not self.all_blocks:

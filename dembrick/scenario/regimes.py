@@ -21,6 +21,8 @@ class Regime(NamedTuple):
     meet again. ``counts_equilibria``: the times of the record are the numbers of equilibria. ``small_displacements``:
     it stays in the geometry of the start, and adds up small rotations. ``balances_energy``: its record has energies.
     ``stands_or_falls``: that is what a run answers, as opposed to a load.
+
+    What is quasi-static and in real time goes from equilibrium to equilibrium in the deformed geometry.
     """
 
     name: str
@@ -41,6 +43,9 @@ LIMIT_LOAD = Regime("limit load", small_displacements=True, stands_or_falls=Fals
 CONSTANT_RATE = Regime("constant rate", stands_or_falls=False)
 PATH_FOLLOWING = Regime("path following", counts_equilibria=True, small_displacements=True, stands_or_falls=False)
 DEAD_LOAD = Regime("dead load", small_displacements=True)
+LOAD_PATH = Regime("load path", real_time=True, counts_equilibria=True, balances_energy=False, stands_or_falls=False)
+DRIVEN_PATH = LOAD_PATH._replace(name="driven path")
+DEFORMED_REST = Regime("rest in the deformed geometry", real_time=True, counts_equilibria=True, balances_energy=False)
 SETTLEMENT = Regime("settlement", real_time=True, counts_equilibria=True, balances_energy=False)
 REAL_TIME = Regime("real time", quasi_static=False, real_time=True)
 
@@ -82,6 +87,11 @@ class Control:
     def regime(self) -> Regime:
         """How it is carried out."""
         return REAL_TIME
+
+    @property
+    def in_deformed_geometry(self) -> bool:
+        """Whether it goes from equilibrium to equilibrium in the deformed geometry."""
+        return self.regime.quasi_static and self.regime.real_time
 
     @property
     def curve(self) -> Curve:

@@ -36,21 +36,25 @@ def controls_of(scenario: Scenario) -> tuple[Control, ...]:
     return (*scenario.stages, scenario.control)
 
 
+def in_deformed_geometry(controls: tuple[Control, ...]) -> tuple[Control, ...]:
+    """The controls of all stages, those that search after a settlement in the geometry that it has left."""
+    found: list[Control] = []
+    for control in controls:
+        deformed = bool(found) and found[-1].in_deformed_geometry
+        if deformed and not control.regime.real_time:
+            control = replace(control, large_displacements=True)  # type: ignore[call-arg]
+        found.append(control)
+    return tuple(found)
+
+
 def check_stages(scenario: Scenario) -> None:
     """ScenarioError for stages that cannot follow one another, and for numbers of stages that there are not."""
     controls = controls_of(scenario)
     for number, control in enumerate(controls[:-1], 1):
-        after = controls[number]
         if control.regime.real_time and not control.regime.quasi_static:
             raise ScenarioError(
                 f"stage {number} of kind {show(control.kind)} runs in real time, and only the last one can: make it "
                 "[control]"
-            )
-        if control.regime.real_time and not after.regime.real_time:
-            raise ScenarioError(
-                f"stage {number + 1} of kind {show(after.kind)} knows the geometry of the start, and stage {number} of "
-                f"kind {show(control.kind)} leaves another one: put it before, or take a settlement or a run in real "
-                "time in its place"
             )
     last = len(controls)
     for key in IN_STAGES:

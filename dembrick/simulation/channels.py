@@ -26,6 +26,7 @@ ROWS, FRAMES, CONTACTS = 0, 1, 2  # what a channel has an entry for: a row, a fr
 AXES = tuple("xyz")
 WRENCH = ("F_x [N]", "F_y [N]", "F_z [N]", "M_x [N m]", "M_y [N m]", "M_z [N m]")
 OPTIONAL = ("control_point", "support", "tie")  # where a scene has none of these, there is no channel of them
+NO_BOUND = 1e300  # N, or a load factor: an upper bound that does not bind
 STRENGTHS = "strengths"  # asks for what only joints with strengths beside friction have
 
 

@@ -38,9 +38,11 @@ from dembrick.simulation.dynamics.support_motion import AT_REST
 from dembrick.simulation.dynamics.time_histories import Curve
 from dembrick.simulation.session import Kept, Progress, Session, Snapshot
 
+TOLERANCE = 1e-3  # of the parameter at which blocks come down, if the control says none
 FEWEST = 512  # steps in which the parameter grows
 BALANCED = 1e-6  # out-of-balance force over joint forces at which the blocks rest
-DRIFTING = 1.5  # how much further blocks are at its end than at its middle if they go on and do not swing
+DRIFTING = 2.0  # the way of blocks from the first quarter of a relaxation to its end, over that to its middle, if they
+# go on and do not swing
 DROPPED = 0.5  # of a block's least dimension: one that has moved so far since the last equilibrium has come down
 FALL = 8  # frames of that, equally far apart
 SPARE = 200  # equilibria for which there is room beside those of the way, and on the way to breaking bonds:
@@ -77,10 +79,11 @@ class EquilibriumPath:
     """
 
     greatest = 1.0  # parameter of all
+    dropped = DROPPED
 
     def __init__(self, moving: Motion, control: Control, driving: Driving, session: Session, way: int):
         self.moving, self.control, self.driving, self.session, self.way = moving, control, driving, session, way
-        self.past = Past(moving, None)
+        self.past, self.tolerance = Past(moving, None), getattr(control, "tolerance", TOLERANCE)
         self.reached, self.failed, self.equilibria, self.careful = 0.0, math.inf, 0, False
         self.broken, self.bonds = math.inf, joint_families.bonded(moving.state)
         self.bonded = joint_families.has_strengths(moving.state)
@@ -135,7 +138,8 @@ class EquilibriumPath:
         """What drives the run while the parameter is held."""
         return self.driven(lambda times: np.full(np.shape(times), parameter))
 
-    def _advance(self, driving: Driving, steps: int) -> None:
+    def advance(self, driving: Driving, steps: int) -> None:
+        """Steps under what drives the blocks."""
         while steps > 0:
             some = min(steps, 8 * CHUNK)
             advance(self.moving, driving, some, self.limits, LOCAL_DAMPING, STEP)
@@ -148,7 +152,7 @@ class EquilibriumPath:
         driving, steps = self._growing(self.reached, parameter)
         before = self.moving.state.bodies.position.copy()
         joint_families.hold_bonds(self.moving.state, self.bonded)
-        self._advance(driving, steps)
+        self.advance(driving, steps)
         ratio = self._rest(parameter, before)
         if not self.bonded or ratio is None:
             return ratio
@@ -160,12 +164,11 @@ class EquilibriumPath:
         still = self._at(parameter)
         free = ~np.asarray(self.moving.assembly.fixed)
         least = np.array([float(np.ptp(shape.vertices, axis=0).min()) for shape in self.moving.assembly.shapes])
-        arrived, balanced, middle = self.moving.state.bodies.position.copy(), 0, 0.0
-        most = most_steps(self.moving)
-        for chunk in range(most // CHUNK):
-            self._advance(still, CHUNK)
+        balanced, chunks, passed = 0, most_steps(self.moving) // CHUNK, {}
+        for chunk in range(chunks):
+            self.advance(still, CHUNK)
             away = np.linalg.norm(self.moving.state.bodies.position - before, axis=1)
-            down = float((away / (DROPPED * least))[free].max())
+            down = float((away / (self.dropped * least))[free].max())
             self._look_on(down)
             if down > 1.0:
                 return None
@@ -173,14 +176,15 @@ class EquilibriumPath:
             balanced = balanced + 1 if ratio <= max(BALANCED, enough) else 0
             if balanced == 2:  # forces of a swing vanish at one moment, and not at the next
                 return ratio
-            if chunk == most // CHUNK // 2:
-                middle = _farthest(self.moving.state.bodies.position, arrived)
-        if _farthest(self.moving.state.bodies.position, arrived) > DRIFTING * middle:
+            if chunk in (chunks // 4, chunks // 2):
+                passed[chunk] = self.moving.state.bodies.position.copy()
+        first, middle = passed.values()
+        if _farthest(self.moving.state.bodies.position, first) > DRIFTING * _farthest(middle, first):
             self._look_on(1.0)
             return None
         raise NotConvergedError(
-            f"no equilibrium at {self.said(parameter)}: after {most} steps of relaxation the out-of-balance force is "
-            f"still {ratio:.2g} of the joint forces; {self.slow}"
+            f"no equilibrium at {self.said(parameter)}: after {CHUNK * chunks} steps of relaxation the out-of-balance "
+            f"force is still {ratio:.2g} of the joint forces; {self.slow}"
         )
 
     def _look_on(self, down: float) -> None:
@@ -207,7 +211,7 @@ class EquilibriumPath:
         past.unbalanced[0] = find_equilibrium(moving, held, False, resume, partial(self.session.pause, past))
         moving.phases["dead_load"], moving.loop_seconds = moving.loop_seconds, 0.0
         past.at_rest[:] = seen(moving.state.bodies, moving.state.links)
-        self._advance(self._at(0.0), CHUNK)
+        self.advance(self._at(0.0), CHUNK)
         ratio = float(past.unbalanced[0])
         if self.bonded or moving.settled:  # what the dead loads break, breaks now; other loads than before move blocks
             before = moving.state.bodies.position.copy()
@@ -243,7 +247,7 @@ class EquilibriumPath:
         """The parameter of the next equilibrium; None at the end of the way or if its end is known well enough."""
         for end, at_end in ((self.failed, None), (self.broken, self.broken)):
             if end < math.inf:
-                close = end - self.reached <= self.control.tolerance * end
+                close = end - self.reached <= self.tolerance * end
                 return at_end if close else 0.5 * (self.reached + end)
         return self.following()
 
@@ -261,7 +265,7 @@ class EquilibriumPath:
                 ratio = self._go(target)
                 if ratio is not None:
                     broke = (joint_families.bonded(self.moving.state) < self.bonds).any()
-                    far = target - self.reached > self.control.tolerance * target
+                    far = target - self.reached > self.tolerance * target
                     if broke and far and self.equilibria < self.room - SPARE and target < self.broken:
                         self.broken = target  # from nearby: which bonds break first
                         self._go_back()
@@ -351,7 +355,7 @@ class EquilibriumPath:
         self.reached, failed, broken, count, careful = snapshot.array(SNAPSHOT, shapes[SNAPSHOT]).tolist()
         self.failed, self.broken = (end or math.inf for end in (failed, broken))
         self.bonds = joint_families.bonded(self.moving.state).copy()
-        sound = 0.0 <= self.reached <= self.greatest and min(failed, broken) >= 0.0
+        sound = 0.0 <= self.reached <= self.greatest and self.reached < math.inf and min(failed, broken) >= 0.0
         if not (sound and count.is_integer() and 1 <= count <= len(shapes[f"{SNAPSHOT}.path"])):
             raise HistoryError(f"{snapshot.path}: this checkpoint is of no step of this run")
         self.equilibria, self.careful = int(count), bool(careful)

@@ -16,7 +16,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dembrick.errors import ScenarioError
+from dembrick.scenario.regimes import REAL_TIME
 from dembrick.simulation.dynamics import time_histories
+from dembrick.simulation.dynamics.driven_loads import DrivenLoads
 from dembrick.simulation.dynamics.support_motion import AT_REST, PrescribedMotion, SupportMotion, support_motion
 from dembrick.simulation.dynamics.time_histories import Curve
 
@@ -35,7 +37,8 @@ class Driving:
     ``block`` (k,), ``lever`` (k, 3; body axes, m) and ``force`` (k, 3; N, world) of the loads, ``factor`` a curve for
     each or None. ``tilt``: (axis, rate in rad/s). ``support_velocity``: directions (3,) and the curves of the speed
     along them, m/s; the record shows the acceleration along the first. ``supports``: those that move against the
-    others, and ``share``: how much of their paths they have gone at a time.
+    others, and ``share``: how much of their paths they have gone at a time. ``driven``: the load system whose
+    multiplier V, a function of time, a load path increases; its forces are the last of the loads.
     """
 
     gravity: np.ndarray
@@ -47,6 +50,8 @@ class Driving:
     support_velocity: tuple[tuple[np.ndarray, Curve], ...] = ()
     supports: SupportMotion = AT_REST
     share: Curve = np.zeros_like
+    driven: DrivenLoads | None = None
+    multiplier: Curve = np.zeros_like
 
     def at(self, times: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
         """Gravity (s, 3) in m/s2 and load forces (s, k, 3) in N for the steps at ``times`` (s,)."""
@@ -54,6 +59,8 @@ class Driving:
         for k, curve in enumerate(self.factor):
             if curve is not None:
                 force[:, k] *= curve(times)[:, None]
+        if self.driven is not None:
+            force[:, len(self.factor) :] *= self.multiplier(times)[:, None, None]
         if self.tilt is not None:
             axis, rate = self.tilt
             cosine, sine = np.cos(rate * times), np.sin(rate * times)
@@ -72,7 +79,10 @@ class Driving:
         return self.supports.between(self.share(np.append(times[:1], times + dt)), dt)
 
     def load(self, time: float, dt: float) -> float:
-        """What grows in the record: load factor of a tilt, acceleration of shaken supports (m/s2), else zero."""
+        """What grows in the record: the multiplier of a load system, load factor of a tilt, acceleration of shaken
+        supports (m/s2), else zero."""
+        if self.driven is not None:
+            return float(self.multiplier(np.array([time]))[0])
         if self.tilt is not None:
             return math.tan(min(self.tilt[1] * time, math.radians(89.999)))
         if self.support_velocity:
@@ -122,7 +132,7 @@ def driving_of(scenario: Scenario, moving: Motion) -> Driving:
         "force": loads.force,
         "factor": tuple(factors[index] for index in loads.given),
     }
-    if control.tilt_axis is not None:
+    if control.tilt_axis is not None and control.regime is REAL_TIME:
         driving["tilt"] = (np.array(control.tilt_axis, float), float(np.radians(control.rate)))
     if control.shakes:
         driving["support_velocity"] = tuple(
@@ -130,6 +140,10 @@ def driving_of(scenario: Scenario, moving: Motion) -> Driving:
             for direction, file, columns in control.components
         )
     driving["supports"] = supports = support_motion(scenario, assembly, moving.state.bodies)
+    if len(assembly.actuators.names) and control.in_deformed_geometry:
+        driven = driving["driven"] = DrivenLoads.of(assembly, moving.state)
+        for key, more in (("block", driven.block), ("lever", driven.lever), ("force", driven.force)):
+            driving[key] = np.concatenate([driving[key], more])
     if len(supports) and control.rate is not None:
         driving["share"] = lambda times: np.clip(control.rate / supports.length * times, 0.0, 1.0)
     return Driving(**driving)

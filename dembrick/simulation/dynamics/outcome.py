@@ -157,9 +157,20 @@ def settlement_collapse(moving: Motion, before: np.ndarray, blocks: np.ndarray) 
 
 def mechanism(moving: Motion, at_rest: np.ndarray) -> str:
     """How the joint that moved most has moved since ``at_rest`` (j, 9, of `seen`): sliding, rocking or torsion."""
+    slid, rocked, twisted = _moves(moving, at_rest).max(axis=0)
+    return max((slid, "sliding"), (rocked, "rocking"), (twisted, "torsion"))[1]
+
+
+def moved_most(moving: Motion, at_rest: np.ndarray) -> int:
+    """The number of that joint, zero if there are none."""
+    moves = _moves(moving, at_rest).max(axis=1)
+    return int(np.argmax(moves)) if len(moves) else 0
+
+
+def _moves(moving: Motion, at_rest: np.ndarray) -> np.ndarray:
+    """How far the rim of every joint has slid, tilted and turned about the normal (j, 3) since then, in m."""
     links = moving.state.links
     change = seen(moving.state.bodies, links) - at_rest
-    slid = np.hypot(change[:, 0], change[:, 1]).max()
-    rocked = (links.reach * np.hypot(change[:, 5], change[:, 8])).max()
-    twisted = (links.reach * np.hypot(change[:, 3], change[:, 4])).max()
-    return max((slid, "sliding"), (rocked, "rocking"), (twisted, "torsion"))[1]
+    slid = np.hypot(change[:, 0], change[:, 1])
+    rocked = links.reach * np.hypot(change[:, 5], change[:, 8])
+    return np.column_stack([slid, rocked, links.reach * np.hypot(change[:, 3], change[:, 4])])

@@ -8,6 +8,7 @@ import numpy as np
 
 from dembrick.kernels.dynamics.record import unbalanced_ratio
 from dembrick.kernels.joint.ties import TENSION, YIELDED
+from dembrick.simulation.channels import NO_BOUND
 from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.integrator import Motion, present_velocities
 from dembrick.simulation.dynamics.loads import Driving
@@ -73,6 +74,7 @@ class Recorder:
             "upper": np.zeros(1),
             "actuator_displacement": np.zeros((1, 0)),
             "actuator_force": np.zeros((1, 0)),
+            **self._of_actuators(load),
             "energy": {name: np.array([value]) for name, value in energy.items()},
             "new_contacts": np.array([float(moving.contact_detection.carrying)]),
         }
@@ -89,6 +91,19 @@ class Recorder:
         if "joints" in self._session.output.channels:
             row["joint"] = joint_resultants(moving.state)[None]
         return row
+
+    def _of_actuators(self, load: float) -> dict:
+        """Displacement and force of every actuator of a load path, and the bounds of its limit: the load itself, and
+        none."""
+        driven = self.driving.driven
+        if driven is None:
+            return {}
+        return {
+            "actuator_displacement": driven.displacements(self._moving.state.bodies)[None],
+            "actuator_force": load * driven.weight[None],
+            "lower": np.array([load]),
+            "upper": np.array([NO_BOUND]),
+        }
 
     def frame(self, time: float, due: slice = slice(0, 1)) -> dict:
         """A frame of the present state at ``time``, as the observer gets it, or none where none is ``due``."""
@@ -133,8 +148,9 @@ class Recorder:
     def curve(self, reaction: np.ndarray) -> tuple[float, float]:
         """Displacement and load of now, given the reactions (s, 6) of the supports.
 
-        Of a push the driven displacement and the load factor; of supports that move theirs, and the reaction along
-        their motion; else the displacement of the block that has moved furthest, and what the driving says.
+        Of a push the driven displacement and the load factor, of loads that grow the driven displacement and their
+        multiplier; of supports that move their displacement, and the reaction along their motion; else the displacement
+        of the block that has moved furthest, and what the driving says.
         """
         moving, driving = self._moving, self.driving
         away = moving.displacement
@@ -144,6 +160,8 @@ class Recorder:
             share = float(driving.share(np.array([moving.time]))[0])
             load = driving.supports.resisting(share, reaction[self._rows_of_moved])
             return share * driving.supports.length, load
+        if driving.driven is not None:
+            return driving.driven.displacement(moving.state.bodies), driving.load(moving.time, moving.time_step)
         return float(np.linalg.norm(away, axis=1).max()), driving.load(moving.time, moving.time_step)
 
     def _present(self) -> Driving:

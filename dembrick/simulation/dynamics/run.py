@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
     from dembrick.scenario.controls import Control
 
+CONTACT_DAMPING = 0.05  # of critical: of a path of equilibria whose control says none
 IMPACTS = 3.0  # where blocks may bounce the step is so much shorter: the stated restitution is then met, by 1 to 3 %
 AT_ONCE = 2_000_000  # blocks and joints, times steps: a signal waits for some tenths of a second
 AFTER = 1.0  # s, for which a run goes on when the supports have arrived: what has lost its balance comes down in that
@@ -107,11 +108,11 @@ def prepare(assembly: Assembly, control: Control, step_factor: float) -> Motion:
         raise ScenarioError(f"control kind {show(control.kind)} moves supports and no block is fixed: fix one")
     if not len(assembly.fixed) - np.sum(assembly.fixed):
         raise ScenarioError("every block is fixed: nothing can move; let one be free")
-    if len(assembly.actuators.block):
+    if len(assembly.actuators.block) and not control.in_deformed_geometry:
         remedy = "remove them, and actuator = true of [[pressures]]"
         raise ScenarioError(f"control kind {show(control.kind)} has no use for [[actuators]]; {remedy}")
-    if getattr(control, "damping", None) is not None:
-        return motion(assembly, control.damping, step_factor)
+    if control.in_deformed_geometry or hasattr(control, "damping"):
+        return motion(assembly, getattr(control, "damping", CONTACT_DAMPING), step_factor)
     damping = damping_of_restitution(control.restitution)
     return motion(assembly, damping, step_factor, IMPACTS, duration=control.duration)
 

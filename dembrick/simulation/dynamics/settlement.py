@@ -78,7 +78,7 @@ class Settlement(EquilibriumPath):
         return found | {"settlement": 0.5 * (low + high), "settlement_range": [low, high]}
 
 
-def settle(moving: Motion, control: Control, driving: Driving, session: Session, refine: float = 1.0) -> EquilibriaRun:
+def follow(moving: Motion, control: Control, driving: Driving, session: Session, refine: float = 1.0) -> EquilibriaRun:
     """Move the supports along their way, equilibrium by equilibrium; ``refine``: steps over the usual.
 
     Raises NotConvergedError where the blocks do not stand before the supports move, or find neither rest nor fall.

@@ -1,0 +1,225 @@
+"""What equilibria in the deformed geometry gave: a limit load with its bracket, or whether the blocks stand."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dembrick.runs.collapse import collapse_lines, listed
+from dembrick.runs.motion_result import MotionResult
+from dembrick.runs.result import printed
+from dembrick.scenario.regimes import ACTUATORS, COMPLETED
+from dembrick.simulation.statics.yield_point import YieldPoint
+from dembrick.views.summary import known
+
+if TYPE_CHECKING:
+    from dembrick.simulation.dynamics.load_path import LoadPathRun
+
+
+@dataclasses.dataclass(repr=False)
+class LoadPathResult(MotionResult):
+    """A limit load in the deformed geometry: V at the last equilibrium and V at which the blocks come down bracket it.
+
+    ``load_error``: of V, half the bracket and what refined runs add to it, if they were asked for.
+    """
+
+    run: LoadPathRun
+    load_error: float | None = None
+    theory = None
+
+    @property
+    def unlimited(self) -> bool:
+        """Whether nothing came down up to the greatest load that is tried."""
+        return self.run.bracket[1] == math.inf
+
+    @property
+    def status(self) -> str:
+        """ "yield" for a limit load, "collapse" for that of all blocks, "completed" where nothing limits the load."""
+        return COMPLETED if self.unlimited else self.scenario.control.ends_with
+
+    @property
+    def plain_answer(self) -> str | None:
+        """What an unlimited load means, in a sentence; None where there is a limit."""
+        if not self.unlimited:
+            return None
+        V, actuators = self.run.bracket[0], self.scenario.control.drives == ACTUATORS
+        load = f"V = {V:.3g} N" if actuators else f"a load factor of {V:.3g}"
+        return f"unlimited: no blocks came down up to {load}"
+
+    @property
+    def yield_point(self) -> YieldPoint:
+        """The limit load, its bracket, and what the joint that moves most carried at the last equilibrium."""
+        lower, upper = self.run.bracket
+        if self.unlimited:
+            return self._point(None, lower, None, "open")
+        return self._point(0.5 * (lower + upper), lower, upper, "indicator")
+
+    def _point(self, V: float | None, lower: float, upper: float | None, bracket: str) -> YieldPoint:
+        run, joints = self.run, self.assembly.joints
+        carried = dict.fromkeys(("N", "V_1", "V_2", "M_T"), 0.0)
+        if run.resultant is not None:
+            carried = dict(zip(carried, (run.resultant[:4] + 0.0).tolist(), strict=True))
+        pair = (joints.block_a[run.joint], joints.block_b[run.joint]) if len(joints) else ()
+        peak = run.path[np.argmax(run.path[:, 1])]
+        return YieldPoint(
+            V=V,
+            V_lower=lower,
+            V_upper=upper,
+            bracket=bracket,
+            V_peak=float(peak[1]),
+            displacement_at_peak=float(peak[0]),
+            actuator_load=float(run.path[-1, 1]),
+            **carried,
+            displacement=float(run.path[-1, 0]),
+            torsion_centre=None,
+            mechanism=run.mechanism,
+            joint=tuple(self.assembly.names[i] for i in pair),  # type: ignore[arg-type]
+            unlimited=self.unlimited,
+        )
+
+    @property
+    def collapse(self) -> dict | None:
+        """The collapse under a load on every block; None of actuators."""
+        fallen, control, point = self.run.collapse, self.scenario.control, self.yield_point
+        if fallen is None or point.V is None or control.drives == ACTUATORS:
+            return None
+        return fallen | {
+            "angle": control.angle(point.V),
+            "load_factor": point.V,
+            "mechanism_load_factor": point.V,
+            "displacement": float(np.linalg.norm(self.displacement, axis=1).max()),
+            "error_estimate": self.load_error,
+        }
+
+    @property
+    def uncertain(self) -> float:
+        """What an error estimate is of: the limit load, or what was reached without one."""
+        return sum(self.run.bracket) / 2.0 if not self.unlimited else self.run.bracket[0]
+
+    def take_error(self, estimate: float) -> None:
+        """Keep the error estimate of the limit load, with its bracket."""
+        lower, upper = self.run.bracket
+        self.load_error = estimate + (0.0 if self.unlimited else 0.5 * (upper - lower))
+
+    def as_dict(self) -> dict:
+        """The JSON object of ``dembrick run --json``."""
+        own = {"unlimited": self.unlimited, "answer": self.plain_answer, "yield_point": self.yield_point.as_dict()}
+        return super().as_dict() | own | {"error_estimate": self.load_error, "simulated_time": None}
+
+    def text(self) -> str:
+        """What the command line prints."""
+        point, run = self.yield_point, self.run
+        unit = " N" if self.curve.unit == "N" else ""
+        lines = [self.scenario.title, f"formulation   {self.scenario.joint.formulation}", *self.stage_lines]
+        if self.unlimited:
+            return "\n".join([*lines, f"answer        {self.plain_answer}", f"history       {self.history}"])
+        if self.collapse is not None:
+            lines += collapse_lines(self.collapse)
+        else:
+            lines.append(f"blocks        {listed(run.collapse['blocks'])}")
+        assert point.V is not None
+        bar = self.load_error if self.load_error is not None else point.half_width
+        between = f"stands at {point.V_lower:.6g}, falls at {point.V_upper:.6g}"
+        lines.append(f"V             {known(point.V, bar)}{unit} +- {bar:.2g}{unit} ({between}; this path)")
+        return "\n".join(lines + self._closing_lines())
+
+    def _closing_lines(self) -> list[str]:
+        """What the joint that moves most carried, reactions, and what it took."""
+        point, run = self.yield_point, self.run
+        carried = (point.N, point.V_1, point.V_2, point.M_T)
+        N, V_1, V_2, M_T = printed(carried, max(map(abs, carried)))
+        return [
+            f"joint         {' / '.join(point.joint)}: N = {N} N, V_1 = {V_1} N, V_2 = {V_2} N, M_T = {M_T} N m",
+            f"mechanism     {point.mechanism}",
+            *self.force_lines,
+            f"equilibria    {len(run.path)} in the deformed geometry, by {run.motion.steps} steps of relaxation, loop "
+            f"{run.loop_seconds:.3g} s",
+            f"history       {self.history}",
+        ]
+
+
+@dataclasses.dataclass(repr=False)
+class DrivenPathResult(LoadPathResult):
+    """A constant-rate test in the deformed geometry: V at the end of the travel, and the largest on the way to it."""
+
+    unlimited = False
+
+    @property
+    def status(self) -> str:
+        """ "completed", or "collapse" if blocks come down before the end of the travel."""
+        return self.run.status
+
+    @property
+    def yield_point(self) -> YieldPoint:
+        """V at the end; the largest on the way is a load in equilibrium, and so a lower bound of the limit."""
+        path = self.run.path
+        return self._point(float(path[-1, 1]), float(path[:, 1].max()), None, "open")
+
+    @property
+    def uncertain(self) -> float:
+        """What an error estimate is of: the largest V."""
+        return self.yield_point.V_peak
+
+    def take_error(self, estimate: float) -> None:
+        """Keep the error estimate of the largest V."""
+        self.load_error = estimate
+
+    def text(self) -> str:
+        """What the command line prints."""
+        point, unit = self.yield_point, " N" if self.curve.unit == "N" else ""
+        lines = [self.scenario.title, f"formulation   {self.scenario.joint.formulation}", *self.stage_lines]
+        bar = "no error bar: --refine gives one" if self.load_error is None else f"+- {self.load_error:.2g}{unit}"
+        lines.append(f"V_peak        {point.V_peak:.6g}{unit} ({bar}) at {1e6 * point.displacement_at_peak:.4g} um")
+        lines.append(f"V             {point.V:.6g}{unit} at the end, {1e6 * point.displacement:.4g} um")
+        if self.run.collapse is not None:
+            lines.append(f"blocks        {listed(self.run.collapse['blocks'])} come down there")
+        return "\n".join(lines + self._closing_lines())
+
+
+@dataclasses.dataclass(repr=False)
+class DeformedRestResult(MotionResult):
+    """Whether the blocks stand under their dead loads in the deformed geometry."""
+
+    run: LoadPathRun
+    collapse = None
+
+    @property
+    def status(self) -> str:
+        """ "stands" or "falls"; both are answers."""
+        return "stands" if self.run.stands else "falls"
+
+    @property
+    def reactions(self) -> dict[str, list[float]] | None:
+        """Those of the blocks at rest; None where blocks fall."""
+        return super().reactions if self.run.stands else None
+
+    @property
+    def statics(self) -> dict:
+        """The object ``statics`` of the JSON output."""
+        fallen = self.run.collapse or {"mechanism": None, "blocks": []}
+        found = {"stands": self.run.stands, "unbalanced": self.run.unbalanced}
+        return found | {"mechanism": fallen["mechanism"], "blocks": fallen["blocks"]}
+
+    @property
+    def plain_answer(self) -> str:
+        """The answer in a sentence."""
+        if self.run.stands:
+            return "stands under its dead loads in the deformed geometry"
+        found = self.statics
+        return f"does not stand under its dead loads: {listed(found['blocks'])} come down by {found['mechanism']}"
+
+    def as_dict(self) -> dict:
+        """The JSON object of ``dembrick run --json``."""
+        return super().as_dict() | {"answer": self.plain_answer, "statics": self.statics, "simulated_time": None}
+
+    def text(self) -> str:
+        """What the command line prints."""
+        lines = [self.scenario.title, f"formulation   {self.scenario.joint.formulation}", *self.stage_lines]
+        lines.append(f"answer        {self.plain_answer}")
+        lines += self.force_lines
+        lines.append(f"out of balance {self.run.unbalanced:.2g} of the joint forces")
+        lines.append(f"history       {self.history}")
+        return "\n".join(lines)

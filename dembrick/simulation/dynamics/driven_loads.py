@@ -1,0 +1,56 @@
+"""Loads that grow together with one multiplier V: actuators, driven pressures, and a load on every block.
+
+They keep their directions and stay at their points, which move with the blocks. What is work-conjugate to V is the
+driven displacement, sum(weight u) / sum|weight|, with the displacement u of every point along its direction.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
+    from dembrick.kernels.dynamics.rigid_bodies import Bodies
+    from dembrick.simulation.dynamics.state import MovingState
+
+
+@dataclass(frozen=True, eq=False)
+class DrivenLoads:
+    """k loads: ``block`` (k,), ``lever`` (k, 3) from the centroid in body axes (m), ``start`` (k, 3) the points as
+    drawn, from the middle of the scene (m), ``direction`` (k, 3) unit, world, and ``weight`` (k,): N for V = 1."""
+
+    block: np.ndarray
+    lever: np.ndarray
+    start: np.ndarray
+    direction: np.ndarray
+    weight: np.ndarray
+
+    @classmethod
+    def of(cls, assembly: Assembly, state: MovingState) -> DrivenLoads:
+        """The load system of an assembly."""
+        table = assembly.actuators
+        lever = np.einsum("kji,kj->ki", assembly.rotation[table.block], table.arm)
+        return cls(table.block, lever, table.point - state.middle, table.direction, table.weight)
+
+    @property
+    def force(self) -> np.ndarray:
+        """Of V = 1 (k, 3), N."""
+        return self.weight[:, None] * self.direction
+
+    def displacements(self, bodies: Bodies) -> np.ndarray:
+        """Of the points along their directions (k,), m, from the start."""
+        arm = np.einsum("kij,kj->ki", bodies.rotation[self.block], self.lever)
+        return ((bodies.position[self.block] + arm - self.start) * self.direction).sum(axis=1)
+
+    def velocity(self, bodies: Bodies) -> float:
+        """The rate of the driven displacement (m/s)."""
+        arm = np.einsum("kij,kj->ki", bodies.rotation[self.block], self.lever)
+        moving = bodies.velocity[self.block] + np.cross(bodies.spin[self.block], arm)
+        return float(self.weight @ (moving * self.direction).sum(axis=1) / np.abs(self.weight).sum())
+
+    def displacement(self, bodies: Bodies) -> float:
+        """The driven displacement (m), from the start."""
+        return float(self.weight @ self.displacements(bodies) / np.abs(self.weight).sum())

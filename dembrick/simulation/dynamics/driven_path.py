@@ -1,0 +1,124 @@
+"""Constant-rate test in the deformed geometry: a path of equilibria while actuators push blocks by a given travel.
+
+The parameter of the path (`equilibria`) is the displacement of a head that a spring joins to the driven displacement u:
+V = K (head - u), with the multiplier V of the load system (`driven_loads`) and a dashpot that damps their swing. The
+spring is soft beside joints, so that V
+can be held for some steps at a time, and stiff beside what structures lose as they come down, so that V falls again
+behind its peak. The path ends when u has reached the travel. Equilibria know no rate.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dembrick.assembly.actuators import effective_mass
+from dembrick.errors import NotConvergedError
+from dembrick.scenario.controls import Control, DisplacementControl
+from dembrick.scenario.model import Output
+from dembrick.simulation.dynamics.equilibria import FEWEST, EquilibriumPath
+from dembrick.simulation.dynamics.integrator import Motion
+from dembrick.simulation.dynamics.load_path import LoadPathRun, plan_of, run_of
+from dembrick.simulation.dynamics.loads import Driving
+from dembrick.simulation.dynamics.outcome import mechanism, moved_most, settlement_collapse
+from dembrick.simulation.dynamics.time_histories import Curve
+from dembrick.simulation.session import Plan, Session
+
+EQUILIBRIA = 60  # of the whole travel, equally far apart
+MOST = 6 * EQUILIBRIA  # actuators that have not come so far by then do not give way
+STRETCH = 0.05  # of what the spring is stretched by: the head goes on by so much, or by a part of the travel
+HELD = 8  # steps, for which V is held,
+SWING = 0.3  # rad, of the spring's own swing in that
+SETTLES = round(4.0 * math.pi * HELD / SWING) + FEWEST  # steps: two periods of it, and what joints need
+
+
+@dataclass
+class Head:
+    """V as a function of time: that of the spring to a head that follows ``displacement`` (m), held between looks."""
+
+    displacement: Curve
+    V: float = 0.0
+
+    def __call__(self, times: np.ndarray) -> np.ndarray:
+        """V, whatever the time."""
+        return np.full(np.shape(times), self.V)
+
+
+class DrivenPath(EquilibriumPath):
+    """A travel of actuators from equilibrium to equilibrium; the parameter is the displacement of their head (m)."""
+
+    greatest = math.inf
+
+    def __init__(self, moving: Motion, control: Control, driving: Driving, session: Session, refine: float = 1.0):
+        assert driving.driven is not None and isinstance(control, DisplacementControl)
+        self.loads, self.refine = driving.driven, refine
+        self.swing = SWING / (HELD * moving.time_step)  # rad/s
+        self.stiffness = effective_mass(moving.assembly) * self.swing**2
+        self.travel, self.step = control.travel, refine * control.travel / EQUILIBRIA
+        self.V = 0.0
+        super().__init__(moving, control, driving, session, math.ceil(MOST / refine))
+
+    def driven(self, parameter: Curve) -> Driving:
+        """The head follows that path."""
+        return replace(self.driving, multiplier=Head(parameter, self.V))
+
+    def _begun(self) -> float:  # m, the driven displacement at the first equilibrium
+        return self.path[0][0] if self.path else self.loads.displacement(self.moving.state.bodies)
+
+    def advance(self, driving: Driving, steps: int) -> None:
+        """Steps, V set to what the spring carries after every few."""
+        head = driving.multiplier
+        assert isinstance(head, Head)
+        while steps > 0:
+            some = min(steps, HELD)
+            if self.path:
+                time = self.moving.steps * self.dt
+                bodies, at = self.moving.state.bodies, float(head.displacement(np.array([time]))[0])
+                stretch = at - self.loads.displacement(bodies) + self._begun()
+                head.V = self.V = self.stiffness * (stretch - 2.0 / self.swing * self.loads.velocity(bodies))
+            super().advance(driving, some)
+            steps -= some
+
+    def steps(self, begin: float, end: float) -> int:
+        """So many that the spring follows."""
+        return SETTLES
+
+    def following(self) -> float | None:
+        """The next displacement of the head, until the blocks have come as far as the travel."""
+        come = self.path[-1][0] - self._begun()
+        if come >= self.travel:
+            return None
+        if self.equilibria > self.way:
+            raise NotConvergedError(
+                f"the actuators have come {come:.3g} m of their travel of {self.travel:.3g} m, and carry "
+                f"V = {self.V:.6g} N: nothing gives way; shorten control.travel"
+            )
+        return self.reached + max(self.step, STRETCH * self.refine * (self.reached - come))
+
+    def said(self, parameter: float) -> str:
+        """A displacement of the head."""
+        return f"a displacement of {parameter:.6g} m of the actuators"
+
+    def come_down(self, before: np.ndarray, blocks: np.ndarray) -> dict:
+        """The mechanism, its blocks and hinges."""
+        return settlement_collapse(self.moving, before, blocks)
+
+    def finished(self) -> LoadPathRun:
+        """What came of it."""
+        moving, start = self.moving, self.past.at_rest
+        return run_of(super().finished(), moved_most(moving, start), mechanism(moving, start))
+
+
+def follow(moving: Motion, control: Control, driving: Driving, session: Session, refine: float = 1.0) -> LoadPathRun:
+    """Push by the travel, equilibrium by equilibrium; ``refine``: steps over the usual.
+
+    Raises NotConvergedError where the blocks do not stand before, or find neither rest nor fall.
+    """
+    return DrivenPath(moving, control, driving, session, refine).found()
+
+
+def plan(moving: Motion, control: Control, driving: Driving, output: Output) -> Plan:
+    """What it will take, roughly."""
+    return plan_of(moving, control, output, EQUILIBRIA, 4 * SETTLES)

@@ -1,0 +1,145 @@
+"""Limit load in the deformed geometry: a path of equilibria while a load system grows until the blocks come down.
+
+The parameter of the path (`equilibria`) is the multiplier V of the load system (`driven_loads`). It grows by a part of
+itself from one equilibrium to the next, until there is none near: blocks come down, or jump to where they rest again.
+The greatest V at which they came to rest nearby and the least at which they did not are the bracket of the limit: of
+this path, since friction without dilatancy has no unique one.
+
+Without a load system the path is its first equilibrium, under the dead loads alone (`rest`).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dembrick.scenario.model import Output
+from dembrick.scenario.regimes import ACTUATORS, Control
+from dembrick.simulation.channels import bytes_of, recorded
+from dembrick.simulation.dynamics.dead_load import STEP
+from dembrick.simulation.dynamics.equilibria import FEWEST, EquilibriaRun, EquilibriumPath
+from dembrick.simulation.dynamics.integrator import Motion
+from dembrick.simulation.dynamics.loads import Driving
+from dembrick.simulation.dynamics.outcome import moved_most, settlement_collapse
+from dembrick.simulation.dynamics.pushover import STRONGEST
+from dembrick.simulation.dynamics.run import MEETINGS
+from dembrick.simulation.dynamics.state import joint_resultants
+from dembrick.simulation.dynamics.time_histories import Curve
+from dembrick.simulation.expected_cost import motion_seconds
+from dembrick.simulation.session import Plan, Session
+
+FIRST = 0.01  # load factor of the first equilibrium; of actuators that times the weight of the free blocks
+GROWTH = 1.4  # of V from one equilibrium to the next
+BEYOND = 100.0  # weights of all free blocks: actuators that push harder find no limit
+NEAR = 0.05  # of a block's least dimension: what moves further under a load that is held has no equilibrium near
+SLOWER = 8.0  # times the steps, once blocks have come down
+
+
+@dataclass
+class LoadPathRun(EquilibriaRun):
+    """A finished path of a load that grows. ``joint``: number of the joint that moved most in the collapse (else since
+    the start), ``resultant`` (7,): what it carried at the last equilibrium, as `joint_resultants`, and ``mechanism``:
+    how it moved. ``stands``: False if the blocks come down under the dead loads."""
+
+    joint: int = 0
+    resultant: np.ndarray | None = None
+    mechanism: str = "none"
+    stands: bool = True
+
+
+class LoadPath(EquilibriumPath):
+    """The growth of a load system from equilibrium to equilibrium; the parameter is its multiplier."""
+
+    def __init__(self, moving: Motion, control: Control, driving: Driving, session: Session, refine: float = 1.0):
+        self.scale, self.refine = scale_of(moving, control), refine
+        self.greatest = (STRONGEST if control.drives != ACTUATORS else BEYOND) * self.scale
+        self.growth = 1.0 + refine * (GROWTH - 1.0)
+        super().__init__(moving, control, driving, session, equilibria_of(self.greatest / self.scale, self.growth))
+        self.joint, self.stands = 0, True
+        if driving.driven is not None:
+            self.dropped = NEAR
+
+    def driven(self, parameter: Curve) -> Driving:
+        """The load system acts with that multiplier."""
+        return replace(self.driving, multiplier=parameter)
+
+    def steps(self, begin: float, end: float) -> int:
+        """The least, and more with all care."""
+        return round(FEWEST / self.refine * (SLOWER if self.careful else 1.0))
+
+    def following(self) -> float | None:
+        """The next multiplier, up to the greatest."""
+        if self.driving.driven is None or self.reached >= self.greatest:
+            return None
+        return min(self.greatest, max(FIRST * self.scale, self.growth * self.reached))
+
+    def said(self, parameter: float) -> str:
+        """A multiplier by its name."""
+        return f"a load of V = {parameter:.6g}"
+
+    def falls_at_once(self, before: np.ndarray) -> None:
+        """That is the answer if nothing is to grow."""
+        if self.driving.driven is not None:
+            super().falls_at_once(before)
+        self.stands = False
+        self.fall = None
+        self._note(0.0, 1.0)
+        self._fell(before, self.moving.state.bodies.rotation)
+
+    def come_down(self, before: np.ndarray, blocks: np.ndarray) -> dict:
+        """The mechanism, its blocks and hinges."""
+        self.joint = moved_most(self.moving, before)
+        return settlement_collapse(self.moving, before, blocks)
+
+    def finished(self) -> LoadPathRun:
+        """What came of it."""
+        if self.collapse is None:
+            self.joint = moved_most(self.moving, self.past.at_rest)
+        found = run_of(super().finished(), self.joint, "none" if self.collapse is None else self.collapse["mechanism"])
+        return replace(found, stands=self.stands)
+
+
+def run_of(found: EquilibriaRun, joint: int, how: str) -> LoadPathRun:
+    """A finished path with what the ``joint`` of that number carried at its last equilibrium, and ``how`` it moved."""
+    state = found.motion.state
+    resultant = joint_resultants(state)[joint] if len(state.links.host) else None
+    return LoadPathRun(**vars(found), joint=joint, resultant=resultant, mechanism=how)
+
+
+def scale_of(moving: Motion, control: Control) -> float:
+    """What V is measured by: 1 for load factors; for actuators the weight of the free blocks over their weights."""
+    if control.drives != ACTUATORS:
+        return 1.0
+    assembly = moving.assembly
+    dead = np.linalg.norm(assembly.dead_force[~np.asarray(assembly.fixed)], axis=1).sum()
+    return float(dead or 1.0) / float(np.abs(assembly.actuators.weight).sum())
+
+
+def equilibria_of(most: float, growth: float) -> int:
+    """How many equilibria a path has, at the most, on which nothing comes down before V is ``most`` scales."""
+    return 1 + math.ceil(math.log(most / FIRST) / math.log(growth))
+
+
+def follow(moving: Motion, control: Control, driving: Driving, session: Session, refine: float = 1.0) -> LoadPathRun:
+    """Increase the load system from equilibrium to equilibrium; ``refine``: steps over the usual.
+
+    Raises NotConvergedError where the blocks do not stand before the load grows, or find neither rest nor fall.
+    """
+    return LoadPath(moving, control, driving, session, refine).found()
+
+
+def plan(moving: Motion, control: Control, driving: Driving, output: Output) -> Plan:
+    """What it will take, roughly."""
+    return plan_of(moving, control, output, equilibria_of(STRONGEST, GROWTH) if driving.driven is not None else 1)
+
+
+def plan_of(moving: Motion, control: Control, output: Output, equilibria: int, each: int = 4 * FEWEST) -> Plan:
+    """The plan of a path of so many equilibria, of so many steps ``each``."""
+    fields = recorded(moving.assembly, output.channels, control)
+    memory = 3 * sum(array.nbytes for array in moving.state.arrays)
+    memory += bytes_of(fields, equilibria, equilibria, equilibria * MEETINGS * len(moving.assembly.names))
+    steps = equilibria * each
+    seconds = motion_seconds(steps, len(moving.assembly.joints))
+    return Plan(STEP * moving.time_step, moving.critical_time_step, steps, memory, seconds)
