@@ -62,7 +62,8 @@ def _report(file, options, console) -> int:
             lines.append(f"{name:13} about {known(point['V'], None)}{unit}, of this path {said}")
         else:
             value = known(point["V"], 0.0 if half == math.inf else half)
-            lines.append(f"{name:13} {value}{unit} +- {half:.2g}{unit} {said}")
+            bar = f"+- {half:.2g}{unit}" if half < math.inf else f"at the end, at most {point['V_peak']:.6g}{unit}"
+            lines.append(f"{name:13} {value}{unit} {bar} {said}")
     lines += _moved(results)
     audit = results.get("energy")
     if isinstance(audit, dict) and _is_number(audit.get("relative_residual")):

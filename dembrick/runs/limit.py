@@ -20,7 +20,7 @@ from dembrick.runs.limit_standing import StandingResult, stands
 from dembrick.runs.result import tie_lines
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.checks import nearest, present, show
-from dembrick.scenario.controls import DEAD_LOAD, Control
+from dembrick.scenario.controls import DEAD_LOAD, DEFORMED_REST, Control
 from dembrick.scenario.model import Scenario
 from dembrick.simulation.limit_analysis import analysis, solver
 from dembrick.simulation.limit_analysis.non_associative import SecondOpinion, second_opinion
@@ -238,7 +238,7 @@ def limit(
     loads or the solver fails, MissingDependency without the extra ``limit``.
     """
     scenario = scenario if isinstance(scenario, Scenario) else scenarios.load(scenario)
-    if scenario.control.regime is DEAD_LOAD:
+    if scenario.control.regime in (DEAD_LOAD, DEFORMED_REST):
         if heuristic:
             raise ScenarioError('the second opinion belongs to a load, and kind "statics" has none')
         return stands(scenario, report=report)

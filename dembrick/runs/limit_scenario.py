@@ -9,8 +9,10 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from dembrick.assembly import build as assemblies
+from dembrick.errors import ScenarioError
 from dembrick.runs.logger import heard_by
 from dembrick.scenario import toml as scenarios
+from dembrick.scenario.checks import show
 from dembrick.scenario.controls import PushoverControl, TiltControl
 from dembrick.scenario.model import Scenario
 from dembrick.simulation.limit_analysis import solver
@@ -21,9 +23,19 @@ if TYPE_CHECKING:
 
 
 def searched(scenario: Scenario) -> Scenario:
-    """The scenario with the load that limit analysis looks at: of a tilt or a push in real time the quasi-static
-    one."""
+    """The scenario with the load that limit analysis looks at: of a tilt or a push in real time the quasi-static one,
+    in the geometry of the start. ScenarioError if a stage before leaves another geometry."""
+    settled = next((k for k, stage in enumerate(scenario.stages, 1) if stage.in_deformed_geometry), None)
+    if settled is not None:
+        kind = show(scenario.stages[settled - 1].kind)
+        raise ScenarioError(
+            f"limit analysis knows the geometry of the start, and stage {settled} of kind {kind} leaves another one: "
+            "remove it, or take the search of dembrick run"
+        )
     control = scenario.control
+    if getattr(control, "large_displacements", False):
+        control = replace(control, large_displacements=False)  # type: ignore[type-var]
+        scenario = replace(scenario, control=control, text=None)
     if not isinstance(control, TiltControl | PushoverControl) or control.quasi_static:
         return scenario
     without: dict[str, Any] = {} if control.push_direction is None else {"rate": None}

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dembrick.runs.collapse import collapse_lines, listed
+from dembrick.runs.collapse import listed
 from dembrick.runs.motion_result import MotionResult
 from dembrick.runs.result import printed
+from dembrick.scenario.checks import present
 from dembrick.scenario.regimes import ACTUATORS, COMPLETED
 from dembrick.simulation.statics.yield_point import YieldPoint
 from dembrick.views.summary import known
@@ -50,7 +51,7 @@ class LoadPathResult(MotionResult):
         return f"unlimited: no blocks came down up to {load}"
 
     @property
-    def yield_point(self) -> YieldPoint:
+    def yield_point(self) -> YieldPoint:  # type: ignore[override]
         """The limit load, its bracket, and what the joint that moves most carried at the last equilibrium."""
         lower, upper = self.run.bracket
         if self.unlimited:
@@ -76,7 +77,7 @@ class LoadPathResult(MotionResult):
             displacement=float(run.path[-1, 0]),
             torsion_centre=None,
             mechanism=run.mechanism,
-            joint=tuple(self.assembly.names[i] for i in pair),  # type: ignore[arg-type]
+            joint=tuple(self.assembly.names[i] for i in pair),
             unlimited=self.unlimited,
         )
 
@@ -116,14 +117,13 @@ class LoadPathResult(MotionResult):
         lines = [self.scenario.title, f"formulation   {self.scenario.joint.formulation}", *self.stage_lines]
         if self.unlimited:
             return "\n".join([*lines, f"answer        {self.plain_answer}", f"history       {self.history}"])
-        if self.collapse is not None:
-            lines += collapse_lines(self.collapse)
-        else:
-            lines.append(f"blocks        {listed(run.collapse['blocks'])}")
-        assert point.V is not None
+        fallen, V = present(run.collapse), present(point.V)
         bar = self.load_error if self.load_error is not None else point.half_width
         between = f"stands at {point.V_lower:.6g}, falls at {point.V_upper:.6g}"
-        lines.append(f"V             {known(point.V, bar)}{unit} +- {bar:.2g}{unit} ({between}; this path)")
+        angle = None if self.collapse is None else self.collapse["angle"]
+        name, told = "V" if self.collapse is None else "load factor", "" if angle is None else f", {angle:.5g} deg"
+        lines.append(f"{name:13} {known(V, bar)}{unit} +- {bar:.2g}{unit}{told} ({between}; this path)")
+        lines += [f"blocks        {listed(fallen['blocks'])}", f"hinges        {listed(fallen['hinges'])}"]
         return "\n".join(lines + self._closing_lines())
 
     def _closing_lines(self) -> list[str]:
@@ -153,7 +153,7 @@ class DrivenPathResult(LoadPathResult):
         return self.run.status
 
     @property
-    def yield_point(self) -> YieldPoint:
+    def yield_point(self) -> YieldPoint:  # type: ignore[override]
         """V at the end; the largest on the way is a load in equilibrium, and so a lower bound of the limit."""
         path = self.run.path
         return self._point(float(path[-1, 1]), float(path[:, 1].max()), None, "open")

@@ -42,7 +42,7 @@ def in_deformed_geometry(controls: tuple[Control, ...]) -> tuple[Control, ...]:
     for control in controls:
         deformed = bool(found) and found[-1].in_deformed_geometry
         if deformed and not control.regime.real_time:
-            control = replace(control, large_displacements=True)  # type: ignore[call-arg]
+            control = replace(control, large_displacements=True)  # type: ignore[type-var]
         found.append(control)
     return tuple(found)
 

@@ -342,11 +342,6 @@ def test_an_arch_whose_springing_has_spread_stands_in_time():
     assert abs(result.energy.relative_residual) < 1e-2
 
 
-def test_a_search_knows_the_geometry_of_the_start():
-    with pytest.raises(ScenarioError, match="stage 2 of kind 'tilt' knows the geometry of the start, and stage 1"):
-        turned("concave", 'kind = "tilt"\naxis = [0.0, 1.0, 0.0]\n')
-
-
 def test_a_run_in_real_time_after_a_settlement_goes_on_where_it_was_stopped(tmp_path, monkeypatch):
     """Stopped between both, and in the last: the settled state comes from the checkpoint."""
     monkeypatch.setattr(os, "fsync", lambda _: None)

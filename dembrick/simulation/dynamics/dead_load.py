@@ -18,7 +18,7 @@ from dembrick.kernels.dynamics.loop import RUNNING, Limits
 from dembrick.scenario.model import show
 from dembrick.simulation import interrupts
 from dembrick.simulation.dynamics import joint_families
-from dembrick.simulation.dynamics.integrator import LONGEST_MOVE, NO_LIMIT, Motion, advance_chunk
+from dembrick.simulation.dynamics.integrator import LONGEST_MOVE, NO_LIMIT, Motion, advance_chunk, joint_forces
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.state import MovingState, out_of_balance
 
@@ -52,9 +52,10 @@ def find_equilibrium(
     NotConvergedError, which names them. Bonds hold meanwhile, whatever they bear.
 
     ``pause`` is called between two chunks of steps, of which ``motion.dead_load_steps`` are done then; ``resume`` takes
-    state and steps back from there. What a settlement left is at rest already.
+    state and steps back from there. What a settlement left rests already, but for other loads than those of then.
     """
     if motion.settled:
+        joint_forces(motion, driving)
         return unbalanced(motion.state, driving, ~np.asarray(motion.assembly.fixed))[0]
     drawn = _kept(motion)
     supported = _supported(motion.state)

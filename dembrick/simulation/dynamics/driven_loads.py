@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 @dataclass(frozen=True, eq=False)
 class DrivenLoads:
     """k loads: ``block`` (k,), ``lever`` (k, 3) from the centroid in body axes (m), ``start`` (k, 3) the points as
-    drawn, from the middle of the scene (m), ``direction`` (k, 3) unit, world, and ``weight`` (k,): N for V = 1."""
+    drawn or as the stage before left them, from the middle of the scene (m), ``direction`` (k, 3) unit, world, and
+    ``weight`` (k,): N for V = 1."""
 
     block: np.ndarray
     lever: np.ndarray
@@ -33,7 +34,9 @@ class DrivenLoads:
         """The load system of an assembly."""
         table = assembly.actuators
         lever = np.einsum("kji,kj->ki", assembly.rotation[table.block], table.arm)
-        return cls(table.block, lever, table.point - state.middle, table.direction, table.weight)
+        bodies = state.bodies
+        start = bodies.position[table.block] + np.einsum("kij,kj->ki", bodies.rotation[table.block], lever)
+        return cls(table.block, lever, start, table.direction, table.weight)
 
     @property
     def force(self) -> np.ndarray:
@@ -41,7 +44,7 @@ class DrivenLoads:
         return self.weight[:, None] * self.direction
 
     def displacements(self, bodies: Bodies) -> np.ndarray:
-        """Of the points along their directions (k,), m, from the start."""
+        """Of the points along their directions (k,), m, from the start of the stage."""
         arm = np.einsum("kij,kj->ki", bodies.rotation[self.block], self.lever)
         return ((bodies.position[self.block] + arm - self.start) * self.direction).sum(axis=1)
 
@@ -52,5 +55,5 @@ class DrivenLoads:
         return float(self.weight @ (moving * self.direction).sum(axis=1) / np.abs(self.weight).sum())
 
     def displacement(self, bodies: Bodies) -> float:
-        """The driven displacement (m), from the start."""
+        """The driven displacement (m), from the start of the stage."""
         return float(self.weight @ self.displacements(bodies) / np.abs(self.weight).sum())

@@ -36,6 +36,7 @@ def _go_on_from(moving: Motion, left: Kept) -> None:
     moving.state.links.put(VISCOUS, dashpots)
     bodies = moving.state.bodies
     bodies.velocity[:], bodies.momentum[:], bodies.spin[:] = 0.0, 0.0, 0.0
+    bodies.applied[:] = 0.0  # loads that act in this stage come with its first step
     bodies.start[:] = bodies.position
     moving.settled = True
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dembrick.errors import ScenarioError
-from dembrick.scenario.regimes import REAL_TIME
+from dembrick.scenario.regimes import ACTUATORS, EVERY_BLOCK, REAL_TIME
 from dembrick.simulation.dynamics import time_histories
 from dembrick.simulation.dynamics.driven_loads import DrivenLoads
 from dembrick.simulation.dynamics.support_motion import AT_REST, PrescribedMotion, SupportMotion, support_motion
@@ -140,7 +140,7 @@ def driving_of(scenario: Scenario, moving: Motion) -> Driving:
             for direction, file, columns in control.components
         )
     driving["supports"] = supports = support_motion(scenario, assembly, moving.state.bodies)
-    if len(assembly.actuators.names) and control.in_deformed_geometry:
+    if control.in_deformed_geometry and control.drives in (ACTUATORS, EVERY_BLOCK):
         driven = driving["driven"] = DrivenLoads.of(assembly, moving.state)
         for key, more in (("block", driven.block), ("lever", driven.lever), ("force", driven.force)):
             driving[key] = np.concatenate([driving[key], more])

@@ -16,7 +16,7 @@ from dembrick.kernels.dynamics.tiles import SEEN
 from dembrick.kernels.joint.ties import TENSION, YIELDED
 from dembrick.scenario.checks import show
 from dembrick.scenario.model import Output
-from dembrick.scenario.regimes import COLLAPSE, COMPLETED, NOTHING, STEEPEST, Limit
+from dembrick.scenario.regimes import COLLAPSE, COMPLETED, NOTHING, STEEPEST, SUPPORTS, Limit
 from dembrick.simulation import interrupts
 from dembrick.simulation.channels import bytes_of, recorded
 from dembrick.simulation.dynamics import joint_families
@@ -108,7 +108,8 @@ def prepare(assembly: Assembly, control: Control, step_factor: float) -> Motion:
         raise ScenarioError(f"control kind {show(control.kind)} moves supports and no block is fixed: fix one")
     if not len(assembly.fixed) - np.sum(assembly.fixed):
         raise ScenarioError("every block is fixed: nothing can move; let one be free")
-    if len(assembly.actuators.block) and not control.in_deformed_geometry:
+    may = control.in_deformed_geometry and control.drives != SUPPORTS
+    if len(assembly.actuators.block) and not may:
         remedy = "remove them, and actuator = true of [[pressures]]"
         raise ScenarioError(f"control kind {show(control.kind)} has no use for [[actuators]]; {remedy}")
     if control.in_deformed_geometry or hasattr(control, "damping"):

@@ -1,0 +1,297 @@
+"""Searches in the deformed geometry: after a settlement, and of blocks that lean so far that it counts."""
+
+import math
+import os
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import linprog
+
+from dembrick.errors import ScenarioError
+from dembrick.geometry.rotations import rotation_matrix
+from dembrick.history import read
+from dembrick.runs import stages
+from dembrick.runs.simulate import restart, simulate
+from dembrick.runs.steps import steps
+from dembrick.scenario import toml
+from dembrick.simulation.dynamics import driven_path, settlement
+from dembrick.simulation.interrupts import Interrupted
+
+G, WEIGHT = 9.81, 16.0 * 9.81
+HEADER = """
+title = "deformed"
+gravity = {gravity}
+[joint]
+formulation = "{formulation}"
+friction = {friction}
+normal_stiffness = {kn}
+shear_stiffness = {ks}
+[materials]
+stone = {{ density = 2000.0 }}
+"""
+FLOOR = (
+    '[[blocks]]\nname = "floor"\nmaterial = "stone"\nbox = [2.0, 1.0, 0.2]\nposition = [0.0, 0.0, -0.1]\nfixed = true\n'
+)
+BLOCK = '[[blocks]]\nname = "block"\nmaterial = "stone"\nbox = [0.4, 0.2, 0.1]\nposition = [0.0, 0.0, 0.05]\n'
+JACK = (
+    '[[actuators]]\nname = "jack"\nblock = "block"\npoint = [0.0, 0.0, 0.0]\ndirection = [0.0, 1.0, 0.0]\n'
+    "stages = [2]\n"
+)
+STATICS, YIELD = 'kind = "statics"\n', 'kind = "yield"\n'
+ALONG_Y = 'kind = "pushover"\ndirection = [0.0, 1.0, 0.0]\n'
+TRAVEL = 'kind = "displacement"\nrate = 1e-3\ntravel = 1e-3\n'
+
+
+@pytest.fixture(autouse=True)
+def few(monkeypatch):
+    """Fewer equilibria of settlements on the way."""
+    monkeypatch.setattr(settlement, "EQUILIBRIA", 6)
+    monkeypatch.setattr(settlement, "HALVINGS", 3)
+    monkeypatch.setattr(settlement, "WITHIN", 1.0)
+
+
+def turns(degrees):
+    return (
+        'kind = "settlement"\nsupports = ["floor"]\n'
+        f"rotation = {{ axis = [0.0, 1.0, 0.0], angle = {degrees}, point = [0.0, 0.0, 0.0] }}\n"
+    )
+
+
+def staged(*controls, blocks=FLOOR + BLOCK, more="", formulation="concave", friction=0.5, kn=1e10, gravity=None):
+    """A flat block on a floor, and what is done to them, one after the other."""
+    gravity = list(gravity or (0.0, 0.0, -G))
+    text = HEADER.format(gravity=gravity, formulation=formulation, friction=friction, kn=kn, ks=0.4 * kn) + blocks
+    text += "".join(f"[[stages]]\n{control}" for control in controls[:-1]) + f"[control]\n{controls[-1]}{more}"
+    return toml.loads(text, "deformed.toml")
+
+
+def brackets(result, V, within=1e-3):
+    """V lies between what stands and what falls, which are as close as the tolerance says."""
+    point = result.yield_point
+    assert point.V_lower <= V <= point.V_upper
+    assert point.V_upper - point.V_lower <= 1.01 * within * point.V_upper
+    assert point.V == pytest.approx(0.5 * (point.V_lower + point.V_upper), rel=1e-12)
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+def test_a_push_down_and_across_a_floor_that_has_turned(formulation):
+    """Down the floor V = tan(phi - th), a tilt about y adds to it; across it friction has to hold both."""
+    th, phi = math.radians(10.0), math.atan(0.5)
+    down = simulate(staged(turns(10.0), 'kind = "pushover"\ndirection = [1.0, 0.0, 0.0]\n', formulation=formulation))
+    brackets(down, math.tan(phi - th))
+    assert (
+        down.status == "collapse" and down.collapse["mechanism"] == "sliding" and down.collapse["blocks"] == ["block"]
+    )
+    assert down.collapse["load_factor"] == down.yield_point.V and down.collapse["angle"] is None
+    assert down.yield_point.N == pytest.approx(
+        WEIGHT * (math.cos(th) - down.yield_point.V_lower * math.sin(th)), rel=1e-5
+    )
+    np.testing.assert_allclose(down.rows["load"], down.run.path[:, 1], rtol=1e-12)
+    np.testing.assert_allclose(down.rows["actuator_force"][:, 0], WEIGHT * down.rows["load"], rtol=1e-12)
+    tilted = simulate(
+        staged(turns(10.0), 'kind = "tilt"\naxis = [0.0, 1.0, 0.0]\n', formulation=formulation), record=False
+    )
+    assert tilted.collapse["angle"] == pytest.approx(math.degrees(phi) - 10.0, rel=1e-3)
+    across = simulate(staged(turns(10.0), STATICS, ALONG_Y, formulation="convex"), record=False)
+    exact = math.sqrt((0.5 * math.cos(th)) ** 2 - math.sin(th) ** 2)  # and a little torsion, as the block leans
+    assert across.yield_point.V == pytest.approx(exact, rel=1e-3)
+    assert [stage["status"] for stage in across.stages] == ["completed", "stands"]
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+def test_actuators_across_a_floor_that_has_turned(formulation):
+    """The limit, and what a travel of the actuators meets, are those of a level floor under gravity that leans."""
+    th = math.radians(10.0)
+    lean = (G * math.sin(th), 0.0, -G * math.cos(th))
+    level = staged(
+        'kind = "yield"\ntolerance = 1e-6\n', more=JACK.replace("[2]", "[1]"), formulation=formulation, gravity=lean
+    )
+    V = simulate(level, record=False).yield_point.V
+    found = simulate(staged(turns(10.0), YIELD, more=JACK, formulation=formulation), record=False)
+    brackets(found, V)
+    assert found.status == "yield" and found.collapse is None and found.as_dict()["collapse"] is None
+    driven = simulate(staged(turns(10.0), TRAVEL, more=JACK, formulation=formulation))
+    assert driven.status == "completed"
+    assert driven.yield_point.V_peak == pytest.approx(V, rel=2e-5)
+    assert driven.yield_point.V == pytest.approx(V, rel=1e-4)
+    assert driven.rows["displacement"][-1] == pytest.approx(1e-3, rel=0.05)
+    assert driven.rows["load"].max() == driven.yield_point.V_peak
+
+
+def arch_at(placed, built, friction, push):
+    """Largest V of forces at the closed corners of joints between blocks that are ``placed`` (position, rotation), by
+    linear programming in the plane y = 0."""
+    position, rotation = placed
+    free = np.flatnonzero(~built.fixed)
+    row, columns = {block: 3 * k for k, block in enumerate(free)}, []
+    turn = rotation @ np.swapaxes(built.rotation, 1, 2)
+    for joint in built.joints:
+        a, b = joint.block_a, joint.block_b
+        normal = turn[a] @ joint.axes[2]
+        for corner in joint.polygon:
+            start = joint.origin + corner @ joint.axes[:2]
+            on_a, on_b = (position[i] + turn[i] @ (start - built.position[i]) for i in (a, b))
+            if (on_b - on_a) @ normal > 2e-5:
+                continue
+            for force in (normal, np.cross([0.0, 1.0, 0.0], normal)):
+                column = np.zeros(3 * len(free))
+                for block, sign in ((b, 1.0), (a, -1.0)):
+                    if block in row:
+                        moment = np.cross(on_b - position[block], force)[1]
+                        column[row[block] : row[block] + 3] += sign * np.array([force[0], force[2], moment])
+                columns.append(column)
+    weight = built.mass[free] * G
+    load = (weight[:, None] * [push[0], push[2], 0.0]).ravel()
+    dead = (weight[:, None] * [0.0, -1.0, 0.0]).ravel()
+    forces = len(columns) // 2
+    cones = np.kron(np.eye(forces), [[-friction, 1.0], [-friction, -1.0]])
+    cones = np.column_stack([cones, np.zeros(2 * forces)])
+    worth = np.append(np.zeros(2 * forces), -1.0)
+    bounds = [(0.0, None), (None, None)] * forces + [(0.0, None)]
+    found = linprog(
+        worth, cones, np.zeros(2 * forces), np.column_stack([*columns, load]), -dead, bounds, method="highs"
+    )
+    assert found.status == 0, found.message
+    return float(found.x[-1])
+
+
+ARCH = '[[arches]]\nname = "arch"\nmaterial = "stone"\nradius = 1.5\nthickness = 0.5\ndepth = 0.5\nvoussoirs = 12\n'
+PUSH = 'kind = "pushover"\ndirection = [1.0, 0.0, 0.0]\n'
+
+
+def test_an_arch_that_has_spread_is_pushed():
+    """To the limit of linear programming for the stones where they are, whose hinges have opened; .4786 before."""
+    spread = 'kind = "settlement"\nsupports = ["arch.right"]\ndisplacement = [0.2, 0.0, 0.0]\n'
+    scenario = staged(spread, PUSH, blocks=ARCH, friction=0.7)
+    settled = simulate(replace(scenario, control=scenario.stages[0], stages=(), text=None))
+    assembly = settled.assembly
+    position = assembly.position + settled.frames["displacement"][-1]
+    rotation = rotation_matrix(settled.frames["orientation"][-1])
+    V = arch_at((position, rotation), assembly, 0.7, (1.0, 0.0, 0.0))
+    assert V == pytest.approx(0.14585, abs=2e-5)
+    level = arch_at((assembly.position, assembly.rotation), assembly, 0.7, (1.0, 0.0, 0.0))
+    assert level == pytest.approx(0.47863, abs=1e-5)
+    found = simulate(scenario)
+    assert found.yield_point.V == pytest.approx(V, rel=1e-3)
+    assert found.collapse["mechanism"] == "rocking" and len(found.collapse["hinges"]) >= 3
+
+
+def leaning(control, kn, more=""):
+    """A slender block on a bed of springs without tension."""
+    blocks = FLOOR + BLOCK.replace("0.4, 0.2, 0.1", "0.3, 0.5, 1.0").replace("0.05]", "0.5]")
+    return staged(control, blocks=blocks, formulation="convex", friction=2.0, kn=kn, more=more)
+
+
+SIZE, BED = (0.3, 0.5, 1.0), 1e9  # m; Pa/m
+SLENDER = 2000.0 * G * math.prod(SIZE)  # N
+
+
+def leans_at(turned, bed=BED):
+    """V over N of the slender block at its turn th (rad): contact of length L carries N = k d L^2 th / 2 at e = b / 2 -
+    L / 3 from the middle, where the block has sunk by 2 L th / 3, and moments about there balance."""
+    b, d, h = SIZE
+    L = np.sqrt(2.0 * SLENDER / (bed * d * turned))
+    e, sunk = 0.5 * b - L / 3.0, 2.0 * L * turned / 3.0
+    return (e - 0.5 * h * np.tan(turned)) / (0.5 * h + e * np.tan(turned) - sunk)
+
+
+def test_a_slender_block_on_a_soft_bed_leans_before_it_overturns():
+    large = PUSH + "large_displacements = true\n"
+    V = leans_at(np.linspace(0.005, 0.03, 10001)).max()
+    assert V == pytest.approx(0.26653, abs=2e-5) and SIZE[0] / SIZE[2] == 0.3
+    found = simulate(leaning(large, BED), refine=True, record=False)
+    brackets(found, V)
+    assert found.as_dict()["error_estimate"] == pytest.approx(0.3 - V, rel=0.05)  # it stands for rigid blocks
+    small = simulate(leaning(PUSH, BED), record=False)
+    assert small.yield_point.V == pytest.approx(0.3, rel=1e-3)
+
+
+def test_a_travel_goes_on_behind_the_peak_of_a_block_that_leans():
+    jack = '[[actuators]]\nname = "jack"\nblock = "block"\npoint = [0.0, 0.0, 0.5]\ndirection = [1.0, 0.0, 0.0]\n'
+    control = 'kind = "displacement"\nrate = 1e-3\ntravel = 2e-2\nlarge_displacements = true\n'
+    result = simulate(leaning(control, BED, jack))
+    turned = 2.0 * np.arcsin(result.frames["orientation"][:, 1, 2])
+    opened = turned > 2.0 * SLENDER / (BED * SIZE[0] ** 2 * SIZE[1])
+    assert opened.sum() > 40 and turned[-1] > 0.03
+    V = SLENDER * leans_at(turned[opened])
+    np.testing.assert_allclose(result.rows["load"][opened], V, rtol=3e-4)
+    assert result.yield_point.V_peak == pytest.approx(V.max(), rel=1e-4)
+    assert result.rows["load"][-1] < 0.95 * result.yield_point.V_peak
+
+
+def test_an_arch_has_the_same_limit_in_its_own_geometry_as_in_the_deformed_one():
+    found = [
+        simulate(staged(f"{PUSH}large_displacements = {large}\n", blocks=ARCH, friction=0.7), record=False)
+        for large in ("false", "true")
+    ]
+    assert found[1].yield_point.V == pytest.approx(found[0].yield_point.V, rel=1e-3)
+
+
+def test_whether_a_block_stands_where_a_settlement_has_brought_it():
+    """On a floor at 20 deg, tan 20 = .364: under its own weight it stands, and slides if a push of .2 comes on top."""
+    load = f'[[loads]]\nblock = "block"\nforce = [{0.2 * WEIGHT!r}, 0.0, 0.0]\nstages = [2]\n'
+    stands = simulate(staged(turns(20.0), STATICS), record=False)
+    assert stands.status == "stands" and stands.statics["stands"] is True
+    assert stands.reactions["floor"][2] == pytest.approx(WEIGHT, rel=1e-6)
+    falls = simulate(staged(turns(20.0), STATICS, more=load))
+    assert falls.status == "falls" and falls.statics["blocks"] == ["block"] and falls.reactions is None
+    assert "block come down by sliding" in falls.plain_answer
+    with pytest.raises(ScenarioError, match="stage 2 of kind 'statics' fell, and no stage can start"):
+        simulate(staged(turns(20.0), STATICS, ALONG_Y, more=load), record=False)
+
+
+@pytest.mark.parametrize("last", [STATICS, 'kind = "dynamic"\nduration = 0.02\n'], ids=["statics", "real time"])
+def test_loads_of_a_settlement_end_with_it(last):
+    """A push of .2 W held through it has left the springs of the joint when it is off: V / (ks A)."""
+    load = f'[[loads]]\nblock = "block"\nforce = [0.0, {0.2 * WEIGHT!r}, 0.0]\nstages = [1]\n'
+    held = simulate(staged(turns(1e-3), last, more=load, formulation="convex", kn=1e9))
+    moved = held.frames["displacement"][-1, 1, 1]
+    assert abs(held.reactions["floor"][1]) < (1e-6 if last is STATICS else 1.0) * 0.2 * WEIGHT
+    assert moved < 0.6 * 0.2 * WEIGHT / (0.4e9 * 0.08)
+
+
+def test_what_the_deformed_geometry_has_no_use_for_is_one_sentence():
+    with pytest.raises(
+        ScenarioError, match=r"displacement = 0.1: a search in the deformed geometry ends where the block"
+    ):
+        staged(turns(10.0), PUSH + "displacement = 0.1\n")
+    with pytest.raises(ScenarioError, match="large_displacements = 1 is of the wrong type: it must be true or false"):
+        staged(YIELD + "large_displacements = 1\n")
+    scenario = staged(turns(10.0), PUSH)
+    assert scenario.control.large_displacements and toml.loads(toml.dumps(scenario), "x.toml") == scenario
+    with pytest.raises(ScenarioError, match="steps go through time, and control kind 'settlement' is a search"):
+        next(steps(staged(turns(10.0)), 0.1))
+
+
+@pytest.mark.parametrize("last", [PUSH, TRAVEL], ids=["pushover", "displacement"])
+def test_a_search_after_a_settlement_goes_on_where_it_was_stopped(last, tmp_path, monkeypatch):
+    """Stopped between both stages and in the last: the same to the last bit."""
+    monkeypatch.setattr(os, "fsync", lambda _: None)
+    monkeypatch.setattr(driven_path, "EQUILIBRIA", 12)
+    given = staged(turns(10.0), last, more=(JACK if last is TRAVEL else "") + "[output]\ncheckpoint = 0.0\n")
+    whole = simulate(given, tmp_path / "whole.h5")
+    original = stages.Stages._keeping
+
+    def stopping(self, session, between=False):
+        keep = original(self, session, between)
+
+        def keeping(arrays, where):
+            keep(arrays, where)
+            if stop is not None and where.startswith(stop) and (between or self.done):
+                raise Interrupted(15, "stopped")
+
+        return None if keep is None else keeping
+
+    monkeypatch.setattr(stages.Stages, "_keeping", stopping)
+    path = tmp_path / "run.h5"
+    for stop in ("stage 1 of 2", "equilibrium 5"):
+        with pytest.raises(Interrupted):
+            simulate(given, path, force=True)
+        stop = None
+        result = restart(path)
+        np.testing.assert_array_equal(result.run.path, whole.run.path)
+        assert result.yield_point == whole.yield_point and result.reactions == whole.reactions
+        with read(path) as one, read(tmp_path / "whole.h5") as other:
+            np.testing.assert_array_equal(one.load, other.load)
+            assert one.results["yield_point"] == other.results["yield_point"]
