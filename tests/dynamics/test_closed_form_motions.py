@@ -22,7 +22,7 @@ from dembrick.simulation.dynamics.integrator import (
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.run import IMPACTS
 from dembrick.simulation.dynamics.time_step import stepped_dashpots
-from dembrick.theory import motion as theory
+from helpers import motions as theory
 
 DENSITY = 2000.0
 

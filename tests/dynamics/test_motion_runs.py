@@ -17,7 +17,7 @@ from dembrick.scenario.model import Block, JointLaw, Load, Material, Scenario, W
 from dembrick.simulation.dynamics.dead_load import find_equilibrium
 from dembrick.simulation.dynamics.integrator import advance, motion
 from dembrick.simulation.dynamics.loads import Driving
-from dembrick.theory.motion import toppling_tilt
+from helpers.motions import toppling_tilt
 from helpers.places import SCENARIOS
 from helpers.resting_blocks import block_on_floor
 

@@ -10,8 +10,8 @@ from dembrick.runs.simulate import simulate
 from dembrick.scenario.controls import DynamicControl
 from dembrick.scenario.model import Block, Output
 from dembrick.simulation.dynamics.integrator import damping_of_restitution, restitution_of_damping
-from dembrick.theory.motion import housner_restitution
 from helpers.impact_scenes import AWAY, FLOOR, G, scene
+from helpers.motions import housner_restitution
 
 FEET = {"face": (0.0, 0.0, -0.05), "edge": (0.15, 0.0, -0.05), "corner": (0.15, 0.1, -0.05)}  # of 0.3 x 0.2 x 0.1 m
 NEAR = {  # how far the mean is off, between which two parts of the restitution; half of what makes where a step begins

@@ -5,7 +5,7 @@ import pytest
 
 from dembrick import theory
 from dembrick.errors import ScenarioError
-from dembrick.theory import equations
+from helpers import paper_equations as equations
 
 A, B, MU, N, C = 0.3, 0.2, 0.64, 467.0, 1e4
 TORSION, SHEAR = (0.0, 0.0, 1.0), (0.0, 1.0, 0.0)

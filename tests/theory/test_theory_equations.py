@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import integrate
 
-from dembrick.theory import equations
+from helpers import paper_equations as equations
 
 A, B, FRICTION, NORMAL = 0.3, 0.2, 0.64, 467.0
 V_0 = FRICTION * NORMAL

@@ -7,11 +7,12 @@ from hypothesis import strategies as st
 from scipy import optimize
 
 from dembrick.errors import ScenarioError
-from dembrick.theory import convex, equations, formulation_law, gauge, limit_load, limit_loads, points, torsion_strength
+from dembrick.theory import convex, formulation_law, gauge, limit_load, limit_loads, points, torsion_strength
 from dembrick.theory.formulations import pressure_plane, rectangle_formulation, spring_forces
 from dembrick.theory.limit_load import _kinks, _minimise, _Problem
 from dembrick.theory.overturning import closed_until
 from dembrick.theory.polygons import centroid, rectangle
+from helpers import paper_equations as equations
 
 A, B, FRICTION, NORMAL = 0.3, 0.2, 0.64, 467.0
 LAB = {name: formulation_law(name, A, B, FRICTION, NORMAL) for name in ("concave", "corrected", "convex")}

@@ -6,8 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dembrick.errors import ScenarioError
-from dembrick.theory import convex, equations, linear_pressure, points
+from dembrick.theory import convex, linear_pressure, points
 from dembrick.theory.polygons import centroid, convex_hull, moment_matrix, rectangle
+from helpers import paper_equations as equations
 
 L_SHAPE = np.array([[0, 0], [0.3, 0], [0.3, 0.1], [0.1, 0.1], [0.1, 0.25], [0, 0.25]])
 TRIANGLE = np.array([[0.0, 0.0], [0.4, 0.05], [0.1, 0.3]])

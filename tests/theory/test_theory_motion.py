@@ -7,7 +7,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from dembrick.errors import ScenarioError
-from dembrick.theory import formulation_law, motion
+from dembrick.theory import formulation_law
+from helpers import motions as motion
 
 
 def test_slope_sticks_and_slides():

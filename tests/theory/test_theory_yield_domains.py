@@ -9,7 +9,6 @@ from dembrick.theory import (
     approximate_domain,
     centre_curve,
     convex,
-    equations,
     formulation_law,
     gauge,
     interaction_curve,
@@ -18,6 +17,7 @@ from dembrick.theory import (
     surface_points,
 )
 from dembrick.theory.polygons import rectangle
+from helpers import paper_equations as equations
 
 A, B, FRICTION, NORMAL = 0.3, 0.2, 0.64, 467.0
 V_0 = FRICTION * NORMAL

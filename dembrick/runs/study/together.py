@@ -139,7 +139,7 @@ def _run(formulation: str, pressure: str, points, tolerance: float, cases: list[
     began = time.perf_counter()
     found = batch.find_limit_loads(together, threads=1)
     seconds = (time.perf_counter() - began) / len(cases)
-    # where the bracket is no proof, a run of its own follows equilibria, and comes to another V within the tolerance
+    # if the bracket is no proof, a run of its own follows equilibria, and comes to another V within the tolerance
     answered = (found.status == "yield") & found.certified
     return {i: _result(found, i, case.reach, seconds) for i, case in enumerate(cases) if answered[i]}
 
@@ -147,9 +147,7 @@ def _run(formulation: str, pressure: str, points, tolerance: float, cases: list[
 def _result(found: batch.LimitLoads, i: int, reach: float, seconds: float) -> dict[str, Any]:
     """The JSON object of one case; its loop time is the mean of all that ran with it."""
     centre, how = joint_mechanism(found.twist[i], found.tilt[i], reach)
-    numbers = {
-        name: float(getattr(found, name)[i]) + 0.0 for name in ("V", "V_lower", "V_upper", "N", "V_1", "V_2", "M_T")
-    }
+    numbers = {name: float(getattr(found, name)[i]) + 0.0 for name in _NUMBERS}
     bracket = "certified" if found.certified[i] else "indicator"
     point = {**numbers, "bracket": bracket, "torsion_centre": centre, "mechanism": how}
     return {"status": "yield", "yield_point": point, "steps": int(found.steps[i]), "wall": {"loop": seconds}}
