@@ -18,12 +18,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from dembrick.errors import ScenarioError
-from dembrick.scenario.checks import present
 from dembrick.scenario.controls import (
     CONSTANT_RATE,
     DEAD_LOAD,
@@ -33,9 +32,6 @@ from dembrick.scenario.controls import (
     LOAD_PATH,
     PATH_FOLLOWING,
     SETTLEMENT,
-    PushoverControl,
-    SettlementControl,
-    TiltControl,
 )
 from dembrick.scenario.model import JointLaw, Scenario
 
@@ -60,7 +56,7 @@ def refinements(scenario: Scenario, several: bool = False) -> tuple[Refinement, 
 
     ``several``: several joints share the load, so that the limit of actuators may depend on the path as well.
     """
-    control = scenario.control
+    control: Any = scenario.control
     if scenario.stages:
         raise ScenarioError("--refine estimates the error of a run that starts from rest, and this one has [[stages]]")
     if control.regime in (DEAD_LOAD, DEFORMED_REST):
@@ -77,8 +73,8 @@ def refinements(scenario: Scenario, several: bool = False) -> tuple[Refinement, 
         paths = [Refinement(other, 1.0) for other in (*others, stiffer(scenario, 2.0, 2.0))]
         return (*paths, Refinement(scenario, 1.0, 0.5))
     found = [Refinement(stiffer(scenario, 2.0, 2.0), OF_STIFFNESS)]
-    if isinstance(control, TiltControl | PushoverControl | SettlementControl):
-        slower = replace(scenario, control=replace(control, rate=0.5 * present(control.rate)), text=None)
+    if rate := getattr(control, "rate", None):
+        slower = replace(scenario, control=replace(control, rate=0.5 * rate), text=None)
         found.append(Refinement(slower, OF_RATE))
     return tuple(found)
 

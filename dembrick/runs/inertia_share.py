@@ -9,14 +9,14 @@ while blocks fall shows an angle beyond the onset.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from dembrick.assembly.actuators import effective_mass
 from dembrick.runs.result import Result
 from dembrick.scenario.checks import present
-from dembrick.scenario.controls import CONSTANT_RATE, REAL_TIME, PushoverControl, TiltControl
+from dembrick.scenario.controls import CONSTANT_RATE, EVERY_BLOCK, REAL_TIME
 from dembrick.views.summary import known
 
 if TYPE_CHECKING:
@@ -40,17 +40,17 @@ def inertia_remark(result) -> str | None:
 
 def inertia_share(result) -> float | None:
     """The load of inertia over V, at its greatest; None where no load is driven at a rate."""
-    control = result.scenario.control
+    control: Any = result.scenario.control
     if isinstance(result, Result) and control.regime is CONSTANT_RATE:
         V, peak = result.yield_point.V, result.yield_point.V_peak
         stiffness = result.run.settings["actuator_stiffness"]
         most = control.rate * math.sqrt(stiffness * effective_mass(result.assembly))
         return min(most, peak - V) / V if V else None
-    drives = isinstance(control, TiltControl | PushoverControl) and control.regime is REAL_TIME
+    drives = control.drives == EVERY_BLOCK and control.regime is REAL_TIME
     collapse = result.collapse if drives else None
     if collapse is None or not collapse["load_factor"] > 0.0:
         return None
-    if isinstance(control, TiltControl):
+    if control.tilt_axis is not None:
         return 1.0 - math.tan(math.radians(collapse["onset"])) / collapse["load_factor"]
     g = float(np.linalg.norm(result.scenario.gravity))
     return present(control.rate) * math.sqrt(g / present(control.displacement)) / g / collapse["load_factor"]

@@ -13,7 +13,7 @@ from dembrick.errors import ScenarioError
 from dembrick.runs.logger import heard_by
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.checks import show
-from dembrick.scenario.controls import PushoverControl, TiltControl
+from dembrick.scenario.controls import EVERY_BLOCK
 from dembrick.scenario.model import Scenario
 from dembrick.simulation.limit_analysis import solver
 
@@ -32,11 +32,11 @@ def searched(scenario: Scenario) -> Scenario:
             f"limit analysis knows the geometry of the start, and stage {settled} of kind {kind} leaves another one: "
             "remove it, or take the search of dembrick run"
         )
-    control = scenario.control
+    control: Any = scenario.control
     if getattr(control, "large_displacements", False):
-        control = replace(control, large_displacements=False)  # type: ignore[type-var]
+        control = replace(control, large_displacements=False)
         scenario = replace(scenario, control=control, text=None)
-    if not isinstance(control, TiltControl | PushoverControl) or control.quasi_static:
+    if control.drives != EVERY_BLOCK or not control.regime.real_time:
         return scenario
     without: dict[str, Any] = {} if control.push_direction is None else {"rate": None}
     return replace(scenario, control=replace(control, quasi_static=True, **without), text=None)
