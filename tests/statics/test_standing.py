@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from dembrick.errors import NotConvergedError, ScenarioError
+from dembrick.runs.limit import limit
 from dembrick.runs.simulate import simulate
 from dembrick.scenario.controls import PushoverControl, StaticsControl, YieldControl
 from dembrick.scenario.generators import Arch
-from dembrick.scenario.model import Actuator, Block, JointLaw, Material, Scenario
+from dembrick.scenario.model import Actuator, Block, JointLaw, JointOverride, Load, Material, Scenario
 from dembrick.scenario.pressures import Pressure
 from dembrick.scenario.toml import loads, text_of
 
@@ -115,3 +117,37 @@ def test_what_is_driven_carries_nothing_in_statics_and_that_is_said():
     (remark,) = [text for text in said if "carry nothing" in text]
     assert remark.startswith("[[pressures]] with actuator = true carry nothing in a run of kind 'statics'")
     assert simulate(replace(overhanging(0.9), pressures=(replace(wet, actuator=False),))).status == "falls"
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+def test_a_block_between_two_jaws_whose_faces_lean_out(formulation):
+    """A squeeze P = 1000 N carries 2 P tan(phi - alpha), of friction .3 and 10 deg. The right jaw slides on its bed."""
+    lean, width, height, depth = math.tan(math.radians(10.0)), 0.1, 0.2, 0.2
+
+    def body(name, *corners, **more):
+        vertices = tuple((x, y, z) for y in (-0.5 * depth, 0.5 * depth) for x, z in corners)
+        return Block(name, "stone", vertices=vertices, **more)
+
+    top = width - lean * height
+    blocks = (
+        body("left", (-0.4, 0.0), (-width, 0.0), (-top, height), (-0.4, height), fixed=True),
+        body("right", (width, 0.0), (0.4, 0.0), (0.4, height), (top, height)),
+        body("wedge", (-width, 0.0), (width, 0.0), (top, height), (-top, height)),
+        Block("bed", "stone", (0.25, depth, 0.1), (0.275, 0.0, -0.05), fixed=True),
+    )
+    scenario = scene(
+        blocks,
+        0.3,
+        YieldControl(),
+        loads=(Load("right", force=(-1000.0, 0.0, 0.0), point=(0.4, 0.0, 0.1)),),
+        actuators=(Actuator("push", "wedge", (0.0, 0.0, height), (0.0, 0.0, -1.0)),),
+    )
+    laws = replace(scenario.joint, formulation=formulation)
+    slides = JointOverride(("right", "bed"), replace(laws, friction=0.0))
+    scenario = replace(scenario, joint=laws, joints=(slides,), materials={"stone": Material(1000.0)})
+    weight = 1000.0 * G * (width + top) * height * depth
+    carried = 2.0 * 1000.0 * math.tan(math.atan(0.3) - math.radians(10.0))
+    assert carried == pytest.approx(234.9193, abs=1e-4)
+    found = simulate(scenario, record=False)
+    assert weight + found.yield_point.V == pytest.approx(carried, rel=1e-6)
+    assert weight + limit(scenario).load_factor == pytest.approx(carried, rel=1e-6)
