@@ -53,7 +53,7 @@ def wall(courses: int, blocks: int, formulation: str = "concave", balanced: bool
     bodies, links = moving.state.bodies, moving.state.links
     bodies.position[:, 2] -= plain_wall.sunk(bodies.position[:, 2] + moving.state.middle[2], courses)
     links.put(SEEN, seen(bodies, links))
-    return moving, Driving(gravity, tilt=(np.array([1.0, 0.0, 0.0]), np.radians(1.0)))
+    return moving, Driving(gravity, tilt=(np.array([1.0, 0.0, 0.0]), np.radians))
 
 
 def chunk(moving, driving, steps: int) -> float:

@@ -160,7 +160,7 @@ def _refuse_stresses(scenario: Scenario, assembly: Assembly) -> None:
     if stresses and scenario.control.tilt_axis is not None:
         raise ScenarioError(
             "a quasi-static tilt pushes the blocks by the tangent of its angle, which holds for friction alone: with "
-            'strengths in Pa use kind = "pushover", a tilt with a rate, or dembrick limit, which turns them'
+            'strengths in Pa use large_displacements = true, kind = "pushover", a tilt with a rate, or dembrick limit'
         )
 
 
@@ -253,7 +253,6 @@ def _shorter(control: Control) -> str:
 def _plan_equilibria(scenario: Scenario, assembly: Assembly) -> Plan:
     from dembrick.simulation.dynamics import loads, run
 
-    _refuse_stresses(scenario, assembly)
     moving = run.prepare(assembly, scenario.control, scenario.solver.step_factor)
     driving = loads.driving_of(scenario, moving)
     return _path_of(scenario.control).plan(moving, scenario.control, driving, scenario.output)
@@ -263,7 +262,6 @@ def _find_equilibria(scenario: Scenario, assembly: Assembly, session: Session, s
     from dembrick.simulation.dynamics import handover, loads, run
 
     control = scenario.control
-    _refuse_stresses(scenario, assembly)
     moving = run.prepare(assembly, control, scenario.solver.step_factor)
     if session.start is not None:
         handover.start_on(moving, session.start)

@@ -221,7 +221,7 @@ def test_a_tilting_table_turns_gravity_and_loads_the_other_way():
     gravity, force, rate, times = rng.normal(size=3), rng.normal(size=(2, 3)), 0.3, np.array([0.0, 0.7, 4.0])
     growing = Driving(
         gravity, block=np.array([0, 1]), lever=np.zeros((2, 3)), force=force, factor=(None, lambda t: 1.0 + t),
-        tilt=(axis, rate),
+        tilt=(axis, lambda times: rate * times),
     )  # fmt: skip
     found_gravity, found_force = growing.at(times, 1e-3)
     for i, t in enumerate(times):

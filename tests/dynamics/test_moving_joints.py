@@ -15,10 +15,12 @@ from dembrick.kernels.joint.area_law import area_pressure
 from dembrick.kernels.joint.no_tension import no_tension
 from dembrick.scenario.controls import DynamicControl
 from dembrick.scenario.model import Block, JointLaw, Material, Scenario, Wall
+from dembrick.simulation.dynamics.checkpoint import Past
 from dembrick.simulation.dynamics.dead_load import find_equilibrium
 from dembrick.simulation.dynamics.integrator import Motion, advance, joint_forces, motion
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.state import arms, joint_resultants, seen
+from dembrick.simulation.session import Kept
 from helpers.resting_blocks import FORMULATIONS, GRAVITY, about, place, resting, two_blocks
 
 FAR = Limits(displacement=1e6, longest=1.0)
@@ -201,7 +203,7 @@ def test_pressed_polygon_with_and_without_a_look_at_its_vertices():
 
 def test_equal_polygons_are_kept_once_until_they_are_cut():
     """Twelve blocks on twelve floors: each that slides over its edge gets a polygon of its own, and carries what it
-    would carry alone; the rest is left as it was."""
+    would carry alone; the rest is left as it was. And back to before: with as little room as then."""
     n, out = 12, 10
     stones = [
         Block(f"{kind}{i}", "stone", (0.3, 0.2, 0.1), (float(i), 0.0, z), fixed=z < 0.0)
@@ -218,6 +220,8 @@ def test_equal_polygons_are_kept_once_until_they_are_cut():
     find_equilibrium(moving, driving)
     faces = moving.state.faces
     assert len(faces.count) == 1 and not faces.outline.any()
+    past = Past(moving, None)
+    before = Kept(past.snapshot())
     far = faces.far[0].copy()
     for step in range(2):
         for i in range(out):
@@ -240,6 +244,11 @@ def test_equal_polygons_are_kept_once_until_they_are_cut():
         np.testing.assert_allclose(found[i], joint_resultants(alone.state)[0], rtol=1e-6, atol=1e-6)
         np.testing.assert_allclose(faces.far[faces.outline[i]], own.far[own.outline[0]], rtol=1e-9, atol=1e-12)
         assert faces.area[i] == pytest.approx(0.2 * (0.3 - (0.02 * (i + 1) if i < out else 0.0)), rel=1e-9)
+    past.restore(before)
+    faces = moving.state.faces
+    assert len(faces.count) == 1 and not faces.outline.any()
+    for name, array in past.snapshot().items():
+        np.testing.assert_array_equal(array, before.arrays[name], err_msg=name)
 
 
 @pytest.mark.parametrize("formulation", ["concave", "convex"])

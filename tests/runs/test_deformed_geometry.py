@@ -228,6 +228,18 @@ def test_an_arch_has_the_same_limit_in_its_own_geometry_as_in_the_deformed_one()
     assert found[1].yield_point.V == pytest.approx(found[0].yield_point.V, rel=1e-3)
 
 
+def test_a_bonded_block_is_tilted():
+    """Shear with a bond: m g sin(psi) = c A + mu m g cos(psi), which no tangent alone tells."""
+    cohesion, area = 1000.0, 0.08
+    tilt = 'kind = "tilt"\naxis = [0.0, 1.0, 0.0]\nlarge_displacements = true\ntolerance = 2e-4\n'
+    scenario = staged(tilt, formulation="convex")
+    law = replace(scenario.joint, cohesion=cohesion, tensile_strength=500.0, residual_cohesion=cohesion)
+    found = simulate(replace(scenario, joint=law, text=None), record=False)
+    low, high = found.yield_point.V_lower, found.yield_point.V_upper
+    exact = math.atan(0.5) + math.asin(cohesion * area * math.cos(math.atan(0.5)) / WEIGHT)
+    assert low <= math.tan(exact) <= high and high < 1.0005 * low
+
+
 def test_whether_a_block_stands_where_a_settlement_has_brought_it():
     """On a floor at 20 deg, tan 20 = .364: under its own weight it stands, and slides if a push of .2 comes on top."""
     load = f'[[loads]]\nblock = "block"\nforce = [{0.2 * WEIGHT!r}, 0.0, 0.0]\nstages = [2]\n'

@@ -98,10 +98,12 @@ def _lightest(assembly: Assembly, joints: JointTable) -> np.ndarray:
 
 
 def with_outlines(faces: Faces, rows: int) -> Faces:
-    """The same joints with room for that many polygons."""
+    """The same joints with room for that many polygons, and no more."""
+    if rows == len(faces.count):
+        return faces
     table = {}
     for name in ("count", "x", "y", "far"):
-        array = getattr(faces, name)
+        array = getattr(faces, name)[:rows]
         table[name] = np.concatenate([array, np.zeros((rows - len(array), *array.shape[1:]), array.dtype)])
     return faces._replace(**table)
 

@@ -25,7 +25,7 @@ def restore_scene(moving: Motion, snapshot: Snapshot, met: bool) -> None:
     polygons = moving.polygons
     for name, own in _polygons(moving).items():
         own[...] = snapshot.array(name, own)
-    polygons.make_room(joint_families.rooms(moving.state, snapshot))
+    polygons.take_room(joint_families.rooms(moving.state, snapshot))
     parts = {name: restored(name, getattr(moving.state, name), snapshot, COUNTERS) for name in PARTS}
     moving.state = moving.state._replace(**parts)
     moving.state.links.share()

@@ -86,11 +86,17 @@ class Polygons:
 
     def make_room(self, rows: int) -> None:
         """Have room for that many polygons of convex joints, and as a rule for more."""
+        if self._room_for(rows) > len(self.state.faces.count):
+            self.state = self.state._replace(faces=with_outlines(self.state.faces, self._room_for(rows)))
+
+    def take_room(self, rows: int) -> None:
+        """Have the room of a state with that many polygons, be it less than now, to go back to one."""
+        if self.state.faces is not None:
+            self.state = self.state._replace(faces=with_outlines(self.state.faces, self._room_for(rows)))
+
+    def _room_for(self, rows: int) -> int:
         own = rows - self._shared
-        if own > 0:
-            room = self._shared + max(8, 1 << (own - 1).bit_length())
-            if room > len(self.state.faces.count):
-                self.state = self.state._replace(faces=with_outlines(self.state.faces, room))
+        return self._shared + max(8, 1 << (own - 1).bit_length()) if own > 0 else self._shared
 
     def _away(self) -> np.ndarray:
         """How far O of the start and both tangents have moved, in the plane's axes (j, 3, 3)."""

@@ -62,8 +62,10 @@ class LoadPath(EquilibriumPath):
             self.dropped = NEAR
 
     def driven(self, parameter: Curve) -> Driving:
-        """The load system acts with that multiplier."""
-        return replace(self.driving, multiplier=parameter)
+        """The load system acts with that multiplier; a table tilts by the angle whose tangent it is."""
+        axis = self.control.tilt_axis
+        tilt = None if axis is None else (np.array(axis, float), lambda times: np.arctan(parameter(times)))
+        return replace(self.driving, multiplier=parameter, tilt=tilt)
 
     def steps(self, begin: float, end: float) -> int:
         """The least, and more with all care."""

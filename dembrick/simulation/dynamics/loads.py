@@ -35,10 +35,11 @@ class Driving:
     """Gravity (3,), loads and the motion of the supports.
 
     ``block`` (k,), ``lever`` (k, 3; body axes, m) and ``force`` (k, 3; N, world) of the loads, ``factor`` a curve for
-    each or None. ``tilt``: (axis, rate in rad/s). ``support_velocity``: directions (3,) and the curves of the speed
-    along them, m/s; the record shows the acceleration along the first. ``supports``: those that move against the
-    others, and ``share``: how much of their paths they have gone at a time. ``driven``: the load system whose
-    multiplier V, a function of time, a load path increases; its forces are the last of the loads.
+    each or None. ``tilt``: axis, and a curve of the angle, rad. ``support_velocity``: directions (3,), and curves of
+    the speed along them, m/s; the record shows the acceleration along the first. ``supports``: those that move
+    against the others, and ``share``: how much of their paths they have gone at a time. ``driven``: the load system
+    whose multiplier V, a function of time, a load path increases; its forces are the last of the loads, but for those
+    of a table, which tilts to atan(V).
     """
 
     gravity: np.ndarray
@@ -46,7 +47,7 @@ class Driving:
     lever: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     force: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     factor: tuple[Curve | None, ...] = ()
-    tilt: tuple[np.ndarray, float] | None = None
+    tilt: tuple[np.ndarray, Curve] | None = None
     support_velocity: tuple[tuple[np.ndarray, Curve], ...] = ()
     supports: SupportMotion = AT_REST
     share: Curve = np.zeros_like
@@ -59,11 +60,11 @@ class Driving:
         for k, curve in enumerate(self.factor):
             if curve is not None:
                 force[:, k] *= curve(times)[:, None]
-        if self.driven is not None:
+        if self.tilt is None and self.driven is not None:
             force[:, len(self.factor) :] *= self.multiplier(times)[:, None, None]
         if self.tilt is not None:
-            axis, rate = self.tilt
-            cosine, sine = np.cos(rate * times), np.sin(rate * times)
+            axis, angle = self.tilt
+            cosine, sine = np.cos(angle(times)), np.sin(angle(times))
             gravity = turned_back(gravity, axis, cosine[:, None], sine[:, None])
             if len(self.block):
                 force = turned_back(force, axis, cosine[:, None, None], sine[:, None, None])
@@ -84,7 +85,7 @@ class Driving:
         if self.driven is not None:
             return float(self.multiplier(np.array([time]))[0])
         if self.tilt is not None:
-            return math.tan(min(self.tilt[1] * time, math.radians(89.999)))
+            return math.tan(min(float(self.tilt[1](np.array([time]))[0]), math.radians(89.999)))
         if self.support_velocity:
             gravity, _ = self.at(np.array([time]), dt)
             return float((self.gravity - gravity[0]) @ self.support_velocity[0][0])
@@ -133,7 +134,7 @@ def driving_of(scenario: Scenario, moving: Motion) -> Driving:
         "factor": tuple(factors[index] for index in loads.given),
     }
     if control.tilt_axis is not None and control.regime is REAL_TIME:
-        driving["tilt"] = (np.array(control.tilt_axis, float), float(np.radians(control.rate)))
+        driving["tilt"] = (np.array(control.tilt_axis, float), lambda times: np.radians(control.rate) * times)
     if control.shakes:
         driving["support_velocity"] = tuple(
             (np.array(direction, float), _support_velocity(scenario, file, columns, time_step))
@@ -142,8 +143,9 @@ def driving_of(scenario: Scenario, moving: Motion) -> Driving:
     driving["supports"] = supports = support_motion(scenario, assembly, moving.state.bodies)
     if control.in_deformed_geometry and control.drives in (ACTUATORS, EVERY_BLOCK):
         driven = driving["driven"] = DrivenLoads.of(assembly, moving.state)
-        for key, more in (("block", driven.block), ("lever", driven.lever), ("force", driven.force)):
-            driving[key] = np.concatenate([driving[key], more])
+        if control.tilt_axis is None:
+            for key, more in (("block", driven.block), ("lever", driven.lever), ("force", driven.force)):
+                driving[key] = np.concatenate([driving[key], more])
     if len(supports) and control.rate is not None:
         driving["share"] = lambda times: np.clip(control.rate / supports.length * times, 0.0, 1.0)
     return Driving(**driving)
