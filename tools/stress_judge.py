@@ -24,7 +24,7 @@ from dembrick.errors import DembrickError, EnergyAuditError, NotConvergedError, 
 from dembrick.kernels.state import Inertia
 from dembrick.scenario.model import Load, Scenario
 from dembrick.simulation.energy_audit import audit
-from dembrick.simulation.statics import constant_rate, limit_load, load_system
+from dembrick.simulation.statics import constant_rate, limit_load, load_system, ties
 from dembrick.simulation.statics.critical_step import critical_time_step
 from dembrick.simulation.statics.dead_load import dead_load_equilibrium, inverse_inertia
 from dembrick.simulation.statics.elastic_factor import elastic_factor, touches_itself
@@ -198,17 +198,18 @@ def _at_rest(setup: load_system.Setup, physical: bool, rate: float = 0.0) -> Loo
     if rate == 0.0:
         drive = drive._replace(stiffness=0.0, dashpot=0.0)
     certificate = setup.certificate._replace(every=1 << 40, strict=False)
-    scaled = inertia = None
+    scaled = inertia = moving = None
     if physical:
         state.joints.damping[:] = damping.joints / dt
         drive = drive._replace(viscous_n=1.0, viscous_s=1.0)
         constant_rate._to_finite_motion(state)
         inertia = Inertia(np.array(built.mass, float), np.array(built.inertia, float), np.linalg.inv(built.inertia))
+        moving = ties.start_moving(state, built)  # none, in the kernel that a run has
     else:
         scaled = inverse_inertia(
             state, setup.stiffness * (dt / (VALID_STEP * critical_time_step(1.0, load_system.VISCOUS))) ** 2
         )
-    return Loop(dt, state, scaled, inertia, drive, certificate, None, new_guard(built, state))
+    return Loop(dt, state, scaled, inertia, drive, certificate, None, new_guard(built, state), moving)
 
 
 def rest(scenario: Scenario, steps: int, physical: bool) -> Outcome:
