@@ -11,7 +11,7 @@ import os
 import stat
 import tempfile
 from contextlib import suppress
-from functools import cache, cached_property, update_wrapper
+from functools import cache, cached_property
 from pathlib import Path
 from types import FunctionType
 
@@ -229,19 +229,41 @@ class _Parts(CPUDispatcher):
         self.overloads[tuple(cres.signature.args)] = cres
 
 
-class Inlined:
+class Kernel:
+    """A kernel that Python and other kernels call. numba's dispatcher of it is made when it is first asked for: a run
+    that finds its kernels in the cache asks for few."""
+
+    def __init__(self, function, **options):
+        self.__name__, self.__qualname__ = function.__name__, function.__qualname__
+        self.__module__, self.__doc__ = function.__module__, function.__doc__
+        self.py_func = self.__wrapped__ = function
+        self._options = options
+
+    @cached_property
+    def called(self):
+        """What Python calls."""
+        return _compiled(self.py_func, **self._options)
+
+    @cached_property
+    def _numba_type_(self):
+        """What other kernels see; a weak reference."""
+        return numba.types.Dispatcher(self.called)
+
+    def __call__(self, *arguments):
+        """Call it from Python."""
+        return self.called(*arguments)
+
+
+class Inlined(Kernel):
     """A kernel that other kernels take into their own code, and that Python may call as well.
 
     Other kernels take it as `_Parts`, without the code by which Python calls it, which holds the whole body once more;
     a first run compiles in less than half the time. ``called`` is compiled if Python calls. Not so for a kernel that
-    only Python calls, which is better an `entry`. Both are made when they are first asked for: a run that finds its
-    kernels in the cache asks for few.
+    only Python calls, which is better an `entry`.
     """
 
     def __init__(self, function, **options):
-        update_wrapper(self, function)
-        self.py_func = function
-        self._options = {"fastmath": FLOATS, **options}
+        super().__init__(function, **{"fastmath": FLOATS, **options})
 
     @cached_property
     def _part(self):
@@ -257,10 +279,6 @@ class Inlined:
     def called(self):
         """What Python calls."""
         return _compiled(renamed(self.py_func, f"{self.py_func.__name__}_called"), **self._options)
-
-    def __call__(self, *arguments):
-        """Call it from Python."""
-        return self.called(*arguments)
 
 
 def _inlined(function, **options):
@@ -284,7 +302,7 @@ def jit_sum(function):
 
 def entry(function):
     """The same for a loop that Python or a batch enters: compiled once, not inlined into every caller."""
-    return _compiled(function, nogil=True, _nrt=False)
+    return function if numba.config.DISABLE_JIT else Kernel(function, nogil=True, _nrt=False)
 
 
 def _prefetch(_, array, index):
@@ -315,4 +333,4 @@ if not numba.config.DISABLE_JIT:
 
 def jit_parallel(function):
     """The same for a loop over threads (``prange``); it compiles for much longer, so only large scenes call for it."""
-    return _compiled(function, _ParallelCache, parallel=True)
+    return function if numba.config.DISABLE_JIT else Kernel(function, cache=_ParallelCache, parallel=True)

@@ -54,7 +54,7 @@ from helpers.walls import wall
 built = wall("concave")
 moving = dynamics.motion(built, 0.1, 0.5)
 dynamics.advance(moving, Driving(built.gravity), 2, Limits(1.0, 1.0))
-assert loop.advance_bodies.signatures and not loop.advance_bodies_together.signatures
+assert loop.advance_bodies.called.signatures and not loop.advance_bodies_together.called.signatures
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
