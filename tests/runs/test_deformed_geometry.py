@@ -40,7 +40,7 @@ JACK = (
 )
 STATICS, YIELD = 'kind = "statics"\n', 'kind = "yield"\n'
 ALONG_Y = 'kind = "pushover"\ndirection = [0.0, 1.0, 0.0]\n'
-TRAVEL = 'kind = "displacement"\nrate = 1e-3\ntravel = 1e-3\n'
+TRAVEL = 'kind = "displacement"\nrate = 1e-3\ntravel = 3e-4\n'
 
 
 @pytest.fixture(autouse=True)
@@ -49,6 +49,7 @@ def few(monkeypatch):
     monkeypatch.setattr(settlement, "EQUILIBRIA", 6)
     monkeypatch.setattr(settlement, "HALVINGS", 3)
     monkeypatch.setattr(settlement, "WITHIN", 1.0)
+    monkeypatch.setattr(driven_path, "EQUILIBRIA", 12)
 
 
 def turns(degrees):
@@ -115,7 +116,7 @@ def test_actuators_across_a_floor_that_has_turned(formulation):
     assert driven.status == "completed"
     assert driven.yield_point.V_peak == pytest.approx(V, rel=2e-5)
     assert driven.yield_point.V == pytest.approx(V, rel=1e-4)
-    assert driven.rows["displacement"][-1] == pytest.approx(1e-3, rel=0.05)
+    assert driven.rows["displacement"][-1] == pytest.approx(3e-4, rel=0.15)
     assert driven.rows["load"].max() == driven.yield_point.V_peak
 
 
@@ -207,9 +208,10 @@ def test_a_slender_block_on_a_soft_bed_leans_before_it_overturns():
     assert small.yield_point.V == pytest.approx(0.3, rel=1e-3)
 
 
-def test_a_travel_goes_on_behind_the_peak_of_a_block_that_leans():
+def test_a_travel_goes_on_behind_the_peak_of_a_block_that_leans(monkeypatch):
     jack = '[[actuators]]\nname = "jack"\nblock = "block"\npoint = [0.0, 0.0, 0.5]\ndirection = [1.0, 0.0, 0.0]\n'
     control = 'kind = "displacement"\nrate = 1e-3\ntravel = 2e-2\nlarge_displacements = true\n'
+    monkeypatch.setattr(driven_path, "EQUILIBRIA", 60)
     result = simulate(leaning(control, BED, jack))
     turned = 2.0 * np.arcsin(result.frames["orientation"][:, 1, 2])
     opened = turned > 2.0 * SLENDER / (BED * SIZE[0] ** 2 * SIZE[1])
@@ -280,7 +282,6 @@ def test_what_the_deformed_geometry_has_no_use_for_is_one_sentence():
 def test_a_search_after_a_settlement_goes_on_where_it_was_stopped(last, tmp_path, monkeypatch):
     """Stopped between both stages and in the last: the same to the last bit."""
     monkeypatch.setattr(os, "fsync", lambda _: None)
-    monkeypatch.setattr(driven_path, "EQUILIBRIA", 12)
     given = staged(turns(10.0), last, more=(JACK if last is TRAVEL else "") + "[output]\ncheckpoint = 0.0\n")
     whole = simulate(given, tmp_path / "whole.h5")
     original = stages.Stages._keeping

@@ -12,6 +12,7 @@ from dembrick.history import read
 from dembrick.runs import stages
 from dembrick.runs.simulate import restart, simulate
 from dembrick.scenario import toml
+from dembrick.simulation.dynamics import settlement
 from dembrick.simulation.interrupts import Interrupted
 from dembrick.simulation.statics import stepper
 from helpers.scenario_text import BASE, refused
@@ -280,10 +281,18 @@ def turned(formulation, *stages, degrees=10.0, more="[output]\nrows = 400\nframe
     return toml.loads(text, "turned.toml")
 
 
-def pulse(degrees, amplitude=6.0):
+@pytest.fixture(autouse=True)
+def few(monkeypatch):
+    """Fewer equilibria of settlements on the way."""
+    monkeypatch.setattr(settlement, "EQUILIBRIA", 6)
+    monkeypatch.setattr(settlement, "HALVINGS", 3)
+    monkeypatch.setattr(settlement, "WITHIN", 1.0)
+
+
+def pulse(degrees, amplitude=6.0, duration=0.8):
     """The base moves up the floor."""
     c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
-    return f'kind = "base-motion"\ndirection = [{-c!r}, 0.0, {s!r}]\nduration = 0.8\n' + (
+    return f'kind = "base-motion"\ndirection = [{-c!r}, 0.0, {s!r}]\nduration = {duration}\n' + (
         f"pulse = {{ amplitude = {amplitude}, duration = 0.2 }}\n"
     )
 
@@ -346,7 +355,7 @@ def test_a_run_in_real_time_after_a_settlement_goes_on_where_it_was_stopped(tmp_
     """Stopped between both, and in the last: the settled state comes from the checkpoint."""
     monkeypatch.setattr(os, "fsync", lambda _: None)
     path = tmp_path / "run.h5"
-    given = turned("convex", pulse(10.0), more="[output]\nrows = 40\nframes = 4\ncheckpoint = 0.0\n")
+    given = turned("convex", pulse(10.0, duration=0.2), more="[output]\nrows = 40\nframes = 4\ncheckpoint = 0.0\n")
     whole = simulate(given, tmp_path / "whole.h5")
     original = stages.Stages._keeping
 
