@@ -32,13 +32,13 @@ from dembrick.simulation.dynamics.energy import MotionEnergy
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.state import seen
 
-WRITTEN = ("wrench", "position", "orientation", "velocity", "spin", "momentum", "seen_tiles", "sheared")
+WRITTEN = ("wrenches", "position", "orientation", "velocity", "spin", "momentum", "seen_tiles", "sheared")
 SHARED = ("tiles", "points")
 IDLE = {  # what no step of joints that stick without loads touches
     "Bodies": ("rotation", "applied"),
-    "Links": ("tangents", "plane", "axes", "place", "kept", "reach", "slack", "glide"),
-    "Corners": ("start", "place", "law", "slipped"),
-    "Faces": ("outline", "place", "twist", "slip", "count", "x", "y", "far"),
+    "Links": ("host", "other", "tangents", "plane", "axes", "place", "kept", "reach", "slack", "glide"),
+    "Corners": ("joint", "lane", "start", "place", "law", "slipped"),
+    "Faces": ("joint", "lane", "outline", "place", "twist", "slip", "count", "x", "y", "far"),
 }
 CALM = Limits(displacement=1.0, longest=1.0)
 

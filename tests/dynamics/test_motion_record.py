@@ -8,6 +8,7 @@ import pytest
 from dembrick import history
 from dembrick.kernels.dynamics.loop import Limits
 from dembrick.kernels.dynamics.record import unbalanced_ratio
+from dembrick.kernels.dynamics.tiles import WRENCHES
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import model, shipped, toml
 from dembrick.scenario.controls import DynamicControl, PushoverControl
@@ -79,7 +80,7 @@ def test_out_of_balance_against_sums_by_block(formulation):
     largest = np.linalg.norm(state.links.wrench[:, :3], axis=1).max()
     expected = np.linalg.norm(force[state.bodies.free], axis=1).max() / largest
     assert unbalanced_ratio(state.bodies, state.links, *gravity) == pytest.approx(expected, rel=1e-12)
-    assert unbalanced_ratio(state.bodies, state.links._replace(wrench=np.zeros((1, 9))), *gravity) == 1.0
+    assert unbalanced_ratio(state.bodies, state.links._replace(wrenches=np.zeros(WRENCHES)), *gravity) == 1.0
 
 
 @pytest.mark.parametrize("formulation", POINTS)

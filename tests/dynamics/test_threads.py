@@ -67,4 +67,4 @@ def test_a_wall_of_point_joints_takes_less_than_two_kilobytes_a_block():
     joints, blocks = len(scenario.joints), len(scenario.names)
     assert joints / blocks > 2.8
     assert len(moving.state.links.axes) == 2
-    assert sum(array.nbytes for array in moving.state.arrays) < 2000 * blocks
+    assert sum(array.nbytes for array in moving.state.arrays) < 2048 * blocks

@@ -29,8 +29,8 @@ def no_joints():
     numbers, rows, few = np.zeros(0, np.uint32), np.zeros(0), np.zeros(0, np.float32)
     return Links(
         host=numbers, other=numbers, tangents=numbers, plane=numbers, axes=np.zeros((0, 2, 3)), place=numbers,
-        tiles=rows, like=numbers, seen_tiles=rows, wrench=np.zeros((0, 9)), kept=np.zeros((0, 4)), reach=few, slack=few,
-        glide=np.zeros((0, 3), np.float32),
+        tiles=rows, like=numbers, seen_tiles=rows, wrenches=rows, ends=np.zeros((0, 2, 16), np.uint32),
+        kept=np.zeros((0, 4)), reach=few, slack=few, glide=np.zeros((0, 3), np.float32),
     )  # fmt: skip
 
 

@@ -90,7 +90,8 @@ def test_a_joint_carries_what_it_would_carry_alone(formulation):
 def test_every_joint_has_one_lane_among_its_kind():
     rng = np.random.default_rng(0)
     kind, way = rng.integers(0, 3, 100), rng.integers(0, 2, 100)
-    lane, used = tiled(kind, way)
+    turn = rng.permutation(100)
+    lane, used = tiled(kind, way, turn)
     own = lane[np.arange(W) < used[:, None]]
     assert sorted(own) == list(range(100))
     for members, count in zip(lane, used, strict=True):

@@ -43,6 +43,7 @@ from dembrick.kernels.dynamics.tiles import (
     TILE,
     TURN,
     VISCOUS,
+    WRENCHES,
     W,
     deliver,
     expect,
@@ -246,11 +247,12 @@ def forces(links, faces, bodies, first, last, energy_terms, work):
         expect(faces.sheared, (t + 1) * ELASTIC, ELASTIC)
         if energy_terms is not None:
             expect(energy_terms.face, (t + 1) * FACE_ENERGY, FACE_ENERGY)
-        fetch(faces.joint, faces.lane[t], links, bodies, work)
+        expect(links.wrenches, own * WRENCHES, WRENCHES)
+        fetch(links, own, bodies, work)
         look(tile, seen, work)
         forces_of_tile(faces, faces.pressed, faces.strengths, faces.bonds, t, tile, seen, work, energy_terms)
         resultant(tile, seen, work)
-        deliver(faces.joint, faces.lane[t], faces.used[t], work, links.wrench)
+        deliver(work, links.wrenches, own)
 
 
 @jit

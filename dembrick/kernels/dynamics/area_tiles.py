@@ -36,7 +36,8 @@ class FaceBonds(NamedTuple):
 
 
 class Faces(NamedTuple):
-    """Convex joints. Equal polygons share their vertices and their series; a joint that was cut has its own."""
+    """Convex joints, in the order of their blocks in the loop. Equal polygons share their vertices and their series; a
+    joint that was cut has its own."""
 
     joint: ndarray  # (a,) uint32
     tile: ndarray  # (t,) int64, which tile of `Links` each tile of these joints is

@@ -74,14 +74,14 @@ def take_stock(links, corners, faces, held_out, energy_out):
 
 
 @entry
-def kinetic_energy(bodies, wrench, g1, g2, g3, dt):
-    """v(-1/2) M v(+1/2) / 2 of all free blocks (J), after the step; ``wrench`` and loads are those that it was made of,
-    g its gravity."""
+def kinetic_energy(bodies, wrenches, g1, g2, g3, dt):
+    """v(-1/2) M v(+1/2) / 2 of all free blocks (J), after the step; ``wrenches`` and loads are those that it was made
+    of, g its gravity."""
     twice = 0.0
     for f in range(bodies.free.size):
         b = bodies.free[f]
         mass = bodies.mass[b]
-        f1, f2, f3, t1, t2, t3 = gathered(bodies, b, wrench, True, g1, g2, g3)
+        f1, f2, f3, t1, t2, t3 = gathered(bodies, b, wrenches, True, g1, g2, g3)
         v = bodies.velocity[b]
         w = bodies.spin[b]
         L = bodies.momentum[b]
@@ -124,7 +124,7 @@ def add_support_work(energy_terms, bodies, links, loads, dt):
         b = loads.support[k]
         last = energy_terms.support[k]
         total += power(bodies, b, last)
-        last[0], last[1], last[2], last[3], last[4], last[5] = gathered(bodies, b, links.wrench, True, 0.0, 0.0, 0.0)
+        last[0], last[1], last[2], last[3], last[4], last[5] = gathered(bodies, b, links.wrenches, True, 0.0, 0.0, 0.0)
         total += power(bodies, b, last)
     energy_terms.total[LOADS] -= 0.5 * dt * total
 

@@ -10,7 +10,7 @@ joint is open and the parts lie apart there is nothing to hand over, and it is 1
 from math import sqrt
 
 from dembrick._jit import jit
-from dembrick.kernels.dynamics.tiles import offset_of, seen_by, sense_of
+from dembrick.kernels.dynamics.tiles import offset_of, seen_by, sense_of, wrench_at
 
 TURN = 0.2, 0.4  # sine of the turn of the faces at which the handing over of a joint begins, and ends
 SLIP = 0.05, 0.15  # of the joint's size: slip
@@ -35,7 +35,7 @@ def hand_over(touching, links, t):
     joint = touching.joint[t]
     size = touching.size[t]
     seen = links.seen_tiles[seen_by(links, joint)]
-    wrench = links.wrench[joint]
+    wrench = links.wrenches[wrench_at(links, joint)]
     turn = sqrt(seen[5] * seen[5] + seen[8] * seen[8])
     due = ramp(turn, TURN[0], TURN[1])
     if touching.partial[t]:

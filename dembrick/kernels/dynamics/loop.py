@@ -124,11 +124,11 @@ def advance_bodies(
             g = loads.gravity[step]
             if energy_terms is None:
                 moved[t], away[t] = step_bodies(
-                    bodies, links.wrench, loaded, first, last, g, dt, damping, None, None, work[t]
+                    bodies, links.wrenches, loaded, first, last, g, dt, damping, None, None, work[t]
                 )
             if energy_terms is not None:
                 moved[t], away[t] = step_bodies(
-                    bodies, links.wrench, loaded, first, last, g, dt, damping, energy_terms.fallen, mean, work[t]
+                    bodies, links.wrenches, loaded, first, last, g, dt, damping, energy_terms.fallen, mean, work[t]
                 )
         moved2 = away2 = 0.0
         for k in range(loads.support.size):

@@ -50,6 +50,7 @@ from dembrick.kernels.dynamics.tiles import (
     TURN,
     TWISTING,
     VISCOUS,
+    WRENCHES,
     W,
     X,
     Y,
@@ -282,7 +283,8 @@ def forces(links, corners, bodies, first, last, force_out, strengths, bonds, ene
         if energy_terms is not None:
             expect(energy_terms.dashpots, (t + 1) * DASHPOTS, DASHPOTS)
             expect(energy_terms.ledger, (t + 1) * LEDGER, W)
-        fetch(corners.joint, corners.lane[t], links, bodies, work)
+        expect(links.wrenches, t * WRENCHES, WRENCHES)
+        fetch(links, t, bodies, work)
         look(tile, seen, work)
         begin(tile, work)
         law = corners.tile_law[t]
@@ -311,7 +313,7 @@ def forces(links, corners, bodies, first, last, force_out, strengths, bonds, ene
             if force_out is not None:
                 write_forces(corners, t, i, tile[SENSE * W : (SENSE + 1) * W], work, force_out)
         resultant(tile, seen, work)
-        deliver(corners.joint, corners.lane[t], corners.used[t], work, links.wrench)
+        deliver(work, links.wrenches, t)
         if energy_terms is not None:
             add_dashpot_work(
                 work, seen, energy_terms.dashpots[t * DASHPOTS : (t + 1) * DASHPOTS],

@@ -5,7 +5,7 @@ from math import sqrt
 from dembrick._jit import jit
 from dembrick.kernels.dynamics import joint_families as families
 from dembrick.kernels.dynamics.joint_families import FAMILIES
-from dembrick.kernels.dynamics.tiles import LEVER, TILE, lane_of, sense_of
+from dembrick.kernels.dynamics.tiles import ACTION, LEVER, TILE, lane_of, sense_of, wrench_at
 from dembrick.kernels.math.vec3 import cross, rows_times
 
 
@@ -40,7 +40,7 @@ def write_resultants(bodies, links, corners, faces, out):
         x2 /= size
         x3 /= size
         y1, y2, y3 = cross(n1, n2, n3, x1, x2, x3)
-        wrench = links.wrench[j]
+        wrench = links.wrenches[wrench_at(links, j)]
         c1, c2, c3 = cross(r1, r2, r3, wrench[0], wrench[1], wrench[2])
         # the wrench acts on the host, which is b where sense is +1; the joint holds b against V and M
         sense = sense_of(links, j)
@@ -65,19 +65,20 @@ def write_resultants(bodies, links, corners, faces, out):
 def unbalanced_ratio(bodies, links, g1, g2, g3):
     """Greatest out-of-balance force on a free block under gravity g, over the greatest joint force; 1 without any."""
     worst = largest = 0.0
-    wrench = links.wrench
+    wrenches = links.wrenches
     for f in range(bodies.free.size):
         b = bodies.free[f]
         f1 = bodies.mass[b] * g1 + bodies.applied[b, 0]
         f2 = bodies.mass[b] * g2 + bodies.applied[b, 1]
         f3 = bodies.mass[b] * g3 + bodies.applied[b, 2]
         for k in range(bodies.side_start[b], bodies.side_start[b + 1]):
-            j = bodies.side[k] >> 1
+            w = (bodies.side[k] >> 1) * ACTION
             sign = 1.0 if bodies.side[k] & 1 else -1.0
-            f1 += sign * wrench[j, 0]
-            f2 += sign * wrench[j, 1]
-            f3 += sign * wrench[j, 2]
+            f1 += sign * wrenches[w]
+            f2 += sign * wrenches[w + 1]
+            f3 += sign * wrenches[w + 2]
         worst = max(worst, f1 * f1 + f2 * f2 + f3 * f3)
     for j in range(links.host.size):
-        largest = max(largest, wrench[j, 0] ** 2 + wrench[j, 1] ** 2 + wrench[j, 2] ** 2)
+        w = links.place[j] * ACTION
+        largest = max(largest, wrenches[w] ** 2 + wrenches[w + 1] ** 2 + wrenches[w + 2] ** 2)
     return sqrt(worst / largest) if largest > 0.0 else 1.0

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from numpy import ndarray
 
 from dembrick._jit import entry, jit
-from dembrick.kernels.dynamics.tiles import W, combined, dot, four, put_three, three
+from dembrick.kernels.dynamics.tiles import ACTION, W, combined, dot, four, put_three, three
 from dembrick.kernels.math.quaternion import axes_of, half_turn, product, rotate, rotate_back, turned_back
 from dembrick.kernels.math.vec3 import cross, rows_times
 
@@ -37,7 +37,7 @@ class Bodies(NamedTuple):
     start: ndarray  # (n, 3) m, centroids that displacements count from
     applied: ndarray  # (n, 6) N, N m, loads besides gravity
     side_start: ndarray  # (n + 1,) uint32, first entry of each block in `side`
-    side: ndarray  # (2 j,) uint32, 2 joint + 1 where the block is its host, 2 joint where it is the other
+    side: ndarray  # (2 j,) uint32, twice the joint's `Links.place`, and 1 more where the block is its host
 
 
 @jit
@@ -196,7 +196,7 @@ def resisted(f, v, damping):
 
 
 @jit
-def gathered(bodies, b, wrench, loaded, g1, g2, g3):
+def gathered(bodies, b, wrenches, loaded, g1, g2, g3):
     """Force and couple (6) at the centroid of block ``b``: gravity, what is applied if any block is ``loaded``, its
     joints in their order."""
     mass = bodies.mass[b]
@@ -214,21 +214,21 @@ def gathered(bodies, b, wrench, loaded, g1, g2, g3):
         t3 += load[5]
     for k in range(bodies.side_start[b], bodies.side_start[b + 1]):
         side = bodies.side[k]
-        w = wrench[side >> 1]
         hosts = side & 1
+        w = (side >> 1) * ACTION
         sign = 2.0 * hosts - 1.0
-        about = 6 - 3 * hosts
-        f1 += sign * w[0]
-        f2 += sign * w[1]
-        f3 += sign * w[2]
-        t1 += w[about]
-        t2 += w[about + 1]
-        t3 += w[about + 2]
+        about = w + 6 - 3 * hosts
+        f1 += sign * wrenches[w]
+        f2 += sign * wrenches[w + 1]
+        f3 += sign * wrenches[w + 2]
+        t1 += wrenches[about]
+        t2 += wrenches[about + 1]
+        t3 += wrenches[about + 2]
     return f1, f2, f3, t1, t2, t3
 
 
 @jit
-def step_bodies(bodies, wrench, loaded, first, last, g, dt, damping, fallen, mean, work):
+def step_bodies(bodies, wrenches, loaded, first, last, g, dt, damping, fallen, mean, work):
     """Move the free blocks ``first`` to ``last`` through a step, under gravity g (3,), loads and joints.
 
     Every block gathers the forces of its joints in their order, so the sums do not depend on who else works on them.
@@ -247,7 +247,7 @@ def step_bodies(bodies, wrench, loaded, first, last, g, dt, damping, fallen, mea
         for lane in range(n):
             b = bodies.free[begin + lane]
             mass = bodies.mass[b]
-            f1, f2, f3, t1, t2, t3 = gathered(bodies, b, wrench, loaded, g1, g2, g3)
+            f1, f2, f3, t1, t2, t3 = gathered(bodies, b, wrenches, loaded, g1, g2, g3)
             v = bodies.velocity[b]
             L = bodies.momentum[b]
             if damping > 0.0:

@@ -49,6 +49,10 @@ ORIGIN, FIRST, SECOND = 0, 3, 6
 SEEN = ROWS
 SEEN_TILE = 9 * W
 
+# Wrenches stand lane after lane, since blocks gather them one by one: nine numbers each
+ACTION = 9
+WRENCHES = ACTION * W
+
 # Rows of `work`: quaternions of the two blocks and centroid of the host from that of the other (m, world); the plane's
 # frame in the world; arm of O from the host's centroid in the plane's axes (m); penetration at O and its slopes along
 # e1 and e2, and what they grew by in the step; slip of the step along u1 and u2 at the foot of O, and its slopes along
@@ -108,9 +112,9 @@ def set_apart(like: ndarray, tiles: ndarray) -> None:
 class Links(NamedTuple):
     """j joints: which blocks, and where the polygon and the plane sit on them.
 
-    A wrench row holds the force on the host (3), its torque about the host's centroid (3) and that of the reaction
-    about the other's centroid (3), world axes. What stands in tiles can be read joint by joint under the names below,
-    as copies; `put` writes it.
+    A wrench holds the force on the host (3), its torque about the host's centroid (3) and that of the reaction about
+    the other's centroid (3), world axes. What stands in tiles can be read joint by joint under the names below, as
+    copies; `put` and `put_wrench` write it.
     """
 
     host: ndarray  # (j,) uint32
@@ -122,7 +126,8 @@ class Links(NamedTuple):
     tiles: ndarray  # (t * TILE,) see above
     like: ndarray  # (t,) uint32, the tile of ``tiles`` that the loop reads in place of each: see `alike`
     seen_tiles: ndarray  # (t * SEEN_TILE,) see above
-    wrench: ndarray  # (j, 9) N, N m: see above
+    wrenches: ndarray  # (t * WRENCHES,) N, N m: see above, wrench after wrench in the order of ``place``
+    ends: ndarray  # (t, 2, W) uint32, the other and the host of each lane, by their rows in the loop
     kept: ndarray  # (j, 4) O and e1 along u1 and u2, of `seen`, when the polygon was last cut to the other's face
     reach: ndarray  # (j,) float32, m, greatest distance of the polygon from O
     slack: ndarray  # (j,) float32, m, how far the polygon may move along the plane before it must be cut again
@@ -156,6 +161,17 @@ class Links(NamedTuple):
     def seen(self) -> ndarray:
         """(j, 9) O, e1, e2 of the host in the plane's axes, from the other's centroid, at the last forces."""
         return self.rows(SEEN, 9)
+
+    @property
+    def wrench(self) -> ndarray:
+        """(j, 9) N, N m: see above."""
+        found = self.wrenches.reshape(-1, ACTION)[self.place]
+        found.flags.writeable = False
+        return found
+
+    def put_wrench(self, values, joints=slice(None)) -> None:
+        """Write wrenches (k, 9)."""
+        self.wrenches.reshape(-1, ACTION)[self.place[joints]] = values
 
     @property
     def lever(self) -> ndarray:
@@ -225,17 +241,14 @@ def expect(array, begin, size):
 
 
 @jit
-def fetch(joint, number, links, bodies, work):
-    """Bring the places of the blocks of a tile's joints, ``joint`` [``number`` (W,)], into ``work``."""
+def fetch(links, t, bodies, work):
+    """Bring the places of the blocks of the joints in tile ``t`` into ``work``."""
     q = bodies.orientation
     x = bodies.position
+    ends = links.ends[t]
     for lane in range(W):
-        j = joint[number[lane]]
-        other = links.other[j]
-        host = links.host[j]
-        row = links.wrench[j]  # `deliver` wants both its lines
-        prefetch(row, 0)
-        prefetch(row, 8)
+        other = ends[0, lane]
+        host = ends[1, lane]
         work[lane] = q[other, 0]
         work[W + lane] = q[other, 1]
         work[2 * W + lane] = q[other, 2]
@@ -325,12 +338,19 @@ def resultant(tile, seen, work):
 
 
 @jit
-def deliver(joint, number, used, work, wrench):
-    """Write the wrenches of a tile's joints into their rows; the first ``used`` lanes have some."""
-    for lane in range(used):
-        row = wrench[joint[number[lane]]]
-        for i in range(9):
-            row[i] = work[(WRENCH + i) * W + lane]
+def deliver(work, wrenches, t):
+    """Write the wrenches of tile ``t``."""
+    rows = wrenches[t * WRENCHES : (t + 1) * WRENCHES]
+    for lane in range(W):
+        for i in range(ACTION):
+            rows[lane * ACTION + i] = work[(WRENCH + i) * W + lane]
+
+
+@jit
+def wrench_at(links, j):
+    """Where the wrench of joint ``j`` is in `Links.wrenches`."""
+    first = links.place[j] * ACTION
+    return slice(first, first + ACTION)
 
 
 @jit

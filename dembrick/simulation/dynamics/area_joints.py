@@ -26,7 +26,7 @@ from dembrick.kernels.dynamics.area_tiles import (
     Faces,
 )
 from dembrick.kernels.dynamics.tiles import W, rows_of_lanes, where_in
-from dembrick.simulation.dynamics.tiling import tiled, ways, without_rounding
+from dembrick.simulation.dynamics.tiling import tiled, without_rounding
 from dembrick.simulation.joint_stiffness import elastic_stiffness
 from dembrick.simulation.joint_strengths import bonded_at_start, strengths_of
 from dembrick.simulation.pressed_parts import check_pressures, pressed_parts, room_of
@@ -39,10 +39,11 @@ PART_OF_WEIGHT = 1e-5  # of the lighter block's weight: head joints of a wall ca
 EQUAL = 12  # digits to which polygons are the same: rounding makes those of a wall differ in the last one or two
 
 
-def at_rest(assembly: Assembly, first_tile: int) -> Faces | None:
-    """The convex joints of an assembly, at rest, whose tiles begin with number ``first_tile``; None without any."""
+def at_rest(assembly: Assembly, turn: np.ndarray, way: np.ndarray, first_tile: int) -> Faces | None:
+    """The convex joints of an assembly, at rest, whose tiles begin with number ``first_tile``; None without any.
+    ``turn``, ``way``: see `joint_families`."""
     joints, table = JointTable.of(assembly.joints), PointTable.of(assembly.contact_points)
-    chosen = np.flatnonzero(table.resultant)
+    chosen = turn[table.resultant[turn]]
     if not len(chosen):
         return None
     laws = [joints.law[j] for j in chosen]
@@ -52,7 +53,7 @@ def at_rest(assembly: Assembly, first_tile: int) -> Faces | None:
     most = np.maximum(longest[joints.block_a], longest[joints.block_b])[chosen]
     room = int((np.diff(joints.start)[chosen] + most).max())
     n = len(chosen)
-    lane, used = tiled(np.zeros(n), ways(joints.axes[chosen, 2]))
+    lane, used = tiled(np.zeros(n), way[chosen], np.arange(n))
     own = np.arange(W) < used[:, None]
     place = np.zeros(n, np.uint32)
     place[lane[own]] = np.arange(lane.size).reshape(lane.shape)[own]
@@ -80,13 +81,15 @@ def at_rest(assembly: Assembly, first_tile: int) -> Faces | None:
     faces.tiles.reshape(len(lane), -1, W)[:, RADIUS] = 1.0  # a divisor, in lanes without a joint too
     faces.put(K_N, [(law.normal_stiffness, law.shear_stiffness, law.friction) for law in laws])
     faces.put(NEGLIGIBLE, without_rounding(PART_OF_WEIGHT * _lightest(assembly, joints)[chosen])[:, None])
-    for numbers, outlines in joints.by_corners(chosen):
+    number = np.zeros(len(joints), np.int64)  # among the convex joints
+    number[chosen] = np.arange(n)
+    for numbers, outlines in joints.by_corners(np.sort(chosen)):  # of equal ones the first counts
         size = np.abs(outlines).max(axis=(1, 2), keepdims=True)
         form = np.concatenate([(outlines / size).reshape(len(size), -1), np.log(size)[:, :, 0]], axis=1)
         _, first, which = np.unique(np.round(form, EQUAL) + 0.0, axis=0, return_index=True, return_inverse=True)
         rows = len(faces.count) + np.arange(len(first))
         faces = with_outlines(faces, len(faces.count) + len(first))
-        put_outlines(faces, rows, outlines[first], np.searchsorted(chosen, numbers), which.reshape(-1))
+        put_outlines(faces, rows, outlines[first], number[numbers], which.reshape(-1))
     faces.share()
     return faces
 
@@ -157,11 +160,11 @@ def retire(faces: Faces, a: int) -> None:
 def take_memory(faces: Faces, left: Areas, sense: np.ndarray) -> None:
     """Elastic shear resultants, plastic twists and slip of the same joints in the searches; ``sense`` (j,) of the
     joints."""
-    own = sense[faces.joint][:, None]
-    faces.put_elastic(own * left.elastic)
-    faces.twist[:], faces.slip[:] = own * left.twist, left.slip
+    own, there = sense[faces.joint][:, None], np.argsort(np.argsort(faces.joint))  # in the order of the joints there
+    faces.put_elastic(own * left.elastic[there])
+    faces.twist[:], faces.slip[:] = own * left.twist[there], left.slip[there]
     if faces.bonds is not None and left.bonds is not None:
-        faces.bonds.bonded[:], faces.bonds.rise[:] = left.bonds.bonded, left.bonds.rise
+        faces.bonds.bonded[:], faces.bonds.rise[:] = left.bonds.bonded[there], left.bonds.rise[there]
 
 
 def arrays(faces: Faces) -> list[np.ndarray]:

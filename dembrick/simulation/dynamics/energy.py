@@ -127,7 +127,7 @@ class MotionEnergy:
         table = self.table
         settle_all(table, state.links)
         lost = table.lost.sum(axis=0)
-        kinetic = kinetic_energy(state.bodies, state.links.wrench, *table.gravity.tolist(), dt)
+        kinetic = kinetic_energy(state.bodies, state.links.wrenches, *table.gravity.tolist(), dt)
         return {
             "kinetic": kinetic,
             "elastic": float((table.share * self._springs(state)[1]).sum() + tie_energy(state.ties) - self.start[1]),

@@ -58,7 +58,7 @@ MANY = 2000  # joints from which a step may be worth sharing among threads
 TRIAL = 64  # steps in which one thread and several show how fast they are
 FIRST_PAUSE, LONGEST_PAUSE = 250, 20_000  # steps until they show it again
 NO_LIMIT = 1e150  # m
-IN_LANES = ("tiles", "seen_tiles", "points", "sheared", "slipped", "dashpots", "ledger", "face")  # arrays of tiles
+IN_LANES = ("tiles", "seen_tiles", "wrenches", "points", "sheared", "slipped", "dashpots", "ledger", "face")  # in tiles
 BY_STEP = ("force", "gravity", "place", "orientation", "velocity", "spin", "moved")  # of loads
 BETWEEN = ("dead_load", "contact_search", "geometry", "record")  # what a run does beside its steps
 
@@ -267,9 +267,10 @@ def present_velocities(motion: Motion, driving: Driving) -> tuple[np.ndarray, np
     gravity, force = driving.at(np.array([motion.time]), motion.time_step)
     supports = driving.prescribed(np.array([motion.time]), motion.time_step)
     loads, limits = Loads(driving.block, driving.lever, force, gravity, *supports), Limits(NO_LIMIT, NO_LIMIT)
-    advance_bodies(
-        1, motion.time_step, bodies, links, corners, faces, ties, loads, limits, 0.0, np.array([np.inf, 0.0]), touching,
-        table, *shares(corners, faces, bodies, 1),
+    ahead = state._replace(bodies=bodies, links=links, corners=corners, faces=faces, ties=ties)
+    _call(
+        advance_bodies, 1, motion.time_step, ahead, bodies, loads, limits, 0.0, np.array([np.inf, 0.0]), touching,
+        table, shares(corners, faces, bodies, 1),
     )  # fmt: skip
     now = state.bodies
     velocity, momentum = 0.5 * (now.velocity + bodies.velocity), 0.5 * (now.momentum + bodies.momentum)
@@ -315,7 +316,7 @@ def advance_chunk(
         motion._compiled.add(touching is None)
         began = time.perf_counter()
         for loop, own in loops:
-            loop(0, dt, bodies, *state[1:5], loads, limits, damping, motion._travel, touching, energy.table, *own)
+            _call(loop, 0, dt, state, bodies, loads, limits, damping, motion._travel, touching, energy.table, own)
         motion.compile_seconds += time.perf_counter() - began
     done, status = 0, RUNNING
     while status == STALE or (status == RUNNING and done < len(times)):
@@ -323,9 +324,9 @@ def advance_chunk(
         loop, own = loops[which]
         rest = loads._replace(**{name: getattr(loads, name)[done:] for name in BY_STEP})
         began = time.perf_counter()
-        status, some = loop(
-            min(most, len(times) - done), dt, bodies, *state[1:5], rest, limits, damping, motion._travel, touching,
-            energy.table, *own,
+        status, some = _call(
+            loop, min(most, len(times) - done), dt, state, bodies, rest, limits, damping, motion._travel, touching,
+            energy.table, own,
         )  # fmt: skip
         write_rotations(bodies, loads.support)
         done += some
@@ -338,6 +339,20 @@ def advance_chunk(
             state = motion.state
             motion.phases["geometry"] += time.perf_counter() - began
     return status, done
+
+
+def _call(loop, n_steps: int, dt: float, state: MovingState, bodies, loads: Loads, *others) -> tuple[int, int]:
+    """Call a compiled loop with the blocks in its own order; ``others``: its arguments after the loads, in which those
+    for the shares are one."""
+    *more, touching, table, own = others
+    arguments = bodies, state.ties, loads, touching
+    if state.order is not None:
+        arguments = state.order.enter(*arguments)
+    in_loop, ties, loads, near = arguments
+    found = loop(n_steps, dt, in_loop, *state[1:4], ties, loads, *more, near, table, *own)
+    if state.order is not None:
+        state.order.leave(bodies, touching, near)
+    return found
 
 
 class _Pace:

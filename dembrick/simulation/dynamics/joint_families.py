@@ -22,10 +22,11 @@ if TYPE_CHECKING:
 FAMILIES: dict[str, ModuleType] = {"corners": point_joints, "faces": area_joints}  # fields of a state
 
 
-def at_rest(assembly: Assembly) -> tuple[Corners | None, Faces | None]:
-    """The joints of all families of an assembly, at rest: the fields of a state."""
-    corners = point_joints.at_rest(assembly)
-    return corners, area_joints.at_rest(assembly, 0 if corners is None else len(corners.used))
+def at_rest(assembly: Assembly, turn: np.ndarray, way: np.ndarray) -> tuple[Corners | None, Faces | None]:
+    """The joints of all families of an assembly, at rest: the fields of a state. ``turn`` and ``way`` (j,) of all
+    joints: see `tiling.in_turn` and `tiling.ways`."""
+    corners = point_joints.at_rest(assembly, turn, way)
+    return corners, area_joints.at_rest(assembly, turn, way, 0 if corners is None else len(corners.used))
 
 
 def present(state) -> Iterator[tuple[ModuleType, Any]]:

@@ -122,7 +122,7 @@ class Polygons:
             if i < len(joints.joint) and joints.joint[i] == j:
                 module.retire(joints, i)
         links.slack[j] = np.inf  # it never needs to be cut again
-        links.wrench[j] = 0.0
+        links.put_wrench(0.0, j)
 
     def _face(self, j: int) -> np.ndarray:
         """Corners (m, 2) of the other's face in the plane's axes from its centroid, counter-clockwise about m."""

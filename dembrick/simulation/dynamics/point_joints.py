@@ -14,7 +14,7 @@ from dembrick.assembly.joints import JointTable
 from dembrick.kernels.dynamics.bonded_points import BOND, BONDED, CRUSHED, RISE
 from dembrick.kernels.dynamics.point_tiles import Corners
 from dembrick.kernels.dynamics.tiles import AREA, ELASTIC, POINT, SHEAR, SLIP, W, X, Y, rows_of_lanes
-from dembrick.simulation.dynamics.tiling import tiled, ways, without_rounding
+from dembrick.simulation.dynamics.tiling import tiled, without_rounding
 from dembrick.simulation.joint_stiffness import elastic_stiffness
 from dembrick.simulation.joint_strengths import bonded_at_start, strengths_of
 
@@ -23,8 +23,9 @@ if TYPE_CHECKING:
     from dembrick.kernels.statics.point_joints import Points
 
 
-def at_rest(assembly: Assembly) -> Corners | None:
-    """The joints of an assembly that act at points, at rest; None without any."""
+def at_rest(assembly: Assembly, turn: np.ndarray, way: np.ndarray) -> Corners | None:
+    """The joints of an assembly that act at points, at rest; None without any. ``turn`` and ``way``: see
+    `joint_families`."""
     joints, table = JointTable.of(assembly.joints), PointTable.of(assembly.contact_points)
     chosen = np.flatnonzero(~table.resultant)
     if not len(chosen):
@@ -43,7 +44,8 @@ def at_rest(assembly: Assembly) -> Corners | None:
     k_n, k_s, friction, shear_arm = np.ascontiguousarray(distinct[:, :4].T)
     law = law.reshape(-1)
     count = np.diff(start)
-    lane, used = tiled(law * (count.max() + 1) + count, ways(joints.axes[chosen, 2]))
+    own_turn = np.searchsorted(chosen, turn[~table.resultant[turn]])
+    lane, used = tiled(law * (count.max() + 1) + count, way[chosen], own_turn)
     first = lane[:, 0]
     tile_start = np.concatenate([[0], np.cumsum((count[first] + 1) // 2 * 2)])
     place = np.zeros(len(chosen), np.uint32)

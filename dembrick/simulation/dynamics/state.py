@@ -25,13 +25,15 @@ from dembrick.kernels.dynamics.tiles import (
     SENSE,
     TANGENTS,
     TILE,
+    WRENCHES,
     Links,
     W,
     rows_of_lanes,
 )
 from dembrick.kernels.joint.ties import Ties
 from dembrick.simulation.dynamics import joint_families
-from dembrick.simulation.dynamics.tiling import without_rounding
+from dembrick.simulation.dynamics.memory_order import LoopOrder, memory_order
+from dembrick.simulation.dynamics.tiling import in_turn, ways, without_rounding
 from dembrick.simulation.moving_ties import at_ends, moving_ties
 
 if TYPE_CHECKING:
@@ -47,30 +49,36 @@ class MovingState(NamedTuple):
     faces: Faces | None
     ties: Ties
     middle: np.ndarray  # (3,) m, what positions count from
+    order: LoopOrder | None = None  # of the blocks in the loop; None where it has them as they are
 
     @property
     def arrays(self) -> list[np.ndarray]:
         """All arrays that a run changes."""
-        return [*self.bodies, *self.links, *joint_families.arrays(self), *self.ties]
+        own = () if self.order is None else self.order.bodies
+        return [*self.bodies, *own, *self.links, *joint_families.arrays(self), *self.ties]
 
 
 def moving_state(assembly: Assembly) -> MovingState:
     """State at the start: nothing displaced, no force in any joint, nothing moves."""
     middle = assembly.position.mean(axis=0)
-    corners, faces = joint_families.at_rest(assembly)
-    links = _links(assembly, corners, faces)
+    table = JointTable.of(assembly.joints)
+    order = memory_order(table, assembly.fixed)
+    row = np.arange(len(assembly.fixed)) if order is None else np.argsort(order)
+    seats = _Seats.of(assembly, table)
+    turn = in_turn(row[table.block_a], row[table.block_b])
+    corners, faces = joint_families.at_rest(assembly, turn, ways(table.axes[:, 2], seats.numbers(table.area)))
+    links = _links(table, seats, corners, faces, row)
     bodies = _bodies(assembly, links, middle)
     links.put(SEEN, seen(bodies, links))
     links.kept[:] = links.seen[:, [0, 1, 3, 4]]
     ties = moving_ties(assembly.ties, assembly.position, assembly.rotation)
-    return MovingState(bodies, links, corners, faces, ties, middle)
+    own = None if order is None else LoopOrder(order, row, _in_order(bodies, links, order, row))
+    return MovingState(bodies, links, corners, faces, ties, middle, own)
 
 
 def _bodies(assembly: Assembly, links: Links, middle: np.ndarray) -> Bodies:
     n = len(assembly.names)
-    blocks = np.concatenate([links.other, links.host])
-    sides = np.concatenate([2 * np.arange(len(links.other)), 2 * np.arange(len(links.host)) + 1])
-    order = np.lexsort((sides, blocks))
+    side_start, side = _sides(n, links.host, links.other, links.place)
     position = assembly.position - middle
     return Bodies(
         free=np.flatnonzero(~assembly.fixed).astype(np.uint32),
@@ -85,56 +93,102 @@ def _bodies(assembly: Assembly, links: Links, middle: np.ndarray) -> Bodies:
         reach=np.array([0.5 * shape.diameter for shape in assembly.shapes]),
         start=position.copy(),
         applied=np.zeros((n, 6)),
-        side_start=np.searchsorted(blocks[order], np.arange(n + 1)).astype(np.uint32),
-        side=sides[order].astype(np.uint32),
+        side_start=side_start,
+        side=side,
     )
 
 
-def _links(assembly: Assembly, corners: Corners | None, faces: Faces | None) -> Links:
-    table = JointTable.of(assembly.joints)
-    n, a, b = len(table), table.block_a, table.block_b
-    b_hosts = table.host == b
-    host, other = np.where(b_hosts, b, a), np.where(b_hosts, a, b)
-    arm_host = np.where(b_hosts[:, None], table.arm_b, table.arm_a)
-    arm_other = np.where(b_hosts[:, None], table.arm_a, table.arm_b)
-    sense = np.where(b_hosts, 1.0, -1.0)
-    tangents, plane = (table.axes[:, :2] @ assembly.rotation[block] for block in (host, other))
-    # adding zero makes -0 the same as 0
-    axes, row = np.unique(np.concatenate([tangents, plane]) + 0.0, axis=0, return_inverse=True)
-    row = row.reshape(2, n).astype(np.uint32)
-    frames = np.array([frame_quaternion(pair) for pair in axes]).reshape(-1, 4)
-    place, tiles = np.zeros(n, np.uint32), 0
+def _in_order(bodies: Bodies, links: Links, order: np.ndarray, row: np.ndarray) -> Bodies:
+    """A copy of the blocks in another ``order`` (n,), in which block i is ``row`` [i] (n,)."""
+    lists = ("free", "side_start", "side")
+    side_start, side = _sides(len(order), row[links.host], row[links.other], links.place)
+    arrays = {name: array[order] for name, array in bodies._asdict().items() if name not in lists}
+    return Bodies(free=np.sort(row[bodies.free]).astype(np.uint32), side_start=side_start, side=side, **arrays)
+
+
+def _sides(n: int, host: np.ndarray, other: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """`Bodies.side_start` and `Bodies.side` of n blocks, the joints of each in their order."""
+    blocks = np.concatenate([other, host])
+    joints = np.tile(np.arange(len(host)), 2)
+    order = np.lexsort((joints, blocks))
+    sides = np.concatenate([2 * place.astype(np.int64), 2 * place.astype(np.int64) + 1])
+    return np.searchsorted(blocks[order], np.arange(n + 1)).astype(np.uint32), sides[order].astype(np.uint32)
+
+
+class _Seats(NamedTuple):
+    """How the polygons and planes of the joints sit on their blocks: fields as in `Links`, and rows of its tiles."""
+
+    host: np.ndarray
+    other: np.ndarray
+    tangents: np.ndarray
+    plane: np.ndarray
+    axes: np.ndarray
+    lever: np.ndarray
+    sense: np.ndarray
+    offset: np.ndarray
+
+    @classmethod
+    def of(cls, assembly: Assembly, table: JointTable) -> _Seats:
+        a, b = table.block_a, table.block_b
+        b_hosts = table.host == b
+        host, other = np.where(b_hosts, b, a), np.where(b_hosts, a, b)
+        arm_host = np.where(b_hosts[:, None], table.arm_b, table.arm_a)
+        arm_other = np.where(b_hosts[:, None], table.arm_a, table.arm_b)
+        sense = np.where(b_hosts, 1.0, -1.0)
+        tangents, plane = (table.axes[:, :2] @ assembly.rotation[block] for block in (host, other))
+        # adding zero makes -0 the same as 0
+        axes, row = np.unique(np.concatenate([tangents, plane]) + 0.0, axis=0, return_inverse=True)
+        row = row.reshape(2, len(table)).astype(np.uint32)
+        lever = without_rounding(np.einsum("jik,jk->ji", table.axes, arm_host), lengths=True)
+        offset = (arm_other * table.axes[:, 2]).sum(axis=1) - sense * table.gap
+        offset = without_rounding(offset, lengths=True)
+        return cls(host, other, row[0].copy(), row[1].copy(), axes, lever, sense, offset)
+
+    def numbers(self, area: np.ndarray) -> np.ndarray:
+        """What a tile holds of its joints, and their areas (j,), as numbers (j, k): the same for joints alike."""
+        return np.column_stack([self.tangents, self.plane, self.sense, self.offset, self.lever, area])
+
+
+def _links(
+    table: JointTable, seats: _Seats, corners: Corners | None, faces: Faces | None, in_loop: np.ndarray
+) -> Links:
+    """The joints at the start; ``in_loop`` (n,): the row of each block in the loop."""
+    n, host, other = len(table), seats.host, seats.other
+    place, tiles, in_lanes = np.zeros(n, np.uint32), 0, [np.zeros((0, W), np.int64)]
     for family in (corners, faces):
         if family is not None:
             lanes = np.arange(W) < family.used[:, None]
             where = W * np.arange(tiles, tiles + len(lanes))[:, None] + np.arange(W)
             place[family.joint[family.lane[lanes]]] = where[lanes]
             tiles += len(lanes)
+            in_lanes.append(family.joint[family.lane])
+    joint = np.concatenate(in_lanes)
     reach = np.empty(n)
     for numbers, outlines in table.by_corners():
         reach[numbers] = np.sqrt((outlines**2).sum(axis=2).max(axis=1))
     links = Links(
         host=host.astype(np.uint32),
         other=other.astype(np.uint32),
-        tangents=row[0].copy(),
-        plane=row[1].copy(),
-        axes=axes,
+        tangents=seats.tangents,
+        plane=seats.plane,
+        axes=seats.axes,
         place=place,
         tiles=rows_of_lanes(tiles * TILE),
         like=np.arange(tiles, dtype=np.uint32),
         seen_tiles=rows_of_lanes(tiles * SEEN_TILE),
-        wrench=np.zeros((n, 9)),
+        wrenches=rows_of_lanes(tiles * WRENCHES),
+        ends=np.stack([in_loop[other[joint]], in_loop[host[joint]]], axis=1).astype(np.uint32),
         kept=np.zeros((n, 4)),
         reach=reach.astype(np.float32),
         slack=np.zeros(n, np.float32),
         glide=np.tile(np.array([1.0, 0.0, 1.0], np.float32), (n, 1)),
     )
+    frames = np.array([frame_quaternion(pair) for pair in seats.axes]).reshape(-1, 4)
     links.put(PLANE, frames[links.plane])
     links.put(TANGENTS, frames[links.tangents])
-    links.put(LEVER, without_rounding(np.einsum("jik,jk->ji", table.axes, arm_host), lengths=True))
-    links.put(SENSE, sense[:, None])
-    offset = (arm_other * table.axes[:, 2]).sum(axis=1) - sense * table.gap
-    links.put(OFFSET, without_rounding(offset, lengths=True)[:, None])
+    links.put(LEVER, seats.lever)
+    links.put(SENSE, seats.sense[:, None])
+    links.put(OFFSET, seats.offset[:, None])
     return links
 
 
