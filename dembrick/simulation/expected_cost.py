@@ -21,7 +21,7 @@ NEWTON_SECONDS = 1.2e-5  # s a joint and Newton step: equations, joint forces, b
 STATICS_STEPS = 50  # of a dead-load equilibrium of an assembly: 1 to 300 have been seen where it stands
 RELAXATION_SECONDS = 1.5e-6  # s a joint and step of a dead-load equilibrium
 LOOP_SECONDS, POINT_SECONDS = 4e-7, 8e-9  # s a joint and step of a constant-rate test, and a contact point more
-MOTION_SECONDS, MOTION_JOINT_SECONDS = 6e-6, 5e-8  # s a step in real time, and a joint more, contacts sought as well
+MOTION_SECONDS, MOTION_JOINT_SECONDS = 9e-6, 5e-8  # s a step in real time, and a joint more, contacts sought as well
 HEAP_BLOCK_SECONDS = 1.2e-5  # s a step and block, where blocks fall and meet anywhere
 SEARCH_FIRST, SEARCH_PER_DIGIT = 20, 8  # steps of the search of a lone joint to 1e-2, and of every digit more
 
