@@ -71,7 +71,7 @@ def apply_loads(loads, bodies, step):
 def shares(corners, faces, bodies, threads: int) -> tuple[np.ndarray, ...]:
     """The last six arguments of `advance_bodies`: equal shares for so many threads, and their scratch."""
     sizes = (tiles_of(corners), tiles_of(faces), bodies.free.size)
-    parts = (np.linspace(0, size, threads + 1).astype(np.int64) for size in sizes)
+    parts = (np.arange(threads + 1) * size // threads for size in sizes)
     return rows_of_lanes(threads * WORK).reshape(threads, WORK), *parts, np.zeros(threads), np.zeros(threads)
 
 
