@@ -41,8 +41,8 @@ from dembrick.simulation.session import Kept, Progress, Session, Snapshot
 TOLERANCE = 1e-3  # of the parameter at which blocks come down, if the control says none
 FEWEST = 512  # steps in which the parameter grows
 BALANCED = 1e-6  # out-of-balance force over joint forces at which the blocks rest
-DRIFTING = 2.0  # the way of blocks from the first quarter of a relaxation to its end, over that to its middle, if they
-# go on and do not swing
+ROUNDS = 5  # of as many steps as a dead-load equilibrium may take: blocks that slide come to rest slowly
+DRIFTING = 2.0  # the way of blocks from the first quarter of a round to its end, over that to its middle, if they go on
 DROPPED = 0.5  # of a block's least dimension: one that has moved so far since the last equilibrium has come down
 FALL = 8  # frames of that, equally far apart
 SPARE = 200  # equilibria for which there is room beside those of the way, and on the way to breaking bonds:
@@ -164,8 +164,8 @@ class EquilibriumPath:
         still = self._at(parameter)
         free = ~np.asarray(self.moving.assembly.fixed)
         least = np.array([float(np.ptp(shape.vertices, axis=0).min()) for shape in self.moving.assembly.shapes])
-        balanced, chunks, passed = 0, most_steps(self.moving) // CHUNK, {}
-        for chunk in range(chunks):
+        balanced, chunks, passed, ratio = 0, most_steps(self.moving) // CHUNK, {}, 1.0
+        for chunk in range(ROUNDS * chunks):
             self.advance(still, CHUNK)
             away = np.linalg.norm(self.moving.state.bodies.position - before, axis=1)
             down = float((away / (self.dropped * least))[free].max())
@@ -176,15 +176,16 @@ class EquilibriumPath:
             balanced = balanced + 1 if ratio <= max(BALANCED, enough) else 0
             if balanced == 2:  # forces of a swing vanish at one moment, and not at the next
                 return ratio
-            if chunk in (chunks // 4, chunks // 2):
-                passed[chunk] = self.moving.state.bodies.position.copy()
-        first, middle = passed.values()
-        if _farthest(self.moving.state.bodies.position, first) > DRIFTING * _farthest(middle, first):
-            self._look_on(1.0)
-            return None
+            if chunk % chunks in (chunks // 4, chunks // 2, chunks - 1):
+                passed[chunk % chunks] = self.moving.state.bodies.position.copy()
+            if chunk % chunks == chunks - 1:
+                first, middle, last = passed.values()
+                if _farthest(last, first) > DRIFTING * _farthest(middle, first):
+                    self._look_on(1.0)
+                    return None
         raise NotConvergedError(
-            f"no equilibrium at {self.said(parameter)}: after {CHUNK * chunks} steps of relaxation the out-of-balance "
-            f"force is still {ratio:.2g} of the joint forces; {self.slow}"
+            f"no equilibrium at {self.said(parameter)}: after {ROUNDS * CHUNK * chunks} steps of relaxation the "
+            f"out-of-balance force is still {ratio:.2g} of the joint forces; {self.slow}"
         )
 
     def _look_on(self, down: float) -> None:
