@@ -58,7 +58,7 @@ NO_CONTROL_POINTS = ControlPoints((), np.zeros(0, np.int64), NO_VECTORS, NO_VECT
 
 
 def check_inside(what: str, point, bare: Assembly, block: int) -> np.ndarray:
-    """The arm (3,) of a point from the centroid of its block; ScenarioError where it lies outside."""
+    """The arm (3,) of a point from the centroid of its block; ScenarioError if it lies outside."""
     shape, arm = bare.shapes[block], np.array(point, float) - bare.position[block]
     local = bare.rotation[block].T @ arm
     outside = min(
@@ -154,7 +154,7 @@ def effective_mass(assembly: Assembly) -> float:
 
 
 def control_points(scenario: Scenario, number: dict[str, int], bare: Assembly) -> ControlPoints:
-    """The control points of a scenario, centroids where it gives no point; ScenarioError where one is outside."""
+    """The control points of a scenario, centroids where it gives no point; ScenarioError if one is outside."""
     given = scenario.control_points
     if not given:
         return NO_CONTROL_POINTS

@@ -92,7 +92,7 @@ _NO_POINTS = place_points(JointTable.of(()), DISCRETISATION)
 
 
 def assemble(scenario: Scenario) -> Assembly:
-    """Geometry, joints and dead loads of a scenario, of its last stage if it has stages; ScenarioError where it cannot
+    """Geometry, joints and dead loads of a scenario, of its last stage if it has stages; ScenarioError if it cannot
     describe a test."""
     scenario = at_stage(scenario, len(scenario.stages) + 1)
     return loaded(scenario, at_rest(scenario))
@@ -244,7 +244,7 @@ def dead_joint_forces(joints, fixed, dead_force) -> tuple[np.ndarray, bool]:
 
 
 def _levels(joints, fixed: np.ndarray) -> np.ndarray:
-    """Joints between each block and the nearest fixed one (n,): 0 where fixed, -1 where no chain leads to one."""
+    """Joints between each block and the nearest fixed one (n,): 0 if fixed, -1 if no chain leads to one."""
     level = np.where(fixed, 0, -1)
     a, b = joints.block_a, joints.block_b
     step = 0

@@ -114,7 +114,7 @@ def rim_gap(joints: JointTable, points: PointTable, numbers: np.ndarray) -> np.n
 def widest_rim(
     joints: JointTable, points: PointTable, chosen: bool = False, formulation: str = "distributed"
 ) -> tuple[float, int]:
-    """The greatest `rim_gap` of the joints of a ``formulation``, and the joint that has it; zero where there are none.
+    """The greatest `rim_gap` of the joints of a ``formulation``, and the joint that has it; zero if there are none.
     With ``chosen`` only joints count whose points the program chose."""
     numbers = [
         j

@@ -219,7 +219,7 @@ def _table(found: list[Contacts], bodies: Bodies, positions: np.ndarray, law_of)
 
 
 def united(joints: JointTable, several: np.ndarray, tolerance: float) -> JointTable:
-    """The table with the joints of two blocks that lie in one plane made one, where a block has ``several`` (n,) parts.
+    """The table with the joints of two blocks that lie in one plane made one, if a block has ``several`` (n,) parts.
 
     Planes are the same when their normals differ by at most ``tolerance`` (rad) and their gaps by it times the
     distance of the polygons. The joint rides with the block that hosts its largest piece.

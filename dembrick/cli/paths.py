@@ -27,7 +27,7 @@ def default_output(name: str, is_free: Callable[[str], bool] | None = None) -> s
 
 
 def require_ending(path: str, endings: Sequence[str], what: str) -> None:
-    """OutputError where a path has another ending than ``what`` is written with."""
+    """OutputError if a path has another ending than ``what`` is written with."""
     if os.path.splitext(path)[1].lower() not in endings:
         raise OutputError(f"{path}: {what} is written with the ending {' or '.join(endings)}; choose such a name")
 

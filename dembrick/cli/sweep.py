@@ -21,7 +21,7 @@ def add_arguments(parser) -> None:
 
 
 def run(options, console) -> int:
-    """Run what is missing of the study; exit code 1 where cases failed."""
+    """Run what is missing of the study; exit code 1 if cases failed."""
     import os
 
     from dembrick.cli.paths import default_output

@@ -13,7 +13,7 @@ CHUNK = 4096  # polygons at a time
 
 def clip(subject: np.ndarray, clipper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The part of convex polygons ``subject`` (k, m, 2) inside others ``clipper`` (k, n, 2), edge after edge
-    (Sutherland and Hodgman): corners (k, p, 2) and counts (k,), 0 where they are apart.
+    (Sutherland and Hodgman): corners (k, p, 2) and counts (k,), 0 if they are apart.
 
     Both run counterclockwise and may repeat corners. The result may be a sliver or repeat corners where they only
     touch: see :func:`simplify`.
@@ -43,7 +43,7 @@ def clip(subject: np.ndarray, clipper: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 def simplify(points: np.ndarray, count: np.ndarray, tolerance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The polygons without corners that repeat another, or lie on the line of their neighbours, within ``tolerance``
-    (k,): corners (k, p, 2), counts (k,); 0 where fewer than three are left."""
+    (k,): corners (k, p, 2), counts (k,); 0 if fewer than three are left."""
     points, count = points.copy(), np.where(count >= 3, count, 0)
     active = np.flatnonzero(count)
     room = np.arange(points.shape[1])

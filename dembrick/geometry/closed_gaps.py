@@ -74,8 +74,8 @@ def gaps(solids: list[Solid], tolerance: float) -> list[Gap]:
 
 
 def _distance(one: Face, two: Face, tolerance: float) -> float | None:
-    """The greatest distance of two faces that look at each other, over what they share; None where it is larger than
-    ``tolerance``, and where they share nothing."""
+    """The greatest distance of two faces that look at each other, over what they share; None if it is larger than
+    ``tolerance``, and if they share nothing."""
     apart = (two.corners - one.corners[0]) @ one.normal
     if apart.min() > tolerance or apart.max() < -tolerance:
         return None
@@ -107,7 +107,7 @@ def _distance(one: Face, two: Face, tolerance: float) -> float | None:
 def close(solids: list[Solid], tolerance: float) -> tuple[list[Solid], list[Gap]]:
     """The solids with all :func:`gaps` within ``tolerance`` closed, and these gaps.
 
-    Raises ScenarioError where a face would have to move by more than the tolerance, since faces that hang together
+    Raises ScenarioError if a face would have to move by more than the tolerance, since faces that hang together
     through others do not lie in one plane.
     """
     found = gaps(solids, tolerance)

@@ -47,7 +47,7 @@ def mass_properties(points: np.ndarray, faces) -> tuple[float, np.ndarray, np.nd
 def prism(polygon, height: float) -> Polyhedron:
     """A convex ``polygon`` (m, 2) in the x-y plane, extruded from -height/2 to height/2 along z.
 
-    Corners on the line of their neighbours are dropped. ScenarioError where the polygon is not convex.
+    Corners on the line of their neighbours are dropped. ScenarioError if the polygon is not convex.
     """
     corners = _convex_polygon(np.asarray(polygon, float))
     n = len(corners)
@@ -136,7 +136,7 @@ def compound(parts, positions, orientations) -> Compound:
 def hull(points) -> Polyhedron:
     """The convex hull of points (n, 3), with coplanar triangles merged to one face each.
 
-    Points on a face or an edge are dropped. ScenarioError where the points have no volume, or where one of them lies
+    Points on a face or an edge are dropped. ScenarioError if the points have no volume, or if one of them lies
     inside the hull of the others, since a hole of that shape was probably meant.
     """
     points = np.asarray(points, float)

@@ -35,7 +35,7 @@ class Checkpoint:
     """One checkpoint, whole and right; ``about`` says what was going on."""
 
     def __init__(self, path: str):
-        """Raises HistoryError where the file is damaged, or not one of ours."""
+        """Raises HistoryError if the file is damaged, or not one of ours."""
         self.path = path
         try:
             self._read_about()
@@ -116,7 +116,7 @@ class Checkpoints:
         self._next = self._number = 0
 
     def save(self, arrays: Mapping[str, np.ndarray], about: Mapping) -> None:
-        """Write a checkpoint in the place of the older one; WriteError where that fails, and then both are kept."""
+        """Write a checkpoint in the place of the older one; WriteError if that fails, and then both are kept."""
         path = self.paths[self._next]
         text = json.dumps({"format": FORMAT, "number": self._number + 1, **about}).encode()
         arrays = {name: np.asarray(value, order="C") for name, value in arrays.items()}

@@ -16,7 +16,7 @@ except ImportError:  # Windows: there an open file cannot be replaced, and the s
 
 @contextmanager
 def claimed(path: str | os.PathLike) -> Iterator[None]:
-    """Within, no other process writes the file ``path``; OutputError where one does.
+    """Within, no other process writes the file ``path``; OutputError if one does.
 
     A lock on a hidden neighbour, which the system lets go of when a process dies. Where the disk knows no locks, or
     cannot be written, nothing is claimed.
@@ -34,7 +34,7 @@ def claimed(path: str | os.PathLike) -> Iterator[None]:
 
 
 def _locked(neighbour: str, path: str) -> int | None:
-    """An open and locked file, None where that is impossible."""
+    """An open and locked file, None if that is impossible."""
     while True:
         try:
             lock = os.open(neighbour, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)

@@ -55,7 +55,7 @@ def clear_parts(path: str) -> None:
 def check_output(path: str | os.PathLike) -> str:
     """The real path behind ``path`` if a file can be written there.
 
-    OutputError where the path makes no sense or another's file is there (see `products`), WriteError where the system
+    OutputError if the path makes no sense or another's file is there (see `products`), WriteError if the system
     refuses.
     Whether the folder can be written is tried, not asked: permissions alone do not tell of a read-only disk.
     """

@@ -78,7 +78,7 @@ def exists(file: h5py.File, name: str) -> bool:
 
 
 def members(file: h5py.File, path: str) -> list[str]:
-    """Names of the datasets in a group; empty where the group is missing."""
+    """Names of the datasets in a group; empty if the group is missing."""
     with damaged(file.filename, path):
         parent, _, last = path.rpartition("/")
         above = _group(file, parent)

@@ -23,7 +23,7 @@ _SEARCHED = (
 
 
 def check_heaps(path: str) -> None:
-    """Raise HistoryError where a heap of the file ``path`` does not end where it should."""
+    """Raise HistoryError if a heap of the file ``path`` does not end where it should."""
     with open(path, "rb") as file:
         for start in _starts(file):
             if not _ends_well(file, start):

@@ -61,7 +61,7 @@ def is_ours(target: str) -> bool:
 
 
 def refuse_foreign(path: str | os.PathLike, target: str) -> None:
-    """OutputError where ``target``, the file behind ``path``, is not for the product of now to replace."""
+    """OutputError if ``target``, the file behind ``path``, is not for the product of now to replace."""
     making = _making.get()
     if making is None:
         return
@@ -71,7 +71,7 @@ def refuse_foreign(path: str | os.PathLike, target: str) -> None:
 
 
 def refuse_inputs(path: str | os.PathLike, target: str, inputs: Iterable[str]) -> None:
-    """OutputError where ``target`` is one of the files that are read."""
+    """OutputError if ``target`` is one of the files that are read."""
     for file in inputs:
         if os.path.exists(target) and os.path.exists(file) and os.path.samefile(target, file):
             raise OutputError(
@@ -80,7 +80,7 @@ def refuse_inputs(path: str | os.PathLike, target: str, inputs: Iterable[str]) -
 
 
 def refuse_other_text(target: str, part: str) -> None:
-    """OutputError where ``target`` is a text that says something else than the new one, ``part``."""
+    """OutputError if ``target`` is a text that says something else than the new one, ``part``."""
     making = _making.get()
     if making is None or making.force or not _is_text(target) or not os.path.exists(target):
         return

@@ -55,7 +55,7 @@ class History(RestGeometry):
     """A history file, open for reading.
 
     ``status``: ``running`` as long as the run goes on (or after it was killed), then what it ended with. ``begun`` is
-    False where the run was killed before its first row: there is a scenario, and no block yet.
+    False if the run was killed before its first row: there is a scenario, and no block yet.
     ``n_row`` rows and ``n_frames`` frames are there, as of the moment of opening. Series are arrays (T,) or (T, n).
     """
 
@@ -241,7 +241,7 @@ class History(RestGeometry):
     def joint(self, name: str) -> np.ndarray:
         """(T, n_joint) of ``N``, ``V_1``, ``V_2``, ``M_T``, ``M_1``, ``M_2`` or ``slip``.
 
-        HistoryError where the run did not record them.
+        HistoryError if the run did not record them.
         """
         if self.begun and not self.has_joints:
             raise HistoryError(
@@ -301,7 +301,7 @@ class History(RestGeometry):
 
     @cached_property
     def tension(self) -> np.ndarray:
-        """(T, n_tie) N: tension of the ties, negative where a bar is pressed."""
+        """(T, n_tie) N: tension of the ties, negative if a bar is pressed."""
         return self.series("tension") if self.n_tie else np.zeros((self.n_row, 0))
 
     # --- frames ---
@@ -352,7 +352,7 @@ class History(RestGeometry):
         return "frames/new_contacts/end" in self._series
 
     def new_contacts_before(self, frame: int) -> int:
-        """How many new contacts the frames before ``frame`` have in all; zero where they were not recorded."""
+        """How many new contacts the frames before ``frame`` have in all; zero if they were not recorded."""
         data = self._series.get("frames/new_contacts/end")
         if data is None or frame <= 0:
             return 0

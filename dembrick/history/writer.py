@@ -53,7 +53,7 @@ class HistoryWriter:
     A file that is there gives way if it is an unfinished history of the same scenario; with ``force`` = `OWN` also a
     finished one of it, with True any.
 
-    Raises OutputError where the path cannot be used, WriteError where a write fails; what was flushed before
+    Raises OutputError if the path cannot be used, WriteError if a write fails; what was flushed before
     stays readable.
     """
 

@@ -233,7 +233,7 @@ def torsion_centres(shift, turn, shift_end, turn_end, size, centre_out):
     """Where b turned about from one motion (f, j) to another: (f, j, 2) from O in the joint's axes riding on a.
 
     The fixed point of a plane rotation by delta about c: c = middle of the shifts + cot(delta / 2) / 2 times the
-    increment turned by a right angle; cot(delta / 2) = w / z of the quaternion. NaN where nothing moved, where the
+    increment turned by a right angle; cot(delta / 2) = w / z of the quaternion. NaN if nothing moved, where the
     increment is pure shear, and where it is mostly a tilt.
     """
     for k in range(shift.shape[0]):

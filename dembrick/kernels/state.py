@@ -33,7 +33,7 @@ class ScaledInertia(NamedTuple):
 
     inverse: ndarray  # (n, 6, 6) per block, from (force, torque) to (acceleration, angular acceleration)
     matrix: ndarray  # (n, 6, 6) its inverse, for the energy terms
-    whole: "WholeInertia | None"  # in place of both where free blocks touch free blocks
+    whole: "WholeInertia | None"  # in place of both if free blocks touch free blocks
 
 
 class WholeInertia(NamedTuple):

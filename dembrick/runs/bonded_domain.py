@@ -34,7 +34,7 @@ def yield_domain(
     progress: Callable[[int, int], None] | None = None,
 ) -> YieldDomain:
     """As `simulation.statics.yield_domain.yield_domain`, of a joint with that ``law`` and ``polygon`` (m, 2) about its
-    centroid; brackets are indicators. Raises NotConvergedError where a direction has no answer."""
+    centroid; brackets are indicators. Raises NotConvergedError if a direction has no answer."""
     lever = float(np.average(np.hypot(*polygon.T), weights=polygons.tributary_areas(polygon)))
     load = directions(count, space, shear_angle) * [1.0, 1.0, lever]
     point, direction, weight = actuators_for(load, 0.5 * lever, height)

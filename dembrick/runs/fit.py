@@ -104,7 +104,7 @@ def fit(
 ) -> list[Fit]:
     """mu under each formulation, and under "as stated" where every measurement states its own.
 
-    Raises NotConvergedError where no mu is found, ScenarioError where V does not depend on friction at all.
+    Raises NotConvergedError if no mu is found, ScenarioError if V does not depend on friction at all.
     """
     groups = {name: [m for m in measurements if m.formulation in (None, name)] for name in formulations}
     if all(m.formulation for m in measurements) and len({m.formulation for m in measurements}) > 1:

@@ -16,7 +16,7 @@ from dembrick.scenario import toml as scenarios
 def recording(result) -> Iterator[history.History]:
     """The history of a result: its file where it has one, else a temporary file that goes away again.
 
-    Raises HistoryError where the run kept no record.
+    Raises HistoryError if the run kept no record.
     """
     if result.history is not None:
         with history.read(result.history) as found:

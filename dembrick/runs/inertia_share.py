@@ -39,7 +39,7 @@ def inertia_remark(result) -> str | None:
 
 
 def inertia_share(result) -> float | None:
-    """The load of inertia over V, at its greatest; None where no load is driven at a rate."""
+    """The load of inertia over V, at its greatest; None if no load is driven at a rate."""
     control: Any = result.scenario.control
     if isinstance(result, Result) and control.regime is CONSTANT_RATE:
         V, peak = result.yield_point.V, result.yield_point.V_peak

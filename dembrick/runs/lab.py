@@ -32,7 +32,7 @@ def _base(name: str) -> Scenario:
 
 
 def refuse_foreign_folder(folder: str | os.PathLike) -> None:
-    """OutputError where a folder holds something and no history of an earlier lab replay: nothing of it is replaced."""
+    """OutputError if a folder holds something and no history of an earlier lab replay: nothing of it is replaced."""
     found = sorted(os.listdir(folder)) if os.path.isdir(folder) else []
     for name in found:
         if name.startswith("set") and name.endswith(".h5"):

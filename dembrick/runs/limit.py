@@ -52,7 +52,7 @@ class LimitResult:
 
     @property
     def load_factor(self) -> float:
-        """The multiplier of the load; infinite where nothing limits it."""
+        """The multiplier of the load; infinite if nothing limits it."""
         return self.limit.load_factor
 
     @property
@@ -67,7 +67,7 @@ class LimitResult:
 
     @property
     def mechanism(self) -> str | None:
-        """rocking, sliding, torsion, torsion-shear; None where nothing moves."""
+        """rocking, sliding, torsion, torsion-shear; None if nothing moves."""
         return None if self.limit.mechanism is None else self.limit.mechanism.kind
 
     @property
@@ -234,7 +234,7 @@ def limit(
     ``kind = "statics"``, which has none, whether it stands: a `StandingResult`, see `limit_standing.stands`.
 
     Supports, loads and joints are those of the search; ``heuristic`` adds the second opinion without dilatancy. Raises
-    ScenarioError for input that is no test or has no load, NotConvergedError where it does not stand under its dead
+    ScenarioError for input that is no test or has no load, NotConvergedError if it does not stand under its dead
     loads or the solver fails, MissingDependency without the extra ``limit``.
     """
     scenario = scenario if isinstance(scenario, Scenario) else scenarios.load(scenario)
@@ -299,7 +299,7 @@ def reaction(
 
 
 def associative_bound(assembly: Assembly, control: Control) -> dict | None:
-    """``collapse.associative`` of a search: load factor of limit analysis with its bounds; None where nothing limits
+    """``collapse.associative`` of a search: load factor of limit analysis with its bounds; None if nothing limits
     it. ``assembly`` as the search has it. Raises as :func:`limit` does."""
     found = analysis.limit_load(assembly, tilt=control.tilt_axis is not None)
     if found.unlimited:

@@ -43,7 +43,7 @@ class LoadPathResult(MotionResult):
 
     @property
     def plain_answer(self) -> str | None:
-        """What an unlimited load means, in a sentence; None where there is a limit."""
+        """What an unlimited load means, in a sentence; None if there is a limit."""
         if not self.unlimited:
             return None
         V, actuators = self.run.bracket[0], self.scenario.control.drives == ACTUATORS
@@ -193,7 +193,7 @@ class DeformedRestResult(MotionResult):
 
     @property
     def reactions(self) -> dict[str, list[float]] | None:
-        """Those of the blocks at rest; None where blocks fall."""
+        """Those of the blocks at rest; None if blocks fall."""
         return super().reactions if self.run.stands else None
 
     @property

@@ -83,7 +83,7 @@ class RunResult:
     @property
     def reactions(self) -> dict[str, list[float]] | None:
         """[Fx, Fy, Fz, Mx, My, Mz] of every support on the structure at the end, about its centroid at the start
-        (N, N m; world axes); None where blocks fall that would be at rest."""
+        (N, N m; world axes); None if blocks fall that would be at rest."""
         names = (name for name, fixed in zip(self.assembly.names, self.assembly.fixed, strict=True) if fixed)
         return dict(zip(names, (self.run.reactions + 0.0).tolist(), strict=True))
 
@@ -248,7 +248,7 @@ class Result(RunResult):
 
     @property
     def plain_answer(self) -> str | None:
-        """What an unlimited load means for the control, in a sentence; None where there is a limit."""
+        """What an unlimited load means for the control, in a sentence; None if there is a limit."""
         if not self.unlimited:
             return None
         control, V = self.scenario.control, self.yield_point.V_lower

@@ -58,7 +58,7 @@ def simulate(
     `simulation.session.Progress`). None shows a bar in a notebook, False nothing.
 
     Raises ScenarioError for input that is not a test, OutputError for a path that cannot be used, NotConvergedError
-    and DivergedError where there is no answer; the history then is kept, with the status "failed". Interrupted, which
+    and DivergedError if there is no answer; the history then is kept, with the status "failed". Interrupted, which
     is a KeyboardInterrupt, leaves the status "interrupted", and `restart` goes on from there.
     """
     began, start_up, report = time.perf_counter(), _start_up(), heard_by(report)
@@ -87,7 +87,7 @@ def restart(
     """Go on with a run that was killed or interrupted, from its last good checkpoint; returns the Result of the whole.
 
     What the history holds beyond the checkpoint is dropped and comes again; rows, frames and result are to the last bit
-    those of a run that was never stopped. Without a checkpoint the run starts again. Raises HistoryError where the file
+    those of a run that was never stopped. Without a checkpoint the run starts again. Raises HistoryError if the file
     is not a history, its run is over, or its checkpoints do not fit it.
     """
     from dembrick.history import claimed, read
@@ -248,7 +248,7 @@ def _range_paths(result: Result) -> None:
     """Give a search the range of load factors that other paths of the same structure lead to, side by side where cores
     are free; its bracket then holds them all.
 
-    Paths that find no limit are counted. Raises NotConvergedError where none but the search itself found one, and
+    Paths that find no limit are counted. Raises NotConvergedError if none but the search itself found one, and
     Interrupted.
     """
     scenario, point = result.scenario, result.yield_point

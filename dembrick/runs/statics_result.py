@@ -43,7 +43,7 @@ class StaticsResult(RunResult):
 
     @property
     def reactions(self) -> dict[str, list[float]] | None:
-        """Those of the blocks at rest; None where blocks fall."""
+        """Those of the blocks at rest; None if blocks fall."""
         return super().reactions if self.run.rest.stands else None
 
     @property

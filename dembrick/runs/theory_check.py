@@ -32,7 +32,7 @@ class Theory:
         return {"V": self.V, "error": self.error, "discretisation_error": self.discretisation_error}
 
     def compared(self, V: float) -> Theory:
-        """The same with the relative error of ``V``; None where theory is zero and the run is not."""
+        """The same with the relative error of ``V``; None if theory is zero and the run is not."""
         error = (V / self.V - 1.0) if self.V else (0.0 if V == 0.0 else None)
         return Theory(self.V, error, self.discretisation_error)
 

@@ -28,7 +28,7 @@ GREATEST = {  # by key
 
 
 def check_magnitudes(scenario: Scenario) -> None:
-    """ScenarioError where a number of the scenario is beyond what can be computed with."""
+    """ScenarioError if a number of the scenario is beyond what can be computed with."""
     _check("gravity", scenario.gravity, "")
     for block in scenario.all_blocks:
         whose = f" of block {show(block.name)}"

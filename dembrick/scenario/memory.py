@@ -15,7 +15,7 @@ _CHECKED_ABOVE = 10_000  # blocks: fewer fit anywhere
 
 
 def available() -> int | None:
-    """Bytes of memory that a process may still take here, as far as the system says; None where it does not."""
+    """Bytes of memory that a process may still take here, as far as the system says; None if it does not."""
     if sys.platform == "win32":
         return _available_on_windows()
     found = [amount for amount in (_meminfo(), _group_limit()) if amount is not None]
@@ -28,7 +28,7 @@ def available() -> int | None:
 
 
 def check_memory(asked: list[tuple[str, int]], others: int = 0) -> None:
-    """ScenarioError where the structures ``asked`` for (name, blocks) and ``others`` blocks exceed the memory."""
+    """ScenarioError if the structures ``asked`` for (name, blocks) and ``others`` blocks exceed the memory."""
     total = others + sum(count for _, count in asked)
     if total <= _CHECKED_ABOVE:
         return

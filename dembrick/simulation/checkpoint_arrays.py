@@ -26,7 +26,7 @@ def flattened(parts: Mapping[str, tuple | None]) -> dict[str, np.ndarray]:
 
 
 def restored_state(state, snapshot: Snapshot):
-    """The `simulation.State` of ``snapshot``, where it is called "state"; HistoryError where it is of another scene."""
+    """The `simulation.State` of ``snapshot``, where it is called "state"; HistoryError if it is of another scene."""
     pressed = None if state.areas is None else state.areas.pressed
     if pressed is not None:  # before anything is taken: it leads into arrays
         count = snapshot.array(COUNTERS[1], pressed.count)
@@ -44,7 +44,7 @@ def restored(name: str, part, snapshot: Snapshot, counters: Container[str] = ())
     """A named tuple whose arrays and numbers are those of ``snapshot``; arrays are filled in place.
 
     Integers are indices that nothing changes and must be the same as in ``part``, because another one could lead out
-    of its array; ``counters`` are the names of those that do change. HistoryError where the snapshot is of another
+    of its array; ``counters`` are the names of those that do change. HistoryError if the snapshot is of another
     scene.
     """
     if part is None:

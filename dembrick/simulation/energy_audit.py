@@ -83,7 +83,7 @@ class Auditor:
             self.worst[i] = np.maximum(self.worst[i], np.abs(term).max())  # a NaN stays
 
     def result(self, energy: Energy | Sums) -> EnergyAudit:
-        """The audit; EnergyAuditError where the energy terms do not balance."""
+        """The audit; EnergyAuditError if the energy terms do not balance."""
         residual, scale = (float(value) for value in self.worst[:2])
         if isinstance(energy, Sums):
             return _of_motion(residual, max(scale, energy.floor, energy.rounding / MOTION), energy)
@@ -122,7 +122,7 @@ def _of_motion(residual: float, scale: float, energy: Sums) -> MotionAudit:
 
 
 def audit(energies: Mapping[str, np.ndarray], energy: Energy) -> EnergyAudit:
-    """Audit recorded energies (T,) in J; EnergyAuditError where they do not balance."""
+    """Audit recorded energies (T,) in J; EnergyAuditError if they do not balance."""
     auditor = Auditor()
     auditor.add(energies)
     return auditor.result(energy)

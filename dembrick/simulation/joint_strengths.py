@@ -16,7 +16,7 @@ def has_strengths(laws: Iterable[JointLaw]) -> bool:
 
 
 def strengths_of(laws: Sequence[JointLaw]) -> Strengths | None:
-    """Strengths of joints with these ``laws``, an entry each; None where all are dry."""
+    """Strengths of joints with these ``laws``, an entry each; None if all are dry."""
     if not has_strengths(laws):
         return None
     return Strengths(
@@ -31,7 +31,7 @@ def strengths_of(laws: Sequence[JointLaw]) -> Strengths | None:
 
 
 def bonded_at_start(laws: Sequence[JointLaw]) -> np.ndarray:
-    """1 where a joint has a bond that may break, else 0."""
+    """1 if a joint has a bond that may break, else 0."""
     return np.array([float(law.bonded) for law in laws])
 
 

@@ -61,7 +61,7 @@ class Pausable(Protocol):
 @dataclass(frozen=True)
 class Progress:
     """How far a run is: so many steps ``done`` of a ``stage``, of ``total`` (None: nobody knows, or ``at_most`` so
-    many), at the simulated ``time`` (s; None where there is none)."""
+    many), at the simulated ``time`` (s; None if there is none)."""
 
     stage: str
     done: int
@@ -126,7 +126,7 @@ class Session:
         return given if isinstance(given, Session) else cls(observe=given)
 
     def pause(self, run: Pausable, within: bool = False) -> None:
-        """Between two chunks: write a checkpoint if it is time for one; Interrupted where a signal asked to stop.
+        """Between two chunks: write a checkpoint if it is time for one; Interrupted if a signal asked to stop.
 
         ``within`` a chunk, whose beginning the run still knows, only a signal counts.
         """

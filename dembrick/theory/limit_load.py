@@ -71,7 +71,7 @@ class _Problem:
         return self.f[at] + np.einsum("kij,kj->ki", self.B[at], z)
 
     def start(self, twist: np.ndarray) -> np.ndarray:
-        """The z (k, 2) of given twists, scaled to f . q = 1; zero where a twist does no work on its load."""
+        """The z (k, 2) of given twists, scaled to f . q = 1; zero if a twist does no work on its load."""
         q = twist / self.to_twist
         power = np.sum(self.f * q, axis=1, keepdims=True)
         usable = power > 1e-6 * np.linalg.norm(q, axis=1, keepdims=True)

@@ -36,7 +36,7 @@ def number(value) -> float | None:
 
 
 def part(results, name: str) -> dict:
-    """A mapping inside the results, empty where it is missing or something else."""
+    """A mapping inside the results, empty if it is missing or something else."""
     found = results.get(name) if isinstance(results, Mapping) else None
     return dict(found) if isinstance(found, Mapping) else {}
 

@@ -111,7 +111,7 @@ def test_contact_points_follow_the_tolerance_of_the_control():
         return len(assemble(scenario(*blocks, joint=law, control=YieldControl(tolerance))).contact_points[0].area)
 
     assert count(1e-2, LOWER, UPPER, third) < 80 < 700 < count(1e-4, LOWER, UPPER, third)
-    # the search for the limit load of a lone joint places its points anew
+    # the search for the limit load of a lone joint places its points again
     assert count(1e-2) < 80 < count(1e-3) == count(1e-4)
     curve = assemble(scenario(joint=law, control=DisplacementControl(rate=1e-4, travel=1e-3)))
     assert len(curve.contact_points[0].area) == len(assemble(scenario(joint=law)).contact_points[0].area)

@@ -24,7 +24,7 @@ G = 9.81
 def scene(formulation, control, *blocks, friction=0.64, gravity=(0.0, 0.0, -G), stiffness=1e9, factor=0.9, loads=()):
     """Blocks on a large floor."""
     return Scenario(
-        title="books",
+        title="energy",
         gravity=gravity,
         joint=JointLaw(formulation, friction, stiffness, 0.4 * stiffness),
         materials={"stone": Material(2000.0)},
@@ -175,7 +175,7 @@ def test_a_block_that_lands_on_another_leaves_its_fall_with_new_contacts_and_joi
 
 
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
-def test_books_go_on_where_joints_are_handed_over(formulation):
+def test_the_energy_balance_goes_on_where_joints_are_handed_over(formulation):
     result = simulate(handed_over(formulation))
     assert result.run.motion.energy.table.share[0] == 0.0
     assert result.rows["new_contacts"].max() > 0
@@ -184,7 +184,7 @@ def test_books_go_on_where_joints_are_handed_over(formulation):
 
 
 def test_work_of_a_load_that_varies_beside_the_centroid():
-    """A block is pushed back and forth and twisted; without the work of the couple the books would not balance."""
+    """A block is pushed back and forth and twisted; without the work of the couple the energy would not balance."""
     control = DynamicControl(0.2)
     load = Load("block", (40.0, 10.0, 0.0), point=(0.1, 0.05, 0.06), sine=model.Sine(1.0, 8.0, 0.3))
     result = simulate(scene("concave", control, block(), friction=0.1, loads=(load,)))
@@ -234,7 +234,7 @@ def test_what_points_let_go_and_steps_take_is_seen_as_well():
         assert np.abs(off(energies | {term: 1.1 * energies[term]})).max() > 5e-6 * scale, term
 
 
-def test_books_that_do_not_balance_fail_the_run(monkeypatch):
+def test_an_energy_that_does_not_balance_fails_the_run(monkeypatch):
     monkeypatch.setattr(energy_audit, "MOTION", 1e-20)
     monkeypatch.setattr("dembrick.simulation.dynamics.run.rounding", lambda moving: 0.0)
     with pytest.raises(EnergyAuditError, match="off by"):
@@ -272,7 +272,7 @@ def test_a_history_has_every_energy(tmp_path, capsys):
     assert f"balance off by {result.energy.relative_residual:.1e}" in result.text()
 
 
-def test_polygons_that_are_cut_keep_the_books():
+def test_polygons_that_are_cut_keep_the_energy_balance():
     """A block slides over the edge of another: what its springs hold less of is let go."""
     below = Block("below", "stone", (0.3, 0.3, 0.1), (0.0, 0.0, 0.05), fixed=True)
     over = Block("over", "stone", (0.3, 0.2, 0.1), (0.0, 0.0, 0.15), velocity=(0.9, 0.0, 0.0))
@@ -283,7 +283,7 @@ def test_polygons_that_are_cut_keep_the_books():
 
 
 def test_a_wall_at_rest_is_held_against_what_its_springs_hold():
-    """Next to nothing is put in: what the books are off by is rounding, and no failure."""
+    """Next to nothing is put in: what the balance is off by is rounding, and no failure."""
     walls = (model.Wall("wall", "stone", (0.3, 0.2, 0.1), 3, 3, base=0.1),)
     still = dataclasses.replace(scene("concave", DynamicControl(0.2)), blocks=(), walls=walls)
     result = simulate(still)

@@ -131,7 +131,7 @@ def test_an_edge_that_sticks_keeps_the_angular_momentum_about_it(restitution, si
 
 @pytest.mark.parametrize("restitution", [0.5, 0.8])
 def test_heights_of_bounces_fall_with_the_square_of_the_restitution(restitution):
-    """Five bounces of a block dropped flat from 50 mm; the books balance all the while."""
+    """Five bounces of a block dropped flat from 50 mm; the energy balances all the while."""
     height = 0.05
     first, lasts = math.sqrt(2.0 * height / G), sum(2.0 * restitution**k for k in range(1, 5))
     block = Block("block", "stone", (0.3, 0.2, 0.1), (0.0, 0.0, 0.05 + height))

@@ -1,4 +1,4 @@
-"""Contacts that form anew: the surface of equal penetration, its forces, and what friction remembers."""
+"""New contacts: the surface of equal penetration, its forces, and what friction remembers."""
 
 import math
 

@@ -156,7 +156,7 @@ def test_a_run_that_is_over_is_not_restarted(tmp_path):
 
 
 def test_checkpoints_of_an_earlier_run_are_not_taken(tmp_path, stopped):
-    """The same file name, run anew: what lies about of before is not gone on from."""
+    """A new run of the same file name does not go on from what an earlier one left."""
     left = [Path(one).read_bytes() for one in Checkpoints(stopped).paths]
     with pytest.raises(KeyboardInterrupt):
         interrupted_at_once(case("set4b", "concave"), stopped)

@@ -162,7 +162,7 @@ def test_killed_and_restarted_again_and_again(tmp_path, long_run):
     check_same(long_run / "whole.h5", path)
 
 
-def test_a_run_killed_before_its_first_checkpoint_starts_anew(tmp_path, capsys):
+def test_a_run_killed_before_its_first_checkpoint_starts_again(tmp_path, capsys):
     given = case("set4a", "concave")
     whole = simulate(given, tmp_path / "whole.h5")
     (tmp_path / "set4a.toml").write_text(toml.dumps(given))

@@ -368,7 +368,7 @@ def test_an_ellipse_for_the_exact_surface_is_caught(name, monkeypatch):
     owners = (limit_surface, area_law, block_forces, load_bounds, loop)
 
     def answer():
-        # every kernel between the loop and the surface as plain Python, so that they look their parts up anew
+        # every kernel between the loop and the surface as plain Python, so that they look their parts up again
         with monkeypatch.context() as patch:
             if wrong:
                 patch.setattr(limit_surface, "surface", ellipse_surface)

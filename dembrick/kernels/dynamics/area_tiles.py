@@ -54,9 +54,9 @@ class Faces(NamedTuple):
     x: ndarray  # (o, v) m, vertices from O along e1, counter-clockwise about e1 x e2
     y: ndarray  # (o, v) m, along e2
     far: ndarray  # (o, 42) series of the limit surface about pure translation
-    pressed: Pressed | None  # None where all pressures are full
-    strengths: Strengths | None = None  # beside friction; None where no joint has any
-    bonds: FaceBonds | None = None  # None where ``strengths`` is
+    pressed: Pressed | None  # None if all pressures are full
+    strengths: Strengths | None = None  # beside friction; None if no joint has any
+    bonds: FaceBonds | None = None  # None if ``strengths`` is
 
     def rows(self, first: int, count: int, joints=slice(None)) -> ndarray:
         """A copy (k, count) of rows that stand in tiles; (count,) for a single joint."""

@@ -109,7 +109,7 @@ def bonds_of(bonds, point):
 
 @jit
 def spring_length(strengths, bonds, law, k_n, place, g):
-    """By how much the normal spring of a point is pressed (m, negative where a bond is pulled) at the penetration
+    """By how much the normal spring of a point is pressed (m, negative if a bond is pulled) at the penetration
     ``g``; ``place``: see `Corners.where`."""
     if bonds is not None:
         own = bonds[lane_of(place, BOND)]

@@ -48,7 +48,7 @@ class Touching(NamedTuple):
     k_n: ndarray  # (t,) Pa/m
     k_s: ndarray  # (t,) Pa/m
     friction: ndarray  # (t,)
-    weight: ndarray  # (t,) share of the new contact: 1 where there is no joint
+    weight: ndarray  # (t,) share of the new contact: 1 if there is no joint
     size: ndarray  # (t,) m, greatest distance of the joint's polygon from its centroid at the start
     partial: ndarray  # (t,) whether that polygon is less than the face that it rides on
     start: ndarray  # (j, 9) `Links.seen` at the start, of all joints
@@ -71,7 +71,7 @@ class Touching(NamedTuple):
     # dashpot over spring; N/m: what more there is across, and shear stiffness; N m: torsion stiffness
     load: ndarray  # (n,) bound of what its contacts do to a block in a step: M^-1 (dt^2 K + 2 dt C), stable up to 4
     bearable: ndarray  # (n,) load up to which no one need look closer
-    overloaded: ndarray  # (1,) int64, 1 where a block has more
+    overloaded: ndarray  # (1,) int64, 1 if a block has more
     dashpot: ndarray  # (9,) dashpot over spring, times w, as a polynomial in the swing w (rad) of a step; greatest w
     room: ndarray  # (1,) m, how far blocks may still move until pairs must be looked for again
     trouble: ndarray  # (1,) int64, the pair that ended the run

@@ -53,7 +53,7 @@ class Scratch(NamedTuple):
     normal: ndarray  # (2 F, 3) face normals, those of A from 0, those of B from F, in the axes of A's block
     offset: ndarray  # (2 F,) m, of their planes from the centre of the smaller part
     face: ndarray  # (2 F,) int64, the faces that can be nearest anywhere in the overlap, as rows of `normal`
-    flush: ndarray  # (2 F,) 1 where a face lies in one plane with one of the other part and looks the same way, else 0
+    flush: ndarray  # (2 F,) 1 if a face lies in one plane with one of the other part and looks the same way, else 0
     vertex: ndarray  # (2 V, 3) m, vertices, those of A from 0, those of B from V
     turn: ndarray  # (3, 3) from the axes of B's block to those of A's
     x: ndarray  # (c,) m, corners of all patches in their planes, counter-clockwise about the normal
@@ -65,7 +65,7 @@ class Scratch(NamedTuple):
     depth: ndarray  # (q, 4) penetration at the origin (m), its slopes along t1 and t2; last: |n_i - n_j|/2
     side: ndarray  # (q, 2) int64, the faces i of A and j of B that press there, as rows of `normal`
     sums: ndarray  # (q, 10) area, integrals of the penetration and of x and y times it; of the penetration along the
-    # mean normal, 0 where that counts nothing; integrals of x, y, x^2, x y and y^2
+    # mean normal, 0 if that counts nothing; integrals of x, y, x^2, x y and y^2
 
 
 @jit

@@ -30,7 +30,7 @@ FACE_ENERGY = 11 * W
 
 
 class EnergyTerms(NamedTuple):
-    """What is counted, J; and what the last step left behind. None where nobody asks for it.
+    """What is counted, J; and what the last step left behind. None if nobody asks for it.
 
     Shear and torsion are in the sense in which the host slips; axes are those of the joint's elastic forces.
     """

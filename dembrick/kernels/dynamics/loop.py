@@ -79,12 +79,12 @@ def advance_bodies(
     n_steps, dt, bodies, links, corners, faces, ties, loads, limits, damping, travel, touching, energy_terms, work,
     share_corners, share_faces, share_bodies, moved, away,
 ):  # fmt: skip
-    """Advance up to ``n_steps`` steps of ``dt``; ``corners`` or ``faces`` is None where no joint is of that family.
+    """Advance up to ``n_steps`` steps of ``dt``; ``corners`` or ``faces`` is None if no joint is of that family.
 
     ``travel`` (2,): m, what any two blocks may still move against each other before a polygon could be stale; and how
     far any one can have moved since the caller last put it to zero. Returns a status and the steps done: RUNNING when
     all are, REACHED (a centroid has gone as far as ``limits`` says), STALE (polygons must be cut again before the next
-    step), DIVERGED, or what comes of ``touching``, new contacts (None where there are none): MEETING
+    step), DIVERGED, or what comes of ``touching``, new contacts (None if there are none): MEETING
     (pairs must be looked for again), OVERLOADED (the step may be too long for what the contacts of a block did last),
     DEEP, CROWDED. ``energy_terms`` may be None.
 

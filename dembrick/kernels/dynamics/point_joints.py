@@ -149,8 +149,8 @@ def press(
 ):  # fmt: skip
     """Forces of two points of every joint of a tile, and what they add to the sums of ``work``.
 
-    ``own``: the rows of the points, ``sheared`` their elastic shear; ``energy`` is None where none is counted, and
-    ``force_out`` where the forces of single points are not wanted; the last four: see `answer_bonded`. Returns whether
+    ``own``: the rows of the points, ``sheared`` their elastic shear; ``energy`` is None if none is counted, and
+    ``force_out`` if the forces of single points are not wanted; the last four: see `answer_bonded`. Returns whether
     any slides or loses something for `add_losses`.
     """
     losing = False

@@ -31,9 +31,9 @@ class Corners(NamedTuple):
     points: ndarray  # point after point of a tile, rows as above
     sheared: ndarray  # likewise, elastic shear force: two rows a point
     slipped: ndarray  # likewise, length of the slip path: one row a point
-    force: ndarray | None  # (c, 3) N, world, last force on the host at each point; None where nobody asks for it
-    strengths: Strengths | None = None  # beside friction, an entry a law; None where no joint has any
-    bonds: ndarray | None = None  # likewise, see `bonded_points`; None where ``strengths`` is
+    force: ndarray | None  # (c, 3) N, world, last force on the host at each point; None if nobody asks for it
+    strengths: Strengths | None = None  # beside friction, an entry a law; None if no joint has any
+    bonds: ndarray | None = None  # likewise, see `bonded_points`; None if ``strengths`` is
 
     def where(self, joint: int | None = None) -> ndarray:
         """Each contact point in the sense of ``place``, of all joints (c,) or of one."""

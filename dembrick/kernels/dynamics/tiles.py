@@ -37,7 +37,7 @@ NONE = 1e-140  # as good as zero, in a divisor
 
 # Rows of a tile of `Links.tiles`, which no step changes: quaternions (w, x, y, z) of the plane's frame in the axes of
 # the other block and of the polygon's in those of the host; arm of O from the host's centroid, along e1, e2 and e1 x e2
-# (m); +1 where the other's outward normal is m, -1 where it is -m; distance of the plane from the other's centroid,
+# (m); +1 if the other's outward normal is m, -1 if it is -m; distance of the plane from the other's centroid,
 # along m (m); dashpot over spring force for the same increment, normal and shear
 PLANE, TANGENTS, LEVER, SENSE, OFFSET, VISCOUS = 0, 4, 8, 11, 12, 13
 ROWS = 15
@@ -180,7 +180,7 @@ class Links(NamedTuple):
 
     @property
     def sense(self) -> ndarray:
-        """(j,) +1 where the other's outward normal is m, -1 where it is -m."""
+        """(j,) +1 if the other's outward normal is m, -1 if it is -m."""
         return self.rows(SENSE, 1)[:, 0]
 
     @property
@@ -280,7 +280,7 @@ def look(tile, seen, work):
         offset = tile[OFFSET * W + lane]
         put_three(work, DEPTH, lane, (sense * (offset - o[2]), -sense * e[2], -sense * g[2]))
         put_three(work, GROWTH, lane, (sense * (o3 - o[2]), sense * (e3 - e[2]), sense * (g3 - g[2])))
-        # the turn of the step, exact to its cube, and to the last bit zero where nothing turns
+        # the turn of the step, exact to its cube, and to the last bit zero if nothing turns
         x1 = e[0] - e1
         x2 = e[1] - e2
         x3 = e[2] - e3

@@ -98,7 +98,7 @@ class Strengths(NamedTuple):
 
     cohesion: ndarray  # (s,) Pa, while the bond holds
     tension: ndarray  # (s,) Pa
-    crushing: ndarray  # (s,) Pa, infinite where nothing crushes
+    crushing: ndarray  # (s,) Pa, infinite if nothing crushes
     dilation: ndarray  # (s,) rise over slip
     residual_cohesion: ndarray  # (s,) Pa, of a closed point without a bond
     residual: ndarray  # (s,) residual friction over friction

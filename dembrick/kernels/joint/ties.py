@@ -1,6 +1,6 @@
 """The law of a tie: a bar, cable or prop along the line between two points of two blocks.
 
-T = T_0 + k (l - l_0 - l_p), zero where it would push if it takes tension only; at its strength it yields without
+T = T_0 + k (l - l_0 - l_p), zero if it would push if it takes tension only; at its strength it yields without
 hardening, and l_p grows by what it yields. Both engines call `stretch` once a tie and step, in the moving geometry.
 """
 
@@ -24,7 +24,7 @@ class Ties(NamedTuple):
     offset: ndarray  # (t, 3) m, centroid of b seen from that of a at the start, world
     stiffness: ndarray  # (t,) N/m
     strength: ndarray  # (t,) N, infinite if it never yields
-    least: ndarray  # (t,) N, zero where it takes tension only, else minus the strength
+    least: ndarray  # (t,) N, zero if it takes tension only, else minus the strength
     prestress: ndarray  # (t,) N, T_0
     length: ndarray  # (t,) m, l_0
     now: ndarray  # (t, 3) length, tension, elongation that stays

@@ -60,9 +60,9 @@ class Areas(NamedTuple):
     twist: ndarray  # (a, 3) m, m, rad, plastic twist of the last plastic step
     slip: ndarray  # (a,) m, length of the slip path at O
     evaluations: ndarray  # (a,) int64, evaluations of the limit surface
-    pressed: Pressed | None  # None where all pressures are full
-    strengths: Strengths | None = None  # beside friction; None where no joint has any
-    bonds: AreaBonds | None = None  # None where ``strengths`` is
+    pressed: Pressed | None  # None if all pressures are full
+    strengths: Strengths | None = None  # beside friction; None if no joint has any
+    bonds: AreaBonds | None = None  # None if ``strengths`` is
 
 
 @jit
@@ -423,7 +423,7 @@ def dead_gauge(areas, a, normal, dead):
 @entry
 def reserves(areas, out):
     """What bonds could carry more (a, 2), in N: in tension at the worst corner times the area, and in shear where its
-    loss would let go of something; infinite where there is no bond."""
+    loss would let go of something; infinite if there is no bond."""
     for a in range(areas.joint.size):
         out[a, 0] = out[a, 1] = inf
         strengths = areas.strengths

@@ -142,7 +142,7 @@ def clear(room):
 
 @jit
 def dead_load_equilibrium(first, blocks, joints, points, areas, inertia, settings):
-    """Equilibrium under the dead loads, as ``simulation.statics.dead_load`` finds it; False where there is none.
+    """Equilibrium under the dead loads, as ``simulation.statics.dead_load`` finds it; False if there is none.
 
     ``first`` is 0, of the type that a scene of its own has compiled, which a literal is not."""
     ratio = 1.0

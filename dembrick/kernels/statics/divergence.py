@@ -43,7 +43,7 @@ def open_guard(guard, blocks, joints, points, areas, ties):
 
 @jit
 def watch(guard, step, v, rate, blocks, scaled, inertia, dt):
-    """Add up what is put in at this step; False where the blocks have far more of it than there can be."""
+    """Add up what is put in at this step; False if the blocks have far more of it than there can be."""
     if guard is not None:
         guard.work[0] += v * rate
         add_dead_torque_work(guard.work, guard.turned, blocks, dt)

@@ -53,7 +53,7 @@ def normal_energy(joints, j, dash):
     """Energy (J) in the normal springs of joint ``j``: half their resultant times its opening and tilts.
 
     That is half the sum, or integral, of k_n <g>+ squared, since <g>+ squared is <g>+ g and g is linear over the joint.
-    The springs carry N, M_1, M_2 less what the dashpots do (``dash``; None where there are none).
+    The springs carry N, M_1, M_2 less what the dashpots do (``dash``; None if there are none).
     """
     now = joints.resultant[j]
     seen = joints.opening[j]

@@ -214,7 +214,7 @@ def write_bonds(points, areas, out):
 
 @jit
 def remember(points, areas, point_memory, area_memory):
-    """Copy what all joints remember into the memories, a `Points` and an `Areas`, None where the family is."""
+    """Copy what all joints remember into the memories, a `Points` and an `Areas`, None if the family is."""
     if points is not None:
         point_joints.remember(points, point_memory)
     if areas is not None:

@@ -22,7 +22,7 @@ class Trial(NamedTuple):
 
     seen_a: ndarray  # (j, 6, 6) from the motion of block a to that of O in the joint's axes
     seen_b: ndarray  # (j, 6, 6) the same of b
-    row: ndarray  # (n,) int64, first row of each block in the equations, -1 where fixed
+    row: ndarray  # (n,) int64, first row of each block in the equations, -1 if fixed
     reach: ndarray  # (j,) m, greatest distance of a joint from its O
     move: ndarray  # (j,) m, the difference in motion by which the tangent is taken
     stiffness: ndarray  # (j, 6, 6) elastic stiffness of the joints

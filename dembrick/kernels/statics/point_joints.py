@@ -52,8 +52,8 @@ class Points(NamedTuple):
     elastic_1: ndarray  # (c,) N, elastic shear force on b along t1
     elastic_2: ndarray  # (c,) N, along t2
     slip: ndarray  # (c,) m, length of the slip path
-    strengths: Strengths | None = None  # beside friction; None where no joint has any
-    bonds: Bonds | None = None  # None where ``strengths`` is
+    strengths: Strengths | None = None  # beside friction; None if no joint has any
+    bonds: Bonds | None = None  # None if ``strengths`` is
 
 
 @jit
@@ -437,7 +437,7 @@ def dead_gauge(points, p, normal, dead):
 @entry
 def reserves(points, out):
     """What bonds could carry more (c, 2), in N: in tension, and in shear where its loss would let go of something;
-    infinite where there is no bond."""
+    infinite if there is no bond."""
     for p in range(points.joint.size):
         for i in range(points.start[p], points.start[p + 1]):
             out[i, 0] = out[i, 1] = inf

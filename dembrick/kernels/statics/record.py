@@ -23,7 +23,7 @@ class Record(NamedTuple):
     row: ndarray  # (r, 6) time, load, displacement, unbalanced, lower, upper
     actuator: ndarray  # (r, k) m
     joint: ndarray  # (r, j or 0, 7)
-    support: ndarray  # (n,) int64, number of each block among the fixed ones, -1 where it is free
+    support: ndarray  # (n,) int64, number of each block among the fixed ones, -1 if it is free
     reaction: ndarray  # (r, s, 6) N, N m, see `write_reactions`
     tension: ndarray  # (r, t) N, of the ties
     yielded: ndarray  # (r, t) m, the elongation that they keep

@@ -67,7 +67,7 @@ class Search:
         """The bracket of the value at which ``falls_at`` changes; which end stands is found out.
 
         Where it changes several times, one of the changes is found: the first one that `scan` meets. Raises
-        NotConvergedError where both ends stand, or both fall.
+        NotConvergedError if both ends stand, or both fall.
         """
         ends = (self.low, self.high)
         outcome = [falls_at(value) for value in ends]

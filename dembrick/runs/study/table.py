@@ -120,7 +120,7 @@ def _parsed(line: str) -> dict | None:
 
 
 def _row(line: str, columns: Sequence[str]) -> dict | None:
-    """The row of a case; None where the line is damaged: without a number or a column, with another type in one."""
+    """The row of a case; None if the line is damaged: without a number or a column, with another type in one."""
     row = _parsed(line)
     if row is None or "\ufffd" in line or not row.keys() >= {"case", *columns[:2]}:
         return None

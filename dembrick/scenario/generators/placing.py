@@ -62,7 +62,7 @@ def check_common(generator, kind: str) -> str:
 
 
 def check_lengths(generator, label: str, *keys: str) -> None:
-    """Each of ``keys`` is a length (m) above 0, or None where that is allowed."""
+    """Each of ``keys`` is a length (m) above 0, or None if that is allowed."""
     for key in keys:
         if getattr(generator, key) is not None:
             value = real(f"{key}{label}", getattr(generator, key))

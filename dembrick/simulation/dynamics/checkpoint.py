@@ -84,7 +84,7 @@ class Past:
         return bool(snapshot.array("loop", np.zeros(3))[0] > 0.0)
 
     def restore(self, snapshot: Snapshot) -> None:
-        """Take it from a snapshot of the same scene; HistoryError where it is of another."""
+        """Take it from a snapshot of the same scene; HistoryError if it is of another."""
         moving = self.moving
         steps, dt, before = snapshot.array("loop", np.zeros(3)).tolist()
         counts = min(steps, before) >= 0.0 < max(steps, before) and steps.is_integer() and before.is_integer()

@@ -331,7 +331,7 @@ class ContactDetection:
         return arrays
 
     def restore(self, state: MovingState, polygons: Polygons, snapshot: Snapshot) -> None:
-        """Take it from a snapshot of the same scene; HistoryError where it is of another."""
+        """Take it from a snapshot of the same scene; HistoryError if it is of another."""
         self.patience, count = snapshot.array("contacts.loop", np.zeros(2)).tolist()
         self.retired[:] = snapshot.array("contacts.retired", self.retired)
         self.looked = snapshot.array("contacts.looked", np.zeros((len(state.bodies.mass), 4, 3))).copy()

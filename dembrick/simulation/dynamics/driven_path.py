@@ -114,7 +114,7 @@ class DrivenPath(EquilibriumPath):
 def follow(moving: Motion, control: Control, driving: Driving, session: Session, refine: float = 1.0) -> LoadPathRun:
     """Push by the travel, equilibrium by equilibrium; ``refine``: steps over the usual.
 
-    Raises NotConvergedError where the blocks do not stand before, or find neither rest nor fall.
+    Raises NotConvergedError if the blocks do not stand before, or find neither rest nor fall.
     """
     return DrivenPath(moving, control, driving, session, refine).found()
 

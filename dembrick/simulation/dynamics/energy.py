@@ -43,7 +43,7 @@ FLOOR = 1e-3  # of what the springs hold at the start: where less is put in, err
 
 
 class MotionEnergy:
-    """The energy terms of one run: ``table`` is what the loop writes into, None where nobody asks for them.
+    """The energy terms of one run: ``table`` is what the loop writes into, None if nobody asks for them.
 
     ``start`` (2,) J: kinetic energy, and energy in the springs of the joints, when time began.
     """
@@ -143,7 +143,7 @@ class MotionEnergy:
         }
 
     def sums(self, state: MovingState, rounding: float) -> Sums | None:
-        """What the audit wants; None where nothing was counted. ``rounding`` (J): less is no error of the run."""
+        """What the audit wants; None if nothing was counted. ``rounding`` (J): less is no error of the run."""
         if not self.wanted:
             return None
         table = self.table

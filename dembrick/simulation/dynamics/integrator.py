@@ -176,7 +176,7 @@ def advance(
     """Move on by up to ``n_steps``; returns RUNNING, or REACHED when a centroid has gone as far as ``limits`` says.
 
     Quasi-static work takes local ``damping``, and a ``step`` below the time step of the run.
-    Raises DivergedError, and NotConvergedError where blocks press too deep into each other.
+    Raises DivergedError, and NotConvergedError if blocks press too deep into each other.
     """
     last = motion.steps + n_steps
     detection, dt = motion.contact_detection, step * motion.time_step
@@ -216,7 +216,7 @@ def _follow(motion: Motion, called: bool) -> None:
 
 
 def _examine(motion: Motion) -> None:
-    """DivergedError where a block's contacts swing faster than the time step can follow."""
+    """DivergedError if a block's contacts swing faster than the time step can follow."""
     began, detection = time.perf_counter(), motion.contact_detection
     block = detection.examine(motion.state, motion.time_step)
     motion.phases["contact_search"] += time.perf_counter() - began

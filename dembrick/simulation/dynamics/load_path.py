@@ -127,7 +127,7 @@ def equilibria_of(most: float, growth: float) -> int:
 def follow(moving: Motion, control: Control, driving: Driving, session: Session, refine: float = 1.0) -> LoadPathRun:
     """Increase the load system from equilibrium to equilibrium; ``refine``: steps over the usual.
 
-    Raises NotConvergedError where the blocks do not stand before the load grows, or find neither rest nor fall.
+    Raises NotConvergedError if the blocks do not stand before the load grows, or find neither rest nor fall.
     """
     return LoadPath(moving, control, driving, session, refine).found()
 

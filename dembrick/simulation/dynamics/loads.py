@@ -101,7 +101,7 @@ def turned_back(vectors: np.ndarray, axis: np.ndarray, cosine: np.ndarray, sine:
 
 
 def driving_of(scenario: Scenario, moving: Motion) -> Driving:
-    """Gravity, loads and the motion of the supports from where they are; ScenarioError where a history is not fit for
+    """Gravity, loads and the motion of the supports from where they are; ScenarioError if a history is not fit for
     the run.
 
     A file is looked for beside the scenario.

@@ -32,7 +32,7 @@ LEAVE = ("position", "orientation", "velocity", "spin", "momentum", "applied")
 
 
 def memory_order(joints: JointTable, fixed: np.ndarray) -> np.ndarray | None:
-    """The blocks (n,) in the order in which the loop has them; None where that of the scenario is as good."""
+    """The blocks (n,) in the order in which the loop has them; None if that of the scenario is as good."""
     if not len(joints):
         return None
     a, b = joints.block_a, joints.block_b

@@ -181,8 +181,8 @@ def most_steps(moving: Motion, control: Control, controller: PushController | No
 def run(moving: Motion, control: Control, driving: Driving, session: Session) -> MotionRun:
     """Find the dead-load equilibrium and go through the run; the session's observer gets rows and frames.
 
-    Raises NotConvergedError where the blocks find no rest before it, where a tilt or a push brings nothing down, and
-    where blocks are pressed too deep into each other; DivergedError.
+    Raises NotConvergedError if the blocks find no rest before it, if a tilt or a push brings nothing down, and
+    if blocks are pressed too deep into each other; DivergedError.
     """
     to_collapse = control.ends_with == COLLAPSE
     controller = _controller(moving, control)

@@ -81,7 +81,7 @@ class Settlement(EquilibriumPath):
 def follow(moving: Motion, control: Control, driving: Driving, session: Session, refine: float = 1.0) -> EquilibriaRun:
     """Move the supports along their way, equilibrium by equilibrium; ``refine``: steps over the usual.
 
-    Raises NotConvergedError where the blocks do not stand before the supports move, or find neither rest nor fall.
+    Raises NotConvergedError if the blocks do not stand before the supports move, or find neither rest nor fall.
     """
     return Settlement(moving, control, driving, session, refine).found()
 

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 
 class MovingState(NamedTuple):
-    """What a dynamic run changes; ``corners`` or ``faces`` is None where no joint is of that family."""
+    """What a dynamic run changes; ``corners`` or ``faces`` is None if no joint is of that family."""
 
     bodies: Bodies
     links: Links
@@ -49,7 +49,7 @@ class MovingState(NamedTuple):
     faces: Faces | None
     ties: Ties
     middle: np.ndarray  # (3,) m, what positions count from
-    order: LoopOrder | None = None  # of the blocks in the loop; None where it has them as they are
+    order: LoopOrder | None = None  # of the blocks in the loop; None if it has them as they are
 
     @property
     def arrays(self) -> list[np.ndarray]:

@@ -72,7 +72,7 @@ class SupportMotion:
 
     def resisting(self, share: float, reaction: np.ndarray) -> float:
         """The reaction along the motion (N) at a share: what the structure does to the supports, along their motion,
-        positive where it drives them on. ``reaction`` (k, 6): of these supports on it, about their centroids at the
+        positive if it drives them on. ``reaction`` (k, 6): of these supports on it, about their centroids at the
         start."""
         centre = self.pose(np.array([share]))[0][0]
         carried = self.point + share * self.displacement

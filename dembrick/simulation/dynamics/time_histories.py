@@ -35,7 +35,7 @@ class Samples:
 def read_samples(path: str | Path, duration: float, quantity: str, columns: Sequence[str] | None = None) -> Samples:
     """Time (s) and ``quantity`` (SI; see `scenario.units`) out of a CSV file or a PEER record.
 
-    ``columns`` names the two columns where the units do not tell them. ScenarioError where a line has no numbers, where
+    ``columns`` names the two columns where the units do not tell them. ScenarioError if a line has no numbers, if
     time does not grow by one step, apart from rounding, or where the history ends before ``duration`` (s).
     """
     found, numbers = read_columns(path, "a history in time", ("time", quantity), columns)

@@ -104,7 +104,7 @@ def dead_wrench(assembly: Assembly) -> np.ndarray:
 def live_wrench(assembly: Assembly) -> np.ndarray:
     """Force and moment (n, 6) of the actuators on every block at V = 1.
 
-    ScenarioError where there are none, or where they add up to nothing on every block.
+    ScenarioError if there are none, or if they add up to nothing on every block.
     """
     actuators = assembly.actuators
     if not len(actuators.block):
@@ -154,7 +154,7 @@ def limit_load(
     """The limit of the actuators' load V of an assembly, by the static theorem; flow is associative.
 
     ``tilt``: V is the tangent of the angle of a table, so that strengths other than friction grow with 1 / cos. Raises
-    ScenarioError without a load, NotConvergedError where the dead loads alone are too much or the solver fails.
+    ScenarioError without a load, NotConvergedError if the dead loads alone are too much or the solver fails.
     """
     began = time.perf_counter()
     live = live_wrench(assembly)
@@ -329,7 +329,7 @@ def _cuts_off(structure: Structure, x: np.ndarray) -> Cuts | None:
 
 
 def _within(structure: Structure, programme: Programme, found: Solution, inner: np.ndarray | None):
-    """Unknowns that balance exactly and lie within the strengths, and their cost; infinite where there are none."""
+    """Unknowns that balance exactly and lie within the strengths, and their cost; infinite if there are none."""
     x = bounds.balanced(structure, programme, found)
     allowed = bounds.ROUNDING * max(1.0, float(np.abs(x).max(initial=0.0)))
     over = np.concatenate(bounds.excess(structure, programme, x))

@@ -125,7 +125,7 @@ def crushing_excess(structure: Structure, x: np.ndarray) -> tuple[np.ndarray, np
 
 def share_of_inner(over: np.ndarray, inner: np.ndarray, allowed: float) -> float:
     """The least share of an inner state that brings a mixture inside: ``over`` and ``inner`` (k,) are the excesses of
-    the two states; 1 where no mixture will do."""
+    the two states; 1 if no mixture will do."""
     outside = over > allowed
     if not outside.any():
         return 0.0

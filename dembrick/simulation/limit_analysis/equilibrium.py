@@ -25,7 +25,7 @@ _SAME = 1e-9  # of the length scale: places that differ by less are the same
 class Frame:
     """The equations of the free blocks: which, in which directions, in which units.
 
-    ``free`` (f,) block numbers, ``number`` (n,) their place there, -1 where fixed; ``position`` (n, 3) of the
+    ``free`` (f,) block numbers, ``number`` (n,) their place there, -1 if fixed; ``position`` (n, 3) of the
     centroids; ``forces`` (d, 3) and ``moments`` (m, 3): directions in the world of a block's force and moment
     equations, three each in space, two and one in a plane; ``plane`` (3,) the normal of that plane through ``middle``
     (3,), or None; ``length`` (m) and ``unit`` (N) are the units of moments and forces.

@@ -52,7 +52,7 @@ class SecondOpinion:
 
 
 def second_opinion(assembly: Assembly, material: Material | None = None) -> SecondOpinion:
-    """The limit without dilatancy as the sequence finds it; NotConvergedError where not even its first programme has an
+    """The limit without dilatancy as the sequence finds it; NotConvergedError if not even its first programme has an
     answer."""
     live = live_wrench(assembly)
     structure = prepared(assembly, [live], material)

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 @dataclass(frozen=True)
 class Extreme:
     """One end of the range of a reaction (N): the truth lies between ``reached``, by forces that balance, and
-    ``bound``; both infinite where nothing limits it. ``resultants`` (j, 6) at it; ``mechanism`` of the blocks when the
+    ``bound``; both infinite if nothing limits it. ``resultants`` (j, 6) at it; ``mechanism`` of the blocks when the
     support begins to move along the direction (least) or against it (greatest)."""
 
     reached: float
@@ -36,7 +36,7 @@ class Extreme:
 
     @property
     def value(self) -> float:
-        """The middle of both; 0 where they lie on either side of it."""
+        """The middle of both; 0 if they lie on either side of it."""
         if math.isinf(self.reached):
             return self.reached
         return 0.0 if self.reached * self.bound <= 0.0 else 0.5 * (self.reached + self.bound)
@@ -46,7 +46,7 @@ def reaction_range(
     assembly: Assembly, support: np.ndarray, direction: np.ndarray, material: Material | None = None
 ) -> tuple[Extreme, Extreme]:
     """Least and greatest force along ``direction`` (3,) unit that the fixed blocks ``support`` (k,) exert on the others
-    under the dead loads. NotConvergedError where the structure does not stand."""
+    under the dead loads. NotConvergedError if the structure does not stand."""
     structure = prepared(assembly, (), material, along=direction)
     inner = standing(structure)
     if not inner.stands:

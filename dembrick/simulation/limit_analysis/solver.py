@@ -91,7 +91,7 @@ class Solution:
 
 
 def require() -> None:
-    """MissingDependency where a package of the extra ``limit`` is not installed."""
+    """MissingDependency if a package of the extra ``limit`` is not installed."""
     _clarabel(), _scipy()
 
 

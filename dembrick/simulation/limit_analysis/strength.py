@@ -27,7 +27,7 @@ _ANY = 1e-3  # tolerance of a quadrature that is not asked for
 @dataclass(frozen=True)
 class Material:
     """Strengths of every joint (j,): ``friction``; ``cohesion``, ``tension`` and ``crushing`` in Pa, the last one
-    infinite where nothing crushes."""
+    infinite if nothing crushes."""
 
     friction: np.ndarray
     cohesion: np.ndarray

@@ -78,7 +78,7 @@ def find_limit_loads(
     """The limit load of every case; ``threads`` defaults to the cores of the machine.
 
     Cases that have no answer say so in ``status``, and the others go on. ``progress`` gets the number of cases done
-    and of all. ScenarioError where the cases are no tests: shapes, signs, a load that does not push along the joint.
+    and of all. ScenarioError if the cases are no tests: shapes, signs, a load that does not push along the joint.
     """
     check(cases)
     starts = range(0, cases.count, BLOCK)

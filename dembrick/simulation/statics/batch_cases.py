@@ -123,7 +123,7 @@ def wrench(cases: Cases) -> np.ndarray:
 
 
 def check(cases: Cases) -> None:
-    """ScenarioError where the cases are no tests: shapes, signs, a load that does not push along the joint."""
+    """ScenarioError if the cases are no tests: shapes, signs, a load that does not push along the joint."""
 
     def require(condition, what: str, bound: str) -> None:
         bad = np.flatnonzero(~np.asarray(condition))

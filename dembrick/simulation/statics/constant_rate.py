@@ -48,7 +48,7 @@ def push_at_constant_rate(
 
     The bracket is what the record allows: strict at any rate, as narrow as the rate lets it be. Where it is not strict,
     V is the mean load of the last quarter of the travel; with ties, the load at its end. Raises DivergedError, and
-    NotConvergedError where the dead loads alone bring the blocks down, where the load of an uncertified test without
+    NotConvergedError if the dead loads alone bring the blocks down, if the load of an uncertified test without
     ties still rises or swings at the end, or where that of a slow certified one swings wildly or stays far below its
     bracket.
     """

@@ -172,7 +172,7 @@ class _Relaxation:
         return {SNAPSHOT: np.array([self._round, self._step], float), **flattened({"state": self._state})}
 
     def _restore(self, snapshot: Snapshot) -> None:
-        """Take it from a snapshot of the same scene; HistoryError where it is of another."""
+        """Take it from a snapshot of the same scene; HistoryError if it is of another."""
         at, step = snapshot.array(SNAPSHOT, np.zeros(2)).tolist()
         if not (at in range(len(self._rounds)) and step in range(self._rounds[int(at)][0])):
             raise HistoryError(f"{snapshot.path}: this checkpoint is of no step of this run")

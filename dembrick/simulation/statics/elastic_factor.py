@@ -39,8 +39,8 @@ def equations(state: State, position: np.ndarray) -> Pattern:
 def elastic_factor(state: State, position: np.ndarray) -> Factors:
     """LU factors of the elastic stiffness of blocks whose centroids stand at ``position`` (n, 3) m.
 
-    Ties count where they are tight now. Raises ScenarioError where the joints, closed and sticking, do not hold every
-    free block, and where the equations of a search would not fit into the memory.
+    Ties count where they are tight now. Raises ScenarioError if the joints, closed and sticking, do not hold every
+    free block, and if the equations of a search would not fit into the memory.
     """
     joints, free = state.joints, state.blocks.free
     pattern = equations(state, position)

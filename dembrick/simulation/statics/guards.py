@@ -42,7 +42,7 @@ def new_guard(assembly: Assembly, state: State, steps: int | None = None) -> Gua
 
 
 def refuse_divergence(status: int, assembly: Assembly, state: State, steps: int, dt: float, critical: float) -> None:
-    """DivergedError where a guard ended the run: which block, at which joint, when, and the time step it was made with.
+    """DivergedError if a guard ended the run: which block, at which joint, when, and the time step it was made with.
 
     ``status`` is that of the loop, ``critical`` the critical time step (s).
     """

@@ -153,7 +153,7 @@ def hold_bonds(state, held: bool) -> None:
 
 
 def reserves(state) -> np.ndarray:
-    """What all bonds could carry more (m,), infinite where there is none; N."""
+    """What all bonds could carry more (m,), infinite if there is none; N."""
     found = [module.reserve(joints).ravel() for module, joints in present(state) if joints.strengths is not None]
     return np.concatenate([np.zeros(0), *found])
 
@@ -167,7 +167,7 @@ def greatest_strength(state) -> np.ndarray:
 
 
 def compressive_strength(state) -> np.ndarray:
-    """The pressure at which every joint crushes (j,) in Pa, infinite where it never does."""
+    """The pressure at which every joint crushes (j,) in Pa, infinite if it never does."""
     found = np.full(len(state.joints.block_a), np.inf)
     for _, joints in present(state):
         if joints.strengths is not None:

@@ -71,7 +71,7 @@ def find_limit_load(
 
     ``step_factor`` is the time step over the critical one; ``session`` gets the record. With a ``goal`` (m) the path is
     followed until a block has moved that far, by ``steps`` times the usual ones at first. Raises NotConvergedError with
-    the best bracket where the tolerance is not reached, DivergedError, and NotConvergedError where the dead loads alone
+    the best bracket where the tolerance is not reached, DivergedError, and NotConvergedError if the dead loads alone
     bring the blocks down. A load that nothing limits is an answer: the yield point says ``unlimited``.
     """
     session = Session.of(session)

@@ -52,7 +52,7 @@ def dissect(position: np.ndarray, first: np.ndarray, second: np.ndarray) -> list
 
 
 def _cut(position: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray | None:
-    """0 and 1 for the blocks of the halves and 2 for those of the separator (n,); None where no cut leaves halves.
+    """0 and 1 for the blocks of the halves and 2 for those of the separator (n,); None if no cut leaves halves.
 
     Sorted along an axis, a block belongs to the separator of a cut if it lies before it and touches one behind, or the
     other way round: how many these are is counted for all cuts at once.

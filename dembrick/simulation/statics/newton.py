@@ -145,7 +145,7 @@ class Equilibria:
 
     def find(self, motion: np.ndarray, V: float) -> tuple[float | None, int]:
         """V of the equilibrium at the driven displacement of ``motion``, near it, and the iterations that it took; None
-        where none is found."""
+        if none is found."""
         before, short, leapt = self.iterations, 0, False
         start = size = self.attempt(motion, V)
         while size <= LOST * start and short < MOST_SHORT and self.iterations - before < MOST_ITERATIONS:
@@ -240,7 +240,7 @@ class Equilibria:
         return landed
 
     def correction(self, V: float) -> float:
-        """By how much one more Newton step would change V at the motion of now (N); infinite where there is none."""
+        """By how much one more Newton step would change V at the motion of now (N); infinite if there is none."""
         self.attempt(self.motion(), V)
         self.differentiate(V)
         if not self.solve():
@@ -262,7 +262,7 @@ class Equilibria:
         self.tangent.prepare(self.trial.seen_a, self.trial.seen_b, self.trial.tangent)
 
     def solve(self) -> bool:
-        """Solve for the answers of the tangent to the out-of-balance and to the unit load; False where it has none."""
+        """Solve for the answers of the tangent to the out-of-balance and to the unit load; False if it has none."""
         began = time.perf_counter()
         solved = self._solve()
         self.phases["equations"] += time.perf_counter() - began

@@ -305,7 +305,7 @@ class PathFollower:
         return {**self.way.snapshot(), **{name: array.copy() for name, array in arrays.items()}}
 
     def _restore(self, snapshot: Snapshot) -> None:
-        """Go on from a snapshot of the same scene; HistoryError where it is of another."""
+        """Go on from a snapshot of the same scene; HistoryError if it is of another."""
         self.way.restore(snapshot)
         for name, own in self._memory().items():
             own[...] = snapshot.array(name, own)

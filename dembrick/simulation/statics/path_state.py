@@ -99,7 +99,7 @@ class PathState:
         }
 
     def restore(self, snapshot: Snapshot) -> None:
-        """Take it from a snapshot of the same scene; HistoryError where it is of another."""
+        """Take it from a snapshot of the same scene; HistoryError if it is of another."""
         numbers = snapshot.array("way.numbers", np.zeros(len(NUMBERS))).tolist()
         for (name, kind), number in zip(NUMBERS.items(), numbers, strict=True):
             if kind is not float and not (number.is_integer() and 0.0 <= abs(number) < 1e15):

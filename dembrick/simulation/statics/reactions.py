@@ -10,7 +10,7 @@ from dembrick.simulation.statics.state import State
 
 
 def support_numbers(state: State) -> np.ndarray:
-    """The number (n,) of each block among the fixed ones, -1 where it is free."""
+    """The number (n,) of each block among the fixed ones, -1 if it is free."""
     fixed = np.ones(len(state.blocks.displacement), bool)
     fixed[state.blocks.free] = False
     return np.where(fixed, np.cumsum(fixed) - 1, -1)

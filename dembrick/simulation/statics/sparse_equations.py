@@ -110,7 +110,7 @@ def inner(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def check_room(pattern: Pattern) -> None:
-    """ScenarioError where the two factors of a search, elastic stiffness and tangent, exceed the memory."""
+    """ScenarioError if the two factors of a search, elastic stiffness and tangent, exceed the memory."""
     there, needed = available(), pattern.bytes(factors=2)
     if there is not None and needed > there:
         raise ScenarioError(
@@ -122,7 +122,7 @@ def check_room(pattern: Pattern) -> None:
 
 def analyse(position: np.ndarray, block_a: np.ndarray, block_b: np.ndarray) -> Pattern:
     """Symbolic analysis for free blocks at ``position`` (f, 3) and joints between ``block_a`` and ``block_b`` (j,),
-    numbers of free blocks or -1 where a block is fixed."""
+    numbers of free blocks or -1 if a block is fixed."""
     n = len(position)
     both = (block_a >= 0) & (block_b >= 0)
     low, high = np.minimum(block_a, block_b)[both], np.maximum(block_a, block_b)[both]
@@ -230,7 +230,7 @@ def _update_places(parent: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, in
 
 
 def _parts(number: _Numbering, start: np.ndarray, a: np.ndarray, b: np.ndarray) -> dict[str, np.ndarray]:
-    """Where the up to four blocks of every joint enter the fronts; ``a``, ``b``: places of its ends, -1 where fixed."""
+    """Where the up to four blocks of every joint enter the fronts; ``a``, ``b``: places of its ends, -1 if fixed."""
     found = []
     for side, (row, column) in enumerate(((a, a), (a, b), (b, a), (b, b))):
         joint = np.flatnonzero((row >= 0) & (column >= 0))

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class State(NamedTuple):
-    """Everything a run changes; ``points`` or ``areas`` is None where no joint is of that family."""
+    """Everything a run changes; ``points`` or ``areas`` is None if no joint is of that family."""
 
     blocks: Blocks
     joints: Joints

@@ -37,7 +37,7 @@ def _late(guard: Guard) -> tuple[float, float]:
 
 
 def refuse_unsound(point: YieldPoint, guard: Guard, pace: float, reach: float) -> None:
-    """NotConvergedError where the curve of a slow certified test is none: its load swings, or stays below the bracket.
+    """NotConvergedError if the curve of a slow certified test is none: its load swings, or stays below the bracket.
 
     ``pace``: elastic slips of the head per critical time step, ``reach`` (m) of the joint. A fast test may swing, and a
     block that has moved far may carry less; the bracket of the start holds all the same.
@@ -55,7 +55,7 @@ def refuse_unsound(point: YieldPoint, guard: Guard, pace: float, reach: float) -
 
 
 def steady(point: YieldPoint, guard: Guard, least: float) -> YieldPoint:
-    """``point`` with the mean load of the last quarter for its V; NotConvergedError where the load is not steady.
+    """``point`` with the mean load of the last quarter for its V; NotConvergedError if the load is not steady.
 
     ``least`` (N) is a load that counts as none: what is let pass is not less than a part of it.
     """

@@ -63,7 +63,7 @@ class Loop:
         return {"loop": np.array([self.step, self.dt]), **flattened({"state": self.state, **self.parts()})}
 
     def restore(self, snapshot: Snapshot) -> None:
-        """Take everything from a snapshot of the same scene; HistoryError where it is of another."""
+        """Take everything from a snapshot of the same scene; HistoryError if it is of another."""
         step, self.dt = (float(x) for x in snapshot.array("loop", np.zeros(2)))
         if not (step >= 0.0 and step.is_integer() and 0.0 < self.dt < np.inf):
             raise HistoryError(f"{snapshot.path}: this checkpoint is of no step of this run")

@@ -32,7 +32,7 @@ class Ties(NamedTuple):
     seen_b: np.ndarray  # (t, 6, 6) likewise of b
     stiffness: np.ndarray  # (t,) N/m
     strength: np.ndarray  # (t,) N, infinite if it never yields
-    least: np.ndarray  # (t,) N, zero where it takes tension only, else minus the strength
+    least: np.ndarray  # (t,) N, zero if it takes tension only, else minus the strength
     prestress: np.ndarray  # (t,) N
     dead: np.ndarray  # (n, 6) N, N m: dead loads on the blocks without the ties
     yielded: np.ndarray  # (t,) m, elongation that stays
@@ -112,7 +112,7 @@ def remember(state: State) -> float:
 
 
 def energy(state: State) -> float:
-    """Elastic energy of the ties (J), zero where they carry nothing."""
+    """Elastic energy of the ties (J), zero if they carry nothing."""
     ties = state.ties
     return 0.0 if ties is None else float(0.5 * (ties.tension**2 / ties.stiffness).sum())
 

@@ -183,7 +183,7 @@ def yield_domain(
     """Replays in ``count`` :func:`directions` on a joint ``polygon`` (m, 2) about its centroid.
 
     N acts at ``eccentricity`` (m, about O), the actuators ``height`` (m) above the joint. Raises ScenarioError for what
-    is no test, NotConvergedError where a direction has no answer.
+    is no test, NotConvergedError if a direction has no answer.
     """
     polygon = np.asarray(polygon, float)
     if not (np.isfinite([friction, normal_force]).all() and friction > 0.0 and normal_force > 0.0):

@@ -64,7 +64,7 @@ class YieldPoint:
 
 
 def read_off(state: State, certificate: Certificate, names, physical: bool = False) -> YieldPoint:
-    """The yield point of a replay that has ended; BracketError where the two bounds contradict each other.
+    """The yield point of a replay that has ended; BracketError if the two bounds contradict each other.
 
     ``physical``: the largest V of the record is that of a test with physical inertia.
     """

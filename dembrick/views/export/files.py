@@ -11,7 +11,7 @@ from dembrick.history import History, check_output, reason
 
 
 def checked_target(history: History, path: str | os.PathLike, frames: bool = True) -> str:
-    """The real path to write to; OutputError where that is impossible, HistoryError where there is nothing to write."""
+    """The real path to write to; OutputError if that is impossible, HistoryError if there is nothing to write."""
     target = check_output(path)
     if os.path.realpath(history.path) == target:
         raise OutputError(f"{path}: this is the history itself; choose another name")

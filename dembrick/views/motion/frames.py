@@ -20,5 +20,5 @@ def coming_down(history, frames=slice(None)) -> np.ndarray:
 
 
 def last_in_rows(history) -> int:
-    """The number of the last frame that is not `coming_down`; -1 where there is none."""
+    """The number of the last frame that is not `coming_down`; -1 if there is none."""
     return history.n_frames - 1 - int(coming_down(history).sum())

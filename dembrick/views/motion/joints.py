@@ -114,7 +114,7 @@ class JointMotion:
         return self._in(frames, "normal_forces")
 
     def point_forces(self, frames) -> np.ndarray | None:
-        """(c, 3) N: force on b at every contact point, world axes; None where the history does not have them."""
+        """(c, 3) N: force on b at every contact point, world axes; None if the history does not have them."""
         return self._in(frames, "point_forces")
 
     def utilisation(self, frames) -> np.ndarray:
@@ -148,7 +148,7 @@ class JointMotion:
 
     @cached_property
     def bonds(self) -> Bonds | None:
-        """Strengths of the joints beside friction; None where they have none."""
+        """Strengths of the joints beside friction; None if they have none."""
         return Bonds(self) if self.history.joints and "cohesion" in self.history.joints[0] else None
 
     @cached_property
@@ -344,7 +344,7 @@ class JointFrames:
 
     @cached_property
     def point_forces(self) -> np.ndarray | None:
-        """(f, c, 3) N: force on b at every contact point, world axes; None where the history does not have them."""
+        """(f, c, 3) N: force on b at every contact point, world axes; None if the history does not have them."""
         return self._values("contact_force")
 
     @cached_property
@@ -366,7 +366,7 @@ class JointFrames:
 
     @property
     def utilisation(self) -> np.ndarray:
-        """(f, j): how much of its strength each joint uses, in friction or in bending, whichever is more: 1 where it
+        """(f, j): how much of its strength each joint uses, in friction or in bending, whichever is more: 1 if it
         slides or twists, and 1 at a hinge."""
         return np.fmax(self.friction_utilisation, self.bending_utilisation)
 
@@ -374,7 +374,7 @@ class JointFrames:
     def bending_utilisation(self) -> np.ndarray:
         """(f, j): how far the centre of pressure is on its way from O to the edge of what can carry N: the polygon of a
         convex joint, that around the contact points else; 1 is a hinge. Of a bond that holds, tension over strength.
-        0 where the joint carries nothing, NaN where it was cut as it slid over an edge, see `friction_utilisation`."""
+        0 if the joint carries nothing, NaN if it was cut as it slid over an edge, see `friction_utilisation`."""
         N, moments = self.resultants[..., 0], self.resultants[..., 4:6]
         carries = N > 0.0
         centre = np.stack([moments[..., 1], -moments[..., 0]], axis=-1) / np.where(carries, N, 1.0)[..., None]
@@ -387,7 +387,7 @@ class JointFrames:
 
     @cached_property
     def _held(self) -> np.ndarray:
-        """(f, j): the part of every joint's area whose bond holds; zero where it never had one."""
+        """(f, j): the part of every joint's area whose bond holds; zero if it never had one."""
         found = self._values("bond")
         return np.where(self.joints.bonds.bonded, 0.0 if found is None else found, 0.0)
 

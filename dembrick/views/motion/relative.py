@@ -46,7 +46,7 @@ class RelativeMotion:
 
     @property
     def opening(self) -> np.ndarray:
-        """(..., j, m) m: distance of the faces at the corners of the polygon, negative where they press."""
+        """(..., j, m) m: distance of the faces at the corners of the polygon, negative if they press."""
         return self._openings[0]
 
     @property
@@ -110,7 +110,7 @@ def quaternion_of(vector: np.ndarray) -> np.ndarray:
 def torsion_centre(first: RelativeMotion, second: RelativeMotion) -> np.ndarray:
     """(..., j, 2) m: where b turned about from one motion to the other, from O in the joint's axes riding on a.
 
-    The material point of b that comes back to its place in the joint's plane. NaN where nothing moved, where the
+    The material point of b that comes back to its place in the joint's plane. NaN if nothing moved, where the
     increment is pure shear, and where it is mostly a tilt.
     """
     found = np.empty((*first.shift.shape[:-1], 2))

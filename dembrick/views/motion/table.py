@@ -35,10 +35,10 @@ def joint_table(history: History, frame: int = -1, time: float | None = None) ->
     nearest to a ``time`` (s).
 
     Resultants are the action on the second block about the joint's centroid O, in the axes t1 and t2 of the joint.
-    ``e_1`` and ``e_2``: the centre of pressure from O, (M_2, -M_1) / N; None where the joint carries nothing.
+    ``e_1`` and ``e_2``: the centre of pressure from O, (M_2, -M_1) / N; None if the joint carries nothing.
     ``open_share``: the part of its area over which it is open. ``utilisation``: the gauge of V_1, V_2 and M_T in the
     joint's yield domain at its N, or how far the centre of pressure is on its way to the edge, whichever is more.
-    HistoryError where frames or joint forces were not recorded.
+    HistoryError if frames or joint forces were not recorded.
     """
     if not history.has_joints:
         history.joint("N")  # says what to record

@@ -33,7 +33,7 @@ _LONGEST_TEXT = 200_000  # characters of a scenario that are shown
 def write(history: History, path: str | os.PathLike) -> str:
     """Write the page of a history (or of the file of one) to ``path``; returns the path.
 
-    Raises OutputError for a path that cannot be written, HistoryError where nothing was recorded that could be shown.
+    Raises OutputError for a path that cannot be written, HistoryError if nothing was recorded that could be shown.
     """
     path = os.fspath(path)
     if os.path.splitext(path)[1].lower() not in ENDINGS:

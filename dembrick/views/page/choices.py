@@ -30,7 +30,7 @@ def rows(history: History) -> np.ndarray:
 
 
 def record(history: History) -> dict | None:
-    """Time, load and displacement as columns in SI units; None where no row was recorded."""
+    """Time, load and displacement as columns in SI units; None if no row was recorded."""
     if not history.n_row:
         return None
     kept, curve = rows(history), history.curve

@@ -180,7 +180,7 @@ def _colours(history: History, frames: Frames, moved: float) -> list[dict]:
 
 
 def recorded_path(history: History) -> JointPath | None:
-    """The path of the joint that gave way, None where no joint was recorded."""
+    """The path of the joint that gave way, None if no joint was recorded."""
     if not (history.n_joint and history.n_row and history.has_joints):
         return None
     return joint_path(history)

@@ -21,7 +21,7 @@ _MILLIMETRES_FROM = 2e-3  # m: longer travels are given in mm, shorter ones in u
 class Record(NamedTuple):
     """The record at the time (f,) s of each frame.
 
-    ``load`` (f,): see ``diagram``, None where that has none; ``travel`` (f,) in ``unit``, ``factor`` of a metre: the
+    ``load`` (f,): see ``diagram``, None if that has none; ``travel`` (f,) in ``unit``, ``factor`` of a metre: the
     displacement of the diagram.
     """
 
@@ -102,7 +102,7 @@ def readout(history: History, record: Record, path: JointPath | None) -> list[di
 
 
 def listed(values: np.ndarray) -> list[float | None]:
-    """Numbers to eight digits, None where there is none."""
+    """Numbers to eight digits, None if there is none."""
     return [float(f"{value:.8g}") if math.isfinite(value) else None for value in np.asarray(values, float).tolist()]
 
 

@@ -98,7 +98,7 @@ def _since_dead_load(displacement: np.ndarray) -> np.ndarray:
 
 def control_points(histories, labels: Sequence[str] | None = None, ax: Axes | None = None) -> Figure:
     """The load over the length of the displacement of every control point, in time where no load grows; HistoryError
-    where a history has none."""
+    if a history has none."""
     histories, labels = labelled(histories, labels)
     for history in histories:
         if not history.control_points:
@@ -142,7 +142,7 @@ def unbalanced(histories, labels: Sequence[str] | None = None, ax: Axes | None =
 
 
 def energies(histories, labels: Sequence[str] | None = None, ax: Axes | None = None) -> Figure:
-    """The energies of histories over time, a panel each; HistoryError where none was recorded. Terms that stay zero
+    """The energies of histories over time, a panel each; HistoryError if none was recorded. Terms that stay zero
     are left out.
 
     ``ax``: one axes, or one for each history.

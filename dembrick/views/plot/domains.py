@@ -45,7 +45,7 @@ def domain_points(histories) -> list[dict]:
     """One row a history with a yield point: ``V``, its bounds, ``V_1``, ``V_2``, ``M_T``, ``N``, the formulation,
     edges ``a`` and ``b`` (m) of the joint and its ``friction``, ``load_height`` (m) of the actuators above it.
 
-    Histories that reached no yield point give no row; HistoryError where the joint is not a rectangle.
+    Histories that reached no yield point give no row; HistoryError if the joint is not a rectangle.
     """
     rows = []
     for history in histories:

@@ -40,7 +40,7 @@ class Stage(NamedTuple):
 
     ``load``: that of the row; ``utilisation`` of friction, and ``bending``, whose 1 is a hinge; ``movement`` (k, 2) m:
     of b over a since the stage before, elastic part included; ``centre`` (2,) m: about which that turned, NaN in shear.
-    ``friction`` (k, 2): on b, as it was recorded, or else where the joint slides; None where it is not known.
+    ``friction`` (k, 2): on b, as it was recorded, or else where the joint slides; None if it is not known.
     ``limit``: the greatest that friction can be at a point. Both
     are in N at contact points, in Pa at points that only stand for the whole.
     """
@@ -62,7 +62,7 @@ def joint_plane(
 ) -> list[Stage]:
     """The stages of one joint. ``frames`` names them; without it ``stages`` of them follow the growing force.
 
-    Raises HistoryError where no motion was recorded, ScenarioError for frames that are not there.
+    Raises HistoryError if no motion was recorded, ScenarioError for frames that are not there.
     """
     number = subject.chosen_joint(history, joint)
     subject.carried_by(history, number)

@@ -37,7 +37,7 @@ class JointPath(NamedTuple):
     torsion, both counted positive the way they went furthest; ``sections`` the joint's own yield domain at the last
     row, and the exact one of the convex formulation where that is another.
 
-    A domain grows with N. Where N changes, ``strength`` (T,) N is mu N, NaN where the joint is open, and the sections
+    A domain grows with N. Where N changes, ``strength`` (T,) N is mu N, NaN if the joint is open, and the sections
     are those of a joint pressed in the middle, over its strength in shear and in torsion, which is ``radius`` (m) times
     that in shear; elsewhere ``strength`` is None.
     """

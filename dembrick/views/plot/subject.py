@@ -42,7 +42,7 @@ def chosen_joint(history: History, name: str | int | None = None) -> int:
     """Number of the joint called ``a/b`` (or ``a/b #3``, or 3); without a name the one that gave way.
 
     That is the joint of the yield point, else the first one of a block that is pushed, else the one that slipped most.
-    Raises HistoryError where there is no joint, ScenarioError for a name that no joint has.
+    Raises HistoryError if there is no joint, ScenarioError for a name that no joint has.
     """
     joints = history.joints
     if not joints:
@@ -79,7 +79,7 @@ def pressure_centre(carried: Mapping[str, float]) -> np.ndarray:
 def limit_surface(joint: Mapping, carried: Mapping[str, float]) -> theory.Law | None:
     """The torsion-shear limit surface of a joint's own formulation at what it carries (``N``, ``M_1``, ``M_2``).
 
-    Points press like springs under the eccentric normal force. None where the joint is open, has no friction, or is
+    Points press like springs under the eccentric normal force. None if the joint is open, has no friction, or is
     pressed outside itself.
     """
     if not (carried["N"] > 0.0 and joint["friction"] > 0.0):
@@ -123,7 +123,7 @@ class JointAlone:
         self.small_displacements, self.counts_equilibria = history.small_displacements, history.counts_equilibria
 
     def frame_values(self, name: str, start: int, stop: int) -> np.ndarray | None:
-        """Frames start to stop of a channel, (f, 2, ...), (f, c, ...) or (f, 1, 2); None where not recorded."""
+        """Frames start to stop of a channel, (f, 2, ...), (f, c, ...) or (f, 1, 2); None if not recorded."""
         found = self._history.frame_values(name, start, stop)
         own = {"contact_force": self._points, "contact_arm": self._points, "joint_shift": [self._number]}
         return None if found is None else found[:, own.get(name, self._blocks)]
@@ -134,7 +134,7 @@ class JointAlone:
 
 
 class Diagram(NamedTuple):
-    """What the diagram of a run shows: ``load`` names the load over the displacement, with its unit; None where the
+    """What the diagram of a run shows: ``load`` names the load over the displacement, with its unit; None if the
     blocks move in time under no growing load, and the displacement is shown over time."""
 
     load: str | None

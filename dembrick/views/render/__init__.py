@@ -201,7 +201,7 @@ def movie_frames(history: History, count: int) -> list[int]:
 
     All of them where there are no more and they follow each other evenly (but for the last, at which the run ended);
     else those nearest to moments spread evenly over the run, one held as long as it is the nearest. Equilibria, which
-    know no time, are spread evenly by their numbers. Raises HistoryError where there are no frames.
+    know no time, are spread evenly by their numbers. Raises HistoryError if there are no frames.
     """
     last, times = _frame(history, -1), history.frame_time
     steps = np.diff(times)

@@ -182,7 +182,7 @@ def thrust_line(
 
 
 def require_thrust(history: History, joints: JointMotion | None) -> JointMotion:
-    """The joints that a line of thrust goes through; HistoryError where there is no such line to draw."""
+    """The joints that a line of thrust goes through; HistoryError if there is no such line to draw."""
     if not (joints and history.has_joints and history.n_row):
         raise HistoryError(
             f"{history.path}: the line of thrust cannot be drawn because the forces of joints were not recorded; run "

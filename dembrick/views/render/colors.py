@@ -32,7 +32,7 @@ _UNITS = {  # unit in steps of a thousand
 class Colouring:
     """Values of ``color`` at the vertices ("displacement") or of the blocks (all others), frame by frame.
 
-    Raises HistoryError where the history does not hold what they need.
+    Raises HistoryError if the history does not hold what they need.
     """
 
     def __init__(self, history: History, color: str, carried: CarriedPoints, joints: JointMotion | None):

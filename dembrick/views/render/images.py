@@ -15,7 +15,7 @@ _COLOURS = 256  # of a GIF's palette, taken from its last frame, which has the m
 
 
 def write_png(image: np.ndarray, path: str, target: str) -> None:
-    """Write pixels (h, w, 3) to ``target``, the file behind ``path``; OutputError where that fails."""
+    """Write pixels (h, w, 3) to ``target``, the file behind ``path``; OutputError if that fails."""
     import pyvista
     from vtkmodules.util.numpy_support import vtk_to_numpy
     from vtkmodules.vtkIOImage import vtkPNGWriter
@@ -50,7 +50,7 @@ class Movie:
 
     @staticmethod
     def require(path: str) -> None:
-        """MissingDependency where the packages for this ending are not installed."""
+        """MissingDependency if the packages for this ending are not installed."""
         if os.path.splitext(path)[1].lower() == ".gif":
             try:
                 import PIL.Image  # noqa: F401
