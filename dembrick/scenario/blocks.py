@@ -12,7 +12,17 @@ import math
 from dataclasses import dataclass
 
 from dembrick.errors import ScenarioError
-from dembrick.scenario.checks import assign, check_name, one_of, real, require, require_type, show, unit_vector, vector
+from dembrick.scenario.checks import (
+    assign,
+    assign_positive,
+    check_name,
+    one_of,
+    require,
+    require_type,
+    show,
+    unit_vector,
+    vector,
+)
 from dembrick.scenario.units import LENGTHS
 
 Vector = tuple[float, float, float]
@@ -36,9 +46,8 @@ class Prism:
 
     def __post_init__(self):
         corners = _points("polygon", self.polygon, 2, least=3)
-        height = real("height", self.height)
-        require(height > 0.0, "height", height, "it must be greater than 0 m")
-        assign(self, polygon=corners, height=height)
+        assign(self, polygon=corners)
+        assign_positive(self, "height", "m")
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,9 +67,7 @@ class Voussoir:
 
     def __post_init__(self):
         for key in ("radius", "thickness", "depth", "angle"):
-            value = real(key, getattr(self, key))
-            require(value > 0.0, key, value, f"it must be greater than 0 {'deg' if key == 'angle' else 'm'}")
-            assign(self, **{key: value})
+            assign_positive(self, key, "deg" if key == "angle" else "m")
         require(self.thickness < 2.0 * self.radius, "thickness", self.thickness, "it must be below twice the radius")
         require(self.angle < 180.0, "angle", self.angle, "a voussoir spans less than 180 deg")
         require_type(isinstance(self.curved, bool), "curved", self.curved, "true or false")
@@ -79,10 +86,8 @@ class Mesh:
 
     def __post_init__(self):
         check_name("file", self.file)
-        scale = real("scale", self.scale)
-        require(scale > 0.0, "scale", scale, "it must be greater than 0")
+        assign_positive(self, "scale")
         one_of("unit", self.unit, tuple(LENGTHS))
-        assign(self, scale=scale)
 
     @property
     def metres(self) -> float:

@@ -16,15 +16,16 @@ from dembrick.errors import ScenarioError
 from dembrick.scenario.blocks import Vector
 from dembrick.scenario.checks import (
     assign,
+    assign_positive,
+    assign_within,
     check_name,
+    direction,
     members_of,
     one_of,
     present,
     real,
     require,
     require_type,
-    unit_vector,
-    vector,
 )
 from dembrick.scenario.regimes import (
     ACTUATORS,
@@ -53,6 +54,8 @@ from dembrick.scenario.regimes import (
 from dembrick.scenario.support_paths import SupportPath, Turn
 from dembrick.scenario.time_functions import Pulse, Sine, checked_columns
 
+TOLERANCE = "it is a relative error between 1e-8 and 0.1; 1e-3 is usual"
+DAMPING = "it must lie between 0 and 0.9 of critical"
 QUANTITIES = ("acceleration", "velocity", "displacement")
 
 
@@ -77,13 +80,7 @@ class YieldControl(Control):
 
     def __post_init__(self):
         _check_large_displacements(self)
-        assign(self, tolerance=real("tolerance", self.tolerance))
-        require(
-            1e-8 <= self.tolerance <= 0.1,
-            "tolerance",
-            self.tolerance,
-            "it is a relative error between 1e-8 and 0.1; 1e-3 is usual",
-        )
+        assign_within(self, "tolerance", 1e-8, 0.1, TOLERANCE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,10 +104,8 @@ class DisplacementControl(Control):
 
     def __post_init__(self):
         _check_large_displacements(self)
-        for key, unit in (("rate", "m/s"), ("travel", "m")):
-            value = real(key, getattr(self, key))
-            require(value > 0.0, key, value, f"it must be greater than 0 {unit}")
-            assign(self, **{key: value})
+        assign_positive(self, "rate", "m/s")
+        assign_positive(self, "travel", "m")
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,27 +173,19 @@ class TiltControl(Control):
         return math.degrees(math.atan(load_factor))
 
     def __post_init__(self):
-        axis = vector("axis", self.axis)
-        require(any(axis), "axis", axis, "its length must be greater than 0")
         quasi_static = self.rate is None if self.quasi_static is None else self.quasi_static
         require_type(isinstance(quasi_static, bool), "quasi_static", quasi_static, "true or false")
-        assign(self, axis=unit_vector(axis), quasi_static=quasi_static)
+        assign(self, axis=direction("axis", self.axis), quasi_static=quasi_static)
         _check_large_displacements(self)
-        damping = real("damping", self.damping)
         for key, unit in (("rate", "deg/s"), ("displacement", "m")):
             value = getattr(self, key)
             require(quasi_static or value is not None, key, value, f"a tilt in real time needs it, in {unit}")
             if value is not None:
-                value = real(key, value)
-                require(value > 0.0, key, value, f"it must be greater than 0 {unit}")
-                assign(self, **{key: value})
+                assign_positive(self, key, unit)
         if self.rate is not None:
             require(self.rate <= 10.0, "rate", self.rate, "it must be at most 10 deg/s: a table tilts slowly")
-        require(0.0 <= damping <= 0.9, "damping", damping, "it must lie between 0 and 0.9 of critical")
-        tolerance = real("tolerance", self.tolerance)
-        bound = "it is a relative error between 1e-8 and 0.1; 1e-3 is usual"
-        require(1e-8 <= tolerance <= 0.1, "tolerance", tolerance, bound)
-        assign(self, damping=damping, tolerance=tolerance)
+        assign_within(self, "damping", 0.0, 0.9, DAMPING)
+        assign_within(self, "tolerance", 1e-8, 0.1, TOLERANCE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -234,27 +221,20 @@ class PushoverControl(Control):
         return self.direction
 
     def __post_init__(self):
-        direction = vector("direction", self.direction)
-        require(any(direction), "direction", direction, "its length must be greater than 0")
-        assign(self, direction=unit_vector(direction), tolerance=real("tolerance", self.tolerance))
+        assign(self, direction=direction("direction", self.direction))
         if self.displacement is not None:
-            assign(self, displacement=real("displacement", self.displacement))
-            require(self.displacement > 0.0, "displacement", self.displacement, "it must be greater than 0 m")
+            assign_positive(self, "displacement", "m")
         require_type(isinstance(self.quasi_static, bool), "quasi_static", self.quasi_static, "true or false")
         _check_large_displacements(self)
-        bound = "it is a relative error between 1e-8 and 0.1; 1e-3 is usual"
-        require(1e-8 <= self.tolerance <= 0.1, "tolerance", self.tolerance, bound)
-        damping = real("damping", self.damping)
-        require(0.0 <= damping <= 0.9, "damping", damping, "it must lie between 0 and 0.9 of critical")
-        assign(self, damping=damping)
+        assign_within(self, "tolerance", 1e-8, 0.1, TOLERANCE)
+        assign_within(self, "damping", 0.0, 0.9, DAMPING)
         if self.quasi_static:
             require(self.rate is None, "rate", self.rate, "it belongs to a push in real time: quasi_static = false")
             return
         for key, unit in (("rate", "m/s"), ("displacement", "m")):
             value = getattr(self, key)
             require(value is not None, key, value, f"a push in real time needs it, in {unit}")
-        assign(self, rate=real("rate", self.rate))
-        require(present(self.rate) > 0.0, "rate", self.rate, "it must be greater than 0 m/s")
+        assign_positive(self, "rate", "m/s")
 
 
 @dataclass(frozen=True, slots=True)
@@ -317,7 +297,7 @@ class BaseMotionControl(Control):
         several = isinstance(self.direction, list | tuple) and any(isinstance(v, list | tuple) for v in self.direction)
         given = self.direction if several else (self.direction,)
         require(len(given) <= 3, "direction", self.direction, "the supports move along one to three directions")
-        directions = tuple(_direction(v) for v in given)
+        directions = tuple(direction("direction", v) for v in given)
         assign(self, direction=directions if several else directions[0], scale=real("scale", self.scale))
         one_of("quantity", self.quantity, QUANTITIES)
         if isinstance(self.file, list | tuple):
@@ -404,24 +384,15 @@ class SettlementControl(Control):
         named = "name the supports that move, or give motions"
         require(bool(self.support_paths), "supports", list(self.supports), named)
         require_type(isinstance(self.quasi_static, bool), "quasi_static", self.quasi_static, "true or false")
-        tolerance, damping = real("tolerance", self.tolerance), real("damping", self.damping)
-        require(1e-5 <= tolerance <= 0.1, "tolerance", tolerance, "it is a relative error between 1e-5 and 0.1")
-        require(0.0 <= damping <= 0.9, "damping", damping, "it must lie between 0 and 0.9 of critical")
-        assign(self, tolerance=tolerance, damping=damping)
+        assign_within(self, "tolerance", 1e-5, 0.1, "it is a relative error between 1e-5 and 0.1")
+        assign_within(self, "damping", 0.0, 0.9, DAMPING)
         if self.quasi_static:
             in_time = "it belongs to a settlement in real time: quasi_static = false"
             require(self.rate is None, "rate", self.rate, in_time)
             return
         if self.rate is None:
             raise ScenarioError("missing key 'rate': a settlement in real time (quasi_static = false) needs it, in m/s")
-        assign(self, rate=real("rate", self.rate))
-        require(present(self.rate) > 0.0, "rate", self.rate, "it must be greater than 0 m/s")
-
-
-def _direction(value) -> tuple[float, ...]:
-    direction = vector("direction", value)
-    require(any(direction), "direction", direction, "its length must be greater than 0")
-    return unit_vector(direction)
+        assign_positive(self, "rate", "m/s")
 
 
 def _searched(control: TiltControl | PushoverControl) -> Regime:
@@ -443,11 +414,11 @@ def _check_large_displacements(control: Control) -> None:
 
 
 def _check_motion(control: DynamicControl | BaseMotionControl) -> None:
-    duration, restitution = real("duration", control.duration), real("restitution", control.restitution)
+    duration = real("duration", control.duration)
     require(duration > 0.0, "duration", duration, "it must be longer than 0 s")
+    assign(control, duration=duration)
     bound = "the speed after over the speed before an impact lies between 0.14 (critically damped) and 1"
-    require(0.14 <= restitution <= 1.0, "restitution", restitution, bound)
-    assign(control, duration=duration, restitution=restitution)
+    assign_within(control, "restitution", 0.14, 1.0, bound)
 
 
 CONTROLS: dict[str, type[Control]] = {

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from numbers import Integral
 from typing import Any
 
-from dembrick.scenario.checks import assign, check_name, one_of, real, require, require_type
+from dembrick.scenario.checks import assign, assign_positive, check_name, one_of, real, require, require_type
 
 FORMULATIONS = ("concave", "corrected", "corrected-shear", "convex", "distributed")
 PRESSURES = ("full", "effective", "linear")
@@ -40,9 +40,7 @@ class JointLaw:
         assign(self, friction=real("friction", self.friction))
         require(self.friction >= 0.0, "friction", self.friction, "it must be at least 0")
         for key in ("normal_stiffness", "shear_stiffness"):
-            value = real(key, getattr(self, key))
-            require(value > 0.0, key, value, "it must be greater than 0 Pa/m")
-            assign(self, **{key: value})
+            assign_positive(self, key, "Pa/m")
         one_of("pressure", self.pressure, PRESSURES)
         convex = self.pressure == "full" or self.formulation == "convex"
         require(convex, "pressure", self.pressure, "only formulation = 'convex' has a choice of pressure")

@@ -17,7 +17,9 @@ from dembrick.scenario.blocks import Block, Vector
 from dembrick.scenario.cad_models import CadModel
 from dembrick.scenario.checks import (
     assign,
+    assign_positive,
     check_name,
+    direction,
     members_of,
     nearest,
     one_line,
@@ -26,7 +28,6 @@ from dembrick.scenario.checks import (
     require,
     require_type,
     show,
-    unit_vector,
     vector,
 )
 from dembrick.scenario.controls import (  # noqa: F401 (all that a scenario is made of can be imported from here)
@@ -58,8 +59,7 @@ class Material:
     density: float
 
     def __post_init__(self):
-        assign(self, density=real("density", self.density))
-        require(self.density > 0.0, "density", self.density, "it must be greater than 0 kg/m3")
+        assign_positive(self, "density", "kg/m3")
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,11 +116,10 @@ class Actuator:
     def __post_init__(self):
         label = f" of actuator {show(check_name('name', self.name))}"
         check_name(f"block{label}", self.block)
-        direction = vector("direction", self.direction, label=label)
-        require(any(direction), f"direction{label}", direction, "its length must be greater than 0")
         weight = real(f"weight{label}", self.weight)
         require(weight != 0.0, f"weight{label}", weight, "it must not be 0")
-        assign(self, point=vector("point", self.point, label=label), direction=unit_vector(direction), weight=weight)
+        assign(self, point=vector("point", self.point, label=label), weight=weight)
+        assign(self, direction=direction("direction", self.direction, label))
         assign(self, stages=stage_numbers(f"stages{label}", self.stages))
 
 

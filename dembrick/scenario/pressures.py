@@ -6,7 +6,16 @@ from dataclasses import dataclass
 
 from dembrick.errors import ScenarioError
 from dembrick.scenario.blocks import Vector
-from dembrick.scenario.checks import assign, check_name, present, real, require, require_type, show, unit_vector, vector
+from dembrick.scenario.checks import (
+    assign,
+    check_name,
+    direction,
+    present,
+    real,
+    require,
+    require_type,
+    show,
+)
 from dembrick.scenario.stages import stage_numbers
 
 PRESSURE = "pressure on "  # begins the name of a driven pressure among the actuators
@@ -33,9 +42,8 @@ class Pressure:
 
     def __post_init__(self):
         label = f" of the pressure on {show(check_name('block', self.block))}"
-        direction = vector("direction", self.direction, label=label)
-        require(any(direction), f"direction{label}", direction, "its length must be greater than 0")
-        assign(self, direction=unit_vector(direction), stages=stage_numbers(f"stages{label}", self.stages))
+        assign(self, direction=direction("direction", self.direction, label))
+        assign(self, stages=stage_numbers(f"stages{label}", self.stages))
         require_type(isinstance(self.actuator, bool), f"actuator{label}", self.actuator, "true or false")
         if (self.value is None) == (self.surface is None) or (self.surface is None) != (self.weight is None):
             raise ScenarioError(

@@ -9,12 +9,12 @@ from dembrick.scenario.blocks import Vector
 from dembrick.scenario.checks import (
     assign,
     check_name,
+    direction,
     present,
     real,
     require,
     require_type,
     show,
-    unit_vector,
     vector,
 )
 
@@ -33,11 +33,10 @@ class Turn:
     point: Vector | None = None
 
     def __post_init__(self):
-        axis, angle = vector("axis", self.axis), real("angle", self.angle)
-        require(any(axis), "axis", axis, "its length must be greater than 0")
+        angle = real("angle", self.angle)
         bound = f"it must lie between -{STEEPEST_TURN:g} and {STEEPEST_TURN:g} deg, and not be 0"
         require(0.0 < abs(angle) <= STEEPEST_TURN, "angle", angle, bound)
-        assign(self, axis=unit_vector(axis), angle=angle)
+        assign(self, axis=direction("axis", self.axis), angle=angle)
         if self.point is not None:
             assign(self, point=vector("point", self.point))
 

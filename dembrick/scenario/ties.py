@@ -7,7 +7,7 @@ from typing import Any
 
 from dembrick.errors import ScenarioError
 from dembrick.scenario.blocks import Vector
-from dembrick.scenario.checks import assign, check_name, real, require, require_type, show, vector
+from dembrick.scenario.checks import assign, assign_positive, check_name, real, require, require_type, show, vector
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,13 +49,10 @@ class Tie:
         if ends[0].point == ends[1].point:
             raise ScenarioError(f"both ends{label} are at one point, so that it has no direction; move one of them")
         assign(self, between=tuple(ends), prestress=real(f"prestress{label}", self.prestress))
-        stiffness = real(f"stiffness{label}", self.stiffness)
-        require(stiffness > 0.0, f"stiffness{label}", stiffness, "it must be greater than 0 N/m")
+        assign_positive(self, "stiffness", "N/m", label)
         require_type(isinstance(self.tension_only, bool), f"tension_only{label}", self.tension_only, "true or false")
-        assign(self, stiffness=stiffness)
         if self.strength is not None:
-            assign(self, strength=real(f"strength{label}", self.strength))
-            require(self.strength > 0.0, f"strength{label}", self.strength, "it must be greater than 0 N")
+            assign_positive(self, "strength", "N", label)
             bound = f"the tie yields at its strength of {self.strength:g} N"
             require(abs(self.prestress) <= self.strength, f"prestress{label}", self.prestress, bound)
         slack = self.prestress >= 0.0 or not self.tension_only

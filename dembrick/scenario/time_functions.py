@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from dembrick.scenario.checks import assign, check_name, real, require, require_type
+from dembrick.scenario.checks import assign, assign_positive, check_name, real, require, require_type
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,9 +16,8 @@ class Sine:
     phase: float = 0.0
 
     def __post_init__(self):
-        for key in ("amplitude", "frequency", "phase"):
-            assign(self, **{key: real(key, getattr(self, key))})
-        require(self.frequency > 0.0, "frequency", self.frequency, "it must be greater than 0 Hz")
+        assign(self, amplitude=real("amplitude", self.amplitude), phase=real("phase", self.phase))
+        assign_positive(self, "frequency", "Hz")
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,7 +19,7 @@ from helpers.walls import wall
 def test_any_number_of_threads_gives_the_same_bits(formulation, monkeypatch):
     built = wall(formulation)
     before = built.rotation.copy()
-    ends, energies = [], []
+    ends, found = [], []
     for threads in (None, *range(1, numba.config.NUMBA_NUM_THREADS + 1)):
         monkeypatch.setattr(integrator, "MANY", 0 if threads else 10**9)
         monkeypatch.setattr(integrator._Pace, "choose", lambda _, loops: (loops - 1, 2048))
@@ -31,14 +31,14 @@ def test_any_number_of_threads_gives_the_same_bits(formulation, monkeypatch):
         moving.energy.open(moving.state)
         integrator.advance(moving, driving, 300, Limits(1.0, 1.0))
         ends.append(moving.state)
-        energies.append(moving.energy.energies(moving.state, moving.time_step))
+        found.append(moving.energy.energies(moving.state, moving.time_step))
     numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
     for end in ends[1:]:
         np.testing.assert_array_equal(end.bodies.position, ends[0].bodies.position)
         np.testing.assert_array_equal(end.bodies.orientation, ends[0].bodies.orientation)
         np.testing.assert_array_equal(end.links.wrench, ends[0].links.wrench)
     assert np.abs(ends[0].links.wrench).max() > 100.0
-    assert energies[1:] == energies[:1] * len(energies[1:]) and energies[0]["kinetic"] > 0.0 and energies[0]["dashpots"] > 0.0
+    assert found[1:] == found[:1] * len(found[1:]) and found[0]["kinetic"] > 0.0 and found[0]["dashpots"] > 0.0
     np.testing.assert_array_equal(built.rotation, before)  # a run leaves the assembly as it was
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from dembrick.scenario.blocks import Quaternion, Vector
-from dembrick.scenario.checks import assign, check_name, one_line, real, require, require_type, vector
+from dembrick.scenario.checks import assign, assign_positive, check_name, one_line, real, require, require_type, vector
 
 
 def about_z(angle: float) -> Quaternion:
@@ -65,9 +65,7 @@ def check_lengths(generator, label: str, *keys: str) -> None:
     """Each of ``keys`` is a length (m) above 0, or None if that is allowed."""
     for key in keys:
         if getattr(generator, key) is not None:
-            value = real(f"{key}{label}", getattr(generator, key))
-            require(value > 0.0, f"{key}{label}", value, "it must be greater than 0 m")
-            assign(generator, **{key: value})
+            assign_positive(generator, key, "m", label)
 
 
 def check_count(generator, label: str, key: str, least: int = 1) -> None:
