@@ -135,7 +135,7 @@ def test_free_rocking(ratio, period):
     spin = p * math.sqrt(2.0 * (math.cos(alpha - ratio * alpha) - math.cos(alpha)))
     velocity = tuple(np.cross([0.0, spin, 0.0], [-b / 2, 0.0, h / 2]))
     block = {"velocity": velocity, "angular_velocity": (0.0, spin, 0.0)}
-    result = simulate(scenario(DynamicControl(0.8), box=(b, 0.5, h), friction=0.8, rows=4000, **block))
+    result = simulate(scenario(DynamicControl(0.8), box=(b, 0.5, h), friction=0.8, rows=1500, **block))
     time, angle = result.frames["time"], turned_about(result, 1)
     peak = int(np.argmax(angle))
     assert angle[peak] == pytest.approx(ratio * alpha, rel=1e-4)

@@ -13,14 +13,14 @@ from dembrick.runs.lab import lab_scenario
 from dembrick.scenario import model
 
 
-def case(name, formulation, tolerance=1e-3, **output):
-    """A lab scenario that writes a checkpoint after every chunk; a curve is cut short."""
+def case(name, formulation, tolerance=1e-3, checkpoint=0.0, **output):
+    """A lab scenario that writes a checkpoint after every chunk, or every so many seconds; a curve is cut short."""
     given = lab_scenario(name, formulation, tolerance)
     if given.control.kind == "displacement":
         given = dataclasses.replace(given, control=model.DisplacementControl(1e-3, 1.5e-5))
     if formulation == "distributed":  # its points given: to place them is a search of its own, and stopped as one
         given = dataclasses.replace(given, joint=dataclasses.replace(given.joint, points=(6, 5)))
-    return dataclasses.replace(given, output=model.Output(model.CHANNELS, checkpoint=0.0, **output))
+    return dataclasses.replace(given, output=model.Output(model.CHANNELS, checkpoint=checkpoint, **output))
 
 
 def content(path):

@@ -191,7 +191,7 @@ def kills(folder, count):
 
 
 def test_kills_at_random_moments(tmp_path):
-    kills(tmp_path, 12)
+    kills(tmp_path, 8)
 
 
 @pytest.mark.slow

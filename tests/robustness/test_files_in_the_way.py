@@ -115,7 +115,7 @@ def test_claims_of_many_processes_never_meet(folder):
 import os, random, time
 from dembrick.errors import OutputError
 from dembrick.history.claims import claimed
-end, got = time.monotonic() + 1.5, 0
+end, got = time.monotonic() + 0.6, 0
 while time.monotonic() < end:
     try:
         with claimed("run.h5"):

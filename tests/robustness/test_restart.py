@@ -24,7 +24,7 @@ from helpers.scenario_text import block, header
 @pytest.mark.parametrize("name", ["set4a", "set4b_mid", "set4a_curve"])
 def test_stop_and_restart_is_one_run(tmp_path, stop_after, name, formulation):
     """Stopped twice, once by each signal; rows, frames, results and settings are bit by bit those of one run."""
-    given = case(name, formulation, rows=60, frames=30)
+    given = case(name, formulation, checkpoint=1e9, rows=60, frames=30)
     whole = simulate(given, tmp_path / "whole.h5")
     path = tmp_path / "parts.h5"
     words = ("equilibrium 4", "equilibrium [5-9]") if whole.counts_equilibria else ("step 5", "step 9")
@@ -73,7 +73,7 @@ displacement = 0.002
 @pytest.mark.parametrize("pressure", ["effective", "linear"])
 def test_pressures_that_follow_the_bending_go_on_too(tmp_path, stop_after, pressure):
     """Their state has a part in a part: the pressed polygons of the convex joints."""
-    given = case("set4a_mid", "convex", rows=60, frames=30)
+    given = case("set4a_mid", "convex", checkpoint=1e9, rows=60, frames=30)
     given = dataclasses.replace(given, joint=dataclasses.replace(given.joint, pressure=pressure))
     whole = simulate(given, tmp_path / "whole.h5")
     stop_after(5)
