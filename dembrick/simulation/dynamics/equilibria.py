@@ -16,6 +16,7 @@ breaks a bond, and the parameter at which bonds break is known to the tolerance 
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -68,7 +69,7 @@ class EquilibriaRun(MotionRun):
         return self.reaction
 
 
-class EquilibriumPath:
+class EquilibriumPath(ABC):
     """Equilibrium after equilibrium, while a parameter grows from zero.
 
     ``reached``: the parameter of the last equilibrium, and ``failed``: that at which the blocks came down (infinite:
@@ -97,25 +98,25 @@ class EquilibriumPath:
 
     # --- what a kind of path says
 
+    @abstractmethod
     def driven(self, parameter: Curve) -> Driving:
         """What drives the run while the parameter is that function of time."""
-        raise AssertionError("a kind of path says it")
 
+    @abstractmethod
     def steps(self, begin: float, end: float) -> int:
         """In how many steps the parameter grows from ``begin`` to ``end``."""
-        raise AssertionError("a kind of path says it")
 
+    @abstractmethod
     def following(self) -> float | None:
         """The parameter of the next equilibrium, None at the end of the way."""
-        raise AssertionError("a kind of path says it")
 
+    @abstractmethod
     def said(self, parameter: float) -> str:
         """A value of the parameter, for a message."""
-        raise AssertionError("a kind of path says it")
 
+    @abstractmethod
     def come_down(self, before: np.ndarray, blocks: np.ndarray) -> dict:
         """How ``blocks`` (k,) come down since the joints looked like ``before`` (j, 9, of `seen`)."""
-        raise AssertionError("a kind of path says it")
 
     @property
     def slow(self) -> str:
