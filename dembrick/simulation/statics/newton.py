@@ -102,7 +102,7 @@ class Equilibria:
     def attempt(self, motion: np.ndarray, V: float) -> float:
         """Out-of-balance of a motion under the load V: the square root of the elastic energy that it would give (J)."""
         began = time.perf_counter()
-        self.move(motion)
+        self._move(motion)
         self._try(V, with_tangent=False)
         forces = time.perf_counter()
         energy = self.factor.energy(self.trial.residual)
@@ -110,7 +110,7 @@ class Equilibria:
         self.phases["equations"] += time.perf_counter() - forces
         return math.sqrt(max(0.0, energy))
 
-    def move(self, motion: np.ndarray) -> None:
+    def _move(self, motion: np.ndarray) -> None:
         blocks, rows = self.state.blocks, motion[self.rows]
         blocks.displacement[self.free], blocks.rotation[self.free] = rows[:, :3], rows[:, 3:]
         ties.pull(self.state)
@@ -195,7 +195,7 @@ class Equilibria:
         for _ in range(MOST_PARTS):
             secant = low[0] + (high[0] - low[0]) * low[1] / (low[1] - high[1])
             part = min(max(secant, low[0] + 0.05 * (high[0] - low[0])), low[0] + 0.9 * (high[0] - low[0]))
-            self.move(motion + part * change)
+            self._move(motion + part * change)
             self._try(V + part * change_V, with_tangent=False)
             rest = inner(self.trial.residual, change)
             if abs(rest) <= SLACK * work:

@@ -7,10 +7,10 @@ the laws themselves, implicit in the friction (backward Euler), in the geometry 
 elastic a step is exact; once a mechanism moves, V is that of the mechanism for steps of any length, and they are
 doubled until the memory of the elastic forces, and the strip of a convex joint that rocks, have become nothing.
 
-Where many contacts are at the brink of opening or slipping, Newton's method finds no way among them. Dry contact points
-then take an `interior_point` method; at other joints a small part of the elastic stiffness drags during the step. V is
-that without the drag, by virtual work, and what it leaves out of balance counts against the lower bound: it is made so
-small that it does not matter. Bonds break between equilibria, not within one (`bond_breaking`).
+Where many contacts are at the brink of opening or slipping, Newton's method finds no way among them. Then a small part
+of the elastic stiffness drags at each joint during the step. V is that without the drag, by virtual work, and what the
+drag leaves out of balance counts against the lower bound: it is made so small that it does not matter.
+Bonds break between equilibria, not within one (`bond_breaking`).
 
 Where blocks snap from one state into another, no further equilibrium lies near. Then they are let go: with a greater
 drag they drift to where they come to rest, the driven displacement held.
@@ -29,9 +29,8 @@ from dembrick.kernels.statics.newton import remember
 from dembrick.simulation import interrupts
 from dembrick.simulation.checkpoint_arrays import flattened, restored_state
 from dembrick.simulation.session import Progress, Session, Snapshot
-from dembrick.simulation.statics import interior_point, joint_families, ties
+from dembrick.simulation.statics import joint_families, ties
 from dembrick.simulation.statics.bond_breaking import BondBreaking
-from dembrick.simulation.statics.interior_point import InteriorPoint
 from dembrick.simulation.statics.newton import HELD, Equilibria
 from dembrick.simulation.statics.path_bounds import limit_bounds, peak_bounds
 from dembrick.simulation.statics.path_prediction import go_on_rocking
@@ -83,7 +82,6 @@ class PathFollower:
         self.state, self.certificate, self.recorder = state, certificate, recorder
         self.loosest = max(BALANCED * min(certificate.tolerance, USUAL), LEAST_BALANCED)
         self.search = Equilibria(state, load, factor, self.loosest)
-        self.interior = InteriorPoint(self.search) if interior_point.applies(state) else None
         self.free, self.rows, self.trial = self.search.free, self.search.rows, self.search.trial
         self.weight = float(np.abs(state.actuators.weight).sum())
         self.answer = factor.pattern.to_rows(factor.answer(load[self.free]))
@@ -172,10 +170,7 @@ class PathFollower:
         V = None
         if not way.dragged:
             V, way.tried = self._found(*guess)
-        if V is None and self.interior is not None:
-            V, way.tried = self.interior.next_equilibrium(way), EASY
-            way.iterations = self.search.iterations
-        elif V is None:
+        if V is None:
             V, way.tried = self._dragged(*guess)
         if V is not None:
             return (V, True) if self.bonds.bear(way) else (None, True)
