@@ -38,6 +38,7 @@ from dembrick.kernels.dynamics.tiles import (
     FRAME,
     GROWTH,
     LAST,
+    LINE,
     MOVED,
     NORMAL,
     POINT,
@@ -281,7 +282,7 @@ def forces(links, corners, bodies, first, last, force_out, strengths, bonds, ene
         next_point = corners.tile_start[t + 1]
         expect(corners.sheared, next_point * SHEAR, (next_point - corners.tile_start[t]) * SHEAR)
         if energy_terms is not None:
-            expect(energy_terms.dashpots, (t + 1) * DASHPOTS, DASHPOTS)
+            expect(energy_terms.dashpots, (t + 1) * DASHPOTS, DASHPOTS, LINE // 4)
             expect(energy_terms.ledger, (t + 1) * LEDGER, W)
         expect(links.wrenches, t * WRENCHES, WRENCHES)
         fetch(links, t, bodies, work)

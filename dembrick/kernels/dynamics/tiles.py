@@ -77,10 +77,10 @@ SHEAR = 2 * W
 ELASTIC, SLIP = 3, 5  # numbers of the rows of the memory outside of kernels, after those of a point
 
 
-def rows_of_lanes(size: int) -> ndarray:
+def rows_of_lanes(size: int, kind: type | np.dtype = float) -> ndarray:
     """Room (size,) for tiles, all zero, that begins where a line of the cache does: then no row lies across two."""
-    room = np.zeros(size + LINE // 8)
-    first = -room.ctypes.data % LINE // 8
+    room = np.zeros(size + LINE // 4, kind)
+    first = -room.ctypes.data % LINE // room.itemsize
     return room[first : first + size]
 
 
@@ -231,12 +231,13 @@ def combined(a, f, r, s, t):
 
 
 @jit
-def expect(array, begin, size):
-    """Have ``size`` numbers of an array, from number ``begin`` on, on their way into the cache.
+def expect(array, begin, size, line=LINE // 8):
+    """Have ``size`` numbers of an array, from number ``begin`` on, on their way into the cache; ``line``: how many are
+    in a line of it.
 
     A tile is too short for the processor to see by itself what comes next.
     """
-    for i in range(begin, begin + size, LINE // 8):
+    for i in range(begin, begin + size, line):
         prefetch(array, i)
 
 

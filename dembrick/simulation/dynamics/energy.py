@@ -164,7 +164,7 @@ def _blank(state: MovingState, loads: int, supports: int) -> EnergyTerms:
     """EnergyTerms in which nothing stands yet."""
     n, j = len(state.bodies.mass), len(state.links.host)
     return EnergyTerms(
-        dashpots=rows_of_lanes(joint_families.point_tiles(state) * DASHPOTS),
+        dashpots=rows_of_lanes(joint_families.point_tiles(state) * DASHPOTS, np.float32),
         ledger=rows_of_lanes(joint_families.point_tiles(state) * LEDGER),
         face=rows_of_lanes(0 if state.faces is None else len(state.faces.used) * FACE_ENERGY),
         damped=np.zeros(j),

@@ -289,7 +289,7 @@ def _copied(part, into=None):
             copies.append(_copied(array, old))
             continue
         if array is not None and (old is None or old.shape != array.shape):
-            old = rows_of_lanes(len(array)) if name in IN_LANES else np.empty_like(array)
+            old = rows_of_lanes(len(array), array.dtype) if name in IN_LANES else np.empty_like(array)
         if array is not None:
             old[...] = array
         copies.append(old if array is not None else None)
