@@ -14,7 +14,7 @@ from dembrick.scenario import model, shipped, toml
 from dembrick.scenario.controls import DynamicControl, PushoverControl
 from dembrick.scenario.generators import Wall
 from dembrick.scenario.model import JointLaw, Material, Output, Scenario
-from dembrick.simulation.dynamics.integrator import advance, joint_forces
+from dembrick.simulation.dynamics.integrator import advance, joint_forces, present_velocities
 from dembrick.simulation.dynamics.state import contact_forces, joint_resultants, out_of_balance, with_contact_forces
 from dembrick.views.export.layers import Contacts, Picture
 from dembrick.views.motion.joints import JointMotion
@@ -159,3 +159,12 @@ def test_without_the_channel_nothing_is_written_down():
     moving, driving = resting("concave")
     advance(moving, driving, 3, Limits(displacement=1.0, longest=1.0))
     assert moving.state.corners.force is None
+
+
+def test_compiling_for_a_frame_counts_as_compiling():
+    """A frame with velocities may be the first to want a form of the loop."""
+    moving, driving = resting()
+    moving._compiled.clear()
+    before = moving.compile_seconds
+    present_velocities(moving, driving)
+    assert moving._compiled == {(True, True)} and moving.compile_seconds > before

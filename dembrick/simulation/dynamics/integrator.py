@@ -268,9 +268,11 @@ def present_velocities(motion: Motion, driving: Driving) -> tuple[np.ndarray, np
     supports = driving.prescribed(np.array([motion.time]), motion.time_step)
     loads, limits = Loads(driving.block, driving.lever, force, gravity, *supports), Limits(NO_LIMIT, NO_LIMIT)
     ahead = state._replace(bodies=bodies, links=links, corners=corners, faces=faces, ties=ties)
+    own = shares(corners, faces, bodies, 1)
+    _compile(motion, [(advance_bodies, own)], motion.time_step, ahead, bodies, loads, limits, 0.0, touching)
     _call(
         advance_bodies, 1, motion.time_step, ahead, bodies, loads, limits, 0.0, np.array([np.inf, 0.0]), touching,
-        table, shares(corners, faces, bodies, 1),
+        table, own,
     )  # fmt: skip
     now = state.bodies
     velocity, momentum = 0.5 * (now.velocity + bodies.velocity), 0.5 * (now.momentum + bodies.momentum)
@@ -312,12 +314,7 @@ def advance_chunk(
     gravity, force = driving.at(times, dt)
     loads = Loads(driving.block, driving.lever, force, gravity, *driving.prescribed(times, dt))
     loops = _loops(state, bodies)
-    if (touching is None) not in motion._compiled:
-        motion._compiled.add(touching is None)
-        began = time.perf_counter()
-        for loop, own in loops:
-            _call(loop, 0, dt, state, bodies, loads, limits, damping, motion._travel, touching, energy.table, own)
-        motion.compile_seconds += time.perf_counter() - began
+    _compile(motion, loops, dt, state, bodies, loads, limits, damping, touching)
     done, status = 0, RUNNING
     while status == STALE or (status == RUNNING and done < len(times)):
         which, most = motion._pace.choose(len(loops))
@@ -339,6 +336,18 @@ def advance_chunk(
             state = motion.state
             motion.phases["geometry"] += time.perf_counter() - began
     return status, done
+
+
+def _compile(motion: Motion, loops, dt: float, state: MovingState, *others) -> None:
+    """Compile the ``loops``, or load them, if that is still to be done; ``others`` as in `advance_chunk`."""
+    *others, touching = others
+    for loop, own in loops:
+        form = loop is advance_bodies, touching is None
+        if form not in motion._compiled:
+            motion._compiled.add(form)
+            began = time.perf_counter()
+            _call(loop, 0, dt, state, *others, motion._travel, touching, motion.energy.table, own)
+            motion.compile_seconds += time.perf_counter() - began
 
 
 def _call(loop, n_steps: int, dt: float, state: MovingState, bodies, loads: Loads, *others) -> tuple[int, int]:

@@ -49,14 +49,14 @@ class Recorder:
         """A row of the present state, and a frame where one is due; of an ``equilibrium`` with that number."""
         if self._session.observe is None:
             return
-        began = time.perf_counter()
-        moving = self._moving
+        began, moving = time.perf_counter(), self._moving
+        compiled = moving.compile_seconds
         rows, frames = self._row(equilibrium), {}
         if self.takes_frames:
             row = moving.steps // self._rows_every if equilibrium is None else equilibrium
             due = last or row % self._frames_every == 0
             frames = self.frame(rows["time"][0], slice(0, 1 if due else 0))
-        moving.phases["record"] += time.perf_counter() - began
+        moving.phases["record"] += time.perf_counter() - began - (moving.compile_seconds - compiled)
         self._session.observe(rows, frames)
 
     def _row(self, equilibrium: int | None) -> dict:
