@@ -86,6 +86,7 @@ def find_limit_load(
         if goal is not None:
             name, unit = "the load factor", ""
             remedies.append("live through the collapse with control.quasi_static = false")
+            remedies.append("take the upper bound of dembrick limit")
         # a bracket that is not closed tells no upper bound: what the blocks still carry may grow
         raise NotConvergedError(
             f"the limit load was not bracketed within {tolerance:g} after {replay.steps} steps: {name} is at least "
