@@ -255,6 +255,17 @@ def test_whether_a_block_stands_where_a_settlement_has_brought_it():
         simulate(staged(turns(20.0), STATICS, ALONG_Y, more=load), record=False)
 
 
+@pytest.mark.parametrize("controls", [(turns(1.0), STATICS), (STATICS + "large_displacements = true\n",)])
+def test_how_blocks_fall_that_do_not_stand(controls):
+    """A slender block that is pushed at its top overturns, after a settlement and as drawn."""
+    blocks = FLOOR + BLOCK.replace("0.4, 0.2, 0.1", "0.1, 0.2, 0.4").replace("0.05]", "0.2]")
+    push = '[[loads]]\nblock = "block"\npoint = [0.0, 0.0, 0.4]\nforce = [40.0, 0.0, 0.0]\n'
+    push += "stages = [2]\n" if len(controls) == 2 else ""
+    falls = simulate(staged(*controls, blocks=blocks, more=push, friction=2.0), record=False)
+    assert falls.status == "falls" and falls.statics["mechanism"] == "rocking"
+    assert falls.statics["blocks"] == ["block"]
+
+
 @pytest.mark.parametrize("last", [STATICS, 'kind = "dynamic"\nduration = 0.02\n'], ids=["statics", "real time"])
 def test_loads_of_a_settlement_end_with_it(last):
     """A push of .2 W held through it has left the springs of the joint when it is off: V / (ks A)."""

@@ -216,10 +216,10 @@ class EquilibriumPath(ABC):
         self.advance(self._at(0.0), CHUNK)
         ratio = float(past.unbalanced[0])
         if self.bonded or moving.settled:  # what the dead loads break, breaks now; other loads than before move blocks
-            before = moving.state.bodies.position.copy()
-            ratio = self._rest(0.0, before)
+            position, rotation = moving.state.bodies.position.copy(), moving.state.bodies.rotation.copy()
+            ratio = self._rest(0.0, position)
             if ratio is None:
-                self.falls_at_once(before)
+                self.falls_at_once(position, rotation)
                 return
         self._note(0.0, ratio)
 
@@ -238,8 +238,8 @@ class EquilibriumPath(ABC):
     def _equilibrium(self) -> Kept:
         return Kept(self.past.snapshot() | self._own(), path="the last equilibrium")
 
-    def falls_at_once(self, before: np.ndarray) -> None:
-        """What comes of blocks, ``before`` (n, 3) at the start, that come down under the dead loads."""
+    def falls_at_once(self, position: np.ndarray, rotation: np.ndarray) -> None:
+        """What comes of blocks that come down under the dead loads; they stood at ``position`` (n, 3), ``rotation``."""
         raise NotConvergedError(
             "no equilibrium under the dead loads: blocks come down before anything grows, as bonds break or loads are "
             "not those of the stage before; check loads, supports and the strengths of the joints"

@@ -60,6 +60,8 @@ class LoadPath(EquilibriumPath):
         self.joint, self.stands = 0, True
         if driving.driven is not None:
             self.dropped = NEAR
+        else:
+            moving.settled = True  # to rest from where the blocks are, or to fall, is what this path is for
 
     def driven(self, parameter: Curve) -> Driving:
         """The load system acts with that multiplier; a table tilts by the angle whose tangent it is."""
@@ -81,14 +83,14 @@ class LoadPath(EquilibriumPath):
         """A multiplier by its name."""
         return f"a load of V = {parameter:.6g}"
 
-    def falls_at_once(self, before: np.ndarray) -> None:
+    def falls_at_once(self, position: np.ndarray, rotation: np.ndarray) -> None:
         """That is the answer if nothing is to grow."""
         if self.driving.driven is not None:
-            super().falls_at_once(before)
+            super().falls_at_once(position, rotation)
         self.stands = False
         self.fall = None
         self._note(0.0, 1.0)
-        self._fell(before, self.moving.state.bodies.rotation)
+        self._fell(position, rotation)
 
     def come_down(self, before: np.ndarray, blocks: np.ndarray) -> dict:
         """The mechanism, its blocks and hinges."""
