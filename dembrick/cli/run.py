@@ -138,7 +138,7 @@ def _text(result) -> str:
     if not isinstance(result, Result):
         return result.text()
     point, run = result.yield_point, result.run
-    lines = [result.scenario.title, f"formulation   {result.scenario.joint.formulation}", *result.stage_lines]
+    lines = result.heading_lines
     unit, path = " N" if result.curve.unit == "N" else "", getattr(result, "path", None) or {}
     if result.collapse is not None:
         from dembrick.runs.collapse import collapse_lines

@@ -11,6 +11,7 @@ import numpy as np
 from dembrick.runs.collapse import listed
 from dembrick.runs.motion_result import MotionResult
 from dembrick.runs.result import printed
+from dembrick.runs.statics_result import RestResult
 from dembrick.scenario.checks import present
 from dembrick.scenario.regimes import ACTUATORS, COMPLETED
 from dembrick.simulation.statics.yield_point import YieldPoint
@@ -114,7 +115,7 @@ class LoadPathResult(MotionResult):
         """What the command line prints."""
         point, run = self.yield_point, self.run
         unit = " N" if self.curve.unit == "N" else ""
-        lines = [self.scenario.title, f"formulation   {self.scenario.joint.formulation}", *self.stage_lines]
+        lines = self.heading_lines
         if self.unlimited:
             return "\n".join([*lines, f"answer        {self.plain_answer}", f"history       {self.history}"])
         fallen, V = present(run.collapse), present(point.V)
@@ -170,7 +171,7 @@ class DrivenPathResult(LoadPathResult):
     def text(self) -> str:
         """What the command line prints."""
         point, unit = self.yield_point, " N" if self.curve.unit == "N" else ""
-        lines = [self.scenario.title, f"formulation   {self.scenario.joint.formulation}", *self.stage_lines]
+        lines = self.heading_lines
         bar = "no error bar: --refine gives one" if self.load_error is None else f"+- {self.load_error:.2g}{unit}"
         lines.append(f"V_peak        {point.V_peak:.6g}{unit} ({bar}) at {1e6 * point.displacement_at_peak:.4g} um")
         lines.append(f"V             {point.V:.6g}{unit} at the end, {1e6 * point.displacement:.4g} um")
@@ -180,21 +181,10 @@ class DrivenPathResult(LoadPathResult):
 
 
 @dataclasses.dataclass(repr=False)
-class DeformedRestResult(MotionResult):
+class DeformedRestResult(RestResult, MotionResult):
     """Whether the blocks stand under their dead loads in the deformed geometry."""
 
     run: LoadPathRun
-    collapse = None
-
-    @property
-    def status(self) -> str:
-        """ "stands" or "falls"; both are answers."""
-        return "stands" if self.run.stands else "falls"
-
-    @property
-    def reactions(self) -> dict[str, list[float]] | None:
-        """Those of the blocks at rest; None if blocks fall."""
-        return super().reactions if self.run.stands else None
 
     @property
     def statics(self) -> dict:
@@ -214,12 +204,3 @@ class DeformedRestResult(MotionResult):
     def as_dict(self) -> dict:
         """The JSON object of ``dembrick run --json``."""
         return super().as_dict() | {"answer": self.plain_answer, "statics": self.statics, "simulated_time": None}
-
-    def text(self) -> str:
-        """What the command line prints."""
-        lines = [self.scenario.title, f"formulation   {self.scenario.joint.formulation}", *self.stage_lines]
-        lines.append(f"answer        {self.plain_answer}")
-        lines += self.force_lines
-        lines.append(f"out of balance {self.run.unbalanced:.2g} of the joint forces")
-        lines.append(f"history       {self.history}")
-        return "\n".join(lines)

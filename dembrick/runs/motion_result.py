@@ -109,7 +109,7 @@ class MotionResult(RunResult):
     def text(self) -> str:
         """What the command line prints."""
         motion = self.run.motion
-        lines = [self.scenario.title, f"formulation   {self.scenario.joint.formulation}", *self.stage_lines]
+        lines = self.heading_lines
         if self.collapse is not None:
             lines += collapse_lines(self.collapse)
         bar = "" if self.displacement_error is None else f" +- {self.displacement_error:.2g}"

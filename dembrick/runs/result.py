@@ -93,9 +93,9 @@ class RunResult:
         return reaction_lines(self.reactions) + tie_lines(self._tied().get("ties", ()))
 
     @property
-    def stage_lines(self) -> list[str]:
-        """What the command line prints of the stages before."""
-        lines = []
+    def heading_lines(self) -> list[str]:
+        """What the command line prints first: the title, the formulation, and the stages before."""
+        lines = [self.scenario.title, f"formulation   {self.scenario.joint.formulation}"]
         for stage in self.stages:
             V = (stage.get("yield_point") or {}).get("V")
             load = "" if V is None else f", V = {V:.6g}"
@@ -193,8 +193,23 @@ def reaction_lines(found: Mapping[str, list[float]] | None) -> list[str]:
     return lines
 
 
+class SearchResult(RunResult):
+    """What a search in the geometry of the start gave."""
+
+    run: Replay | Standing
+
+    @property
+    def control_points(self) -> dict[str, list[float]]:
+        """Displacement (3) of every control point from the start (m), at the end."""
+        watched, state = self.assembly.control_points, self.run.state
+        if not watched.names:
+            return {}
+        way = watched.displacement(state.blocks.displacement, rotations(state))
+        return dict(zip(watched.names, way.tolist(), strict=True))
+
+
 @dataclasses.dataclass(repr=False)
-class Result(RunResult):
+class Result(SearchResult):
     """What a search or a constant-rate test gave: the yield point with its bracket, and what theory says.
 
     ``fallen``: what a load on every block brought down; ``path``: what stands beside the limit load of an assembly,
@@ -225,15 +240,6 @@ class Result(RunResult):
     def displacement(self) -> np.ndarray:
         """Driven displacement of every row (m)."""
         return self.rows["displacement"]
-
-    @property
-    def control_points(self) -> dict[str, list[float]]:
-        """Displacement (3) of every control point from the start (m), at the end."""
-        watched, state = self.assembly.control_points, self.run.state
-        if not watched.names:
-            return {}
-        way = watched.displacement(state.blocks.displacement, rotations(state))
-        return dict(zip(watched.names, way.tolist(), strict=True))
 
     @property
     def status(self) -> str:

@@ -59,7 +59,7 @@ class SettlementResult(MotionResult):
     def text(self) -> str:
         """What the command line prints."""
         found, motion = self.settlement, self.run.motion
-        lines = [self.scenario.title, f"formulation   {self.scenario.joint.formulation}"]
+        lines = self.heading_lines
         if self.collapse is not None:
             lines += collapse_lines(self.collapse)
         bar = "no error bar: --refine gives one" if self.reaction_error is None else f"+- {self.reaction_error:.2g} N"

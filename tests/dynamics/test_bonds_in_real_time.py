@@ -5,7 +5,7 @@ import pytest
 
 from dembrick.runs.simulate import restart, simulate
 from dembrick.scenario import toml
-from helpers.restart_cases import check_same
+from helpers.restart_cases import check_same, stop_at_look
 from helpers.scenario_text import block, header
 
 CONTROL = """
@@ -123,23 +123,10 @@ def test_a_mortar_without_strength_is_the_dry_wall_bit_for_bit(formulation):
 
 def test_what_breaks_and_crushes_is_restarted_to_the_last_bit(tmp_path):
     """A run of points that break and crush goes on from its checkpoint as if it had never stopped."""
-    from dembrick.simulation import interrupts
-    from dembrick.simulation.interrupts import Interrupted
-
     scenario = shaken("concave", bond(0.3 * G) + "\ncompressive_strength = 810.0")
     whole, stopped = tmp_path / "whole.h5", tmp_path / "stopped.h5"
     result = simulate(scenario, whole)
     assert result.rows["energy"]["crushing"][-1] > 0.0 and result.rows["energy"]["fracture"][-1] != 0.0
-    looks = 0
-
-    def requested():
-        nonlocal looks
-        looks += 1
-        return 2 if looks == 40 else 0
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(interrupts, "requested", requested)
-        with pytest.raises(Interrupted):
-            simulate(scenario, stopped)
+    stop_at_look(scenario, stopped, 40)
     restart(stopped)
     check_same(whole, stopped)

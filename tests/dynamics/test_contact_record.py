@@ -12,11 +12,10 @@ from dembrick.geometry.rotations import rotation_matrix
 from dembrick.runs.simulate import restart, simulate
 from dembrick.scenario.controls import DynamicControl
 from dembrick.scenario.model import CHANNELS, Block, JointLaw, Material, Output, Scenario
-from dembrick.simulation import interrupts
 from dembrick.simulation.channels import NEW_CONTACTS
-from dembrick.simulation.interrupts import Interrupted
 from dembrick.views.export.layers import Contacts, Picture
 from dembrick.views.motion.joints import JointMotion
+from helpers.restart_cases import stop_at_look
 
 G = 9.81
 FLOOR = Block("floor", "stone", (4.0, 4.0, 0.1), (0.0, 0.0, -0.05), fixed=True)
@@ -141,19 +140,10 @@ def test_what_a_landed_block_stands_on_carries_its_weight(tmp_path, capsys):
     assert f"new contacts  {counts.sum()} in all frames" in capsys.readouterr().out
 
 
-def test_a_run_that_was_stopped_records_the_same_contacts(tmp_path, monkeypatch):
+def test_a_run_that_was_stopped_records_the_same_contacts(tmp_path):
     given = thrown(rows=400, checkpoint=1e9)
     whole = simulate(given, tmp_path / "whole.h5")
-    left = [300]
-
-    def requested():
-        left[0] -= 1
-        return 2 if left[0] == 0 else 0
-
-    monkeypatch.setattr(interrupts, "requested", requested)
-    with pytest.raises(Interrupted):
-        simulate(given, tmp_path / "parts.h5")
-    left[0] = 0
+    stop_at_look(given, tmp_path / "parts.h5", 300)
     with history.read(tmp_path / "parts.h5") as found:
         assert 0 < found.n_frames < len(whole.frames["time"]) and found.new_contacts_before(found.n_frames) > 0
     restart(tmp_path / "parts.h5")

@@ -15,12 +15,11 @@ from dembrick.geometry.rotations import rotation_matrix
 from dembrick.runs.simulate import restart, simulate
 from dembrick.scenario.controls import DynamicControl
 from dembrick.scenario.model import Block, Output, Solver
-from dembrick.simulation import interrupts
 from dembrick.simulation.dynamics import integrator
 from dembrick.simulation.dynamics.contact_detection import ContactDetection
-from dembrick.simulation.interrupts import Interrupted
 from helpers.impact_scenes import AWAY, FLOOR, G, collapse, falling_arch, scene
 from helpers.places import SCENARIOS
+from helpers.restart_cases import stop_at_look
 
 OBLIQUE = tuple(np.array([0.92, 0.1, 0.2, 0.31]) / np.linalg.norm([0.92, 0.1, 0.2, 0.31]))
 
@@ -254,19 +253,10 @@ def test_an_arch_too_thin_falls_and_lies_still(formulation):
 
 
 @pytest.mark.parametrize("step", [12, 150])
-def test_a_collapse_goes_on_from_a_checkpoint(tmp_path, monkeypatch, collapsed, step):
+def test_a_collapse_goes_on_from_a_checkpoint(tmp_path, collapsed, step):
     """Stopped before and in the fall, it is to the last bit the run that was never stopped."""
     whole, path = collapsed
-    left = [step]
-
-    def requested():
-        left[0] -= 1
-        return 2 if left[0] == 0 else 0
-
-    monkeypatch.setattr(interrupts, "requested", requested)
-    with pytest.raises(Interrupted):
-        simulate(collapse(checkpoint=1e9), tmp_path / "parts.h5")
-    left[0] = 0
+    stop_at_look(collapse(checkpoint=1e9), tmp_path / "parts.h5", step)
     result = restart(tmp_path / "parts.h5")
     assert result.displacement.tobytes() == whole.displacement.tobytes()
     with h5py.File(path) as one, h5py.File(tmp_path / "parts.h5") as other:

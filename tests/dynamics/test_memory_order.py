@@ -10,13 +10,11 @@ from dembrick.runs.simulate import restart, simulate
 from dembrick.scenario import shipped, toml
 from dembrick.scenario.model import Output
 from dembrick.scenario.ties import Tie, TieEnd
-from dembrick.simulation import interrupts
 from dembrick.simulation.dynamics import memory_order
 from dembrick.simulation.dynamics.memory_order import neighbours_together
 from dembrick.simulation.dynamics.state import moving_state
 from dembrick.simulation.dynamics.tiling import ALIKE
-from dembrick.simulation.interrupts import Interrupted
-from helpers.restart_cases import check_same
+from helpers.restart_cases import check_same, stop_at_look
 
 
 def thrown_over(courses, blocks, k_n=1e10, **more):
@@ -101,20 +99,11 @@ def test_every_number_of_a_run_is_that_without_it(own_order, formulation):
     assert ordered.as_dict()["collapse"] == plain.as_dict()["collapse"]
 
 
-def test_a_run_in_its_own_order_is_stopped_and_restarted(own_order, tmp_path, monkeypatch):
+def test_a_run_in_its_own_order_is_stopped_and_restarted(own_order, tmp_path):
     own_order(True)
     given = short("concave", checkpoint=1e9)
     simulate(given, tmp_path / "whole.h5")
-    left = [25]
-
-    def requested():
-        left[0] -= 1
-        return 2 if left[0] == 0 else 0
-
-    monkeypatch.setattr(interrupts, "requested", requested)
-    with pytest.raises(Interrupted):
-        simulate(given, tmp_path / "parts.h5")
-    left[0] = 0
+    stop_at_look(given, tmp_path / "parts.h5", 25)
     restart(tmp_path / "parts.h5")
     check_same(tmp_path / "whole.h5", tmp_path / "parts.h5")
 

@@ -15,7 +15,7 @@ from dembrick.scenario.ties import Tie, TieEnd
 from dembrick.views import export
 from dembrick.views.motion.blocks import Poses
 from dembrick.views.render.ties import DrawnTies
-from helpers.restart_cases import check_same
+from helpers.restart_cases import check_same, stop_at_look
 
 G = 9.81
 MASS = 12.0  # kg, of the block
@@ -154,24 +154,11 @@ def test_a_tied_block_slides_at_constant_rate():
 
 def test_ties_are_kept_shown_and_restarted(tmp_path):
     """A run goes on from a checkpoint with what its ties have yielded; files hold ends, tension and yielded length."""
-    from dembrick.simulation import interrupts
-    from dembrick.simulation.interrupts import Interrupted
-
     given = pulled(0.12, strength=300.0)
     given = dataclasses.replace(given, output=dataclasses.replace(given.output, checkpoint=0.0, rows=60))
     whole, stopped = tmp_path / "whole.h5", tmp_path / "stopped.h5"
     simulate(given, whole)
-    looks = 0
-
-    def requested():
-        nonlocal looks
-        looks += 1
-        return 2 if looks == 20 else 0
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(interrupts, "requested", requested)
-        with pytest.raises(Interrupted):
-            simulate(given, stopped)
+    stop_at_look(given, stopped, 20)
     restart(stopped)
     check_same(whole, stopped)
     with history.read(whole) as found:

@@ -1,16 +1,23 @@
 """Runs that are stopped: scenarios for them, children to send signals to, and the comparison of two histories."""
 
 import dataclasses
+import itertools
 import json
 import subprocess
 import sys
 import time
+from contextlib import contextmanager
 
 import h5py
 import numpy as np
+import pytest
 
+from dembrick.runs import stages
 from dembrick.runs.lab import lab_scenario
+from dembrick.runs.simulate import simulate
 from dembrick.scenario import model
+from dembrick.simulation import interrupts
+from dembrick.simulation.interrupts import Interrupted
 
 
 def case(name, formulation, tolerance=1e-3, checkpoint=0.0, **output):
@@ -43,6 +50,44 @@ def check_same(first, second):
             assert value.tobytes() == other[name].tobytes(), name
         else:
             assert np.array_equal(value, other[name]) if isinstance(value, np.ndarray) else value == other[name], name
+
+
+def stop_at_look(given, path, number):
+    """Simulate until a signal comes: the ``number``-th time that the run looks for one."""
+    looks = itertools.count(1)
+    with pytest.MonkeyPatch.context() as patch, pytest.raises(Interrupted):
+        patch.setattr(interrupts, "requested", lambda: 2 if next(looks) == number else 0)
+        simulate(given, path)
+
+
+@contextmanager
+def told_of_checkpoints(tell):
+    """Call ``tell`` after every checkpoint of a run with stages: where it is, and whether a stage is over."""
+    original = stages.Stages._keeping
+
+    def keeping(self, session, between=False):
+        keep = original(self, session, between)
+
+        def kept(arrays, where):
+            keep(arrays, where)
+            tell(where, between or self.done > 0)
+
+        return None if keep is None else kept
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(stages.Stages, "_keeping", keeping)
+        yield
+
+
+def stop_in_stages(given, path, stop):
+    """Simulate until ``stop`` of what `told_of_checkpoints` tells is true."""
+
+    def tell(where, later):
+        if stop(where, later):
+            raise Interrupted(15, "stopped")
+
+    with told_of_checkpoints(tell), pytest.raises(Interrupted):
+        simulate(given, path, force=True)
 
 
 SLOW = """

@@ -11,12 +11,11 @@ from scipy.optimize import linprog
 from dembrick.errors import ScenarioError
 from dembrick.geometry.rotations import rotation_matrix
 from dembrick.history import read
-from dembrick.runs import stages
 from dembrick.runs.simulate import restart, simulate
 from dembrick.runs.steps import steps
 from dembrick.scenario import toml
 from dembrick.simulation.dynamics import driven_path, settlement
-from dembrick.simulation.interrupts import Interrupted
+from helpers.restart_cases import stop_in_stages
 
 G, WEIGHT = 9.81, 16.0 * 9.81
 HEADER = """
@@ -295,24 +294,9 @@ def test_a_search_after_a_settlement_goes_on_where_it_was_stopped(last, tmp_path
     monkeypatch.setattr(os, "fsync", lambda _: None)
     given = staged(turns(10.0), last, more=(JACK if last is TRAVEL else "") + "[output]\ncheckpoint = 0.0\n")
     whole = simulate(given, tmp_path / "whole.h5")
-    original = stages.Stages._keeping
-
-    def stopping(self, session, between=False):
-        keep = original(self, session, between)
-
-        def keeping(arrays, where):
-            keep(arrays, where)
-            if stop is not None and where.startswith(stop) and (between or self.done):
-                raise Interrupted(15, "stopped")
-
-        return None if keep is None else keeping
-
-    monkeypatch.setattr(stages.Stages, "_keeping", stopping)
     path = tmp_path / "run.h5"
     for stop in ("stage 1 of 2", "equilibrium 5"):
-        with pytest.raises(Interrupted):
-            simulate(given, path, force=True)
-        stop = None
+        stop_in_stages(given, path, lambda where, later, stop=stop: later and where.startswith(stop))
         result = restart(path)
         np.testing.assert_array_equal(result.run.path, whole.run.path)
         assert result.yield_point == whole.yield_point and result.reactions == whole.reactions

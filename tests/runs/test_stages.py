@@ -1,5 +1,6 @@
 """Stages: controls one after the other, each on the state that the last one left."""
 
+import itertools
 import math
 import os
 
@@ -9,12 +10,11 @@ import pytest
 from dembrick import cli
 from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.history import read
-from dembrick.runs import stages
 from dembrick.runs.simulate import restart, simulate
 from dembrick.scenario import toml
 from dembrick.simulation.dynamics import settlement
-from dembrick.simulation.interrupts import Interrupted
 from dembrick.simulation.statics import stepper
+from helpers.restart_cases import stop_in_stages, told_of_checkpoints
 from helpers.scenario_text import BASE, refused
 from helpers.scenario_text import block as block_text
 
@@ -177,31 +177,13 @@ def test_a_stopped_run_goes_on_in_its_stage(tmp_path, monkeypatch):
     monkeypatch.setattr(stepper, "CHUNK_SECONDS", 0.0)
     path = tmp_path / "run.h5"
     given = scenario(YIELD, STATICS, YIELD, more="[output]\ncheckpoint = 0.0\n")
-    whole = simulate(given, tmp_path / "whole.h5")
-    looks = []
-    original = stages.Stages._keeping
-
-    def stopping(self, session, between=False):
-        keep = original(self, session, between)
-
-        def kept(arrays, where):
-            keep(arrays, where)
-            looks.append(where)
-            if len(looks) == stop:
-                raise Interrupted(15, "stopped")
-
-        return None if keep is None else kept
-
-    monkeypatch.setattr(stages.Stages, "_keeping", stopping)
-    stop = -1
-    simulate(given, path, force=True)
-    places = list(looks)
+    places = []
+    with told_of_checkpoints(lambda where, _: places.append(where)):
+        whole = simulate(given, tmp_path / "whole.h5")
     assert "stage 1 of 3" in places and "stage 2 of 3" in places and places[-1].startswith("step")
-    for stop in (1, places.index("stage 1 of 3") + 1, places.index("stage 2 of 3") + 1, len(places)):
-        looks.clear()
-        with pytest.raises(Interrupted):
-            simulate(given, path, force=True)
-        stop = -1
+    for place in (0, places.index("stage 1 of 3"), places.index("stage 2 of 3"), len(places) - 1):
+        looks = itertools.count()
+        stop_in_stages(given, path, lambda *_, looks=looks, place=place: next(looks) == place)
         result = restart(path)
         assert result.yield_point == whole.yield_point
         assert [s["yield_point"] for s in result.stages] == [s["yield_point"] for s in whole.stages]
@@ -357,23 +339,8 @@ def test_a_run_in_real_time_after_a_settlement_goes_on_where_it_was_stopped(tmp_
     path = tmp_path / "run.h5"
     given = turned("convex", pulse(10.0, duration=0.2), more="[output]\nrows = 40\nframes = 4\ncheckpoint = 0.0\n")
     whole = simulate(given, tmp_path / "whole.h5")
-    original = stages.Stages._keeping
-
-    def stopping(self, session, between=False):
-        keep = original(self, session, between)
-
-        def keeping(arrays, where):
-            keep(arrays, where)
-            if stop in where:
-                raise Interrupted(15, "stopped")
-
-        return None if keep is None else keeping
-
-    monkeypatch.setattr(stages.Stages, "_keeping", stopping)
     for stop in ("stage 1 of 2", "(t = "):  # the second of them in the last stage, which alone has a time
-        with pytest.raises(Interrupted):
-            simulate(given, path, force=True)
-        stop = "nowhere"
+        stop_in_stages(given, path, lambda where, _, stop=stop: stop in where)
         result = restart(path)
         assert result.rows["displacement"][-1] == whole.rows["displacement"][-1]
         with read(path) as one, read(tmp_path / "whole.h5") as other:

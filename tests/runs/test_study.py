@@ -1,6 +1,5 @@
 """Studies: which cases there are, how they are drawn, run, kept and gone on with."""
 
-import csv
 import json
 import math
 import os
@@ -16,6 +15,7 @@ from dembrick.runs import study as studies
 from dembrick.runs.study.draws import Draws, distribution
 from dembrick.runs.study.executors import ClusterError, run_here, run_local
 from dembrick.scenario import shipped
+from helpers.studies import read_csv, write_study
 
 BASE = (shipped.folder() / "set4a.toml").read_text(encoding="utf-8")
 THREE = '[grid]\n"joint.friction" = [0.5, 0.6, 0.7]\n'
@@ -33,18 +33,7 @@ joint.friction = { distribution = "normal", mean = 0.64, deviation = 0.03, lower
 
 @pytest.fixture
 def write(tmp_path):
-    def write(body, base=BASE):
-        (tmp_path / "base.toml").write_text(base, encoding="utf-8")
-        path = tmp_path / "study.toml"
-        path.write_text(f'base = "base.toml"\n{body}', encoding="utf-8")
-        return path
-
-    return write
-
-
-def read_csv(path):
-    with open(path, newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
+    return lambda body, base=BASE: write_study(tmp_path, body, base)
 
 
 def test_parts_of_a_study_are_combined_and_the_last_runs_fastest(write):

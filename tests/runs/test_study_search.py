@@ -1,6 +1,5 @@
 """Studies with a search: the value of a key at which a run falls, by bisection."""
 
-import csv
 import math
 
 import pytest
@@ -11,6 +10,7 @@ from dembrick.runs import study as studies
 from dembrick.runs.study import search
 from dembrick.views import plot
 from helpers.scenario_text import block, header
+from helpers.studies import read_csv, write_study
 
 SLOPE = math.tan(math.radians(20.0))
 FLOOR = block("floor", [0.0, 0.0, -0.05], [1.0, 1.0, 0.1], "fixed = true")
@@ -26,18 +26,7 @@ SEARCH = '[search]\nkey = "joint.friction"\nlow = 0.1\nhigh = 1.0\ntolerance = 1
 
 @pytest.fixture
 def write(tmp_path):
-    def write(body, base=BASE):
-        (tmp_path / "base.toml").write_text(base, encoding="utf-8")
-        path = tmp_path / "study.toml"
-        path.write_text(f'base = "base.toml"\n{body}', encoding="utf-8")
-        return path
-
-    return write
-
-
-def read_csv(path):
-    with open(path, newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
+    return lambda body, base=BASE: write_study(tmp_path, body, base)
 
 
 def test_the_friction_that_holds_a_block_on_a_slope(write, tmp_path):
