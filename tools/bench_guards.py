@@ -1,8 +1,8 @@
-"""What the guards of the time loop and the energy books cost: the same steps with and without them, by turns.
+"""What the guards of the time loop and the energy balance cost: the same steps with and without them, by turns.
 
     python tools/bench_guards.py [--steps 2000000] [--points 18 12] [--formulation ...]
 
-Every variant pushes a copy of set 4a at constant rate along its plateau, where all points slide and the books have most
+Every variant pushes a copy of set 4a at constant rate along its plateau, where all points slide and the terms have most
 to do, in turns of a few thousand steps; each turn of all variants is one sample. Two ratios are printed: of the best
 turns, and the median of the ratios turn by turn. ``rows``: a row of the record every so many steps, as in `run`.
 """
@@ -34,7 +34,7 @@ PLATEAU = 1e-5  # m, travel before the clock starts
 
 
 class Variant:
-    """A run that goes on for as long as it is asked to, with or without guards and books."""
+    """A run that goes on for as long as it is asked to, with or without guards and energy balance."""
 
     def __init__(self, scenario, guarded: bool, audited: bool):
         built = assemblies.assemble(scenario)
@@ -94,7 +94,7 @@ def main() -> None:
     parser.add_argument("--points", nargs=2, type=int, default=(18, 12), help="of the distributed joint")
     parser.add_argument("--formulation", nargs="+", choices=FORMULATIONS, default=FORMULATIONS)
     options = parser.parse_args()
-    print(f"{'formulation':<16}{'ns a step':>10}{'guards %':>18}{'energy books %':>18}  (best turns / median)")
+    print(f"{'formulation':<16}{'ns a step':>10}{'guards %':>18}{'energy terms %':>18}  (best turns / median)")
     for formulation in options.formulation:
         scenario = lab_scenario("set4a_curve", formulation)
         if formulation == "distributed":

@@ -60,15 +60,15 @@ def _named(error: DembrickError) -> str:
 
 def _audited(run: Callable) -> str:
     """What the energy audit says of a run that gave a wrong answer."""
-    chunks, books = [], None
+    chunks, terms = [], None
     try:
-        books = run(lambda rows, frames: chunks.append(rows["energy"])).energy
+        terms = run(lambda rows, frames: chunks.append(rows["energy"])).energy
     except NotConvergedError:
         return "not converged when recorded"
     except DembrickError as error:
         return f"recorded: {type(error).__name__}"
     try:
-        audit({key: np.concatenate([chunk[key] for chunk in chunks]) for key in chunks[0]}, books)
+        audit({key: np.concatenate([chunk[key] for chunk in chunks]) for key in chunks[0]}, terms)
     except EnergyAuditError:
         return "the audit would stop it"
     return "the audit passes it"

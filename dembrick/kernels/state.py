@@ -89,9 +89,9 @@ class Actuators(NamedTuple):
 
 
 # Entries of `Energy.work` (J). Work of the actuators' head and of the dead torques; lost in friction, in dashpots of
-# contacts and to calming, and in that of the head; mu N |slip|; the smallest friction work of an increment; in the
-# dead-load equilibrium, the elastic energy of the joints and the work of the dead forces; lost by crushing, by bonds
-# that broke, and by ties that yield.
+# contacts and in the damping of fluctuations, and in the dashpot of the head; mu N |slip|; the smallest friction work
+# of an increment; in the dead-load equilibrium, the elastic energy of the joints and the work of the dead forces; lost
+# by crushing, by bonds that broke, and by ties that yield.
 HEAD, TORQUES, SLIDING, DAMPING, ACTUATOR_DAMPING, BY_LAW, LEAST = range(7)
 ELASTIC_AT_START, DEAD_LOAD_WORK, CRUSHING, FRACTURE, YIELDING = range(7, 12)
 

@@ -245,14 +245,14 @@ def test_an_energy_that_does_not_balance_fails_the_run(monkeypatch):
         simulate(rocking("concave"))
 
 
-def test_nothing_is_booked_where_nobody_asks_and_the_motion_is_the_same():
+def test_nothing_is_balanced_where_nobody_asks_and_the_motion_is_the_same():
     asked = rocking("concave")
     silent = simulate(dataclasses.replace(asked, output=Output(("frames",), rows=400, frames=400)))
     assert silent.rows["energy"] == {} and silent.energy is None and silent.as_dict()["energy"] is None
-    booked = simulate(asked)
-    np.testing.assert_array_equal(silent.frames["displacement"], booked.frames["displacement"])
-    shown = booked.as_dict()["energy"]
-    assert shown == dataclasses.asdict(booked.energy)
+    balanced = simulate(asked)
+    np.testing.assert_array_equal(silent.frames["displacement"], balanced.frames["displacement"])
+    shown = balanced.as_dict()["energy"]
+    assert shown == dataclasses.asdict(balanced.energy)
     assert set(shown) == {
         "relative_residual", "friction_law_error", "least_friction_increment", "step_error"
     }  # fmt: skip

@@ -13,7 +13,7 @@ FLOOR = Block("floor", "stone", (4.0, 4.0, 0.2), (0.0, 0.0, -0.1), fixed=True)
 
 def scene(*blocks, control, formulation="concave"):
     law = JointLaw(formulation, MU, 1e10, 4e9)
-    output = Output(("joints",), rows=200, frames=1)
+    output = Output(("joints", "energy"), rows=200, frames=1)
     return Scenario("reactions", (0.0, 0.0, -G), law, {"stone": Material(2000.0)}, blocks, control, output=output)
 
 

@@ -1,6 +1,7 @@
 """The torsion-shear limit surface of new contacts, against quadrature that knows no kernel."""
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -28,10 +29,16 @@ def rubbed(pair, velocity, spin, about):
     return wrench[:3], wrench[3:] + np.cross(pair.bodies.position[1] - about, wrench[:3])
 
 
+@cache
+def gauss_rule(n):
+    """Nodes and weights on [0, 1]; a large one takes a second."""
+    nodes, weights = np.polynomial.legendre.leggauss(n)
+    return 0.5 * (nodes + 1.0), 0.5 * weights
+
+
 def spread_evenly(corners, n=600):
     """Points and weights of a Gauss rule on the triangles of a fan over a polygon."""
-    nodes, weights = np.polynomial.legendre.leggauss(n)
-    nodes, weights = 0.5 * (nodes + 1.0), 0.5 * weights
+    nodes, weights = gauss_rule(n)
     a, b = np.meshgrid(nodes, nodes, indexing="ij")
     own = weights[:, None] * weights * a
     points, shares = [], []

@@ -438,7 +438,7 @@ def test_the_onset_rule_makes_the_impulse_right_to_second_order():
 
 def test_an_opened_point_remembers_nothing_as_its_dashpot_fades():
     """A dashpot beside the spring of an open point would let it creep back in c / k; without one it forgets at once.
-    The rule is the limit, and does not depend on the dashpot that calms the contact."""
+    The rule is the limit, and does not depend on the dashpot of the contact."""
     for viscous in (0.3, 0.03, 0.0):
         normal, t1, t2, e1, e2, slid = point_law(
             -1e-9, -1e-6, 1e-6, 0.0, 5.0, 0.0, 1e6, 5e5, MU, viscous, 1.0 + viscous, 1.0 / (1.0 + viscous)

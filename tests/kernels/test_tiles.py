@@ -52,7 +52,7 @@ def pairs(n, formulation):
 
 def shake(moving, driving, numbers):
     """Push and turn the blocks, each by its number: some slip, some open, some lift off; twice, so that dashpots act
-    and the books have a step."""
+    and the energy terms have a step."""
     moving.energy.open(moving.state)
     for _ in range(2):
         for k, i in enumerate(numbers):

@@ -46,7 +46,7 @@ def test_stop_and_restart_is_one_run(tmp_path, stop_after, name, formulation):
     assert sorted(os.listdir(tmp_path)) == ["parts.h5", "whole.h5"]  # no checkpoint stays behind
 
 
-def test_a_search_that_is_calmed_can_be_stopped_anywhere(tmp_path, stop_after):
+def test_a_damped_search_can_be_stopped_anywhere(tmp_path, stop_after):
     """The means about which its blocks swing go on, as does the window of the last instants."""
     given = case("set4b_mid", "convex", 1e-6)  # its load tilts the block, and its bracket is certified
     given = dataclasses.replace(given, output=model.Output(checkpoint=1e9))  # only where it is stopped

@@ -154,7 +154,7 @@ def test_a_way_comes_back_whole():
     rng = np.random.default_rng(2)
     numbers = {name: kind(rng.integers(1, 9)) for name, kind in path_state.NUMBERS.items()}
     given = path_state.PathState(
-        *rng.normal(size=(3, 12)), **{**numbers, "gain": 0.3, "V": -0.7, "calm": -2, "equilibria": 3}
+        *rng.normal(size=(3, 12)), **{**numbers, "gain": 0.3, "V": -0.7, "since_failure": -2, "equilibria": 3}
     )
     given.seen = [(*rng.normal(size=4).tolist(), bool(i % 2)) for i in range(4)]
     for given.drift in (None, path_state.Drift(rng.normal(size=12), 0.2, 4.0, 7)):

@@ -86,7 +86,7 @@ def test_residual_friction(formulation, jacks):
 
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 def test_a_bond_that_breaks_lets_its_springs_go(formulation):
-    """The energy at the drop is (V^2 - V_r^2) / (2 k_s A), booked as fracture; what friction takes follows."""
+    """The energy at the drop is (V^2 - V_r^2) / (2 k_s A), counted as fracture; what friction takes follows."""
     result = found(formulation, C | {"residual_friction": 0.5}, record=True)
     energy = {name: values[-1] for name, values in result.rows["energy"].items()}
     assert energy["fracture"] == pytest.approx(1.56971e-3, rel=1e-3)

@@ -123,7 +123,7 @@ def test_sliding_goes_on_at_constant_load():
 @pytest.mark.parametrize("name", SETS)
 def test_fast_tests_take_shorter_steps(name, formulation):
     """Slow ones take the step that they are asked for; in fast ones the head moves by less than an elastic slip a step,
-    and the books balance although the block jumps."""
+    and the energy balance closes although the block jumps."""
     slow, fast = (push(name, formulation, rate) for rate in (1e-4, 3e-2))
     dt, most = fast.run.time_step, 0.9 * fast.run.critical_time_step
     assert slow.run.time_step == pytest.approx(most, rel=1e-12)

@@ -33,7 +33,7 @@ def searched(scenario):
     return energies, energy_audit.audit(energies, run.energy), run
 
 
-def books(name: str, formulation: str, step_factor: float = 0.9, rate: float | None = None):
+def balance(name: str, formulation: str, step_factor: float = 0.9, rate: float | None = None):
     """Energies (T,) by name of a replay, its audit and the replay."""
     scenario = lab.lab_scenario(name, formulation)
     built = build.assemble(scenario)
@@ -53,15 +53,15 @@ def books(name: str, formulation: str, step_factor: float = 0.9, rate: float | N
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 @pytest.mark.parametrize("name", ["set2a", "set4a", "set4a_curve"])
-def test_the_books_balance(name, formulation):
-    _, result, _ = books(name, formulation)
+def test_the_energy_balance_closes(name, formulation):
+    _, result, _ = balance(name, formulation)
     assert result.relative_residual < 1e-9
     assert result.least_friction_increment >= 0.0
 
 
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
-def test_the_work_of_dead_torques_is_in_the_books(formulation):
-    """A dead load beside the centroid turns with the block: without its work the books would not balance."""
+def test_the_work_of_dead_torques_is_in_the_energy_balance(formulation):
+    """A dead load beside the centroid turns with the block: without its work the energy balance would not close."""
     scenario = lab.lab_scenario("set4a_mid", formulation)
     beside = dataclasses.replace(scenario.loads[0], point=(0.005, -0.01, 0.05))
     energies, balance, run = searched(dataclasses.replace(scenario, loads=(beside,)))
@@ -72,7 +72,7 @@ def test_the_work_of_dead_torques_is_in_the_books(formulation):
 
 
 @pytest.mark.parametrize("formulation", ["concave", "corrected-shear"])
-def test_what_calming_takes_from_a_rocking_block_is_in_the_books(formulation):
+def test_what_damping_takes_from_a_rocking_block_is_in_the_energy_balance(formulation):
     """Pushed near its top, the block overturns: V = N (b / 2) / h. The search stills its swing."""
     scenario = lab.lab_scenario("set4a", formulation)
     jack = dataclasses.replace(scenario.actuators[0], point=(0.0, 0.0, 0.09))
@@ -85,7 +85,7 @@ def test_what_calming_takes_from_a_rocking_block_is_in_the_books(formulation):
 
 @pytest.mark.parametrize("formulation", ["convex", "distributed", "concave"])
 def test_a_rough_block_pushed_above_its_joint_slides_without_rocking(formulation):
-    """A fast head would set it rocking for thousands of steps, whose books do not balance."""
+    """A fast head would set it rocking for thousands of steps, whose energy balance does not close."""
     blocks = (
         model.Block("base", "stone", (1.0, 1.0, 0.1), (0.0, 0.0, -0.05), fixed=True),
         model.Block("block", "stone", (0.27, 0.31, 0.12), (0.0, 0.0, 0.06)),
@@ -118,7 +118,7 @@ def test_points_that_miss_the_continuum_are_not_passed_over():
 @pytest.mark.parametrize("formulation", ["concave", "convex"])
 def test_work_and_friction_of_a_plateau_are_force_times_path(formulation):
     """At the limit the jack works V times its path, and friction takes all of it."""
-    energies, _, run = books("set4a_curve", formulation)
+    energies, _, run = balance("set4a_curve", formulation)
     T = len(energies["external"])
     late = slice(T // 2, T - 1)
     path = np.ptp(np.arange(T)[late]) / (T - 1) * 2.5e-5
@@ -141,13 +141,13 @@ def test_elastic_and_jack_energy_are_half_force_times_displacement():
 
 def test_friction_work_meets_the_law_to_first_order_in_the_step():
     """Coarse against fine rate: the difference falls with the slip of a step."""
-    errors = [abs(books("set4a_curve", "concave", rate=rate)[1].friction_law_error) for rate in (1e-3, 1e-4)]
+    errors = [abs(balance("set4a_curve", "concave", rate=rate)[1].friction_law_error) for rate in (1e-3, 1e-4)]
     assert errors[0] < 1e-3
     assert errors[1] < 0.2 * errors[0]
 
 
-def test_books_that_do_not_balance_fail_the_run(monkeypatch):
-    energies, _, run = books("set4a", "concave")
+def test_an_energy_balance_that_does_not_close_fails_the_run(monkeypatch):
+    energies, _, run = balance("set4a", "concave")
     wrong = dict(energies, friction=1.01 * energies["friction"])
     with pytest.raises(EnergyAuditError, match="off by 0.009"):
         energy_audit.audit(wrong, run.energy)
@@ -200,7 +200,7 @@ def naive_books(points, motions, viscous):
     return friction, dashpots, by_law
 
 
-def test_books_of_a_point_joint_against_points_one_by_one():
+def test_the_energy_terms_of_a_point_joint_against_points_one_by_one():
     """The dashpots are summed by their resultants: the same as point by point, also where points open and slide."""
     rng, opened = np.random.default_rng(5), 0
     for _ in range(20):

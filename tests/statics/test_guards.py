@@ -40,8 +40,8 @@ def test_stretches_part_the_travel(built, steps):
     assert min(steps, STRETCHES) <= guard.load.shape[0] <= 2 * STRETCHES
 
 
-def test_the_energy_put_in_is_that_of_the_books(built, monkeypatch):
-    """Work of head and dead loads by the guard and by the books; and their sums of V are those of the record."""
+def test_the_energy_put_in_is_that_of_the_balance(built, monkeypatch):
+    """Work of head and dead loads by the guard and by the energy terms; and their sums of V are those of the record."""
     seen = {}
     original = constant_rate.new_guard
     monkeypatch.setattr(constant_rate, "new_guard", lambda *a: seen.setdefault("guard", original(*a)))

@@ -225,7 +225,7 @@ def test_lab_sets(name, pressure):
 
 
 @pytest.mark.parametrize("pressure", ["effective", "linear"])
-def test_constant_rate_keeps_its_books(pressure):
+def test_the_energy_balance_of_a_constant_rate_closes(pressure):
     """Physical inertia above the joint moves the pressure: an indicator, and the energy balances all the same."""
     base = lab_scenario("set4a_mid", "convex")
     base = dataclasses.replace(

@@ -27,9 +27,9 @@ from dembrick.kernels.dynamics.energy_terms import (
     TIES_STEPPED,
     TIES_YIELDED,
 )
-from dembrick.kernels.dynamics.joint_families import FAMILIES
 from dembrick.kernels.dynamics.rigid_bodies import gathered
 from dembrick.kernels.dynamics.tiles import W, lane_of
+from dembrick.kernels.joint.families import FAMILIES, joint_count, joint_of
 from dembrick.kernels.joint.ties import tie_losses
 from dembrick.kernels.math.quaternion import rotate
 from dembrick.kernels.math.vec3 import cross
@@ -68,8 +68,8 @@ def settle_all(energy_terms, links):
 def take_stock(links, corners, faces, held_out, energy_out):
     """Energy (j,) J in the springs of every joint; of convex joints also N and its x and y moments (a, 3)."""
     for family in range(FAMILIES):
-        for i in range(families.size(corners, faces, family)):
-            j = families.joint_of(corners, faces, family, i)
+        for i in range(joint_count(corners, faces, family)):
+            j = joint_of(corners, faces, family, i)
             energy_out[j] = families.spring_energy(links, corners, faces, family, i, held_out)
 
 

@@ -1,4 +1,4 @@
-"""The energy terms of a run in real time: what joints, loads, gravity and new contacts book, and what a step leaves
+"""The energy terms of a run in real time: what joints, loads, gravity and new contacts add, and what a step leaves
 behind for the next. How they balance: see `energy`."""
 
 from typing import NamedTuple

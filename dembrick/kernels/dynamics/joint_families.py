@@ -1,15 +1,13 @@
 """The joint families of a run in real time: which of them a scene has is asked here and nowhere else.
 
 A family is a module (`point_joints`, `area_joints`) with one set of functions; its joints are a NamedTuple of arrays,
-or None if the scene has none of them, and numba then leaves its code out. Where one joint is meant, ``family`` and
-``index`` say which: POINTS or AREAS, and its number there.
+or None if the scene has none of them, and numba then leaves its code out. ``family`` and ``index``: see
+`kernels.joint.families`.
 """
 
 from dembrick._jit import jit
 from dembrick.kernels.dynamics import area_joints, point_joints
-
-POINTS, AREAS = 0, 1
-FAMILIES = 2
+from dembrick.kernels.joint.families import AREAS, POINTS
 
 
 @jit
@@ -23,30 +21,6 @@ def family_of(place):
 def tiles_of(joints) -> int:
     """How many tiles the joints of a family take; zero for None."""
     return 0 if joints is None else len(joints.used)
-
-
-@jit
-def size(corners, faces, family):
-    """How many joints a family has."""
-    if corners is not None:
-        if family == POINTS:
-            return corners.joint.size
-    if faces is not None:
-        if family == AREAS:
-            return faces.joint.size
-    return 0
-
-
-@jit
-def joint_of(corners, faces, family, index):
-    """The number of a joint among all joints."""
-    if corners is not None:
-        if family == POINTS:
-            return corners.joint[index]
-    if faces is not None:
-        if family == AREAS:
-            return faces.joint[index]
-    return 0
 
 
 @jit

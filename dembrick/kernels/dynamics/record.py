@@ -4,8 +4,8 @@ from math import sqrt
 
 from dembrick._jit import jit
 from dembrick.kernels.dynamics import joint_families as families
-from dembrick.kernels.dynamics.joint_families import FAMILIES
 from dembrick.kernels.dynamics.tiles import ACTION, LEVER, TILE, lane_of, sense_of, wrench_at
+from dembrick.kernels.joint.families import FAMILIES, joint_count, joint_of
 from dembrick.kernels.math.vec3 import cross, rows_times
 
 
@@ -57,8 +57,8 @@ def write_resultants(bodies, links, corners, faces, out):
         out[j, 4] = -(x1 * m1 + x2 * m2 + x3 * m3)
         out[j, 5] = -(y1 * m1 + y2 * m2 + y3 * m3)
     for family in range(FAMILIES):
-        for i in range(families.size(corners, faces, family)):
-            out[families.joint_of(corners, faces, family, i), 6] = families.mean_slip(corners, faces, family, i)
+        for i in range(joint_count(corners, faces, family)):
+            out[joint_of(corners, faces, family, i), 6] = families.mean_slip(corners, faces, family, i)
 
 
 @jit

@@ -16,10 +16,10 @@ with h the distance of the edge from C and s measured along it. Far from the pol
 series about pure translation takes over ((`far_field`). Vertices run counter-clockwise about the centroid O.
 """
 
-from math import log, sqrt
+from math import sqrt
 
 from dembrick._jit import jit
-from dembrick.kernels.joint.pressure import FULL, pressed_surface
+from dembrick.kernels.joint.pressure import FULL, edge_logarithm, pressed_surface
 
 # Beyond this many half diameters the edge sums lose more digits than the series of order eight leaves out.
 FAR = 25.0
@@ -55,14 +55,7 @@ def edge_sums(x, y, first, last, c1, c2):
         h = xa * ey - ya * ex
         sa = xa * ex + ya * ey
         sb = sa + length
-        hh = h * h
-        # s + r cancels for s < 0, and there r - s does not: (r + s)(r - s) = h^2. On the edge's own line h L -> 0.
-        if hh > 1e-300 and ra > 0.0 and rb > 0.0:
-            upper = sb + rb if sb > 0.0 else hh / (rb - sb)
-            lower = sa + ra if sa > 0.0 else hh / (ra - sa)
-            hl = h * log(upper / lower)
-        else:
-            hl = 0.0
+        hl = edge_logarithm(h, sa, sb, ra, rb)
         e = 0.5 * (sb * rb - sa * ra + h * hl)
         f += h * e
         b1 += ey * e

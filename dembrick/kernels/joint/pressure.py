@@ -70,6 +70,20 @@ class Pressed(NamedTuple):
 
 
 @jit
+def edge_logarithm(h, sa, sb, ra, rb):
+    """h L with L = integral of ds/rho along an edge at the distance ``h``, from s = ``sa`` (rho = ``ra``) to ``sb``.
+
+    s + rho cancels for s < 0, and there rho - s does not: (rho + s)(rho - s) = h^2. On the edge's own line h L -> 0.
+    """
+    hh = h * h
+    if hh > 1e-300 and ra > 0.0 and rb > 0.0:
+        upper = sb + rb if sb > 0.0 else hh / (rb - sb)
+        lower = sa + ra if sa > 0.0 else hh / (ra - sa)
+        return h * log(upper / lower)
+    return 0.0
+
+
+@jit
 def cut(room, first, count, nx, ny, d, slack):
     """Keep what has nx x + ny y + d >= -slack of the convex polygon of ``count`` corners from ``first`` in ``room``
     (x, y, spare_x, spare_y); returns how many it has then."""
@@ -244,13 +258,7 @@ def weighted_edge_sums(x, y, first, last, p0, px, py, c1, c2):
             h = xa * ey - ya * ex
             sa = xa * ex + ya * ey
             sb = sa + length
-            hh = h * h
-            if hh > 1e-300 and ra > 0.0 and rb > 0.0:
-                upper = sb + rb if sb > 0.0 else hh / (rb - sb)
-                lower = sa + ra if sa > 0.0 else hh / (ra - sa)
-                hl = h * log(upper / lower)
-            else:
-                hl = 0.0
+            hl = edge_logarithm(h, sa, sb, ra, rb)
             difference = sb * rb - sa * ra
             e = 0.5 * (difference + h * hl)
             j = rb - ra

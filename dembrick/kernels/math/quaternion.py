@@ -57,12 +57,8 @@ def half_turn(angle2):
 
 
 @jit
-def rotate(q, b, a1, a2, a3):
-    """R(q[b]) a: body vector to world by the unit quaternion of block ``b``."""
-    w = q[b, 0]
-    x = q[b, 1]
-    y = q[b, 2]
-    z = q[b, 3]
+def rotate_by(w, x, y, z, a1, a2, a3):
+    """R(q) a by the unit quaternion q = (w, x, y, z)."""
     c1, c2, c3 = cross(x, y, z, a1, a2, a3)
     c1 = 2.0 * c1
     c2 = 2.0 * c2
@@ -72,18 +68,15 @@ def rotate(q, b, a1, a2, a3):
 
 
 @jit
+def rotate(q, b, a1, a2, a3):
+    """R(q[b]) a: body vector to world by the unit quaternion of block ``b``."""
+    return rotate_by(q[b, 0], q[b, 1], q[b, 2], q[b, 3], a1, a2, a3)
+
+
+@jit
 def rotate_back(q, b, a1, a2, a3):
     """R(q[b])^T a: world vector to the body frame of block ``b``."""
-    w = q[b, 0]
-    x = -q[b, 1]
-    y = -q[b, 2]
-    z = -q[b, 3]
-    c1, c2, c3 = cross(x, y, z, a1, a2, a3)
-    c1 = 2.0 * c1
-    c2 = 2.0 * c2
-    c3 = 2.0 * c3
-    d1, d2, d3 = cross(x, y, z, c1, c2, c3)
-    return a1 + w * c1 + d1, a2 + w * c2 + d2, a3 + w * c3 + d3
+    return rotate_by(q[b, 0], -q[b, 1], -q[b, 2], -q[b, 3], a1, a2, a3)
 
 
 @jit

@@ -38,8 +38,8 @@ class Settings(NamedTuple):
     slowing: float
     actuator: float  # stiffness of the actuators over that of the joint
     viscous: float
-    calming: float
-    memory: float
+    damping: float
+    mean_weight: float
     chunk: int  # steps between two looks at the clock
     most_steps: int
     window: int  # steps of the window of an indicator
@@ -190,12 +190,12 @@ def replay_one(
     elastic = loading.weight[i] / loading.compliance[i]
     empty(room, settings.window)
     clear(room)
-    calming = 0.0
+    damping = 0.0
     slip = settings.slip_per_step
     tilts = basis.scalars[4] == 1.0
     if tilts:
         slip *= settings.gently
-        calming = settings.calming
+        damping = settings.damping
     status = RUNNING
     while status == RUNNING and step < settings.most_steps:
         guard = Guard(
@@ -205,7 +205,7 @@ def replay_one(
         drive = Drive(
             slip * strength * loading.compliance[i] / loading.weight[i], settings.ramp,
             settings.steady, settings.slowing, stiffness, settings.viscous * stiffness, settings.viscous,
-            settings.viscous, calming, settings.memory,
+            settings.viscous, damping, settings.mean_weight,
         )  # fmt: skip
         certificate = Certificate(
             1, strict, 0, family, 0, unit, basis.dead, basis.scalars[1], basis.centre, radius, normal, basis.rest,

@@ -7,13 +7,13 @@ motion, it stays that of the start.
 from math import sqrt
 
 from dembrick._jit import jit
+from dembrick.kernels.joint.families import FAMILIES, joint_count, joint_of
 from dembrick.kernels.joint.ties import stretch
 from dembrick.kernels.math.quaternion import rotate
 from dembrick.kernels.math.vec3 import columns_times, cross
 from dembrick.kernels.state import ACTUATOR_DAMPING, HEAD
 from dembrick.kernels.statics import joint_families as families
 from dembrick.kernels.statics.finite_rotation import finite_actuator, finite_relative
-from dembrick.kernels.statics.joint_families import FAMILIES
 from dembrick.kernels.statics.small_displacement import small_actuator, small_relative
 
 
@@ -72,8 +72,8 @@ def relative(blocks, joints, j, inertia, dt):
 def joint_forces(blocks, joints, points, areas, inertia, dt, viscous_n, viscous_s, energy):
     """Forces of all joints, put on the blocks; ``viscous_*`` times the joint's own ``damping``."""
     for family in range(FAMILIES):
-        for i in range(families.size(points, areas, family)):
-            j = families.joint_of(points, areas, family, i)
+        for i in range(joint_count(points, areas, family)):
+            j = joint_of(points, areas, family, i)
             seen = relative(blocks, joints, j, inertia, dt)
             more = joints.damping[j]
             found = families.forces(

@@ -6,13 +6,13 @@ or closes within a step, and, in finite motion, the turning of the geometry with
 """
 
 from dembrick._jit import jit
+from dembrick.kernels.joint.families import FAMILIES, joint_count, joint_of
 from dembrick.kernels.joint.ties import tie_energy
 from dembrick.kernels.state import ACTUATOR_DAMPING, DAMPING, DEAD_LOAD_WORK, ELASTIC_AT_START, HEAD, SLIDING, TORQUES
 from dembrick.kernels.state import CRUSHING as CRUSHED
 from dembrick.kernels.state import FRACTURE as BROKEN
 from dembrick.kernels.state import YIELDING as YIELDED
 from dembrick.kernels.statics import joint_families as families
-from dembrick.kernels.statics.joint_families import FAMILIES
 
 KINETIC, ELASTIC, ACTUATOR_SPRING, EXTERNAL, FRICTION, DASHPOTS, CRUSHING, FRACTURE, YIELDING = range(9)
 
@@ -68,8 +68,8 @@ def elastic_energy(joints, points, areas, dash):
     """Energy (J) in the springs of all joints now; ``dash`` as in `normal_energy`."""
     total = 0.0
     for family in range(FAMILIES):
-        for i in range(families.size(points, areas, family)):
-            j = families.joint_of(points, areas, family, i)
+        for i in range(joint_count(points, areas, family)):
+            j = joint_of(points, areas, family, i)
             total += normal_energy(joints, j, dash) + families.shear_energy(points, areas, family, i)
     return total
 

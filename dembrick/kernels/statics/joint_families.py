@@ -1,15 +1,13 @@
 """The joint families of the searches: which of them a scene has is asked here and nowhere else.
 
 A family is a module (`point_joints`, `area_joints`) with one set of functions; its joints are a NamedTuple of arrays,
-or None if the scene has none of them, and numba then leaves its code out. Where one joint is meant, ``family`` and
-``index`` say which: POINTS or AREAS, and its number there.
+or None if the scene has none of them, and numba then leaves its code out. ``family`` and ``index``: see
+`kernels.joint.families`.
 """
 
 from dembrick._jit import jit
+from dembrick.kernels.joint.families import AREAS, POINTS
 from dembrick.kernels.statics import area_joints, point_joints
-
-POINTS, AREAS = 0, 1
-FAMILIES = 2
 
 
 @jit
@@ -36,30 +34,6 @@ def areas_of_scene(areas, lone, i):
     if areas is not None:
         return area_joints.of_scene(areas, lone, i)
     return areas
-
-
-@jit
-def size(points, areas, family):
-    """How many joints a family has."""
-    if points is not None:
-        if family == POINTS:
-            return points.joint.size
-    if areas is not None:
-        if family == AREAS:
-            return areas.joint.size
-    return 0
-
-
-@jit
-def joint_of(points, areas, family, index):
-    """The number of a joint among all joints."""
-    if points is not None:
-        if family == POINTS:
-            return points.joint[index]
-    if areas is not None:
-        if family == AREAS:
-            return areas.joint[index]
-    return 0
 
 
 @jit

@@ -10,9 +10,9 @@ from typing import NamedTuple
 from numpy import ndarray
 
 from dembrick._jit import jit
+from dembrick.kernels.joint.families import FAMILIES, joint_count, joint_of
 from dembrick.kernels.statics import joint_families as families
 from dembrick.kernels.statics.block_forces import unbalanced_ratio
-from dembrick.kernels.statics.joint_families import FAMILIES
 
 MISSING = 3.0  # times the growth over a doubling of the motion: what a load that grows as 1 - c/sqrt(u) still lacks
 STILL = 0.05  # of the elastic stiffness: a load that grows no faster than that against its motion is at its limit
@@ -136,8 +136,8 @@ def instant_upper(blocks, joints, points, areas, v, moved, dt):
     if moved > 0.0:
         excess = 0.0
         for family in range(FAMILIES):
-            for i in range(families.size(points, areas, family)):
-                j = families.joint_of(points, areas, family, i)
+            for i in range(joint_count(points, areas, family)):
+                j = joint_of(points, areas, family, i)
                 q = joints.step[j]
                 n = joints.resultant[j, 0]
                 excess += families.dissipation_now(points, areas, family, i, n, q[0], q[1], q[2])

@@ -36,8 +36,8 @@ class Drive(NamedTuple):
     dashpot: float  # N s/m, on the difference of head and driven velocity
     viscous_n: float  # dashpot over spring force at a contact for the same increment, normal
     viscous_s: float  # the same, shear
-    calming: float  # part of the swing of a velocity about its running mean that a step takes away (small motion)
-    memory: float  # weight of the latest step in that mean
+    damping: float  # part of a velocity's fluctuation about its running mean that a step takes away (small motion)
+    mean_weight: float  # of the latest step in that mean
 
 
 @entry
@@ -113,7 +113,7 @@ def advance(
         if inertia is not None:
             longest = finite_step(blocks, inertia, dt)
         if scaled is not None:
-            longest = small_step(blocks, scaled, dt, drive.calming, drive.memory, energy)
+            longest = small_step(blocks, scaled, dt, drive.damping, drive.mean_weight, energy)
         if jumped(guard, longest):
             return DIVERGED, step + 1
     return RUNNING, first + n_steps

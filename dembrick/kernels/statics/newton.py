@@ -10,10 +10,10 @@ from typing import NamedTuple
 from numpy import ndarray
 
 from dembrick._jit import jit
+from dembrick.kernels.joint.families import FAMILIES, joint_count, joint_of
 from dembrick.kernels.statics import joint_families as families
 from dembrick.kernels.statics.area_joints import Areas
 from dembrick.kernels.statics.block_forces import add_force, clear_forces, react
-from dembrick.kernels.statics.joint_families import FAMILIES
 from dembrick.kernels.statics.point_joints import Points
 
 
@@ -128,8 +128,8 @@ def try_motion(trial, blocks, joints, points, areas, actuators, v, with_tangent)
     """Out-of-balance of the blocks for their displacements and rotations and the load ``v``; and the tangents."""
     clear_forces(blocks)
     for family in range(FAMILIES):
-        for i in range(families.size(points, areas, family)):
-            j = families.joint_of(points, areas, family, i)
+        for i in range(joint_count(points, areas, family)):
+            j = joint_of(points, areas, family, i)
             try_joint(trial, blocks, joints, points, areas, family, i, j, with_tangent)
     for i in range(actuators.block.size):
         f = v * actuators.weight[i]

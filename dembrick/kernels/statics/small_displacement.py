@@ -109,10 +109,10 @@ def accelerate(blocks, inverse, whole, dt):
 
 
 @jit
-def calming_loss(blocks, b, matrix, dt, calming):
-    """Energy (J) that calming takes from block ``b``, with u its velocity that is about to be calmed.
+def damping_loss(blocks, b, matrix, dt, damping):
+    """Energy (J) that damping takes from block ``b``, with u its velocity that is about to be damped.
 
-    The impulse of the calming, -c M w with w = u - mean, works over the motion before and after it, as a force does in
+    The impulse of the damping, -c M w with w = u - mean, works over the motion before and after it, as a force does in
     the trapezoidal rule: c (w . M (2 u - c w) - dt w . force) / 2.
     """
     u = blocks.velocity[b]
@@ -124,33 +124,34 @@ def calming_loss(blocks, b, matrix, dt, calming):
         turn = r[i] - mean[i + 3]
         lost -= dt * (w * blocks.force[b, i] + turn * blocks.torque[b, i])
         for k in range(3):
-            v = 2.0 * u[k] - calming * (u[k] - mean[k])
-            spin = 2.0 * r[k] - calming * (r[k] - mean[k + 3])
+            v = 2.0 * u[k] - damping * (u[k] - mean[k])
+            spin = 2.0 * r[k] - damping * (r[k] - mean[k + 3])
             lost += w * (matrix[i, k] * v + matrix[i, k + 3] * spin)
             lost += turn * (matrix[i + 3, k] * v + matrix[i + 3, k + 3] * spin)
-    return 0.5 * calming * lost
+    return 0.5 * damping * lost
 
 
 @jit
-def small_step(blocks, inertia, dt, calming, memory, energy):
+def small_step(blocks, inertia, dt, damping, mean_weight, energy):
     """Central difference with the artificial inertia of the free blocks. Returns the longest move (m).
 
-    ``calming`` takes away that part of the difference between a block's velocity and its running mean over about
-    1/``memory`` steps: it stills what swings and leaves what moves steadily. What it takes goes into the energy terms.
+    ``damping`` takes away that part of the fluctuation of a block's velocity about its running mean, in which the
+    latest step has the weight ``mean_weight``: what swings is damped, what moves steadily is not. What it takes goes
+    into the energy terms.
     """
     longest = 0.0
     mean = blocks.mean_velocity
     accelerate(blocks, inertia.inverse, inertia.whole, dt)
     for f in range(blocks.free.size):
         b = blocks.free[f]
-        if calming > 0.0:
+        if damping > 0.0:
             if energy is not None:
-                energy.work[DAMPING] += calming_loss(blocks, b, inertia.matrix[b], dt, calming)
+                energy.work[DAMPING] += damping_loss(blocks, b, inertia.matrix[b], dt, damping)
             for i in range(3):
-                blocks.velocity[b, i] -= calming * (blocks.velocity[b, i] - mean[b, i])
-                blocks.spin[b, i] -= calming * (blocks.spin[b, i] - mean[b, i + 3])
-                mean[b, i] += memory * (blocks.velocity[b, i] - mean[b, i])
-                mean[b, i + 3] += memory * (blocks.spin[b, i] - mean[b, i + 3])
+                blocks.velocity[b, i] -= damping * (blocks.velocity[b, i] - mean[b, i])
+                blocks.spin[b, i] -= damping * (blocks.spin[b, i] - mean[b, i + 3])
+                mean[b, i] += mean_weight * (blocks.velocity[b, i] - mean[b, i])
+                mean[b, i + 3] += mean_weight * (blocks.spin[b, i] - mean[b, i + 3])
         for i in range(3):
             blocks.displacement[b, i] += dt * blocks.velocity[b, i]
             blocks.rotation[b, i] += dt * blocks.spin[b, i]

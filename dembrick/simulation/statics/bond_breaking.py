@@ -55,7 +55,7 @@ class BondBreaking:
         """Let the bonds go that bear too much in the equilibrium of now; whether there are any.
 
         The next equilibrium is then looked for at almost the same driven displacement. What the springs lose is
-        booked.
+        added to the energy terms.
         """
         state, way.broke = self._state, False
         if not self.present:

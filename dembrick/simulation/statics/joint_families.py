@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dembrick.kernels.joint.families import AREAS, POINTS
 from dembrick.kernels.statics.area_joints import Areas
-from dembrick.kernels.statics.joint_families import AREAS, POINTS
 from dembrick.kernels.statics.point_joints import Points
 from dembrick.simulation.checkpoint_arrays import flattened
 from dembrick.simulation.statics import area_joints, point_joints

@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 SLIP_PER_STEP = 1.0  # elastic slips that the head moves in a step towards a limit load
 GENTLY = 0.3  # of that, where the load tilts a block, which a fast head sets rocking as it slides
 GUESS = 0.25  # of the weight of all blocks: a first guess of a load on all of them
-CALMING = 0.2  # of the swing of a block's velocity that a step takes away, where the load tilts it
+FLUCTUATION_DAMPING = 0.2  # the part of a velocity's fluctuation that a step takes away, where the load tilts a block
 CHUNK_OF_SEARCH = 256  # steps of a search between two looks at it
 HALVING = 512  # steps in which a search slows to half its rate, once it has taken 16 times as many
 MOST_STEPS = 20_000  # of a search
@@ -153,7 +153,7 @@ def _by_inertia(setup: Setup, step_factor: float, session: Session) -> Replay:
     drive = setup.drive(rate, dt)._replace(steady=16 * HALVING, slowing=0.5 ** (1.0 / HALVING))
     if setup.certificate.tilts:
         rate *= GENTLY
-        drive = drive._replace(rate=rate, calming=CALMING)
+        drive = drive._replace(rate=rate, damping=FLUCTUATION_DAMPING)
     frames_every = 1 if len(assembly.names) <= 100 else 8
     watched = assembly.control_points
     recorder = Recorder(state, session, CHUNK_OF_SEARCH, 1, frames_every, watched) if session.observe else None

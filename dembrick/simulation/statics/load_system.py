@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 # Numerical choices; answers do not depend on them beyond the tolerance, and a test says so.
 VISCOUS = 0.5  # dashpot force over spring force for the same increment, in contacts and actuator, while searching
 ACTUATOR_STIFFNESS = 1.0  # stiffness of the actuator over that of the joints along the load
-MEMORY = 1.0 / 16.0  # weight of the latest step in the mean that it swings about
+MEAN_WEIGHT = 1.0 / 16.0  # of the latest step in the running mean of a block's velocity
 RAMP = 8  # steps over which the head speeds up
 MOST_STEPS_AT_RATE = 2_000_000_000  # of a constant-rate test
 FINEST = 0.25  # of what friction 1 would let the joints give, that the head may move in a step of a constant-rate test
@@ -166,8 +166,8 @@ class Setup(LoadSystem):
             dashpot=VISCOUS * self.actuator_stiffness * dt,
             viscous_n=VISCOUS,
             viscous_s=VISCOUS,
-            calming=0.0,
-            memory=MEMORY,
+            damping=0.0,
+            mean_weight=MEAN_WEIGHT,
         )
 
     def finished(self, converged: bool, loop: Loop, critical: float, compiled: float, settings: dict) -> Replay:

@@ -180,7 +180,7 @@ class PathFollower:
         if self.search.balanced < self.loosest:
             way.closest = way.balanced = self.search.balanced = min(10.0 * self.search.balanced, self.loosest)
             return None, True
-        way.step, way.calm = SHRINKING * way.step, -2
+        way.step, way.since_failure = SHRINKING * way.step, -2
         if way.step > TURNING * way.usual:
             return None, True
         # the path turns back: let go, and see where the blocks come to rest
@@ -255,7 +255,7 @@ class PathFollower:
             way.seen[-1], way.kept = (*way.seen[-1][:3], NEVER, True), way.jumps
         way.longest = max(way.longest, way.seen[-1][0])
         judged = self._judged()
-        way.calm += 1
+        way.since_failure += 1
         jumped = way.broke
         if self.bonds.give_way(self.search, way):
             way.direction, way.gain, way.has_spare = self._elastic_way(), 0.0, False
@@ -265,7 +265,7 @@ class PathFollower:
             way.step *= SHRINKING
         elif (
             way.tried <= EASY
-            and way.calm > 0
+            and way.since_failure > 0
             and (
                 slope <= YIELDING * self.weight / self.compliance
                 or way.step <= SHRINKING * way.usual

@@ -64,7 +64,7 @@ class PathState:
     tried: int = 0  # iterations of the last equilibrium that was asked for
     equilibria: int = 0
     iterations: int = 0
-    calm: int = 0  # steps since one failed
+    since_failure: int = 0  # steps since one failed
     jumps: int = 0  # times that the blocks were let go
     drag: float = FIRST_DRAG  # over the elastic stiffness, of the next step that needs one
     dragged: int = 0  # steps still to take with it
