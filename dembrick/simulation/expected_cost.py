@@ -14,7 +14,7 @@ START_SECONDS = 1.0  # of a command: start-up, loading what is compiled, buildin
 LONG = 3600.0  # s: a run that takes more says so before it starts
 ROCKING = 13.0  # steps of a search that rocks, however many blocks
 FIRST_SLIDING, NEWTON_PER_JOINT = 45.0, 2.0  # of one that slides: and more with every joint that does
-CONVEX_NEWTON, CONVEX_SLIDING = 2.5, 1.3  # times as many steps where joints are convex
+CONVEX_ROCKING = 1.4  # times as many steps where convex joints rock
 EQUILIBRIA = 32  # on the path of a search: some ten to sixty are recorded
 WITHIN = 4.0  # factor by which the steps of a search of several joints may be off
 NEWTON_SECONDS = 1.2e-5  # s a joint and Newton step: equations, joint forces, bracket
@@ -34,8 +34,8 @@ def search_steps(tolerance: float) -> int:
 def newton_steps(convex: bool, sliding: int = 0) -> int:
     """Newton steps of a search through equilibria, ``sliding`` joints of which slide in the mechanism."""
     if sliding:
-        return round((FIRST_SLIDING + NEWTON_PER_JOINT * sliding) * (CONVEX_SLIDING if convex else 1.0))
-    return round(ROCKING * (CONVEX_NEWTON if convex else 1.0))
+        return round(FIRST_SLIDING + NEWTON_PER_JOINT * sliding)
+    return round(ROCKING * (CONVEX_ROCKING if convex else 1.0))
 
 
 def newton_seconds(steps: int, joints: int) -> float:

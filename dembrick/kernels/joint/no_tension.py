@@ -1,4 +1,4 @@
-"""The no-tension integral: of the positive part of a linear function over a polygon, exact."""
+"""The no-tension integral: of the positive part of a linear function over a polygon, exact; and its derivatives."""
 
 from dembrick._jit import jit
 
@@ -63,3 +63,36 @@ def no_tension(x, y, first, last, least, g0, gx, gy):
             moment_y += double * (apex * y0 + pg * py + qg * qy + total * (y0 + py + qy)) / 24.0
         xa, ya, ga = xb, yb, gb
     return volume, moment_x, moment_y
+
+
+@jit
+def pressed_moments(x, y, first, last, g0, gx, gy):
+    """Integrals of 1, x, y, y^2, x^2 and x y over the part of a polygon where g = g0 + gx x + gy y is positive.
+
+    They are the derivatives of the integrals of `no_tension` with respect to g0, gx and gy: where g is zero its part
+    grows by nothing. For gx, gy that are not both zero; the fan starts on the line g = 0 as there.
+    """
+    slope = gx * gx + gy * gy
+    x0 = -g0 * gx / slope
+    y0 = -g0 * gy / slope
+    area = mx = my = myy = mxx = mxy = 0.0
+    xa = x[last - 1]
+    ya = y[last - 1]
+    ga = g0 + gx * xa + gy * ya
+    for i in range(first, last):
+        xb = x[i]
+        yb = y[i]
+        gb = g0 + gx * xb + gy * yb
+        if ga > 0.0 or gb > 0.0:
+            px, py, _, qx, qy, _ = pressed_part(xa, ya, ga, xb, yb, gb)
+            double = (px - x0) * (qy - y0) - (py - y0) * (qx - x0)
+            sx = x0 + px + qx
+            sy = y0 + py + qy
+            area += double / 2.0
+            mx += double * sx / 6.0
+            my += double * sy / 6.0
+            myy += double * (sy * sy + y0 * y0 + py * py + qy * qy) / 24.0
+            mxx += double * (sx * sx + x0 * x0 + px * px + qx * qx) / 24.0
+            mxy += double * (sx * sy + x0 * y0 + px * py + qx * qy) / 24.0
+        xa, ya, ga = xb, yb, gb
+    return area, mx, my, myy, mxx, mxy

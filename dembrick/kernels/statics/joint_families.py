@@ -61,6 +61,23 @@ def forces(points, areas, family, index, *motion):
 
 
 @jit
+def knows_tangent(points, areas, family, index):
+    """Whether `tangent` is that of a joint; else its tangent is to be taken by differences of its forces."""
+    if areas is not None:
+        if family == AREAS:
+            return area_joints.knows_tangent(areas.strengths, areas.pressed, index)
+    return False
+
+
+@jit
+def tangent(points, areas, area_memory, family, index, normal, dn, r1, r2, out):
+    """dt/du (6, 6) of a joint that `knows_tangent`, into ``out``, for what `forces` found from the memory."""
+    if areas is not None:
+        if family == AREAS:
+            area_joints.tangent(areas, area_memory, index, normal, dn, r1, r2, out)
+
+
+@jit
 def dissipation(points, areas, family, index, rest, normal, q1, q2, q3):
     """D(q) of a joint with given normal forces: ``rest`` of the contact points, ``normal`` of a convex joint."""
     if points is not None:

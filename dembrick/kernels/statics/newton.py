@@ -2,7 +2,8 @@
 
 A joint answers the motion of b against a at O, u = (d1, d2, dn, r1, r2, rn) in its axes, by the force that does work on
 it, t = (V_1, V_2, -N, M_1, M_2, M_T). A trial starts from the memory of the last equilibrium, so that it may be
-repeated; the tangent dt/du is taken by differences of the law itself, whatever law that is.
+repeated. The tangent dt/du is that of the law where its family knows it (`joint_families.tangent`), else it is taken
+by differences of the law itself, whatever law that is.
 """
 
 from typing import NamedTuple
@@ -80,7 +81,9 @@ def try_joint(trial, blocks, joints, points, areas, family, index, j, with_tange
     joints.tilt[j, 0] = u[3] - base[3]
     joints.tilt[j, 1] = u[4] - base[4]
     t = trial.force
-    if with_tangent:
+    known = with_tangent and families.knows_tangent(points, areas, family, index)
+    by_differences = with_tangent and not known
+    if by_differences:
         for i in range(6):
             h = trial.move[j] if i < 3 else trial.move[j] / trial.reach[j]
             n, v1, v2, mt, m1, m2, _ = answer(
@@ -97,7 +100,9 @@ def try_joint(trial, blocks, joints, points, areas, family, index, j, with_tange
     n, v1, v2, mt, m1, m2, slip = answer(
         trial, points, areas, family, index, gap, base, u[0], u[1], u[2], u[3], u[4], u[5]
     )  # fmt: skip
-    if with_tangent:
+    if known:
+        families.tangent(points, areas, trial.areas, family, index, n, opening[0], u[3], u[4], trial.tangent[j])
+    if by_differences:
         t[6, 0] = v1
         t[6, 1] = v2
         t[6, 2] = -n
@@ -107,7 +112,11 @@ def try_joint(trial, blocks, joints, points, areas, family, index, j, with_tange
         for i in range(6):
             h = trial.move[j] if i < 3 else trial.move[j] / trial.reach[j]
             for k in range(6):
-                trial.tangent[j, k, i] = (t[i, k] - t[6, k]) / h + trial.drag[1] * trial.stiffness[j, k, i]
+                trial.tangent[j, k, i] = (t[i, k] - t[6, k]) / h
+    if with_tangent:
+        for i in range(6):
+            for k in range(6):
+                trial.tangent[j, k, i] += trial.drag[1] * trial.stiffness[j, k, i]
     if trial.drag[0] > 0.0:
         for k in range(6):
             total = 0.0

@@ -61,16 +61,21 @@ def _beyond_the_strip(marks: list[Seen]) -> tuple[float, float] | None:
     """Bounds of what V tends to while convex joints rock, from equilibria each about twice as far as the last; or None.
 
     The strip that a joint presses is w = sqrt(2 N / (k_n L theta)) wide when it has turned by theta, and the resultant
-    stands w/3 inside the edge: V falls short by c / sqrt(theta). Two equilibria give c and the limit. How far those of
-    three pairs differ shows how good that is by now.
+    stands w/3 inside the edge: V falls short by c / sqrt(theta). The rotation is g, what the blocks have given way, but
+    for an offset from before they rocked: V = limit - c / sqrt(g) - d / g^(3/2). Three equilibria give all three. How
+    far the limits of two such sets differ, or else what the offset still does to the last, shows how good that is.
     """
     pairs = list(zip(marks, marks[1:], strict=False))
     if not marks[0][0] > 0.0 or not all(now[1] > before[1] and now[0] > before[0] for before, now in pairs):
         return None
-    limits = []
+    without, offset = [], []  # the limit as if d were zero, and what d adds to that
     for before, now in pairs:
         little, much = before[0] ** 0.5, now[0] ** 0.5
-        limits.append((now[1] * much - before[1] * little) / (much - little))
+        without.append((now[1] * much - before[1] * little) / (much - little))
+        offset.append((little + much) / (before[0] * now[0]))
+    early, late = (
+        (without[k + 1] * offset[k] - without[k] * offset[k + 1]) / (offset[k] - offset[k + 1]) for k in (0, 1)
+    )
     _, V, lower, upper, _ = marks[-1]
-    apart = APART * (max(limits) - min(limits))
-    return limits[-1] - apart - (V - lower), limits[-1] + apart + (upper - V)
+    apart = APART * max(abs(late - early), 0.5 * abs(late - without[-1]))
+    return late - apart - (V - lower), late + apart + (upper - V)
