@@ -10,6 +10,7 @@ import hashlib
 import os
 import stat
 import tempfile
+import time
 from contextlib import suppress
 from functools import cache, cached_property
 from pathlib import Path
@@ -23,7 +24,7 @@ except ImportError:  # a system without POSIX locks
 import numba
 from llvmlite import ir
 from numba import get_num_threads, prange
-from numba.core import cgutils, types
+from numba.core import cgutils, event, types
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
@@ -33,6 +34,9 @@ from numba.extending import intrinsic
 __all__ = ["CACHE_FOLDER", "get_num_threads", "jit", "jit_parallel", "jit_sum", "kernel_hash", "prange"]
 
 PACKAGE = Path(__file__).parent
+PATIENCE = 60.0  # s, for which a process waits for another that compiles what it wants; then it compiles that itself
+LOOK = 0.02  # s, between two looks whether the other is done
+WAITING = "dembrick:waiting"  # numba's event of such a wait
 
 
 @cache
@@ -155,18 +159,84 @@ class _CacheFile(IndexDataCacheFile):
             super().save(key, data)
 
 
+class _Claims:
+    """Who compiles what: of the processes that want a kernel for the same arguments one compiles it, others wait.
+
+    A claim is a locked byte of a file, so that a process that dies leaves none. The file stays open: to close it would
+    let go of all claims of this process.
+    """
+
+    def __init__(self, path: Path):
+        self._path = path
+        self._file = None
+
+    def take(self, byte: int) -> bool:
+        """Whether no other process has the claim: this one has it then, or nobody can, as on a disk without locks."""
+        if fcntl is None:
+            return True
+        try:
+            if self._file is None:
+                self._file = open(self._path, "ab")  # noqa: SIM115
+            fcntl.lockf(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, byte)
+        except (BlockingIOError, PermissionError):  # what a lock that another has looks like
+            return self._file is None
+        except OSError:
+            pass
+        return True
+
+    def wait(self, byte: int) -> None:
+        """Take a claim, if need be when who has it is done, or after `PATIENCE`."""
+        if self.take(byte):
+            return
+        with event.trigger_event(WAITING):
+            began = time.monotonic()
+            while not self.take(byte) and time.monotonic() - began < PATIENCE:
+                time.sleep(LOOK)
+
+    def let_go(self, byte: int) -> None:
+        """Let others have it."""
+        if self._file is not None:
+            with suppress(OSError):
+                fcntl.lockf(self._file, fcntl.LOCK_UN, 1, byte)
+
+
+@cache
+def _claims_in(folder: Path) -> _Claims:
+    return _Claims(folder / ".claims")
+
+
 class _Impl(FunctionCache._impl_class):
     _locator_classes = [_Folder]
 
 
 class _ParallelCache(FunctionCache):
-    """numba's cache in the package's own folder."""
+    """numba's cache in the package's own folder; what is not there is compiled by one process at a time."""
 
     _impl_class = _Impl
 
     def __init__(self, function):
         super().__init__(function)
         self._cache_file = _CacheFile(self._cache_path, self._impl.filename_base, self._impl.locator.get_source_stamp())
+        self._claimed: dict = {}
+
+    def load_overload(self, sig, target_context):
+        """See numba. Where there is nothing this process has claimed it when it returns."""
+        found = self._load(sig, target_context)
+        if found is None:
+            what = f"{self._impl.filename_base} {sig} {target_context.codegen().magic_tuple()}"
+            byte = int.from_bytes(hashlib.sha256(what.encode()).digest()[:7], "big")
+            self._claimed[sig] = byte
+            _claims_in(CACHE_FOLDER).wait(byte)
+            found = self._load(sig, target_context)
+        return found
+
+    def _load(self, sig, target_context):
+        return super().load_overload(sig, target_context)
+
+    def let_go(self, sig) -> None:
+        """Let others compile it, or find what was compiled."""
+        if sig in self._claimed:
+            _claims_in(CACHE_FOLDER).let_go(self._claimed.pop(sig))
 
 
 class _Cache(_ParallelCache):
@@ -176,16 +246,26 @@ class _Cache(_ParallelCache):
     A kernel without the memory runtime needs none of it, and where nothing is found the compiler prepares itself.
     """
 
-    def load_overload(self, sig, target_context):
-        """See numba."""
+    def _load(self, sig, target_context):
         with self._guard_against_spurious_io_errors():
             return self._load_overload(sig, target_context)
 
 
+class _Called(CPUDispatcher):
+    """A function as Python calls it."""
+
+    def compile(self, sig):
+        """See numba."""
+        try:
+            return super().compile(sig)
+        finally:
+            if isinstance(self._cache, _ParallelCache):
+                self._cache.let_go(sig)
+
+
 def _compiled(function, cache=_Cache, fastmath=FLOATS, **options):
-    kernel = numba.njit(error_model="numpy", fastmath=fastmath, no_cfunc_wrapper=True, **options)(function)
-    if kernel is function:  # NUMBA_DISABLE_JIT
-        return function
+    wanted = {"nopython": True, "boundscheck": None, "error_model": "numpy", "fastmath": fastmath, **options}
+    kernel = _Called(function, targetoptions={"no_cfunc_wrapper": True, **wanted})
     if function.__module__.startswith(f"{__package__}.kernels."):  # what the name of the folder answers for
         kernel._cache = cache(function)  # what ``cache=True`` does
     return kernel

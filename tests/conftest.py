@@ -23,6 +23,9 @@ os.environ["PYTHONPATH"] = os.pathsep.join(
 # and what they start read it as numpy is imported, which comes later.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+# Both cores are busy with tests: no command compiles ahead in a second process (see docs/howto/speed.md).
+os.environ["DEMBRICK_COMPILE_AHEAD"] = "0"
+
 # What compiles or runs longest goes first, searches beside motions: two workers then compile different kernels.
 FIRST = (
     "statics/test_batch.py",

@@ -9,7 +9,7 @@ import atexit
 import gc
 import os
 import sys
-from contextlib import nullcontext, suppress
+from contextlib import contextmanager, suppress
 
 from dembrick import __version__
 from dembrick.errors import DembrickError
@@ -135,7 +135,7 @@ def _main(arguments: list[str]) -> int:
 
     console = Console(json=options.json, quiet=options.quiet, verbose=options.verbose)
     try:
-        with handled(), _telling(module, console):
+        with handled(), _compiling(module, console):
             code = module.run(options, console)
             if signum := requested():  # it came too late to stop anything, yet whoever called should know
                 console.say("interrupted after the work was done; nothing is missing")
@@ -149,10 +149,14 @@ def _main(arguments: list[str]) -> int:
         return getattr(error, "exit_code", 130)
 
 
-def _telling(module, console):
-    """What says that kernels are being compiled, for the verbs that simulate."""
+@contextmanager
+def _compiling(module, console):
+    """For the verbs that simulate: say that kernels are being compiled, and let a second process compile some."""
     if not getattr(module, "SIMULATES", False):
-        return nullcontext()
+        yield
+        return
+    from dembrick._ahead import second_process
     from dembrick.cli.progress import telling_of_compilation
 
-    return telling_of_compilation(console.meter.stage)
+    with telling_of_compilation(console.meter.stage), second_process():
+        yield

@@ -112,8 +112,11 @@ def _columns() -> int:
 
 @contextmanager
 def telling_of_compilation(tell: Callable[[str], None]) -> Iterator[None]:
-    """Within, say once that kernels are being compiled, if any are; those that are kept are loaded without a word."""
+    """Within, say once that kernels are being compiled, if any are, by this process or by one that it waits for; those
+    that are kept are loaded without a word."""
     from numba.core import event
+
+    from dembrick._jit import WAITING
 
     class Compilation(event.Listener):
         told = False
@@ -127,9 +130,11 @@ def telling_of_compilation(tell: Callable[[str], None]) -> Iterator[None]:
         def on_end(self, event) -> None:
             """See numba."""
 
-    listener = Compilation()
-    event.register("numba:compile", listener)
+    listener, kinds = Compilation(), ("numba:compile", WAITING)
+    for kind in kinds:
+        event.register(kind, listener)
     try:
         yield
     finally:
-        event.unregister("numba:compile", listener)
+        for kind in kinds:
+            event.unregister(kind, listener)

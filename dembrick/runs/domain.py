@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dembrick import theory
+from dembrick._ahead import meanwhile
 from dembrick.assembly import quadrature
 from dembrick.errors import ScenarioError
 from dembrick.geometry import polygons
@@ -252,13 +253,15 @@ def by_simulation(
     _check(formulations, request)
     rows, checks = [], {}
     a, b = joint.edges or (None, None)
+    other = [name for name in ("convex", "distributed", "concave") if name in formulations[1:]]
     for f, name in enumerate(formulations if count else ()):
 
         def report(done: int, of: int, f: int = f, name: str = name) -> None:
             if progress:
                 progress(f * of + done, len(formulations) * of, name)
 
-        domain = _simulated(joint, name, count, request, progress=report)
+        with meanwhile(lambda: [(_simulated, joint, one, 2, request) for one in other]):
+            domain = _simulated(joint, name, count, request, progress=report)
         limits = domain.limits
         expected = _limits(joint, _formulation(joint, name, request, continuum=False), domain.load, request.height)
         error = limits.V / expected - 1.0

@@ -311,6 +311,10 @@ class ContactDetection:
         fresh.bearable[:] = np.maximum(self._bears, self.bearable)
         self.touching = fresh
 
+    def blank(self, polygons: Polygons) -> Touching:
+        """`touching` of no pair."""
+        return self._blank(polygons, np.zeros((0, 2)), np.zeros(0), [])
+
     def _blank(self, polygons: Polygons, pairs, joint, laws) -> Touching:
         if self._parts is None:
             self._parts = parts_table(self.assembly.shapes)

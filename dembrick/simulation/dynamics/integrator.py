@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dembrick._ahead import compiling, meanwhile
 from dembrick._jit import get_num_threads
 from dembrick.errors import DivergedError, NotConvergedError
 from dembrick.kernels.dynamics.contact_forces import CROWDED, DEEP, DEEPEST
@@ -50,6 +51,7 @@ from dembrick.simulation.dynamics.time_step import (
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
+    from dembrick.kernels.dynamics.contact_forces import Touching
 
 LONGEST_MOVE = 0.1  # of the smallest block's reach: a step that moves a block further has diverged
 LONGEST_CHUNK = 2048  # steps
@@ -346,22 +348,36 @@ def _compile(motion: Motion, loops, dt: float, state: MovingState, *others) -> N
         if form not in motion._compiled:
             motion._compiled.add(form)
             began = time.perf_counter()
-            _call(loop, 0, dt, state, *others, motion._travel, touching, motion.energy.table, own)
+            with meanwhile(lambda: _with_contacts(motion, loops, dt, state, *others) if touching is None else []):
+                _call(loop, 0, dt, state, *others, motion._travel, touching, motion.energy.table, own)
             motion.compile_seconds += time.perf_counter() - began
+
+
+def _with_contacts(motion: Motion, loops, *others) -> list[tuple]:
+    """The tasks of compiling the ``loops`` with new contacts, ahead of the first; ``others`` as in `_compile`."""
+    blank = motion.contact_detection.blank(motion.polygons)
+    later = (motion._travel, blank, motion.energy.table)
+    return [compiling(loop, _in_loop(0, *others, *later, own)[0]) for loop, own in loops]
 
 
 def _call(loop, n_steps: int, dt: float, state: MovingState, bodies, loads: Loads, *others) -> tuple[int, int]:
     """Call a compiled loop with the blocks in its own order; ``others``: its arguments after the loads, in which those
     for the shares are one."""
+    arguments, near = _in_loop(n_steps, dt, state, bodies, loads, *others)
+    found = loop(*arguments)
+    if state.order is not None:
+        state.order.leave(bodies, others[-3], near)
+    return found
+
+
+def _in_loop(n_steps: int, dt: float, state: MovingState, bodies, loads: Loads, *others) -> tuple[tuple, Touching]:
+    """The arguments of a loop with the blocks in its own order, and the new contacts among them."""
     *more, touching, table, own = others
     arguments = bodies, state.ties, loads, touching
     if state.order is not None:
         arguments = state.order.enter(*arguments)
     in_loop, ties, loads, near = arguments
-    found = loop(n_steps, dt, in_loop, *state[1:4], ties, loads, *more, near, table, *own)
-    if state.order is not None:
-        state.order.leave(bodies, touching, near)
-    return found
+    return (n_steps, dt, in_loop, *state[1:4], ties, loads, *more, near, table, *own), near
 
 
 class _Pace:

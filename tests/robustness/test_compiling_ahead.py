@@ -1,0 +1,182 @@
+"""A second process compiles what a first run will want later: it is found, waited for, and never left behind."""
+
+import time
+
+import pytest
+
+from dembrick import _ahead, _jit
+from dembrick.cli import warmup
+from dembrick.kernels.dynamics.loop import advance_bodies
+from dembrick.runs import lab
+from dembrick.runs.simulate import simulate
+from dembrick.scenario.controls import DynamicControl
+from dembrick.simulation.dynamics import integrator
+from helpers.second_process import python
+
+KERNELS = """
+from dembrick.kernels.math.quaternion import product
+from dembrick.kernels.math.vec3 import cross
+
+def misses_and_hits(kernel):
+    return [sum(found.values()) for found in (kernel.called.stats.cache_misses, kernel.called.stats.cache_hits)]
+"""
+AHEAD = """
+with _ahead.second_process(), _ahead.meanwhile(lambda: {tasks}):
+    product(*8 * [1.0])
+    helper = _ahead._Known.helper.process
+    ended = helper and helper.wait(60)
+    cross(*6 * [1.0])
+print(ended, *misses_and_hits(product), *misses_and_hits(cross))
+"""
+BESIDE = "[_ahead.compiling(cross, 6 * (1.0,))]"
+MEET = """
+import sys
+from numba.core import event
+
+class Stop(event.Listener):
+    def on_start(self, event):
+        print("{says}", flush=True)
+        sys.stdin.readline()
+
+    def on_end(self, event):
+        pass
+
+event.register("{what}", Stop())
+product(*8 * [1.0])
+print(*misses_and_hits(product))
+"""
+KILLED = """
+from helpers.second_process import hold
+helper = _ahead._Helper()
+helper.start([(hold, {folder!r}, 1)])
+print("started", flush=True)
+input()
+"""
+
+
+def out(process):
+    """What a script printed when it was done, as words."""
+    found, _ = process.communicate(timeout=120)
+    assert process.returncode == 0
+    return found.split()
+
+
+def until(condition, what):
+    """Wait for something that other processes do."""
+    for _ in range(1200):
+        if condition():
+            return
+        time.sleep(0.05)
+    raise AssertionError(f"after a minute: not {what}")
+
+
+@pytest.fixture
+def allowed(monkeypatch):
+    """What the suite turns off, and a second core."""
+    monkeypatch.setenv(_ahead.SWITCH, "1")
+    monkeypatch.setattr(_ahead, "cores", lambda: 2)
+
+
+def test_what_the_second_process_compiled_is_found_and_a_warm_run_starts_none(tmp_path):
+    cold = python(KERNELS + AHEAD.format(tasks=BESIDE), tmp_path)
+    assert out(cold) == ["0", "1", "0", "0", "1"]  # cross: no miss and a hit
+    warm = python(KERNELS + AHEAD.format(tasks=BESIDE), tmp_path)
+    assert out(warm) == ["None", "0", "1", "0", "1"]
+
+
+def test_a_second_process_that_dies_is_no_harm(tmp_path):
+    code = "import os\n" + KERNELS + AHEAD.format(tasks=f"[(os._exit, 3), *{BESIDE}]")
+    assert out(python(code, tmp_path)) == ["3", "1", "0", "1", "0"]
+
+
+def test_two_processes_that_want_one_kernel_compile_it_once(tmp_path):
+    """The first stops as it begins to compile; the second then waits, and loads what the first has compiled."""
+    first = python(KERNELS + MEET.format(what="numba:compile", says="compiling"), tmp_path)
+    assert first.stdout.readline() == "compiling\n"
+    second = python(KERNELS + MEET.format(what=_jit.WAITING, says="waiting"), tmp_path)
+    assert second.stdout.readline() == "waiting\n"
+    first.stdin.write("\n" * 1000)  # it stops at every kernel that this one calls
+    first.stdin.flush()
+    assert out(first)[-2:] == ["1", "0"]
+    second.stdin.write("\n")
+    assert out(second) == ["0", "1"]
+
+
+def test_nobody_waits_for_ever(tmp_path, monkeypatch):
+    """A process that was stopped holds its claim: others compile after `PATIENCE` what it was to compile."""
+    monkeypatch.setattr(_jit, "PATIENCE", 0.1)
+    folder = tmp_path / "claims"
+    folder.mkdir()
+    holder = python(f"from helpers.second_process import hold\nhold({str(folder)!r}, 1)", tmp_path)
+    try:
+        claims = _jit._Claims(folder / ".claims")
+        until((folder / ".claims").exists, "claimed")
+        until(lambda: not claims.take(1) or claims.let_go(1), "claimed")
+        assert claims.take(2)
+        claims.wait(1)
+        assert not claims.take(1)
+    finally:
+        holder.kill()
+        holder.wait()
+    assert claims.take(1)  # who dies leaves no claim
+
+
+@pytest.mark.parametrize("end", [None, KeyboardInterrupt])
+def test_the_second_process_ends_with_the_command(allowed, end):
+    with pytest.raises(end or ZeroDivisionError), _ahead.second_process():
+        helper = _ahead._Known.helper
+        helper.start([(time.sleep, 600.0)])
+        process = helper.process
+        assert process.poll() is None
+        raise end or ZeroDivisionError
+    assert process.returncode is not None and _ahead._Known.helper is None
+
+
+def test_the_second_process_ends_with_the_first_when_that_is_killed(tmp_path):
+    claims = _jit._Claims(tmp_path / ".claims")
+    first = python(KILLED.format(folder=str(tmp_path)), tmp_path)
+    assert first.stdout.readline() == "started\n"
+    until((tmp_path / ".claims").exists, "at work")
+    until(lambda: not claims.take(1) or claims.let_go(1), "at work")
+    first.kill()
+    first.wait()
+    until(lambda: claims.take(1), "ended")
+
+
+def test_no_second_process_without_a_core_a_shared_cache_or_locks(allowed, monkeypatch, tmp_path):
+    assert _ahead.possible()
+    for module, name, value in (
+        (_ahead, "cores", lambda: 1),
+        (_jit, "CACHE_FOLDER", tmp_path),  # of this process alone
+        (_jit, "fcntl", None),
+    ):
+        with monkeypatch.context() as changed:
+            changed.setattr(module, name, value)
+            assert not _ahead.possible()
+    monkeypatch.setenv(_ahead.SWITCH, "0")
+    with _ahead.second_process():
+        assert _ahead._Known.helper is None
+
+
+@pytest.mark.parametrize("formulation", warmup.FORMULATIONS)
+def test_the_loop_with_contacts_is_compiled_ahead_for_what_it_is_called_with(monkeypatch, formulation):
+    """The task that a run hands on is that of the very loop which it calls when two blocks meet."""
+    tasks = []
+
+    def heard(wanted):
+        tasks.extend(wanted())
+        return _ahead.meanwhile(wanted)
+
+    monkeypatch.setattr(integrator, "meanwhile", heard)
+    scene = warmup._scene(formulation, DynamicControl(2e-3), warmup.LOW, warmup.THROWN)
+    assert simulate(scene).run.motion.contact_detection.touching is not None
+    ((function, module, name, types),) = tasks
+    assert function is _ahead.compile_kernel and (module, name) == (advance_bodies.__module__, "advance_bodies")
+    assert types in advance_bodies.called.overloads
+    touching = advance_bodies.__wrapped__.__code__.co_varnames.index("touching")
+    assert str(types[touching]) != "none"
+
+
+def test_what_the_lab_rehearses_are_its_own_scenes():
+    for name, formulation in lab.AHEAD:
+        assert lab.lab_scenario(name, formulation).joint.formulation == formulation
