@@ -49,6 +49,9 @@ class Touching(NamedTuple):
     k_s: ndarray  # (t,) Pa/m
     friction: ndarray  # (t,)
     weight: ndarray  # (t,) share of the new contact: 1 if there is no joint
+    slack: ndarray  # (t,) m, depth up to which edges that have lain along each other from the start press nothing,
+    least: ndarray  # (t,) N, the force from which on they do, and
+    deepest: ndarray  # (t,) m, the depth
     size: ndarray  # (t,) m, greatest distance of the joint's polygon from its centroid at the start
     partial: ndarray  # (t,) whether that polygon is less than the face that it rides on
     start: ndarray  # (j, 9) `Links.seen` at the start, of all joints
@@ -117,6 +120,17 @@ def rest(touching, t):
         touching.elastic[t, i] = 0.0
     touching.stiffness[t, 0] = 0.0
     touching.stiffness[t, 1] = 0.0
+
+
+@jit
+def counts(touching, t, patches, depth):
+    """Whether edges that have lain along each other from the start press with a force that counts by now; if not, they
+    may come twice as deep before that is asked again."""
+    _, _, e1, e2, e3 = sum_patches(touching.scratch, patches)
+    force = 2.0 * touching.k_n[t] * sqrt(e1 * e1 + e2 * e2 + e3 * e3)
+    counting = force > touching.least[t] or depth > touching.deepest[t]
+    touching.slack[t] = 0.0 if counting else 2.0 * touching.slack[t]
+    return counting
 
 
 @jit
@@ -257,21 +271,24 @@ def touch(touching, links, bodies, dt):
             is_open, parted = hand_over(touching, links, t)
             if touching.weight[t] <= 0.0 and not is_open:
                 continue
-        elif touching.weight[t] < 1.0:
+        elif touching.weight[t] < 1.0 and touching.slack[t] <= 0.0:
             touching.weight[t] = min(1.0, touching.weight[t] + GROWTH)
         first = touching.first[t]
         second = touching.second[t]
         faces = parts.face_count[first]
         plane = touching.plane[t]
+        slack = touching.slack[t]
         apart = False
         if plane >= faces:
-            apart = lies_apart(parts, bodies, second, first, plane - faces)
+            apart = lies_apart(parts, bodies, second, first, plane - faces, slack)
         elif plane >= 0:
-            apart = lies_apart(parts, bodies, first, second, plane)
+            apart = lies_apart(parts, bodies, first, second, plane, slack)
         patches = 0
         depth = o1 = o2 = o3 = 0.0
         if not apart:
-            patches, depth, plane, o1, o2, o3 = contact_surface(parts, bodies, first, second, touching.scratch)
+            patches, depth, plane, o1, o2, o3 = contact_surface(
+                parts, bodies, first, second, slack, touching.scratch
+            )  # fmt: skip
             touching.plane[t] = plane
         if patches == 0:
             if parted:
@@ -284,7 +301,10 @@ def touch(touching, links, bodies, dt):
         if depth > DEEPEST * min(parts.inner[first], parts.inner[second]):
             touching.trouble[0] = t
             return DEEP
-        if is_open:
+        if slack > 0.0 and not counts(touching, t, patches, depth):
+            rest(touching, t)
+            continue
+        if is_open or slack > 0.0:
             touching.weight[t] = min(1.0, touching.weight[t] + GROWTH)
         a = parts.owner[first]
         b = parts.owner[second]

@@ -69,8 +69,8 @@ class Scratch(NamedTuple):
 
 
 @jit
-def lies_apart(parts, bodies, a, b, face):
-    """Whether the plane of face ``face`` of part ``a`` keeps part ``b`` out."""
+def lies_apart(parts, bodies, a, b, face, slack):
+    """Whether the plane of face ``face`` of part ``a`` keeps part ``b`` out, but for a depth of ``slack`` (m)."""
     i = parts.owner[a]
     j = parts.owner[b]
     f = parts.face_start[a] + face
@@ -79,7 +79,7 @@ def lies_apart(parts, bodies, a, b, face):
     x = bodies.position
     between = n1 * (x[j, 0] - x[i, 0]) + n2 * (x[j, 1] - x[i, 1]) + n3 * (x[j, 2] - x[i, 2])
     n1, n2, n3 = columns_times(bodies.rotation[j], n1, n2, n3)
-    gap = between - parts.offset[f]
+    gap = between - parts.offset[f] + slack
     first = parts.vertex_start[b]
     for k in range(first, first + parts.vertex_count[b]):
         v = parts.vertex[k]
@@ -213,8 +213,9 @@ def mark_flush(scratch, near_a, near_b, room, distance):
 
 
 @jit
-def contact_surface(parts, bodies, a, b, scratch):
-    """The patches between parts ``a`` and ``b`` into ``scratch``, in the body axes of A's block.
+def contact_surface(parts, bodies, a, b, slack, scratch):
+    """The patches between parts ``a`` and ``b`` into ``scratch``, in the body axes of A's block; none up to an overlap
+    of ``slack`` (m).
 
     Returns how many (less than zero: scratch has no room for them); the greatest penetration on them (m); the number
     of a face that keeps the parts apart, those of B counted after those of A, else -1; and the origin (3) that the
@@ -229,9 +230,9 @@ def contact_surface(parts, bodies, a, b, scratch):
     o1, o2, o3 = place_parts(parts, bodies, a, b, scratch)
     # no point of the overlap is deeper than the shortest way out through any one face
     depth, plane = shallowest(scratch, 0, faces_a, vertices, vertices_b, 1e300, -1)
-    if depth > 0.0:
+    if depth > slack:
         depth, plane = shallowest(scratch, room, faces_b, 0, vertices_a, depth, plane)
-    if depth <= 0.0:
+    if depth <= slack:
         return 0, 0.0, plane if plane < room else faces_a + plane - room, o1, o2, o3
     near_a = near_faces(scratch, 0, faces_a, vertices, vertices_b, depth)
     near_b = near_faces(scratch, room, faces_b, 0, vertices_a, depth)

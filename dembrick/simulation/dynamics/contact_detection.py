@@ -8,11 +8,12 @@ of steps, and again before anything can have moved by the margin; a scene in whi
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from dembrick.assembly.broad_phase import bodies_of, close_pairs, overlap_depths
+from dembrick.assembly.broad_phase import Bodies, bodies_of, close_pairs, overlap_depths
 from dembrick.assembly.joints import TOLERANCE, Joint, JointTable
 from dembrick.errors import HistoryError
 from dembrick.geometry.shapes import parts_of
@@ -29,10 +30,14 @@ MARGIN = 0.03  # of a part's diameter: parts that are nearer than the sum of the
 FIRST = 5e-4  # of the smallest block's diameter: no one looks before blocks have moved so far
 STIRRED = 0.3  # of what begins to hand a joint over: from there on joints are watched
 LOOSE = 1e-3  # of its size: a joint that has moved so far is watched too, where anything is
+# Edges that lie along each other from the start overlap as the joints beside them give way. They press nothing until
+# their force would be that part of the lighter block's weight, or their depth that part of the thinner one's radius
+NEGLIGIBLE, SHALLOW = 1e-3, 1e-2
+SLIVER = 1e-5  # of that radius: a depth that is not looked at
 STABLE = 4.0  # what springs and dashpots may do to a block in a step: the greatest eigenvalue of M^-1 (dt^2 K + 2 dt C)
 MOST = 8.0  # a bound, over twice what is stable, that is looked at again though a closer look has found less
 # what a pair keeps when the pairs are looked for again
-REMEMBERED = ("weight", "plane", "elastic", "stiffness", "twist", "slip", "normal", "area", "point", "axis",
+REMEMBERED = ("weight", "slack", "plane", "elastic", "stiffness", "twist", "slip", "normal", "area", "point", "axis",
               "force", "torque")  # fmt: skip
 
 PAIRS = ("first", "second", "joint")
@@ -63,7 +68,7 @@ class ContactDetection:
         self._joints = JointTable.of(self.assembly.joints)
         self.retired = np.zeros(len(self._joints), bool)
         self._size = min(part.diameter for shape in shapes for _, part in parts_of(shape))
-        self._parts = self._scratch = self._bodies = None
+        self._parts = self._scratch = None
         self._codes = None
         self._free = np.where(self.assembly.fixed, 0.0, 1.0)
         self._bears = np.zeros(len(self._free))  # more than `bearable`, as far as `examine` has seen
@@ -224,9 +229,7 @@ class ContactDetection:
 
     def _look(self, state: MovingState, polygons: Polygons, first: bool) -> None:
         assembly, bodies = self.assembly, state.bodies
-        if self._bodies is None:
-            self._bodies = bodies_of(assembly.shapes, bodies.position, bodies.rotation)
-        parts = self._bodies.moved(bodies.position, bodies.rotation)
+        parts = self._start.moved(bodies.position, bodies.rotation)
         pairs = close_pairs(parts, MARGIN)
         ends = parts.owner[pairs]
         free = ~assembly.fixed
@@ -260,7 +263,7 @@ class ContactDetection:
             pairs, depth, joint, struck = pairs[thrown], depth[thrown], joint[thrown], struck[thrown]
         else:
             self.patience = MARGIN * self._size
-        self._watch(state, polygons, parts.owner, pairs, (depth > 0.0) & ~struck, joint)
+        self._watch(state, polygons, parts.owner, pairs, np.where(struck, -np.inf, depth), joint)
 
     def _joint_of(self, owner: np.ndarray, pairs: np.ndarray) -> np.ndarray:
         """The joint of each pair of parts (p,), or -1."""
@@ -288,11 +291,11 @@ class ContactDetection:
             polygons.retire(j)
         self.retired |= due
 
-    def _watch(self, state: MovingState, polygons: Polygons, owner, pairs, grows, joint) -> None:
+    def _watch(self, state: MovingState, polygons: Polygons, owner, pairs, depth, joint) -> None:
         """Make `touching` of these pairs; what was watched before keeps its memory.
 
-        ``grows`` (p,): parts that overlap already, side by side from the start. If they have no joint their contact
-        begins at nothing.
+        ``depth`` (p,): by how much (m) the parts overlap. Those that do already lie side by side from the start: if
+        they have no joint, their contact begins at nothing, and later (`_slack`).
         """
         before, laws = self.touching, self.assembly.laws
         if not len(pairs):
@@ -300,7 +303,8 @@ class ContactDetection:
             return
         of_pairs = [laws.between(a, b) for a, b in owner[pairs].tolist()]
         fresh = self._blank(polygons, pairs, joint, of_pairs)
-        fresh.weight[grows & (joint < 0)] = 0.0
+        fresh.weight[(depth > 0.0) & (joint < 0)] = 0.0
+        self._let_lie(fresh)
         if before is not None:
             count = len(owner)
             new, old = fresh.first * count + fresh.second, before.first * count + before.second
@@ -314,6 +318,26 @@ class ContactDetection:
     def blank(self, polygons: Polygons) -> Touching:
         """`touching` of no pair."""
         return self._blank(polygons, np.zeros((0, 2)), np.zeros(0), [])
+
+    @functools.cached_property
+    def _start(self) -> Bodies:
+        """The convex parts of all blocks, where they stand at the start."""
+        return bodies_of(self.assembly.shapes, self.assembly.position, self.assembly.rotation)
+
+    def _let_lie(self, touching: Touching) -> None:
+        """Let parts without a joint whose edges lie along each other at the start press nothing until that counts."""
+        assembly, owner = self.assembly, touching.parts.owner
+        pairs = np.column_stack([touching.first, touching.second])
+        start = self._start
+        apart = np.linalg.norm(start.position[pairs[:, 0]] - start.position[pairs[:, 1]], axis=1)
+        near = np.flatnonzero((apart <= touching.parts.radius[pairs].sum(axis=1)) & (touching.joint < 0))
+        near = near[overlap_depths(start, pairs[near]) > -TOLERANCE * start.table.diameter[pairs[near]].min(axis=1)]
+        pairs = pairs[near]
+        weight = np.linalg.norm(assembly.gravity) * np.where(assembly.fixed, np.inf, assembly.mass)[owner[pairs]]
+        radius = touching.parts.inner[pairs].min(axis=1)
+        touching.least[near] = NEGLIGIBLE * weight.min(axis=1)
+        touching.deepest[near] = SHALLOW * radius
+        touching.slack[near] = SLIVER * radius
 
     def _blank(self, polygons: Polygons, pairs, joint, laws) -> Touching:
         if self._parts is None:
@@ -354,6 +378,7 @@ class ContactDetection:
             raise HistoryError(f"{snapshot.path}: the pairs of contacts are not of this scenario")
         laws = [self.assembly.laws.between(a, b) for a, b in parts.owner[pairs].tolist()]
         self.touching = self._blank(polygons, pairs, joint, laws)
+        self._let_lie(self.touching)
         for name in (*REMEMBERED, "room"):
             own = getattr(self.touching, name)
             own[...] = snapshot.array(f"contacts.{name}", own)

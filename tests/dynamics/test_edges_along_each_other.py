@@ -1,0 +1,130 @@
+"""Edges that lie along each other from the start, as those of stones in straight rows: they overlap as joints give way,
+and press nothing until that counts."""
+
+import math
+
+import numpy as np
+import pytest
+
+from dembrick.geometry.shapes import box
+from dembrick.runs.simulate import restart, simulate
+from dembrick.scenario.controls import DynamicControl
+from dembrick.scenario.model import Block, JointLaw, Material, Output, Scenario
+from dembrick.simulation.dynamics import contact_detection
+from dembrick.simulation.interrupts import Interrupted
+from helpers.pairs import K_N, Pair
+from helpers.restart_cases import check_same
+
+CUBE, DEPTH, WIDE = 0.1, 2e-5, 0.2
+G = 9.81
+
+
+def edges(slack, least, deepest=1e-3):
+    """Two blocks whose edges, `WIDE` long, are `DEPTH` deep in each other."""
+    pair = Pair(box((CUBE, WIDE, CUBE)), box((CUBE, WIDE, CUBE)), friction=0.0)
+    pair.contact.slack[:], pair.contact.least[:], pair.contact.deepest[:] = slack, least, deepest
+    return pair, (CUBE - DEPTH, 0.0, CUBE - DEPTH)
+
+
+def force(pair, place):
+    return np.linalg.norm(pair.wrench(place)[:3])
+
+
+def test_edges_press_from_the_force_on_that_counts():
+    """Two edges d deep in each other: the pressure 2 kn x, up to x = d/2 half way, on two planes that cross."""
+    exact = force(*edges(0.0, 0.0))
+    assert exact == pytest.approx(K_N * WIDE * DEPTH**2 / math.sqrt(2.0), rel=1e-6)
+    pair, place = edges(0.1 * DEPTH, 0.99 * exact)
+    assert force(pair, place) == exact
+    assert pair.contact.slack[0] == 0.0
+    pair, place = edges(0.1 * DEPTH, 1.01 * exact)
+    assert [force(pair, place) for _ in range(5)] == 5 * [0.0]
+    assert DEPTH < pair.contact.slack[0] <= 2.0 * DEPTH
+    pair, place = edges(0.1 * DEPTH, 1.01 * exact, deepest=0.4 * DEPTH)
+    assert force(pair, place) == exact
+
+
+def test_edges_that_press_go_on_however_little_that_becomes():
+    pair, place = edges(0.1 * DEPTH, 0.0)
+    force(pair, place)
+    for part in (0.5, 0.01):
+        at = CUBE - part * DEPTH
+        assert force(pair, (at, 0.0, at)) == pytest.approx(part**2 * force(*edges(0.0, 0.0)), rel=1e-6)
+
+
+def rows_on_a_slope(angle=0.2, duration=0.1, spin=0.0):
+    """Two cubes side by side on two others on a floor that slopes; all begin to turn with ``spin`` (rad/s)."""
+    places = [(0.1 * i, 0.0, 0.05 + 0.1 * k) for i in range(2) for k in range(2)]
+    return Scenario(
+        title="straight rows",
+        gravity=(G * math.sin(angle), 0.0, -G * math.cos(angle)),
+        joint=JointLaw("concave", 0.6, 1e8, 4e7),
+        materials={"stone": Material(2000.0)},
+        blocks=(
+            Block("floor", "stone", (2.0, 2.0, 0.1), (0.0, 0.0, -0.05), fixed=True),
+            *(
+                Block(f"cube {n}", "stone", (0.1, 0.1, 0.1), place, angular_velocity=(0.0, spin, 0.0))
+                for n, place in enumerate(places)
+            ),
+            Block("far", "stone", (0.1, 0.1, 0.1), (0.5, 0.5, 0.07), velocity=(0.0, 0.0, 0.0)),
+        ),
+        control=DynamicControl(duration, 0.3),
+        output=Output(("frames", "contacts"), rows=100_000, frames=100_000),
+    )
+
+
+def test_stones_in_straight_rows_move_as_if_their_edges_pressed(monkeypatch):
+    """A stone that falls beside them lets pairs be watched."""
+    without, part = simulate(rows_on_a_slope()), contact_detection.NEGLIGIBLE
+    monkeypatch.setattr(contact_detection, "NEGLIGIBLE", 0.0)
+    with_all = simulate(rows_on_a_slope())
+    cubes = slice(1, 5)
+    met = [run.frames["new_contacts"] for run in (without, with_all)]
+    pressed = [(contacts["blocks"] < 5).all(axis=1) & (contacts["blocks"] > 0).all(axis=1) for contacts in met]
+    assert pressed[1].sum() > 100  # their edges do overlap
+    assert not pressed[0].any()
+    moved = [run.frames["displacement"][-1, cubes] for run in (without, with_all)]
+    assert np.abs(moved[0] - moved[1]).max() < 2.0 * part * np.abs(moved[1]).max()
+
+
+def test_an_edge_carries_its_block():
+    """A block that stands on its edge from the start, with no joint: that is not let go."""
+    side = 0.1
+    turn = (math.cos(math.pi / 8.0), 0.0, math.sin(math.pi / 8.0), 0.0)
+    scene = Scenario(
+        title="on edge",
+        gravity=(0.0, 0.0, -G),
+        joint=JointLaw("concave", 0.6, 1e8, 4e7),
+        materials={"stone": Material(2000.0)},
+        blocks=(
+            Block("floor", "stone", (2.0, 2.0, 0.1), (0.0, 0.0, -0.05), fixed=True),
+            Block("cube", "stone", (side, side, side), (0.0, 0.0, side / math.sqrt(2.0)), turn),
+        ),
+        control=DynamicControl(0.1, 0.3),
+        output=Output(("frames", "contacts"), rows=100_000, frames=100_000),
+    )
+    frames = simulate(scene).frames
+    sunk = -frames["displacement"][:, 1, 2]
+    rest = math.sqrt(2000.0 * side**3 * G / (1e8 * side))  # kn d^2 times the length of the edge
+    assert 0.3 * rest < sunk[-1] < 3.0 * rest
+
+
+def test_a_run_goes_on_with_edges_that_press_nothing_yet(tmp_path, stop_after, monkeypatch):
+    """To the last bit; what they may press before it counts is known at once, not when pairs are looked for again."""
+    given, found = rows_on_a_slope(spin=0.1), []
+    restore = contact_detection.ContactDetection.restore
+
+    def look_on(detection, *arguments):
+        restore(detection, *arguments)
+        found.append((detection.touching.slack > 0.0, detection.touching.least > 0.0))
+
+    monkeypatch.setattr(contact_detection.ContactDetection, "restore", look_on)
+    simulate(given, tmp_path / "whole.h5")
+    stop_after(20)
+    with pytest.raises(Interrupted):
+        simulate(given, tmp_path / "parts.h5")
+    stop_after(0)
+    restart(tmp_path / "parts.h5")
+    check_same(tmp_path / "whole.h5", tmp_path / "parts.h5")
+    lying, counted = found[0]
+    assert lying.any() and counted[lying].all()
