@@ -28,7 +28,7 @@ DENSITY = 2000.0
 
 
 def scenario(control, formulation="concave", box=(0.3, 0.2, 0.1), friction=0.64, gravity=(0.0, 0.0, -9.81), loads=(),
-             stiffness=1e10, rows=1000, floor=(4.0, 4.0, 0.1), **block):  # fmt: skip
+             stiffness=1e10, rows=300, floor=(4.0, 4.0, 0.1), **block):  # fmt: skip
     """A block on a floor larger than its path."""
     points = {"points": (12, 8)} if formulation == "distributed" else {}
     return Scenario(

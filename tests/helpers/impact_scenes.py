@@ -16,7 +16,7 @@ def scene(control, *blocks, friction=0.64, gravity=(0.0, 0.0, -G), stiffness=1e1
         materials={"stone": Material(2000.0)},
         blocks=blocks,
         control=control,
-        **{"output": Output(rows=1000, frames=1000)} | more,
+        **{"output": Output(rows=200, frames=200)} | more,
     )
 
 
@@ -44,5 +44,5 @@ def falling_arch(formulation):
         blocks=(Block("floor", "stone", (8.0, 3.0, 0.1), (0.0, 0.0, -0.55), fixed=True),),
         arches=(Arch("arch", "stone", 1.0, 0.08, 0.3, 7),),
         control=DynamicControl(4.0, 0.3),
-        output=Output(rows=500, frames=500),
+        output=Output(rows=250, frames=250),
     )

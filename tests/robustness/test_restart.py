@@ -149,8 +149,7 @@ def plate(i, speed):
     return floor + block(f"plate {i}", (i, 0.0, 0.05), more=f"velocity = [{speed}, 0.2, 0.0]")
 
 
-@pytest.mark.parametrize("row", [2, 12])
-def test_polygons_that_were_cut_go_on(tmp_path, stop_after, row):
+def test_polygons_that_were_cut_go_on(tmp_path, stop_after):
     """Ten plates share a polygon until each has one of its own; stopped before that and after."""
     given = toml.loads(SLIDING + "".join(plate(i, 0.1 * i + 0.01) for i in range(10)))
     given = dataclasses.replace(given, output=model.Output(model.CHANNELS, rows=20, frames=10, checkpoint=1e9))
@@ -158,13 +157,14 @@ def test_polygons_that_were_cut_go_on(tmp_path, stop_after, row):
     whole = simulate(given, tmp_path / "whole.h5")
     faces = whole.run.motion.state.faces
     assert sorted(faces.outline) == list(range(1, 11)) and len(faces.count) == 17
-    path = tmp_path / "parts.h5"
-    stop_after(row)
-    with pytest.raises(Interrupted):
-        simulate(given, path)
-    stop_after(0)
-    restart(path)
-    check_same(tmp_path / "whole.h5", path)
+    for row in (2, 12):
+        path = tmp_path / f"{row}.h5"
+        stop_after(row)
+        with pytest.raises(Interrupted):
+            simulate(given, path)
+        stop_after(0)
+        restart(path)
+        check_same(tmp_path / "whole.h5", path)
 
 
 @pytest.mark.parametrize("array", ["faces.outline", "faces.count"])

@@ -126,6 +126,7 @@ class _Relaxation:
 
     def __init__(self, state: State, inertia: ScaledInertia, rounds: tuple[tuple[int, float, bool], ...]):
         self._state, self._inertia, self._rounds = state, inertia, rounds
+        self._bonded = any(held for _, _, held in rounds)
         self._round = self._step = 0
 
     def run(self, session: Session) -> tuple[float, int]:
@@ -139,7 +140,8 @@ class _Relaxation:
         with interrupts.deferred():
             while True:
                 most, momentum, held = self._rounds[self._round]
-                joint_families.hold_bonds(self._state, held)
+                if self._bonded:
+                    joint_families.hold_bonds(self._state, held)
                 steps, began = min(pace, most - self._step), time.perf_counter()
                 if self._state.ties is not None:
                     ties.pull(self._state)
