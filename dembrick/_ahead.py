@@ -2,8 +2,8 @@
 
 The command line allows it (`second_process`), and a run says what it will want (`meanwhile`). The second process is
 started when the first kernel is not found in the cache, so that a run that finds its kernels there pays nothing. It
-puts what it compiles into the cache; a run that comes to a kernel before it is done waits for it there (`_jit`), and
-compiles it itself where the second process died. It ends with the first one, however that ends.
+puts what it compiles into the cache (`_kernel_cache`); a run that comes to a kernel before it is done waits for it
+there, and compiles it itself where the second process died. It ends with the first one, however that ends.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from importlib import import_module
 
 from numba.core import event
 
-from dembrick import _jit
+from dembrick import _kernel_cache
 
 SWITCH = "DEMBRICK_COMPILE_AHEAD"  # 0 in the environment: no second process
 COMMAND = "import pickle, sys; sys.path[:], tasks = pickle.load(sys.stdin.buffer); "
@@ -92,8 +92,14 @@ def second_process() -> Iterator[None]:
 
 def possible() -> bool:
     """Whether a second process would help: two cores, the cache a folder that others find, and locks in it."""
-    kept = _jit.CACHE_FOLDER.name == _jit.kernel_hash()
-    return os.environ.get(SWITCH) != "0" and cores() > 1 and kept and _jit.fcntl is not None and bool(sys.executable)
+    kept = _kernel_cache.CACHE_FOLDER.name == _kernel_cache.kernel_hash()
+    return (
+        os.environ.get(SWITCH) != "0"
+        and cores() > 1
+        and kept
+        and _kernel_cache.fcntl is not None
+        and bool(sys.executable)
+    )
 
 
 def cores() -> int:

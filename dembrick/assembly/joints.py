@@ -142,7 +142,7 @@ class JointTable(Sequence[Joint]):
         """The joints with equally many corners: their numbers (g,) and polygons (g, m, 2); all, or the ``chosen``."""
         numbers = np.arange(len(self)) if chosen is None else np.asarray(chosen)
         counts = (self.start[1:] - self.start[:-1])[numbers]
-        for count in np.unique(counts):
+        for count in sorted(set(counts.tolist())):
             some = numbers[counts == count]
             yield some, self.corner[self.start[some, None] + np.arange(count)]
 

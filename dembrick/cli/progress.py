@@ -116,7 +116,7 @@ def telling_of_compilation(tell: Callable[[str], None]) -> Iterator[None]:
     that are kept are loaded without a word."""
     from numba.core import event
 
-    from dembrick._jit import WAITING
+    from dembrick._kernel_cache import WAITING
 
     class Compilation(event.Listener):
         told = False

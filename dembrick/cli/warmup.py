@@ -17,7 +17,7 @@ def run(options, console) -> int:
     import os
     import time
 
-    from dembrick._jit import CACHE_FOLDER
+    from dembrick._kernel_cache import CACHE_FOLDER
     from dembrick.errors import ScenarioError
     from dembrick.runs.study.executors import run_here, run_local
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -251,6 +250,8 @@ def _range_paths(result: Result) -> None:
     Paths that find no limit are counted. Raises NotConvergedError if none but the search itself found one, and
     Interrupted.
     """
+    from concurrent.futures import ThreadPoolExecutor
+
     scenario, point = result.scenario, result.yield_point
     if result.path is None:
         return  # nothing limits the load

@@ -212,14 +212,14 @@ def test_check_info_yield_export(call, folder):
 
 
 def test_warmup_runs_every_kind_of_loop(call, monkeypatch):
-    from dembrick import _jit
+    from dembrick import _kernel_cache
     from dembrick.runs import simulate as simulate_module
 
     ran = []
     simulate = simulate_module.simulate
     monkeypatch.setattr(simulate_module, "simulate", lambda scenario: ran.append(simulate(scenario)))
     code, out, _ = call("warmup", "--jobs", "1", "--json")
-    assert code == 0 and json.loads(out)["cache"] == str(_jit.CACHE_FOLDER)
+    assert code == 0 and json.loads(out)["cache"] == str(_kernel_cache.CACHE_FOLDER)
     assert {one.scenario.control.kind for one in ran} == {"yield", "displacement", "pushover", "dynamic"}
     touching = [one.run.motion.contact_detection.touching for one in ran if one.scenario.control.kind == "dynamic"]
     assert [one is None for one in touching] == [True, False, True, False]

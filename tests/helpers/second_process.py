@@ -6,12 +6,12 @@ import sys
 import time
 from pathlib import Path
 
-from dembrick import _jit
+from dembrick import _kernel_cache
 
 
 def hold(folder, byte):
     """Claim a byte for as long as this process lives."""
-    assert _jit._claims_in(Path(folder)).take(byte)
+    assert _kernel_cache.claims_in(Path(folder)).take(byte)
     time.sleep(600.0)
 
 

@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from dembrick import _ahead, _jit
+from dembrick import _ahead, _kernel_cache
 from dembrick.cli import warmup
 from dembrick.kernels.dynamics.loop import advance_bodies
 from dembrick.runs import lab
@@ -93,7 +93,7 @@ def test_two_processes_that_want_one_kernel_compile_it_once(tmp_path):
     """The first stops as it begins to compile; the second then waits, and loads what the first has compiled."""
     first = python(KERNELS + MEET.format(what="numba:compile", says="compiling"), tmp_path)
     assert first.stdout.readline() == "compiling\n"
-    second = python(KERNELS + MEET.format(what=_jit.WAITING, says="waiting"), tmp_path)
+    second = python(KERNELS + MEET.format(what=_kernel_cache.WAITING, says="waiting"), tmp_path)
     assert second.stdout.readline() == "waiting\n"
     first.stdin.write("\n" * 1000)  # it stops at every kernel that this one calls
     first.stdin.flush()
@@ -104,12 +104,12 @@ def test_two_processes_that_want_one_kernel_compile_it_once(tmp_path):
 
 def test_nobody_waits_for_ever(tmp_path, monkeypatch):
     """A process that was stopped holds its claim: others compile after `PATIENCE` what it was to compile."""
-    monkeypatch.setattr(_jit, "PATIENCE", 0.1)
+    monkeypatch.setattr(_kernel_cache, "PATIENCE", 0.1)
     folder = tmp_path / "claims"
     folder.mkdir()
     holder = python(f"from helpers.second_process import hold\nhold({str(folder)!r}, 1)", tmp_path)
     try:
-        claims = _jit._Claims(folder / ".claims")
+        claims = _kernel_cache.Claims(folder / ".claims")
         until((folder / ".claims").exists, "claimed")
         until(lambda: not claims.take(1) or claims.let_go(1), "claimed")
         assert claims.take(2)
@@ -133,7 +133,7 @@ def test_the_second_process_ends_with_the_command(allowed, end):
 
 
 def test_the_second_process_ends_with_the_first_when_that_is_killed(tmp_path):
-    claims = _jit._Claims(tmp_path / ".claims")
+    claims = _kernel_cache.Claims(tmp_path / ".claims")
     first = python(KILLED.format(folder=str(tmp_path)), tmp_path)
     assert first.stdout.readline() == "started\n"
     until((tmp_path / ".claims").exists, "at work")
@@ -147,8 +147,8 @@ def test_no_second_process_without_a_core_a_shared_cache_or_locks(allowed, monke
     assert _ahead.possible()
     for module, name, value in (
         (_ahead, "cores", lambda: 1),
-        (_jit, "CACHE_FOLDER", tmp_path),  # of this process alone
-        (_jit, "fcntl", None),
+        (_kernel_cache, "CACHE_FOLDER", tmp_path),  # of this process alone
+        (_kernel_cache, "fcntl", None),
     ):
         with monkeypatch.context() as changed:
             changed.setattr(module, name, value)

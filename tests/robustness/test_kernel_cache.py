@@ -6,13 +6,17 @@ import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import NamedTuple
 
 import numba
+import numpy as np
 import pytest
+from numba.core.typing.typeof import Purpose, typeof
 
 import dembrick
-from dembrick import _jit
-from dembrick._jit import source_hash
+from dembrick import _kernel_cache
+from dembrick._kernel_cache import source_hash
+from dembrick.kernels.math.quaternion import product
 
 PACKAGE = Path(dembrick.__file__).parent
 
@@ -83,22 +87,97 @@ def test_a_copy_elsewhere_finds_what_another_compiled(tmp_path, copy):
     assert hits == [0, 1]
 
 
+TAKEN_IN = """
+import sys
+from dembrick._jit import entry
+
+def leaf(x):
+    return 2.0 * x
+
+def outer(x):
+    return leaf(x) + 1.0
+
+leaf.__module__ = outer.__module__ = "dembrick.kernels.of_a_test"
+sys.modules[leaf.__module__] = sys.modules["__main__"]
+leaf, outer = entry(leaf), entry(outer)
+stats = [kernel.called.stats for kernel in (leaf, outer)]
+print([{called}(3.0)], [sum(found.values()) for one in stats for found in (one.cache_misses, one.cache_hits)])
+"""
+
+
+def test_kept_code_is_called_and_taken_in_by_other_kernels(tmp_path):
+    """What is found in the cache is called as it is; where a kernel is compiled that calls it, it is taken in."""
+    found = []
+    for called in ("leaf", "leaf", "outer", "outer"):
+        environment = {**os.environ, "DEMBRICK_CACHE_DIR": str(tmp_path)}
+        command = [sys.executable, "-c", TAKEN_IN.format(called=called)]
+        done = subprocess.run(command, env=environment, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        found.append(done.stdout.strip())
+    misses_and_hits = ("1, 0, 0, 0", "0, 1, 0, 0", "0, 1, 1, 0", "0, 0, 0, 1")
+    assert found == [f"[{6.0 if i < 2 else 7.0}] [{counts}]" for i, counts in enumerate(misses_and_hits)]
+
+
+class Pair(NamedTuple):
+    one: object
+    other: object
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        np.zeros(3),
+        np.zeros((2, 3), np.uint32),
+        np.zeros((4, 4)).T[1:],
+        np.zeros((2, 3), order="F"),
+        np.broadcast_to(np.zeros(1, bool), (3,)),
+        (1, 2.0, None),
+        Pair(np.zeros(2), None),
+        Pair(np.zeros(2), np.ones(2)),
+        Pair(Pair(np.zeros((1, 6), np.float32), 3), np.int64(1)),
+        True,
+        None,
+    ],
+)
+def test_arguments_have_the_types_that_numba_gives_them(value):
+    assert product.called.typeof_pyval(value) == typeof(value, Purpose.argument)
+
+
+def test_a_warm_run_loads_no_masked_arrays_and_parses_no_code(tmp_path):
+    code = """
+import sys
+from dembrick import _kernel_cache
+from dembrick.cli import main
+
+parsed = []
+parse = _kernel_cache.binding.parse_bitcode
+_kernel_cache.binding.parse_bitcode = lambda code: parsed.append(code) or parse(code)
+main(["run", "set4a", "--out", sys.argv[1]])
+print("numpy.ma" in sys.modules, parsed)
+"""
+    for name in ("cold.h5", "warm.h5"):
+        command = [sys.executable, "-c", code, str(tmp_path / name)]
+        done = subprocess.run(command, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1] == "False []"
+
+
 def test_processes_that_compile_one_kernel_side_by_side_lose_nothing(tmp_path, monkeypatch):
     """Sixteen threads add an entry each to the cache of one kernel: all are found, each its own."""
-    monkeypatch.setattr(_jit, "CACHE_FOLDER", tmp_path)
+    monkeypatch.setattr(_kernel_cache, "CACHE_FOLDER", tmp_path)
 
     def save(i):
-        _jit._CacheFile(str(tmp_path), "kernel", "stamp").save(i, i)
+        _kernel_cache.CacheFile(str(tmp_path), "kernel", "stamp").save(i, i)
 
     with ThreadPoolExecutor(16) as pool:
         list(pool.map(save, range(64)))
-    found = _jit._CacheFile(str(tmp_path), "kernel", "stamp")
+    found = _kernel_cache.CacheFile(str(tmp_path), "kernel", "stamp")
     assert [found.load(i) for i in range(64)] == list(range(64))
 
 
 def test_a_full_disk_costs_the_cache_and_not_the_run(tmp_path, monkeypatch):
-    monkeypatch.setattr(_jit, "CACHE_FOLDER", tmp_path / "gone")
-    kept = _jit._CacheFile(str(tmp_path / "gone"), "kernel", "stamp")
+    monkeypatch.setattr(_kernel_cache, "CACHE_FOLDER", tmp_path / "gone")
+    kept = _kernel_cache.CacheFile(str(tmp_path / "gone"), "kernel", "stamp")
     kept.save(1, 1)
     assert kept.load(1) is None
 

@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 import pytest
 
-from dembrick import _jit, history
+from dembrick import _kernel_cache, history
 from dembrick.assembly.build import assemble
 from dembrick.cli import main
 from dembrick.cli.console import Console, printable
@@ -28,9 +28,9 @@ from helpers import history_cases as cases
 
 def test_a_cache_folder_is_made_for_its_owner_alone(tmp_path):
     folder = tmp_path / "a" / "b"
-    assert _jit.is_own(folder)
+    assert _kernel_cache.is_own(folder)
     assert folder.stat().st_mode & 0o777 == 0o700
-    assert _jit.is_own(folder)  # and taken again
+    assert _kernel_cache.is_own(folder)  # and taken again
 
 
 def test_a_cache_folder_that_others_can_write_or_own_is_not_taken(tmp_path, monkeypatch):
@@ -38,17 +38,17 @@ def test_a_cache_folder_that_others_can_write_or_own_is_not_taken(tmp_path, monk
     planted = tmp_path / "planted"
     planted.mkdir()
     planted.chmod(0o777)
-    assert not _jit.is_own(planted)
+    assert not _kernel_cache.is_own(planted)
     planted.chmod(0o770)
-    assert not _jit.is_own(planted)
+    assert not _kernel_cache.is_own(planted)
     planted.chmod(0o755)
-    assert _jit.is_own(planted)
+    assert _kernel_cache.is_own(planted)
     link = tmp_path / "link"
     link.symlink_to(planted, target_is_directory=True)
-    assert not _jit.is_own(link)
+    assert not _kernel_cache.is_own(link)
     owner = os.geteuid()
     monkeypatch.setattr(os, "geteuid", lambda: owner + 1)
-    assert not _jit.is_own(planted)
+    assert not _kernel_cache.is_own(planted)
 
 
 def test_the_next_folder_is_taken_where_one_is_not_safe(tmp_path, monkeypatch):
@@ -58,13 +58,13 @@ def test_the_next_folder_is_taken_where_one_is_not_safe(tmp_path, monkeypatch):
         folder.mkdir()
     monkeypatch.setenv("DEMBRICK_CACHE_DIR", str(base))
     monkeypatch.setenv("XDG_CACHE_HOME", str(home))
-    assert _jit.cache_folder().parent == base
+    assert _kernel_cache.cache_folder().parent == base
     base.chmod(0o777)
-    assert _jit.cache_folder().parent == home / "dembrick"
+    assert _kernel_cache.cache_folder().parent == home / "dembrick"
     base.chmod(0o1777)
-    assert _jit.cache_folder().parent == base
-    _jit.cache_folder().chmod(0o777)
-    assert _jit.cache_folder().parent == home / "dembrick"
+    assert _kernel_cache.cache_folder().parent == base
+    _kernel_cache.cache_folder().chmod(0o777)
+    assert _kernel_cache.cache_folder().parent == home / "dembrick"
 
 
 # --- the terminal -----------------------------------------------------------------------------------------------------
