@@ -147,7 +147,7 @@ def tower_cells(short: bool) -> Iterator[Cell]:
             jacks = jack(0.2 * A)
             scenario = stack(formulation, densities, (kn,) * count, 0, jacks, tolerance=1e-2)
             yield Cell(
-                "tower", count, f"seat {formulation}", lambda s=scenario, d=densities: standing(s, d)
+                "tower", count, f"rest {formulation}", lambda s=scenario, d=densities: standing(s, d)
             )  # fmt: skip
             # a wave goes up the tower and back within a few times as many steps as there are blocks
             pace = 0.01 / count

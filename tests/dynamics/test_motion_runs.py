@@ -337,7 +337,7 @@ def test_controls_survive_a_round_trip():
         assert again == scenario
 
 
-def test_very_stiff_joints_are_seated_to_their_rounding():
+def test_very_stiff_joints_rest_to_their_rounding():
     """kn = 64,000 GPa/m: a position in its last digit is 1e-8 of the joint force."""
     result = simulate(wall(DynamicControl(1e-5), stiffness=6.4e13))
     assert 1e-10 < result.run.unbalanced < 5e-6

@@ -104,7 +104,7 @@ def test_a_run_to_collapse_in_real_time_goes_on_too(tmp_path, stop_after, formul
     text = (SCENARIOS / "set4a.toml").read_text().replace('"convex"', law)
     text = text[: text.index("[[loads]]")] + "[control]" + control
     text = text.replace("position = [0.0, 0.0, 0.05]", "position = [0.01, 0.02, 0.05]")
-    given = toml.loads(text + "[output]\nrows = 400\nframes = 100\ncheckpoint = 1e9\n")
+    given = toml.loads(text + "[output]\nrows = 100\nframes = 25\ncheckpoint = 1e9\n")
     whole = simulate(given, tmp_path / "whole.h5")
     assert whole.status == "collapse" and whole.run.motion.steps > 1000
     n_row = len(whole.rows["time"])

@@ -55,15 +55,15 @@ def given(formulation, control, checkpoint=1e9):
     "formulation, control",
     [("concave", "shaken"), ("convex", "overturned"), ("convex", "pushed"), ("concave", "settled")],
 )
-def test_seating_goes_on_where_it_was_stopped(tmp_path, stop_after, monkeypatch, formulation, control):
+def test_a_dead_load_equilibrium_goes_on_where_it_was_stopped(tmp_path, stop_after, monkeypatch, formulation, control):
     """Stopped after its first chunk, in its middle and before its last."""
     monkeypatch.setattr(dead_load, "CHUNK", 16)
     scene = given(formulation, control)
     whole = simulate(scene, tmp_path / "whole.h5")
-    seating = whole.run.motion.dead_load_steps
+    steps = whole.run.motion.dead_load_steps
     if control == "overturned":
         assert whole.run.motion.falling.any()
-    chunks = -(-seating // 16)
+    chunks = -(-steps // 16)
     assert chunks > 6
     for chunk in (1, chunks // 2, chunks - 1):
         path = tmp_path / f"{chunk}.h5"
@@ -77,11 +77,11 @@ def test_seating_goes_on_where_it_was_stopped(tmp_path, stop_after, monkeypatch,
         said = []
         result = restart(path, report=said.append)
         assert said[0] == f"going on from {place}"  # a fast rate is remarked after that
-        assert result.run.motion.dead_load_steps == seating
+        assert result.run.motion.dead_load_steps == steps
         check_same(tmp_path / "whole.h5", path)
 
 
-def test_a_run_that_is_killed_in_its_seating(tmp_path):
+def test_a_run_that_is_killed_in_its_dead_load_equilibrium(tmp_path):
     """By a signal that no one can wait for; it had written checkpoints."""
     scene, path = given("concave", "shaken", 0.0), tmp_path / "run.h5"
     (tmp_path / "scene.toml").write_text(toml.dumps(scene))

@@ -167,7 +167,7 @@ def test_a_way_comes_back_whole():
             assert np.array_equal(one, other) and type(one) is type(other), part.name
 
 
-def test_seating_goes_on_in_the_middle(tmp_path, signal_after):
+def test_a_dead_load_equilibrium_goes_on_in_the_middle(tmp_path, signal_after):
     """A joint that opens under its dead load takes many steps, and is stopped there."""
     load = model.Load("upper", (0.0, 0.0, -200.0), (0.0, 0.09, 0.2))
     given = scene(TILT, "convex", loads=(load,), **{**tower(), "actuators": ()})
@@ -188,7 +188,7 @@ def test_seating_goes_on_in_the_middle(tmp_path, signal_after):
         check_same(tmp_path / "whole.h5", path)
 
 
-def test_a_signal_while_it_is_seated_again_leaves_the_later_checkpoint(tmp_path, signal_after):
+def test_a_signal_while_it_comes_to_rest_again_leaves_the_later_checkpoint(tmp_path, signal_after):
     given = SCENES["wall pushed over"]()
     signal_after(0)
     simulate(given, tmp_path / "whole.h5")

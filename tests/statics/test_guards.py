@@ -50,10 +50,10 @@ def test_the_energy_put_in_is_that_of_the_balance(built, monkeypatch):
     guard, blocks, dt = seen["guard"], run.state.blocks, run.time_step
     assert guard.work[0] * dt * guard.weights == pytest.approx(run.energy.work[HEAD], rel=4e-3)
     # the dead forces work on the way that the blocks went after the dead-load equilibrium
-    dead, seated = (float((blocks.dead_force * way).sum()) for way in (run.moved, blocks.displacement - run.moved))
+    dead, at_rest = (float((blocks.dead_force * way).sum()) for way in (run.moved, blocks.displacement - run.moved))
     tiny = 1e-9 * run.energy.work[HEAD]
     assert kernel.dead_force_work(blocks) - run.energy.work[DEAD_LOAD_WORK] == pytest.approx(dead, rel=1e-6, abs=tiny)
-    assert run.energy.work[DEAD_LOAD_WORK] == pytest.approx(seated, rel=1e-12)
+    assert run.energy.work[DEAD_LOAD_WORK] == pytest.approx(at_rest, rel=1e-12)
     assert guard.start[1] == guard.start[0] - run.energy.work[DEAD_LOAD_WORK]
     assert guard.work[1] == run.energy.work[TORQUES] == 0.0  # no dead torque here
     assert guard.start[0] == run.energy.work[ELASTIC_AT_START]

@@ -64,10 +64,10 @@ def moving_state(assembly: Assembly) -> MovingState:
     table = JointTable.of(assembly.joints)
     order = memory_order(table, assembly.fixed)
     row = np.arange(len(assembly.fixed)) if order is None else np.argsort(order)
-    seats = _Seats.of(assembly, table)
+    fixings = _Fixings.of(assembly, table)
     turn = in_turn(row[table.block_a], row[table.block_b])
-    corners, faces = joint_families.at_rest(assembly, turn, ways(table.axes[:, 2], seats.numbers(table.area)))
-    links = _links(table, seats, corners, faces, row)
+    corners, faces = joint_families.at_rest(assembly, turn, ways(table.axes[:, 2], fixings.numbers(table.area)))
+    links = _links(table, fixings, corners, faces, row)
     bodies = _bodies(assembly, links, middle)
     links.put(SEEN, seen(bodies, links))
     links.kept[:] = links.seen[:, [0, 1, 3, 4]]
@@ -115,8 +115,9 @@ def _sides(n: int, host: np.ndarray, other: np.ndarray, place: np.ndarray) -> tu
     return np.searchsorted(blocks[order], np.arange(n + 1)).astype(np.uint32), sides[order].astype(np.uint32)
 
 
-class _Seats(NamedTuple):
-    """How the polygons and planes of the joints sit on their blocks: fields as in `Links`, and rows of its tiles."""
+class _Fixings(NamedTuple):
+    """How the polygons and planes of the joints are fixed to their blocks: fields as in `Links`, rows of its
+    tiles."""
 
     host: np.ndarray
     other: np.ndarray
@@ -128,7 +129,7 @@ class _Seats(NamedTuple):
     offset: np.ndarray
 
     @classmethod
-    def of(cls, assembly: Assembly, table: JointTable) -> _Seats:
+    def of(cls, assembly: Assembly, table: JointTable) -> _Fixings:
         a, b = table.block_a, table.block_b
         b_hosts = table.host == b
         host, other = np.where(b_hosts, b, a), np.where(b_hosts, a, b)
@@ -150,10 +151,10 @@ class _Seats(NamedTuple):
 
 
 def _links(
-    table: JointTable, seats: _Seats, corners: Corners | None, faces: Faces | None, in_loop: np.ndarray
+    table: JointTable, fixings: _Fixings, corners: Corners | None, faces: Faces | None, in_loop: np.ndarray
 ) -> Links:
     """The joints at the start; ``in_loop`` (n,): the row of each block in the loop."""
-    n, host, other = len(table), seats.host, seats.other
+    n, host, other = len(table), fixings.host, fixings.other
     place, tiles, in_lanes = np.zeros(n, np.uint32), 0, [np.zeros((0, W), np.int64)]
     for family in (corners, faces):
         if family is not None:
@@ -169,9 +170,9 @@ def _links(
     links = Links(
         host=host.astype(np.uint32),
         other=other.astype(np.uint32),
-        tangents=seats.tangents,
-        plane=seats.plane,
-        axes=seats.axes,
+        tangents=fixings.tangents,
+        plane=fixings.plane,
+        axes=fixings.axes,
         place=place,
         tiles=rows_of_lanes(tiles * TILE),
         like=np.arange(tiles, dtype=np.uint32),
@@ -183,12 +184,12 @@ def _links(
         slack=np.zeros(n, np.float32),
         glide=np.tile(np.array([1.0, 0.0, 1.0], np.float32), (n, 1)),
     )
-    frames = np.array([frame_quaternion(pair) for pair in seats.axes]).reshape(-1, 4)
+    frames = np.array([frame_quaternion(pair) for pair in fixings.axes]).reshape(-1, 4)
     links.put(PLANE, frames[links.plane])
     links.put(TANGENTS, frames[links.tangents])
-    links.put(LEVER, seats.lever)
-    links.put(SENSE, seats.sense[:, None])
-    links.put(OFFSET, seats.offset[:, None])
+    links.put(LEVER, fixings.lever)
+    links.put(SENSE, fixings.sense[:, None])
+    links.put(OFFSET, fixings.offset[:, None])
     return links
 
 
