@@ -127,7 +127,7 @@ def test_opening_is_the_distance_of_the_faces(host):
     # b's corner above the plane z = 0 of a; b's plane above a's corner
     expected = (shift + flat @ turn.T)[:, 2] if host == 1 else (shift - flat) @ turn[:, 2]
     np.testing.assert_allclose(found.opening[0], expected, rtol=0, atol=1e-15)
-    np.testing.assert_allclose(found.opening_at(0, CORNERS[::-1]), expected[::-1], rtol=0, atol=1e-15)
+    np.testing.assert_allclose(found.distance(np.asarray(CORNERS[::-1], float), 0), expected[::-1], rtol=0, atol=1e-15)
 
 
 @pytest.mark.parametrize("host", [0, 1])

@@ -68,10 +68,6 @@ class RelativeMotion:
         shape = self.plane.shape[:-1]
         return opening.reshape(*shape, corners), state.reshape(shape), share.reshape(shape)
 
-    def opening_at(self, joint: int, points: np.ndarray) -> np.ndarray:
-        """(..., k) m: distance of the faces of one joint at points (k, 2) of it."""
-        return self.distance(np.asarray(points, float), joint)
-
     def distance(self, points: np.ndarray, which) -> np.ndarray:
         """(..., m) m: distance of the faces at points (..., m, 2), one row of points a joint of ``which``."""
         plane = self.plane[..., which, :, None]
