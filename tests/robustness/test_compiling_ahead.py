@@ -5,9 +5,11 @@ import time
 import pytest
 
 from dembrick import _ahead, _kernel_cache
-from dembrick.cli import warmup
+from dembrick.cli import main, warmup
+from dembrick.errors import ScenarioError
 from dembrick.kernels.dynamics.loop import advance_bodies
 from dembrick.runs import lab
+from dembrick.runs import simulate as simulate_module
 from dembrick.runs.simulate import simulate
 from dembrick.scenario.controls import DynamicControl
 from dembrick.simulation.dynamics import integrator
@@ -177,6 +179,35 @@ def test_the_loop_with_contacts_is_compiled_ahead_for_what_it_is_called_with(mon
     assert str(types[touching]) != "none"
 
 
-def test_what_the_lab_rehearses_are_its_own_scenes():
-    for name, formulation in lab.AHEAD:
-        assert lab.lab_scenario(name, formulation).joint.formulation == formulation
+def test_commands_that_simulate_allow_it(allowed, monkeypatch, tmp_path):
+    seen = []
+
+    def simulated(*_, **__):
+        seen.append(_ahead._Known.helper)
+        raise ScenarioError("that was all")
+
+    monkeypatch.setattr(simulate_module, "simulate", simulated)
+    assert main(["run", "set4a", "--out", str(tmp_path / "a.h5")]) == 2
+    assert seen[0] is not None and seen[0].process is None and _ahead._Known.helper is None
+
+
+def test_the_lab_rehearses_what_it_replays_itself(monkeypatch):
+    replayed, tasks = [], []
+
+    def replay(scenario, *_, **__):
+        replayed.append(scenario)
+        raise KeyboardInterrupt
+
+    def heard(wanted):
+        tasks.extend(wanted())
+        return _ahead.meanwhile(wanted)
+
+    monkeypatch.setattr(lab, "simulate", replay)
+    monkeypatch.setattr(lab, "meanwhile", heard)
+    with pytest.raises(KeyboardInterrupt):
+        lab.replay_lab(curves=False)
+    assert tasks == [(lab._rehearse, [("set4a_mid", "concave"), ("set2a", "distributed")])]
+    with pytest.raises(KeyboardInterrupt):
+        lab._rehearse(lab.AHEAD)
+    first, rehearsed = replayed
+    assert first.joint == rehearsed.joint and first.title != rehearsed.title
