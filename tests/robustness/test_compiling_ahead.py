@@ -1,18 +1,22 @@
 """A second process compiles what a first run will want later: it is found, waited for, and never left behind."""
 
+import math
 import time
+from dataclasses import replace
 
 import pytest
 
 from dembrick import _ahead, _kernel_cache
+from dembrick.assembly.build import assemble
 from dembrick.cli import main, warmup
 from dembrick.errors import ScenarioError
 from dembrick.kernels.dynamics.loop import advance_bodies
 from dembrick.runs import lab
 from dembrick.runs import simulate as simulate_module
 from dembrick.runs.simulate import simulate
+from dembrick.scenario.blocks import Block, Prism
 from dembrick.scenario.controls import DynamicControl
-from dembrick.simulation.dynamics import integrator
+from dembrick.simulation.dynamics import integrator, run
 from helpers.second_process import python
 
 KERNELS = """
@@ -177,6 +181,16 @@ def test_the_loop_with_contacts_is_compiled_ahead_for_what_it_is_called_with(mon
     assert types in advance_bodies.called.overloads
     touching = advance_bodies.__wrapped__.__code__.co_varnames.index("touching")
     assert str(types[touching]) != "none"
+
+
+def test_compiling_ahead_takes_no_room_for_contacts_of_blocks_of_many_faces():
+    """The room for a contact grows with the square of the faces of a block: a run that never meets does without."""
+    outline = tuple((0.5 * math.cos(0.1 * i), 0.5 * math.sin(0.1 * i)) for i in range(60))
+    drum = Block("drum", "stone", prism=Prism(outline, 1.0), position=(0.0, 0.0, 0.5))
+    scene = warmup._scene("concave", DynamicControl(1e-3))
+    moving = run.prepare(assemble(replace(scene, blocks=(*scene.blocks, drum))), scene.control, 0.5)
+    blank = moving.contact_detection.blank(moving.polygons)
+    assert len(blank.scratch.depth) == 36  # of two boxes
 
 
 def test_commands_that_simulate_allow_it(allowed, monkeypatch, tmp_path):

@@ -18,6 +18,7 @@ from dembrick.assembly.joints import TOLERANCE, Joint, JointTable
 from dembrick.errors import HistoryError
 from dembrick.geometry.shapes import parts_of
 from dembrick.kernels.dynamics.contact_forces import Touching
+from dembrick.kernels.dynamics.contact_surface import Parts, Scratch
 from dembrick.kernels.dynamics.handover import PARTED, SINK, SLIP, TURN
 from dembrick.kernels.dynamics.tiles import SEEN
 from dembrick.simulation.dynamics.contact_state import parts_table, scratch_for, touching_pairs
@@ -316,8 +317,10 @@ class ContactDetection:
         self.touching = fresh
 
     def blank(self, polygons: Polygons) -> Touching:
-        """`touching` of no pair."""
-        return self._blank(polygons, np.zeros((0, 2)), np.zeros(0), [])
+        """`touching` of no pair, with room for the block of the fewest faces: arrays of the same types, and small."""
+        simplest = min(self.assembly.shapes, key=lambda shape: max(len(part.faces) for _, part in parts_of(shape)))
+        parts = parts_table([simplest])
+        return self._blank(polygons, np.zeros((0, 2)), np.zeros(0), [], (parts, scratch_for(parts)))
 
     @functools.cached_property
     def _start(self) -> Bodies:
@@ -339,12 +342,13 @@ class ContactDetection:
         touching.deepest[near] = SHALLOW * radius
         touching.slack[near] = SLIVER * radius
 
-    def _blank(self, polygons: Polygons, pairs, joint, laws) -> Touching:
-        if self._parts is None:
+    def _blank(self, polygons: Polygons, pairs, joint, laws, room: tuple[Parts, Scratch] | None = None) -> Touching:
+        if room is None and self._parts is None:
             self._parts = parts_table(self.assembly.shapes)
             self._scratch = scratch_for(self._parts)
+        parts, scratch = room or (self._parts, self._scratch)
         known = (polygons.size, self._partial, polygons.start, polygons.shift) if len(self._joints) else None
-        return touching_pairs(self._parts, self._scratch, ~self.assembly.fixed, pairs, joint, laws, self.ratio, known)
+        return touching_pairs(parts, scratch, ~self.assembly.fixed, pairs, joint, laws, self.ratio, known)
 
     def snapshot(self) -> dict[str, np.ndarray]:
         """Everything that a run goes on from, besides its state."""
