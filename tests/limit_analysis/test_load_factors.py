@@ -7,7 +7,7 @@ import pytest
 
 from dembrick.assembly import build
 from dembrick.errors import NotConvergedError
-from dembrick.simulation.limit_analysis import analysis
+from dembrick.simulation.limit_analysis import analysis, solver
 from helpers import pushed_assemblies as scenes
 from helpers.pushed_assemblies import law
 
@@ -58,6 +58,16 @@ def test_points_at_the_corners_meet_the_table(scenario, expected):
     found = analysis.limit_load(build.assemble(scenario))
     assert found.load_factor == pytest.approx(expected, rel=3e-7)
     assert found.lower <= found.upper
+    assert found.gap < 1e-6
+
+
+@pytest.mark.parametrize("name", ["4 x 6 across", "corner -y", "arch askew"])
+def test_factors_of_large_structures_meet_the_table_too(name, monkeypatch):
+    """Those that large programmes are solved with, on small ones."""
+    monkeypatch.setattr(solver, "LARGE", 0)
+    scenario, expected = CONCAVE[name]
+    found = analysis.limit_load(build.assemble(scenario))
+    assert found.load_factor == pytest.approx(expected, rel=3e-7)
     assert found.gap < 1e-6
 
 
