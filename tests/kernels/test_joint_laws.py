@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dembrick.geometry import polygons
-from dembrick.kernels.joint import no_tension, point_law
+from dembrick.kernels.joint import area_law, no_tension, point_law
 from dembrick.kernels.statics import point_joints
 from dembrick.kernels.statics.point_joints import Points
 from helpers.compiled import forms
@@ -164,6 +164,28 @@ def test_no_tension_integral_against_clipping(integral):
         scale = polygons.area(polygon) * np.linalg.norm(gradient) * reach * np.array([1.0, reach, reach])
         np.testing.assert_allclose(got / scale, expected / scale, rtol=1e-9, atol=1e-14)
     assert open_ > 20 and partly > 500
+
+
+@pytest.mark.parametrize("integral", forms(area_law.pressure_of_four))
+def test_four_corners_without_a_branch(integral):
+    """Of triangles, too, whose last corner is there twice; open, closed, and flat."""
+    rng = np.random.default_rng(6)
+    seen = set()
+    for i in range(600):
+        polygon = random_polygon(rng, 10 ** rng.uniform(-3, 1))
+        polygon = polygon[np.sort(rng.permutation(len(polygon))[: 3 + i % 2])]
+        polygon -= polygons.area_and_centroid(polygon)[1:]
+        x, y = map(tuple, np.append(polygon, polygon[-1:], axis=0)[:4].T.tolist())
+        reach, area = np.hypot(*polygon.T).max(), polygons.area(polygon)
+        gradient = rng.normal(size=2) * 10 ** rng.uniform(-3, 3) * (i % 7 > 0)
+        plane = np.array([(np.linalg.norm(gradient) + (i % 7 == 0)) * reach * rng.uniform(-1.1, 1.2), *gradient])
+        level = plane[0] + polygon @ gradient
+        got = integral(x, y, area, polygons.second_moments(polygon), level.max() > 0.0, *plane.tolist())
+        expected = integrals_by_clipping(polygon, plane) if level.max() > 0.0 else np.zeros(3)
+        scale = area * max(np.abs(level).max(), 1e-300) * np.array([1.0, reach, reach])
+        np.testing.assert_allclose(got / scale, expected / scale, rtol=1e-9, atol=1e-13)
+        seen.add((level.max() > 0.0, level.min() > 0.0, bool(gradient.any())))
+    assert len(seen) == 5
 
 
 def test_no_tension_integral_against_quadrature_and_on_a_vertex():

@@ -34,6 +34,8 @@ from dembrick.simulation.pressed_parts import pressed_parts
 W = tiles.W
 K_N, K_S, MU, VISCOUS = 1e8, 5e7, 0.5, 0.3
 OUTLINE = np.array([[-0.15, -0.10], [0.15, -0.10], [0.15, 0.10], [-0.15, 0.10]])
+FIVE_CORNERS = np.insert(OUTLINE, 2, (0.15, 0.03), axis=0)  # the same polygon
+TRIANGLE = np.array([[-0.15, -0.10], [0.15, -0.10], [0.0, 0.20]])
 AREAS = np.array([0.010, 0.015, 0.020, 0.015])  # of the points, at the corners
 # opening and tilts of a step ago (m, rad), their change in the step, and the slip twist of it
 SHUT = (-1e-5, 0.0, 0.0)
@@ -220,13 +222,13 @@ def place(work, motion, change, twist):
 class StaticArea:
     """A convex joint in the searches."""
 
-    def __init__(self, mu=MU, pressure="full", law=None):
-        x, y = np.ascontiguousarray(OUTLINE.T)
-        second = np.array([polygons.second_moments(OUTLINE)])
+    def __init__(self, mu=MU, pressure="full", law=None, outline=OUTLINE):
+        x, y = np.ascontiguousarray(outline.T)
+        second = np.array([polygons.second_moments(outline)])
         self.joint = area_joints.Areas(
-            np.zeros(1, np.int64), np.array([0, 4]), np.array([mu]), x, y, np.array([0.06]), second,
-            np.array([np.hypot(x, y).max()]), np.array([friction_integrals.area_radius(OUTLINE)]),
-            friction_integrals.far_moments(OUTLINE)[None], np.array([K_N]), np.array([K_S]), np.zeros((1, 3)),
+            np.zeros(1, np.int64), np.array([0, len(x)]), np.array([mu]), x, y, np.array([polygons.area(outline)]),
+            second, np.array([np.hypot(x, y).max()]), np.array([friction_integrals.area_radius(outline)]),
+            friction_integrals.far_moments(outline)[None], np.array([K_N]), np.array([K_S]), np.zeros((1, 3)),
             np.zeros((1, 3)), np.zeros(1), np.zeros(1, np.int64), pressed_parts([pressure], [4]),
             None if law is None else strengths_of(law),
             None if law is None else area_joints.AreaBonds(bond_of(law, 1), *np.zeros((5, 1))),
@@ -259,19 +261,20 @@ class StaticArea:
 class MovingArea:
     """The same joint in a tile."""
 
-    def __init__(self, mu=MU, pressure="full", law=None):
+    def __init__(self, mu=MU, pressure="full", law=None, outline=OUTLINE):
         self.tile, self.work = np.zeros(tiles.TILE), np.zeros(tiles.WORK)
         self.tile[tiles.VISCOUS * W : (tiles.VISCOUS + 2) * W] = VISCOUS
         self.seen = seen_flat()
-        reach, radius = np.hypot(*OUTLINE.T).max(), friction_integrals.area_radius(OUTLINE)
-        fixed = (K_N, K_S, mu, 0.06, *polygons.second_moments(OUTLINE), 0.0, reach, radius)
+        reach, radius = np.hypot(*outline.T).max(), friction_integrals.area_radius(outline)
+        second = polygons.second_moments(outline)
+        fixed = (K_N, K_S, mu, polygons.area(outline), *second, 0.0, reach, radius)
         self.joint = area_tiles.Faces(
             joint=np.zeros(1, np.uint32), tile=np.zeros(1, np.int64), lane=np.zeros((1, W), np.uint32),
             used=np.ones(1, np.int64), outline=np.zeros(1, np.uint32), place=np.zeros(1, np.uint32),
             like=np.zeros(1, np.uint32), tiles=np.repeat(fixed, W), sheared=np.zeros(area_tiles.ELASTIC),
-            twist=np.zeros((1, 3)), slip=np.zeros(1), count=np.full(1, 4),
-            x=np.ascontiguousarray(OUTLINE[None, :, 0]), y=np.ascontiguousarray(OUTLINE[None, :, 1]),
-            far=friction_integrals.far_moments(OUTLINE)[None], pressed=pressed_parts([pressure], [9]),
+            twist=np.zeros((1, 3)), slip=np.zeros(1), count=np.full(1, len(outline)),
+            x=np.resize(outline[:, 0], (1, 5)), y=np.resize(outline[:, 1], (1, 5)),
+            far=friction_integrals.far_moments(outline)[None], pressed=pressed_parts([pressure], [9]),
             strengths=None if law is None else strengths_of(law),
             bonds=None if law is None else area_tiles.FaceBonds(bond_of(law, 1), np.zeros(1)),
         )  # fmt: skip
@@ -312,6 +315,8 @@ class MovingArea:
 FAMILIES = {
     "points": (StaticPoints, MovingPoints),
     "area": (StaticArea, MovingArea),
+    "area of five corners": (partial(StaticArea, outline=FIVE_CORNERS), partial(MovingArea, outline=FIVE_CORNERS)),
+    "area of three corners": (partial(StaticArea, outline=TRIANGLE), partial(MovingArea, outline=TRIANGLE)),
     "effective pressure": (partial(StaticArea, pressure="effective"), partial(MovingArea, pressure="effective")),
     "linear pressure": (partial(StaticArea, pressure="linear"), partial(MovingArea, pressure="linear")),
 }
@@ -376,10 +381,11 @@ def test_both_engines_with_strengths(one, other, law):
 
 
 def test_convex_joints_side_by_side_do_what_they_do_one_by_one():
-    """Those that stick and are wholly closed are done by `stick`, with their energy; it leaves the others alone."""
+    """Those that stick and are wholly closed are done by `stick`; what presses the others is done by `press` if they
+    have four corners."""
     stuck = set()
     for path in random_states():
-        one, other = MovingArea(), MovingArea()
+        one, other = MovingArea(), MovingArea(outline=FIVE_CORNERS)
         for motion, change, twist in path:
             small = np.multiply(0.1, change)  # so that some stick
             found = one.step(motion, small, twist)
@@ -388,6 +394,7 @@ def test_convex_joints_side_by_side_do_what_they_do_one_by_one():
                 other.joint, None, 0, other.tile, other.seen, other.joint.tiles, other.joint.sheared, 0, other.work,
                 other.energy.face, other.energy,
             )  # fmt: skip
+            moving_areas.count_work(other.joint.tiles, other.work, other.energy.face, 1)
             rows = other.work.reshape(-1, W)
             f = rows[tiles.FORCE : tiles.FORCE + 9, 0]
             alone = np.array([f[2], -f[0], -f[1], -rows[tiles.TWISTING, 0], -f[8], f[5]])

@@ -18,6 +18,7 @@ from dembrick.kernels.dynamics.area_tiles import (
     RADIUS,
     REACH,
     SECOND,
+    fetch_corners,
     in_polygon_axes,
     put_force,
 )
@@ -35,11 +36,18 @@ from dembrick.kernels.dynamics.energy_terms import (
     dashpot_work,
 )
 from dembrick.kernels.dynamics.tiles import (
+    CARRIED,
+    CORNERS,
     DEPTH,
+    FORCE,
+    FOUR,
     GROWTH,
     MOVED,
+    PRESSED,
     REST,
     SEEN_TILE,
+    SLIPPED,
+    STILL,
     TILE,
     TURN,
     VISCOUS,
@@ -48,6 +56,7 @@ from dembrick.kernels.dynamics.tiles import (
     deliver,
     expect,
     fetch,
+    four,
     lane_of,
     look,
     offset_of,
@@ -60,24 +69,15 @@ from dembrick.kernels.dynamics.tiles import (
 from dembrick.kernels.joint.area_law import (
     area_friction,
     area_pressure,
+    area_pressure_of_four,
     area_springs,
     closed_pressure,
     follow_bending,
+    pressure_of_four,
     spring_pressure,
     trial_force,
     wholly_closed,
 )
-
-
-@jit
-def add_pressure_energy(row, lane, q0, qx, qy, n, nx, ny, g0, gx, gy, d0, dx, dy):
-    """Springs and dashpots along the normal of the convex joint in that lane of the tile ``row`` of `EnergyTerms.face`:
-    pressure of the springs q, of all n; its penetration g and the growth of it d."""
-    p0, px, py = three(row, SPRINGS, lane)
-    stepping = p0 * g0 + px * gx + py * gy - (q0 * (g0 - d0) + qx * (gx - dx) + qy * (gy - dy))
-    row[TAKEN * W + lane] += dashpot_work(row, lane, PRESSING, n - q0, nx - qx, ny - qy, d0, dx, dy)
-    put_three(row, SPRINGS, lane, (q0, qx, qy))
-    row[STEPPED * W + lane] += 0.5 * stepping
 
 
 @jit
@@ -95,14 +95,102 @@ def add_slip_work(energy_terms, faces, a, normal, q1, q2, qm, t1, t2, tm, b1, b2
         energy_terms.lost[j, RELEASED] += loss
 
 
+@entry
+def press(tile, face, work, row):
+    """What presses the joints of a tile, all of them side by side, into `PRESSED`, and what presses their springs into
+    `STILL` unless ``row`` is None; of those with any other number of corners than four it is not right."""
+    for lane in range(W):
+        x = four(work, CORNERS, lane)
+        y = four(work, CORNERS + FOUR, lane)
+        area = face[AREA * W + lane]
+        second = three(face, SECOND, lane)
+        g0, gx, gy = three(work, DEPTH, lane)
+        d0, dx, dy = three(work, GROWTH, lane)
+        n, nx, ny, touching = area_pressure_of_four(
+            x, y, area, second, tile[VISCOUS * W + lane], g0, gx, gy, d0, dx, dy
+        )
+        put_three(work, PRESSED, lane, (n, nx, ny))
+        if row is not None:
+            put_three(work, STILL, lane, pressure_of_four(x, y, area, second, touching, g0, gx, gy))
+
+
+@jit
+def pressure_of(faces, pressed, a, tile, face, lane, work):
+    """Integrals over convex joint ``a`` of what presses it, and its x and y moments: those that `press` found, or, of
+    polygons of more or fewer corners than four and if friction follows the bending, those of `area_pressure`."""
+    outline = faces.outline[a]
+    count = faces.count[outline]
+    if pressed is None:
+        if count == FOUR:
+            return three(work, PRESSED, lane)
+    h0, hx, hy = three(work, DEPTH, lane)
+    d0, dx, dy = three(work, GROWTH, lane)
+    x = faces.x[outline]
+    y = faces.y[outline]
+    reach = face[REACH * W + lane]
+    n, nx, ny, p0, px, py = area_pressure(
+        x, y, 0, count, face[AREA * W + lane], three(face, SECOND, lane), reach, tile[VISCOUS * W + lane],
+        h0, hx, hy, d0, dx, dy,
+    )  # fmt: skip
+    follow_bending(pressed, a, x, y, 0, count, reach, n, nx, ny, p0, px, py)
+    return n, nx, ny
+
+
+@jit
+def find_still(faces, pressed, a, face, lane, work):
+    """What presses the springs of convex joint ``a`` into `STILL`, if it is not what `press` found."""
+    outline = faces.outline[a]
+    count = faces.count[outline]
+    if pressed is None:
+        if count == FOUR:
+            return
+    g0, gx, gy = three(work, DEPTH, lane)
+    still = spring_pressure(
+        faces.x[outline], faces.y[outline], 0, count, face[AREA * W + lane], three(face, SECOND, lane),
+        face[REACH * W + lane], g0, gx, gy,
+    )  # fmt: skip
+    put_three(work, STILL, lane, still)
+
+
+@entry
+def add_work(face, work, row, used):
+    """Work over the step of springs and dashpots of the joints in the first ``used`` lanes of a tile, side by side: of
+    the forces that were found, what presses the springs, what dashpots carry in shear, and the slip."""
+    for lane in range(used):
+        k_n = face[K_N * W + lane]
+        n = work[(FORCE + 2) * W + lane]
+        nx = work[(FORCE + 5) * W + lane]
+        ny = work[(FORCE + 8) * W + lane]
+        q0, qx, qy = three(work, STILL, lane)
+        q0 *= k_n
+        qx *= k_n
+        qy *= k_n
+        g0, gx, gy = three(work, DEPTH, lane)
+        d0, dx, dy = three(work, GROWTH, lane)
+        p0, px, py = three(row, SPRINGS, lane)
+        stepping = p0 * g0 + px * gx + py * gy - (q0 * (g0 - d0) + qx * (gx - dx) + qy * (gy - dy))
+        row[STEPPED * W + lane] += 0.5 * stepping
+        put_three(row, SPRINGS, lane, (q0, qx, qy))
+        pressing = dashpot_work(row, lane, PRESSING, n - q0, nx - qx, ny - qy, d0, dx, dy)
+        c1, c2, cm = three(work, CARRIED, lane)
+        s1, s2, turn = three(work, SLIPPED, lane)
+        shearing = dashpot_work(row, lane, SHEARING, c1, c2, cm, s1, s2, turn)
+        row[TAKEN * W + lane] += pressing + shearing
+
+
+@jit
+def keep_for_work(row, work, lane, t1, t2, tm, e1, e2, em, s1, s2, turn):
+    """Keep what `add_work` wants to know of shear and torsion, unless ``row`` is None."""
+    if row is not None:
+        put_three(work, CARRIED, lane, (t1 - e1, t2 - e2, tm - em))
+        put_three(work, SLIPPED, lane, (s1, s2, turn))
+
+
 @jit
 def face_force(faces, pressed, a, tile, seen, face, sheared, lane, work, row, energy_terms):
     """Force of convex joint ``a``, in that lane of the tile: what `resultant` makes wrenches of. ``pressed`` is
     ``faces.pressed``, given apart so that its code goes where it is None; ``face``, ``sheared`` and ``row``: its tiles
     of `Faces.tiles`, `Faces.sheared` and `EnergyTerms.face`."""
-    viscous = tile[VISCOUS * W + lane]
-    h0, hx, hy = three(work, DEPTH, lane)
-    d0, dx, dy = three(work, GROWTH, lane)
     outline = faces.outline[a]
     x = faces.x[outline]
     y = faces.y[outline]
@@ -110,8 +198,7 @@ def face_force(faces, pressed, a, tile, seen, face, sheared, lane, work, row, en
     area = face[AREA * W + lane]
     second = three(face, SECOND, lane)
     reach = face[REACH * W + lane]
-    n, nx, ny, p0, px, py = area_pressure(x, y, 0, count, area, second, reach, viscous, h0, hx, hy, d0, dx, dy)
-    follow_bending(pressed, a, x, y, 0, count, reach, n, nx, ny, p0, px, py)
+    n, nx, ny = pressure_of(faces, pressed, a, tile, face, lane, work)
     k_n = face[K_N * W + lane]
     n *= k_n
     nx *= k_n
@@ -135,9 +222,8 @@ def face_force(faces, pressed, a, tile, seen, face, sheared, lane, work, row, en
     faces.slip[a] += slid
     put_force(work, lane, cosine, sine, n, nx, ny, t1, t2, tm)
     if energy_terms is not None:
-        q0, qx, qy = spring_pressure(x, y, 0, count, area, second, reach, h0, hx, hy)
-        add_pressure_energy(row, lane, k_n * q0, k_n * qx, k_n * qy, n, nx, ny, h0, hx, hy, d0, dx, dy)
-        row[TAKEN * W + lane] += dashpot_work(row, lane, SHEARING, t1 - e1, t2 - e2, tm - em, s1, s2, turn)
+        find_still(faces, pressed, a, face, lane, work)
+        keep_for_work(row, work, lane, t1, t2, tm, e1, e2, em, s1, s2, turn)
         if slid > 0.0 or n <= 0.0:
             add_slip_work(energy_terms, faces, a, n, q1, q2, qm, t1, t2, tm, b1, b2, bm, e1, e2, em)
 
@@ -183,21 +269,17 @@ def stick(tile, seen, face, sheared, work, row):
         put_force(work, lane, cosine, sine, n, nx, ny, t1, t2, tm)
         work[REST * W + lane] = 0.0 if done else 1.0
         rest = rest | (not done)
+        keep_for_work(row, work, lane, t1, t2, tm, e1, e2, em, s1, s2, turn)
         if row is not None:
-            q = closed_pressure(k_n * area, (k_n * second[0], k_n * second[1], k_n * second[2]), g0, gx, gy)
-            springs = three(row, SPRINGS, lane)
-            pressing = three(row, PRESSING, lane)
-            shearing = three(row, SHEARING, lane)
-            stepped = row[STEPPED * W + lane]
-            taken = row[TAKEN * W + lane]
-            add_pressure_energy(row, lane, q[0], q[1], q[2], n, nx, ny, g0, gx, gy, d0, dx, dy)
-            row[TAKEN * W + lane] += dashpot_work(row, lane, SHEARING, t1 - e1, t2 - e2, tm - em, s1, s2, turn)
-            put_three(row, SPRINGS, lane, kept_unless(done, three(row, SPRINGS, lane), springs))
-            put_three(row, PRESSING, lane, kept_unless(done, three(row, PRESSING, lane), pressing))
-            put_three(row, SHEARING, lane, kept_unless(done, three(row, SHEARING, lane), shearing))
-            row[STEPPED * W + lane] = row[STEPPED * W + lane] if done else stepped
-            row[TAKEN * W + lane] = row[TAKEN * W + lane] if done else taken
+            put_three(work, STILL, lane, closed_pressure(area, second, g0, gx, gy))
     return rest
+
+
+@jit
+def count_work(face, work, row, used):
+    """`add_work` unless ``row`` is None."""
+    if row is not None:
+        add_work(face, work, row, used)
 
 
 @jit
@@ -228,10 +310,14 @@ def forces_of_tile(faces, pressed, strengths, bonds, t, tile, seen, work, energy
             a = faces.lane[t, lane]
             face_force(faces, pressed, a, tile, seen, face, sheared, lane, work, row, energy_terms)
     elif stick(tile, seen, face, sheared, work, row):
+        fetch_corners(faces, t, work)
+        press(tile, face, work, row)
         for lane in range(faces.used[t]):
             if work[REST * W + lane] > 0.0:
                 a = faces.lane[t, lane]
                 face_force(faces, pressed, a, tile, seen, face, sheared, lane, work, row, energy_terms)
+    if strengths is None:
+        count_work(face, work, row, faces.used[t])
 
 
 @jit

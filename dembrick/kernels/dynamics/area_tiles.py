@@ -8,8 +8,10 @@ from numpy import ndarray
 
 from dembrick._jit import jit
 from dembrick.kernels.dynamics.tiles import (
+    CORNERS,
     FIRST,
     FORCE,
+    FOUR,
     TWISTING,
     W,
     alike,
@@ -51,7 +53,7 @@ class Faces(NamedTuple):
     twist: ndarray  # (a, 3) m, m, rad, last plastic twist
     slip: ndarray  # (a,) m, length of the slip path
     count: ndarray  # (o,) int64, vertices of each polygon
-    x: ndarray  # (o, v) m, vertices from O along e1, counter-clockwise about e1 x e2
+    x: ndarray  # (o, v) m, vertices from O along e1, counter-clockwise about e1 x e2; v is four or more
     y: ndarray  # (o, v) m, along e2
     far: ndarray  # (o, 42) series of the limit surface about pure translation
     pressed: Pressed | None  # None if all pressures are full
@@ -114,6 +116,18 @@ class Faces(NamedTuple):
     def put_elastic(self, values, joints=slice(None)) -> None:
         """Write `elastic` of joints."""
         self.sheared[where_in(self.place, ELASTIC, 0, 3, joints)] = values
+
+
+@jit
+def fetch_corners(faces, t, work):
+    """Bring the first four vertices of the joints in their tile ``t`` into ``work``."""
+    for lane in range(W):
+        outline = faces.outline[faces.lane[t, lane]]
+        x = faces.x[outline]
+        y = faces.y[outline]
+        for i in range(FOUR):
+            work[(CORNERS + i) * W + lane] = x[i]
+            work[(CORNERS + FOUR + i) * W + lane] = y[i]
 
 
 @jit

@@ -65,7 +65,11 @@ TURN, FORCE, TWISTING, WRENCH = 35, 36, 45, 46
 # the step (m); for the energy the sums over the points of what dashpots carry, as in FORCE, and of the last two points
 # the elastic shear before the step and the force along the normal (N)
 NORMAL, DAMPED, DAMPING, LAST, SLID, DASHPOT, BEFORE = 55, 56, 57, 58, 64, 66, 75
-REST = 55  # and, of a convex joint, whether it slides, or is not wholly closed
+# and, of a convex joint, whether it slides, or is not wholly closed; integrals of what presses it, and of what presses
+# its springs, with their x and y moments, over k_n (m3, m4); for the energy what dashpots carry in shear and torsion
+# (N, N m), and slip and turn of the step, both in the axes of the polygon; x of its first vertices, then y (m)
+REST, PRESSED, STILL, CARRIED, SLIPPED, CORNERS = 55, 56, 59, 62, 65, 68
+FOUR = 4  # of them
 WORK = 81 * W
 
 # Rows of a contact point, that no step changes: where it is, along e1 and e2 from O (m); its tributary area (m2). Its

@@ -23,7 +23,7 @@ from math import sqrt
 
 from dembrick._jit import jit
 from dembrick.kernels.joint.limit_surface import PROXIMAL_TOLERANCE, chord, gauge, proximal_map, surface
-from dembrick.kernels.joint.no_tension import extremes, no_tension
+from dembrick.kernels.joint.no_tension import extremes, no_tension, no_tension_of_four
 from dembrick.kernels.joint.point_law import breaks_at_once, shear_strength
 from dembrick.kernels.joint.pressure import follow_pressure
 
@@ -86,6 +86,60 @@ def area_pressure(x, y, first, last, area, second, reach, viscous, g0, gx, gy, d
             return volume, moment_x, moment_y, h0, hx, hy
     volume, moment_x, moment_y = closed_pressure(area, second, h0, hx, hy)
     return volume, moment_x, moment_y, h0, hx, hy
+
+
+@jit
+def at_four(x, y, g0, gx, gy):
+    """g0 + gx x + gy y at four corners."""
+    return (
+        g0 + gx * x[0] + gy * y[0],
+        g0 + gx * x[1] + gy * y[1],
+        g0 + gx * x[2] + gy * y[2],
+        g0 + gx * x[3] + gy * y[3],
+    )
+
+
+@jit
+def least_of_four(g):
+    """The least of four numbers."""
+    return min(min(g[0], g[1]), min(g[2], g[3]))
+
+
+@jit
+def most_of_four(g):
+    """The greatest of four numbers."""
+    return max(max(g[0], g[1]), max(g[2], g[3]))
+
+
+@jit
+def pressure_of_four(x, y, area, second, touching, g0, gx, gy):
+    """`spring_pressure` of a polygon of four corners ``x``, ``y`` without a branch; zero unless ``touching``."""
+    g = at_four(x, y, g0, gx, gy)
+    closed = least_of_four(g) >= 0.0
+    c0, cx, cy = closed_pressure(area, second, g0, gx, gy)
+    p0, px, py = no_tension_of_four(x, y, g, g0, gx, gy)
+    some = touching & (closed | (p0 > 0.0))
+    volume = (c0 if closed else p0) if some else 0.0
+    moment_x = (cx if closed else px) if some else 0.0
+    moment_y = (cy if closed else py) if some else 0.0
+    return volume, moment_x, moment_y
+
+
+@jit
+def area_pressure_of_four(x, y, area, second, viscous, g0, gx, gy, d0, dx, dy):
+    """The integrals of `area_pressure` of a polygon of four corners ``x``, ``y``, without a branch: many are done side
+    by side; and whether g is positive somewhere."""
+    g = at_four(x, y, g0, gx, gy)
+    d = at_four(x, y, d0, dx, dy)
+    touching = most_of_four(g) > 0.0
+    began = most_of_four((g[0] - d[0], g[1] - d[1], g[2] - d[2], g[3] - d[3])) <= 0.0
+    own = 1.0 if began else 0.0  # contact began in the step: see `onset`
+    grown = 0.5 if began else 1.0
+    h0 = g0 + viscous * (own * g0 + grown * d0)
+    hx = gx + viscous * (own * gx + grown * dx)
+    hy = gy + viscous * (own * gy + grown * dy)
+    volume, moment_x, moment_y = pressure_of_four(x, y, area, second, touching, h0, hx, hy)
+    return volume, moment_x, moment_y, touching
 
 
 @jit
