@@ -35,7 +35,6 @@ W = tiles.W
 K_N, K_S, MU, VISCOUS = 1e8, 5e7, 0.5, 0.3
 OUTLINE = np.array([[-0.15, -0.10], [0.15, -0.10], [0.15, 0.10], [-0.15, 0.10]])
 FIVE_CORNERS = np.insert(OUTLINE, 2, (0.15, 0.03), axis=0)  # the same polygon
-TRIANGLE = np.array([[-0.15, -0.10], [0.15, -0.10], [0.0, 0.20]])
 AREAS = np.array([0.010, 0.015, 0.020, 0.015])  # of the points, at the corners
 # opening and tilts of a step ago (m, rad), their change in the step, and the slip twist of it
 SHUT = (-1e-5, 0.0, 0.0)
@@ -316,7 +315,6 @@ FAMILIES = {
     "points": (StaticPoints, MovingPoints),
     "area": (StaticArea, MovingArea),
     "area of five corners": (partial(StaticArea, outline=FIVE_CORNERS), partial(MovingArea, outline=FIVE_CORNERS)),
-    "area of three corners": (partial(StaticArea, outline=TRIANGLE), partial(MovingArea, outline=TRIANGLE)),
     "effective pressure": (partial(StaticArea, pressure="effective"), partial(MovingArea, pressure="effective")),
     "linear pressure": (partial(StaticArea, pressure="linear"), partial(MovingArea, pressure="linear")),
 }
@@ -381,8 +379,7 @@ def test_both_engines_with_strengths(one, other, law):
 
 
 def test_convex_joints_side_by_side_do_what_they_do_one_by_one():
-    """Those that stick and are wholly closed are done by `stick`; what presses the others is done by `press` if they
-    have four corners."""
+    """Those that stick, wholly closed, are done by `stick`; what presses the others of four corners, by `press`."""
     stuck = set()
     for path in random_states():
         one, other = MovingArea(), MovingArea(outline=FIVE_CORNERS)

@@ -16,48 +16,24 @@ from dembrick.assembly import build
 from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import shipped
-from dembrick.scenario.controls import PushoverControl, TiltControl
+from dembrick.scenario.controls import PushoverControl
 from dembrick.scenario.generators import Arch, Dome, Wall
-from dembrick.scenario.model import Actuator, Block, JointLaw, Load, Material, Scenario
+from dembrick.scenario.model import Actuator, Block, Load, Scenario
 from dembrick.scenario.toml import load
 from dembrick.simulation.statics import limit_load
 from dembrick.simulation.statics.dead_load import dead_load_equilibrium
 from dembrick.simulation.statics.elastic_factor import elastic_factor
 from dembrick.simulation.statics.load_system import Setup
-from dembrick.simulation.statics.path_bounds import limit_bounds
 from dembrick.simulation.statics.path_following import PathFollower
-from dembrick.simulation.statics.path_prediction import go_on_rocking
-from dembrick.simulation.statics.path_state import PathState
 from dembrick.simulation.statics.sparse_equations import inner
 from dembrick.simulation.statics.state import initial_state
 from dembrick.simulation.statics.stiffness import block_stiffness
 from dembrick.views.export.text import to_csv
-
-
-def scene(control, formulation="concave", friction=0.7, stiffness=1e10, **parts) -> Scenario:
-    return Scenario(
-        title="quasi-static",
-        gravity=(0.0, 0.0, -9.81),
-        joint=JointLaw(formulation, friction, stiffness, 0.4 * stiffness),
-        materials={"stone": Material(2000.0)},
-        blocks=parts.pop("blocks", ()),
-        control=control,
-        **parts,
-    )
-
-
-def tilt(axis=(1.0, 0.0, 0.0), **options):
-    return TiltControl(axis, 1.0, 1e-4, quasi_static=True, **options)
+from helpers.quasi_static import leaf, scene, tilt
 
 
 def arch(thickness, voussoirs, angle=180.0, curved=False):
     return Arch("arch", "stone", 1.0, thickness, 0.1, voussoirs, angle, curved)
-
-
-def leaf(formulation, **options) -> Scenario:
-    """The single-leaf wall of 10 x 10 blocks 0.3 x 0.2 x 0.1, tilted out of plane."""
-    wall = Wall("wall", "stone", (0.3, 0.2, 0.1), courses=10, blocks=10, base=0.1)
-    return scene(tilt(), formulation, friction=0.64, walls=(wall,), **options)
 
 
 def on_table(mu, control, loads=(), actuators=()) -> Scenario:
@@ -137,97 +113,6 @@ def test_a_high_wall_takes_no_more_newton_steps(formulation):
     assert result.run.steps <= 16
 
 
-def test_convex_joints_that_rock_are_predicted():
-    """One tangent a doubling of the motion where tangent and secant of the path tell how the pressed strip shrinks; the
-    forces of convex joints are smooth, so that its factors serve the steps that are left."""
-    result = simulate(leaf("convex"), record=False)
-    assert result.yield_point.V == pytest.approx(0.2, rel=2e-4)
-    assert result.run.steps <= 22 and result.run.settings["equilibria"] <= 21
-
-
-@pytest.mark.parametrize("offset, shown", [(0.0, 1e-12), (0.04, 2e-4)])
-def test_the_limit_of_a_rocking_joint_is_read_off_its_shrinking_strip(offset, shown):
-    """V = limit - c / sqrt(theta), and the joint has turned by an offset before the blocks give way."""
-    limit, short = 5.0, 0.4
-    seen = [(0.0, 0.0, 0.0, 1e300, False)]
-    for given in (0.25, 0.5, 1.0, 2.0):
-        V = limit - short / math.sqrt(given + offset)
-        seen.append((given, V, V - 1e-6, V + 2e-6, False))
-    lower, upper, is_limit = limit_bounds(seen, 1e3, strips=True)
-    assert is_limit and lower + 1e-6 <= limit + 1e-12 and limit <= upper - 2e-6 + 1e-12
-    assert lower + upper - 1e-6 == pytest.approx(2.0 * limit, rel=shown)
-    assert upper - lower - 3e-6 <= 30.0 * limit * shown
-
-
-def test_a_limit_seen_with_its_first_correction_is_exact():
-    """The limit, c and d of V = limit - c / sqrt(g) - d / g^(3/2), at any distances."""
-    given = (0.25, 0.6, 1.1, 2.4)
-    seen = [(g, V, V, V, False) for g, V in ((g, 5.0 - 0.4 / g**0.5 - 0.01 / g**1.5) for g in given)]
-    lower, upper, _ = limit_bounds([(0.0, 0.0, 0.0, 1e300, False), *seen], 1e3, strips=True)
-    assert 0.5 * (lower + upper) == pytest.approx(5.0, rel=1e-13) and upper - lower < 0.05
-
-
-@pytest.mark.parametrize("start, now, ahead", [(1.0, 2.0, 4.0), (1.5, 2.0, 2.1), (0.5, 2.0, 20.0)])
-def test_a_strip_that_shrinks_with_the_root_of_the_motion_is_met(start, now, ahead):
-    mechanism, closing, limit, short = np.array([2.0, -1.0]), np.array([0.3, 0.7]), 5.0, 0.4
-
-    def motion(given):
-        return mechanism * given + closing * math.sqrt(given)
-
-    way = PathState(motion(now), closing, closing)
-    way.seen = [(given, limit - short / math.sqrt(given), 0.0, 1.0, False) for given in (start, now)]
-    way.V, way.step = way.seen[-1][1], ahead - now
-    secant = (motion(now) - motion(start)) / (now - start)
-    go_on_rocking(way, mechanism + 0.5 * closing / math.sqrt(now), secant, 0.1)
-    assert way.motion + way.step * way.direction == pytest.approx(motion(ahead), rel=1e-12)
-    assert way.V + way.step * way.gain == pytest.approx(limit - short / math.sqrt(ahead), rel=1e-12)
-    assert way.has_spare and np.array_equal(way.spare, secant) and way.spare_gain == 0.1
-
-
-STACKED = {  # motion of the upper block (m, rad) beyond its weight, friction; what its joint does
-    "closed": ((2e-8, -1e-8, -1e-7, 2e-7, 3e-7, 1e-7), 0.6),
-    "partly open": ((2e-8, -1e-8, -1e-7, 6e-6, -4e-6, 1e-7), 0.6),
-    "sliding": ((3e-6, 2e-6, -2e-7, 3e-7, 2e-7, 2e-5), 0.3),
-    "sliding and partly open": ((3e-6, -2e-6, -2e-7, 6e-6, 5e-6, 3e-5), 0.3),
-    "sliding without friction": ((3e-6, 2e-6, -2e-7, 6e-6, 2e-7, 2e-5), 0.0),
-    "open": ((0.0, 0.0, 1e-4, 1e-6, 0.0, 0.0), 0.6),
-}
-
-
-@pytest.mark.parametrize("state", STACKED)
-def test_the_tangent_of_a_convex_joint_is_that_of_its_forces(state):
-    """Against central differences of the forces on a block."""
-    motion, friction = STACKED[state]
-    blocks = (
-        Block("table", "stone", (0.3, 0.2, 0.1), (0.0, 0.0, -0.05), fixed=True),
-        Block("lower", "stone", (0.3, 0.2, 0.4), (0.0, 0.0, 0.2)),
-        Block("upper", "stone", (0.2, 0.3, 0.4), (0.02, -0.01, 0.6)),
-    )
-    given = scene(PushoverControl((1.0, 0.0, 0.0)), "convex", friction=max(friction, 1e-3), blocks=blocks)
-    setup = Setup(build.assemble(given), 1e-3)
-    follower = PathFollower(setup.state, setup.load, setup.factor, setup.certificate)
-    follower.prepare()
-    setup.state.areas.friction[:] = friction
-    search, own = follower.search, follower.search.rows[1]
-    start = search.motion()
-    start[own] += motion
-
-    def forces(change):
-        moved = start.copy()
-        moved[own] += change
-        search.attempt(moved, 0.0)
-        return search.trial.residual[own].copy()
-
-    forces(np.zeros(6))
-    search.differentiate(0.0)
-    from_b = search.trial.seen_b[1]
-    found = from_b.T @ search.trial.tangent[1] @ from_b
-    step = 1e-10
-    expected = -np.transpose([(forces(step * e) - forces(-step * e)) / (2.0 * step) for e in np.eye(6)])
-    assert found == pytest.approx(expected, abs=2e-5 * setup.state.areas.k_n[1] * setup.state.areas.area[1] * 0.1)
-    assert (np.abs(expected).max() == 0.0) == (state == "open")
-
-
 def test_a_newton_step_is_cut_where_the_forces_do_no_more_work_on_it():
     """A dome pushed elastically to loads beyond its limit, .37: a whole step from there goes too far."""
     dome = Dome("dome", "stone", radius=2.0, thickness=0.2, rings=4, blocks=8, key=8.0)
@@ -261,23 +146,6 @@ def test_a_mechanism_is_followed_without_newton_steps():
 def test_corrected_joints_let_the_wall_fall_early():
     """Their points carry the weight too, and stand s = 0.537 of the half thickness from the middle."""
     assert simulate(leaf("corrected")).collapse["angle"] == pytest.approx(6.1302, rel=1e-3)
-
-
-@pytest.mark.slow
-def test_convex_joints_lose_the_strip_that_they_press():
-    """At a given rotation V falls short by w/3 of the half thickness, w = sqrt(2 N/(kn L theta)); the limit stays."""
-    lost = []
-    for stiffness in (2.5e9, 1e10, 4e10):
-        result = simulate(leaf("convex", stiffness=stiffness))
-        assert result.yield_point.V == pytest.approx(0.2, rel=1e-3)
-        # the mean displacement of a wall that turns about its toe: theta H / 2
-        short = np.interp(0.01, result.displacement, 0.2 - result.load)
-        lost.append(short)
-        theta, pressed = 0.02, 2000.0 * 3.0 * 0.2 * 1.0 * 9.81
-        width = math.sqrt(2.0 * pressed / (stiffness * 3.0 * theta))
-        assert short == pytest.approx(2.0 * width / 3.0, rel=0.15)
-    assert lost[1] < 0.03 * 0.2
-    assert np.array(lost[:-1]) / np.array(lost[1:]) == pytest.approx(2.0, rel=0.1)
 
 
 HALF, WHOLE = "h1111h", "11111"

@@ -7,7 +7,7 @@ or None if the scene has none of them, and numba then leaves its code out. ``fam
 
 from dembrick._jit import jit
 from dembrick.kernels.joint.families import AREAS, POINTS
-from dembrick.kernels.statics import area_joints, point_joints
+from dembrick.kernels.statics import area_joints, area_tangent, point_joints
 
 
 @jit
@@ -65,7 +65,7 @@ def knows_tangent(points, areas, family, index):
     """Whether `tangent` is that of a joint; else its tangent is to be taken by differences of its forces."""
     if areas is not None:
         if family == AREAS:
-            return area_joints.knows_tangent(areas.strengths, areas.pressed, index)
+            return area_tangent.knows_tangent(areas.strengths, areas.pressed, index)
     return False
 
 
@@ -74,7 +74,7 @@ def tangent(points, areas, area_memory, family, index, normal, dn, r1, r2, out):
     """dt/du (6, 6) of a joint that `knows_tangent`, into ``out``, for what `forces` found from the memory."""
     if areas is not None:
         if family == AREAS:
-            area_joints.tangent(areas, area_memory, index, normal, dn, r1, r2, out)
+            area_tangent.tangent(areas, area_memory, index, normal, dn, r1, r2, out)
 
 
 @jit
