@@ -9,7 +9,7 @@ import pytest
 from dembrick.geometry.shapes import box
 from dembrick.runs.simulate import restart, simulate
 from dembrick.scenario.controls import DynamicControl
-from dembrick.scenario.model import Block, JointLaw, Material, Output, Scenario
+from dembrick.scenario.model import CHANNELS, Block, JointLaw, Material, Output, Scenario
 from dembrick.simulation.dynamics import contact_detection
 from dembrick.simulation.interrupts import Interrupted
 from helpers.pairs import K_N, Pair
@@ -69,7 +69,7 @@ def rows_on_a_slope(angle=0.2, duration=0.1, spin=0.0):
             Block("far", "stone", (0.1, 0.1, 0.1), (0.5, 0.5, 0.07), velocity=(0.0, 0.0, 0.0)),
         ),
         control=DynamicControl(duration, 0.3),
-        output=Output(("frames", "contacts"), rows=100_000, frames=100_000),
+        output=Output(CHANNELS, rows=400, frames=400),
     )
 
 
@@ -101,7 +101,7 @@ def test_an_edge_carries_its_block():
             Block("cube", "stone", (side, side, side), (0.0, 0.0, side / math.sqrt(2.0)), turn),
         ),
         control=DynamicControl(0.1, 0.3),
-        output=Output(("frames", "contacts"), rows=100_000, frames=100_000),
+        output=Output(CHANNELS, rows=400, frames=400),
     )
     frames = simulate(scene).frames
     sunk = -frames["displacement"][:, 1, 2]
