@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property
 from types import FunctionType
 
@@ -9,6 +10,7 @@ import numba
 import numpy as np
 from llvmlite import ir
 from numba import get_num_threads, prange
+from numba._dispatcher import compute_fingerprint
 from numba.core import cgutils, types
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
@@ -19,7 +21,7 @@ from numba.np.numpy_support import from_dtype, map_layout
 
 from dembrick._kernel_cache import KernelCache, ParallelKernelCache
 
-__all__ = ["get_num_threads", "jit", "jit_parallel", "jit_sum", "prange"]
+__all__ = ["get_num_threads", "jit", "jit_parallel", "jit_sum", "prange", "ready"]
 
 # A product and a sum may be rounded once instead of twice (a fused multiply-add): no result gets worse, what is not a
 # number stays so, and the order of a sum is as written. All else that is called fast math is left alone: it reorders
@@ -114,6 +116,7 @@ class Kernel:
         self.__module__, self.__doc__ = function.__module__, function.__doc__
         self.py_func = self.__wrapped__ = function
         self._options = options
+        self._ready: dict[tuple[bytes, ...], Callable] = {}
 
     @cached_property
     def called(self):
@@ -128,6 +131,13 @@ class Kernel:
     def __call__(self, *arguments):
         """Call it from Python."""
         return self.called(*arguments)
+
+    def ready(self, *arguments) -> Callable:
+        """See `ready`."""
+        prints = tuple(map(compute_fingerprint, arguments))
+        if prints not in self._ready:
+            self._ready[prints] = self.called.compile(tuple(map(self.called.typeof_pyval, arguments)))
+        return self._ready[prints]
 
 
 class Inlined(Kernel):
@@ -179,6 +189,16 @@ def jit_sum(function):
 def entry(function):
     """The same for a loop that Python or a batch enters: compiled once, not inlined into every caller."""
     return function if numba.config.DISABLE_JIT else Kernel(function, nogil=True, _nrt=False)
+
+
+def ready(kernel, *arguments) -> Callable:
+    """The machine code of an `entry` for arguments of these types, compiled or out of the cache: what to call instead.
+
+    Whoever calls the kernel itself has the types of all arguments found at every call, which takes 8 us for the 70
+    arrays of a search, ten times as long as unpacking them. What is called here takes them for known: where an array
+    has another data type, layout or number of dimensions it ends the process, or reads what is not there.
+    """
+    return kernel.ready(*arguments) if isinstance(kernel, Kernel) else kernel
 
 
 def _prefetch(_, array, index):

@@ -219,7 +219,7 @@ def rest(scenario: Scenario, steps: int, physical: bool) -> Outcome:
         loop = _at_rest(setup, physical)
         start, worst = None, 0.0
         while loop.step < steps:
-            status = loop.advance(1000 if loop.step == 0 else min(100_000, steps - loop.step), None)
+            status = loop.advance(1000 if loop.step == 0 else min(100_000, steps - loop.step))
             refuse_divergence(status, setup.assembly, loop.state, loop.step, loop.dt, loop.dt / VALID_STEP)
             now = loop.state.blocks.displacement.copy()
             start = now if start is None else start
@@ -253,7 +253,7 @@ def undisturbed(formulation: str, steps: int = BESIDE) -> Outcome:
         for rate in (0.0, 1e-4):
             setup = load_system.Setup(assemblies.assemble(scenario), tolerance=0.0)
             loop = _at_rest(setup, physical=True, rate=rate)
-            status = loop.advance(steps, None)
+            status = loop.advance(steps)
             refuse_divergence(status, setup.assembly, loop.state, loop.step, loop.dt, loop.dt / VALID_STEP)
             ends.append(loop.state.blocks)
     except DembrickError as error:

@@ -97,10 +97,7 @@ ELASTIC_AT_START, DEAD_LOAD_WORK, CRUSHING, FRACTURE, YIELDING = range(7, 12)
 
 
 class Energy(NamedTuple):
-    """The energy terms of a run: work summed step by step, and what the last step left behind for the next.
-
-    Few arrays: a search is so short that a third of a microsecond counts, which each one takes on the way into a loop.
-    """
+    """The energy terms of a run: work summed step by step, and what the last step left behind for the next."""
 
     work: ndarray  # (12,) J, one entry for each name above
     turned: ndarray  # (t,) int64, free blocks with a dead torque

@@ -15,6 +15,7 @@ from numba.core.typing.typeof import Purpose, typeof
 
 import dembrick
 from dembrick import _kernel_cache
+from dembrick._jit import entry, ready
 from dembrick._kernel_cache import source_hash
 from dembrick.kernels.math.quaternion import product
 
@@ -143,10 +144,31 @@ def test_arguments_have_the_types_that_numba_gives_them(value):
     assert product.called.typeof_pyval(value) == typeof(value, Purpose.argument)
 
 
+def weighed(pair, factor):
+    total = 0.0
+    for value in pair.one:
+        total += factor * value
+    return total
+
+
+def test_machine_code_for_known_types_is_found_once_and_is_that_of_the_arguments():
+    """`ready` finds what the kernel itself would call: one piece of code for all arguments of the same types, another
+    for arrays of another data type."""
+    kernel = entry(weighed)
+    code = ready(kernel, Pair(np.zeros(2), None), 1.0)
+    other = Pair(np.array([2.0, 3.0, 4.0]), None)
+    assert ready(kernel, other, 5.0) is code and code(other, 5.0) == kernel(other, 5.0) == 45.0
+    whole = Pair(np.array([2, 3, 4], np.int32), None)
+    for_integers = ready(kernel, whole, 1.0)
+    assert for_integers is not code and for_integers(whole, 5.0) == kernel(whole, 5.0) == 45.0
+    assert len(kernel.called.overloads) == 2
+
+
 def test_a_warm_run_loads_no_masked_arrays_and_parses_no_code(tmp_path):
     code = """
 import sys
 from dembrick import _kernel_cache
+from dembrick._jit import entry, ready
 from dembrick.cli import main
 
 parsed = []

@@ -77,7 +77,7 @@ def test_a_block_beside_a_test_moves_as_it_does_alone(formulation):
     guard = new_guard(built, alone)._replace(mask=1 << 62)  # that never looks: nothing drives this pair
     other = dataclasses.replace(loop, state=alone, inertia=inertia, guard=guard, ties=moving)
     for one in (loop, other):
-        assert one.advance(20_000, None) == RUNNING
+        assert one.advance(20_000) == RUNNING
     names = setup.assembly.names
     assert loop.state.blocks.displacement[names.index("upper"), 1] > 5e-6
     for field in ("displacement", "orientation", "velocity", "spin", "momentum", "force", "torque"):
@@ -128,7 +128,7 @@ def test_friction_is_opposite_to_slip(seed):
     seen = 0
     for _ in range(1500):
         before = np.stack([points.elastic_1, points.elastic_2], axis=1)
-        assert loop.advance(1, None) == RUNNING
+        assert loop.advance(1) == RUNNING
         after = np.stack([points.elastic_1, points.elastic_2], axis=1)
         p1, p2, turn = joints.step[0]
         slip = np.stack([p1 - turn * points.y_s, p2 + turn * points.x_s], axis=1)

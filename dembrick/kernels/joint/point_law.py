@@ -13,7 +13,8 @@ the host), which is also the direction in which it slips; the joint pushes back 
 - `slip` is the irreversible part of the shear displacement, as a path length: the plastic increment of each step added
   up while the point is closed. What an open point moves past is no slip.
 
-The dry law has no branches, so that a loop over the lanes of a tile becomes wide instructions.
+The dry law has one branch, so that a point that sticks takes no root and no division. It holds nothing but arithmetic:
+in a loop over the lanes of a tile the compiler does it for all lanes, by wide instructions, and keeps those that slide.
 
 With strengths (cohesion c, tensile strength f_t, compressive strength f_c, dilation tan psi, residual friction mu_r and
 cohesion c_r; areas A) a point remembers besides whether its *bond* holds, the depth by which it was crushed, and its
@@ -51,14 +52,15 @@ def coulomb(elastic_1, elastic_2, slip_1, slip_2, k, damped, share, cap):
     t1 = elastic_1 + damped * k * slip_1
     t2 = elastic_2 + damped * k * slip_2
     size2 = t1 * t1 + t2 * t2
-    # one over size and one over the stiffness by one division; nothing slides if they are zero
-    size = sqrt(max(size2, NONE))
-    divisor = max(k, NONE)
-    both = 1.0 / (size * divisor)
-    kept = cap * divisor * both if size2 > cap * cap else 1.0
-    plastic = (1.0 - kept) * share * size * size * both
-    t1 *= kept
-    t2 *= kept
+    plastic = 0.0
+    if size2 > cap * cap:
+        size = sqrt(size2)
+        divisor = max(k, NONE)
+        both = 1.0 / (size * divisor)  # one over size and one over the stiffness by one division
+        kept = cap * divisor * both
+        plastic = (size - cap) * share * size * both
+        t1 *= kept
+        t2 *= kept
     e1 = elastic_1 + share * (t1 - elastic_1)
     e2 = elastic_2 + share * (t2 - elastic_2)
     return t1, t2, e1, e2, plastic

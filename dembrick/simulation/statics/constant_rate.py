@@ -82,9 +82,10 @@ def push_at_constant_rate(
     setup.certificate = setup.certificate._replace(every=rows_every)
     energy = new_energy(state) if recorder else None
     guard = new_guard(assembly, state, steps_wanted)
-    loop = Loop(dt, state, None, inertia, drive, setup.certificate, energy, guard, moving)
+    record = recorder.record if recorder else None
+    loop = Loop(dt, state, None, inertia, drive, setup.certificate, energy, guard, moving, record)
     began = time.perf_counter()
-    loop.advance(0, recorder.record if recorder else None)  # no step: compiles, or loads the cache
+    loop.advance(0)  # no step: compiles, or loads the cache
     compiled = time.perf_counter() - began
     if session.resumed:
         loop.restore(session.resumed)

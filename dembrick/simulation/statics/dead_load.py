@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
+from dembrick._jit import ready
 from dembrick.errors import HistoryError, NotConvergedError
 from dembrick.kernels.state import ScaledInertia
 from dembrick.kernels.statics.loop import settle
@@ -97,16 +99,16 @@ def rest(state: State, stiffness: np.ndarray, factor: Factors | None = None, ses
     bonded, blocks = joint_families.has_strengths(state), state.blocks
     if bonded and not (blocks.dead_force.any() or blocks.dead_torque.any()):
         return Rest(True, 0.0, 0, None, (), 0.0, 0.0)  # what holds by itself
-    settle(0, 0, UNBALANCED, *state[:4], inertia, MOMENTUM)  # no step: compiles, or loads the cache
-    ready = time.perf_counter()
+    relax = ready(settle, 0, 0, UNBALANCED, *state[:4], inertia, MOMENTUM)
+    compiled = time.perf_counter()
     # where blocks stand alone and do not come to rest at once, what opened is softer than the closed joint whose answer
     # each step is
     rounds = ((FIRST_STEPS, 0.0, False), (MOST_STEPS, MOMENTUM, False)) if alone else ((MOST_STEPS, MOMENTUM, False),)
     if bonded:
         rounds = (*((most, momentum, True) for most, momentum, _ in rounds), *rounds)
-    ratio, steps = _Relaxation(state, inertia, rounds).run(session or Session())
+    ratio, steps = _Relaxation(state, inertia, rounds, relax).run(session or Session())
     done = time.perf_counter()
-    seconds = ready - began, done - ready
+    seconds = compiled - began, done - compiled
     if not ratio <= UNBALANCED:
         moving = moving_blocks(state)
         if moving:
@@ -122,10 +124,12 @@ def rest(state: State, stiffness: np.ndarray, factor: Factors | None = None, ses
 
 class _Relaxation:
     """The relaxation, chunk by chunk: ``rounds`` of (most steps, momentum, whether bonds are held), until one of them
-    balances the forces; where that was one with held bonds, until one does without."""
+    balances the forces; where that was one with held bonds, until one does without. ``settle``: the kernel."""
 
-    def __init__(self, state: State, inertia: ScaledInertia, rounds: tuple[tuple[int, float, bool], ...]):
-        self._state, self._inertia, self._rounds = state, inertia, rounds
+    def __init__(
+        self, state: State, inertia: ScaledInertia, rounds: tuple[tuple[int, float, bool], ...], settle: Callable
+    ):
+        self._state, self._inertia, self._rounds, self._settle = state, inertia, rounds, settle
         self._bonded = any(held for _, _, held in rounds)
         self._round = self._step = 0
 
@@ -146,7 +150,7 @@ class _Relaxation:
                 if self._state.ties is not None:
                     ties.pull(self._state)
                     steps = 1  # their forces follow every step
-                ratio, self._step = settle(
+                ratio, self._step = self._settle(
                     self._step, steps, UNBALANCED, *self._state[:4], self._inertia, momentum
                 )  # fmt: skip
                 pace = max(1, min(int(steps * CHUNK_SECONDS / max(time.perf_counter() - began, 1e-9)), 16 * steps))

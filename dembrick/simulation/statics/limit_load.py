@@ -162,9 +162,11 @@ def _by_inertia(setup: Setup, step_factor: float, session: Session) -> Replay:
         setup.certificate.bracket[:] = 0.0
         status = CONVERGED
     energy = new_energy(state) if recorder else None
-    loop = Loop(dt, state, inertia, None, drive, setup.certificate, energy, new_guard(assembly, state))
+    record = recorder.record if recorder else None
+    guard = new_guard(assembly, state)
+    loop = Loop(dt, state, inertia, None, drive, setup.certificate, energy, guard, record=record)
     began = time.perf_counter()
-    loop.advance(0, recorder.record if recorder else None)  # no step: compiles, or loads the cache
+    loop.advance(0)  # no step: compiles, or loads the cache
     compiled = time.perf_counter() - began
     if session.resumed:
         loop.restore(session.resumed)

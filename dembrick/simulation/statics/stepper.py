@@ -7,16 +7,19 @@ and went on leave every bit of the answer as it is.
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from dembrick._jit import ready
 from dembrick.errors import HistoryError
 from dembrick.kernels.joint.ties import Ties
 from dembrick.kernels.state import Energy, Inertia, ScaledInertia
 from dembrick.kernels.statics.divergence import Guard
 from dembrick.kernels.statics.load_bounds import Certificate
 from dembrick.kernels.statics.loop import FULL, RUNNING, Drive, advance
+from dembrick.kernels.statics.record import Record
 from dembrick.simulation import interrupts
 from dembrick.simulation.checkpoint_arrays import flattened, restored, restored_state
 from dembrick.simulation.session import Progress, Session, Snapshot, step_at
@@ -30,7 +33,7 @@ FIRST_WORK = 200_000  # block and contact updates in the first chunk, before the
 
 @dataclass
 class Loop:
-    """All that `kernels.advance` works on, and so all that a checkpoint holds."""
+    """All that `kernels.statics.loop.advance` works on; all but the record is what a checkpoint holds."""
 
     dt: float  # s
     state: State
@@ -41,15 +44,20 @@ class Loop:
     energy: Energy | None
     guard: Guard | None
     ties: Ties | None = None  # in moving geometry
+    record: Record | None = None
     step: int = 0
     seconds: float = 0.0  # wall time spent in it by this process
+    _advance: Callable | None = field(default=None, init=False, repr=False)
 
-    def advance(self, n_steps: int, record) -> int:
+    def advance(self, n_steps: int) -> int:
         """Do ``n_steps`` and return the status; with none it compiles the kernel, or loads it from the cache."""
-        status, self.step = advance(
+        arguments = (
             self.step, n_steps, self.dt, *self.state[:5], self.ties, self.scaled, self.inertia, self.drive,
-            self.certificate, record, self.energy, self.guard,
+            self.certificate, self.record, self.energy, self.guard,
         )  # fmt: skip
+        if self._advance is None:
+            self._advance = ready(advance, *arguments)
+        status, self.step = self._advance(*arguments)
         return status
 
     def parts(self) -> dict[str, tuple]:
@@ -71,6 +79,7 @@ class Loop:
         self.state = restored_state(self.state, snapshot)
         for name, part in self.parts().items():
             setattr(self, name, restored(name, part, snapshot))
+        self._advance = None
 
 
 class Stepper:
@@ -103,12 +112,12 @@ class Stepper:
 
         Raises Interrupted at the end of the chunk in which a signal came.
         """
-        status, record = RUNNING, self.recorder.record if self.recorder else None
+        status = RUNNING
         with interrupts.deferred():
             while status == RUNNING and self.loop.step < last:
                 steps = min(self._pace, self._longest, last - self.loop.step)
                 began = time.perf_counter()
-                status = self.loop.advance(steps, record)
+                status = self.loop.advance(steps)
                 took = time.perf_counter() - began
                 self.loop.seconds += took
                 self._pace = max(1, min(int(steps * CHUNK_SECONDS / max(took, 1e-9)), 16 * steps))
