@@ -17,12 +17,13 @@ from dembrick.kernels.dynamics.energy_terms import BY_LAW as BY_LAW_LOST
 from dembrick.kernels.dynamics.energy_terms import CRUSHING as CRUSHING_LOST
 from dembrick.kernels.dynamics.energy_terms import (
     DASHPOTS,
-    FACE_ENERGY,
     FRICTION,
+    GONE,
     KINDS,
     LEDGER,
+    OF_DASHPOTS,
     RELEASED,
-    TAKEN,
+    SPRINGS,
     EnergyTerms,
 )
 from dembrick.kernels.dynamics.energy_terms import FRACTURE as FRACTURE_LOST
@@ -278,10 +279,10 @@ class MovingArea:
             bonds=None if law is None else area_tiles.FaceBonds(bond_of(law, 1), np.zeros(1)),
         )  # fmt: skip
         self.energy = EnergyTerms(
-            dashpots=np.zeros(0), ledger=np.zeros(0), face=np.zeros(FACE_ENERGY), damped=np.zeros(1),
-            lost=np.zeros((1, KINDS)), least=np.zeros(1), share=np.ones(1), place=np.full(1, -1), fallen=np.zeros(0),
-            load=np.zeros((0, 6)), support=np.zeros((0, 6)), push=np.zeros((0, 6)), total=np.zeros(3),
-            gravity=np.zeros(3), begun=np.zeros(1),
+            dashpots=np.zeros(DASHPOTS), ledger=np.zeros(LEDGER), springs=np.zeros(SPRINGS),
+            partly=np.ones(1, np.int64), damped=np.zeros(1), lost=np.zeros((1, KINDS)), least=np.zeros(1),
+            share=np.ones(1), place=np.full(1, -1), fallen=np.zeros(0), load=np.zeros((0, 6)), support=np.zeros((0, 6)),
+            push=np.zeros((0, 6)), total=np.zeros(3), gravity=np.zeros(3), begun=np.zeros(1),
         )  # fmt: skip
 
     def step(self, motion, change, twist):
@@ -302,8 +303,8 @@ class MovingArea:
 
     @property
     def dissipated(self):
-        lost = self.energy.lost[0]
-        dashpots = self.energy.face[TAKEN * W] + lost[RELEASED]
+        lost = self.energy.ledger.reshape(-1, W)[GONE:, 0]
+        dashpots = self.energy.ledger[OF_DASHPOTS * W] + lost[RELEASED]
         return np.array([lost[FRICTION], lost[BY_LAW_LOST], dashpots, lost[CRUSHING_LOST], lost[FRACTURE_LOST]])
 
     @property
@@ -389,16 +390,16 @@ def test_convex_joints_side_by_side_do_what_they_do_one_by_one():
             place(other.work, motion, small, twist)
             moving_areas.face_force(
                 other.joint, None, 0, other.tile, other.seen, other.joint.tiles, other.joint.sheared, 0, other.work,
-                other.energy.face, other.energy,
+                other.energy.ledger,
             )  # fmt: skip
-            moving_areas.count_work(other.joint.tiles, other.work, other.energy.face, 1)
+            moving_areas.add_work(other.energy, 0, 0, other.joint.tiles, other.work)
             rows = other.work.reshape(-1, W)
             f = rows[tiles.FORCE : tiles.FORCE + 9, 0]
             alone = np.array([f[2], -f[0], -f[1], -rows[tiles.TWISTING, 0], -f[8], f[5]])
             np.testing.assert_allclose(found, alone, rtol=1e-12, atol=1e-9)
             np.testing.assert_allclose(one.memory, other.memory, rtol=1e-12, atol=1e-9)
             np.testing.assert_allclose(one.dissipated, other.dissipated, rtol=1e-12, atol=1e-18)
-            energies = one.energy.face.reshape(-1, W)[:, 0], other.energy.face.reshape(-1, W)[:, 0]
+            energies = one.energy.ledger.reshape(-1, W)[:, 0], other.energy.ledger.reshape(-1, W)[:, 0]
             np.testing.assert_allclose(*energies, rtol=1e-9, atol=1e-15)
             stuck.add(bool(one.work[tiles.REST * W] == 0.0))
     assert stuck == {True, False}

@@ -4,7 +4,7 @@ of a family are those of `point_joints`, and `joint_families` calls them.
 Shear memory lives in the polygon's axes and turns with them. The normal force acts along the other's normal.
 """
 
-from math import inf, sqrt
+from math import inf
 
 from dembrick._jit import entry, jit
 from dembrick.kernels.dynamics.area_tiles import (
@@ -25,14 +25,17 @@ from dembrick.kernels.dynamics.area_tiles import (
 from dembrick.kernels.dynamics.bonded_areas import bonded_face
 from dembrick.kernels.dynamics.energy_terms import (
     BY_LAW,
-    FACE_ENERGY,
+    DASHPOTS,
     FRICTION,
+    GONE,
+    LEDGER,
+    OF_DASHPOTS,
     PRESSING,
     RELEASED,
     SHEARING,
+    SMALLEST,
     SPRINGS,
-    STEPPED,
-    TAKEN,
+    STEPPING,
     dashpot_work,
 )
 from dembrick.kernels.dynamics.tiles import (
@@ -42,6 +45,7 @@ from dembrick.kernels.dynamics.tiles import (
     FORCE,
     FOUR,
     GROWTH,
+    LINE,
     MOVED,
     PRESSED,
     REST,
@@ -72,6 +76,7 @@ from dembrick.kernels.joint.area_law import (
     area_pressure_of_four,
     area_springs,
     closed_pressure,
+    either_wholly,
     follow_bending,
     pressure_of_four,
     spring_pressure,
@@ -81,24 +86,22 @@ from dembrick.kernels.joint.area_law import (
 
 
 @jit
-def add_slip_work(energy_terms, faces, a, normal, q1, q2, qm, t1, t2, tm, b1, b2, bm, e1, e2, em):
-    """A step in which convex joint ``a`` slides by the plastic twist q, or in which it is open and lets go; it held b
+def add_slip_work(ledger, lane, normal, q1, q2, qm, t1, t2, tm, b1, b2, bm, e1, e2, em):
+    """A step in which a convex joint slides by the plastic twist q, or in which it is open and lets go; it held b
     before and holds e."""
-    j = faces.joint[a]
-    share = energy_terms.share[j]
-    loss = 0.5 * share * ((b1 + e1) * q1 + (b2 + e2) * q2 + (bm + em) * qm)
+    loss = 0.5 * ((b1 + e1) * q1 + (b2 + e2) * q2 + (bm + em) * qm)
     if normal > 0.0:
-        energy_terms.lost[j, FRICTION] += loss
-        energy_terms.lost[j, BY_LAW] += share * (t1 * q1 + t2 * q2 + tm * qm)
-        energy_terms.least[j] = min(energy_terms.least[j], loss)
+        ledger[(GONE + FRICTION) * W + lane] += loss
+        ledger[(GONE + BY_LAW) * W + lane] += t1 * q1 + t2 * q2 + tm * qm
+        ledger[SMALLEST * W + lane] = min(ledger[SMALLEST * W + lane], loss)
     else:
-        energy_terms.lost[j, RELEASED] += loss
+        ledger[(GONE + RELEASED) * W + lane] += loss
 
 
 @entry
-def press(tile, face, work, row):
+def press(tile, face, work, energy):
     """What presses the joints of a tile, all of them side by side, into `PRESSED`, and what presses their springs into
-    `STILL` unless ``row`` is None; of those with any other number of corners than four it is not right."""
+    `STILL` unless ``energy`` is None; of those with any other number of corners than four it is not right."""
     for lane in range(W):
         x = four(work, CORNERS, lane)
         y = four(work, CORNERS + FOUR, lane)
@@ -110,7 +113,7 @@ def press(tile, face, work, row):
             x, y, area, second, tile[VISCOUS * W + lane], g0, gx, gy, d0, dx, dy
         )
         put_three(work, PRESSED, lane, (n, nx, ny))
-        if row is not None:
+        if energy is not None:
             put_three(work, STILL, lane, pressure_of_four(x, y, area, second, touching, g0, gx, gy))
 
 
@@ -153,44 +156,79 @@ def find_still(faces, pressed, a, face, lane, work):
 
 
 @entry
-def add_work(face, work, row, used):
-    """Work over the step of springs and dashpots of the joints in the first ``used`` lanes of a tile, side by side: of
-    the forces that were found, what presses the springs, what dashpots carry in shear, and the slip."""
-    for lane in range(used):
+def add_dashpot_work(face, work, dashpots, ledger):
+    """Add what the dashpots of the joints of a tile took in a step: of the forces that were found, what presses the
+    springs, what dashpots carry in shear, and the slip."""
+    for lane in range(W):
         k_n = face[K_N * W + lane]
-        n = work[(FORCE + 2) * W + lane]
-        nx = work[(FORCE + 5) * W + lane]
-        ny = work[(FORCE + 8) * W + lane]
+        q0, qx, qy = three(work, STILL, lane)
+        c0 = work[(FORCE + 2) * W + lane] - k_n * q0
+        cx = work[(FORCE + 5) * W + lane] - k_n * qx
+        cy = work[(FORCE + 8) * W + lane] - k_n * qy
+        taken = dashpot_work(dashpots, lane, PRESSING, c0, cx, cy, *three(work, GROWTH, lane))
+        taken += dashpot_work(dashpots, lane, SHEARING, *three(work, CARRIED, lane), *three(work, SLIPPED, lane))
+        ledger[OF_DASHPOTS * W + lane] += taken
+
+
+@jit
+def springs_before(face, springs, kept, lane, g0, gx, gy):
+    """What pressed the springs of the joint in that lane, N and its moments, at the penetration g of a step ago: kept
+    in ``springs``, unless ``kept`` is None: then it was wholly closed or wholly open."""
+    if kept is not None:
+        return three(springs, 0, lane)
+    k_n = face[K_N * W + lane] if g0 > 0.0 else 0.0
+    n, nx, ny = closed_pressure(face[AREA * W + lane], three(face, SECOND, lane), g0, gx, gy)
+    return k_n * n, k_n * nx, k_n * ny
+
+
+@entry
+def add_stepping(face, work, springs, kept, ledger):
+    """Add what opening and closing within a step took from the springs of the joints of a tile, and keep what presses
+    them in ``springs``; ``kept``: see `springs_before`."""
+    for lane in range(W):
+        k_n = face[K_N * W + lane]
         q0, qx, qy = three(work, STILL, lane)
         q0 *= k_n
         qx *= k_n
         qy *= k_n
         g0, gx, gy = three(work, DEPTH, lane)
         d0, dx, dy = three(work, GROWTH, lane)
-        p0, px, py = three(row, SPRINGS, lane)
-        stepping = p0 * g0 + px * gx + py * gy - (q0 * (g0 - d0) + qx * (gx - dx) + qy * (gy - dy))
-        row[STEPPED * W + lane] += 0.5 * stepping
-        put_three(row, SPRINGS, lane, (q0, qx, qy))
-        pressing = dashpot_work(row, lane, PRESSING, n - q0, nx - qx, ny - qy, d0, dx, dy)
-        c1, c2, cm = three(work, CARRIED, lane)
-        s1, s2, turn = three(work, SLIPPED, lane)
-        shearing = dashpot_work(row, lane, SHEARING, c1, c2, cm, s1, s2, turn)
-        row[TAKEN * W + lane] += pressing + shearing
+        o0 = g0 - d0
+        ox = gx - dx
+        oy = gy - dy
+        p0, px, py = springs_before(face, springs, kept, lane, o0, ox, oy)
+        ledger[(GONE + STEPPING) * W + lane] += 0.5 * (p0 * g0 + px * gx + py * gy - (q0 * o0 + qx * ox + qy * oy))
+        put_three(springs, 0, lane, (q0, qx, qy))
 
 
 @jit
-def keep_for_work(row, work, lane, t1, t2, tm, e1, e2, em, s1, s2, turn):
-    """Keep what `add_work` wants to know of shear and torsion, unless ``row`` is None."""
-    if row is not None:
-        put_three(work, CARRIED, lane, (t1 - e1, t2 - e2, tm - em))
-        put_three(work, SLIPPED, lane, (s1, s2, turn))
+def add_work(energy_terms, t, own, face, work):
+    """Add the work over a step of springs and dashpots of the convex joints in their tile ``t``, which is ``own`` of
+    `Links`. The springs of joints that are and stay wholly closed give back what they took to the last."""
+    ledger = energy_terms.ledger[own * LEDGER : (own + 1) * LEDGER]
+    dashpots = energy_terms.dashpots[own * DASHPOTS : (own + 1) * DASHPOTS]
+    add_dashpot_work(face, work, dashpots, ledger)
+    springs = energy_terms.springs[t * SPRINGS : (t + 1) * SPRINGS]
+    partly, passed = opening(face, work)
+    if energy_terms.partly[t] > 0:
+        add_stepping(face, work, springs, True, ledger)
+    elif partly + passed > 0:
+        add_stepping(face, work, springs, None, ledger)
+    energy_terms.partly[t] = partly
 
 
 @jit
-def face_force(faces, pressed, a, tile, seen, face, sheared, lane, work, row, energy_terms):
+def keep_for_work(work, lane, t1, t2, tm, e1, e2, em, s1, s2, turn):
+    """Keep what `add_dashpot_work` wants to know of shear and torsion."""
+    put_three(work, CARRIED, lane, (t1 - e1, t2 - e2, tm - em))
+    put_three(work, SLIPPED, lane, (s1, s2, turn))
+
+
+@jit
+def face_force(faces, pressed, a, tile, seen, face, sheared, lane, work, ledger):
     """Force of convex joint ``a``, in that lane of the tile: what `resultant` makes wrenches of. ``pressed`` is
-    ``faces.pressed``, given apart so that its code goes where it is None; ``face``, ``sheared`` and ``row``: its tiles
-    of `Faces.tiles`, `Faces.sheared` and `EnergyTerms.face`."""
+    ``faces.pressed``, given apart so that its code goes where it is None; ``face``, ``sheared`` and ``ledger``: its
+    tiles of `Faces.tiles`, `Faces.sheared` and `EnergyTerms.ledger`, or None."""
     outline = faces.outline[a]
     x = faces.x[outline]
     y = faces.y[outline]
@@ -221,11 +259,11 @@ def face_force(faces, pressed, a, tile, seen, face, sheared, lane, work, row, en
     twist[2] = wm
     faces.slip[a] += slid
     put_force(work, lane, cosine, sine, n, nx, ny, t1, t2, tm)
-    if energy_terms is not None:
+    if ledger is not None:
         find_still(faces, pressed, a, face, lane, work)
-        keep_for_work(row, work, lane, t1, t2, tm, e1, e2, em, s1, s2, turn)
-        if slid > 0.0 or n <= 0.0:
-            add_slip_work(energy_terms, faces, a, n, q1, q2, qm, t1, t2, tm, b1, b2, bm, e1, e2, em)
+        keep_for_work(work, lane, t1, t2, tm, e1, e2, em, s1, s2, turn)
+        if slid > 0.0 or (n <= 0.0 and (b1 != 0.0 or b2 != 0.0 or bm != 0.0)):
+            add_slip_work(ledger, lane, n, q1, q2, qm, t1, t2, tm, b1, b2, bm, e1, e2, em)
 
 
 @jit
@@ -234,11 +272,18 @@ def kept_unless(done, new, old):
     return (new[0] if done else old[0], new[1] if done else old[1], new[2] if done else old[2])
 
 
-@entry
-def stick(tile, seen, face, sheared, work, row):
-    """`face_force` of all joints of a tile that are wholly closed and do not slide, as most are most of the time.
+@jit
+def zero_unless(done, a):
+    """A vector if ``done``, else zero."""
+    return kept_unless(done, a, (0.0, 0.0, 0.0))
 
-    Those that do not are left as they were, and marked in ``work``; ``row`` is None if no energy is counted. Returns
+
+@entry
+def stick(tile, seen, face, sheared, work, energy):
+    """`face_force` of all joints of a tile that are wholly closed and do not slide, or wholly open with no memory, as
+    most are most of the time.
+
+    The others are left as they were, and marked in ``work``; ``energy`` is None if none is counted. Returns
     whether there are any.
     """
     rest = False
@@ -263,31 +308,41 @@ def stick(tile, seen, face, sheared, work, row):
             None, 0, face[RADIUS * W + lane], k_s * area, k_s * (second[0] + second[1]),
             1.0 + tile[(VISCOUS + 1) * W + lane], s1, s2, turn, b1, b2, bm,
         )  # fmt: skip
-        closed = wholly_closed(reach, g0, d0, h0, hx, hy) & (g0 >= reach * sqrt(gx * gx + gy * gy))
-        done = closed & (n > 0.0) & (size <= face[MU * W + lane] * n)
-        put_three(sheared, 0, lane, kept_unless(done, (e1, e2, em), (b1, b2, bm)))
+        whole = either_wholly(reach, g0, gx, gy)
+        stuck = wholly_closed(reach, g0, d0, h0, hx, hy) & whole & (n > 0.0) & (size <= face[MU * W + lane] * n)
+        idle = whole & (g0 <= 0.0) & (b1 == 0.0) & (b2 == 0.0) & (bm == 0.0)
+        put_three(sheared, 0, lane, kept_unless(stuck, (e1, e2, em), (b1, b2, bm)))
+        n, nx, ny = zero_unless(stuck, (n, nx, ny))
+        t1, t2, tm = zero_unless(stuck, (t1, t2, tm))
         put_force(work, lane, cosine, sine, n, nx, ny, t1, t2, tm)
-        work[REST * W + lane] = 0.0 if done else 1.0
-        rest = rest | (not done)
-        keep_for_work(row, work, lane, t1, t2, tm, e1, e2, em, s1, s2, turn)
-        if row is not None:
-            put_three(work, STILL, lane, closed_pressure(area, second, g0, gx, gy))
+        work[REST * W + lane] = 0.0 if stuck | idle else 1.0
+        rest = rest | (not (stuck | idle))
+        if energy is not None:
+            e1, e2, em = zero_unless(stuck, (e1, e2, em))
+            keep_for_work(work, lane, t1, t2, tm, e1, e2, em, s1, s2, turn)
+            put_three(work, STILL, lane, zero_unless(stuck, closed_pressure(area, second, g0, gx, gy)))
     return rest
 
 
-@jit
-def count_work(face, work, row, used):
-    """`add_work` unless ``row`` is None."""
-    if row is not None:
-        add_work(face, work, row, used)
+@entry
+def opening(face, work):
+    """How many joints of a tile are neither wholly closed nor wholly open, and how many went from either to the other
+    in the step."""
+    partly = passed = 0
+    for lane in range(W):
+        g0, gx, gy = three(work, DEPTH, lane)
+        partly += 0 if either_wholly(face[REACH * W + lane], g0, gx, gy) else 1
+        passed += 1 if (g0 > 0.0) != (g0 - work[GROWTH * W + lane] > 0.0) else 0
+    return partly, passed
 
 
 @jit
-def row_of(energy_terms, t):
-    """The tile of `EnergyTerms.face` of the joints in their tile ``t``; None without any."""
+def rows_of(energy_terms, own):
+    """The tiles of `EnergyTerms.dashpots` and `EnergyTerms.ledger` of tile ``own`` of `Links`; None without any."""
     if energy_terms is None:
-        return None
-    return energy_terms.face[t * FACE_ENERGY : (t + 1) * FACE_ENERGY]
+        return None, None
+    dashpots = energy_terms.dashpots[own * DASHPOTS : (own + 1) * DASHPOTS]
+    return dashpots, energy_terms.ledger[own * LEDGER : (own + 1) * LEDGER]
 
 
 @jit
@@ -300,24 +355,25 @@ def forces_of_tile(faces, pressed, strengths, bonds, t, tile, seen, work, energy
     like = faces.like[t]
     face = faces.tiles[like * FACE : (like + 1) * FACE]
     sheared = faces.sheared[t * ELASTIC : (t + 1) * ELASTIC]
-    row = row_of(energy_terms, t)
+    own = faces.tile[t]
+    used = faces.used[t]
+    dashpots, ledger = rows_of(energy_terms, own)
     if strengths is not None:
-        for lane in range(faces.used[t]):
+        for lane in range(used):
             a = faces.lane[t, lane]
-            bonded_face(faces, strengths, bonds, a, tile, seen, face, sheared, lane, work, row, energy_terms)
-    elif pressed is not None:
-        for lane in range(faces.used[t]):
-            a = faces.lane[t, lane]
-            face_force(faces, pressed, a, tile, seen, face, sheared, lane, work, row, energy_terms)
-    elif stick(tile, seen, face, sheared, work, row):
+            bonded_face(faces, strengths, bonds, a, tile, seen, face, sheared, lane, work, dashpots, ledger)
+        return
+    if pressed is not None:
+        for lane in range(used):
+            face_force(faces, pressed, faces.lane[t, lane], tile, seen, face, sheared, lane, work, ledger)
+    elif stick(tile, seen, face, sheared, work, ledger):
         fetch_corners(faces, t, work)
-        press(tile, face, work, row)
-        for lane in range(faces.used[t]):
+        press(tile, face, work, ledger)
+        for lane in range(used):
             if work[REST * W + lane] > 0.0:
-                a = faces.lane[t, lane]
-                face_force(faces, pressed, a, tile, seen, face, sheared, lane, work, row, energy_terms)
-    if strengths is None:
-        count_work(face, work, row, faces.used[t])
+                face_force(faces, pressed, faces.lane[t, lane], tile, seen, face, sheared, lane, work, ledger)
+    if energy_terms is not None:
+        add_work(energy_terms, t, own, face, work)
 
 
 @jit
@@ -332,7 +388,11 @@ def forces(links, faces, bodies, first, last, energy_terms, work):
         expect(links.seen_tiles, (own + 1) * SEEN_TILE, SEEN_TILE)
         expect(faces.sheared, (t + 1) * ELASTIC, ELASTIC)
         if energy_terms is not None:
-            expect(energy_terms.face, (t + 1) * FACE_ENERGY, FACE_ENERGY)
+            expect(energy_terms.dashpots, (own + 1) * DASHPOTS, DASHPOTS, LINE // 4)
+            expect(energy_terms.ledger, (own + 1) * LEDGER, W)
+            if t + 1 < last and energy_terms.partly[t + 1] > 0:
+                expect(energy_terms.ledger, (own + 1) * LEDGER + (GONE + STEPPING) * W, W)
+                expect(energy_terms.springs, (t + 1) * SPRINGS, SPRINGS)
         expect(links.wrenches, own * WRENCHES, WRENCHES)
         fetch(links, own, bodies, work)
         look(tile, seen, work)

@@ -19,12 +19,13 @@ from dembrick.kernels.dynamics.energy_terms import (
     BY_LAW,
     FRACTURE,
     FRICTION,
+    GONE,
+    OF_DASHPOTS,
     PRESSING,
     RELEASED,
     SHEARING,
-    SPRINGS,
-    STEPPED,
-    TAKEN,
+    SMALLEST,
+    STEPPING,
     dashpot_work,
 )
 from dembrick.kernels.dynamics.tiles import DEPTH, GROWTH, MOVED, TURN, VISCOUS, W, put_three, three
@@ -33,7 +34,7 @@ from dembrick.kernels.joint.area_law import area_springs, bonded_area, springs_h
 
 @jit
 def add_bonded_losses(
-    energy_terms, faces, face, strengths, bonds, a, lane, row, bond, rise, g0, gx, gy, d0, dx, dy, n, nx, ny, shear,
+    faces, face, strengths, bonds, a, lane, dashpots, ledger, bond, rise, g0, gx, gy, d0, dx, dy, n, nx, ny, shear,
     by_law,
 ):  # fmt: skip
     """Add what a step took from the springs of convex joint ``a`` with strengths, whose bond and rise were those of
@@ -56,28 +57,26 @@ def add_bonded_losses(
     across += (p0 + q0) * d0 + (px + qx) * dx + (py + qy) * dy
     across *= 0.5 * k_n
     c0, c1, c2 = n - k_n * q0, nx - k_n * qx, ny - k_n * qy
-    row[TAKEN * W + lane] += dashpot_work(row, lane, PRESSING, c0, c1, c2, d0, dx, dy)
-    put_three(row, SPRINGS, lane, (k_n * q0, k_n * qx, k_n * qy))
-    j = faces.joint[a]
-    share = energy_terms.share[j]
+    ledger[OF_DASHPOTS * W + lane] += dashpot_work(dashpots, lane, PRESSING, c0, c1, c2, d0, dx, dy)
     if now < bond:
-        energy_terms.lost[j, FRACTURE] += share * (shear + across)
+        ledger[(GONE + FRACTURE) * W + lane] += shear + across
     elif n > 0.0:
         dash = (n - k_n * q0) * (risen - rise)  # lengthens with what lifts
         lifted = across - dash if risen > rise else 0.0
-        row[TAKEN * W + lane] += dash
-        energy_terms.lost[j, FRICTION] += share * (shear + lifted)
-        energy_terms.lost[j, BY_LAW] += share * (by_law - n * (risen - rise))
-        energy_terms.least[j] = min(energy_terms.least[j], share * (shear + lifted))
-        row[STEPPED * W + lane] += across - dash - lifted if risen > rise else across
+        ledger[OF_DASHPOTS * W + lane] += dash
+        ledger[(GONE + FRICTION) * W + lane] += shear + lifted
+        ledger[(GONE + BY_LAW) * W + lane] += by_law - n * (risen - rise)
+        ledger[SMALLEST * W + lane] = min(ledger[SMALLEST * W + lane], shear + lifted)
+        ledger[(GONE + STEPPING) * W + lane] += across - dash - lifted if risen > rise else across
     else:
-        energy_terms.lost[j, RELEASED] += share * shear
-        row[STEPPED * W + lane] += across
+        ledger[(GONE + RELEASED) * W + lane] += shear
+        ledger[(GONE + STEPPING) * W + lane] += across
 
 
 @jit
-def bonded_face(faces, strengths, bonds, a, tile, seen, face, sheared, lane, work, row, energy_terms):
-    """`face_force` of a joint of a scene where some have strengths."""
+def bonded_face(faces, strengths, bonds, a, tile, seen, face, sheared, lane, work, dashpots, ledger):
+    """`face_force` of a joint of a scene where some have strengths; ``dashpots`` and ``ledger``: its tiles of
+    `EnergyTerms`, or None."""
     g0, gx, gy = three(work, DEPTH, lane)
     d0, dx, dy = three(work, GROWTH, lane)
     outline = faces.outline[a]
@@ -103,11 +102,12 @@ def bonded_face(faces, strengths, bonds, a, tile, seen, face, sheared, lane, wor
     bonds.bonded[a] = bonded
     bonds.rise[a] = risen
     put_force(work, lane, cosine, sine, n, nx, ny, t1, t2, tm)
-    if energy_terms is not None:
+    if ledger is not None:
         shear = 0.5 * ((b1 + e1) * q1 + (b2 + e2) * q2 + (bm + em) * qm)
         by_law = t1 * q1 + t2 * q2 + tm * qm
         add_bonded_losses(
-            energy_terms, faces, face, strengths, bonds, a, lane, row, bond, rise, g0, gx, gy, d0, dx, dy, n, nx, ny,
+            faces, face, strengths, bonds, a, lane, dashpots, ledger, bond, rise, g0, gx, gy, d0, dx, dy, n, nx, ny,
             shear, by_law,
         )  # fmt: skip
-        row[TAKEN * W + lane] += dashpot_work(row, lane, SHEARING, t1 - e1, t2 - e2, tm - em, s1, s2, turn)
+        taken = dashpot_work(dashpots, lane, SHEARING, t1 - e1, t2 - e2, tm - em, s1, s2, turn)
+        ledger[OF_DASHPOTS * W + lane] += taken

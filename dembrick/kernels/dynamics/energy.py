@@ -13,7 +13,6 @@ from dembrick._jit import entry, jit
 from dembrick.kernels.dynamics import joint_families as families
 from dembrick.kernels.dynamics.energy_terms import (
     CONTACTS,
-    FACE_ENERGY,
     GONE,
     HANDED,
     KINDS,
@@ -21,14 +20,11 @@ from dembrick.kernels.dynamics.energy_terms import (
     LOADS,
     OF_DASHPOTS,
     SMALLEST,
-    STEPPED,
-    STEPPING,
-    TAKEN,
     TIES_STEPPED,
     TIES_YIELDED,
 )
 from dembrick.kernels.dynamics.rigid_bodies import gathered
-from dembrick.kernels.dynamics.tiles import W, lane_of
+from dembrick.kernels.dynamics.tiles import lane_of
 from dembrick.kernels.joint.families import FAMILIES, joint_count, joint_of
 from dembrick.kernels.joint.ties import tie_losses
 from dembrick.kernels.math.quaternion import rotate
@@ -39,22 +35,14 @@ from dembrick.kernels.math.vec3 import cross
 def settle(energy_terms, links, j):
     """Put what a joint lost into its own energy terms; what follows may have another share."""
     share = energy_terms.share[j]
-    place = energy_terms.place[j]
-    if place < 0:  # tiles of convex joints come after those of point joints
-        row = energy_terms.face[lane_of(links.place[j] - energy_terms.ledger.size // LEDGER * W, FACE_ENERGY)]
-        energy_terms.damped[j] += share * row[TAKEN]
-        row[TAKEN] = 0.0
-        energy_terms.lost[j, STEPPING] += share * row[STEPPED]
-        row[STEPPED] = 0.0
-    else:
-        row = energy_terms.ledger[lane_of(links.place[j], LEDGER)]
-        energy_terms.damped[j] += share * row[OF_DASHPOTS]
-        row[OF_DASHPOTS] = 0.0
-        energy_terms.least[j] = min(energy_terms.least[j], share * row[SMALLEST])
-        row[SMALLEST] = 0.0
-        for i in range(KINDS):
-            energy_terms.lost[j, i] += share * row[GONE + i]
-            row[GONE + i] = 0.0
+    row = energy_terms.ledger[lane_of(links.place[j], LEDGER)]
+    energy_terms.damped[j] += share * row[OF_DASHPOTS]
+    row[OF_DASHPOTS] = 0.0
+    energy_terms.least[j] = min(energy_terms.least[j], share * row[SMALLEST])
+    row[SMALLEST] = 0.0
+    for i in range(KINDS):
+        energy_terms.lost[j, i] += share * row[GONE + i]
+        row[GONE + i] = 0.0
 
 
 @entry

@@ -13,8 +13,9 @@ KINDS = 6
 LOADS, CONTACTS, HANDED, TIES_YIELDED, TIES_STEPPED = range(5)
 
 # Rows of a tile of `EnergyTerms.dashpots`: N and its x and y moments of the dashpots along the normal (N, N m), V_1,
-# V_2 and M_T of those in shear and torsion. Single precision: they are most of what the energy balance moves through
-# the memory, and a trapezium with one rounded side errs by some 1e-8 of the work, either way
+# V_2 and M_T of those in shear and torsion, in the axes of the joint's elastic forces. Single precision: they are most
+# of what the energy balance moves through the memory, and a trapezium with one rounded side errs by some 1e-8 of the
+# work, either way
 PRESSING, SHEARING = 0, 3
 DASHPOTS = 6 * W
 
@@ -23,11 +24,7 @@ DASHPOTS = 6 * W
 OF_DASHPOTS, SMALLEST, GONE = 0, 1, 2
 LEDGER = (GONE + KINDS) * W
 
-
-# Rows of a tile of `EnergyTerms.face`, after the same: N and its x and y moments of the springs (N, N m); what opening
-# and closing within steps took, and what dashpots took (J), both since `share` changed
-SPRINGS, STEPPED, TAKEN = 6, 9, 10
-FACE_ENERGY = 11 * W
+SPRINGS = 3 * W  # rows of a tile of `EnergyTerms.springs`
 
 
 class EnergyTerms(NamedTuple):
@@ -36,9 +33,10 @@ class EnergyTerms(NamedTuple):
     Shear and torsion are in the sense in which the host slips; axes are those of the joint's elastic forces.
     """
 
-    dashpots: ndarray  # (t * DASHPOTS,) float32, what those of the point joints carried last, in tiles like theirs
-    ledger: ndarray  # (t * LEDGER,) the energy terms of the point joints, in tiles like theirs
-    face: ndarray  # (t * FACE_ENERGY,) those of the convex joints, in tiles like theirs
+    dashpots: ndarray  # (t * DASHPOTS,) float32, what those of the joints carried last, in the tiles of `Links`
+    ledger: ndarray  # (t * LEDGER,) the energy terms of the joints, in the same tiles
+    springs: ndarray  # (u * SPRINGS,) N and its x and y moments (N, N m) of those of the convex joints, in their tiles;
+    partly: ndarray  # (u,) int64, they are there where this is 1: if one was neither wholly closed nor wholly open
     damped: ndarray  # (j,) what dashpots took until then
     lost: ndarray  # (j, 6) friction; springs let go; opening and closing within a step; friction by its law; crushing;
     # bonds that broke

@@ -48,10 +48,17 @@ def spring_pressure(x, y, first, last, area, second, reach, g0, gx, gy):
 
 
 @jit
+def either_wholly(reach, g0, gx, gy):
+    """Whether g0 + gx x + gy y has one sign on the circle of that radius around a polygon: it is wholly closed, or
+    wholly open."""
+    return g0 * g0 >= reach * reach * (gx * gx + gy * gy)
+
+
+@jit
 def wholly_closed(reach, g0, d0, h0, hx, hy):
     """Whether h (see `area_pressure`) and g are positive on the circle around a polygon, and there was contact at O a
     step ago: then no corner needs to be looked at."""
-    return (h0 > reach * sqrt(hx * hx + hy * hy)) & (g0 > 0.0) & (g0 > d0)
+    return either_wholly(reach, h0, hx, hy) & (h0 > 0.0) & (g0 > 0.0) & (g0 > d0)
 
 
 @jit

@@ -15,7 +15,6 @@ from dembrick.kernels.dynamics.energy_terms import (
     CONTACTS,
     CRUSHING,
     DASHPOTS,
-    FACE_ENERGY,
     FRACTURE,
     FRICTION,
     HANDED,
@@ -84,7 +83,7 @@ class MotionEnergy:
         """Begin again with the next step; what was counted before time began does not count."""
         if self.wanted:
             self.table.begun[:] = 0.0
-            self._put_springs(state, slice(None), self._springs(state)[0])
+            self._put_springs(state, self._springs(state)[0])
 
     def cut(self, polygons: Polygons) -> None:
         """Cut the polygons that have moved too far; what their springs hold less of then is let go.
@@ -100,15 +99,15 @@ class MotionEnergy:
         polygons.cut_stale()
         after, energy = self._springs(polygons.state)
         worked -= _work_ahead(polygons.state, after, stale, table.place)
-        convex = stale[table.place[stale] < 0]
-        own = -1 - table.place[convex]
-        self._put_springs(polygons.state, own, after[own])
+        self._put_springs(polygons.state, after)
         table.lost[stale, RELEASED] += table.share[stale] * ((before - energy)[stale] + 0.5 * worked)
 
-    def _put_springs(self, state: MovingState, own, held: np.ndarray) -> None:
-        """Write N and its moments (k, 3) of the springs of the convex joints ``own``."""
+    def _put_springs(self, state: MovingState, held: np.ndarray) -> None:
+        """Write N and its moments (a, 3) of the springs of the convex joints, all of them: the loop takes them from
+        there for all joints of a tile or for none."""
         if state.faces is not None:
-            self.table.face[where_in(state.faces.place, FACE_ENERGY, SPRINGS, 3, own)] = held
+            self.table.springs[where_in(state.faces.place, SPRINGS, 0, 3)] = held
+            self.table.partly[:] = 1
 
     def _springs(self, state: MovingState) -> tuple[np.ndarray, np.ndarray]:
         """N and its moments (a, 3) of the springs of convex joints, and energy (j,) J of those of all joints."""
@@ -163,10 +162,12 @@ class MotionEnergy:
 def _blank(state: MovingState, loads: int, supports: int) -> EnergyTerms:
     """EnergyTerms in which nothing stands yet."""
     n, j = len(state.bodies.mass), len(state.links.host)
+    tiles, convex = len(state.links.like), 0 if state.faces is None else len(state.faces.used)
     return EnergyTerms(
-        dashpots=rows_of_lanes(joint_families.point_tiles(state) * DASHPOTS, np.float32),
-        ledger=rows_of_lanes(joint_families.point_tiles(state) * LEDGER),
-        face=rows_of_lanes(0 if state.faces is None else len(state.faces.used) * FACE_ENERGY),
+        dashpots=rows_of_lanes(tiles * DASHPOTS, np.float32),
+        ledger=rows_of_lanes(tiles * LEDGER),
+        springs=rows_of_lanes(convex * SPRINGS),
+        partly=np.zeros(convex, np.int64),
         damped=np.zeros(j),
         lost=np.zeros((j, KINDS)),
         least=np.zeros(j),

@@ -115,11 +115,6 @@ def contact_points(state) -> int:
     return 0 if state.corners is None else int(state.corners.start[-1])
 
 
-def point_tiles(state) -> int:
-    """How many tiles the point joints have."""
-    return 0 if state.corners is None else len(state.corners.used)
-
-
 def convex_joints(state) -> np.ndarray:
     """The numbers (a,) of the convex joints."""
     return np.zeros(0, np.int64) if state.faces is None else state.faces.joint
