@@ -24,6 +24,7 @@ from dembrick.kernels.dynamics.energy_terms import (
     OF_DASHPOTS,
     RELEASED,
     SPRINGS,
+    STEPPING,
     EnergyTerms,
 )
 from dembrick.kernels.dynamics.energy_terms import FRACTURE as FRACTURE_LOST
@@ -403,6 +404,45 @@ def test_convex_joints_side_by_side_do_what_they_do_one_by_one():
             np.testing.assert_allclose(*energies, rtol=1e-9, atol=1e-15)
             stuck.add(bool(one.work[tiles.REST * W] == 0.0))
     assert stuck == {True, False}
+
+
+def pressed_integrals(g):
+    """Integrals of <g>+, x <g>+ and y <g>+ over the polygon, g = g[0] + g[1] x + g[2] y, from the part of it where g is
+    positive."""
+    corners = []
+    for here, there in zip(OUTLINE, np.roll(OUTLINE, -1, axis=0), strict=True):
+        depth, other = (g[0] + g[1:] @ place for place in (here, there))
+        if depth >= 0.0:
+            corners.append(here)
+        if depth * other < 0.0:
+            corners.append(here + depth / (depth - other) * (there - here))
+    if len(corners) < 3:
+        return np.zeros(3)
+    area, x, y = polygons.area_and_centroid(np.array(corners))
+    yy, xx, xy = polygons.second_moments(np.array(corners))
+    x, y = area * x, area * y
+    return np.array([[area, x, y], [x, xx, xy], [y, xy, yy]]) @ g
+
+
+def test_springs_of_convex_joints_give_back_what_they_took_but_for_opening_and_closing():
+    """Their work by the trapezium is what they hold more, and what opening and closing within a step takes: also where
+    nothing is kept of a joint, since it was wholly closed or wholly open."""
+    still, up = (0.0, 0.0, 0.0), (1.2e-5, 0.0, 0.0)
+    through = [(SHUT, up, still), ((2e-6, 0.0, 0.0), (-7e-6, 0.0, 0.0), still), ((-5e-6, 0.0, 0.0), still, still)]
+    taken = []
+    for path in (through, *random_states()):
+        joint, work, start = MovingArea(), 0.0, None
+        joint.energy.springs[:], joint.energy.partly[:] = np.nan, 0
+        for motion, change, twist in path:
+            joint.step(motion, change, twist)
+            before, now = (np.array([-m[0], m[2], -m[1]]) for m in (motion, np.add(motion, change)))
+            p, q = pressed_integrals(before), pressed_integrals(now)
+            start = 0.5 * p @ before if start is None else start
+            work += 0.5 * (p + q) @ (now - before)
+        taken.append(K_N * (work + start - 0.5 * q @ now))
+        stepping = joint.energy.ledger.reshape(-1, W)[GONE + STEPPING, 0]
+        assert stepping == pytest.approx(taken[-1], rel=1e-9, abs=1e-17)
+    assert abs(taken[0]) > 1e-5 and np.median(np.abs(taken)) > 1e-6
 
 
 @pytest.mark.parametrize("family", FAMILIES)
