@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from dembrick.geometry import friction_integrals, polygons
+from dembrick.kernels.dynamics import area_energy, area_tiles, bonded_points, tiles
 from dembrick.kernels.dynamics import area_joints as moving_areas
-from dembrick.kernels.dynamics import area_tiles, bonded_points, tiles
 from dembrick.kernels.dynamics import point_joints as moving_points
 from dembrick.kernels.dynamics.energy_terms import BY_LAW as BY_LAW_LOST
 from dembrick.kernels.dynamics.energy_terms import CRUSHING as CRUSHING_LOST
@@ -393,7 +393,7 @@ def test_convex_joints_side_by_side_do_what_they_do_one_by_one():
                 other.joint, None, 0, other.tile, other.seen, other.joint.tiles, other.joint.sheared, 0, other.work,
                 other.energy.ledger,
             )  # fmt: skip
-            moving_areas.add_work(other.energy, 0, 0, other.joint.tiles, other.work)
+            area_energy.add_work(other.energy, 0, 0, other.joint.tiles, other.work)
             rows = other.work.reshape(-1, W)
             f = rows[tiles.FORCE : tiles.FORCE + 9, 0]
             alone = np.array([f[2], -f[0], -f[1], -rows[tiles.TWISTING, 0], -f[8], f[5]])
