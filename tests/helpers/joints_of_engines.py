@@ -1,0 +1,263 @@
+"""A lone joint in the kernels of either engine: points, or a convex joint, given the motion of a step."""
+
+import numpy as np
+
+from dembrick.geometry import friction_integrals, polygons
+from dembrick.kernels.dynamics import area_joints as moving_areas
+from dembrick.kernels.dynamics import area_tiles, bonded_points, tiles
+from dembrick.kernels.dynamics import point_joints as moving_points
+from dembrick.kernels.dynamics.energy_terms import BY_LAW as BY_LAW_LOST
+from dembrick.kernels.dynamics.energy_terms import CRUSHING as CRUSHING_LOST
+from dembrick.kernels.dynamics.energy_terms import (
+    DASHPOTS,
+    FRICTION,
+    GONE,
+    KINDS,
+    LEDGER,
+    OF_DASHPOTS,
+    RELEASED,
+    SPRINGS,
+    EnergyTerms,
+)
+from dembrick.kernels.dynamics.energy_terms import FRACTURE as FRACTURE_LOST
+from dembrick.kernels.joint.point_law import Strengths
+from dembrick.kernels.state import BY_LAW, CRUSHING, DAMPING, FRACTURE, SLIDING, Energy
+from dembrick.kernels.statics import area_joints, point_joints
+from dembrick.simulation.pressed_parts import pressed_parts
+
+W = tiles.W
+K_N, K_S, MU, VISCOUS = 1e8, 5e7, 0.5, 0.3
+OUTLINE = np.array([[-0.15, -0.10], [0.15, -0.10], [0.15, 0.10], [-0.15, 0.10]])
+FIVE_CORNERS = np.insert(OUTLINE, 2, (0.15, 0.03), axis=0)  # the same polygon
+AREAS = np.array([0.010, 0.015, 0.020, 0.015])  # of the points, at the corners
+
+
+def strengths_of(law):
+    """`Strengths` of one joint with what a law names, else dry."""
+    dry = {"cohesion": 0.0, "tension": 0.0, "crushing": np.inf, "dilation": 0.0, "residual_cohesion": 0.0}
+    values = dry | {"residual": 1.0} | law
+    return Strengths(**{name: np.array([value]) for name, value in values.items()}, held=np.zeros(1))
+
+
+def bond_of(law, count):
+    """The bond at the start (count,): where there is a strength that may be lost."""
+    return np.full(count, float(any(name in law for name in ("cohesion", "tension", "residual"))))
+
+
+def energy_of(points):
+    """Empty energy terms of one joint of the searches."""
+    normal = np.zeros((0, 7))
+    if points is not None:
+        k, x, y = points.k_n, points.x_n, points.y_n
+        normal = np.array([[*((k * f).sum() for f in (1.0, x, y, x * x, y * y, x * y)), np.hypot(x, y).max()]])
+    return Energy(np.zeros(11), np.zeros(0, np.int64), np.zeros((2, 6)), normal)
+
+
+class StaticPoints:
+    """A joint of four points in the searches."""
+
+    def __init__(self, mu=MU, law=None):
+        x, y = np.ascontiguousarray(OUTLINE.T)
+        zero = [np.zeros(4) for _ in range(4)]
+        bonds = (None, None)
+        if law is not None:
+            bonds = strengths_of(law), point_joints.Bonds(AREAS.copy(), bond_of(law, 4), *np.zeros((3, 4)))
+        self.joint = point_joints.Points(
+            np.zeros(1, np.int64), np.array([0, 4]), np.array([mu]), x, y, x, y, K_N * AREAS, K_S * AREAS, *zero, *bonds
+        )
+        self.energy, self.before = energy_of(self.joint), np.zeros(7)
+
+    def step(self, motion, change, twist):
+        now = np.add(motion, change)
+        self.before[:] = point_joints.forces(
+            self.joint, 0, self.before.copy(), *now, *change, *twist, VISCOUS, VISCOUS, self.energy
+        )
+        return self.before[:6].copy()
+
+    @property
+    def memory(self):
+        return np.stack([self.joint.elastic_1, self.joint.elastic_2], axis=1)
+
+    @property
+    def bonds(self):
+        """Of every point: whether the bond holds, crushed depth, rise."""
+        return np.stack(self.joint.bonds[1:4], axis=1)
+
+    @property
+    def slip(self):
+        return self.joint.slip
+
+    @property
+    def dissipated(self):
+        """By friction, by the law of friction, by dashpots with what springs let go, by crushing and by bonds that
+        broke (J)."""
+        return self.energy.work[[SLIDING, BY_LAW, DAMPING, CRUSHING, FRACTURE]]
+
+
+class MovingPoints:
+    """The same joint in a tile, host b on the side of b; every lane has it."""
+
+    def __init__(self, mu=MU, law=None):
+        self.mu = mu
+        self.strengths = None if law is None else strengths_of(law)
+        self.of_bonds = None if law is None else np.zeros(4 * bonded_points.BOND)
+        if law is not None:
+            self.of_bonds.reshape(4, 3, W)[:, bonded_points.BONDED] = bond_of(law, 4)[:, None]
+        self.tile, self.work = np.zeros(tiles.TILE), np.zeros(tiles.WORK)
+        self.tile[tiles.VISCOUS * W : (tiles.VISCOUS + 2) * W] = VISCOUS
+        self.own = np.zeros(4 * tiles.POINT)
+        rows = self.own.reshape(4, -1, W)
+        rows[:, tiles.X], rows[:, tiles.Y] = OUTLINE[:, 0, None], OUTLINE[:, 1, None]
+        rows[:, tiles.AREA] = AREAS[:, None]
+        self.sheared, self.slipped = np.zeros(4 * tiles.SHEAR), np.zeros(4 * W)
+        self.seen = seen_flat()
+        self.dashpots, self.ledger = np.zeros(DASHPOTS), np.zeros(LEDGER)
+
+    def step(self, motion, change, twist):
+        place(self.work, motion, change, twist)
+        moving_points.begin(self.tile, self.work)
+        law = (K_N, K_S, self.mu, 1.0)
+        for pair in range(2):
+            own = self.own[2 * pair * tiles.POINT : 2 * (pair + 1) * tiles.POINT]
+            sheared = self.sheared[2 * pair * tiles.SHEAR : 2 * (pair + 1) * tiles.SHEAR]
+            bonds = self.strengths, 0, None, None
+            if self.strengths is not None:
+                rows = self.of_bonds[2 * pair * bonded_points.BOND : 2 * (pair + 1) * bonded_points.BOND]
+                bonds = self.strengths, 0, rows, self.ledger
+            if moving_points.press(self.work, own, sheared, *law, True, None, *bonds):
+                moving_points.add_slip(self.work, self.slipped[2 * pair * W : 2 * (pair + 1) * W])
+                if self.strengths is None:
+                    moving_points.add_losses(self.work, own, sheared, *law, self.ledger)
+        moving_points.add_dashpot_work(self.work, self.seen, self.dashpots, self.ledger)
+        f = self.work.reshape(-1, W)[tiles.FORCE : tiles.FORCE + 9, 3]
+        # the force on the host at (1, x, y), the host's slip is b's
+        return np.array([f[2], -f[0], -f[1], -(f[4] - f[6]), -f[8], f[5]])
+
+    @property
+    def memory(self):
+        return self.sheared.reshape(4, 2, W)[..., 3]
+
+    @property
+    def slip(self):
+        return self.slipped.reshape(4, W)[:, 3]
+
+    @property
+    def dissipated(self):
+        taken, lost = self.ledger[3], self.ledger.reshape(-1, W)[2:, 3]
+        own = lost[FRICTION], lost[BY_LAW_LOST], taken + lost[RELEASED], lost[CRUSHING_LOST], lost[FRACTURE_LOST]
+        return np.array(own)
+
+    @property
+    def bonds(self):
+        return self.of_bonds.reshape(4, 3, W)[:, :, 3]
+
+
+def seen_flat():
+    """What is seen of hosts whose polygons lie in the plane, their axes along its axes."""
+    seen = np.zeros(tiles.SEEN_TILE)
+    seen[tiles.FIRST * W : (tiles.FIRST + 1) * W] = seen[(tiles.SECOND + 1) * W : (tiles.SECOND + 2) * W] = 1.0
+    return seen
+
+
+def place(work, motion, change, twist):
+    """Write the motion of a step into the rows of a tile's scratch: penetration, its growth, slip at the feet."""
+    rows = work.reshape(-1, W)
+    now = np.add(motion, change)
+    rows[tiles.DEPTH : tiles.DEPTH + 3] = np.array([-now[0], now[2], -now[1]])[:, None]
+    rows[tiles.GROWTH : tiles.GROWTH + 3] = np.array([-change[0], change[2], -change[1]])[:, None]
+    p1, p2, pr = twist
+    rows[tiles.MOVED : tiles.MOVED + 6] = np.array([p1, p2, 0.0, pr, -pr, 0.0])[:, None]
+    rows[tiles.TURN] = pr
+
+
+class StaticArea:
+    """A convex joint in the searches."""
+
+    def __init__(self, mu=MU, pressure="full", law=None, outline=OUTLINE):
+        x, y = np.ascontiguousarray(outline.T)
+        second = np.array([polygons.second_moments(outline)])
+        self.joint = area_joints.Areas(
+            np.zeros(1, np.int64), np.array([0, len(x)]), np.array([mu]), x, y, np.array([polygons.area(outline)]),
+            second, np.array([np.hypot(x, y).max()]), np.array([friction_integrals.area_radius(outline)]),
+            friction_integrals.far_moments(outline)[None], np.array([K_N]), np.array([K_S]), np.zeros((1, 3)),
+            np.zeros((1, 3)), np.zeros(1), np.zeros(1, np.int64), pressed_parts([pressure], [4]),
+            None if law is None else strengths_of(law),
+            None if law is None else area_joints.AreaBonds(bond_of(law, 1), *np.zeros((5, 1))),
+        )  # fmt: skip
+        self.energy = energy_of(None)
+
+    def step(self, motion, change, twist):
+        now = np.add(motion, change)
+        found = area_joints.forces(self.joint, 0, None, *now, *change, *twist, VISCOUS, VISCOUS, self.energy)
+        return np.array(found[:6])
+
+    @property
+    def memory(self):
+        return self.joint.elastic[0]
+
+    @property
+    def slip(self):
+        return self.joint.slip
+
+    @property
+    def dissipated(self):
+        return self.energy.work[[SLIDING, BY_LAW, DAMPING, CRUSHING, FRACTURE]]
+
+    @property
+    def bonds(self):
+        """Whether the bond holds, and the rise."""
+        return np.stack(self.joint.bonds[:2])
+
+
+class MovingArea:
+    """The same joint in a tile."""
+
+    def __init__(self, mu=MU, pressure="full", law=None, outline=OUTLINE):
+        self.tile, self.work = np.zeros(tiles.TILE), np.zeros(tiles.WORK)
+        self.tile[tiles.VISCOUS * W : (tiles.VISCOUS + 2) * W] = VISCOUS
+        self.seen = seen_flat()
+        reach, radius = np.hypot(*outline.T).max(), friction_integrals.area_radius(outline)
+        second = polygons.second_moments(outline)
+        fixed = (K_N, K_S, mu, polygons.area(outline), *second, 0.0, reach, radius)
+        self.joint = area_tiles.Faces(
+            joint=np.zeros(1, np.uint32), tile=np.zeros(1, np.int64), lane=np.zeros((1, W), np.uint32),
+            used=np.ones(1, np.int64), outline=np.zeros(1, np.uint32), place=np.zeros(1, np.uint32),
+            like=np.zeros(1, np.uint32), tiles=np.repeat(fixed, W), sheared=np.zeros(area_tiles.ELASTIC),
+            twist=np.zeros((1, 3)), slip=np.zeros(1), count=np.full(1, len(outline)),
+            x=np.resize(outline[:, 0], (1, 5)), y=np.resize(outline[:, 1], (1, 5)),
+            far=friction_integrals.far_moments(outline)[None], pressed=pressed_parts([pressure], [9]),
+            strengths=None if law is None else strengths_of(law),
+            bonds=None if law is None else area_tiles.FaceBonds(bond_of(law, 1), np.zeros(1)),
+        )  # fmt: skip
+        self.energy = EnergyTerms(
+            dashpots=np.zeros(DASHPOTS), ledger=np.zeros(LEDGER), springs=np.zeros(SPRINGS),
+            partly=np.ones(1, np.int64), damped=np.zeros(1), lost=np.zeros((1, KINDS)), least=np.zeros(1),
+            share=np.ones(1), place=np.full(1, -1), fallen=np.zeros(0), load=np.zeros((0, 6)), support=np.zeros((0, 6)),
+            push=np.zeros((0, 6)), total=np.zeros(3), gravity=np.zeros(3), begun=np.zeros(1),
+        )  # fmt: skip
+
+    def step(self, motion, change, twist):
+        place(self.work, motion, change, twist)
+        law = self.joint.pressed, self.joint.strengths, self.joint.bonds
+        moving_areas.forces_of_tile(self.joint, *law, 0, self.tile, self.seen, self.work, self.energy)
+        rows = self.work.reshape(-1, W)
+        f = rows[tiles.FORCE : tiles.FORCE + 9, 0]
+        return np.array([f[2], -f[0], -f[1], -rows[tiles.TWISTING, 0], -f[8], f[5]])
+
+    @property
+    def memory(self):
+        return self.joint.elastic[0]
+
+    @property
+    def slip(self):
+        return self.joint.slip
+
+    @property
+    def dissipated(self):
+        lost = self.energy.ledger.reshape(-1, W)[GONE:, 0]
+        dashpots = self.energy.ledger[OF_DASHPOTS * W] + lost[RELEASED]
+        return np.array([lost[FRICTION], lost[BY_LAW_LOST], dashpots, lost[CRUSHING_LOST], lost[FRACTURE_LOST]])
+
+    @property
+    def bonds(self):
+        return np.stack(self.joint.bonds)
