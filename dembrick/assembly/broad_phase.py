@@ -154,34 +154,49 @@ def _ends(values: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
     return first.min(axis=0), first.max(axis=0)
 
 
-def overlap_depths(bodies: Bodies, pairs: np.ndarray) -> np.ndarray:
+def overlap_depths(bodies: Bodies, pairs: np.ndarray, enough: np.ndarray | None = None) -> np.ndarray:
     """How deep each pair of bodies (p, 2) overlaps (p,): the shortest way out (m); negative when they are apart.
 
-    Separating axes of two convex polyhedra: face normals of both, and the products of their edges.
+    Separating axes of two convex polyhedra: face normals of both, and the products of their edges, which are many. A
+    pair that some face lets overlap by no more than ``enough`` (p,) is asked no further: it overlaps by that at most.
     """
-    table, positions, rotations = bodies.table, bodies.position, bodies.rotation
     depths = np.empty(len(pairs))
-    for chosen, stack_a, rows_a, stack_b, rows_b in table.groups(pairs):
+    for chosen, stack_a, rows_a, stack_b, rows_b in bodies.table.groups(pairs):
         for start in range(0, len(chosen), _CHUNK):
-            some = slice(start, start + _CHUNK)
-            a, b = pairs[chosen[some]].T
-            turn_a, turn_b = rotations[a].transpose(0, 2, 1), rotations[b].transpose(0, 2, 1)
-            row_a, row_b = rows_a[some], rows_b[some]
-            edges_a, edges_b = stack_a.edge_axes[row_a] @ turn_a, stack_b.edge_axes[row_b] @ turn_b
-            crossed = np.cross(edges_a[:, :, None], edges_b[:, None]).reshape(len(a), -1, 3)
-            length = np.sqrt((crossed**2).sum(axis=2))
-            useful = np.concatenate(
-                [np.ones((len(a), stack_a.face_axes.shape[1] + stack_b.face_axes.shape[1]), bool), length > _PARALLEL],
-                axis=1,
-            )
-            crossed /= np.where(length > _PARALLEL, length, 1.0)[:, :, None]
-            faces = [stack_a.face_axes[row_a] @ turn_a, stack_b.face_axes[row_b] @ turn_b]
-            axes = np.concatenate([*faces, crossed], axis=1)
-            reach_a = axes @ (stack_a.vertices[row_a] @ turn_a).transpose(0, 2, 1)
-            reach_b = axes @ (stack_b.vertices[row_b] @ turn_b).transpose(0, 2, 1)
-            between = (axes @ (positions[b] - positions[a])[:, :, None])[:, :, 0]
-            (least_a, most_a), (least_b, most_b) = _ends(reach_a, 2), _ends(reach_b, 2)
-            up = most_a - least_b - between
-            down = most_b - least_a + between
-            depths[chosen[some]] = _ends(np.where(useful, np.minimum(up, down), np.inf), 1)[0]
+            some, row_a, row_b = (of[start : start + _CHUNK] for of in (chosen, rows_a, rows_b))
+            depths[some] = _depths(bodies, pairs[some], stack_a, row_a, stack_b, row_b, _face_axes)
+            if enough is not None:
+                left = depths[some] > enough[some]
+                some, row_a, row_b = some[left], row_a[left], row_b[left]
+            by_edges = _depths(bodies, pairs[some], stack_a, row_a, stack_b, row_b, _edge_products)
+            depths[some] = np.minimum(depths[some], by_edges)
     return depths
+
+
+def _depths(bodies: Bodies, pairs, stack_a: Stack, row_a, stack_b: Stack, row_b, axes_of) -> np.ndarray:
+    """How deep pairs of bodies of two kinds overlap (p,) along the best of some axes (m)."""
+    a, b = pairs.T
+    turn_a, turn_b = bodies.rotation[a].transpose(0, 2, 1), bodies.rotation[b].transpose(0, 2, 1)
+    axes, useful = axes_of(stack_a, row_a, turn_a, stack_b, row_b, turn_b)
+    reach_a = axes @ (stack_a.vertices[row_a] @ turn_a).transpose(0, 2, 1)
+    reach_b = axes @ (stack_b.vertices[row_b] @ turn_b).transpose(0, 2, 1)
+    between = (axes @ (bodies.position[b] - bodies.position[a])[:, :, None])[:, :, 0]
+    (least_a, most_a), (least_b, most_b) = _ends(reach_a, 2), _ends(reach_b, 2)
+    depth = np.minimum(most_a - least_b - between, most_b - least_a + between)
+    return _ends(np.where(useful, depth, np.inf), 1)[0]
+
+
+def _face_axes(stack_a: Stack, row_a, turn_a, stack_b: Stack, row_b, turn_b) -> tuple[np.ndarray, bool]:
+    """Face normals (p, f, 3) of both bodies, and that all count."""
+    return np.concatenate([stack_a.face_axes[row_a] @ turn_a, stack_b.face_axes[row_b] @ turn_b], axis=1), True
+
+
+def _edge_products(stack_a: Stack, row_a, turn_a, stack_b: Stack, row_b, turn_b) -> tuple[np.ndarray, np.ndarray]:
+    """Directions (p, e, 3) that are normal to an edge of either body, and whether the two are not parallel (p, e)."""
+    edges_a, edges_b = stack_a.edge_axes[row_a] @ turn_a, stack_b.edge_axes[row_b] @ turn_b
+    crossed = np.cross(edges_a[:, :, None], edges_b[:, None])
+    crossed = crossed.reshape(len(crossed), crossed.shape[1] * crossed.shape[2], 3)
+    length = np.sqrt((crossed**2).sum(axis=2))
+    useful = length > _PARALLEL
+    crossed /= np.where(useful, length, 1.0)[:, :, None]
+    return crossed, useful

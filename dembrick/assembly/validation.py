@@ -36,8 +36,9 @@ def refuse(scenario: Scenario, message: str) -> NoReturn:
 
 def check_overlap(scenario: Scenario, bodies: Bodies, pairs) -> None:
     """Refuse blocks, or convex parts of one block, that overlap."""
-    depths = overlap_depths(bodies, pairs)
-    over = np.flatnonzero(depths > TOLERANCE * bodies.table.diameter[pairs].min(axis=1))
+    allowed = TOLERANCE * bodies.table.diameter[pairs].min(axis=1)
+    depths = overlap_depths(bodies, pairs, allowed)
+    over = np.flatnonzero(depths > allowed)
     if not len(over):
         return
     worst = over[np.argmax(depths[over])]
