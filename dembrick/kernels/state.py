@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from numpy import ndarray
 
-from dembrick.kernels.math.multifrontal import Fronts
+from dembrick.kernels.math.multifrontal import Fronts, Rounded
 
 
 class Blocks(NamedTuple):
@@ -40,7 +40,8 @@ class WholeInertia(NamedTuple):
     """Artificial inertia of small motion in one piece: the elastic stiffness of the assembly, factorised."""
 
     place: ndarray  # (f,) int64, first of the six rows of each free block
-    fronts: Fronts  # its LU factors, see `math.multifrontal`
+    fronts: Fronts | None  # its LU factors, see `math.multifrontal`
+    rounded: Rounded | None  # or the same in single precision
     work: ndarray  # (1, 6 f) scratch
 
 

@@ -40,7 +40,9 @@ def beside_limit(run: Replay, assembly: Assembly, control: Control) -> dict | No
     ``slides``: joints slide in the mechanism. ``associative``: load factor (V in N of actuators) of limit analysis with
     its bounds, if the mechanism slides and limit analysis is installed and costs less than the search (or little); None
     otherwise, and ``no_bound`` says why it failed, if it did. ``path_dependent``: the mechanism slides, and the limit
-    is not known to be unique (see above). ``left_out``: what the joint laws leave out of the collapse. ``--refine``
+    is not known to be unique (see above). ``left_out``: what the joint laws leave out of the collapse.
+    ``wanders``: from where to where the load goes on rising and falling, as blocks snap from one state into another;
+    None where it comes to a limit; half of that is then the ``error_estimate``. ``--refine``
     adds ``path_range``, the load factors that other stiffness ratios and steps lead to, ``paths``, how many of them
     found a limit, of how many, and ``error_estimate``, how far the range goes.
     """
@@ -56,6 +58,7 @@ def beside_limit(run: Replay, assembly: Assembly, control: Control) -> dict | No
             bound = associative_bound(assembly, control)
         except (NotConvergedError, ScenarioError) as error:
             reason = str(error)
+    wanders = [point.V_lower, point.V_upper] if run.settings.get("wanders") else None
     unique = bound is not None and point.V >= (1.0 - getattr(control, "tolerance", 0.0)) * bound["lower"]
     return {
         "slides": sliding,
@@ -63,9 +66,10 @@ def beside_limit(run: Replay, assembly: Assembly, control: Control) -> dict | No
         "associative": bound,
         "no_bound": reason,
         "left_out": _left_out(run, assembly, control, affordable),
+        "wanders": wanders,
         "path_range": None,
         "paths": None,
-        "error_estimate": None,
+        "error_estimate": None if wanders is None else point.half_width,
     }
 
 
@@ -85,12 +89,16 @@ def ranged(beside: dict, V: float, factors: list[float], tried: int) -> dict:
     """``beside`` with the range of V and the load ``factors`` that other paths found, of so many ``tried``."""
     low, high = min(*factors, V), max(*factors, V)
     paths = [len(factors) + 1, tried + 1]
-    return beside | {"path_range": [low, high], "paths": paths, "error_estimate": max(high - V, V - low)}
+    error = max(high - V, V - low, beside["error_estimate"] or 0.0)
+    return beside | {"path_range": [low, high], "paths": paths, "error_estimate": error}
 
 
 def path_lines(beside: dict, unit: str = "") -> list[str]:
     """What the command line prints of it; ``unit`` of the load."""
     lines = []
+    if beside.get("wanders") is not None:
+        low, high = beside["wanders"]
+        lines.append(f"wanders       {low:.5g} to {high:.5g}{unit}: blocks snap on and on, and no limit is narrower")
     if beside.get("path_range") is not None:
         (low, high), (found, tried) = beside["path_range"], beside["paths"]
         lines.append(f"path range    {low:.5g} to {high:.5g}{unit}, by {found} of {tried} paths of the same structure")

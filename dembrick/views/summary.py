@@ -86,8 +86,9 @@ def _magnitude(value: float) -> int:
 
 
 def on_one_path(beside: Mapping) -> bool:
-    """Whether a limit load depends on the path, and no other path was followed (``collapse`` or ``path``)."""
-    return beside.get("path_dependent") is True and beside.get("path_range") is None
+    """Whether a limit load depends on the path, and nothing tells how far (``collapse`` or ``path``)."""
+    told = beside.get("path_range") or beside.get("wanders")
+    return beside.get("path_dependent") is True and told is None
 
 
 def length(metres: float) -> str:

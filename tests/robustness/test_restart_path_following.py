@@ -59,6 +59,7 @@ SCENES = {
     "blocks that are let go": lambda: scene(
         PushoverControl((-0.8, 0.6, 0.0), 1e-4), friction=3.0, **wall(2, (0.2, 0.22, 0.12))
     ),
+    "blocks that are pushed on": lambda: scene(PushoverControl((0.3, 1.0, 0.0), 1e-4), **wall()),
     "yield of a tower": lambda: scene(YieldControl(1e-3), "corrected-shear", **tower()),
     "constant rate on a tower": lambda: scene(model.DisplacementControl(1e-4, 1e-5), **tower()),
 }
@@ -87,8 +88,11 @@ def signal_after(monkeypatch):
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_stopped_anywhere_and_restarted_is_one_run(tmp_path, signal_after, name):
+def test_stopped_anywhere_and_restarted_is_one_run(tmp_path, signal_after, monkeypatch, name):
     """At the first look, at the last one, and at random ones; then stopped once more."""
+    if "pushed on" in name:
+        monkeypatch.setattr(path_following, "PATIENCE", -1_000_000)
+        monkeypatch.setattr(path_following, "LEAST_PATIENCE", -1)
     given, rng = SCENES[name](), random.Random(name)
     looked = signal_after(0)
     simulate(given, tmp_path / "whole.h5")

@@ -44,6 +44,23 @@ class Fronts(NamedTuple):
     near: ndarray  # (6 b,) scratch for the boundary of one front
 
 
+class Rounded(NamedTuple):
+    """Factors A = L D L^T of a symmetric matrix in single precision, for what needs no more, as an artificial inertia.
+
+    Half of the entries, each in half of the bytes: a substitution waits for the memory. The matrix that they stand for
+    is symmetric and positive as long as D is, and the energy of a motion differs from that of A by 1e-7 of the root of
+    the condition number at the most, since (L^T x) . D (L^T x) has the rounding of L in it to first order.
+    """
+
+    first: ndarray  # as in `Fronts`
+    edge: ndarray
+    boundary: ndarray
+    start: ndarray  # (s,) int64, where the rows of L^T of each front start: to the right of each diagonal entry
+    values: ndarray  # (v,) float32
+    inverse: ndarray  # (6 n,) of D
+    near: ndarray  # (6 b,) scratch for the boundary of one front
+
+
 @jit
 def subtract_three(c0, c1, c2, m0, m1, m2, b0, b1, b2, b3, b4, b5):
     """Subtract from three rows six multiples each of the rows b."""
@@ -343,3 +360,65 @@ def energy_norm(fronts, x):
         for i in range(pivots):
             total += x[0, row + i] * x[0, row + i] / fronts.entries[fronts.start[s] + i * wide + i]
     return total
+
+
+@entry
+def round_factors(fronts, rounded):
+    """Fill ``rounded`` with the factors of a symmetric A whose rows stayed where they are."""
+    a = fronts.entries
+    for s in range(fronts.start.size):
+        row = SIX * fronts.first[s]
+        pivots = SIX * (fronts.first[s + 1] - fronts.first[s])
+        wide = pivots + SIX * (fronts.edge[s + 1] - fronts.edge[s])
+        to = rounded.start[s]
+        for i in range(pivots):
+            at = fronts.start[s] + i * wide
+            inverse = 1.0 / a[at + i]
+            rounded.inverse[row + i] = inverse
+            for c in range(i + 1, wide):
+                rounded.values[to] = a[at + c] * inverse
+                to += 1
+
+
+@jit
+def subtract_multiple(y, values, factor):
+    """y -= factor values; slices, so that no index may be negative and several are done at once."""
+    for k in range(y.size):
+        y[k] -= values[k] * factor
+
+
+@jit
+def solve_rounded_in_place(rounded, z):
+    """Solve L D L^T y = z in place, ``z`` (6 n,) in the order of elimination."""
+    values = rounded.values
+    near = rounded.near
+    for s in range(rounded.start.size):
+        row = SIX * rounded.first[s]
+        pivots = SIX * (rounded.first[s + 1] - rounded.first[s])
+        edge = rounded.edge[s]
+        boundary = SIX * (rounded.edge[s + 1] - edge)
+        for k in range(boundary):
+            near[k] = 0.0
+        at = rounded.start[s]
+        for i in range(pivots):
+            inner = pivots - 1 - i
+            subtract_multiple(z[row + i + 1 : row + pivots], values[at : at + inner], z[row + i])
+            subtract_multiple(near[:boundary], values[at + inner : at + inner + boundary], z[row + i])
+            at += inner + boundary
+        for k in range(boundary):
+            z[SIX * rounded.boundary[edge + k // SIX] + k % SIX] += near[k]
+    for i in range(z.size):
+        z[i] *= rounded.inverse[i]
+    for s in range(rounded.start.size - 1, -1, -1):
+        row = SIX * rounded.first[s]
+        pivots = SIX * (rounded.first[s + 1] - rounded.first[s])
+        edge = rounded.edge[s]
+        boundary = SIX * (rounded.edge[s + 1] - edge)
+        for k in range(boundary):
+            near[k] = z[SIX * rounded.boundary[edge + k // SIX] + k % SIX]
+        at = rounded.start[s] + (pivots * (pivots - 1)) // 2 + pivots * boundary
+        for i in range(pivots - 1, -1, -1):
+            at -= boundary
+            known = dot(values, at, near, 0, boundary)
+            at -= pivots - 1 - i
+            z[row + i] -= known + dot(values, at, z, row + i + 1, pivots - 1 - i)

@@ -4,7 +4,7 @@ leaves its code out: a family of joints, the record, the energy terms, and eithe
 
 from typing import NamedTuple
 
-from dembrick._jit import entry
+from dembrick._jit import entry, jit
 from dembrick.kernels.joint.ties import tie_losses
 from dembrick.kernels.state import YIELDING
 from dembrick.kernels.statics.block_forces import (
@@ -40,6 +40,12 @@ class Drive(NamedTuple):
     mean_weight: float  # of the latest step in that mean
 
 
+@jit
+def head_rate(drive, step, dt):
+    """Rate of the head (m/s) at a step: it speeds up, is steady, and slows down."""
+    return drive.rate * min(1.0, (step + 1) * dt / drive.ramp) * drive.slowing ** max(step - drive.steady, 0)
+
+
 @entry
 def advance(
     first, n_steps, dt, blocks, joints, points, areas, actuators, ties, scaled, inertia, drive, certificate, record,
@@ -61,7 +67,7 @@ def advance(
         joint_forces(blocks, joints, points, areas, inertia, dt, drive.viscous_n, drive.viscous_s, energy)
         if ties is not None:
             tie_forces(blocks, ties)
-        rate = drive.rate * min(1.0, (step + 1) * dt / drive.ramp) * drive.slowing ** max(step - drive.steady, 0)
+        rate = head_rate(drive, step, dt)
         v, moved = actuator_forces(blocks, actuators, drive, inertia, rate, dt, energy)
         if energy is not None:
             add_dead_torque_work(energy.work, energy.turned, blocks, dt)
@@ -144,3 +150,21 @@ def settle(first, n_steps, tolerance, blocks, joints, points, areas, scaled, mom
                 blocks.spin[b, i] *= keep
         small_step(blocks, scaled, 1.0, 0.0, 0.0, None)
     return ratio, first + n_steps
+
+
+@entry
+def push_on(first, n_steps, dt, blocks, joints, points, areas, actuators, scaled, drive, energy, greatest):
+    """Push blocks of artificial inertia on from step ``first`` for ``n_steps`` more, in small motion, whatever they do.
+
+    Returns the ``greatest`` V, given that so far, and the longest move of a block (m) in a step.
+    """
+    if first == 0:
+        begin_energy(energy, blocks, joints, points, areas, None)
+    longest = 0.0
+    for step in range(first, first + n_steps):
+        clear_forces(blocks)
+        joint_forces(blocks, joints, points, areas, None, dt, drive.viscous_n, drive.viscous_s, energy)
+        v, _ = actuator_forces(blocks, actuators, drive, None, head_rate(drive, step, dt), dt, energy)
+        greatest = max(greatest, v)
+        longest = max(longest, small_step(blocks, scaled, dt, 0.0, 0.0, None))
+    return greatest, longest

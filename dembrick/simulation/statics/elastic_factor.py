@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from dembrick.errors import ScenarioError
+from dembrick.kernels.math.multifrontal import Rounded, round_factors
 from dembrick.kernels.state import WholeInertia
 from dembrick.simulation.statics import joint_families, ties
 from dembrick.simulation.statics.sparse_equations import Factors, Pattern, analyse, check_room
@@ -63,4 +64,22 @@ def elastic_factor(state: State, position: np.ndarray) -> Factors:
 
 def whole_inertia(factors: Factors) -> WholeInertia:
     """The elastic stiffness as artificial inertia."""
-    return WholeInertia(factors.pattern.place, factors.fronts, work=np.zeros((1, factors.pattern.rows)))
+    return WholeInertia(factors.pattern.place, factors.fronts, None, np.zeros((1, factors.pattern.rows)))
+
+
+def rounded_inertia(factors: Factors) -> WholeInertia:
+    """The same in single precision."""
+    pattern, fronts = factors.pattern, factors.fronts
+    pivots = 6 * np.diff(fronts.first)
+    count = pivots * (pivots - 1) // 2 + pivots * 6 * np.diff(fronts.edge)
+    rounded = Rounded(
+        first=fronts.first,
+        edge=fronts.edge,
+        boundary=fronts.boundary,
+        start=np.cumsum(count) - count,
+        values=np.empty(count.sum(), np.float32),
+        inverse=np.empty(pattern.rows),
+        near=np.empty_like(fronts.near),
+    )
+    round_factors(fronts, rounded)
+    return WholeInertia(pattern.place, None, rounded, np.zeros((1, pattern.rows)))

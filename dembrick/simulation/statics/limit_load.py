@@ -122,15 +122,15 @@ def _by_equilibria(setup: Setup, session: Session, goal: float, steps: float) ->
     return Replay(
         yield_point=point,
         state=state,
-        converged=path.converged or path.unlimited,
+        converged=path.converged or path.unlimited or path.wanders,
         steps=path.iterations,
         time_step=1.0,
         critical_time_step=setup.dashpots().critical_time_step,
         simulated_time=float(path.equilibria),
         unbalanced=setup.unbalanced,
-        compile_seconds=setup.compile_seconds + ready - began,
+        compile_seconds=setup.compile_seconds + ready - began + follower.relaxation.compile_seconds,
         loop_seconds=sum(phases.values()),
-        settings={"equilibria": path.equilibria, "inertia": "none", "gave_way": path.moved},
+        settings={"equilibria": path.equilibria, "inertia": "none", "gave_way": path.moved, "wanders": path.wanders},
         moved=state.blocks.displacement - setup.displacement_at_start,
         phases=phases,
     )

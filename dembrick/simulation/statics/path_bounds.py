@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dembrick.kernels.statics.load_bounds import MISSING, STILL
+from dembrick.kernels.statics.load_bounds import MISSING, NEVER, STILL
 
 MOST_DECAY = 0.95  # of what V grows while the blocks give way twice as far, over the same before
 APART = 3.0  # times that estimates of the limit differ: how far it may be from the last of them
+
+PUSHES, STILL_GROWS = 3, 0.1  # pushes that tell of V, and the part by which it may grow in the last of them
 
 Seen = tuple[float, float, float, float, bool]  # inelastic displacement (m), V, its bounds (N), whether a gap closes
 
@@ -37,6 +39,23 @@ def limit_bounds(seen: list[Seen], elastic: float, strips: bool) -> tuple[float,
         0.0 < seen[quarter][0] and not any(s[4] for s in recent) and growth <= STILL * elastic * (given - seen[half][0])
     )
     return lower, upper, limit
+
+
+def pushed_bounds(pushes: list[Seen], strips: bool) -> tuple[float, float, bool]:
+    """The same where driven relaxation pushes the blocks on, from what each of the ``pushes`` has ended with.
+
+    V rises and falls by turns as blocks snap, without a limit that it tends to: it is at least what the blocks carried
+    after the last two pushes, and at most what it came to in the last three. If it still grew in the last, as much
+    again may be missing, or more where there are ``strips``; and if it grew by much, nothing bounds it yet.
+    """
+    if len(pushes) < PUSHES:
+        return 0.0, NEVER, False
+    before, recent = pushes[-PUSHES], pushes[1 - PUSHES :]
+    lower, upper = max(0.0, min(s[2] for s in recent)), max(s[3] for s in (before, *recent))
+    grown = pushes[-1][1] - pushes[-2][1]
+    if grown > STILL_GROWS * abs(pushes[-1][1]):
+        return lower, NEVER, False
+    return lower, max(upper, pushes[-1][1] + (MISSING if strips else 1.0) * grown), True
 
 
 def peak_bounds(seen: list[Seen], compliance: float) -> tuple[float, float]:

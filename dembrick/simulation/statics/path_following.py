@@ -24,15 +24,17 @@ import time
 import numpy as np
 
 from dembrick.kernels.statics.energy import elastic_energy
-from dembrick.kernels.statics.load_bounds import NEVER, Certificate, instant_upper, strict_bounds
+from dembrick.kernels.statics.load_bounds import NEVER, Certificate
 from dembrick.kernels.statics.newton import remember
 from dembrick.simulation import interrupts
 from dembrick.simulation.checkpoint_arrays import flattened, restored_state
 from dembrick.simulation.session import Progress, Session, Snapshot
 from dembrick.simulation.statics import joint_families, ties
 from dembrick.simulation.statics.bond_breaking import BondBreaking
+from dembrick.simulation.statics.driven_relaxation import DrivenRelaxation
+from dembrick.simulation.statics.instant_bounds import LEAST_BALANCED, NOTHING, InstantBounds
 from dembrick.simulation.statics.newton import HELD, Equilibria
-from dembrick.simulation.statics.path_bounds import limit_bounds, peak_bounds
+from dembrick.simulation.statics.path_bounds import PUSHES, limit_bounds, peak_bounds, pushed_bounds
 from dembrick.simulation.statics.path_prediction import go_on_rocking
 from dembrick.simulation.statics.path_state import MOST_EQUILIBRIA, Drift, Path, PathState
 from dembrick.simulation.statics.recorder import Recorder
@@ -45,21 +47,19 @@ GROWTH = 2.0  # of an easy step
 SHRINKING = 0.5  # of a step that finds no equilibrium
 SHORTEST = 1e-6  # of what the blocks have given way: steps below it lead nowhere
 BALANCED, USUAL = 1e-2, 1e-3  # of the tolerance, or of the usual one: out-of-balance over joint forces at equilibrium
-LEAST_BALANCED = 1e-9
 CONSTANT = 1e-6  # of the elastic slope of V: below it a mechanism moves
 YIELDING = 0.5  # of the elastic slope of V: below it steps may grow
 TURNING = 0.02  # of the longest step so far: where none but shorter ones find equilibrium, the blocks are let go
 JUMP = 0.25  # of it: the step by which the actuators go on meanwhile
 LITTLE = 0.1  # of the tolerance: what a step with drag may leave out of balance over the joint forces or the load
 FASTER = 4.0  # by which the drag of a step rises if it is too small, or falls at most; the square if it hardly mattered
+PATIENCE, LEAST_PATIENCE = 60_000, 20  # wasted iterations: times free blocks, and at least, before blocks are pushed on
+MOST_PUSHES = 12  # of a path
 MOST_TRIES = 6  # of a step with less and less drag
 ALONG = 4  # steps with drag before one without is tried again
 MOST_JUMPS, MOST_DRIFTS, MOST_DRAG = 20, 300, 1e4  # of a path; steps of one; drag over elastic stiffness
 UNLIMITED = 1e4  # of the dead loads: a load that grows beyond is limited by nothing
 WITHOUT_END = 4 * ELASTIC_STEPS  # elastic steps after which the guess of the limit load was much too small
-NOTHING = 1e-6  # of the dead loads: a limit load below it is zero
-CORRECTIONS = 2.0  # of V by one more Newton step: what is charged if that is less than the work of the out-of-balance
-HIDDEN = 0.1  # of the tolerance: what the out-of-balance may hide of V before equilibria are found more closely
 
 
 class PathFollower:
@@ -94,6 +94,11 @@ class PathFollower:
         self.dead = float(np.linalg.norm(ties.dead_loads(state)[self.free, :3], axis=1).sum()) / self.weight
         self.bonds = BondBreaking(state)
         self.dead += self.bonds.strength / self.weight
+        self.instant = InstantBounds(self.search, certificate, self.weight, self.dead)
+        self.relaxation = DrivenRelaxation(state, factor, self.weight / self.compliance)
+        self.patience: float = max(LEAST_PATIENCE, PATIENCE // len(self.free))
+        if state.ties is not None or joint_families.has_strengths(state):
+            self.patience = math.inf  # driven relaxation knows neither
         self.session, self.turn_began = session, {}
         self.way = self._at_start(0.0)
         self.search.pause = lambda: session.pause(self, within=True)
@@ -107,7 +112,7 @@ class PathFollower:
         self.search.attempt(self.search.motion(), 0.0)
         self.search.differentiate(0.0)
         self.search.prepare()
-        self._instant(0.0, 0.0, 0.0)
+        self.instant.bounds(0.0, 0.0, 0.0)
         if self.recorder is not None:
             self._write(0)
             self.recorder.record.count[:] = 0
@@ -125,27 +130,36 @@ class PathFollower:
         else:
             remember(self.trial, self.state.joints, self.state.points, self.state.areas)
             self._record()
-        converged, unlimited, more = False, False, True
+        converged, unlimited, wanders, more = False, False, False, True
         with interrupts.deferred():
-            while more and (way.drift or (way.equilibria < MOST_EQUILIBRIA and way.step > SHORTEST * way.longest)):
+            while more and way.equilibria < MOST_EQUILIBRIA:
                 paused = time.perf_counter()
                 if self.session.keep is not None:
                     self.turn_began = self._snapshot()
                 self.session.pause(self)
                 self.elsewhere += time.perf_counter() - paused
                 V, more = self._drifted() if way.drift else self._stepped()
+                if V is None and not more and self.patience < math.inf:
+                    way.drift, way.wasted, more = None, int(self.patience) + 1, True
                 if V is not None and self._went_to(V) and self._moved() >= goal:
                     converged, more = True, False
+                elif way.pushes >= PUSHES and self.certificate.bracket[1] < NEVER and self._moved() >= goal:
+                    wanders, more = True, False
+                elif way.pushes >= MOST_PUSHES:
+                    more = False
                 elif V is not None and V > UNLIMITED * self.dead > 0.0:
                     unlimited, more = True, False
         phases = self.phases | self.search.phases
-        phases["path"] = time.perf_counter() - began - self.elsewhere - sum(phases.values())
+        if way.pushes:
+            phases["driven_relaxation"] = self.relaxation.seconds
+        beside = self.elsewhere + self.relaxation.compile_seconds
+        phases["path"] = time.perf_counter() - began - beside - sum(phases.values())
         peak = peak_bounds(way.seen, self.compliance / self.weight)
         if peak[0] <= NOTHING * self.dead:
             peak = 0.0, 0.0
         # what gives way elastically is a rounding of the driven displacement
         moved = way.seen[-1][0] > 1e-6 * (way.driven - way.start)
-        return Path(converged, unlimited, moved, peak, way.iterations, way.equilibria, phases)
+        return Path(converged, unlimited, wanders, moved, peak, way.iterations, way.equilibria, phases)
 
     def _at_start(self, strength: float) -> PathState:
         motion = self.search.motion()
@@ -166,12 +180,16 @@ class PathFollower:
     def _stepped(self) -> tuple[float | None, bool]:
         """V of the next equilibrium, None without one yet; and whether there is anything left to try."""
         way = self.way
+        if way.wasted > self.patience:
+            return self.relaxation.push(self.search, way), True
         guess = way.motion + way.step * way.direction, way.V + way.step * way.gain
         V = None
         if not way.dragged:
             V, way.tried = self._found(*guess)
         if V is None:
+            way.wasted += way.tried
             V, way.tried = self._dragged(*guess)
+            way.wasted += way.tried
         if V is not None:
             return (V, True) if self.bonds.bear(way) else (None, True)
         if way.has_spare:
@@ -181,6 +199,8 @@ class PathFollower:
             way.closest = way.balanced = self.search.balanced = min(10.0 * self.search.balanced, self.loosest)
             return None, True
         way.step, way.since_failure = SHRINKING * way.step, -2
+        if way.step <= SHORTEST * way.longest:
+            return None, False
         if way.step > TURNING * way.usual:
             return None, True
         # the path turns back: let go, and see where the blocks come to rest
@@ -210,7 +230,7 @@ class PathFollower:
             work = inner(self.trial.residual, motion - way.motion)
             V = found - work / (way.step * self.weight)
             search.attempt(motion, V)
-            excess = self._held_up(V) / (LITTLE * self.certificate.tolerance)
+            excess = self.instant.held_up(V) / (LITTLE * self.certificate.tolerance)
             if excess <= 1.0:
                 break
             way.drag *= max(1.0 / (FASTER if tried > 1 else FASTER**2), 0.5 / excess)
@@ -238,6 +258,10 @@ class PathFollower:
         secant = change / way.step
         self._accept(change, V, way.step)
         way.motion = now
+        if way.pushes:
+            way.seen[-1] = (*way.seen[-1][:3], max(V, self.relaxation.pushed.greatest), False)
+            self.relaxation.show_what_moves(self.search.rows)
+            return self._judged()
         if way.broke:
             # what the others took over is no step: either the mechanism or the elastic answer may be the way on
             way.spare, way.spare_gain, way.has_spare = secant, 0.0, True
@@ -326,6 +350,7 @@ class PathFollower:
         found, iterations = self._found(drift.motion, drift.V)
         trial.drag[:] = 0.0, HELD
         drift.steps += 1
+        self.way.wasted += iterations
         if found is None:
             drift.drag *= 4.0
             return None, drift.drag <= MOST_DRAG and drift.steps < MOST_DRIFTS
@@ -354,7 +379,8 @@ class PathFollower:
         way.external += 0.5 * (way.V + V) * moved
         way.external += float((ties.dead_loads(state) * np.concatenate([blocks.velocity, blocks.spin], axis=1)).sum())
         closing = joint_families.closes_gaps(state, self.trial.base)
-        hidden = 0.0 if self.certificate.strict else self._hidden(V, moved)
+        hidden = 0.0 if self.certificate.strict else self.instant.hidden(V, moved, way.closest)
+        way.balanced = self.search.balanced
         remember(self.trial, state.joints, state.points, state.areas)
         before, way.V, way.driven = way.V, V, way.driven + step
         actuators = state.actuators
@@ -362,7 +388,7 @@ class PathFollower:
         actuators.displacement[:] = ((blocks.displacement[actuators.block] + turned) * actuators.direction).sum(axis=1)
         actuators.drive[:3] = way.driven, way.driven, V
         began = time.perf_counter()
-        lower, upper = self._instant(V, moved, hidden)
+        lower, upper = self.instant.bounds(V, moved, hidden)
         self.phases["bracket"] += time.perf_counter() - began
         if self.bonds.borne < 1.0:  # a bond broke just before the end of the step
             lower = min(lower, before + self.bonds.borne * (V - before))
@@ -372,57 +398,18 @@ class PathFollower:
         given = way.driven - way.start - V * self.compliance / self.weight
         way.seen.append((given, V, lower, upper, closing))
 
-    def _instant(self, V: float, moved: float, hidden: float | None) -> tuple[float, float]:
-        """Bounds of the limit load from the equilibrium of now, for the motion of the last step that ``moved`` V (m).
-
-        Strict if the certificate is; else by the normal forces of now, charged with what is ``hidden`` of V (N).
-        """
-        state = self.state
-        blocks, joints, points, areas = state.blocks, state.joints, state.points, state.areas
-        if self.certificate.strict:
-            lower, upper = strict_bounds(self.certificate, joints, points, areas, V)
-            return float(lower), float(upper)
-        upper = float(instant_upper(blocks, joints, points, areas, V, moved, 1.0))
-        if hidden is None:  # a drag held the blocks up
-            unbalanced = self._held_up(V)
-            return V / (1.0 + unbalanced), max(V, upper) * (1.0 + unbalanced)
-        return V - hidden, max(V, upper) + hidden
-
-    def _held_up(self, V: float) -> float:
-        """What a drag leaves out of balance, over the greatest joint force, or over the load if that is less."""
-        load = max(abs(V), NOTHING * self.dead) * self.weight
-        return self.search.out_of_balance() * max(1.0, self.search.greatest_force() / load)
-
-    def _hidden(self, V: float, moved: float) -> float | None:
-        """What the out-of-balance may hide of V (N), by the motion of the last step; asks for a closer balance if that
-        is much. None if a drag held the blocks up.
-
-        A force that a joint lacks does as much work at the most as its block's motion lets it. If no closer balance is
-        to be had, as in high towers, one more Newton step tells what it hides.
-        """
-        blocks, search, hidden = self.state.blocks, self.search, 0.0
-        if search.out_of_balance() > search.balanced:
-            return None
-        if moved <= 0.0:
-            return 0.0
-        for force, way in ((blocks.force, blocks.velocity), (blocks.torque, blocks.spin)):
-            work = np.linalg.norm(force[self.free], axis=1) @ np.linalg.norm(way[self.free], axis=1)
-            hidden += float(work) / moved
-        if hidden > HIDDEN * self.certificate.tolerance * V:
-            search.balanced = self.way.balanced = max(self.way.closest, 0.1 * search.balanced)
-            if self.way.closest > LEAST_BALANCED:
-                hidden = min(hidden, CORRECTIONS * abs(search.correction(V)))
-        return hidden
-
     def _judged(self) -> bool:
         """Fold the bounds into the bracket; True when it is narrow enough and V is that of a mechanism."""
         bracket = self.certificate.bracket
         elastic, strict = self.weight / self.compliance, self.certificate.strict
+        strips = joint_families.has_areas(self.state)
         if strict:
             bracket[:] = max(bracket[0], self.way.seen[-1][2]), min(bracket[1], self.way.seen[-1][3])
             limit = True
+        elif self.way.pushes:
+            *bracket[:], limit = pushed_bounds(self.way.seen[-self.way.pushes :], strips)
         else:
-            *bracket[:], limit = limit_bounds(self.way.seen, elastic, joint_families.has_areas(self.state))
+            *bracket[:], limit = limit_bounds(self.way.seen, elastic, strips)
         if limit and bracket[1] <= NOTHING * self.dead:
             bracket[:] = 0.0
         self._record()

@@ -19,12 +19,13 @@ class Path:
     """A followed path: whether the bracket became narrow enough, Newton iterations and equilibria it took, and seconds
     by phase; ``path`` is what is left, the choice of steps.
 
-    ``unlimited``: V grew beyond all dead loads; ``moved``: whether anything slid or opened meanwhile. ``peak``: bounds
-    of the greatest V on the path (N).
+    ``wanders``: the bracket is as narrow as it becomes, as blocks snap on and on. ``unlimited``: V grew beyond all dead
+    loads; ``moved``: whether anything slid or opened meanwhile. ``peak``: bounds of the greatest V on the path (N).
     """
 
     converged: bool
     unlimited: bool
+    wanders: bool
     moved: bool
     peak: tuple[float, float]
     iterations: int
@@ -68,6 +69,8 @@ class PathState:
     jumps: int = 0  # times that the blocks were let go
     drag: float = FIRST_DRAG  # over the elastic stiffness, of the next step that needs one
     dragged: int = 0  # steps still to take with it
+    wasted: int = 0  # iterations of steps that found no equilibrium, or not without a drag
+    pushes: int = 0  # times that the blocks were pushed on by driven relaxation
     kept: int = 0  # value of `jumps` when the direction was last taken from a relaxed state
     external: float = 0.0  # J, work of actuators and dead loads
     friction: float = 0.0  # J

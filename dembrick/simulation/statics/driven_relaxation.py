@@ -1,0 +1,158 @@
+"""Driven relaxation: blocks are pushed on with the elastic stiffness of the whole assembly for their inertia.
+
+Where many blocks slide and snap at once, equilibria lie so close to each other that Newton's method takes thousands of
+steps from one to the next, or finds none. With an inertia M = K, the elastic stiffness, all modes of the closed
+structure have the frequency 1, those of the structure that gives way lower ones, and explicit steps of about that size
+are stable whatever opens, slides or closes (dynamic relaxation: Underwood, in Computational Methods for Transient
+Analysis, 1983, 245). K is factorised once; a step costs one substitution and the joint forces.
+
+The head moves on at a steady rate and then slows down by halves, so that what inertia and dashpots add to V dies out.
+How far it goes is told in elastic displacements at the load of now.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from dembrick.errors import DivergedError
+from dembrick.kernels.state import ACTUATOR_DAMPING, DAMPING, HEAD, SLIDING, ScaledInertia
+from dembrick.kernels.statics.load_bounds import NEVER
+from dembrick.kernels.statics.loop import Drive, push_on
+from dembrick.kernels.statics.newton import remember
+from dembrick.simulation.statics.critical_step import critical_time_step
+from dembrick.simulation.statics.elastic_factor import rounded_inertia
+from dembrick.simulation.statics.newton import Equilibria
+from dembrick.simulation.statics.path_state import PathState
+from dembrick.simulation.statics.sparse_equations import Factors
+from dembrick.simulation.statics.state import State, new_energy
+
+STEP_FACTOR = 0.9  # of the critical time step
+VISCOUS = 0.5  # dashpot force over spring force for the same increment, in contacts and actuator
+RAMP = 8  # steps over which the head speeds up
+STEADY, HALVINGS, HALVING = 256, 8, 96  # steps at a steady rate; then it is halved so often, each over so many steps
+LATE = 4 * HALVING  # last steps, over which V is watched
+FAR = 64.0  # elastic displacements of the load of now, that a push goes at least
+CHUNK = 32  # steps between two looks at signals
+STEPS = STEADY + HALVINGS * HALVING
+
+
+class Pushed(NamedTuple):
+    """What a push came to: V at its end and the greatest in its last part (N), the driven displacement (m), how the
+    free blocks (6 f,) and the joints (j, 6) moved in that part, and energies (J): what the actuators did, what friction
+    and what dashpots took."""
+
+    V: float
+    greatest: float
+    driven: float
+    motion: np.ndarray
+    slip: np.ndarray
+    external: float
+    friction: float
+    lost: float
+
+
+class DrivenRelaxation:
+    """Pushes ``state`` on by its actuators; ``factor`` of its elastic stiffness, ``slope`` (N/m) of V against the
+    driven displacement while everything is elastic. ``pushed``: what the last push came to; ``seconds`` that all took,
+    and those of compiling."""
+
+    pushed: Pushed
+
+    def __init__(self, state: State, factor: Factors, slope: float):
+        self.state, self.slope, self._factor = state, slope, factor
+        self.seconds = self.compile_seconds = 0.0
+        # with the actuator no mode is faster than sqrt(2): its stiffness is that of the structure against the load
+        self.dt = STEP_FACTOR * critical_time_step(math.sqrt(2.0), VISCOUS)
+
+    @cached_property
+    def inertia(self) -> ScaledInertia:
+        """That of the elastic structure."""
+        none = np.zeros((0, 6, 6))
+        return ScaledInertia(none, none, rounded_inertia(self._factor))
+
+    def push(self, search: Equilibria, way: PathState) -> float:
+        """V after a push from the last equilibrium of ``way``, by as much as the blocks have given way, or further.
+
+        What it came to is the equilibrium near there, if there is one; else what is out of balance there counts against
+        the lower bound. Raises DivergedError.
+        """
+        state = self.state
+        search.attempt(way.motion, way.V)
+        far = max(FAR * way.V / self.slope, way.seen[-1][0], way.step)
+        pushed = self.pushed = self.drive(far, search.motion, search.pause)
+        remember(search.trial, state.joints, state.points, state.areas)
+        way.pushes, way.step = way.pushes + 1, pushed.driven - way.driven
+        way.friction, way.lost = way.friction + pushed.friction, way.lost + pushed.lost
+        weights = float(np.abs(state.actuators.weight).sum())
+        way.external += pushed.external - 0.5 * (way.V + pushed.V) * way.step * weights
+        motion = search.motion()
+        V, way.tried = search.find(motion, pushed.V)
+        way.iterations = search.iterations
+        if V is None:
+            V = pushed.V
+            search.attempt(motion, V)
+        return V
+
+    def show_what_moves(self, rows: np.ndarray) -> None:
+        """Let the state hold the motion of the last part of the push, which is that of the mechanism; ``rows`` (f, 6)
+        of the free blocks in the equations."""
+        blocks, joints, moved = self.state.blocks, self.state.joints, self.pushed.motion[rows]
+        joints.step[:], joints.tilt[:] = self.pushed.slip[:, [0, 1, 5]], self.pushed.slip[:, 3:5]
+        blocks.velocity[blocks.free], blocks.spin[blocks.free] = moved[:, :3], moved[:, 3:]
+
+    def drive(self, distance: float, motion: Callable[[], np.ndarray], pause: Callable[[], None]) -> Pushed:
+        """Drive the actuators on by about ``distance`` (m) from the equilibrium of now.
+
+        ``motion`` tells where the free blocks are; ``pause`` is called now and then. Raises DivergedError.
+        """
+        state, dt = self.state, self.dt
+        blocks, head = state.blocks, state.actuators.drive
+        blocks.velocity[:] = blocks.spin[:] = 0.0
+        began, V = float(head[1]), float(head[2])
+        head[0] = began + V / self.slope
+        slowing = 0.5 ** (1.0 / HALVING)
+        drive = Drive(
+            rate=distance / (STEADY + 1.0 / (1.0 - slowing)) / dt,
+            ramp=RAMP * dt,
+            steady=STEADY,
+            slowing=slowing,
+            stiffness=self.slope,
+            dashpot=VISCOUS * self.slope * dt,
+            viscous_n=VISCOUS,
+            viscous_s=VISCOUS,
+            damping=0.0,
+            mean_weight=0.0,
+        )
+        energy = new_energy(state)
+        scene = dt, *state[:5], self.inertia, drive, energy
+        started = time.perf_counter()
+        push_on(1, 0, *scene, 0.0)  # no step: compiles, or loads the cache
+        ready = time.perf_counter()
+        greatest, before, seen = -NEVER, motion(), state.joints.relative.copy()
+        for step in range(0, STEPS, CHUNK):
+            if step == STEPS - LATE:
+                greatest, before, seen = -NEVER, motion(), state.joints.relative.copy()
+            greatest, moved = push_on(step, CHUNK, *scene, greatest)
+            if not math.isfinite(moved):
+                raise DivergedError("driven relaxation diverged; please report this scenario")
+            pause()
+        self.compile_seconds += ready - started
+        self.seconds += time.perf_counter() - ready
+        work, weights = energy.work, float(np.abs(state.actuators.weight).sum())
+        spring = 0.5 * weights / self.slope * (head[2] ** 2 - V**2)
+        return Pushed(
+            V=float(head[2]),
+            greatest=float(greatest),
+            driven=float(head[1]),
+            motion=motion() - before,
+            slip=state.joints.relative - seen,
+            external=float(work[HEAD] - work[ACTUATOR_DAMPING] - spring),
+            friction=float(work[SLIDING]),
+            lost=float(work[DAMPING]),
+        )

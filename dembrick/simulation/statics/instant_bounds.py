@@ -1,0 +1,63 @@
+"""What one equilibrium on a path says of the limit load by itself: bounds, and what is out of balance there."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dembrick.kernels.statics.load_bounds import Certificate, instant_upper, strict_bounds
+from dembrick.simulation.statics.newton import Equilibria
+
+NOTHING = 1e-6  # of the dead loads: a limit load below it is zero
+LEAST_BALANCED = 1e-9
+CORRECTIONS = 2.0  # of V by one more Newton step: what is charged if that is less than the work of the out-of-balance
+HIDDEN = 0.1  # of the tolerance: what the out-of-balance may hide of V before equilibria are found more closely
+
+
+class InstantBounds:
+    """Bounds of the limit load from the equilibrium that ``search`` has found. ``weight``: of all actuators; ``dead``
+    (N): V that weighs as much as all dead loads."""
+
+    def __init__(self, search: Equilibria, certificate: Certificate, weight: float, dead: float):
+        self._search, self._certificate, self._weight, self._dead = search, certificate, weight, dead
+
+    def bounds(self, V: float, moved: float, hidden: float | None) -> tuple[float, float]:
+        """Bounds of the limit load from the equilibrium of now, for the motion of the last step that ``moved`` V (m).
+
+        Strict if the certificate is; else by the normal forces of now, charged with what is ``hidden`` of V (N).
+        """
+        blocks, joints, points, areas = self._search.state[:4]
+        if self._certificate.strict:
+            lower, upper = strict_bounds(self._certificate, joints, points, areas, V)
+            return float(lower), float(upper)
+        upper = float(instant_upper(blocks, joints, points, areas, V, moved, 1.0))
+        if hidden is None:  # something else held the blocks up
+            unbalanced = self.held_up(V)
+            return V / (1.0 + unbalanced), max(V, upper) * (1.0 + unbalanced)
+        return V - hidden, max(V, upper) + hidden
+
+    def held_up(self, V: float) -> float:
+        """What a drag leaves out of balance, over the greatest joint force, or over the load if that is less."""
+        load = max(abs(V), NOTHING * self._dead) * self._weight
+        return self._search.out_of_balance() * max(1.0, self._search.greatest_force() / load)
+
+    def hidden(self, V: float, moved: float, closest: float) -> float | None:
+        """What the out-of-balance may hide of V (N), by the motion of the last step; asks the search for a closer
+        balance, down to the ``closest``, if that is much. None if something else held the blocks up, as a drag.
+
+        A force that a joint lacks does as much work at the most as its block's motion lets it. If no closer balance is
+        to be had, as in high towers, one more Newton step tells what it hides.
+        """
+        search, hidden = self._search, 0.0
+        blocks, free = search.state.blocks, search.free
+        if search.out_of_balance() > search.balanced:
+            return None
+        if moved <= 0.0:
+            return 0.0
+        for force, way in ((blocks.force, blocks.velocity), (blocks.torque, blocks.spin)):
+            work = np.linalg.norm(force[free], axis=1) @ np.linalg.norm(way[free], axis=1)
+            hidden += float(work) / moved
+        if hidden > HIDDEN * self._certificate.tolerance * V:
+            search.balanced = max(closest, 0.1 * search.balanced)
+            if closest > LEAST_BALANCED:
+                hidden = min(hidden, CORRECTIONS * abs(search.correction(V)))
+        return hidden
