@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import gc
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cached_property
 from types import FunctionType
 
@@ -38,6 +40,18 @@ def _type_of(value):
     return typeof(value)
 
 
+@contextmanager
+def _no_collection() -> Iterator[None]:
+    """Within, nobody looks for garbage: a compiler keeps most of what it makes, and looking is a tenth of its work."""
+    wanted = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if wanted:
+            gc.enable()
+
+
 class _Called(CPUDispatcher):
     """A function as Python calls it."""
 
@@ -55,7 +69,8 @@ class _Called(CPUDispatcher):
     def compile(self, sig):
         """See numba."""
         try:
-            return super().compile(sig)
+            with _no_collection():
+                return super().compile(sig)
         finally:
             if isinstance(self._cache, ParallelKernelCache):
                 self._cache.let_go(sig)

@@ -1,5 +1,6 @@
 """The kernel cache is named by every kernel source, so that old machine code is never served for new physics."""
 
+import gc
 import os
 import shutil
 import subprocess
@@ -11,6 +12,7 @@ from typing import NamedTuple
 import numba
 import numpy as np
 import pytest
+from numba.core import event
 from numba.core.typing.typeof import Purpose, typeof
 
 import dembrick
@@ -117,6 +119,33 @@ def test_kept_code_is_called_and_taken_in_by_other_kernels(tmp_path):
         found.append(done.stdout.strip())
     misses_and_hits = ("1, 0, 0, 0", "0, 1, 0, 0", "0, 1, 1, 0", "0, 0, 0, 1")
     assert found == [f"[{6.0 if i < 2 else 7.0}] [{counts}]" for i, counts in enumerate(misses_and_hits)]
+
+
+def test_nobody_looks_for_garbage_while_kernels_are_compiled():
+    """Not in kernels that another one calls either; afterwards as before, also where a kernel cannot be compiled."""
+    wanted = []
+
+    @entry
+    def inner(x):
+        return x + 1
+
+    @entry
+    def outer(x):
+        return inner(x)
+
+    class Compiling(event.Listener):
+        def on_start(self, event):
+            wanted.append(gc.isenabled())
+
+        def on_end(self, event):
+            wanted.append(gc.isenabled())
+
+    with event.install_listener("numba:compile", Compiling()):
+        assert outer(1) == 2
+        with pytest.raises(numba.TypingError):
+            outer("a")
+    assert len(wanted) == 8 and not any(wanted)
+    assert gc.isenabled()
 
 
 class Pair(NamedTuple):
