@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from dembrick.runs.limit import reaction as reaction_bounds
 from dembrick.runs.simulate import simulate
@@ -14,6 +15,7 @@ from dembrick.scenario.generators import Arch, Wall
 from dembrick.scenario.model import JointLaw, Material, Output, Scenario
 from dembrick.scenario.support_paths import SupportPath, Turn
 from dembrick.simulation.dynamics import settlement
+from dembrick.simulation.dynamics.support_motion import SupportMotion
 
 G = 9.81
 STONE = {"stone": Material(2000.0)}
@@ -291,3 +293,32 @@ def test_a_spread_in_real_time_is_that_of_equilibria():
     fallen = float((result.assembly.mass * G) @ (first - last))
     work = np.trapezoid(rows["load"], rows["displacement"])
     assert rows["energy"]["external"][-1] == pytest.approx(fallen - work, abs=1e-4 * work)
+
+
+@pytest.mark.parametrize("turn", [(0.0, 0.0, 0.0), (0.3, -0.2, 0.9)])
+def test_a_support_goes_along_its_path_and_stays_where_it_is_held(turn):
+    """Of any share of its path: its point has moved by that, and the rest has turned about it by that."""
+    start, point, way = np.array([[1.0, 2.0, 3.0]]), np.array([[0.5, 2.5, 3.0]]), np.array([[0.2, 0.0, -0.1]])
+    before = Rotation.from_rotvec([0.1, 0.2, 0.3])
+    quaternion = before.as_quat(scalar_first=True)[None]
+    motion = SupportMotion(np.array([4]), start, quaternion, np.array([0.4]), way, point, np.array([turn]), 1.0)
+    for share in (np.full(4, 0.3), np.array([0.0, 0.1, 0.25, 0.6])):
+        steps = motion.between(share, 0.5)
+        for k, part in enumerate(share[1:]):
+            turned = Rotation.from_rotvec(part * np.array(turn))
+            there = point + part * way + turned.apply(start - point)
+            np.testing.assert_allclose(steps.place[k], there, rtol=1e-14)
+            np.testing.assert_allclose((turned * before).as_matrix(), _matrix(steps.orientation[k, 0]), atol=1e-15)
+            gone = part - share[k]
+            np.testing.assert_allclose(
+                steps.velocity[k], (there - motion.pose(share[k : k + 1])[0][0]) / 0.5, atol=1e-15
+            )
+            np.testing.assert_allclose(steps.spin[k, 0], gone * np.array(turn) / 0.5, atol=1e-15)
+            corners = before.apply(0.4 * np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]]))
+            moved = turned.apply(corners) - Rotation.from_rotvec(share[k] * np.array(turn)).apply(corners)
+            moved += steps.velocity[k] * 0.5
+            assert (moved**2).sum(axis=1).max() <= steps.moved[k] * (1.0 + 1e-12)
+
+
+def _matrix(quaternion) -> np.ndarray:
+    return Rotation.from_quat(quaternion, scalar_first=True).as_matrix()

@@ -33,7 +33,7 @@ from dembrick.kernels.joint.ties import tie_energy
 from dembrick.simulation.channels import energies
 from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.joint_polygons import Polygons
-from dembrick.simulation.dynamics.state import MovingState, out_of_balance, seen
+from dembrick.simulation.dynamics.state import MovingState, cross, out_of_balance, seen
 from dembrick.simulation.energy_audit import Sums
 
 ENERGIES = energies(real_time=True)
@@ -203,8 +203,8 @@ def _of_feet(offset: float, now: np.ndarray, step: np.ndarray) -> tuple[np.ndarr
     """What a ``step`` (9,) of `Links.seen` from ``now`` moves the feet of points in the plane, where friction acts, in
     the same form; and the turn about the plane's normal (rad)."""
     middle = now + 0.5 * step
-    turn = np.cross(middle[3:6], step[3:6])
-    turn += (middle[3:6] @ np.cross(now[6:], step[6:])) * middle[3:6]
+    u, du, v, dv = (part[None] for part in (middle[3:6], step[3:6], now[6:], step[6:]))
+    turn = (cross(u, du) + (u * cross(v, dv)).sum() * u)[0]
     height, slip = middle[[2, 5, 8]] - (offset, 0.0, 0.0), step.copy()
     slip[[0, 3, 6]] -= height * turn[1]
     slip[[1, 4, 7]] += height * turn[0]

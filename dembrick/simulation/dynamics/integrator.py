@@ -52,6 +52,7 @@ from dembrick.simulation.dynamics.time_step import (
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
     from dembrick.kernels.dynamics.contact_forces import Touching
+    from dembrick.simulation.dynamics.support_motion import PrescribedMotion
 
 LONGEST_MOVE = 0.1  # of the smallest block's reach: a step that moves a block further has diverged
 LONGEST_CHUNK = 2048  # steps
@@ -188,10 +189,11 @@ def advance(
         most = min(LONGEST_CHUNK, last - motion.steps)
         times = (motion.steps + np.arange(most)) * dt
         gravity, _ = driving.at(times[[0, -1]], dt)
-        fastest = float(np.sqrt(driving.prescribed(times, dt).moved.max(initial=0.0))) / dt
+        supports = driving.prescribed(times, dt)
+        fastest = float(np.sqrt(supports.moved.max(initial=0.0))) / dt
         n = int(min(most, detection.steps_to_go(motion.state, float(np.abs(gravity).max()), dt, fastest)))
         status, done = advance_chunk(
-            motion, motion.state.bodies, driving, times[:n], limits, damping, dt, detection.touching
+            motion, motion.state.bodies, driving, times[:n], limits, damping, dt, detection.touching, supports
         )  # fmt: skip
         motion.steps += done
         if status == DIVERGED:
@@ -309,12 +311,16 @@ def advance_chunk(
     damping: float,
     dt: float,
     touching=None,
+    supports: PrescribedMotion | None = None,
 ):
-    """A chunk of steps at ``times``, polygons cut where that is due; returns the status and the steps done."""
+    """A chunk of steps at ``times``, polygons cut where that is due; returns the status and the steps done.
+
+    ``supports``: their motion in these steps, and perhaps in more, if that is known."""
     state, energy = motion.state, motion.energy
     energy.fit(len(driving.block), len(driving.supports))
     gravity, force = driving.at(times, dt)
-    loads = Loads(driving.block, driving.lever, force, gravity, *driving.prescribed(times, dt))
+    supports = driving.prescribed(times, dt) if supports is None else supports
+    loads = Loads(driving.block, driving.lever, force, gravity, *supports)
     loops = _loops(state, bodies)
     _compile(motion, loops, dt, state, bodies, loads, limits, damping, touching)
     done, status = 0, RUNNING

@@ -51,9 +51,12 @@ class SupportMotion:
     def pose(self, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Centroids (s, k, 3) and orientations (s, k, 4) at shares (s,) of the paths."""
         part = np.asarray(share, float)[:, None, None]
+        carried, arm = self.point + part * self.displacement, self.start - self.point
+        if not self.turn.any():
+            return carried + arm, np.repeat(self.orientation[None], len(part), axis=0)
         turn = part * self.turn
-        turned = np.einsum("skij,kj->ski", rotation_matrix(turned_by(turn, _NO_TURN)), self.start - self.point)
-        return self.point + part * self.displacement + turned, turned_by(turn, self.orientation)
+        turned = np.einsum("skij,kj->ski", rotation_matrix(turned_by(turn, _NO_TURN)), arm)
+        return carried + turned, turned_by(turn, self.orientation)
 
     def __len__(self) -> int:
         """How many supports move."""
@@ -61,6 +64,8 @@ class SupportMotion:
 
     def between(self, share: np.ndarray, dt: float) -> PrescribedMotion:
         """The motion of s steps of ``dt`` (s) through shares (s + 1,), for the loop."""
+        if (share == share[0]).all():
+            return self._held(share[:1], len(share) - 1)
         position, orientation = self.pose(share)
         move, part = np.diff(position, axis=0), np.diff(share)[:, None, None]
         turn = part * self.turn
@@ -68,6 +73,13 @@ class SupportMotion:
         moved = 2.0 * ((move**2).sum(axis=2) + angle2 * self.reach**2)
         return PrescribedMotion(
             self.block, position[1:], orientation[1:], move / dt, turn / dt, moved.max(axis=1, initial=0.0)
+        )
+
+    def _held(self, share: np.ndarray, steps: int) -> PrescribedMotion:
+        """`between` where the supports stay at one share (1,)."""
+        position, orientation = (np.repeat(part, steps, axis=0) for part in self.pose(share))
+        return PrescribedMotion(
+            self.block, position, orientation, np.zeros_like(position), np.zeros_like(position), np.zeros(steps)
         )
 
     def resisting(self, share: float, reaction: np.ndarray) -> float:
