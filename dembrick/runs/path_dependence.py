@@ -42,7 +42,7 @@ def beside_limit(run: Replay, assembly: Assembly, control: Control) -> dict | No
     otherwise, and ``no_bound`` says why it failed, if it did. ``path_dependent``: the mechanism slides, and the limit
     is not known to be unique (see above). ``left_out``: what the joint laws leave out of the collapse.
     ``wanders``: from where to where the load goes on rising and falling, as blocks snap from one state into another;
-    None where it comes to a limit; half of that is then the ``error_estimate``. ``--refine``
+    None where it comes to a limit or has passed a peak; half of that is then the ``error_estimate``. ``--refine``
     adds ``path_range``, the load factors that other stiffness ratios and steps lead to, ``paths``, how many of them
     found a limit, of how many, and ``error_estimate``, how far the range goes.
     """
@@ -58,7 +58,8 @@ def beside_limit(run: Replay, assembly: Assembly, control: Control) -> dict | No
             bound = associative_bound(assembly, control)
         except (NotConvergedError, ScenarioError) as error:
             reason = str(error)
-    wanders = [point.V_lower, point.V_upper] if run.settings.get("wanders") else None
+    snaps = run.settings.get("wanders") and point.V_after is None
+    wanders = [point.V_lower, point.V_upper] if snaps else None
     unique = bound is not None and point.V >= (1.0 - getattr(control, "tolerance", 0.0)) * bound["lower"]
     return {
         "slides": sliding,

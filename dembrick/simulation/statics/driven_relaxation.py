@@ -37,7 +37,7 @@ VISCOUS = 0.5  # dashpot force over spring force for the same increment, in cont
 RAMP = 8  # steps over which the head speeds up
 STEADY, HALVINGS, HALVING = 256, 8, 96  # steps at a steady rate; then it is halved so often, each over so many steps
 LATE = 4 * HALVING  # last steps, over which V is watched
-FAR = 64.0  # elastic displacements of the load of now, that a push goes at least
+FAR, FARTHEST = 64.0, 256.0  # elastic displacements of the load of now, that a push goes at least and at most
 CHUNK = 32  # steps between two looks at signals
 STEPS = STEADY + HALVINGS * HALVING
 
@@ -77,14 +77,15 @@ class DrivenRelaxation:
         return ScaledInertia(none, none, rounded_inertia(self._factor))
 
     def push(self, search: Equilibria, way: PathState) -> float:
-        """V after a push from the last equilibrium of ``way``, by as much as the blocks have given way, or further.
+        """V after a push from the last equilibrium of ``way``, by about as much as the blocks have given way.
 
         What it came to is the equilibrium near there, if there is one; else what is out of balance there counts against
         the lower bound. Raises DivergedError.
         """
         state = self.state
         search.attempt(way.motion, way.V)
-        far = max(FAR * way.V / self.slope, way.seen[-1][0], way.step)
+        elastic = max(way.V / self.slope, way.elastic)
+        far = min(max(FAR * elastic, way.seen[-1][0]), FARTHEST * elastic)
         pushed = self.pushed = self.drive(far, search.motion, search.pause)
         remember(search.trial, state.joints, state.points, state.areas)
         way.pushes, way.step = way.pushes + 1, pushed.driven - way.driven

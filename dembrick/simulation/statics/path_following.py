@@ -53,7 +53,7 @@ TURNING = 0.02  # of the longest step so far: where none but shorter ones find e
 JUMP = 0.25  # of it: the step by which the actuators go on meanwhile
 LITTLE = 0.1  # of the tolerance: what a step with drag may leave out of balance over the joint forces or the load
 FASTER = 4.0  # by which the drag of a step rises if it is too small, or falls at most; the square if it hardly mattered
-PATIENCE, LEAST_PATIENCE = 60_000, 20  # wasted iterations: times free blocks, and at least, before blocks are pushed on
+PATIENCE, LEAST_PATIENCE = 60_000, 12  # wasted iterations: times free blocks, and at least, before blocks are pushed on
 MOST_PUSHES = 12  # of a path
 MOST_TRIES = 6  # of a step with less and less drag
 ALONG = 4  # steps with drag before one without is tried again
@@ -167,7 +167,7 @@ class PathFollower:
         self.state.actuators.drive[:2] = driven
         step = strength * self.compliance / self.weight / ELASTIC_STEPS
         direction = self._elastic_way()
-        steps = dict.fromkeys(("step", "usual", "longest"), step)
+        steps = dict.fromkeys(("step", "elastic", "usual", "longest"), step)
         place = {"driven": driven, "start": driven, "gain": self.weight / self.compliance}
         return PathState(motion, direction, direction.copy(), **place, **steps, balanced=self.search.balanced)
 

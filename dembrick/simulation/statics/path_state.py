@@ -57,6 +57,7 @@ class PathState:
     driven: float = 0.0  # m
     start: float = 0.0  # m, driven displacement where the path began
     step: float = 0.0  # m, of the driven displacement, to the next equilibrium
+    elastic: float = 0.0  # m, of the first steps
     usual: float = 0.0  # m, the longest that was taken without letting go
     longest: float = 0.0  # m, the longest step, or what the blocks have given way
     gain: float = 0.0  # N/m, how V is thought to grow
