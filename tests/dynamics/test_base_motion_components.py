@@ -10,7 +10,7 @@ from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml
 from dembrick.scenario.controls import BaseMotionControl, Sine
 from dembrick.scenario.files import inputs_of
-from dembrick.scenario.model import Block, JointLaw, Material, Scenario
+from dembrick.scenario.model import Block, JointLaw, Material, Output, Scenario
 
 G = 9.81
 X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
@@ -28,6 +28,7 @@ def sliding(control, friction):
             Block("block", "stone", (0.4, 0.4, 0.1), (0.0, 0.0, 0.05)),
         ),
         control=control,
+        output=Output(("frames",), rows=50, frames=50),
     )
 
 

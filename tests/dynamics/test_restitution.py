@@ -159,7 +159,7 @@ def test_a_rocking_block_loses_what_housner_says():
             "block", "stone", (b, 0.5, h), (0.0, 0.0, h / 2), velocity=(spin * h / 2, 0.0, spin * b / 2),
             angular_velocity=(0.0, spin, 0.0),
         )  # fmt: skip
-        output = Output(rows=3000, frames=3000)
+        output = Output(("frames", "energy"), rows=1000, frames=1000)
         result = simulate(
             scene(DynamicControl(1.0, 0.2), FLOOR, tall, friction=0.8, formulation=formulation, output=output)
         )

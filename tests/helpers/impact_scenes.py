@@ -44,5 +44,5 @@ def falling_arch(formulation):
         blocks=(Block("floor", "stone", (8.0, 3.0, 0.1), (0.0, 0.0, -0.55), fixed=True),),
         arches=(Arch("arch", "stone", 1.0, 0.08, 0.3, 7),),
         control=DynamicControl(4.0, 0.3),
-        output=Output(rows=250, frames=250),
+        output=Output(("frames", "velocity"), rows=250, frames=250),
     )

@@ -116,4 +116,4 @@ def wait_for(condition, child, what):
     while not condition():
         assert child.poll() is None, f"the child ended before {what}: {child.stderr.read()}"
         assert time.monotonic() < deadline, what
-        time.sleep(0.005)
+        time.sleep(0.02)

@@ -257,7 +257,7 @@ def test_a_search_that_is_stopped_or_killed_goes_on(tmp_path, long_search, signu
         command = ["restart", str(path)] if stop else ["run", str(long_search / "wall.toml"), "--out", str(path)]
         child = dembrick(*command, code=SLOW)
         before = rows_of(path)
-        wait_for(lambda before=before: rows_of(path) > before and Checkpoints(path).existing(), child, "more rows")
+        wait_for(lambda before=before: Checkpoints(path).existing() and rows_of(path) > before, child, "more rows")
         for _ in range(rng.randrange(1 << 18)):
             pass
         child.send_signal(signum)
