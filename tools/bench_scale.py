@@ -32,7 +32,7 @@ def with_pushes(assembly, step_factor: float) -> None:
     from dembrick.simulation.statics import limit_load, path_following
 
     patience = path_following.PATIENCE, path_following.LEAST_PATIENCE
-    path_following.PATIENCE, path_following.LEAST_PATIENCE = -1_000_000_000, -1
+    path_following.PATIENCE, path_following.LEAST_PATIENCE = -1e12, -1
     limit_load.find_limit_load(assembly, 0.1, step_factor)
     path_following.PATIENCE, path_following.LEAST_PATIENCE = patience
 

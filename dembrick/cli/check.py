@@ -53,6 +53,7 @@ def run(options, console) -> int:
         "expected_steps": plan.steps,
         "expected_memory": plan.memory,
         "expected_seconds": None if plan.seconds is None else START_SECONDS + plan.seconds,
+        "expected_seconds_snapping": None if plan.seconds_snapping is None else START_SECONDS + plan.seconds_snapping,
         "expected_seconds_falling": None if plan.seconds_falling is None else START_SECONDS + plan.seconds_falling,
         "warnings": warnings,
     }
@@ -99,6 +100,8 @@ def _text(data: dict, plan) -> str:
     took = "" if seconds is None else f", {duration(seconds)} on one core once compiled"
     if data["expected_seconds_falling"] is not None and data["free_blocks"] > 1:
         took += f" ({duration(data['expected_seconds_falling'])} if all of it comes down)"
+    if data["expected_seconds_snapping"] is not None:
+        took += f" (up to {duration(data['expected_seconds_snapping'])} if blocks slide and snap)"
     memory = max(1, round(plan.memory / 1e6))
     doubt = f" (to a factor of {plan.within:g})" if plan.within > 2.0 else ""
     lines.append(f"expected      {bound}{plan.steps} steps{doubt}{took}, {memory} MB beside those of the program")

@@ -35,7 +35,7 @@ from dembrick.scenario.controls import (
     YieldControl,
 )
 from dembrick.scenario.model import Scenario
-from dembrick.simulation.expected_cost import LONG, WITHIN, newton_seconds, newton_steps
+from dembrick.simulation.expected_cost import LONG, WITHIN, longest_search, newton_seconds, newton_steps
 from dembrick.simulation.interrupts import Interrupted
 from dembrick.simulation.session import Plan, Session
 from dembrick.simulation.statics import constant_rate, limit_load, point_placement, standing
@@ -118,8 +118,9 @@ def _plan_search(scenario: Scenario, assembly: Assembly) -> Plan:
     if not has_paths(assembly):
         return plan
     plan = replace(plan, within=WITHIN)
-    if not limit.cheaper_than(SECONDS_OF_CHECK, assembly):
-        return plan
+    longest, most = longest_search(len(assembly.names), len(assembly.joints))
+    if not limit.cheaper_than(SECONDS_OF_CHECK, assembly):  # whether joints slide in it, nobody knows
+        return replace(plan, seconds_snapping=most)
     try:
         sliding = limit.sliding_joints(assembly, scenario.control)
     except (NotConvergedError, ScenarioError):
@@ -128,7 +129,7 @@ def _plan_search(scenario: Scenario, assembly: Assembly) -> Plan:
         return plan
     steps = newton_steps(_has_convex(assembly), sliding)
     seconds = newton_seconds(steps, len(assembly.joints))
-    return replace(plan, steps=steps, seconds=seconds)
+    return replace(plan, steps=min(steps, longest), seconds=min(seconds, most))
 
 
 def _has_convex(assembly: Assembly) -> bool:

@@ -79,7 +79,8 @@ class Plan:
     """What a run will take: time step and critical time step (s), steps, bytes beside those of the program itself, and
     ``seconds`` of compiled code on one core (None: nobody knows). ``exact``: the steps are not an estimate;
     ``at_most``: they are those of the longest such run. ``seconds_falling``: of a run in real time in which all blocks
-    come down in a heap, if they may; ``seconds`` is then of one in which they stand. ``within``: the factor by which an
+    come down in a heap, if they may; ``seconds`` is then of one in which they stand. ``seconds_snapping``: of a
+    search in which blocks snap on and on, where nobody knows whether they do. ``within``: the factor by which an
     estimate of the steps may be off."""
 
     time_step: float
@@ -90,6 +91,7 @@ class Plan:
     exact: bool = False
     at_most: bool = False
     seconds_falling: float | None = None
+    seconds_snapping: float | None = None
     within: float = 2.0
 
 

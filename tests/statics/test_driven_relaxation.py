@@ -28,7 +28,7 @@ DOME = "control.quasi_static=true", "output.channels=['energy']"
 @pytest.fixture
 def impatient(monkeypatch):
     """Blocks are pushed on from the start."""
-    monkeypatch.setattr(path_following, "PATIENCE", -1_000_000)
+    monkeypatch.setattr(path_following, "PATIENCE", -1e12)
     monkeypatch.setattr(path_following, "LEAST_PATIENCE", -1)
 
 
