@@ -159,7 +159,7 @@ def test_a_run_that_was_stopped_records_the_same_contacts(tmp_path):
 
 
 def slid_over_the_edge(formulation, speed):
-    """A plate that slides over the edge of its floor: at 1.15 m/s until 42 % of it hang over, at 1 m/s 26 %."""
+    """A plate that slides over the edge of its floor until 42 % of it hang over at 1.15 m/s, 26 % at 1, 16 % at .9."""
     floor = Block("floor", "stone", (1.0, 1.0, 0.2), (0.0, 0.0, -0.1), fixed=True)
     plate = Block("plate", "stone", (0.2, 0.16, 0.02), (0.35, 0.0, 0.01), velocity=(speed, 0.0, 0.0))
     return scene(floor, plate, duration=0.25, rows=60, formulation=formulation)
@@ -167,8 +167,8 @@ def slid_over_the_edge(formulation, speed):
 
 @pytest.mark.parametrize(
     "formulation, speed",
-    # on the shrunk polygons of `corrected` joints the plate would tip with 42 %
-    [("concave", 1.15), ("corrected", 1.0), ("corrected-shear", 1.15), ("distributed", 1.15), ("convex", 1.15)],
+    # points of `distributed` joints carry until the edge has passed through their cells, which takes further
+    [("concave", 1.0), ("corrected", 1.0), ("corrected-shear", 1.0), ("distributed", 1.15), ("convex", 1.0)],
 )
 def test_contacts_of_a_plate_over_the_edge_stay_on_both_faces(tmp_path, formulation, speed):
     """In every frame the exported points lie on the floor and under the plate, and what acts there, point by point,
@@ -208,7 +208,7 @@ def test_contacts_of_a_plate_over_the_edge_stay_on_both_faces(tmp_path, formulat
 @pytest.mark.parametrize("formulation", ["concave", "corrected", "corrected-shear", "distributed", "convex"])
 def test_utilisation_of_a_plate_that_slides_and_spins_over_the_edge(tmp_path, formulation):
     """While every point slides the joint is on the edge of its yield domain, that of the points where they are now."""
-    given = slid_over_the_edge(formulation, 1.0)
+    given = slid_over_the_edge(formulation, 0.9)
     floor, plate = given.blocks
     plate = dataclasses.replace(plate, angular_velocity=(0.0, 0.0, 6.0))
     simulate(dataclasses.replace(given, blocks=(floor, plate)), tmp_path / "run.h5")

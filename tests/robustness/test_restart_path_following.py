@@ -61,7 +61,7 @@ SCENES = {
     ),
     "blocks that are pushed on": lambda: scene(PushoverControl((0.3, 1.0, 0.0), 1e-4), **wall()),
     "yield of a tower": lambda: scene(YieldControl(1e-3), "corrected-shear", **tower()),
-    "constant rate on a tower": lambda: scene(model.DisplacementControl(1e-4, 1e-5), **tower()),
+    "constant rate on a tower": lambda: scene(model.DisplacementControl(1e-4, 5e-6), **tower()),
 }
 
 
