@@ -152,7 +152,8 @@ def test_convex_joints_side_by_side_do_what_they_do_one_by_one():
                 other.joint, None, 0, other.tile, other.seen, other.joint.tiles, other.joint.sheared, 0, other.work,
                 other.energy.ledger,
             )  # fmt: skip
-            area_energy.add_work(other.energy, 0, 0, other.joint.tiles, other.work)
+            other.work[tiles.REST * W] = 1.0
+            area_energy.add_work(other.energy, 0, 0, other.tile, other.joint.tiles, other.work, True, 1)
             rows = other.work.reshape(-1, W)
             f = rows[tiles.FORCE : tiles.FORCE + 9, 0]
             alone = np.array([f[2], -f[0], -f[1], -rows[tiles.TWISTING, 0], -f[8], f[5]])

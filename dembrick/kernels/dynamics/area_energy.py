@@ -2,7 +2,7 @@
 what friction takes. What is counted is told in `energy_terms`, and how it balances in `energy`."""
 
 from dembrick._jit import entry, jit
-from dembrick.kernels.dynamics.area_tiles import AREA, K_N, REACH, SECOND
+from dembrick.kernels.dynamics.area_tiles import AREA, K_N, K_S, REACH, SECOND
 from dembrick.kernels.dynamics.energy_terms import (
     BY_LAW,
     DASHPOTS,
@@ -23,8 +23,10 @@ from dembrick.kernels.dynamics.tiles import (
     DEPTH,
     FORCE,
     GROWTH,
+    REST,
     SLIPPED,
     STILL,
+    VISCOUS,
     W,
     put_three,
     three,
@@ -62,18 +64,59 @@ def keep_for_work(work, lane, t1, t2, tm, e1, e2, em, s1, s2, turn):
 
 
 @entry
-def add_dashpot_work(face, work, dashpots, ledger):
-    """Add what the dashpots of the joints of a tile took in a step: of the forces that were found, what presses the
-    springs, what dashpots carry in shear, and the slip."""
+def add_dashpot_work(tile, face, work, dashpots, ledger, rest):
+    """Add what the dashpots of the joints of a tile took in a step. Those of joints that are done by `stick` act on all
+    that they move by, or on nothing where a joint is open; of the others, of which there are none if ``rest`` is None,
+    from the forces that were found, what presses the springs and what dashpots carry in shear."""
     for lane in range(W):
         k_n = face[K_N * W + lane]
-        q0, qx, qy = three(work, STILL, lane)
-        c0 = work[(FORCE + 2) * W + lane] - k_n * q0
-        cx = work[(FORCE + 5) * W + lane] - k_n * qx
-        cy = work[(FORCE + 8) * W + lane] - k_n * qy
-        taken = dashpot_work(dashpots, lane, PRESSING, c0, cx, cy, *three(work, GROWTH, lane))
-        taken += dashpot_work(dashpots, lane, SHEARING, *three(work, CARRIED, lane), *three(work, SLIPPED, lane))
+        k_s = face[K_S * W + lane]
+        area = face[AREA * W + lane]
+        second = three(face, SECOND, lane)
+        growth = three(work, GROWTH, lane)
+        slipped = three(work, SLIPPED, lane)
+        closed = work[DEPTH * W + lane] > 0.0
+        c = tile[VISCOUS * W + lane] * k_n if closed else 0.0
+        c0, cx, cy = closed_pressure(c * area, (c * second[0], c * second[1], c * second[2]), *growth)
+        c = tile[(VISCOUS + 1) * W + lane] * k_s if closed else 0.0
+        c1 = c * area * slipped[0]
+        c2 = c * area * slipped[1]
+        cm = c * (second[0] + second[1]) * slipped[2]
+        if rest is not None:
+            q0, qx, qy = three(work, STILL, lane)
+            v1, v2, vm = three(work, CARRIED, lane)
+            alone = work[REST * W + lane] > 0.0
+            c0 = work[(FORCE + 2) * W + lane] - k_n * q0 if alone else c0
+            cx = work[(FORCE + 5) * W + lane] - k_n * qx if alone else cx
+            cy = work[(FORCE + 8) * W + lane] - k_n * qy if alone else cy
+            c1 = v1 if alone else c1
+            c2 = v2 if alone else c2
+            cm = vm if alone else cm
+        taken = dashpot_work(dashpots, lane, PRESSING, c0, cx, cy, *growth)
+        taken += dashpot_work(dashpots, lane, SHEARING, c1, c2, cm, *slipped)
         ledger[OF_DASHPOTS * W + lane] += taken
+
+
+@entry
+def press_wholly(face, work):
+    """What presses the springs of the joints of a tile that are all wholly closed or wholly open, into `STILL`."""
+    for lane in range(W):
+        g = three(work, DEPTH, lane)
+        n, nx, ny = closed_pressure(face[AREA * W + lane], three(face, SECOND, lane), *g)
+        closed = g[0] > 0.0
+        put_three(work, STILL, lane, (n if closed else 0.0, nx if closed else 0.0, ny if closed else 0.0))
+
+
+@jit
+def leave_alone(work, first):
+    """Let no joint be in the lanes of a tile from ``first`` on."""
+    zero = (0.0, 0.0, 0.0)
+    for lane in range(first, W):
+        work[REST * W + lane] = 0.0
+        put_three(work, GROWTH, lane, zero)
+        put_three(work, DEPTH, lane, zero)
+        put_three(work, STILL, lane, zero)
+        put_three(work, SLIPPED, lane, zero)
 
 
 @jit
@@ -120,16 +163,25 @@ def opening(face, work):
 
 
 @jit
-def add_work(energy_terms, t, own, face, work):
+def add_work(energy_terms, t, own, tile, face, work, rest, used):
     """Add the work over a step of springs and dashpots of the convex joints in their tile ``t``, which is ``own`` of
-    `Links`. The springs of joints that are and stay wholly closed give back what they took to the last."""
+    `Links`, in its first ``used`` lanes; ``rest``: see `stick`. The springs of joints that are and stay wholly closed
+    give back what they took to the last."""
     ledger = energy_terms.ledger[own * LEDGER : (own + 1) * LEDGER]
     dashpots = energy_terms.dashpots[own * DASHPOTS : (own + 1) * DASHPOTS]
-    add_dashpot_work(face, work, dashpots, ledger)
     springs = energy_terms.springs[t * SPRINGS : (t + 1) * SPRINGS]
-    partly, passed = opening(face, work)
-    if energy_terms.partly[t] > 0:
-        add_stepping(face, work, springs, True, ledger)
-    elif partly + passed > 0:
-        add_stepping(face, work, springs, None, ledger)
+    partly = 0
+    if rest:
+        leave_alone(work, used)
+        add_dashpot_work(tile, face, work, dashpots, ledger, True)
+        partly, passed = opening(face, work)
+        if energy_terms.partly[t] > 0:
+            add_stepping(face, work, springs, True, ledger)
+        elif partly + passed > 0:
+            add_stepping(face, work, springs, None, ledger)
+    else:
+        add_dashpot_work(tile, face, work, dashpots, ledger, None)
+        if energy_terms.partly[t] > 0:
+            press_wholly(face, work)
+            add_stepping(face, work, springs, True, ledger)
     energy_terms.partly[t] = partly

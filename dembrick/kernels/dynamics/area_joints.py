@@ -35,6 +35,7 @@ from dembrick.kernels.dynamics.tiles import (
     PRESSED,
     REST,
     SEEN_TILE,
+    SLIPPED,
     STILL,
     TILE,
     TURN,
@@ -212,7 +213,7 @@ def stick(tile, seen, face, sheared, work, energy):
         )  # fmt: skip
         whole = either_wholly(reach, g0, gx, gy)
         stuck = wholly_closed(reach, g0, d0, h0, hx, hy) & whole & (n > 0.0) & (size <= face[MU * W + lane] * n)
-        idle = whole & (g0 <= 0.0) & (b1 == 0.0) & (b2 == 0.0) & (bm == 0.0)
+        idle = whole & (g0 <= 0.0) & (g0 <= d0) & (b1 == 0.0) & (b2 == 0.0) & (bm == 0.0)
         put_three(sheared, 0, lane, kept_unless(stuck, (e1, e2, em), (b1, b2, bm)))
         n, nx, ny = zero_unless(stuck, (n, nx, ny))
         t1, t2, tm = zero_unless(stuck, (t1, t2, tm))
@@ -220,9 +221,7 @@ def stick(tile, seen, face, sheared, work, energy):
         work[REST * W + lane] = 0.0 if stuck | idle else 1.0
         rest = rest | (not (stuck | idle))
         if energy is not None:
-            e1, e2, em = zero_unless(stuck, (e1, e2, em))
-            keep_for_work(work, lane, t1, t2, tm, e1, e2, em, s1, s2, turn)
-            put_three(work, STILL, lane, zero_unless(stuck, closed_pressure(area, second, g0, gx, gy)))
+            put_three(work, SLIPPED, lane, (s1, s2, turn))
     return rest
 
 
@@ -244,17 +243,21 @@ def forces_of_tile(faces, pressed, strengths, bonds, t, tile, seen, work, energy
             a = faces.lane[t, lane]
             bonded_face(faces, strengths, bonds, a, tile, seen, face, sheared, lane, work, dashpots, ledger)
         return
+    rest = True
     if pressed is not None:
         for lane in range(used):
-            face_force(faces, pressed, faces.lane[t, lane], tile, seen, face, sheared, lane, work, ledger)
-    elif stick(tile, seen, face, sheared, work, ledger):
-        fetch_corners(faces, t, work)
-        press(tile, face, work, ledger)
+            work[REST * W + lane] = 1.0
+    else:
+        rest = stick(tile, seen, face, sheared, work, ledger)
+        if rest:
+            fetch_corners(faces, t, work)
+            press(tile, face, work, ledger)
+    if rest:
         for lane in range(used):
             if work[REST * W + lane] > 0.0:
                 face_force(faces, pressed, faces.lane[t, lane], tile, seen, face, sheared, lane, work, ledger)
     if energy_terms is not None:
-        add_work(energy_terms, t, own, face, work)
+        add_work(energy_terms, t, own, tile, face, work, rest, used)
 
 
 @jit
