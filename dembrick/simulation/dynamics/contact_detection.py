@@ -327,15 +327,22 @@ class ContactDetection:
         """The convex parts of all blocks, where they stand at the start."""
         return bodies_of(self.assembly.shapes, self.assembly.position, self.assembly.rotation)
 
+    @functools.cached_property
+    def _lying(self) -> np.ndarray:
+        """Pairs of parts (k,) that touch at the start, as the number of the first times that of parts, plus the
+        second."""
+        start = self._start
+        pairs = close_pairs(start, TOLERANCE)
+        pairs = pairs[start.owner[pairs[:, 0]] != start.owner[pairs[:, 1]]]
+        pairs = pairs[overlap_depths(start, pairs) > -TOLERANCE * start.table.diameter[pairs].min(axis=1)]
+        return pairs[:, 0] * len(start.owner) + pairs[:, 1]
+
     def _let_lie(self, touching: Touching) -> None:
         """Let parts without a joint whose edges lie along each other at the start press nothing until that counts."""
         assembly, owner = self.assembly, touching.parts.owner
-        pairs = np.column_stack([touching.first, touching.second])
-        start = self._start
-        apart = np.linalg.norm(start.position[pairs[:, 0]] - start.position[pairs[:, 1]], axis=1)
-        near = np.flatnonzero((apart <= touching.parts.radius[pairs].sum(axis=1)) & (touching.joint < 0))
-        near = near[overlap_depths(start, pairs[near]) > -TOLERANCE * start.table.diameter[pairs[near]].min(axis=1)]
-        pairs = pairs[near]
+        code = touching.first * len(owner) + touching.second
+        near = np.flatnonzero(np.isin(code, self._lying) & (touching.joint < 0))
+        pairs = np.column_stack([touching.first, touching.second])[near]
         weight = np.linalg.norm(assembly.gravity) * np.where(assembly.fixed, np.inf, assembly.mass)[owner[pairs]]
         radius = touching.parts.inner[pairs].min(axis=1)
         touching.least[near] = NEGLIGIBLE * weight.min(axis=1)
