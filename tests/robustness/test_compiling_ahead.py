@@ -10,13 +10,15 @@ from dembrick import _ahead, _kernel_cache
 from dembrick.assembly.build import assemble
 from dembrick.cli import main, warmup
 from dembrick.errors import ScenarioError
+from dembrick.kernels.dynamics.contact_forces import touch
 from dembrick.kernels.dynamics.loop import advance_bodies
 from dembrick.runs import lab
 from dembrick.runs import simulate as simulate_module
 from dembrick.runs.simulate import simulate
 from dembrick.scenario.blocks import Block, Prism
-from dembrick.scenario.controls import DynamicControl
+from dembrick.scenario.controls import DynamicControl, SettlementControl
 from dembrick.simulation.dynamics import integrator, run
+from dembrick.simulation.dynamics.recorder import Recorder
 from helpers.second_process import python
 
 KERNELS = """
@@ -164,9 +166,16 @@ def test_no_second_process_without_a_core_a_shared_cache_or_locks(allowed, monke
         assert _ahead._Known.helper is None
 
 
+def arguments_of(kernel):
+    """The names of its arguments."""
+    code = kernel.__wrapped__.__code__
+    return code.co_varnames[: code.co_argcount]
+
+
 @pytest.mark.parametrize("formulation", warmup.FORMULATIONS)
 def test_the_loop_with_contacts_is_compiled_ahead_for_what_it_is_called_with(monkeypatch, formulation):
-    """The task that a run hands on is that of the very loop which it calls when two blocks meet."""
+    """The tasks that a run hands on are that of the very loop which it calls when two blocks meet, and before it that
+    of the forces of contacts which this loop takes in."""
     tasks = []
 
     def heard(wanted):
@@ -176,11 +185,34 @@ def test_the_loop_with_contacts_is_compiled_ahead_for_what_it_is_called_with(mon
     monkeypatch.setattr(integrator, "meanwhile", heard)
     scene = warmup._scene(formulation, DynamicControl(2e-3), warmup.LOW, warmup.THROWN)
     assert simulate(scene).run.motion.contact_detection.touching is not None
-    ((function, module, name, types),) = tasks
+    forces, (function, module, name, types) = tasks
     assert function is _ahead.compile_kernel and (module, name) == (advance_bodies.__module__, "advance_bodies")
     assert types in advance_bodies.called.overloads
-    touching = advance_bodies.__wrapped__.__code__.co_varnames.index("touching")
-    assert str(types[touching]) != "none"
+    type_of = dict(zip(arguments_of(advance_bodies), types, strict=True))
+    assert str(type_of["touching"]) != "none"
+    its_types = tuple(type_of[argument] for argument in arguments_of(touch))
+    assert forces == (_ahead.compile_kernel, touch.__module__, "touch", its_types)
+
+
+def test_the_second_process_starts_with_the_first_kernel_of_a_settlement(monkeypatch, tmp_path):
+    """The loop comes first, within `meanwhile`: what rows take is compiled while the second process is at work."""
+    order = []
+
+    def started(wanted):
+        order.append("loop")
+        return _ahead.meanwhile(wanted)
+
+    def looked(recorder, compiled=Recorder.compile):
+        order.append("rows")
+        compiled(recorder)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(integrator, "meanwhile", started)
+    monkeypatch.setattr(Recorder, "compile", looked)
+    scene = warmup._scene("concave", SettlementControl(("floor",), displacement=(0.0, 0.0, -1e-3)), warmup.LOW)
+    with pytest.raises(KeyboardInterrupt):
+        simulate(scene, tmp_path / "a.h5")
+    assert order == ["loop", "rows"]
 
 
 def test_compiling_ahead_takes_no_room_for_contacts_of_blocks_of_many_faces():

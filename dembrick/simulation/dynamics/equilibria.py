@@ -204,6 +204,7 @@ class EquilibriumPath(ABC):
         """The equilibrium under the dead loads, before the parameter grows; or go on from a checkpoint."""
         moving, past = self.moving, self.past
         if resumed is not None and SNAPSHOT in resumed:
+            self.recorder.compile()
             past.restore(resumed)
             self._restore(resumed)
             self.kept = self._equilibrium()
@@ -212,6 +213,7 @@ class EquilibriumPath(ABC):
         resume = None if resumed is None else partial(past.restore, resumed)
         past.unbalanced[0] = find_equilibrium(moving, held, False, resume, partial(self.session.pause, past))
         moving.phases["dead_load"], moving.loop_seconds = moving.loop_seconds, 0.0
+        self.recorder.compile()
         past.at_rest[:] = seen(moving.state.bodies, moving.state.links)
         self.advance(self._at(0.0), CHUNK)
         ratio = float(past.unbalanced[0])
@@ -303,7 +305,6 @@ class EquilibriumPath(ABC):
         """Go the whole way, from the start or from where the session resumes it, and say what came of it."""
         self.begin(self.session.resumed)
         self.run()
-        self.moving.compile_seconds += self.recorder.compile_seconds
         return self.finished()
 
     def finished(self) -> EquilibriaRun:

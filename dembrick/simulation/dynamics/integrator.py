@@ -18,7 +18,7 @@ import numpy as np
 from dembrick._ahead import compiling, meanwhile
 from dembrick._jit import get_num_threads
 from dembrick.errors import DivergedError, NotConvergedError
-from dembrick.kernels.dynamics.contact_forces import CROWDED, DEEP, DEEPEST
+from dembrick.kernels.dynamics.contact_forces import CROWDED, DEEP, DEEPEST, touch
 from dembrick.kernels.dynamics.loop import (
     DIVERGED,
     MEETING,
@@ -360,10 +360,16 @@ def _compile(motion: Motion, loops, dt: float, state: MovingState, *others) -> N
 
 
 def _with_contacts(motion: Motion, loops, *others) -> list[tuple]:
-    """The tasks of compiling the ``loops`` with new contacts, ahead of the first; ``others`` as in `_compile`."""
+    """The tasks of compiling the ``loops`` with new contacts, ahead of the first; ``others`` as in `_compile`.
+
+    The forces of contacts, two thirds of the work, come first. A process that wants such a loop meanwhile, and has
+    compiled one without contacts, compiles the rest of it sooner than the second process would.
+    """
     blank = motion.contact_detection.blank(motion.polygons)
     later = (motion._travel, blank, motion.energy.table)
-    return [compiling(loop, _in_loop(0, *others, *later, own)[0]) for loop, own in loops]
+    calls = [(loop, _in_loop(0, *others, *later, own)) for loop, own in loops]
+    (_, dt, bodies, links, *_), near = calls[0][1]
+    return [compiling(touch, (near, links, bodies, dt)), *(compiling(loop, call) for loop, (call, _) in calls)]
 
 
 def _call(loop, n_steps: int, dt: float, state: MovingState, bodies, loads: Loads, *others) -> tuple[int, int]:

@@ -39,11 +39,14 @@ class Recorder:
         self._controller = controller
         self._frames_every, self._rows_every = frames_every, rows_every
         self._origin = moving.assembly.position - moving.state.middle
+
+    def compile(self) -> None:
+        """Compile what rows take, or load it; after the loop, beside which a second process compiles (`_ahead`)."""
         began = time.perf_counter()
-        if session.observe is not None:  # compiles, or loads the cache
+        if self._session.observe is not None:
             self._unbalanced()
-            joint_resultants(moving.state)
-        self.compile_seconds = time.perf_counter() - began
+            joint_resultants(self._moving.state)
+        self._moving.compile_seconds += time.perf_counter() - began
 
     def take(self, last: bool = False, equilibrium: int | None = None) -> None:
         """A row of the present state, and a frame where one is due; of an ``equilibrium`` with that number."""

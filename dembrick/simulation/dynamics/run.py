@@ -204,6 +204,7 @@ def run(moving: Motion, control: Control, driving: Driving, session: Session) ->
     frames_every = max(1, session.output.rows // session.output.frames)
     limits = Limits(displacement=goal, longest=0.1 * float(moving.state.bodies.reach.min()))
     recorder = Recorder(moving, driving, session, every, frames_every, controller)
+    recorder.compile()
     if not moving.steps:
         recorder.take()
     status = None
@@ -220,7 +221,6 @@ def run(moving: Motion, control: Control, driving: Driving, session: Session) ->
                 recorder.take(last=over)
             if not over:
                 session.pause(past)
-    moving.compile_seconds += recorder.compile_seconds
     if to_collapse and status != REACHED:
         least = (
             f"the table stood at {STEEPEST:g} deg" if controller is None else f"the load factor came near {STRONGEST:g}"
