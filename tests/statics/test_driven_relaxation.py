@@ -80,7 +80,8 @@ def test_pushes_alone_find_a_limit(impatient, scenario, limit):
     run, _ = energies_of(scenario)
     point = run.yield_point
     assert run.converged and not run.settings["wanders"]
-    assert point.V == pytest.approx(limit, rel=1e-4)
+    assert point.V_lower < limit < point.V_upper < 1.001 * limit
+    assert point.V == pytest.approx(limit, rel=1e-3)
     assert run.settings["equilibria"] <= 6
 
 
@@ -92,11 +93,11 @@ def test_what_a_convex_wall_still_lacks_is_in_its_bounds(impatient):
 
 
 def test_a_dome_that_snaps_gives_way_at_the_load_of_its_path(impatient):
-    """Path following comes to .37316 to .37327, other stiffnesses to .371 to .376; the energy balance closes."""
+    """Path following comes to .3732; the energy balance closes."""
     run, energies = energies_of(dome())
     point = run.yield_point
     assert run.settings["wanders"] and run.converged
-    assert 0.36 < point.V_lower < point.V < point.V_upper < 0.41
+    assert 0.35 < point.V_lower < 0.3732 < point.V_upper < 0.40
     spent = sum(energies[name] for name in energies if name != "external")
     assert spent == pytest.approx(energies["external"], abs=0.01 * energies["external"][-1])
     assert energies["friction"][-1] > 0.5 * energies["external"][-1]

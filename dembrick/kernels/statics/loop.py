@@ -153,10 +153,10 @@ def settle(first, n_steps, tolerance, blocks, joints, points, areas, scaled, mom
 
 
 @entry
-def push_on(first, n_steps, dt, blocks, joints, points, areas, actuators, scaled, drive, energy, greatest):
+def push_on(first, n_steps, dt, blocks, joints, points, areas, actuators, scaled, drive, energy, least, greatest):
     """Push blocks of artificial inertia on from step ``first`` for ``n_steps`` more, in small motion, whatever they do.
 
-    Returns the ``greatest`` V, given that so far, and the longest move of a block (m) in a step.
+    Returns the ``least`` and the ``greatest`` V, given those so far, and the longest move of a block (m) in a step.
     """
     if first == 0:
         begin_energy(energy, blocks, joints, points, areas, None)
@@ -165,6 +165,7 @@ def push_on(first, n_steps, dt, blocks, joints, points, areas, actuators, scaled
         clear_forces(blocks)
         joint_forces(blocks, joints, points, areas, None, dt, drive.viscous_n, drive.viscous_s, energy)
         v, _ = actuator_forces(blocks, actuators, drive, None, head_rate(drive, step, dt), dt, energy)
+        least = min(least, v)
         greatest = max(greatest, v)
         longest = max(longest, small_step(blocks, scaled, dt, 0.0, 0.0, None))
-    return greatest, longest
+    return least, greatest, longest

@@ -43,11 +43,12 @@ STEPS = STEADY + HALVINGS * HALVING
 
 
 class Pushed(NamedTuple):
-    """What a push came to: V at its end and the greatest in its last part (N), the driven displacement (m), how the
-    free blocks (6 f,) and the joints (j, 6) moved in that part, and energies (J): what the actuators did, what friction
-    and what dashpots took."""
+    """What a push came to: V at its end, the least and the greatest in its last part (N), the driven displacement (m),
+    how the free blocks (6 f,) and the joints (j, 6) moved in that part, and energies (J): what the actuators did, what
+    friction and what dashpots took."""
 
     V: float
+    least: float
     greatest: float
     driven: float
     motion: np.ndarray
@@ -133,13 +134,13 @@ class DrivenRelaxation:
         energy = new_energy(state)
         scene = dt, *state[:5], self.inertia, drive, energy
         started = time.perf_counter()
-        push_on(1, 0, *scene, 0.0)  # no step: compiles, or loads the cache
+        push_on(1, 0, *scene, NEVER, -NEVER)  # no step: compiles, or loads the cache
         ready = time.perf_counter()
-        greatest, before, seen = -NEVER, motion(), state.joints.relative.copy()
+        least, greatest, before, seen = NEVER, -NEVER, motion(), state.joints.relative.copy()
         for step in range(0, STEPS, CHUNK):
             if step == STEPS - LATE:
-                greatest, before, seen = -NEVER, motion(), state.joints.relative.copy()
-            greatest, moved = push_on(step, CHUNK, *scene, greatest)
+                least, greatest, before, seen = NEVER, -NEVER, motion(), state.joints.relative.copy()
+            least, greatest, moved = push_on(step, CHUNK, *scene, least, greatest)
             if not math.isfinite(moved):
                 raise DivergedError("driven relaxation diverged; please report this scenario")
             pause()
@@ -149,6 +150,7 @@ class DrivenRelaxation:
         spring = 0.5 * weights / self.slope * (head[2] ** 2 - V**2)
         return Pushed(
             V=float(head[2]),
+            least=float(least),
             greatest=float(greatest),
             driven=float(head[1]),
             motion=motion() - before,

@@ -44,9 +44,10 @@ def limit_bounds(seen: list[Seen], elastic: float, strips: bool) -> tuple[float,
 def pushed_bounds(pushes: list[Seen], strips: bool) -> tuple[float, float, bool]:
     """The same where driven relaxation pushes the blocks on, from what each of the ``pushes`` has ended with.
 
-    V rises and falls by turns as blocks snap, without a limit that it tends to: it is at least what the blocks carried
-    after the last two pushes, and at most what it came to in the last three. If it still grew in the last, as much
-    again may be missing, or more where there are ``strips``; and if it grew by much, nothing bounds it yet.
+    V rises and falls by turns as blocks snap, without a limit that it tends to: it is at least what it fell to in the
+    last part of the last two pushes, and what the blocks carried after them, and at most what it came to in the last
+    three. If it still grew in the last, as much again may be missing, or more where there are ``strips``; and if it
+    grew by much, nothing bounds it yet.
     """
     if len(pushes) < PUSHES:
         return 0.0, NEVER, False

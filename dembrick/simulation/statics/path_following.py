@@ -32,7 +32,7 @@ from dembrick.simulation.session import Progress, Session, Snapshot
 from dembrick.simulation.statics import joint_families, ties
 from dembrick.simulation.statics.bond_breaking import BondBreaking
 from dembrick.simulation.statics.driven_relaxation import DrivenRelaxation
-from dembrick.simulation.statics.instant_bounds import LEAST_BALANCED, NOTHING, InstantBounds
+from dembrick.simulation.statics.instant_bounds import HIDDEN, LEAST_BALANCED, NOTHING, InstantBounds
 from dembrick.simulation.statics.newton import HELD, Equilibria
 from dembrick.simulation.statics.path_bounds import PUSHES, limit_bounds, peak_bounds, pushed_bounds
 from dembrick.simulation.statics.path_prediction import go_on_rocking
@@ -259,7 +259,9 @@ class PathFollower:
         self._accept(change, V, way.step)
         way.motion = now
         if way.pushes:
-            way.seen[-1] = (*way.seen[-1][:3], max(V, self.relaxation.pushed.greatest), False)
+            (given, _, lower, _, _), pushed = way.seen[-1], self.relaxation.pushed
+            hidden = HIDDEN * self.certificate.tolerance * abs(V)
+            way.seen[-1] = given, V, min(lower, pushed.least), max(V, pushed.greatest) + hidden, False
             self.relaxation.show_what_moves(self.search.rows)
             return self._judged()
         if way.broke:
