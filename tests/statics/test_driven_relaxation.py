@@ -89,7 +89,7 @@ def test_what_a_convex_wall_still_lacks_is_in_its_bounds(impatient):
     """The strip at its toe shrinks for ever, and V has come to 97 % of 1/3 only."""
     run, _ = energies_of(wall(law("convex"), 4, 6, (0.0, 1.0, 0.0)))
     point = run.yield_point
-    assert point.V_lower < 0.33 < 1.0 / 3.0 < point.V_upper < 0.36
+    assert point.V_lower < 0.33 < 1.0 / 3.0 < point.V_upper < 0.37
 
 
 def test_a_dome_that_snaps_gives_way_at_the_load_of_its_path(impatient):
@@ -97,7 +97,7 @@ def test_a_dome_that_snaps_gives_way_at_the_load_of_its_path(impatient):
     run, energies = energies_of(dome())
     point = run.yield_point
     assert run.settings["wanders"] and run.converged
-    assert 0.35 < point.V_lower < 0.3732 < point.V_upper < 0.40
+    assert 0.35 < point.V_lower < 0.3732 < point.V_upper < 0.41
     spent = sum(energies[name] for name in energies if name != "external")
     assert spent == pytest.approx(energies["external"], abs=0.01 * energies["external"][-1])
     assert energies["friction"][-1] > 0.5 * energies["external"][-1]
@@ -149,14 +149,15 @@ def test_without_an_end_it_says_so(impatient, monkeypatch):
 
 
 def test_bounds_of_pushes():
-    """(given, V, lower, upper, closes): the last two and three of them, and what V still grew."""
-    seen = [(1.0, 5.0, 5.0, 5.5, False), (2.0, 8.0, 7.5, 8.25, False), (4.0, 7.75, 7.0, 8.0, False)]
+    """(given, V, lower, upper, closes): the last two and three of them, half of that range more, what V still grew."""
+    seen = [(1.0, 7.0, 7.0, 7.5, False), (2.0, 8.0, 7.5, 8.25, False), (4.0, 7.75, 7.25, 8.0, False)]
     assert pushed_bounds(seen[:2], False) == (0.0, NEVER, False)
-    assert pushed_bounds(seen, False) == (7.0, 8.25, True)
-    rising = [*seen, (8.0, 8.5, 8.25, 8.5, False)]
-    assert pushed_bounds(rising, False) == (7.0, 9.25, True)
-    assert pushed_bounds(rising, True) == (7.0, 10.75, True)
-    assert pushed_bounds([*seen, (8.0, 9.0, 8.75, 9.0, False)], False) == (7.0, NEVER, False)
+    assert pushed_bounds(seen, False) == (7.25 - 0.5, 8.25 + 0.5, True)
+    rising = [*seen, (8.0, 8.0, 7.75, 8.0, False)]
+    assert pushed_bounds(rising, False) == (7.25 - 0.5, 8.25 + 0.5, True)
+    assert pushed_bounds(rising, True) == (7.25 - 0.5, 8.75, True)
+    assert pushed_bounds([*seen, (8.0, 8.125, 7.75, 8.125, False)], True) == (6.75, 8.125 + 3.0 * 0.375, True)
+    assert pushed_bounds([*seen, (8.0, 9.0, 8.75, 9.0, False)], False) == (7.25 - 0.875, NEVER, False)
 
 
 def test_what_the_command_line_says():

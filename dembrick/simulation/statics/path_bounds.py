@@ -7,7 +7,8 @@ from dembrick.kernels.statics.load_bounds import MISSING, NEVER, STILL
 MOST_DECAY = 0.95  # of what V grows while the blocks give way twice as far, over the same before
 APART = 3.0  # times that estimates of the limit differ: how far it may be from the last of them
 
-PUSHES, STILL_GROWS = 3, 0.1  # pushes that tell of V, and the part by which it may grow in the last of them
+PUSHES, STILL_GROWS = 3, 0.05  # pushes that tell of V, and the part by which it may grow in the last of them
+BEYOND = 0.5  # of the range that pushes have shown: how far V may go beyond it at either end
 
 Seen = tuple[float, float, float, float, bool]  # inelastic displacement (m), V, its bounds (N), whether a gap closes
 
@@ -46,13 +47,15 @@ def pushed_bounds(pushes: list[Seen], strips: bool) -> tuple[float, float, bool]
 
     V rises and falls by turns as blocks snap, without a limit that it tends to: it is at least what it fell to in the
     last part of the last two pushes, and what the blocks carried after them, and at most what it came to in the last
-    three. If it still grew in the last, as much again may be missing, or more where there are ``strips``; and if it
-    grew by much, nothing bounds it yet.
+    three. Half of that range is added at either end, as three pushes do not tell all of it. If V still grew in the
+    last, as much again may be missing, or more where there are ``strips``; and if it grew by much, nothing bounds it.
     """
     if len(pushes) < PUSHES:
         return 0.0, NEVER, False
     before, recent = pushes[-PUSHES], pushes[1 - PUSHES :]
-    lower, upper = max(0.0, min(s[2] for s in recent)), max(s[3] for s in (before, *recent))
+    lower, upper = min(s[2] for s in recent), max(s[3] for s in (before, *recent))
+    more = BEYOND * (upper - lower)
+    lower, upper = max(0.0, lower - more), upper + more
     grown = pushes[-1][1] - pushes[-2][1]
     if grown > STILL_GROWS * abs(pushes[-1][1]):
         return lower, NEVER, False
