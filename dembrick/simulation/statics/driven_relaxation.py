@@ -38,6 +38,7 @@ RAMP = 8  # steps over which the head speeds up
 STEADY, HALVINGS, HALVING = 256, 8, 96  # steps at a steady rate; then it is halved so often, each over so many steps
 LATE = 4 * HALVING  # last steps, over which V is watched
 FAR, FARTHEST = 64.0, 256.0  # elastic displacements of the load of now, that a push goes at least and at most
+NEAR = 0.02  # out-of-balance over joint forces from which Newton's method has a chance
 CHUNK = 32  # steps between two looks at signals
 STEPS = STEADY + HALVINGS * HALVING
 
@@ -93,13 +94,14 @@ class DrivenRelaxation:
         way.friction, way.lost = way.friction + pushed.friction, way.lost + pushed.lost
         weights = float(np.abs(state.actuators.weight).sum())
         way.external += pushed.external - 0.5 * (way.V + pushed.V) * way.step * weights
-        motion = search.motion()
-        V, way.tried = search.find(motion, pushed.V)
-        way.iterations = search.iterations
-        if V is None:
-            V = pushed.V
+        motion, V, found = search.motion(), pushed.V, None
+        search.attempt(motion, V)
+        if search.out_of_balance() <= NEAR:
+            found, way.tried = search.find(motion, V)
+            way.iterations = search.iterations
+        if found is None:
             search.attempt(motion, V)
-        return V
+        return V if found is None else found
 
     def show_what_moves(self, rows: np.ndarray) -> None:
         """Let the state hold the motion of the last part of the push, which is that of the mechanism; ``rows`` (f, 6)
