@@ -7,6 +7,7 @@ import pytest
 
 from dembrick.assembly import build
 from dembrick.errors import NotConvergedError
+from dembrick.history import read
 from dembrick.kernels.math.multifrontal import solve_in_place, solve_rounded_in_place
 from dembrick.kernels.statics.load_bounds import NEVER
 from dembrick.runs.path_dependence import path_lines, ranged
@@ -172,3 +173,11 @@ def test_the_json_says_from_where_to_where(impatient):
     point, collapse = result.yield_point, result.as_dict()["collapse"]
     assert collapse["wanders"] == [point.V_lower, point.V_upper]
     assert collapse["error_estimate"] == point.half_width
+
+
+def test_every_push_is_worth_a_frame(impatient, tmp_path):
+    """Of more than a hundred blocks every eighth equilibrium has one else."""
+    result = simulate(dome("output.channels=['frames']"), tmp_path / "dome.h5")
+    with read(tmp_path / "dome.h5") as file:
+        assert file.frame_time[-3:].tolist() == file.time[-3:].tolist()
+    assert len(result.rows["time"]) == result.run.settings["equilibria"] + 1

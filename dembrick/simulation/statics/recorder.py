@@ -97,7 +97,7 @@ class Recorder:
 
     def write_equilibrium(self, state: State, number: int, way: PathState, before: float, bracket: np.ndarray) -> None:
         """Add the equilibrium with this ``number`` on a ``way`` to the record; ``before`` (J) is what the springs held
-        where it began, ``bracket`` (2,) N of the limit."""
+        where it began, ``bracket`` (2,) N of the limit. Where blocks were pushed on it is worth a frame."""
         record = self.record
         energy = record.energy[record.count[0]]
         energy[:] = 0.0
@@ -108,7 +108,7 @@ class Recorder:
         lower, upper = bracket
         write_row(
             record, number, float(number), state.blocks, state.joints, state.points, state.areas, state.actuators, None,
-            float(state.actuators.drive[2]), 0.0, lower, upper, False,
+            float(state.actuators.drive[2]), 0.0, lower, upper, way.pushes > 0,
         )  # fmt: skip
         ties.write(state, record)
 
