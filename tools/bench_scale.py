@@ -31,10 +31,10 @@ def with_pushes(assembly, step_factor: float) -> None:
     """A search that pushes blocks on by driven relaxation from the start, so that this is compiled as well."""
     from dembrick.simulation.statics import limit_load, path_following
 
-    patience = path_following.PATIENCE, path_following.LEAST_PATIENCE
-    path_following.PATIENCE, path_following.LEAST_PATIENCE = -1e12, -1
+    patience = path_following.WASTED, path_following.LEAST_WASTED
+    path_following.WASTED, path_following.LEAST_WASTED = -1e12, -1
     limit_load.find_limit_load(assembly, 0.1, step_factor)
-    path_following.PATIENCE, path_following.LEAST_PATIENCE = patience
+    path_following.WASTED, path_following.LEAST_WASTED = patience
 
 
 def case(stem: str, changes: list[str]) -> dict[str, object]:

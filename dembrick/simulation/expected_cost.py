@@ -17,7 +17,9 @@ FIRST_SLIDING, NEWTON_PER_JOINT = 45.0, 2.0  # of one that slides: and more with
 CONVEX_ROCKING = 1.4  # times as many steps where convex joints rock
 EQUILIBRIA = 32  # on the path of a search: some ten to sixty are recorded
 WITHIN = 4.0  # factor by which the steps of a search of several joints may be off
-WASTED, MOST_USEFUL = (1e8, 12), 300  # iterations before driven relaxation takes over: in vain, and not
+WASTED = 1e8  # iterations in vain before blocks are pushed on, times free blocks squared
+LEAST_WASTED = 12  # and at least
+MOST_USEFUL = 300  # of those before that are not in vain
 PUSHED_SECONDS = 2e-3  # s a joint of all pushes of driven relaxation
 NEWTON_SECONDS = 1.2e-5  # s a joint and Newton step: equations, joint forces, bracket
 STATICS_STEPS = 50  # of a dead-load equilibrium of an assembly: 1 to 300 have been seen where it stands
@@ -47,8 +49,7 @@ def newton_seconds(steps: int, joints: int) -> float:
 
 def longest_search(blocks: int, joints: int) -> tuple[int, float]:
     """Newton steps and seconds of a search whose blocks snap, until driven relaxation has pushed them on."""
-    factor, least = WASTED
-    steps = MOST_USEFUL + round(max(least, factor / max(blocks, 1) ** 2))
+    steps = MOST_USEFUL + round(max(LEAST_WASTED, WASTED / max(blocks, 1) ** 2))
     return steps, newton_seconds(steps, joints) + PUSHED_SECONDS * joints
 
 

@@ -91,8 +91,8 @@ def signal_after(monkeypatch):
 def test_stopped_anywhere_and_restarted_is_one_run(tmp_path, signal_after, monkeypatch, name):
     """At the first look, at the last one, and at random ones; then stopped once more."""
     if "pushed on" in name:
-        monkeypatch.setattr(path_following, "PATIENCE", -1e12)
-        monkeypatch.setattr(path_following, "LEAST_PATIENCE", -1)
+        monkeypatch.setattr(path_following, "WASTED", -1e12)
+        monkeypatch.setattr(path_following, "LEAST_WASTED", -1)
     given, rng = SCENES[name](), random.Random(name)
     looked = signal_after(0)
     simulate(given, tmp_path / "whole.h5")

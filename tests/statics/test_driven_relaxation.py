@@ -29,8 +29,8 @@ DOME = "control.quasi_static=true", "output.channels=['energy']"
 @pytest.fixture
 def impatient(monkeypatch):
     """Blocks are pushed on from the start."""
-    monkeypatch.setattr(path_following, "PATIENCE", -1e12)
-    monkeypatch.setattr(path_following, "LEAST_PATIENCE", -1)
+    monkeypatch.setattr(path_following, "WASTED", -1e12)
+    monkeypatch.setattr(path_following, "LEAST_WASTED", -1)
 
 
 def dome(*changes):
@@ -122,7 +122,7 @@ def test_a_path_that_wastes_its_steps_is_pushed_on(monkeypatch):
     monkeypatch.setattr(driven_relaxation.DrivenRelaxation, "push", lambda *now: looked.append(1) or push(*now))
     patient, _ = energies_of(dome())
     assert not looked and not patient.settings["wanders"]
-    monkeypatch.setattr(path_following, "PATIENCE", 0)
+    monkeypatch.setattr(path_following, "WASTED", 0)
     hasty, _ = energies_of(dome())
     assert len(looked) >= 3
     assert hasty.steps < patient.steps

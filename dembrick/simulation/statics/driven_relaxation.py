@@ -27,14 +27,13 @@ from dembrick.kernels.statics.loop import Drive, push_on
 from dembrick.kernels.statics.newton import remember
 from dembrick.simulation.statics.critical_step import critical_time_step
 from dembrick.simulation.statics.elastic_factor import rounded_inertia
+from dembrick.simulation.statics.load_system import RAMP, VISCOUS
 from dembrick.simulation.statics.newton import Equilibria
 from dembrick.simulation.statics.path_state import PathState
 from dembrick.simulation.statics.sparse_equations import Factors
 from dembrick.simulation.statics.state import State, new_energy
 
 STEP_FACTOR = 0.9  # of the critical time step
-VISCOUS = 0.5  # dashpot force over spring force for the same increment, in contacts and actuator
-RAMP = 8  # steps over which the head speeds up
 STEADY, HALVINGS, HALVING = 256, 8, 96  # steps at a steady rate; then it is halved so often, each over so many steps
 LATE = 4 * HALVING  # last steps, over which V is watched
 FAR, FARTHEST = 64.0, 256.0  # elastic displacements of the load of now, that a push goes at least and at most

@@ -28,6 +28,7 @@ from dembrick.kernels.statics.load_bounds import NEVER, Certificate
 from dembrick.kernels.statics.newton import remember
 from dembrick.simulation import interrupts
 from dembrick.simulation.checkpoint_arrays import flattened, restored_state
+from dembrick.simulation.expected_cost import LEAST_WASTED, WASTED
 from dembrick.simulation.session import Progress, Session, Snapshot
 from dembrick.simulation.statics import joint_families, ties
 from dembrick.simulation.statics.bond_breaking import BondBreaking
@@ -53,7 +54,6 @@ TURNING = 0.02  # of the longest step so far: where none but shorter ones find e
 JUMP = 0.25  # of it: the step by which the actuators go on meanwhile
 LITTLE = 0.1  # of the tolerance: what a step with drag may leave out of balance over the joint forces or the load
 FASTER = 4.0  # by which the drag of a step rises if it is too small, or falls at most; the square if it hardly mattered
-PATIENCE, LEAST_PATIENCE = 1e8, 12  # wasted iterations: times free blocks squared, and at least, before a push
 MOST_PUSHES = 12  # of a path
 MOST_TRIES = 6  # of a step with less and less drag
 ALONG = 4  # steps with drag before one without is tried again
@@ -96,7 +96,7 @@ class PathFollower:
         self.dead += self.bonds.strength / self.weight
         self.instant = InstantBounds(self.search, certificate, self.weight, self.dead)
         self.relaxation = DrivenRelaxation(state, factor, self.weight / self.compliance)
-        self.patience: float = max(LEAST_PATIENCE, PATIENCE // len(self.free) ** 2)
+        self.patience: float = max(LEAST_WASTED, WASTED // len(self.free) ** 2)
         if state.ties is not None or joint_families.has_strengths(state):
             self.patience = math.inf  # driven relaxation knows neither
         self.session, self.turn_began = session, {}
