@@ -194,7 +194,7 @@ def test_contacts_of_a_plate_over_the_edge_stay_on_both_faces(tmp_path, formulat
             expected = found.frame_values("position", 0, count)[:, 1, 0] + np.where(over > 0.0, -0.5 * over, 0.0)
             np.testing.assert_allclose(acting[:, 0], expected, atol=slack)
         moment = np.cross(aside, force).sum(axis=1)
-        rows = joints.resultants(range(count))[:, 0]
+        rows = joints.at(range(count)).resultants[:, 0]
         lever = acting - found.frame_values("position", 0, count)[:, 1]
         if formulation != "corrected-shear":  # its friction acts nearer to O than its pressure
             now = joints.at(range(count)).acting_axes[:, 0]

@@ -139,7 +139,7 @@ def test_frames_of_a_tilting_wall_carry_what_its_rows_say(tmp_path, formulation)
     result = simulate(given, tmp_path / "wall.h5")
     with history.read(tmp_path / "wall.h5") as found:
         joints = JointMotion(found)
-        forces, N = found.frame_values("contact_force", 0, found.n_frames), joints.resultants(range(found.n_frames))
+        forces, N = found.frame_values("contact_force", 0, found.n_frames), joints.at(range(found.n_frames)).resultants
         own = np.repeat(np.arange(joints.n_joint), np.diff(joints.point_start))
         summed = np.zeros((found.n_frames, joints.n_joint, 3))
         np.add.at(summed, (slice(None), own), forces)

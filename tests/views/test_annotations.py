@@ -253,8 +253,8 @@ tolerance = 0.05
         assert f"\nequilibrium {last}, reaction along the motion " in found._text.input
         rows, joints = joint_table(run), JointMotion(run)
         assert rows[0]["N"] == pytest.approx(2000.0 * 9.81 * 0.04 * math.cos(math.radians(30.0)), rel=0.2)
-        assert rows == joint_table(run, last) and joints.resultants(last)[0, 0] == rows[0]["N"]
-        assert not joints.resultants(-1)[:, :6].any()
+        assert rows == joint_table(run, last) and joints.at([last]).resultants[0][0, 0] == rows[0]["N"]
+        assert not joints.at([-1]).resultants[0][:, :6].any()
         assert rows[0]["utilisation"] > 0.9 and joint_table(run, time=last + 1.0)[0]["N"] == 0.0
         assert not drawn(run, frames=(last, -1), view="front", reactions=True)._reactions._arrows[0].visibility
         for look, shown in (({}, "coming down after"), ({"color": "utilisation"}, "equilibrium")):

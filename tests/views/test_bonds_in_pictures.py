@@ -8,6 +8,7 @@ import pytest
 from dembrick import history
 from dembrick.runs.simulate import simulate
 from dembrick.views.motion.joints import JointMotion
+from dembrick.views.plot import joint_plane
 from helpers.one_joint import A, scene, single
 
 FORCE = single((0.25 * A, 0.0))
@@ -29,6 +30,9 @@ def test_a_ductile_joint_at_its_limit(tmp_path, formulation, limit):
     """On the way the convex joint is at V / V_limit; at the limit all of them are at 1."""
     V, found, _ = used(tmp_path / "a.h5", formulation, FORCE, cohesion=1e4, residual_cohesion=1e4)
     assert found[-1] == pytest.approx(1.0, rel=2e-3)
+    with history.read(tmp_path / "a.h5") as one:  # and so in the picture of the joint alone
+        stages = joint_plane(one)
+    np.testing.assert_allclose([stage.utilisation for stage in stages], found[[stage.frame for stage in stages]])
     if limit is not None:
         assert V[-1] == pytest.approx(limit, rel=1e-3)
     if formulation == "convex":

@@ -119,11 +119,11 @@ def test_vtk_reads_the_joints_at_every_step(tmp_path, monkeypatch):
             body = [rotated(conjugate, p - assembly.position[host]) for p in start]
             world = assembly.position[host] + displacement[0, host] + [rotated(orientation[0, host], p) for p in body]
             np.testing.assert_allclose(step["points"][own], world, rtol=0, atol=5e-13)
-        relative = motion.relative(k)
+        relative = motion.at([k]).relative[0]
         np.testing.assert_allclose(step["at_points"]["opening"], relative.opening.ravel(), rtol=1e-6, atol=1e-12)
         np.testing.assert_array_equal(step["cells"]["state"], relative.state)
         np.testing.assert_allclose(step["cells"]["open_share"], relative.open_share, rtol=1e-6)
-        np.testing.assert_allclose(step["cells"]["utilisation"], motion.utilisation(k), rtol=1e-6)
+        np.testing.assert_allclose(step["cells"]["utilisation"], motion.at([k]).utilisation[0], rtol=1e-6)
         centre = motion.torsion_centre(k)
         np.testing.assert_allclose(step["cells"]["torsion_centre_joint"], centre, rtol=1e-6)
         # block a of the first joint stands still, with axes along the world's

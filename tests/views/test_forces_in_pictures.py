@@ -18,7 +18,7 @@ def test_forces_of_joints(run, drawing):
     """The resultant on the upper block, at the centre of pressure, as long as it is large."""
     with drawn(run, forces=True, magnification=1.0) as found:
         arrows = found.arrows.of_joints
-        N, V_1, V_2, _, M_1, M_2, _ = JointMotion(run).resultants(3)[0]
+        N, V_1, V_2, _, M_1, M_2, _ = JointMotion(run).at([3]).resultants[0][0]
         # the axes are those of the upper block, on which the polygon rides, laid into the plane of the lower one
         axis, middle = np.array([1.0, 2.0, -2.0]) / 3.0, np.array([0.0, 0.0, 0.05])
         t1 = rodrigues(np.array([[1.0, 0.0, 0.0]]), axis, 0.03)[0] * [1.0, 1.0, 0.0]
@@ -48,7 +48,7 @@ def test_forces_ride_on_the_blocks_that_are_drawn(tmp_path, drawing):
         writer.append_frames(*cases.frames(0, 4, 3))
         writer.finish("completed", {})
     with history.read(tmp_path / "run.h5") as three, drawn(three, forces=True, magnification=10.0) as found:
-        N, V_1, V_2, _, M_1, M_2, _ = JointMotion(three).resultants(3)[1]
+        N, V_1, V_2, _, M_1, M_2, _ = JointMotion(three).at([3]).resultants[0][1]
         at = np.array([M_2, -M_1, 0.0]) / N
         at *= min(1.0, np.hypot(0.15, 0.1) / np.linalg.norm(at))
         axis, middle = np.array([1.0, 2.0, -2.0]) / 3.0, np.array([0.4, 1000.0, 0.2])

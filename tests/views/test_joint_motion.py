@@ -5,11 +5,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from dembrick import theory
+from dembrick import history, theory
 from dembrick.kernels.joint.utilisation import best_kink, point_gauge
 from dembrick.views.motion.frames import nearest
 from dembrick.views.motion.joints import CHANNELS, STATES, JointMotion
 from dembrick.views.motion.relative import torsion_centre
+from helpers import history_cases as cases
 
 A, B = 0.3, 0.2
 CORNERS = 0.5 * np.array([[-A, -B], [A, -B], [A, B], [-A, B]])
@@ -106,7 +107,7 @@ def carried(shift, vector):
 def test_motion_of_b_as_seen_from_a(vector, moving):
     shift = np.array([1e-3, -2e-3, 5e-4])
     pair = (CARRIED, carried(shift, vector)) if moving else (STILL, (shift, vector))
-    found = JointMotion(run([pair])).relative(0)
+    found = JointMotion(run([pair])).at([0]).relative[0]
     assert found.components.shape == (1, 6)
     np.testing.assert_allclose(found.components[0, :3], shift, rtol=0, atol=1e-15)
     np.testing.assert_allclose(found.components[0, 3:], vector, rtol=0, atol=2e-15)
@@ -114,14 +115,14 @@ def test_motion_of_b_as_seen_from_a(vector, moving):
 
 def test_small_rotations_keep_their_digits():
     start = np.array([1.0, 0.0, 0.0, 0.0])
-    found = JointMotion(run([(STILL, ((0, 0, 0), (1e-9, -2e-9, 3e-9)))], start=start)).relative(0)
+    found = JointMotion(run([(STILL, ((0, 0, 0), (1e-9, -2e-9, 3e-9)))], start=start)).at([0]).relative[0]
     np.testing.assert_allclose(found.rotation[0], (1e-9, -2e-9, 3e-9), rtol=1e-14)
 
 
 @pytest.mark.parametrize("host", [0, 1])
 def test_opening_is_the_distance_of_the_faces(host):
     shift, vector = np.array([0.01, -0.02, 0.003]), np.array([0.15, -0.1, 0.3])
-    found = JointMotion(run([(STILL, (shift, vector))], host=host)).relative(0)
+    found = JointMotion(run([(STILL, (shift, vector))], host=host)).at([0]).relative[0]
     turn = matrix(vector)
     flat = np.column_stack([CORNERS, np.zeros(4)])
     # b's corner above the plane z = 0 of a; b's plane above a's corner
@@ -147,7 +148,7 @@ def test_opening_is_the_distance_of_the_faces(host):
     ],
 )
 def test_open_share(host, dn, r1, r2, state, share):
-    found = JointMotion(run([(STILL, ((0, 0, dn), (r1, r2, 0)))], host=host)).relative(0)
+    found = JointMotion(run([(STILL, ((0, 0, dn), (r1, r2, 0)))], host=host)).at([0]).relative[0]
     if share == 0.0 and state != "closed":
         assert found.open_share[0] < 1e-7
     else:
@@ -161,7 +162,7 @@ def test_open_share_of_a_triangle_among_rectangles():
     history.joints[0]["area"] = 0.5 * 0.3 * 0.15
     other = run([]).joints[0]
     history.joints.append(other)
-    found = JointMotion(history).relative(0)
+    found = JointMotion(history).at([0]).relative[0]
     assert found.joints.n_corner.tolist() == [3, 4]
     # open where x < 0.05: what is left is the corner at x = 0.2, half as wide as the whole
     np.testing.assert_allclose(found.open_share, [0.75, 0.5 + 0.05 / 0.3], rtol=0, atol=1e-7)
@@ -196,7 +197,7 @@ def test_torsion_centre_of_an_increment():
     np.testing.assert_allclose(joints.torsion_centre(2)[0], second, rtol=0, atol=1e-13)
     np.testing.assert_allclose(joints.torsion_centre(-1, since=1)[0], second, rtol=0, atol=1e-13)
     assert np.isnan(joints.torsion_centre(0)).all()
-    every = joints.relative([0, 1, 2])
+    every = joints.at([0, 1, 2]).relative
     np.testing.assert_allclose(torsion_centre(every[0], every[2])[0], joints.torsion_centre(2, since=0)[0])
 
 
@@ -216,8 +217,8 @@ def test_slip_at_points_and_on_a_grid():
     np.testing.assert_allclose(points.mean(axis=0), 0.0, atol=1e-16)
     arm = points - (0.05, -0.02)
     expected = np.array([0.05, -0.02]) + arm @ matrix(vector)[:2, :2].T - points
-    np.testing.assert_allclose(joints.relative(0).slip(0, points), expected, rtol=0, atol=1e-16)
-    assert joints.relative([0, 0, 0]).slip(0, points).shape == (3, 24, 2)
+    np.testing.assert_allclose(joints.at([0]).relative[0].slip(0, points), expected, rtol=0, atol=1e-16)
+    assert joints.at([0, 0, 0]).relative.slip(0, points).shape == (3, 24, 2)
 
 
 def test_utilisation_of_a_convex_joint():
@@ -227,7 +228,7 @@ def test_utilisation_of_a_convex_joint():
     forces += [[2 * N, 0, V, V * e, 0, 0, 0] for e, V in limit.items()]
     forces += [[N, 0.5 * 0.64 * N, 0, 0, 0, 0, 0], [0, 0, 0, 0, 0, 0, 0], [0, 1, 0, 0, 0, 0, 0], [N, 0, 0, 0, 0, 0, 0]]
     history = run([(STILL, STILL)] * 8, rows=np.array(forces)[:, None, :])
-    found = JointMotion(history).utilisation(range(8))[:, 0]
+    found = JointMotion(history).at(range(8)).utilisation[:, 0]
     np.testing.assert_allclose(found[:2], 1.0, rtol=3e-7)
     np.testing.assert_allclose(found[2:4], 0.5, rtol=3e-7)
     np.testing.assert_allclose(found[4:], [0.5, 0.0, np.inf, 0.0], rtol=1e-12)
@@ -242,7 +243,7 @@ def test_utilisation_of_a_convex_joint_whose_friction_follows_the_bending(pressu
     deep, r1 = 0.1 - 3 * (0.1 - e), -1e-5
     rows = np.array([[[N, 0, 0, strength, -e * N, 0, 0]]])
     history = run([(STILL, ((0, 0, -r1 * deep), (r1, 0, 0)))], pressure=pressure, rows=rows)
-    np.testing.assert_allclose(JointMotion(history).utilisation(0), 1.0, rtol=1e-4)
+    np.testing.assert_allclose(JointMotion(history).at([0]).utilisation[0], 1.0, rtol=1e-4)
 
 
 def test_utilisation_at_points_under_their_own_normal_forces():
@@ -257,8 +258,8 @@ def test_utilisation_at_points_under_their_own_normal_forces():
     rows[1, 0, 3] = 0.64 * N * 0.3 * B / 2
     history = run([(STILL, STILL)] * 2, formulation="concave", rows=rows, forces=forces)
     joints = JointMotion(history)
-    np.testing.assert_allclose(joints.normal_forces(1), normals[1], atol=1e-12)
-    np.testing.assert_allclose(joints.utilisation([0, 1])[:, 0], [1.0, 0.3], rtol=1e-10)
+    np.testing.assert_allclose(joints.at([1]).normal_forces[0], normals[1], atol=1e-12)
+    np.testing.assert_allclose(joints.at([0, 1]).utilisation[:, 0], [1.0, 0.3], rtol=1e-10)
 
 
 def test_normal_forces_follow_the_penetration_where_they_are_not_recorded():
@@ -266,11 +267,11 @@ def test_normal_forces_follow_the_penetration_where_they_are_not_recorded():
     motions = [(STILL, STILL), (STILL, ((0, 0, -1e-6), (0, 0, 0))), (STILL, ((0, 0, -1e-6), (0, 4e-6, 0)))]
     motions.append((STILL, ((0, 0, -1e-6), (2e-5, 0, 0))))
     joints = JointMotion(run(motions, formulation="concave"))
-    np.testing.assert_allclose(joints.normal_forces(0), 25.0)
-    np.testing.assert_allclose(joints.normal_forces(1), 25.0)
+    np.testing.assert_allclose(joints.at([0]).normal_forces[0], 25.0)
+    np.testing.assert_allclose(joints.at([1]).normal_forces[0], 25.0)
     # penetration 1 um + r2 x: 0.4 at x = -0.15, 1.6 at x = 0.15
-    np.testing.assert_allclose(joints.normal_forces(2), [10.0, 40.0, 40.0, 10.0], rtol=1e-9)
-    np.testing.assert_allclose(joints.normal_forces(3), [50.0, 50.0, 0.0, 0.0], rtol=1e-9)
+    np.testing.assert_allclose(joints.at([2]).normal_forces[0], [10.0, 40.0, 40.0, 10.0], rtol=1e-9)
+    np.testing.assert_allclose(joints.at([3]).normal_forces[0], [50.0, 50.0, 0.0, 0.0], rtol=1e-9)
     law = theory.points(0.5 * np.array([[-A, -B], [A, -B]]), np.array([50.0, 50.0]), 0.64)
     assert theory.gauge(law, np.array([32.0, 0.0, 3.2])) == pytest.approx(0.5)
 
@@ -284,8 +285,8 @@ def test_rows_next_to_frames():
 def test_resultants_of_one_frame_and_of_several():
     rows = np.arange(28.0).reshape(4, 1, 7)
     joints = JointMotion(run([(STILL, STILL)] * 4, rows=rows))
-    np.testing.assert_array_equal(joints.resultants(2), rows[2])
-    np.testing.assert_array_equal(joints.resultants([3, 1]), rows[[3, 1]])
+    np.testing.assert_array_equal(joints.at([2]).resultants[0], rows[2])
+    np.testing.assert_array_equal(joints.at([3, 1]).resultants, rows[[3, 1]])
 
 
 def test_gauge_of_points_against_theory():
@@ -336,12 +337,12 @@ def test_a_hinge_in_small_displacements_opens_linearly():
         name
     )
     history.small_displacements = True
-    found = JointMotion(history).relative(0)
+    found = JointMotion(history).at([0]).relative[0]
     np.testing.assert_allclose(np.sort(found.opening[0]), [0.0, 0.0, 0.02 * B, 0.02 * B], atol=1e-15)
     assert STATES[found.state[0]] == "partly open"
     np.testing.assert_allclose(found.slip(0, CORNERS), 0.0, atol=1e-15)
     history.small_displacements = False
-    assert STATES[JointMotion(history).relative(0).state[0]] != "partly open" or arm @ axes[2] == 0.0
+    assert STATES[JointMotion(history).at([0]).relative[0].state[0]] != "partly open" or arm @ axes[2] == 0.0
 
 
 @pytest.mark.parametrize("formulation, shrink", [("convex", 1.0), ("concave", 1.0), ("corrected", 0.8)])
@@ -356,3 +357,18 @@ def test_a_hinge_uses_all_of_its_joint(formulation, shrink):
     np.testing.assert_allclose(frames.bending_utilisation[:, 0], [1.0, 0.5, 0.3, 0.0], rtol=1e-12)
     np.testing.assert_allclose(frames.utilisation[[0, 1, 3], 0], [1.0, 0.5, 0.0], rtol=1e-12)
     assert frames.utilisation[2, 0] >= 0.7 - 1e-12
+
+
+def test_one_joint_alone_is_as_among_all(tmp_path):
+    """The second of two joints, and its contact points, which stand behind those of the first."""
+    with history.HistoryWriter(tmp_path / "run.h5", cases.SCENARIO, cases.mixed_assembly(), {}) as writer:
+        writer.append(cases.record(0, 31, 2, 0))
+        writer.append_frames(*cases.frames(0, 4, 3))
+        writer.finish("completed", {})
+    with history.read(tmp_path / "run.h5") as three:
+        alone, among = JointMotion(three, 1), JointMotion(three)
+        start = among.point_start[1]
+        for name in ("resultants", "utilisation", "origin", "normal_forces"):
+            found, expected = getattr(alone.at(range(4)), name), getattr(among.at(range(4)), name)
+            np.testing.assert_allclose(found, expected[:, start:] if name == "normal_forces" else expected[:, 1:])
+        np.testing.assert_array_equal(alone.torsion_centre(3), among.torsion_centre(3)[1:])

@@ -112,10 +112,10 @@ def test_a_scene_is_moved_in_place(run, drawing):
 def test_colours_by_block(run, drawing):
     motion = JointMotion(run)
     with drawn(run, color="utilisation") as found:
-        np.testing.assert_allclose(found._meshes[0].cell_data["shown"], motion.utilisation(3)[0], rtol=1e-12)
+        np.testing.assert_allclose(found._meshes[0].cell_data["shown"], motion.at([3]).utilisation[0][0], rtol=1e-12)
         assert found._scale.top == 1.0
     with drawn(run, color="slip") as found:
-        slip = motion.resultants(3)[0, 6]
+        slip = motion.at([3]).resultants[0][0, 6]
         np.testing.assert_allclose(found._meshes[0].cell_data["shown"], found._scale.factor * slip, rtol=1e-12)
     with drawn(run, color="energy") as found:
         # between frames 2 and 3: 2 mm in 0.1 ms, 0.01 rad in 0.1 ms about (1, 2, -2)/3

@@ -59,7 +59,7 @@ class Span:
     @property
     def before(self) -> RelativeMotion | None:
         """The motion of the joints in the frame before the first."""
-        return self._joints.relative(range(self.start - 1, self.start)) if self.start else None
+        return self._joints.at([self.start - 1]).relative if self.start else None
 
 
 class Layer(Protocol):

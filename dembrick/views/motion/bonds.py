@@ -20,9 +20,8 @@ class Bonds:
     """Strengths (j,) of the joints of ``joints``: cohesion, tension, residual cohesion (Pa), residual friction."""
 
     def __init__(self, joints: JointMotion):
-        given = joints.history.joints
         self.cohesion, self.tension, self.after, self.residual = (
-            np.array([joint[key] for joint in given], float) for key in STRENGTHS
+            np.array([joint[key] for joint in joints.given], float) for key in STRENGTHS
         )
         self._area, self._friction = joints.area, joints.friction
         self.bonded = (self.cohesion > 0.0) | (self.tension > 0.0) | (self.residual < self._friction)

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dembrick.geometry.friction_integrals import far_moments
-from dembrick.geometry.polygons import area
-from dembrick.geometry.rotations import quaternion_product
+from dembrick.geometry.polygons import area, distance_outside
+from dembrick.geometry.rotations import quaternion_product, rotation_vector, turned_by
 from dembrick.kernels.joint.utilisation import area_gauges, point_gauges
 from dembrick.kernels.recorded_motion import (
     normal_parts,
@@ -31,7 +31,7 @@ from dembrick.simulation.pressed_parts import pressed_parts
 from dembrick.theory.polygons import convex_hull
 from dembrick.views.motion.bonds import Bonds
 from dembrick.views.motion.frames import coming_down, nearest
-from dembrick.views.motion.relative import STATES, RelativeMotion, quaternion_of, rotation_vector, torsion_centre
+from dembrick.views.motion.relative import STATES, RelativeMotion, torsion_centre
 
 if TYPE_CHECKING:
     from dembrick.history.reader import History
@@ -41,15 +41,21 @@ CHANNELS = ("N", "V_1", "V_2", "M_T", "M_1", "M_2", "slip")
 
 
 class JointMotion:
-    """The joints of a history (or of anything with the same attributes).
+    """The joints of a history (or of anything with the same attributes), or ``only`` the one of that number.
 
     ``polygon`` (j, m, 2): corners, those of joints with fewer than m repeat the last one; ``n_corner`` (j,);
     ``size`` (j,) m: greatest distance of a corner from O; ``point_start`` (j + 1,) into the list of all contact points.
     """
 
-    def __init__(self, history: History):
+    def __init__(self, history: History, only: int | None = None):
         self.history = history
-        joints = history.joints
+        before = [0, *np.cumsum([len(joint["areas"]) for joint in history.joints])]
+        own = slice(None) if only is None else slice(only, only + 1)
+        self.given = joints = history.joints[own]
+        of_points = slice(None) if only is None else slice(before[only], before[only + 1])
+        # where these joints and their contact points stand in what a history holds of all
+        self.column = {"joint": own, "joint_shift": own, "bond": own}
+        self.column |= {"contact_force": of_points, "contact_arm": of_points}
         self.n_joint = len(joints)
         self.block_a, self.block_b, self.host = (
             np.array([joint[name] for joint in joints], np.int64) for name in ("block_a", "block_b", "host")
@@ -77,18 +83,6 @@ class JointMotion:
         """The joints in some frames: a range, or a list of numbers."""
         return JointFrames(self, frames)
 
-    def _in(self, frames, name: str):
-        """A quantity of `JointFrames` in some frames, or in a single one, counted from the end where negative."""
-        if np.ndim(frames):
-            return getattr(self.at(frames), name)
-        k = range(self.history.n_frames)[int(frames)]
-        found = getattr(self.at(range(k, k + 1)), name)
-        return None if found is None else found[0]
-
-    def relative(self, frames) -> RelativeMotion:
-        """Motion of b against a in a frame, or in each of several, since the start."""
-        return self._in(frames, "relative")
-
     def torsion_centre(self, frame: int, since: int | None = None) -> np.ndarray:
         """Torsion centre (j, 2) of every joint from O in its axes, for the increment from frame ``since`` (default:
         the one before) to ``frame``; see :func:`torsion_centre`. NaN also in the first frame, and where the joint is
@@ -97,7 +91,7 @@ class JointMotion:
         since = frame - 1 if since is None else range(self.history.n_frames)[since]
         if since < 0:
             return np.full((self.n_joint, 2), np.nan)
-        both = self.relative([since, frame])
+        both = self.at([since, frame]).relative
         first, second = both[0], both[1]
         return np.where((second.state == STATES.index("open"))[:, None], np.nan, torsion_centre(first, second))
 
@@ -105,51 +99,22 @@ class JointMotion:
         """The row nearest in time to each frame."""
         return nearest(self.history.time, self.history.frame_time[frames])
 
-    def resultants(self, frames) -> np.ndarray:
-        """(j, 7): N, V_1, V_2, M_T, M_1, M_2 (N, N m; action on b about O) and slip (m), of the nearest row."""
-        return self._in(frames, "resultants")
-
-    def normal_forces(self, frames) -> np.ndarray:
-        """(c,) N: normal force of every contact point; see :attr:`JointFrames.normal_forces`."""
-        return self._in(frames, "normal_forces")
-
-    def point_forces(self, frames) -> np.ndarray | None:
-        """(c, 3) N: force on b at every contact point, world axes; None if the history does not have them."""
-        return self._in(frames, "point_forces")
-
-    def utilisation(self, frames) -> np.ndarray:
-        """(j,): how much of its strength each joint uses; see :attr:`JointFrames.utilisation`."""
-        return self._in(frames, "utilisation")
-
-    def friction_utilisation(self, frames) -> np.ndarray:
-        """(j,): how much of its friction each joint uses; see :attr:`JointFrames.friction_utilisation`."""
-        return self._in(frames, "friction_utilisation")
-
-    def bending_utilisation(self, frames) -> np.ndarray:
-        """(j,): how far its centre of pressure is to the edge; see :attr:`JointFrames.bending_utilisation`."""
-        return self._in(frames, "bending_utilisation")
-
-    def frame_axes(self, frames) -> np.ndarray:
-        """(j, 3, 3): the joints' axes riding on a, world, as rows."""
-        return self._in(frames, "axes")
-
     # --- what does not move ---
 
     @cached_property
     def points(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Normal arms (c, 2), shear arms (c, 2), tributary areas (c,) and joints (c,) of all contact points."""
-        joints = self.history.joints
         normal, shear = (
-            np.concatenate([np.zeros((0, 2)), *(joint[name] for joint in joints)])
+            np.concatenate([np.zeros((0, 2)), *(joint[name] for joint in self.given)])
             for name in ("normal_arms", "shear_arms")
         )
-        areas = np.concatenate([np.zeros(0), *(joint["areas"] for joint in joints)])
+        areas = np.concatenate([np.zeros(0), *(joint["areas"] for joint in self.given)])
         return normal, shear, areas, np.repeat(np.arange(self.n_joint), np.diff(self.point_start))
 
     @cached_property
     def bonds(self) -> Bonds | None:
         """Strengths of the joints beside friction; None if they have none."""
-        return Bonds(self) if self.history.joints and "cohesion" in self.history.joints[0] else None
+        return Bonds(self) if self.given and "cohesion" in self.given[0] else None
 
     @cached_property
     def edges(self) -> tuple[np.ndarray, np.ndarray]:
@@ -182,7 +147,7 @@ class JointMotion:
     @cached_property
     def pressures(self) -> list[str]:
         """Pressure that the law of each convex joint assumes."""
-        return [self.history.joints[j]["pressure"] for j in self.surfaces[-1]]
+        return [self.given[j]["pressure"] for j in self.surfaces[-1]]
 
     @cached_property
     def surfaces(self) -> tuple[np.ndarray, ...] | None:
@@ -218,10 +183,7 @@ class JointMotion:
         counts = np.maximum(np.round(along * extent / extent.max()).astype(int), 1)
         lines = [low[i] + extent[i] * (np.arange(counts[i]) + 0.5) / counts[i] for i in (0, 1)]
         points = np.stack(np.meshgrid(*lines), axis=-1).reshape(-1, 2)
-        edge = np.roll(polygon, -1, axis=0) - polygon
-        from_corner = points[:, None] - polygon
-        inside = (edge[:, 0] * from_corner[..., 1] - edge[:, 1] * from_corner[..., 0] >= 0.0).all(axis=1)
-        return points[inside]
+        return points[distance_outside(points, polygon) <= 0.0]
 
 
 class JointFrames:
@@ -236,10 +198,13 @@ class JointFrames:
     def _values(self, name: str) -> np.ndarray | None:
         frames, read = self._frames, self._history.frame_values
         if isinstance(frames, range) and frames.step == 1 and frames.start >= 0:
-            return read(name, frames.start, frames.stop)
-        numbers = [range(self._history.n_frames)[int(k)] for k in frames]
-        found = [read(name, k, k + 1) for k in numbers]
-        return None if any(one is None for one in found) else np.concatenate(found)
+            found = [read(name, frames.start, frames.stop)]
+        else:
+            numbers = [range(self._history.n_frames)[int(k)] for k in frames]
+            found = [read(name, k, k + 1) for k in numbers]
+        if any(one is None for one in found):
+            return None
+        return np.concatenate(found)[:, self.joints.column.get(name, slice(None))]
 
     @cached_property
     def _poses(self) -> tuple[np.ndarray, np.ndarray]:
@@ -271,24 +236,15 @@ class JointFrames:
             np.einsum("jik,fjk->fji", joints.axes, values) for values in (apart, turned[:, b] - turned[:, a])
         )
         plane = np.stack([shift[..., 2], -vector[..., 1], vector[..., 0]], axis=-1)
-        return RelativeMotion(joints, shift, quaternion_of(vector), plane, vector)
+        return RelativeMotion(joints, shift, turned_by(vector, [1.0, 0.0, 0.0, 0.0]), plane, vector)
 
     @cached_property
     def _places(self) -> tuple[np.ndarray, np.ndarray]:
         joints, (displacement, orientation) = self.joints, self._poses
         origin = np.empty((len(displacement), joints.n_joint, 3))
         axes = np.empty((*origin.shape, 3))
-        ride(
-            displacement,
-            orientation,
-            joints.back,
-            joints.block_a,
-            joints.arm_a,
-            joints.origin,
-            joints.axes,
-            origin,
-            axes,
-        )
+        start = joints.origin, joints.axes
+        ride(displacement, orientation, joints.back, joints.block_a, joints.arm_a, *start, origin, axes)
         return origin, axes
 
     @property
@@ -338,7 +294,9 @@ class JointFrames:
         first, last = (int(rows.min()), int(rows.max()) + 1) if len(rows) else (0, 0)
         found = np.empty((len(rows), self.joints.n_joint, len(CHANNELS)))
         for i, name in enumerate(CHANNELS):
-            found[..., i] = self._history.series(f"joint/{name}", first, last)[rows - first]
+            found[..., i] = self._history.series(f"joint/{name}", first, last)[
+                rows - first, self.joints.column["joint"]
+            ]
         found[coming_down(self._history, self._frames), :, :6] = 0.0
         return found
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from dembrick.geometry.rotations import rotation_vector
 from dembrick.kernels.recorded_motion import openings, torsion_centres
 
 STATES = ("closed", "partly open", "open")
@@ -85,22 +86,6 @@ class RelativeMotion:
         else:
             turning = np.cross(self.small[..., joint, None, :], flat)
         return (self.shift[..., joint, None, :] + turning)[..., :2]
-
-
-def rotation_vector(quaternion: np.ndarray) -> np.ndarray:
-    """(..., 3) rad: rotation vectors of quaternions (..., 4), their length at most half a turn."""
-    w, v = quaternion[..., 0], quaternion[..., 1:]
-    sine = np.sqrt((v * v).sum(axis=-1))
-    half = np.arctan2(np.where(w < 0.0, -sine, sine), np.abs(w))
-    scale = np.divide(2.0 * half, sine, out=np.full_like(sine, 2.0), where=sine > 0.0)
-    return scale[..., None] * v
-
-
-def quaternion_of(vector: np.ndarray) -> np.ndarray:
-    """Quaternions (..., 4) of rotation vectors (..., 3)."""
-    angle = np.sqrt((vector * vector).sum(axis=-1))
-    scale = np.divide(np.sin(0.5 * angle), angle, out=np.full_like(angle, 0.5), where=angle > 0.0)
-    return np.concatenate([np.cos(0.5 * angle)[..., None], scale[..., None] * vector], axis=-1)
 
 
 def torsion_centre(first: RelativeMotion, second: RelativeMotion) -> np.ndarray:

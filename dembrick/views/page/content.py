@@ -14,7 +14,6 @@ from dembrick.views.motion.joints import CHANNELS, JointMotion
 from dembrick.views.page import choices, diagrams
 from dembrick.views.page.packing import packed as _packed
 from dembrick.views.plot.paths import JointPath, joint_path
-from dembrick.views.plot.subject import JointAlone
 
 if TYPE_CHECKING:
     from dembrick.history.reader import History
@@ -194,7 +193,7 @@ def _centres(history: History, path: JointPath | None, frames: Frames, middle: n
     if path is None or len(frames.number) < 2:
         return None
     joint = history.joints[path.number]
-    motion = JointMotion(JointAlone(history, path.number))
+    motion = JointMotion(history, path.number)
     places: list = [None]
     for k, since in zip(frames.number[1:], frames.number[:-1], strict=True):
         found = motion.torsion_centre(int(k), int(since))[0]

@@ -16,8 +16,9 @@ import numpy as np
 
 from dembrick import theory
 from dembrick.errors import HistoryError, ScenarioError
+from dembrick.geometry.polygons import distance_outside
 from dembrick.views import summary
-from dembrick.views.motion.joints import CHANNELS, HINGE, JointMotion
+from dembrick.views.motion.joints import CHANNELS, HINGE, JointFrames, JointMotion
 from dembrick.views.plot import style, subject
 from dembrick.views.plot.curves import labelled
 
@@ -76,15 +77,16 @@ def joint_plane(
         frames = [int(k) % history.n_frames for k in frames if -history.n_frames <= k < history.n_frames]
         if not frames or sorted(set(frames)) != frames or frames[0] == 0:
             raise ScenarioError(f"frames of a joint's stages must ascend and lie within 1 and {history.n_frames - 1}")
-    own, motion = history.joints[number], JointMotion(subject.JointAlone(history, number))
+    own, motion = history.joints[number], JointMotion(history, number)
     shown = _shown(own, motion)
     points = motion.grid(0, _GRID) if shown is None else own["shear_arms"][shown]
     found, since = [], 0
     for frame in frames:
-        both = motion.relative([since, frame])
+        both = motion.at([since, frame]).relative
         movement = both[1].slip(0, points) - both[0].slip(0, points)
-        used, bent = float(motion.friction_utilisation(frame)[0]), float(motion.bending_utilisation(frame)[0])
-        friction, limit = _friction(own, motion, frame, points, shown, SLIDES_FROM <= used < np.inf)
+        now = motion.at([frame])
+        used, bent = float(now.friction_utilisation[0, 0]), float(now.bending_utilisation[0, 0])
+        friction, limit = _friction(own, now, points, shown, SLIDES_FROM <= used < np.inf)
         row = int(motion.rows(frame))
         load = float(history.series("load", row, row + 1)[0])
         centre = motion.torsion_centre(frame, since)[0]
@@ -114,11 +116,11 @@ def _shown(joint: dict, motion: JointMotion) -> np.ndarray | None:
 
 
 def _friction(
-    joint: dict, motion: JointMotion, frame: int, points: np.ndarray, shown: np.ndarray | None, slides: bool
+    joint: dict, now: JointFrames, points: np.ndarray, shown: np.ndarray | None, slides: bool
 ) -> tuple[np.ndarray | None, float]:
     """Friction on b at points and the greatest it can be: recorded, or where the joint slides that whose resultant the
     joint carries, against the slip twist to which the limit surface is normal there."""
-    carried = motion.resultants(frame)[0]
+    carried = now.resultants[0, 0]
     law: theory.Law | None = None
     if shown is None:
         bent = dict(zip(CHANNELS, carried, strict=True))
@@ -128,11 +130,11 @@ def _friction(
         pressed = points - subject.pressure_centre(bent)
         limit = np.maximum(law.level + pressed @ law.slope, 0.0) * _inside(points, law.parts)
     else:
-        normal, forces = motion.normal_forces(frame), motion.point_forces(frame)
+        normal, forces = now.normal_forces[0], now.point_forces
         share = 1.0 if len(shown) == len(normal) else joint["areas"][shown]
         limit = joint["friction"] * normal[shown] / share
         if forces is not None:
-            along = forces[shown] @ motion.frame_axes(frame)[0, :2].T
+            along = forces[0, shown] @ now.axes[0, 0, :2].T
             return along / np.reshape(share, (-1, 1)), float(limit.max())
     if not slides:
         return None, float(limit.max())
@@ -149,16 +151,15 @@ def _inside(points: np.ndarray, parts) -> np.ndarray:
     """Which points (k, 2) lie in a union of convex polygons."""
     found = np.zeros(len(points), bool)
     for part in parts:
-        edge, arm = np.roll(part, -1, axis=0) - part, points[:, None] - part
-        found |= (edge[:, 0] * arm[..., 1] - edge[:, 1] * arm[..., 0] >= 0.0).all(axis=1)
+        found |= distance_outside(points, part) <= 0.0
     return found
 
 
 def _growing(history: History, number: int, stages: int) -> list[int]:
     """Frames at which the joint's force first comes to half its last value, then ever closer to it; the last frame."""
-    motion = JointMotion(subject.JointAlone(history, number))
+    motion = JointMotion(history, number)
     everyone = np.arange(1, history.n_frames)
-    force = motion.resultants(everyone)[:, 0, 1:4] * np.array([1.0, 1.0, 1.0 / motion.size[0]])
+    force = motion.at(everyone).resultants[:, 0, 1:4] * np.array([1.0, 1.0, 1.0 / motion.size[0]])
     last = force[-1] @ force[-1]
     reached = np.maximum.accumulate(force @ force[-1] / last if last > 0.0 else everyone / everyone[-1])
     shares = 1.0 - 10.0 ** -np.linspace(math.log10(2.0), 3.0, stages - 1)

@@ -105,34 +105,6 @@ def carried_by(history: History, number: int, row: int = -1) -> dict[str, float]
     return {name: float(history.series(f"joint/{name}", row, row + 1)[0, number]) for name in names}
 
 
-class JointAlone:
-    """One joint of a history with its two blocks, as what :class:`dembrick.views.motion.joints.JointMotion` asks for.
-
-    A figure of one joint of a large wall then reads frames, but does no work for the other joints.
-    """
-
-    def __init__(self, history: History, number: int):
-        joint = history.joints[number]
-        self._history, self._number = history, number
-        self._blocks = [joint["block_a"], joint["block_b"]]
-        before = sum(len(own["areas"]) for own in history.joints[:number])
-        self._points = slice(before, before + len(joint["areas"]))
-        self.joints = [joint | {"block_a": 0, "block_b": 1, "host": self._blocks.index(joint["host"])}]
-        self.position0, self.orientation0 = (a[self._blocks] for a in (history.position0, history.orientation0))
-        self.n_frames, self.frame_time, self.time = history.n_frames, history.frame_time, history.time
-        self.small_displacements, self.counts_equilibria = history.small_displacements, history.counts_equilibria
-
-    def frame_values(self, name: str, start: int, stop: int) -> np.ndarray | None:
-        """Frames start to stop of a channel, (f, 2, ...), (f, c, ...) or (f, 1, 2); None if not recorded."""
-        found = self._history.frame_values(name, start, stop)
-        own = {"contact_force": self._points, "contact_arm": self._points, "joint_shift": [self._number]}
-        return None if found is None else found[:, own.get(name, self._blocks)]
-
-    def series(self, name: str, start: int = 0, stop: int | None = None) -> np.ndarray:
-        """(T, 1) of a channel of the joint."""
-        return self._history.series(name, start, stop)[:, [self._number]]
-
-
 class Diagram(NamedTuple):
     """What the diagram of a run shows: ``load`` names the load over the displacement, with its unit; None if the
     blocks move in time under no growing load, and the displacement is shown over time."""

@@ -56,11 +56,8 @@ class Colouring:
         if self.color == "energy":
             return block_quantities(self._history, poses, frame, frame + 1)["kinetic_energy"][0]
         joints, found = self._joints, np.zeros(self._history.n_block)
-        of_joint = (
-            joints.utilisation(frame)
-            if self.color == "utilisation"
-            else joints.resultants(frame)[:, CHANNELS.index("slip")]
-        )
+        now = joints.at([frame])
+        of_joint = now.utilisation[0] if self.color == "utilisation" else now.resultants[0, :, CHANNELS.index("slip")]
         for blocks in (joints.block_a, joints.block_b):
             np.fmax.at(found, blocks, of_joint)  # what is not known of a joint says nothing of its blocks
         return found

@@ -18,7 +18,7 @@ from dembrick.scenario.regimes import TILT_LOAD
 from dembrick.views.motion.blocks import CarriedPoints, Poses, all_vertices, rotation_times
 from dembrick.views.motion.frames import coming_down, nearest
 from dembrick.views.motion.joints import JointMotion
-from dembrick.views.plot.subject import JointAlone, chosen_joint, joint_names, pushes_several
+from dembrick.views.plot.subject import chosen_joint, joint_names, pushes_several
 from dembrick.views.render.annotations import CRIMSON, Names, ScaleBar, ThrustLine, require_thrust
 from dembrick.views.render.colors import Colouring
 from dembrick.views.render.force_arrows import ARROW, GREEN, PURPLE, DrawnForces, ForceArrows, placed
@@ -158,7 +158,7 @@ class Scene:
         if not (history.n_joint and history.actuators):
             return None
         number = chosen_joint(history)
-        return history.joints[number], JointMotion(JointAlone(history, number))
+        return history.joints[number], JointMotion(history, number)
 
     def _survey(self, frames: list[int]) -> None:
         """The room that the motion needs, seen from the camera, and the largest values, over all frames to be shown."""
