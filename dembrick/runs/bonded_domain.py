@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,30 +15,28 @@ from dembrick.scenario.checks import present
 from dembrick.scenario.controls import YieldControl
 from dembrick.scenario.model import Actuator, JointLaw, Load, Material, Scenario
 from dembrick.simulation.statics.batch import LimitLoads
-from dembrick.simulation.statics.yield_domain import YieldDomain, actuators_for, directions
+from dembrick.simulation.statics.yield_domain import YieldDomain, actuators_for, directions, lever_of
+
+if TYPE_CHECKING:
+    from dembrick.runs.domain import DomainJoint, Request
 
 STIFFNESS = 1e10  # Pa/m; a limit load does not depend on it
 
 
 def yield_domain(
-    polygon: np.ndarray,
-    law: JointLaw,
-    *,
-    normal_force: float,
-    eccentricity: tuple[float, float],
-    count: int,
-    space: str,
-    shear_angle: float,
-    height: float,
-    tolerance: float,
-    progress: Callable[[int, int], None] | None = None,
+    joint: DomainJoint, formulation: str, count: int, request: Request, progress: Callable[[int, int], None] | None
 ) -> YieldDomain:
-    """As `simulation.statics.yield_domain.yield_domain`, of a joint with that ``law`` and ``polygon`` (m, 2) about its
-    centroid; brackets are indicators. Raises NotConvergedError if a direction has no answer."""
-    lever = float(np.average(np.hypot(*polygon.T), weights=polygons.tributary_areas(polygon)))
-    load = directions(count, space, shear_angle) * [1.0, 1.0, lever]
-    point, direction, weight = actuators_for(load, 0.5 * lever, height)
-    depth = max(float(np.ptp(polygon, axis=0).min()), 2.0 * abs(height))
+    """As `simulation.statics.yield_domain.yield_domain`, of a ``joint`` with cohesion; brackets are indicators. Raises
+    NotConvergedError if a direction has no answer."""
+    polygon = joint.polygon
+    law = JointLaw(
+        formulation, joint.friction, STIFFNESS, 0.4 * STIFFNESS, request.points_of(formulation),
+        request.pressure_of(formulation), joint.cohesion, residual_cohesion=joint.cohesion,
+    )  # fmt: skip
+    lever = lever_of(polygon)
+    load = directions(count, request.space, request.shear_angle) * [1.0, 1.0, lever]
+    point, direction, weight = actuators_for(load, 0.5 * lever, request.height)
+    depth = max(float(np.ptp(polygon, axis=0).min()), 2.0 * abs(request.height))
     outline = Prism(tuple(map(tuple, polygon.tolist())), depth)
     scene = Scenario(
         title="yield domain",
@@ -49,8 +47,8 @@ def yield_domain(
             Block("lower", "stone", prism=outline, position=(0.0, 0.0, -0.5 * depth), fixed=True),
             Block("upper", "stone", prism=outline, position=(0.0, 0.0, 0.5 * depth)),
         ),
-        loads=(Load("upper", (0.0, 0.0, -normal_force), (*eccentricity, 0.0)),),
-        control=YieldControl(tolerance),
+        loads=(Load("upper", (0.0, 0.0, -joint.normal_force), (*joint.eccentricity, 0.0)),),
+        control=YieldControl(request.tolerance),
     )
     found: list[tuple[Any, Any]] = []
     for i in range(count):
@@ -74,5 +72,5 @@ def yield_domain(
             for name in ("V", "V_lower", "V_upper", "actuator_load", "N", "V_1", "V_2", "M_T")
         },
     )
-    V_0 = float(law.cohesion * polygons.area(polygon) + law.friction * normal_force)
-    return YieldDomain(load, limits, space, V_0, lever)
+    V_0 = float(law.cohesion * polygons.area(polygon) + law.friction * joint.normal_force)
+    return YieldDomain(load, limits, request.space, V_0, lever)

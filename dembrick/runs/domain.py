@@ -14,11 +14,11 @@ from dembrick._ahead import meanwhile
 from dembrick.assembly import quadrature
 from dembrick.errors import ScenarioError
 from dembrick.geometry import polygons
-from dembrick.runs.theory_check import known_cohesion
+from dembrick.runs.theory_check import known_cohesion, wrench
 from dembrick.scenario.checks import present
 from dembrick.scenario.model import FORMULATIONS, PRESSURES, JointLaw, nearest
 from dembrick.simulation.statics.batch import face
-from dembrick.simulation.statics.yield_domain import YieldDomain, directions, yield_domain
+from dembrick.simulation.statics.yield_domain import YieldDomain, directions, lever_of, yield_domain
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
@@ -72,10 +72,9 @@ class DomainJoint:
         free = joint.block_a if assembly.fixed[joint.block_b] else joint.block_b
         arm = joint.arm_a if free == joint.block_a else joint.arm_b
         sign = -1.0 if free == joint.block_a else 1.0
-        force = sign * (joint.axes @ assembly.dead_force[free])
-        moment = sign * (joint.axes @ (assembly.dead_torque[free] - np.cross(arm, assembly.dead_force[free])))
-        normal = -float(force[2])
-        eccentricity = (float(moment[1]) / normal, float(-moment[0]) / normal) if normal > 0.0 else (0.0, 0.0)
+        load = sign * wrench(joint.axes, arm, assembly.dead_force[free], assembly.dead_torque[free])
+        normal = -float(load[2])
+        eccentricity = (float(load[4]) / normal, float(-load[3]) / normal) if normal > 0.0 else (0.0, 0.0)
         x, y = (0.0 if abs(e) < 1e-12 * np.abs(joint.polygon).max() else e for e in eccentricity)
         cohesion = known_cohesion(joint.law)
         if cohesion is None:
@@ -122,6 +121,10 @@ class Request:
         """The pressure, where the formulation has one."""
         return self.pressure if formulation == "convex" else "full"
 
+    def points_of(self, formulation: str) -> tuple[int, int] | None:
+        """The points, where the formulation has a choice."""
+        return self.points if formulation == "distributed" else None
+
 
 def _check(formulations: Sequence[str], request: Request) -> None:
     for name in formulations:
@@ -136,7 +139,7 @@ def _formulation(joint: DomainJoint, name: str, request: Request, continuum: boo
     if name == "convex" or (name == "distributed" and continuum and joint.cohesion == 0.0):
         pressure = request.pressure if name == "convex" else "linear"
         return theory.polygon_formulation(joint.polygon, joint.friction, pressure, joint.cohesion)
-    law = JointLaw(name, joint.friction, 1.0, 1.0, points=request.points if name == "distributed" else None)
+    law = JointLaw(name, joint.friction, 1.0, 1.0, points=request.points_of(name))
     arms = present(quadrature.contact_points(face(joint.polygon, law), request.tolerance))
     of_points = arms.normal_arm, arms.area, joint.friction, arms.shear_arm, name
     return theory.point_formulation(*of_points, joint.cohesion)
@@ -152,18 +155,13 @@ def _limits(joint: DomainJoint, formulation: theory.Formulation, load: np.ndarra
     )
 
 
-def _lever(joint: DomainJoint) -> float:
-    weights = polygons.tributary_areas(joint.polygon)
-    return float(np.average(np.hypot(*joint.polygon.T), weights=weights))
-
-
 def by_theory(
     joint: DomainJoint, formulations: Sequence[str], count: int, request: Request | None = None
 ) -> list[dict]:
     """Points of the domain of each formulation; ``distributed`` is drawn as its limit, the no-tension continuum."""
     request = request or Request()
     _check(formulations, request)
-    load = directions(count, request.space, request.shear_angle) * [1.0, 1.0, _lever(joint)]
+    load = directions(count, request.space, request.shear_angle) * [1.0, 1.0, lever_of(joint.polygon)]
     rows = []
     for name in formulations:
         V = _limits(joint, _formulation(joint, name, request, continuum=True), load, request.height)
@@ -205,7 +203,9 @@ def simulate_domain(
 def _simulated(joint, formulation, count, request, threads=None, progress=None) -> YieldDomain:
     _check([formulation], request)
     if joint.cohesion > 0.0:
-        return _bonded(joint, formulation, count, request, progress)
+        from dembrick.runs import bonded_domain  # and searches: for those that are not run in one call
+
+        return bonded_domain.yield_domain(joint, formulation, count, request, progress)
     return yield_domain(
         joint.polygon,
         formulation,
@@ -217,27 +217,11 @@ def _simulated(joint, formulation, count, request, threads=None, progress=None) 
         shear_angle=request.shear_angle,
         height=request.height,
         pressure=request.pressure_of(formulation),
-        points=request.points if formulation == "distributed" else None,
+        points=request.points_of(formulation),
         tolerance=request.tolerance,
         threads=threads,
         progress=progress,
     )
-
-
-def _bonded(joint: DomainJoint, formulation: str, count: int, request: Request, progress) -> YieldDomain:
-    """The domain of a joint with cohesion, which is searched for direction by direction."""
-    from dembrick.runs import bonded_domain
-
-    k = bonded_domain.STIFFNESS
-    law = JointLaw(
-        formulation, joint.friction, k, 0.4 * k, request.points if formulation == "distributed" else None,
-        request.pressure_of(formulation), joint.cohesion, residual_cohesion=joint.cohesion,
-    )  # fmt: skip
-    return bonded_domain.yield_domain(
-        joint.polygon, law, normal_force=joint.normal_force, eccentricity=joint.eccentricity, count=count,
-        space=request.space, shear_angle=request.shear_angle, height=request.height, tolerance=request.tolerance,
-        progress=progress,
-    )  # fmt: skip
 
 
 def by_simulation(

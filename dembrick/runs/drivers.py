@@ -15,8 +15,11 @@ from dembrick.assembly.build import Assembly
 from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.runs import theory_check
 from dembrick.runs.collapse import collapse_of
+from dembrick.runs.load_path_result import DeformedRestResult, DrivenPathResult, LoadPathResult
+from dembrick.runs.motion_result import MotionResult
 from dembrick.runs.path_dependence import beside_limit, has_paths
 from dembrick.runs.result import Result
+from dembrick.runs.settlement_result import SettlementResult
 from dembrick.runs.statics_result import StaticsResult
 from dembrick.scenario.checks import present
 from dembrick.scenario.controls import (
@@ -42,10 +45,9 @@ from dembrick.simulation.statics import constant_rate, limit_load, point_placeme
 from dembrick.simulation.statics.load_system import Replay
 
 if TYPE_CHECKING:
-    from dembrick.runs.load_path_result import DeformedRestResult, DrivenPathResult, LoadPathResult
-    from dembrick.runs.motion_result import MotionResult
-    from dembrick.runs.settlement_result import SettlementResult
     from dembrick.simulation.dynamics.equilibria import EquilibriaRun
+    from dembrick.simulation.dynamics.integrator import Motion
+    from dembrick.simulation.dynamics.loads import Driving
     from dembrick.simulation.dynamics.run import MotionRun
 
 
@@ -192,21 +194,23 @@ def _other_path(follow: Callable[..., Replay]) -> Callable[[Scenario, float], fl
     return found
 
 
-# --- equilibrium under the dead loads
-
-
-def _find_rest(scenario: Scenario, assembly: Assembly, session: Session) -> standing.Standing:
-    return standing.find_rest(assembly, session)
-
-
 # --- real time
 
 
-def _plan_motion(scenario: Scenario, assembly: Assembly) -> Plan:
-    from dembrick.simulation.dynamics import loads, run
+def _set_up(scenario: Scenario, assembly: Assembly, session: Session | None = None) -> tuple[Motion, Driving]:
+    """Blocks that can move, where ``session`` lets them start, and what drives them: reads the scenario's files."""
+    from dembrick.simulation.dynamics import handover, loads, run
 
     moving = run.prepare(assembly, scenario.control, scenario.solver.step_factor)
-    driving = loads.driving_of(scenario, moving)  # opens the files that the scenario names
+    if session is not None and session.start is not None:
+        handover.start_on(moving, session.start)
+    return moving, loads.driving_of(scenario, moving)
+
+
+def _plan_motion(scenario: Scenario, assembly: Assembly) -> Plan:
+    from dembrick.simulation.dynamics import run
+
+    moving, driving = _set_up(scenario, assembly)
     return run.plan(moving, scenario.control, driving, scenario.output, _expected_factor(scenario, assembly))
 
 
@@ -226,12 +230,9 @@ def _expected_factor(scenario: Scenario, assembly: Assembly) -> float | None:
 
 
 def _live_through(scenario: Scenario, assembly: Assembly, session: Session) -> MotionRun:
-    from dembrick.simulation.dynamics import handover, loads, run
+    from dembrick.simulation.dynamics import run
 
-    moving = run.prepare(assembly, scenario.control, scenario.solver.step_factor)
-    if session.start is not None:
-        handover.start_on(moving, session.start)
-    driving = loads.driving_of(scenario, moving)
+    moving, driving = _set_up(scenario, assembly, session)
     plan = run.plan(moving, scenario.control, driving, scenario.output)
     if plan.at_most and present(plan.seconds) > LONG:  # of the longest such run; this one is worth a closer look
         factor = _expected_factor(scenario, assembly)
@@ -252,21 +253,15 @@ def _shorter(control: Control) -> str:
 
 
 def _plan_equilibria(scenario: Scenario, assembly: Assembly) -> Plan:
-    from dembrick.simulation.dynamics import loads, run
-
-    moving = run.prepare(assembly, scenario.control, scenario.solver.step_factor)
-    driving = loads.driving_of(scenario, moving)
+    moving, driving = _set_up(scenario, assembly)
     return _path_of(scenario.control).plan(moving, scenario.control, driving, scenario.output)
 
 
 def _find_equilibria(scenario: Scenario, assembly: Assembly, session: Session, steps: float = 1.0) -> EquilibriaRun:
-    from dembrick.simulation.dynamics import handover, loads, run
+    from dembrick.simulation.dynamics import run
 
     control = scenario.control
-    moving = run.prepare(assembly, control, scenario.solver.step_factor)
-    if session.start is not None:
-        handover.start_on(moving, session.start)
-    driving = loads.driving_of(scenario, moving)
+    moving, driving = _set_up(scenario, assembly, session)
     run.ask_for(moving, scenario.output, driving)
     plan = _path_of(control).plan(moving, control, driving, scenario.output)
     session.warn_if_long(present(plan.seconds), "lower joint.normal_stiffness and joint.shear_stiffness")
@@ -289,44 +284,18 @@ def _refined_path(scenario: Scenario, steps: float) -> float:
     return result(scenario=scenario, assembly=assembly, run=run, rows={}, frames={}, wall={}).uncertain  # type: ignore[return-value,union-attr]
 
 
-def _limit_found(**fields) -> LoadPathResult:
-    from dembrick.runs.load_path_result import LoadPathResult
-
-    return LoadPathResult(**fields)
-
-
-def _driven(**fields) -> DrivenPathResult:
-    from dembrick.runs.load_path_result import DrivenPathResult
-
-    return DrivenPathResult(**fields)
-
-
-def _rested(**fields) -> DeformedRestResult:
-    from dembrick.runs.load_path_result import DeformedRestResult
-
-    return DeformedRestResult(**fields)
-
-
-def _settled(**fields) -> SettlementResult:
-    from dembrick.runs.settlement_result import SettlementResult
-
-    return SettlementResult(**fields)
-
-
-def _moved(**fields) -> MotionResult:
-    from dembrick.runs.motion_result import MotionResult
-
-    return MotionResult(**fields)
-
-
 DRIVERS = {
     LIMIT_LOAD.name: Driver(_plan_search, _limit_load, _searched, _other_path(_limit_load), _place_points),
     CONSTANT_RATE.name: Driver(_plan_of(constant_rate), _constant_rate, _searched),
     PATH_FOLLOWING.name: Driver(_plan_path, _follow_path, _searched, _other_path(_follow_path)),
-    DEAD_LOAD.name: Driver(lambda _, assembly: standing.plan(assembly), _find_rest, StaticsResult),
-    LOAD_PATH.name: Driver(_plan_equilibria, _find_equilibria, _limit_found, _refined_path),
-    DRIVEN_PATH.name: Driver(_plan_equilibria, _find_equilibria, _driven, _refined_path),
-    DEFORMED_REST.name: Driver(_plan_equilibria, _find_equilibria, _rested),
-    SETTLEMENT.name: Driver(_plan_equilibria, _find_equilibria, _settled, _refined_path),
-    REAL_TIME.name: Driver(_plan_motion, _live_through, _moved),
+    DEAD_LOAD.name: Driver(
+        lambda _, assembly: standing.plan(assembly),
+        lambda _, assembly, session: standing.find_rest(assembly, session),
+        StaticsResult,
+    ),
+    LOAD_PATH.name: Driver(_plan_equilibria, _find_equilibria, LoadPathResult, _refined_path),
+    DRIVEN_PATH.name: Driver(_plan_equilibria, _find_equilibria, DrivenPathResult, _refined_path),
+    DEFORMED_REST.name: Driver(_plan_equilibria, _find_equilibria, DeformedRestResult),
+    SETTLEMENT.name: Driver(_plan_equilibria, _find_equilibria, SettlementResult, _refined_path),
+    REAL_TIME.name: Driver(_plan_motion, _live_through, MotionResult),
 }

@@ -16,7 +16,7 @@ path, which are halved; supports also move by half the acceleration on them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -67,12 +67,12 @@ def refinements(scenario: Scenario, several: bool = False) -> tuple[Refinement, 
             "loads of several joints, tilt, pushover, base-motion and dynamic"
         )
     if control.regime in (SETTLEMENT, LOAD_PATH, DRIVEN_PATH):
-        return Refinement(stiffer(scenario, 2.0, 2.0), OF_STIFFNESS), Refinement(scenario, 1.0, 0.5)
+        return Refinement(stiffer(scenario), OF_STIFFNESS), Refinement(scenario, 1.0, 0.5)
     if control.regime in (PATH_FOLLOWING, LIMIT_LOAD):
         others = [with_ratio(scenario, ratio) for ratio in RATIOS if not _has_ratio(scenario, ratio)]
-        paths = [Refinement(other, 1.0) for other in (*others, stiffer(scenario, 2.0, 2.0))]
+        paths = [Refinement(other, 1.0) for other in (*others, stiffer(scenario))]
         return (*paths, Refinement(scenario, 1.0, 0.5))
-    found = [Refinement(stiffer(scenario, 2.0, 2.0), OF_STIFFNESS)]
+    found = [Refinement(stiffer(scenario), OF_STIFFNESS)]
     if rate := getattr(control, "rate", None):
         slower = replace(scenario, control=replace(control, rate=0.5 * rate), text=None)
         found.append(Refinement(slower, OF_RATE))
@@ -82,21 +82,15 @@ def refinements(scenario: Scenario, several: bool = False) -> tuple[Refinement, 
 def error_of(scenario: Scenario, found, refined: Sequence) -> float:
     """The error of an answer, given those of the `refinements`: load factors, or displacements (n, 3), m, of which the
     block that is least certain counts."""
-    differences = [
+    return sum(
         refinement.weight * float(np.linalg.norm(np.atleast_2d(np.asarray(other) - found), axis=1).max())
         for refinement, other in zip(refinements(scenario), refined, strict=True)
-    ]
-    return sum(differences)
+    )
 
 
 def with_ratio(scenario: Scenario, ratio: float) -> Scenario:
     """The same scenario with a shear stiffness of ``ratio`` times the normal stiffness in all joints."""
-
-    def law(given: JointLaw) -> JointLaw:
-        return replace(given, shear_stiffness=ratio * given.normal_stiffness)
-
-    joints = tuple(replace(entry, law=law(entry.law)) for entry in scenario.joints)
-    return replace(scenario, joint=law(scenario.joint), joints=joints, text=None)
+    return _with_laws(scenario, lambda law: replace(law, shear_stiffness=ratio * law.normal_stiffness))
 
 
 def _has_ratio(scenario: Scenario, ratio: float) -> bool:
@@ -104,15 +98,16 @@ def _has_ratio(scenario: Scenario, ratio: float) -> bool:
     return all(abs(law.shear_stiffness / (ratio * law.normal_stiffness) - 1.0) <= _SAME for law in laws)
 
 
-def stiffer(scenario: Scenario, normal: float, shear: float) -> Scenario:
-    """The same scenario with normal and shear stiffness of all joints times these factors."""
+def stiffer(scenario: Scenario) -> Scenario:
+    """The same scenario with twice the stiffness of all joints."""
 
     def law(given: JointLaw) -> JointLaw:
-        return replace(
-            given,
-            normal_stiffness=normal * given.normal_stiffness,
-            shear_stiffness=shear * given.shear_stiffness,
-        )
+        normal, shear = 2.0 * given.normal_stiffness, 2.0 * given.shear_stiffness
+        return replace(given, normal_stiffness=normal, shear_stiffness=shear)
 
+    return _with_laws(scenario, law)
+
+
+def _with_laws(scenario: Scenario, law: Callable[[JointLaw], JointLaw]) -> Scenario:
     joints = tuple(replace(entry, law=law(entry.law)) for entry in scenario.joints)
     return replace(scenario, joint=law(scenario.joint), joints=joints, text=None)

@@ -9,7 +9,7 @@ while blocks fall shows an angle beyond the onset.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -18,9 +18,6 @@ from dembrick.runs.result import Result
 from dembrick.scenario.checks import present
 from dembrick.scenario.controls import CONSTANT_RATE, EVERY_BLOCK, REAL_TIME
 from dembrick.views.summary import known
-
-if TYPE_CHECKING:
-    pass
 
 REMARKED = 0.05  # of V
 

@@ -64,46 +64,31 @@ def left_out(
     at_edge = np.zeros(len(joints), bool)
     for j in np.flatnonzero((law == "convex") & full & slipping):
         at_edge[j] = _towards_edge(joints[j].polygon, resultants[j]) > AT_EDGE
-    kept = np.flatnonzero(at_edge)
-    drawn_in = np.flatnonzero((law == "corrected") & rocking)
-    short = np.flatnonzero((law == "distributed") & rocking)
-    if not (len(kept) or len(drawn_in) or len(short)):
+    drawn_in, short = (law == "corrected") & rocking, (law == "distributed") & rocking
+    if not (at_edge | drawn_in | short).any():
         return []
     bound = analysis.limit_load(assembly, corners=True, tilt=tilt).load_factor if bounded else None
-    beside = _beside(bound, load_factor)
-    found = []
-    if len(kept):
-        found.append(
-            LeftOut(
-                "convex",
-                kept,
-                bound,
-                f"{_count(kept)} slide or turn with the resultant at an edge, where full pressure keeps the torsion of "
-                f"the whole joint: under linear pressure the limit is {beside}",
-            )
+    gap = widest_rim(joints, assembly.contact_points)[0]
+    told = {
+        "convex": (
+            at_edge,
+            "slide or turn with the resultant at an edge, where full pressure keeps the torsion of the whole joint: "
+            "under linear pressure",
+        ),
+        "corrected": (drawn_in, "rock about corrected points, which lie inside the edge: about the true edge"),
+        "distributed": (
+            short,
+            f"rock about distributed points that stop {100.0 * gap:.2g} % short of the edge: about the true edge",
+        ),
+    }
+    return [
+        LeftOut(
+            name, np.flatnonzero(meant), bound,
+            f"{_count(int(meant.sum()))} {text} the limit is {_beside(bound, load_factor)}",
         )
-    if len(drawn_in):
-        found.append(
-            LeftOut(
-                "corrected",
-                drawn_in,
-                bound,
-                f"{_count(drawn_in)} rock about corrected points, which lie inside the edge: about the true edge the "
-                f"limit is {beside}",
-            )
-        )
-    if len(short):
-        gap = widest_rim(joints, assembly.contact_points)[0]
-        found.append(
-            LeftOut(
-                "distributed",
-                short,
-                bound,
-                f"{_count(short)} rock about distributed points that stop {100.0 * gap:.2g} % short of the edge: about "
-                f"the true edge the limit is {beside}",
-            )
-        )
-    return found
+        for name, (meant, text) in told.items()
+        if meant.any()
+    ]  # fmt: skip
 
 
 def _beside(bound: float | None, load_factor: float) -> str:
@@ -115,8 +100,8 @@ def _beside(bound: float | None, load_factor: float) -> str:
     return f"at most {bound:.5g}{over}"
 
 
-def _count(joints: np.ndarray) -> str:
-    return "1 joint" if len(joints) == 1 else f"{len(joints)} joints"
+def _count(joints: int) -> str:
+    return "1 joint" if joints == 1 else f"{joints} joints"
 
 
 def _towards_edge(polygon: np.ndarray, resultant: np.ndarray) -> float:

@@ -14,10 +14,11 @@ import numpy as np
 from dembrick.assembly import build as assemblies
 from dembrick.assembly.actuators import recorded_curve
 from dembrick.errors import DembrickError, NotConvergedError, ScenarioError
+from dembrick.runs.collapse import listed
 from dembrick.runs.left_out import LeftOut, left_out
 from dembrick.runs.limit_scenario import assembled, names_of
 from dembrick.runs.limit_standing import StandingResult, stands
-from dembrick.runs.result import tie_lines
+from dembrick.runs.result import heading, tie_lines, tied
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.checks import nearest, present, show
 from dembrick.scenario.controls import DEAD_LOAD, DEFORMED_REST, Control
@@ -91,9 +92,7 @@ class LimitResult:
     def as_dict(self) -> dict:
         """The JSON object of ``dembrick limit --json``."""
         found = {
-            "scenario": self.scenario.path or "",
-            "title": self.scenario.title,
-            "formulation": self.scenario.joint.formulation,
+            **heading(self.scenario),
             "status": self.status,
             "unlimited": self.limit.unlimited,
             "load_factor": _finite(self.load_factor),
@@ -126,12 +125,7 @@ class LimitResult:
 
     def _ties(self) -> list[dict]:
         """The tension (N) of every tie in the limit state."""
-        ties, names = self.assembly.ties, self.assembly.names
-        if not len(ties) or self.limit.forces is None:
-            return []
-        tension = self.limit.forces.tension.tolist()
-        pairs = zip(ties.block_a, ties.block_b, tension, strict=True)
-        return [{"between": [names[a], names[b]], "tension": T} for a, b, T in pairs]
+        return [] if self.limit.forces is None else tied(self.assembly, tension=self.limit.forces.tension)
 
     def text(self) -> str:
         """What the command line prints."""
@@ -150,7 +144,7 @@ class LimitResult:
         lines += tie_lines(self._ties())
         lines.append("flow          associative: an upper bound for friction without dilatancy")
         lines.append(f"mechanism     {self.mechanism}")
-        lines.append(f"blocks        {_some(self.blocks)}")
+        lines.append(f"blocks        {listed(self.blocks)}")
         if self.second_opinion is not None:
             one = self.second_opinion
             lines.append(
@@ -164,13 +158,13 @@ class LimitResult:
         """A PNG of the mechanism; ``look`` as for ``dembrick.views.render.picture``."""
         from dembrick.runs.mechanism_history import picture
 
-        return picture(self, self.limit.mechanism, self.limit.resultants, path, **look)
+        return picture(self, path, **look)
 
     def write(self, path: str | os.PathLike, force: bool = False) -> str:
         """Write the mechanism as a history of two frames, which ``dembrick render`` draws."""
         from dembrick.runs.mechanism_history import write
 
-        return write(self, self.limit.mechanism, self.limit.resultants, path, force)
+        return write(self, path, force)
 
 
 @dataclass
@@ -199,8 +193,7 @@ class ReactionResult:
             }
 
         return {
-            "scenario": self.scenario.path or "",
-            "title": self.scenario.title,
+            **heading(self.scenario),
             "status": "reaction",
             "support": self.support,
             "direction": list(self.direction),
@@ -219,7 +212,7 @@ class ReactionResult:
                 continue
             lines.append(
                 f"{label:13} {end.value:.9g} N (balanced {end.reached:.9g}, bound {end.bound:.9g}), by "
-                f"{present(end.mechanism).kind} of {_some(names_of(self.assembly, present(end.mechanism)))}"
+                f"{present(end.mechanism).kind} of {listed(names_of(self.assembly, present(end.mechanism)))}"
             )
         return "\n".join(lines)
 
@@ -349,8 +342,7 @@ def _left_out(assembly: Assembly, found: analysis.Limit, tilt: bool) -> list[Lef
 
 
 def _failure(scenario: Scenario, error: DembrickError) -> dict:
-    about = {"scenario": scenario.path or "", "title": scenario.title, "status": "failed", "error": str(error)}
-    return about | (error.answer or {})
+    return heading(scenario) | {"status": "failed", "error": str(error)} | (error.answer or {})
 
 
 def _unlimited(control: Control) -> str:
@@ -363,11 +355,6 @@ def _digits(found: analysis.Limit) -> int:
     """Digits of the load factor that its bounds leave."""
     gap = max(found.gap, 1e-10)
     return int(min(9, max(4, math.floor(-math.log10(gap)) + 1)))
-
-
-def _some(names: list[str]) -> str:
-    more = len(names) - 5
-    return ", ".join(names[:5]) + (f" and {more} more" if more > 0 else "")
 
 
 def _finite(value: float) -> float | None:

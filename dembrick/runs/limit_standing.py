@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from dembrick.runs.limit_scenario import assembled, names_of
+from dembrick.runs.result import heading
 from dembrick.scenario.model import Scenario
 from dembrick.simulation.limit_analysis import analysis
 
@@ -36,9 +37,7 @@ class StandingResult:
         """The JSON object of ``dembrick limit --json`` for ``kind = "statics"``."""
         mechanism = self.found.mechanism
         return {
-            "scenario": self.scenario.path or "",
-            "title": self.scenario.title,
-            "formulation": self.scenario.joint.formulation,
+            **heading(self.scenario),
             "status": self.status,
             "statics": {
                 "stands": self.found.stands,

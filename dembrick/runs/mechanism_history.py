@@ -7,16 +7,15 @@ little. Rows and joint forces are those of the limit state in both. A structure 
 from __future__ import annotations
 
 import os
-import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dembrick import history
 from dembrick.errors import ScenarioError
-from dembrick.geometry.rotations import quaternion_product, rotation_matrix
+from dembrick.geometry.rotations import rotation_matrix, turned_by
+from dembrick.runs.in_memory import temporary
 from dembrick.scenario import toml as scenarios
 from dembrick.simulation.channels import JOINT_CHANNELS, ROWS, recorded
 from dembrick.simulation.statics import ties
@@ -31,14 +30,14 @@ if TYPE_CHECKING:
 SEEN = 0.12  # of the largest block: how far the farthest corner moves
 
 
-def write(result, mechanism, resultants: np.ndarray, path: str | os.PathLike, force: bool = False) -> str:
+def write(result, path: str | os.PathLike, force: bool = False) -> str:
     """Write a history of the mechanism of a `LimitResult`; its path."""
-    if mechanism is None:
+    if result.limit.mechanism is None:
         raise ScenarioError("nothing moves, so there is no mechanism to draw")
     assembly, channels = result.assembly, ("joints", "frames")
-    displacement, turn = _moved(assembly, mechanism.velocity)
+    displacement, orientation = _moved(assembly, result.limit.mechanism.velocity)
     joint = np.zeros((2, len(assembly.joints), len(JOINT_CHANNELS)))
-    joint[:, :, :6] = resultants
+    joint[:, :, :6] = result.limit.resultants
     rows = _rows(assembly, result.scenario.control, 2)
     rows |= {"load": np.full(2, result.load_factor), "lower": np.full(2, result.lower), "joint": joint}
     rows |= {"upper": np.full(2, result.upper)}
@@ -53,9 +52,7 @@ def write(result, mechanism, resultants: np.ndarray, path: str | os.PathLike, fo
     if len(assembly.ties):
         rows["tension"] = np.tile(result.limit.forces.tension, (2, 1))
     if assembly.control_points.names:
-        rows["control_point"][1] = assembly.control_points.displacement(
-            displacement, rotation_matrix(quaternion_product(turn, assembly.orientation))
-        )
+        rows["control_point"][1] = assembly.control_points.displacement(displacement, rotation_matrix(orientation))
     with history.HistoryWriter(
         path, scenarios.text_of(result.scenario), assembly, {}, force, channels=channels,
         control=result.scenario.control,
@@ -64,18 +61,18 @@ def write(result, mechanism, resultants: np.ndarray, path: str | os.PathLike, fo
         writer.append_frames(
             np.array([0.0, 1.0]),
             np.stack([np.zeros_like(displacement), displacement]),
-            np.stack([assembly.orientation, quaternion_product(turn, assembly.orientation)]),
+            np.stack([assembly.orientation, orientation]),
         )
         writer.finish(result.status, result.as_dict())
     return os.fspath(path)
 
 
-@contextmanager
-def before_a_run(scenario: Scenario, assembly: Assembly) -> Iterator[history.History]:
+def before_a_run(scenario: Scenario, assembly: Assembly) -> AbstractContextManager[history.History]:
     """A history of one frame that goes away again: the structure as the scenario describes it, at rest."""
-    with tempfile.TemporaryDirectory(prefix="dembrick-") as folder:
-        path, text = os.path.join(folder, "start.h5"), scenarios.text_of(scenario)
-        with history.HistoryWriter(path, text, assembly, {}, channels=("frames",), control=scenario.control) as writer:
+
+    def start(path: str) -> None:
+        given = scenarios.text_of(scenario), assembly, {}
+        with history.HistoryWriter(path, *given, channels=("frames",), control=scenario.control) as writer:
             rows = _rows(assembly, scenario.control, 1)
             if len(assembly.ties):
                 rows["tension"] = assembly.ties.prestress[None]
@@ -83,8 +80,8 @@ def before_a_run(scenario: Scenario, assembly: Assembly) -> Iterator[history.His
             still = np.zeros((1, len(assembly.names), 3))
             writer.append_frames(np.zeros(1), still, assembly.orientation[None])
             writer.finish("start", {"title": scenario.title})
-        with history.read(path) as found:
-            yield found
+
+    return temporary(start, "start.h5")
 
 
 def _rows(assembly: Assembly, control: Control, count: int) -> dict[str, np.ndarray]:
@@ -94,18 +91,16 @@ def _rows(assembly: Assembly, control: Control, count: int) -> dict[str, np.ndar
     return rows | {"time": np.arange(float(count))}
 
 
-def picture(result, mechanism, resultants: np.ndarray, path: str | os.PathLike, **look) -> str:
+def picture(result, path: str | os.PathLike, **look) -> str:
     """Write a PNG of the mechanism; ``look`` as for `render.picture`; its path."""
     from dembrick.views import render
 
-    with tempfile.TemporaryDirectory(prefix="dembrick-") as folder:
-        file = write(result, mechanism, resultants, os.path.join(folder, "mechanism.h5"))
-        with history.read(file) as found:
-            return render.picture(found, path, **({"magnification": 1.0} | look))
+    with temporary(lambda file: write(result, file)) as found:
+        return render.picture(found, path, **({"magnification": 1.0} | look))
 
 
 def _moved(assembly: Assembly, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Displacement (n, 3) and quaternion of the turn (n, 4) of every block, to the scale that is seen."""
+    """Displacement (n, 3) and orientation (n, 4) of every block, to the scale that is seen."""
     size, fastest = 0.0, 0.0
     for shape, rotation, own in zip(assembly.shapes, assembly.rotation, velocity, strict=True):
         if own.any():
@@ -113,7 +108,4 @@ def _moved(assembly: Assembly, velocity: np.ndarray) -> tuple[np.ndarray, np.nda
             size = max(size, float(np.ptp(arm, axis=0).max()))
             fastest = max(fastest, float(np.linalg.norm(own[:3] + np.cross(own[3:], arm), axis=1).max()))
     moved = velocity * (SEEN * size / fastest)
-    angle = np.linalg.norm(moved[:, 3:], axis=1)[:, None]
-    return moved[:, :3], np.concatenate(
-        [np.cos(0.5 * angle), 0.5 * np.sinc(0.5 * angle / np.pi) * moved[:, 3:]], axis=1
-    )
+    return moved[:, :3], turned_by(moved[:, 3:], assembly.orientation)

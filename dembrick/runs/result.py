@@ -59,26 +59,21 @@ class RunResult:
     def _dict(self, **own) -> dict:
         """The JSON object of any run; ``own`` is what this kind of run adds."""
         return {
-            "scenario": self.scenario.path or "",
-            "title": self.scenario.title,
-            "formulation": self.scenario.joint.formulation,
+            **heading(self.scenario),
             **own,
             "reactions": self.reactions,
             "energy": None if self.energy is None else self.energy.as_dict(),
             "wall": self.wall,
             "history": self.history,
-            **self._tied(),
+            **({"ties": self._tied()} if self._tied() else {}),
             **({"stages": self.stages} if self.scenario.stages else {}),
         }
 
-    def _tied(self) -> dict:
-        """The tension (N) of every tie and the elongation (m) that it keeps, where there are ties."""
-        table, names = self.assembly.ties, self.assembly.names
-        if not len(table):
-            return {}
-        numbers = zip(table.block_a, table.block_b, *self.run.ties, strict=True)
-        found = [(names[a], names[b], float(T), float(e)) for a, b, T, e in numbers]
-        return {"ties": [{"between": [a, b], "tension": T, "yielded": e} for a, b, T, e in found]}
+    def _tied(self) -> list[dict]:
+        if not len(self.assembly.ties):
+            return []
+        tension, yielded = self.run.ties
+        return tied(self.assembly, tension=tension, yielded=yielded)
 
     @property
     def reactions(self) -> dict[str, list[float]] | None:
@@ -90,7 +85,7 @@ class RunResult:
     @property
     def force_lines(self) -> list[str]:
         """What the command line prints of the reactions of supports and of the ties."""
-        return reaction_lines(self.reactions) + tie_lines(self._tied().get("ties", ()))
+        return reaction_lines(self.reactions) + tie_lines(self._tied())
 
     @property
     def heading_lines(self) -> list[str]:
@@ -129,8 +124,10 @@ class RunResult:
         """The blocks in a frame, or at a ``time`` (s), as a ``pyvista.MultiBlock`` of their names; the motion times
         ``magnification``."""
         from dembrick.runs import in_memory
+        from dembrick.views import render
 
-        return in_memory.meshes(self, frame, time, magnification)
+        with in_memory.recording(self) as found:
+            return render.meshes(found, frame, magnification, time)
 
     def to_pandas(self):
         """The series as a ``pandas.DataFrame`` by time, units in the headings; MissingDependency without pandas,
@@ -167,6 +164,18 @@ class RunResult:
 def printed(values: Iterable[float], largest: float) -> list[str]:
     """Numbers by six digits; what is only rounding beside the ``largest`` of their kind is 0."""
     return [f"{value:.6g}" if abs(value) > ROUNDING * largest else "0" for value in values]
+
+
+def heading(scenario: Scenario) -> dict:
+    """What the JSON object of any run or limit analysis begins with."""
+    return {"scenario": scenario.path or "", "title": scenario.title, "formulation": scenario.joint.formulation}
+
+
+def tied(assembly: Assembly, **values: np.ndarray) -> list[dict]:
+    """The blocks of every tie and its ``values`` by name: tension (N), the elongation (m) that it keeps."""
+    ties, names = assembly.ties, assembly.names
+    numbers = zip(ties.block_a, ties.block_b, *(own.tolist() for own in values.values()), strict=True)
+    return [{"between": [names[a], names[b]]} | dict(zip(values, own, strict=True)) for a, b, *own in numbers]
 
 
 def tie_lines(ties: Sequence[Mapping]) -> list[str]:
@@ -311,7 +320,7 @@ class Result(SearchResult):
             collapse=self.collapse,
             path=self.path,
             yield_point=self.yield_point.as_dict(),
-            theory=None if self.theory is None else self.theory.as_dict(),
+            theory=None if self.theory is None else dataclasses.asdict(self.theory),
             steps=run.steps,
             time_step=run.time_step,
             critical_time_step=run.critical_time_step,

@@ -13,11 +13,12 @@ from dembrick.assembly import build as assemblies
 from dembrick.errors import DembrickError, HistoryError, NotConvergedError, WriteError
 from dembrick.runs.drivers import driver_of
 from dembrick.runs.error_estimate import Refinement, error_of, refinements
+from dembrick.runs.inertia_share import inertia_remark
 from dembrick.runs.logger import LOGGER, heard_by
 from dembrick.runs.notebook import notebook_bar
 from dembrick.runs.path_dependence import has_paths, ranged
 from dembrick.runs.record_store import Memory, RecordStore
-from dembrick.runs.result import Result
+from dembrick.runs.result import Result, heading
 from dembrick.runs.stages import Stages
 from dembrick.runs.statics_result import StaticsResult
 from dembrick.scenario import toml as scenarios
@@ -178,8 +179,6 @@ def _run(
         result = _finished(scenario, assembly, run, audit, store, spent, refine)
     LOGGER.info("%r", result)
     if report:
-        from dembrick.runs.inertia_share import inertia_remark  # and what moves blocks in real time
-
         carried = inertia_remark(result)
         if carried:
             report(carried)
@@ -286,9 +285,7 @@ def failure(scenario: Scenario, error: DembrickError, history=None) -> dict:
     """The JSON object of a run that gave no answer, with the best bracket found."""
     point = error.yield_point if isinstance(error, NotConvergedError) else None
     return {
-        "scenario": scenario.path or "",
-        "title": scenario.title,
-        "formulation": scenario.joint.formulation,
+        **heading(scenario),
         "status": "failed",
         "error": str(error),
         "yield_point": None if point is None else point.as_dict(),

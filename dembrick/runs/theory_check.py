@@ -5,7 +5,7 @@ The engine and the search for the yield point never see this; it compares afterw
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,14 +27,10 @@ class Theory:
     error: float | None
     discretisation_error: float | None
 
-    def as_dict(self) -> dict:
-        """As in the JSON output."""
-        return {"V": self.V, "error": self.error, "discretisation_error": self.discretisation_error}
-
     def compared(self, V: float) -> Theory:
         """The same with the relative error of ``V``; None if theory is zero and the run is not."""
         error = (V / self.V - 1.0) if self.V else (0.0 if V == 0.0 else None)
-        return Theory(self.V, error, self.discretisation_error)
+        return replace(self, error=error)
 
 
 def wrench(axes, arm, force, torque) -> np.ndarray:

@@ -150,6 +150,11 @@ def directions(count: int, space: str, shear_angle: float = 90.0) -> np.ndarray:
     return found
 
 
+def lever_of(polygon: np.ndarray) -> float:
+    """Mean distance (m) of the corners of a joint from O, by tributary area."""
+    return float(np.average(np.hypot(*polygon.T), weights=polygons.tributary_areas(polygon)))
+
+
 def actuators_for(load: np.ndarray, lever: float, height: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Two parallel actuators for each unit load (n, 3), ``lever`` (m) to either side of O: point, direction, weight."""
     force = np.hypot(load[:, 0], load[:, 1])
@@ -191,7 +196,7 @@ def yield_domain(
             f"friction = {friction!r} with normal_force = {normal_force!r} N gives no domain: both must be greater "
             "than 0"
         )
-    lever = float(np.average(np.hypot(*polygon.T), weights=polygons.tributary_areas(polygon)))
+    lever = lever_of(polygon)
     load = directions(count, space, shear_angle) * [1.0, 1.0, lever]
     point, direction, weight = actuators_for(load, 0.5 * lever, height)
     cases = batch.Cases.on(
