@@ -10,6 +10,7 @@ from dembrick.errors import HistoryError, ScenarioError
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml
 from dembrick.views import render
+from dembrick.views.motion.blocks import round_down
 from dembrick.views.motion.joints import JointMotion
 from dembrick.views.motion.table import joint_table, reaction_table
 from dembrick.views.render import annotations, scene, screen
@@ -91,7 +92,7 @@ def test_the_scale_bar_is_as_long_as_it_says(column, drawing):
 
 @pytest.mark.parametrize("longest, text", [(4.9, "2 m"), (0.5, "50 cm"), (0.0021, "2 mm"), (1.5e-4, "100 µm")])
 def test_lengths_are_round(longest, text):
-    assert annotations.length_text(annotations.round_length(longest)) == text
+    assert annotations.length_text(round_down(longest)) == text
 
 
 def test_names_stand_at_blocks_and_joints(column, drawing):

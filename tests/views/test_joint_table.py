@@ -7,7 +7,7 @@ import pytest
 
 from dembrick import history
 from dembrick.cli import main
-from dembrick.errors import HistoryError
+from dembrick.errors import ScenarioError
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml as scenarios
 from dembrick.views.motion.table import UNITS, joint_table
@@ -40,7 +40,7 @@ def test_eccentricity_of_a_weight_beside_the_middle(tmp_path):
         assert last["utilisation"] == pytest.approx(1.0, abs=2e-3)
         assert last["V_2"] == pytest.approx(found.load[-1], rel=1e-3)
         assert joint_table(found, time=found.frame_time[0]) == joint_table(found, 0)
-        with pytest.raises(HistoryError, match="no frame 100000"):
+        with pytest.raises(ScenarioError, match="frame 100000 is out of range"):
             joint_table(found, 100000)
 
 

@@ -8,6 +8,7 @@ from dembrick.cli import main
 from dembrick.errors import HistoryError, MissingDependency, OutputError, ScenarioError
 from dembrick.runs.simulate import simulate
 from dembrick.views import render
+from dembrick.views.motion.frames import frame_number
 from dembrick.views.motion.joints import JointMotion
 from dembrick.views.render import images, scene, screen
 from helpers import history_cases as cases
@@ -39,7 +40,7 @@ def test_magnification_makes_motion_visible_and_never_shrinks_it(run):
     assert render.automatic_magnification(run, 0) == 1.0
     factor = render.automatic_magnification(run, 3)
     assert factor == 2.0  # 0.12 x 0.3 m over 10.2 mm is 3.5
-    assert render.nearest_frame(run, 2.1e-4) == 2
+    assert frame_number(run, time=2.1e-4) == 2
 
 
 @pytest.mark.parametrize("view", list(render.VIEWS))

@@ -6,8 +6,9 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from dembrick.errors import HistoryError, OutputError, WriteError
+from dembrick.errors import OutputError, WriteError
 from dembrick.history import History, check_output, reason
+from dembrick.views.motion.frames import frame_number
 
 
 def checked_target(history: History, path: str | os.PathLike, frames: bool = True) -> str:
@@ -15,8 +16,8 @@ def checked_target(history: History, path: str | os.PathLike, frames: bool = Tru
     target = check_output(path)
     if os.path.realpath(history.path) == target:
         raise OutputError(f"{path}: this is the history itself; choose another name")
-    if frames and not history.n_frames:
-        raise HistoryError(f"{history.path}: no frames were recorded, so there is no motion to export")
+    if frames:
+        frame_number(history)  # or there is no motion to export
     return target
 
 

@@ -5,6 +5,7 @@ Shapes start with the frames asked for: (f, n_block, ...).
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -15,6 +16,8 @@ from dembrick.kernels.recorded_motion import carry
 
 if TYPE_CHECKING:
     from dembrick.history.reader import History
+
+_SEEN = 0.12  # of the largest block: how far the farthest corner moves in a picture by itself
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +75,23 @@ def all_vertices(history: History) -> tuple[np.ndarray, np.ndarray, list[int]]:
     counts = [len(own) for own in vertices]
     block = np.repeat(np.arange(history.n_block), counts)
     return np.concatenate([np.zeros((0, 3)), *vertices]), block, np.cumsum([0, *counts]).tolist()
+
+
+def largest_extent(points: np.ndarray, starts: list[int], blocks: Iterable[int]) -> float:
+    """Greatest extent along an axis of any of the blocks (m); the points of block i: ``starts[i]:starts[i + 1]``."""
+    return max(float(np.ptp(points[starts[i] : starts[i + 1]], axis=0).max()) for i in blocks)
+
+
+def round_down(value: float) -> float:
+    """The greatest of 1, 2 or 5 times a power of ten that is not above ``value``."""
+    power = 10.0 ** np.floor(np.log10(value))
+    return float(max(step * power for step in (1.0, 2.0, 5.0) if step * power <= value * (1.0 + 1e-9)))
+
+
+def automatic_magnification(moved: float, largest: float) -> float:
+    """A round number, at least 1, by which a motion of ``moved`` (m) is seen beside a block as large as ``largest``
+    (m); 1 without motion."""
+    return round_down(max(1.0, _SEEN * largest / moved)) if moved > 1e-12 * largest else 1.0
 
 
 def block_quantities(history: History, poses: Poses, start: int, stop: int) -> dict[str, np.ndarray]:

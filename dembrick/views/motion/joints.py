@@ -176,6 +176,13 @@ class JointMotion:
             joint,
         )
 
+    def greatest_of_blocks(self, of_joint: np.ndarray) -> np.ndarray:
+        """(f, n_block): the greatest of what the joints (f, j) of each block have; NaN of a joint says nothing."""
+        found = np.zeros((self.history.n_block, len(of_joint)))
+        for blocks in (self.block_a, self.block_b):
+            np.fmax.at(found, blocks, of_joint.T)
+        return found.T
+
     def grid(self, joint: int, along: int = 12) -> np.ndarray:
         """(k, 2) m: points of a square grid over the polygon of a joint, ``along`` of them over its longer side."""
         polygon = self.polygon[joint, : self.n_corner[joint]]

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dembrick.errors import HistoryError, ScenarioError
-from dembrick.views.motion.frames import last_in_rows, nearest
+from dembrick.views.motion.frames import frame_number, last_in_rows, nearest
 from dembrick.views.motion.joints import STATES, JointMotion
 
 if TYPE_CHECKING:
@@ -72,19 +71,5 @@ def reaction_table(history: History, frame: int = -1, time: float | None = None)
 
 
 def _frame(history: History, frame: int, time: float | None) -> int:
-    """The number of a frame, or of the one nearest to a ``time`` (s); the last is that of the last equilibrium. An
-    error if there is none."""
-    if not history.n_frames:
-        raise HistoryError(f'{history.path}: no frames were recorded; run it again with "frames" in output.channels')
-    if time is not None:
-        first, last = float(history.frame_time[0]), float(history.frame_time[-1])
-        if not first - 1e-9 * (last - first) <= time <= last + 1e-9 * (last - first):
-            raise ScenarioError(
-                f"time = {time!r} s is out of range: {history.path} runs from {first:.6g} to {last:.6g} s"
-            )
-        frame = int(nearest(history.frame_time, [time])[0])
-    if not -history.n_frames <= frame < history.n_frames:
-        raise HistoryError(f"{history.path}: it has {history.n_frames} frames, and no frame {frame}")
-    if time is None and frame == -1:
-        return last_in_rows(history)
-    return frame % history.n_frames
+    """The number of a frame; the last is that of the last equilibrium."""
+    return last_in_rows(history) if (frame, time) == (-1, None) else frame_number(history, frame, time)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import os
 import re
 from typing import TYPE_CHECKING
@@ -9,7 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dembrick.views.page import diagrams
-from dembrick.views.page.packing import packed
 from dembrick.views.plot.paths import JointPath, joint_path
 from dembrick.views.plot.subject import joint_names
 
@@ -21,19 +21,11 @@ MOST_ROWS = 300  # of the table, and of the lines of joints that are not shown a
 _CARRIED = {"N": "N", "V_1": "N", "V_2": "N", "M_T": "N m", "slip": "m"}
 
 
-def rows(history: History) -> np.ndarray:
-    """Numbers of the rows in the table, the first, the last and that of the greatest load among them."""
-    if history.n_row <= MOST_ROWS:
-        return np.arange(history.n_row)
-    even = np.linspace(0, history.n_row - 1, MOST_ROWS).round().astype(int)
-    return np.unique(np.append(even, int(np.argmax(history.load))))
-
-
 def record(history: History) -> dict | None:
     """Time, load and displacement as columns in SI units; None if no row was recorded."""
     if not history.n_row:
         return None
-    kept, curve = rows(history), history.curve
+    kept, curve = diagrams.thinned(history, MOST_ROWS), history.curve
     columns = [_column("equilibrium" if history.counts_equilibria else "time [s]", history.time[kept])]
     if curve.load is not None:
         columns.append(_column(f"{curve.load} [{'-' if curve.unit == '1' else curve.unit}]", history.load[kept]))
@@ -51,7 +43,7 @@ def joints(history: History, at: diagrams.Record, path: JointPath | None) -> lis
         return []
     slip = history.joint("slip").max(axis=0)
     order = [j for j in np.argsort(-slip, kind="stable").tolist() if j != path.number]
-    names, kept, found = joint_names(history), rows(history), []
+    names, kept, found = joint_names(history), diagrams.thinned(history, MOST_ROWS), []
     series = {name: history.joint(name)[kept] for name in _CARRIED}
     for number in [path.number, *sorted(order[: MOST_JOINTS - 1])]:
         chart = None
@@ -66,3 +58,8 @@ def joints(history: History, at: diagrams.Record, path: JointPath | None) -> lis
 
 def _column(name: str, values: np.ndarray) -> dict:
     return {"name": name, "values": packed(values, "<f8")}
+
+
+def packed(values: np.ndarray, kind: str) -> str:
+    """The bytes of an array of the type ``kind``, little-endian, in base64."""
+    return base64.b64encode(np.ascontiguousarray(values, kind).tobytes()).decode()

@@ -10,9 +10,11 @@ import numpy as np
 from dembrick.errors import HistoryError
 from dembrick.geometry.rotations import quaternion_product, rotation_matrix, rotation_vector
 from dembrick.views import summary
+from dembrick.views.motion.blocks import CarriedPoints, Poses, all_vertices, automatic_magnification, largest_extent
+from dembrick.views.motion.frames import frame_number
 from dembrick.views.motion.joints import CHANNELS, JointMotion
 from dembrick.views.page import choices, diagrams
-from dembrick.views.page.packing import packed as _packed
+from dembrick.views.page.choices import packed as _packed
 from dembrick.views.plot.paths import JointPath, joint_path
 
 if TYPE_CHECKING:
@@ -20,7 +22,6 @@ if TYPE_CHECKING:
 
 MOST_FRAMES = 240
 MOST_BYTES = 8 << 20  # of packed frames
-_MAGNIFY = 0.12  # of the largest block: how far the farthest corner moves in a page that was just opened
 _MOST_USED = 200_000  # joints times frames, for which utilisation and slip are told
 _FAR = 2.0  # of the scene: a torsion centre further away is that of a shear
 
@@ -38,15 +39,18 @@ class Frames(NamedTuple):
 def collect(history: History) -> dict:
     """All that the scripts of a page need, as plain lists, numbers and base64."""
     frames = chosen_frames(history)
-    rest = [history.block_vertices(i) @ rotation_matrix(history.orientation0[i]).T for i in range(history.n_block)]
-    blocks = np.repeat(np.arange(history.n_block), [len(own) for own in rest])
-    vertices = np.concatenate([np.zeros((0, 3)), *rest])
+    body, blocks, starts = all_vertices(history)
+    carried = CarriedPoints(history, body, blocks)
+    vertices = np.einsum("nij,nj->ni", rotation_matrix(history.orientation0)[blocks], body)
     world = vertices + history.position0[blocks]
     if not len(world):
         raise HistoryError(f"{history.path}: its blocks have no corners, so there is nothing to draw")
     middle = 0.5 * (world.min(axis=0) + world.max(axis=0))
-    moved = _greatest(vertices, blocks, frames)
-    largest = max(float(np.ptp(own, axis=0).max()) for own in rest if len(own))
+    moved = np.array(
+        [np.linalg.norm(carried.moved(Poses.read(history, k, k + 1))[0], axis=1).max() for k in frames.number.tolist()]
+    )
+    solid = [i for i in range(history.n_block) if starts[i] < starts[i + 1]]
+    largest = largest_extent(vertices, starts, solid)
     start = automatic_magnification(float(moved[-1]), largest)
     path = recorded_path(history)
     record = diagrams.record_at(history, frames.time, moved)
@@ -56,10 +60,10 @@ def collect(history: History) -> dict:
         "blocks": {
             "count": history.n_block,
             "fixed": [bool(fixed) for fixed in history.block_fixed],
-            "vertexStart": _packed(np.cumsum([0, *(len(own) for own in rest)]), "<u4"),
+            "vertexStart": _packed(starts, "<u4"),
             "vertices": _packed(vertices, "<f4"),
             "places": _packed(history.position0 - middle, "<f4"),
-            "faces": _packed(_faces(history, rest), "<u4"),
+            "faces": _packed(_faces(history, starts), "<u4"),
             "displacement": _packed(frames.displacement, "<f4"),
             "rotation": _packed(frames.rotation, "<f4"),
         },
@@ -70,12 +74,14 @@ def collect(history: History) -> dict:
         "mostText": summary.length(float(moved.max())),
         "magnification": {"start": math.log10(start), "most": max(1.0, math.ceil(math.log10(start) + 0.7))},
         "actuators": [
-            _actuator(history, actuator, rest[actuator["block"]], middle) for actuator in history.actuators if pushed
+            _actuator(history, actuator, vertices[blocks == actuator["block"]], middle)
+            for actuator in history.actuators
+            if pushed
         ],
         "ties": [
             {"blocks": tie["blocks"].tolist(), "points": (tie["points"] - middle).tolist()} for tie in history.ties
         ],
-        "centre": _centres(history, path, frames, middle, float(np.ptp(world, axis=0).max())),
+        "centre": _centres(history, path, frames, middle, world, blocks),
         "curve": diagrams.curve(history, record),
         "path": None if path is None else diagrams.yield_domain(history, record, path),
         "colours": _colours(history, frames, float(moved.max())),
@@ -90,8 +96,7 @@ def chosen_frames(history: History) -> Frames:
 
     What follows the first frame that is not finite (a run that diverged) is left out.
     """
-    if history.n_frames == 0:
-        raise HistoryError(f"{history.path}: no frames were recorded in this history, so there is nothing to draw")
+    frame_number(history)  # or there is nothing to draw
     most = int(np.clip(MOST_BYTES // (24 * max(1, history.n_block)), 2, MOST_FRAMES))
     numbers = np.unique(np.linspace(0, history.n_frames - 1, min(most, history.n_frames)).round().astype(int))
     back = history.orientation0 * np.array([1.0, -1.0, -1.0, -1.0])
@@ -109,38 +114,13 @@ def chosen_frames(history: History) -> Frames:
     return Frames(numbers, history.frame_time[numbers], np.array(displacement), np.array(rotation))
 
 
-def automatic_magnification(moved: float, largest: float) -> float:
-    """1, 2 or 5 times a power of ten, at least 1, that makes a motion of ``moved`` (m) of a block visible."""
-    if moved <= 1e-12 * largest:
-        return 1.0
-    wanted = _MAGNIFY * largest / moved
-    if wanted <= 1.0:
-        return 1.0
-    power = 10.0 ** math.floor(math.log10(wanted))
-    return max(step * power for step in (1.0, 2.0, 5.0) if step * power <= wanted * (1.0 + 1e-9))
-
-
-def _greatest(vertices: np.ndarray, blocks: np.ndarray, frames: Frames) -> np.ndarray:
-    """(f,) m: how far the farthest corner of any block has moved in each frame."""
-    greatest = np.zeros(len(frames.number))
-    for k, (shift, turn) in enumerate(zip(frames.displacement, frames.rotation, strict=True)):
-        angle = np.linalg.norm(turn, axis=-1)
-        axis = np.divide(turn, angle[:, None], out=np.zeros_like(turn), where=angle[:, None] > 0.0)[blocks]
-        once = np.cross(axis, vertices)
-        sine, versine = np.sin(angle)[blocks, None], 2.0 * np.sin(0.5 * angle)[blocks, None] ** 2
-        moved = shift[blocks] + sine * once + versine * np.cross(axis, once)
-        greatest[k] = np.linalg.norm(moved, axis=1).max()
-    return greatest
-
-
-def _faces(history: History, rest: list[np.ndarray]) -> np.ndarray:
+def _faces(history: History, starts: list[int]) -> np.ndarray:
     """Every face as its number of corners and then the corners, numbered through all blocks."""
-    found, first = [], 0
-    for i, own in enumerate(rest):
+    found: list[int] = []
+    for i, first in enumerate(starts[:-1]):
         for face in history.block_faces(i):
             if len(face) > 2:
                 found += [len(face), *(first + corner for corner in face)]
-        first += len(own)
     return np.array(found, np.int64)
 
 
@@ -168,10 +148,7 @@ def _colours(history: History, frames: Frames, moved: float) -> list[dict]:
             ("utilisation", now.utilisation, 1.0),
             ("slip", slip, float(slip.max(initial=0.0))),
         ):
-            values = np.zeros((len(frames.number), history.n_block))
-            for blocks in (joints.block_a, joints.block_b):
-                for j, block in enumerate(blocks):
-                    np.fmax(values[:, block], of_joint[:, j], out=values[:, block])
+            values = joints.greatest_of_blocks(of_joint)
             text = "1: slides, or a hinge" if name == "utilisation" else summary.length(most)
             values = _packed(np.minimum(values, 1e30), "<f4")
             found.append({"name": name, "text": text, "values": values, "most": most or 1.0})
@@ -185,13 +162,16 @@ def recorded_path(history: History) -> JointPath | None:
     return joint_path(history)
 
 
-def _centres(history: History, path: JointPath | None, frames: Frames, middle: np.ndarray, size: float) -> dict | None:
+def _centres(
+    history: History, path: JointPath | None, frames: Frames, middle: np.ndarray, world: np.ndarray, blocks: np.ndarray
+) -> dict | None:
     """Torsion centre of the path's joint from frame to frame, at its place in the resting scene; it rides on block a.
 
     None for frames between which nothing turned, or about a point far away.
     """
     if path is None or len(frames.number) < 2:
         return None
+    size = float(np.ptp(world, axis=0).max())
     joint = history.joints[path.number]
     motion = JointMotion(history, path.number)
     places: list = [None]
@@ -201,15 +181,6 @@ def _centres(history: History, path: JointPath | None, frames: Frames, middle: n
         places.append((joint["origin"] + found @ joint["axes"][:2] - middle).tolist() if near else None)
     if not any(places):
         return None
-    axis = joint["axes"][2].tolist()
-    return {"block": joint["block_a"], "axis": axis, "length": 1.5 * _depth(history, joint), "places": places}
-
-
-def _depth(history: History, joint: dict) -> float:
-    """Extent of the two blocks of a joint along its normal (m)."""
-    ends = []
-    for block in (joint["block_a"], joint["block_b"]):
-        own = history.block_vertices(block) @ rotation_matrix(history.orientation0[block]).T
-        ends.append((own + history.position0[block]) @ joint["axes"][2])
-    ends = np.concatenate(ends)
-    return float(np.ptp(ends))
+    axis = joint["axes"][2]
+    depth = float(np.ptp(world[(blocks == joint["block_a"]) | (blocks == joint["block_b"])] @ axis))
+    return {"block": joint["block_a"], "axis": axis.tolist(), "length": 1.5 * depth, "places": places}

@@ -50,7 +50,7 @@ def curve(history: History, record: Record) -> dict:
     if record.load is None:
         line = {"x": listed(record.time), "y": travel, "look": "run", "name": ""}
         return _chart("Displacement over time", "time [s]", x_name, [line], line["x"], travel)
-    kept = _thinned(history)
+    kept = thinned(history)
     line = {"x": listed(record.factor * history.displacement[kept]), "y": listed(history.load[kept]), "look": "run"}
     y_name = f"{record.diagram.load} [{record.diagram.unit}]"
     chart = _chart("Load over displacement", x_name, y_name, [line | {"name": "run"}], travel, listed(record.load))
@@ -69,7 +69,7 @@ def curve(history: History, record: Record) -> dict:
 def yield_domain(history: History, record: Record, path: JointPath, rows: np.ndarray | None = None) -> dict:
     """Torsion over shear force of a joint on its limit surface, through ``rows`` or as many rows as a line takes."""
     x, y = path.drawn
-    kept = _thinned(history) if rows is None else rows
+    kept = thinned(history) if rows is None else rows
     kept = kept[np.isfinite(x[kept])]  # an open joint has no strength to draw its forces over
     lines = []
     for section in path.sections:
@@ -115,9 +115,9 @@ def _unit(longest: float) -> tuple[str, float]:
     return ("mm", 1e3) if longest > _MILLIMETRES_FROM else ("µm", 1e6)
 
 
-def _thinned(history: History) -> np.ndarray:
-    """Numbers of the rows that a line goes through, the greatest load among them."""
-    if history.n_row <= MOST_ROWS:
+def thinned(history: History, most: int = MOST_ROWS) -> np.ndarray:
+    """Numbers of at most about ``most`` rows, the first, the last and that of the greatest load among them."""
+    if history.n_row <= most:
         return np.arange(history.n_row)
-    even = np.linspace(0, history.n_row - 1, MOST_ROWS).round().astype(int)
+    even = np.linspace(0, history.n_row - 1, most).round().astype(int)
     return np.unique(np.append(even, int(np.argmax(history.load))))

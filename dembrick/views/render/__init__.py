@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 
-from dembrick.errors import HistoryError, OutputError, ScenarioError
+from dembrick.errors import OutputError, ScenarioError
 from dembrick.history.files import check_output
 from dembrick.views.motion.blocks import CarriedPoints, Poses, all_vertices
-from dembrick.views.motion.frames import last_in_rows, nearest
+from dembrick.views.motion.frames import frame_number, last_in_rows, nearest
 from dembrick.views.render.colors import COLORS
 from dembrick.views.render.images import MOVIES, Movie, write_png
 from dembrick.views.render.look import NAMES, VIEWS, Look, LookOptions, automatic_magnification
@@ -33,7 +33,6 @@ __all__ = [
     "meshes",
     "movie",
     "movie_frames",
-    "nearest_frame",
     "picture",
     "view",
 ]
@@ -54,7 +53,7 @@ def meshes(
     """
     import pyvista
 
-    number = _frame(history, frame if time is None else nearest_frame(history, time))
+    number = frame_number(history, frame, time)
     body, block, starts = all_vertices(history)
     carried, poses = CarriedPoints(history, body, block), Poses.read(history, number, number + 1)
     drawn, moved = carried.magnified(poses, magnification)[0], carried.moved(poses)[0]
@@ -90,7 +89,9 @@ def picture(
     if os.path.splitext(path)[1].lower() != ".png":
         raise OutputError(f"{path}: a picture is written as PNG; let the name end in .png")
     target = check_output(path)
-    frames = [[_shown(own, chosen) if (frame, time) == (-1, None) else _asked(own, frame, time)] for own in histories]
+    frames = [
+        [_shown(own, chosen) if (frame, time) == (-1, None) else frame_number(own, frame, time)] for own in histories
+    ]
     with _scenes(histories, chosen, frames, size or SIZE, smooth=True) as scenes:
         write_png(_pixels(scenes), path, target)
     return path
@@ -136,14 +137,10 @@ def movie(
     return path
 
 
-def _asked(history: History, frame: int, time: float | None) -> int:
-    return _frame(history, frame if time is None else nearest_frame(history, time))
-
-
 def _shown(history: History, look: Look) -> int:
     """The last frame; if it shows a structure that comes down, and forces are to be drawn, that of the last
     equilibrium."""
-    return last_in_rows(history) if look.needs_forces and history.n_frames else _frame(history, -1)
+    return last_in_rows(history) if look.needs_forces else frame_number(history)
 
 
 def _several(history: History | Sequence[History]) -> list[History]:
@@ -187,7 +184,7 @@ def frames_side_by_side(histories: list[History], count: int) -> list[list[int]]
     """
     if len(histories) == 1:
         return [movie_frames(histories[0], count)]
-    lasts = [_frame(history, -1) for history in histories]
+    lasts = [frame_number(history) for history in histories]
     if any(history.counts_equilibria for history in histories):
         count = min(count, max(lasts) + 1)
         return [np.round(np.linspace(0, last, count)).astype(int).tolist() for last in lasts]
@@ -203,7 +200,7 @@ def movie_frames(history: History, count: int) -> list[int]:
     else those nearest to moments spread evenly over the run, one held as long as it is the nearest. Equilibria, which
     know no time, are spread evenly by their numbers. Raises HistoryError if there are no frames.
     """
-    last, times = _frame(history, -1), history.frame_time
+    last, times = frame_number(history), history.frame_time
     steps = np.diff(times)
     even = last < 2 or (np.ptp(steps[:-1]) <= EVEN * steps[:-1].max() and steps[-1] <= (1.0 + EVEN) * steps[:-1].max())
     if history.counts_equilibria or (even and last < count) or not times[-1] > times[0]:
@@ -217,7 +214,7 @@ def view(history: History, **look: Unpack[LookOptions]) -> None:
     ``look`` as for :func:`picture`.
     """
     chosen = Look(**look)
-    _frame(history, -1)
+    frame_number(history)
     require_display()
     import pyvista
 
@@ -228,7 +225,7 @@ def view(history: History, **look: Unpack[LookOptions]) -> None:
 
 def with_slider(plotter, history: History, look: Look) -> Scene:
     """The scene of a history in a plotter, with a slider for the time and the arrow keys for single frames."""
-    last = _frame(history, -1)
+    last = frame_number(history)
     every = max(1, last // MOVIE_FRAMES)
     scene = Scene(plotter, history, look, sorted({*range(0, last + 1, every), last}), below=0.19 if last else 0.04)
     times = history.frame_time
@@ -236,7 +233,7 @@ def with_slider(plotter, history: History, look: Look) -> Scene:
         return scene
 
     def to_time(time: float) -> None:
-        frame = nearest_frame(history, float(np.clip(time, times[0], times[-1])))
+        frame = int(nearest(times, [time])[0])
         if frame != scene.frame:
             scene.show(frame)
 
@@ -263,24 +260,6 @@ def with_slider(plotter, history: History, look: Look) -> Scene:
     plotter.add_key_event("Right", lambda: step(1))
     plotter.add_key_event("Left", lambda: step(-1))
     return scene
-
-
-def nearest_frame(history: History, time: float) -> int:
-    """Number of the frame nearest to a time (s); ScenarioError for a time that the history does not cover."""
-    _frame(history, 0)
-    first, last = float(history.frame_time[0]), float(history.frame_time[-1])
-    slack = 1e-9 * (last - first)
-    if not first - slack <= time <= last + slack:
-        raise ScenarioError(f"time = {time!r} s is out of range: {history.path} runs from {first:.6g} to {last:.6g} s")
-    return int(np.argmin(np.abs(history.frame_time - time)))
-
-
-def _frame(history: History, frame: int) -> int:
-    if history.n_frames == 0:
-        raise HistoryError(f"{history.path}: no frames were recorded in this history, so there is nothing to draw")
-    if not -history.n_frames <= frame < history.n_frames:
-        raise ScenarioError(f"frame {frame} is out of range: {history.path} has frames 0 to {history.n_frames - 1}")
-    return frame % history.n_frames
 
 
 def _plotter(size: tuple[int, int], smooth: bool) -> pyvista.Plotter:

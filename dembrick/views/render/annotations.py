@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dembrick.errors import HistoryError
-from dembrick.views.motion.blocks import Poses
+from dembrick.views.motion.blocks import Poses, round_down
 from dembrick.views.motion.joints import HINGE, JointMotion
 from dembrick.views.render.force_arrows import DrawnForces
 
@@ -20,12 +20,6 @@ _CARRIES = 1e-6  # of the greatest N of a frame: joints with less carry nothing
 _WIDEST = 0.13  # of the picture's width: the longest scale bar
 _BAR = (0.9, 0.055)  # middle of the scale bar in the picture
 _IN_FRONT = -1e6  # of the depth of the scene: what is drawn so stands before everything else
-
-
-def round_length(longest: float) -> float:
-    """The greatest of 1, 2 or 5 times a power of ten that is not above ``longest``."""
-    power = 10.0 ** np.floor(np.log10(longest))
-    return float(max(step * power for step in (1.0, 2.0, 5.0) if step * power <= longest * (1.0 + 1e-9)))
 
 
 def length_text(length: float) -> str:
@@ -68,7 +62,7 @@ class ScaleBar:
         whole = 2.0 * self._plotter.camera.parallel_scale * width / height
         if not (np.isfinite(whole) and whole > 0.0):
             return
-        length = round_length(_WIDEST * whole)
+        length = round_down(_WIDEST * whole)
         if length == self.length and whole == self._whole:
             return
         self.length, self._whole = length, whole

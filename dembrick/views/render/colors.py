@@ -55,12 +55,9 @@ class Colouring:
             return np.linalg.norm(self._carried.moved(poses)[0], axis=1)
         if self.color == "energy":
             return block_quantities(self._history, poses, frame, frame + 1)["kinetic_energy"][0]
-        joints, found = self._joints, np.zeros(self._history.n_block)
-        now = joints.at([frame])
+        now = self._joints.at([frame])
         of_joint = now.utilisation[0] if self.color == "utilisation" else now.resultants[0, :, CHANNELS.index("slip")]
-        for blocks in (joints.block_a, joints.block_b):
-            np.fmax.at(found, blocks, of_joint)  # what is not known of a joint says nothing of its blocks
-        return found
+        return self._joints.greatest_of_blocks(of_joint[None])[0]
 
     def scale(self, largest: float) -> Scale:
         """Unit and range for values up to ``largest``."""

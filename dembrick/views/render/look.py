@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypedDict
 
 import numpy as np
 
 from dembrick.errors import ScenarioError
+from dembrick.views.motion import blocks
 from dembrick.views.motion.blocks import CarriedPoints, Poses, all_vertices
 from dembrick.views.render.colors import COLORS
 
@@ -22,7 +22,6 @@ VIEWS = {  # direction from the focus to the camera, and what is up in the pictu
     "top": ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0)),
 }
 NAMES = ("none", "blocks", "joints", "all")
-_SEEN = 0.12  # of the largest block: how far the farthest corner moves in a picture by itself
 
 
 class LookOptions(TypedDict, total=False):
@@ -67,21 +66,9 @@ class Look:
 
 
 def automatic_magnification(history: History, frame: int) -> float:
-    """1, 2 or 5 times a power of ten, at least 1, that makes the farthest corner's motion visible; 1 without motion."""
+    """The magnification by which the motion of the farthest corner in a frame is seen; 1 without motion."""
     body, block, starts = all_vertices(history)
     carried, poses = CarriedPoints(history, body, block), Poses.read(history, frame, frame + 1)
     start = carried.magnified(poses, 0.0)[0]
     moved = float(np.linalg.norm(carried.moved(poses)[0], axis=1).max())
-    largest = largest_extent(start, starts, range(history.n_block))
-    if moved <= 1e-12 * largest:
-        return 1.0
-    wanted = _SEEN * largest / moved
-    if wanted <= 1.0:
-        return 1.0
-    power = 10.0 ** np.floor(np.log10(wanted))
-    return float(max(step * power for step in (1.0, 2.0, 5.0) if step * power <= wanted * (1.0 + 1e-9)))
-
-
-def largest_extent(points: np.ndarray, starts: list[int], blocks: Iterable[int]) -> float:
-    """Greatest extent along an axis of any of the blocks (m); the points of block i: ``starts[i]:starts[i + 1]``."""
-    return max(float(np.ptp(points[starts[i] : starts[i + 1]], axis=0).max()) for i in blocks)
+    return blocks.automatic_magnification(moved, blocks.largest_extent(start, starts, range(history.n_block)))

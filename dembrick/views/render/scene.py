@@ -15,14 +15,14 @@ from dembrick.errors import HistoryError
 from dembrick.geometry.rotations import rotation_matrix
 from dembrick.scenario.pressures import PRESSURE
 from dembrick.scenario.regimes import TILT_LOAD
-from dembrick.views.motion.blocks import CarriedPoints, Poses, all_vertices, rotation_times
+from dembrick.views.motion.blocks import CarriedPoints, Poses, all_vertices, largest_extent, rotation_times
 from dembrick.views.motion.frames import coming_down, nearest
 from dembrick.views.motion.joints import JointMotion
 from dembrick.views.plot.subject import chosen_joint, joint_names, pushes_several
 from dembrick.views.render.annotations import CRIMSON, Names, ScaleBar, ThrustLine, require_thrust
 from dembrick.views.render.colors import Colouring
 from dembrick.views.render.force_arrows import ARROW, GREEN, PURPLE, DrawnForces, ForceArrows, placed
-from dembrick.views.render.look import VIEWS, Look, automatic_magnification, largest_extent
+from dembrick.views.render.look import VIEWS, Look, automatic_magnification
 from dembrick.views.render.reactions import DrawnReactions
 from dembrick.views.render.ties import DrawnTies
 
