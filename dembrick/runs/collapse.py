@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dembrick.runs.path_dependence import path_lines
+from dembrick.runs.result import listed
 from dembrick.scenario.checks import present
 from dembrick.simulation.statics.load_system import Replay
 from dembrick.simulation.statics.yield_point import mechanism_of, moving_blocks
@@ -16,8 +17,6 @@ from dembrick.views.summary import known, on_one_path
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
     from dembrick.scenario.controls import Control
-
-NAMED = 5  # blocks that a line names
 
 
 def collapse_of(run: Replay, assembly: Assembly, control: Control) -> dict:
@@ -41,12 +40,6 @@ def collapse_of(run: Replay, assembly: Assembly, control: Control) -> dict:
         "mechanism": point.mechanism if point.bracket == "certified" else mechanism_of(run.state),
         "blocks": [assembly.names[i] for i in moving_blocks(run.state)],
     }
-
-
-def listed(names: list[str]) -> str:
-    """Names in a line, the first few of many."""
-    more = len(names) - NAMED
-    return f"{', '.join(names[:NAMED])}{f' and {more} more' if more > 0 else ''}"
 
 
 def collapse_lines(collapse: dict) -> list[str]:

@@ -14,11 +14,10 @@ import numpy as np
 from dembrick.assembly import build as assemblies
 from dembrick.assembly.actuators import recorded_curve
 from dembrick.errors import DembrickError, NotConvergedError, ScenarioError
-from dembrick.runs.collapse import listed
 from dembrick.runs.left_out import LeftOut, left_out
 from dembrick.runs.limit_scenario import assembled, names_of
 from dembrick.runs.limit_standing import StandingResult, stands
-from dembrick.runs.result import heading, tie_lines, tied
+from dembrick.runs.result import heading, listed, tie_lines, tied
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.checks import nearest, present, show
 from dembrick.scenario.controls import DEAD_LOAD, DEFORMED_REST, Control

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dembrick.runs.collapse import listed
 from dembrick.runs.motion_result import MotionResult
-from dembrick.runs.result import printed
+from dembrick.runs.result import listed, printed
 from dembrick.runs.statics_result import RestResult
 from dembrick.scenario.checks import present
 from dembrick.scenario.regimes import ACTUATORS, COMPLETED

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dembrick.runs.collapse import collapse_lines, listed
-from dembrick.runs.result import RunResult
+from dembrick.runs.collapse import collapse_lines
+from dembrick.runs.result import RunResult, listed
 
 if TYPE_CHECKING:
     from dembrick.simulation.dynamics.run import MotionRun

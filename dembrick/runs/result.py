@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from dembrick.simulation.statics.standing import Standing
 
 ROUNDING = 1e-7  # of the largest: a force or a moment that is none
+NAMED = 5  # blocks that a line names
 SHOWN = 8  # supports whose reactions, and ties whose tensions, the command line prints
 BRACKET_SLACK = 1e-9  # of V: rounding by which theory may lie outside a certified bracket
 
@@ -164,6 +165,12 @@ class RunResult:
 def printed(values: Iterable[float], largest: float) -> list[str]:
     """Numbers by six digits; what is only rounding beside the ``largest`` of their kind is 0."""
     return [f"{value:.6g}" if abs(value) > ROUNDING * largest else "0" for value in values]
+
+
+def listed(names: list[str]) -> str:
+    """Names in a line, the first few of many."""
+    more = len(names) - NAMED
+    return f"{', '.join(names[:NAMED])}{f' and {more} more' if more > 0 else ''}"
 
 
 def heading(scenario: Scenario) -> dict:
