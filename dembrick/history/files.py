@@ -84,6 +84,15 @@ def check_output(path: str | os.PathLike) -> str:
 
 
 @contextmanager
+def writing(path: str | os.PathLike, what: str) -> Iterator[None]:
+    """A failed write becomes a WriteError that names ``what`` was to go to ``path``."""
+    try:
+        yield
+    except OSError as error:
+        raise WriteError(f"{path}: the {what} cannot be written ({reason(error)}); choose another path") from error
+
+
+@contextmanager
 def replacing(path: str, sync: bool = False) -> Iterator[str]:
     """Give a temporary name to write to; on success the file takes the name ``path``, on any error it goes away.
 

@@ -14,8 +14,9 @@ from collections.abc import Callable, Iterable, Sequence
 from functools import lru_cache
 
 from dembrick._ahead import meanwhile
-from dembrick.errors import HistoryError, OutputError, ScenarioError, WriteError
-from dembrick.history import check_output, read, reason, replacing
+from dembrick.errors import HistoryError, OutputError, ScenarioError
+from dembrick.history import check_output, read, replacing
+from dembrick.history.files import writing
 from dembrick.runs.result import Result
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import shipped
@@ -205,13 +206,11 @@ def _row_table_1(joint, formulation: str, result: Result) -> dict:
 def write_csv(rows: Iterable[dict], path: str | os.PathLike) -> None:
     """The rows as comma-separated text, SI units, one header line."""
     rows = list(rows)
-    try:
-        with replacing(check_output(path)) as temporary, open(temporary, "w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, fieldnames=list(rows[0]))
-            writer.writeheader()
-            writer.writerows(rows)
-    except OSError as error:
-        raise WriteError(f"{path}: the table could not be written ({reason(error)})") from error
+    target = check_output(path)
+    with writing(path, "table"), replacing(target) as part, open(part, "w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, fieldnames=list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
 
 
 def table_3(rows: Sequence[dict]) -> str:

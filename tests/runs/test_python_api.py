@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import pickle
 import sys
-import types
 
 import numpy as np
 import pytest
@@ -68,20 +68,10 @@ def test_modules_are_attributes():
     assert dembrick.plot.force_displacement and dembrick.theory.limit_load and dembrick.generators.Wall is dembrick.Wall
 
 
-def test_a_bare_notebook_shows_figures(result, monkeypatch):
-    shown = {}
-
-    class Formatter(dict):
-        def for_type(self, kind, function):
-            self[kind] = function
-
-    formatter = Formatter()
-    display = types.SimpleNamespace(formatters={"image/png": formatter})
-    shell = types.SimpleNamespace(kernel=object(), display_formatter=display)
-    monkeypatch.setitem(sys.modules, "IPython", types.SimpleNamespace(get_ipython=lambda: shell, version_info=(9, 0)))
-    figure = result.plot()
-    shown = formatter[type(figure)](figure)
-    assert shown.startswith(b"\x89PNG")
+def test_a_bare_notebook_shows_figures(result):
+    """By what IPython asks of every object, without pyplot; such a figure still goes to other processes."""
+    figure = pickle.loads(pickle.dumps(result.plot()))
+    assert figure._repr_png_().startswith(b"\x89PNG")
 
 
 def test_a_history_gives_the_same_table(result):

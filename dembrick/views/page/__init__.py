@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING
 
 import dembrick
 from dembrick import history as histories
-from dembrick.errors import OutputError, WriteError
-from dembrick.history.files import check_output, reason, replacing
+from dembrick.errors import OutputError
+from dembrick.history.files import check_output, replacing, writing
 from dembrick.views import summary
 from dembrick.views.page import content
 
@@ -44,11 +44,8 @@ def write(history: History, path: str | os.PathLike) -> str:
             text = document(opened)
     else:
         text = document(history)
-    try:
-        with replacing(target) as part, open(part, "w", encoding="utf-8", newline="\n") as file:
-            file.write(text)
-    except OSError as error:
-        raise WriteError(f"{path}: the page cannot be written ({reason(error)}); choose another path") from error
+    with writing(path, "page"), replacing(target) as part, open(part, "w", encoding="utf-8", newline="\n") as file:
+        file.write(text)
     return path
 
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import io
 import os
-import sys
+from functools import partial
 from typing import TYPE_CHECKING
 
-from dembrick.errors import MissingDependency, OutputError, WriteError
-from dembrick.history.files import check_output, reason, replacing
+from dembrick.errors import MissingDependency, OutputError
+from dembrick.history.files import check_output, replacing, writing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -89,18 +89,8 @@ def new_figure(size: tuple[float, float]) -> Figure:
 
     figure = Figure(figsize=size, layout="constrained")
     FigureCanvasAgg(figure)
-    _show_in_notebooks(Figure)
+    figure._repr_png_ = partial(_as_png, figure)  # which notebooks ask for
     return figure
-
-
-def _show_in_notebooks(figures: type) -> None:
-    """Let a notebook show figures as pictures, as it does once pyplot is imported, which is not used here."""
-    shell = sys.modules["IPython"].get_ipython() if "IPython" in sys.modules else None
-    if shell is None or not hasattr(shell, "kernel"):
-        return
-    formatter = shell.display_formatter.formatters["image/png"]
-    if figures not in formatter:
-        formatter.for_type(figures, _as_png)
 
 
 def _as_png(figure: Figure) -> bytes:
@@ -141,12 +131,9 @@ def save(figure: Figure, path: str | os.PathLike) -> str:
         raise OutputError(f"{path}: the ending {ending!r} is no figure format; use one of {', '.join(FORMATS)}")
     target = check_output(path)
     stamp = {".png": {}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}[ending]
-    try:
-        picture = io.BytesIO()  # a writer of matplotlib that fails half way says more than one sentence
-        with settings():
-            figure.savefig(picture, format=ending[1:], dpi=DOTS_PER_INCH, metadata=stamp)
-        with replacing(target) as part, open(part, "wb") as file:
-            file.write(picture.getvalue())
-    except OSError as error:
-        raise WriteError(f"{path}: the figure cannot be written ({reason(error)}); choose another path") from error
+    picture = io.BytesIO()  # a writer of matplotlib that fails half way says more than one sentence
+    with settings():
+        figure.savefig(picture, format=ending[1:], dpi=DOTS_PER_INCH, metadata=stamp)
+    with writing(path, "figure"), replacing(target) as part, open(part, "wb") as file:
+        file.write(picture.getvalue())
     return path

@@ -14,8 +14,9 @@ from dembrick.errors import OutputError, ScenarioError
 from dembrick.history.files import check_output
 from dembrick.views.motion.blocks import CarriedPoints, Poses, all_vertices
 from dembrick.views.motion.frames import frame_number, last_in_rows, nearest
+from dembrick.views.render import images
 from dembrick.views.render.colors import COLORS
-from dembrick.views.render.images import MOVIES, Movie, write_png
+from dembrick.views.render.images import MOVIES, write_png
 from dembrick.views.render.look import NAMES, VIEWS, Look, LookOptions, automatic_magnification
 from dembrick.views.render.scene import Scene
 from dembrick.views.render.screen import require_display, require_drawing
@@ -121,17 +122,17 @@ def movie(
         raise ScenarioError(f"count = {count!r} is out of range: a movie has at least 2 frames")
     target = check_output(path)
     frames = frames_side_by_side(histories, count)
-    Movie.require(path)
+    images.require(path)
     # smooth edges would take most of the time of a movie
     with _scenes(histories, chosen, frames, size or MOVIE_SIZE, smooth=False) as scenes:
         # the scenes show their last frames, those with most colours
         sample = _pixels(scenes)[..., :3]
         sample = np.concatenate([sample, scenes[0].shades(sample.shape[1])])
-        with Movie(path, target, fps, sample) as film:
+        with images.movie(path, target, fps, sample) as add:
             for done, numbers in enumerate(zip(*frames, strict=True)):
                 for scene, number in zip(scenes, numbers, strict=True):
                     scene.show(number)
-                film.add(_pixels(scenes))
+                add(_pixels(scenes))
                 if progress:
                     progress(done + 1, len(frames[0]))
     return path
