@@ -13,7 +13,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import h5py
-from h5py import h5f, h5fd
+
+_READABLE = ("v108", "v108")  # by any HDF5 in use; and no marks of a file that is open for writing
 
 
 class Patient:
@@ -103,26 +104,8 @@ def rewritten(path: str | os.PathLike, mode: str = "w") -> Iterator[tuple[h5py.F
     """
     patient = Patient(path, mode)
     try:
-        with h5py.File(patient, mode) as file:
+        with h5py.File(patient, mode, libver=_READABLE) as file:
             yield file, patient.check
         patient.check()
     finally:
         patient.close()
-
-
-def create_through(patient: Patient, access):
-    """A new file by h5py's low-level calls that writes through ``patient``; ``access``: file access properties."""
-    access.set_fileobj_driver(h5fd.fileobj_driver, patient)
-    try:
-        return h5f.create(repr(patient).encode("ascii", "replace"), h5f.ACC_TRUNC, fapl=access)
-    finally:
-        access.close()  # it must not outlive Python, which it would call
-
-
-def in_memory(access, increment: int, image: bytes | None = None):
-    """A file that is in memory only, new or out of the bytes of one; ``increment``: bytes by which it grows."""
-    access.set_fapl_core(increment, backing_store=False)
-    if image is None:
-        return h5f.create(b"image", h5f.ACC_TRUNC, fapl=access)
-    access.set_file_image(image)
-    return h5f.open(b"image", h5f.ACC_RDWR, fapl=access)

@@ -1,4 +1,4 @@
-"""The layout of a history file: which datasets it has, and how its skeleton is made.
+"""The layout of a history file: which datasets it has, and how it is made.
 
 A history is one HDF5 file. Numbers that grow with the run are those of the run's channels (``simulation.channels``),
 with one entry a row (``/history``), one a frame (``/frames``), or one for each new contact of a frame
@@ -12,18 +12,15 @@ the frames, and a file that was cut off by a kill is as whole as its frames are.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
-from types import MappingProxyType
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import h5py
 import numpy as np
-from h5py import h5a, h5d, h5f, h5g, h5p, h5s, h5t
+from h5py import h5d, h5p
 
-from dembrick.history.hdf5_files import Patient, create_through, in_memory
+from dembrick.history.hdf5_files import rewritten
 from dembrick.simulation.channels import Field
 
 if TYPE_CHECKING:
@@ -33,28 +30,6 @@ FORMAT = 1
 WRITTEN = "written"
 
 _TEXT = h5py.string_dtype()
-_TEXT_TYPE = h5t.py_create(_TEXT, logical=True)
-_TEXT_IN_MEMORY = h5t.py_create(_TEXT)
-_NUMBER_TYPES = {"<f8": h5t.IEEE_F64LE, "<i8": h5t.STD_I64LE, "|u1": h5t.STD_U8LE}
-_SCALAR = h5s.create(h5s.SCALAR)
-_LINKS = h5p.create(h5p.LINK_CREATE)
-_LINKS.set_create_intermediate_group(True)
-_SHARED = 256 << 10  # bytes of numbers up to which files with the same datasets start as copies of one skeleton
-
-
-class Dataset(NamedTuple):
-    """A dataset without its values; ``kind``: numpy's string of its type."""
-
-    path: str
-    kind: str
-    shape: tuple[int, ...]
-    units: str
-    description: str
-
-    @property
-    def bytes(self) -> int:
-        """What its values take in the file."""
-        return int(self.kind[-1]) * math.prod(self.shape) if self.kind in _NUMBER_TYPES else 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,20 +41,6 @@ class Table:
     units: str
     description: str
 
-    @property
-    def dataset(self) -> Dataset:
-        """All but the values."""
-        return Dataset(self.path, self.value.dtype.str, self.value.shape, self.units, self.description)
-
-
-_WRITTEN = Dataset(
-    WRITTEN,
-    "<i8",
-    (2,),
-    "1",
-    "rows of /history and entries of /frames that are valid; what lies beyond is reserved space",
-)
-
 
 _STRENGTHS = (
     ("cohesion", "Pa", "cohesion of the bond", lambda law: law.cohesion),
@@ -87,11 +48,6 @@ _STRENGTHS = (
     ("residual_cohesion", "Pa", "cohesion after the bond broke", lambda law: law.cohesion_after),
     ("residual_friction", "1", "friction coefficient after the bond broke", lambda law: law.friction_after),
 )
-
-
-def dataset_of(field: Field, count: int) -> Dataset:
-    """The dataset of a channel, with so many entries."""
-    return Dataset(field.path, field.kind, (count, *field.tail), field.units, field.description)
 
 
 def geometry(assembly: Assembly) -> list[Table]:
@@ -170,58 +126,40 @@ def create(
     attributes: Mapping[str, object],
     packed: Mapping[str, int],
 ) -> dict[str, int]:
-    """Make a file with every dataset in place and closed again; return where each dataset of numbers starts in it.
+    """Make a file with every dataset in place and closed again; return where each one that grows starts in it.
 
     ``growing``: entries to reserve for each field. They are contiguous and unwritten (a hole on most disks), so that
     whoever writes into them at the returned offsets never touches the structure of the file. ``packed``: fields to
     compress instead, with the entries a chunk; they have no offset. With nothing growing there is no count either.
-
-    A short run spends most of its time here: hence h5py's low-level calls, and a small file starts as a copy of the
-    skeleton that files with the same datasets share.
     """
-    tables = list(tables)
-    skeleton = (*(table.dataset for table in tables), *(dataset_of(field, count) for field, count in growing.items()))
-    if growing:
-        skeleton += (_WRITTEN,)
-    packing = tuple(packed.items())
-    if sum(data.bytes for data in skeleton) <= _SHARED:
-        image, offsets = _image(skeleton, packing)
-        file = in_memory(_access(), _SHARED, image)
-        try:
-            _fill_texts(file, tables, attributes)
-            h5f.flush(file)
-            image = file.get_file_image()
-        finally:
-            file.close()
-        with open(path, "wb") as plain:
-            plain.write(image)
-    else:
-        patient = Patient(path, "w")
-        try:
-            file = create_through(patient, _access())
-            try:
-                offsets = _lay_out(file, skeleton, packing)
-                _fill_texts(file, tables, attributes)
-            finally:
-                file.close()
-            patient.check()
-        finally:
-            patient.close()
-    with open(path, "r+b", buffering=0) as file:
+    offsets = {}
+
+    def reserve(name: str, shape: tuple[int, ...], kind: str, units: str, description: str) -> None:
+        how = h5p.create(h5p.DATASET_CREATE)
+        how.set_fill_time(h5d.FILL_TIME_NEVER)
+        packing = {}
+        if name in packed:
+            packing = {"chunks": (packed[name], *shape[1:]), "compression": 1, "shuffle": True}
+        else:
+            how.set_layout(h5d.CONTIGUOUS)
+            how.set_alloc_time(h5d.ALLOC_TIME_EARLY)
+        made = file.create_dataset(name, shape, kind, dcpl=how, **packing)
+        made.attrs.update(units=units, description=description)
+        offset = None if packing else made.id.get_offset()
+        if offset is not None:
+            offsets[name] = offset
+
+    with rewritten(path) as (file, _):
+        file.attrs.update(attributes)
         for table in tables:
-            if table.path in offsets:
-                put(file, offsets[table.path], table.value)
+            made = file.create_dataset(table.path, data=table.value)
+            made.attrs.update(units=table.units, description=table.description)
+        for field, count in growing.items():
+            reserve(field.path, (count, *field.tail), field.kind, field.units, field.description)
+        if growing:
+            about = "rows of /history and entries of /frames that are valid; what lies beyond is reserved space"
+            reserve(WRITTEN, (2,), "<i8", "1", about)
     return offsets
-
-
-def _fill_texts(file, tables: Iterable[Table], attributes: Mapping[str, object]) -> None:
-    """Write the attributes of the root and the texts of the tables into an open file."""
-    root = h5g.open(file, b"/")
-    for name, value in attributes.items():
-        _attribute(root, name.encode(), value)
-    for table in tables:
-        if table.value.dtype.kind == "O" and table.value.size:
-            h5d.open(file, table.path.encode()).write(h5s.ALL, h5s.ALL, table.value, mtype=_TEXT_IN_MEMORY)
 
 
 def put(file, position: int, array: np.ndarray) -> None:
@@ -230,64 +168,6 @@ def put(file, position: int, array: np.ndarray) -> None:
     file.seek(position)
     while len(rest):
         rest = rest[file.write(rest) :]
-
-
-def _access():
-    access = h5p.create(h5p.FILE_ACCESS)
-    access.set_libver_bounds(h5f.LIBVER_V18, h5f.LIBVER_V18)  # readable by any HDF5 in use; no open-for-writing marks
-    access.set_fclose_degree(h5f.CLOSE_STRONG)
-    return access
-
-
-@lru_cache(maxsize=64)
-def _image(skeleton: tuple[Dataset, ...], packing: tuple[tuple[str, int], ...]) -> tuple[bytes, Mapping[str, int]]:
-    """The bytes of a file with these datasets, made in memory, and where each dataset of numbers starts in it."""
-    file = in_memory(_access(), _SHARED)
-    try:
-        offsets = _lay_out(file, skeleton, packing)
-        h5f.flush(file)
-        return file.get_file_image(), offsets
-    finally:
-        file.close()
-
-
-def _lay_out(file, skeleton: Iterable[Dataset], packing: Iterable[tuple[str, int]]) -> Mapping[str, int]:
-    """Make the datasets in an open file, with nothing in them; return where each one of numbers starts."""
-    reserved = h5p.create(h5p.DATASET_CREATE)
-    reserved.set_layout(h5d.CONTIGUOUS)
-    reserved.set_alloc_time(h5d.ALLOC_TIME_EARLY)
-    reserved.set_fill_time(h5d.FILL_TIME_NEVER)
-    packed, offsets = dict(packing), {}
-    for data in skeleton:
-        how, kind = reserved, _NUMBER_TYPES.get(data.kind)
-        if kind is None:
-            how, kind = None, _TEXT_TYPE
-        elif data.path in packed:
-            how = _chunked(data, packed[data.path])
-        space = h5s.create_simple(data.shape) if data.shape else _SCALAR
-        made = h5d.create(file, data.path.encode(), kind, space, how, _LINKS)
-        _attribute(made, b"units", data.units)
-        _attribute(made, b"description", data.description)
-        offset = made.get_offset() if how is reserved else None
-        if offset is not None:
-            offsets[data.path] = offset
-    return MappingProxyType(offsets)
-
-
-def _chunked(data: Dataset, entries: int):
-    how = h5p.create(h5p.DATASET_CREATE)
-    how.set_chunk((entries, *data.shape[1:]))
-    how.set_shuffle()
-    how.set_deflate(1)
-    how.set_fill_time(h5d.FILL_TIME_NEVER)
-    return how
-
-
-def _attribute(owner, name: bytes, value) -> None:
-    if isinstance(value, str):
-        h5a.create(owner, name, _TEXT_TYPE, _SCALAR).write(np.array(value, dtype=_TEXT), mtype=_TEXT_IN_MEMORY)
-    else:
-        h5a.create(owner, name, h5t.STD_I64LE, _SCALAR).write(np.array(value, np.int64))
 
 
 def _texts(values: Iterable[str]) -> np.ndarray:

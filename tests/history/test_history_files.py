@@ -194,34 +194,6 @@ def everything_in(path):
     return found
 
 
-def test_a_copied_skeleton_is_a_new_file(tmp_path, monkeypatch):
-    """Nothing of the file that a skeleton was first made for is in the next one, and nothing is missing there."""
-
-    def written(name, assembly, text, first):
-        monkeypatch.setattr(os, "urandom", lambda n: bytes([first] * n))
-        path = tmp_path / name
-        with history.HistoryWriter(path, text, assembly, {"scenario": f"{text}.toml", "rate": first}) as out:
-            out.append(cases.record(first, first + 5))
-            out.append_frames(*cases.frames(first, first + 2))
-            out.finish("yield", cases.RESULTS | {"V": 1.0 * first})
-        return everything_in(path)
-
-    other = cases.assembly()
-    other.names, other.actuators.names, other.mass = ("longer name", "up"), ("press",), np.array([1.0, 2.0])
-    other.joints[0].law.formulation = "corrected-shear"
-    layout._image.cache_clear()
-    one = written("one.h5", cases.assembly(), "one", 1)
-    two = written("two.h5", other, "another, longer text", 2)
-    assert layout._image.cache_info().hits == layout._image.cache_info().misses == 2  # while it runs, and at the end
-    layout._image.cache_clear()
-    assert written("again.h5", other, "another, longer text", 2) == two
-    monkeypatch.setattr(layout, "_SHARED", 0)
-    assert written("alone.h5", other, "another, longer text", 2) == two
-    same = {name for name in one if one[name] == two[name]}
-    assert one.keys() == two.keys() and "scenario" not in same and "geometry/blocks/name" not in same
-    assert all(one["/"][key] != two["/"][key] for key in ("run", "results", "settings"))
-
-
 def test_a_run_without_frames_or_rows(tmp_path):
     with cases.open_writer(tmp_path / "rows.h5", channels=("joints", "energy")) as out:
         out.append(cases.record(0, 3))

@@ -11,7 +11,6 @@ import pytest
 from dembrick.history.hdf5_files import rewritten
 from dembrick.history.layout import create
 from dembrick.simulation.channels import Channel, Field
-from helpers import history_cases as cases
 from helpers.places import TESTS
 
 # Every writer of HDF5 with a limit on the size of files, as on a disk that is full; one process, many limits.
@@ -35,10 +34,6 @@ def finished(name):
     out.append(cases.record(0, 300))
     out.append_frames(*cases.frames(0, 200))
     out.finish("yield", {{}})
-
-def large(name):
-    writer.layout._SHARED = 0
-    finished(name)
 
 def exported(name):
     export.to_vtkhdf(history.read(folder + "/run.h5"), folder + "/" + name + ".vtkhdf")
@@ -72,9 +67,7 @@ print(failed, done)
 """
 
 
-@pytest.mark.parametrize(
-    ("writer", "largest"), [("finished", 250_000), ("large", 250_000), ("exported", 400_000), ("tables", 400_000)]
-)
+@pytest.mark.parametrize(("writer", "largest"), [("finished", 250_000), ("exported", 400_000), ("tables", 400_000)])
 def test_a_full_disk_is_an_error(writer, largest, tmp_path):
     code = WRITERS.format(paths=[str(TESTS), *sys.path], folder=str(tmp_path), writer=writer, largest=largest)
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300)
@@ -99,19 +92,15 @@ def test_what_is_written_through_python_reads_back(tmp_path):
         np.testing.assert_array_equal(file["y"], [0, 1, 2])
 
 
-def test_a_large_skeleton_is_laid_out_as_a_small_one(tmp_path, monkeypatch):
-    """Made in memory or through the disk, the datasets are the same."""
+def test_a_field_that_grows_is_reserved_where_it_is_said(tmp_path):
     field = Field(Channel("history/x", "m", "a place", (3,)), (3,), "m", "a place")
-    offsets = []
-    for name in ("small", "large"):
-        offsets.append(create(str(tmp_path / name), {field: 50}, [], {"status": "running"}, {}))
-        monkeypatch.setattr("dembrick.history.layout._SHARED", 0)
-    for name in ("small", "large"):
-        with h5py.File(tmp_path / name) as file:
-            assert file["history/x"].shape == (50, 3) and file.attrs["status"] == "running"
-            assert file["history/x"].attrs["units"] == "m"
-    assert list(offsets[0]) == list(offsets[1])
-    assert cases.SCENARIO
+    offsets = create(str(tmp_path / "a.h5"), {field: 50}, [], {"status": "running"}, {})
+    with open(tmp_path / "a.h5", "r+b") as file:
+        file.seek(offsets["history/x"])
+        file.write(np.arange(150.0).tobytes())
+    with h5py.File(tmp_path / "a.h5") as file:
+        np.testing.assert_array_equal(file["history/x"], np.arange(150.0).reshape(50, 3))
+        assert file.attrs["status"] == "running" and file["history/x"].attrs["units"] == "m"
 
 
 PICTURES = """
