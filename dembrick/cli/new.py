@@ -17,7 +17,7 @@ def run(options, console) -> int:
     from difflib import get_close_matches
 
     from dembrick import history
-    from dembrick.errors import ScenarioError, WriteError
+    from dembrick.errors import ScenarioError
     from dembrick.scenario import shipped
 
     templates = shipped.templates()
@@ -32,14 +32,8 @@ def run(options, console) -> int:
         raise ScenarioError(f"no template is called {options.template!r}; {hint}")
     path = options.file or f"{options.template}.toml"
     require_ending(path, (".toml",), "a scenario")
-    text = templates[options.template].read_bytes()
     with history.product("scenario", [options.template], force=options.force):
-        real = history.check_output(path)
-        try:
-            with history.replacing(real) as part, open(part, "wb") as file:
-                file.write(text)
-        except OSError as error:
-            raise WriteError(f"{path}: the file cannot be written ({history.reason(error)})") from error
+        history.write_whole(path, templates[options.template].read_bytes(), "file")
     verb = "sweep" if options.template == "study" else "run"
     check = "" if options.template == "study" else f"check it with 'dembrick check {path}', "
     console.result(

@@ -12,23 +12,19 @@ def run(options, console) -> int:
     """Print or write the schema."""
     import json
     import os
-    from pathlib import Path
 
-    from dembrick.errors import OutputError, WriteError
+    from dembrick import history
+    from dembrick.cli.paths import require_ending
+    from dembrick.errors import OutputError
     from dembrick.scenario.keys import json_schema
 
-    text = json.dumps(json_schema(), indent=2)
-    if options.out is None:
+    path, text = options.out, json.dumps(json_schema(), indent=2)
+    if path is None:
         print(text)
         return 0
-    path = Path(options.out)
-    if path.suffix != ".json":
-        raise OutputError(f"{path}: the schema is JSON; give a name that ends in .json")
+    require_ending(path, (".json",), "the schema")
     if os.path.exists(path):
         raise OutputError(f"{path}: this file exists; choose another name")
-    try:
-        path.write_text(text + "\n", encoding="utf-8")
-    except OSError as error:
-        raise WriteError(f"{path}: the schema cannot be written ({error.strerror})") from error
-    console.result({"file": str(path)}, f"{path} written; name it in the first line of a scenario: #:schema {path}")
+    history.write_whole(path, f"{text}\n", "schema")
+    console.result({"file": path}, f"{path} written; name it in the first line of a scenario: #:schema {path}")
     return 0

@@ -18,9 +18,8 @@ def add_arguments(parser) -> None:
 
 def run(options, console) -> int:
     """Run the cases; exit code 3 if one fails."""
-    from dembrick import __version__
-    from dembrick.runs.verification import cases, report
-    from dembrick.runs.verification.verify import verify
+    from dembrick import history
+    from dembrick.runs.verification import cases
 
     picked = cases.chosen(options.case, options.quick)
     if options.list:
@@ -29,9 +28,18 @@ def run(options, console) -> int:
             "\n".join(f"{case.name:28} {case.title}" for case in picked),
         )
         return 0
-    if options.report:
-        require_ending(options.report, (".html",), "a report")
-        _write(options, picked, None)  # refused before the cases run
+    with history.product("verification report", [case.name for case in picked], force=options.force):
+        if options.report:
+            require_ending(options.report, (".html",), "a report")
+            history.check_output(options.report)  # refused before the cases run
+        return _verify(picked, options, console)
+
+
+def _verify(picked, options, console) -> int:
+    from dembrick import __version__, history
+    from dembrick.runs.verification import report
+    from dembrick.runs.verification.verify import verify
+
     outcomes = []
     if not console.json:
         print(report.text_header())
@@ -44,27 +52,11 @@ def run(options, console) -> int:
     rows = [outcome.as_dict() for outcome in outcomes]
     console.result({"cases": rows, "passed": passed, "version": __version__}, report.summary(outcomes))
     if options.report:
-        _write(options, picked, report.html(outcomes, __version__))
+        history.write_whole(options.report, report.html(outcomes, __version__), "report")
     for outcome in outcomes:
         if not outcome.passed:
             console.error(f"{outcome.case.name}: {outcome.failure or _why(outcome)}")
     return 0 if passed else 3
-
-
-def _write(options, picked, page: str | None) -> None:
-    """The report of the cases ``picked``; without a ``page`` only whether it can be written."""
-    from dembrick import history
-    from dembrick.errors import WriteError
-
-    with history.product("verification report", [case.name for case in picked], force=options.force):
-        path = history.check_output(options.report)
-        if page is None:
-            return
-        try:
-            with history.replacing(path) as part, open(part, "w", encoding="utf-8") as file:
-                file.write(page)
-        except OSError as error:
-            raise WriteError(f"{options.report}: the report cannot be written ({history.reason(error)})") from error
 
 
 def _why(outcome) -> str:

@@ -9,7 +9,7 @@ file beside the old one and rename it.
 from dembrick.history import recorded
 from dembrick.history.checkpoint import Checkpoint, Checkpoints
 from dembrick.history.claims import claimed
-from dembrick.history.files import check_output, part_name, reason, replacing
+from dembrick.history.files import check_output, part_name, reason, replacing, write_whole
 from dembrick.history.hdf5_files import rewritten
 from dembrick.history.products import is_ours, product, refuse_inputs
 from dembrick.history.reader import History, is_of, read
@@ -33,4 +33,5 @@ __all__ = [
     "refuse_inputs",
     "replacing",
     "rewritten",
+    "write_whole",
 ]

@@ -16,7 +16,6 @@ from collections.abc import Mapping
 from contextlib import suppress
 
 import numpy as np
-from numpy.lib import format as npy
 
 from dembrick.errors import HistoryError, WriteError
 from dembrick.history.files import clear_parts, reason, replacing
@@ -24,11 +23,9 @@ from dembrick.history.files import clear_parts, reason, replacing
 FORMAT = 2
 _ABOUT = "about"
 _MOST_ARRAYS = 1000
-_COUNTS = ("number", "rows", "frames")
 _LONGEST_LINE = 100  # characters
-_LONGEST_HEADER = 4096  # bytes before the numbers of an array
 # RuntimeError: zipfile, also of a way of packing that a flipped byte makes of it
-_DAMAGE = (OSError, ValueError, KeyError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error)
+_DAMAGE = (OSError, ValueError, KeyError, EOFError, MemoryError, RuntimeError, zipfile.BadZipFile, zlib.error)
 
 
 class Checkpoint:
@@ -44,63 +41,42 @@ class Checkpoint:
 
     def _read_about(self) -> None:
         size = os.path.getsize(self.path)
-        with zipfile.ZipFile(self.path) as archive:
-            entries = archive.infolist()
+        with np.load(self.path, allow_pickle=False) as archive:
+            entries = archive.zip.infolist()
             if len(entries) > _MOST_ARRAYS or sum(entry.file_size for entry in entries) > size:
                 raise ValueError("it claims more than it holds")
             if any(entry.compress_type != zipfile.ZIP_STORED for entry in entries):
                 raise ValueError("it is compressed")
-            if archive.testzip() is not None:
+            if archive.zip.testzip() is not None:
                 raise ValueError("a checksum is wrong")
-            self.about = json.loads(self._entry(archive, _ABOUT, None).tobytes())
+            self._names = archive.files
+            self.about = json.loads(archive[_ABOUT].tobytes())
         if self.about.get("format") != FORMAT:
             raise ValueError(f"format {self.about.get('format')!r} is unknown to this version")
-        for key, kind in (
-            ("run", str),
-            ("scenario", str),
-            ("kernels", str),
-            ("where", str),
-            ("number", int),
-            ("rows", int),
-        ):
-            if not isinstance(self.about.get(key), kind):
+        texts, counts = ("run", "scenario", "kernels", "where"), ("number", "rows", "frames")
+        for key in (*texts, *counts):
+            if not isinstance(self.about.get(key), str if key in texts else int):
                 raise ValueError(f"{key} is missing")
-        if not isinstance(self.about.get("frames"), int) or min(self.about[k] for k in _COUNTS) < 0:
+        if min(self.about[key] for key in counts) < 0:
             raise ValueError("its counts make no sense")
         if not self.about["where"].isprintable() or len(self.about["where"]) > _LONGEST_LINE:
             raise ValueError("it does not say where it is")
 
     def __contains__(self, name: str) -> bool:
         """Whether there is an array of that name."""
-        try:
-            with zipfile.ZipFile(self.path) as archive:
-                return f"{name}.npy" in archive.namelist()
-        except _DAMAGE as error:
-            raise HistoryError(f"{self.path}: this checkpoint is damaged ({_line(error)})") from error
+        return name in self._names
 
     def array(self, name: str, like: np.ndarray) -> np.ndarray:
         """The array ``name``, which must have the shape and the type of ``like``; HistoryError otherwise."""
         try:
-            with zipfile.ZipFile(self.path) as archive:
-                return self._entry(archive, name, like)
+            with np.load(self.path, allow_pickle=False) as archive:
+                found = np.asarray(archive[name])
+            if found.shape != like.shape or found.dtype != like.dtype or not found.flags.c_contiguous:
+                wrong = f"shape {found.shape} of {found.dtype}"
+                raise ValueError(f"{wrong} where {like.shape} of {like.dtype} was expected")
         except _DAMAGE as error:
             raise HistoryError(f"{self.path}: {name} does not belong to this run ({_line(error)})") from error
-
-    @staticmethod
-    def _entry(archive: zipfile.ZipFile, name: str, like: np.ndarray | None) -> np.ndarray:
-        """One array; ``like`` None stands for bytes, as many as there are."""
-        info = archive.getinfo(f"{name}.npy")
-        with archive.open(info) as file:
-            if npy.read_magic(file) != (1, 0):
-                raise ValueError("an array of another kind")
-            shape, fortran, dtype = npy.read_array_header_1_0(file, max_header_size=_LONGEST_HEADER)
-            if like is None:
-                if dtype != np.uint8 or len(shape) != 1:
-                    raise ValueError("an array of another kind")
-            elif shape != like.shape or dtype != like.dtype or fortran:
-                raise ValueError(f"shape {shape} of {dtype} where {like.shape} of {like.dtype} was expected")
-            rest = file.read()
-        return np.frombuffer(rest, dtype).reshape(shape)
+        return found
 
 
 def _line(error: BaseException) -> str:

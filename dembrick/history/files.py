@@ -118,3 +118,10 @@ def replacing(path: str, sync: bool = False) -> Iterator[str]:
         with suppress(OSError):
             os.unlink(part)
         raise
+
+
+def write_whole(path: str | os.PathLike, content: bytes | str, what: str) -> None:
+    """Write a file at once; ``what`` it is, "page", for the WriteError if that fails."""
+    target = check_output(path)
+    with writing(path, what), replacing(target) as part, open(part, "wb") as file:
+        file.write(content.encode() if isinstance(content, str) else content)

@@ -9,7 +9,7 @@ import sys
 import time
 import zlib
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
 import h5py
@@ -74,7 +74,6 @@ class HistoryWriter:
             _refuse_other(self.path, self._target, scenario_text, settings.get("scenario"), force == OWN)
         clear_parts(self._target)
         self._assembly, self._scenario_text, self._settings = assembly, scenario_text, dict(settings)
-        self._position0 = np.asarray(assembly.position, float)
         self._channels, self._hold, self._opened = frozenset(channels), hold, time.monotonic()
         self._control = control or YieldControl()
         self._tables: list[layout.Table] | None = None
@@ -106,11 +105,8 @@ class HistoryWriter:
         The others are dropped; ``left`` is closed.
         """
         self = cls(left.path, left.scenario_text, assembly, settings, True, channels, 0.0, control)
-        self._source, self._stored, self.run = (
-            left,
-            (rows, frames, left.new_contacts_before(frames)),
-            left.run or self.run,
-        )
+        self._source, self.run = left, left.run or self.run
+        self._stored = rows, frames, left.new_contacts_before(frames)
         with self._failures():
             self._grow(self._stored)
         return self
@@ -248,8 +244,19 @@ class HistoryWriter:
         found |= {"load_name": curve.load or "", "load_unit": curve.unit, "displacement_name": curve.displacement}
         return found | {"results": _json(results), "settings": _json(self._settings)}
 
-    def _failures(self) -> _Failures:
-        return _Failures(self)
+    @contextmanager
+    def _failures(self) -> Iterator[None]:
+        """Turns a failed write into a WriteError that says what stays readable."""
+        try:
+            yield
+        except _FAILURES as error:
+            rows, frames, _ = self._stored
+            # A file that could not be opened again must not be replaced by one without its rows.
+            self._closed |= self._file is None and rows + frames > 0
+            kept = f"the {rows} rows and {frames} frames written before stay readable in it"
+            if not rows and not frames:
+                kept = "nothing of this run is in it"
+            raise WriteError(f"{self.path}: the history could not be written ({reason(error)}); {kept}") from error
 
     def _forget_pending(self) -> None:
         self._pending, self._pending_count, self._pending_bytes = {}, [0, 0, 0], 0
@@ -338,28 +345,6 @@ class HistoryWriter:
             sample = max(self._pending[field.path], key=len)[:entries]
         shuffled = np.ascontiguousarray(sample.reshape(-1).view(np.uint8).reshape(-1, 8).T)
         return entries if len(zlib.compress(shuffled, 1)) < 0.5 * sample.nbytes else 0
-
-
-class _Failures:
-    """Turns a failed write into a WriteError that says what stays readable."""
-
-    def __init__(self, writer: HistoryWriter):
-        self._writer = writer
-
-    def __enter__(self) -> None:
-        pass
-
-    def __exit__(self, _kind, error, _trace) -> None:
-        if isinstance(error, _FAILURES):
-            rows, frames, _ = self._writer._stored
-            # A file that could not be opened again must not be replaced by one without its rows.
-            self._writer._closed |= self._writer._file is None and rows + frames > 0
-            kept = f"the {rows} rows and {frames} frames written before stay readable in it"
-            if not rows and not frames:
-                kept = "nothing of this run is in it"
-            raise WriteError(
-                f"{self._writer.path}: the history could not be written ({reason(error)}); {kept}"
-            ) from error
 
 
 def _refuse_other(path: str, target: str, scenario_text: str, source: object, own: bool) -> None:

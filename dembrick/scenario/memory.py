@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 
 from dembrick.errors import ScenarioError
 from dembrick.scenario.checks import show
@@ -16,8 +15,6 @@ _CHECKED_ABOVE = 10_000  # blocks: fewer fit anywhere
 
 def available() -> int | None:
     """Bytes of memory that a process may still take here, as far as the system says; None if it does not."""
-    if sys.platform == "win32":
-        return _available_on_windows()
     found = [amount for amount in (_meminfo(), _group_limit()) if amount is not None]
     if found:
         return min(found)
@@ -62,18 +59,3 @@ def _group_limit() -> int | None:
             return max(0, limit - int(file.read()))
     except (OSError, ValueError):
         return None
-
-
-def _available_on_windows() -> int | None:
-    import ctypes
-
-    class Status(ctypes.Structure):
-        _fields_ = [
-            ("length", ctypes.c_ulong),
-            ("load", ctypes.c_ulong),
-            *((name, ctypes.c_ulonglong) for name in ("total", "free", "page", "page_free", "all", "virtual", "more")),
-        ]
-
-    status = Status(length=ctypes.sizeof(Status))
-    kernel32 = ctypes.windll.kernel32  # type: ignore[attr-defined]  # on Windows only
-    return int(status.free) if kernel32.GlobalMemoryStatusEx(ctypes.byref(status)) else None

@@ -118,7 +118,7 @@ resource.setrlimit(resource.RLIMIT_FSIZE, (1000, resource.RLIM_INFINITY))
 for name in ("a.png", "a.svg", "a.pdf", "b.png"):
     path = {folder!r} + "/" + name
     try:
-        write_png(pixels, path, path) if name[0] == "b" else save(figure, path)
+        write_png(pixels, path) if name[0] == "b" else save(figure, path)
     except WriteError as error:
         print(error)
 """

@@ -155,7 +155,7 @@ def test_the_camera_stands_where_its_name_says(run, view, right, up, drawing):
 
 def test_a_png_holds_the_pixels_it_was_given(tmp_path):
     image = np.random.default_rng(0).integers(0, 256, (5, 7, 3), dtype=np.uint8)
-    images.write_png(image, "a.png", str(tmp_path / "a.png"))
+    images.write_png(image, str(tmp_path / "a.png"))
     found = pytest.importorskip("PIL.Image").open(tmp_path / "a.png")
     np.testing.assert_array_equal(np.asarray(found), image)
 

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import dembrick
 from dembrick import history as histories
 from dembrick.errors import OutputError
-from dembrick.history.files import check_output, replacing, writing
+from dembrick.history.files import check_output, write_whole
 from dembrick.views import summary
 from dembrick.views.page import content
 
@@ -38,14 +38,13 @@ def write(history: History, path: str | os.PathLike) -> str:
     path = os.fspath(path)
     if os.path.splitext(path)[1].lower() not in ENDINGS:
         raise OutputError(f"{path}: a page is written as HTML; let the name end in .html")
-    target = check_output(path)
+    check_output(path)  # before the work
     if isinstance(history, str | os.PathLike):
         with histories.read(history) as opened:
             text = document(opened)
     else:
         text = document(history)
-    with writing(path, "page"), replacing(target) as part, open(part, "w", encoding="utf-8", newline="\n") as file:
-        file.write(text)
+    write_whole(path, text, "page")
     return path
 
 

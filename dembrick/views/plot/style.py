@@ -8,7 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from dembrick.errors import MissingDependency, OutputError
-from dembrick.history.files import check_output, replacing, writing
+from dembrick.history.files import write_whole
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -129,11 +129,9 @@ def save(figure: Figure, path: str | os.PathLike) -> str:
     ending = os.path.splitext(path)[1].lower()
     if ending not in FORMATS:
         raise OutputError(f"{path}: the ending {ending!r} is no figure format; use one of {', '.join(FORMATS)}")
-    target = check_output(path)
     stamp = {".png": {}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}[ending]
     picture = io.BytesIO()  # a writer of matplotlib that fails half way says more than one sentence
     with settings():
         figure.savefig(picture, format=ending[1:], dpi=DOTS_PER_INCH, metadata=stamp)
-    with writing(path, "figure"), replacing(target) as part, open(part, "wb") as file:
-        file.write(picture.getvalue())
+    write_whole(path, picture.getvalue(), "figure")
     return path

@@ -89,12 +89,12 @@ def picture(
     path, chosen, histories = os.fspath(path), Look(**look), _several(history)
     if os.path.splitext(path)[1].lower() != ".png":
         raise OutputError(f"{path}: a picture is written as PNG; let the name end in .png")
-    target = check_output(path)
+    check_output(path)  # before the work
     frames = [
         [_shown(own, chosen) if (frame, time) == (-1, None) else frame_number(own, frame, time)] for own in histories
     ]
     with _scenes(histories, chosen, frames, size or SIZE, smooth=True) as scenes:
-        write_png(_pixels(scenes), path, target)
+        write_png(_pixels(scenes), path)
     return path
 
 

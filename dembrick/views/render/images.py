@@ -9,14 +9,14 @@ from contextlib import contextmanager
 import numpy as np
 
 from dembrick.errors import MissingDependency
-from dembrick.history.files import replacing, writing
+from dembrick.history.files import replacing, write_whole, writing
 
 MOVIES = (".gif", ".mp4")
 _COLOURS = 256  # of a GIF's palette, taken from its last frame, which has the most colours
 
 
-def write_png(image: np.ndarray, path: str, target: str) -> None:
-    """Write pixels (h, w, 3) to ``target``, the file behind ``path``; OutputError if that fails."""
+def write_png(image: np.ndarray, path: str) -> None:
+    """Write pixels (h, w, 3); WriteError if that fails."""
     import pyvista
     from vtkmodules.util.numpy_support import vtk_to_numpy
     from vtkmodules.vtkIOImage import vtkPNGWriter
@@ -28,8 +28,7 @@ def write_png(image: np.ndarray, path: str, target: str) -> None:
     writer.SetInputData(grid)
     writer.WriteToMemoryOn()  # Python knows why a write to the disk fails, VTK does not
     writer.Write()
-    with writing(path, "picture"), replacing(target) as part, open(part, "wb") as file:
-        file.write(vtk_to_numpy(writer.GetResult()).tobytes())
+    write_whole(path, vtk_to_numpy(writer.GetResult()).tobytes(), "picture")
 
 
 def require(path: str) -> None:
