@@ -18,13 +18,6 @@ _CHUNK = 4096  # pairs that the overlap test takes at a time
 _PARALLEL = 1e-9  # sine of the angle below which two edges give no axis
 
 
-def distinct(numbers: np.ndarray) -> np.ndarray:
-    """The distinct ones of ``numbers``, integers (k,), sorted. Not `numpy.unique`, which loads masked arrays: a short
-    run then takes a twentieth longer to start."""
-    ordered = np.sort(numbers)
-    return ordered[np.diff(ordered, prepend=ordered[:1] - 1) > 0]
-
-
 class Stack:
     """Shapes of one kind as arrays with a leading axis over the distinct shapes."""
 
@@ -42,11 +35,10 @@ class ShapeTable:
     """The distinct shapes of a scene, stacked by kind; ``diameter`` (n,) is per block."""
 
     def __init__(self, shapes: Sequence[Polyhedron]):
-        distinct = {id(shape): shape for shape in shapes}
         kinds: dict[tuple, list[Polyhedron]] = {}
         where: dict[int, tuple[int, int]] = {}
         numbers: dict[tuple, int] = {}
-        for key, shape in distinct.items():
+        for key, shape in {id(shape): shape for shape in shapes}.items():
             sizes = (shape.vertices, shape.face_table, shape.face_axes, shape.edge_axes)
             kind = tuple(array.shape for array in sizes)
             members = kinds.setdefault(kind, [])
@@ -60,7 +52,7 @@ class ShapeTable:
     def groups(self, pairs: np.ndarray) -> Iterator[tuple[np.ndarray, Stack, np.ndarray, Stack, np.ndarray]]:
         """For pairs (p, 2): (numbers of the pairs, stack of the first, rows in it, stack of the second, rows)."""
         code = self.kind[pairs[:, 0]] * len(self.stacks) + self.kind[pairs[:, 1]]
-        for value in distinct(code).tolist():
+        for value in np.unique(code).tolist():
             chosen = np.flatnonzero(code == value)
             first, second = divmod(value, len(self.stacks))
             rows = self.row[pairs[chosen]]
@@ -124,7 +116,7 @@ def close_pairs(bodies: Bodies, tolerance: float) -> np.ndarray:
     pairs = np.concatenate(found)
     pairs = pairs[((low[pairs[:, 0]] <= high[pairs[:, 1]]) & (low[pairs[:, 1]] <= high[pairs[:, 0]])).all(axis=1)]
     pairs = np.sort(pairs[pairs[:, 0] != pairs[:, 1]], axis=1)
-    codes = distinct(pairs[:, 0] * n_block + pairs[:, 1])
+    codes = np.unique(pairs[:, 0] * n_block + pairs[:, 1])
     return np.stack(np.divmod(codes, max(n_block, 1)), axis=1)
 
 

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dembrick.assembly.joints import JointTable
-from dembrick.assembly.quadrature import ContactPoints, contact_points
-from dembrick.geometry import polygons
+from dembrick.assembly.quadrature import ContactPoints, contact_points, corner_points
 from dembrick.scenario.checks import present
 
 DISCRETISATION = 1e-3  # tolerance of distributed points if the control has none
@@ -65,11 +64,6 @@ def place_points(joints: JointTable, tolerance: float) -> PointTable:
     Joints with points at their corners are taken together, as many as have equally many corners.
     """
     formulation = np.array([law.formulation for law in joints.law], dtype="U16")
-    if len(joints) and (formulation == "concave").all() and not joints.pieces:
-        area = np.empty(len(joints.corner))
-        for numbers, corners in joints.by_corners():
-            area[joints.start[numbers, None] + np.arange(corners.shape[1])] = polygons.tributary_areas(corners)
-        return PointTable(joints.corner, joints.corner, area, joints.start, np.zeros(len(joints), bool))
     alone = formulation == "distributed"
     alone[[j for j in joints.pieces if formulation[j] != "convex"]] = True
     at_corners = (formulation != "convex") & ~alone
@@ -78,19 +72,12 @@ def place_points(joints: JointTable, tolerance: float) -> PointTable:
     for j, points in single.items():
         count[j] = len(points.area)
     start = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
-    shared = not (formulation == "corrected-shear").any()
     normal_arm, area = np.empty((start[-1], 2)), np.empty(start[-1])
-    shear_arm = normal_arm if shared else np.empty((start[-1], 2))
-    for numbers, corners in joints.by_corners(np.flatnonzero(at_corners)):
-        where = start[numbers, None] + np.arange(corners.shape[1])
-        law = formulation[numbers]
-        factor = np.ones(len(numbers))
-        if (law != "concave").any():
-            factor[law != "concave"] = polygons.shrink_factor(corners[law != "concave"])
-        shrunk = factor[:, None, None] * corners
-        shear_arm[where] = shrunk
-        normal_arm[where] = np.where((law == "corrected-shear")[:, None, None], corners, shrunk)
-        area[where] = polygons.tributary_areas(corners)
+    shear_arm = np.empty_like(normal_arm) if "corrected-shear" in formulation else normal_arm
+    for law in set(formulation[at_corners].tolist()):
+        for numbers, corners in joints.by_corners(np.flatnonzero(at_corners & (formulation == law))):
+            where, points = start[numbers, None] + np.arange(corners.shape[1]), corner_points(law, corners)
+            normal_arm[where], shear_arm[where], area[where] = points.normal_arm, points.shear_arm, points.area
     for j, points in single.items():
         some = slice(start[j], start[j + 1])
         normal_arm[some], shear_arm[some], area[some] = points.normal_arm, points.shear_arm, points.area

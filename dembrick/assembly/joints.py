@@ -9,23 +9,9 @@ import numpy as np
 
 from dembrick.assembly.broad_phase import Bodies, bodies_of, close_pairs
 from dembrick.assembly.joint_detection import TOLERANCE, Contacts, shared_polygons
-from dembrick.assembly.quadrature import ContactPoints, contact_points
-from dembrick.geometry.polygons import second_moments, shrink_factor, tributary_areas
 from dembrick.geometry.rotations import rotation_matrix
 from dembrick.geometry.shapes import Shape
 from dembrick.scenario.model import JointLaw
-
-__all__ = [
-    "TOLERANCE",
-    "ContactPoints",
-    "Joint",
-    "JointTable",
-    "contact_points",
-    "find_joints",
-    "second_moments",
-    "shrink_factor",
-    "tributary_areas",
-]
 
 
 @dataclass(frozen=True, eq=False)

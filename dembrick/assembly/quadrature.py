@@ -60,13 +60,16 @@ def contact_points(joint, tolerance: float) -> ContactPoints | None:
     if law.formulation == "distributed":
         arms, areas = distributed_points(joint.polygon, tolerance, law.points)
         return ContactPoints(arms, arms, areas)
-    corners, areas = joint.polygon, polygons.tributary_areas(joint.polygon)
-    if law.formulation == "concave":
+    return corner_points(law.formulation, joint.polygon)
+
+
+def corner_points(formulation: str, corners: np.ndarray) -> ContactPoints:
+    """Points at or near the corners of polygons (..., m, 2), of a formulation that has a point for each of them."""
+    areas = polygons.tributary_areas(corners)
+    if formulation == "concave":
         return ContactPoints(corners, corners, areas)
-    shrunk = polygons.shrink_factor(corners) * corners
-    if law.formulation == "corrected":
-        return ContactPoints(shrunk, shrunk, areas)
-    return ContactPoints(corners, shrunk, areas)
+    shrunk = polygons.shrink_factor(corners)[..., None, None] * corners
+    return ContactPoints(shrunk if formulation == "corrected" else corners, shrunk, areas)
 
 
 def _points_of_pieces(joint, tolerance: float) -> ContactPoints:

@@ -224,16 +224,6 @@ class History(RestGeometry):
         return self.series("displacement")
 
     @cached_property
-    def actuator_displacement(self) -> np.ndarray:
-        """(T, n_actuator) m"""
-        return self.series("actuator_displacement")
-
-    @cached_property
-    def actuator_force(self) -> np.ndarray:
-        """(T, n_actuator) N"""
-        return self.series("actuator_force")
-
-    @cached_property
     def unbalanced(self) -> np.ndarray:
         """(T,) unbalanced-force ratio"""
         return self.series("unbalanced")
@@ -311,32 +301,18 @@ class History(RestGeometry):
         """(F,) s"""
         return guard.values(self._series["frames/time"], 0, self.n_frames) if self.has_frames else np.zeros(0)
 
-    def frame_position(self, k: int) -> np.ndarray:
-        """(n_block, 3) m: centroids in frame k, world axes."""
-        return self._frame("position", k)
+    def frame(self, name: str, k: int) -> np.ndarray | None:
+        """What is recorded of the blocks in frame k, negative from the end; None if it was not recorded.
 
-    def frame_displacement(self, k: int) -> np.ndarray:
-        """(n_block, 3) m: movement of the centroids from the start; keeps digits that positions lose."""
-        return self._frame("displacement", k)
-
-    def frame_orientation(self, k: int) -> np.ndarray:
-        """(n_block, 4): quaternions (w, x, y, z) in frame k."""
-        return self._frame("orientation", k)
-
-    def frame_velocity(self, k: int) -> np.ndarray | None:
-        """(n_block, 3) m/s: velocities of the centroids in frame k; None if not recorded."""
-        return self._frame("velocity", k)
-
-    def frame_spin(self, k: int) -> np.ndarray | None:
-        """(n_block, 3) rad/s: angular velocities in frame k, world axes; None if not recorded."""
-        return self._frame("spin", k)
-
-    def frame_contact_force(self, k: int) -> np.ndarray | None:
-        """(n_point, 3) N: force on block b at each contact point, world axes; None if not recorded.
-
-        The points are those of the joints, one joint after the other; convex joints have none.
+        ``position`` (n_block, 3) m of the centroids; ``displacement`` (n_block, 3) m from the start, which keeps digits
+        that positions lose; ``orientation`` (n_block, 4) as (w, x, y, z); ``velocity`` (n_block, 3) m/s and ``spin``
+        (n_block, 3) rad/s; ``contact_force`` (n_point, 3) N on block b at each contact point, of one joint after the
+        other: convex ones have none. World axes.
         """
-        return self._frame("contact_force", k)
+        if not -self.n_frames <= k < self.n_frames:
+            raise IndexError(f"frame {k} of {self.path}, which has {self.n_frames}")
+        found = self.frame_values(name, k % self.n_frames, k % self.n_frames + 1)
+        return None if found is None else found[0]
 
     def frame_values(self, name: str, start: int, stop: int) -> np.ndarray | None:
         """Frames start to stop of ``position``, ``displacement``, ``orientation``, ``velocity``, ``spin``,
@@ -379,10 +355,3 @@ class History(RestGeometry):
         if blocks.size and not 0 <= blocks.min() <= blocks.max() < self.n_block:
             raise HistoryError(f"{self.path}: frames/new_contacts/blocks names a block that is not there")
         return starts - first, found
-
-    def _frame(self, name: str, k: int) -> np.ndarray | None:
-        if not -self.n_frames <= k < self.n_frames:
-            raise IndexError(f"frame {k} of {self.path}, which has {self.n_frames}")
-        k %= self.n_frames
-        data = self._series.get(f"frames/{name}")
-        return None if data is None else guard.values(data, k, k + 1)[0]

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from dembrick.assembly import quadrature
-from dembrick.assembly.joints import contact_points, second_moments, shrink_factor
+from dembrick.assembly.quadrature import contact_points
 from dembrick.geometry import polygons
+from dembrick.geometry.polygons import second_moments, shrink_factor
 from dembrick.geometry.rotations import rotation_matrix
 from helpers.lone_joints import lab_joint, rectangle
 from helpers.random_polygons import random_polygon

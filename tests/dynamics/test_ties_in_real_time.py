@@ -168,7 +168,7 @@ def test_ties_are_kept_shown_and_restarted(tmp_path):
         assert found.tension.max() == 300.0
         drawn, last = DrawnTies(found, 1.0), found.n_frames - 1
         assert drawn.words(last) == [f"magenta: tie, {found.tension[-1, 0]:.4g} N"]
-        away = found.frame_displacement(last)[2]
+        away = found.frame("displacement", last)[2]
         np.testing.assert_allclose(
             drawn.ends(Poses.read(found, last, last + 1)), [[-1.0, 0.0, 0.05], away + [0.0, 0.0, 0.05]], atol=1e-12
         )

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from dembrick.assembly.joints import second_moments, shrink_factor, tributary_areas
 from dembrick.geometry import polygons
+from dembrick.geometry.polygons import second_moments, shrink_factor, tributary_areas
 from dembrick.geometry.rotations import rotation_matrix
 from helpers.lone_joints import rectangle
 from helpers.random_polygons import random_polygon

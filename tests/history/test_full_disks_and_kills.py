@@ -172,9 +172,9 @@ def kill_and_read(folder, rng):
         cases.check_frames(found, found.n_frames, assembly)
         motion = cases.motion(0, found.n_frames, n_block)
         for k in range(found.n_frames):
-            np.testing.assert_array_equal(found.frame_velocity(k), motion["velocity"][k])
-            np.testing.assert_array_equal(found.frame_spin(k), motion["spin"][k])
-            np.testing.assert_array_equal(found.frame_contact_force(k), motion["contact_force"][k])
+            np.testing.assert_array_equal(found.frame("velocity", k), motion["velocity"][k])
+            np.testing.assert_array_equal(found.frame("spin", k), motion["spin"][k])
+            np.testing.assert_array_equal(found.frame("contact_force", k), motion["contact_force"][k])
         if found.n_frames:
             cases.check_new_contacts(found, found.n_frames)
     return len(reports)

@@ -33,7 +33,7 @@ def test_everything_comes_back(tmp_path, hold):
         cases.check_rows(found, 40, 2, 0)
         cases.check_frames(found, 5, assembly)
         assert found.frame_time[-1] == cases.frames(4, 5)[0][0]
-        np.testing.assert_array_equal(found.frame_position(-1), found.frame_position(4))
+        np.testing.assert_array_equal(found.frame("position", -1), found.frame("position", 4))
         assert found.status == "yield"
         assert found.results == {"title": "two blocks", "V": 216.05, "list": [0, 1], "none": None}
         assert found.settings == {"time_step": 1e-5, "rate": 2.0}
@@ -72,9 +72,9 @@ def test_the_channels_that_were_asked_for_come_back(tmp_path):
         out.finish("yield", cases.RESULTS)
     with history.read(tmp_path / "all.h5") as found:
         for k in range(-1, 5):
-            np.testing.assert_array_equal(found.frame_velocity(k), motion["velocity"][k])
-            np.testing.assert_array_equal(found.frame_spin(k), motion["spin"][k])
-            np.testing.assert_array_equal(found.frame_contact_force(k), motion["contact_force"][k])
+            np.testing.assert_array_equal(found.frame("velocity", k), motion["velocity"][k])
+            np.testing.assert_array_equal(found.frame("spin", k), motion["spin"][k])
+            np.testing.assert_array_equal(found.frame("contact_force", k), motion["contact_force"][k])
         cases.check_frames(found, 5, assembly)
         np.testing.assert_array_equal(found.block_mass, assembly.mass)
         np.testing.assert_array_equal(found.block_inertia, assembly.inertia)
@@ -85,7 +85,7 @@ def test_the_channels_that_were_asked_for_come_back(tmp_path):
     with history.read(tmp_path / "few.h5") as found:
         assert found.energy == {} and found.load.shape == (5,)
         cases.check_frames(found, 5, assembly)
-        assert found.frame_velocity(0) is found.frame_spin(0) is found.frame_contact_force(0) is None
+        assert found.frame("velocity", 0) is found.frame("spin", 0) is found.frame("contact_force", 0) is None
         with pytest.raises(HistoryError, match="joint forces were not recorded.*output.channels"):
             found.joint("N")
 
@@ -205,7 +205,7 @@ def test_a_run_without_frames_or_rows(tmp_path):
         assert found.n_frames == 0 and len(found.frame_time) == 0
         assert found.title == "two blocks, one joint"
         with pytest.raises(IndexError):
-            found.frame_position(0)
+            found.frame("position", 0)
     with cases.open_writer(tmp_path / "empty.h5") as out:
         out.finish("failed", {"error": "diverged"})
     with history.read(tmp_path / "empty.h5") as found:
@@ -251,8 +251,8 @@ def test_long_series_are_packed_where_that_pays_and_survive_growing(tmp_path, mo
         cases.check_rows(found, 9000)
         np.testing.assert_array_equal(found.frame_time, np.arange(900.0))
         for k in (0, 89, 90, 511, 899):
-            np.testing.assert_array_equal(found.frame_orientation(k), turn[k])
-            assert not found.frame_displacement(k).any()
+            np.testing.assert_array_equal(found.frame("orientation", k), turn[k])
+            assert not found.frame("displacement", k).any()
         np.testing.assert_array_equal(found.series("load", 8990, 8995), 100.0 + np.arange(8990.0, 8995.0))
     with h5py.File(tmp_path / "run.h5") as file:
         assert file["frames/displacement"].compression == "gzip"
@@ -392,7 +392,7 @@ history.read({str(tmp_path / "run.h5")!r}).close()
 used = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
 resource.setrlimit(resource.RLIMIT_AS, (used + 20_000_000,) * 2)
 found = history.read({str(tmp_path / "run.h5")!r})
-print(found.status, found.n_frames, found.frame_position(777)[3].tolist())
+print(found.status, found.n_frames, found.frame("position", 777)[3].tolist())
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     position = assembly.position[3] + noise[777, 3, :3]

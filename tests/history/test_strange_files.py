@@ -44,8 +44,8 @@ def read_all(path):
         for i in range(found.n_block):
             found.block_vertices(i), found.block_faces(i)
         for k in range(found.n_frames):
-            found.frame_position(k), found.frame_displacement(k), found.frame_orientation(k)
-            found.frame_velocity(k), found.frame_spin(k), found.frame_contact_force(k)
+            found.frame("position", k), found.frame("displacement", k), found.frame("orientation", k)
+            found.frame("velocity", k), found.frame("spin", k), found.frame("contact_force", k)
             found.frame_new_contacts(k, k + 1)
 
 

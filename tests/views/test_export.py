@@ -64,12 +64,12 @@ def test_csv_names_the_jacks_and_is_read_in_pieces(tmp_path, monkeypatch):
     export.to_csv(found, tmp_path / "out.csv")
     lines = (tmp_path / "out.csv").read_text().splitlines()
     for title, values in (
-        ("force of jack [N]", found.actuator_force),
-        ("displacement of jack [m]", found.actuator_displacement),
+        ("force of jack [N]", found.series("actuator_force")),
+        ("displacement of jack [m]", found.series("actuator_displacement")),
     ):
         column = lines[0].split(",").index(title)
         assert [float(line.split(",")[column]) for line in lines[1:]] == values[:, 0].tolist()
-    assert (found.actuator_force != found.actuator_displacement)[1:].all()
+    assert (found.series("actuator_force") != found.series("actuator_displacement"))[1:].all()
 
 
 def test_two_joints_of_the_same_blocks_get_numbers(tmp_path):

@@ -28,7 +28,7 @@ def test_forces_of_joints(run, drawing):
         limit = np.hypot(0.15, 0.1)
         at = np.array([M_2, -M_1, 0.0]) / N
         at *= min(1.0, limit / np.linalg.norm(at))
-        place = middle + run.frame_displacement(3)[1] + rodrigues((at - middle)[None], axis, 0.03)[0]
+        place = middle + run.frame("displacement", 3)[1] + rodrigues((at - middle)[None], axis, 0.03)[0]
         np.testing.assert_allclose(arrows.points[0], place, atol=1e-12)
         assert arrows["length"][0] == pytest.approx(0.6 * 0.3)
         assert f"green: joint forces, the longest {np.sqrt(V_1**2 + V_2**2 + N**2):.4g} N" in found._text.input
@@ -53,7 +53,7 @@ def test_forces_ride_on_the_blocks_that_are_drawn(tmp_path, drawing):
         at *= min(1.0, np.hypot(0.15, 0.1) / np.linalg.norm(at))
         axis, middle = np.array([1.0, 2.0, -2.0]) / 3.0, np.array([0.4, 1000.0, 0.2])
         arm = rodrigues((np.array([0.0, 0.0, 0.1]) + at - middle)[None], axis, 10.0 * 0.03)[0]
-        expected = middle + 10.0 * three.frame_displacement(3)[2] + arm
+        expected = middle + 10.0 * three.frame("displacement", 3)[2] + arm
         np.testing.assert_allclose(found.arrows.of_joints.points[1], expected, rtol=0, atol=1e-10)
         force = rodrigues(np.array([[-V_1, -V_2, N]]), axis, 0.03)[0]
         np.testing.assert_allclose(found.arrows.of_joints["force"][1], force, rtol=1e-12)
@@ -75,7 +75,7 @@ def test_forces_of_new_contacts(tmp_path, drawing, factor):
         for frame in (3, 1, 2):
             shown.show(frame)
             arrows, met = shown.arrows.of_new_contacts, cases.new_contacts(frame, frame + 1)
-            moved = found.frame_displacement(frame)[1]
+            moved = found.frame("displacement", frame)[1]
             # back to where the block stood, and on as far as it is drawn
             start = rodrigues(met["point"] - middle - moved, axis, -0.01 * frame)
             place = middle + factor * moved + rodrigues(start, axis, factor * 0.01 * frame)

@@ -22,7 +22,7 @@ def test_motion_is_that_of_the_history(tmp_path):
         shown = unpacked(data["blocks"]["displacement"]).reshape(4, 2, 3)
         turned = unpacked(data["blocks"]["rotation"]).reshape(4, 2, 3)
         for k in range(4):
-            np.testing.assert_allclose(shown[k], run.frame_displacement(k), rtol=1e-6)
+            np.testing.assert_allclose(shown[k], run.frame("displacement", k), rtol=1e-6)
             np.testing.assert_allclose(turned[k, 1], 0.01 * k * np.array([1.0, 2.0, -2.0]) / 3.0, rtol=1e-6)
         assert data["time"] == pytest.approx(run.frame_time)
         corners = unpacked(data["blocks"]["vertices"]).reshape(-1, 3)
@@ -39,7 +39,7 @@ def test_motion_is_that_of_the_history(tmp_path):
             + np.cross(axis, body) * np.sin(0.03)
             + np.outer(body @ axis, axis) * (1.0 - np.cos(0.03))
         )
-        moved += run.frame_displacement(3)[1] - body
+        moved += run.frame("displacement", 3)[1] - body
         assert data["most"] == pytest.approx(np.linalg.norm(moved, axis=1).max(), rel=1e-9)
 
 

@@ -17,8 +17,8 @@ def test_the_history_before_a_run_has_the_blocks_at_rest(name):
     assembly = assemble(scenario)
     with mechanism_history.before_a_run(scenario, assembly) as found:
         assert found.n_frames == 1 and found.block_names == assembly.names
-        np.testing.assert_allclose(found.frame_position(0), assembly.position, atol=1e-15)
-        np.testing.assert_array_equal(found.frame_orientation(0), assembly.orientation)
+        np.testing.assert_allclose(found.frame("position", 0), assembly.position, atol=1e-15)
+        np.testing.assert_array_equal(found.frame("orientation", 0), assembly.orientation)
 
 
 @pytest.mark.parametrize("command", ["render set4a --to start.png", "check set4a --picture start.png"])

@@ -29,9 +29,9 @@ def test_meshes_are_the_moved_blocks(run, factor):
     assert blocks.keys() == ["lower", "upper"] and blocks["upper"].n_cells == 6
     axis = np.array([1.0, 2.0, -2.0]) / 3.0
     turned = rodrigues(run.block_vertices(1), axis, factor * 0.03)
-    expected = run.position0[1] + factor * run.frame_displacement(3)[1] + turned
+    expected = run.position0[1] + factor * run.frame("displacement", 3)[1] + turned
     np.testing.assert_allclose(blocks["upper"].points, expected, atol=1e-7)
-    moved = rodrigues(run.block_vertices(1), axis, 0.03) + run.frame_displacement(3)[1] - run.block_vertices(1)
+    moved = rodrigues(run.block_vertices(1), axis, 0.03) + run.frame("displacement", 3)[1] - run.block_vertices(1)
     np.testing.assert_allclose(blocks["upper"]["displacement"], np.linalg.norm(moved, axis=1), rtol=1e-9)
     np.testing.assert_allclose(blocks["lower"]["displacement"], 0.0)
 
@@ -105,7 +105,7 @@ def test_a_scene_is_moved_in_place(run, drawing):
         # the jack pushes along y at a point of the upper block, which moves with it
         turned = rodrigues(np.array([[0.075, 0.0, -0.05]]), np.array([1.0, 2.0, -2.0]) / 3.0, 10.0 * 0.02)[0]
         arrow = np.array(found._actuators[0][0].user_matrix)
-        tip = np.array([0.0, 0.0, 0.05]) + 10.0 * run.frame_displacement(2)[1] + turned
+        tip = np.array([0.0, 0.0, 0.05]) + 10.0 * run.frame("displacement", 2)[1] + turned
         np.testing.assert_allclose(arrow[:3, 3], tip, rtol=0, atol=1e-12)
         np.testing.assert_allclose(arrow[:3, 0] / np.linalg.norm(arrow[:3, 0]), [0.0, 1.0, 0.0], atol=1e-12)
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dembrick.assembly import ray_quadrature
-from dembrick.assembly.joints import ContactPoints, contact_points
+from dembrick.assembly.quadrature import ContactPoints, contact_points
 from dembrick.errors import NotConvergedError
 from dembrick.simulation.statics import limit_load
 

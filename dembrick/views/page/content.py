@@ -102,8 +102,8 @@ def chosen_frames(history: History) -> Frames:
     back = history.orientation0 * np.array([1.0, -1.0, -1.0, -1.0])
     displacement, rotation = [], []
     for k in numbers.tolist():
-        shift = history.frame_displacement(k)
-        turned = rotation_vector(quaternion_product(history.frame_orientation(k), back))
+        shift = history.frame("displacement", k)
+        turned = rotation_vector(quaternion_product(history.frame("orientation", k), back))
         if not (np.isfinite(shift).all() and np.isfinite(turned).all()):
             break
         displacement.append(shift)
