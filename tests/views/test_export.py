@@ -108,10 +108,10 @@ def test_an_export_that_breaks_off_leaves_nothing(tmp_path, monkeypatch):
     found = make(tmp_path)
     before = sorted(os.listdir(tmp_path))
 
-    def broken(start, found):
+    def broken(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(vtkhdf, "_fill", broken)
+    monkeypatch.setattr(vtkhdf, "_put", broken)
     with pytest.raises(WriteError, match="No space left"):
         export.export(found, tmp_path / "x.vtkhdf")
     assert sorted(os.listdir(tmp_path)) == before
