@@ -31,6 +31,14 @@ def turned_by(rotation, quaternion) -> np.ndarray:
     return quaternion_product(turn, quaternion)
 
 
+def turning(quaternion, vectors) -> np.ndarray:
+    """R v - v (..., 3) of unit quaternion(s) (..., 4) and vectors (..., 3), without the loss of digits of small
+    rotations: 2 w (u x v) + 2 u x (u x v)."""
+    u, v = np.broadcast_arrays(quaternion[..., 1:], vectors)
+    once = np.cross(u, v)
+    return 2.0 * (quaternion[..., :1] * once + np.cross(u, once))
+
+
 def rotation_vector(quaternion) -> np.ndarray:
     """The rotation vector(s) (..., 3) of unit quaternion(s) (..., 4), of at most half a turn (rad)."""
     quaternion = np.asarray(quaternion, float)

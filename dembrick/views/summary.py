@@ -91,6 +91,18 @@ def on_one_path(beside: Mapping) -> bool:
     return beside.get("path_dependent") is True and told is None
 
 
+def travel_unit(longest: float) -> tuple[str, float]:
+    """The unit that suits travels up to ``longest`` (m) on an axis, and how many of it are a metre."""
+    return ("mm", 1e3) if longest > 2e-3 else ("µm", 1e6)
+
+
+def bracket_text(point: Mapping, unit: str) -> str:
+    """The bounds of a yield point as a value with its error, and whether they are certified."""
+    lower, upper = point["V_lower"], point["V_upper"]
+    word = "bracket" if point.get("bracket") == "certified" else "indicator"
+    return f"{word} {with_error(0.5 * (lower + upper), 0.5 * (upper - lower), unit)}".rstrip()
+
+
 def length(metres: float) -> str:
     """A small length in the unit that suits it."""
     for unit, factor, least in (("m", 1.0, 1.0), ("mm", 1e3, 0.1)):

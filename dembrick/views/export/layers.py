@@ -24,7 +24,6 @@ import numpy as np
 
 from dembrick.geometry.rotations import rotation_matrix
 from dembrick.history import History
-from dembrick.kernels.recorded_motion import resultant_points
 from dembrick.views.motion.blocks import CarriedPoints, Poses, all_vertices, block_quantities
 from dembrick.views.motion.joints import CHANNELS, STATES, JointFrames, JointMotion
 from dembrick.views.motion.relative import RelativeMotion, torsion_centre
@@ -206,10 +205,11 @@ class Contacts:
         force, normal = joints.point_forces, joints.normal_forces
         if len(self._convex):
             resultants = joints.resultants[:, self._convex]
-            own, at = np.empty((*resultants.shape[:2], 3)), np.empty((*resultants.shape[:2], 3))
-            resultant_points(
-                resultants, *(values[:, self._convex] for values in (joints.acting_origin, joints.acting_axes)), own, at
-            )
+            N, V_1, V_2, _, M_1, M_2, _ = np.moveaxis(resultants, -1, 0)
+            axes, centre = joints.acting_axes[:, self._convex], np.stack([M_2, -M_1], axis=-1)
+            centre = np.divide(centre, N[..., None], out=np.zeros_like(centre), where=N[..., None] > 0.0)
+            own = np.einsum("fji,fjik->fjk", np.stack([-V_1, -V_2, N], axis=-1), axes)
+            at = joints.acting_origin[:, self._convex] + np.einsum("fji,fjik->fjk", centre, axes[:, :, :2])
             if not points.size:
                 force = own
             elif force is not None:

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dembrick.geometry.rotations import quaternion_product, rotation_matrix, rotation_vector
-from dembrick.kernels.recorded_motion import carry
 
 if TYPE_CHECKING:
     from dembrick.history.reader import History
@@ -45,7 +44,7 @@ class CarriedPoints:
 
     def __init__(self, history: History, body: np.ndarray, block: np.ndarray):
         self._rotation0 = rotation_matrix(history.orientation0)
-        self._body, self._block = np.ascontiguousarray(body, float), np.ascontiguousarray(block, np.int64)
+        self._body, self._block = body, block
 
     def points(self, poses: Poses) -> np.ndarray:
         """World points (f, n, 3)."""
@@ -64,9 +63,7 @@ class CarriedPoints:
 
     def carried(self, rotation: np.ndarray, shift: np.ndarray) -> np.ndarray:
         """Points (f, n, 3) under rotations (f, n_block, 3, 3) and shifts (f, n_block, 3)."""
-        found = np.empty((len(shift), len(self._block), 3))
-        carry(self._body, self._block, rotation, shift, found)
-        return found
+        return np.einsum("fnij,nj->fni", rotation[:, self._block], self._body) + shift[:, self._block]
 
 
 def all_vertices(history: History) -> tuple[np.ndarray, np.ndarray, list[int]]:

@@ -18,15 +18,8 @@ import numpy as np
 
 from dembrick.geometry.friction_integrals import far_moments
 from dembrick.geometry.polygons import area, distance_outside
-from dembrick.geometry.rotations import quaternion_product, rotation_vector, turned_by
+from dembrick.geometry.rotations import quaternion_product, rotation_vector, turned_by, turning
 from dembrick.kernels.joint.utilisation import area_gauges, point_gauges
-from dembrick.kernels.recorded_motion import (
-    normal_parts,
-    relative_motions,
-    ride,
-    ride_in_plane,
-    shared_normals,
-)
 from dembrick.simulation.pressed_parts import pressed_parts
 from dembrick.theory.polygons import convex_hull
 from dembrick.views.motion.bonds import Bonds
@@ -99,6 +92,10 @@ class JointMotion:
         """The row nearest in time to each frame."""
         return nearest(self.history.time, self.history.frame_time[frames])
 
+    def along_axes(self, vectors: np.ndarray) -> np.ndarray:
+        """Vectors (f, j, 3), one a joint, in the joints' axes."""
+        return np.einsum("jik,fjk->fji", self.axes, vectors)
+
     # --- what does not move ---
 
     @cached_property
@@ -110,6 +107,13 @@ class JointMotion:
         )
         areas = np.concatenate([np.zeros(0), *(joint["areas"] for joint in self.given)])
         return normal, shear, areas, np.repeat(np.arange(self.n_joint), np.diff(self.point_start))
+
+    def sum_of_points(self, values: np.ndarray) -> np.ndarray:
+        """(f, j): the sum of what the contact points (f, c) of each joint have; zero without any."""
+        found, own = np.zeros((len(values), self.n_joint)), np.flatnonzero(np.diff(self.point_start))
+        if len(own):
+            found[:, own] = np.add.reduceat(values, self.point_start[own], axis=1)
+        return found
 
     @cached_property
     def bonds(self) -> Bonds | None:
@@ -214,55 +218,52 @@ class JointFrames:
         return np.concatenate(found)[:, self.joints.column.get(name, slice(None))]
 
     @cached_property
-    def _poses(self) -> tuple[np.ndarray, np.ndarray]:
-        return self._values("displacement"), self._values("orientation")
+    def _displacement(self) -> np.ndarray:
+        return self._values("displacement")
+
+    @cached_property
+    def _turned(self) -> np.ndarray:
+        """(f, n, 4): quaternions of the turns of the blocks since the start."""
+        return quaternion_product(self._values("orientation"), self.joints.back)
 
     # --- places ---
 
     @cached_property
     def relative(self) -> RelativeMotion:
         """Motion of b against a since the start."""
-        joints, (displacement, orientation) = self.joints, self._poses
-        shape = (len(displacement), joints.n_joint)
-        shift, turn, plane = np.empty((*shape, 3)), np.empty((*shape, 4)), np.empty((*shape, 3))
-        if joints.small:
-            return self._small_motion(displacement, orientation)
-        on_b, turned = joints.host == joints.block_b, np.empty_like(joints.back)
-        pairs, arms = (joints.block_a, joints.block_b, on_b), (joints.arm_a, joints.arm_b)
-        relative_motions(displacement, orientation, joints.back, *pairs, *arms, joints.axes, turned, shift, turn, plane)
-        return RelativeMotion(joints, shift, turn, plane)
-
-    def _small_motion(self, displacement: np.ndarray, orientation: np.ndarray) -> RelativeMotion:
-        """Motion of b against a where displacements and rotation vectors are infinitesimal."""
-        joints = self.joints
-        turned = rotation_vector(quaternion_product(orientation, joints.back))
-        a, b = joints.block_a, joints.block_b
-        apart = displacement[:, b] - displacement[:, a]
-        apart += np.cross(turned[:, b], joints.arm_b) - np.cross(turned[:, a], joints.arm_a)
-        shift, vector = (
-            np.einsum("jik,fjk->fji", joints.axes, values) for values in (apart, turned[:, b] - turned[:, a])
-        )
-        plane = np.stack([shift[..., 2], -vector[..., 1], vector[..., 0]], axis=-1)
-        return RelativeMotion(joints, shift, turned_by(vector, [1.0, 0.0, 0.0, 0.0]), plane, vector)
+        joints, a, b = self.joints, self.joints.block_a, self.joints.block_b
+        apart = self._displacement[:, b] - self._displacement[:, a]
+        if joints.small:  # displacements and rotation vectors are infinitesimal
+            turned = rotation_vector(self._turned)
+            apart += np.cross(turned[:, b], joints.arm_b) - np.cross(turned[:, a], joints.arm_a)
+            shift, vector = joints.along_axes(apart), joints.along_axes(turned[:, b] - turned[:, a])
+            plane = np.stack([shift[..., 2], -vector[..., 1], vector[..., 0]], axis=-1)
+            return RelativeMotion(joints, shift, turned_by(vector, [1.0, 0.0, 0.0, 0.0]), plane, vector)
+        of_a, of_b = self._turned[:, a], self._turned[:, b]
+        apart += turning(of_b, joints.arm_b) - turning(of_a, joints.arm_a)
+        back = of_a * [1.0, -1.0, -1.0, -1.0]
+        shift, turn = joints.along_axes(apart + turning(back, apart)), quaternion_product(back, of_b)
+        turn[..., 1:] = joints.along_axes(turn[..., 1:])
+        s_1, s_2, s_3 = np.moveaxis(shift, -1, 0)
+        w, x, y, z = np.moveaxis(turn, -1, 0)
+        # along the normal of the face that the polygon does not ride on; R turns b, n = (0, 0, 1)
+        on_b = [s_3, 2.0 * (x * z - w * y), 2.0 * (y * z + w * x)]  # n . (s + R p)
+        n_1, n_2, n_3 = 2.0 * (x * z + w * y), 2.0 * (y * z - w * x), -2.0 * (x * x + y * y)
+        on_a = [s_3 + s_1 * n_1 + s_2 * n_2 + s_3 * n_3, -n_1, -n_2]  # (s - p) . R n
+        plane = np.where(joints.host == b, on_b, on_a)
+        return RelativeMotion(joints, shift, turn, np.ascontiguousarray(np.moveaxis(plane, 0, -1)))
 
     @cached_property
-    def _places(self) -> tuple[np.ndarray, np.ndarray]:
-        joints, (displacement, orientation) = self.joints, self._poses
-        origin = np.empty((len(displacement), joints.n_joint, 3))
-        axes = np.empty((*origin.shape, 3))
-        start = joints.origin, joints.axes
-        ride(displacement, orientation, joints.back, joints.block_a, joints.arm_a, *start, origin, axes)
-        return origin, axes
-
-    @property
     def origin(self) -> np.ndarray:
         """(f, j, 3) m: the points O of the blocks a in the world."""
-        return self._places[0]
+        joints, a = self.joints, self.joints.block_a
+        return joints.origin + self._displacement[:, a] + turning(self._turned[:, a], joints.arm_a)
 
-    @property
+    @cached_property
     def axes(self) -> np.ndarray:
         """(f, j, 3, 3): the joints' axes riding on a, world, as rows."""
-        return self._places[1]
+        axes = self.joints.axes
+        return axes + turning(self._turned[:, self.joints.block_a, None], axes)
 
     @cached_property
     def shift(self) -> np.ndarray:
@@ -272,25 +273,24 @@ class JointFrames:
         return np.zeros((len(self._frames), self.joints.n_joint, 2)) if found is None else found
 
     @cached_property
-    def _acting(self) -> tuple[np.ndarray, np.ndarray]:
-        joints, (displacement, orientation) = self.joints, self._poses
-        origin = np.empty((len(displacement), joints.n_joint, 3))
-        axes = np.empty((*origin.shape, 3))
-        pair, start = (joints.host, joints.other), (joints.arm_host, joints.origin, joints.axes)
-        ride_in_plane(displacement, orientation, joints.back, *pair, *start, self.shift, origin, axes)
-        return origin, axes
-
-    @property
     def acting_origin(self) -> np.ndarray:
         """(f, j, 3) m: the points O in the world about which the resultants are, on the block that the polygon rides
         on."""
-        return self._acting[0]
+        joints, host = self.joints, self.joints.host
+        away = np.einsum("fji,jik->fjk", self.shift, joints.axes[:, :2])
+        turn = turning(self._turned[:, host], joints.arm_host + away)
+        return joints.origin + away + self._displacement[:, host] + turn
 
-    @property
+    @cached_property
     def acting_axes(self) -> np.ndarray:
         """(f, j, 3, 3): the axes of the resultants, world, as rows: t1 of the block that the polygon rides on, laid
         into the plane of the other's face, t2, and the normal of that face from a to b."""
-        return self._acting[1]
+        joints, axes = self.joints, self.joints.axes
+        t = axes[:, 0] + turning(self._turned[:, joints.host], axes[:, 0])
+        n = axes[:, 2] + turning(self._turned[:, joints.other], axes[:, 2])
+        t -= (t * n).sum(axis=-1, keepdims=True) * n
+        t /= np.linalg.norm(t, axis=-1, keepdims=True)
+        return np.stack([t, np.cross(n, t), n], axis=-2)
 
     # --- forces ---
 
@@ -321,13 +321,11 @@ class JointFrames:
         """
         joints = self.joints
         arms, _, areas, owner = joints.points
-        found = np.empty((len(self._frames), len(owner)))
         if self.point_forces is not None:
-            normal_parts(self.point_forces, self.acting_axes, joints.point_start, found)
-        elif len(owner):
-            whole = np.ascontiguousarray(self.resultants[..., 0])
-            shared_normals(self.relative.plane, whole, joints.point_start, np.ascontiguousarray(arms), areas, found)
-        return found
+            return np.maximum(np.einsum("fci,fci->fc", self.point_forces, self.acting_axes[:, owner, 2]), 0.0)
+        share = areas * np.maximum(-self.relative.distance(arms, owner), 0.0)
+        share = np.where(joints.sum_of_points(share)[:, owner] > 0.0, share, areas)  # by area where nothing is pressed
+        return self.resultants[:, owner, 0] * share / joints.sum_of_points(share)[:, owner]
 
     @property
     def utilisation(self) -> np.ndarray:

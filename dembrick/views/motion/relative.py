@@ -8,10 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from dembrick.geometry.rotations import rotation_vector
-from dembrick.kernels.recorded_motion import openings, torsion_centres
+from dembrick.geometry.rotations import quaternion_product, rotation_vector, turning
 
 STATES = ("closed", "partly open", "open")
+TOUCHING = 1e-12  # of a joint's size: an opening below it is rounding
+STILL = 1e-13  # of a joint's size: an increment below it is rounding
+PURE = 1e-7  # of the slip at the joint's rim: a part of an increment that is not there
 
 
 @dataclass(frozen=True)
@@ -45,34 +47,35 @@ class RelativeMotion:
         """(..., j, 6) m, rad: d1, d2, dn, r1, r2, rn."""
         return np.concatenate([self.shift, self.rotation], axis=-1)
 
-    @property
+    @cached_property
     def opening(self) -> np.ndarray:
         """(..., j, m) m: distance of the faces at the corners of the polygon, negative if they press."""
-        return self._openings[0]
+        plane, corners = self.plane[..., None, :], self.joints.polygon
+        return plane[..., 0] + plane[..., 1] * corners[..., 0] + plane[..., 2] * corners[..., 1]
+
+    @cached_property
+    def _apart(self) -> np.ndarray:
+        """(..., j, m): whether the faces are apart at the corners by more than rounding."""
+        return self.opening > TOUCHING * self.joints.size[:, None]
 
     @property
     def state(self) -> np.ndarray:
         """(..., j) int: index into ``STATES``; faces are apart where it is by more than rounding."""
-        return self._openings[1]
+        return self._apart.any(axis=-1).astype(int) + self._apart.all(axis=-1)
 
     @property
     def open_share(self) -> np.ndarray:
         """(..., j): the part of the polygon's area over which the faces are apart."""
-        return self._openings[2]
-
-    @cached_property
-    def _openings(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        joints, (plane,) = self.joints, _frames_first(self.plane)
-        shape, corners = plane.shape[:2], joints.polygon.shape[1]
-        opening, state, share = np.empty((*shape, corners)), np.empty(shape, np.int64), np.empty(shape)
-        openings(plane, joints.polygon, joints.size, joints.area, opening, state, share)
-        shape = self.plane.shape[:-1]
-        return opening.reshape(*shape, corners), state.reshape(shape), share.reshape(shape)
+        partly = np.nonzero(self._apart.any(axis=-1) & ~self._apart.all(axis=-1))
+        found, joint = self._apart.all(axis=-1).astype(float), partly[-1]
+        height = self.opening[partly] - TOUCHING * self.joints.size[joint, None]
+        found[partly] = positive_area(self.joints.polygon[joint], height) / self.joints.area[joint]
+        return found
 
     def distance(self, points: np.ndarray, which) -> np.ndarray:
-        """(..., m) m: distance of the faces at points (..., m, 2), one row of points a joint of ``which``."""
-        plane = self.plane[..., which, :, None]
-        return plane[..., 0, :] + plane[..., 1, :] * points[..., 0] + plane[..., 2, :] * points[..., 1]
+        """(..., k) m: distance of the faces at points (k, 2), each of a joint of ``which`` (k,)."""
+        plane = self.plane[..., which, :]
+        return plane[..., 0] + plane[..., 1] * points[..., 0] + plane[..., 2] * points[..., 1]
 
     def slip(self, joint: int, points: np.ndarray) -> np.ndarray:
         """(..., k, 2) m: movement of b over a along t1 and t2 at points (k, 2) of one joint, elastic part included.
@@ -82,36 +85,41 @@ class RelativeMotion:
         points = np.asarray(points, float)
         flat = np.concatenate([points, np.zeros((len(points), 1))], axis=1)
         if self.small is None:
-            turning = _turning(self.turn[..., joint, None, :], flat)
+            turned = turning(self.turn[..., joint, None, :], flat)
         else:
-            turning = np.cross(self.small[..., joint, None, :], flat)
-        return (self.shift[..., joint, None, :] + turning)[..., :2]
+            turned = np.cross(self.small[..., joint, None, :], flat)
+        return (self.shift[..., joint, None, :] + turned)[..., :2]
 
 
 def torsion_centre(first: RelativeMotion, second: RelativeMotion) -> np.ndarray:
     """(..., j, 2) m: where b turned about from one motion to the other, from O in the joint's axes riding on a.
 
-    The material point of b that comes back to its place in the joint's plane. NaN if nothing moved, where the
-    increment is pure shear, and where it is mostly a tilt.
+    The material point of b that comes back to its place in the joint's plane, the fixed point of a plane rotation by
+    delta about c: c = middle of the shifts + cot(delta / 2) / 2 times the increment turned by a right angle; cot(delta
+    / 2) = w / z of the quaternion. NaN if nothing moved, where the increment is pure shear, and where it is mostly a
+    tilt.
     """
-    found = np.empty((*first.shift.shape[:-1], 2))
-    both = _frames_first(first.shift, first.turn, second.shift, second.turn)
-    torsion_centres(*both, first.joints.size, *_frames_first(found))
-    return found
+    w, x, y, z = np.moveaxis(quaternion_product(second.turn, first.turn * [1.0, -1.0, -1.0, -1.0]), -1, 0)
+    size, step = first.joints.size, (second.shift - first.shift)[..., :2]
+    turned, tilted = 2.0 * np.abs(z) * size, 2.0 * np.hypot(x, y) * size
+    shifted = np.linalg.norm(step, axis=-1)
+    turns = (turned > PURE * shifted) & (turned > STILL * size) & (tilted <= np.maximum(turned, shifted))
+    half = np.divide(0.5 * w, z, out=np.full_like(w, np.nan), where=turns)[..., None]
+    return first.shift[..., :2] + 0.5 * step + half * np.stack([-step[..., 1], step[..., 0]], axis=-1)
 
 
-def _frames_first(*arrays: np.ndarray) -> list[np.ndarray]:
-    """Views (f, j, n) of arrays (..., j, n)."""
-    return [array.reshape(-1, *array.shape[-2:]) for array in arrays]
-
-
-def _turning(quaternion: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """R v - v, without the loss of digits of small rotations: 2 w (u x v) + 2 u x (u x v)."""
-    w, x, y, z = (quaternion[..., i] for i in range(4))
-    a, b, c = (vectors[..., i] for i in range(3))
-    p, q, r = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
-    found = np.empty((*p.shape, 3))
-    found[..., 0] = w * p + y * r - z * q
-    found[..., 1] = w * q + z * p - x * r
-    found[..., 2] = w * r + x * q - y * p
-    return found
+def positive_area(corners: np.ndarray, height: np.ndarray) -> np.ndarray:
+    """Area (k,) of the part of convex polygons (k, m, 2) over which a linear function is above zero, of its values at
+    the corners (k, m), which are not all of one sign."""
+    following, at_following = np.roll(corners, -1, axis=1), np.roll(height, -1, axis=1)
+    above, above_following = height > 0.0, at_following > 0.0
+    crosses = above != above_following
+    way = np.divide(height, height - at_following, out=np.zeros_like(height), where=crosses)
+    cut = corners + way[..., None] * (following - corners)
+    # seen from a point of the cut, the cut itself spans no area
+    base = cut[np.arange(len(cut)), crosses.argmax(axis=1)][:, None]
+    (x_1, y_1), (x_2, y_2) = (
+        np.moveaxis(np.where(kept[..., None], own, cut) - base, -1, 0)
+        for kept, own in ((above, corners), (above_following, following))
+    )
+    return 0.5 * ((x_1 * y_2 - y_1 * x_2) * (above | above_following)).sum(axis=1)

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from dembrick.history.reader import History
 
 MOST_ROWS = 1500  # points of a line
-_MILLIMETRES_FROM = 2e-3  # m: longer travels are given in mm, shorter ones in um
 
 
 class Record(NamedTuple):
@@ -37,9 +36,9 @@ def record_at(history: History, time: np.ndarray, moved: np.ndarray) -> Record:
     """The record at the times of the frames. ``moved`` (f,) m: the greatest displacement, shown if rows are missing."""
     diagram = diagram_of(history)
     if not history.n_row:
-        unit, factor = _unit(float(moved.max(initial=0.0)))
+        unit, factor = summary.travel_unit(float(moved.max(initial=0.0)))
         return Record(Diagram(None, "", "greatest displacement"), time, None, factor * moved, unit, factor)
-    unit, factor = _unit(float(np.abs(history.displacement).max()))
+    unit, factor = summary.travel_unit(float(np.abs(history.displacement).max()))
     load = None if diagram.load is None else np.interp(time, history.time, history.load)
     return Record(diagram, time, load, factor * np.interp(time, history.time, history.displacement), unit, factor)
 
@@ -60,9 +59,7 @@ def curve(history: History, record: Record) -> dict:
     point = summary.yield_point(history.results)
     lower, upper = point.get("V_lower"), point.get("V_upper")
     if lower is not None and upper is not None and point.get("bracket") != "open":
-        word = "bracket" if point.get("bracket") == "certified" else "indicator"
-        span = summary.with_error(0.5 * (lower + upper), 0.5 * (upper - lower), unit)
-        chart |= {"band": [lower, upper], "bandName": f"{word} {span}".rstrip()}
+        chart |= {"band": [lower, upper], "bandName": summary.bracket_text(point, unit)}
     return chart
 
 
@@ -109,10 +106,6 @@ def listed(values: np.ndarray) -> list[float | None]:
 def _chart(title: str, x_name: str, y_name: str, lines: list[dict], x: list, y: list) -> dict:
     chart = {"title": title, "xName": x_name, "yName": y_name, "lines": lines, "x": x, "y": y}
     return chart | {"levels": [], "band": None, "bandName": ""}
-
-
-def _unit(longest: float) -> tuple[str, float]:
-    return ("mm", 1e3) if longest > _MILLIMETRES_FROM else ("µm", 1e6)
 
 
 def thinned(history: History, most: int = MOST_ROWS) -> np.ndarray:

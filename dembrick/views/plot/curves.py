@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from dembrick.history.reader import History
 
 MEASURED = ("o", "s", "^", "D", "v", "P")  # markers of measured curves
-_MILLIMETRES_FROM = 2e-3  # m: longer travels are drawn in mm, shorter ones in um
 
 
 def force_displacement(
@@ -48,7 +47,7 @@ def force_displacement(
         records = [subject.record_of(history) for history in histories]
         travels = [np.abs(own.displacement) for own in (*records, *measured) if len(own.displacement)]
         longest = max((float(travel.max()) for travel in travels), default=0.0)
-        unit, factor = ("mm", 1e3) if longest > _MILLIMETRES_FROM else ("µm", 1e6)
+        unit, factor = summary.travel_unit(longest)
         for i, (history, record, label) in enumerate(zip(histories, records, labels, strict=True)):
             colour, line, _ = style.FORMULATION.get(label) or style.CYCLE[i % len(style.CYCLE)]
             travel = factor * record.displacement
@@ -57,11 +56,7 @@ def force_displacement(
             point = summary.yield_point(history.results)
             lower, upper = point.get("V_lower"), point.get("V_upper")
             if bracket and lower is not None and upper is not None:
-                name = "bracket" if point.get("bracket") == "certified" else "indicator"
-                span = summary.with_error(
-                    0.5 * (lower + upper), 0.5 * (upper - lower), diagram.unit.strip("-")
-                ).rstrip()
-                text = f"{name} {span}" if len(histories) == 1 else None
+                text = summary.bracket_text(point, diagram.unit.strip("-")) if len(histories) == 1 else None
                 axes.axhspan(lower, upper, color=colour, alpha=0.25, lw=0.6, label=text)
         for i, curve in enumerate(measured):
             marker = MEASURED[i % len(MEASURED)]
@@ -76,9 +71,7 @@ def force_displacement(
                 ls=(0, (6 - 2 * (i % 3), 2)),
                 label=style.plain(f"{name}: {value:.5g} N"),
             )
-        names = (f"{diagram.displacement} [{unit}]", f"{diagram.load} [{diagram.unit}]")
-        axes.set_xlabel("time [s]" if diagram.load is None else names[0])
-        axes.set_ylabel(names[0] if diagram.load is None else names[1])
+        _name_axes(axes, diagram, f"{diagram.displacement} [{unit}]")
         axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
         style.legend(figure, axes, ax is None, columns=1 if max(map(len, labels)) > 36 else 2)
     return figure
@@ -91,9 +84,10 @@ def _common_diagram(histories) -> subject.Diagram:
     return diagrams.pop()
 
 
-def _since_dead_load(displacement: np.ndarray) -> np.ndarray:
-    """Lengths (T, k) of displacements (T, k, 3) from the first row on, where the blocks rest under their dead loads."""
-    return np.sqrt(((displacement - displacement[:1]) ** 2).sum(axis=2))
+def _name_axes(axes: Axes, diagram: subject.Diagram, travel: str) -> None:
+    """Load over ``travel``, or where no load grows ``travel`` over time."""
+    axes.set_xlabel("time [s]" if diagram.load is None else travel)
+    axes.set_ylabel(travel if diagram.load is None else f"{diagram.load} [{diagram.unit}]")
 
 
 def control_points(histories, labels: Sequence[str] | None = None, ax: Axes | None = None) -> Figure:
@@ -106,9 +100,10 @@ def control_points(histories, labels: Sequence[str] | None = None, ax: Axes | No
     diagram = _common_diagram(histories)
     with style.settings():
         figure, axes = style.canvas(ax)
-        travels = [_since_dead_load(history.control_point) for history in histories]
+        moved = [history.control_point - history.control_point[:1] for history in histories]  # since the dead loads
+        travels = [np.linalg.norm(own, axis=2) for own in moved]
         longest = max((float(travel.max()) for travel in travels if travel.size), default=0.0)
-        unit, factor = ("mm", 1e3) if longest > _MILLIMETRES_FROM else ("µm", 1e6)
+        unit, factor = summary.travel_unit(longest)
         lines = 0
         for history, label, travel in zip(histories, labels, travels, strict=True):
             record = subject.record_of(history)
@@ -118,9 +113,7 @@ def control_points(histories, labels: Sequence[str] | None = None, ax: Axes | No
                 x, y = (record.time, way) if diagram.load is None else (way, record.load)
                 axes.plot(x, y, color=colour, ls=line, label=name)
                 lines += 1
-        names = (f"displacement of control points [{unit}]", f"{diagram.load} [{diagram.unit}]")
-        axes.set_xlabel("time [s]" if diagram.load is None else names[0])
-        axes.set_ylabel(names[0] if diagram.load is None else names[1])
+        _name_axes(axes, diagram, f"displacement of control points [{unit}]")
         style.legend(figure, axes, ax is None)
     return figure
 
@@ -152,14 +145,8 @@ def energies(histories, labels: Sequence[str] | None = None, ax: Axes | None = N
         if not history.energy:
             raise HistoryError(f"{history.path}: no energies were recorded in this history")
     with style.settings():
-        if ax is None:
-            figure = style.new_figure((max(5.2, 3.2 * len(histories)), 4.0))
-            panels = list(figure.subplots(1, len(histories), sharey=True, squeeze=False)[0])
-        else:
-            panels = list(np.ravel(np.asarray(ax, dtype=object)))
-            figure = panels[0].figure
-        if len(panels) != len(histories):
-            raise ScenarioError(f"{len(panels)} axes for {len(histories)} histories; give one each")
+        size = (max(5.2, 3.2 * len(histories)), 4.0)
+        figure, panels = style.panels(ax, len(histories), "histories", size, sharey=True)
         for axes, history, label in zip(panels, histories, labels, strict=True):
             shown = {name: values for name, values in history.energy.items() if values.any()}
             for i, (name, values) in enumerate((shown or history.energy).items()):

@@ -112,7 +112,7 @@ def interaction(
         axes.set_xlabel(r"$V / V_0$ [-]")
         axes.set_ylabel(r"$M_T / M_{T0}$ [-]")
         axes.set_title(f"a/b = {joint.a / joint.b:.3g}, shear along b")
-        _frame(axes)
+        axes.set(xlim=(0.0, None), ylim=(0.0, None))
         axes.set_aspect("equal")
         style.legend(figure, axes, ax is None)
     return figure
@@ -158,7 +158,7 @@ def domains(
         a, b, friction, normal, cohesion = joint
         bond = f", cohesion {1e-3 * cohesion:.3g} kPa" if cohesion else ""
         axes.set_title(f"joint {a:.3g} x {b:.3g} m, N = {normal:.4g} N, friction {friction:.3g}{bond}")
-        _frame(axes)
+        axes.set(xlim=(0.0, None), ylim=(0.0, None))
         style.legend(figure, axes, ax is None)
     return figure
 
@@ -238,8 +238,3 @@ def _mark(axes, row: Mapping, x: float, y: float) -> None:
         x, y, **bars, fmt=marker, color=colour, mfc=fill, mew=1.1, ms=size, zorder=4 - 0.1 * size,
         elinewidth=1.0, capsize=2, label=label, clip_on=False,
     )  # fmt: skip
-
-
-def _frame(axes) -> None:
-    axes.set_xlim(left=0.0)
-    axes.set_ylim(bottom=0.0)

@@ -184,7 +184,7 @@ def joint_stages(
     polygons = [history.joints[subject.chosen_joint(history, joint)]["polygon"] for history in histories]
     corners = np.concatenate([_extent(polygon, row) for polygon, row in zip(polygons, rows, strict=True)])
     extent = np.stack([corners.min(axis=0), corners.max(axis=0)])
-    count, columns = sum(map(len, rows)), max(map(len, rows))
+    columns = max(map(len, rows))
     with style.settings():
         if ax is None:
             shape = np.ptp(extent, axis=0)
@@ -199,10 +199,7 @@ def joint_stages(
                 for unused in line[len(row) :]:
                     unused.remove()
         else:
-            axes = list(np.ravel(np.asarray(ax, dtype=object)))
-            figure = axes[0].figure
-        if len(axes) != count:
-            raise ScenarioError(f"{len(axes)} axes for {count} stages; give one each")
+            figure, axes = style.panels(ax, sum(map(len, rows)), "stages", (0.0, 0.0))
         shown = [
             (row[: i + 1], polygon, _load_of(row[i], subject.diagram_of(history)))
             for history, row, polygon in zip(histories, rows, polygons, strict=True)

@@ -42,15 +42,9 @@ def layout(sources, ax: Axes | None = None, torsion_centre: bool = True) -> Figu
         raise ScenarioError("a figure needs at least one history or scenario")
     plans = [_plan(source) for source in sources]
     with style.settings():
+        figure, axes = style.panels(ax, len(plans), "layouts", (max(3.2, _PANEL[0] * len(plans)), _PANEL[1]))
         if ax is None:
-            figure = style.new_figure((max(3.2, _PANEL[0] * len(plans)), _PANEL[1]))
             figure.get_layout_engine().set(h_pad=0.12)  # inches; titles of three lines end at the edge otherwise
-            axes = list(figure.subplots(1, len(plans), squeeze=False)[0])
-        else:
-            axes = list(np.ravel(np.asarray(ax, dtype=object)))
-            figure = axes[0].figure
-        if len(axes) != len(plans):
-            raise ScenarioError(f"{len(axes)} axes for {len(plans)} layouts; give one each")
         for own, plan in zip(axes, plans, strict=True):
             _draw(own, plan, torsion_centre)
     return figure

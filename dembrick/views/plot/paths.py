@@ -155,15 +155,12 @@ def load_path(
         first = paths[0]
         axes.set_xlabel(f"shear force V {_named(first.direction)} {'over mu N [-]' if relative else '[N]'}")
         axes.set_ylabel(r"torsion $M_T$ " + ("over its strength at that N [-]" if relative else "[N m]"))
-        axes.set_title(style.plain(f"joint {first.joint}, {'N of the moment' if relative else _pressed(first)}"))
+        pressed = "N of the moment" if relative else f"N = {first.normal_force:.4g} N"
+        axes.set_title(style.plain(f"joint {first.joint}, {pressed}"))
         axes.set_xlim(left=min(0.0, 1.05 * min(float(np.nanmin(path.drawn[0], initial=0.0)) for path in paths)))
         axes.set_ylim(bottom=min(0.0, 1.05 * min(float(np.nanmin(path.drawn[1], initial=0.0)) for path in paths)))
         style.legend(figure, axes, ax is None, columns=1 if max(map(len, labels)) > 36 else 2)
     return figure
-
-
-def _pressed(path: JointPath) -> str:
-    return f"N = {path.normal_force:.4g} N"
 
 
 def _named(direction: np.ndarray) -> str:

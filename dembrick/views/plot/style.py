@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import io
 import os
+from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
-from dembrick.errors import MissingDependency, OutputError
+import numpy as np
+
+from dembrick.errors import MissingDependency, OutputError, ScenarioError
 from dembrick.history.files import write_whole
 
 if TYPE_CHECKING:
@@ -79,6 +82,22 @@ def canvas(ax: Axes | None, size: tuple[float, float] = (5.2, 4.4)) -> tuple[Fig
         return ax.figure, ax
     figure = new_figure(size)
     return figure, figure.add_subplot()
+
+
+def panels(
+    ax: Axes | Sequence[Axes] | None, count: int, what: str, size: tuple[float, float], **shared
+) -> tuple[Figure, list[Axes]]:
+    """The figure and ``count`` axes to draw in, side by side: those of ``ax``, else new ones of ``size`` (inches).
+
+    ScenarioError if ``ax`` does not have one for each of ``what``.
+    """
+    if ax is None:
+        figure = new_figure(size)
+        return figure, list(figure.subplots(1, count, squeeze=False, **shared)[0])
+    axes = list(np.ravel(np.asarray(ax, dtype=object)))
+    if len(axes) != count:
+        raise ScenarioError(f"{len(axes)} axes for {count} {what}; give one each")
+    return axes[0].figure, axes
 
 
 def new_figure(size: tuple[float, float]) -> Figure:
