@@ -1,6 +1,7 @@
 """The command line: one module a verb, imported only when that verb runs.
 
-The first word is read by hand, so that ``dembrick --help`` costs little more than starting Python.
+A module has `add_arguments(parser)`, the options of its command, and `run(options, console)`, which returns the exit
+code. The first word is read by hand, so that ``dembrick --help`` costs little more than starting Python.
 """
 
 from __future__ import annotations
@@ -62,31 +63,20 @@ def full_parser():
     parser.add_argument("--version", action="store_true", help="print the version")
     commands = parser.add_subparsers(metavar="COMMAND")
     for verb, text in VERBS.items():
-        command = commands.add_parser(verb, description=_described(verb), help=text)
-        _add_common(command)
-        _module(verb).add_arguments(command)
+        _add_arguments(commands.add_parser(verb, help=text), verb)
     return parser
 
 
-def _described(verb: str) -> str:
-    return f"{VERBS[verb][0].upper()}{VERBS[verb][1:]}."
-
-
-def _verb_parser(verb: str):
-    import argparse
-
-    parser = argparse.ArgumentParser(prog=f"dembrick {verb}", description=_described(verb))
-    _add_common(parser)
-    return parser
-
-
-def _add_common(parser) -> None:
+def _add_arguments(parser, verb: str) -> None:
+    """Those of all commands, and those of one."""
+    parser.description = f"{VERBS[verb][0].upper()}{VERBS[verb][1:]}."
     common = parser.add_argument_group("output")
     common.add_argument("--json", action="store_true", help="print one JSON object on standard output")
     common.add_argument("--quiet", "-q", action="store_true", help="no progress and no remarks")
     common.add_argument(
         "-v", "--verbose", action="store_true", help="say where the time of a run went, on standard error"
     )
+    _module(verb).add_arguments(parser)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -115,21 +105,20 @@ def _main(arguments: list[str]) -> int:
         print(f"dembrick {__version__}")
         return 0
     if verb not in VERBS:
-        from difflib import get_close_matches
+        from dembrick.scenario.checks import nearest
 
-        nearest = get_close_matches(verb, VERBS, 1)
-        hint = f"did you mean {nearest[0]!r}?" if nearest else f"use one of {', '.join(VERBS)}"
-        print(f"error: unknown command {verb!r}; {hint}", file=sys.stderr)
+        print(f"error: unknown command {verb!r}; {nearest(verb, VERBS)}", file=sys.stderr)
         return 2
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")  # a terminal that knows no such letter shows its number
     gc.set_threshold(GARBAGE)
     atexit.register(gc.freeze)  # at the end there is nothing left to gain by looking for garbage
-    module = _module(verb)
-    parser = _verb_parser(verb)
-    module.add_arguments(parser)
-    options = parser.parse_args(rest)
+    import argparse
+
+    parser = argparse.ArgumentParser(prog=f"dembrick {verb}")
+    _add_arguments(parser, verb)
+    module, options = _module(verb), parser.parse_args(rest)
     from dembrick.cli.console import Console
     from dembrick.simulation.interrupts import handled, requested
 

@@ -6,7 +6,6 @@ from dembrick.cli.paths import add_force
 
 
 def add_arguments(parser) -> None:
-    """Options of the command."""
     parser.add_argument("scenario", help="the TOML file")
     parser.add_argument("--picture", metavar="FILE.png", help="draw the blocks as they are before the run")
     add_force(parser)

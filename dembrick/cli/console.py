@@ -15,11 +15,11 @@ def printable(text: str) -> str:
     """
     if text.isascii() and text.isprintable():
         return text
-    return "".join(sign if sign.isprintable() or sign in "\n\t" else _written_out(sign) for sign in text)
 
+    def shown(sign: str) -> str:
+        return sign if sign.isprintable() or sign in "\n\t" else sign.encode("unicode_escape").decode("ascii")
 
-def _written_out(sign: str) -> str:
-    return sign.encode("unicode_escape").decode("ascii")
+    return "".join(map(shown, text))
 
 
 class Console:
@@ -28,6 +28,7 @@ class Console:
     def __init__(self, json: bool, quiet: bool, verbose: bool):
         self.json, self.quiet, self.verbose = json, quiet, verbose
         self.meter = Meter(printable, quiet)
+        self.progress = self.meter.count
         self._colour = sys.stderr.isatty() and not os.environ.get("NO_COLOR")
 
     def result(self, data: dict, text: str) -> None:
@@ -41,7 +42,7 @@ class Console:
 
     def say(self, text: str) -> None:
         """One line on standard error, whatever was asked for."""
-        self._clear()
+        self.meter.clear()
         print(printable(text), file=sys.stderr)
 
     def remark(self, text: str) -> None:
@@ -56,13 +57,6 @@ class Console:
 
     def error(self, text: str) -> None:
         """Why there is no answer; never silenced."""
-        self._clear()
+        self.meter.clear()
         label = "\033[31merror:\033[0m" if self._colour else "error:"
         print(f"{label} {printable(text)}", file=sys.stderr)
-
-    def progress(self, done: int, total: int, what: str) -> None:
-        """So many of so many: a bar on a terminal, elsewhere a line at growing intervals."""
-        self.meter.count(done, total, what)
-
-    def _clear(self) -> None:
-        self.meter.clear()

@@ -10,7 +10,6 @@ SIMULATES = True  # and so may compile
 
 
 def add_arguments(parser) -> None:
-    """Options of the command."""
     parser.add_argument("--a", type=float, help="edge along x (t1) of a rectangular joint, m")
     parser.add_argument("--b", type=float, help="edge along y (t2), m")
     parser.add_argument("--polygon", metavar="'x,y;x,y;...'", help="corners of a convex joint, m")

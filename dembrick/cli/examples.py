@@ -4,7 +4,6 @@ from __future__ import annotations
 
 
 def add_arguments(parser) -> None:
-    """Options of the command."""
     parser.add_argument("name", nargs="?", help="one example: print its file")
     parser.add_argument("--copy", metavar="DIR", help="copy the example, or all of them, into a folder")
 
@@ -13,19 +12,17 @@ def run(options, console) -> int:
     """List, print or copy shipped scenarios."""
     import os
     import shutil
-    from difflib import get_close_matches
     from pathlib import Path
 
     from dembrick.errors import OutputError, ScenarioError, WriteError
     from dembrick.scenario import shipped
+    from dembrick.scenario.checks import nearest
 
     found = shipped.examples()
     if options.name is not None:
         path = shipped.find(options.name)
         if path is None:
-            nearest = get_close_matches(options.name, found, 1)
-            hint = f"did you mean {nearest[0]!r}?" if nearest else "'dembrick examples' lists them"
-            raise ScenarioError(f"no shipped scenario is called {options.name!r}; {hint}")
+            raise ScenarioError(f"no shipped scenario is called {options.name!r}; {nearest(options.name, found)}")
         found = {options.name: path}
     if options.copy is None:
         told = {name: shipped.description(path) for name, path in found.items()}

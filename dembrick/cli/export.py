@@ -8,7 +8,6 @@ from dembrick.cli.paths import add_force
 
 
 def add_arguments(parser) -> None:
-    """Options of the command."""
     parser.add_argument("history", metavar="FILE.h5", help="history file")
     parser.add_argument("--to", metavar="FILE", required=True, help="output; .vtkhdf, .pvd or .csv")
     add_force(parser)

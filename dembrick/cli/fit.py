@@ -6,7 +6,6 @@ SIMULATES = True  # and so may compile
 
 
 def add_arguments(parser) -> None:
-    """Options of the command."""
     parser.add_argument(
         "--lab", metavar="DATA.csv", required=True, help="measured yield points: columns test, scenario, V [N]"
     )

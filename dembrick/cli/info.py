@@ -6,7 +6,6 @@ import math
 
 
 def add_arguments(parser) -> None:
-    """Options of the command."""
     parser.add_argument("history", metavar="FILE.h5", help="history file")
     parser.add_argument("--scenario", action="store_true", help="print the scenario text instead")
     parser.add_argument("--profile", action="store_true", help="where the time of the run went")

@@ -21,7 +21,6 @@ COLUMNS = {
 
 
 def add_arguments(parser) -> None:
-    """Options of the command."""
     parser.add_argument("history", metavar="FILE.h5", help="history file")
     one = parser.add_mutually_exclusive_group()
     one.add_argument("--frame", type=int, default=-1, help="frame number, negative from the end (default: last)")

@@ -10,7 +10,6 @@ SIMULATES = True  # and so may compile
 
 
 def add_arguments(parser) -> None:
-    """Options of the command."""
     parser.add_argument("--formulation", nargs="+", metavar="F", help="only these formulations")
     parser.add_argument("--sets", nargs="+", metavar="SET", help="only these sets (2a 2b 4a 4b)")
     parser.add_argument("--tolerance", type=float, help="relative half-width of the bracket (default 1e-3)")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 
 def add_arguments(parser) -> None:
-    """Options of the command."""
     parser.add_argument("scenario", help="the TOML file")
     parser.add_argument(
         "--set", metavar="KEY.PATH=VALUE", action="append", default=[], help="change a key of the scenario"

@@ -6,7 +6,6 @@ from dembrick.cli.paths import add_force, require_ending
 
 
 def add_arguments(parser) -> None:
-    """Options of the command."""
     parser.add_argument("template", nargs="?", help="torsion-test, wall, arch, column or study (default: list them)")
     parser.add_argument("file", nargs="?", help="file to write (default: TEMPLATE.toml)")
     add_force(parser)
@@ -14,11 +13,10 @@ def add_arguments(parser) -> None:
 
 def run(options, console) -> int:
     """Write a copy of a template."""
-    from difflib import get_close_matches
-
     from dembrick import history
     from dembrick.errors import ScenarioError
     from dembrick.scenario import shipped
+    from dembrick.scenario.checks import nearest
 
     templates = shipped.templates()
     if options.template is None:
@@ -27,9 +25,7 @@ def run(options, console) -> int:
         console.result({"templates": told}, "\n".join([*lines, "\n'dembrick new TEMPLATE' writes one"]))
         return 0
     if options.template not in templates:
-        nearest = get_close_matches(options.template, templates, 1)
-        hint = f"did you mean {nearest[0]!r}?" if nearest else f"the templates are {', '.join(templates)}"
-        raise ScenarioError(f"no template is called {options.template!r}; {hint}")
+        raise ScenarioError(f"no template is called {options.template!r}; {nearest(options.template, templates)}")
     path = options.file or f"{options.template}.toml"
     require_ending(path, (".toml",), "a scenario")
     with history.product("scenario", [options.template], force=options.force):

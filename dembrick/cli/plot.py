@@ -21,7 +21,6 @@ LAB_FORMAT = (
 
 
 def add_arguments(parser) -> None:
-    """Options of the command."""
     parser.add_argument(
         "histories", nargs="+", metavar="FILE.h5", help="history files, drawn into one figure; or table.csv of a study"
     )
@@ -63,22 +62,17 @@ def run(options, console) -> int:
         raise ScenarioError(f"--lab: measured curves belong to --kind curve, not to {options.kind}")
     measured = [plot.read_measured(path) for path in options.lab]
     files = [history.read(path) for path in options.histories]
-    if options.kind == "curve":
-        figure = plot.force_displacement(files, options.label, measured=measured)
-    elif options.kind == "path":
-        figure = plot.load_path(files, options.label, joint=options.joint)
-    elif options.kind == "joint":
-        figure = plot.joint_stages(files, options.label, joint=options.joint, stages=options.stages)
-    elif options.kind == "points":
-        figure = plot.control_points(files, options.label)
-    elif options.kind == "energies":
-        figure = plot.energies(files, options.label)
-    elif options.kind == "unbalanced":
-        figure = plot.unbalanced(files, options.label)
-    elif options.kind == "layout":
-        figure = plot.layout(files)
-    else:
-        figure = plot.domains(files)
+    labels, joint = options.label, options.joint
+    figure = {
+        "curve": lambda: plot.force_displacement(files, labels, measured=measured),
+        "path": lambda: plot.load_path(files, labels, joint=joint),
+        "joint": lambda: plot.joint_stages(files, labels, joint=joint, stages=options.stages),
+        "points": lambda: plot.control_points(files, labels),
+        "energies": lambda: plot.energies(files, labels),
+        "unbalanced": lambda: plot.unbalanced(files, labels),
+        "layout": lambda: plot.layout(files),
+        "domain": lambda: plot.domains(files),
+    }[options.kind]()
     stem = Path(options.histories[0]).stem
     with history.product(
         options.kind, [file.scenario_text for file in files], [*options.histories, *options.lab], options.force

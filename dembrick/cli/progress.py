@@ -5,6 +5,7 @@ Lines come after ten seconds, then at intervals that double up to ten minutes, s
 
 from __future__ import annotations
 
+import shutil
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -35,7 +36,7 @@ class Meter:
         self._drawn = False
 
     def count(self, done: int, total: int, what: str) -> None:
-        """So many of so many cases, directions or frames."""
+        """So many cases, directions or frames: a bar on a terminal, elsewhere a line at growing intervals."""
         self._show(done, total, f"{done}/{total} {what}")
 
     def run(self, progress: Progress) -> None:
@@ -97,17 +98,12 @@ class Meter:
             self._line(text)
 
     def _draw(self, text: str) -> None:
-        print(f"\r\033[K{self._printable(text)[: _columns()]}", end="", file=sys.stderr, flush=True)
+        room = max(20, shutil.get_terminal_size().columns - 1)
+        print(f"\r\033[K{self._printable(text)[:room]}", end="", file=sys.stderr, flush=True)
         self._drawn = True
 
     def _line(self, text: str) -> None:
         print(self._printable(text), file=sys.stderr, flush=True)
-
-
-def _columns() -> int:
-    import shutil
-
-    return max(20, shutil.get_terminal_size().columns - 1)
 
 
 @contextmanager
@@ -122,13 +118,12 @@ def telling_of_compilation(tell: Callable[[str], None]) -> Iterator[None]:
         told = False
 
         def on_start(self, event) -> None:
-            """See numba."""
             if not self.told:
                 self.told = True
                 tell(COMPILING)
 
         def on_end(self, event) -> None:
-            """See numba."""
+            pass
 
     listener, kinds = Compilation(), ("numba:compile", WAITING)
     for kind in kinds:

@@ -9,7 +9,6 @@ from dembrick.cli.paths import add_force
 
 
 def add_arguments(parser) -> None:
-    """Options of the command."""
     parser.add_argument(
         "histories",
         nargs="+",

@@ -6,7 +6,6 @@ SIMULATES = True  # and so may compile
 
 
 def add_arguments(parser) -> None:
-    """Options of the command."""
     parser.add_argument("history", metavar="FILE.h5", help="history of the run")
 
 

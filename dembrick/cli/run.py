@@ -15,7 +15,6 @@ SIMULATES = True  # and so may compile
 
 
 def add_arguments(parser) -> None:
-    """Options of the command."""
     parser.add_argument("scenario", help="the TOML file, or a history to run again")
     parser.add_argument("--out", metavar="FILE.h5", help="history file (default: results/<scenario>.h5)")
     parser.add_argument(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 
 def add_arguments(parser) -> None:
-    """Options of the command."""
     parser.add_argument("--out", metavar="FILE.json", help="write it to a file (default: print it)")
 
 

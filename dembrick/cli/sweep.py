@@ -10,7 +10,6 @@ SIMULATES = True  # and so may compile
 
 
 def add_arguments(parser) -> None:
-    """Options of the command."""
     parser.add_argument("study", help="the TOML file: a base scenario, and the keys that change or are searched")
     parser.add_argument("--out", metavar="FOLDER", help="where rows and tables go (default: results/<study>)")
     parser.add_argument("--jobs", type=int, metavar="N", help="local processes (default: one a core)")

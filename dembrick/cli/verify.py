@@ -8,7 +8,6 @@ SIMULATES = True  # and so may compile
 
 
 def add_arguments(parser) -> None:
-    """Options of the command."""
     parser.add_argument("case", nargs="*", help="names of cases, or beginnings of names (default: all)")
     parser.add_argument("--quick", action="store_true", help="a few cases that take seconds")
     parser.add_argument("--list", action="store_true", help="name the cases and run none")

@@ -6,7 +6,6 @@ from dembrick.cli.render import add_look, look_of
 
 
 def add_arguments(parser) -> None:
-    """Options of the command."""
     parser.add_argument("history", metavar="FILE.h5", help="history file")
     add_look(parser)
 

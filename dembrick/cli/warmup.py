@@ -8,7 +8,6 @@ FORMULATIONS = ("concave", "convex")
 
 
 def add_arguments(parser) -> None:
-    """Options of the command."""
     parser.add_argument("--jobs", type=int, metavar="N", help="processes side by side (default: one a core)")
 
 

@@ -8,7 +8,6 @@ from dembrick.cli.paths import add_force, require_ending
 
 
 def add_arguments(parser) -> None:
-    """Options of the command."""
     parser.add_argument("histories", nargs="+", metavar="FILE.h5", help="history files")
     parser.add_argument("--csv", metavar="FILE.csv", help="write the table")
     parser.add_argument("--plot", metavar="FILE", help="draw the points on the yield domain (PNG, SVG, PDF)")

@@ -35,18 +35,15 @@ def show(value: object) -> str:
 
 def nearest(word: str, known: Iterable[str]) -> str:
     """The end of a message about an unknown ``word``: what was probably meant, else all that is known."""
-    from difflib import SequenceMatcher
+    from difflib import get_close_matches
 
-    def likeness(name: str) -> float:
-        return SequenceMatcher(None, word.lower(), name.lower(), autojunk=False).ratio()
-
-    ranked = sorted(sorted(known), key=likeness, reverse=True)
-    if not ranked:
+    names = {name.lower(): name for name in known}
+    if not names:
         return "there is none"
-    if likeness(ranked[0]) >= 0.6:
-        return f"did you mean {show(ranked[0])}?"
-    more = ", ..." if len(ranked) > 20 else ""
-    return f"known: {', '.join(show(name) for name in sorted(ranked[:20]))}{more}"
+    if likely := get_close_matches(word.lower(), names, 1):
+        return f"did you mean {show(names[likely[0]])}?"
+    nearest = sorted(get_close_matches(word.lower(), names, 20, cutoff=0.0))
+    return f"known: {', '.join(show(names[name]) for name in nearest)}{', ...' if len(names) > 20 else ''}"
 
 
 def require(condition: bool, key: str, value: object, bound: str) -> None:

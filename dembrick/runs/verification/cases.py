@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import tomllib
 from dataclasses import dataclass, fields
-from difflib import get_close_matches
 from pathlib import Path
 
 from dembrick.errors import ScenarioError
 from dembrick.scenario import shipped
+from dembrick.scenario.checks import nearest
 
 UNITS = {
     "V": "N",
@@ -77,9 +77,7 @@ def chosen(names: list[str], quick: bool = False) -> list[Case]:
     for name in names:
         found = [case for key, case in cases.items() if key == name or key.startswith(f"{name}-")]
         if not found:
-            nearest = get_close_matches(name, cases, 1)
-            hint = f"did you mean {nearest[0]!r}?" if nearest else "'dembrick verify --list' names them"
-            raise ScenarioError(f"no verification case is called {name!r}; {hint}")
+            raise ScenarioError(f"no verification case is called {name!r}; {nearest(name, cases)}")
         picked += [case for case in found if case not in picked]
     if not names:
         picked = list(cases.values())
