@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -46,6 +46,8 @@ from dembrick.scenario.limits import check_magnitudes
 from dembrick.scenario.model import Scenario
 from dembrick.scenario.stages import at_stage
 
+_NO_POINTS = place_points(JointTable.of(()), DISCRETISATION)
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Assembly:
@@ -71,24 +73,21 @@ class Assembly:
     velocity: np.ndarray
     angular_velocity: np.ndarray
     joints: JointTable
-    contact_points: PointTable
-    gravity: np.ndarray
+    laws: Laws
+    joint_force: np.ndarray
     dead_force: np.ndarray
     dead_torque: np.ndarray
-    joint_force: np.ndarray
-    joint_force_exact: bool
-    actuators: ActuatorTable
-    control_points: ControlPoints
-    warnings: tuple[str, ...]
-    laws: Laws
-    point_loads: PointLoads
-    ties: TieTable
+    contact_points: PointTable = _NO_POINTS
+    gravity: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    joint_force_exact: bool = True
+    actuators: ActuatorTable = NO_ACTUATORS
+    control_points: ControlPoints = NO_CONTROL_POINTS
+    warnings: tuple[str, ...] = ()
+    point_loads: PointLoads = NO_LOADS
+    ties: TieTable = NO_TIES
 
     def __repr__(self) -> str:
         return f"<Assembly: {len(self.names)} blocks, {len(self.joints)} joints>"
-
-
-_NO_POINTS = place_points(JointTable.of(()), DISCRETISATION)
 
 
 def assemble(scenario: Scenario) -> Assembly:
@@ -147,18 +146,10 @@ def at_rest(scenario: Scenario) -> Assembly:
         velocity=np.array([block.velocity for block in blocks], float),
         angular_velocity=np.array([block.angular_velocity for block in blocks], float),
         joints=joints,
-        contact_points=_NO_POINTS,
-        gravity=np.zeros(3),
+        laws=laws,
+        joint_force=np.zeros((len(joints), 3)),
         dead_force=nothing,
         dead_torque=nothing,
-        joint_force=np.zeros((len(joints), 3)),
-        joint_force_exact=True,
-        actuators=NO_ACTUATORS,
-        control_points=NO_CONTROL_POINTS,
-        warnings=(),
-        laws=laws,
-        point_loads=NO_LOADS,
-        ties=NO_TIES,
     )
 
 

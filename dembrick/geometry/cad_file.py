@@ -11,8 +11,8 @@ import json
 import os
 import re
 import warnings
-from collections.abc import Iterator
-from typing import Any, NamedTuple
+from collections.abc import Iterable, Iterator
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -25,6 +25,7 @@ LARGEST_FILE = 64 << 20  # bytes
 MOST_SOLIDS = 20_000
 
 Faces = list[tuple[int, ...]]
+T = TypeVar("T")
 
 
 class Solid(NamedTuple):
@@ -93,7 +94,7 @@ def _closed_parts(solid: _Named) -> Iterator[_Named]:
     number = number.reshape(-1)
     faces = [tuple(int(number[i]) for i in face) for face in solid.faces]
     parts: list[Faces] = []
-    for together in _connected(faces, len(points)):
+    for together in _connected(faces):
         open_edges: set[tuple[int, int]] = set()
         begun: Faces = []
         for face in together:
@@ -115,23 +116,31 @@ def _closed_parts(solid: _Named) -> Iterator[_Named]:
         yield _Named(solid.name, points[used], own, solid.fixed)
 
 
-def _connected(faces: Faces, n_point: int) -> list[Faces]:
+def _connected(faces: Faces) -> list[Faces]:
     """Faces that hang together by corners, in their order."""
-    root = list(range(n_point))
-
-    def find(i: int) -> int:
-        while root[i] != i:
-            root[i] = root[root[i]]
-            i = root[i]
-        return i
-
-    for face in faces:
-        for other in face[1:]:
-            root[find(other)] = find(face[0])
+    groups = linked((face[0], other) for face in faces for other in face)
+    group_of = {corner: number for number, group in enumerate(groups) for corner in group}
     found: dict[int, Faces] = {}
     for face in faces:
-        found.setdefault(find(face[0]), []).append(face)
+        found.setdefault(group_of[face[0]], []).append(face)
     return list(found.values())
+
+
+def linked(pairs: Iterable[tuple[T, T]]) -> list[list[T]]:
+    """What hangs together through pairs, group by group, in the order in which the pairs name it."""
+    root: dict[T, T] = {}
+
+    def find(member: T) -> T:
+        while root.setdefault(member, member) != member:
+            root[member] = member = root[root[member]]
+        return member
+
+    for a, b in pairs:
+        root[find(b)] = find(a)
+    together: dict[T, list[T]] = {}
+    for member in list(root):
+        together.setdefault(find(member), []).append(member)
+    return list(together.values())
 
 
 # --- formats ---

@@ -12,7 +12,7 @@ import numpy as np
 
 from dembrick.errors import ScenarioError
 from dembrick.geometry import clipping
-from dembrick.geometry.cad_file import Solid, corners_of
+from dembrick.geometry.cad_file import Solid, corners_of, linked
 from dembrick.geometry.convex_hull import hull
 
 _TOUCH = 1e-6  # of the smaller solid: faces so near touch already, see assembly.joint_detection
@@ -116,7 +116,7 @@ def close(solids: list[Solid], tolerance: float) -> tuple[list[Solid], list[Gap]
     faces = [faces_of(solid) for solid in solids]
     planes = {(i, k): (face.normal, face.offset) for i, own in enumerate(faces) for k, face in enumerate(own)}
     moved: set[int] = set()
-    for group in _groups(found):
+    for group in linked((gap.first, gap.second) for gap in found):
         reference = faces[group[0][0]][group[0][1]].normal
         chosen = [faces[i][k] for i, k in group]
         signs = np.sign([face.normal @ reference for face in chosen])
@@ -140,23 +140,6 @@ def close(solids: list[Solid], tolerance: float) -> tuple[list[Solid], list[Gap]
         for i, solid in enumerate(solids)
     ]
     return closed, found
-
-
-def _groups(found: list[Gap]) -> list[list[tuple[int, int]]]:
-    """Faces that are linked by gaps."""
-    root: dict[tuple[int, int], tuple[int, int]] = {}
-
-    def find(face: tuple[int, int]) -> tuple[int, int]:
-        while root.setdefault(face, face) != face:
-            face = root[face]
-        return face
-
-    for gap in found:
-        root[find(gap.second)] = find(gap.first)
-    together: dict[tuple[int, int], list[tuple[int, int]]] = {}
-    for face in list(root):
-        together.setdefault(find(face), []).append(face)
-    return list(together.values())
 
 
 def _cut(solid: Solid, planes: list[tuple[np.ndarray, float]]) -> Solid:

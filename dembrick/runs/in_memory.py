@@ -31,7 +31,7 @@ def recording(result) -> Iterator[history.History]:
 
     def write(path: str) -> None:
         scenario, channels = result.scenario, result.scenario.output.channels
-        given = scenarios.text_of(scenario), result.assembly, {}
+        given: tuple = scenarios.text_of(scenario), result.assembly, {}
         with history.HistoryWriter(path, *given, channels=channels, control=scenario.control) as writer:
             writer.append(result.rows)
             if "frames" in channels:

@@ -8,7 +8,7 @@ from functools import lru_cache
 
 from dembrick.scenario.blocks import Block, Vector
 from dembrick.scenario.checks import assign, check_name, one_of, real, require, show
-from dembrick.scenario.generators.placing import Frame, check_common
+from dembrick.scenario.generators.placing import Frame, check_common, stone_of
 from dembrick.scenario.units import LENGTHS
 
 _NEAR = 5e-3  # of the smallest solid: faces nearer than this may have been meant to touch, and a remark says so
@@ -48,16 +48,8 @@ class CadModel:
         solids, closed, near = _read(path, stamp, LENGTHS[self.unit], self.gap_tolerance)
         frame = Frame(self.position, self.heading)
         blocks = [
-            Block(
-                name=f"{self.name}.{solid.name}",
-                material=self.material,
-                vertices=solid.corners,
-                position=frame.origin,
-                orientation=frame.turn,
-                fixed=solid.fixed,
-                group=self.group,
-            )
-            for solid in solids
+            stone_of(self, s.name, vertices=s.corners, position=frame.origin, orientation=frame.turn, fixed=s.fixed)
+            for s in solids
         ]
         remarks, who = [], f"model {show(self.name)}"
         if closed:

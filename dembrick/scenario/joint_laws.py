@@ -55,38 +55,23 @@ class JointLaw:
                 unit = "" if key in ("dilation", "residual_friction") else " Pa"
                 require(getattr(self, key) >= 0.0, key, getattr(self, key), f"it must be at least 0{unit}")
         if self.compressive_strength is not None:
-            assign(self, compressive_strength=real("compressive_strength", self.compressive_strength))
-            require(
-                self.compressive_strength > 0.0,
-                "compressive_strength",
-                self.compressive_strength,
-                "it must be greater than 0 Pa; leave it out where nothing crushes",
-            )
-        mu, mu_r = self.friction, self.friction_after
-        require(
-            mu_r <= mu, "residual_friction", mu_r, f"it must not be above friction = {mu:g}, the strength before slip"
-        )
-        require(
-            self.cohesion_after <= self.cohesion,
-            "residual_cohesion",
-            self.cohesion_after,
-            f"it must not be above cohesion = {self.cohesion:g} Pa, the strength before slip",
-        )
+            strength = real("compressive_strength", self.compressive_strength)
+            bound = "it must be greater than 0 Pa; leave it out where nothing crushes"
+            require(strength > 0.0, "compressive_strength", strength, bound)
+            assign(self, compressive_strength=strength)
+        mu, mu_r, c, c_r = self.friction, self.friction_after, self.cohesion, self.cohesion_after
+        before = "the strength before slip"
+        require(mu_r <= mu, "residual_friction", mu_r, f"it must not be above friction = {mu:g}, {before}")
+        require(c_r <= c, "residual_cohesion", c_r, f"it must not be above cohesion = {c:g} Pa, {before}")
         least = "friction" if self.residual_friction is None else "residual_friction"
-        require(
-            self.dilation <= mu_r,
-            "dilation",
-            self.dilation,
-            f"it must not be above {least} = {mu_r:g}, or slip would give work back",
-        )
+        bound = f"it must not be above {least} = {mu_r:g}, or slip would give work back"
+        require(self.dilation <= mu_r, "dilation", self.dilation, bound)
         needed = mu * self.tensile_strength
-        require(
-            needed <= self.cohesion * (1.0 + 1e-12),
-            "tensile_strength",
-            self.tensile_strength,
-            f"Coulomb's cone ends at cohesion / friction = {self.cohesion / mu if mu else 0.0:g} Pa; "
-            f"it needs a cohesion of friction x tensile_strength = {needed:g} Pa at least",
+        bound = (
+            f"Coulomb's cone ends at cohesion / friction = {c / mu if mu else 0.0:g} Pa; "
+            f"it needs a cohesion of friction x tensile_strength = {needed:g} Pa at least"
         )
+        require(needed <= c * (1.0 + 1e-12), "tensile_strength", self.tensile_strength, bound)
 
     @property
     def friction_after(self) -> float:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections import Counter
 from dataclasses import dataclass, field, replace
 from numbers import Integral
 
@@ -278,18 +279,12 @@ class Scenario:
     def _check_names(self):
         """Names are unique, and whatever is referred to is there."""
         blocks = {block.name: i for i, block in enumerate(self.all_blocks)}
-        for kind, members, names in (
-            ("block", self.all_blocks, blocks),
-            ("actuator", self.actuators, {actuator.name for actuator in self.actuators}),
-            ("control point", self.control_points, {point.name for point in self.control_points}),
-        ):
-            if len(names) < len(members):
-                seen = set()
-                for member in members:
-                    if member.name in seen:
-                        message = f"two {kind}s are named {show(member.name)}; every {kind} needs its own name"
-                        raise ScenarioError(message)
-                    seen.add(member.name)
+        of_one_block: dict[str, tuple[Actuator | ControlPoint, ...]]
+        of_one_block = {"actuator": self.actuators, "control point": self.control_points}
+        for kind, named in (("block", self.all_blocks), *of_one_block.items()):
+            for name, times in Counter(member.name for member in named).most_common(1):
+                if times > 1:
+                    raise ScenarioError(f"two {kind}s are named {show(name)}; every {kind} needs its own name")
         for block in self.all_blocks:
             if block.fixed and any((*block.velocity, *block.angular_velocity)):
                 raise ScenarioError(
@@ -324,16 +319,12 @@ class Scenario:
         for i, tie in enumerate(self.ties, 1):
             for end in tie.between:
                 self._check_reference(f"block of tie number {i}", end.block, blocks, {})
-        for actuator in self.actuators:
-            if actuator.block in self.groups:
-                label = f"block of actuator {show(actuator.name)} = {show(actuator.block)}"
-                raise ScenarioError(f"{label} is a group; an actuator pushes one block, so name one of the group")
-            self._check_reference(f"block of actuator {show(actuator.name)}", actuator.block, blocks, {})
-        for point in self.control_points:
-            if point.block in self.groups:
-                label = f"block of control point {show(point.name)} = {show(point.block)}"
-                raise ScenarioError(f"{label} is a group; name one block of it")
-            self._check_reference(f"block of control point {show(point.name)}", point.block, blocks, {})
+        for kind, members in of_one_block.items():
+            for member in members:
+                label = f"block of {kind} {show(member.name)}"
+                if member.block in self.groups:
+                    raise ScenarioError(f"{label} = {show(member.block)} is a group; name one block of it")
+                self._check_reference(label, member.block, blocks, {})
         for override in self.joints:
             for name in override.between:
                 self._check_reference("between", name, blocks, self.groups)

@@ -82,6 +82,10 @@ class Control:
     __slots__ = ()
 
     kind: ClassVar[str]
+    ends_with: ClassVar[str] = COMPLETED  # the status of its result: YIELD, COLLAPSE or COMPLETED
+    drives: ClassVar[str] = NOTHING  # or ACTUATORS, EVERY_BLOCK, SUPPORTS
+    needs_supports: ClassVar[bool] = True  # a block must be fixed
+    shakes: ClassVar[bool] = False  # the supports follow a history
 
     @property
     def regime(self) -> Regime:
@@ -99,28 +103,8 @@ class Control:
         return OF_ACTUATORS
 
     @property
-    def ends_with(self) -> str:
-        """The status of its result: YIELD, COLLAPSE or COMPLETED."""
-        return COMPLETED
-
-    @property
-    def drives(self) -> str:
-        """What it drives: ACTUATORS, EVERY_BLOCK, SUPPORTS or NOTHING."""
-        return NOTHING
-
-    @property
-    def needs_supports(self) -> bool:
-        """Whether a block must be fixed."""
-        return True
-
-    @property
     def loads_vary(self) -> bool:
         """Whether loads may be functions of time."""
-        return False
-
-    @property
-    def shakes(self) -> bool:
-        """Whether the supports follow a history."""
         return False
 
     @property

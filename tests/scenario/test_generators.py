@@ -257,7 +257,7 @@ REFUSED = {
     "supports": (('["wall.1"]', '["wall.9"]'), "supports = 'wall.9' is not the name of a block or a group"),
     "between": (('"wall.2", "wall.3"', '"wall.2", "wall.4"'), "no joint between these groups", "do not touch"),
     "load": (('block = "wall.5"\nforce', 'block = "wal.5"\nforce'), "'wal.5'", "'wall.5'"),
-    "jack on a group": (('"wall.5.1"', '"wall.5"'), "actuator 'jack'", "is a group", "name one of the group"),
+    "jack on a group": (('"wall.5.1"', '"wall.5"'), "actuator 'jack'", "is a group", "name one block of it"),
     "point on a group": (("force = [0.0, 0.0, -100.0]", "force = [0.0, 0.0, -100.0]\npoint = [0, 0, 0]"),
                          "load number 1 has a point", "group 'wall.5'"),
     "material": (('material = "stone"\nblock', 'material = "tufa"\nblock'), "material of block 'wall.1.1' = 'tufa'"),

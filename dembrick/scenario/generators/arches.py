@@ -15,6 +15,7 @@ from dembrick.scenario.generators.placing import (
     check_count,
     check_lengths,
     product,
+    stone_of,
 )
 
 
@@ -70,17 +71,10 @@ class Arch:
         frame = Frame(self.position, self.heading)
         stone = Voussoir(self.radius, self.thickness, self.depth, self.angle / self.voussoirs, self.curved)
         half, step = 0.5 * math.radians(self.angle), math.radians(self.angle) / self.voussoirs
-        found = [
-            Block(
-                name=f"{self.name}.{i + 1}",
-                material=self.material,
-                voussoir=stone,
-                position=self.position,
-                orientation=product(frame.turn, about_y((i + 0.5 - 0.5 * self.voussoirs) * step)),
-                group=self.group,
-            )
-            for i in range(self.voussoirs)
-        ]
+        found = []
+        for i in range(self.voussoirs):
+            turn = product(frame.turn, about_y((i + 0.5 - 0.5 * self.voussoirs) * step))
+            found.append(stone_of(self, str(i + 1), voussoir=stone, position=self.position, orientation=turn))
         if self.abutments:
             reach = _reach(self.radius, self.thickness)
             edges = (self.thickness, self.depth + 2.0 * reach, self.thickness + 2.0 * reach)
@@ -90,9 +84,7 @@ class Arch:
                 out = sign * 0.5 * self.thickness
                 centre = frame.point(self.radius * sine + out * cosine, 0.0, self.radius * cosine - out * sine)
                 turn = product(frame.turn, about_y(sign * half))
-                found.append(
-                    Block(f"{self.name}.{side}", self.material, edges, centre, turn, fixed=True, group=self.group)
-                )
+                found.append(stone_of(self, side, box=edges, position=centre, orientation=turn, fixed=True))
         return found
 
 
@@ -163,16 +155,7 @@ class Dome:
                 for r in (inner, outer)
                 for k in range(self.blocks)
             )
-            found.append(
-                Block(
-                    f"{self.name}.key",
-                    self.material,
-                    vertices=corners,
-                    position=self.position,
-                    orientation=frame.turn,
-                    group=self.group,
-                )
-            )
+            found.append(stone_of(self, "key", vertices=corners, position=self.position, orientation=frame.turn))
         if self.springing:
             reach = _reach(self.radius, self.thickness)
             stone = self._stone(low + step, low, inner - reach, outer + reach)
@@ -189,14 +172,6 @@ class Dome:
 
     def _ring(self, name: str, stone: tuple[Vector, ...], turns: list[Quaternion], fixed: bool = False) -> list[Block]:
         return [
-            Block(
-                name=f"{self.name}.{name}.{k}",
-                material=self.material,
-                vertices=stone,
-                position=self.position,
-                orientation=turn,
-                fixed=fixed,
-                group=self.group,
-            )
+            stone_of(self, f"{name}.{k}", vertices=stone, position=self.position, orientation=turn, fixed=fixed)
             for k, turn in enumerate(turns, 1)
         ]

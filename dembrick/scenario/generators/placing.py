@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from dembrick.scenario.blocks import Quaternion, Vector
+from dembrick.scenario.blocks import Block, Quaternion, Vector
 from dembrick.scenario.checks import assign, assign_positive, check_name, one_line, real, require, require_type, vector
 
 
@@ -59,6 +59,11 @@ def check_common(generator, kind: str) -> str:
         heading=real(f"heading{label}", generator.heading),
     )
     return label
+
+
+def stone_of(generator, name: str, **description) -> Block:
+    """A block of a generator, of its material and group, with its name before its own."""
+    return Block(f"{generator.name}.{name}", generator.material, group=generator.group, **description)
 
 
 def check_lengths(generator, label: str, *keys: str) -> None:

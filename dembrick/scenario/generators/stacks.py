@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from dembrick.errors import ScenarioError
 from dembrick.scenario.blocks import Block, Prism, Vector
 from dembrick.scenario.checks import assign, present, require, require_type, vector
-from dembrick.scenario.generators.placing import Frame, check_common, check_count, check_lengths
+from dembrick.scenario.generators.placing import Frame, check_common, check_count, check_lengths, stone_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,21 +57,12 @@ class Stack:
             xs, ys = zip(*prism.polygon, strict=True)
             reach = (min(xs), max(xs), min(ys), max(ys))
         found = [
-            Block(
-                name=f"{self.name}.{k + 1}",
-                material=self.material,
-                box=self.box,
-                prism=self.prism,
-                position=frame.point(0.0, 0.0, (k + 0.5) * height),
-                orientation=frame.turn,
-                group=self.group,
-            )
-            for k in range(self.blocks)
+            stone_of(self, str(k + 1), box=self.box, prism=self.prism, position=place, orientation=frame.turn)
+            for k, place in enumerate(frame.point(0.0, 0.0, (k + 0.5) * height) for k in range(self.blocks))
         ]
         if self.base is not None:
             left, right, front, back = reach
             edges = (right - left + 2.0 * self.base, back - front + 2.0 * self.base, self.base)
             centre = frame.point(0.5 * (left + right), 0.5 * (front + back), -0.5 * self.base)
-            slab = Block(f"{self.name}.base", self.material, edges, centre, frame.turn, fixed=True, group=self.group)
-            found.append(slab)
+            found.append(stone_of(self, "base", box=edges, position=centre, orientation=frame.turn, fixed=True))
         return found

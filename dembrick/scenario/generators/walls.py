@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from dembrick.errors import ScenarioError
 from dembrick.scenario.blocks import Block, Vector
 from dembrick.scenario.checks import assign, members_of, one_of, present, real, require, require_type, show, vector
-from dembrick.scenario.generators.placing import Frame, check_common, check_count, check_lengths
+from dembrick.scenario.generators.placing import Frame, check_common, check_count, check_lengths, stone_of
 
 ENDS = ("half", "quoin", "toothed")
 PATTERN = {"1": (1.0, True), "h": (0.5, True), "q": (1.5, True), "o": (1.0, False), ".": (0.5, False)}
@@ -172,14 +172,8 @@ class Wall:
         whole = round(2.0 * edge / length) * 0.5 * length  # equal blocks share one shape to the last bit
         if abs(edge - whole) <= _SAME * length:
             edge = whole
-        return Block(
-            name=f"{self.name}.{name}",
-            material=self.material,
-            box=(edge, thickness, height),
-            position=frame.point(0.5 * (piece[0] + piece[1]), 0.0, (course + 0.5) * height),
-            orientation=frame.turn,
-            group=self.group,
-        )
+        place = frame.point(0.5 * (piece[0] + piece[1]), 0.0, (course + 0.5) * height)
+        return stone_of(self, name, box=(edge, thickness, height), position=place, orientation=frame.turn)
 
     def _slab(self, frame: Frame, base: float) -> Block:
         """The fixed base under wall and returns."""
@@ -193,7 +187,7 @@ class Wall:
                 back = max(back, reach - 0.5 * thickness)
         centre = frame.point(0.5 * self.length, 0.5 * (front + back), -0.5 * base)
         edges = (self.length + 2.0 * base, back - front + 2.0 * base, base)
-        return Block(f"{self.name}.base", self.material, edges, centre, frame.turn, fixed=True, group=self.group)
+        return stone_of(self, "base", box=edges, position=centre, orientation=frame.turn, fixed=True)
 
     def _branch(self, corner: Return) -> Frame:
         """The frame of a return: it starts at the outer face of the wall, and its axis runs away from there."""
