@@ -86,7 +86,7 @@ def _compiled(function, cache=KernelCache, fastmath=FLOATS, **options):
 
 def renamed(function, name: str):
     """A copy of a Python function under another name: compiled in another way, it must not share a cache entry."""
-    copy = FunctionType(function.__code__, function.__globals__, name, function.__defaults__)
+    copy = FunctionType(function.__code__, function.__globals__, name, function.__defaults__, function.__closure__)
     copy.__qualname__, copy.__doc__, copy.__module__ = name, function.__doc__, function.__module__
     return copy
 

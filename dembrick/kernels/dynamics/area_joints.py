@@ -68,6 +68,7 @@ from dembrick.kernels.joint.area_law import (
     trial_force,
     wholly_closed,
 )
+from dembrick.kernels.math.vec3 import put_vector
 
 
 @entry
@@ -157,9 +158,7 @@ def face_force(faces, pressed, a, tile, seen, face, sheared, lane, work, ledger)
         s1, s2, turn, b1, b2, bm, twist[0], twist[1], twist[2],
     )  # fmt: skip
     put_three(sheared, 0, lane, (e1, e2, em))
-    twist[0] = w1
-    twist[1] = w2
-    twist[2] = wm
+    put_vector(twist, w1, w2, wm)
     faces.slip[a] += slid
     put_force(work, lane, cosine, sine, n, nx, ny, t1, t2, tm)
     if ledger is not None:
@@ -320,9 +319,7 @@ def spring_energy(links, faces, a, held):
     gy = -sense * seen[8]
     n, nx, ny, g0 = springs_of(faces.bonds, faces, a, g0, gx, gy)
     if held is not None:
-        held[a, 0] = n
-        held[a, 1] = nx
-        held[a, 2] = ny
+        put_vector(held[a], n, nx, ny)
     e = faces.sheared[lane_of(faces.place[a], ELASTIC)]
     own = faces.tiles[lane_of(faces.place[a], FACE)]
     k = own[K_S]

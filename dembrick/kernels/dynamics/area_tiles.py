@@ -16,6 +16,7 @@ from dembrick.kernels.dynamics.tiles import (
     W,
     alike,
     put_three,
+    rows_named,
     set_apart,
     where_in,
 )
@@ -76,35 +77,12 @@ class Faces(NamedTuple):
         """Let tiles that are the same to the last bit take their rows from one of them."""
         self.like[:] = alike(self.tiles.reshape(-1, FACE))
 
-    @property
-    def k_n(self) -> ndarray:
-        """(a,) Pa/m, along the normal."""
-        return self.rows(K_N, 1)[:, 0]
-
-    @property
-    def k_s(self) -> ndarray:
-        """(a,) Pa/m, in shear."""
-        return self.rows(K_S, 1)[:, 0]
-
-    @property
-    def area(self) -> ndarray:
-        """(a,) m2."""
-        return self.rows(AREA, 1)[:, 0]
-
-    @property
-    def second(self) -> ndarray:
-        """(a, 3) m4, integrals of y^2, x^2, x y about O, the centroid."""
-        return self.rows(SECOND, 3)
-
-    @property
-    def reach(self) -> ndarray:
-        """(a,) m, greatest distance of a vertex from O."""
-        return self.rows(REACH, 1)[:, 0]
-
-    @property
-    def radius(self) -> ndarray:
-        """(a,) m, torsion strength over V_0."""
-        return self.rows(RADIUS, 1)[:, 0]
+    k_n = rows_named(K_N, 1, "(a,) Pa/m, along the normal")
+    k_s = rows_named(K_S, 1, "(a,) Pa/m, in shear")
+    area = rows_named(AREA, 1, "(a,) m2")
+    second = rows_named(SECOND, 3, "(a, 3) m4, integrals of y^2, x^2, x y about O, the centroid")
+    reach = rows_named(REACH, 1, "(a,) m, greatest distance of a vertex from O")
+    radius = rows_named(RADIUS, 1, "(a,) m, torsion strength over V_0")
 
     @property
     def elastic(self) -> ndarray:

@@ -30,6 +30,7 @@ from dembrick.kernels.dynamics.energy_terms import (
 )
 from dembrick.kernels.dynamics.tiles import DEPTH, GROWTH, MOVED, TURN, VISCOUS, W, put_three, three
 from dembrick.kernels.joint.area_law import area_springs, bonded_area, springs_hold
+from dembrick.kernels.math.vec3 import put_vector
 
 
 @jit
@@ -95,9 +96,7 @@ def bonded_face(faces, strengths, bonds, a, tile, seen, face, sheared, lane, wor
         twist[1], twist[2],
     )  # fmt: skip
     put_three(sheared, 0, lane, (e1, e2, em))
-    twist[0] = w1
-    twist[1] = w2
-    twist[2] = wm
+    put_vector(twist, w1, w2, wm)
     faces.slip[a] += slid
     bonds.bonded[a] = bonded
     bonds.rise[a] = risen

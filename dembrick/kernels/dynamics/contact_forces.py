@@ -29,7 +29,7 @@ from dembrick.kernels.dynamics.contact_surface import (
 from dembrick.kernels.dynamics.handover import GROWTH, hand_over
 from dembrick.kernels.joint.onset import damped_push
 from dembrick.kernels.joint.pressure import Pressed
-from dembrick.kernels.math.vec3 import columns_times, cross, rows_times, tangent
+from dembrick.kernels.math.vec3 import add_wrench, columns_times, cross, put_vector, rows_times, tangent
 
 TOUCHED, DEEP, CROWDED = 0, 11, 12  # apart from the loop's own states
 DEEPEST = 0.25  # of the thinner part's inner radius: a deeper penetration ends the run
@@ -92,19 +92,6 @@ def clear_applied(touching, bodies):
         for i in range(6):
             bodies.applied[a, i] = 0.0
             bodies.applied[b, i] = 0.0
-
-
-@jit
-def give(bodies, b, sense, force, torque, r1, r2, r3):
-    """Put ``sense`` times a force and a couple, at r from the centroid of block ``b``, on it."""
-    t1, t2, t3 = cross(r1, r2, r3, force[0], force[1], force[2])
-    load = bodies.applied[b]
-    load[0] += sense * force[0]
-    load[1] += sense * force[1]
-    load[2] += sense * force[2]
-    load[3] += sense * (t1 + torque[0])
-    load[4] += sense * (t2 + torque[1])
-    load[5] += sense * (t3 + torque[2])
 
 
 @jit
@@ -218,12 +205,8 @@ def press(touching, bodies, t, patches, depth, dt, x1, x2, x3, y1, y2, y3):
     m1, m2, m3 = rows_times(R, m1, m2, m3)
     wide = flatten(touching.pressed, scratch, patches, whole, c1, c2, c3, e1, e2, e3, t1, t2, t3)
     t1, t2, t3 = rows_times(R, t1, t2, t3)
-    springs[0] = n1
-    springs[1] = n2
-    springs[2] = n3
-    springs[3] = t1
-    springs[4] = t2
-    springs[5] = t3
+    put_vector(springs, n1, n2, n3)
+    put_vector(springs[3:], t1, t2, t3)
     for i in range(6, 14):
         springs[i] *= k_n
     springs[12] = viscous
@@ -237,24 +220,19 @@ def press(touching, bodies, t, patches, depth, dt, x1, x2, x3, y1, y2, y3):
     # friction is what acts on A
     touching.normal[t] = normal
     touching.area[t] = area
-    force = touching.force[t]
-    force[0] = f1 - s1
-    force[1] = f2 - s2
-    force[2] = f3 - s3
-    torque = touching.torque[t]
-    torque[0] = m1 - turn * n1
-    torque[1] = m2 - turn * n2
-    torque[2] = m3 - turn * n3
-    axis = touching.axis[t]
-    axis[0] = n1
-    axis[1] = n2
-    axis[2] = n3
-    point = touching.point[t]
-    point[0] = bodies.position[a, 0] + x1
-    point[1] = bodies.position[a, 1] + x2
-    point[2] = bodies.position[a, 2] + x3
-    give(bodies, a, -1.0, force, torque, x1, x2, x3)
-    give(bodies, b, 1.0, force, torque, y1, y2, y3)
+    f1 -= s1
+    f2 -= s2
+    f3 -= s3
+    m1 -= turn * n1
+    m2 -= turn * n2
+    m3 -= turn * n3
+    x = bodies.position[a]
+    put_vector(touching.force[t], f1, f2, f3)
+    put_vector(touching.torque[t], m1, m2, m3)
+    put_vector(touching.axis[t], n1, n2, n3)
+    put_vector(touching.point[t], x[0] + x1, x[1] + x2, x[2] + x3)
+    add_wrench(bodies.applied[a], -1.0, f1, f2, f3, m1, m2, m3, x1, x2, x3)
+    add_wrench(bodies.applied[b], 1.0, f1, f2, f3, m1, m2, m3, y1, y2, y3)
 
 
 @entry

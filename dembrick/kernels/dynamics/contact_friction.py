@@ -13,7 +13,7 @@ from math import atan2, cos, sin, sqrt
 from dembrick._jit import jit
 from dembrick.kernels.joint.area_law import area_friction
 from dembrick.kernels.math.quaternion import turned_back
-from dembrick.kernels.math.vec3 import cross
+from dembrick.kernels.math.vec3 import cross, put_vector
 
 RIM = 1e-4  # of the pressure: smaller patches count nothing for friction
 THIN = 3e-3  # of the length
@@ -117,10 +117,7 @@ def flatten(pressed, scratch, patches, whole, c1, c2, c3, e1, e2, e3, t1, t2, t3
         yy += yy_
         pressed.start[pieces] = first
         pressed.count[pieces] = used - first
-        density = pressed.density[pieces]
-        density[0] = p0
-        density[1] = px
-        density[2] = py
+        put_vector(pressed.density[pieces], p0, px, py)
         pieces += 1
     pressed.pieces[0] = pieces
     reach = sqrt(reach2)

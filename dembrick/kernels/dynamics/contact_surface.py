@@ -24,7 +24,7 @@ from numpy import ndarray
 from dembrick._jit import jit
 from dembrick.kernels.joint.no_tension import extremes, no_tension
 from dembrick.kernels.joint.pressure import cut
-from dembrick.kernels.math.vec3 import columns_times, cross, rows_times
+from dembrick.kernels.math.vec3 import columns_times, cross, put_vector, rows_times, tangent
 
 SAME = 1e-12  # |n_i - n_j|^2 below which two faces look the same way and have no plane between them
 FLUSH = 1e-9  # of the smaller part's radius: faces that look the same way and are no further apart lie in one plane
@@ -159,10 +159,7 @@ def place_parts(parts, bodies, a, b, scratch):
     first = parts.face_start[a]
     for f in range(parts.face_count[a]):
         n = parts.normal[first + f]
-        own = scratch.normal[f]
-        own[0] = n[0]
-        own[1] = n[1]
-        own[2] = n[2]
+        put_vector(scratch.normal[f], n[0], n[1], n[2])
         scratch.offset[f] = parts.offset[first + f] - (n[0] * o1 + n[1] * o2 + n[2] * o3)
     turn = scratch.turn
     for k in range(3):
@@ -183,10 +180,7 @@ def place_parts(parts, bodies, a, b, scratch):
     first = parts.vertex_start[a]
     for k in range(parts.vertex_count[a]):
         v = parts.vertex[first + k]
-        own = scratch.vertex[k]
-        own[0] = v[0] - o1
-        own[1] = v[1] - o2
-        own[2] = v[2] - o3
+        put_vector(scratch.vertex[k], v[0] - o1, v[1] - o2, v[2] - o3)
     return o1, o2, o3
 
 
@@ -263,17 +257,7 @@ def contact_surface(parts, bodies, a, b, slack, scratch):
             if half2 <= 0.0:
                 continue
             half = sqrt(half2)
-            # axes in the plane: t1 orthogonal to the direction that the normal has least of
-            if abs(e1) <= abs(e2) and abs(e1) <= abs(e3):
-                u1, u2, u3 = cross(e1, e2, e3, 1.0, 0.0, 0.0)
-            elif abs(e2) <= abs(e3):
-                u1, u2, u3 = cross(e1, e2, e3, 0.0, 1.0, 0.0)
-            else:
-                u1, u2, u3 = cross(e1, e2, e3, 0.0, 0.0, 1.0)
-            length = sqrt(u1 * u1 + u2 * u2 + u3 * u3)
-            u1 /= length
-            u2 /= length
-            u3 /= length
+            u1, u2, u3 = tangent(e1, e2, e3)
             w1, w2, w3 = cross(e1, e2, e3, u1, u2, u3)
             c1 = height * e1
             c2 = height * e2
@@ -329,15 +313,9 @@ def contact_surface(parts, bodies, a, b, slack, scratch):
                 x[k] -= x0
                 y[k] -= y0
             frame = scratch.frame[patches]
-            frame[0, 0] = u1
-            frame[0, 1] = u2
-            frame[0, 2] = u3
-            frame[1, 0] = w1
-            frame[1, 1] = w2
-            frame[1, 2] = w3
-            frame[2, 0] = e1
-            frame[2, 1] = e2
-            frame[2, 2] = e3
+            put_vector(frame[0], u1, u2, u3)
+            put_vector(frame[1], w1, w2, w3)
+            put_vector(frame[2], e1, e2, e3)
             frame[0, 3] = c1 + x0 * u1 + y0 * w1
             frame[1, 3] = c2 + x0 * u2 + y0 * w2
             frame[2, 3] = c3 + x0 * u3 + y0 * w3

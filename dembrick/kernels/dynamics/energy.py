@@ -28,7 +28,7 @@ from dembrick.kernels.dynamics.tiles import lane_of
 from dembrick.kernels.joint.families import FAMILIES, joint_count, joint_of
 from dembrick.kernels.joint.ties import tie_losses
 from dembrick.kernels.math.quaternion import rotate
-from dembrick.kernels.math.vec3 import cross
+from dembrick.kernels.math.vec3 import add_wrench, cross, put_vector
 
 
 @jit
@@ -96,9 +96,7 @@ def add_load_work(energy_terms, bodies, loads, step, dt):
         last = energy_terms.load[k]
         total += power(bodies, b, last)
         r1, r2, r3 = rotate(bodies.orientation, b, loads.lever[k, 0], loads.lever[k, 1], loads.lever[k, 2])
-        last[0] = f[0]
-        last[1] = f[1]
-        last[2] = f[2]
+        put_vector(last, f[0], f[1], f[2])
         last[3], last[4], last[5] = cross(r1, r2, r3, f[0], f[1], f[2])
         total += power(bodies, b, last)
     energy_terms.total[LOADS] += 0.5 * dt * total
@@ -135,14 +133,9 @@ def add_contact_work(energy_terms, bodies, touching, dt):
             sense = 1.0 if side else -1.0
             b = touching.parts.owner[part]
             x = bodies.position[b]
-            t1, t2, t3 = cross(c[0] - x[0], c[1] - x[1], c[2] - x[2], f[0], f[1], f[2])
-            on = push[b]
-            on[0] += sense * f[0]
-            on[1] += sense * f[1]
-            on[2] += sense * f[2]
-            on[3] += sense * (t1 + m[0])
-            on[4] += sense * (t2 + m[1])
-            on[5] += sense * (t3 + m[2])
+            add_wrench(
+                push[b], sense, f[0], f[1], f[2], m[0], m[1], m[2], c[0] - x[0], c[1] - x[1], c[2] - x[2]
+            )  # fmt: skip
     for b in range(push.shape[0]):
         total += power(bodies, b, push[b])
     energy_terms.total[CONTACTS] += 0.5 * dt * total

@@ -7,7 +7,7 @@ or None if the scene has none of them, and numba then leaves its code out. ``fam
 
 from dembrick._jit import jit
 from dembrick.kernels.dynamics import area_joints, point_joints
-from dembrick.kernels.joint.families import AREAS, POINTS
+from dembrick.kernels.joint.families import AREAS, POINTS, by_family
 
 
 @jit
@@ -47,13 +47,5 @@ def spring_energy(links, corners, faces, family, index, held):
     return 0.0
 
 
-@jit
-def mean_slip(corners, faces, family, index):
-    """Length of the slip path (m) of a joint."""
-    if corners is not None:
-        if family == POINTS:
-            return point_joints.mean_slip(corners, index)
-    if faces is not None:
-        if family == AREAS:
-            return area_joints.mean_slip(faces, index)
-    return 0.0
+# Length of the slip path (m) of a joint, asked by corners, faces, family, index
+mean_slip = by_family(point_joints.mean_slip, area_joints.mean_slip, 0.0)

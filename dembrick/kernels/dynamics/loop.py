@@ -19,7 +19,7 @@ from dembrick.kernels.dynamics.rigid_bodies import move_support, step_bodies, wr
 from dembrick.kernels.dynamics.tie_forces import clear_tied, pull_ties
 from dembrick.kernels.dynamics.tiles import WORK, least_slack, rows_of_lanes
 from dembrick.kernels.math.quaternion import rotate
-from dembrick.kernels.math.vec3 import cross
+from dembrick.kernels.math.vec3 import add_wrench
 
 RUNNING, REACHED, STALE, DIVERGED, MEETING, OVERLOADED = 0, 1, 2, 3, 4, 5
 
@@ -58,14 +58,7 @@ def apply_loads(loads, bodies, step):
         b = block[k]
         f = loads.force[step, k]
         r1, r2, r3 = rotate(bodies.orientation, b, loads.lever[k, 0], loads.lever[k, 1], loads.lever[k, 2])
-        t1, t2, t3 = cross(r1, r2, r3, f[0], f[1], f[2])
-        load = bodies.applied[b]
-        load[0] += f[0]
-        load[1] += f[1]
-        load[2] += f[2]
-        load[3] += t1
-        load[4] += t2
-        load[5] += t3
+        add_wrench(bodies.applied[b], 1.0, f[0], f[1], f[2], 0.0, 0.0, 0.0, r1, r2, r3)
 
 
 def shares(corners, faces, bodies, threads: int) -> tuple[np.ndarray, ...]:

@@ -69,6 +69,7 @@ from dembrick.kernels.dynamics.tiles import (
     three,
 )
 from dembrick.kernels.joint.point_law import point_law, shear_loss
+from dembrick.kernels.math.vec3 import put_vector
 
 
 @entry
@@ -207,10 +208,7 @@ def write_forces(corners, t, first, sense, work, out):
                 (-t1, -t2, sense[lane] * normal), (0.0, 0.0, 0.0),
                 three(work, FRAME, lane), three(work, FRAME + 3, lane), three(work, FRAME + 6, lane),
             )  # fmt: skip
-            row = out[corners.start[p] + first + which]
-            row[0] = force[0]
-            row[1] = force[1]
-            row[2] = force[2]
+            put_vector(out[corners.start[p] + first + which], force[0], force[1], force[2])
 
 
 @entry

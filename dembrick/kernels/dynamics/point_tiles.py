@@ -75,27 +75,12 @@ class Corners(NamedTuple):
         where = self.where(joint)
         return array, where // W * size + row * W + where % W
 
-    @property
-    def x(self) -> ndarray:
-        """(c,) m, from O along e1."""
-        return self.row(X)
-
-    @property
-    def y(self) -> ndarray:
-        """(c,) m, along e2."""
-        return self.row(Y)
-
-    @property
-    def area(self) -> ndarray:
-        """(c,) m2, tributary."""
-        return self.row(AREA)
+    x = property(lambda self: self.row(X), doc="(c,) m, from O along e1")
+    y = property(lambda self: self.row(Y), doc="(c,) m, along e2")
+    area = property(lambda self: self.row(AREA), doc="(c,) m2, tributary")
+    slip = property(lambda self: self.row(SLIP), doc="(c,) m, length of the slip path")
 
     @property
     def elastic(self) -> ndarray:
         """(c, 2) N, elastic shear force, in the sense in which the host slips, along u1, u2."""
         return np.stack([self.row(ELASTIC), self.row(ELASTIC + 1)], axis=1)
-
-    @property
-    def slip(self) -> ndarray:
-        """(c,) m, length of the slip path."""
-        return self.row(SLIP)

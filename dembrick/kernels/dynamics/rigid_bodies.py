@@ -12,7 +12,7 @@ from numpy import ndarray
 from dembrick._jit import entry, jit
 from dembrick.kernels.dynamics.tiles import ACTION, W, combined, dot, four, put_three, three
 from dembrick.kernels.math.quaternion import axes_of, half_turn, product, rotate, rotate_back, turned_back
-from dembrick.kernels.math.vec3 import cross, rows_times
+from dembrick.kernels.math.vec3 import cross, put_vector, rows_times
 
 SLOW = 1e-4  # rad a step: up to here one correction of the spin, and a series for the turn, are exact to rounding
 
@@ -59,9 +59,7 @@ def write_rotation(bodies, b):
     e1, e2, e3 = axes_of((q[0], q[1], q[2], q[3]))
     R = bodies.rotation[b]
     for i in range(3):
-        R[i, 0] = e1[i]
-        R[i, 1] = e2[i]
-        R[i, 2] = e3[i]
+        put_vector(R[i], e1[i], e2[i], e3[i])
 
 
 @entry
@@ -263,9 +261,7 @@ def step_bodies(bodies, wrenches, loaded, first, last, g, dt, damping, fallen, m
             v1 = v[0] + h * f1
             v2 = v[1] + h * f2
             v3 = v[2] + h * f3
-            v[0] = v1
-            v[1] = v2
-            v[2] = v3
+            put_vector(v, v1, v2, v3)
             L[0] += dt * t1
             L[1] += dt * t2
             L[2] += dt * t3

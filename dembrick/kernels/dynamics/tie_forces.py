@@ -3,7 +3,7 @@
 from dembrick._jit import jit
 from dembrick.kernels.joint.ties import stretch
 from dembrick.kernels.math.quaternion import rotate
-from dembrick.kernels.math.vec3 import cross
+from dembrick.kernels.math.vec3 import add_wrench, put_vector
 
 
 @jit
@@ -24,9 +24,7 @@ def pull_ties(ties, bodies):
         for side in range(2):
             lever = ties.lever[t, side]
             r1, r2, r3 = rotate(bodies.orientation, ties.block[t, side], lever[0], lever[1], lever[2])
-            ties.arm[t, side, 0] = r1
-            ties.arm[t, side, 1] = r2
-            ties.arm[t, side, 2] = r3
+            put_vector(ties.arm[t, side], r1, r2, r3)
         arm = ties.arm[t]
         x = bodies.position
         stretch(
@@ -39,11 +37,5 @@ def pull_ties(ties, bodies):
         f = ties.force[t]
         for side in range(2):
             sense = 1.0 - 2.0 * side
-            c1, c2, c3 = cross(arm[side, 0], arm[side, 1], arm[side, 2], f[0], f[1], f[2])
             load = bodies.applied[ties.block[t, side]]
-            load[0] += sense * f[0]
-            load[1] += sense * f[1]
-            load[2] += sense * f[2]
-            load[3] += sense * c1
-            load[4] += sense * c2
-            load[5] += sense * c3
+            add_wrench(load, sense, f[0], f[1], f[2], 0.0, 0.0, 0.0, arm[side, 0], arm[side, 1], arm[side, 2])

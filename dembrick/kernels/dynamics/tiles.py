@@ -22,7 +22,7 @@ hundred kinds of tiles.
 
 from collections.abc import Iterable
 from math import sqrt
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy import ndarray
@@ -113,6 +113,16 @@ def set_apart(like: ndarray, tiles: ndarray) -> None:
         like[t] = t
 
 
+def rows_named(first: int, count: int, about: str) -> Any:
+    """A property that reads so many rows of all joints out of tiles: (k, count), or (k,) if it is one."""
+
+    def read(self) -> ndarray:
+        found = self.rows(first, count)
+        return found[:, 0] if count == 1 else found
+
+    return property(read, doc=about)
+
+
 class Links(NamedTuple):
     """j joints: which blocks, and where the polygon and the plane sit on them.
 
@@ -162,11 +172,6 @@ class Links(NamedTuple):
         return array, where_in(self.place, size, first, count, joints)
 
     @property
-    def seen(self) -> ndarray:
-        """(j, 9) O, e1, e2 of the host in the plane's axes, from the other's centroid, at the last forces."""
-        return self.rows(SEEN, 9)
-
-    @property
     def wrench(self) -> ndarray:
         """(j, 9) N, N m: see above."""
         found = self.wrenches.reshape(-1, ACTION)[self.place]
@@ -177,25 +182,11 @@ class Links(NamedTuple):
         """Write wrenches (k, 9)."""
         self.wrenches.reshape(-1, ACTION)[self.place[joints]] = values
 
-    @property
-    def lever(self) -> ndarray:
-        """(j, 3) m, from the host's centroid to O, along e1, e2 and e1 x e2."""
-        return self.rows(LEVER, 3)
-
-    @property
-    def sense(self) -> ndarray:
-        """(j,) +1 if the other's outward normal is m, -1 if it is -m."""
-        return self.rows(SENSE, 1)[:, 0]
-
-    @property
-    def offset(self) -> ndarray:
-        """(j,) m, distance of the plane from the other's centroid, along m."""
-        return self.rows(OFFSET, 1)[:, 0]
-
-    @property
-    def viscous(self) -> ndarray:
-        """(j, 2) dashpot over spring force for the same increment: normal, shear."""
-        return self.rows(VISCOUS, 2)
+    seen = rows_named(SEEN, 9, "(j, 9) O, e1, e2 of the host in the plane's axes, from the other's centroid")
+    lever = rows_named(LEVER, 3, "(j, 3) m, from the host's centroid to O, along e1, e2 and e1 x e2")
+    sense = rows_named(SENSE, 1, "(j,) +1 if the other's outward normal is m, -1 if it is -m")
+    offset = rows_named(OFFSET, 1, "(j,) m, distance of the plane from the other's centroid, along m")
+    viscous = rows_named(VISCOUS, 2, "(j, 2) dashpot over spring force for the same increment: normal, shear")
 
 
 @jit

@@ -11,7 +11,7 @@ How a law is added (cohesion, tension, dilation, crushing: any that a point deci
 2. `point_law`: a function beside the dry one with what it needs more, and a NamedTuple of arrays for it, strengths
    by joint and memory by point. What has none passes None, and numba leaves the code out: the dry law stays as it is.
 3. The point family of each engine (`statics.point_joints`, `dynamics.point_joints`): the NamedTuple as a field that may
-   be None; the one call of `point_law.point_law`; the memory in `remember` and `recall`; in `dissipation`,
+   be None; the one call of `point_law.point_law`; the memory in `remember`; in `dissipation`,
    `carried_share`, `dead_gauge` and `write_contacts` the strength, where it is more than mu N.
 4. `simulation.statics.point_joints` and `simulation.dynamics.state`: fill the NamedTuple; its memory into `MEMORY`.
 

@@ -9,6 +9,23 @@ POINTS, AREAS = 0, 1
 FAMILIES = 2
 
 
+def by_family(of_points, of_areas, absent):
+    """A kernel that asks the family of a joint: ``of_points`` or ``of_areas``, with its joints, the number there
+    and what is given besides; or ``absent``, of the same type, if there is no such family."""
+
+    @jit
+    def asked(points, areas, family, index, *more):
+        if points is not None:
+            if family == POINTS:
+                return of_points(points, index, *more)
+        if areas is not None:
+            if family == AREAS:
+                return of_areas(areas, index, *more)
+        return absent
+
+    return asked
+
+
 @jit
 def joint_count(points, areas, family):
     """How many joints a family has."""

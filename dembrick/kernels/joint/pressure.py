@@ -26,6 +26,7 @@ from typing import NamedTuple
 from numpy import ndarray
 
 from dembrick._jit import jit
+from dembrick.kernels.math.vec3 import put_vector
 
 FULL, EFFECTIVE, LINEAR, PATCHES = 0, 1, 2, 3  # the last of new contacts
 
@@ -159,9 +160,7 @@ def cut_by_reflection(pressed, a, x, y, first, last, e1, e2, slack):
         xa = xb
         ya = yb
     pressed.count[a] = count
-    pressed.density[a, 0] = 1.0
-    pressed.density[a, 1] = 0.0
-    pressed.density[a, 2] = 0.0
+    put_vector(pressed.density[a], 1.0, 0.0, 0.0)
 
 
 @jit
@@ -179,9 +178,7 @@ def cut_by_opening(pressed, a, x, y, first, last, e1, e2, g0, gx, gy, size, slac
     if slope > 0.0:
         count = cut(pressed, own, count, gx / slope, gy / slope, g / slope, slack)
     pressed.count[a] = count
-    pressed.density[a, 0] = g
-    pressed.density[a, 1] = gx
-    pressed.density[a, 2] = gy
+    put_vector(pressed.density[a], g, gx, gy)
 
 
 @jit

@@ -10,6 +10,7 @@ from typing import NamedTuple
 from numpy import ndarray
 
 from dembrick._jit import jit
+from dembrick.kernels.math.vec3 import put_vector
 
 # Columns of `Ties.now` and `Ties.before`: length (m), tension (N), elongation that stays (m)
 LENGTH, TENSION, YIELDED = 0, 1, 2
@@ -54,10 +55,7 @@ def stretch(ties, t, s1, s2, s3):
     now[LENGTH] = length
     now[TENSION] = tension
     share = tension / max(length, SHORTEST)
-    force = ties.force[t]
-    force[0] = share * s1
-    force[1] = share * s2
-    force[2] = share * s3
+    put_vector(ties.force[t], share * s1, share * s2, share * s3)
 
 
 @jit

@@ -11,6 +11,7 @@ from math import inf, sqrt
 from dembrick._jit import jit
 from dembrick.kernels.joint.limit_surface import gauge
 from dembrick.kernels.joint.pressure import follow_pressure
+from dembrick.kernels.math.vec3 import cross, put_vector, tangent
 
 MAX_NEWTON = 30
 # What half a Newton decrement may leave of D.
@@ -184,26 +185,9 @@ def point_gauge(x, y, weight, first, last, f1, f2, m, q, basis):
     e1 = f1 / size
     e2 = f2 / size
     e3 = m / (reach * size)
-    # two directions across the load: the axis it has least of, made orthogonal, and their cross product
-    a1 = abs(e1)
-    a2 = abs(e2)
-    a3 = abs(e3)
-    if a1 <= a2 and a1 <= a3:
-        b1, b2, b3 = 1.0 - e1 * e1, -e1 * e2, -e1 * e3
-    elif a2 <= a3:
-        b1, b2, b3 = -e2 * e1, 1.0 - e2 * e2, -e2 * e3
-    else:
-        b1, b2, b3 = -e3 * e1, -e3 * e2, 1.0 - e3 * e3
-    length = sqrt(b1 * b1 + b2 * b2 + b3 * b3)
-    b1 /= length
-    b2 /= length
-    b3 /= length
-    basis[0] = b1
-    basis[1] = b2
-    basis[2] = b3
-    basis[3] = e2 * b3 - e3 * b2
-    basis[4] = e3 * b1 - e1 * b3
-    basis[5] = e1 * b2 - e2 * b1
+    b1, b2, b3 = tangent(e1, e2, e3)  # two directions across the load
+    put_vector(basis, b1, b2, b3)
+    put_vector(basis[3:], *cross(e1, e2, e3, b1, b2, b3))
     z1 = z2 = 0.0
     power = e1 * q[0] + e2 * q[1] + e3 * q[2] * reach
     if power > 1e-3 * sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] * reach * reach):
@@ -288,6 +272,4 @@ def area_gauges(x, y, start, area, reach, far, shape, joint, pressed, bending, s
                     twist[a, 0], twist[a, 1], twist[a, 2], 0.0,
                 )  # fmt: skip
                 gauge_out[k, j] = g
-                twist[a, 0] = q1
-                twist[a, 1] = q2
-                twist[a, 2] = q3
+                put_vector(twist[a], q1, q2, q3)

@@ -40,3 +40,23 @@ def tangent(e1, e2, e3):
         t1, t2, t3 = cross(e1, e2, e3, 0.0, 1.0, 0.0)
     scale = 1.0 / sqrt(t1 * t1 + t2 * t2 + t3 * t3)
     return scale * t1, scale * t2, scale * t3
+
+
+@jit
+def put_vector(row, a1, a2, a3):
+    """Write a vector into the first three numbers of a row."""
+    row[0] = a1
+    row[1] = a2
+    row[2] = a3
+
+
+@jit
+def add_wrench(wrench, sense, f1, f2, f3, m1, m2, m3, r1, r2, r3):
+    """Add ``sense`` times a force f and a couple m, at the arm r, to a ``wrench`` (6,)."""
+    c1, c2, c3 = cross(r1, r2, r3, f1, f2, f3)
+    wrench[0] += sense * f1
+    wrench[1] += sense * f2
+    wrench[2] += sense * f3
+    wrench[3] += sense * (m1 + c1)
+    wrench[4] += sense * (m2 + c2)
+    wrench[5] += sense * (m3 + c3)

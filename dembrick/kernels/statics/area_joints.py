@@ -23,6 +23,7 @@ from dembrick.kernels.joint.limit_surface import gauge, surface
 from dembrick.kernels.joint.no_tension import extremes
 from dembrick.kernels.joint.point_law import Strengths, breaks_at_once, shear_strength
 from dembrick.kernels.joint.pressure import Pressed
+from dembrick.kernels.math.vec3 import put_vector
 from dembrick.kernels.state import BY_LAW, CRUSHING, DAMPING, FRACTURE, LEAST, SLIDING
 from dembrick.kernels.statics.dashpots import dashpot_work
 
@@ -133,12 +134,8 @@ def bonded_forces(strengths, bonds, areas, a, dn, r1, r2, pn, pr1, pr2, p1, p2, 
         areas.friction[a], 0.0, viscous_n, 1.0 + viscous_s, bond, rise, -dn, r2, -r1, -pn, pr2, -pr1, p1, p2, pr, b1,
         b2, br, twist[0], twist[1], twist[2],
     )  # fmt: skip
-    elastic[0] = e1
-    elastic[1] = e2
-    elastic[2] = er
-    twist[0] = w1
-    twist[1] = w2
-    twist[2] = wr
+    put_vector(elastic, e1, e2, er)
+    put_vector(twist, w1, w2, wr)
     areas.slip[a] += slid
     areas.evaluations[a] += evaluations
     bonds.bonded[a] = bonded
@@ -209,12 +206,8 @@ def dry_forces(areas, a, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscou
         areas.friction[a], 0.0, k_t, k_r, 1.0 + viscous_s, p1, p2, pr, old_1, old_2, old_r, twist[0], twist[1],
         twist[2],
     )  # fmt: skip
-    elastic[0] = e1
-    elastic[1] = e2
-    elastic[2] = er
-    twist[0] = w1
-    twist[1] = w2
-    twist[2] = wr
+    put_vector(elastic, e1, e2, er)
+    put_vector(twist, w1, w2, wr)
     areas.slip[a] += slid
     if energy is not None:
         loss = 0.5 * ((old_1 + e1) * q1 + (old_2 + e2) * q2 + (old_r + er) * qr)
@@ -285,34 +278,22 @@ def beyond_opening(bonds, a):
 
 
 @jit
-def copy_bonds(bonds, memory, first, last):
-    """Copy what the joints ``first`` to ``last`` remember of their bonds."""
+def copy_bonds(bonds, memory, a):
+    """Copy what joint ``a`` remembers of its bond."""
     if bonds is not None:
-        for a in range(first, last):
-            memory.bonded[a] = bonds.bonded[a]
-            memory.rise[a] = bonds.rise[a]
-            memory.crushed[a] = bonds.crushed[a]
+        memory.bonded[a] = bonds.bonded[a]
+        memory.rise[a] = bonds.rise[a]
+        memory.crushed[a] = bonds.crushed[a]
 
 
 @jit
-def remember(areas, memory):
-    """Copy what all convex joints remember into ``memory``, another `Areas`."""
-    for a in range(areas.joint.size):
-        for i in range(3):
-            memory.elastic[a, i] = areas.elastic[a, i]
-            memory.twist[a, i] = areas.twist[a, i]
-        memory.slip[a] = areas.slip[a]
-    copy_bonds(areas.bonds, memory.bonds, 0, areas.joint.size)
-
-
-@jit
-def recall(areas, memory, a):
-    """Let convex joint ``a`` remember what ``memory`` does."""
+def remember(areas, memory, a):
+    """Copy what convex joint ``a`` remembers into ``memory``, another `Areas`."""
     for i in range(3):
-        areas.elastic[a, i] = memory.elastic[a, i]
-        areas.twist[a, i] = memory.twist[a, i]
-    areas.slip[a] = memory.slip[a]
-    copy_bonds(memory.bonds, areas.bonds, a, a + 1)
+        memory.elastic[a, i] = areas.elastic[a, i]
+        memory.twist[a, i] = areas.twist[a, i]
+    memory.slip[a] = areas.slip[a]
+    copy_bonds(areas.bonds, memory.bonds, a)
 
 
 @jit

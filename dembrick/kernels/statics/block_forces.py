@@ -10,7 +10,7 @@ from dembrick._jit import jit
 from dembrick.kernels.joint.families import FAMILIES, joint_count, joint_of
 from dembrick.kernels.joint.ties import stretch
 from dembrick.kernels.math.quaternion import rotate
-from dembrick.kernels.math.vec3 import columns_times, cross
+from dembrick.kernels.math.vec3 import columns_times, cross, put_vector
 from dembrick.kernels.state import ACTUATOR_DAMPING, HEAD
 from dembrick.kernels.statics import joint_families as families
 from dembrick.kernels.statics.finite_rotation import finite_actuator, finite_relative
@@ -43,12 +43,8 @@ def add_force(blocks, b, sign, f1, f2, f3, m1, m2, m3, r1, r2, r3):
 def react(blocks, joints, j, n, v1, v2, mt, m1, m2, slip):
     """Keep the resultant of joint ``j`` and put its reaction (-V_1, -V_2, +N; -M_1, -M_2, -M_T) on b, minus it on a."""
     resultant = joints.resultant[j]
-    resultant[0] = n
-    resultant[1] = v1
-    resultant[2] = v2
-    resultant[3] = mt
-    resultant[4] = m1
-    resultant[5] = m2
+    put_vector(resultant, n, v1, v2)
+    put_vector(resultant[3:], mt, m1, m2)
     resultant[6] = slip
     axes = joints.axes[j]
     f1, f2, f3 = columns_times(axes, -v1, -v2, n)
@@ -93,9 +89,7 @@ def tie_forces(blocks, ties):
         for side in range(2):
             lever = ties.lever[t, side]
             r1, r2, r3 = rotate(blocks.orientation, ties.block[t, side], lever[0], lever[1], lever[2])
-            arm[side, 0] = r1
-            arm[side, 1] = r2
-            arm[side, 2] = r3
+            put_vector(arm[side], r1, r2, r3)
         offset = ties.offset[t]
         stretch(
             ties,

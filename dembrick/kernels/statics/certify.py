@@ -9,7 +9,7 @@ from typing import NamedTuple
 from numpy import ndarray
 
 from dembrick._jit import entry, jit
-from dembrick.kernels.math.vec3 import cross, rows_times
+from dembrick.kernels.math.vec3 import cross, put_vector, rows_times
 from dembrick.kernels.statics import joint_families as families
 
 NONE = 1e-12  # of the load: a component that is rounding
@@ -68,9 +68,7 @@ def certify(joints, points, areas, unit, dead, basis):
     basis.unit[0] = unit[0] if abs(unit[0]) > NONE * size else 0.0
     basis.unit[1] = unit[1] if abs(unit[1]) > NONE * size else 0.0
     basis.unit[2] = unit[5] if abs(unit[5]) > NONE * size * reach else 0.0
-    basis.dead[0] = dead[0]
-    basis.dead[1] = dead[1]
-    basis.dead[2] = dead[5]
+    put_vector(basis.dead, dead[0], dead[1], dead[5])
     taken = 0.0
     if mu > 0.0 and (dead[0] != 0.0 or dead[1] != 0.0 or dead[5] != 0.0):
         taken = families.dead_gauge(points, areas, family, 0, normal, dead)

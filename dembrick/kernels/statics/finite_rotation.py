@@ -9,7 +9,8 @@ from math import sqrt
 
 from dembrick._jit import jit
 from dembrick.kernels.math.quaternion import rotate, rotate_back, turned
-from dembrick.kernels.math.vec3 import cross
+from dembrick.kernels.math.vec3 import cross, put_vector
+from dembrick.kernels.statics.small_displacement import note_motion
 
 
 @jit
@@ -78,35 +79,16 @@ def finite_relative(blocks, joints, j, dt):
     pr2 = w1 * z1 + w2 * z2 + w3 * z3
     pr = w1 * n1 + w2 * n2 + w3 * n3
     axes = joints.axes[j]
-    axes[0, 0] = t1
-    axes[0, 1] = t2
-    axes[0, 2] = t3
-    axes[1, 0] = z1
-    axes[1, 1] = z2
-    axes[1, 2] = z3
-    axes[2, 0] = n1
-    axes[2, 1] = n2
-    axes[2, 2] = n3
-    arm = joints.arm_a
-    arm[j, 0] = ra1
-    arm[j, 1] = ra2
-    arm[j, 2] = ra3
-    arm = joints.arm_b
-    arm[j, 0] = rb1
-    arm[j, 1] = rb2
-    arm[j, 2] = rb3
-    step = joints.step[j]
-    step[0] = p1
-    step[1] = p2
-    step[2] = pr
-    tilt = joints.tilt[j]
-    tilt[0] = pr1
-    tilt[1] = pr2
-    opening = joints.opening[j]
-    opening[0] = dn + joints.gap[j]
-    opening[1] = side * slope_2
-    opening[2] = -side * slope_1
-    return opening[0], opening[1], opening[2], pn, pr1, pr2, p1, p2, pr
+    put_vector(axes[0], t1, t2, t3)
+    put_vector(axes[1], z1, z2, z3)
+    put_vector(axes[2], n1, n2, n3)
+    put_vector(joints.arm_a[j], ra1, ra2, ra3)
+    put_vector(joints.arm_b[j], rb1, rb2, rb3)
+    dn += joints.gap[j]
+    r1 = side * slope_2
+    r2 = -side * slope_1
+    note_motion(joints, j, dn, r1, r2, pr1, pr2, p1, p2, pr)
+    return dn, r1, r2, pn, pr1, pr2, p1, p2, pr
 
 
 @jit
@@ -116,9 +98,7 @@ def finite_actuator(blocks, actuators, i):
     u = blocks.displacement
     lever = actuators.lever
     r1, r2, r3 = rotate(blocks.orientation, b, lever[i, 0], lever[i, 1], lever[i, 2])
-    actuators.arm[i, 0] = r1
-    actuators.arm[i, 1] = r2
-    actuators.arm[i, 2] = r3
+    put_vector(actuators.arm[i], r1, r2, r3)
     s = actuators.start
     d = actuators.direction
     return (u[b, 0] + r1 - s[i, 0]) * d[i, 0] + (u[b, 1] + r2 - s[i, 1]) * d[i, 1] + (u[b, 2] + r3 - s[i, 2]) * d[i, 2]
@@ -174,9 +154,7 @@ def turn(blocks, inertia, b, dt):
     end = turned(q, b, dt * w1, dt * w2, dt * w3)
     for i in range(4):
         q[b, i] = end[i]
-    blocks.spin[b, 0] = w1
-    blocks.spin[b, 1] = w2
-    blocks.spin[b, 2] = w3
+    put_vector(blocks.spin[b], w1, w2, w3)
 
 
 @jit

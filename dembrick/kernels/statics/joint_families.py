@@ -6,7 +6,7 @@ or None if the scene has none of them, and numba then leaves its code out. ``fam
 """
 
 from dembrick._jit import jit
-from dembrick.kernels.joint.families import AREAS, POINTS
+from dembrick.kernels.joint.families import AREAS, POINTS, by_family
 from dembrick.kernels.statics import area_joints, area_tangent, point_joints
 
 
@@ -48,16 +48,25 @@ def friction_of(points, areas, family, index):
     return 0.0
 
 
-@jit
-def forces(points, areas, family, index, *motion):
-    """Resultant (N, V_1, V_2, M_T, M_1, M_2, slip) of a joint; ``motion``: see `point_joints.forces`."""
-    if points is not None:
-        if family == POINTS:
-            return point_joints.forces(points, index, *motion)
-    if areas is not None:
-        if family == AREAS:
-            return area_joints.forces(areas, index, *motion)
-    return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+# Asked by points, areas, family, index, and what the functions of the families take besides.
+# Resultant (N, V_1, V_2, M_T, M_1, M_2, slip); of the motion: see `point_joints.forces`
+forces = by_family(point_joints.forces, area_joints.forces, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+# D(q) with given normal forces: ``rest`` of the contact points, ``normal`` of a convex joint
+dissipation = by_family(point_joints.dissipation, area_joints.dissipation, 0.0)
+# Energy (J) in the shear springs
+shear_energy = by_family(point_joints.shear_energy, area_joints.shear_energy, 0.0)
+# The part of the forces ``now`` that fits under the normal forces of before the actuators pushed
+carried_share = by_family(point_joints.carried_share, area_joints.carried_share, 1.0)
+# Whether friction follows a pressure that is not the one before the actuators pushed
+pressure_moved = by_family(point_joints.pressure_moved, area_joints.pressure_moved, False)
+# Slip twist (3) whose upper bound is the least
+bound_twist = by_family(point_joints.bound_twist, area_joints.bound_twist, (0.0, 0.0, 0.0))
+# Fills ``basis`` with the rest state; the reach of shear forces (m), whether friction follows the pressure
+at_rest = by_family(point_joints.at_rest, area_joints.at_rest, (0.0, False))
+# V at which a joint overturns, if friction does not follow the pressure
+overturning_load = by_family(point_joints.overturning_load, area_joints.overturning_load, 0.0)
+# Upper bound of the gauge of the dead load (6,) in the limit set
+dead_gauge = by_family(point_joints.dead_gauge, area_joints.dead_gauge, 0.0)
 
 
 @jit
@@ -78,18 +87,6 @@ def tangent(points, areas, area_memory, family, index, normal, dn, r1, r2, out):
 
 
 @jit
-def dissipation(points, areas, family, index, rest, normal, q1, q2, q3):
-    """D(q) of a joint with given normal forces: ``rest`` of the contact points, ``normal`` of a convex joint."""
-    if points is not None:
-        if family == POINTS:
-            return point_joints.dissipation(points, index, rest, normal, q1, q2, q3)
-    if areas is not None:
-        if family == AREAS:
-            return area_joints.dissipation(areas, index, rest, normal, q1, q2, q3)
-    return 0.0
-
-
-@jit
 def dissipation_now(points, areas, family, index, normal, q1, q2, q3):
     """D(q) of a joint with its normal forces of now, of which ``normal`` is the sum."""
     if points is not None:
@@ -98,91 +95,6 @@ def dissipation_now(points, areas, family, index, normal, q1, q2, q3):
     if areas is not None:
         if family == AREAS:
             return area_joints.dissipation(areas, index, None, normal, q1, q2, q3)
-    return 0.0
-
-
-@jit
-def shear_energy(points, areas, family, index):
-    """Energy (J) in the shear springs of a joint."""
-    if points is not None:
-        if family == POINTS:
-            return point_joints.shear_energy(points, index)
-    if areas is not None:
-        if family == AREAS:
-            return area_joints.shear_energy(areas, index)
-    return 0.0
-
-
-@jit
-def carried_share(points, areas, family, index, rest, normal, now):
-    """The part of the forces ``now`` of a joint that fits under its normal forces of before the actuators pushed."""
-    if points is not None:
-        if family == POINTS:
-            return point_joints.carried_share(points, index, rest, normal, now)
-    if areas is not None:
-        if family == AREAS:
-            return area_joints.carried_share(areas, index, rest, normal, now)
-    return 1.0
-
-
-@jit
-def pressure_moved(points, areas, family, index, centre, normal, now):
-    """Whether friction follows a pressure that is not the one before the actuators pushed."""
-    if points is not None:
-        if family == POINTS:
-            return point_joints.pressure_moved(points, index, centre, normal, now)
-    if areas is not None:
-        if family == AREAS:
-            return area_joints.pressure_moved(areas, index, centre, normal, now)
-    return False
-
-
-@jit
-def bound_twist(points, areas, family, index, joints):
-    """Slip twist (3) of a joint whose upper bound is the least."""
-    if points is not None:
-        if family == POINTS:
-            return point_joints.bound_twist(points, index, joints)
-    if areas is not None:
-        if family == AREAS:
-            return area_joints.bound_twist(areas, index, joints)
-    return 0.0, 0.0, 0.0
-
-
-@jit
-def at_rest(points, areas, family, index, basis):
-    """Fill ``basis`` with the rest state of a joint; returns the reach of its shear forces (m), and whether friction
-    follows the pressure."""
-    if points is not None:
-        if family == POINTS:
-            return point_joints.at_rest(points, index, basis)
-    if areas is not None:
-        if family == AREAS:
-            return area_joints.at_rest(areas, index, basis)
-    return 0.0, False
-
-
-@jit
-def overturning_load(points, areas, family, index, resultant, normal, unit):
-    """V at which a joint overturns, if friction does not follow the pressure."""
-    if points is not None:
-        if family == POINTS:
-            return point_joints.overturning_load(points, index, resultant, normal, unit)
-    if areas is not None:
-        if family == AREAS:
-            return area_joints.overturning_load(areas, index, resultant, normal, unit)
-    return 0.0
-
-
-@jit
-def dead_gauge(points, areas, family, index, normal, dead):
-    """Upper bound of the gauge of the dead load (6,) in the limit set of a joint."""
-    if points is not None:
-        if family == POINTS:
-            return point_joints.dead_gauge(points, index, normal, dead)
-    if areas is not None:
-        if family == AREAS:
-            return area_joints.dead_gauge(areas, index, normal, dead)
     return 0.0
 
 
@@ -207,9 +119,11 @@ def write_bonds(points, areas, out):
 def remember(points, areas, point_memory, area_memory):
     """Copy what all joints remember into the memories, a `Points` and an `Areas`, None if the family is."""
     if points is not None:
-        point_joints.remember(points, point_memory)
+        for p in range(points.joint.size):
+            point_joints.remember(points, point_memory, p)
     if areas is not None:
-        area_joints.remember(areas, area_memory)
+        for a in range(areas.joint.size):
+            area_joints.remember(areas, area_memory, a)
 
 
 @jit
@@ -217,7 +131,7 @@ def recall(points, areas, point_memory, area_memory, family, index):
     """Let a joint remember what its family's memory does."""
     if points is not None:
         if family == POINTS:
-            point_joints.recall(points, point_memory, index)
+            point_joints.remember(point_memory, points, index)
     if areas is not None:
         if family == AREAS:
-            area_joints.recall(areas, area_memory, index)
+            area_joints.remember(area_memory, areas, index)

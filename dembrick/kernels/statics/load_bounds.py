@@ -11,6 +11,7 @@ from numpy import ndarray
 
 from dembrick._jit import jit
 from dembrick.kernels.joint.families import FAMILIES, joint_count, joint_of
+from dembrick.kernels.math.vec3 import put_vector
 from dembrick.kernels.statics import joint_families as families
 from dembrick.kernels.statics.block_forces import unbalanced_ratio
 
@@ -65,9 +66,7 @@ def best_bound(certificate, points, areas, q1, q2, q3):
     """The upper bound for the slip twist q, which is kept if it is the least so far."""
     upper = upper_bound(certificate, points, areas, q1, q2, q3)
     if upper < certificate.bracket[1]:
-        certificate.twist[0] = q1
-        certificate.twist[1] = q2
-        certificate.twist[2] = q3
+        put_vector(certificate.twist, q1, q2, q3)
     return upper
 
 

@@ -12,10 +12,12 @@ from numpy import ndarray
 
 from dembrick._jit import jit
 from dembrick.kernels.joint.families import FAMILIES, joint_count, joint_of
+from dembrick.kernels.math.vec3 import put_vector
 from dembrick.kernels.statics import joint_families as families
 from dembrick.kernels.statics.area_joints import Areas
 from dembrick.kernels.statics.block_forces import add_force, clear_forces, react
 from dembrick.kernels.statics.point_joints import Points
+from dembrick.kernels.statics.small_displacement import note_motion
 
 
 class Trial(NamedTuple):
@@ -71,15 +73,10 @@ def try_joint(trial, blocks, joints, points, areas, family, index, j, with_tange
         u[i] = total
     base = trial.base[j]
     gap = joints.gap[j]
-    opening = joints.opening[j]
-    opening[0] = u[2] + gap
-    opening[1] = u[3]
-    opening[2] = u[4]
-    joints.step[j, 0] = u[0] - base[0]
-    joints.step[j, 1] = u[1] - base[1]
-    joints.step[j, 2] = u[5] - base[5]
-    joints.tilt[j, 0] = u[3] - base[3]
-    joints.tilt[j, 1] = u[4] - base[4]
+    note_motion(
+        joints, j, u[2] + gap, u[3], u[4], u[3] - base[3], u[4] - base[4],
+        u[0] - base[0], u[1] - base[1], u[5] - base[5],
+    )  # fmt: skip
     t = trial.force
     known = with_tangent and families.knows_tangent(points, areas, family, index)
     by_differences = with_tangent and not known
@@ -91,24 +88,16 @@ def try_joint(trial, blocks, joints, points, areas, family, index, j, with_tange
                 u[0] + (h if i == 0 else 0.0), u[1] + (h if i == 1 else 0.0), u[2] + (h if i == 2 else 0.0),
                 u[3] + (h if i == 3 else 0.0), u[4] + (h if i == 4 else 0.0), u[5] + (h if i == 5 else 0.0),
             )  # fmt: skip
-            t[i, 0] = v1
-            t[i, 1] = v2
-            t[i, 2] = -n
-            t[i, 3] = m1
-            t[i, 4] = m2
-            t[i, 5] = mt
+            put_vector(t[i], v1, v2, -n)
+            put_vector(t[i, 3:], m1, m2, mt)
     n, v1, v2, mt, m1, m2, slip = answer(
         trial, points, areas, family, index, gap, base, u[0], u[1], u[2], u[3], u[4], u[5]
     )  # fmt: skip
     if known:
-        families.tangent(points, areas, trial.areas, family, index, n, opening[0], u[3], u[4], trial.tangent[j])
+        families.tangent(points, areas, trial.areas, family, index, n, u[2] + gap, u[3], u[4], trial.tangent[j])
     if by_differences:
-        t[6, 0] = v1
-        t[6, 1] = v2
-        t[6, 2] = -n
-        t[6, 3] = m1
-        t[6, 4] = m2
-        t[6, 5] = mt
+        put_vector(t[6], v1, v2, -n)
+        put_vector(t[6, 3:], m1, m2, mt)
         for i in range(6):
             h = trial.move[j] if i < 3 else trial.move[j] / trial.reach[j]
             for k in range(6):

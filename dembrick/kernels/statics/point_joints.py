@@ -313,23 +313,13 @@ def copy_bonds(bonds, memory, first, last):
 
 
 @jit
-def remember(points, memory):
-    """Copy what all points remember into ``memory``, another `Points`."""
-    for i in range(points.k_s.size):
+def remember(points, memory, p):
+    """Copy what the points of joint ``p`` remember into ``memory``, another `Points`."""
+    for i in range(points.start[p], points.start[p + 1]):
         memory.elastic_1[i] = points.elastic_1[i]
         memory.elastic_2[i] = points.elastic_2[i]
         memory.slip[i] = points.slip[i]
-    copy_bonds(points.bonds, memory.bonds, 0, points.k_s.size)
-
-
-@jit
-def recall(points, memory, p):
-    """Let the points of joint ``p`` remember what ``memory`` does."""
-    for i in range(points.start[p], points.start[p + 1]):
-        points.elastic_1[i] = memory.elastic_1[i]
-        points.elastic_2[i] = memory.elastic_2[i]
-        points.slip[i] = memory.slip[i]
-    copy_bonds(memory.bonds, points.bonds, points.start[p], points.start[p + 1])
+    copy_bonds(points.bonds, memory.bonds, points.start[p], points.start[p + 1])
 
 
 @jit

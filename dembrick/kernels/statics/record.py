@@ -10,7 +10,7 @@ from numpy import ndarray
 from dembrick._jit import entry, jit
 from dembrick.kernels.joint.ties import TENSION, YIELDED
 from dembrick.kernels.math.quaternion import turned, turning
-from dembrick.kernels.math.vec3 import columns_times, cross
+from dembrick.kernels.math.vec3 import add_wrench, columns_times
 from dembrick.kernels.statics.block_forces import unbalanced_ratio
 from dembrick.kernels.statics.joint_families import write_bonds, write_contacts
 
@@ -60,14 +60,7 @@ def write_reactions(joints, support, out):
             s = on_b if side else on_a
             if s >= 0:
                 arm = joints.arm_b[j] if side else joints.arm_a[j]
-                sense = -1.0 if side else 1.0
-                c1, c2, c3 = cross(arm[0], arm[1], arm[2], f1, f2, f3)
-                out[s, 0] += sense * f1
-                out[s, 1] += sense * f2
-                out[s, 2] += sense * f3
-                out[s, 3] += sense * (m1 + c1)
-                out[s, 4] += sense * (m2 + c2)
-                out[s, 5] += sense * (m3 + c3)
+                add_wrench(out[s], -1.0 if side else 1.0, f1, f2, f3, m1, m2, m3, arm[0], arm[1], arm[2])
 
 
 @jit
@@ -80,16 +73,9 @@ def write_ties(record, row, ties):
         for side in range(2):
             s = record.support[ties.block[t, side]]
             if s >= 0:
-                arm = ties.arm[t, side]
-                sense = 2.0 * side - 1.0
-                c1, c2, c3 = cross(arm[0], arm[1], arm[2], f[0], f[1], f[2])
+                r = ties.arm[t, side]
                 out = record.reaction[row, s]
-                out[0] += sense * f[0]
-                out[1] += sense * f[1]
-                out[2] += sense * f[2]
-                out[3] += sense * c1
-                out[4] += sense * c2
-                out[5] += sense * c3
+                add_wrench(out, 2.0 * side - 1.0, f[0], f[1], f[2], 0.0, 0.0, 0.0, r[0], r[1], r[2])
 
 
 @jit

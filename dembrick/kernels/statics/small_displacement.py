@@ -6,8 +6,17 @@ nothing drifts.
 
 from dembrick._jit import jit
 from dembrick.kernels.math.multifrontal import solve_in_place, solve_rounded_in_place
-from dembrick.kernels.math.vec3 import cross, rows_times
+from dembrick.kernels.math.vec3 import cross, put_vector, rows_times
 from dembrick.kernels.state import DAMPING
+
+
+@jit
+def note_motion(joints, j, dn, r1, r2, pr1, pr2, p1, p2, pr):
+    """Write down the opening of joint ``j`` at O and its tilts, the tilts of the last step and its slip twist."""
+    put_vector(joints.opening[j], dn, r1, r2)
+    joints.tilt[j, 0] = pr1
+    joints.tilt[j, 1] = pr2
+    put_vector(joints.step[j], p1, p2, pr)
 
 
 @jit
@@ -34,24 +43,11 @@ def small_relative(blocks, joints, j):
     pr1 = r1 - old[3]
     pr2 = r2 - old[4]
     pr = rn - old[5]
-    old[0] = d1
-    old[1] = d2
-    old[2] = dn
-    old[3] = r1
-    old[4] = r2
-    old[5] = rn
-    step = joints.step[j]
-    step[0] = p1
-    step[1] = p2
-    step[2] = pr
-    tilt = joints.tilt[j]
-    tilt[0] = pr1
-    tilt[1] = pr2
-    opening = joints.opening[j]
-    opening[0] = dn + joints.gap[j]
-    opening[1] = r1
-    opening[2] = r2
-    return opening[0], opening[1], opening[2], pn, pr1, pr2, p1, p2, pr
+    put_vector(old, d1, d2, dn)
+    put_vector(old[3:], r1, r2, rn)
+    dn += joints.gap[j]
+    note_motion(joints, j, dn, r1, r2, pr1, pr2, p1, p2, pr)
+    return dn, r1, r2, pn, pr1, pr2, p1, p2, pr
 
 
 @jit
