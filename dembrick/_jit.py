@@ -23,7 +23,17 @@ from numba.np.numpy_support import from_dtype, map_layout
 
 from dembrick._kernel_cache import KernelCache, ParallelKernelCache
 
-__all__ = ["get_num_threads", "jit", "jit_parallel", "jit_sum", "prange", "ready"]
+__all__ = [
+    "address",
+    "call_at",
+    "compute_fingerprint",
+    "get_num_threads",
+    "jit",
+    "jit_parallel",
+    "jit_sum",
+    "prange",
+    "ready",
+]
 
 # A product and a sum may be rounded once instead of twice (a fused multiply-add): no result gets worse, what is not a
 # number stays so, and the order of a sum is as written. All else that is called fast math is left alone: it reorders
@@ -154,6 +164,13 @@ class Kernel:
             self._ready[prints] = self.called.compile(tuple(map(self.called.typeof_pyval, arguments)))
         return self._ready[prints]
 
+    def address(self, *arguments) -> int:
+        """See `address`."""
+        kinds = tuple(map(self.called.typeof_pyval, arguments))
+        self.called.compile(kinds)
+        code = self.called.overloads[kinds]._asdict()
+        return code["library"].get_pointer_to_function(code["fndesc"].llvm_func_name)
+
 
 class Inlined(Kernel):
     """A kernel that other kernels take into their own code, and that Python may call as well.
@@ -216,6 +233,36 @@ def ready(kernel, *arguments) -> Callable:
     return kernel.ready(*arguments) if isinstance(kernel, Kernel) else kernel
 
 
+def address(kernel, *arguments) -> int | Callable:
+    """Where the machine code of an `entry` for arguments of these types lies in this process, for `call_at`."""
+    return kernel.address(*arguments) if isinstance(kernel, Kernel) else kernel
+
+
+def _call_at(_, place, first, second, third, fourth):
+    """`call_at` for numba: its own convention of a call, to an address."""
+    kinds = (first, second, third, fourth)
+
+    def code(context, builder, signature, arguments):
+        convention = context.call_conv
+        kind = convention.get_function_type(types.int64, kinds)
+        callee = builder.inttoptr(arguments[0], kind.as_pointer())
+        status, result = convention.call_function(builder, callee, types.int64, kinds, arguments[1:])
+        with cgutils.if_unlikely(builder, status.is_error):
+            convention.return_status_propagate(builder, status)
+        return result
+
+    return types.int64(place, *kinds), code
+
+
+def call_at(place, *arguments):
+    """Call the `entry` of four arguments, and one integer that it returns, whose code lies at that `address`.
+
+    Its code does not become part of the caller's: it is compiled once for all loops that call it. Nobody checks that
+    the arguments are of the types for which the address was asked.
+    """
+    return place(*arguments)
+
+
 def _prefetch(_, array, index):
     """`prefetch` for numba: the instruction of the processor."""
 
@@ -239,7 +286,7 @@ def prefetch(array, index) -> None:
 
 
 if not numba.config.DISABLE_JIT:
-    prefetch = intrinsic(_prefetch)
+    prefetch, call_at = intrinsic(_prefetch), intrinsic(_call_at)
 
 
 def jit_parallel(function):

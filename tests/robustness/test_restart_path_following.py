@@ -52,7 +52,7 @@ def an_example(name, *changes, checkpoint=1e9):
 TILT = TiltControl((1.0, 0.0, 0.0), 1.0, 1e-4, quasi_static=True)
 SCENES = {
     "wall pushed over": lambda: scene(PushoverControl((0.3, 1.0, 0.0), 1e-4), **wall()),
-    "convex wall tilted": lambda: scene(TILT, "convex", **wall()),
+    "convex wall tilted": lambda: scene(TILT, "convex", **wall(2)),
     "linear pressure": lambda: scene(TILT, "convex", pressure="linear", **wall(2)),
     "arch": lambda: an_example("arch.toml", checkpoint=0.0),
     "contacts at the brink": lambda: an_example("ferris_tinloi_3.toml", "control.quasi_static=true"),

@@ -157,8 +157,8 @@ def add_handover_work(energy_terms, links, corners, faces, touching):
 
 
 @jit
-def add_step(energy_terms, bodies, links, corners, faces, ties, loads, touching, step, dt):
-    """Add what is not a joint's, after the forces of a step and before the blocks move.
+def add_step(energy_terms, bodies, links, corners, faces, ties, loads, meeting, touching, step, dt):
+    """Add what is not a joint's, after the forces of a step and before the blocks move; new contacts if ``meeting``.
 
     Returns what gravity's work over the step that led here is to the momentum of a block: dt times its mean (3).
     """
@@ -167,7 +167,7 @@ def add_step(energy_terms, bodies, links, corners, faces, ties, loads, touching,
     yielded, stepped = tie_losses(ties)
     energy_terms.total[TIES_YIELDED] += yielded
     energy_terms.total[TIES_STEPPED] += stepped
-    if touching is not None:
+    if meeting:
         add_contact_work(energy_terms, bodies, touching, dt)
         add_handover_work(energy_terms, links, corners, faces, touching)
     g = loads.gravity[step]

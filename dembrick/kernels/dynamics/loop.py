@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray
 
-from dembrick._jit import entry, jit, jit_parallel, prange, renamed
-from dembrick.kernels.dynamics.contact_forces import TOUCHED, clear_applied, touch
+from dembrick._jit import call_at, entry, jit, jit_parallel, prange, renamed
+from dembrick.kernels.dynamics.contact_forces import TOUCHED, clear_applied
 from dembrick.kernels.dynamics.energy import add_step
 from dembrick.kernels.dynamics.joint_families import forces as joint_forces
 from dembrick.kernels.dynamics.joint_families import tiles_of
@@ -69,17 +69,17 @@ def shares(corners, faces, bodies, threads: int) -> tuple[np.ndarray, ...]:
 
 
 def advance_bodies(
-    n_steps, dt, bodies, links, corners, faces, ties, loads, limits, damping, travel, touching, energy_terms, work,
-    share_corners, share_faces, share_bodies, moved, away,
+    n_steps, dt, bodies, links, corners, faces, ties, loads, limits, damping, travel, touch_at, touching, energy_terms,
+    work, share_corners, share_faces, share_bodies, moved, away,
 ):  # fmt: skip
     """Advance up to ``n_steps`` steps of ``dt``; ``corners`` or ``faces`` is None if no joint is of that family.
 
     ``travel`` (2,): m, what any two blocks may still move against each other before a polygon could be stale; and how
     far any one can have moved since the caller last put it to zero. Returns a status and the steps done: RUNNING when
     all are, REACHED (a centroid has gone as far as ``limits`` says), STALE (polygons must be cut again before the next
-    step), DIVERGED, or what comes of ``touching``, new contacts (None if there are none): MEETING
-    (pairs must be looked for again), OVERLOADED (the step may be too long for what the contacts of a block did last),
-    DEEP, CROWDED. ``energy_terms`` may be None.
+    step), DIVERGED, or what comes of ``touching``, new contacts: MEETING (pairs must be looked for again), OVERLOADED
+    (the step may be too long for what the contacts of a block did last), DEEP, CROWDED. ``touch_at`` is the address of
+    `touch`, zero if there are none. ``energy_terms`` may be None.
 
     ``share_*`` (t + 1,) int64: where the share of each thread begins among tiles of point joints, of convex joints and
     free blocks; ``work`` (t, WORK): scratch; ``moved`` and ``away`` (t,) m2: room for what each thread finds. A joint
@@ -88,13 +88,14 @@ def advance_bodies(
     """
     goal2 = limits.displacement**2
     longest2 = limits.longest**2
-    loaded = loads.block.size > 0 or ties.stiffness.size > 0 or touching is not None
+    meeting = touch_at != 0
+    loaded = loads.block.size > 0 or ties.stiffness.size > 0 or meeting
     for step in range(n_steps):
         if travel[0] <= 0.0:
             travel[0] = least_slack(links)
             if travel[0] <= 0.0:
                 return STALE, step
-        if touching is not None:
+        if meeting:
             if touching.room[0] <= 0.0:
                 return MEETING, step
             if touching.overloaded[0] > 0:
@@ -105,13 +106,13 @@ def advance_bodies(
         pull_ties(ties, bodies)
         for t in prange(moved.size):
             joint_forces(links, corners, faces, bodies, share_corners, share_faces, t, energy_terms, work[t])
-        if touching is not None:
+        if meeting:
             write_rotations(bodies, loads.support)
-            touched = touch(touching, links, bodies, dt)
+            touched = call_at(touch_at, touching, links, bodies, dt)
             if touched != TOUCHED:
                 return touched, step
         if energy_terms is not None:
-            mean = add_step(energy_terms, bodies, links, corners, faces, ties, loads, touching, step, dt)
+            mean = add_step(energy_terms, bodies, links, corners, faces, ties, loads, meeting, touching, step, dt)
         for t in prange(moved.size):
             first, last = share_bodies[t], share_bodies[t + 1]
             g = loads.gravity[step]
@@ -141,7 +142,7 @@ def advance_bodies(
         move = sqrt(moved2)
         travel[0] -= 2.0 * move
         travel[1] += move
-        if touching is not None:
+        if meeting:
             touching.room[0] -= move
     return RUNNING, n_steps
 

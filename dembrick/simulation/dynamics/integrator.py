@@ -11,12 +11,13 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dembrick._ahead import compiling, meanwhile
-from dembrick._jit import get_num_threads
+from dembrick._jit import address, compute_fingerprint, get_num_threads, ready
 from dembrick.errors import DivergedError, NotConvergedError
 from dembrick.kernels.dynamics.contact_forces import CROWDED, DEEP, DEEPEST, touch
 from dembrick.kernels.dynamics.loop import (
@@ -50,6 +51,8 @@ from dembrick.simulation.dynamics.time_step import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from dembrick.assembly.build import Assembly
     from dembrick.kernels.dynamics.contact_forces import Touching
     from dembrick.simulation.dynamics.support_motion import PrescribedMotion
@@ -61,6 +64,7 @@ MANY = 2000  # joints from which a step may be worth sharing among threads
 TRIAL = 64  # steps in which one thread and several show how fast they are
 FIRST_PAUSE, LONGEST_PAUSE = 250, 20_000  # steps until they show it again
 NO_LIMIT = 1e150  # m
+NEAR = 12  # place of the new contacts among the arguments of a loop
 IN_LANES = ("tiles", "seen_tiles", "wrenches", "points", "sheared", "slipped", "dashpots", "ledger", "face")  # in tiles
 BY_STEP = ("force", "gravity", "place", "orientation", "velocity", "spin", "moved")  # of loads
 BETWEEN = ("dead_load", "contact_search", "geometry", "record")  # what a run does beside its steps
@@ -113,7 +117,8 @@ class Motion:
     attempt: np.ndarray = field(default_factory=lambda: np.array([0.0, -1.0]))
     _travel: np.ndarray = field(default_factory=lambda: np.zeros(2))
     _pace: _Pace = field(default_factory=lambda: _Pace())
-    _compiled: set = field(default_factory=set)
+    _compiled: dict = field(default_factory=dict)
+    _touch_at: int = 0  # address of the forces of new contacts, once there are some
     _ahead: tuple = (None,) * 7  # the copies of `present_velocities`, kept: there is one at every frame
 
     def __post_init__(self):
@@ -129,6 +134,11 @@ class Motion:
     @state.setter
     def state(self, state: MovingState) -> None:
         self.polygons.state = state
+
+    @cached_property
+    def no_contacts(self) -> Touching:
+        """What the loop takes if there are no new contacts."""
+        return self.contact_detection.blank(self.polygons)
 
     @property
     def time(self) -> float:
@@ -273,11 +283,9 @@ def present_velocities(motion: Motion, driving: Driving) -> tuple[np.ndarray, np
     loads, limits = Loads(driving.block, driving.lever, force, gravity, *supports), Limits(NO_LIMIT, NO_LIMIT)
     ahead = state._replace(bodies=bodies, links=links, corners=corners, faces=faces, ties=ties)
     own = shares(corners, faces, bodies, 1)
-    _compile(motion, [(advance_bodies, own)], motion.time_step, ahead, bodies, loads, limits, 0.0, touching)
-    _call(
-        advance_bodies, 1, motion.time_step, ahead, bodies, loads, limits, 0.0, np.array([np.inf, 0.0]), touching,
-        table, own,
-    )  # fmt: skip
+    dt, fixed = motion.time_step, (limits, 0.0, np.array([np.inf, 0.0]), touching, table)
+    code = _compiled(motion, advance_bodies, own, dt, ahead, bodies, loads, *fixed)
+    _call(motion, code, 1, dt, ahead, bodies, loads, *fixed, own)
     now = state.bodies
     velocity, momentum = 0.5 * (now.velocity + bodies.velocity), 0.5 * (now.momentum + bodies.momentum)
     in_body = np.einsum("nji,nj->ni", now.rotation, momentum)
@@ -322,17 +330,16 @@ def advance_chunk(
     supports = driving.prescribed(times, dt) if supports is None else supports
     loads = Loads(driving.block, driving.lever, force, gravity, *supports)
     loops = _loops(state, bodies)
-    _compile(motion, loops, dt, state, bodies, loads, limits, damping, touching)
+    fixed = limits, damping, motion._travel, touching
+    codes = [_compiled(motion, loop, own, dt, state, bodies, loads, *fixed, energy.table) for loop, own in loops]
     done, status = 0, RUNNING
     while status == STALE or (status == RUNNING and done < len(times)):
         which, most = motion._pace.choose(len(loops))
-        loop, own = loops[which]
+        code, own = codes[which], loops[which][1]
         rest = loads._replace(**{name: getattr(loads, name)[done:] for name in BY_STEP})
         began = time.perf_counter()
-        status, some = _call(
-            loop, min(most, len(times) - done), dt, state, bodies, rest, limits, damping, motion._travel, touching,
-            energy.table, own,
-        )  # fmt: skip
+        n_steps = min(most, len(times) - done)
+        status, some = _call(motion, code, n_steps, dt, state, bodies, rest, *fixed, energy.table, own)
         write_rotations(bodies, loads.support)
         done += some
         took = time.perf_counter() - began
@@ -346,50 +353,44 @@ def advance_chunk(
     return status, done
 
 
-def _compile(motion: Motion, loops, dt: float, state: MovingState, *others) -> None:
-    """Compile the ``loops``, or load them, if that is still to be done; ``others`` as in `advance_chunk`."""
-    *others, touching = others
-    for loop, own in loops:
-        form = loop is advance_bodies, touching is None
-        if form not in motion._compiled:
-            motion._compiled.add(form)
-            began = time.perf_counter()
-            with meanwhile(lambda: _with_contacts(motion, loops, dt, state, *others) if touching is None else []):
-                _call(loop, 0, dt, state, *others, motion._travel, touching, motion.energy.table, own)
-            motion.compile_seconds += time.perf_counter() - began
-
-
-def _with_contacts(motion: Motion, loops, *others) -> list[tuple]:
-    """The tasks of compiling the ``loops`` with new contacts, ahead of the first; ``others`` as in `_compile`.
-
-    The forces of contacts, two thirds of the work, come first. A process that wants such a loop meanwhile, and has
-    compiled one without contacts, compiles the rest of it sooner than the second process would.
+def _compiled(motion: Motion, loop, own, dt: float, state: MovingState, bodies, loads: Loads, *others) -> Callable:
+    """The machine code of a ``loop``, compiled or loaded if that is still to be done; ``others``, between the loads and
+    ``own``, those for the shares, as in `_call`. What new contacts do is compiled by a second process meanwhile.
     """
-    blank = motion.contact_detection.blank(motion.polygons)
-    later = (motion._travel, blank, motion.energy.table)
-    calls = [(loop, _in_loop(0, *others, *later, own)) for loop, own in loops]
-    (_, dt, bodies, links, *_), near = calls[0][1]
-    return [compiling(touch, (near, links, bodies, dt)), *(compiling(loop, call) for loop, (call, _) in calls)]
+    limits, *_, touching, table = others
+    form = loop is advance_bodies, compute_fingerprint((bodies, *state[1:5], loads, limits, touching, table))
+    if form not in motion._compiled:
+        began = time.perf_counter()
+        arguments = _in_loop(motion, 0, dt, state, bodies, loads, *others, own)
+        _, _, in_loop, links, *_ = arguments
+        contacts = touch, (arguments[NEAR], links, in_loop, dt)
+        with meanwhile(lambda: [compiling(*contacts)] if touching is None else []):
+            if touching is not None:
+                motion._touch_at = address(touch, *contacts[1])
+            motion._compiled[form] = ready(loop, *arguments)
+        motion.compile_seconds += time.perf_counter() - began
+    return motion._compiled[form]
 
 
-def _call(loop, n_steps: int, dt: float, state: MovingState, bodies, loads: Loads, *others) -> tuple[int, int]:
-    """Call a compiled loop with the blocks in its own order; ``others``: its arguments after the loads, in which those
-    for the shares are one."""
-    arguments, near = _in_loop(n_steps, dt, state, bodies, loads, *others)
-    found = loop(*arguments)
+def _call(motion: Motion, code: Callable, n_steps: int, dt: float, state: MovingState, bodies, loads: Loads, *others):
+    """Call a compiled loop with the blocks in its own order: status and steps; ``others``: its arguments after the
+    loads, without the address, in which those for the shares are one."""
+    arguments = _in_loop(motion, n_steps, dt, state, bodies, loads, *others)
+    found = code(*arguments)
     if state.order is not None:
-        state.order.leave(bodies, others[-3], near)
+        state.order.leave(bodies, others[-3], arguments[NEAR])
     return found
 
 
-def _in_loop(n_steps: int, dt: float, state: MovingState, bodies, loads: Loads, *others) -> tuple[tuple, Touching]:
-    """The arguments of a loop with the blocks in its own order, and the new contacts among them."""
+def _in_loop(motion: Motion, n_steps: int, dt: float, state: MovingState, bodies, loads: Loads, *others) -> tuple:
+    """The arguments of a loop with the blocks in its own order."""
     *more, touching, table, own = others
-    arguments = bodies, state.ties, loads, touching
+    touch_at = 0 if touching is None else motion._touch_at
+    arguments = bodies, state.ties, loads, motion.no_contacts if touching is None else touching
     if state.order is not None:
         arguments = state.order.enter(*arguments)
     in_loop, ties, loads, near = arguments
-    return (n_steps, dt, in_loop, *state[1:4], ties, loads, *more, near, table, *own), near
+    return n_steps, dt, in_loop, *state[1:4], ties, loads, *more, touch_at, near, table, *own
 
 
 class _Pace:

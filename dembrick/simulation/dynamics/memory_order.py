@@ -91,22 +91,21 @@ class LoopOrder:
     bodies: Bodies
 
     def enter(
-        self, bodies: Bodies, ties: Ties, loads: Loads, touching: Touching | None
-    ) -> tuple[Bodies, Ties, Loads, Touching | None]:
+        self, bodies: Bodies, ties: Ties, loads: Loads, touching: Touching
+    ) -> tuple[Bodies, Ties, Loads, Touching]:
         """All that names blocks, with the loop's rows in place of their numbers."""
         for name in ENTER:
             np.take(getattr(bodies, name), self.order, axis=0, out=getattr(self.bodies, name), mode="clip")
         own = self.bodies._replace(free=np.sort(self.row[bodies.free]).astype(np.uint32))
         ties = ties._replace(block=self.row[ties.block])
         loads = loads._replace(block=self.row[loads.block], support=self.row[loads.support])
-        if touching is not None:
-            touching = touching._replace(
-                parts=touching.parts._replace(owner=self.row[touching.parts.owner]),
-                **{name: getattr(touching, name)[self.order] for name in ("free", "load", "bearable")},
-            )
+        touching = touching._replace(
+            parts=touching.parts._replace(owner=self.row[touching.parts.owner]),
+            **{name: getattr(touching, name)[self.order] for name in ("free", "load", "bearable")},
+        )
         return own, ties, loads, touching
 
-    def leave(self, bodies: Bodies, touching: Touching | None, used: Touching | None) -> None:
+    def leave(self, bodies: Bodies, touching: Touching | None, used: Touching) -> None:
         """Write into ``bodies`` and ``touching`` what steps made of the loop's rows, and of the contacts ``used``."""
         for name in LEAVE:
             getattr(bodies, name)[self.order] = getattr(self.bodies, name)
