@@ -31,8 +31,10 @@ def recording(result) -> Iterator[history.History]:
 
     def write(path: str) -> None:
         scenario, channels = result.scenario, result.scenario.output.channels
-        given: tuple = scenarios.text_of(scenario), result.assembly, {}
-        with history.HistoryWriter(path, *given, channels=channels, control=scenario.control) as writer:
+        text = scenarios.text_of(scenario)
+        with history.HistoryWriter(
+            path, text, result.assembly, {}, channels=channels, control=scenario.control
+        ) as writer:
             writer.append(result.rows)
             if "frames" in channels:
                 writer.append_frames(**result.frames)

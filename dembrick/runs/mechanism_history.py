@@ -71,8 +71,8 @@ def before_a_run(scenario: Scenario, assembly: Assembly) -> AbstractContextManag
     """A history of one frame that goes away again: the structure as the scenario describes it, at rest."""
 
     def start(path: str) -> None:
-        given: tuple = scenarios.text_of(scenario), assembly, {}
-        with history.HistoryWriter(path, *given, channels=("frames",), control=scenario.control) as writer:
+        text = scenarios.text_of(scenario)
+        with history.HistoryWriter(path, text, assembly, {}, channels=("frames",), control=scenario.control) as writer:
             rows = _rows(assembly, scenario.control, 1)
             if len(assembly.ties):
                 rows["tension"] = assembly.ties.prestress[None]
