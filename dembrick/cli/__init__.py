@@ -39,6 +39,7 @@ VERBS = {
     "schema": "the JSON schema of a scenario, for editors",
     "warmup": "compile the kernels into the cache",
 }
+SIMULATING = ("domain", "fit", "lab", "restart", "run", "sweep", "verify", "warmup")  # and so may compile
 HELP = (
     "usage: dembrick COMMAND ...\n\n"
     "Replays laboratory tests of dry-stacked stone blocks, with an error bar on every number.\n\ncommands:\n"
@@ -124,7 +125,7 @@ def _main(arguments: list[str]) -> int:
 
     console = Console(json=options.json, quiet=options.quiet, verbose=options.verbose)
     try:
-        with handled(), _compiling(module, console):
+        with handled(), _compiling(verb, console):
             code = module.run(options, console)
             if signum := requested():  # it came too late to stop anything, yet whoever called should know
                 console.say("interrupted after the work was done; nothing is missing")
@@ -139,9 +140,9 @@ def _main(arguments: list[str]) -> int:
 
 
 @contextmanager
-def _compiling(module, console):
+def _compiling(verb: str, console):
     """For the verbs that simulate: say that kernels are being compiled, and let a second process compile some."""
-    if not getattr(module, "SIMULATES", False):
+    if verb not in SIMULATING:
         yield
         return
     from dembrick._ahead import second_process

@@ -15,7 +15,6 @@ def add_arguments(parser) -> None:
 
 
 def run(options, console) -> int:
-    """Describe the scenario."""
     from dembrick.assembly.build import assemble
     from dembrick.runs.drivers import driver_of
     from dembrick.scenario import toml

@@ -6,8 +6,6 @@ from dembrick.cli.paths import FIGURES, add_force, require_ending
 
 _HEADER = f"{'formulation':16}{'source':>8}{'V [N]':>12}{'M_T [N m]':>12}{'+-':>11}"
 
-SIMULATES = True  # and so may compile
-
 
 def add_arguments(parser) -> None:
     parser.add_argument("--a", type=float, help="edge along x (t1) of a rectangular joint, m")

@@ -9,7 +9,6 @@ def add_arguments(parser) -> None:
 
 
 def run(options, console) -> int:
-    """List, print or copy shipped scenarios."""
     import os
     import shutil
     from pathlib import Path

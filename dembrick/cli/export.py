@@ -16,7 +16,6 @@ def add_arguments(parser) -> None:
 
 
 def run(options, console) -> int:
-    """Write the export."""
     from dembrick import history
     from dembrick.views.export import export
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-SIMULATES = True  # and so may compile
-
 
 def add_arguments(parser) -> None:
     parser.add_argument(

@@ -77,17 +77,15 @@ def _moved(results: dict) -> list[str]:
     """Angle and load factor of a collapse in real time, or how far the blocks came."""
     if results.get("yield_point"):
         return []
-    collapse, lines = results.get("collapse"), []
-    if isinstance(collapse, dict):
-        if _is_number(collapse.get("angle")):
-            lines.append(f"angle         {collapse['angle']:.5g} deg")
-        if _is_number(collapse.get("load_factor")):
-            lines.append(f"load factor   {collapse['load_factor']:.5g}, by {collapse.get('mechanism')}")
-        if _is_number(collapse.get("settlement")):
-            lines.append(f"settlement    {collapse['settlement']:.5g} m, by {collapse.get('mechanism')}")
-    if _is_number(results.get("displacement")):
-        lines.append(f"displacement  {results['displacement']:.5g} m")
-    return lines
+    collapse = results.get("collapse")
+    collapse = collapse if isinstance(collapse, dict) else {}
+    way = f", by {collapse.get('mechanism')}"
+    told = [("angle", collapse.get("angle"), " deg"), ("load factor", collapse.get("load_factor"), way)]
+    told += [
+        ("settlement", collapse.get("settlement"), f" m{way}"),
+        ("displacement", results.get("displacement"), " m"),
+    ]
+    return [f"{name:14}{value:.5g}{unit}" for name, value, unit in told if _is_number(value)]
 
 
 def _profile(file, results: dict, console) -> int:

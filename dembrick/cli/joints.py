@@ -31,7 +31,6 @@ def add_arguments(parser) -> None:
 
 
 def run(options, console) -> int:
-    """Print the table."""
     from dembrick import history
     from dembrick.runs.lab import write_csv
     from dembrick.views.motion.table import REACTION, joint_table, reaction_table

@@ -6,8 +6,6 @@ import os
 
 from dembrick.cli.paths import add_force
 
-SIMULATES = True  # and so may compile
-
 
 def add_arguments(parser) -> None:
     parser.add_argument("--formulation", nargs="+", metavar="F", help="only these formulations")

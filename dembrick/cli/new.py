@@ -12,7 +12,6 @@ def add_arguments(parser) -> None:
 
 
 def run(options, console) -> int:
-    """Write a copy of a template."""
     from dembrick import history
     from dembrick.errors import ScenarioError
     from dembrick.scenario import shipped

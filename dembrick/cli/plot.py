@@ -42,7 +42,6 @@ def add_arguments(parser) -> None:
 
 
 def run(options, console) -> int:
-    """Draw the figure."""
     from pathlib import Path
 
     from dembrick.views import plot

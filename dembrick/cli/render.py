@@ -87,7 +87,6 @@ def look_of(options) -> dict:
 
 
 def run(options, console) -> int:
-    """Draw the picture, the movie or the page."""
     from dembrick import history
 
     kind = _kind(options)

@@ -11,8 +11,6 @@ from dembrick.cli.paths import add_force, default_output, require_ending
 
 HISTORIES = (".h5", ".hdf5")
 
-SIMULATES = True  # and so may compile
-
 
 def add_arguments(parser) -> None:
     parser.add_argument("scenario", help="the TOML file, or a history to run again")

@@ -8,7 +8,6 @@ def add_arguments(parser) -> None:
 
 
 def run(options, console) -> int:
-    """Print or write the schema."""
     import json
     import os
 

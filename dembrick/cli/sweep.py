@@ -6,8 +6,6 @@ from pathlib import Path
 
 _MOST_LINES = 40  # of the statistics on the screen; the tables have all
 
-SIMULATES = True  # and so may compile
-
 
 def add_arguments(parser) -> None:
     parser.add_argument("study", help="the TOML file: a base scenario, and the keys that change or are searched")

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dembrick.cli.paths import add_force, require_ending
 
-SIMULATES = True  # and so may compile
-
 
 def add_arguments(parser) -> None:
     parser.add_argument("case", nargs="*", help="names of cases, or beginnings of names (default: all)")

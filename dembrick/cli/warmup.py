@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-SIMULATES = True  # and so may compile
-
 FORMULATIONS = ("concave", "convex")
 
 

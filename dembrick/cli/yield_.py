@@ -15,7 +15,6 @@ def add_arguments(parser) -> None:
 
 
 def run(options, console) -> int:
-    """Print the table of yield points."""
     from dembrick import history
     from dembrick.errors import HistoryError
     from dembrick.runs.lab import write_csv

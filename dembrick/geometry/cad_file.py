@@ -29,13 +29,16 @@ T = TypeVar("T")
 
 
 class Solid(NamedTuple):
-    """A convex polyhedron of a file: its ``name`` there, whether the file says that it is a support, and its corners
-    (nv, 3) m and faces (corner numbers, counterclockwise seen from outside) in the coordinates of the file."""
+    """A convex polyhedron of a file: its ``name`` there, whether the file says that it is a support, its ``shape``."""
 
     name: str
     fixed: bool
-    corners: np.ndarray
-    faces: tuple[tuple[int, ...], ...]
+    shape: Polyhedron
+
+    @property
+    def corners(self) -> np.ndarray:
+        """Corners (nv, 3) m in the coordinates of the file."""
+        return self.shape.vertices + self.shape.centroid
 
 
 class _Named(NamedTuple):
@@ -64,13 +67,8 @@ def read(path: str, scale: float) -> list[Solid]:
             shape = mesh_file.checked(part.points * scale, part.faces)
         except ScenarioError as error:
             raise ScenarioError(f"{path}: solid {name!r}: {error}") from None
-        solids.append(Solid(name, part.fixed, corners_of(shape), shape.faces))
+        solids.append(Solid(name, part.fixed, shape))
     return solids
-
-
-def corners_of(shape: Polyhedron) -> np.ndarray:
-    """Corners (nv, 3) of a polyhedron in the coordinates that it was described in."""
-    return shape.vertices + shape.centroid
 
 
 def _different(names: list[str]) -> list[str]:

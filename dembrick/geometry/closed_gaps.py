@@ -12,7 +12,7 @@ import numpy as np
 
 from dembrick.errors import ScenarioError
 from dembrick.geometry import clipping
-from dembrick.geometry.cad_file import Solid, corners_of, linked
+from dembrick.geometry.cad_file import Solid, linked
 from dembrick.geometry.convex_hull import hull
 
 _TOUCH = 1e-6  # of the smaller solid: faces so near touch already, see assembly.joint_detection
@@ -38,16 +38,10 @@ class Face(NamedTuple):
 
 def faces_of(solid: Solid) -> list[Face]:
     """The faces of a solid."""
-    found = []
-    for numbers in solid.faces:
-        corners = solid.corners[list(numbers)]
-        middle = corners.mean(axis=0)
-        arms = corners - middle
-        double = np.cross(arms, np.roll(arms, -1, axis=0)).sum(axis=0)
-        size = float(np.linalg.norm(double))
-        normal = double / size
-        found.append(Face(normal, float(normal @ middle), 0.5 * size, corners))
-    return found
+    shape, corners = solid.shape, solid.corners
+    offsets = (shape.face_offsets + shape.face_normals @ shape.centroid).tolist()
+    planes = zip(shape.face_normals, offsets, shape.face_areas.tolist(), shape.faces, strict=True)
+    return [Face(normal, offset, area, corners[list(numbers)]) for normal, offset, area, numbers in planes]
 
 
 def gaps(solids: list[Solid], tolerance: float) -> list[Gap]:
@@ -149,7 +143,6 @@ def _cut(solid: Solid, planes: list[tuple[np.ndarray, float]]) -> Solid:
     dual = hull(np.array([normal / (offset - normal @ middle) for normal, offset in planes]))
     corners = []
     for numbers in dual.faces:
-        points = corners_of(dual)[list(numbers)]
+        points = (dual.vertices + dual.centroid)[list(numbers)]
         corners.append(middle + np.linalg.lstsq(points, np.ones(len(points)), rcond=None)[0])
-    shape = hull(np.array(corners))
-    return Solid(solid.name, solid.fixed, corners_of(shape), shape.faces)
+    return solid._replace(shape=hull(np.array(corners)))

@@ -90,17 +90,13 @@ def area_radius(polygon: np.ndarray) -> np.ndarray:
     integral, from differences of it.
     """
     corners = np.asarray(polygon, float)
-    if corners.ndim > 2:
-        flat = corners.reshape(-1, *corners.shape[-2:])
-        symmetric = _symmetric(flat)
-        radius = np.empty(len(flat))
-        radius[symmetric] = polygons.mean_distance(flat[symmetric])[:, 0]
-        for i in np.flatnonzero(~symmetric):
-            radius[i] = _least_mean_distance(flat[i])
-        return radius.reshape(corners.shape[:-2])
-    if _symmetric(corners):
-        return polygons.mean_distance(corners)[0]
-    return _least_mean_distance(corners)
+    flat = corners.reshape(-1, *corners.shape[-2:])
+    symmetric = _symmetric(flat)
+    radius = np.empty(len(flat))
+    radius[symmetric] = polygons.mean_distance(flat[symmetric])[:, 0]
+    for i in np.flatnonzero(~symmetric):
+        radius[i] = _least_mean_distance(flat[i])
+    return radius.reshape(corners.shape[:-2])[()]
 
 
 def _symmetric(corners: np.ndarray) -> np.ndarray:

@@ -99,11 +99,9 @@ class _Ended(io.BufferedReader):
         self._left = self._PATIENCE
 
     def readline(self, size: int | None = -1, /) -> bytes:
-        """See io."""
         return self._handed(super().readline(size))
 
     def read(self, size: int | None = -1, /) -> bytes:
-        """See io."""
         return self._handed(super().read(size))
 
     def _handed(self, data: bytes) -> bytes:

@@ -28,12 +28,10 @@ class Patient:
         self.failure: OSError | None = None
 
     def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
-        """See io."""
         self._place = offset if whence == io.SEEK_SET else self._file.seek(offset, whence)
         return self._place
 
     def tell(self) -> int:
-        """See io."""
         return self._place
 
     def readinto(self, buffer) -> int:
@@ -50,7 +48,6 @@ class Patient:
         return len(view)
 
     def read(self, size: int = -1) -> bytes:
-        """See io."""
         self._file.seek(self._place)
         return self._file.read(size)
 

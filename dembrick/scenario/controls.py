@@ -75,7 +75,6 @@ class YieldControl(Control):
 
     @property
     def regime(self) -> Regime:
-        """In the geometry of the start, or in the deformed one."""
         return LOAD_PATH if self.large_displacements else LIMIT_LOAD
 
     def __post_init__(self):
@@ -99,7 +98,6 @@ class DisplacementControl(Control):
 
     @property
     def regime(self) -> Regime:
-        """At its rate, or from equilibrium to equilibrium."""
         return DRIVEN_PATH if self.large_displacements else CONSTANT_RATE
 
     def __post_init__(self):
@@ -121,7 +119,6 @@ class StaticsControl(Control):
 
     @property
     def regime(self) -> Regime:
-        """In the geometry of the start, or in the deformed one."""
         return DEFORMED_REST if self.large_displacements else DEAD_LOAD
 
     def __post_init__(self):
@@ -152,7 +149,6 @@ class TiltControl(Control):
 
     @property
     def regime(self) -> Regime:
-        """Looked for, or lived through."""
         return _searched(self)
 
     @property
@@ -213,7 +209,6 @@ class PushoverControl(Control):
 
     @property
     def regime(self) -> Regime:
-        """Looked for, or lived through."""
         return _searched(self)
 
     @property
@@ -360,7 +355,6 @@ class SettlementControl(Control):
 
     @property
     def regime(self) -> Regime:
-        """From equilibrium to equilibrium, or lived through."""
         return SETTLEMENT if self.quasi_static else REAL_TIME
 
     @property

@@ -7,6 +7,7 @@ from dembrick import cli
 from dembrick.assembly.build import assemble
 from dembrick.errors import ScenarioError
 from dembrick.geometry import cad_file, closed_gaps
+from dembrick.geometry.convex_hull import from_faces
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml
 from dembrick.scenario.files import inputs_of
@@ -35,7 +36,7 @@ def test_every_format_gives_the_solids_with_their_names(tmp_path, name):
     for solid, (low, high) in zip(solids, GATE.values(), strict=True):
         np.testing.assert_allclose(solid.corners.min(axis=0), 1e-3 * np.array(low), atol=1e-7)
         np.testing.assert_allclose(solid.corners.max(axis=0), 1e-3 * np.array(high), atol=1e-7)
-        assert len(solid.corners) == 8 and len(solid.faces) == 6
+        assert len(solid.corners) == 8 and len(solid.shape.faces) == 6
     assert [solid.fixed for solid in solids] == [name == "assembly.json", False, False, False]
 
 
@@ -59,7 +60,7 @@ def test_gaps_are_closed_within_the_tolerance_and_not_beyond(tmp_path):
         top[1], abs=1e-12
     )
     for before, after in zip(solids, closed, strict=True):
-        assert len(after.corners) == 8 and len(after.faces) == 6
+        assert len(after.corners) == 8 and len(after.shape.faces) == 6
         assert np.abs(np.sort(before.corners, axis=0) - np.sort(after.corners, axis=0)).max() < 3e-4
     some, fewer = closed_gaps.close(solids, 1.5e-4)
     assert len(fewer) == 2 and some[3].corners[:, 2].min() != pytest.approx(some[2].corners[:, 2].max(), abs=1e-5)
@@ -73,7 +74,7 @@ def test_faces_askew_come_onto_one_plane(tmp_path):
     low, high = cad_file.read(str(tmp_path / "two.obj"), 1.0)
     lifted = high.corners.copy()
     lifted[(lifted[:, 0] == 1.0) & (lifted[:, 2] == 1.0), 2] += 1e-4
-    closed, found = closed_gaps.close([low, high._replace(corners=lifted)], 2e-4)
+    closed, found = closed_gaps.close([low, high._replace(shape=from_faces(lifted, high.shape.faces))], 2e-4)
     assert [gap.distance for gap in found] == pytest.approx([1e-4], rel=1e-3)
     for solid, z in zip(closed, (1.0, 1.0), strict=True):
         shared = solid.corners[np.abs(solid.corners[:, 2] - z) < 1e-3]

@@ -63,7 +63,6 @@ class Arch:
             require_type(isinstance(getattr(self, key), bool), f"{key}{label}", getattr(self, key), "true or false")
 
     def count(self) -> int:
-        """How many blocks the arch has."""
         return self.voussoirs + 2 * self.abutments
 
     def build(self) -> list[Block]:
@@ -135,7 +134,6 @@ class Dome:
         require_type(isinstance(self.springing, bool), f"springing{label}", self.springing, "true or false")
 
     def count(self) -> int:
-        """How many blocks the dome has."""
         return self.blocks * (self.rings + self.springing) + (self.key is not None)
 
     def build(self) -> list[Block]:

@@ -42,7 +42,6 @@ class Stack:
         check_lengths(self, label, "base")
 
     def count(self) -> int:
-        """How many blocks the stack has."""
         return self.blocks + (self.base is not None)
 
     def build(self) -> list[Block]:
