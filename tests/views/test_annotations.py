@@ -180,14 +180,14 @@ def test_a_driven_pressure_presses_on_its_faces_by_what_it_is(tmp_path, drawing)
     simulate(toml.loads(DAM), tmp_path / "dam.h5")
     with history.read(tmp_path / "dam.h5") as run:
         found = drawn(run, view="front", magnification=0.0)
-        arrows = [np.array(arrow.user_matrix) for arrow, _ in found._actuators]
+        tail, vector, length = found._actuators.points, found._actuators["vector"], found._actuators["length"]
         assert "orange: driven pressure" in found._text.input
-    height, length = 0.2, np.array([np.linalg.norm(arrow[:3, 0]) for arrow in arrows])
+    height = 0.2
     np.testing.assert_allclose(length / length[-1], [11, 9, 7, 5, 3, 1], rtol=1e-9)
-    for k, arrow in zip(range(6, 0, -1), arrows, strict=True):
-        np.testing.assert_allclose(arrow[:3, 0] / np.linalg.norm(arrow[:3, 0]), [1.0, 0.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(vector, np.outer(length, [1.0, 0.0, 0.0]), atol=1e-12)
+    for k, tip in zip(range(6, 0, -1), tail + vector, strict=True):
         depth = height * 2.0 / 3.0 * (k**3 - (k - 1) ** 3) / (k**2 - (k - 1) ** 2)
-        np.testing.assert_allclose(arrow[:3, 3] + arrow[:3, 0], [-0.3, 0.0, 1.2 - depth], atol=1e-9)
+        np.testing.assert_allclose(tip, [-0.3, 0.0, 1.2 - depth], atol=1e-9)
 
 
 def test_reactions_are_drawn_along_their_lines_of_action(tmp_path, drawing):
@@ -206,15 +206,15 @@ def test_reactions_are_drawn_along_their_lines_of_action(tmp_path, drawing):
     simulate(toml.loads(text), tmp_path / "beam.h5")
     with history.read(tmp_path / "beam.h5") as run:
         found = drawn(run, view="front", reactions=True, magnification=1.0)
-        arrows = [np.array(arrow.user_matrix) for arrow in found._reactions._arrows]
+        arrows = found._reactions._arrows
         force, table = run.reaction[-1, :, :3], reaction_table(run)
     size = np.linalg.norm(force, axis=1)
-    length = np.array([np.linalg.norm(arrow[:3, 0]) for arrow in arrows])
+    length = arrows["length"]
     np.testing.assert_allclose(length / length.max(), size / size.max(), rtol=1e-9)
     for k, (x, top) in enumerate(((-0.5, 0.0), (0.4, -0.02))):
-        way = arrows[k][:3, 0] / length[k]
+        way = arrows["vector"][k] / length[k]
         np.testing.assert_allclose(way, force[k] / size[k], atol=1e-12)
-        tip = arrows[k][:3, 3] + arrows[k][:3, 0]
+        tip = arrows.points[k] + arrows["vector"][k]
         corners = [(x + i, j, top + k) for i in (-0.15, 0.15) for j in (-0.1, 0.1) for k in (-0.2, 0.0)]
         assert ((np.array(corners) - tip) @ way).min() == pytest.approx(0.0, abs=1e-9)  # all of the support beyond it
         assert (tip + (top - tip[2]) / way[2] * way)[0] == pytest.approx(x + 0.15, abs=1e-3)
@@ -257,6 +257,6 @@ tolerance = 0.05
         assert rows == joint_table(run, last) and joints.at([last]).resultants[0][0, 0] == rows[0]["N"]
         assert not joints.at([-1]).resultants[0][:, :6].any()
         assert rows[0]["utilisation"] > 0.9 and joint_table(run, time=last + 1.0)[0]["N"] == 0.0
-        assert not drawn(run, frames=(last, -1), view="front", reactions=True)._reactions._arrows[0].visibility
+        assert not drawn(run, frames=(last, -1), view="front", reactions=True)._reactions._arrows["length"][0]
         for look, shown in (({}, "coming down after"), ({"color": "utilisation"}, "equilibrium")):
             assert render._shown(run, render.Look(**look)) == (run.n_frames - 1 if shown[0] == "c" else last)

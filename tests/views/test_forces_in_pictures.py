@@ -24,7 +24,7 @@ def test_forces_of_joints(run, drawing):
         t1 = rodrigues(np.array([[1.0, 0.0, 0.0]]), axis, 0.03)[0] * [1.0, 1.0, 0.0]
         t1 /= np.linalg.norm(t1)
         axes = np.array([t1, np.cross([0.0, 0.0, 1.0], t1), [0.0, 0.0, 1.0]])
-        np.testing.assert_allclose(arrows["force"][0], np.array([-V_1, -V_2, N]) @ axes)
+        np.testing.assert_allclose(arrows["vector"][0], np.array([-V_1, -V_2, N]) @ axes)
         limit = np.hypot(0.15, 0.1)
         at = np.array([M_2, -M_1, 0.0]) / N
         at *= min(1.0, limit / np.linalg.norm(at))
@@ -56,7 +56,7 @@ def test_forces_ride_on_the_blocks_that_are_drawn(tmp_path, drawing):
         expected = middle + 10.0 * three.frame("displacement", 3)[2] + arm
         np.testing.assert_allclose(found.arrows.of_joints.points[1], expected, rtol=0, atol=1e-10)
         force = rodrigues(np.array([[-V_1, -V_2, N]]), axis, 0.03)[0]
-        np.testing.assert_allclose(found.arrows.of_joints["force"][1], force, rtol=1e-12)
+        np.testing.assert_allclose(found.arrows.of_joints["vector"][1], force, rtol=1e-12)
 
 
 @pytest.mark.parametrize("factor", [1.0, 3.0])
@@ -80,7 +80,7 @@ def test_forces_of_new_contacts(tmp_path, drawing, factor):
             start = rodrigues(met["point"] - middle - moved, axis, -0.01 * frame)
             place = middle + factor * moved + rodrigues(start, axis, factor * 0.01 * frame)
             np.testing.assert_allclose(arrows.points[:frame], place, atol=1e-5)
-            np.testing.assert_allclose(arrows["force"][:frame], met["force"])
+            np.testing.assert_allclose(arrows["vector"][:frame], met["force"])
             size = np.linalg.norm(met["force"], axis=1)
             np.testing.assert_allclose(arrows["length"][:frame] / size, arrows["length"][0] / size[0])
             assert len(arrows["length"]) == 3 and not arrows["length"][frame:].any() and arrows["length"][0] > 0.0
@@ -120,11 +120,11 @@ def test_torsion_centre_is_marked_where_it_is(run, drawing):
     centre = JointMotion(run).torsion_centre(3)[0]
     with drawn(run) as found:
         if np.linalg.norm(centre) > 0.6 or np.isnan(centre).any():
-            assert not found._rod.visibility and "torsion centre" not in found._text.input
+            assert not found._rod["length"][0] and "torsion centre" not in found._text.input
         else:
-            np.testing.assert_allclose(found._rod.user_matrix[:2, 3], centre)
+            np.testing.assert_allclose(found._rod.points[0, :2], centre)
         found.show(0)
-        assert not found._rod.visibility and "blue" not in found._text.input
+        assert not found._rod["length"][0] and "blue" not in found._text.input
 
 
 @pytest.mark.parametrize("view", ["front", "side"])

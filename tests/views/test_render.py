@@ -104,10 +104,11 @@ def test_a_scene_is_moved_in_place(run, drawing):
         assert bar.GetLookupTable().GetTableRange() == pytest.approx((0.0, 1e3 * top), rel=1e-12)
         # the jack pushes along y at a point of the upper block, which moves with it
         turned = rodrigues(np.array([[0.075, 0.0, -0.05]]), np.array([1.0, 2.0, -2.0]) / 3.0, 10.0 * 0.02)[0]
-        arrow = np.array(found._actuators[0][0].user_matrix)
         tip = np.array([0.0, 0.0, 0.05]) + 10.0 * run.frame("displacement", 2)[1] + turned
-        np.testing.assert_allclose(arrow[:3, 3], tip, rtol=0, atol=1e-12)
-        np.testing.assert_allclose(arrow[:3, 0] / np.linalg.norm(arrow[:3, 0]), [0.0, 1.0, 0.0], atol=1e-12)
+        np.testing.assert_allclose(found._actuators.points[0], tip, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(
+            found._actuators["vector"][0] / found._actuators["length"][0], [0.0, 1.0, 0.0], atol=1e-12
+        )
 
 
 def test_colours_by_block(run, drawing):

@@ -95,17 +95,11 @@ class Names:
         mapper.SetInputData(self._cloud)
         mapper.SetLabelModeToLabelFieldData()
         mapper.SetFieldDataName("name")
-        look = mapper.GetLabelTextProperty()
-        look.SetFontFamilyToArial()
-        look.SetFontSize(max(9, round(plotter.window_size[0] / 95)))
-        look.SetColor(*pyvista.Color(colour).float_rgb)
-        look.SetBackgroundColor(1.0, 1.0, 1.0)
-        look.SetBackgroundOpacity(0.7)
-        look.SetBold(True)
-        look.SetItalic(False)
-        look.SetShadow(False)
-        look.SetJustificationToCentered()
-        look.SetVerticalJustificationToCentered()
+        size = max(9, round(plotter.window_size[0] / 95))
+        look = pyvista.TextProperty(color=colour, font_family="arial", font_size=size, bold=True)
+        look.background_color, look.background_opacity = "white", 0.7
+        look.justification_horizontal = look.justification_vertical = "center"
+        mapper.SetLabelTextProperty(look)
         actor.SetMapper(mapper)
         plotter.add_actor(actor, reset_camera=False)
 

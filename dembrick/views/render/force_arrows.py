@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dembrick.geometry.rotations import rotation_matrix
-from dembrick.views.motion.blocks import Poses, rotation_times
+from dembrick.views.motion.blocks import CarriedPoints, Poses
 from dembrick.views.motion.joints import JointMotion
 
 if TYPE_CHECKING:
@@ -18,16 +18,40 @@ ARROW = {"tip_length": 0.22, "tip_radius": 0.035, "shaft_radius": 0.012}
 IMPACT = 3.0  # of the greatest force in the usual frame: where there are greater ones, arrows end at that of the usual
 
 
-def placed(origin, direction, length: float) -> np.ndarray:
-    """Matrix (4, 4) that takes the unit vector along x to ``length`` times ``direction`` from ``origin``."""
-    x = np.asarray(direction, float) / np.linalg.norm(direction)
-    helper = np.eye(3)[int(np.argmin(np.abs(x)))]
-    y = np.cross(helper, x)
-    y /= np.linalg.norm(y)
-    matrix = np.eye(4)
-    matrix[:3, :3] = length * np.column_stack([x, y, np.cross(x, y)])
-    matrix[:3, 3] = origin
-    return matrix
+def glyphs(plotter, source, start: np.ndarray, colour: str, ambient: float = 0.0):
+    """Copies in a plotter of a mesh ``source`` along x, as many as ``start`` (n, 3) has points, where they have no
+    length yet; :func:`put_glyphs` moves them."""
+    import pyvista
+    from vtkmodules.vtkRenderingCore import vtkActor, vtkGlyph3DMapper
+
+    found = pyvista.PolyData(start.copy())
+    if not len(start):
+        return found
+    found["vector"], found["length"] = np.zeros((len(start), 3)), np.zeros(len(start))
+    mapper = vtkGlyph3DMapper()
+    mapper.SetInputData(found)
+    mapper.SetSourceData(source)
+    mapper.SetOrientationArray("vector")
+    mapper.SetScaleArray("length")
+    mapper.SetScaleModeToScaleByMagnitude()
+    mapper.ScalarVisibilityOff()
+    actor = vtkActor()
+    actor.SetMapper(mapper)
+    actor.GetProperty().SetColor(pyvista.Color(colour).float_rgb)
+    actor.GetProperty().SetAmbient(ambient)
+    actor.GetProperty().SetDiffuse(1.0 - ambient)
+    plotter.add_actor(actor)
+    return found
+
+
+def put_glyphs(found, points: np.ndarray, vectors: np.ndarray, length) -> None:
+    """Move the first of some :func:`glyphs` to ``points`` (k, 3), along ``vectors`` (k, 3) and ``length`` times as
+    large; the others have no length."""
+    n = len(points)
+    if found.n_points:
+        found.points[:n], found["vector"][:n] = points, vectors
+        found["length"][:n], found["length"][n:] = length, 0.0
+        found.Modified()
 
 
 class DrawnForces:
@@ -53,22 +77,18 @@ class DrawnForces:
     def on_joints(self, poses: Poses, at: np.ndarray) -> np.ndarray:
         """Points (j, 2) m of the joints' planes from O of the start, on the drawn blocks (j, 3)."""
         joints, host = self._joints, self._joints.host
-        first = rotation_matrix(self._history.orientation0)
-        turned = rotation_times(poses.rotation[0] @ first.swapaxes(1, 2), self._factor)[host]
         arm = joints.arm_host + np.einsum("ji,jik->jk", at, joints.axes[:, :2])
-        place = joints.origin - joints.arm_host + self._factor * poses.displacement[0, host]
-        return place + np.einsum("jik,jk->ji", turned, arm)
+        body = np.einsum("jki,jk->ji", rotation_matrix(self._history.orientation0)[host], arm)
+        return CarriedPoints(self._history, body, host).magnified(poses, self._factor)[0]
 
     def of_new_contacts(self, frame: int, poses: Poses) -> tuple[np.ndarray, np.ndarray]:
         """Where the new contacts press, on the drawn second blocks, and their forces on these: (c, 3) m, (c, 3) N."""
         if not self._meets:
             return np.zeros((0, 3)), np.zeros((0, 3))
         _, met = self._history.frame_new_contacts(frame, frame + 1)
-        block, turn = met["blocks"][:, 1], poses.rotation[0]
-        start = rotation_matrix(self._history.orientation0).swapaxes(1, 2)
-        drawn = rotation_times(turn @ start, self._factor) @ start.swapaxes(1, 2) @ turn.swapaxes(1, 2)
-        arm = np.einsum("cik,ck->ci", drawn[block], met["point"] - poses.position[0, block])
-        return self._history.position0[block] + self._factor * poses.displacement[0, block] + arm, met["force"]
+        block = met["blocks"][:, 1]
+        body = np.einsum("cki,ck->ci", poses.rotation[0, block], met["point"] - poses.position[0, block])
+        return CarriedPoints(self._history, body, block).magnified(poses, self._factor)[0], met["force"]
 
     def both(self, frame: int, poses: Poses) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
         """Places and forces of the joints, and of the new contacts."""
@@ -104,34 +124,11 @@ class ForceArrows:
 
     def build(self, plotter, n_joint: int, somewhere: np.ndarray) -> None:
         """Put the arrows into the plotter; those that a frame has no contact for lie ``somewhere``, without length."""
-        self._somewhere = somewhere
-        self.of_joints = self._added(plotter, n_joint, GREEN)
-        self.of_new_contacts = self._added(plotter, self.most_met, PURPLE)
-
-    def _added(self, plotter, n: int, colour: str):
-        """Up to ``n`` arrows, whose points, directions and lengths are written into what is returned."""
         import pyvista
-        from vtkmodules.vtkRenderingCore import vtkActor, vtkGlyph3DMapper
 
-        arrows = pyvista.PolyData(np.zeros((n, 3)))
-        if not n:
-            return arrows
-        arrows.point_data["force"], arrows.point_data["length"] = np.zeros((n, 3)), np.zeros(n)
-        mapper = vtkGlyph3DMapper()
-        mapper.SetInputData(arrows)
-        thick = ARROW | {"tip_radius": 0.07, "shaft_radius": 0.025}
-        mapper.SetSourceData(pyvista.Arrow(start=(-0.5, 0, 0), **thick))
-        mapper.SetOrientationArray("force")
-        mapper.SetScaleArray("length")
-        mapper.SetScaleModeToScaleByMagnitude()
-        mapper.ScalarVisibilityOff()
-        actor = vtkActor()
-        actor.SetMapper(mapper)
-        actor.GetProperty().SetColor(pyvista.Color(colour).float_rgb)
-        actor.GetProperty().SetAmbient(0.4)
-        actor.GetProperty().SetDiffuse(0.6)
-        plotter.add_actor(actor)
-        return arrows
+        arrow = pyvista.Arrow(start=(-0.5, 0, 0), **ARROW | {"tip_radius": 0.07, "shaft_radius": 0.025})
+        self.of_joints = glyphs(plotter, arrow, np.tile(somewhere, (n_joint, 1)), GREEN, ambient=0.4)
+        self.of_new_contacts = glyphs(plotter, arrow, np.tile(somewhere, (self.most_met, 1)), PURPLE, ambient=0.4)
 
     def length(self, force):
         """Length (m) of the arrow of a force (N); no arrow is longer than that of the largest one to be told apart."""
@@ -140,15 +137,8 @@ class ForceArrows:
     def show(self, frame: int, poses: Poses) -> None:
         """Arrows of the forces of joints and new contacts on their second blocks, as long as the force is large."""
         shown = self.of_joints, self.of_new_contacts
-        for arrows, (place, force) in zip(shown, self._forces.both(frame, poses), strict=True):
-            if not arrows.n_points:
-                continue
-            n = len(place)
-            arrows.points[:n], arrows.point_data["force"][:n] = place, force
-            arrows.point_data["length"][:n] = self.length(np.linalg.norm(force, axis=1))
-            arrows.point_data["length"][n:] = 0.0  # contacts that there are in other frames
-            arrows.points[n:] = self._somewhere
-            arrows.Modified()
+        for arrows, (at, force) in zip(shown, self._forces.both(frame, poses), strict=True):
+            put_glyphs(arrows, at, force, self.length(np.linalg.norm(force, axis=1)))
 
     def words(self) -> str:
         """What the arrows mean, for the text of a picture."""

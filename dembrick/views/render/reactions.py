@@ -10,7 +10,7 @@ from dembrick.errors import HistoryError
 from dembrick.geometry.rotations import rotation_matrix
 from dembrick.views.motion.blocks import Poses
 from dembrick.views.motion.frames import coming_down, nearest
-from dembrick.views.render.force_arrows import ARROW, placed
+from dembrick.views.render.force_arrows import ARROW, glyphs, put_glyphs
 
 if TYPE_CHECKING:
     from dembrick.history.reader import History
@@ -31,7 +31,7 @@ class DrawnReactions:
         self._history, self._factor, self._longest = history, factor, LONGEST * extent
         names = history.support_names if wanted else []
         self._blocks = [history.block_names.index(name) for name in names]
-        self.largest, self._arrows = 0.0, []
+        self.largest = 0.0
 
     def survey(self, frames: list[int], poses_of, make_room) -> None:
         """Let the longest arrow of all ``frames`` stand for the greatest reaction, and make room for the arrows."""
@@ -69,18 +69,14 @@ class DrawnReactions:
         """Add the arrows to a picture."""
         import pyvista
 
-        for _ in self._blocks:
-            arrow = pyvista.Arrow(start=(0, 0, 0), direction=(1, 0, 0), **ARROW)
-            self._arrows.append(plotter.add_mesh(arrow, color=COLOUR))
+        arrow = pyvista.Arrow(start=(0, 0, 0), direction=(1, 0, 0), **ARROW)
+        self._arrows = glyphs(plotter, arrow, self._history.position0[self._blocks], COLOUR)
 
     def show(self, frame: int, poses: Poses) -> None:
         """Move the arrows to those of a frame."""
         if self._blocks:
-            for arrow, (tail, tip) in zip(self._arrows, self.ends(frame, poses), strict=True):
-                length = float(np.linalg.norm(tip - tail))
-                arrow.visibility = length > 1e-3 * self._longest
-                if arrow.visibility:
-                    arrow.user_matrix = placed(tail, tip - tail, length)
+            tails, tips = self.ends(frame, poses).swapaxes(0, 1)
+            put_glyphs(self._arrows, tails, tips - tails, np.linalg.norm(tips - tails, axis=1))
 
     def words(self) -> list[str]:
         """What the key of the picture says of them."""

@@ -15,13 +15,13 @@ from dembrick.errors import HistoryError
 from dembrick.geometry.rotations import rotation_matrix
 from dembrick.scenario.pressures import PRESSURE
 from dembrick.scenario.regimes import TILT_LOAD
-from dembrick.views.motion.blocks import CarriedPoints, Poses, all_vertices, largest_extent, rotation_times
+from dembrick.views.motion.blocks import CarriedPoints, Poses, all_vertices, largest_extent
 from dembrick.views.motion.frames import coming_down, nearest
 from dembrick.views.motion.joints import JointMotion
 from dembrick.views.plot.subject import chosen_joint, joint_names, pushes_several
 from dembrick.views.render.annotations import CRIMSON, Names, ScaleBar, ThrustLine, require_thrust
 from dembrick.views.render.colors import Colouring
-from dembrick.views.render.force_arrows import ARROW, GREEN, PURPLE, DrawnForces, ForceArrows, placed
+from dembrick.views.render.force_arrows import ARROW, GREEN, PURPLE, DrawnForces, ForceArrows, glyphs, put_glyphs
 from dembrick.views.render.look import VIEWS, Look, automatic_magnification
 from dembrick.views.render.reactions import DrawnReactions
 from dembrick.views.render.ties import DrawnTies
@@ -170,7 +170,7 @@ class Scene:
             self._make_room(self._carried.magnified(poses, self._factor)[0])
             self._make_room(self._rod_at(frame))
             self._make_room(self._ties.ends(poses))
-            self._make_room(np.reshape([ends for _, *ends in self._arrows_of(poses)], (-1, 3)))
+            self._make_room(np.concatenate(self._arrows_of(poses)[1:]))
             if self._colouring is not None:
                 values = self._colouring.values(frame, poses)
                 largest = max(largest, float(values.max(initial=0.0, where=np.isfinite(values))))
@@ -228,16 +228,15 @@ class Scene:
             rest = self._edges(free)
             rest.points[:] = self._start
             plotter.add_mesh(rest, color="#777777", line_width=2, opacity=0.8)
-        self._actuators = []
-        for _ in history.actuators:
-            arrow = plotter.add_mesh(pyvista.Arrow(start=(0, 0, 0), direction=(1, 0, 0), **ARROW), color=_ORANGE)
-            point = plotter.add_mesh(pyvista.Sphere(radius=0.015 * self._length), color=_ORANGE)
-            self._actuators.append((arrow, point))
+        somewhere = np.tile(self._start[0], (len(history.actuators), 1))
+        arrow = pyvista.Arrow(start=(0, 0, 0), direction=(1, 0, 0), **ARROW)
+        self._actuators = glyphs(plotter, arrow, somewhere, _ORANGE)
+        self._loaded = glyphs(plotter, pyvista.Sphere(radius=0.015 * self._length), somewhere, _ORANGE)
         self._ties.build(plotter)
         self._reactions.build(plotter)
         if self._marked:
             rod = pyvista.Cylinder(direction=(1, 0, 0), radius=0.006 * self._length, height=self._length)
-            self._rod = plotter.add_mesh(rod, color=_BLUE)
+            self._rod = glyphs(plotter, rod, self._start[:1], _BLUE)
         if self.arrows is not None:
             self.arrows.build(plotter, history.n_joint, self._start[0])
         if self._look.thrust:
@@ -334,34 +333,32 @@ class Scene:
 
     # --- frame by frame ---
 
-    def _arrows_of(self, poses: Poses) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """Loaded point on the drawn block, tail and tip of the arrow of each actuator."""
-        history, arrows = self._history, []
+    def _arrows_of(self, poses: Poses) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Loaded points on the drawn blocks, tails and tips of the arrows of the actuators, (k, 3) each."""
+        history, arrows = self._history, np.zeros((3, len(self._history.actuators), 3))
         most = max((abs(actuator["weight"]) for actuator in history.actuators), default=1.0)
-        for actuator in history.actuators:
-            i = actuator["block"]
-            first = rotation_matrix(history.orientation0[i])
-            turn = rotation_times(poses.rotation[0, i] @ first.T, self._factor)
-            point = history.position0[i] + self._factor * poses.displacement[0, i]
-            point = point + turn @ (actuator["point"] - history.position0[i])
+        for k, actuator in enumerate(history.actuators):
+            block = np.array([actuator["block"]])
+            first, arm = (
+                rotation_matrix(history.orientation0[block[0]]),
+                actuator["point"] - history.position0[block[0]],
+            )
+            point = CarriedPoints(history, arm[None] @ first, block).magnified(poses, self._factor)[0, 0]
             way = actuator["direction"] * np.sign(actuator["weight"])
             if actuator["name"].startswith(PRESSURE):
                 # it presses on a face from outside, by as much as the arrow is long
-                tail, tip = point - 0.5 * self._length * abs(actuator["weight"]) / most * way, point
+                arrows[:, k] = point, point - 0.5 * self._length * abs(actuator["weight"]) / most * way, point
             else:
                 # the head of the arrow lies outside the block, so that an actuator inside it is seen in every view
-                corners = history.block_vertices(i) @ first.T @ way
-                reach = float(corners.max() - (actuator["point"] - history.position0[i]) @ way)
-                tail, tip = point, point + (reach + 0.35 * self._length) * way
-            arrows.append((point, tail, tip))
-        return arrows
+                reach = float((history.block_vertices(block[0]) @ first.T @ way).max() - arm @ way)
+                arrows[:, k] = point, point, point + (reach + 0.35 * self._length) * way
+        return tuple(arrows)
 
     def _show_actuators(self, poses: Poses) -> None:
         """An arrow an actuator, pushing at its point."""
-        for (arrow, dot), (point, tail, tip) in zip(self._actuators, self._arrows_of(poses), strict=True):
-            way = tip - tail
-            arrow.user_matrix = placed(tail, way, float(np.linalg.norm(way)))
-            dot.user_matrix = placed(point, way, 1.0)
+        points, tails, tips = self._arrows_of(poses)
+        put_glyphs(self._actuators, tails, tips - tails, np.linalg.norm(tips - tails, axis=1))
+        put_glyphs(self._loaded, points, tips - tails, 1.0)
 
     def _rod_at(self, frame: int) -> np.ndarray:
         """Ends (2, 3) of a thin axis through the torsion centre of the marked joint; (0, 3) where none is in sight."""
@@ -377,17 +374,15 @@ class Scene:
     def _show_centre(self, frame: int) -> bool:
         """The axis of the torsion centre; whether it is in sight."""
         ends = self._rod_at(frame)
-        if len(ends):
-            self._rod.user_matrix = placed(0.5 * (ends[0] + ends[1]), ends[1] - ends[0], 1.0)
         if self._marked:
-            self._rod.visibility = bool(len(ends))
+            put_glyphs(self._rod, ends[:1] + 0.5 * np.diff(ends, axis=0), np.diff(ends, axis=0), 1.0)
         return bool(len(ends))
 
     def _words(self, marked: bool) -> str:
         history = self._history
         shown = f"motion x {self._factor:g}" if self._factor != 1.0 else "true scale"
         keys = ["grey: start"] if not self._many else []
-        if self._actuators:
+        if history.actuators:
             keys.append(f"orange: {self._driven()}")
         keys += self._ties.words(self._frame) + self._reactions.words()
         if marked:
