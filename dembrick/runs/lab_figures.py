@@ -18,11 +18,12 @@ TURNING = ("4b", "convex")  # the replay whose block is shown turning
 def draw(replayed: LabReplay, folder: str, console) -> list[str]:
     """Draw all figures into ``folder``; returns the files. A 3D picture that cannot be drawn is left out, and said."""
     plane = [row for row in replayed.rows if not row["load_height"]]
+    layouts = {row["set"]: row for row in replayed.rows if row["load_height"]}  # that of the rig
     points = [history.read(row["history"]) for row in plane]
     figures = {
         "fig4_interaction": plot.interaction(points, approximations=("ellipse", "parabola", "bi-linear")),
         "fig5_domains": plot.domains(points),
-        "layouts": plot.layout([history.read(row["history"]) for row in _one_a_set(replayed.rows)]),
+        "layouts": plot.layout([history.read(row["history"]) for row in layouts.values()]),
         "curves": _curves(replayed),
     }
     files = []
@@ -42,12 +43,6 @@ def draw(replayed: LabReplay, folder: str, console) -> list[str]:
         except MissingDependency as error:
             console.remark(f"no picture of the block: {error}")
     return files
-
-
-def _one_a_set(rows) -> list[dict]:
-    """The mid-height replay of each set: the layout of the rig."""
-    chosen = {row["set"]: row for row in rows if row["load_height"]}
-    return list(chosen.values())
 
 
 def _curves(replayed: LabReplay):

@@ -11,6 +11,7 @@ from dembrick.views import render
 from dembrick.views.motion.frames import frame_number
 from dembrick.views.motion.joints import JointMotion
 from dembrick.views.render import images, scene, screen
+from dembrick.views.render.look import VIEWS
 from helpers import history_cases as cases
 from helpers.places import SCENARIOS
 from helpers.scenes import drawn, in_picture, rodrigues
@@ -43,7 +44,7 @@ def test_magnification_makes_motion_visible_and_never_shrinks_it(run):
     assert frame_number(run, time=2.1e-4) == 2
 
 
-@pytest.mark.parametrize("view", list(render.VIEWS))
+@pytest.mark.parametrize("view", list(VIEWS))
 def test_pictures_are_written_and_not_blank(run, tmp_path, view, drawing):
     path = tmp_path / f"{view}.png"
     assert render.picture(run, path, view=view, size=(400, 300)) == str(path)
@@ -161,7 +162,7 @@ def test_a_png_holds_the_pixels_it_was_given(tmp_path):
     np.testing.assert_array_equal(np.asarray(found), image)
 
 
-@pytest.mark.parametrize("view", list(render.VIEWS))
+@pytest.mark.parametrize("view", list(VIEWS))
 def test_the_motion_fits_into_the_picture(run, view, drawing):
     """All corners, at the start and in every frame, lie in the part left for them."""
     with drawn(run, frames=range(4), view=view, magnification=20.0) as found:

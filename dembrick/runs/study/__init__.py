@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from statistics import fmean, stdev
 
 from dembrick.errors import OutputError
 from dembrick.runs.study.case import FAILED, run_cases
@@ -140,30 +141,24 @@ def _first_of_each_kind(study: Study, todo: list[int]) -> list[int]:
 
 
 def _statistics(study: Study, folder: Path) -> tuple[list[dict], int]:
-    """Mean and scatter of the answers over the draws of each population (Welford's sums), and how many cases failed."""
-    cells: dict[str, list] = {}
-    status: dict[int, str] = {}
-    for row in stored(folder, study.columns):
-        status[row["case"]] = row["status"]
-        answer = row[study.answer]
-        if answer is None or row["status"] == FAILED:
-            continue
-        fixed = study.cell(row["case"])
-        sums = cells.setdefault(repr(fixed), [fixed, 0, 0.0, 0.0, 0.0])
-        sums[1] += 1
-        step = answer - sums[2]
-        sums[2] += step / sums[1]
-        sums[3] += step * (answer - sums[2])
-        sums[4] += row.get("half_width") or 0.0
-    failed = sum(how == FAILED for how in status.values())
+    """Mean and scatter of the answers over the draws of each population, and how many cases failed."""
+    cells: dict[str, tuple[dict, list, list]] = {}
+    rows = stored(folder, study.columns)
+    found = {row["case"]: (row["status"], row[study.answer], row.get("half_width") or 0.0) for row in rows}
+    for case, (status, answer, width) in found.items():
+        if answer is not None and status != FAILED:
+            fixed = study.cell(case)
+            _, answers, widths = cells.setdefault(repr(fixed), (fixed, [], []))
+            answers.append(answer)
+            widths.append(width)
     statistics = []
-    for fixed, count, mean, squares, widths in cells.values():
-        deviation = math.sqrt(squares / (count - 1)) if count > 1 else None
-        error = None if deviation is None else deviation / math.sqrt(count)
-        bar = {} if study.search is None else {"half_width": widths / count}
-        numbers = {"count": count, "mean": mean, "deviation": deviation, "standard_error": error}
+    for fixed, answers, widths in cells.values():
+        deviation = stdev(answers) if len(answers) > 1 else None
+        error = None if deviation is None else deviation / math.sqrt(len(answers))
+        bar = {} if study.search is None else {"half_width": fmean(widths)}
+        numbers = {"count": len(answers), "mean": fmean(answers), "deviation": deviation, "standard_error": error}
         statistics.append({**fixed, **numbers, **bar})
-    return statistics, failed
+    return statistics, sum(status == FAILED for status, *_ in found.values())
 
 
 def _make(folder: Path) -> None:

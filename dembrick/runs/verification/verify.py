@@ -54,28 +54,14 @@ class Outcome:
 
     def as_dict(self) -> dict:
         """The row of ``verify --json``."""
-        case = self.case
+        of_case = ("title", "scenario", "quantity", "unit", "source", "reference", "reference_error", "relation")
+        case = {name: getattr(self.case, name) for name in (*of_case, "tolerance", "remark")}
+        own = ("value", "lower", "upper", "error", "bar_holds", "passed", "seconds", "failure")
         return {
-            "case": case.name,
-            "title": case.title,
-            "scenario": case.scenario,
-            "set": list(case.set),
-            "quantity": case.quantity,
-            "unit": case.unit,
-            "source": case.source,
-            "reference": case.reference,
-            "reference_error": case.reference_error,
-            "relation": case.relation,
-            "value": self.value,
-            "lower": self.lower,
-            "upper": self.upper,
-            "error": self.error,
-            "tolerance": case.tolerance,
-            "bar_holds": self.bar_holds,
-            "passed": self.passed,
-            "seconds": self.seconds,
-            "remark": case.remark,
-            "failure": self.failure,
+            "case": self.case.name,
+            "set": list(self.case.set),
+            **case,
+            **{name: getattr(self, name) for name in own},
         }
 
 

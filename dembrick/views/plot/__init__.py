@@ -4,12 +4,19 @@ Every function returns a matplotlib ``Figure`` and draws into ``ax`` where one i
 figure is made, never before; its state machine (pyplot) is not used, so no window or backend is touched.
 """
 
-from dembrick.views.plot.curves import control_points, energies, force_displacement, unbalanced
+from dembrick.views.plot.curves import (
+    CurvePanel,
+    MeasuredCurve,
+    control_points,
+    curve_panels,
+    energies,
+    force_displacement,
+    read_measured,
+    unbalanced,
+)
 from dembrick.views.plot.domains import domain_points, domains, interaction
 from dembrick.views.plot.joint_plane import joint_plane, joint_stages
 from dembrick.views.plot.layout import layout
-from dembrick.views.plot.measured import MeasuredCurve, read_measured
-from dembrick.views.plot.panels import CurvePanel, curve_panels
 from dembrick.views.plot.paths import joint_path, load_path
 from dembrick.views.plot.studies import StudyTable, is_study, read_study, study
 from dembrick.views.plot.style import FORMATS, inline_svg, save

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import os
 import textwrap
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from dembrick.errors import HistoryError, ScenarioError
+from dembrick.scenario.csv_tables import read_columns
 from dembrick.views import summary
 from dembrick.views.plot import style, subject
-from dembrick.views.plot.measured import MeasuredCurve
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,6 +21,23 @@ if TYPE_CHECKING:
     from dembrick.history.reader import History
 
 MEASURED = ("o", "s", "^", "D", "v", "P")  # markers of measured curves
+
+
+class MeasuredCurve(NamedTuple):
+    """A curve from the laboratory: its name, ``displacement`` (k,) m, ``load`` (k,) N."""
+
+    name: str
+    displacement: np.ndarray
+    load: np.ndarray
+
+
+class CurvePanel(NamedTuple):
+    """One panel: its title, histories with labels, and a measured V (N; None: none) drawn as a line."""
+
+    title: str
+    histories: list
+    labels: Sequence[str]
+    experiment: float | None = None
 
 
 def force_displacement(
@@ -36,7 +54,7 @@ def force_displacement(
     blocks that displacement over time.
 
     ``references``: name -> V (N), drawn as horizontal lines (theory, experiment). ``bracket``: the band between the
-    bounds of each yield point. ``measured``: curves of the laboratory (:mod:`dembrick.views.plot.measured`), laid over.
+    bounds of each yield point. ``measured``: curves of the laboratory (:func:`read_measured`), laid over.
     """
     histories, labels = labelled(histories, labels)
     diagram = _common_diagram(histories)
@@ -75,6 +93,38 @@ def force_displacement(
         axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
         style.legend(figure, axes, ax is None, columns=1 if max(map(len, labels)) > 36 else 2)
     return figure
+
+
+def curve_panels(panels: Sequence[CurvePanel]) -> Figure:
+    """Force-displacement curves, two panels a row; the legend of the first serves all."""
+    rows = -(-len(panels) // 2)
+    with style.settings():
+        figure = style.new_figure((7.2, 2.9 * rows + 0.5))
+        axes = figure.subplots(rows, min(2, len(panels)), squeeze=False)
+        for ax, panel in zip(axes.flat, panels, strict=False):
+            force_displacement(panel.histories, panel.labels, ax=ax, bracket=False)
+            title = panel.title
+            if panel.experiment is not None:
+                ax.axhline(panel.experiment, color=style.GREY, lw=1.0, ls=(0, (6, 2)), label="experiment (measured V)")
+                title += f", measured {panel.experiment:.0f} N"
+            ax.set_title(title)
+            ax.get_legend().remove()
+        for ax in list(axes.flat)[len(panels) :]:
+            ax.remove()
+        handles, labels = axes.flat[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=3)
+    return figure
+
+
+def read_measured(path: str | os.PathLike, name: str | None = None) -> MeasuredCurve:
+    """A measured curve out of a CSV file whose first line that is no remark (``#``) names the columns with their units,
+    such as ``displacement [mm],force [N]``, in any order; others are left out. ``name`` is the file's own without one.
+
+    Raises ScenarioError, with the line, for columns, units or values that are not those of the format.
+    """
+    found, _ = read_columns(path, "a measured curve", ("displacement", "force"))
+    stem = os.path.splitext(os.path.basename(os.fspath(path)))[0]
+    return MeasuredCurve(name or stem, found["displacement"], found["force"])
 
 
 def _common_diagram(histories) -> subject.Diagram:

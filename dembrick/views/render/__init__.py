@@ -15,9 +15,8 @@ from dembrick.history.files import check_output
 from dembrick.views.motion.blocks import CarriedPoints, Poses, all_vertices
 from dembrick.views.motion.frames import frame_number, last_in_rows, nearest
 from dembrick.views.render import images
-from dembrick.views.render.colors import COLORS
 from dembrick.views.render.images import MOVIES, write_png
-from dembrick.views.render.look import NAMES, VIEWS, Look, LookOptions, automatic_magnification
+from dembrick.views.render.look import Look, LookOptions, automatic_magnification
 from dembrick.views.render.scene import Scene
 from dembrick.views.render.screen import require_display, require_drawing
 
@@ -25,18 +24,6 @@ if TYPE_CHECKING:
     import pyvista
 
     from dembrick.history.reader import History
-
-__all__ = [
-    "COLORS",
-    "NAMES",
-    "VIEWS",
-    "automatic_magnification",
-    "meshes",
-    "movie",
-    "movie_frames",
-    "picture",
-    "view",
-]
 
 SIZE = (1600, 1200)  # pixels of a picture
 MOVIE_SIZE = (960, 720)
