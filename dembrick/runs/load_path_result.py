@@ -106,12 +106,10 @@ class LoadPathResult(MotionResult):
         self.load_error = estimate + (0.0 if self.unlimited else 0.5 * (upper - lower))
 
     def as_dict(self) -> dict:
-        """The JSON object of ``dembrick run --json``."""
         own = {"unlimited": self.unlimited, "answer": self.plain_answer, "yield_point": self.yield_point.as_dict()}
         return super().as_dict() | own | {"error_estimate": self.load_error, "simulated_time": None}
 
     def text(self) -> str:
-        """What the command line prints."""
         point, run = self.yield_point, self.run
         unit = " N" if self.curve.unit == "N" else ""
         lines = self.heading_lines
@@ -168,7 +166,6 @@ class DrivenPathResult(LoadPathResult):
         self.load_error = estimate
 
     def text(self) -> str:
-        """What the command line prints."""
         point, unit = self.yield_point, " N" if self.curve.unit == "N" else ""
         lines = self.heading_lines
         bar = "no error bar: --refine gives one" if self.load_error is None else f"+- {self.load_error:.2g}{unit}"
@@ -201,5 +198,4 @@ class DeformedRestResult(RestResult, MotionResult):
         return f"does not stand under its dead loads: {listed(found['blocks'])} come down by {found['mechanism']}"
 
     def as_dict(self) -> dict:
-        """The JSON object of ``dembrick run --json``."""
         return super().as_dict() | {"answer": self.plain_answer, "statics": self.statics, "simulated_time": None}

@@ -24,15 +24,12 @@ class MotionResult(RunResult):
 
     run: MotionRun
     displacement_error: float | None = None
+    yield_point = None  # a dynamic run looks for none
 
     @property
     def status(self) -> str:
         """ "collapse" where the run ended with one, else "completed"."""
         return self.run.status
-
-    @property
-    def yield_point(self) -> None:
-        """A dynamic run looks for none."""
 
     @property
     def collapse(self) -> dict | None:
@@ -80,10 +77,6 @@ class MotionResult(RunResult):
             self.displacement_error = estimate
         else:
             self.collapse["error_estimate"] = estimate
-
-    def agrees(self) -> bool:
-        """There is no theory that a run of this kind would be held against."""
-        return True
 
     def as_dict(self) -> dict:
         """The JSON object of ``dembrick run --json``."""

@@ -90,13 +90,11 @@ class RecordStore:
 
     @property
     def writer(self) -> HistoryWriter:
-        """The history writer."""
         if self._writer is None:
             self._writer = self._open()
         return self._writer
 
     def place(self, assembly: Assembly) -> None:
-        """The assembly with its contact points where they stay, before anything is recorded."""
         self._assembly = assembly
         if self._writer is not None:
             self._writer.place(assembly)
@@ -127,7 +125,6 @@ class RecordStore:
         return rows, frames
 
     def session(self, output: Output) -> Session:
-        """The surroundings of the run."""
         return Session(self.observe, output, self.keep, self.checkpoint)
 
     def observe(self, rows: Mapping, frames: Mapping) -> None:

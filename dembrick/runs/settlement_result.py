@@ -53,11 +53,9 @@ class SettlementResult(MotionResult):
             self.collapse["error_estimate"] = estimate + 0.5 * (high - low)
 
     def as_dict(self) -> dict:
-        """The JSON object of ``dembrick run --json``."""
         return super().as_dict() | {"settlement": self.settlement, "simulated_time": None}
 
     def text(self) -> str:
-        """What the command line prints."""
         found, motion = self.settlement, self.run.motion
         lines = self.heading_lines
         if self.collapse is not None:

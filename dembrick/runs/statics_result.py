@@ -16,6 +16,7 @@ class RestResult(RunResult):
     """Whether the blocks stand under their dead loads, in the geometry of the start or in the deformed one."""
 
     collapse = None
+    yield_point = None  # no load was increased
 
     if TYPE_CHECKING:
 
@@ -52,10 +53,6 @@ class StaticsResult(RestResult, SearchResult):
     run: Standing
 
     @property
-    def yield_point(self) -> None:
-        """No load was increased."""
-
-    @property
     def statics(self) -> dict:
         """The object ``statics`` of the JSON output."""
         rest = self.run.rest
@@ -71,10 +68,6 @@ class StaticsResult(RestResult, SearchResult):
         """The answer in a sentence."""
         rest = self.run.rest
         return "stands under its dead loads" if rest.stands else does_not_stand(rest, self.assembly.names)
-
-    def agrees(self) -> bool:
-        """There is no theory that this would be held against."""
-        return True
 
     def as_dict(self) -> dict:
         """The JSON object of ``dembrick run --json``."""

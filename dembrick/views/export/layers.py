@@ -62,7 +62,8 @@ class Span:
 
 
 class Layer(Protocol):
-    """Cells that keep their corners while the points move; ``fixed``: cell values that never change."""
+    """Cells that keep their corners while the points move; ``fixed``: cell values that never change; ``frames``: points
+    and values of some frames."""
 
     kind: str
     cells: list[tuple[int, ...]]
@@ -134,7 +135,6 @@ class Blocks:
         self._motion = CarriedPoints(history, body, block)
 
     def frames(self, span: Span) -> Frames:
-        """Points and values of some frames."""
         poses = span.poses
         found = block_quantities(span.history, poses, span.start, span.stop)
         cells = {name: values.astype(np.float32).take(self._owner, axis=1) for name, values in found.items()}
@@ -158,7 +158,6 @@ class Joints:
         self.fixed = {"joint": np.arange(joints.n_joint), "block_a": joints.block_a, "block_b": joints.block_b}
 
     def frames(self, span: Span) -> Frames:
-        """Points and values of some frames."""
         joints = span.joints
         now, before = joints.relative, span.before
         centre = np.full((*now.state.shape, 2), np.nan)
@@ -200,7 +199,6 @@ class Contacts:
         self.fixed = {"joint": owner}
 
     def frames(self, span: Span) -> Frames:
-        """Points and values of some frames."""
         joints, points = span.joints, self._places(span)
         force, normal = joints.point_forces, joints.normal_forces
         if len(self._convex):
@@ -245,7 +243,6 @@ class Ties:
         self.fixed = {"block_a": blocks[:, 0], "block_b": blocks[:, 1]}
 
     def frames(self, span: Span) -> Frames:
-        """Points and values of some frames."""
         found = {name: self._motion.series(name, span.start, span.stop) for name in ("tension", "yielded")}
         cells = {name: values.astype(np.float32) for name, values in found.items()}
         return Frames(self._motion.ends(span.poses), {}, cells)

@@ -104,7 +104,6 @@ class Names:
         plotter.add_actor(actor, reset_camera=False)
 
     def show(self, points: np.ndarray) -> None:
-        """Move the names to ``points`` (n, 3)."""
         self._cloud.points[:] = points
         self._cloud.Modified()
 
@@ -139,7 +138,6 @@ class ThrustLine:
         self.hinges: list[int] = []
 
     def show(self, frame: int, poses: Poses) -> None:
-        """Draw the line of a frame."""
         place, pairs, self.hinges = thrust_line(self._joints, self._forces, self._free, frame, poses)
         self._line.points[:] = self._dots.points[:] = place
         self._line.lines = np.column_stack([np.full(len(pairs), 2), pairs]).ravel().astype(np.int64)

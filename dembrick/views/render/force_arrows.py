@@ -91,7 +91,6 @@ class DrawnForces:
         return CarriedPoints(self._history, body, block).magnified(poses, self._factor)[0], met["force"]
 
     def both(self, frame: int, poses: Poses) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
-        """Places and forces of the joints, and of the new contacts."""
         return self.of_joints(frame, poses), self.of_new_contacts(frame, poses)
 
 
@@ -141,7 +140,6 @@ class ForceArrows:
             put_glyphs(arrows, at, force, self.length(np.linalg.norm(force, axis=1)))
 
     def words(self) -> str:
-        """What the arrows mean, for the text of a picture."""
         more = " or more" if self.most_force > self.largest_force else ""
         met = " purple: those of new contacts," if self.most_met else ""
         return f"green: joint forces,{met} the longest {self.largest_force:.4g} N{more}"

@@ -66,18 +66,15 @@ class DrawnReactions:
         return found
 
     def build(self, plotter) -> None:
-        """Add the arrows to a picture."""
         import pyvista
 
         arrow = pyvista.Arrow(start=(0, 0, 0), direction=(1, 0, 0), **ARROW)
         self._arrows = glyphs(plotter, arrow, self._history.position0[self._blocks], COLOUR)
 
     def show(self, frame: int, poses: Poses) -> None:
-        """Move the arrows to those of a frame."""
         if self._blocks:
             tails, tips = self.ends(frame, poses).swapaxes(0, 1)
             put_glyphs(self._arrows, tails, tips - tails, np.linalg.norm(tips - tails, axis=1))
 
     def words(self) -> list[str]:
-        """What the key of the picture says of them."""
         return [f"dark: reactions, the longest {self.largest:.4g} N"] if self._blocks else []

@@ -105,7 +105,6 @@ class Scene:
 
     @property
     def frame(self) -> int:
-        """The frame shown now."""
         return self._frame
 
     def show(self, frame: int) -> None:
@@ -284,7 +283,6 @@ class Scene:
         return pyvista.PolyData(self._start.copy(), faces=np.concatenate([*faces, ()]).astype(np.int64))
 
     def _edges(self, blocks: Iterable[int]):
-        """The edges of some blocks on the vertices of all."""
         import pyvista
 
         pairs = {
@@ -355,7 +353,6 @@ class Scene:
         return tuple(arrows)
 
     def _show_actuators(self, poses: Poses) -> None:
-        """An arrow an actuator, pushing at its point."""
         points, tails, tips = self._arrows_of(poses)
         put_glyphs(self._actuators, tails, tips - tails, np.linalg.norm(tips - tails, axis=1))
         put_glyphs(self._loaded, points, tips - tails, 1.0)

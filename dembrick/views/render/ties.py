@@ -27,7 +27,6 @@ class DrawnTies:
         return self._motion.ends(poses, self._factor)[0]
 
     def build(self, plotter) -> None:
-        """Add the lines to a picture."""
         if not self._motion.count:
             return
         import pyvista
@@ -37,12 +36,10 @@ class DrawnTies:
         plotter.add_mesh(self._mesh, color=COLOUR, line_width=WIDTH, render_lines_as_tubes=True, lighting=False)
 
     def show(self, poses: Poses) -> None:
-        """Move the lines to where the blocks are."""
         if self._mesh is not None:
             self._mesh.points[:] = self.ends(poses)
 
     def words(self, frame: int) -> list[str]:
-        """What the key of the picture says of them in a frame."""
         if not self._motion.count:
             return []
         tension = self._motion.series("tension", frame, frame + 1)[0]
