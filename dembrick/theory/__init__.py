@@ -4,48 +4,29 @@ Conventions: joint axes (t1, t2, n) about the joint's centroid O; forces (V_1, V
 the +n side, M_T positive counter-clockwise; a force (f1, f2) at eccentricity (e1, e2) has m = f2 e1 - f1 e2.
 """
 
-from dembrick.theory.approximations import APPROXIMATIONS, ApproximateDomain, approximate_domain
+from dembrick.theory.approximations import approximate_domain
 from dembrick.theory.formulations import (
-    FORMULATIONS,
-    PRESSURES,
     Formulation,
-    effective_polygon,
     formulation_law,
     point_formulation,
     polygon_formulation,
-    pressure_plane,
     rectangle_formulation,
-    spring_forces,
 )
 from dembrick.theory.interaction import (
-    InteractionCurve,
-    centre_curve,
     interaction_curve,
     surface_along,
-    surface_points,
     torsion_strength,
 )
-from dembrick.theory.limit_load import LimitLoad, LimitLoads, gauge, limit_load, limit_loads
-from dembrick.theory.limit_surface import Law, PointLaw, PolygonLaw, convex, linear_pressure, points
+from dembrick.theory.limit_load import gauge, limit_load, limit_loads
+from dembrick.theory.limit_surface import Law, convex, linear_pressure, points
 from dembrick.theory.overturning import closed_until, limit_load_at_height, overturning_load
 
 __all__ = [
-    "APPROXIMATIONS",
-    "FORMULATIONS",
-    "PRESSURES",
-    "ApproximateDomain",
     "Formulation",
-    "InteractionCurve",
     "Law",
-    "LimitLoad",
-    "LimitLoads",
-    "PointLaw",
-    "PolygonLaw",
     "approximate_domain",
-    "centre_curve",
     "closed_until",
     "convex",
-    "effective_polygon",
     "formulation_law",
     "gauge",
     "interaction_curve",
@@ -57,10 +38,7 @@ __all__ = [
     "point_formulation",
     "points",
     "polygon_formulation",
-    "pressure_plane",
     "rectangle_formulation",
-    "spring_forces",
     "surface_along",
-    "surface_points",
     "torsion_strength",
 ]

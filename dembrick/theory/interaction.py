@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dembrick.errors import ScenarioError
-from dembrick.theory.equations import half_diagonal
 from dembrick.theory.formulations import formulation_law
 from dembrick.theory.limit_load import limit_load, limit_loads
 from dembrick.theory.limit_surface import Law
@@ -37,11 +36,6 @@ class InteractionCurve:
 def torsion_strength(law: Law) -> float:
     """M_T0 (N m): the limit of a pure couple. The joint turns about the point of least mean distance, not always O."""
     return limit_load(law, (0.0, 0.0, 1.0)).V
-
-
-def surface_points(law: Law, twists: ArrayLike) -> np.ndarray:
-    """(V_1, V_2, M_T) (k, 3) on the limit surface, where its outward normal is each of ``twists`` (k, 3)."""
-    return law.gradient(np.asarray(twists, float))
 
 
 def surface_along(law: Law, directions: ArrayLike) -> np.ndarray:
@@ -83,20 +77,3 @@ def interaction_curve(
     loads = np.stack([v * d[0] / size, v * d[1] / size, m], axis=1) * scale
     found = limit_loads(law, loads)
     return InteractionCurve(formulation, found.V * v * scale, found.V * m * scale, found.twist, law.strength, M_T0)
-
-
-def centre_curve(
-    formulation: str, a: float, b: float, friction: float, normal_force: float, x_c: ArrayLike
-) -> tuple[np.ndarray, np.ndarray]:
-    """(V, M_T) for torsion centres on the x axis, as the paper draws its curves (eq. 5 and 8 with V_x = 0).
-
-    ``x_c`` (k,) is the centre's position left of O in m: 0 for pure torsion, infinite for pure shear along +y.
-    """
-    x_c = np.asarray(x_c, float)
-    c = half_diagonal(a, b)
-    finite = np.isfinite(x_c)
-    twist = np.zeros((len(x_c), 3))
-    twist[:, 1] = np.where(finite, x_c, c) / c
-    twist[:, 2] = np.where(finite, 1.0, 0.0) / c
-    force = formulation_law(formulation, a, b, friction, normal_force).gradient(twist)
-    return force[:, 1], force[:, 2]

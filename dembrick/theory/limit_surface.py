@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import cache
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,26 +29,13 @@ FAR = 3.0
 CHUNK = 1_000_000
 
 
-class Law(Protocol):
-    """What the limit analysis needs of a joint law. ``radius`` (m) and ``strength`` = V_0 (N) set its scales.
-
-    ``rounding`` is the relative rounding error to expect of its derivatives.
-    """
+class Law:
+    """The exact limit surface of a joint. ``radius`` (m) and ``strength`` = V_0 (N) set its scales, ``rounding`` is the
+    relative rounding error to expect of its ``derivatives``: D, gradient and Hessian of twists (k, 3)."""
 
     radius: float
     strength: float
     rounding: float
-
-    def dissipation(self, twist: ArrayLike) -> np.ndarray: ...
-
-    def gradient(self, twist: ArrayLike) -> np.ndarray: ...
-
-    def derivatives(self, twist: np.ndarray, smoothing: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]: ...
-
-
-class _Law:
-    """Shared front: one twist or many, and the zero twist, which dissipates nothing."""
-
     derivatives: Callable[..., tuple[np.ndarray, np.ndarray, np.ndarray]]
 
     def dissipation(self, twist: ArrayLike) -> np.ndarray:
@@ -110,7 +96,7 @@ def _sum_over_points(
     return D, G, H
 
 
-class PointLaw(_Law):
+class PointLaw(Law):
     """Coulomb friction at points. ``arms`` (n, 2) about O in m, ``strengths`` (n,) in N: friction * N_i and what
     cohesion adds."""
 
@@ -127,7 +113,7 @@ class PointLaw(_Law):
         return _sum_over_points(twist, self.arms, self.strengths, smoothing)
 
 
-class PolygonLaw(_Law):
+class PolygonLaw(Law):
     """A friction stress ``level + slope . (r - about)`` (Pa, Pa/m) over a union of polygons, in closed form.
 
     Seen from the torsion centre C, each edge spans a signed triangle; with h its distance from C, s the position along

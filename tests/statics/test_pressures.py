@@ -55,7 +55,7 @@ def random_bending(rng):
 def law_of(pressure, polygon, centre, g0, gx, gy):
     """The same by theory: a uniform or a linear friction stress whose strength is 1."""
     if pressure == "effective":
-        return theory.convex(theory.effective_polygon(polygon, centre), 1.0, 1.0)
+        return theory.convex(theory.formulations.effective_polygon(polygon, centre), 1.0, 1.0)
     law = theory.linear_pressure([polygon], 1.0, g0, (gx, gy))
     return theory.linear_pressure([polygon], 1.0 / law.strength, g0, (gx, gy))
 

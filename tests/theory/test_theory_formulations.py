@@ -8,18 +8,16 @@ from scipy import optimize
 
 from dembrick.errors import ScenarioError
 from dembrick.theory import (
-    effective_polygon,
     formulation_law,
     limit_load,
     limit_load_at_height,
     overturning_load,
     point_formulation,
     polygon_formulation,
-    pressure_plane,
     rectangle_formulation,
-    spring_forces,
 )
 from dembrick.theory.equations import torsion_parameter
+from dembrick.theory.formulations import effective_polygon, pressure_plane, spring_forces
 from dembrick.theory.polygons import moment_matrix, rectangle, signed_area
 
 A, B, FRICTION, NORMAL = 0.3, 0.2, 0.64, 467.0

@@ -5,17 +5,15 @@ import pytest
 
 from dembrick.errors import ScenarioError
 from dembrick.theory import (
-    APPROXIMATIONS,
     approximate_domain,
-    centre_curve,
     convex,
     formulation_law,
     gauge,
     interaction_curve,
     limit_load,
     surface_along,
-    surface_points,
 )
+from dembrick.theory.approximations import APPROXIMATIONS
 from dembrick.theory.polygons import rectangle
 from helpers import paper_equations as equations
 
@@ -36,9 +34,10 @@ def test_curve_and_the_papers_parametrisation_are_one(name):
     else:
         a_1 = equations.reduced_dimensions(A, B)[0]
         V, M = equations.corrected_interaction_y(x_c - a_1 / 2, A, B, V_0)
-    np.testing.assert_allclose(centre_curve(name, A, B, FRICTION, NORMAL, x_c), (V, M), atol=1e-11 * V_0)
-    forces = np.stack([0 * V, V, M], axis=1)
-    np.testing.assert_allclose(gauge(formulation_law(name, A, B, FRICTION, NORMAL), forces), 1.0, rtol=1e-11)
+    forces, law = np.stack([0 * V, V, M], axis=1), formulation_law(name, A, B, FRICTION, NORMAL)
+    about = np.stack([0.0 * x_c, x_c, 1.0 + 0.0 * x_c], axis=1)  # twists about centres on the x axis
+    np.testing.assert_allclose(law.gradient(about)[:, 1:], forces[:, 1:], atol=1e-11 * V_0)
+    np.testing.assert_allclose(gauge(law, forces), 1.0, rtol=1e-11)
     assert curve.V[0] == pytest.approx(V_0, rel=1e-13)
     assert curve.V[-1] == 0.0
     assert curve.M_T[0] == 0.0
@@ -47,7 +46,7 @@ def test_curve_and_the_papers_parametrisation_are_one(name):
 
 
 def test_shear_and_torsion_at_infinity_and_at_o():
-    V, M = centre_curve("convex", A, B, FRICTION, NORMAL, [0.0, np.inf])
+    V, M = formulation_law("convex", A, B, FRICTION, NORMAL).gradient([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])[:, 1:].T
     np.testing.assert_allclose(V, [0.0, V_0], atol=1e-11 * V_0)
     np.testing.assert_allclose(M, [V_0 * equations.torsion_parameter(A, B), 0.0], atol=1e-12 * V_0)
 
@@ -62,11 +61,11 @@ def test_non_dimensional_curves_nearly_coincide():
     np.testing.assert_allclose(corrected.normalised, (concave_v, concave_m), atol=1e-9)
 
 
-def test_surface_points_lie_on_the_surface_with_their_normal():
+def test_gradients_lie_on_the_surface_with_their_normal():
     law = convex(rectangle(A, B), FRICTION, NORMAL)
     rng = np.random.default_rng(9)
     twist = rng.normal(size=(40, 3)) * [1, 1, 10]
-    force = surface_points(law, twist)
+    force = law.gradient(twist)
     np.testing.assert_allclose(gauge(law, force), 1.0, rtol=1e-11)
     np.testing.assert_allclose(surface_along(law, 3.0 * force), force, rtol=1e-10, atol=1e-10 * V_0)
     # outward normal: no other point of the surface goes further along the twist
