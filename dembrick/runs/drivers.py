@@ -265,14 +265,16 @@ def _find_equilibria(scenario: Scenario, assembly: Assembly, session: Session, s
     run.ask_for(moving, scenario.output, driving)
     plan = _path_of(control).plan(moving, control, driving, scenario.output)
     session.warn_if_long(present(plan.seconds), "lower joint.normal_stiffness and joint.shear_stiffness")
-    return _path_of(control).follow(moving, control, driving, session, steps)
+    return _path_of(control)(moving, control, driving, session, steps).found()
 
 
 def _path_of(control: Control):
-    """The module of a path of equilibria in the deformed geometry."""
-    from dembrick.simulation.dynamics import driven_path, load_path, settlement
+    """The kind of a path of equilibria in the deformed geometry."""
+    from dembrick.simulation.dynamics.driven_path import DrivenPath
+    from dembrick.simulation.dynamics.load_path import LoadPath
+    from dembrick.simulation.dynamics.settlement import Settlement
 
-    return {SETTLEMENT.name: settlement, DRIVEN_PATH.name: driven_path}.get(control.regime.name, load_path)
+    return {SETTLEMENT.name: Settlement, DRIVEN_PATH.name: DrivenPath}.get(control.regime.name, LoadPath)
 
 
 def _refined_path(scenario: Scenario, steps: float) -> float:

@@ -18,11 +18,11 @@ from dembrick.assembly.actuators import effective_mass
 from dembrick.errors import NotConvergedError
 from dembrick.scenario.controls import Control, DisplacementControl
 from dembrick.scenario.model import Output
-from dembrick.simulation.dynamics.equilibria import FEWEST, EquilibriumPath
+from dembrick.simulation.dynamics.equilibria import FEWEST, EquilibriumPath, plan_of
 from dembrick.simulation.dynamics.integrator import Motion
-from dembrick.simulation.dynamics.load_path import LoadPathRun, plan_of, run_of
+from dembrick.simulation.dynamics.load_path import LoadPathRun, run_of
 from dembrick.simulation.dynamics.loads import Driving
-from dembrick.simulation.dynamics.outcome import mechanism, moved_most, settlement_collapse
+from dembrick.simulation.dynamics.outcome import mechanism, moved_most
 from dembrick.simulation.dynamics.time_histories import Curve
 from dembrick.simulation.session import Plan, Session
 
@@ -59,6 +59,11 @@ class DrivenPath(EquilibriumPath):
         self.travel, self.step = control.travel, refine * control.travel / EQUILIBRIA
         self.V = 0.0
         super().__init__(moving, control, driving, session, math.ceil(MOST / refine))
+
+    @classmethod
+    def plan(cls, moving: Motion, control: Control, driving: Driving, output: Output) -> Plan:
+        """What it will take, roughly."""
+        return plan_of(moving, control, output, EQUILIBRIA, 4 * SETTLES)
 
     def driven(self, parameter: Curve) -> Driving:
         """The head follows that path."""
@@ -101,24 +106,7 @@ class DrivenPath(EquilibriumPath):
         """A displacement of the head."""
         return f"a displacement of {parameter:.6g} m of the actuators"
 
-    def come_down(self, before: np.ndarray, blocks: np.ndarray) -> dict:
-        """The mechanism, its blocks and hinges."""
-        return settlement_collapse(self.moving, before, blocks)
-
     def finished(self) -> LoadPathRun:
         """What came of it."""
         moving, start = self.moving, self.past.at_rest
         return run_of(super().finished(), moved_most(moving, start), mechanism(moving, start))
-
-
-def follow(moving: Motion, control: Control, driving: Driving, session: Session, refine: float = 1.0) -> LoadPathRun:
-    """Push by the travel, equilibrium by equilibrium; ``refine``: steps over the usual.
-
-    Raises NotConvergedError if the blocks do not stand before, or find neither rest nor fall.
-    """
-    return DrivenPath(moving, control, driving, session, refine).found()
-
-
-def plan(moving: Motion, control: Control, driving: Driving, output: Output) -> Plan:
-    """What it will take, roughly."""
-    return plan_of(moving, control, output, EQUILIBRIA, 4 * SETTLES)

@@ -24,20 +24,23 @@ import numpy as np
 
 from dembrick.errors import HistoryError, NotConvergedError
 from dembrick.kernels.dynamics.loop import Limits
+from dembrick.scenario.model import Output
 from dembrick.scenario.regimes import COLLAPSE, COMPLETED, Control
 from dembrick.simulation import interrupts
+from dembrick.simulation.channels import bytes_of, recorded
 from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.checkpoint import Past
 from dembrick.simulation.dynamics.dead_load import CHUNK, LOCAL_DAMPING, STEP, find_equilibrium, most_steps, unbalanced
 from dembrick.simulation.dynamics.integrator import LONGEST_MOVE, NO_LIMIT, Motion, advance
 from dembrick.simulation.dynamics.loads import Driving
-from dembrick.simulation.dynamics.outcome import MOVED
+from dembrick.simulation.dynamics.outcome import MOVED, settlement_collapse
 from dembrick.simulation.dynamics.recorder import Recorder
-from dembrick.simulation.dynamics.run import MotionRun
+from dembrick.simulation.dynamics.run import MEETINGS, MotionRun
 from dembrick.simulation.dynamics.state import seen
 from dembrick.simulation.dynamics.support_motion import AT_REST
 from dembrick.simulation.dynamics.time_histories import Curve
-from dembrick.simulation.session import Kept, Progress, Session, Snapshot
+from dembrick.simulation.expected_cost import motion_seconds
+from dembrick.simulation.session import Kept, Plan, Progress, Session, Snapshot
 
 TOLERANCE = 1e-3  # of the parameter at which blocks come down, if the control says none
 FEWEST = 512  # steps in which the parameter grows
@@ -114,9 +117,9 @@ class EquilibriumPath(ABC):
     def said(self, parameter: float) -> str:
         """A value of the parameter, for a message."""
 
-    @abstractmethod
     def come_down(self, before: np.ndarray, blocks: np.ndarray) -> dict:
         """How ``blocks`` (k,) come down since the joints looked like ``before`` (j, 9, of `seen`)."""
+        return settlement_collapse(self.moving, before, blocks)
 
     @property
     def slow(self) -> str:
@@ -302,7 +305,10 @@ class EquilibriumPath(ABC):
             self.kept.arrays[name] = array
 
     def found(self) -> EquilibriaRun:
-        """Go the whole way, from the start or from where the session resumes it, and say what came of it."""
+        """Go the whole way, from the start or from where the session resumes it, and say what came of it.
+
+        Raises NotConvergedError if the blocks do not stand before anything grows, or find neither rest nor fall.
+        """
         self.begin(self.session.resumed)
         self.run()
         return self.finished()
@@ -370,3 +376,13 @@ class EquilibriumPath(ABC):
 def _farthest(position: np.ndarray, start: np.ndarray) -> float:
     """How far (m) the centroid that has moved furthest is from where it was (n, 3)."""
     return float(np.linalg.norm(position - start, axis=1).max())
+
+
+def plan_of(moving: Motion, control: Control, output: Output, equilibria: int, each: float = 4.0 * FEWEST) -> Plan:
+    """The plan of a path of so many equilibria, of so many steps ``each``, roughly."""
+    fields = recorded(moving.assembly, output.channels, control)
+    memory = 3 * sum(array.nbytes for array in moving.state.arrays)
+    memory += bytes_of(fields, equilibria, equilibria, equilibria * MEETINGS * len(moving.assembly.names))
+    steps = int(equilibria * each)
+    seconds = motion_seconds(steps, len(moving.assembly.joints))
+    return Plan(STEP * moving.time_step, moving.critical_time_step, steps, memory, seconds)

@@ -17,17 +17,13 @@ import numpy as np
 
 from dembrick.scenario.model import Output
 from dembrick.scenario.regimes import ACTUATORS, Control
-from dembrick.simulation.channels import bytes_of, recorded
-from dembrick.simulation.dynamics.dead_load import STEP
-from dembrick.simulation.dynamics.equilibria import FEWEST, EquilibriaRun, EquilibriumPath
+from dembrick.simulation.dynamics.equilibria import FEWEST, EquilibriaRun, EquilibriumPath, plan_of
 from dembrick.simulation.dynamics.integrator import Motion
 from dembrick.simulation.dynamics.loads import Driving
-from dembrick.simulation.dynamics.outcome import moved_most, settlement_collapse
+from dembrick.simulation.dynamics.outcome import moved_most
 from dembrick.simulation.dynamics.pushover import STRONGEST
-from dembrick.simulation.dynamics.run import MEETINGS
 from dembrick.simulation.dynamics.state import joint_resultants
 from dembrick.simulation.dynamics.time_histories import Curve
-from dembrick.simulation.expected_cost import motion_seconds
 from dembrick.simulation.session import Plan, Session
 
 FIRST = 0.01  # load factor of the first equilibrium; of actuators that times the weight of the free blocks
@@ -63,6 +59,11 @@ class LoadPath(EquilibriumPath):
         else:
             moving.settled = True  # to rest from where the blocks are, or to fall, is what this path is for
 
+    @classmethod
+    def plan(cls, moving: Motion, control: Control, driving: Driving, output: Output) -> Plan:
+        """What it will take, roughly."""
+        return plan_of(moving, control, output, equilibria_of(STRONGEST, GROWTH) if driving.driven is not None else 1)
+
     def driven(self, parameter: Curve) -> Driving:
         """The load system acts with that multiplier; a table tilts by the angle whose tangent it is."""
         axis = self.control.tilt_axis
@@ -95,7 +96,7 @@ class LoadPath(EquilibriumPath):
     def come_down(self, before: np.ndarray, blocks: np.ndarray) -> dict:
         """The mechanism, its blocks and hinges."""
         self.joint = moved_most(self.moving, before)
-        return settlement_collapse(self.moving, before, blocks)
+        return super().come_down(before, blocks)
 
     def finished(self) -> LoadPathRun:
         """What came of it."""
@@ -124,26 +125,3 @@ def scale_of(moving: Motion, control: Control) -> float:
 def equilibria_of(most: float, growth: float) -> int:
     """How many equilibria a path has, at the most, on which nothing comes down before V is ``most`` scales."""
     return 1 + math.ceil(math.log(most / FIRST) / math.log(growth))
-
-
-def follow(moving: Motion, control: Control, driving: Driving, session: Session, refine: float = 1.0) -> LoadPathRun:
-    """Increase the load system from equilibrium to equilibrium; ``refine``: steps over the usual.
-
-    Raises NotConvergedError if the blocks do not stand before the load grows, or find neither rest nor fall.
-    """
-    return LoadPath(moving, control, driving, session, refine).found()
-
-
-def plan(moving: Motion, control: Control, driving: Driving, output: Output) -> Plan:
-    """What it will take, roughly."""
-    return plan_of(moving, control, output, equilibria_of(STRONGEST, GROWTH) if driving.driven is not None else 1)
-
-
-def plan_of(moving: Motion, control: Control, output: Output, equilibria: int, each: int = 4 * FEWEST) -> Plan:
-    """The plan of a path of so many equilibria, of so many steps ``each``."""
-    fields = recorded(moving.assembly, output.channels, control)
-    memory = 3 * sum(array.nbytes for array in moving.state.arrays)
-    memory += bytes_of(fields, equilibria, equilibria, equilibria * MEETINGS * len(moving.assembly.names))
-    steps = equilibria * each
-    seconds = motion_seconds(steps, len(moving.assembly.joints))
-    return Plan(STEP * moving.time_step, moving.critical_time_step, steps, memory, seconds)

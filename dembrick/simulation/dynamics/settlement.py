@@ -12,15 +12,11 @@ import numpy as np
 
 from dembrick.scenario.model import Output
 from dembrick.scenario.regimes import Control
-from dembrick.simulation.channels import bytes_of, recorded
 from dembrick.simulation.dynamics.dead_load import STEP
-from dembrick.simulation.dynamics.equilibria import FEWEST, EquilibriaRun, EquilibriumPath
+from dembrick.simulation.dynamics.equilibria import FEWEST, EquilibriumPath, plan_of
 from dembrick.simulation.dynamics.integrator import Motion
 from dembrick.simulation.dynamics.loads import Driving
-from dembrick.simulation.dynamics.outcome import settlement_collapse
-from dembrick.simulation.dynamics.run import MEETINGS
 from dembrick.simulation.dynamics.time_histories import Curve
-from dembrick.simulation.expected_cost import motion_seconds
 from dembrick.simulation.session import Plan, Session
 
 EQUILIBRIA = 80  # of the whole way, equally far apart
@@ -46,6 +42,14 @@ class Settlement(EquilibriumPath):
         super().__init__(moving, control, driving, session, len(self.shares))
         self.gentle = refine * GENTLE
         self.gravity = float(np.linalg.norm(moving.assembly.gravity))
+
+    @classmethod
+    def plan(cls, moving: Motion, control: Control, driving: Driving, output: Output) -> Plan:
+        """What it will take, roughly: as many steps as the supports move for, and again until the blocks rest."""
+        length, gravity = driving.supports.length, float(np.linalg.norm(moving.assembly.gravity))
+        way = shares(WITHIN * moving.smallest / length)
+        seconds = math.sqrt(6.0 * length / len(way) / (GENTLE * gravity)) if gravity > 0.0 else 0.0
+        return plan_of(moving, control, output, len(way) + 1, 2.0 * max(FEWEST, seconds / (STEP * moving.time_step)))
 
     def driven(self, parameter: Curve) -> Driving:
         """The supports have gone that share of their way."""
@@ -74,26 +78,4 @@ class Settlement(EquilibriumPath):
     def come_down(self, before: np.ndarray, blocks: np.ndarray) -> dict:
         """The collapse, with its settlement (m)."""
         low, high = self.reached * self.supports.length, self.failed * self.supports.length
-        found = settlement_collapse(self.moving, before, blocks)
-        return found | {"settlement": 0.5 * (low + high), "settlement_range": [low, high]}
-
-
-def follow(moving: Motion, control: Control, driving: Driving, session: Session, refine: float = 1.0) -> EquilibriaRun:
-    """Move the supports along their way, equilibrium by equilibrium; ``refine``: steps over the usual.
-
-    Raises NotConvergedError if the blocks do not stand before the supports move, or find neither rest nor fall.
-    """
-    return Settlement(moving, control, driving, session, refine).found()
-
-
-def plan(moving: Motion, control: Control, driving: Driving, output: Output) -> Plan:
-    """What it will take, roughly: as many steps as the supports move for, and again for the blocks to come to rest."""
-    way = shares(WITHIN * moving.smallest / driving.supports.length)
-    gravity, dt = float(np.linalg.norm(moving.assembly.gravity)), STEP * moving.time_step
-    each = math.sqrt(6.0 * driving.supports.length / len(way) / (GENTLE * gravity)) / dt if gravity > 0.0 else FEWEST
-    rows = len(way) + 1
-    fields = recorded(moving.assembly, output.channels, control)
-    memory = 3 * sum(array.nbytes for array in moving.state.arrays)
-    memory += bytes_of(fields, rows, rows, rows * MEETINGS * len(moving.assembly.names))
-    steps = int(2 * rows * max(FEWEST, each))
-    return Plan(dt, moving.critical_time_step, steps, memory, motion_seconds(steps, len(moving.assembly.joints)))
+        return super().come_down(before, blocks) | {"settlement": 0.5 * (low + high), "settlement_range": [low, high]}

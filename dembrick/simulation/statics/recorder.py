@@ -55,28 +55,33 @@ class Recorder:
     ):
         channels = session.output.channels
         n_block, n_joint = len(state.blocks.displacement), len(state.joints.block_a)
-        moving = n_block if "velocity" in channels else 0
-        points = joint_families.contact_points(state) if "contacts" in channels else 0
         support, n_tie = support_numbers(state), 0 if state.ties is None else len(state.ties.stiffness)
-        of_rows = {  # shapes of an entry
-            "row": (6,),
-            "actuator": (len(state.actuators.block),),
-            "joint": (n_joint if "joints" in channels else 0, 7),
-            "reaction": (int(support.max(initial=-1)) + 1, 6),
-            "tension": (n_tie,),
-            "yielded": (n_tie,),
-            "energy": (len(ENERGIES),),
-            "way": (len(watched.block), 3),
-        }
-        of_frames = {
-            "frame_time": (),
-            "frame_displacement": (n_block, 3),
-            "frame_orientation": (n_block, 4),
-            "frame_velocity": (moving, 3),
-            "frame_spin": (moving, 3),
-            "frame_contact": (points, 3),
-            "frame_bond": (n_joint if joint_families.has_strengths(state) else 0,),
-        }
+        n_point, moving = joint_families.contact_points(state), "velocity" in channels
+        rows_of = (  # field of the record, channel, shape of an entry, whether it is wanted
+            ("actuator", "actuator_displacement", (len(state.actuators.block),), True),
+            ("joint", "joint", (n_joint, 7), "joints" in channels),
+            ("reaction", "reaction", (int(support.max(initial=-1)) + 1, 6), True),
+            ("tension", "tension", (n_tie,), n_tie > 0),
+            ("yielded", "yielded", (n_tie,), n_tie > 0),
+            ("way", "control_point", (len(watched.block), 3), len(watched.block) > 0),
+        )
+        frames_of = (
+            ("frame_time", "time", (), True),
+            ("frame_displacement", "displacement", (n_block, 3), True),
+            ("frame_orientation", "orientation", (n_block, 4), True),
+            ("frame_velocity", "velocity", (n_block, 3), moving),
+            ("frame_spin", "spin", (n_block, 3), moving),
+            ("frame_contact", "contact_force", (n_point, 3), "contacts" in channels),
+            ("frame_bond", "bond", (n_joint,), joint_families.has_strengths(state)),
+        )
+        of_rows, of_frames = (
+            {name: shape if wanted else (0, *shape[1:]) for name, _, shape, wanted in table}
+            for table in (rows_of, frames_of)
+        )
+        of_rows |= {"row": (6,), "energy": (len(ENERGIES),)}
+        self._rows, self._frames = (
+            {name: channel for name, channel, _, wanted in table if wanted} for table in (rows_of, frames_of)
+        )
         rows, frames = _capacity(chunk // rows_every, of_rows), 0
         self.longest_chunk = min(chunk, (rows - 2) * rows_every)
         if "frames" in channels:
@@ -119,29 +124,14 @@ class Recorder:
         record.count[:] = 0
         columns = record.row[:n].copy().T
         rows = dict(zip(("time", "load", "displacement", "unbalanced", "lower", "upper"), columns, strict=True))
-        rows["actuator_displacement"] = record.actuator[:n].copy()
         rows["actuator_force"] = rows["load"][:, None] * self._weight
-        rows["reaction"] = record.reaction[:n].copy()
-        if len(record.watched):
-            rows["control_point"] = record.way[:n].copy()
-        if record.tension.shape[1]:
-            rows["tension"], rows["yielded"] = record.tension[:n].copy(), record.yielded[:n].copy()
-        if "joints" in self._channels:
-            rows["joint"] = record.joint[:n].copy()
         rows["energy"] = dict(zip(ENERGIES, record.energy[:n].copy().T, strict=True))
-        frames = {}
-        if "frames" in self._channels:
-            frames["time"] = record.frame_time[:f].copy()
-            frames["displacement"] = record.frame_displacement[:f].copy()
-            frames["orientation"] = record.frame_orientation[:f].copy()
-        if "velocity" in self._channels:
-            frames["velocity"] = record.frame_velocity[:f].copy()
-            frames["spin"] = record.frame_spin[:f].copy()
-        if "contacts" in self._channels:
-            frames["contact_force"] = record.frame_contact[:f].copy()
-        if "frames" in self._channels and record.frame_bond.shape[1]:
-            frames["bond"] = record.frame_bond[:f].copy()
-        self._observe(rows, frames)
+        rows |= self._written(self._rows, n)
+        self._observe(rows, self._written(self._frames, f) if "frames" in self._channels else {})
+
+    def _written(self, channels: Mapping[str, str], count: int) -> dict[str, np.ndarray]:
+        """Copies of the first ``count`` entries of fields of the record, by their ``channels``."""
+        return {channel: getattr(self.record, name)[:count].copy() for name, channel in channels.items()}
 
 
 def _capacity(wanted: int, shapes: Mapping[str, tuple[int, ...]]) -> int:
