@@ -57,9 +57,9 @@ def find_equilibrium(
     if motion.settled:
         joint_forces(motion, driving)
         return unbalanced(motion.state, driving, ~np.asarray(motion.assembly.fixed))[0]
-    drawn = _kept(motion)
+    drawn = [array.copy() for array in _arrays(motion)]
     supported = _supported(motion.state)
-    slack = _allowance(motion, APART if sticking else SLID)
+    slack = (APART if sticking else SLID) * motion.polygons.size
     with _friction(motion, STICKING if sticking else None), _held_bonds(motion):
         if resume is not None:
             resume()
@@ -148,10 +148,6 @@ class _Attempt:
         return _supported(self.motion.state, sound)
 
 
-def _kept(motion: Motion) -> list[np.ndarray]:
-    return [array.copy() for array in _arrays(motion)]
-
-
 def _arrays(motion: Motion) -> list[np.ndarray]:
     return [motion._travel, motion.polygons.shift, motion.polygons.whole, *motion.state.arrays]
 
@@ -185,10 +181,6 @@ def _held_bonds(motion: Motion):
         yield
     finally:
         joint_families.hold_bonds(motion.state, False)
-
-
-def _allowance(motion: Motion, part: float) -> np.ndarray:
-    return part * motion.polygons.size
 
 
 def _compliance(state: MovingState) -> np.ndarray:

@@ -122,36 +122,18 @@ class _Faces:
 def _joints(k: int) -> Joints:
     """k joints in their own axes, both blocks seen from O."""
     axes = np.tile(np.eye(3), (k, 1, 1))
-    zero = {name: np.zeros((k, 3)) for name in ("arm_a", "arm_b", "lever_a", "lever_b", "offset", "opening", "step")}
-    return Joints(
-        block_a=2 * np.arange(k),
-        block_b=2 * np.arange(k) + 1,
-        host=np.ones(k),
-        axes=axes,
-        axes_a=axes.copy(),
-        axes_b=axes.copy(),
-        gap=np.zeros(k),
-        relative=np.zeros((k, 6)),
-        damping=np.ones(k),
-        tilt=np.zeros((k, 2)),
-        resultant=np.zeros((k, 7)),
-        **zero,
+    zero = {name: np.zeros((k, 3)) for name in ("arm_a", "arm_b", "lever_a", "lever_b", "offset")}
+    own = {"axes": axes, "axes_a": axes.copy(), "axes_b": axes.copy(), **zero}
+    return state.joints_at_rest(
+        block_a=2 * np.arange(k), block_b=2 * np.arange(k) + 1, host=np.ones(k), gap=np.zeros(k), **own
     )
 
 
 def _blocks(k: int, dead: np.ndarray) -> Blocks:
-    n = 2 * k
-    vectors = ("displacement", "rotation", "velocity", "spin", "momentum", "force", "torque")
-    dead_force, dead_torque = np.zeros((n, 3)), np.zeros((n, 3))
+    dead_force, dead_torque = np.zeros((2, 2 * k, 3))
     dead_force[1::2], dead_torque[1::2] = dead[:, :3], dead[:, 3:]
-    return Blocks(
-        free=2 * np.arange(k) + 1,
-        orientation=np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)),
-        mean_velocity=np.zeros((n, 6)),
-        dead_force=dead_force,
-        dead_torque=dead_torque,
-        **{name: np.zeros((n, 3)) for name in vectors},
-    )
+    orientation = np.tile([1.0, 0.0, 0.0, 0.0], (2 * k, 1))
+    return state.blocks_at_rest(2 * np.arange(k) + 1, orientation, dead_force, dead_torque)
 
 
 def _actuators(cases: Cases) -> Actuators:

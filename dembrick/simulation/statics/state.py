@@ -34,23 +34,41 @@ class State(NamedTuple):
 
 def initial_state(assembly: Assembly) -> State:
     """State at the start: nothing displaced, no force in any joint, no force in any actuator."""
-    n = len(assembly.names)
-    blocks = Blocks(
-        free=np.flatnonzero(~assembly.fixed).astype(np.int64),
-        displacement=np.zeros((n, 3)),
-        rotation=np.zeros((n, 3)),
-        orientation=np.array(assembly.orientation, float),
-        velocity=np.zeros((n, 3)),
-        spin=np.zeros((n, 3)),
-        mean_velocity=np.zeros((n, 6)),
-        momentum=np.zeros((n, 3)),
-        force=np.zeros((n, 3)),
-        torque=np.zeros((n, 3)),
-        dead_force=np.array(assembly.dead_force, float),
-        dead_torque=np.array(assembly.dead_torque, float),
-    )
+    dead_force, dead_torque = np.array(assembly.dead_force, float), np.array(assembly.dead_torque, float)
+    free = np.flatnonzero(~assembly.fixed).astype(np.int64)
+    blocks = blocks_at_rest(free, np.array(assembly.orientation, float), dead_force, dead_torque)
     actuators = _actuators(assembly)
     return State(blocks, _joints(assembly), *joint_families.at_rest(assembly), actuators, ties.at_rest(assembly))
+
+
+def blocks_at_rest(
+    free: np.ndarray, orientation: np.ndarray, dead_force: np.ndarray, dead_torque: np.ndarray
+) -> Blocks:
+    """Blocks that have not moved; the arguments are fields of `Blocks`."""
+    n = len(orientation)
+    vectors = ("displacement", "rotation", "velocity", "spin", "momentum", "force", "torque")
+    return Blocks(
+        free=free,
+        orientation=orientation,
+        mean_velocity=np.zeros((n, 6)),
+        dead_force=dead_force,
+        dead_torque=dead_torque,
+        **{name: np.zeros((n, 3)) for name in vectors},
+    )
+
+
+def joints_at_rest(**fixed: np.ndarray) -> Joints:
+    """Joints in which nothing has moved and nothing is carried; ``fixed``: the fields of `Joints` that never change."""
+    n = len(fixed["block_a"])
+    return Joints(
+        damping=np.ones(n),
+        relative=np.zeros((n, 6)),
+        opening=np.zeros((n, 3)),
+        step=np.zeros((n, 3)),
+        tilt=np.zeros((n, 2)),
+        resultant=np.zeros((n, 7)),
+        **fixed,
+    )
 
 
 def rotations(state: State) -> np.ndarray:
@@ -77,9 +95,9 @@ def _actuators(assembly: Assembly) -> Actuators:
 
 def _joints(assembly: Assembly) -> Joints:
     table = JointTable.of(assembly.joints)
-    n, a, b = len(table), table.block_a, table.block_b
+    a, b = table.block_a, table.block_b
     rotation_a, rotation_b = assembly.rotation[a], assembly.rotation[b]
-    return Joints(
+    return joints_at_rest(
         block_a=a,
         block_b=b,
         host=np.where(table.host == b, 1.0, -1.0),
@@ -92,12 +110,6 @@ def _joints(assembly: Assembly) -> Joints:
         lever_b=np.einsum("jik,ji->jk", rotation_b, table.arm_b),
         offset=table.arm_a - table.arm_b,
         gap=table.gap,
-        damping=np.ones(n),
-        relative=np.zeros((n, 6)),
-        opening=np.zeros((n, 3)),
-        step=np.zeros((n, 3)),
-        tilt=np.zeros((n, 2)),
-        resultant=np.zeros((n, 7)),
     )
 
 

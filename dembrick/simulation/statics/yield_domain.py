@@ -7,6 +7,7 @@ comes out of it, each as one number with the tolerance that the error bars of th
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -109,22 +110,16 @@ def _least_sum(P: np.ndarray, dimension: int) -> float:
         P = P @ np.linalg.svd(P, full_matrices=False)[2][:2].T
     u = P / np.linalg.norm(P, axis=1, keepdims=True)
     near = np.argsort(-(u @ u.T), axis=1, kind="stable")[:, 1 : _NEIGHBOURS + 1]
-    first, *more = np.triu_indices(near.shape[1], 1) if dimension == 2 else _triples(near.shape[1])
+    chosen = np.array(list(itertools.combinations(range(near.shape[1]), dimension)), int).reshape(-1, dimension).T
     least = np.inf
     for i, others in enumerate(near):
-        cones = np.stack([P[others[k]] for k in (first, *more)], axis=-1)
+        cones = np.stack([P[others[k]] for k in chosen], axis=-1)
         sound = np.abs(np.linalg.det(cones)) > 1e-9
         c = np.linalg.solve(cones[sound], np.broadcast_to(P[i][:, None], (int(sound.sum()), dimension, 1)))[..., 0]
         held = (c >= 0.0).all(axis=1)
         if held.any():
             least = min(least, float(c[held].sum(axis=1).min()))
     return min(least, 1.0) if least < np.inf else 1.0
-
-
-def _triples(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    i, j, k = np.meshgrid(*(np.arange(n),) * 3, indexing="ij")
-    chosen = (i < j) & (j < k)
-    return i[chosen], j[chosen], k[chosen]
 
 
 def directions(count: int, space: str, shear_angle: float = 90.0) -> np.ndarray:
