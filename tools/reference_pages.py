@@ -64,7 +64,7 @@ def scenario_page() -> str:
     ]
     for heading, kind in keys.tables().items():
         title = f"`{heading}`" if heading else "The top of the file"
-        parts.append(f"## {title}\n\n{first_paragraph(keys.class_of(kind))}\n")
+        parts.append(f"## {title}\n\n{first_paragraph(kind)}\n")
         rows = []
         for field in keys.written_fields(kind):
             key, default = keys.keys_of(kind)[field.name], keys.default_of(field)

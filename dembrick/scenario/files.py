@@ -8,11 +8,6 @@ from dembrick.scenario.blocks import Block, Part
 from dembrick.scenario.model import Scenario
 
 
-def folder_of(scenario: Scenario) -> str:
-    """Where the names of files in a scenario start."""
-    return os.path.dirname(scenario.path) if scenario.path else ""
-
-
 def inputs_of(scenario: Scenario) -> list[str]:
     """The scenario's own file, and every mesh and history in time that it names."""
     shaken = getattr(scenario.control, "file", None)
@@ -21,6 +16,6 @@ def inputs_of(scenario: Scenario) -> list[str]:
         solids: list[Block | Part] = [block, *(block.parts or ())]
         named += [solid.mesh.file for solid in solids if solid.mesh is not None]
     named += [model.file for model in scenario.models]
-    folder = folder_of(scenario)
+    folder = os.path.dirname(scenario.path or "")
     own = [scenario.path] if scenario.path else []
     return own + [os.path.join(folder, name) for name in dict.fromkeys(named) if name]

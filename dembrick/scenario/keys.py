@@ -13,7 +13,7 @@ from typing import Any, Union, get_args, get_origin, get_type_hints
 
 from dembrick.scenario.blocks import Block, Mesh, Part, Prism, Voussoir
 from dembrick.scenario.cad_models import CadModel
-from dembrick.scenario.controls import CONTROLS, Pulse, Sine
+from dembrick.scenario.controls import CONTROLS, Control, Pulse, Sine
 from dembrick.scenario.generators import Arch, Dome, Opening, Return, Stack, Wall
 from dembrick.scenario.model import (
     Actuator,
@@ -30,7 +30,7 @@ from dembrick.scenario.pressures import Pressure
 from dembrick.scenario.support_paths import SupportPath, Turn
 from dembrick.scenario.ties import Tie, TieEnd
 
-NOT_KEYS = {"text", "path", "all_blocks", "groups", "remarks"}  # fields of dataclasses that no file writes
+NOT_KEYS = {"text", "path"}  # fields of dataclasses that no file writes
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +125,7 @@ displacement | m | 3 numbers | how far they have moved at the end, world axes
 rotation | | table | how far they have turned at the end
 """
 
-_TEXTS: dict[Any, str] = {
+_TEXTS: dict[type, str] = {
     Scenario: _SCENARIO,
     JointLaw: _LAW,
     JointOverride: "between | | 2 names | the two blocks or groups whose joints have this law\n"
@@ -271,10 +271,11 @@ angle | deg | -90 to 90, not 0 | by how much, at the end
 point | m | 3 numbers | a point of the axis at the start; left out, the centroid of each support
 """,
     SupportPath: _MOTION,
-    "yield": f"{_TOLERANCE}\n{_LARGE}",
-    "displacement": "rate | m/s | > 0 | speed of the actuators\ntravel | m | > 0 | how far they move\n" + _LARGE,
-    "statics": _LARGE,
-    "tilt": f"""
+    CONTROLS["yield"]: f"{_TOLERANCE}\n{_LARGE}",
+    CONTROLS["displacement"]: "rate | m/s | > 0 | speed of the actuators\ntravel | m | > 0 | how far they move\n"
+    + _LARGE,
+    CONTROLS["statics"]: _LARGE,
+    CONTROLS["tilt"]: f"""
 axis | 1 | 3 numbers | axis of the table through the origin, right-hand rule
 rate | deg/s | 0 to 10 | how fast it turns, in real time; without it the limit itself is searched
 displacement | m | > 0 | the run ends when a block has moved so far against the table
@@ -283,7 +284,7 @@ quasi_static | | true, false | find the angle of the limit itself, without time;
 {_DAMPING}
 {_LARGE}
 """,
-    "pushover": f"""
+    CONTROLS["pushover"]: f"""
 direction | 1 | 3 numbers | along which every block is pushed by the same share of its weight
 displacement | m | > 0 | the curve goes on until a block has moved so far
 quasi_static | | true, false | find the limit itself; false: push in real time
@@ -292,7 +293,7 @@ rate | m/s | > 0 | how fast the mean displacement grows, in real time
 {_DAMPING}
 {_LARGE}
 """,
-    "settlement": f"""
+    CONTROLS["settlement"]: f"""
 {_MOTION}
 motions | | tables | further supports that move differently at the same time
 quasi_static | | true, false | from equilibrium to equilibrium in the deformed geometry; false: in real time
@@ -300,8 +301,8 @@ rate | m/s | > 0 | how fast the supports move, in real time
 tolerance | 1 | 1e-5 to 0.1 | relative error of the settlement at which the structure comes down (quasi-static)
 {_DAMPING}
 """,
-    "dynamic": _IMPACT,
-    "base-motion": f"""
+    CONTROLS["dynamic"]: _IMPACT,
+    CONTROLS["base-motion"]: f"""
 {_IMPACT}
 direction | 1 | 3 numbers, or up to three such lists | along which the supports shake, one for each component
 file | | a path, or one for each direction | CSV file with units in its first line, or a PEER record (.AT2, .VT2, .DT2)
@@ -314,14 +315,9 @@ scale | 1 | a number | file, sine or pulse times this
 }
 
 
-def controls() -> dict[str, type]:
-    """Kind -> class of every control."""
-    return dict(CONTROLS)
-
-
 @cache
-def keys_of(table: Any) -> dict[str, Key]:
-    """Name -> key of a dataclass of the scenario, or of a kind of control."""
+def keys_of(table: type) -> dict[str, Key]:
+    """Name -> key of a dataclass of the scenario."""
     found = {}
     for line in filter(None, map(str.strip, _TEXTS[table].splitlines())):
         name, unit, allowed, meaning = (part.strip() for part in line.split("|"))
@@ -329,9 +325,9 @@ def keys_of(table: Any) -> dict[str, Key]:
     return found
 
 
-def tables() -> dict[str, Any]:
-    """Heading in a TOML file -> dataclass or kind of control, in the order of the reference."""
-    found: dict[str, Any] = {"": Scenario, "[joint]": JointLaw, "[[joints]]": JointOverride}
+def tables() -> dict[str, type]:
+    """Heading in a TOML file -> dataclass, in the order of the reference."""
+    found: dict[str, type] = {"": Scenario, "[joint]": JointLaw, "[[joints]]": JointOverride}
     found |= {"[materials.NAME]": Material, "[[blocks]]": Block}
     found |= {"prism = {}": Prism, "voussoir = {}": Voussoir, "mesh = {}": Mesh, "parts = [{}]": Part}
     found |= {"[[walls]]": Wall, "openings = [{}]": Opening, "returns = [{}]": Return}
@@ -340,13 +336,8 @@ def tables() -> dict[str, Any]:
     found |= {"[[ties]]": Tie, "between = [{}] of [[ties]]": TieEnd}
     found |= {"sine = {}": Sine, "pulse = {}": Pulse, "[[control_points]]": ControlPoint}
     found |= {"rotation = {}": Turn, "motions = [{}]": SupportPath}
-    found |= {f'[control] kind = "{kind}"': kind for kind in controls()}
+    found |= {f'[control] kind = "{kind}"': control for kind, control in CONTROLS.items()}
     return found | {"[solver]": Solver, "[output]": Output}
-
-
-def class_of(table: Any) -> type:
-    """The dataclass of a table."""
-    return controls()[table] if isinstance(table, str) else table
 
 
 def default_of(field) -> Any:
@@ -356,9 +347,9 @@ def default_of(field) -> Any:
     return field.default_factory() if field.default_factory is not MISSING else MISSING
 
 
-def written_fields(table: Any) -> list:
+def written_fields(table: type) -> list:
     """The fields of a table that a file may write."""
-    return [field for field in fields(class_of(table)) if field.init and field.name not in NOT_KEYS]
+    return [field for field in fields(table) if field.init and field.name not in NOT_KEYS]
 
 
 # --- JSON schema -----------------------------------------------------------------------------------------------------
@@ -367,7 +358,7 @@ def written_fields(table: Any) -> list:
 def json_schema() -> dict:
     """JSON schema (draft 2020-12) of a scenario file, for editors that complete and check TOML."""
     schema = _object(Scenario)
-    control = {"oneOf": [_object(kind) for kind in controls()]}
+    control = {"oneOf": [_object(control) for control in CONTROLS.values()]}
     schema["properties"] |= {"control": control, "stages": {"type": "array", "items": control}}
     schema["properties"]["joints"] = {"type": "array", "items": _override()}
     schema["properties"]["materials"] = {"type": "object", "additionalProperties": _object(Material)}
@@ -385,12 +376,10 @@ def _override() -> dict:
     return {**law, "properties": {"between": between, **law["properties"]}, "required": ["between"]}
 
 
-def _object(table: Any) -> dict:
-    kind = class_of(table)
-    hints = get_type_hints(kind)
-    told = keys_of(getattr(kind, "kind", kind))
+def _object(kind: Any) -> dict:
+    hints, told = get_type_hints(kind), keys_of(kind)
     properties, required = {}, []
-    for field in written_fields(table):
+    for field in written_fields(kind):
         key = told[field.name]
         meaning = f"{key.meaning} [{key.unit}]" if key.unit not in ("", "1") else key.meaning
         properties[field.name] = {"description": meaning, **_type(hints[field.name])}
@@ -402,8 +391,8 @@ def _object(table: Any) -> dict:
         words = key.allowed.split(", ")
         if properties[field.name].get("type") == "string" and len(words) > 1 and all(_word(word) for word in words):
             properties[field.name]["enum"] = words
-    if isinstance(table, str):
-        properties = {"kind": {"const": table}, **properties}
+    if issubclass(kind, Control):
+        properties = {"kind": {"const": kind.kind}, **properties}
         required.insert(0, "kind")
     if kind is JointLaw:  # what the file may say in place of two numbers
         properties["points"] = {"anyOf": [properties["points"], {"const": "auto"}]}

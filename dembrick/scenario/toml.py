@@ -12,40 +12,41 @@ import re
 import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, fields, is_dataclass
-from functools import lru_cache, partial
-from typing import Any, NamedTuple, NoReturn
+from functools import cache, lru_cache, partial
+from types import UnionType
+from typing import Any, NamedTuple, NoReturn, get_args, get_origin, get_type_hints
 
 from dembrick.errors import ScenarioError
 from dembrick.scenario import shipped
-from dembrick.scenario.blocks import Mesh, Part, Prism, Voussoir
-from dembrick.scenario.cad_models import CadModel
+from dembrick.scenario.blocks import Mesh
 from dembrick.scenario.checks import nearest, show
-from dembrick.scenario.controls import ACTUATORS, CONTROLS, Pulse, Sine
-from dembrick.scenario.generators import GENERATORS, Opening, Return
-from dembrick.scenario.model import (
-    Actuator,
-    Block,
-    ControlPoint,
-    JointLaw,
-    JointOverride,
-    Load,
-    Material,
-    Output,
-    Scenario,
-    Solver,
-)
+from dembrick.scenario.controls import ACTUATORS, CONTROLS
+from dembrick.scenario.generators import GENERATORS
+from dembrick.scenario.model import JointLaw, JointOverride, Material, Output, Scenario, Solver
 from dembrick.scenario.overrides import apply_overrides, assign
-from dembrick.scenario.pressures import Pressure
 from dembrick.scenario.stages import controls_of
-from dembrick.scenario.support_paths import SupportPath, Turn
 from dembrick.scenario.text_files import read_text
-from dembrick.scenario.ties import Tie, TieEnd
 
-_LISTS = {"blocks": Block, **GENERATORS, "loads": Load, "actuators": Actuator, "control_points": ControlPoint}
-_LISTS |= {"pressures": Pressure, "ties": Tie, "models": CadModel}
-_TABLES = {"prism": Prism, "voussoir": Voussoir, "mesh": Mesh, "sine": Sine, "pulse": Pulse}  # tables inside others
-_TABLES["rotation"] = Turn
-_TABLE_LISTS = {"between": TieEnd, "parts": Part, "openings": Opening, "returns": Return, "motions": SupportPath}
+
+def _keys_of(kind: type) -> dict[str, bool]:
+    """The keys of a table and whether each is required: the fields of its class, and whether they lack a default."""
+    return {f.name: f.default is MISSING and f.default_factory is MISSING for f in fields(kind) if f.init}
+
+
+@cache
+def _inner(kind: type) -> dict[str, tuple[type, bool]]:
+    """Field -> the dataclass that it holds, and whether it holds a list of them; of the fields that hold any."""
+    found: dict[str, tuple[type, bool]] = {}
+    hints = get_type_hints(kind)
+    for name in _keys_of(kind):
+        for part in get_args(hints[name]) if isinstance(hints[name], UnionType) else (hints[name],):
+            inner: Any = get_args(part)[0] if get_origin(part) is tuple else part
+            if isinstance(inner, type) and is_dataclass(inner):
+                found[name] = inner, inner is not part
+    return found
+
+
+_LISTS = {key: kind for key, (kind, several) in _inner(Scenario).items() if several and kind is not JointOverride}
 _OWN_KEYS = {"points": "distributed", "pressure": "convex"}  # law keys that belong to one formulation
 
 
@@ -173,7 +174,7 @@ def _decode(
     """The scenario of a document. What it shares with the document ``like``, table by table, has been checked already
     and is taken from its scenario."""
     keys = _keys_of(Scenario)
-    for key in ("path", "text", "all_blocks", "groups", "remarks"):
+    for key in ("path", "text"):
         del keys[key]
     keys["control"] = True
     keys["blocks"] = not any(key in document for key in (*GENERATORS, "models"))
@@ -258,19 +259,19 @@ def _record(kind: type, data: Any, place: _Place) -> Any:
     table = dict(_table(data, place))
     keys = _keys_of(kind)
     _check_keys(table, keys, place)
-    for key, value in table.items():
-        there = place.inside(f"{key} in {place.table}")
-        if key == "mesh" and isinstance(value, str):
+    for key, (inner, several) in _inner(kind).items():
+        value, there = table.get(key), place.inside(f"{key} in {place.table}")
+        if key not in table:
+            continue
+        if inner is Mesh and isinstance(value, str):
             table[key] = _make(Mesh, {"file": value}, there)
-        elif key in _TABLES:
-            table[key] = _record(_TABLES[key], value, there)
-        elif key in _TABLE_LISTS:
-            if not isinstance(value, list):
-                place.fail(f"{key} must be a list of tables, not {show(value)}")
-            table[key] = [
-                _record(_TABLE_LISTS[key], entry, place.inside(f"{key}[{i}] in {place.table}"))
-                for i, entry in enumerate(value)
-            ]
+        elif not several:
+            table[key] = _record(inner, value, there)
+        elif isinstance(value, list):
+            each = (place.inside(f"{key}[{i}] in {place.table}") for i in range(len(value)))
+            table[key] = [_record(inner, entry, where) for entry, where in zip(value, each, strict=True)]
+        else:
+            place.fail(f"{key} must be a list of tables, not {show(value)}")
     return _make(kind, table, place)
 
 
@@ -295,11 +296,6 @@ def _entries(document: dict[str, Any], key: str, place: _Place) -> Iterable[tupl
         place.fail(f"{key} must be a list of tables, not {show(entries)}{hint}")
     for i, entry in enumerate(entries, 1):
         yield entry, place.inside(f"[[{key}]] number {i}")
-
-
-def _keys_of(kind: type) -> dict[str, bool]:
-    """The keys of a table and whether each is required: the fields of its class, and whether they lack a default."""
-    return {f.name: f.default is MISSING and f.default_factory is MISSING for f in fields(kind)}
 
 
 def _check_keys(data: dict[str, Any], known: Mapping[str, bool], place: _Place, *more: str) -> None:
