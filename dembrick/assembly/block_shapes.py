@@ -10,8 +10,7 @@ import numpy as np
 
 from dembrick.errors import ScenarioError
 from dembrick.geometry.convex_hull import compound, hull, prism, voussoir
-from dembrick.geometry.shapes import Polyhedron, Shape, box
-from dembrick.geometry.size import LARGEST, SMALLEST, check_size
+from dembrick.geometry.shapes import LARGEST, SMALLEST, Polyhedron, Shape, box
 from dembrick.scenario.blocks import Block, Mesh, Part, Prism
 from dembrick.scenario.checks import show
 
@@ -47,7 +46,8 @@ def _sized(kind: str, description, folder: str) -> Shape:
             size = thickness = math.nan
     if math.isnan(size) or math.isnan(thickness):
         raise ScenarioError(f"its lengths make no body; a block is from {SMALLEST:g} to {LARGEST:g} m across")
-    check_size(size)
+    if not SMALLEST <= size <= LARGEST:
+        raise ScenarioError(f"it is {size:.3g} m across; from {SMALLEST:g} to {LARGEST:g} m are taken")
     if thickness < SMALLEST:
         raise ScenarioError(f"it is {thickness:.3g} m thick; from {SMALLEST:g} m are taken")
     return shape

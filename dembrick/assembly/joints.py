@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -48,6 +49,14 @@ class Joint:
     part_b: int = 0
 
 
+_COLUMNS: dict[str, tuple[type, tuple[int, ...]]] = {  # fields of a joint that are alike for all: type and shape
+    **dict.fromkeys(("block_a", "block_b", "host", "part_a", "part_b"), (np.int64, ())),
+    **dict.fromkeys(("area", "gap"), (float, ())),
+    **dict.fromkeys(("origin", "arm_a", "arm_b"), (float, (3,))),
+    "axes": (float, (3, 3)),
+}
+
+
 @dataclass(frozen=True, eq=False)
 class JointTable(Sequence[Joint]):
     """All joints of a scene as columns (j, ...), named as the fields of :class:`Joint`; a sequence of joints too.
@@ -78,26 +87,17 @@ class JointTable(Sequence[Joint]):
         if isinstance(joints, JointTable):
             return joints
 
-        def column(name, shape=(), kind=float):
-            return np.array([getattr(joint, name) for joint in joints], kind).reshape(-1, *shape)
-
         shapes = [np.asarray(joint.polygon, float) for joint in joints]
+        columns: dict[str, Any] = {
+            name: np.array([getattr(joint, name) for joint in joints], kind).reshape(-1, *shape)
+            for name, (kind, shape) in _COLUMNS.items()
+        }
         return JointTable(
-            block_a=column("block_a", kind=np.int64),
-            block_b=column("block_b", kind=np.int64),
-            host=column("host", kind=np.int64),
-            origin=column("origin", (3,)),
-            axes=column("axes", (3, 3)),
+            **columns,
             corner=np.concatenate([*shapes, np.empty((0, 2))]),
             start=np.cumsum([0, *map(len, shapes)]),
-            area=column("area"),
             law=tuple(joint.law for joint in joints),
-            gap=column("gap"),
-            arm_a=column("arm_a", (3,)),
-            arm_b=column("arm_b", (3,)),
             pieces={j: joint.pieces for j, joint in enumerate(joints) if joint.pieces},
-            part_a=column("part_a", kind=np.int64),
-            part_b=column("part_b", kind=np.int64),
         )
 
     def __len__(self) -> int:
@@ -107,22 +107,10 @@ class JointTable(Sequence[Joint]):
         if isinstance(index, slice):
             return tuple(self[i] for i in range(*index.indices(len(self))))
         i = range(len(self))[index]  # negative ones count from the end, IndexError beyond
-        return Joint(
-            int(self.block_a[i]),
-            int(self.block_b[i]),
-            int(self.host[i]),
-            self.origin[i],
-            self.axes[i],
-            self.corner[self.start[i] : self.start[i + 1]],
-            float(self.area[i]),
-            self.law[i],
-            float(self.gap[i]),
-            self.arm_a[i],
-            self.arm_b[i],
-            self.pieces.get(i, ()),
-            int(self.part_a[i]),
-            int(self.part_b[i]),
-        )
+        values = {name: getattr(self, name)[i] for name in _COLUMNS}
+        plain = {name: value if value.ndim else value.item() for name, value in values.items()}
+        polygon = self.corner[self.start[i] : self.start[i + 1]]
+        return Joint(**plain, polygon=polygon, law=self.law[i], pieces=self.pieces.get(i, ()))
 
     def by_corners(self, chosen=None) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """The joints with equally many corners: their numbers (g,) and polygons (g, m, 2); all, or the ``chosen``."""

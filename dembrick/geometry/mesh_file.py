@@ -16,8 +16,7 @@ import numpy as np
 
 from dembrick.errors import MissingDependency, ScenarioError
 from dembrick.geometry.convex_hull import FLAT, hull, mass_properties
-from dembrick.geometry.shapes import Polyhedron
-from dembrick.geometry.size import LARGEST, SMALLEST
+from dembrick.geometry.shapes import LARGEST, SMALLEST, Polyhedron
 
 ENDINGS = (".stl", ".obj", ".ply", ".msh", ".vtu")
 LARGEST_FILE = 16 << 20  # bytes

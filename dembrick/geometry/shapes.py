@@ -13,6 +13,7 @@ import numpy as np
 
 from dembrick.geometry.rotations import rotation_matrix
 
+SMALLEST, LARGEST = 1e-9, 1e9  # m, of a block: far beyond what anyone builds, far within what a double holds
 _PARALLEL = 1e-9  # sine of the angle below which two directions of one shape count as the same
 
 
