@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dembrick.errors import ScenarioError
-from dembrick.geometry import clipping
+from dembrick.geometry import clipping, polygons
 from dembrick.geometry.cad_file import Solid, linked
 from dembrick.geometry.convex_hull import hull
 
@@ -86,10 +86,8 @@ def _distance(one: Face, two: Face, tolerance: float) -> float | None:
     shared = corners[0, : count[0]]
     if len(shared) < 3:
         return None
-    x, y = (shared - shared[0]).T
-    area = 0.5 * abs(float((x * np.roll(y, -1) - np.roll(x, -1) * y).sum()))
-    around = float(np.linalg.norm(shared - np.roll(shared, 1, axis=0), axis=1).sum())
-    if area <= 0.5 * tolerance * around:  # a strip along an edge is no shared face
+    area, _, _ = polygons.area_and_centroid(shared)
+    if area <= 0.5 * tolerance * polygons.perimeter(shared):  # a strip along an edge is no shared face
         return None
     # height of the plane of the second over the shared corners
     world = one.corners[0] + shared @ axes.T

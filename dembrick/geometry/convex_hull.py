@@ -71,12 +71,13 @@ def _convex_polygon(corners: np.ndarray) -> np.ndarray:
         else:
             i += 1
     points = corners[kept]
-    turns = _cross(np.roll(points, -1, axis=0) - points, np.roll(points, -2, axis=0) - np.roll(points, -1, axis=0))
     if len(points) < 3:
         raise ScenarioError("polygon: its corners lie on one line; a prism needs a polygon with an area")
     # convex and once round: every corner turns the same way, and the turns add up to one
     edges = np.roll(points, -1, axis=0) - points
-    angles = np.arctan2(turns, (edges * np.roll(edges, -1, axis=0)).sum(axis=1))
+    following = np.roll(edges, -1, axis=0)
+    turns = _cross(edges, following)
+    angles = np.arctan2(turns, (edges * following).sum(axis=1))
     once = abs(abs(angles.sum()) - 2.0 * math.pi) < 1e-6
     if not once or (np.sign(turns) != np.sign(angles.sum())).any():
         wrong = int(np.argmax(np.sign(turns) != np.sign(angles.sum())))
@@ -147,11 +148,18 @@ def hull(points) -> Polyhedron:
     triangles = _triangulated_hull(scaled)
     faces = _merged(scaled, triangles)
     used = np.unique(np.concatenate([np.array(face) for face in faces]))
-    _check_inside(scaled, faces, used, size)
     number = {int(old): new for new, old in enumerate(used)}
     renumbered = [tuple(number[int(i)] for i in face) for face in faces]
     _check_closed(renumbered)
-    return from_faces(points[used], renumbered)
+    shape = from_faces(points[used], renumbered)
+    rest = np.setdiff1d(np.arange(len(points)), used)
+    depth = (shape.face_offsets - (points[rest] - shape.centroid) @ shape.face_normals.T).min(axis=1)
+    if len(rest) and depth.max() > 10.0 * FLAT * size:
+        raise ScenarioError(
+            f"vertices: point {int(rest[np.argmax(depth)])} (counted from 0) lies {depth.max():.6g} m inside the hull "
+            "of the others; leave it out, or describe a block that is not convex by parts"
+        )
+    return shape
 
 
 def _triangulated_hull(points: np.ndarray) -> np.ndarray:
@@ -227,23 +235,6 @@ def _ordered(points: np.ndarray, chosen: np.ndarray, normal: np.ndarray) -> tupl
         return kept[:-1]
 
     return tuple(int(chosen[i]) for i in chain(order) + chain(order[::-1]))
-
-
-def _check_inside(points: np.ndarray, faces, used: np.ndarray, size: float) -> None:
-    """No point may lie deeper than rounding below the faces without being a corner."""
-    rest = np.setdiff1d(np.arange(len(points)), used)
-    if not len(rest):
-        return
-    corners = [points[list(face)] for face in faces]
-    normals = np.array([0.5 * np.cross(p - p[0], np.roll(p, -1, axis=0) - p[0]).sum(axis=0) for p in corners])
-    normals /= np.linalg.norm(normals, axis=1)[:, None]
-    depth = ((np.array([p[0] for p in corners])[:, None] - points[rest]) * normals[:, None]).sum(axis=2).min(axis=0)
-    deepest = int(np.argmax(depth))
-    if depth[deepest] > 10.0 * FLAT:
-        raise ScenarioError(
-            f"vertices: point {int(rest[deepest])} (counted from 0) lies {depth[deepest] * size:.6g} m inside the hull "
-            "of the others; leave it out, or describe a block that is not convex by parts"
-        )
 
 
 def _check_closed(faces) -> None:

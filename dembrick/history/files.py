@@ -36,18 +36,13 @@ def clear_parts(path: str) -> None:
     folder, name = os.path.split(path)
     if os.name != "posix":  # where asking for a process may end it
         return
-    before, after = f".{name}.", ".part"
-    for entry in os.listdir(folder or "."):
-        if not (entry.startswith(before) and entry.endswith(after)):
-            continue
-        process = entry[len(before) : -len(after)]
-        if not re.fullmatch("[0-9]{1,9}", process):
-            continue
+    part = re.compile(re.escape(f".{name}.") + r"([0-9]{1,9})\.part", re.ASCII)
+    for found in filter(None, map(part.fullmatch, os.listdir(folder or "."))):
         try:
-            os.kill(int(process), 0)
+            os.kill(int(found[1]), 0)
         except ProcessLookupError:
             with suppress(OSError):
-                os.unlink(os.path.join(folder, entry))
+                os.unlink(os.path.join(folder, found[0]))
         except OSError:
             continue  # it lives, and belongs to somebody else
 

@@ -24,10 +24,7 @@ def read_bytes(path: str | os.PathLike, what: str, regular: bool = True) -> byte
     try:
         handle = os.open(path, os.O_RDONLY | (getattr(os, "O_NONBLOCK", 0) if regular else 0) | _BINARY)
         with open(handle, "rb") as file:
-            mode = os.fstat(file.fileno()).st_mode
-            if stat.S_ISDIR(mode):
-                raise ScenarioError(f"{path}: this is a folder; name {what} in it")
-            if regular and not stat.S_ISREG(mode):
+            if regular and not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
                 raise ScenarioError(f"{path}: not an ordinary file (a device or a pipe); name {what}")
             data = file.read(LARGEST_FILE + 1)
     except FileNotFoundError:
