@@ -152,7 +152,7 @@ class Joints:
         starts = np.cumsum([0, *joints.n_corner]).tolist()
         self.cells = [tuple(range(a, b)) for a, b in zip(starts, starts[1:], strict=False)]
         self.n_point = starts[-1]
-        self._there = np.arange(joints.polygon.shape[1]) < joints.n_corner[:, None]
+        self._there = joints.is_corner
         own = np.repeat(np.arange(joints.n_joint), joints.n_corner)
         self._motion = CarriedPoints(history, *_on_hosts(history, joints, own, joints.polygon[self._there]))
         self.fixed = {"joint": np.arange(joints.n_joint), "block_a": joints.block_a, "block_b": joints.block_b}

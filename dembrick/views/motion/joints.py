@@ -37,7 +37,8 @@ class JointMotion:
     """The joints of a history (or of anything with the same attributes), or ``only`` the one of that number.
 
     ``polygon`` (j, m, 2): corners, those of joints with fewer than m repeat the last one; ``n_corner`` (j,);
-    ``size`` (j,) m: greatest distance of a corner from O; ``point_start`` (j + 1,) into the list of all contact points.
+    ``is_corner`` (j, m): which are none of these; ``size`` (j,) m: greatest distance of a corner from O;
+    ``point_start`` (j + 1,) into the list of all contact points.
     """
 
     def __init__(self, history: History, only: int | None = None):
@@ -65,6 +66,7 @@ class JointMotion:
             own[:] = joint["polygon"][-1]
             own[: len(joint["polygon"])] = joint["polygon"]
         self.size = np.hypot(self.polygon[..., 0], self.polygon[..., 1]).max(axis=1, initial=0.0)
+        self.is_corner = np.arange(most) < self.n_corner[:, None]
         self.point_start = np.cumsum([0, *(len(joint["areas"]) for joint in joints)])
         self.arm_a = self.origin - history.position0[self.block_a]
         self.arm_b = self.origin - history.position0[self.block_b]
@@ -124,17 +126,14 @@ class JointMotion:
     def edges(self) -> tuple[np.ndarray, np.ndarray]:
         """Outward normals (j, m, 2) of the edges of what can carry the normal force of every joint, and their distances
         (j, m) from O (m); joints with fewer than m edges have normals of no length."""
-        normal_arms, known, found = self.points[0], {}, []
+        normal_arms, found = self.points[0], []
         for j in range(self.n_joint):
             own = normal_arms[self.point_start[j] : self.point_start[j + 1]]
             corners = own if len(own) else self.polygon[j, : self.n_corner[j]]
-            key = np.round(corners / self.size[j], 9).tobytes()
-            if key not in known:
-                hull = convex_hull(corners / self.size[j])
-                along = np.roll(hull, -1, axis=0) - hull
-                outward = np.stack([along[:, 1], -along[:, 0]], axis=1) / np.hypot(*along.T)[:, None]
-                known[key] = outward, (hull * outward).sum(axis=1)
-            found.append(known[key])
+            hull = convex_hull(corners / self.size[j])
+            along = np.roll(hull, -1, axis=0) - hull
+            outward = np.stack([along[:, 1], -along[:, 0]], axis=1) / np.hypot(*along.T)[:, None]
+            found.append((outward, (hull * outward).sum(axis=1)))
         most = max((len(distance) for _, distance in found), default=0)
         normals, distances = np.zeros((self.n_joint, most, 2)), np.ones((self.n_joint, most))
         for j, (outward, distance) in enumerate(found):
@@ -155,30 +154,13 @@ class JointMotion:
 
     @cached_property
     def surfaces(self) -> tuple[np.ndarray, ...] | None:
-        """The different polygons of joints without contact points, what `area_gauges` needs of them, and the joints."""
-        shapes: dict[tuple, int] = {}
-        polygons, which = [], []
+        """Joints without contact points: what `area_gauges` needs of their polygons, and their numbers."""
         joint = np.flatnonzero(np.diff(self.point_start) == 0)
-        for j in joint:
-            scaled = np.round(self.polygon[j] / self.size[j], 9) + 0.0
-            key = (int(self.n_corner[j]), f"{self.size[j]:.9e}", *scaled.ravel().tolist())
-            if key not in shapes:
-                shapes[key] = len(polygons)
-                polygons.append(self.polygon[j, : self.n_corner[j]])
-            which.append(shapes[key])
-        if not polygons:
+        if not len(joint):
             return None
-        x, y = np.ascontiguousarray(np.concatenate(polygons).T)
-        return (
-            x,
-            y,
-            np.cumsum([0, *map(len, polygons)]),
-            np.array([area(polygon) for polygon in polygons]),
-            np.array([np.hypot(*polygon.T).max() for polygon in polygons]),
-            np.array([far_moments(polygon) for polygon in polygons]),
-            np.array(which),
-            joint,
-        )
+        x, y = np.ascontiguousarray(self.polygon[joint][self.is_corner[joint]].T)
+        start, far = np.cumsum([0, *self.n_corner[joint]]), far_moments(self.polygon[joint])
+        return x, y, start, area(self.polygon[joint]), self.size[joint], far, np.arange(len(joint)), joint
 
     def greatest_of_blocks(self, of_joint: np.ndarray) -> np.ndarray:
         """(f, n_block): the greatest of what the joints (f, j) of each block have; NaN of a joint says nothing."""
