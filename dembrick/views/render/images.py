@@ -1,7 +1,8 @@
-"""Pixels to files: PNG by VTK, GIF by Pillow (which matplotlib brings), MP4 by the ffmpeg of imageio-ffmpeg."""
+"""Pixels to files: PNG and GIF by Pillow (which pyvista brings), MP4 by the ffmpeg of imageio-ffmpeg."""
 
 from __future__ import annotations
 
+import io
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -17,27 +18,16 @@ _COLOURS = 256  # of a GIF's palette, taken from its last frame, which has the m
 
 def write_png(image: np.ndarray, path: str) -> None:
     """Write pixels (h, w, 3); WriteError if that fails."""
-    import pyvista
-    from vtkmodules.util.numpy_support import vtk_to_numpy
-    from vtkmodules.vtkIOImage import vtkPNGWriter
+    from PIL import Image
 
-    grid = pyvista.ImageData(dimensions=(image.shape[1], image.shape[0], 1))
-    grid.point_data["rgb"] = np.ascontiguousarray(image[::-1, :, :3]).reshape(-1, 3)
-    grid.set_active_scalars("rgb")
-    writer = vtkPNGWriter()
-    writer.SetInputData(grid)
-    writer.WriteToMemoryOn()  # Python knows why a write to the disk fails, VTK does not
-    writer.Write()
-    write_whole(path, vtk_to_numpy(writer.GetResult()).tobytes(), "picture")
+    picture = io.BytesIO()
+    Image.fromarray(np.ascontiguousarray(image[..., :3])).save(picture, "PNG")
+    write_whole(path, picture.getvalue(), "picture")
 
 
 def require(path: str) -> None:
     """MissingDependency if the packages for a movie with this ending are not installed."""
     if os.path.splitext(path)[1].lower() == ".gif":
-        try:
-            import PIL.Image  # noqa: F401
-        except ImportError as error:
-            raise MissingDependency(f"{path}: a GIF needs Pillow; install it with: pip install pillow") from error
         return
     try:
         import imageio_ffmpeg
