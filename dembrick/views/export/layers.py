@@ -203,9 +203,8 @@ class Contacts:
         force, normal = joints.point_forces, joints.normal_forces
         if len(self._convex):
             resultants = joints.resultants[:, self._convex]
-            N, V_1, V_2, _, M_1, M_2, _ = np.moveaxis(resultants, -1, 0)
-            axes, centre = joints.acting_axes[:, self._convex], np.stack([M_2, -M_1], axis=-1)
-            centre = np.divide(centre, N[..., None], out=np.zeros_like(centre), where=N[..., None] > 0.0)
+            N, V_1, V_2 = np.moveaxis(resultants[..., :3], -1, 0)
+            axes, centre = joints.acting_axes[:, self._convex], joints.pressure_centre[:, self._convex]
             own = np.einsum("fji,fjik->fjk", np.stack([-V_1, -V_2, N], axis=-1), axes)
             at = joints.acting_origin[:, self._convex] + np.einsum("fji,fjik->fjk", centre, axes[:, :, :2])
             if not points.size:

@@ -290,6 +290,13 @@ class JointFrames:
         return found
 
     @cached_property
+    def pressure_centre(self) -> np.ndarray:
+        """(f, j, 2) m: the centre of pressure (M_2, -M_1) / N from O; O where the joint carries no N."""
+        N, _, _, _, M_1, M_2, _ = np.moveaxis(self.resultants, -1, 0)
+        moments = np.stack([M_2, -M_1], axis=-1)
+        return np.divide(moments, N[..., None], out=np.zeros_like(moments), where=N[..., None] > 0.0)
+
+    @cached_property
     def point_forces(self) -> np.ndarray | None:
         """(f, c, 3) N: force on b at every contact point, world axes; None if the history does not have them."""
         return self._values("contact_force")
@@ -320,13 +327,9 @@ class JointFrames:
         """(f, j): how far the centre of pressure is on its way from O to the edge of what can carry N: the polygon of a
         convex joint, that around the contact points else; 1 is a hinge. Of a bond that holds, tension over strength.
         0 if the joint carries nothing, NaN if it was cut as it slid over an edge, see `friction_utilisation`."""
-        N, moments = self.resultants[..., 0], self.resultants[..., 4:6]
-        carries = N > 0.0
-        centre = np.stack([moments[..., 1], -moments[..., 0]], axis=-1) / np.where(carries, N, 1.0)[..., None]
         normals, distance = self.joints.edges
-        found = (np.einsum("jmk,fjk->fjm", normals, centre) / distance).max(axis=-1, initial=0.0)
-        found[self.shift.any(axis=2)] = np.nan
-        found = np.where(carries, found, 0.0)
+        found = (np.einsum("jmk,fjk->fjm", normals, self.pressure_centre) / distance).max(axis=-1, initial=0.0)
+        found[self.shift.any(axis=2) & (self.resultants[..., 0] > 0.0)] = np.nan
         bonds = self.joints.bonds
         return found if bonds is None else np.where(self._held > 0.0, bonds.tension_utilisation(self.resultants), found)
 

@@ -45,10 +45,7 @@ def joint_table(history: History, frame: int = -1, time: float | None = None) ->
     joints = JointMotion(history)
     now = joints.at([frame])
     columns = dict(zip(("N", "V_1", "V_2", "M_T", "M_1", "M_2", "slip"), now.resultants[0].T, strict=True))
-    carries = columns["N"] > 0.0
-    with np.errstate(divide="ignore", invalid="ignore"):
-        columns["e_1"] = np.where(carries, columns["M_2"] / columns["N"], np.nan)
-        columns["e_2"] = np.where(carries, -columns["M_1"] / columns["N"], np.nan)
+    columns["e_1"], columns["e_2"] = np.where(columns["N"] > 0.0, now.pressure_centre[0].T, np.nan)
     columns["open_share"], columns["utilisation"] = now.relative.open_share[0], now.utilisation[0]
     names, state = history.block_names, now.relative.state[0]
     return [

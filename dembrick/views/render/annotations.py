@@ -160,8 +160,7 @@ def thrust_line(
                 own[block].append(j)
     pairs = [pair for pair in own.values() if len(pair) == 2]
     # from O of the start, also where a joint was cut as it slid over an edge: a slip is small against the joint
-    M_1, M_2 = now.resultants[0, :, 4:6].T
-    at = now.shift[0] + np.stack([M_2, -M_1], axis=1) / np.where(carries, N, 1.0)[:, None]
+    at = now.shift[0] + now.pressure_centre[0]
     normals, distance = joints.edges
     bent = carries & ((np.einsum("jmk,jk->jm", normals, at) / distance).max(axis=-1, initial=0.0) >= HINGE)
     return place, np.array(pairs, np.int64).reshape(-1, 2), np.flatnonzero(bent).tolist()
