@@ -12,7 +12,7 @@ import math
 import time
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -64,7 +64,6 @@ MANY = 2000  # joints from which a step may be worth sharing among threads
 TRIAL = 64  # steps in which one thread and several show how fast they are
 FIRST_PAUSE, LONGEST_PAUSE = 250, 20_000  # steps until they show it again
 NO_LIMIT = 1e150  # m
-NEAR = 12  # place of the new contacts among the arguments of a loop
 IN_LANES = ("tiles", "seen_tiles", "wrenches", "points", "sheared", "slipped", "dashpots", "ledger", "face")  # in tiles
 BY_STEP = ("force", "gravity", "place", "orientation", "velocity", "spin", "moved")  # of loads
 BETWEEN = ("dead_load", "contact_search", "geometry", "record")  # what a run does beside its steps
@@ -118,7 +117,6 @@ class Motion:
     _travel: np.ndarray = field(default_factory=lambda: np.zeros(2))
     _pace: _Pace = field(default_factory=lambda: _Pace())
     _compiled: dict = field(default_factory=dict)
-    _touch_at: int = 0  # address of the forces of new contacts, once there are some
     _ahead: tuple = (None,) * 7  # the copies of `present_velocities`, kept: there is one at every frame
 
     def __post_init__(self):
@@ -284,8 +282,8 @@ def present_velocities(motion: Motion, driving: Driving) -> tuple[np.ndarray, np
     ahead = state._replace(bodies=bodies, links=links, corners=corners, faces=faces, ties=ties)
     own = shares(corners, faces, bodies, 1)
     dt, fixed = motion.time_step, (limits, 0.0, np.array([np.inf, 0.0]), touching, table)
-    code = _compiled(motion, advance_bodies, own, dt, ahead, bodies, loads, *fixed)
-    _call(motion, code, 1, dt, ahead, bodies, loads, *fixed, own)
+    form = _compiled(motion, advance_bodies, own, dt, ahead, bodies, loads, *fixed)
+    _call(motion, form, 1, dt, ahead, bodies, loads, *fixed, own)
     now = state.bodies
     velocity, momentum = 0.5 * (now.velocity + bodies.velocity), 0.5 * (now.momentum + bodies.momentum)
     in_body = np.einsum("nji,nj->ni", now.rotation, momentum)
@@ -331,15 +329,15 @@ def advance_chunk(
     loads = Loads(driving.block, driving.lever, force, gravity, *supports)
     loops = _loops(state, bodies)
     fixed = limits, damping, motion._travel, touching
-    codes = [_compiled(motion, loop, own, dt, state, bodies, loads, *fixed, energy.table) for loop, own in loops]
+    forms = [_compiled(motion, loop, own, dt, state, bodies, loads, *fixed, energy.table) for loop, own in loops]
     done, status = 0, RUNNING
     while status == STALE or (status == RUNNING and done < len(times)):
         which, most = motion._pace.choose(len(loops))
-        code, own = codes[which], loops[which][1]
+        form, own = forms[which], loops[which][1]
         rest = loads._replace(**{name: getattr(loads, name)[done:] for name in BY_STEP})
         began = time.perf_counter()
         n_steps = min(most, len(times) - done)
-        status, some = _call(motion, code, n_steps, dt, state, bodies, rest, *fixed, energy.table, own)
+        status, some = _call(motion, form, n_steps, dt, state, bodies, rest, *fixed, energy.table, own)
         write_rotations(bodies, loads.support)
         done += some
         took = time.perf_counter() - began
@@ -353,44 +351,50 @@ def advance_chunk(
     return status, done
 
 
-def _compiled(motion: Motion, loop, own, dt: float, state: MovingState, bodies, loads: Loads, *others) -> Callable:
-    """The machine code of a ``loop``, compiled or loaded if that is still to be done; ``others``, between the loads and
-    ``own``, those for the shares, as in `_call`. What new contacts do is compiled by a second process meanwhile.
+class _Form(NamedTuple):
+    """The machine code of a loop for arguments of some types, and the address of `touch` for them (0: no contacts)."""
+
+    code: Callable
+    touch_at: int
+
+
+def _compiled(motion: Motion, loop, own, dt: float, state: MovingState, bodies, loads: Loads, *others) -> _Form:
+    """A ``loop``, compiled or loaded if that is still to be done; ``others``, between the loads and ``own``, those for
+    the shares, as in `_call`. What new contacts do is compiled by a second process meanwhile.
     """
     limits, *_, touching, table = others
-    form = loop is advance_bodies, compute_fingerprint((bodies, *state[1:5], loads, limits, touching, table))
-    if form not in motion._compiled:
-        began = time.perf_counter()
-        arguments = _in_loop(motion, 0, dt, state, bodies, loads, *others, own)
+    types = loop is advance_bodies, compute_fingerprint((bodies, *state[1:5], loads, limits, touching, table))
+    if types not in motion._compiled:
+        began, touch_at = time.perf_counter(), 0
+        arguments, near = _in_loop(motion, touch_at, 0, dt, state, bodies, loads, *others, own)
         _, _, in_loop, links, *_ = arguments
-        contacts = touch, (arguments[NEAR], links, in_loop, dt)
-        with meanwhile(lambda: [compiling(*contacts)] if touching is None else []):
+        contacts = near, links, in_loop, dt
+        with meanwhile(lambda: [compiling(touch, contacts)] if touching is None else []):
             if touching is not None:
-                motion._touch_at = address(touch, *contacts[1])
-            motion._compiled[form] = ready(loop, *arguments)
+                touch_at = address(touch, *contacts)
+            motion._compiled[types] = _Form(ready(loop, *arguments), touch_at)
         motion.compile_seconds += time.perf_counter() - began
-    return motion._compiled[form]
+    return motion._compiled[types]
 
 
-def _call(motion: Motion, code: Callable, n_steps: int, dt: float, state: MovingState, bodies, loads: Loads, *others):
+def _call(motion: Motion, form: _Form, n_steps: int, dt: float, state: MovingState, bodies, loads: Loads, *others):
     """Call a compiled loop with the blocks in its own order: status and steps; ``others``: its arguments after the
     loads, without the address, in which those for the shares are one."""
-    arguments = _in_loop(motion, n_steps, dt, state, bodies, loads, *others)
-    found = code(*arguments)
+    arguments, near = _in_loop(motion, form.touch_at, n_steps, dt, state, bodies, loads, *others)
+    found = form.code(*arguments)
     if state.order is not None:
-        state.order.leave(bodies, others[-3], arguments[NEAR])
+        state.order.leave(bodies, others[-3], near)
     return found
 
 
-def _in_loop(motion: Motion, n_steps: int, dt: float, state: MovingState, bodies, loads: Loads, *others) -> tuple:
-    """The arguments of a loop with the blocks in its own order."""
+def _in_loop(motion: Motion, touch_at: int, n_steps: int, dt: float, state: MovingState, bodies, loads, *others):
+    """The arguments of a loop with the blocks in its own order, and the new contacts among them."""
     *more, touching, table, own = others
-    touch_at = 0 if touching is None else motion._touch_at
     arguments = bodies, state.ties, loads, motion.no_contacts if touching is None else touching
     if state.order is not None:
         arguments = state.order.enter(*arguments)
     in_loop, ties, loads, near = arguments
-    return n_steps, dt, in_loop, *state[1:4], ties, loads, *more, touch_at, near, table, *own
+    return (n_steps, dt, in_loop, *state[1:4], ties, loads, *more, touch_at, near, table, *own), near
 
 
 class _Pace:
