@@ -12,7 +12,7 @@ import re
 import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, fields, is_dataclass
-from functools import cache, lru_cache, partial
+from functools import cache, lru_cache
 from types import UnionType
 from typing import Any, NamedTuple, NoReturn, get_args, get_origin, get_type_hints
 
@@ -22,7 +22,7 @@ from dembrick.scenario.blocks import Mesh
 from dembrick.scenario.checks import nearest, show
 from dembrick.scenario.controls import ACTUATORS, CONTROLS
 from dembrick.scenario.generators import GENERATORS
-from dembrick.scenario.model import JointLaw, JointOverride, Material, Output, Scenario, Solver
+from dembrick.scenario.model import JointLaw, JointOverride, Material, Scenario
 from dembrick.scenario.overrides import apply_overrides, assign
 from dembrick.scenario.stages import controls_of
 from dembrick.scenario.text_files import read_text
@@ -46,7 +46,6 @@ def _inner(kind: type) -> dict[str, tuple[type, bool]]:
     return found
 
 
-_LISTS = {key: kind for key, (kind, several) in _inner(Scenario).items() if several and kind is not JointOverride}
 _OWN_KEYS = {"points": "distributed", "pressure": "convex"}  # law keys that belong to one formulation
 
 
@@ -97,8 +96,9 @@ def dumps(scenario: Scenario) -> str:
     document["joint"] = _plain_law(scenario.joint)
     document["joints"] = [{"between": entry.between, **_plain_law(entry.law)} for entry in scenario.joints]
     document["materials"] = {name: _plain(material) for name, material in scenario.materials.items()}
-    for key in _LISTS:
-        document[key] = [_plain(entry, short=True) for entry in getattr(scenario, key)]
+    for key, (_, several) in _inner(Scenario).items():
+        if several and key != "joints":
+            document[key] = [_plain(entry, short=True) for entry in getattr(scenario, key)]
     document["stages"] = [{"kind": stage.kind, **_plain(stage)} for stage in scenario.stages]
     document["control"] = {"kind": scenario.control.kind, **_plain(scenario.control)}
     document["solver"] = _plain(scenario.solver)
@@ -180,36 +180,33 @@ def _decode(
     keys["blocks"] = not any(key in document for key in (*GENERATORS, "models"))
     _check_keys(document, keys, place)
 
-    def law() -> JointLaw:
-        return _law(_table(document["joint"], place.inside("[joint]")), place.inside("[joint]"))
+    values, inner = dict(document), _inner(Scenario)
 
-    def overrides() -> list[JointOverride]:
-        return [_joint_override(entry, values["joint"], there) for entry, there in _entries(document, "joints", place)]
+    def decoded(key: str) -> Any:
+        there = place.inside(f"[{key}]")
+        if key == "joint":
+            return _law(_table(document[key], there), there)
+        if key == "joints":
+            return [_joint_override(entry, values["joint"], where) for entry, where in _entries(document, key, place)]
+        if key == "materials":
+            names = {name: place.inside(f"[{key}.{_key(name)}]") for name in _table(document[key], there)}
+            return {name: _record(Material, document[key][name], where) for name, where in names.items()}
+        if key == "stages":
+            return [_control(entry, where) for entry, where in _entries(document, key, place)]
+        if key == "control":
+            return _control(document[key], there)
+        kind, several = inner[key]
+        if several:
+            return [_record(kind, entry, where) for entry, where in _entries(document, key, place)]
+        return _record(kind, document.get(key, {}), there)
 
-    def materials() -> dict[str, Material]:
-        table = _table(document["materials"], place.inside("[materials]"))
-        return {
-            name: _record(Material, material, place.inside(f"[materials.{_key(name)}]"))
-            for name, material in table.items()
-        }
-
-    def records(key: str, kind: type) -> list:
-        return [_record(kind, entry, there) for entry, there in _entries(document, key, place)]
-
-    decoders = {"joint": law, "joints": overrides, "materials": materials}
-    decoders |= {key: partial(records, key, kind) for key, kind in _LISTS.items()}
-    decoders["stages"] = lambda: [_control(entry, there) for entry, there in _entries(document, "stages", place)]
-    decoders["control"] = lambda: _control(document["control"], place.inside("[control]"))
-    for key, kind in (("solver", Solver), ("output", Output)):
-        decoders[key] = partial(_record, kind, document.get(key, {}), place.inside(f"[{key}]"))
-    values = dict(document)
-    for key, decode in decoders.items():
-        known, parsed = like or ({}, None)
+    known, parsed = like or ({}, None)
+    for key in (*inner, "materials", "stages", "control"):
         shared = key in known and document.get(key) is known[key]
         if shared and (key != "joints" or document["joint"] is known["joint"]):  # overrides inherit from the joint
             values[key] = getattr(parsed, key)
         else:
-            values[key] = decode()
+            values[key] = decoded(key)
     scenario = _make(Scenario, {**values, "path": path, "text": text}, place)
     driven = scenario.actuators or any(pressure.actuator for pressure in scenario.pressures)
     drives = next((control for control in controls_of(scenario) if control.drives == ACTUATORS), None)
