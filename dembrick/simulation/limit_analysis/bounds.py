@@ -10,9 +10,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from dembrick.simulation.limit_analysis import crushing_surface, friction_surface
+from dembrick.simulation.limit_analysis.crushing_surface import PressedPolygons
+from dembrick.simulation.limit_analysis.friction_surface import FrictionSurfaces
 from dembrick.simulation.limit_analysis.programme import Structure, area_normals, area_shears
 from dembrick.simulation.limit_analysis.solver import Entries, Programme, Solution, SparseMatrix
+from dembrick.simulation.limit_analysis.support_function import gauges
 
 CAP = 10.0  # of the largest joint force found: forces beyond it are not looked at by the upper bound
 ROUNDING = 1e-11  # of the largest joint force: a strength exceeded by so little is not exceeded
@@ -107,7 +109,7 @@ def surface_excess(structure: Structure, x: np.ndarray) -> tuple[np.ndarray, np.
     if not len(areas) or layout.flat:
         return np.zeros(0), np.zeros((0, 3))
     cap, shear = area_shears(layout, x)
-    size, twist = friction_surface.gauges(areas, np.arange(len(areas)), shear)
+    size, twist = gauges(FrictionSurfaces, areas, np.arange(len(areas)), shear)
     return size - cap, twist
 
 
@@ -119,7 +121,8 @@ def crushing_excess(structure: Structure, x: np.ndarray) -> tuple[np.ndarray, np
         return np.zeros(0), np.zeros((0, 3))
     strongest = (areas.crushing + areas.tension)[chosen] / layout.frame.unit
     force = area_normals(layout, x)[chosen] / strongest[:, None]
-    gauge, plane = crushing_surface.gauges(areas, chosen, force)
+    about_centre = 2.0 * force - np.array([1.0, 0.0, 0.0])
+    gauge, plane = gauges(PressedPolygons, areas, chosen, about_centre)
     return 0.5 * (gauge - 1.0) * strongest, plane
 
 

@@ -3,32 +3,25 @@
 A pressure between 0 and f_c on a polygon of area A has the resultant f = (N, integral of p r). If the joint closes at
 the speed l(r) = q . (1, r), it does at most the work f_c A <l>, the mean of the positive part of l times f_c A, and f
 can be carried if q . f <= f_c A <l> for every q. The set is its own mirror image in f_c A (1, O) / 2, the uniform
-pressure of half the strength; seen from there its support function is the mean of |l|, a norm. So the gauge of f about
-that centre is 1 / min of mean |l| over q . g = 1, g = 2 f / (f_c A) - (1, O), and the q that attains the minimum is the
-normal of the plane that cuts f off. Where nothing crushes it is the cone of the corners, which stays in the programme.
+pressure of half the strength; seen from there the support function of g = 2 f / (f_c A) - (1, O) is the mean of |l|, a
+norm. Where nothing crushes it is the cone of the corners, which stays in the programme.
 
 Means in closed form, edge by edge: the line l = 0 cuts the polygon, and triangles between a point of that line and what
-the edges have above it make up the pressed part. O is the centroid, lengths are in gyrations. All functions take
-stacks: k polygons with equally many corners (k, m, 2), planes q (k, 3).
+the edges have above it make up the pressed part. O is the centroid.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 
 from dembrick.simulation.limit_analysis.strength import Areas
+from dembrick.simulation.limit_analysis.support_function import SupportFunction, by_corners, corners_of
 
-CONVERGED = 1e-13  # of the mean of |l|: what the next step still promises
-_ITERATIONS = 100
-_FIRST, _LESS, _MORE = 1e-2, 0.1, 10.0  # weight of the ellipsoid's Hessian beside the own one, and how it changes
-_HEAVIEST = 1e12  # of that weight: nothing is left to gain but rounding
 _DIRECTIONS, _DEPTHS = 8, (-0.8, 0.0, 0.8)  # of the first planes; depths in gyrations
 
 
-class PressedPolygons:
-    """Polygons of some area joints with equally many corners, lengths in gyrations about the centroid."""
+class PressedPolygons(SupportFunction):
+    """The means of |l| of some area joints; the ellipsoid is that of the mean square."""
 
     def __init__(self, corner: np.ndarray):
         self.corner = corner
@@ -40,6 +33,11 @@ class PressedPolygons:
         self.ellipsoid = np.zeros((len(corner), 3, 3))  # mean of (1, r) (1, r)^T
         self.ellipsoid[:, 0, 0] = 1.0
         self.ellipsoid[:, 1:, 1:] = 0.5 * (second + second.transpose(0, 2, 1)) / self.area[:, None, None]
+
+    @classmethod
+    def of_joints(cls, areas: Areas, chosen: np.ndarray) -> PressedPolygons:
+        """See `SupportFunction`."""
+        return cls(corners_of(areas, chosen))
 
     def of(self, at: np.ndarray) -> PressedPolygons:
         """Some of them."""
@@ -88,63 +86,6 @@ class PressedPolygons:
         hessian += i2[:, None, None] * way[:, :, None] * way[:, None, :]
         return gradient, 2.0 * hessian / (steep * self.area)[:, None, None]
 
-    def cut(self, g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The gauge (k,) of resultants g (k, 3) about the centre, and the planes q (k, 3), scaled to a mean |l| of 1,
-        that attain it: Newton steps on q . g = 1, damped by the ellipsoid around the polygon."""
-        size = np.linalg.norm(g, axis=1)
-        f = g / size[:, None]
-        start = np.linalg.solve(self.ellipsoid, f[..., None])[..., 0]
-        q = start / (start * f).sum(axis=1)[:, None]
-        helper = np.eye(3)[np.argmin(np.abs(f), axis=1)]
-        first = np.cross(f, helper)
-        first /= np.linalg.norm(first, axis=1)[:, None]
-        basis = np.stack([first, np.cross(f, first)], axis=2)
-        back = basis.transpose(0, 2, 1)
-        around = back @ self.ellipsoid @ basis
-        value, gradient, hessian = self.speed(q)
-        weight, live = np.full(len(g), _FIRST), np.arange(len(g))
-        for _ in range(_ITERATIONS):
-            inside = back[live] @ hessian[live] @ basis[live]
-            damped = inside + (weight[live] / value[live])[:, None, None] * around[live]
-            slope = np.einsum("kij,kj->ki", back[live], gradient[live])
-            step = np.linalg.solve(damped, -slope[..., None])[..., 0]
-            promised = -0.5 * (step * slope).sum(axis=1)
-            tried = q[live] + np.einsum("kij,kj->ki", basis[live], step)
-            new = self.of(live).speed(tried)
-            better = new[0] <= value[live]
-            taken = live[better]
-            q[taken] = tried[better]
-            value[taken], gradient[taken], hessian[taken] = (part[better] for part in new)
-            weight[live] *= np.where(better, _LESS, _MORE)
-            going = (promised > CONVERGED * value[live]) & (weight[live] < _HEAVIEST)
-            live = live[going]
-            if not len(live):
-                break
-        return size / value, q / value[:, None]
-
-
-def _by_corners(areas: Areas, chosen: np.ndarray) -> Iterator[tuple[np.ndarray, PressedPolygons]]:
-    """The ``chosen`` area joints with equally many corners: places in ``chosen``, and their polygons."""
-    counts = np.diff(areas.start)[chosen]
-    for count in np.unique(counts):
-        places = np.flatnonzero(counts == count)
-        own = chosen[places]
-        corner = areas.corner[areas.start[own, None] + np.arange(count)]
-        yield places, PressedPolygons(corner / areas.gyration[own, None, None])
-
-
-def gauges(areas: Areas, chosen: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Gauges (k,) about the centre of normal resultants (k, 3) = (N, integral of p r / gyration) / (f_c A) in the
-    ``chosen`` joints (k,), N and f_c counted from the tension -f_t that they bear; and the planes (k, 3), scaled to a
-    mean |l| of 1, that attain them."""
-    g = 2.0 * force - np.array([1.0, 0.0, 0.0])
-    gauge, plane = np.zeros(len(chosen)), np.zeros((len(chosen), 3))
-    acting = np.flatnonzero(np.linalg.norm(g, axis=1) > 0.0)
-    for places, polygons in _by_corners(areas, chosen[acting]):
-        own = acting[places]
-        gauge[own], plane[own] = polygons.cut(g[own])
-    return gauge, plane
-
 
 def first_planes(areas: Areas, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Planes to begin with: places in ``chosen`` (c,), and q (c, 3), scaled to a mean |l| of 1: the whole joint, and
@@ -153,7 +94,7 @@ def first_planes(areas: Areas, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarr
     q = [(1.0, 0.0, 0.0)]
     q += [(depth, x, y) for x, y in zip(np.cos(angle), np.sin(angle), strict=True) for depth in _DEPTHS]
     owners, planes = [np.zeros(0, np.int64)], [np.zeros((0, 3))]
-    for places, polygons in _by_corners(areas, chosen):
+    for places, polygons in by_corners(PressedPolygons, areas, chosen):
         for plane in q:
             each = np.tile(np.array(plane), (len(places), 1))
             owners.append(places)
