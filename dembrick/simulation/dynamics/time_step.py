@@ -31,27 +31,40 @@ COARSE = 1.2  # rad in a step: contacts that swing faster damp as such
 
 
 class JointOperator:
-    """x -> M^-1/2 (sum over joints and ties of stiffness, each part times its weight) M^-1/2 x for the free blocks."""
+    """x -> M^-1/2 (sum over joints, new contacts and ties of stiffness, each part times its weight) M^-1/2 x for the
+    free blocks."""
 
     def __init__(self, state: MovingState):
         bodies, links = state.bodies, state.links
-        n = len(bodies.mass)
         u = np.einsum("jik,jlk->jli", bodies.rotation[links.other], links.axes[links.plane])
         axes = np.concatenate([u, np.cross(u[:, 0], u[:, 1])[:, None]], axis=1)
         arm_host, _ = arms(bodies, links)
         arm_other = arm_host + bodies.position[links.host] - bodies.position[links.other]
-        free = np.zeros(n)
-        free[bodies.free] = 1.0
+        self._mass, self._free = bodies.mass, np.zeros(len(bodies.mass))
+        self._free[bodies.free] = 1.0
         # columns of the square root of the inverse inertia, world axes: J^-1 = (R W)(R W)^T
-        root = bodies.rotation @ np.linalg.cholesky(bodies.inverse)
-        self.blocks, self._root, self._free = n, root, free
-        self.host, self.other = links.host, links.other
-        self.to_host = self._to_joint(axes, arm_host, bodies.mass, root, free, links.host)
-        self.to_other = self._to_joint(axes, arm_other, bodies.mass, root, free, links.other)
-        self.stiffness = joint_families.stiffness(state)
-        self._add_ties(state)
+        self._root = bodies.rotation @ np.linalg.cholesky(bodies.inverse)
+        blocks = np.stack([links.other, links.host], axis=1)
+        self._elements = [self._element(axes, blocks, (arm_other, arm_host), joint_families.stiffness(state))]
+        self._ties = self._of_ties(state)
 
-    def _add_ties(self, state: MovingState) -> None:
+    def _element(self, axes: np.ndarray, blocks: np.ndarray, arm, k: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Elements between ``blocks`` (e, 2), at an arm (e, 3) from either, with the stiffness ``k`` (e, 6, 6) in
+        ``axes`` (e, 3, 3): blocks, matrices from their mass-scaled motions to those of their ends, and ``k``."""
+        ends = (self._to_joint(axes, arm[side], blocks[:, side]) for side in (0, 1))
+        return blocks, *ends, k
+
+    def _to_joint(self, axes: np.ndarray, arm: np.ndarray, block: np.ndarray) -> np.ndarray:
+        """(e, 6, 6) from the mass-scaled motion of a block to that of O in the joint's axes."""
+        matrix = np.zeros((len(block), 6, 6))
+        scale = self._free[block] / np.sqrt(self._mass[block])
+        matrix[:, :3, :3] = axes * scale[:, None, None]
+        turn = self._root[block] * self._free[block][:, None, None]
+        matrix[:, 3:, 3:] = axes @ turn
+        matrix[:, :3, 3:] = axes @ np.cross(turn, arm[:, :, None], axis=1)
+        return matrix
+
+    def _of_ties(self, state: MovingState) -> tuple[np.ndarray, ...]:
         """The ties as elastic bars, all tight: k along the line, and across it what their pre-stress turns with it."""
         ties, bodies = state.ties, state.bodies
         block, arm = ties.block, ties.arm
@@ -63,66 +76,42 @@ class JointOperator:
         axes = np.stack([across, np.cross(line, across), line], axis=1)
         k = np.zeros((len(line), 6, 6))
         k[:, [0, 1], [0, 1]], k[:, 2, 2] = (ties.prestress / length)[:, None], ties.stiffness
-        ends = [
-            self._to_joint(axes, arm[:, side], bodies.mass, self._root, self._free, block[:, side]) for side in (0, 1)
-        ]
-        self._tied = block, *ends, k
-
-    def _pulled(self, x: np.ndarray, y: np.ndarray) -> None:
-        """Add to ``y`` (n, 6) what the ties make of ``x`` (n, 6, 1)."""
-        block, to_a, to_b, k = self._tied
-        force = k @ (to_b @ x[block[:, 1]] - to_a @ x[block[:, 0]])
-        np.add.at(y, block[:, 1], (np.swapaxes(to_b, 1, 2) @ force)[:, :, 0])
-        np.add.at(y, block[:, 0], -(np.swapaxes(to_a, 1, 2) @ force)[:, :, 0])
-
-    @staticmethod
-    def _to_joint(axes, arm, mass, root, free, block) -> np.ndarray:
-        """(j, 6, 6) from the mass-scaled motion of a block to that of O in the joint's axes."""
-        matrix = np.zeros((len(block), 6, 6))
-        scale = free[block] / np.sqrt(mass[block])
-        matrix[:, :3, :3] = axes * scale[:, None, None]
-        turn = root[block] * free[block][:, None, None]
-        matrix[:, 3:, 3:] = axes @ turn
-        matrix[:, :3, 3:] = axes @ np.cross(turn, arm[:, :, None], axis=1)
-        return matrix
+        return self._element(axes, block, (arm[:, 0], arm[:, 1]), k)
 
     def add(self, bodies, contacts: Touching) -> np.ndarray:
         """Take in the new contacts that touch now; returns which of them (c,)."""
         on = np.flatnonzero(contacts.area > 0.0)
-        springs, owner = contacts.springs[on], contacts.parts.owner
-        first, second = owner[contacts.first[on]], owner[contacts.second[on]]
+        springs = contacts.springs[on]
+        blocks = contacts.parts.owner[np.stack([contacts.second[on], contacts.first[on]], axis=1)]
         normal, tangent = springs[:, 0:3], springs[:, 3:6]
         axes = np.stack([tangent, np.cross(normal, tangent), normal], axis=1)
-        ends = []
-        for block in (first, second):
-            arm = contacts.point[on] - bodies.position[block]
-            ends.append(self._to_joint(axes, arm, bodies.mass, self._root, self._free, block))
+        arm = [contacts.point[on] - bodies.position[block] for block in blocks.T]
         along, x, y, xx, xy, yy, _, across, shear, torsion = springs[:, 6:].T
         # x^2 + y^2 of the torsion in one number; the couplings of shear and torsion about that centre are zero
         k = elastic_stiffness((shear + across, 0.0, 0.0, torsion, 0.0, 0.0), (along, x, y, xx, yy, xy))
-        self.host, self.other = np.append(self.host, first), np.append(self.other, second)
-        self.to_host = np.concatenate([self.to_host, ends[0]])
-        self.to_other = np.concatenate([self.to_other, ends[1]])
-        self.stiffness = np.concatenate([self.stiffness, k])
+        self._elements.append(self._element(axes, blocks, arm, k))
         return on
 
     def greatest(self, normal: np.ndarray, shear: np.ndarray, ties: bool = True) -> float:
         """Greatest eigenvalue with the normal and the shear part of every joint weighted by (j,) each; with ``ties``,
         or without."""
         weight = np.stack([shear, shear, normal, normal, normal, shear], axis=1)
-        k = self.stiffness * weight[:, :, None]
+        blocks, to_a, to_b, k = (np.concatenate(part) for part in zip(*self._elements, strict=True))
+        k *= weight[:, :, None]
+        if ties:
+            own = (blocks, to_a, to_b, k), self._ties
+            blocks, to_a, to_b, k = (np.concatenate(part) for part in zip(*own, strict=True))
+        a, b = blocks.T
 
         def apply(x: np.ndarray) -> np.ndarray:
-            x = x.reshape(self.blocks, 6, 1)
-            force = k @ (self.to_host @ x[self.host] - self.to_other @ x[self.other])
-            y = np.zeros((self.blocks, 6))
-            np.add.at(y, self.host, (np.swapaxes(self.to_host, 1, 2) @ force)[:, :, 0])
-            np.add.at(y, self.other, -(np.swapaxes(self.to_other, 1, 2) @ force)[:, :, 0])
-            if ties:
-                self._pulled(x, y)
+            x = x.reshape(len(self._mass), 6, 1)
+            force = k @ (to_b @ x[b] - to_a @ x[a])
+            y = np.zeros((len(self._mass), 6))
+            np.add.at(y, b, (np.swapaxes(to_b, 1, 2) @ force)[:, :, 0])
+            np.add.at(y, a, -(np.swapaxes(to_a, 1, 2) @ force)[:, :, 0])
             return y.ravel()
 
-        return _lanczos(apply, 6 * self.blocks)
+        return _lanczos(apply, 6 * len(self._mass))
 
 
 def _lanczos(apply, size: int) -> float:

@@ -22,7 +22,7 @@ from dembrick.simulation.statics.critical_step import Dashpots, block_inertia, d
 from dembrick.simulation.statics.dead_load import dead_load_equilibrium
 from dembrick.simulation.statics.elastic_factor import elastic_factor, touches_itself
 from dembrick.simulation.statics.handover import starting_state
-from dembrick.simulation.statics.reactions import reactions
+from dembrick.simulation.statics.reactions import Ended
 from dembrick.simulation.statics.state import State, load_vectors
 from dembrick.simulation.statics.stepper import Loop
 from dembrick.simulation.statics.stiffness import block_stiffness
@@ -41,7 +41,7 @@ FINEST = 0.25  # of what friction 1 would let the joints give, that the head may
 
 
 @dataclass
-class Replay:
+class Replay(Ended):
     """A finished search or test: the yield point, the final state, what the program chose, how long it took (s)."""
 
     yield_point: YieldPoint
@@ -58,16 +58,6 @@ class Replay:
     settings: dict = field(default_factory=dict)
     moved: np.ndarray | None = None  # (n, 3) m, since the dead-load equilibrium
     phases: dict | None = None  # s, of the loop, where it was timed by phase
-
-    @property
-    def reactions(self) -> np.ndarray:
-        """Of the supports (s, 6) at the end, see `statics.reactions`."""
-        return reactions(self.state)
-
-    @property
-    def ties(self) -> tuple[np.ndarray, np.ndarray]:
-        """Tension (t,) N of the ties at the end, and the elongation (t,) m that they keep."""
-        return self.state.ties.tension, self.state.ties.yielded
 
 
 class LoadSystem:

@@ -1,4 +1,4 @@
-"""Reactions of the supports in searches and constant-rate tests: what fixed blocks exert on the structure."""
+"""What the supports and the ties do at the end of a search or constant-rate test."""
 
 from __future__ import annotations
 
@@ -26,3 +26,19 @@ def reactions(state: State) -> np.ndarray:
     out = np.zeros((int(support.max(initial=-1)) + 1, 6))
     write_reactions(state.joints, support, out)
     return out + ties.at_supports(state)
+
+
+class Ended:
+    """What a finished search or test says of its last ``state``."""
+
+    state: State
+
+    @property
+    def reactions(self) -> np.ndarray:
+        """Of the supports (s, 6), see `reactions`."""
+        return reactions(self.state)
+
+    @property
+    def ties(self) -> tuple[np.ndarray, np.ndarray]:
+        """Tension (t,) N of the ties at the end, and the elongation (t,) m that they keep."""
+        return self.state.ties.tension, self.state.ties.yielded

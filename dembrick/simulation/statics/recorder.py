@@ -100,20 +100,23 @@ class Recorder:
             **{name: np.zeros((frames, *shape)) for name, shape in of_frames.items()},
         )
 
-    def write_equilibrium(self, state: State, number: int, way: PathState, before: float, bracket: np.ndarray) -> None:
-        """Add the equilibrium with this ``number`` on a ``way`` to the record; ``before`` (J) is what the springs held
-        where it began, ``bracket`` (2,) N of the limit. Where blocks were pushed on it is worth a frame."""
+    def write_equilibrium(
+        self, state: State, number: int, way: PathState | None, before: float, bracket: np.ndarray
+    ) -> None:
+        """Add the equilibrium with this ``number`` on a ``way`` to the record, or that of the dead loads if there is no
+        way; ``before`` (J) is what the springs held where it began, ``bracket`` (2,) N of the limit. That of the dead
+        loads is worth a frame, and one where blocks were pushed on."""
         record = self.record
         energy = record.energy[record.count[0]]
         energy[:] = 0.0
         energy[ELASTIC] = elastic_energy(state.joints, state.points, state.areas, None) - before
-        if number:
+        if way is not None and number:
             energy[EXTERNAL], energy[FRICTION], energy[DASHPOTS] = way.external, way.friction, way.lost
             energy[CRUSHING], energy[FRACTURE], energy[YIELDING] = way.crushing, way.fracture, way.yielding
         lower, upper = bracket
         write_row(
             record, number, float(number), state.blocks, state.joints, state.points, state.areas, state.actuators, None,
-            float(state.actuators.drive[2]), 0.0, lower, upper, way.pushes > 0,
+            float(state.actuators.drive[2]), 0.0, lower, upper, way is None or way.pushes > 0,
         )  # fmt: skip
         ties.write(state, record)
 

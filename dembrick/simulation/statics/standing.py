@@ -7,15 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dembrick.kernels.statics.energy import ELASTIC, elastic_energy
-from dembrick.kernels.statics.record import write_row
 from dembrick.simulation.expected_cost import STATICS_STEPS, relaxation_seconds
 from dembrick.simulation.session import Plan, Session
-from dembrick.simulation.statics import ties
 from dembrick.simulation.statics.dead_load import Rest, rest
 from dembrick.simulation.statics.elastic_factor import elastic_factor, equations, touches_itself
 from dembrick.simulation.statics.handover import starting_state
-from dembrick.simulation.statics.reactions import reactions
+from dembrick.simulation.statics.reactions import Ended
 from dembrick.simulation.statics.recorder import Recorder
 from dembrick.simulation.statics.state import State, initial_state
 from dembrick.simulation.statics.stiffness import block_stiffness
@@ -25,35 +22,17 @@ if TYPE_CHECKING:
 
 
 @dataclass
-class Standing:
-    """What was found: `Rest` and the state in which the search ended."""
+class Standing(Ended):
+    """What was found: `Rest`, the state in which the search ended, and seconds of compiling and of relaxing."""
 
     rest: Rest
     state: State
     settings: dict
+    compile_seconds: float
+    loop_seconds: float
     energy = None
     yield_point = None  # no load was increased
     phases = None
-
-    @property
-    def reactions(self) -> np.ndarray:
-        """Of the supports (s, 6), see `statics.reactions`."""
-        return reactions(self.state)
-
-    @property
-    def ties(self) -> tuple[np.ndarray, np.ndarray]:
-        """Tension (t,) N of the ties at the end, and the elongation (t,) m that they keep."""
-        return self.state.ties.tension, self.state.ties.yielded
-
-    @property
-    def compile_seconds(self) -> float:
-        """Spent on compiling, or on loading what was compiled."""
-        return self.rest.compile_seconds
-
-    @property
-    def loop_seconds(self) -> float:
-        """Spent on the equilibrium."""
-        return self.rest.loop_seconds
 
 
 def find_rest(assembly: Assembly, session: Session) -> Standing:
@@ -63,16 +42,9 @@ def find_rest(assembly: Assembly, session: Session) -> Standing:
     found = rest(state, block_stiffness(state, shared=2.0), factor, session)
     if session.observe is not None:
         recorder = Recorder(state, session, 1, 1, 1, assembly.control_points)
-        energy = recorder.record.energy[0]
-        energy[:] = 0.0
-        energy[ELASTIC] = elastic_energy(state.joints, state.points, state.areas, None)
-        blocks, joints, points, areas = state.blocks, state.joints, state.points, state.areas
-        write_row(
-            recorder.record, 0, 0.0, blocks, joints, points, areas, state.actuators, None, 0.0, 0.0, 0.0, 0.0, True
-        )
-        ties.write(state, recorder.record)
+        recorder.write_equilibrium(state, 0, None, 0.0, np.zeros(2))
         recorder.drain()
-    return Standing(found, state, {"steps": found.steps})
+    return Standing(found, state, {"steps": found.steps}, found.compile_seconds, found.loop_seconds)
 
 
 def plan(assembly: Assembly) -> Plan:
