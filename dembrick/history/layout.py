@@ -21,7 +21,7 @@ import numpy as np
 from h5py import h5d, h5p
 
 from dembrick.history.hdf5_files import rewritten
-from dembrick.simulation.channels import Field
+from dembrick.simulation.channels import Channel
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
@@ -121,7 +121,7 @@ def scenario_table(text: str) -> Table:
 
 def create(
     path: str,
-    growing: Mapping[Field, int],
+    growing: Mapping[Channel, int],
     tables: Iterable[Table],
     attributes: Mapping[str, object],
     packed: Mapping[str, int],
@@ -155,7 +155,7 @@ def create(
             made = file.create_dataset(table.path, data=table.value)
             made.attrs.update(units=table.units, description=table.description)
         for field, count in growing.items():
-            reserve(field.path, (count, *field.tail), field.kind, field.units, field.description)
+            reserve(field.path, (count, *field.shape), field.kind, field.unit, field.about)
         if growing:
             about = "rows of /history and entries of /frames that are valid; what lies beyond is reserved space"
             reserve(WRITTEN, (2,), "<i8", "1", about)

@@ -23,7 +23,7 @@ from dembrick.history.files import check_output, clear_parts, reason, replacing
 from dembrick.history.hdf5_files import rewritten
 from dembrick.history.reader import History, is_of
 from dembrick.scenario.controls import Control, YieldControl
-from dembrick.simulation.channels import CONTACTS, FRAMES, ROWS, Field, recorded, taken
+from dembrick.simulation.channels import CONTACTS, FRAMES, ROWS, Channel, recorded, taken
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
@@ -166,8 +166,8 @@ class HistoryWriter:
         for field in self._fields:
             if field.path in channels:
                 array, expected = np.ascontiguousarray(channels[field.path], field.kind), counts[field.grows_by]
-                if array.shape != (expected, *field.tail):
-                    raise ValueError(f"{field.path} has shape {array.shape}, expected {(expected, *field.tail)}")
+                if array.shape != (expected, *field.shape):
+                    raise ValueError(f"{field.path} has shape {array.shape}, expected {(expected, *field.shape)}")
                 arrays[field.path] = array
         for path, array in arrays.items():
             self._pending.setdefault(path, []).append(array)
@@ -310,7 +310,7 @@ class HistoryWriter:
                             entry += len(array)
         return offsets
 
-    def _slabs(self, field: Field, pending: bool) -> Iterator[np.ndarray]:
+    def _slabs(self, field: Channel, pending: bool) -> Iterator[np.ndarray]:
         """All entries of a field, a few megabytes at a time: those in the file, then those in memory."""
         stored = self._stored[field.grows_by]
         if self._source is not None or (self._file is not None and field.path in self._offsets):
@@ -322,17 +322,17 @@ class HistoryWriter:
         if pending:
             yield from self._pending.get(field.path, ())
 
-    def _stored_entries(self, field: Field, start: int, stop: int) -> np.ndarray:
+    def _stored_entries(self, field: Channel, start: int, stop: int) -> np.ndarray:
         if self._source is not None:
             return self._source.entries(field.path, start, stop)
         self._file.seek(self._offsets[field.path] + start * field.entry_bytes)
         raw = self._file.read((stop - start) * field.entry_bytes)
-        return np.frombuffer(raw, field.kind).reshape(-1, *field.tail)
+        return np.frombuffer(raw, field.kind).reshape(-1, *field.shape)
 
-    def _chunk(self, field: Field) -> int:
+    def _chunk(self, field: Channel) -> int:
         return max(1, _CHUNK // max(field.entry_bytes, 1))
 
-    def _worth_packing(self, field: Field, count: int) -> int:
+    def _worth_packing(self, field: Channel, count: int) -> int:
         """Entries a chunk if compressing halves the field's middle, else 0."""
         if count * field.entry_bytes < _PACK_FROM:
             return 0

@@ -87,7 +87,7 @@ def before_a_run(scenario: Scenario, assembly: Assembly) -> AbstractContextManag
 def _rows(assembly: Assembly, control: Control, count: int) -> dict[str, np.ndarray]:
     """So many rows in which nothing has happened, but for joint forces and energies."""
     fields = [field for field in recorded(assembly, ("frames",), control) if field.grows_by == ROWS]
-    rows = {field.channel.name: np.zeros((count, *field.tail)) for field in fields}
+    rows = {field.name: np.zeros((count, *field.shape)) for field in fields}
     return rows | {"time": np.arange(float(count))}
 
 

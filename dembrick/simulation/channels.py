@@ -8,9 +8,10 @@ the recorder that knows them gives them by the same name.
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Container, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -67,7 +68,7 @@ class Channel:
     path: str
     unit: str
     about: str
-    shape: tuple[str | int, ...] = ()
+    shape: tuple[Any, ...] = ()
     asked: str = ""
     real_time: bool | None = None
     columns: str = ""
@@ -101,6 +102,16 @@ class Channel:
     def tail(self, sizes: Sizes) -> tuple[int, ...]:
         """Shape of an entry in numbers."""
         return tuple(getattr(sizes, n) if isinstance(n, str) else n for n in self.shape)
+
+    @property
+    def entry_bytes(self) -> int:
+        """Of one entry in a run."""
+        return 8 * math.prod(self.shape)
+
+    def of_run(self, sizes: Sizes, words: Mapping[str, str]) -> Channel:
+        """The same in a run: a dataset that grows with it, shaped in numbers, unit and meaning in these ``words``."""
+        unit, about = self.unit.format(**words), self.about.format(**words)
+        return dataclasses.replace(self, shape=self.tail(sizes), unit=unit, about=about)
 
     def titles(self, names: Mapping[str, list[str]], unit: str) -> list[str]:
         """Headings of its columns; ``names`` of what its shape counts."""
@@ -239,37 +250,7 @@ def energies(real_time: bool) -> tuple[str, ...]:
     return tuple(c.name.partition("/")[2] for c in found)
 
 
-@dataclass(frozen=True, slots=True)
-class Field:
-    """A channel of one run: a dataset that grows with it. ``tail`` is the shape of an entry."""
-
-    channel: Channel
-    tail: tuple[int, ...]
-    units: str
-    description: str
-
-    @property
-    def path(self) -> str:
-        """Of its dataset in a history."""
-        return self.channel.path
-
-    @property
-    def kind(self) -> str:
-        """numpy's string of its type."""
-        return self.channel.kind
-
-    @property
-    def grows_by(self) -> int:
-        """ROWS, FRAMES or CONTACTS."""
-        return self.channel.grows_by
-
-    @property
-    def entry_bytes(self) -> int:
-        """Of one entry."""
-        return 8 * int(np.prod(self.tail, dtype=np.int64))
-
-
-def recorded(assembly: Assembly, asked: Container[str], control: Control) -> tuple[Field, ...]:
+def recorded(assembly: Assembly, asked: Container[str], control: Control) -> tuple[Channel, ...]:
     """The channels that a run records; ``asked``: the words of ``output.channels``."""
     sizes, regime = Sizes.of(assembly), control.regime
     joints = assembly.joints
@@ -286,24 +267,23 @@ def recorded(assembly: Assembly, asked: Container[str], control: Control) -> tup
         wanted = wanted and (not channel.asked or channel.asked in asked or (strong and channel.asked == STRENGTHS))
         wanted = wanted and (channel.asked != "energy" or regime.balances_energy)
         if wanted and not (channel.optional and not getattr(sizes, channel.shape[0])):
-            unit, about = channel.unit.format(**words), channel.about.format(**words)
-            found.append(Field(channel, channel.tail(sizes), unit, about))
+            found.append(channel.of_run(sizes, words))
     return tuple(found)
 
 
-def bytes_of(fields: tuple[Field, ...], rows: int, frames: int, contacts: int = 0) -> int:
+def bytes_of(fields: tuple[Channel, ...], rows: int, frames: int, contacts: int = 0) -> int:
     """What so many rows, frames and new contacts take."""
     counts = (rows, frames, contacts)
     return sum(counts[field.grows_by] * field.entry_bytes for field in fields)
 
 
-def taken(record: Mapping, field: Field, assembly: Assembly) -> np.ndarray:
+def taken(record: Mapping, field: Channel, assembly: Assembly) -> np.ndarray:
     """The numbers of a channel in a record as recorders give it: joints share an array, energies and new contacts a
     mapping. ValueError if the record has none."""
-    group, _, name = field.channel.name.partition("/")
+    group, _, name = field.name.partition("/")
     try:
-        if field.channel.fill is not None:
-            return field.channel.fill(record, assembly)
+        if field.fill is not None:
+            return field.fill(record, assembly)
         if group == "joint":
             return np.asarray(record["joint"], float)[..., JOINT_CHANNELS.index(name)]
         return record[group][name] if name else record[group]
@@ -311,7 +291,7 @@ def taken(record: Mapping, field: Field, assembly: Assembly) -> np.ndarray:
         raise ValueError(f"{field.path}: the record has no such channel") from error
 
 
-def followed(record: Mapping, fields: tuple[Field, ...], grows_by: int, assembly: Assembly) -> dict[str, np.ndarray]:
+def followed(record: Mapping, fields: tuple[Channel, ...], grows_by: int, assembly: Assembly) -> dict[str, np.ndarray]:
     """A record with the channels that follow from it, for results in memory."""
-    own = [f.channel for f in fields if f.grows_by == grows_by and f.channel.fill and not f.channel.in_file_only]
+    own = [f for f in fields if f.grows_by == grows_by and f.fill and not f.in_file_only]
     return {**record, **{channel.name: channel.fill(record, assembly) for channel in own}}

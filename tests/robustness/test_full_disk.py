@@ -10,7 +10,7 @@ import pytest
 
 from dembrick.history.hdf5_files import rewritten
 from dembrick.history.layout import create
-from dembrick.simulation.channels import Channel, Field
+from dembrick.simulation.channels import Channel
 from helpers.places import TESTS
 
 # Every writer of HDF5 with a limit on the size of files, as on a disk that is full; one process, many limits.
@@ -93,7 +93,7 @@ def test_what_is_written_through_python_reads_back(tmp_path):
 
 
 def test_a_field_that_grows_is_reserved_where_it_is_said(tmp_path):
-    field = Field(Channel("history/x", "m", "a place", (3,)), (3,), "m", "a place")
+    field = Channel("history/x", "m", "a place", (3,))
     offsets = create(str(tmp_path / "a.h5"), {field: 50}, [], {"status": "running"}, {})
     with open(tmp_path / "a.h5", "r+b") as file:
         file.seek(offsets["history/x"])
