@@ -37,11 +37,11 @@ def add_force(parser) -> None:
     parser.add_argument("--force", action="store_true", help="replace a file that is there, whatever it is")
 
 
-def make_folder(folder: str | os.PathLike, parents: bool = False) -> Path:
+def make_folder(folder: str | os.PathLike) -> Path:
     """The folder, made if missing; its parent must exist."""
     path = Path(folder)
     try:
-        path.mkdir(exist_ok=True, parents=parents)
+        path.mkdir(exist_ok=True)
     except FileNotFoundError as error:
         raise OutputError(f"{path}: its parent folder does not exist; make it first or choose another path") from error
     except FileExistsError as error:

@@ -56,7 +56,11 @@ def read(path: str, scale: float) -> list[Solid]:
     ending = os.path.splitext(path)[1].lower()
     mesh_file.check_file(path, ENDINGS, LARGEST_FILE)
     readers = {".obj": _obj, ".stl": _stl, ".gltf": _gltf, ".glb": _gltf, ".json": _compas}
-    found = [part for named in readers.get(ending, _of_meshio)(path) for part in _closed_parts(named)]
+    if ending in readers:
+        named = readers[ending](path)
+    else:
+        named = [_Named("solid", *mesh_file.read_surface(path))]
+    found = [part for solid in named for part in _closed_parts(solid)]
     if not found:
         raise ScenarioError(f"{path}: there is no surface in the file; every block needs one that is closed")
     if len(found) > MOST_SOLIDS:
@@ -142,11 +146,6 @@ def linked(pairs: Iterable[tuple[T, T]]) -> list[list[T]]:
 
 
 # --- formats ---
-
-
-def _of_meshio(path: str) -> list[_Named]:
-    points, faces = mesh_file.read_surface(path)
-    return [_Named("solid", points, faces)]
 
 
 def _text(path: str) -> str:

@@ -106,12 +106,12 @@ def _parts(title: str) -> tuple[str, str | None]:
 
 
 def read_columns(
-    path: str | os.PathLike, what: str, quantities: Sequence[str], columns: Sequence[str] | None = None, least: int = 2
+    path: str | os.PathLike, what: str, quantities: Sequence[str], columns: Sequence[str] | None = None
 ) -> tuple[dict[str, np.ndarray], list[int]]:
     """One column for each of the ``quantities`` (of `units.UNITS`), in SI, and the lines of the file they stand in.
 
     ``columns`` picks them by name, in the order of the quantities; else each is the column whose unit fits. Raises
-    ScenarioError with the line and with what to write, also for fewer than ``least`` lines of numbers.
+    ScenarioError with the line and with what to write, also for a single line of numbers.
     """
     path = os.fsdecode(path)
     ending = os.path.splitext(path)[1].lower()
@@ -125,8 +125,8 @@ def read_columns(
             for quantity, (i, size) in places.items()
         }
         numbers = [number for number, _ in table.lines]
-    if len(numbers) < least:
-        raise ScenarioError(f"{path}: {what} needs at least {least} lines of numbers below its header")
+    if len(numbers) < 2:
+        raise ScenarioError(f"{path}: {what} needs at least 2 lines of numbers below its header")
     return found, numbers
 
 
@@ -226,10 +226,10 @@ def _picked(table: Table, parts: Sequence[tuple[str, str | None]], quantity: str
     return i, size
 
 
-def cells_by_name(table: Table, known: Mapping[str, bool], with_unit: Sequence[str] = (), quantity: str = "force"):
+def cells_by_name(table: Table, known: Mapping[str, bool], forces: Sequence[str]) -> dict[str, tuple[int, float]]:
     """Columns of a table of texts and numbers by name: (number, what its unit is worth).
 
-    ``known``: names that may be there, and whether they must; those of ``with_unit`` state a unit of the ``quantity``.
+    ``known``: names that may be there, and whether they must; those of ``forces`` state a unit of force.
     """
     columns: dict[str, tuple[int, float]] = {}
     for i, title in enumerate(table.titles):
@@ -239,19 +239,18 @@ def cells_by_name(table: Table, known: Mapping[str, bool], with_unit: Sequence[s
         if name in columns:
             raise ScenarioError(f"{table.path}: two columns are called {show(name)}")
         size = 1.0
-        if name in with_unit:
-            found = None if unit is None else units.size_of(quantity, unit)
+        if name in forces:
+            found = None if unit is None else units.size_of("force", unit)
             if found is None:
                 raise ScenarioError(
                     f"{table.path}: column {show(title.strip())} needs its unit in the header: "
-                    f"{' or '.join(repr(f'{name} [{one}]') for one in units.UNITS[quantity])}"
+                    f"{' or '.join(repr(f'{name} [{one}]') for one in units.UNITS['force'])}"
                 )
             size = found
         columns[name] = i, size
     for name, required in known.items():
         if required and name not in columns:
-            header = ",".join(f"{key} [{next(iter(units.UNITS[quantity]))}]" if key in with_unit else key
-                              for key, needed in known.items() if needed)  # fmt: skip
+            header = ",".join(f"{key} [N]" if key in forces else key for key, needed in known.items() if needed)
             raise ScenarioError(f"{table.path}: there is no column {show(name)}; the header is {header}")
     return columns
 

@@ -389,7 +389,11 @@ def _object(kind: Any) -> dict:
         elif isinstance(default, bool | int | float | str):
             properties[field.name]["default"] = default
         words = key.allowed.split(", ")
-        if properties[field.name].get("type") == "string" and len(words) > 1 and all(_word(word) for word in words):
+        if (
+            properties[field.name].get("type") == "string"
+            and len(words) > 1
+            and "".join(words).replace("-", "").isalpha()
+        ):
             properties[field.name]["enum"] = words
     if issubclass(kind, Control):
         properties = {"kind": {"const": kind.kind}, **properties}
@@ -397,10 +401,6 @@ def _object(kind: Any) -> dict:
     if kind is JointLaw:  # what the file may say in place of two numbers
         properties["points"] = {"anyOf": [properties["points"], {"const": "auto"}]}
     return {"type": "object", "properties": properties, "required": required, "additionalProperties": False}
-
-
-def _word(text: str) -> bool:
-    return text.replace("-", "").isalpha()
 
 
 def _type(hint: Any) -> dict:

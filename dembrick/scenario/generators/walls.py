@@ -160,7 +160,9 @@ class Wall:
         for corner in self.returns:
             branch = self._branch(corner)
             for course in range(present(self.courses)):
-                for number, piece in enumerate(self._return_course(course, corner), 1):
+                start = self.block[1] if course % 2 == 0 else 0.0
+                pieces = _filled(start, corner.blocks * self.block[0], self.block[0], self.block[0])
+                for number, piece in enumerate(pieces, 1):
                     found.append(self._stone(f"{corner.end}.{course + 1}.{number}", branch, course, piece))
         if self.base is not None:
             found.append(self._slab(frame, self.base))
@@ -220,10 +222,6 @@ class Wall:
                 span = (max(0.0, opening.span[0] - opening.lintel), min(self.length, opening.span[1] + opening.lintel))
                 pieces = sorted([*_without(pieces, span, length), span])
         return pieces
-
-    def _return_course(self, course: int, corner: Return) -> list[Interval]:
-        length, thickness, _ = self.block
-        return _filled(thickness if course % 2 == 0 else 0.0, corner.blocks * length, length, length)
 
 
 def _checked_pattern(pattern, label: str) -> tuple[str, ...]:
