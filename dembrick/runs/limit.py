@@ -240,7 +240,11 @@ def limit(
     try:
         found = analysis.limit_load(assembly, tilt=tilt)
         opinion = second_opinion(assembly) if heuristic and not found.unlimited else None
-        beside = [] if found.unlimited else _left_out(assembly, found, tilt)
+        beside = (
+            []
+            if found.unlimited
+            else left_out(assembly, found.load_factor, found.resultants, _moves(assembly, found), tilt)
+        )
     except DembrickError as error:
         if isinstance(error, NotConvergedError):
             error.answer = _failure(given, error)
@@ -334,10 +338,6 @@ def _moves(assembly: Assembly, found: analysis.Limit) -> np.ndarray:
         ],
         axis=1,
     )
-
-
-def _left_out(assembly: Assembly, found: analysis.Limit, tilt: bool) -> list[LeftOut]:
-    return left_out(assembly, found.load_factor, found.resultants, _moves(assembly, found), tilt)
 
 
 def _failure(scenario: Scenario, error: DembrickError) -> dict:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from functools import partial
 
 LOGGER = logging.getLogger("dembrick")
 LOGGER.addHandler(logging.NullHandler())
@@ -19,10 +20,6 @@ def heard_by(report: Callable[[str], None] | None) -> Callable[[str], None] | No
     logger: logging.Logger | None = LOGGER
     while logger is not None:
         if any(not isinstance(handler, logging.NullHandler) for handler in logger.handlers):
-            return _remark
+            return partial(LOGGER.warning, "%s")
         logger = logger.parent if logger.propagate else None
     return None
-
-
-def _remark(text: str) -> None:
-    LOGGER.warning("%s", text)

@@ -52,18 +52,15 @@ def _by_one_thread(function: Callable, *arguments) -> list[dict]:
     return function(*arguments)
 
 
-def _leave_signals_alone() -> None:
-    """In a worker: a signal from the terminal reaches every process, and the one that started them acts on it."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
 def run_local(function: Callable, chunks: Iterable[Chunk], jobs: int, *arguments) -> Iterator[list[dict]]:
     """In ``jobs`` worker processes of one thread each, started afresh (spawn), so that it works on every system."""
     import multiprocessing
 
     others = set(multiprocessing.active_children())
+    # a signal from the terminal reaches every process, and the one that started them acts on it
+    alone = signal.SIGINT, signal.SIG_IGN
     chunks = iter(chunks)
-    with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _leave_signals_alone) as pool:
+    with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), signal.signal, alone) as pool:
         pending: set[Future] = set()
         try:
             while True:

@@ -101,23 +101,8 @@ def _angle(result) -> Measured:
     return value, lower, upper
 
 
-def _displacement(result) -> Measured:
-    answer = result.as_dict()
-    value, bar = answer["displacement"], answer["displacement_error"]
-    return (value, None, None) if bar is None else (value, value - bar, value + bar)
-
-
-def _angle_at_displacement(result) -> Measured:
-    return result.collapse["angle"], None, None
-
-
-def _stands(result) -> Measured:
-    """1 if nothing has fallen, else 0."""
-    return float(not fell(result.as_dict())), None, None
-
-
-def _reaction(result) -> Measured:
-    value, bar = result.settlement["reaction"], result.reaction_error
+def _with_bar(found: dict, name: str) -> Measured:
+    value, bar = found[name], found[f"{name}_error"]
     return (value, None, None) if bar is None else (value, value - bar, value + bar)
 
 
@@ -130,9 +115,9 @@ _READ: dict[str, Callable[..., Measured]] = {
     "V": _limit,
     "load_factor": _limit,
     "angle": _angle,
-    "displacement": _displacement,
-    "angle_at_displacement": _angle_at_displacement,
-    "stands": _stands,
-    "reaction": _reaction,
+    "displacement": lambda result: _with_bar(result.as_dict(), "displacement"),
+    "angle_at_displacement": lambda result: (result.collapse["angle"], None, None),
+    "stands": lambda result: (float(not fell(result.as_dict())), None, None),
+    "reaction": lambda result: _with_bar(result.settlement, "reaction"),
     "settlement": _settlement,
 }

@@ -419,14 +419,11 @@ class Scene:
         history, curve = self._history, self._history.curve
         if curve.load is None or not history.n_row:
             return []
-        value = float(history.load[self._row(self._frame)])
+        value = float(history.load[int(nearest(history.time, [history.frame_time[self._frame]])[0])])
         if curve.load == TILT_LOAD:
             return [f"table at {np.degrees(np.arctan(value)):.4g} deg", f"load factor {value:.4g}"]
         unit = "" if curve.unit == "1" else f" {curve.unit}"
         return [f"{'V' if curve.unit == 'N' and curve.load.endswith(' V') else curve.load} {value:.4g}{unit}"]
-
-    def _row(self, frame: int) -> int:
-        return int(nearest(self._history.time, [self._history.frame_time[frame]])[0])
 
 
 def _count(number: int, what: str) -> str:
