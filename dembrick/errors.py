@@ -4,6 +4,9 @@ Every message names the cause and the remedy in one sentence or two; the command
 traceback. Exit codes: 1 no answer, 2 invalid input or usage, 4 an optional dependency is missing.
 """
 
+from importlib import import_module
+from types import ModuleType
+
 
 class DembrickError(Exception):
     """Base of all errors that are addressed to the user; ``answer`` is the JSON object of the run that failed."""
@@ -58,3 +61,11 @@ class MissingDependency(DembrickError):
     """An optional package or a system library is not installed."""
 
     exit_code = 4
+
+
+def needed(package: str, what: str) -> ModuleType:
+    """The module of a ``package`` that may be missing; MissingDependency then says ``what`` needs it."""
+    try:
+        return import_module(package)
+    except ImportError as error:
+        raise MissingDependency(f"{what} needs {package}; install it with: pip install {package}") from error

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from dembrick.errors import MissingDependency, ScenarioError
+from dembrick.errors import ScenarioError, needed
 from dembrick.geometry import mesh_file
 from dembrick.geometry.shapes import Polyhedron
 
@@ -219,10 +219,7 @@ def _vertices(text: str) -> np.ndarray:
 
 def _gltf(path: str) -> list[_Named]:
     """Nodes of the scene. glTF has y upwards; here z is."""
-    try:
-        import pyvista
-    except ImportError as error:
-        raise MissingDependency("glTF files are read by pyvista; install it with: pip install pyvista") from error
+    pyvista = needed("pyvista", "a glTF file")
     names = _gltf_names(path)
     with warnings.catch_warnings(action="ignore"):  # of a scene without a mesh, which is refused in a sentence
         scene = pyvista.read(path)

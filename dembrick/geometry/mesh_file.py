@@ -14,7 +14,7 @@ import warnings
 
 import numpy as np
 
-from dembrick.errors import MissingDependency, ScenarioError
+from dembrick.errors import ScenarioError, needed
 from dembrick.geometry.convex_hull import FLAT, hull, mass_properties
 from dembrick.geometry.shapes import LARGEST, SMALLEST, Polyhedron
 
@@ -136,10 +136,7 @@ def read_surface(path: str) -> tuple[np.ndarray, list[tuple[int, ...]]]:
     """Corners (n, 3) and faces of the surface in a file."""
     ending = os.path.splitext(path)[1].lower()
     check_file(path, ENDINGS, LARGEST_FILE)
-    try:
-        import meshio  # noqa: F401 - asked for before the file is judged
-    except ImportError as error:
-        raise MissingDependency("blocks from mesh files need meshio; install it with: pip install meshio") from error
+    needed("meshio", "a block from a mesh file")
     try:
         # meshio tells of some faults by SystemExit, and prints them; telling text from binary STL it warns
         silence = contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO())

@@ -11,7 +11,7 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from dembrick.errors import MissingDependency, OutputError
+from dembrick.errors import OutputError, needed
 from dembrick.history import History, part_name, replacing
 from dembrick.views.export.files import checked_target, writing
 from dembrick.views.export.layers import LAYERS, Layer, NewContacts, Picture
@@ -26,10 +26,7 @@ def to_pvd(
     only: Collection[str] = LAYERS,
 ) -> list[str]:
     """A ``.pvd`` list of each layer; the frames, a ``.vtu`` each, in the folder ``<stem>_frames`` beside it."""
-    try:
-        import meshio  # noqa: F401 - asked for before anything is written
-    except ImportError as error:
-        raise MissingDependency("the export to .pvd needs meshio: pip install meshio") from error
+    needed("meshio", "the export to .pvd")  # asked for before anything is written
     target = checked_target(history, path)
     stem, ending = os.path.splitext(target)
     times, lists = history.frame_time, {}

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dembrick.errors import MissingDependency
+from dembrick.errors import needed
 from dembrick.history import History
 from dembrick.simulation.channels import CHANNELS, CONTACTS, FRAMES
 from dembrick.views.export.text import columns_of, names_of
@@ -24,10 +24,7 @@ def to_pandas(history: History) -> pandas.DataFrame:
 
     Raises MissingDependency without pandas.
     """
-    try:
-        import pandas
-    except ImportError:
-        raise MissingDependency("tables need pandas: pip install pandas") from None
+    pandas = needed("pandas", "a table")
     columns = columns_of(history)
     titles = [title for _, own in columns for title in own]
     values = [history.series(name).reshape(history.n_row, -1) for name, _ in columns]
@@ -42,10 +39,7 @@ def to_xarray(history: History) -> xarray.Dataset:
 
     Raises MissingDependency without xarray.
     """
-    try:
-        import xarray
-    except ImportError:
-        raise MissingDependency("datasets need xarray: pip install xarray") from None
+    xarray = needed("xarray", "a dataset")
     names = names_of(history)
     variables, coordinates = {}, {"time": ("row", history.time)}
     if history.has_frames:

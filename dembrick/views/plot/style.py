@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dembrick.errors import MissingDependency, OutputError, ScenarioError
+from dembrick.errors import OutputError, ScenarioError, needed
 from dembrick.history.files import write_whole
 
 if TYPE_CHECKING:
@@ -65,15 +65,7 @@ SETTINGS = {
 
 def settings():
     """Context in which figures are made and written: our settings, whatever the user's are."""
-    return _matplotlib().rc_context(SETTINGS)
-
-
-def _matplotlib():
-    try:
-        import matplotlib
-    except ImportError as error:
-        raise MissingDependency("figures need matplotlib; install it with: pip install matplotlib") from error
-    return matplotlib
+    return needed("matplotlib", "a figure").rc_context(SETTINGS)
 
 
 def canvas(ax: Axes | None, size: tuple[float, float] = (5.2, 4.4)) -> tuple[Figure, Axes]:
@@ -102,7 +94,7 @@ def panels(
 
 def new_figure(size: tuple[float, float]) -> Figure:
     """A figure of ``size`` (inches) that belongs to no window; a notebook shows it as a picture."""
-    _matplotlib()
+    needed("matplotlib", "a figure")
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

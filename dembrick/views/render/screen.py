@@ -10,7 +10,7 @@ import subprocess
 import sys
 from functools import lru_cache
 
-from dembrick.errors import MissingDependency
+from dembrick.errors import MissingDependency, needed
 
 PROBE = (
     "import vtkmodules.vtkRenderingOpenGL2 as gl; from vtkmodules.vtkRenderingCore import vtkRenderWindow; "
@@ -24,7 +24,7 @@ def require_drawing() -> None:
     """MissingDependency unless pyvista is installed and this machine can draw off screen."""
     if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
         os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
-    _require_pyvista()
+    needed("pyvista", "a picture of blocks")
     if not _works(off=1):
         linux = "install EGL and a driver (Debian and Ubuntu: apt install libegl1 libgl1-mesa-dri) and try again"
         elsewhere = "its OpenGL driver is missing or too old; update it"
@@ -34,7 +34,7 @@ def require_drawing() -> None:
 
 def require_display() -> None:
     """MissingDependency unless pyvista is installed and a window can be opened."""
-    _require_pyvista()
+    needed("pyvista", "a picture of blocks")
     without = "a picture or movie needs none: dembrick render FILE.h5 --to FILE.png"
     if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise MissingDependency(f"there is no display to open a window on (DISPLAY is not set); {without}")
@@ -43,13 +43,6 @@ def require_display() -> None:
             "no window can be opened on this display: install OpenGL "
             f"(Debian and Ubuntu: apt install libgl1 libgl1-mesa-dri); {without}"
         )
-
-
-def _require_pyvista() -> None:
-    try:
-        import pyvista  # noqa: F401
-    except ImportError as error:
-        raise MissingDependency("pictures of blocks need pyvista; install it with: pip install pyvista") from error
 
 
 def _works(off: int) -> bool:
