@@ -77,43 +77,23 @@ def given_actuators(scenario: Scenario, number: dict[str, int], bare: Assembly) 
 
     ScenarioError if an actuator cannot push its block, or no face feels a pressure.
     """
-    block = np.array([number[actuator.block] for actuator in scenario.actuators], np.int64)
-    arm = []
-    for i, actuator in zip(block, scenario.actuators, strict=True):
-        what = f"actuator {show(actuator.name)}"
-        if bare.fixed[i]:
+    rows: list[tuple] = []
+    for actuator in scenario.actuators:
+        what, block = f"actuator {show(actuator.name)}", number[actuator.block]
+        if bare.fixed[block]:
             raise ScenarioError(f"{what} pushes block {show(actuator.block)}, which is fixed; push a free block")
-        arm.append(check_inside(what, actuator.point, bare, i))
-    given = ActuatorTable(
-        names=tuple(actuator.name for actuator in scenario.actuators),
-        block=block,
-        point=np.array([actuator.point for actuator in scenario.actuators], float).reshape(-1, 3),
-        arm=np.array(arm).reshape(-1, 3),
-        direction=np.array([actuator.direction for actuator in scenario.actuators], float).reshape(-1, 3),
-        weight=np.array([actuator.weight for actuator in scenario.actuators], float),
-    )
-    driven = [
-        face
-        for pressure in scenario.pressures
-        if pressure.actuator
-        for face in face_forces(pressure, scenario.groups.get(pressure.block) or (number[pressure.block],), bare)
-    ]
-    return given if not driven else _joined(given, driven, bare)
-
-
-def _joined(given: ActuatorTable, driven, bare: Assembly) -> ActuatorTable:
-    """Actuators and driven pressures as one load system: a pressure pushes at its centre, by its force for V = 1."""
-    force = np.array([face.force for face in driven])
-    weight = np.sqrt((force**2).sum(axis=1))
-    block, arm = np.array([face.block for face in driven]), np.array([face.arm for face in driven])
-    return ActuatorTable(
-        names=(*given.names, *(f"{PRESSURE}{bare.names[i]}" for i in block)),
-        block=np.concatenate([given.block, block]),
-        point=np.concatenate([given.point, bare.position[block] + arm]),
-        arm=np.concatenate([given.arm, arm]),
-        direction=np.concatenate([given.direction, force / weight[:, None]]),
-        weight=np.concatenate([given.weight, weight]),
-    )
+        arm = check_inside(what, actuator.point, bare, block)
+        rows.append((actuator.name, block, actuator.point, arm, actuator.direction, actuator.weight))
+    for pressure in scenario.pressures:
+        if pressure.actuator:  # it pushes at its centre, by its force for V = 1
+            for face in face_forces(pressure, scenario.groups.get(pressure.block) or (number[pressure.block],), bare):
+                weight, point = np.sqrt((face.force**2).sum()), bare.position[face.block] + face.arm
+                name = f"{PRESSURE}{bare.names[face.block]}"
+                rows.append((name, face.block, point, face.arm, face.force / weight, weight))
+    if not rows:
+        return NO_ACTUATORS
+    names, blocks, *columns = zip(*rows, strict=True)
+    return ActuatorTable(names, np.array(blocks, np.int64), *(np.array(column, float) for column in columns))
 
 
 def recorded_curve(control: Control, actuators: ActuatorTable) -> Curve:
