@@ -76,13 +76,8 @@ def _distance(one: Face, two: Face, tolerance: float) -> float | None:
     first = np.cross(one.normal, np.eye(3)[int(np.argmin(np.abs(one.normal)))])
     first /= np.linalg.norm(first)
     axes = np.stack([first, np.cross(one.normal, first)], axis=1)
-    outlines = [(face.corners - one.corners[0]) @ axes for face in (one, two)]
-    room = max(map(len, outlines))
-    own, other = (
-        np.concatenate([outline, np.repeat(outline[-1:], room - len(outline), axis=0)])[None]
-        for outline in (outlines[0], outlines[1][::-1])
-    )
-    corners, count = clipping.clip(own, other)
+    own, other = ((face.corners - one.corners[0]) @ axes for face in (one, two))
+    corners, count = clipping.clip(own[None], other[None, ::-1])
     shared = corners[0, : count[0]]
     if len(shared) < 3:
         return None
