@@ -30,7 +30,6 @@ class EnergyAudit:
     least_friction_increment: float
 
     def as_dict(self) -> dict:
-        """As in the JSON output."""
         return asdict(self)
 
 

@@ -80,7 +80,6 @@ def fall_seconds(displacement: float, rate: float, gravity: float) -> float:
 
 
 def duration(seconds: float) -> str:
-    """A rough time."""
     for size, unit in ((86400.0, "days"), (3600.0, "h"), (60.0, "min")):
         if seconds >= size:
             return f"{seconds / size:.1f} {unit}"

@@ -42,7 +42,6 @@ class Kept:
         return name in self.arrays or (self._source is not None and name in self._source)
 
     def array(self, name: str, like: np.ndarray) -> np.ndarray:
-        """The array ``name``."""
         if name not in self.arrays and self._source is not None:
             self.arrays[name] = np.array(self._source.array(name, like))
         return self.arrays[name]

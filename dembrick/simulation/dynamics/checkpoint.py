@@ -50,14 +50,12 @@ class Past:
 
     @property
     def where(self) -> str:
-        """Steps done, and the time."""
         if not self.moving.steps:
             return f"step {self.moving.dead_load_steps} of the dead-load equilibrium"
         return step_at(self.moving.steps, self.moving.time_step)
 
     @property
     def progress(self) -> Progress:
-        """How far the run is."""
         moving = self.moving
         if not moving.steps:
             return Progress(DEAD_LOADS, moving.dead_load_steps)
@@ -72,7 +70,6 @@ class Past:
         return arrays | moving.energy.arrays | self.extremes.arrays
 
     def snapshot(self) -> dict[str, np.ndarray]:
-        """Everything that the run goes on from."""
         moving = self.moving
         loop = np.array([moving.steps, moving.time_step, moving.dead_load_steps])
         parts = {name: getattr(moving.state, name) for name in PARTS}

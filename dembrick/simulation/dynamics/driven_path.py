@@ -62,7 +62,6 @@ class DrivenPath(EquilibriumPath):
 
     @classmethod
     def plan(cls, moving: Motion, control: Control, driving: Driving, output: Output) -> Plan:
-        """What it will take, roughly."""
         return plan_of(moving, control, output, EQUILIBRIA, 4 * SETTLES)
 
     def driven(self, parameter: Curve) -> Driving:
@@ -103,10 +102,8 @@ class DrivenPath(EquilibriumPath):
         return self.reached + max(self.step, STRETCH * self.refine * (self.reached - come))
 
     def said(self, parameter: float) -> str:
-        """A displacement of the head."""
         return f"a displacement of {parameter:.6g} m of the actuators"
 
     def finished(self) -> LoadPathRun:
-        """What came of it."""
         moving, start = self.moving, self.past.at_rest
         return run_of(super().finished(), moved_most(moving, start), mechanism(moving, start))

@@ -53,7 +53,6 @@ class MotionEnergy:
 
     @property
     def wanted(self) -> bool:
-        """Whether anything is counted."""
         return self.table is not None
 
     def fit(self, loads: int, supports: int) -> None:

@@ -339,12 +339,10 @@ class EquilibriumPath(ABC):
 
     @property
     def where(self) -> str:
-        """Equilibria found."""
         return f"equilibrium {self.equilibria}"
 
     @property
     def progress(self) -> Progress:
-        """How far it is."""
         return Progress("equilibrium", self.equilibria, self.way, None, True)
 
     def _own(self) -> dict[str, np.ndarray]:

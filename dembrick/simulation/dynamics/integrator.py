@@ -420,7 +420,6 @@ class _Pace:
         return (0 if self._seconds[0] <= self._seconds[1] else 1), LONGEST_CHUNK
 
     def note(self, which: int, steps: int, seconds: float) -> None:
-        """What the call took."""
         if self._turn < len(self.TURNS):
             self._shown, self._took = self._shown + steps, self._took + seconds
             if self._shown >= TRIAL:

@@ -61,7 +61,6 @@ def stiffness(state) -> np.ndarray:
 
 
 def arrays(state) -> list[np.ndarray]:
-    """All arrays of the joints."""
     return [array for module, joints in present(state) for array in module.arrays(joints)]
 
 
@@ -85,7 +84,6 @@ def friction(state) -> list[np.ndarray]:
 
 
 def put_friction(state, values: Iterable) -> None:
-    """Give every family that friction."""
     for (module, joints), value in zip(present(state), values, strict=True):
         module.put_friction(joints, value)
 

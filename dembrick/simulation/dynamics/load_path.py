@@ -61,7 +61,6 @@ class LoadPath(EquilibriumPath):
 
     @classmethod
     def plan(cls, moving: Motion, control: Control, driving: Driving, output: Output) -> Plan:
-        """What it will take, roughly."""
         return plan_of(moving, control, output, equilibria_of(STRONGEST, GROWTH) if driving.driven is not None else 1)
 
     def driven(self, parameter: Curve) -> Driving:
@@ -81,7 +80,6 @@ class LoadPath(EquilibriumPath):
         return min(self.greatest, max(FIRST * self.scale, self.growth * self.reached))
 
     def said(self, parameter: float) -> str:
-        """A multiplier by its name."""
         return f"a load of V = {parameter:.6g}"
 
     def falls_at_once(self, position: np.ndarray, rotation: np.ndarray) -> None:
@@ -94,12 +92,10 @@ class LoadPath(EquilibriumPath):
         self._fell(position, rotation)
 
     def come_down(self, before: np.ndarray, blocks: np.ndarray) -> dict:
-        """The mechanism, its blocks and hinges."""
         self.joint = moved_most(self.moving, before)
         return super().come_down(before, blocks)
 
     def finished(self) -> LoadPathRun:
-        """What came of it."""
         if self.collapse is None:
             self.joint = moved_most(self.moving, self.past.at_rest)
         found = run_of(super().finished(), self.joint, "none" if self.collapse is None else self.collapse["mechanism"])

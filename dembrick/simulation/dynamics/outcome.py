@@ -40,7 +40,6 @@ class Extremes:
 
     @classmethod
     def of(cls, moving: Motion) -> Extremes:
-        """Nothing noted yet."""
         n = len(moving.assembly.names)
         gravity = float(np.linalg.norm(moving.assembly.gravity))
         return cls(np.zeros(n), np.zeros(n), np.zeros((n + 1, 3)), OFF_BALANCE * gravity)

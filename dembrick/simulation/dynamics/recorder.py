@@ -145,7 +145,6 @@ class Recorder:
 
     @property
     def takes_frames(self) -> bool:
-        """Whether anyone asked for frames."""
         return self._session.observe is not None and "frames" in self._session.output.channels
 
     def curve(self, reaction: np.ndarray) -> tuple[float, float]:

@@ -63,16 +63,13 @@ class Settlement(EquilibriumPath):
         return max(FEWEST, math.ceil(seconds / self.dt))
 
     def following(self) -> float | None:
-        """The next share of the way."""
         return next((share for share in self.shares if share > self.reached * (1.0 + 1e-12)), None)
 
     def said(self, parameter: float) -> str:
-        """A share as the settlement that it is."""
         return f"a settlement of {parameter * self.supports.length:.6g} m"
 
     @property
     def slow(self) -> str:
-        """What else to do."""
         return f"{super().slow}, or take quasi_static = false"
 
     def come_down(self, before: np.ndarray, blocks: np.ndarray) -> dict:

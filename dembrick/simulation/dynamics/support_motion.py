@@ -59,7 +59,6 @@ class SupportMotion:
         return carried + turned, turned_by(turn, self.orientation)
 
     def __len__(self) -> int:
-        """How many supports move."""
         return len(self.block)
 
     def between(self, share: np.ndarray, dt: float) -> PrescribedMotion:

@@ -214,8 +214,7 @@ def greatest(structure: Structure, live: np.ndarray, inner: Standing) -> Limit:
         return Limit(math.inf, math.inf, math.inf, True, nothing, None, None, found.rounds, 0.0)
     # the multiplier is not negative, as the structure stands without the load
     lower, upper = max(0.0, -found.reached) / size, max(0.0, -found.bound) / size
-    forces = structure.layout.forces(found.x)
-    resultants = forces.resultants(structure.points, structure.areas, len(structure.assembly.joints))
+    forces, resultants = structure.carried(found.x)
     limit = Limit(
         load_factor=0.5 * (lower + upper),
         lower=lower,

@@ -149,34 +149,36 @@ def _runs(sizes: np.ndarray) -> list[tuple[int, int]]:
 def _barrier(programme: Programme, slack: np.ndarray) -> Entries:
     """Second derivatives of the logarithmic barrier of the cone at a slack: 1 / s^2, and of a second-order cone, with
     J = diag(1, -1, -1 ...) and d = s . J s, 4 J s s^T J / d^2 - 2 J / d."""
-    linear = np.maximum(slack[: programme.linear], _LEAST * np.abs(slack).max(initial=1.0))
-    number = np.arange(programme.linear)
-    parts, at = [Entries(number, number, linear**-2.0)], programme.linear
-    for size, count in _runs(programme.quadratic):
-        own = slack[at : at + size * count].reshape(count, size)
-        mirrored = np.concatenate([own[:, :1], -own[:, 1:]], axis=1)
-        length = np.sqrt((own[:, 1:] ** 2).sum(axis=1))
+
+    def of_cones(own: np.ndarray, length: np.ndarray, J: np.ndarray) -> np.ndarray:
+        mirrored = own * J
         margin = np.maximum(own[:, 0] - length, _LEAST * np.maximum(own[:, 0], 1e-300))
-        det = margin * (own[:, 0] + length)
-        values = 4.0 * mirrored[:, :, None] * mirrored[:, None, :] / (det**2)[:, None, None]
-        diagonal = np.arange(size)
-        values[:, diagonal, diagonal] -= 2.0 * np.where(diagonal == 0, 1.0, -1.0) / det[:, None]
-        parts.append(_square_entries(at + size * np.arange(count), values))
-        at += size * count
-    return Entries.joined(*parts)
+        det = (margin * (own[:, 0] + length))[:, None, None]
+        return 4.0 * mirrored[:, :, None] * mirrored[:, None, :] / det**2 - 2.0 * np.diag(J) / det
+
+    linear = np.maximum(slack[: programme.linear], _LEAST * np.abs(slack).max(initial=1.0))
+    return _by_cones(programme, slack, linear**-2.0, of_cones)
 
 
 def _inverse_barrier(programme: Programme, slack: np.ndarray) -> Entries:
     """The inverse of `_barrier`: s^2, and of a second-order cone s s^T - d J / 2."""
+
+    def of_cones(own: np.ndarray, length: np.ndarray, J: np.ndarray) -> np.ndarray:
+        det = np.maximum(own[:, 0] - length, 0.0) * (own[:, 0] + length)
+        return own[:, :, None] * own[:, None, :] - 0.5 * np.diag(J) * det[:, None, None]
+
+    return _by_cones(programme, slack, slack[: programme.linear] ** 2, of_cones)
+
+
+def _by_cones(programme: Programme, slack: np.ndarray, linear: np.ndarray, of_cones) -> Entries:
+    """A matrix with ``linear`` on the diagonal, then a block for each second-order cone: ``of_cones`` makes them of the
+    slacks (c, s) of c cones, the lengths (c,) of all but their first components, and the diagonal (s,) of J."""
     number = np.arange(programme.linear)
-    parts, at = [Entries(number, number, slack[: programme.linear] ** 2)], programme.linear
+    parts, at = [Entries(number, number, linear)], programme.linear
     for size, count in _runs(programme.quadratic):
         own = slack[at : at + size * count].reshape(count, size)
-        length = np.sqrt((own[:, 1:] ** 2).sum(axis=1))
-        det = np.maximum(own[:, 0] - length, 0.0) * (own[:, 0] + length)
-        values = own[:, :, None] * own[:, None, :]
-        diagonal = np.arange(size)
-        values[:, diagonal, diagonal] -= 0.5 * np.where(diagonal == 0, 1.0, -1.0) * det[:, None]
+        J = np.append(1.0, np.full(size - 1, -1.0))
+        values = of_cones(own, np.sqrt((own[:, 1:] ** 2).sum(axis=1)), J)
         parts.append(_square_entries(at + size * np.arange(count), values))
         at += size * count
     return Entries.joined(*parts)

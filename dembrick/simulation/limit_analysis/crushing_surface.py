@@ -36,11 +36,9 @@ class PressedPolygons(SupportFunction):
 
     @classmethod
     def of_joints(cls, areas: Areas, chosen: np.ndarray) -> PressedPolygons:
-        """See `SupportFunction`."""
         return cls(corners_of(areas, chosen))
 
     def of(self, at: np.ndarray) -> PressedPolygons:
-        """Some of them."""
         some = object.__new__(PressedPolygons)
         some.corner, some.area, some.ellipsoid = self.corner[at], self.area[at], self.ellipsoid[at]
         return some

@@ -29,14 +29,12 @@ class FrictionSurfaces(SupportFunction):
 
     @classmethod
     def of_joints(cls, areas: Areas, chosen: np.ndarray) -> FrictionSurfaces:
-        """See `SupportFunction`."""
         gyration = areas.gyration[chosen, None]
         scale = gyration ** -np.repeat(np.arange(2, 9), np.arange(3, 10))
         second = areas.second[chosen] / (areas.area[chosen, None] * gyration**2)
         return cls(corners_of(areas, chosen), areas.far[chosen] * scale, second)
 
     def of(self, at: np.ndarray) -> FrictionSurfaces:
-        """Some of them."""
         return FrictionSurfaces(self._corner[at], self._far[at], self._second[at])
 
     def speed(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -97,8 +97,7 @@ def second_opinion(assembly: Assembly, material: Material | None = None) -> Seco
             f"did not settle within {MOST_PROGRAMMES} programmes: the last ten lie between {min(recent):.5g} and "
             f"{max(recent):.5g}, and forces exceed Coulomb's law by {excess:.2g} of the greatest strength"
         )
-    forces = slope.layout.forces(last.x)
-    resultants = forces.resultants(slope.points, slope.areas, len(assembly.joints))
+    _, resultants = slope.carried(last.x)
     moved = mechanism_of(slope, last.y / (size * structure.frame.unit), resultants)
     return SecondOpinion(recent[-1], min(recent), max(recent), settled, len(seen), excess, moved, ended)
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from dembrick.simulation.limit_analysis.equilibrium import Frame, Layout, frame_of, plane_of_symmetry
+from dembrick.simulation.limit_analysis.equilibrium import Frame, JointForces, Layout, frame_of, plane_of_symmetry
 from dembrick.simulation.limit_analysis.solver import Entries, Programme
 from dembrick.simulation.limit_analysis.strength import Areas, Points
 
@@ -43,6 +43,11 @@ class Structure:
     layout: Layout
     equilibrium: Entries
     dead: np.ndarray
+
+    def carried(self, x: np.ndarray) -> tuple[JointForces, np.ndarray]:
+        """The joint forces of a vector of unknowns, and their resultants (j, 6) of all joints (N, N m)."""
+        forces = self.layout.forces(x)
+        return forces, forces.resultants(self.points, self.areas, len(self.assembly.joints))
 
     def strengthened(self, points: Points, areas: Areas) -> Structure:
         """The same structure with other strengths of its joints."""

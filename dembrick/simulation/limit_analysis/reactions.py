@@ -59,8 +59,7 @@ def reaction_range(
         if found.status == UNBOUNDED:
             ends.append(Extreme(-sign * math.inf, -sign * math.inf, None, None))
             continue
-        forces = structure.layout.forces(found.x)
-        resultants = forces.resultants(structure.points, structure.areas, len(assembly.joints))
+        _, resultants = structure.carried(found.x)
         given = np.zeros((len(assembly.fixed), 3))
         given[support] = -sign * np.asarray(direction, float)
         moved = mechanism_of(structure, found.y, resultants, given)

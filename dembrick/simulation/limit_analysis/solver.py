@@ -139,11 +139,9 @@ class SparseMatrix:
         self._matrix = _scipy().csr_matrix((entries.value, (entries.row, entries.column)), shape=shape)
 
     def times(self, x: np.ndarray) -> np.ndarray:
-        """The matrix times a vector."""
         return self._matrix @ x
 
     def transposed_times(self, y: np.ndarray) -> np.ndarray:
-        """The transposed matrix times a vector."""
         return self._matrix.T @ y
 
     @property

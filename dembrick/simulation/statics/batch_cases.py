@@ -46,7 +46,6 @@ class Cases:
 
     @property
     def count(self) -> int:
-        """k."""
         return len(self.shape)
 
     @classmethod
@@ -108,7 +107,6 @@ class Cases:
         return cls.on(corners, formulation, **options)
 
     def part(self, first: int, last: int) -> Cases:
-        """Cases ``first`` to ``last`` - 1."""
         s = slice(first, last)
         rows = ("shape", "friction", "normal_stiffness", "shear_stiffness", "dead")
         rows += ("actuator_point", "actuator_direction", "actuator_weight")

@@ -165,16 +165,13 @@ class _Relaxation:
 
     @property
     def where(self) -> str:
-        """Steps done."""
         return f"step {self._step} of the dead-load equilibrium"
 
     @property
     def progress(self) -> Progress:
-        """How far it is."""
         return Progress(DEAD_LOADS, self._step)
 
     def snapshot(self) -> dict[str, np.ndarray]:
-        """All that it goes on from."""
         return {SNAPSHOT: np.array([self._round, self._step], float), **flattened({"state": self._state})}
 
     def _restore(self, snapshot: Snapshot) -> None:

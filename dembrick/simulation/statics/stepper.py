@@ -95,7 +95,6 @@ class Stepper:
 
     @property
     def where(self) -> str:
-        """Steps done, and the time."""
         return step_at(self.loop.step, self.loop.dt)
 
     @property
@@ -104,7 +103,6 @@ class Stepper:
         return Progress("step", self.loop.step, self._total, self.loop.step * self.loop.dt)
 
     def snapshot(self) -> dict[str, np.ndarray]:
-        """All that the run would go on from."""
         return self.loop.snapshot()
 
     def to(self, last: int) -> int:

@@ -68,15 +68,12 @@ def couplings(state: State, times: np.ndarray | None = None) -> tuple[np.ndarray
 
 def assembled_stiffness(state: State) -> np.ndarray:
     """Dense stiffness (6 f, 6 f) of the f free blocks with all joints closed and none slipping, in their order."""
-    joints, free = state.joints, state.blocks.free
+    free = state.blocks.free
     number = np.full(len(state.blocks.displacement), -1)
     number[free] = np.arange(len(free))
     stiffness = np.zeros((len(free), 6, len(free), 6))
-    k, ends = _ends(state)
-    sides = [(number[joints.block_a], -ends[0]), (number[joints.block_b], ends[1])]
-    for m, left in sides:
-        for n, right in sides:
-            both = np.flatnonzero((m >= 0) & (n >= 0))
-            part = left[both].transpose(0, 2, 1) @ k[both] @ right[both]
-            np.add.at(stiffness, (m[both], slice(None), n[both]), part)
+    every, (a, b, beside) = np.arange(len(free)), couplings(state)
+    stiffness[every, :, every] = block_stiffness(state, shared=1.0)[free]
+    np.add.at(stiffness, (number[a], slice(None), number[b]), beside)
+    np.add.at(stiffness, (number[b], slice(None), number[a]), beside.transpose(0, 2, 1))
     return stiffness.reshape(6 * len(free), 6 * len(free))

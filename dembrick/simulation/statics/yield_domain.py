@@ -35,7 +35,6 @@ class Check:
         return self.value <= self.tolerance
 
     def as_dict(self) -> dict:
-        """As in the JSON output."""
         return {"value": self.value, "tolerance": self.tolerance, "holds": self.holds}
 
 

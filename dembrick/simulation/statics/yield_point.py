@@ -59,7 +59,6 @@ class YieldPoint:
         return max(self.V_upper - self.V, self.V - self.V_lower)
 
     def as_dict(self) -> dict:
-        """The fields by name, as in the JSON output."""
         return asdict(self)
 
 
