@@ -84,11 +84,3 @@ def duration(seconds: float) -> str:
         if seconds >= size:
             return f"{seconds / size:.1f} {unit}"
     return f"{seconds:.0f} s" if seconds >= 1.0 else f"{seconds:.1g} s"
-
-
-def long_run(seconds: float, remedy: str, at_most: bool = False) -> str | None:
-    """A sentence for a run that takes over an hour."""
-    if not seconds > LONG:
-        return None
-    bound = "at most" if at_most else "about"
-    return f"this run will take {bound} {duration(seconds)} of computing on one core; to shorten it, {remedy}"

@@ -11,7 +11,7 @@ import numpy as np
 
 from dembrick.scenario.model import Output
 from dembrick.simulation import interrupts
-from dembrick.simulation.expected_cost import long_run
+from dembrick.simulation.expected_cost import LONG, duration
 
 if TYPE_CHECKING:
     from dembrick.simulation.statics.state import State
@@ -117,9 +117,9 @@ class Session:
 
     def warn_if_long(self, seconds: float, remedy: str, at_most: bool = False) -> None:
         """Report a run that will take over an hour, before it starts."""
-        said = long_run(seconds, remedy, at_most)
-        if said and self.report:
-            self.report(said)
+        if seconds > LONG and self.report:
+            takes = f"{'at most' if at_most else 'about'} {duration(seconds)}"
+            self.report(f"this run will take {takes} of computing on one core; to shorten it, {remedy}")
 
     @classmethod
     def of(cls, given: Session | Observer | None) -> Session:

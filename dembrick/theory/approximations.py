@@ -38,11 +38,9 @@ class ApproximateDomain:
     @property
     def label(self) -> str:
         """For a legend: the name and the largest errors in percent."""
-        parts = [f"{word} by {100.0 * error:.1f} %" for word, error in self._errors() if error > 5e-5]
+        errors = ("unsafe", self.unsafe), ("safe", self.safe)
+        parts = [f"{word} by {100.0 * error:.1f} %" for word, error in errors if error > 5e-5]
         return f"{self.name} ({', '.join(parts) or 'within 0.005 %'})"
-
-    def _errors(self) -> tuple[tuple[str, float], tuple[str, float]]:
-        return ("unsafe", self.unsafe), ("safe", self.safe)
 
     def limit(self, eccentricity: ArrayLike) -> np.ndarray:
         """V (N) on the curve for a force at an eccentricity (m) of either sign; inf is a couple, with V = 0."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 
 import numpy as np
 
@@ -60,7 +60,7 @@ def find_equilibrium(
     drawn = [array.copy() for array in _arrays(motion)]
     supported = _supported(motion.state)
     slack = (APART if sticking else SLID) * motion.polygons.size
-    with _friction(motion, STICKING if sticking else None), _held_bonds(motion):
+    with _stuck(motion) if sticking else nullcontext(), _held_bonds(motion):
         if resume is not None:
             resume()
         attempt = _Attempt(motion, driving, supported, slack)
@@ -161,16 +161,14 @@ def _put_back(motion: Motion, drawn: list[np.ndarray]) -> None:
 
 
 @contextmanager
-def _friction(motion: Motion, friction: float | None):
-    """That friction in all joints meanwhile, unless it is None."""
+def _stuck(motion: Motion):
+    """That no joint slips meanwhile."""
     own = joint_families.friction(motion.state)
-    if friction is not None:
-        joint_families.put_friction(motion.state, [friction] * len(own))
+    joint_families.put_friction(motion.state, [STICKING] * len(own))
     try:
         yield
     finally:
-        if friction is not None:
-            joint_families.put_friction(motion.state, own)
+        joint_families.put_friction(motion.state, own)
 
 
 @contextmanager

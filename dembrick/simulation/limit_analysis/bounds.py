@@ -35,7 +35,8 @@ def least_cost(structure: Structure, programme: Programme, solution: Solution) -
     equations, rows = _matrices(programme)
     balance, own = _matrices(programme, free)
     y, z = solution.equation_dual, solution.cone_dual
-    first = np.concatenate([np.arange(programme.linear), programme.linear + _starts(programme.quadratic)])
+    starts = programme.linear + np.cumsum(programme.quadratic) - programme.quadratic
+    first = np.concatenate([np.arange(programme.linear), starts])
     cap = CAP * float(np.abs(solution.x).max(initial=0.0))
     best = -np.inf
 
@@ -190,11 +191,6 @@ def _square_entries(first: np.ndarray, values: np.ndarray) -> Entries:
     row = first[:, None, None] + place[:, None] + 0 * place
     column = first[:, None, None] + place + 0 * place[:, None]
     return Entries(row.ravel(), column.ravel(), values.ravel())
-
-
-def _starts(sizes: np.ndarray) -> np.ndarray:
-    """First rows of cones of some sizes."""
-    return np.cumsum(sizes) - sizes
 
 
 def _blocks(structure: Structure) -> tuple[np.ndarray, np.ndarray]:

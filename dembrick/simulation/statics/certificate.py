@@ -48,13 +48,8 @@ def certificate(state: State, load: np.ndarray, elastic: float, tolerance: float
         elastic=elastic,
         doubling=np.zeros(6),
         twist=np.zeros(3),
-        window=empty_window(WINDOW),
+        window=np.tile([0.0, NEVER, 0.0, 0.0], (WINDOW, 1)),
     )
-
-
-def empty_window(steps: int) -> np.ndarray:
-    """A window (steps, 4) that holds nothing yet."""
-    return np.tile([0.0, NEVER, 0.0, 0.0], (steps, 1))
 
 
 def frictionless(state: State, certificate: Certificate) -> bool:

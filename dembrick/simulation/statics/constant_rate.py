@@ -71,7 +71,9 @@ def push_at_constant_rate(
         tensor=np.array(assembly.inertia, float),
         inverse=np.linalg.inv(assembly.inertia),
     )
-    _to_finite_motion(state)
+    blocks = state.blocks  # the infinitesimal rotations of the dead-load equilibrium become orientations
+    blocks.orientation[:] = unit_quaternion(turned_by(blocks.rotation, blocks.orientation))
+    blocks.rotation[:] = 0.0
     moving = ties.start_moving(state, assembly)
     output = session.output
     rows_every = max(1, steps_wanted // output.rows)
@@ -141,10 +143,3 @@ def _steps(rate: float, travel: float, dt: float) -> int:
             "use a higher rate or a shorter travel"
         )
     return math.ceil(wanted)
-
-
-def _to_finite_motion(state: State) -> None:
-    """Turn the infinitesimal rotations of the dead-load equilibrium into orientations."""
-    blocks = state.blocks
-    blocks.orientation[:] = unit_quaternion(turned_by(blocks.rotation, blocks.orientation))
-    blocks.rotation[:] = 0.0

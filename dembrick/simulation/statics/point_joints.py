@@ -30,7 +30,9 @@ def at_rest(assembly: Assembly) -> Points | None:
     laws = [joints.law[j] for j in chosen]
     counts = np.diff(table.start)[chosen]
     total = len(table.area)
-    strengths = strengths_of(laws)
+    strengths, bonds = strengths_of(laws), None
+    if strengths is not None:
+        bonds = Bonds(np.array(table.area, float), np.repeat(bonded_at_start(laws), counts), *np.zeros((3, total)))
     x_n, y_n = table.normal_arm.T.copy()
     shared = table.shear_arm is table.normal_arm
     x_s, y_s = (x_n, y_n) if shared else table.shear_arm.T.copy()
@@ -49,14 +51,8 @@ def at_rest(assembly: Assembly) -> Points | None:
         elastic_2=np.zeros(total),
         slip=np.zeros(total),
         strengths=strengths,
-        bonds=None if strengths is None else _bonds(table.area, np.repeat(bonded_at_start(laws), counts)),
+        bonds=bonds,
     )
-
-
-def _bonds(area: np.ndarray, bonded: np.ndarray) -> Bonds:
-    """Points (c,) of which some are ``bonded``, and that neither were crushed nor rose."""
-    crushed, rise, spring = np.zeros((3, len(area)))
-    return Bonds(np.array(area, float), bonded, crushed, rise, spring)
 
 
 def of_cases(points: Points, cases) -> Points:

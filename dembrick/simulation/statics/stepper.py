@@ -62,9 +62,8 @@ class Loop:
 
     def parts(self) -> dict[str, tuple]:
         """The named tuples beside the state by name, without those that the scene does not have."""
-        parts = {"scaled": self.scaled, "inertia": self.inertia, "drive": self.drive}
-        parts |= {"certificate": self.certificate, "energy": self.energy, "guard": self.guard, "ties": self.ties}
-        return {name: part for name, part in parts.items() if part is not None}
+        names = ("scaled", "inertia", "drive", "certificate", "energy", "guard", "ties")
+        return {name: part for name in names if (part := getattr(self, name)) is not None}
 
     def snapshot(self) -> dict[str, np.ndarray]:
         """Everything as arrays; those of the state are not copied."""
