@@ -19,6 +19,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from dembrick.errors import DembrickError, NotConvergedError, ScenarioError
 from dembrick.runs.result import fell
 from dembrick.runs.simulate import simulate
@@ -96,10 +98,8 @@ class Search:
 
     def _between(self, first: float, last: float) -> list[float]:
         """The values that are looked at on the way from one end to the other."""
-        shares = [i / self.scan for i in range(1, self.scan)]
-        if self.low > 0.0:
-            return [first * (last / first) ** share for share in shares]
-        return [first + share * (last - first) for share in shares]
+        spaced = np.geomspace if self.low > 0.0 else np.linspace
+        return spaced(first, last, self.scan + 1)[1:-1].tolist()
 
     def _close(self, stands: float, falls: float) -> bool:
         size = max(abs(0.5 * (stands + falls)), _ROUNDING / self.tolerance * (self.high - self.low))

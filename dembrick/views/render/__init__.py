@@ -68,10 +68,7 @@ def picture(
 
     Several histories are drawn side by side, to one scale, with the same colours and magnification. ``frame`` counts
     from the end where negative; ``time`` (s) takes the nearest frame instead. ``look``: the fields of
-    :class:`dembrick.views.render.look.Look`, among them ``view`` (iso, front, side, top); ``magnification``, without
-    which the motion is blown up until it is seen (the picture says how much); ``color``: displacement, utilisation,
-    slip (the greatest of a block's joints), energy (kinetic) or none; ``forces`` of the joints; ``names`` of blocks,
-    joints or all; ``thrust``: the line of thrust with its hinges; ``reactions`` of the supports.
+    :class:`dembrick.views.render.look.Look`.
     """
     path, chosen, histories = os.fspath(path), Look(**look), _several(history)
     if os.path.splitext(path)[1].lower() != ".png":

@@ -38,9 +38,11 @@ class LookOptions(TypedDict, total=False):
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """How a history is shown: camera ``view``, ``magnification`` of the motion (None: so that it is seen), what the
-    blocks are coloured by, and whether the forces of joints and of new contacts are drawn. ``names``: of blocks,
-    joints, all or none of them. ``thrust``: the line of thrust with its hinges. ``reactions``: of the supports."""
+    """How a history is shown: camera ``view`` (iso, front, side, top), ``magnification`` of the motion (None: so that
+    it is seen; the picture says how much), the ``color`` of blocks (displacement, utilisation, slip, the greatest of
+    their joints, energy, kinetic, or none), whether the ``forces`` of joints and of new contacts are drawn. ``names``:
+    of blocks, joints, all or none of them. ``thrust``: the line of thrust with its hinges. ``reactions``: of the
+    supports."""
 
     view: str = "iso"
     magnification: float | None = None
