@@ -83,7 +83,7 @@ def writing(path: str | os.PathLike, what: str) -> Iterator[None]:
     """A failed write becomes a WriteError that names ``what`` was to go to ``path``."""
     try:
         yield
-    except OSError as error:
+    except (OSError, RuntimeError) as error:  # HDF5 tells of a failed write by either
         raise WriteError(f"{path}: the {what} cannot be written ({reason(error)}); choose another path") from error
 
 

@@ -1,13 +1,11 @@
-"""What every export does with its path: check it, and leave nothing half written."""
+"""What every export does with its path: check it."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
 
-from dembrick.errors import OutputError, WriteError
-from dembrick.history import History, check_output, reason
+from dembrick.errors import OutputError
+from dembrick.history import History, check_output
 from dembrick.views.motion.frames import frame_number
 
 
@@ -19,12 +17,3 @@ def checked_target(history: History, path: str | os.PathLike, frames: bool = Tru
     if frames:
         frame_number(history)  # or there is no motion to export
     return target
-
-
-@contextmanager
-def writing(path: str | os.PathLike) -> Iterator[None]:
-    """A failed write becomes a WriteError; nothing that looks finished is left."""
-    try:
-        yield
-    except (OSError, RuntimeError) as error:
-        raise WriteError(f"{path}: the export could not be written ({reason(error)})") from error

@@ -13,7 +13,8 @@ import numpy as np
 
 from dembrick.errors import OutputError, needed
 from dembrick.history import History, part_name, replacing
-from dembrick.views.export.files import checked_target, writing
+from dembrick.history.files import writing
+from dembrick.views.export.files import checked_target
 from dembrick.views.export.layers import LAYERS, Layer, NewContacts, Picture
 
 _NAMES = {1: "vertex", 2: "line", 3: "triangle", 4: "quad"}
@@ -31,7 +32,7 @@ def to_pvd(
     stem, ending = os.path.splitext(target)
     times, lists = history.frame_time, {}
     place = os.path.basename(f"{stem}_frames")
-    with writing(path), ExitStack() as lists_written, _new_folder(f"{stem}_frames") as folder:
+    with writing(path, "export"), ExitStack() as lists_written, _new_folder(f"{stem}_frames") as folder:
         picture = Picture(history, report, only)
         for suffix, layer in picture.layers.items():
             lists[stem + suffix + ending] = _frames(folder, stem + suffix, len(times), _meshes(picture, layer))

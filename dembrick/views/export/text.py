@@ -9,8 +9,9 @@ from collections.abc import Callable
 import numpy as np
 
 from dembrick.history import History, replacing
+from dembrick.history.files import writing
 from dembrick.simulation.channels import CHANNELS, ROWS
-from dembrick.views.export.files import checked_target, writing
+from dembrick.views.export.files import checked_target
 
 _ROWS = 4096  # rows held at a time
 
@@ -45,7 +46,7 @@ def to_csv(history: History, path: str | os.PathLike, report: Callable[[str], No
     columns = columns_of(history)
     if report and not history.has_joints:
         report('the forces of the joints were not recorded; run again with "joints" in output.channels')
-    with writing(path), replacing(target) as part, open(part, "w", newline="", encoding="utf-8") as file:
+    with writing(path, "export"), replacing(target) as part, open(part, "w", newline="", encoding="utf-8") as file:
         lines = csv.writer(file, lineterminator="\n")
         lines.writerow([title for _, titles in columns for title in titles])
         for start in range(0, history.n_row, _ROWS):

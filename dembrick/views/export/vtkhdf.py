@@ -10,7 +10,8 @@ import h5py
 import numpy as np
 
 from dembrick.history import History, replacing, rewritten
-from dembrick.views.export.files import checked_target, writing
+from dembrick.history.files import writing
+from dembrick.views.export.files import checked_target
 from dembrick.views.export.layers import LAYERS, Frames, Layer, NewContacts, Picture
 
 _KINDS = ("Vertices", "Lines", "Polygons", "Strips")  # of cells: VTK wants all four
@@ -27,7 +28,7 @@ def to_vtkhdf(
     those of contacts that formed in the run at ``<stem>_new_contacts.vtkhdf``, ties at ``<stem>_ties.vtkhdf``."""
     target = checked_target(history, path)
     stem, ending = os.path.splitext(target)
-    with writing(path), ExitStack() as stack:
+    with writing(path, "export"), ExitStack() as stack:
         picture = Picture(history, report, only)
         times, files = history.frame_time, []
         for suffix, layer in picture.layers.items():
