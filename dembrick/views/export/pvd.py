@@ -6,7 +6,7 @@ import os
 import shutil
 from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from functools import partial
+from typing import TYPE_CHECKING
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -17,6 +17,10 @@ from dembrick.history.files import writing
 from dembrick.views.export.files import checked_target
 from dembrick.views.export.layers import LAYERS, Layer, NewContacts, Picture
 
+if TYPE_CHECKING:
+    import meshio
+
+_WHAT = "the export to .pvd"
 _NAMES = {1: "vertex", 2: "line", 3: "triangle", 4: "quad"}
 
 
@@ -27,18 +31,20 @@ def to_pvd(
     only: Collection[str] = LAYERS,
 ) -> list[str]:
     """A ``.pvd`` list of each layer; the frames, a ``.vtu`` each, in the folder ``<stem>_frames`` beside it."""
-    needed("meshio", "the export to .pvd")  # asked for before anything is written
+    meshio = needed("meshio", _WHAT)
     target = checked_target(history, path)
     stem, ending = os.path.splitext(target)
     times, lists = history.frame_time, {}
     place = os.path.basename(f"{stem}_frames")
     with writing(path, "export"), ExitStack() as lists_written, _new_folder(f"{stem}_frames") as folder:
         picture = Picture(history, report, only)
-        for suffix, layer in picture.layers.items():
-            lists[stem + suffix + ending] = _frames(folder, stem + suffix, len(times), _meshes(picture, layer))
-        for suffix, scattered in picture.scattered.items():
-            vertices = partial(_vertices, scattered)
-            lists[stem + suffix + ending] = _frames(folder, stem + suffix, len(times), vertices)
+        layers = {suffix: _meshes(picture, layer, len(times)) for suffix, layer in picture.layers.items()}
+        layers |= {suffix: _vertices(layer, len(times)) for suffix, layer in picture.scattered.items()}
+        for suffix, meshes in layers.items():
+            names = [f"{os.path.basename(stem + suffix)}_{k:05d}.vtu" for k in range(len(times))]
+            for name, mesh in zip(names, meshes, strict=True):
+                meshio.write(os.path.join(folder, name), mesh, file_format="vtu")
+            lists[stem + suffix + ending] = names
         for name, frames in lists.items():
             _list(lists_written.enter_context(replacing(name)), [f"{place}/{frame}" for frame in frames], times)
         for name in lists:  # all is on the disk: from here on an older list would name the frames of this one
@@ -67,44 +73,28 @@ def _new_folder(folder: str) -> Iterator[str]:
         shutil.rmtree(old, ignore_errors=True)
 
 
-def _meshes(picture: Picture, layer: Layer) -> Callable:
-    """The mesh of one layer in frame k, as a function of k."""
-    import meshio
-
+def _meshes(picture: Picture, layer: Layer, count: int) -> Iterator[meshio.Mesh]:
+    """The mesh of one layer in each of so many frames."""
     kinds: dict[int, list[int]] = {}
     for cell, corners in enumerate(layer.cells):
         kinds.setdefault(len(corners), []).append(cell)
     cells = [(_NAMES.get(n, "polygon"), np.array([layer.cells[i] for i in own], np.int64)) for n, own in kinds.items()]
-
-    def mesh(k: int) -> meshio.Mesh:
+    for k in range(count):
         frame = layer.frames(picture.span(k, k + 1))
         data = layer.fixed | {name: values[0] for name, values in frame.cells.items()}
-        return meshio.Mesh(
+        yield needed("meshio", _WHAT).Mesh(
             frame.points[0],
             cells,
             point_data={name: values[0] for name, values in frame.at_points.items()},
             cell_data={name: [values[own] for own in kinds.values()] for name, values in data.items()},
         )
 
-    return mesh
 
-
-def _vertices(layer: NewContacts, k: int):
-    """A mesh of the vertices that there are in frame ``k``."""
-    import meshio
-
-    _, points, values = layer.frames(k, k + 1)
-    return meshio.Mesh(points, [("vertex", np.arange(len(points))[:, None])], point_data=values)
-
-
-def _frames(folder: str, stem: str, count: int, mesh: Callable) -> list[str]:
-    """Write ``mesh(k)`` of every frame into a folder; the names of the files in it."""
-    import meshio
-
-    names = [f"{os.path.basename(stem)}_{k:05d}.vtu" for k in range(count)]
-    for k, name in enumerate(names):
-        meshio.write(os.path.join(folder, name), mesh(k), file_format="vtu")
-    return names
+def _vertices(layer: NewContacts, count: int) -> Iterator[meshio.Mesh]:
+    """The vertices that there are in each of so many frames."""
+    for k in range(count):
+        _, points, values = layer.frames(k, k + 1)
+        yield needed("meshio", _WHAT).Mesh(points, [("vertex", np.arange(len(points))[:, None])], point_data=values)
 
 
 def _list(target: str, files: list[str], times: np.ndarray) -> None:
