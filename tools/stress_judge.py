@@ -23,7 +23,7 @@ from dembrick.assembly import build as assemblies
 from dembrick.errors import DembrickError, EnergyAuditError, NotConvergedError, ScenarioError
 from dembrick.kernels.state import Inertia
 from dembrick.scenario.model import Load, Scenario
-from dembrick.simulation.energy_audit import audit
+from dembrick.simulation.energy_audit import Auditor
 from dembrick.simulation.statics import constant_rate, limit_load, load_system, ties
 from dembrick.simulation.statics.critical_step import critical_time_step
 from dembrick.simulation.statics.dead_load import dead_load_equilibrium, inverse_inertia
@@ -68,7 +68,7 @@ def _audited(run: Callable) -> str:
     except DembrickError as error:
         return f"recorded: {type(error).__name__}"
     try:
-        audit({key: np.concatenate([chunk[key] for chunk in chunks]) for key in chunks[0]}, terms)
+        Auditor().add({key: np.concatenate([chunk[key] for chunk in chunks]) for key in chunks[0]}).result(terms)
     except EnergyAuditError:
         return "the audit would stop it"
     return "the audit passes it"
@@ -118,7 +118,8 @@ def judge_rate(run: Callable, expected: float, slack: float, slow: bool, audited
     try:
         result = run(lambda rows, frames: chunks.append(rows))
         if audited:
-            audit({k: np.concatenate([c["energy"][k] for c in chunks]) for k in chunks[0]["energy"]}, result.energy)
+            energies = {k: np.concatenate([c["energy"][k] for c in chunks]) for k in chunks[0]["energy"]}
+            Auditor().add(energies).result(result.energy)
     except DembrickError as error:
         return Outcome("stopped", _named(error))
     point = result.yield_point

@@ -70,16 +70,17 @@ class Auditor:
     def __init__(self):
         self.worst = np.array([0.0, 0.0, np.nan])
 
-    def add(self, energies: Mapping[str, np.ndarray]) -> None:
-        """Take the next rows, (T,) in J by name; some runs have none."""
+    def add(self, energies: Mapping[str, np.ndarray]) -> Auditor:
+        """Take the next rows, (T,) in J by name; some runs have none. Returns itself."""
         if not energies or not len(energies["external"]):
-            return
+            return self
         if np.isnan(self.worst[2]):
             self.worst[2] = energies["kinetic"][0]
         there = self.worst[2]
         gone = sum(values for name, values in energies.items() if name != "external")
         for i, term in enumerate((gone - energies["external"] - there, np.abs(energies["external"]) + there)):
             self.worst[i] = np.maximum(self.worst[i], np.abs(term).max())  # a NaN stays
+        return self
 
     def result(self, energy: Energy | Sums) -> EnergyAudit:
         """The audit; EnergyAuditError if the energy terms do not balance."""
@@ -118,10 +119,3 @@ def _of_motion(residual: float, scale: float, energy: Sums) -> MotionAudit:
             f"(limit {STEPPING:g}): lower solver.step_factor"
         )
     return result
-
-
-def audit(energies: Mapping[str, np.ndarray], energy: Energy) -> EnergyAudit:
-    """Audit recorded energies (T,) in J; EnergyAuditError if they do not balance."""
-    auditor = Auditor()
-    auditor.add(energies)
-    return auditor.result(energy)

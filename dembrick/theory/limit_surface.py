@@ -46,10 +46,6 @@ class Law:
         """(V_1, V_2, M_T) in N, N, N m, shape (..., 3): the point of the limit surface with normal ``twist``."""
         return self._shaped(twist)[1]
 
-    def hessian(self, twist: ArrayLike) -> np.ndarray:
-        """Second derivatives of D, shape (..., 3, 3)."""
-        return self._shaped(twist)[2]
-
     def _shaped(self, twist: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         q = np.asarray(twist, float)
         D, G, H = self.derivatives(q.reshape(-1, 3))

@@ -19,7 +19,7 @@ FORCE = [0.6, 0.8, 0.0]
 
 def one_force(point, formulation="convex", **options):
     options = {"friction": MU, "normal_force": N, "actuator_direction": [FORCE]} | options
-    return batch.Cases.rectangle(A, B, formulation, actuator_point=point, **options)
+    return batch.Cases.on(RECTANGLE, formulation, actuator_point=point, **options)
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)

@@ -30,7 +30,7 @@ def searched(scenario):
     run = limit_load._by_inertia(setup, scenario.solver.step_factor, session)
     assert run.converged
     energies = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
-    return energies, energy_audit.audit(energies, run.energy), run
+    return energies, energy_audit.Auditor().add(energies).result(run.energy), run
 
 
 def balance(name: str, formulation: str, step_factor: float = 0.9, rate: float | None = None):
@@ -48,7 +48,7 @@ def balance(name: str, formulation: str, step_factor: float = 0.9, rate: float |
     else:
         run = constant_rate.push_at_constant_rate(built, rate or control.rate, control.travel, step_factor, observe)
     energies = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
-    return energies, energy_audit.audit(energies, run.energy), run
+    return energies, energy_audit.Auditor().add(energies).result(run.energy), run
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
@@ -150,11 +150,11 @@ def test_an_energy_balance_that_does_not_close_fails_the_run(monkeypatch):
     energies, _, run = balance("set4a", "concave")
     wrong = dict(energies, friction=1.01 * energies["friction"])
     with pytest.raises(EnergyAuditError, match="off by 0.009"):
-        energy_audit.audit(wrong, run.energy)
+        energy_audit.Auditor().add(wrong).result(run.energy)
     giving = run.energy._replace(work=run.energy.work.copy())
     giving.work[LEAST] = -1e-6
     with pytest.raises(EnergyAuditError, match="friction gave back"):
-        energy_audit.audit(energies, giving)
+        energy_audit.Auditor().add(energies).result(giving)
     monkeypatch.setattr(energy_audit, "LIMIT", 1e-20)
     with pytest.raises(EnergyAuditError):
         simulate(lab.lab_scenario("set4a", "concave"))

@@ -31,7 +31,7 @@ def least_cost(structure: Structure, programme: Programme, solution: Solution) -
     their cone: velocities y, then the duals z of the strengths, in a few rounds. What then is still missing is paid
     for; usually that is rounding, and the cap plays no part.
     """
-    free, m = structure.layout.n, len(programme.right_hand)
+    free = structure.layout.n
     equations, rows = _matrices(programme)
     balance, own = _matrices(programme, free)
     y, z = solution.equation_dual, solution.cone_dual
@@ -48,8 +48,7 @@ def least_cost(structure: Structure, programme: Programme, solution: Solution) -
         inverse = SparseMatrix(
             _inverse_blocks(own.sandwiched(spread.entries).entries, *_blocks(structure)), (free, free)
         )
-        if m:
-            y = y - balance.least_squares(inverse, residual()[:free])
+        y = y - balance.least_squares(inverse, residual()[:free])
         worked = -equations.transposed_times(y)[free:]  # of the load, where it has a multiplier
         if len(worked) and worked[0] * programme.cost[free] > 0.0:
             y, z = (dual * programme.cost[free] / worked[0] for dual in (y, z))

@@ -21,7 +21,6 @@ from dembrick.simulation.limit_analysis.analysis import live_wrench, optimum, pr
 from dembrick.simulation.limit_analysis.mechanism import Mechanism, mechanism_of
 from dembrick.simulation.limit_analysis.programme import Loads, Structure
 from dembrick.simulation.limit_analysis.solver import SOLVED
-from dembrick.simulation.limit_analysis.strength import Material
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
@@ -51,11 +50,11 @@ class SecondOpinion:
     ended: str
 
 
-def second_opinion(assembly: Assembly, material: Material | None = None) -> SecondOpinion:
+def second_opinion(assembly: Assembly) -> SecondOpinion:
     """The limit without dilatancy as the sequence finds it; NotConvergedError if not even its first programme has an
     answer."""
     live = live_wrench(assembly)
-    structure = prepared(assembly, [live], material)
+    structure = prepared(assembly, [live])
     vector = structure.frame.vector(live)
     size = float(np.abs(vector).sum())
     loads = Loads(structure.dead, vector / size)

@@ -78,7 +78,7 @@ def programme_of(structure: Structure, loads: Loads, cost: np.ndarray, cuts: Cut
 
     ``reduced`` multiplies the shear strength and the compressive strength of area joints.
     """
-    layout, rows = structure.layout, structure.frame.rows
+    layout = structure.layout
     entries = structure.equilibrium
     if loads.live is not None:
         at = np.flatnonzero(loads.live)
@@ -93,7 +93,7 @@ def programme_of(structure: Structure, loads: Loads, cost: np.ndarray, cuts: Cut
         limits=np.concatenate([limits, cone_limits]),
         linear=sizes,
         quadratic=quadratic,
-    ) if rows else Programme(cost, entries, np.zeros(0), linear, limits, sizes, quadratic)  # fmt: skip
+    )
 
 
 class _Stack:
@@ -205,7 +205,7 @@ def _cone_rows(layout: Layout, reduced: float) -> tuple[Entries, np.ndarray, np.
     ellipsoid around the limit surface; none in a plane."""
     if layout.flat:
         return Entries.joined(), np.zeros(0), np.zeros(0, np.int64)
-    p, a, areas = layout.n_point, len(layout.areas), layout.areas
+    p, a = layout.n_point, len(layout.areas)
     slope, level = _cap_of_points(layout)
     row = 3 * np.arange(p)
     parts = [Entries(row, row, -slope)]
@@ -220,7 +220,6 @@ def _cone_rows(layout: Layout, reduced: float) -> tuple[Entries, np.ndarray, np.
     area_limits = np.zeros(4 * a)
     area_limits[4 * np.arange(a)] = level
     sizes = np.concatenate([np.full(p, 3), np.full(a, 4)])
-    assert len(areas) == a
     return Entries.joined(*parts), np.concatenate([limits, area_limits]), sizes
 
 

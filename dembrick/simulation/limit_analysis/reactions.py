@@ -17,7 +17,6 @@ from dembrick.simulation.limit_analysis.analysis import falls, optimum, prepared
 from dembrick.simulation.limit_analysis.mechanism import Mechanism, mechanism_of
 from dembrick.simulation.limit_analysis.programme import Loads, Structure
 from dembrick.simulation.limit_analysis.solver import UNBOUNDED
-from dembrick.simulation.limit_analysis.strength import Material
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
@@ -42,12 +41,10 @@ class Extreme:
         return 0.0 if self.reached * self.bound <= 0.0 else 0.5 * (self.reached + self.bound)
 
 
-def reaction_range(
-    assembly: Assembly, support: np.ndarray, direction: np.ndarray, material: Material | None = None
-) -> tuple[Extreme, Extreme]:
+def reaction_range(assembly: Assembly, support: np.ndarray, direction: np.ndarray) -> tuple[Extreme, Extreme]:
     """Least and greatest force along ``direction`` (3,) unit that the fixed blocks ``support`` (k,) exert on the others
     under the dead loads. NotConvergedError if the structure does not stand."""
-    structure = prepared(assembly, (), material, along=direction)
+    structure = prepared(assembly, along=direction)
     inner = standing(structure)
     if not inner.stands:
         raise falls(assembly, inner)

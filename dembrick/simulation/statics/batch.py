@@ -5,8 +5,8 @@ and ends with the same bracket; a test holds the two against each other. Cases r
 not grow with their number, and the compiled call lets go of Python's lock, so that threads share them. Whatever the
 number of threads, the answers are the same to the last bit.
 
-    >>> cases = Cases.rectangle(0.3, 0.2, "convex", friction=0.64, normal_force=467.0,
-    ...                         actuator_point=[[0.075, 0.0, 0.05]], actuator_direction=[[0.0, 1.0, 0.0]])
+    >>> cases = Cases.on(corners, "convex", friction=0.64, normal_force=467.0,
+    ...                  actuator_point=[[0.075, 0.0, 0.05]], actuator_direction=[[0.0, 1.0, 0.0]])
     >>> find_limit_loads(cases).V
 """
 

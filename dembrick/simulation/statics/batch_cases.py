@@ -100,12 +100,6 @@ class Cases:
             np.broadcast_to(weight, (*k, *each)), **options,
         )  # fmt: skip
 
-    @classmethod
-    def rectangle(cls, a: float, b: float, formulation: str, **options) -> Cases:
-        """Cases of one rectangle a (along t1) x b (along t2); options as of `on`."""
-        corners = np.array([[-a, -b], [a, -b], [a, b], [-a, b]]) / 2.0
-        return cls.on(corners, formulation, **options)
-
     def part(self, first: int, last: int) -> Cases:
         s = slice(first, last)
         rows = ("shape", "friction", "normal_stiffness", "shear_stiffness", "dead")

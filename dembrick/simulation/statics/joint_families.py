@@ -50,11 +50,6 @@ def present(state) -> Iterator[tuple[ModuleType, Any]]:
             yield module, joints
 
 
-def only(state) -> Any:
-    """The joints of the only family of a scene."""
-    return next(joints for _, joints in present(state))
-
-
 def number(state) -> int:
     """The number of the only family of a scene, as kernels count them."""
     return POINTS if state.areas is None else AREAS

@@ -90,7 +90,8 @@ class Stepper:
     def __init__(self, loop: Loop, session: Session, recorder: Recorder | None, longest: int, total: int | None = None):
         self.loop, self.recorder, self._session, self._total = loop, recorder, session, total
         self._longest = min(longest, recorder.longest_chunk if recorder else longest)
-        self._pace = max(1, FIRST_WORK // _size(loop.state))
+        work = len(loop.state.blocks.displacement) + joint_families.entries(loop.state)  # of a step, roughly
+        self._pace = max(1, FIRST_WORK // work)
 
     @property
     def where(self) -> str:
@@ -125,8 +126,3 @@ class Stepper:
         if status == FULL:
             raise RuntimeError("a chunk was longer than its record has room for: please report this scenario")
         return status
-
-
-def _size(state: State) -> int:
-    """Blocks and contacts: what a step costs, roughly."""
-    return len(state.blocks.displacement) + joint_families.entries(state)
