@@ -46,8 +46,10 @@ class Variant:
         self.inertia = Inertia(
             np.array(built.mass, float), np.array(built.inertia, float), np.linalg.inv(built.inertia)
         )
-        constant_rate._to_finite_motion(self.state)
-        self.drive = setup.drive(RATE, self.dt)._replace(viscous_n=1.0, viscous_s=1.0)
+        constant_rate.to_finite_motion(self.state)
+        self.drive = load_system.steady_drive(RATE, self.dt, setup.actuator_stiffness)._replace(
+            viscous_n=1.0, viscous_s=1.0
+        )
         self.guard = new_guard(built, self.state) if guarded else None
         self.certificate = setup.certificate._replace(every=ROWS_EVERY)
         self.recorder = Recorder(self.state, Session(lambda rows, frames: None), TURN, ROWS_EVERY, 1 << 20)

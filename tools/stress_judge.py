@@ -195,7 +195,7 @@ def _at_rest(setup: load_system.Setup, physical: bool, rate: float = 0.0) -> Loo
     built, state = setup.assembly, setup.state
     damping = setup.dashpots()
     dt = VALID_STEP * damping.critical_time_step
-    drive = setup.drive(rate, dt)
+    drive = load_system.steady_drive(rate, dt, setup.actuator_stiffness)
     if rate == 0.0:
         drive = drive._replace(stiffness=0.0, dashpot=0.0)
     certificate = setup.certificate._replace(every=1 << 40, strict=False)
@@ -203,7 +203,7 @@ def _at_rest(setup: load_system.Setup, physical: bool, rate: float = 0.0) -> Loo
     if physical:
         state.joints.damping[:] = damping.joints / dt
         drive = drive._replace(viscous_n=1.0, viscous_s=1.0)
-        constant_rate._to_finite_motion(state)
+        constant_rate.to_finite_motion(state)
         inertia = Inertia(np.array(built.mass, float), np.array(built.inertia, float), np.linalg.inv(built.inertia))
         moving = ties.start_moving(state, built)  # none, in the kernel that a run has
     else:

@@ -15,7 +15,7 @@ def as_polygon(vertices: ArrayLike) -> np.ndarray:
     polygon = np.array(vertices, dtype=float)
     if polygon.ndim != 2 or polygon.shape[1] != 2 or len(polygon) < 3 or not np.isfinite(polygon).all():
         raise ScenarioError("a polygon needs at least three vertices with two finite coordinates each")
-    area = signed_area(polygon)
+    area = float(moment_matrix(polygon, polygon[0])[0, 0])
     size = np.ptp(polygon, axis=0).max()
     if not abs(area) > 1e-14 * size * size:
         raise ScenarioError(f"a polygon {size!r} m across with an area of {area!r} m2 is a line: give it some width")
@@ -34,11 +34,6 @@ def as_parts(polygon: ArrayLike | Sequence[ArrayLike]) -> tuple[np.ndarray, ...]
 def rectangle(a: float, b: float) -> np.ndarray:
     """Vertices of a rectangle a (along x) by b (along y) about its centroid, counter-clockwise from lower left."""
     return np.array([[-a, -b], [a, -b], [a, b], [-a, b]]) / 2.0
-
-
-def signed_area(polygon: np.ndarray) -> float:
-    x, y = (polygon - polygon[0]).T
-    return 0.5 * float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
 
 
 def moment_matrix(polygon: np.ndarray, origin: ArrayLike = (0.0, 0.0)) -> np.ndarray:

@@ -27,6 +27,7 @@ from dembrick.simulation.statics.load_system import (
     LoadSystem,
     Replay,
     Setup,
+    steady_drive,
 )
 from dembrick.simulation.statics.recorder import Recorder
 from dembrick.simulation.statics.state import State, new_energy
@@ -62,7 +63,7 @@ def push_at_constant_rate(
     critical = damping.critical_time_step
     dt = setup.time_step(step_factor * critical, rate)
     steps_wanted = _steps(rate, travel, dt)
-    drive = setup.drive(rate, dt)._replace(
+    drive = steady_drive(rate, dt, setup.actuator_stiffness)._replace(
         dashpot=damping.actuator * setup.actuator_stiffness, viscous_n=1.0, viscous_s=1.0
     )
     state.joints.damping[:] = damping.joints / dt
@@ -71,9 +72,7 @@ def push_at_constant_rate(
         tensor=np.array(assembly.inertia, float),
         inverse=np.linalg.inv(assembly.inertia),
     )
-    blocks = state.blocks  # the infinitesimal rotations of the dead-load equilibrium become orientations
-    blocks.orientation[:] = unit_quaternion(turned_by(blocks.rotation, blocks.orientation))
-    blocks.rotation[:] = 0.0
+    to_finite_motion(state)
     moving = ties.start_moving(state, assembly)
     output = session.output
     rows_every = max(1, steps_wanted // output.rows)
@@ -143,3 +142,10 @@ def _steps(rate: float, travel: float, dt: float) -> int:
             "use a higher rate or a shorter travel"
         )
     return math.ceil(wanted)
+
+
+def to_finite_motion(state: State) -> None:
+    """Turn the infinitesimal rotations of the dead-load equilibrium into orientations."""
+    blocks = state.blocks
+    blocks.orientation[:] = unit_quaternion(turned_by(blocks.rotation, blocks.orientation))
+    blocks.rotation[:] = 0.0

@@ -23,11 +23,11 @@ import numpy as np
 from dembrick.errors import DivergedError
 from dembrick.kernels.state import ACTUATOR_DAMPING, DAMPING, HEAD, SLIDING, ScaledInertia
 from dembrick.kernels.statics.load_bounds import NEVER
-from dembrick.kernels.statics.loop import Drive, push_on
+from dembrick.kernels.statics.loop import push_on
 from dembrick.kernels.statics.newton import remember
 from dembrick.simulation.statics.critical_step import critical_time_step
 from dembrick.simulation.statics.elastic_factor import rounded_inertia
-from dembrick.simulation.statics.load_system import RAMP, VISCOUS
+from dembrick.simulation.statics.load_system import VISCOUS, steady_drive
 from dembrick.simulation.statics.newton import Equilibria
 from dembrick.simulation.statics.path_state import PathState
 from dembrick.simulation.statics.sparse_equations import Factors
@@ -120,18 +120,8 @@ class DrivenRelaxation:
         began, V = float(head[1]), float(head[2])
         head[0] = began + V / self.slope
         slowing = 0.5 ** (1.0 / HALVING)
-        drive = Drive(
-            rate=distance / (STEADY + 1.0 / (1.0 - slowing)) / dt,
-            ramp=RAMP * dt,
-            steady=STEADY,
-            slowing=slowing,
-            stiffness=self.slope,
-            dashpot=VISCOUS * self.slope * dt,
-            viscous_n=VISCOUS,
-            viscous_s=VISCOUS,
-            damping=0.0,
-            mean_weight=0.0,
-        )
+        rate = distance / (STEADY + 1.0 / (1.0 - slowing)) / dt
+        drive = steady_drive(rate, dt, self.slope)._replace(steady=STEADY, slowing=slowing)
         energy = new_energy(state)
         scene = dt, *state[:5], self.inertia, drive, energy
         started = time.perf_counter()

@@ -38,6 +38,7 @@ from dembrick.simulation.statics.load_system import (
     Replay,
     Setup,
     rough_strength,
+    steady_drive,
 )
 from dembrick.simulation.statics.path_following import PathFollower
 from dembrick.simulation.statics.recorder import Recorder
@@ -150,7 +151,8 @@ def _by_inertia(setup: Setup, step_factor: float, session: Session) -> Replay:
     inertia = inverse_inertia(state, setup.stiffness * (dt / eta) ** 2)
     scale = rough_strength(state, setup.certificate, load) * setup.compliance / setup.weight
     rate = float(SLIP_PER_STEP * scale / dt)
-    drive = setup.drive(rate, dt)._replace(steady=16 * HALVING, slowing=0.5 ** (1.0 / HALVING))
+    drive = steady_drive(rate, dt, setup.actuator_stiffness)
+    drive = drive._replace(steady=16 * HALVING, slowing=0.5 ** (1.0 / HALVING))
     if setup.certificate.tilts:
         rate *= GENTLY
         drive = drive._replace(rate=rate, damping=FLUCTUATION_DAMPING)

@@ -145,21 +145,6 @@ class Setup(LoadSystem):
         if by_equilibria is None and self.factor is None and not self.certificate.strict:
             self.factor = elastic_factor(self.state, assembly.position)
 
-    def drive(self, rate: float, dt: float) -> Drive:
-        """The load system driven at a steady ``rate`` in steps of ``dt``, with the dashpots of a search."""
-        return Drive(
-            rate=rate,
-            ramp=RAMP * dt,
-            steady=MOST_STEPS_AT_RATE,
-            slowing=1.0,
-            stiffness=self.actuator_stiffness,
-            dashpot=VISCOUS * self.actuator_stiffness * dt,
-            viscous_n=VISCOUS,
-            viscous_s=VISCOUS,
-            damping=0.0,
-            mean_weight=MEAN_WEIGHT,
-        )
-
     def finished(self, converged: bool, loop: Loop, critical: float, compiled: float, settings: dict) -> Replay:
         """What came of it; ``compiled``: seconds of compiling after the dead-load equilibrium."""
         return Replay(
@@ -187,6 +172,23 @@ class Setup(LoadSystem):
             "contact_dashpot_ratio": drive.viscous_s,
             "ramp": drive.ramp,
         }
+
+
+def steady_drive(rate: float, dt: float, stiffness: float) -> Drive:
+    """The load system driven at a steady ``rate`` in steps of ``dt``, ``stiffness`` (N/m) that of the actuators, with
+    the dashpots of a search."""
+    return Drive(
+        rate=rate,
+        ramp=RAMP * dt,
+        steady=MOST_STEPS_AT_RATE,
+        slowing=1.0,
+        stiffness=stiffness,
+        dashpot=VISCOUS * stiffness * dt,
+        viscous_n=VISCOUS,
+        viscous_s=VISCOUS,
+        damping=0.0,
+        mean_weight=MEAN_WEIGHT,
+    )
 
 
 def rough_strength(state: State, certificate: Certificate, load: np.ndarray) -> float:
