@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from dembrick.scenario.model import Output
-from dembrick.simulation import interrupts
-from dembrick.simulation.expected_cost import LONG, duration
+from dembrick.simulation import expected_cost, interrupts
 
 if TYPE_CHECKING:
     from dembrick.simulation.statics.state import State
@@ -117,8 +116,8 @@ class Session:
 
     def warn_if_long(self, seconds: float, remedy: str, at_most: bool = False) -> None:
         """Report a run that will take over an hour, before it starts."""
-        if seconds > LONG and self.report:
-            takes = f"{'at most' if at_most else 'about'} {duration(seconds)}"
+        if seconds > expected_cost.LONG and self.report:
+            takes = f"{'at most' if at_most else 'about'} {expected_cost.duration(seconds)}"
             self.report(f"this run will take {takes} of computing on one core; to shorten it, {remedy}")
 
     @classmethod
