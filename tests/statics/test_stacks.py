@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from dembrick import theory
-from dembrick.assembly import build, joints
+from dembrick.assembly import build
 from dembrick.errors import NotConvergedError
+from dembrick.geometry import polygons
 from dembrick.scenario.model import Actuator, Block, JointLaw, Load, Material, Scenario, YieldControl
 from dembrick.simulation.statics import limit_load, path_following
 
@@ -81,7 +82,7 @@ def weakest(formulation: str, count: int, top: float, e: float) -> float:
     """
     lever = 0.5 * B
     if formulation == "corrected":
-        lever *= float(joints.shrink_factor(np.array([[-A, -B], [A, -B], [A, B], [-A, B]]) / 2))
+        lever *= float(polygons.shrink_factor(np.array([[-A, -B], [A, -B], [A, B], [-A, B]]) / 2))
     overturning = ((top + below * WEIGHT) * lever / ((below - 1) * H) for below in range(2, count + 1))
     return min(of_joint(formulation, top + WEIGHT, e), *overturning)
 
