@@ -22,6 +22,7 @@ from importlib import import_module
 from numba.core import event
 
 from dembrick import _kernel_cache
+from dembrick._kernel_sources import compiler_hash
 
 SWITCH = "DEMBRICK_COMPILE_AHEAD"  # 0 in the environment: no second process
 COMMAND = "import pickle, sys; sys.path[:], tasks = pickle.load(sys.stdin.buffer); "
@@ -92,7 +93,7 @@ def second_process() -> Iterator[None]:
 
 def possible() -> bool:
     """Whether a second process would help: two cores, the cache a folder that others find, and locks in it."""
-    kept = _kernel_cache.CACHE_FOLDER.name == _kernel_cache.kernel_hash()
+    kept = _kernel_cache.CACHE_FOLDER.name == compiler_hash()
     return (
         os.environ.get(SWITCH) != "0"
         and cores() > 1

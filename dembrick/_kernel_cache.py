@@ -1,7 +1,8 @@
 """Where the machine code of the kernels is kept, who compiles it, and how it is loaded.
 
-numba's cache looks at the file of a kernel only: after an edit in a helper module it would go on serving the old
-physics. So the cache folder carries a hash of all kernel sources and of numba's version in its name.
+The cache folder carries a hash of all that every kernel depends on in its name (`_kernel_sources.compiler_hash`), the
+files of a kernel that of its module's sources (`closure_hash`). What is not there may have come with the package
+(`_packaged_kernels`).
 """
 
 from __future__ import annotations
@@ -20,37 +21,17 @@ try:
 except ImportError:  # a system without POSIX locks
     fcntl = None  # type: ignore[assignment]
 
-import numba
 from llvmlite import binding
-from numba.core import event
+from numba.core import event, types
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.codegen import JITCodeLibrary
 
-PACKAGE = Path(__file__).parent
+from dembrick._kernel_sources import closure_hash, compiler_hash
+from dembrick._packaged_kernels import packaged_kernels
+
 PATIENCE = 60.0  # s, for which a process waits for another that compiles what it wants; then it compiles that itself
 LOOK = 0.02  # s, between two looks whether the other is done
 WAITING = "dembrick:waiting"  # numba's event of such a wait
-
-
-@cache
-def kernel_hash() -> str:
-    """Hash of everything that ends up in machine code, as its sources were when it was first asked for."""
-    return source_hash(PACKAGE)
-
-
-def source_hash(package: Path) -> str:
-    """Hash of numba and of all sources of kernels in a copy of the package, at any depth below ``kernels``.
-
-    numba counts by its version, by whether it checks bounds (``NUMBA_BOUNDSCHECK``) and by how far it optimises
-    (``NUMBA_OPT``), which its own cache ignores. The path does not count: copies of the same sources share what one of
-    them has compiled.
-    """
-    settings = f"{numba.__version__} {numba.config.BOUNDSCHECK} {numba.config.OPT}"
-    digest = hashlib.sha256(settings.encode())
-    kernels = sorted((package / "kernels").rglob("*.py"))
-    for source in (package / "_jit.py", package / "_kernel_cache.py", *kernels):
-        digest.update(f"\n{source.relative_to(package).as_posix()}\n".encode() + source.read_bytes())
-    return digest.hexdigest()[:16]
 
 
 def is_own(folder: Path) -> bool:
@@ -84,7 +65,7 @@ def _is_safe(base: Path) -> bool:
 
 
 def cache_folder() -> Path:
-    """``$DEMBRICK_CACHE_DIR``, else the user's cache folder, else a temporary one; a folder per source hash in it.
+    """``$DEMBRICK_CACHE_DIR``, else the user's cache folder, else a temporary one; a folder per `compiler_hash` in it.
 
     One that others could have written is not taken: then the machine code is kept for this process alone.
     """
@@ -94,7 +75,7 @@ def cache_folder() -> Path:
     bases.append(Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "dembrick")
     bases.append(Path(tempfile.gettempdir()) / f"dembrick-{os.getuid() if hasattr(os, 'getuid') else 'user'}")
     for base in bases:
-        folder = base / kernel_hash()
+        folder = base / compiler_hash()
         if _is_safe(base) and is_own(folder):
             return folder
     return Path(tempfile.mkdtemp(prefix="dembrick-"))
@@ -104,10 +85,11 @@ CACHE_FOLDER = cache_folder()
 
 
 class _Folder:
-    """Where the machine code of a kernel of this package is kept: found by the kernel's module, not by its path."""
+    """Where the machine code of a kernel is kept: found by its module and the sources of that, not by its path."""
 
     def __init__(self, function):
-        self._name = f"{function.__module__}-{function.__code__.co_firstlineno}"
+        self._stamp = closure_hash(function.__module__)
+        self._name = f"{function.__module__}-{function.__code__.co_firstlineno}-{self._stamp}"
         self._py_file = function.__code__.co_filename  # where numba warns of a kernel that it cannot keep
 
     @classmethod
@@ -123,8 +105,8 @@ class _Folder:
         return str(CACHE_FOLDER)
 
     def get_source_stamp(self):
-        """What makes old machine code useless: any edit of a kernel, which gives the folder another name."""
-        return CACHE_FOLDER.name
+        """What makes old machine code useless: an edit of a source, which gives the file another name as well."""
+        return self._stamp
 
     def get_disambiguator(self):
         """See numba."""
@@ -256,7 +238,23 @@ class ParallelKernelCache(FunctionCache):
         return found
 
     def _load(self, sig, target_context):
-        return super().load_overload(sig, target_context)
+        found = super().load_overload(sig, target_context)
+        return self._from_package(sig, target_context) if found is None else found
+
+    def _from_package(self, sig, target_context):
+        """Machine code that came with the package, for any processor that has what it needs; None if there is none."""
+        package = packaged_kernels()
+        if package is None:
+            return None
+        arguments, _, *rest = self._index_key(sig, target_context.codegen())
+        stamp, name = self._impl.locator.get_source_stamp(), self._impl.filename_base
+        data = IndexDataCacheFile(str(package.folder), name, stamp).load((arguments, package.target, *rest))
+        return None if data is None else self._impl.rebuild(target_context, data)
+
+    def _index_key(self, sig, codegen):
+        """See numba. Machine code reads a named tuple by the places of its fields, numba's type has their names only
+        by the class, which another version of the package may define otherwise."""
+        return (*super()._index_key(sig, codegen), _fields(sig))
 
     def let_go(self, sig) -> None:
         """Let others compile it, or find what was compiled."""
@@ -273,4 +271,11 @@ class KernelCache(ParallelKernelCache):
 
     def _load(self, sig, target_context):
         with self._guard_against_spurious_io_errors():
-            return self._load_overload(sig, target_context)
+            found = self._load_overload(sig, target_context)
+        return self._from_package(sig, target_context) if found is None else found
+
+
+def _fields(kinds) -> tuple:
+    """Names of the fields of all named tuples in numba's types of arguments, at any depth, in order."""
+    named = [(kind.fields, _fields(kind.types)) for kind in kinds if isinstance(kind, types.BaseNamedTuple)]
+    return (*named, *(_fields(kind.types) for kind in kinds if isinstance(kind, types.Tuple | types.UniTuple)))

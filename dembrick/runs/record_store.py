@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dembrick._kernel_cache import kernel_hash
+from dembrick._kernel_sources import kernel_hash
 from dembrick.errors import HistoryError
 from dembrick.scenario.model import Output, Scenario
 from dembrick.simulation.channels import FRAMES, ROWS, followed, recorded

@@ -1,5 +1,6 @@
-"""The kernel cache is named by every kernel source, so that old machine code is never served for new physics."""
+"""Machine code is named by the sources it was made of, so that none is ever served for new physics."""
 
+import ast
 import gc
 import os
 import shutil
@@ -18,7 +19,7 @@ from numba.core.typing.typeof import Purpose, typeof
 import dembrick
 from dembrick import _kernel_cache
 from dembrick._jit import entry, ready
-from dembrick._kernel_cache import source_hash
+from dembrick._kernel_sources import closure_hash, compiler_hash, import_closure, imported, source_hash
 from dembrick.kernels.math.quaternion import product
 
 PACKAGE = Path(dembrick.__file__).parent
@@ -45,9 +46,9 @@ def copy(tmp_path_factory):
     return folder
 
 
-def test_an_edit_in_any_kernel_file_changes_the_name_of_the_cache(copy):
+def test_an_edit_in_any_kernel_file_changes_the_hash_of_all(copy):
     before, seen = source_hash(copy), set()
-    sources = compiled_sources(copy)
+    sources = [path for path in compiled_sources(copy) if "kernels" in path.parts]
     assert len(sources) > 30
     for source in sources:
         text = source.read_bytes()
@@ -55,6 +56,62 @@ def test_an_edit_in_any_kernel_file_changes_the_name_of_the_cache(copy):
         seen.add(source_hash(copy))
         source.write_bytes(text)
     assert len(seen) == len(sources) and before not in seen and source_hash(copy) == before
+
+
+LOADED = """
+import importlib, sys
+from dembrick import _jit
+before = set(sys.modules)
+importlib.import_module(sys.argv[1])
+print(*(m.__file__ for n, m in sys.modules.items() if n not in before and n.startswith("dembrick.kernels")), sep="\\n")
+"""
+
+
+@pytest.mark.parametrize("module", ["statics.loop", "dynamics.loop", "statics.newton", "joint.area_law", "state"])
+def test_a_kernel_depends_on_every_module_that_importing_it_loads(module):
+    """Packages hold no code of their own, so their ``__init__`` counts only if something is imported from it."""
+    name = f"dembrick.kernels.{module}"
+    done = subprocess.run([sys.executable, "-c", LOADED, name], capture_output=True, text=True, check=True)
+    loaded = {Path(line) for line in done.stdout.split()}
+    closure = import_closure(name)
+    assert {path for path in loaded if path.name != "__init__.py"} <= closure
+    assert {path.resolve() for path in closure} <= {path.resolve() for path in loaded}
+
+
+def test_packages_of_kernels_hold_no_code():
+    for path in (PACKAGE / "kernels").rglob("__init__.py"):
+        assert all(isinstance(node, ast.Expr) for node in ast.parse(path.read_text(encoding="utf-8")).body), path
+
+
+def test_an_edit_leaves_the_machine_code_of_modules_that_do_not_import_it(copy):
+    """One of a law changes both engines, one of a loop nobody else."""
+    modules = ["dembrick.kernels.statics.loop", "dembrick.kernels.dynamics.loop", "dembrick.kernels.math.vec3"]
+
+    def hashes():
+        imported.cache_clear()
+        closure_hash.cache_clear()
+        return [closure_hash(module, copy) for module in modules]
+
+    before = hashes()
+    changed = []
+    for name in ("joint/point_law.py", "dynamics/loop.py", "math/vec3.py"):
+        source = copy / "kernels" / name
+        text = source.read_bytes()
+        source.write_bytes(text + b"\n# an edit\n")
+        changed.append([now != then for now, then in zip(hashes(), before, strict=True)])
+        source.write_bytes(text)
+    assert changed == [[True, True, False], [False, True, False], [True, True, True]]
+    assert hashes() == before
+
+
+@pytest.mark.parametrize("name", ["_jit.py", "_kernel_cache.py"])
+def test_an_edit_of_the_compiler_changes_all(copy, name):
+    before, source = compiler_hash(copy), copy / name
+    text = source.read_bytes()
+    source.write_bytes(text + b"\n# an edit\n")
+    assert compiler_hash(copy) != before
+    source.write_bytes(text)
+    assert compiler_hash(copy) == before
 
 
 def test_a_new_kernel_file_in_a_new_folder_changes_it(copy):
@@ -235,6 +292,36 @@ def test_a_full_disk_costs_the_cache_and_not_the_run(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("option", ["BOUNDSCHECK", "OPT"])
 def test_checking_of_bounds_or_less_optimisation_has_machine_code_of_its_own(monkeypatch, option):
-    before = source_hash(PACKAGE)
+    before = compiler_hash(PACKAGE)
     monkeypatch.setattr(numba.config, option, 1)
-    assert source_hash(PACKAGE) != before
+    assert compiler_hash(PACKAGE) != before
+
+
+KEY = """
+import sys
+from typing import NamedTuple
+
+import numpy as np
+from dembrick._jit import entry
+
+class Pair(NamedTuple):
+    {fields}
+
+def first(pair):
+    return pair.one
+
+first.__module__ = "dembrick.kernels.of_a_test"
+sys.modules[first.__module__] = sys.modules["__main__"]
+first = entry(first)
+print(first(Pair(one=1.0, other=2.0)))
+"""
+
+
+def test_fields_of_named_tuples_in_another_order_have_machine_code_of_their_own(tmp_path):
+    said = []
+    for fields in ("one: float; other: float", "other: float; one: float"):
+        environment = {**os.environ, "DEMBRICK_CACHE_DIR": str(tmp_path)}
+        command = [sys.executable, "-c", KEY.format(fields=fields)]
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+        said.append(done.stdout.strip())
+    assert said == ["1.0", "1.0"]

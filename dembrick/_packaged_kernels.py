@@ -1,0 +1,83 @@
+"""Machine code of the kernels that came with the package: a wheel made by ``tools/build_wheel.py`` has it.
+
+It was compiled for one version of numba and of Python and for a processor with named features (`Package`). If any of
+them differs, or ``DEMBRICK_KERNELS=off`` is set, kernels are compiled here; so is a kernel whose sources were edited.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+import numba
+from llvmlite import binding
+
+from dembrick._kernel_sources import compiler_hash
+
+FOLDER = Path(__file__).parent / "_kernels"
+MANIFEST = "manifest.json"
+SWITCH = "DEMBRICK_KERNELS"  # "off" in the environment: as if the package had none
+
+
+class Package(NamedTuple):
+    """Kernels of a wheel."""
+
+    folder: Path
+    target: tuple[str, str, str]  # numba's name of what it was compiled for: system, processor, features
+
+
+@cache
+def packaged_kernels() -> Package | None:
+    """Kernels that came with the package and fit this process; None if there are none."""
+    found = _manifest()
+    return Package(FOLDER, tuple(found["target"])) if found and not _misfit(found) else None
+
+
+def why_not() -> str:
+    """Reason in a few words why kernels are not taken from the package; empty if they are."""
+    if os.environ.get(SWITCH) == "off":
+        return f"{SWITCH} is off"
+    found = _manifest()
+    return _misfit(found) if found else "it has none"
+
+
+def is_packaged() -> bool:
+    """Whether kernels came with the package, whether they fit or not."""
+    return FOLDER.is_dir()
+
+
+def _manifest() -> dict | None:
+    if os.environ.get(SWITCH) == "off":
+        return None
+    try:
+        return json.loads((FOLDER / MANIFEST).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+
+
+def _misfit(manifest: dict) -> str:
+    python = f"{sys.version_info.major}.{sys.version_info.minor}"
+    if manifest["numba"] != numba.__version__:
+        return f"they are for numba {manifest['numba']}, this is {numba.__version__}"
+    if manifest["python"] != python:
+        return f"they are for Python {manifest['python']}, this is {python}"
+    if manifest["compiler"] != compiler_hash():
+        return "they were compiled with other settings"
+    missing = _missing(manifest["target"], manifest["features"])
+    return f"this processor lacks {', '.join(missing)}" if missing else ""
+
+
+def _missing(target: list[str], features: list[str]) -> list[str]:
+    """Features that kernels need and the processor for which numba compiles here (``NUMBA_CPU_NAME``) has not."""
+    system, name, _ = target
+    if system != binding.get_process_triple():
+        return [system]
+    if numba.config.CPU_NAME in (name, None):
+        here = binding.get_host_cpu_features() if numba.config.CPU_NAME is None else dict.fromkeys(features, True)
+    else:
+        here = {one[1:]: one[0] == "+" for one in (numba.config.CPU_FEATURES or "").split(",") if one}
+    return [one for one in features if not here.get(one)]
