@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dembrick.cli.paths import add_force, require_ending
+from dembrick.cli.paths import FRAME, add_force, frame_of, require_ending
 
 MOST = 40  # lines of the printed table
 ROUNDING = 1e-8  # of the largest value of a column: less is printed as zero
@@ -23,8 +23,8 @@ COLUMNS = {
 def add_arguments(parser) -> None:
     parser.add_argument("history", metavar="FILE.h5", help="history file")
     one = parser.add_mutually_exclusive_group()
-    one.add_argument("--frame", type=int, default=-1, help="frame number, negative from the end (default: last)")
-    one.add_argument("--time", type=float, metavar="SECONDS", help="the frame nearest to this time")
+    one.add_argument("--frame", type=frame_of, metavar="{peak,last,N}", help=FRAME)
+    one.add_argument("--time", type=float, metavar="SECONDS", help="the row nearest to this time")
     parser.add_argument("--csv", metavar="FILE.csv", help="write the table")
     add_force(parser)
     parser.add_argument("--all", action="store_true", help=f"print all joints, not only the {MOST} most utilised")
@@ -33,21 +33,26 @@ def add_arguments(parser) -> None:
 def run(options, console) -> int:
     from dembrick import history
     from dembrick.runs.lab import write_csv
-    from dembrick.views.motion.table import REACTION, joint_table, reaction_table
+    from dembrick.views.motion.moments import words, words_of_row
+    from dembrick.views.motion.table import REACTION, joint_table, moment, reaction_table
 
     with history.read(options.history) as found:
         rows = joint_table(found, options.frame, options.time)
         reactions = reaction_table(found, options.frame, options.time)
-        text = found.scenario_text
+        text, at = found.scenario_text, moment(found, options.frame, options.time)
+        told = words(found, at.frame) if options.time is None else words_of_row(found, at.row)
+        if options.time is not None and at.frame_time != at.time:
+            told.append(f"openings of the frame at {at.frame_time:.4g} s")
     if options.csv:
         require_ending(options.csv, [".csv"], "a table")
         with history.product("joints", [text], [options.history], options.force):
             write_csv(rows, options.csv)
-    text = _text(rows, len(rows) if options.all else MOST)
+    text = f"{', '.join(told)}\n\n{_text(rows, len(rows) if options.all else MOST)}"
     if reactions:
         text += "\n\n" + _text_of_reactions(reactions, len(reactions) if options.all else MOST)
     of_supports = {row["support"]: [row[name] for name in REACTION] for row in reactions}
-    console.result({"history": options.history, "joints": rows, "reactions": of_supports}, text)
+    shown = {"history": options.history, "time": at.time, "frame": at.frame, "frame_time": at.frame_time}
+    console.result(shown | {"joints": rows, "reactions": of_supports}, text)
     return 0
 
 

@@ -26,10 +26,18 @@ def default_output(name: str, is_free: Callable[[str], bool] | None = None) -> s
     return path
 
 
+FRAME = "at the limit, the last, or by its number, negative from the end (default: peak of a search, else last)"
+
+
 def require_ending(path: str, endings: Sequence[str], what: str) -> None:
     """OutputError if a path has another ending than ``what`` is written with."""
     if os.path.splitext(path)[1].lower() not in endings:
         raise OutputError(f"{path}: {what} is written with the ending {' or '.join(endings)}; choose such a name")
+
+
+def frame_of(text: str) -> int | str:
+    """What ``--frame`` says: peak, last or a number."""
+    return text if text in ("peak", "last") else int(text)
 
 
 def add_force(parser) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from contextlib import ExitStack
 
-from dembrick.cli.paths import add_force
+from dembrick.cli.paths import FRAME, add_force, frame_of
 
 
 def add_arguments(parser) -> None:
@@ -20,7 +20,7 @@ def add_arguments(parser) -> None:
     )
     add_look(parser)
     one = parser.add_argument_group("picture").add_mutually_exclusive_group()
-    one.add_argument("--frame", type=int, default=-1, help="frame number, negative from the end (default: last)")
+    one.add_argument("--frame", type=frame_of, metavar="{peak,last,N}", help=FRAME)
     one.add_argument("--time", type=float, metavar="SECONDS", help="show the frame nearest to this time")
     movie = parser.add_argument_group("movie")
     movie.add_argument("--fps", type=float, default=20.0, help="frames a second (default: 20)")

@@ -128,6 +128,7 @@ def _is_hdf5(path: str) -> bool:
 
 
 def _text(result) -> str:
+    from dembrick.runs.collapse import after_lines, collapse_lines
     from dembrick.runs.path_dependence import path_lines
     from dembrick.runs.result import Result, printed
     from dembrick.views.summary import known, on_one_path
@@ -138,9 +139,8 @@ def _text(result) -> str:
     lines = result.heading_lines
     unit, path = " N" if result.curve.unit == "N" else "", getattr(result, "path", None) or {}
     if result.collapse is not None:
-        from dembrick.runs.collapse import collapse_lines
-
         lines += collapse_lines(result.collapse)
+    lines += after_lines(result.after, unit)
     if result.unlimited:
         return "\n".join([*lines, f"answer        {result.plain_answer}", f"history       {result.history}"])
     error = None if on_one_path(path) else 0.0 if point.half_width == math.inf else point.half_width

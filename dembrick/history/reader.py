@@ -16,10 +16,20 @@ from dembrick.history import guard
 from dembrick.history.layout import FORMAT, WRITTEN
 from dembrick.history.rest_geometry import RestGeometry
 from dembrick.scenario import toml as scenarios
-from dembrick.scenario.regimes import OF_ACTUATORS, PATH_FOLLOWING, SETTLEMENT, Curve
+from dembrick.scenario.regimes import (
+    COLLAPSE,
+    LIMIT_LOAD,
+    OF_ACTUATORS,
+    PATH_FOLLOWING,
+    SETTLEMENT,
+    YIELD,
+    Curve,
+)
 from dembrick.simulation.channels import CHANNELS, CONTACTS, FRAMES, NEW_CONTACTS, Channel, Sizes
 
 _COUNTING = (PATH_FOLLOWING.name, SETTLEMENT.name)  # regimes whose times are numbers of equilibria
+_SEARCHING = (LIMIT_LOAD.name, PATH_FOLLOWING.name)
+_FOUND = (YIELD, COLLAPSE)  # statuses of those that found a limit
 
 
 def read(path: str | os.PathLike) -> History:
@@ -248,6 +258,11 @@ class History(RestGeometry):
     def in_real_time(self) -> bool:
         """Whether the run was one in real time, in which blocks part and meet again."""
         return "history/new_contacts" in self._series
+
+    @cached_property
+    def searches_limit(self) -> bool:
+        """Whether the run was a search for a limit load in the geometry of the start, and found it."""
+        return guard.attribute(self._file, "regime") in _SEARCHING and self.status in _FOUND
 
     @cached_property
     def counts_equilibria(self) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,7 +27,8 @@ def collapse_of(run: Replay, assembly: Assembly, control: Control) -> dict:
     above it; ``angle`` (deg) that of a table tilted so far and ``time`` (s) when it stands so at its rate, None without
     one; both None for a pushover. ``mechanism_load_factor`` is what the blocks still carry while they come down: a peak
     above it rests on forces locked into the joints, and so on the way they were loaded. ``displacement`` (m) is that of
-    the block that has moved most since the dead-load equilibrium.
+    the block that has moved most since the dead-load equilibrium. It, the mechanism and the blocks are those at the
+    limit.
     """
     point = run.yield_point
     V, rate = present(point.V), getattr(control, "rate", None)
@@ -65,6 +67,15 @@ def collapse_lines(collapse: dict) -> list[str]:
         about = known(after, None if alone else width, 5)
         lines.insert(1, f"after a peak  load factor {about}; how high the peak is depends on the way there")
     return lines
+
+
+def after_lines(after: Mapping | None, unit: str) -> list[str]:
+    """What the command line prints of what moves on beyond the limit; ``unit`` of the load."""
+    if after is None:
+        return []
+    moved = f"to {after['displacement']:.3g} m, by {after['mechanism']}"
+    load = f"{after['load']:.3g}{unit}"
+    return [f"after it      other blocks move: {listed(after['blocks'])}, {moved}, at {load}; --frame last shows it"]
 
 
 def _settlement_lines(collapse: dict) -> list[str]:

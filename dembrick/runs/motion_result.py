@@ -109,7 +109,8 @@ class MotionResult(RunResult):
         away = np.linalg.norm(self.displacement, axis=1)
         for when, ways, error in (("at the most", self.run.furthest, ""), ("at the end", away, bar)):
             most = int(np.argmax(ways))
-            lines.append(f"displacement  {ways[most]:.5g}{error} m {when}, of {self.assembly.names[most]}")
+            which = f"of the centroid of {self.assembly.names[most]}"
+            lines.append(f"displacement  {ways[most]:.5g}{error} m {when}, {which}")
         lines.append(f"fallen        {listed(self.fallen) or 'none'}")
         if self.not_standing:
             lines.append(f"not standing  {listed(self.not_standing)}: no equilibrium under the dead loads")

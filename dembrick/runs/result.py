@@ -125,8 +125,9 @@ class RunResult:
 
         return plot.force_displacement([self], ax=ax)
 
-    def meshes(self, frame: int = -1, *, time: float | None = None, magnification: float = 1.0):
-        """The blocks in a frame, or at a ``time`` (s), as a ``pyvista.MultiBlock`` of their names; the motion times
+    def meshes(self, frame: int | str | None = None, *, time: float | None = None, magnification: float = 1.0):
+        """The blocks in a ``frame`` ("peak", "last" or a number; None: the peak of a search, else the last), or at a
+        ``time`` (s), as a ``pyvista.MultiBlock`` of their names; the motion times
         ``magnification``."""
         from dembrick.runs import in_memory
         from dembrick.views import render
@@ -247,6 +248,15 @@ class Result(SearchResult):
         return None if self.fallen is None else self.fallen | (self.path or {})
 
     @property
+    def after(self) -> dict | None:
+        """What the path shows beyond its limit, where other blocks move at its end: their names (``blocks``), by which
+        ``mechanism``, how far the furthest has moved (``displacement``, m), and the ``load`` then; else None."""
+        found = self.run.after
+        if found is None:
+            return None
+        return found._asdict() | {"blocks": [self.assembly.names[i] for i in found.blocks]}
+
+    @property
     def yield_point(self) -> YieldPoint:
         """Limit load, bracket, torsion centre."""
         return self.run.yield_point
@@ -330,6 +340,7 @@ class Result(SearchResult):
             answer=self.plain_answer,
             collapse=self.collapse,
             path=self.path,
+            after=self.after,
             yield_point=self.yield_point.as_dict(),
             theory=None if self.theory is None else dataclasses.asdict(self.theory),
             steps=run.steps,

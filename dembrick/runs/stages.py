@@ -22,7 +22,7 @@ from dembrick.scenario.checks import present, show
 from dembrick.scenario.stages import at_stage, controls_of
 from dembrick.simulation.checkpoint_arrays import flattened, restored_state
 from dembrick.simulation.energy_audit import Auditor
-from dembrick.simulation.session import Kept, Session, Snapshot
+from dembrick.simulation.session import Kept, Prefixed, Session, Snapshot
 from dembrick.simulation.statics.state import State, initial_state
 
 if TYPE_CHECKING:
@@ -31,19 +31,6 @@ if TYPE_CHECKING:
 _NUMBER, _RESULTS, _AUDIT, _LEFT = "stages.number", "stages.results", "stages.audit", "stages.left."
 _BETWEEN = "stages.between"  # what a checkpoint between two stages has, and no other
 _LONGEST = 1 << 24  # bytes of the results of all stages
-
-
-class _Prefixed:
-    """The arrays of a snapshot whose names begin with a prefix, without it."""
-
-    def __init__(self, snapshot: Snapshot, prefix: str):
-        self._snapshot, self._prefix, self.path = snapshot, prefix, snapshot.path
-
-    def __contains__(self, name: str) -> bool:
-        return f"{self._prefix}{name}" in self._snapshot
-
-    def array(self, name: str, like: np.ndarray) -> np.ndarray:
-        return self._snapshot.array(f"{self._prefix}{name}", like)
 
 
 @dataclass
@@ -103,7 +90,8 @@ class Stages:
             )
         told = {"stage": number, "kind": scenario.control.kind, **answer}
         self.results.append(json.loads(json.dumps(told)))  # as a checkpoint gives it back
-        self.done, self.left, self.auditor = number, present(getattr(run, "state", None)), Auditor()
+        left = getattr(run, "left", None) or getattr(run, "state", None)  # of a search the state at its limit
+        self.done, self.left, self.auditor = number, present(left), Auditor()
 
     def _audit(self, rows: Mapping, _) -> None:
         self.auditor.add(rows["energy"])
@@ -142,8 +130,8 @@ class Stages:
         self.done, self.results = int(done), results
         self.auditor.worst[:] = snapshot.array(_AUDIT, self.auditor.worst)
         if self.done and controls_of(self.scenario)[self.done - 1].regime.real_time:
-            self.left = Kept({}, _Prefixed(snapshot, _LEFT))  # read as the stage after it begins
+            self.left = Kept({}, Prefixed(snapshot, _LEFT))  # read as the stage after it begins
         elif self.done:
             state = initial_state(assemblies.assemble(at_stage(self.scenario, self.done)))
-            self.left = restored_state(state, _Prefixed(snapshot, _LEFT))
+            self.left = restored_state(state, Prefixed(snapshot, _LEFT))
         return None if _BETWEEN in snapshot else snapshot

@@ -46,6 +46,19 @@ class Kept:
         return self.arrays[name]
 
 
+class Prefixed:
+    """The arrays of a snapshot whose names begin with a prefix, without it."""
+
+    def __init__(self, snapshot: Snapshot, prefix: str):
+        self._snapshot, self._prefix, self.path = snapshot, prefix, snapshot.path
+
+    def __contains__(self, name: str) -> bool:
+        return f"{self._prefix}{name}" in self._snapshot
+
+    def array(self, name: str, like: np.ndarray) -> np.ndarray:
+        return self._snapshot.array(f"{self._prefix}{name}", like)
+
+
 class Pausable(Protocol):
     """A run between two chunks: where it is, and all that it would go on from."""
 

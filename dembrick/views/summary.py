@@ -200,11 +200,12 @@ def _of_motion(results: Mapping) -> list[KeyNumber]:
     lines = []
     if ways:
         furthest = max(ways, key=lambda name: ways[name])
-        lines.append(KeyNumber("greatest displacement", length(ways[furthest]), f"of {furthest}, at any time"))
+        remark = f"of the centroid of {furthest}, at any time"
+        lines.append(KeyNumber("greatest displacement", length(ways[furthest]), remark))
     moved, error = number(results.get("displacement")), number(results.get("displacement_error"))
     if moved is not None:
         value = length(moved) if error is None else with_error(moved, error, "m")
-        remark = _NO_BAR if error is None else "from stiffer joints"
+        remark = "of a centroid; " + (_NO_BAR if error is None else "from stiffer joints")
         lines.append(KeyNumber("displacement at the end", value, remark))
     return lines
 

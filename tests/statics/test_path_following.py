@@ -312,7 +312,9 @@ def test_refining_gives_an_error_bar():
 
 def test_a_path_goes_on_to_the_displacement_asked_for():
     scenario = scene(PushoverControl((1.0, 0.0, 0.0), displacement=0.05), arches=(arch(0.15, 17),))
-    assert simulate(scenario).collapse["displacement"] >= 0.05
+    result = simulate(scenario)
+    way = np.linalg.norm(result.frames["displacement"][-1] - result.frames["displacement"][0], axis=1)
+    assert result.collapse["displacement"] < 0.05 <= way.max()  # that of the result is at the limit, long before
 
 
 # --- refusals

@@ -65,7 +65,8 @@ def test_on_the_command_line(arch, tmp_path, capsys):
     assert [row["joint"] for row in table] == [row["joint"] for row in rows]
     assert float(table[3]["N"]) == rows[3]["N"]
     assert main(["joints", arch]) == 0
-    lines = capsys.readouterr().out.splitlines()
+    when, _, *lines = capsys.readouterr().out.splitlines()
+    assert when.startswith("equilibrium ") and "(the limit), load factor" in when
     most = max(rows, key=lambda row: row["utilisation"])
     assert lines[1].split()[0] == most["joint"] and len(lines) == 19 + 4 and not lines[19]
     assert float(lines[1].split()[1]) == pytest.approx(most["N"], rel=1e-4)

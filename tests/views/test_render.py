@@ -98,7 +98,7 @@ def test_a_scene_is_moved_in_place(run, drawing):
             load = run.load[np.argmin(np.abs(run.time - run.frame_time[k]))]
             assert f"\ntime {1e-4 * k:.4g} s, V {load:.4g} N, motion x 10\n" in found._text.input
             assert found._plotter.scalar_bars.keys() == {found._scale.title + "\n"}
-        assert found._scale.title == "displacement [mm]"
+        assert found._scale.title == "displacement\nof each point [mm]"
         top = np.concatenate([m["displacement"] for m in render.meshes(run, 3)]).max()
         assert found._scale.top == pytest.approx(1e3 * top)
         (bar,) = found._plotter.scalar_bars.values()
@@ -132,7 +132,7 @@ def test_units_follow_the_size(run, drawing):
     with drawn(run) as found:
         titles = [found._colouring.scale(size).title for size in (3.0, 0.1, 0.0999, 2e-5, 1.1e-7, 9e-8, 0.0)]
     units = ["m", "m", "mm", "µm", "µm", "nm", "m"]
-    assert titles == [f"displacement [{unit}]" for unit in units]
+    assert titles == [f"displacement\nof each point [{unit}]" for unit in units]
 
 
 @pytest.mark.parametrize(

@@ -21,6 +21,7 @@ import numpy as np
 
 from dembrick.errors import NotConvergedError
 from dembrick.kernels.statics.loop import CONVERGED, RUNNING
+from dembrick.scenario.checks import present
 from dembrick.scenario.controls import PATH_FOLLOWING
 from dembrick.scenario.model import Output
 from dembrick.simulation.expected_cost import EQUILIBRIA, newton_seconds, newton_steps, search_steps
@@ -31,9 +32,11 @@ from dembrick.simulation.statics.critical_step import critical_time_step
 from dembrick.simulation.statics.dead_load import inverse_inertia
 from dembrick.simulation.statics.elastic_factor import equations, touches_itself
 from dembrick.simulation.statics.guards import new_guard, refuse_divergence
+from dembrick.simulation.statics.limit_state import carrying
 from dembrick.simulation.statics.load_system import (
     ACTUATOR_STIFFNESS,
     VISCOUS,
+    After,
     LoadSystem,
     Replay,
     Setup,
@@ -41,10 +44,19 @@ from dembrick.simulation.statics.load_system import (
     steady_drive,
 )
 from dembrick.simulation.statics.path_following import PathFollower
+from dembrick.simulation.statics.path_state import Path
 from dembrick.simulation.statics.recorder import Recorder
-from dembrick.simulation.statics.state import new_energy
+from dembrick.simulation.statics.state import State, new_energy
 from dembrick.simulation.statics.stepper import Loop, Stepper
-from dembrick.simulation.statics.yield_point import at_peak, read_off, without_limit
+from dembrick.simulation.statics.yield_point import (
+    YieldPoint,
+    at_peak,
+    carried_by,
+    mechanism_of,
+    moving_blocks,
+    read_off,
+    without_limit,
+)
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
@@ -115,14 +127,13 @@ def _by_equilibria(setup: Setup, session: Session, goal: float, steps: float) ->
     path = follower.run(steps * strength, goal)
     phases = {"dead_load": setup.loop_seconds, **path.phases}
     phases["equations"] += setup.factor.seconds
-    point = read_off(state, certificate, setup.assembly.names)
-    if path.unlimited:
-        point = without_limit(point)
-    elif not certificate.strict:
-        point = at_peak(point, path.peak, 2.0 * certificate.tolerance * abs(point.V))
+    at_start = setup.displacement_at_start
+    point, limit = _limit_of(path, follower, setup)
     return Replay(
         yield_point=point,
-        state=state,
+        state=limit,
+        left=state,
+        after=_after(state, limit, at_start, follower.way.limit < path.equilibria),
         converged=path.converged or path.unlimited or path.wanders,
         steps=path.iterations,
         time_step=1.0,
@@ -132,9 +143,39 @@ def _by_equilibria(setup: Setup, session: Session, goal: float, steps: float) ->
         compile_seconds=setup.compile_seconds + ready - began + follower.relaxation.compile_seconds,
         loop_seconds=sum(phases.values()),
         settings={"equilibria": path.equilibria, "inertia": "none", "gave_way": path.moved, "wanders": path.wanders},
-        moved=state.blocks.displacement - setup.displacement_at_start,
+        moved=limit.blocks.displacement - at_start,
         phases=phases,
     )
+
+
+def _limit_of(path: Path, follower: PathFollower, setup: Setup) -> tuple[YieldPoint, State]:
+    """The yield point of a path, and the state at its limit; the end of the path where nothing limits the load, or only
+    a range of it is known."""
+    certificate, names, within = setup.certificate, setup.assembly.names, 2.0 * setup.certificate.tolerance
+
+    def read(state: State) -> YieldPoint:
+        point = read_off(state, certificate, names)
+        return point if certificate.strict else at_peak(point, path.peak, within * abs(present(point.V)))
+
+    end = read(setup.state)
+    if path.unlimited:
+        return without_limit(end), setup.state
+    if end.bracket == "open" or (path.wanders and end.V_after is None):
+        return replace(end, limit_at=float(path.equilibria)), setup.state
+    found = read(follower.limit.state)
+    limit = carrying(follower.limit.state, present(found.V))
+    at = float(follower.way.limit)
+    return replace(carried_by(found, limit), actuator_load=end.actuator_load, limit_at=at), limit
+
+
+def _after(end: State, limit: State, start: np.ndarray, goes_on: bool) -> After | None:
+    """What the ``end`` of a path shows that ``goes_on`` beyond its limit, if blocks move there that did not then, or
+    some come off alone."""
+    moving = moving_blocks(end)
+    if not goes_on or set(moving) == set(moving_blocks(limit)):
+        return None
+    moved = float(np.linalg.norm(end.blocks.displacement - start, axis=1).max())
+    return After(moving, mechanism_of(end), moved, float(end.actuators.drive[2]))
 
 
 def _by_inertia(setup: Setup, step_factor: float, session: Session) -> Replay:

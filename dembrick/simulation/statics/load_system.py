@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -22,11 +22,12 @@ from dembrick.simulation.statics.critical_step import Dashpots, block_inertia, d
 from dembrick.simulation.statics.dead_load import dead_load_equilibrium
 from dembrick.simulation.statics.elastic_factor import elastic_factor, touches_itself
 from dembrick.simulation.statics.handover import starting_state
+from dembrick.simulation.statics.limit_state import carrying
 from dembrick.simulation.statics.reactions import Ended
 from dembrick.simulation.statics.state import State, load_vectors
 from dembrick.simulation.statics.stepper import Loop
 from dembrick.simulation.statics.stiffness import block_stiffness
-from dembrick.simulation.statics.yield_point import YieldPoint, read_off
+from dembrick.simulation.statics.yield_point import YieldPoint, carried_by, in_equilibrium, read_off
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
@@ -40,9 +41,22 @@ MOST_STEPS_AT_RATE = 2_000_000_000  # of a constant-rate test
 FINEST = 0.25  # of what friction 1 would let the joints give, that the head may move in a step of a constant-rate test
 
 
+class After(NamedTuple):
+    """What a path comes to beyond its limit: the blocks that move at its end, by which mechanism, how far the furthest
+    has moved since the dead-load equilibrium (m), and the load there."""
+
+    blocks: tuple[int, ...]
+    mechanism: str
+    displacement: float
+    load: float
+
+
 @dataclass
 class Replay(Ended):
-    """A finished search or test: the yield point, the final state, what the program chose, how long it took (s)."""
+    """A finished search or test: the yield point, the state at the limit, what the program chose, how long it took (s).
+
+    ``left``: the state in which it ended, if that is another; ``after``: what moves there, if that is something else.
+    """
 
     yield_point: YieldPoint
     state: State
@@ -57,6 +71,8 @@ class Replay(Ended):
     energy: Energy | None = None
     settings: dict = field(default_factory=dict)
     moved: np.ndarray | None = None  # (n, 3) m, since the dead-load equilibrium
+    left: State | None = None
+    after: After | None = None
     phases: dict | None = None  # s, of the loop, where it was timed by phase
 
 
@@ -147,9 +163,16 @@ class Setup(LoadSystem):
 
     def finished(self, converged: bool, loop: Loop, critical: float, compiled: float, settings: dict) -> Replay:
         """What came of it; ``compiled``: seconds of compiling after the dead-load equilibrium."""
+        point, state = read_off(loop.state, loop.certificate, self.assembly.names, loop.inertia is not None), loop.state
+        if loop.inertia is None and point.V is not None:
+            state = carrying(state, point.V)
+            point = replace(carried_by(point, state), limit_at=loop.step * loop.dt)
+        elif loop.certificate.strict and point.bracket == "certified":
+            point = in_equilibrium(point, loop.certificate)
         return Replay(
-            yield_point=read_off(loop.state, loop.certificate, self.assembly.names, loop.inertia is not None),
-            state=loop.state,
+            yield_point=point,
+            state=state,
+            left=loop.state,
             converged=converged,
             steps=loop.step,
             time_step=loop.dt,

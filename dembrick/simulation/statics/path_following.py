@@ -34,6 +34,7 @@ from dembrick.simulation.statics import joint_families, ties
 from dembrick.simulation.statics.bond_breaking import BondBreaking
 from dembrick.simulation.statics.driven_relaxation import DrivenRelaxation
 from dembrick.simulation.statics.instant_bounds import HIDDEN, LEAST_BALANCED, NOTHING, InstantBounds
+from dembrick.simulation.statics.limit_state import LimitState
 from dembrick.simulation.statics.newton import HELD, Equilibria
 from dembrick.simulation.statics.path_bounds import PUSHES, limit_bounds, peak_bounds, pushed_bounds
 from dembrick.simulation.statics.path_prediction import go_on_rocking
@@ -100,7 +101,7 @@ class PathFollower:
         if state.ties is not None or joint_families.has_strengths(state):
             self.patience = math.inf  # driven relaxation knows neither
         self.session, self.turn_began = session, {}
-        self.way = self._at_start(0.0)
+        self.way, self.limit = self._at_start(0.0), LimitState(state)
         self.search.pause = lambda: session.pause(self, within=True)
         self.phases = {**self.search.phases, "bracket": 0.0, "record": 0.0, "path": 0.0}
         self.elsewhere = 0.0  # s, with whoever gets the record, and with checkpoints
@@ -141,7 +142,7 @@ class PathFollower:
                 V, more = self._drifted() if way.drift else self._stepped()
                 if V is None and not more and self.patience < math.inf:
                     way.drift, way.wasted, more = None, int(self.patience) + 1, True
-                if V is not None and self._went_to(V) and self._moved() >= goal:
+                if V is not None and self._judged_limit(V) and self._moved() >= goal:
                     converged, more = True, False
                 elif way.pushes >= PUSHES and self.certificate.bracket[1] < NEVER and self._moved() >= goal:
                     wanders, more = True, False
@@ -149,6 +150,7 @@ class PathFollower:
                     more = False
                 elif V is not None and V > UNLIMITED * self.dead > 0.0:
                     unlimited, more = True, False
+        self.limit.record_end(self.recorder, self.state, way)
         phases = self.phases | self.search.phases
         if way.pushes:
             phases["driven_relaxation"] = self.relaxation.seconds
@@ -249,6 +251,12 @@ class PathFollower:
         way.dragged = way.dragged - 1 if way.dragged else ALONG - 1
         return V, iterations
 
+    def _judged_limit(self, V: float) -> bool:
+        """Accept the equilibrium of now at V, and keep it if it is the limit; whether the bracket is narrow enough."""
+        judged = self._went_to(V)
+        self.limit.look_at(self.state, self.way, judged, 2.0 * self.certificate.tolerance)
+        return judged
+
     def _went_to(self, V: float) -> bool:
         """Accept the equilibrium of now at V and choose the next step; whether the bracket is narrow enough."""
         way = self.way
@@ -327,7 +335,7 @@ class PathFollower:
         return {**trial, **own}
 
     def _snapshot(self) -> dict[str, np.ndarray]:
-        arrays = {**self._memory(), **flattened({"state": self.state})}
+        arrays = {**self._memory(), **flattened({"state": self.state}), **self.limit.arrays()}
         return {**self.way.snapshot(), **{name: array.copy() for name, array in arrays.items()}}
 
     def _restore(self, snapshot: Snapshot) -> None:
@@ -336,6 +344,7 @@ class PathFollower:
         for name, own in self._memory().items():
             own[...] = snapshot.array(name, own)
         restored_state(self.state, snapshot)
+        self.limit.restore(snapshot)
         self.search.iterations, self.search.balanced = self.way.iterations, self.way.balanced
 
     def _moved(self) -> float:  # m, greatest displacement of a block since the start of the path
@@ -423,6 +432,8 @@ class PathFollower:
     def _record(self) -> None:
         if self.recorder is not None:
             began = time.perf_counter()
+            if min(self.way.seen[-1][1:3]) <= self.way.limit_load:
+                self.limit.record(self.recorder, self.way)
             self._write(len(self.way.seen) - 1)
             written = time.perf_counter()
             self.recorder.drain()
@@ -431,4 +442,7 @@ class PathFollower:
 
     def _write(self, number: int) -> None:
         """Add the equilibrium of now, that with this ``number``, to the record."""
-        self.recorder.write_equilibrium(self.state, number, self.way, self.elastic_at_start, self.certificate.bracket)
+        if self.recorder.write_equilibrium(
+            self.state, number, self.way, self.elastic_at_start, self.certificate.bracket
+        ):
+            self.way.framed = number

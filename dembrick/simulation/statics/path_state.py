@@ -79,6 +79,10 @@ class PathState:
     crushing: float = 0.0  # J
     fracture: float = 0.0  # J
     yielding: float = 0.0  # J, of ties
+    limit: int = 0  # number of the equilibrium that is the limit so far
+    limit_load: float = 0.0  # N, what it surely carried
+    limit_found: bool = False  # whether the bracket has been narrow enough
+    framed: int = 0  # number of the last equilibrium with a frame in the record
     broke: bool = False  # whether bonds broke at the last equilibrium, so that the next is not a step on from it
     # of every equilibrium: inelastic displacement (m), V, lower and upper bound (N), whether a gap is closing
     seen: list[tuple[float, float, float, float, bool]] = field(default_factory=lambda: [(0.0, 0.0, 0.0, NEVER, False)])

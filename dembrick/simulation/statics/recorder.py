@@ -102,11 +102,12 @@ class Recorder:
 
     def write_equilibrium(
         self, state: State, number: int, way: PathState | None, before: float, bracket: np.ndarray
-    ) -> None:
+    ) -> bool:
         """Add the equilibrium with this ``number`` on a ``way`` to the record, or that of the dead loads if there is no
         way; ``before`` (J) is what the springs held where it began, ``bracket`` (2,) N of the limit. That of the dead
-        loads is worth a frame, and one where blocks were pushed on."""
+        loads is worth a frame, and one where blocks were pushed on. Returns whether it has one."""
         record = self.record
+        frames = int(record.count[1])
         energy = record.energy[record.count[0]]
         energy[:] = 0.0
         energy[ELASTIC] = elastic_energy(state.joints, state.points, state.areas, None) - before
@@ -119,6 +120,16 @@ class Recorder:
             float(state.actuators.drive[2]), 0.0, lower, upper, way is None or way.pushes > 0,
         )  # fmt: skip
         ties.write(state, record)
+        return int(record.count[1]) > frames
+
+    def write_frame(self, state: State, number: int) -> None:
+        """Add the frame of the equilibrium with this ``number``, whose row is in the record."""
+        rows = int(self.record.count[0])
+        write_row(
+            self.record, number, float(number), state.blocks, state.joints, state.points, state.areas, state.actuators,
+            None, 0.0, 0.0, 0.0, 0.0, True,
+        )  # fmt: skip
+        self.record.count[0] = rows
 
     def drain(self) -> None:
         """Hand on what the loop wrote since the last time."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from dembrick.errors import BracketError
 from dembrick.kernels.statics.load_bounds import NEVER, Certificate
+from dembrick.scenario.checks import present
 from dembrick.simulation.mechanism import assembly_mechanism, crushes, fastest_blocks, joint_mechanism, nothing_between
 from dembrick.simulation.statics import joint_families
 from dembrick.simulation.statics.state import State
@@ -28,9 +29,11 @@ class YieldPoint:
     the load, else "indicator"; "open" where the bounds are further apart than a limit load allows (or ``V_upper`` is
     None: there is no upper one), and V then only what the actuators carry at the end. ``unlimited``: no mechanism up to
     ``V_lower``, and V is None. ``actuator_load`` is what the actuators carried when the replay ended, ``displacement``
-    the driven one there; ``V_peak`` the largest load in equilibrium, as far as the bracket knows it; at a constant rate
-    the largest V of the record, with its rate effect. ``V_1``, ``V_2``, ``M_T``, ``N`` are carried by the joint,
-    ``torsion_centre`` is measured from its O (None in pure shear).
+    the driven one at the limit, or at the end of a test that went past it; ``V_peak`` the largest load in equilibrium,
+    as far as the bracket knows it; at a constant rate the largest V of the record, with its rate effect. ``V_1``,
+    ``V_2``, ``M_T``, ``N`` are carried by the joint at the limit, ``torsion_centre`` is measured from its O (None in
+    pure shear). ``limit_at``: when the record was there (s, or the number of the equilibrium), None of a test that goes
+    on past its peak.
     """
 
     V: float | None
@@ -50,6 +53,7 @@ class YieldPoint:
     joint: tuple[str, str]
     V_after: float | None = None
     unlimited: bool = False
+    limit_at: float | None = None
 
     @property
     def half_width(self) -> float:
@@ -106,6 +110,20 @@ def read_off(state: State, certificate: Certificate, names, physical: bool = Fal
         mechanism=mechanism,
         joint=(names[state.joints.block_a[j]], names[state.joints.block_b[j]]),
     )
+
+
+def carried_by(point: YieldPoint, state: State) -> YieldPoint:
+    """``point`` with what its joint carries in a ``state``."""
+    if len(state.joints.resultant) != 1:
+        return point
+    N, V_1, V_2, M_T = (float(value) + 0.0 for value in state.joints.resultant[0, :4])
+    return replace(point, N=N, V_1=V_1, V_2=V_2, M_T=M_T)
+
+
+def in_equilibrium(point: YieldPoint, certificate: Certificate) -> YieldPoint:
+    """``point`` of the one joint of a strict bracket with what it carries at V, without the inertia of the test."""
+    V_1, V_2, M_T = (float(value) + 0.0 for value in certificate.dead + present(point.V) * certificate.unit)
+    return replace(point, V_1=V_1, V_2=V_2, M_T=M_T)
 
 
 def at_the_end(point: YieldPoint) -> YieldPoint:

@@ -5,6 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from dembrick.errors import HistoryError, ScenarioError
+from dembrick.views import summary
+
+PEAK, LAST = "peak", "last"
+MECHANISM = "limit"  # status of a history that shows the mechanism of limit analysis
 
 
 def nearest(times: np.ndarray, wanted) -> np.ndarray:
@@ -21,10 +25,12 @@ def coming_down(history, frames=slice(None)) -> np.ndarray:
     return times > history.time[-1]
 
 
-def frame_number(history, frame: int = -1, time: float | None = None) -> int:
+def frame_number(history, frame: int | str | None = None, time: float | None = None, in_rows: bool = False) -> int:
     """The number of a frame, which may be counted from the end, or of the one nearest to a ``time`` (s).
 
-    Raises HistoryError if there are no frames, ScenarioError for one that is not there.
+    PEAK is the frame at the limit, or at the greatest load of the record; LAST the last one, or ``in_rows`` the last
+    that is not `coming_down`; None is what suits the run, see `usual`. Raises HistoryError if there are no frames,
+    ScenarioError for one that is not there.
     """
     if not history.n_frames:
         raise HistoryError(f'{history.path}: no frames were recorded; run it again with "frames" in output.channels')
@@ -35,11 +41,41 @@ def frame_number(history, frame: int = -1, time: float | None = None) -> int:
                 f"time = {time!r} s is out of range: {history.path} runs from {first:.6g} to {last:.6g} s"
             )
         return int(nearest(history.frame_time, [time])[0])
+    frame = usual(history) if frame is None else frame
+    if frame == PEAK:
+        return int(nearest(history.frame_time, [peak_time(history)])[0])
+    if frame == LAST:
+        return history.n_frames - 1 - (int(coming_down(history).sum()) if in_rows else 0)
+    if not isinstance(frame, int):
+        raise ScenarioError(f"frame {frame!r} is unknown: give {PEAK}, {LAST} or the number of a frame")
     if not -history.n_frames <= frame < history.n_frames:
         raise ScenarioError(f"frame {frame} is out of range: {history.path} has frames 0 to {history.n_frames - 1}")
     return frame % history.n_frames
 
 
-def last_in_rows(history) -> int:
-    """The number of the last frame that is not `coming_down`. Raises HistoryError if there are no frames."""
-    return frame_number(history) - int(coming_down(history).sum())
+def usual(history) -> str:
+    """PEAK for a search that found a limit, LAST for every other run."""
+    limit = summary.yield_point(history.results).get("V")
+    return PEAK if getattr(history, "searches_limit", False) and limit is not None and history.n_row else LAST
+
+
+def peak_time(history) -> float:
+    """When the record was at the limit (s, or the number of the equilibrium), or had its greatest load. Raises
+    ScenarioError where no load grows."""
+    at = summary.yield_point(history.results).get("limit_at")
+    if at is not None:
+        return at
+    if history.curve.load is None or not history.n_row:
+        raise ScenarioError(f"{history.path}: no load grows in this run, so there is no frame of its peak")
+    return float(history.time[int(np.argmax(history.load))])
+
+
+def ejected(history) -> np.ndarray:
+    """Whether each block (n,) comes off after the limit of a search: one of those that move at its end, where these are
+    less than half as many as move at the limit."""
+    found = np.zeros(history.n_block, bool)
+    results = history.results
+    after, limit = (summary.part(results, name).get("blocks") for name in ("after", "collapse"))
+    if not isinstance(after, list) or not (isinstance(limit, list) and 2 * len(after) < len(limit)):
+        return found
+    return np.isin(history.block_names, [name for name in after if isinstance(name, str)])

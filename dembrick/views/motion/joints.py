@@ -11,6 +11,7 @@ Arrays have the shape of the frames asked for in front: (j, ...) for one frame, 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -74,9 +75,10 @@ class JointMotion:
         self.small = bool(getattr(history, "small_displacements", False))
         self.back = history.orientation0 * np.array([1.0, -1.0, -1.0, -1.0])
 
-    def at(self, frames) -> JointFrames:
-        """The joints in some frames: a range, or a list of numbers."""
-        return JointFrames(self, frames)
+    def at(self, frames, rows: Sequence[int] | None = None) -> JointFrames:
+        """The joints in some frames: a range, or a list of numbers; with the forces of these ``rows``, else of those
+        nearest in time."""
+        return JointFrames(self, frames, rows)
 
     def torsion_centre(self, frame: int, since: int | None = None) -> np.ndarray:
         """Torsion centre (j, 2) of every joint from O in its axes, for the increment from frame ``since`` (default:
@@ -185,8 +187,9 @@ class JointFrames:
     Arrays start with (f, j, ...), those of contact points with (f, c, ...) in the order of ``JointMotion.point_start``.
     """
 
-    def __init__(self, joints: JointMotion, frames):
+    def __init__(self, joints: JointMotion, frames, rows: Sequence[int] | None = None):
         self.joints, self._frames, self._history = joints, frames, joints.history
+        self._rows = None if rows is None else np.asarray(rows)
 
     def _values(self, name: str) -> np.ndarray | None:
         frames, read = self._frames, self._history.frame_values
@@ -279,7 +282,7 @@ class JointFrames:
     @cached_property
     def resultants(self) -> np.ndarray:
         """(f, j, 7): N, V_1, V_2, M_T, M_1, M_2 (N, N m; action on b about O) and slip (m), of the nearest row."""
-        rows = self.joints.rows(self._frames)
+        rows = self.joints.rows(self._frames) if self._rows is None else self._rows
         first, last = (int(rows.min()), int(rows.max()) + 1) if len(rows) else (0, 0)
         found = np.empty((len(rows), self.joints.n_joint, len(CHANNELS)))
         for i, name in enumerate(CHANNELS):
@@ -298,7 +301,10 @@ class JointFrames:
 
     @cached_property
     def point_forces(self) -> np.ndarray | None:
-        """(f, c, 3) N: force on b at every contact point, world axes; None if the history does not have them."""
+        """(f, c, 3) N: force on b at every contact point, world axes; None if the history does not have them, or not
+        at the rows asked for."""
+        if self._rows is not None and (self._rows != self.joints.rows(self._frames)).any():
+            return None
         return self._values("contact_force")
 
     @cached_property

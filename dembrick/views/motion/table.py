@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from dembrick.views.motion.frames import frame_number, last_in_rows, nearest
+from dembrick.views.motion.frames import frame_number, nearest
 from dembrick.views.motion.joints import STATES, JointMotion
 
 if TYPE_CHECKING:
@@ -29,9 +29,27 @@ UNITS = {
 REACTION = ("F_x", "F_y", "F_z", "M_x", "M_y", "M_z")
 
 
-def joint_table(history: History, frame: int = -1, time: float | None = None) -> list[dict]:
-    """One dict a joint: ``joint`` (its two blocks), ``state`` and the quantities of ``UNITS``, in a frame or in the one
-    nearest to a ``time`` (s).
+class Moment(NamedTuple):
+    """The moment that a table is of: the ``frame`` that shows the motion, the ``row`` that has the forces, and the time
+    (s, or the number of the equilibrium) of each."""
+
+    frame: int
+    row: int
+    frame_time: float
+    time: float
+
+
+def moment(history: History, frame: int | str | None = None, time: float | None = None) -> Moment:
+    """The moment of a frame, the row next to it; or the frame and the row nearest to a ``time`` (s)."""
+    number = frame_number(history, frame, time, in_rows=True)
+    shown = float(history.frame_time[number])
+    row = int(nearest(history.time, [shown if time is None else time])[0]) if history.n_row else 0
+    return Moment(number, row, shown, float(history.time[row]) if history.n_row else shown)
+
+
+def joint_table(history: History, frame: int | str | None = None, time: float | None = None) -> list[dict]:
+    """One dict a joint: ``joint`` (its two blocks), ``state`` and the quantities of ``UNITS``, in a frame, or at a
+    ``time`` (s): forces of the row and motion of the frame nearest to it.
 
     Resultants are the action on the second block about the joint's centroid O, in the axes t1 and t2 of the joint.
     ``e_1`` and ``e_2``: the centre of pressure from O, (M_2, -M_1) / N; None if the joint carries nothing.
@@ -41,9 +59,9 @@ def joint_table(history: History, frame: int = -1, time: float | None = None) ->
     """
     if not history.has_joints:
         history.joint("N")  # says what to record
-    frame = _frame(history, frame, time)
+    at = moment(history, frame, time)
     joints = JointMotion(history)
-    now = joints.at([frame])
+    now = joints.at([at.frame]) if time is None else joints.at([at.frame], [at.row])
     columns = dict(zip(("N", "V_1", "V_2", "M_T", "M_1", "M_2", "slip"), now.resultants[0].T, strict=True))
     columns["e_1"], columns["e_2"] = np.where(columns["N"] > 0.0, now.pressure_centre[0].T, np.nan)
     columns["open_share"], columns["utilisation"] = now.relative.open_share[0], now.utilisation[0]
@@ -55,18 +73,13 @@ def joint_table(history: History, frame: int = -1, time: float | None = None) ->
     ]
 
 
-def reaction_table(history: History, frame: int = -1, time: float | None = None) -> list[dict]:
+def reaction_table(history: History, frame: int | str | None = None, time: float | None = None) -> list[dict]:
     """One dict a support: ``support`` and its force ``F_x``, ``F_y``, ``F_z`` (N) and moment ``M_x``, ``M_y``, ``M_z``
     (N m, about its centroid at the start) on the structure, in the row next to a frame or to a ``time`` (s)."""
     if not (history.n_support and history.n_row):
         return []
-    row = nearest(history.time, [history.frame_time[_frame(history, frame, time)]])[0]
+    row = moment(history, frame, time).row
     return [
         {"support": name} | dict(zip(REACTION, wrench, strict=True))
         for name, wrench in zip(history.support_names, history.reaction[row].tolist(), strict=True)
     ]
-
-
-def _frame(history: History, frame: int, time: float | None) -> int:
-    """The number of a frame; the last is that of the last equilibrium."""
-    return last_in_rows(history) if (frame, time) == (-1, None) else frame_number(history, frame, time)

@@ -11,7 +11,7 @@ from dembrick.errors import HistoryError
 from dembrick.geometry.rotations import quaternion_product, rotation_matrix, rotation_vector
 from dembrick.views import summary
 from dembrick.views.motion.blocks import CarriedPoints, Poses, all_vertices, automatic_magnification, largest_extent
-from dembrick.views.motion.frames import frame_number
+from dembrick.views.motion.frames import LAST, MECHANISM, ejected, frame_number
 from dembrick.views.motion.joints import CHANNELS, JointMotion
 from dembrick.views.page import choices, diagrams
 from dembrick.views.page.choices import packed as _packed
@@ -46,12 +46,12 @@ def collect(history: History) -> dict:
     if not len(world):
         raise HistoryError(f"{history.path}: its blocks have no corners, so there is nothing to draw")
     middle = 0.5 * (world.min(axis=0) + world.max(axis=0))
-    moved = np.array(
-        [np.linalg.norm(carried.moved(Poses.read(history, k, k + 1))[0], axis=1).max() for k in frames.number.tolist()]
-    )
+    shown = frame_number(history)
+    moved = _moved(history, carried, blocks, frames.number.tolist(), shown)
+    at = int(np.abs(frames.number - shown).argmin())
     solid = [i for i in range(history.n_block) if starts[i] < starts[i + 1]]
     largest = largest_extent(vertices, starts, solid)
-    start = automatic_magnification(float(moved[-1]), largest)
+    start = automatic_magnification(float(moved[at]), largest)
     path = recorded_path(history)
     record = diagrams.record_at(history, frames.time, moved)
     # by actuators, not by the weight of a tilted structure
@@ -68,10 +68,11 @@ def collect(history: History) -> dict:
             "rotation": _packed(frames.rotation, "<f4"),
         },
         "time": diagrams.listed(frames.time),
+        "shown": at,
         "load": diagrams.listed(record.load) if pushed else None,
         "reach": 0.5 * float(np.linalg.norm(np.ptp(world, axis=0))),
         "most": max(float(moved.max()), 1e-30),
-        "mostText": summary.length(float(moved.max())),
+        "mostText": _end_of_scale(history, float(moved.max())),
         "magnification": {"start": math.log10(start), "most": max(1.0, math.ceil(math.log10(start) + 0.7))},
         "actuators": [
             _actuator(history, actuator, vertices[blocks == actuator["block"]], middle)
@@ -96,9 +97,10 @@ def chosen_frames(history: History) -> Frames:
 
     What follows the first frame that is not finite (a run that diverged) is left out.
     """
-    frame_number(history)  # or there is nothing to draw
+    frame_number(history, LAST)  # or there is nothing to draw
     most = int(np.clip(MOST_BYTES // (24 * max(1, history.n_block)), 2, MOST_FRAMES))
-    numbers = np.unique(np.linspace(0, history.n_frames - 1, min(most, history.n_frames)).round().astype(int))
+    even = np.linspace(0, history.n_frames - 1, min(most, history.n_frames)).round().astype(int)
+    numbers = np.unique(np.append(even, frame_number(history)))
     back = history.orientation0 * np.array([1.0, -1.0, -1.0, -1.0])
     displacement, rotation = [], []
     for k in numbers.tolist():
@@ -112,6 +114,15 @@ def chosen_frames(history: History) -> Frames:
         raise HistoryError(f"{history.path}: its frames hold no finite numbers, so there is nothing to draw")
     numbers = numbers[: len(displacement)]
     return Frames(numbers, history.frame_time[numbers], np.array(displacement), np.array(rotation))
+
+
+def _moved(history: History, carried: CarriedPoints, blocks: np.ndarray, frames: list[int], limit: int) -> np.ndarray:
+    """The greatest displacement (f,) of a corner in each frame (m), after the limit without blocks that come off."""
+    gone, found = ejected(history)[blocks], []
+    for k in frames:
+        way = np.linalg.norm(carried.moved(Poses.read(history, k, k + 1))[0], axis=1)
+        found.append(float(way.max(initial=0.0, where=~gone if k > limit else True)))
+    return np.array(found)
 
 
 def _faces(history: History, starts: list[int]) -> np.ndarray:
@@ -137,9 +148,14 @@ def _actuator(history: History, actuator: dict, vertices: np.ndarray, middle: np
     }
 
 
+def _end_of_scale(history: History, moved: float) -> str:
+    """What the blocks that are coloured most have moved: a corner of theirs (m), or as fast as any in a mechanism."""
+    return "the greatest velocity" if history.status == MECHANISM else f"{summary.length(moved)} (a corner)"
+
+
 def _colours(history: History, frames: Frames, moved: float) -> list[dict]:
     """What the blocks can be coloured by: a name, what the end of the scale says, values (f, n) of the blocks."""
-    found = [{"name": "displacement", "text": summary.length(moved), "values": None, "most": 1.0}]
+    found = [{"name": "displacement", "text": _end_of_scale(history, moved), "values": None, "most": 1.0}]
     if history.n_joint and history.has_joints and history.n_row and len(frames.number) * history.n_joint <= _MOST_USED:
         joints = JointMotion(history)
         now = joints.at(frames.number.tolist())

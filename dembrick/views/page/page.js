@@ -151,5 +151,5 @@
     find("no-view").hidden = false;
     find("scale").hidden = true;
   }
-  show(frames - 1);
+  show(data.shown);
 })();

@@ -13,7 +13,7 @@ import numpy as np
 from dembrick.errors import OutputError, ScenarioError
 from dembrick.history.files import check_output
 from dembrick.views.motion.blocks import CarriedPoints, Poses, all_vertices
-from dembrick.views.motion.frames import frame_number, last_in_rows, nearest
+from dembrick.views.motion.frames import LAST, frame_number, nearest
 from dembrick.views.render import images
 from dembrick.views.render.images import MOVIES, write_png
 from dembrick.views.render.look import Look, LookOptions, automatic_magnification
@@ -32,11 +32,12 @@ EVEN = 0.01  # of the time between two frames: what differs by less is as good a
 
 
 def meshes(
-    history: History, frame: int = -1, magnification: float = 1.0, time: float | None = None
+    history: History, frame: int | str | None = None, magnification: float = 1.0, time: float | None = None
 ) -> pyvista.MultiBlock:
     """The blocks in one frame as a MultiBlock of PolyData, by name, with ``displacement`` (m, true) at the vertices.
 
-    ``time`` (s) takes the nearest frame instead of ``frame``. ``magnification`` multiplies the motion: translation
+    ``frame``: "peak", "last" or a number; None is the peak of a search, else the last. ``time`` (s) takes the nearest
+    frame instead. ``magnification`` multiplies the motion: translation
     and turning angle of each block.
     """
     import pyvista
@@ -59,24 +60,23 @@ def picture(
     history: History | Sequence[History],
     path: str | os.PathLike,
     *,
-    frame: int = -1,
+    frame: int | str | None = None,
     time: float | None = None,
     size: tuple[int, int] | None = None,
     **look: Unpack[LookOptions],
 ) -> str:
     """Write a PNG of one frame: the blocks, where they started, actuators, torsion centre; the path.
 
-    Several histories are drawn side by side, to one scale, with the same colours and magnification. ``frame`` counts
-    from the end where negative; ``time`` (s) takes the nearest frame instead. ``look``: the fields of
+    Several histories are drawn side by side, to one scale, with the same colours and magnification. ``frame`` is
+    "peak", "last" or a number, from the end where negative; None is the peak of a search, else the last. ``time`` (s)
+    takes the nearest frame instead. ``look``: the fields of
     :class:`dembrick.views.render.look.Look`.
     """
     path, chosen, histories = os.fspath(path), Look(**look), _several(history)
     if os.path.splitext(path)[1].lower() != ".png":
         raise OutputError(f"{path}: a picture is written as PNG; let the name end in .png")
     check_output(path)  # before the work
-    frames = [
-        [_shown(own, chosen) if (frame, time) == (-1, None) else frame_number(own, frame, time)] for own in histories
-    ]
+    frames = [[frame_number(own, frame, time, in_rows=chosen.needs_forces)] for own in histories]
     with _scenes(histories, chosen, frames, size or SIZE, smooth=True) as scenes:
         write_png(_pixels(scenes), path)
     return path
@@ -122,12 +122,6 @@ def movie(
     return path
 
 
-def _shown(history: History, look: Look) -> int:
-    """The last frame; if it shows a structure that comes down, and forces are to be drawn, that of the last
-    equilibrium."""
-    return last_in_rows(history) if look.needs_forces else frame_number(history)
-
-
 def _several(history: History | Sequence[History]) -> list[History]:
     return list(history) if isinstance(history, list | tuple) else [history]
 
@@ -169,7 +163,7 @@ def frames_side_by_side(histories: list[History], count: int) -> list[list[int]]
     """
     if len(histories) == 1:
         return [movie_frames(histories[0], count)]
-    lasts = [frame_number(history) for history in histories]
+    lasts = [frame_number(history, LAST) for history in histories]
     if any(history.counts_equilibria for history in histories):
         count = min(count, max(lasts) + 1)
         return [np.round(np.linspace(0, last, count)).astype(int).tolist() for last in lasts]
@@ -185,7 +179,7 @@ def movie_frames(history: History, count: int) -> list[int]:
     else those nearest to moments spread evenly over the run, one held as long as it is the nearest. Equilibria, which
     know no time, are spread evenly by their numbers. Raises HistoryError if there are no frames.
     """
-    last, times = frame_number(history), history.frame_time
+    last, times = frame_number(history, LAST), history.frame_time
     steps = np.diff(times)
     even = last < 2 or (np.ptp(steps[:-1]) <= EVEN * steps[:-1].max() and steps[-1] <= (1.0 + EVEN) * steps[:-1].max())
     if history.counts_equilibria or (even and last < count) or not times[-1] > times[0]:
@@ -210,7 +204,7 @@ def view(history: History, **look: Unpack[LookOptions]) -> None:
 
 def with_slider(plotter, history: History, look: Look) -> Scene:
     """The scene of a history in a plotter, with a slider for the time and the arrow keys for single frames."""
-    last = frame_number(history)
+    last = frame_number(history, LAST)
     every = max(1, last // MOVIE_FRAMES)
     scene = Scene(plotter, history, look, sorted({*range(0, last + 1, every), last}), below=0.19 if last else 0.04)
     times = history.frame_time

@@ -9,6 +9,7 @@ import numpy as np
 
 from dembrick.errors import HistoryError
 from dembrick.views.motion.blocks import CarriedPoints, Poses, block_quantities
+from dembrick.views.motion.frames import MECHANISM
 from dembrick.views.motion.joints import CHANNELS, JointMotion
 
 if TYPE_CHECKING:
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 
 COLORS = ("displacement", "utilisation", "slip", "energy", "none")
 _TITLES = {
-    "displacement": "displacement",
+    "displacement": "displacement\nof each point",
     "utilisation": "utilisation of the\nmost used joint",
     "slip": "greatest slip\nof its joints",
     "energy": "kinetic energy",
@@ -60,7 +61,9 @@ class Colouring:
         return self._joints.greatest_of_blocks(of_joint[None])[0]
 
     def scale(self, largest: float) -> Scale:
-        """Unit and range for values up to ``largest``."""
+        """Unit and range for values up to ``largest``; velocities of a mechanism, which have no scale, over it."""
+        if self.color == "displacement" and self._history.status == MECHANISM:
+            return Scale("velocity over\nthe greatest [-]", 1.0 / max(largest, 1e-300), 1.0)
         units = _UNITS[self.color]
         step = 0
         while step < len(units) - 1 and 0.0 < largest * 1e3**step < 0.1:

@@ -14,10 +14,10 @@ import numpy as np
 from dembrick.errors import HistoryError
 from dembrick.geometry.rotations import rotation_matrix
 from dembrick.scenario.pressures import PRESSURE
-from dembrick.scenario.regimes import TILT_LOAD
 from dembrick.views.motion.blocks import CarriedPoints, Poses, all_vertices, largest_extent
-from dembrick.views.motion.frames import coming_down, nearest
+from dembrick.views.motion.frames import MECHANISM, PEAK, ejected, frame_number
 from dembrick.views.motion.joints import JointMotion
+from dembrick.views.motion.moments import words
 from dembrick.views.plot.subject import chosen_joint, joint_names, pushes_several
 from dembrick.views.render.annotations import CRIMSON, Names, ScaleBar, ThrustLine, require_thrust
 from dembrick.views.render.colors import Colouring
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 # Where the blocks go in a picture, as parts of its width and height: text above, colour bar, axes and scale beside.
 _LEFT, _RIGHT, _BOTTOM, _TOP = 0.03, 0.81, 0.04, 0.87
 _GREY, _ORANGE, _BLUE = "#CFCFCF", "#D55E00", "#0072B2"
-MECHANISM = "limit"  # status of a history that shows the mechanism of limit analysis
 # blocks: more are drawn with thin lines, and without where they started; less where arrows stand between them
 _FEW, _FEW_WITH_FORCES = 50, 12
 _FORCE, _FORCE_OF_MANY = 0.6, 1.2  # of the largest block that is free to move: the longest arrow of a joint force
@@ -162,7 +161,8 @@ class Scene:
     def _survey(self, frames: list[int]) -> None:
         """The room that the motion needs, seen from the camera, and the largest values, over all frames to be shown."""
         self._seen = np.array([np.full(3, np.inf), np.full(3, -np.inf)])
-        largest = 0.0
+        largest, gone = 0.0, ejected(self._history)
+        past = frame_number(self._history, PEAK) if gone.any() and len(frames) > 1 else None
         self._make_room(self._start)
         for frame in frames:
             poses = self._poses(frame)
@@ -172,6 +172,8 @@ class Scene:
             self._make_room(np.concatenate(self._arrows_of(poses)[1:]))
             if self._colouring is not None:
                 values = self._colouring.values(frame, poses)
+                if past is not None and frame > past:
+                    values = values[~(gone[self._block] if self._colouring.at_vertices else gone)]
                 largest = max(largest, float(values.max(initial=0.0, where=np.isfinite(values))))
         if self.arrows is not None:
             self.arrows.survey(frames, self._poses, self._make_room)
@@ -390,11 +392,10 @@ class Scene:
                 keys.append("forces of new contacts were not recorded")
         if self.thrust is not None:
             keys.append(f"red: line of thrust, {_count(len(self.thrust.hinges), 'hinge')}")
-        now = float(history.frame_time[self._frame])
         if history.status == MECHANISM:
             told = "mechanism of limit analysis: velocities, to no scale"
         else:
-            told = ", ".join([*self._when(now), shown])
+            told = ", ".join([*words(history, self._frame), shown])
         title = textwrap.wrap(f"{self._name}: {history.title}" if self._name else history.title, 84)
         return "\n".join([*title[:2], told, "; ".join(keys)]).rstrip()
 
@@ -404,26 +405,6 @@ class Scene:
         if all(actuator["name"].startswith(PRESSURE) for actuator in history.actuators):
             return "driven pressure"
         return "body forces" if history.curve.unit == "1" and pushes_several(history) else "actuators"
-
-    def _when(self, now: float) -> list[str]:
-        """The time or the equilibrium of the frame in words, and its load."""
-        history = self._history
-        if not history.counts_equilibria:
-            return [f"time {now:.4g} s", *self._load()]
-        if coming_down(history, [self._frame])[0]:
-            return [f"coming down after equilibrium {history.time[-1]:g}"]
-        return [f"equilibrium {now:g}", *self._load()]
-
-    def _load(self) -> list[str]:
-        """The load of the frame in words; of a table that tilts its angle too."""
-        history, curve = self._history, self._history.curve
-        if curve.load is None or not history.n_row:
-            return []
-        value = float(history.load[int(nearest(history.time, [history.frame_time[self._frame]])[0])])
-        if curve.load == TILT_LOAD:
-            return [f"table at {np.degrees(np.arctan(value)):.4g} deg", f"load factor {value:.4g}"]
-        unit = "" if curve.unit == "1" else f" {curve.unit}"
-        return [f"{'V' if curve.unit == 'N' and curve.load.endswith(' V') else curve.load} {value:.4g}{unit}"]
 
 
 def _count(number: int, what: str) -> str:

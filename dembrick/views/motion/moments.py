@@ -1,0 +1,55 @@
+"""The moment that a picture or a table shows, in words: the time or the equilibrium, and the load."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dembrick.scenario.regimes import TILT_LOAD
+from dembrick.views.motion.frames import coming_down, nearest, peak_time, usual
+
+if TYPE_CHECKING:
+    from dembrick.history.reader import History
+
+_SAME = 1e-12  # of a time: two that are one
+
+
+def words(history: History, frame: int) -> list[str]:
+    """When a frame is, and the load then."""
+    now = float(history.frame_time[frame])
+    if coming_down(history, [frame])[0]:
+        return [f"coming down after equilibrium {history.time[-1]:g}"]
+    if not history.n_row:
+        return [_when(history, now)]
+    return words_of_row(history, int(nearest(history.time, [now])[0]), now)
+
+
+def words_of_row(history: History, row: int, time: float | None = None) -> list[str]:
+    """When a row is, or the ``time`` (s) next to it, and the load of the row."""
+    now = float(history.time[row]) if time is None else time
+    return [f"{_when(history, now)}{_at_limit(history, now)}", *_load(history, float(history.load[row]))]
+
+
+def _when(history: History, now: float) -> str:
+    return f"equilibrium {now:g}" if history.counts_equilibria else f"time {now:.4g} s"
+
+
+def _at_limit(history: History, now: float) -> str:
+    if usual(history) == "last":
+        return ""
+    peak = peak_time(history)
+    if abs(now - peak) <= _SAME * abs(peak):
+        return " (the limit)"
+    return f" (past the limit, which is at {peak:.4g})" if now > peak else ""
+
+
+def _load(history: History, value: float) -> list[str]:
+    """The load in words; of a table that tilts its angle too."""
+    curve = history.curve
+    if curve.load is None:
+        return []
+    if curve.load == TILT_LOAD:
+        return [f"table at {np.degrees(np.arctan(value)):.4g} deg", f"load factor {value:.4g}"]
+    unit = "" if curve.unit == "1" else f" {curve.unit}"
+    return [f"{'V' if curve.unit == 'N' and curve.load.endswith(' V') else curve.load} {value:.4g}{unit}"]
