@@ -12,6 +12,7 @@ class DembrickError(Exception):
     """Base of all errors that are addressed to the user; ``answer`` is the JSON object of the run that failed."""
 
     exit_code = 1
+    status = "failed"  # of the JSON object
     answer: dict | None = None
 
 
@@ -47,6 +48,12 @@ class NotConvergedError(DembrickError):
     def __init__(self, message: str, yield_point=None):
         super().__init__(message)
         self.yield_point = yield_point
+
+
+class UndecidedError(NotConvergedError):
+    """The dead loads are seen neither to be balanced nor to bring blocks down within the effort made."""
+
+    status = "undecided"
 
 
 class BracketError(DembrickError):

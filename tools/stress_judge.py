@@ -276,7 +276,7 @@ def standing(scenario: Scenario, densities) -> Outcome:
         built = assemblies.assemble(scenario)
         state = initial_state(built)
         factor = elastic_factor(state, built.position) if touches_itself(state) else None
-        dead_load_equilibrium(state, block_stiffness(state, shared=2.0), built.names, factor)
+        dead_load_equilibrium(state, block_stiffness(state, shared=2.0), built, factor)
     except ScenarioError as error:
         return Outcome("refused", _named(error))
     except DembrickError as error:

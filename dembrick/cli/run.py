@@ -82,7 +82,7 @@ def _default_path(scenario, console) -> str:
 
 def answer(simulated: Callable, path: str, console) -> int:
     """Carry a run out and print what came of it; returns the exit code."""
-    from dembrick.errors import DembrickError
+    from dembrick.errors import DembrickError, UndecidedError
     from dembrick.simulation.interrupts import Interrupted
 
     try:
@@ -102,6 +102,9 @@ def answer(simulated: Callable, path: str, console) -> int:
         if isinstance(seconds, float):
             console.detail(f"{phase.replace('_', ' ')}: {seconds:.3g} s")
     console.result(result.as_dict(), _text(result))
+    if result.status == UndecidedError.status:
+        console.error(result.plain_answer)
+        return 1
     if result.agrees():
         return 0
     if getattr(result, "points_miss", None) is not None:

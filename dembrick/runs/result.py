@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dembrick.errors import UndecidedError
 from dembrick.assembly.actuators import recorded_curve
 from dembrick.assembly.build import Assembly
 from dembrick.assembly.contact_points import widest_rim
@@ -32,7 +33,9 @@ BRACKET_SLACK = 1e-9  # of V: rounding by which theory may lie outside a certifi
 
 def fell(answer: Mapping) -> bool:
     """Whether a run fell, by the JSON object of its result: its status is "collapse" or "falls", or a block has fallen
-    at its end."""
+    at its end. UndecidedError if that is not known."""
+    if answer["status"] == UndecidedError.status:
+        raise UndecidedError(str(answer.get("answer") or answer.get("error")))
     return answer["status"] in ("collapse", "falls") or bool(answer.get("fallen"))
 
 

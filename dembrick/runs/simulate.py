@@ -166,7 +166,7 @@ def _run(
         except DembrickError as error:
             error.answer = failure(scenario, error, path)
             if isinstance(store, RecordStore):
-                store.finish("failed", error.answer)
+                store.finish(error.status, error.answer)
             raise
         except BaseException as error:
             if isinstance(store, RecordStore):
@@ -286,7 +286,7 @@ def failure(scenario: Scenario, error: DembrickError, history=None) -> dict:
     point = error.yield_point if isinstance(error, NotConvergedError) else None
     return {
         **heading(scenario),
-        "status": "failed",
+        "status": error.status,
         "error": str(error),
         "yield_point": None if point is None else point.as_dict(),
         "history": None if history is None else os.fspath(history),

@@ -15,7 +15,7 @@ import numpy as np
 
 from dembrick.assembly import build as assemblies
 from dembrick.assembly.validation import refuse
-from dembrick.errors import DembrickError, HistoryError
+from dembrick.errors import DembrickError, HistoryError, UndecidedError
 from dembrick.runs.drivers import driver_of
 from dembrick.runs.result import fell
 from dembrick.scenario.checks import present, show
@@ -46,7 +46,7 @@ class Stages:
     def run(self, session: Session) -> Session:
         """Carry out the stages that are not done yet; the surroundings of the last one.
 
-        Raises ScenarioError if a stage falls, on which no other can start; what a stage itself raises names it.
+        Raises ScenarioError if a stage falls, on which no other can start, UndecidedError if that is not known; what a stage itself raises names it.
         """
         if session.resumed is not None:
             session = replace(session, resumed=self._resumed(session.resumed))
@@ -82,7 +82,11 @@ class Stages:
             scenario=scenario, assembly=assembly, run=run, rows={}, frames={}, wall=seconds, energy=audit
         )
         answer = result.as_dict()
-        if scenario.control.regime.stands_or_falls and fell(answer):
+        try:
+            down = scenario.control.regime.stands_or_falls and fell(answer)
+        except UndecidedError as error:
+            raise UndecidedError(f"stage {number} ({scenario.control.kind}): {error}") from None
+        if down:
             refuse(
                 scenario,
                 f"stage {number} of kind {show(scenario.control.kind)} fell, and no stage can start on blocks that "

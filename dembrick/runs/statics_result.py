@@ -6,7 +6,7 @@ import dataclasses
 from typing import TYPE_CHECKING
 
 from dembrick.runs.result import RunResult, SearchResult
-from dembrick.simulation.statics.dead_load import does_not_stand
+from dembrick.simulation.statics.dead_load import DECIDES, does_not_stand, undecided
 
 if TYPE_CHECKING:
     from dembrick.simulation.statics.standing import Standing
@@ -28,12 +28,12 @@ class RestResult(RunResult):
 
     @property
     def status(self) -> str:
-        """ "stands" or "falls"; both are answers."""
-        return "stands" if self.statics["stands"] else "falls"
+        """ "stands" or "falls", which are answers, or "undecided"."""
+        return {True: "stands", False: "falls", None: "undecided"}[self.statics["stands"]]
 
     @property
     def reactions(self) -> dict[str, list[float]] | None:
-        """Those of the blocks at rest; None if blocks fall."""
+        """Those of the blocks at rest; None if there is no rest."""
         return super().reactions if self.statics["stands"] else None
 
     def text(self) -> str:
@@ -67,11 +67,14 @@ class StaticsResult(RestResult, SearchResult):
     def plain_answer(self) -> str:
         """The answer in a sentence."""
         rest = self.run.rest
+        if rest.stands is None:
+            return f"{undecided(rest)}. {DECIDES}"
         return "stands under its dead loads" if rest.stands else does_not_stand(rest, self.assembly.names)
 
     def as_dict(self) -> dict:
         """The JSON object of ``dembrick run --json``."""
         rest = self.run.rest
+        unknown = {"error": self.plain_answer} if rest.stands is None else {}
         return self._dict(
             status=self.status,
             answer=self.plain_answer,
@@ -82,4 +85,5 @@ class StaticsResult(RestResult, SearchResult):
             steps=rest.steps,
             unbalanced=rest.unbalanced,
             control_points=self.control_points,
+            **unknown,
         )

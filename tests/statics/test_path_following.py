@@ -246,7 +246,7 @@ def test_least_thickness_of_a_semicircle(voussoirs, least):
         state = initial_state(built)
         try:
             dead_load_equilibrium(
-                state, block_stiffness(state, shared=2.0), built.names, elastic_factor(state, built.position)
+                state, block_stiffness(state, shared=2.0), built, elastic_factor(state, built.position)
             )
         except NotConvergedError:
             return False
@@ -295,7 +295,7 @@ def test_least_thickness_of_a_hemisphere():
         state = initial_state(built)
         try:
             dead_load_equilibrium(
-                state, block_stiffness(state, shared=2.0), built.names, elastic_factor(state, built.position)
+                state, block_stiffness(state, shared=2.0), built, elastic_factor(state, built.position)
             )
         except NotConvergedError:
             assert not expected

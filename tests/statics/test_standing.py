@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from dembrick.errors import NotConvergedError, ScenarioError
+from dembrick import history
+from dembrick.cli import main
+from dembrick.errors import NotConvergedError, ScenarioError, UndecidedError
 from dembrick.runs.limit import limit
 from dembrick.runs.simulate import simulate
+from dembrick.runs.study.search import Search
 from dembrick.scenario.controls import PushoverControl, StaticsControl, YieldControl
 from dembrick.scenario.generators import Arch
 from dembrick.scenario.model import Actuator, Block, JointLaw, JointOverride, Load, Material, Scenario
@@ -89,8 +93,6 @@ def test_an_arch_needs_friction(friction, status):
 def test_it_is_read_and_written(tmp_path):
     scenario = loads(text_of(overhanging(0.9)))
     assert scenario.control == StaticsControl()
-    from dembrick import history
-
     result = simulate(scenario, tmp_path / "stack.h5")
     with history.read(tmp_path / "stack.h5") as found:
         assert found.status == "stands" and found.n_row == 1 and found.n_frames == 1
@@ -151,3 +153,87 @@ def test_a_block_between_two_jaws_whose_faces_lean_out(formulation):
     found = simulate(scenario, record=False)
     assert weight + found.yield_point.V == pytest.approx(carried, rel=1e-6)
     assert weight + limit(scenario).load_factor == pytest.approx(carried, rel=1e-6)
+
+
+def voussoirs(count: int, control=None) -> Scenario:
+    """A semicircular arch of t/R .15; least .1075, load factor .14433 by limit analysis."""
+    arch = Arch("arch", "stone", 1.0, 0.15, 0.3, count)
+    law = JointLaw("concave", 0.7, 1e10, 4e9)
+    return replace(scene((), control=control, arches=(arch,)), joint=law)
+
+
+def test_an_arch_of_400_voussoirs_stands_and_is_pushed_over():
+    """Relaxation alone had not balanced it in 20,000 steps."""
+    result = simulate(voussoirs(400), record=False)
+    assert result.status == "stands" and result.run.rest.unbalanced <= 1e-9
+    weight = 2000.0 * G * 0.3 * 0.5 * math.pi * (1.075**2 - 0.925**2)
+    assert sum(force[2] for force in result.reactions.values()) == pytest.approx(weight, rel=1e-3)
+    pushed = simulate(voussoirs(400, PushoverControl((1.0, 0.0, 0.0))), record=False)
+    assert pushed.collapse["load_factor"] == pytest.approx(0.14433, rel=1e-3)
+
+
+def diamond(rows: int, weights: float, formulation: str, gap: float = 0.0) -> Scenario:
+    """Rows of 1, 2 .. ``rows`` .. 2, 1 blocks of length 1, each half on two, frictionless, on a table (Paterson and
+    Zwick, Amer. Math. Monthly 116 (2009) 19); its top block is loaded through its centre by so many ``weights`` of a
+    block. With a ``gap`` beside them blocks are that much shorter."""
+    long, wide, high = 1.0 - gap, 0.4, 0.25
+    counts = [*range(1, rows + 1), *range(rows - 1, 0, -1)]
+    blocks = [Block("table", "stone", (3.0, wide, 0.25), (0.0, 0.0, -0.125), fixed=True)]
+    for row, count in enumerate(counts):
+        blocks += [
+            Block(f"b{row}.{i}", "stone", (long, wide, high), (i - 0.5 * (count - 1), 0.0, (row + 0.5) * high))
+            for i in range(count)
+        ]
+    weight = weights * 2000.0 * G * long * wide * high
+    load = Load(f"b{len(counts) - 1}.0", (0.0, 0.0, -weight), (0.0, 0.0, (len(counts) - 0.5) * high))
+    return replace(scene(tuple(blocks), loads=(load,)), joint=JointLaw(formulation, 0.0, 1e10, 4e9))
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+@pytest.mark.parametrize("rows, gap, least", [(5, 0.0, 6.0), (6, 0.0, 27.0), (7, 0.0, 78.0), (7, 0.001, 78.64)])
+def test_diamonds_stand_from_a_weight_on_their_top(rows, gap, least, formulation):
+    """2^m - m^2 - 1 blocks; forces double from row to row, so that rest is hard to find and a fall hard to tell."""
+    assert gap or least == 2**rows - rows**2 - 1
+    for share, status in ((0.98, "falls"), (1.02, "stands")):
+        found = simulate(diamond(rows, share * least, formulation, gap), record=False)
+        assert found.status == status
+        assert found.run.rest.steps < 1000
+
+
+def test_blocks_fall_early_whatever_the_stiffness():
+    """Stones that overhang too far fall within some hundred steps, with joints of any stiffness."""
+    for stiffness in (1e9, 1e11, 1e13):
+        heap = replace(overhanging(1.01), joint=JointLaw("concave", 0.6, stiffness, 0.4 * stiffness))
+        found = simulate(heap, record=False)
+        assert found.status == "falls" and found.run.rest.steps < 1000
+
+
+def test_what_neither_stands_nor_falls_is_undecided(monkeypatch, tmp_path, capsys):
+    """Within too little effort nothing is claimed, by any control, and a search takes it for neither."""
+    monkeypatch.setattr("dembrick.simulation.statics.dead_load.MOST_STEPS", 3)
+    monkeypatch.setattr("dembrick.simulation.statics.viscous_rest.MOST_STEPS", 3)
+    weak = diamond(5, 6.12, "convex")
+    result = simulate(weak, tmp_path / "run.h5")
+    told = result.as_dict()
+    assert told["status"] == "undecided" and told["statics"]["stands"] is None and told["reactions"] is None
+    assert "dembrick limit decides it" in told["error"] and "does not stand" not in result.text()
+    with history.read(tmp_path / "run.h5") as found:
+        assert found.status == "undecided"
+    with pytest.raises(UndecidedError, match="undecided under the dead loads") as raised:
+        simulate(replace(weak, control=PushoverControl((1.0, 0.0, 0.0))))
+    assert raised.value.answer["status"] == "undecided"
+    with pytest.raises(UndecidedError, match="stage 1"):
+        simulate(replace(weak, stages=(StaticsControl(),)))
+    (tmp_path / "run.toml").write_text(text_of(weak))
+    assert main(["run", str(tmp_path / "run.toml"), "--json", "--out", str(tmp_path / "again.h5")]) == 1
+    assert json.loads(capsys.readouterr().out)["status"] == "undecided"
+
+
+def test_a_search_looks_beside_what_is_undecided():
+    search = Search("joint.friction", 0.0, 1.0, 0.05)
+    found = search.bisect(lambda x: None if 0.45 < x < 0.55 else x < 0.3)
+    assert found.falls <= 0.3 <= found.stands and found.half_width <= 0.05 * 0.35
+    with pytest.raises(UndecidedError, match="it stands at .* and falls at"):
+        search.bisect(lambda x: None if 0.2 < x < 0.8 else x < 0.5)
+    with pytest.raises(UndecidedError, match="at joint.friction = 0 it is undecided"):
+        search.bisect(lambda x: None)

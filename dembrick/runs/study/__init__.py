@@ -16,7 +16,7 @@ from pathlib import Path
 from statistics import fmean, stdev
 
 from dembrick.errors import OutputError
-from dembrick.runs.study.case import FAILED, run_cases
+from dembrick.runs.study.case import UNANSWERED, run_cases
 from dembrick.runs.study.executors import run_here, run_local, run_on_cluster
 from dembrick.runs.study.plan import Study, load, scenario_of, shard
 from dembrick.runs.study.search import run_searches
@@ -141,12 +141,12 @@ def _first_of_each_kind(study: Study, todo: list[int]) -> list[int]:
 
 
 def _statistics(study: Study, folder: Path) -> tuple[list[dict], int]:
-    """Mean and scatter of the answers over the draws of each population, and how many cases failed."""
+    """Mean and scatter of the answers over the draws of each population, and how many cases have none."""
     cells: dict[str, tuple[dict, list, list]] = {}
     rows = stored(folder, study.columns)
     found = {row["case"]: (row["status"], row[study.answer], row.get("half_width") or 0.0) for row in rows}
     for case, (status, answer, width) in found.items():
-        if answer is not None and status != FAILED:
+        if answer is not None and status not in UNANSWERED:
             fixed = study.cell(case)
             _, answers, widths = cells.setdefault(repr(fixed), (fixed, [], []))
             answers.append(answer)
@@ -158,7 +158,7 @@ def _statistics(study: Study, folder: Path) -> tuple[list[dict], int]:
         bar = {} if study.search is None else {"half_width": fmean(widths)}
         numbers = {"count": len(answers), "mean": fmean(answers), "deviation": deviation, "standard_error": error}
         statistics.append({**fixed, **numbers, **bar})
-    return statistics, sum(status == FAILED for status, *_ in found.values())
+    return statistics, sum(status in UNANSWERED for status, *_ in found.values())
 
 
 def _make(folder: Path) -> None:

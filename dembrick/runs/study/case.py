@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from dembrick.errors import DembrickError
+from dembrick.errors import DembrickError, UndecidedError
 from dembrick.runs.simulate import failure, simulate
 from dembrick.runs.study.together import limit_loads
 from dembrick.scenario import toml as scenarios
@@ -43,12 +43,13 @@ COLUMNS: dict[str, str | Callable[[dict], Any]] = {
 }
 TEXTS = ("status", "searched", "bracket", "mechanism", "collapse_mechanism", "history", "error")
 FAILED = "failed"
+UNANSWERED = (FAILED, UndecidedError.status)
 
 
 def run_cases(base: str, base_path: str, cases: Sequence[tuple[int, Mapping[str, Any], str | None]]) -> list[dict]:
     """The rows of several cases, each given as (number, changes, history): the TOML text ``base`` with its changes.
 
-    A case that fails is a row too, with the status "failed" and the error.
+    A case that fails is a row too, with the status "failed", or "undecided", and the error.
     """
     scenarios_: list[Scenario | DembrickError] = []
     for _, changes, _ in cases:

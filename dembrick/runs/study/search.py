@@ -11,6 +11,7 @@ A study asks for it by a table::
 
 A run *falls* if its status is "collapse" or "falls", or if a block has fallen at its end, and no support took it
 along: its centroid has come down by more than half of its least dimension, or it has turned over by more than 45 deg.
+One that is undecided counts as neither: the search looks beside it, and ends without an answer where it finds none.
 """
 
 from __future__ import annotations
@@ -21,10 +22,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dembrick.errors import DembrickError, NotConvergedError, ScenarioError
+from dembrick.errors import DembrickError, NotConvergedError, ScenarioError, UndecidedError
 from dembrick.runs.result import fell
 from dembrick.runs.simulate import simulate
-from dembrick.runs.study.case import FAILED
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.checks import nearest, real, show
 from dembrick.scenario.model import Scenario
@@ -33,6 +33,7 @@ COLUMNS = ("status", "searched", "value", "half_width", "stands", "falls", "runs
 FOUND = "found"
 _KEYS = ("key", "low", "high", "tolerance")  # all needed
 _SCAN = "scan"
+_PARTS = (0.5, 0.25, 0.75)  # of the bracket, from where it stands: the middle, and beside one that is undecided
 _ROUNDING = 1e-9  # of the searched range: a bracket is not made narrower, as where the value is zero
 
 
@@ -65,14 +66,17 @@ class Search:
     tolerance: float
     scan: int = 1
 
-    def bisect(self, falls_at: Callable[[float], bool]) -> Bracket:
-        """The bracket of the value at which ``falls_at`` changes; which end stands is found out.
+    def bisect(self, falls_at: Callable[[float], bool | None]) -> Bracket:
+        """The bracket of the value at which ``falls_at`` changes; which end stands is found out. None: undecided.
 
         Where it changes several times, one of the changes is found: the first one that `scan` meets. Raises
-        NotConvergedError if both ends stand, or both fall.
+        NotConvergedError if both ends stand, or both fall, and UndecidedError if that is not known or the bracket
+        cannot be made as narrow as asked for.
         """
         ends = (self.low, self.high)
         outcome = [falls_at(value) for value in ends]
+        if None in outcome:
+            raise UndecidedError(f"at {self.key} = {ends[outcome.index(None)]:g} it is undecided whether it falls")
         if outcome[0] == outcome[1]:
             what, remedy = ("falls", "whether it stands at all") if outcome[0] else ("stands", "what brings it down")
             raise NotConvergedError(
@@ -83,17 +87,23 @@ class Search:
         runs = 2
         for value in self._between(stands, falls):
             runs += 1
-            if falls_at(value):
+            found = falls_at(value)
+            if found:
                 falls = value
                 break
-            stands = value
+            stands = stands if found is None else value
         while not self._close(stands, falls):
-            middle = 0.5 * (stands + falls)
-            if falls_at(middle):
-                falls = middle
-            else:
-                stands = middle
-            runs += 1
+            for part in _PARTS:
+                value, runs = stands + part * (falls - stands), runs + 1
+                found = falls_at(value)
+                if found is not None:
+                    break
+            if found is None:
+                raise UndecidedError(
+                    f"it stands at {self.key} = {stands:.9g} and falls at {falls:.9g}, and in between it is undecided: "
+                    "take a larger search.tolerance"
+                )
+            stands, falls = (stands, value) if found else (value, falls)
         return Bracket(stands, falls, runs)
 
     def _between(self, first: float, last: float) -> list[float]:
@@ -155,20 +165,22 @@ def _row(search: Search, base: str, base_path: str, changes: Mapping[str, Any]) 
     row: dict[str, Any] = dict.fromkeys(COLUMNS) | {"searched": search.key}
     seconds = 0.0
 
-    def falls_at(value: float) -> bool:
+    def falls_at(value: float) -> bool | None:
         nonlocal seconds
         try:
             scenario = scenarios.varied(base, base_path, {**changes, search.key: value})
             check(scenario)
             result = simulate(scenario, record=False, progress=False).as_dict()
+            seconds += result["wall"]["loop"]
+            return fell(result)
+        except UndecidedError:
+            return None
         except DembrickError as error:
             raise NotConvergedError(f"{search.key} = {value:.9g}: {error}") from error
-        seconds += result["wall"]["loop"]
-        return fell(result)
 
     try:
         found = search.bisect(falls_at)
     except DembrickError as error:
-        return row | {"status": FAILED, "error": str(error), "loop": seconds}
+        return row | {"status": error.status, "error": str(error), "loop": seconds}
     numbers = {"value": found.value, "half_width": found.half_width, **found._asdict()}
     return row | {"status": FOUND, "loop": seconds} | numbers

@@ -21,7 +21,7 @@ import numpy as np
 from dembrick.errors import OutputError, WriteError
 from dembrick.history.files import check_output, reason, replacing
 from dembrick.history.hdf5_files import rewritten
-from dembrick.runs.study.case import COLUMNS, FAILED, TEXTS
+from dembrick.runs.study.case import COLUMNS, TEXTS, UNANSWERED
 from dembrick.scenario.checks import present
 
 FORMAT = 1
@@ -52,7 +52,7 @@ class Rows:
     def done(self, retry: bool = False) -> set[int]:
         """Numbers of the cases that have a row, in any shard's file; with ``retry`` without the failed ones."""
         status = {row["case"]: row["status"] for row in stored(self.folder, self._columns)}
-        return {number for number, how in status.items() if not (retry and how == FAILED)}
+        return {number for number, how in status.items() if not (retry and how in UNANSWERED)}
 
     def __enter__(self) -> Rows:
         fresh = not self.path.exists()

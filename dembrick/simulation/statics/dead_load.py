@@ -1,33 +1,47 @@
-"""Equilibrium under the dead loads, before any actuator moves: found directly, not waited for."""
+"""Equilibrium under the dead loads, before any actuator moves: found directly, not waited for.
+
+Relaxation by the elastic answer to what is out of balance finds most in a few steps. Where it does not, the blocks
+start again from where they were, by viscous motion (`viscous_rest`), which ends at rest or proves that they fall. Where
+it shows neither, the answer is undecided.
+"""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dembrick._jit import ready
-from dembrick.errors import HistoryError, NotConvergedError
+from dembrick.errors import HistoryError, NotConvergedError, UndecidedError
 from dembrick.kernels.state import ScaledInertia
 from dembrick.kernels.statics.loop import settle
 from dembrick.simulation import interrupts
 from dembrick.simulation.checkpoint_arrays import flattened, restored_state
 from dembrick.simulation.session import DEAD_LOADS, Progress, Session, Snapshot
 from dembrick.simulation.statics import joint_families, ties
-from dembrick.simulation.statics.elastic_factor import touches_itself, whole_inertia
+from dembrick.simulation.statics.elastic_factor import elastic_factor, touches_itself, whole_inertia
 from dembrick.simulation.statics.sparse_equations import Factors
 from dembrick.simulation.statics.state import State
+from dembrick.simulation.statics.viscous_rest import ViscousMotion
 from dembrick.simulation.statics.yield_point import mechanism_of, moving_blocks
 
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
+
 UNBALANCED = 1e-12  # of the joint forces
-MOST_STEPS = 20_000
+MOST_STEPS = 300  # of relaxation: what has not come to rest by then is left to viscous motion
 FIRST_STEPS = 30  # without momentum, for blocks on fixed ones
 MOMENTUM = 0.9  # of the last move that is kept where blocks stand on free blocks
 FEW = 8  # steps in the first chunk, before the pace is known
 SNAPSHOT = "dead_load"  # what a checkpoint of it has, and no other
 CHUNK_SECONDS = 0.2  # of a chunk: a signal is answered within that
+DECIDES = (
+    "dembrick limit decides it where no forces within the strengths balance the loads (it falls) or where nothing "
+    "slides; softer or stiffer joints may decide it too"
+)
 
 
 def inverse_inertia(state: State, inertia: np.ndarray) -> ScaledInertia:
@@ -40,10 +54,11 @@ def inverse_inertia(state: State, inertia: np.ndarray) -> ScaledInertia:
 
 @dataclass(frozen=True)
 class Rest:
-    """What the dead loads leave: whether the blocks stand, the out-of-balance over the joint forces and the steps that
-    took; of blocks that fall their numbers and the mechanism; seconds of compiling and of relaxing."""
+    """What the dead loads leave: whether the blocks stand (None: undecided), the out-of-balance over the joint forces
+    and the steps that took; of blocks that fall their numbers and the mechanism; seconds of compiling and of relaxing.
+    """
 
-    stands: bool
+    stands: bool | None
     unbalanced: float
     steps: int
     mechanism: str | None
@@ -53,15 +68,18 @@ class Rest:
 
 
 def dead_load_equilibrium(
-    state: State, stiffness: np.ndarray, names, factor: Factors | None = None, session: Session | None = None
+    state: State, stiffness: np.ndarray, assembly: Assembly, factor: Factors | None = None, session: Session | None = None
 ) -> Rest:
-    """`rest` of blocks that must stand: NotConvergedError, which names those that do not."""
-    found = rest(state, stiffness, factor, session)
+    """`rest` of blocks that must stand: NotConvergedError, which names those that do not; UndecidedError if they are
+    seen neither to stand nor to fall."""
+    found = rest(state, stiffness, assembly.position, factor, session)
+    if found.stands is None:
+        raise UndecidedError(f"{undecided(found)}; no actuator has moved yet. {DECIDES}")
     if not found.stands:
         raise NotConvergedError(
-            f"{does_not_stand(found, names)} before any actuator moves; no equilibrium under the dead loads was found "
-            f"in {found.steps} steps, the out-of-balance force is still {found.unbalanced:.2g} of the joint forces. "
-            "Check loads, friction and supports"
+            f"{does_not_stand(found, assembly.names)} before any actuator moves; no equilibrium under the dead loads: along "
+            f"this mechanism {found.unbalanced:.2g} of the joint forces is never balanced. Check loads, friction and "
+            "supports"
         )
     return found
 
@@ -74,19 +92,34 @@ def does_not_stand(found: Rest, names) -> str:
     return f"does not stand: {', '.join(moving[:5])}{more} {falls} by {found.mechanism}"
 
 
-def rest(state: State, stiffness: np.ndarray, factor: Factors | None = None, session: Session | None = None) -> Rest:
-    """Relax ``state`` until the out-of-balance forces are ``UNBALANCED`` of the joint forces.
+def undecided(found: Rest) -> str:
+    """The sentence that says that it is not known whether the blocks stand."""
+    return (
+        f"undecided under the dead loads: neither an equilibrium nor a mechanism of a fall was found in {found.steps} "
+        f"steps; {found.unbalanced:.2g} of the joint forces is still out of balance"
+    )
 
-    Where free blocks touch only fixed ones, every block moves by the answer of its own ``stiffness`` (n, 6, 6) to its
-    out-of-balance: a single Newton step is enough. Else the whole assembly moves by its elastic answer, ``factor`` is
-    that of its stiffness, first in one go and then with momentum, which is dropped whenever it works against the
-    forces. ``session`` keeps checkpoints of it, and may go on from one. Blocks that fall are those that still move at
-    the end. Raises Interrupted.
+
+def rest(
+    state: State,
+    stiffness: np.ndarray,
+    position: np.ndarray,
+    factor: Factors | None = None,
+    session: Session | None = None,
+) -> Rest:
+    """The equilibrium of ``state`` under its dead loads, or the mechanism by which it falls.
+
+    It is relaxed until the out-of-balance forces are ``UNBALANCED`` of the joint forces. Where free blocks touch only
+    fixed ones, every block moves by the answer of its own ``stiffness`` (n, 6, 6) to its out-of-balance: a single
+    Newton step is enough. Else the whole assembly moves by its elastic answer, ``factor`` is that of its stiffness,
+    first in one go and then with momentum, which is dropped whenever it works against the forces. What does not come to
+    rest so starts again, by viscous motion; ``position`` (n, 3) of the centroids. ``session`` keeps checkpoints of it,
+    and may go on from one. Raises Interrupted.
 
     Where joints have bonds they hold until the blocks rest; those that bear too much then break, and the others must
     carry the loads without them.
     """
-    joints, blocks = state.joints, state.blocks
+    blocks = state.blocks
     began = time.perf_counter()
     alone = not touches_itself(state)
     if not alone:
@@ -96,7 +129,7 @@ def rest(state: State, stiffness: np.ndarray, factor: Factors | None = None, ses
         inertia = ScaledInertia(none, none, whole_inertia(factor))
     else:
         inertia = inverse_inertia(state, stiffness)
-    bonded, blocks = joint_families.has_strengths(state), state.blocks
+    bonded = joint_families.has_strengths(state)
     if bonded and not (blocks.dead_force.any() or blocks.dead_torque.any()):
         return Rest(True, 0.0, 0, None, (), 0.0, 0.0)  # what holds by itself
     relax = ready(settle, 0, 0, UNBALANCED, *state[:4], inertia, MOMENTUM)
@@ -106,20 +139,33 @@ def rest(state: State, stiffness: np.ndarray, factor: Factors | None = None, ses
     rounds = ((FIRST_STEPS, 0.0, False), (MOST_STEPS, MOMENTUM, False)) if alone else ((MOST_STEPS, MOMENTUM, False),)
     if bonded:
         rounds = (*((most, momentum, True) for most, momentum, _ in rounds), *rounds)
-    ratio, steps = _Relaxation(state, inertia, rounds, relax).run(session or Session())
+    relaxation = _Relaxation(state, inertia, rounds, relax)
+    session = relaxation.session_of(session or Session())
+    ratio, steps = relaxation.run(session)
+    stands, mechanism, moving = ratio <= UNBALANCED, None, ()
+    if not stands and not moving_blocks(state):
+        stands, ratio = True, 0.0  # there is no force at all: no gravity and no loads
+    if not stands:
+        relaxation.start_again()
+        motion = ViscousMotion(state, factor or elastic_factor(state, position), lambda: session.pause(relaxation))
+        with interrupts.deferred():
+            stands = motion.run()
+        ratio, steps = motion.unbalanced, steps + motion.iterations
+    if stands is False:
+        mechanism, moving = mechanism_of(state), moving_blocks(state)
     done = time.perf_counter()
     seconds = compiled - began, done - compiled
-    if not ratio <= UNBALANCED:
-        moving = moving_blocks(state)
-        if moving:
-            return Rest(False, ratio, steps, mechanism_of(state), moving, *seconds)
-        ratio = 0.0  # there is no force at all: no gravity and no loads
+    if stands:
+        _come_to_rest(state)
+    return Rest(stands, ratio, steps, mechanism, moving, *seconds)
+
+
+def _come_to_rest(state: State) -> None:
+    """Let nothing move any more in a state whose forces balance."""
+    blocks, joints = state.blocks, state.joints
     ties.remember(state)
-    blocks.velocity[:] = 0.0
-    blocks.spin[:] = 0.0
-    joints.step[:] = 0.0
-    joints.tilt[:] = 0.0
-    return Rest(True, ratio, steps, None, (), *seconds)
+    for array in (blocks.velocity, blocks.spin, joints.step, joints.tilt):
+        array[:] = 0.0
 
 
 class _Relaxation:
@@ -132,17 +178,22 @@ class _Relaxation:
         self._state, self._inertia, self._rounds, self._settle = state, inertia, rounds, settle
         self._bonded = any(held for _, _, held in rounds)
         self._round = self._step = 0
+        self._start = {name: array.copy() for name, array in flattened({"state": state}).items()}
 
-    def run(self, session: Session) -> tuple[float, int]:
-        """The unbalanced-force ratio reached, and the steps of the last round."""
+    def session_of(self, session: Session) -> Session:
+        """The session that this works in; it goes on from what that resumes."""
         if session.resumed is not None and SNAPSHOT in session.resumed:
             self._restore(session.resumed)
             session.resumed = None
         elif session.resumed is not None:
-            session = Session(output=session.output)  # what is kept is further on, and must not be written over
+            return Session(output=session.output)  # what is kept is further on, and must not be written over
+        return session
+
+    def run(self, session: Session) -> tuple[float, int]:
+        """The unbalanced-force ratio reached, and the steps of the last round."""
         ratio, pace = 1.0, FEW
         with interrupts.deferred():
-            while True:
+            while self._round < len(self._rounds):
                 most, momentum, held = self._rounds[self._round]
                 if self._bonded:
                     joint_families.hold_bonds(self._state, held)
@@ -162,6 +213,13 @@ class _Relaxation:
                 elif self._step >= most:
                     self._round, self._step = self._round + 1, 0
                 session.pause(self)
+        return ratio, self._step
+
+    def start_again(self) -> None:
+        """Put everything as it was at the start; the relaxation is over, and a checkpoint of now begins there."""
+        self._round, self._step = len(self._rounds), 0
+        for name, array in flattened({"state": self._state}).items():
+            array[...] = self._start[name]
 
     @property
     def where(self) -> str:
@@ -172,12 +230,14 @@ class _Relaxation:
         return Progress(DEAD_LOADS, self._step)
 
     def snapshot(self) -> dict[str, np.ndarray]:
-        return {SNAPSHOT: np.array([self._round, self._step], float), **flattened({"state": self._state})}
+        state = flattened({"state": self._state}) if self._round < len(self._rounds) else self._start
+        return {SNAPSHOT: np.array([self._round, self._step], float), **state}
 
     def _restore(self, snapshot: Snapshot) -> None:
         """Take it from a snapshot of the same scene; HistoryError if it is of another."""
         at, step = snapshot.array(SNAPSHOT, np.zeros(2)).tolist()
-        if not (at in range(len(self._rounds)) and step in range(self._rounds[int(at)][0])):
+        steps = [most for most, _, _ in self._rounds] + [1]
+        if not (at in range(len(steps)) and step in range(steps[int(at)])):
             raise HistoryError(f"{snapshot.path}: this checkpoint is of no step of this run")
         self._round, self._step = int(at), int(step)
         restored_state(self._state, snapshot)

@@ -146,7 +146,7 @@ class Setup(LoadSystem):
         super().__init__(assembly, session.start if session else None)
         whole = by_equilibria or touches_itself(self.state)
         self.factor = elastic_factor(self.state, assembly.position) if whole else None
-        found = dead_load_equilibrium(self.state, self.stiffness, assembly.names, self.factor, session)
+        found = dead_load_equilibrium(self.state, self.stiffness, assembly, self.factor, session)
         if self.state.ties is not None:  # some may be slack
             self.factor = elastic_factor(self.state, assembly.position)
         self.unbalanced = found.unbalanced

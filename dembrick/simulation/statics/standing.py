@@ -36,10 +36,10 @@ class Standing(Ended):
 
 
 def find_rest(assembly: Assembly, session: Session) -> Standing:
-    """The equilibrium of an assembly under its dead loads, or the blocks that fall; the record is its one row."""
+    """The equilibrium of an assembly under its dead loads, the blocks that fall, or neither; the record is its one row."""
     state = starting_state(assembly, session.start)
     factor = elastic_factor(state, assembly.position) if touches_itself(state) else None
-    found = rest(state, block_stiffness(state, shared=2.0), factor, session)
+    found = rest(state, block_stiffness(state, shared=2.0), assembly.position, factor, session)
     if session.observe is not None:
         recorder = Recorder(state, session, 1, 1, 1, assembly.control_points)
         recorder.write_equilibrium(state, 0, None, 0.0, np.zeros(2))

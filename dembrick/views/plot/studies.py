@@ -47,7 +47,7 @@ def read_study(path: str | os.PathLike) -> StudyTable:
     if titles[:1] != ("case",) or "status" not in titles:
         raise ScenarioError(f"{path}: this is not the table of a study; 'dembrick sweep' writes table.csv")
     rows = [dict(zip(titles, cells, strict=True)) for _, cells in table.lines]
-    sound = [row for row in rows if row["status"] != "failed"]
+    sound = [row for row in rows if row["status"] not in ("failed", "undecided")]
     if not sound:
         raise ScenarioError(f"{path}: no case of this study has an answer; its column 'error' says why")
     place = titles.index("status")
