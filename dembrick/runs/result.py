@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dembrick.errors import UndecidedError
 from dembrick.assembly.actuators import recorded_curve
 from dembrick.assembly.build import Assembly
 from dembrick.assembly.contact_points import widest_rim
+from dembrick.errors import UndecidedError
 from dembrick.runs import theory_check
 from dembrick.scenario.model import Scenario
 from dembrick.scenario.regimes import ACTUATORS, COMPLETED, STEEPEST, YIELD, Curve

@@ -46,7 +46,8 @@ class Stages:
     def run(self, session: Session) -> Session:
         """Carry out the stages that are not done yet; the surroundings of the last one.
 
-        Raises ScenarioError if a stage falls, on which no other can start, UndecidedError if that is not known; what a stage itself raises names it.
+        Raises ScenarioError if a stage falls, on which no other can start, UndecidedError
+        if that is not known; what a stage itself raises names it.
         """
         if session.resumed is not None:
             session = replace(session, resumed=self._resumed(session.resumed))

@@ -68,7 +68,11 @@ class Rest:
 
 
 def dead_load_equilibrium(
-    state: State, stiffness: np.ndarray, assembly: Assembly, factor: Factors | None = None, session: Session | None = None
+    state: State,
+    stiffness: np.ndarray,
+    assembly: Assembly,
+    factor: Factors | None = None,
+    session: Session | None = None,
 ) -> Rest:
     """`rest` of blocks that must stand: NotConvergedError, which names those that do not; UndecidedError if they are
     seen neither to stand nor to fall."""
@@ -77,9 +81,9 @@ def dead_load_equilibrium(
         raise UndecidedError(f"{undecided(found)}; no actuator has moved yet. {DECIDES}")
     if not found.stands:
         raise NotConvergedError(
-            f"{does_not_stand(found, assembly.names)} before any actuator moves; no equilibrium under the dead loads: along "
-            f"this mechanism {found.unbalanced:.2g} of the joint forces is never balanced. Check loads, friction and "
-            "supports"
+            f"{does_not_stand(found, assembly.names)} before any actuator moves; no equilibrium under the dead loads: "
+            f"along this mechanism {found.unbalanced:.2g} of the joint forces is never balanced. Check loads, friction "
+            "and supports"
         )
     return found
 

@@ -36,7 +36,7 @@ class Standing(Ended):
 
 
 def find_rest(assembly: Assembly, session: Session) -> Standing:
-    """The equilibrium of an assembly under its dead loads, the blocks that fall, or neither; the record is its one row."""
+    """The equilibrium of an assembly under its dead loads, the blocks that fall, or neither; recorded in one row."""
     state = starting_state(assembly, session.start)
     factor = elastic_factor(state, assembly.position) if touches_itself(state) else None
     found = rest(state, block_stiffness(state, shared=2.0), assembly.position, factor, session)

@@ -160,4 +160,3 @@ class ViscousMotion:
         blocks, rows = self.state.blocks, change[self.search.rows]
         self.search.attempt(now + change, 0.0)
         blocks.velocity[blocks.free], blocks.spin[blocks.free] = rows[:, :3], rows[:, 3:]
-
