@@ -26,7 +26,8 @@ ON_FACE = 1e-9  # of the block's diameter: a point so little outside is on the f
 @dataclass(frozen=True, eq=False)
 class ActuatorTable:
     """Actuators: ``names``; ``block`` (k,); ``point`` (k, 3) at the start, world; ``arm`` (k, 3) the same from the
-    block's centroid; ``direction`` (k, 3) unit, world; ``weight`` (k,)."""
+    block's centroid; ``direction`` (k, 3) unit, world; ``weight`` (k,); ``pressed`` (k,): the resultant of a driven
+    pressure at the start, and no jack."""
 
     names: tuple[str, ...]
     block: np.ndarray
@@ -34,6 +35,7 @@ class ActuatorTable:
     arm: np.ndarray
     direction: np.ndarray
     weight: np.ndarray
+    pressed: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +55,7 @@ class ControlPoints:
 
 
 NO_VECTORS = np.zeros((0, 3))
-NO_ACTUATORS = ActuatorTable((), np.zeros(0, np.int64), NO_VECTORS, NO_VECTORS, NO_VECTORS, np.zeros(0))
+NO_ACTUATORS = ActuatorTable((), np.zeros(0, np.int64), NO_VECTORS, NO_VECTORS, NO_VECTORS, np.zeros(0), np.zeros(0, bool))
 NO_CONTROL_POINTS = ControlPoints((), np.zeros(0, np.int64), NO_VECTORS, NO_VECTORS, NO_VECTORS)
 
 
@@ -83,22 +85,23 @@ def given_actuators(scenario: Scenario, number: dict[str, int], bare: Assembly) 
         if bare.fixed[block]:
             raise ScenarioError(f"{what} pushes block {show(actuator.block)}, which is fixed; push a free block")
         arm = check_inside(what, actuator.point, bare, block)
-        rows.append((actuator.name, block, actuator.point, arm, actuator.direction, actuator.weight))
+        rows.append((actuator.name, block, actuator.point, arm, actuator.direction, actuator.weight, False))
     for pressure in scenario.pressures:
         if pressure.actuator:  # it pushes at its centre, by its force for V = 1
             for face in face_forces(pressure, scenario.groups.get(pressure.block) or (number[pressure.block],), bare):
                 weight, point = np.sqrt((face.force**2).sum()), bare.position[face.block] + face.arm
                 name = f"{PRESSURE}{bare.names[face.block]}"
-                rows.append((name, face.block, point, face.arm, face.force / weight, weight))
+                rows.append((name, face.block, point, face.arm, face.force / weight, weight, True))
     if not rows:
         return NO_ACTUATORS
-    names, blocks, *columns = zip(*rows, strict=True)
-    return ActuatorTable(names, np.array(blocks, np.int64), *(np.array(column, float) for column in columns))
+    names, blocks, *columns, pressed = zip(*rows, strict=True)
+    numbers = (np.array(column, float) for column in columns)
+    return ActuatorTable(names, np.array(blocks, np.int64), *numbers, np.array(pressed, bool))
 
 
 def recorded_curve(control: Control, actuators: ActuatorTable) -> Curve:
     """What a run under ``control`` records; its load is a factor without a unit if nothing but pressures is driven."""
-    pressed = bool(actuators.names) and all(name.startswith(PRESSURE) for name in actuators.names)
+    pressed = bool(actuators.names) and bool(actuators.pressed.all())
     return OF_PRESSURES if pressed and control.curve is OF_ACTUATORS else control.curve
 
 
@@ -113,6 +116,7 @@ def actuators_on_all_blocks(scenario: Scenario, loads, bare: Assembly) -> Actuat
         arm=point - bare.position[block],
         direction=force / weight[:, None],
         weight=weight,
+        pressed=np.zeros(len(block), bool),
     )
 
 

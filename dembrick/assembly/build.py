@@ -25,6 +25,7 @@ from dembrick.assembly.contact_points import DISCRETISATION, PointTable, place_p
 from dembrick.assembly.joints import TOLERANCE, JointTable, find_joints
 from dembrick.assembly.laws import Laws
 from dembrick.assembly.loads import NO_LOADS, PointLoads, point_loads
+from dembrick.assembly.surface_pressures import NO_POLYGONS, PressedPolygons, pressed_polygons
 from dembrick.assembly.ties import NO_TIES, TieTable, given_ties
 from dembrick.assembly.validation import (
     check_control,
@@ -41,7 +42,7 @@ from dembrick.errors import ScenarioError
 from dembrick.geometry.rotations import rotation_matrix, unit_quaternion
 from dembrick.geometry.shapes import Shape
 from dembrick.scenario.checks import show
-from dembrick.scenario.controls import ACTUATORS, DEAD_LOAD, EVERY_BLOCK
+from dembrick.scenario.controls import ACTUATORS, DEAD_LOAD, EVERY_BLOCK, REAL_TIME
 from dembrick.scenario.limits import check_magnitudes
 from dembrick.scenario.model import Scenario
 from dembrick.scenario.stages import at_stage
@@ -56,8 +57,8 @@ class Assembly:
     ``position`` (n, 3) of the centroids, ``orientation`` (n, 4) unit quaternions, ``rotation`` (n, 3, 3) the same as
     matrices, ``mass`` (n,), ``inertia`` (n, 3, 3) about the centroid in body axes, ``velocity`` and
     ``angular_velocity`` (n, 3) at the start; ``dead_force`` and ``dead_torque`` (n, 3) about the centroid, gravity
-    and loads together, ``point_loads`` these loads one by one. ``contact_points``: one entry a joint, None for
-    ``convex``. ``joint_force`` (n_joint, 3): what block a exerts on block b under the dead loads, see
+    and loads together, ``point_loads`` these loads one by one; ``pressed``: the faces on which pressures follow blocks
+    that move, none in the geometry of the start. ``contact_points``: one entry a joint, None for ``convex``. ``joint_force`` (n_joint, 3): what block a exerts on block b under the dead loads, see
     :func:`dead_joint_forces`; ``joint_force_exact`` says whether statics alone gives it. ``laws`` tells the law of
     joints and new contacts between any two blocks.
     """
@@ -84,6 +85,7 @@ class Assembly:
     control_points: ControlPoints = NO_CONTROL_POINTS
     warnings: tuple[str, ...] = ()
     point_loads: PointLoads = NO_LOADS
+    pressed: PressedPolygons = NO_POLYGONS
     ties: TieTable = NO_TIES
 
     def __repr__(self) -> str:
@@ -164,13 +166,15 @@ def loaded(scenario: Scenario, bare: Assembly, points: bool = True) -> Assembly:
     dead_force = bare.mass[:, None] * gravity
     dead_torque = np.zeros_like(dead_force)
     try:
-        loads = point_loads(scenario, number, bare)
+        moving = control.in_deformed_geometry or control.regime is REAL_TIME
+        loads = point_loads(scenario, number, bare, moving)
         np.add.at(dead_force, loads.block, loads.force)
         np.add.at(dead_torque, loads.block, np.cross(loads.arm, loads.force))
         if control.regime.quasi_static and control.drives == EVERY_BLOCK:
             actuators = actuators_on_all_blocks(scenario, loads, bare)
         else:
             actuators = given_actuators(scenario, number, bare)
+        pressed = pressed_polygons(scenario, number, bare) if moving else NO_POLYGONS
         watched = control_points(scenario, number, bare)
         ties = given_ties(scenario, number, bare)
     except ScenarioError as error:
@@ -199,6 +203,7 @@ def loaded(scenario: Scenario, bare: Assembly, points: bool = True) -> Assembly:
         warnings=warnings,
         laws=Laws(scenario),
         point_loads=loads,
+        pressed=pressed,
         ties=ties,
     )
 

@@ -7,7 +7,8 @@ dead force F at right angles to a becomes cos(psi) F - sin(psi) a x F. Friction 
 tension know no scale of force: blocks that carry cos(psi) times some loads carry these loads as well. Divided by
 cos(psi), the loads of the tilted table are those of the level one with tan(psi) times -a x F on top, at the same
 points. So a quasi-static tilt is a search for the limit V of that load system, and the table stands at atan(V) when the
-blocks come down: that gravity's part along the joints' normals falls by cos(psi) is in it exactly.
+blocks come down: that gravity's part along the joints' normals falls by cos(psi) is in it exactly. Pressures turn with
+the faces of the table's blocks and not with gravity, so this search knows none; paths in the deformed geometry do.
 """
 
 from __future__ import annotations
@@ -39,14 +40,20 @@ def load_system(scenario: Scenario, loads, position, mass, fixed) -> tuple[np.nd
         raise ScenarioError(
             f"control kind {show(control.kind)} drives no pressure: remove actuator = true, or take kind 'yield'"
         )
+    if control.tilt_axis is not None and scenario.pressures and not control.in_deformed_geometry:
+        raise ScenarioError(
+            "a quasi-static tilt turns loads as gravity, and [[pressures]] stay square to the faces of blocks that tilt: "
+            "use large_displacements = true, or a rate with quasi_static = false"
+        )
     gravity = np.array(scenario.gravity, float)
     block, point = list(free), list(position[free])
     if control.push_direction is not None:
         force = list(pushed(control.push_direction, gravity, mass[free]))
     else:
         force = list(tilted(control.tilt_axis, mass[free, None] * gravity, "gravity"))
-        for member, arm, load, what in zip(loads.block, loads.arm, loads.force, loads.what, strict=True):
-            if not fixed[member]:
+        columns = loads.block, loads.arm, loads.force, loads.what, loads.given
+        for member, arm, load, what, given in zip(*columns, strict=True):
+            if not fixed[member] and given >= 0:
                 block.append(member)
                 point.append(position[member] + arm)
                 force.append(tilted(control.tilt_axis, load, what))

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class PointLoads:
-    """Forces that ride with their blocks and keep their direction in the world.
+    """Forces at points of blocks. Those of ``scenario.loads`` ride with them and keep their direction in the world.
 
     ``block`` (k,); ``arm`` (k, 3): m, from the centroid, world axes at the start; ``force`` (k, 3): N, world; ``given``
     (k,): number in ``scenario.loads`` of the load it comes from, -1 for a pressure; ``what`` (k,) names it in messages.
@@ -37,10 +37,12 @@ class PointLoads:
 NO_LOADS = PointLoads(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, np.int64), ())
 
 
-def point_loads(scenario: Scenario, number: dict[str, int], bare: Assembly) -> PointLoads:
-    """The dead loads of a scenario on the blocks of ``bare``; ``number`` of every block by name.
+def point_loads(scenario: Scenario, number: dict[str, int], bare: Assembly, moving: bool = False) -> PointLoads:
+    """The dead loads of a scenario on the blocks of ``bare``, pressures as they act at the start; ``number`` of every
+    block by name.
 
-    ScenarioError for a point outside its block, or a pressure that no face feels.
+    ScenarioError for a point outside its block, or a pressure that no face feels: if blocks are ``moving``, none that
+    could come to feel it.
     """
     rows: list[tuple[int, np.ndarray, np.ndarray, int, str]] = []
     for index, load in enumerate(scenario.loads):
@@ -53,7 +55,7 @@ def point_loads(scenario: Scenario, number: dict[str, int], bare: Assembly) -> P
             members = scenario.groups.get(pressure.block) or (number[pressure.block],)
             rows += [
                 (face.block, face.arm, face.force, -1, f"pressure number {index}")
-                for face in face_forces(pressure, members, bare)
+                for face in face_forces(pressure, members, bare, moving)
             ]
     return PointLoads(
         block=np.array([row[0] for row in rows], np.int64),

@@ -1,8 +1,9 @@
-"""Resultants of surface pressures on the bare faces of blocks: force and centre of pressure.
+"""Surface pressures on the bare faces of blocks: which faces feel them, and their resultants in the geometry of the start.
 
 On each face with the stated outward normal n the pressure p(z) = c0 + c1 z acts where it is positive and where no joint
 covers the face. With dF = -n p dA, all parallel on one face, the resultant is F = -n int p dA at the centre of pressure
 int p x dA / int p dA. Both integrals are exact: p x is quadratic, and the midpoint rule of triangles integrates that.
+Where blocks move, the polygons move with them, and `kernels.dynamics.pressed_faces` integrates over them anew.
 """
 
 from __future__ import annotations
@@ -13,11 +14,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dembrick.errors import ScenarioError
+from dembrick.geometry.clipping import clip
 from dembrick.geometry.shapes import parts_of
 from dembrick.scenario.checks import show
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
+    from dembrick.scenario.model import Scenario
 
 FACING = 1e-3  # rad: how far the normal of a loaded face may be off the stated direction
 COPLANAR = 1e-6  # of the block's diameter: a joint so near a face lies on it
@@ -33,33 +36,128 @@ class FaceForce:
     force: np.ndarray
 
 
-def face_forces(pressure, members, bare: Assembly) -> list[FaceForce]:
-    """Resultants of one pressure on the blocks ``members`` of an assembly, one a face; ScenarioError if no free block
-    of them has a face that looks along its direction and feels it."""
-    c0, c1 = pressure.at_height
+@dataclass(frozen=True)
+class LoadedFace:
+    """A face of ``block`` under a pressure: outward ``normal`` (3,), ``corners`` (m, 3) and, of what covers it,
+    ``covers`` (each (k, 3)), counterclockwise about the normal; world, at the start."""
+
+    block: int
+    normal: np.ndarray
+    corners: np.ndarray
+    covers: tuple[np.ndarray, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class PressedPolygons:
+    """The polygons of all loaded faces, as they ride with their blocks: q polygons with c corners.
+
+    ``block`` (q,); ``first`` (q + 1,): number of the first corner of each; ``corner`` (c, 3): m, from the centroid in
+    body axes, counterclockwise seen from outside; ``sense`` (q,): 1, or -1 for what covers a face; pressure ``level``
+    + ``slope`` z where that is positive (q,), Pa and Pa/m, z the height in the world; ``driven`` (q,): whether the
+    load factor multiplies it.
+    """
+
+    block: np.ndarray
+    first: np.ndarray
+    corner: np.ndarray
+    sense: np.ndarray
+    level: np.ndarray
+    slope: np.ndarray
+    driven: np.ndarray
+
+
+NO_POLYGONS = PressedPolygons(
+    np.zeros(0, np.int64), np.zeros(1, np.int64), np.zeros((0, 3)), *(np.zeros(0),) * 3, np.zeros(0, bool)
+)
+
+
+def loaded_faces(pressure, members, bare: Assembly) -> list[LoadedFace]:
+    """The faces of the free blocks among ``members`` that look along the direction of a pressure."""
     found = []
     for block in members:
         if bare.fixed[block]:
             continue
-        covers = _joint_polygons(bare, block)
-        shape, rotation = bare.shapes[block], bare.rotation[block]
-        for place, part in parts_of(shape):
+        shape, rotation, covers = bare.shapes[block], bare.rotation[block], None
+        for number, (place, part) in enumerate(parts_of(shape)):
             for face, normal in zip(part.faces, part.face_normals @ rotation.T, strict=True):
                 if np.linalg.norm(np.cross(normal, pressure.direction)) > FACING or normal @ pressure.direction < 0.0:
                     continue
                 corners = bare.position[block] + (place + part.vertices[list(face)]) @ rotation.T
-                total = _moments(corners, c0, c1)
-                for cover in covers:
-                    if np.abs((cover - corners[0]) @ normal).max() <= COPLANAR * shape.diameter:
-                        total -= _moments(_ordered_like(cover, normal), c0, c1)
-                if total[0] > COPLANAR**2 * abs(c0 + c1 * bare.position[block][2]) * shape.diameter**2:
-                    centre = total[1:] / total[0]
-                    found.append(FaceForce(int(block), centre - bare.position[block], -normal * total[0]))
-    if not found:
+                covers = _joint_polygons(bare, block) if covers is None else covers
+                inside = _sibling_polygons(bare, block, number, corners, normal)
+                on_face = [
+                    _ordered_like(cover, normal)
+                    for cover in covers + inside
+                    if np.abs((cover - corners[0]) @ normal).max() <= COPLANAR * shape.diameter
+                ]
+                found.append(LoadedFace(int(block), normal, corners, tuple(on_face)))
+    return found
+
+
+def face_forces(pressure, members, bare: Assembly, moving: bool = False) -> list[FaceForce]:
+    """Resultants of one pressure on the blocks ``members`` of an assembly, one a face that feels it.
+
+    ScenarioError if no free block of them has a face that looks along its direction and feels it; where blocks are
+    ``moving`` it may come to feel it later, but for a driven pressure, which has to push from the start.
+    """
+    c0, c1 = pressure.at_height
+    faces, found = loaded_faces(pressure, members, bare), []
+    for face in faces:
+        total = _moments(face.corners, c0, c1)
+        for cover in face.covers:
+            total -= _moments(cover, c0, c1)
+        least = COPLANAR**2 * abs(c0 + c1 * bare.position[face.block][2]) * bare.shapes[face.block].diameter ** 2
+        if total[0] > least:
+            centre = total[1:] / total[0]
+            found.append(FaceForce(face.block, centre - bare.position[face.block], -face.normal * total[0]))
+    if not found and not (moving and faces and not pressure.actuator):
         raise ScenarioError(
             f"the pressure on {show(pressure.block)}: no free block of it has a bare face with the outward normal "
             f"{show(tuple(round(x, 6) for x in pressure.direction))} that feels it; check block, direction and surface"
         )
+    return found
+
+
+def pressed_polygons(scenario: Scenario, number: dict[str, int], bare: Assembly) -> PressedPolygons:
+    """The polygons of all pressures of a scenario; ``number`` of every block by name."""
+    rows: list[tuple] = []
+    for pressure in scenario.pressures:
+        members = scenario.groups.get(pressure.block) or (number[pressure.block],)
+        for face in loaded_faces(pressure, members, bare):
+            for corners, sense in ((face.corners, 1.0), *((cover, -1.0) for cover in face.covers)):
+                local = (corners - bare.position[face.block]) @ bare.rotation[face.block]
+                rows.append((face.block, local, sense, *pressure.at_height, pressure.actuator))
+    if not rows:
+        return NO_POLYGONS
+    block, corner, sense, level, slope, driven = zip(*rows, strict=True)
+    return PressedPolygons(
+        block=np.array(block, np.int64),
+        first=np.cumsum([0, *map(len, corner)]),
+        corner=np.concatenate(corner),
+        sense=np.array(sense),
+        level=np.array(level),
+        slope=np.array(slope),
+        driven=np.array(driven, bool),
+    )
+
+
+def _sibling_polygons(bare: Assembly, block: int, number: int, corners: np.ndarray, normal: np.ndarray) -> list:
+    """World corners (m, 3) of what other convex parts of a block cover of a face of its part ``number``."""
+    shape, rotation, found = bare.shapes[block], bare.rotation[block], []
+    flat = np.linalg.svd(corners - corners.mean(axis=0))[2][:2]
+    axes = flat if np.cross(flat[0], flat[1]) @ normal > 0.0 else flat[::-1]
+    for other, (place, part) in enumerate(parts_of(shape)):
+        if other == number:
+            continue
+        for face, facing in zip(part.faces, part.face_normals @ rotation.T, strict=True):
+            against = bare.position[block] + (place + part.vertices[list(face)]) @ rotation.T
+            apart = np.abs((against - corners[0]) @ normal).max()
+            if facing @ normal > FACING - 1.0 or apart > COPLANAR * shape.diameter:
+                continue
+            flat_face, flat_other = ((polygon - corners[0]) @ axes.T for polygon in (corners, against[::-1]))
+            shared, count = clip(flat_face[None], flat_other[None])
+            if count[0] >= 3:
+                found.append(corners[0] + shared[0, : count[0]] @ axes)
     return found
 
 

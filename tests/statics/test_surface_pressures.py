@@ -106,14 +106,11 @@ def test_a_dead_pressure_lowers_the_load_factor_that_is_left():
     assert point.V == pytest.approx(min(overturning, sliding), rel=1e-5)
 
 
-def test_a_dead_pressure_keeps_its_direction_in_the_world_on_a_tilting_table():
-    """Overturning about the toe, seen from the table: gravity and the force on the back (x = -0.3) both turn back."""
-    weight, force = 0.6 * 1.2 * 2000.0 * 9.81, 5000.0 * 1.2
-    tilt = 'kind = "tilt"\naxis = [0.0, 1.0, 0.0]\nrate = 1.0\ndisplacement = 0.02\nquasi_static = true'
-    point = simulate(scene(courses([0.6], 1.2), "value = 5000.0", 0.64, tilt), record=False).yield_point
-    # 0.6 (F cos + W sin) + 0.6 F sin = 0.3 W cos
-    expected = (0.3 * weight - 0.6 * force) / (0.6 * weight + 0.6 * force)
-    assert point.V == pytest.approx(expected, rel=1e-4)
+def test_a_tilt_in_the_geometry_of_the_start_refuses_pressures():
+    """They turn with the table and not with gravity; see test_pressures_follow_faces for the tilt that knows them."""
+    tilt = 'kind = "tilt"\naxis = [0.0, 1.0, 0.0]'
+    with pytest.raises(ScenarioError, match="stay square to the faces"):
+        assemble(scene(courses([0.6], 1.2), "value = 5000.0", 0.64, tilt))
 
 
 def test_a_covered_face_feels_no_pressure():

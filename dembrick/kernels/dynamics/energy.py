@@ -88,9 +88,10 @@ def power(bodies, b, force):
 
 @jit
 def add_load_work(energy_terms, bodies, loads, step, dt):
-    """Work of the loads over the step that led here."""
+    """Work of the loads and pressures over the step that led here."""
     total = 0.0
-    for k in range(loads.block.size):
+    n_force = loads.block.size
+    for k in range(n_force):
         b = loads.block[k]
         f = loads.force[step, k]
         last = energy_terms.load[k]
@@ -99,6 +100,13 @@ def add_load_work(energy_terms, bodies, loads, step, dt):
         put_vector(last, f[0], f[1], f[2])
         last[3], last[4], last[5] = cross(r1, r2, r3, f[0], f[1], f[2])
         total += power(bodies, b, last)
+    faces = loads.faces
+    for q in range(faces.block.size):
+        last = energy_terms.load[n_force + q]
+        total += power(bodies, faces.block[q], last)
+        for i in range(6):
+            last[i] = faces.wrench[q, i]
+        total += power(bodies, faces.block[q], last)
     energy_terms.total[LOADS] += 0.5 * dt * total
 
 

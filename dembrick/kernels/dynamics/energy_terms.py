@@ -44,7 +44,7 @@ class EnergyTerms(NamedTuple):
     share: ndarray  # (j,) what new contacts leave to the joint
     place: ndarray  # (j,) int64, its number among the point joints; of a convex joint -1 less its number
     fallen: ndarray  # (n,) work of gravity, and of what shaking puts in its place
-    load: ndarray  # (k, 6) N, N m, the loads
+    load: ndarray  # (k + q, 6) N, N m, the loads and the pressures
     support: ndarray  # (k, 6) N, N m, of joints and contacts on the supports that are moved
     push: ndarray  # (n, 6) N, N m, of all new contacts on each block
     # (5,) work of loads and of supports that are moved, of new contacts, and what springs of joints held that were

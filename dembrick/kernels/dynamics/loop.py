@@ -15,6 +15,7 @@ from dembrick.kernels.dynamics.contact_forces import TOUCHED, clear_applied
 from dembrick.kernels.dynamics.energy import add_step
 from dembrick.kernels.dynamics.joint_families import forces as joint_forces
 from dembrick.kernels.dynamics.joint_families import tiles_of
+from dembrick.kernels.dynamics.pressed_faces import PressedFaces, clear_pressed, press
 from dembrick.kernels.dynamics.rigid_bodies import move_support, step_bodies, write_rotations
 from dembrick.kernels.dynamics.tie_forces import clear_tied, pull_ties
 from dembrick.kernels.dynamics.tiles import WORK, least_slack, rows_of_lanes
@@ -25,8 +26,8 @@ RUNNING, REACHED, STALE, DIVERGED, MEETING, OVERLOADED = 0, 1, 2, 3, 4, 5
 
 
 class Loads(NamedTuple):
-    """Forces at material points of blocks, besides gravity, gravity, and supports that are moved: one entry a step of
-    the chunk."""
+    """Forces at material points of blocks, besides gravity, gravity, supports that are moved, and pressures: one entry a
+    step of the chunk."""
 
     block: ndarray  # (k,) int64
     lever: ndarray  # (k, 3) m, from the centroid in body axes
@@ -38,6 +39,9 @@ class Loads(NamedTuple):
     velocity: ndarray  # (s, m, 3) m/s, mean of the step
     spin: ndarray  # (s, m, 3) rad/s, likewise, world
     moved: ndarray  # (s,) m2, square of the longest move of any of their points
+    faces: PressedFaces  # that feel a pressure
+    multiplier: ndarray  # (s,) V, of driven pressures
+    height: ndarray  # (s, 4) of a point x, counted as `Bodies.position`: the first three times x, and the fourth (m)
 
 
 class Limits(NamedTuple):
@@ -54,11 +58,13 @@ def apply_loads(loads, bodies, step):
     for k in range(block.size):
         for i in range(6):
             bodies.applied[block[k], i] = 0.0
+    clear_pressed(loads.faces, bodies)
     for k in range(block.size):
         b = block[k]
         f = loads.force[step, k]
         r1, r2, r3 = rotate(bodies.orientation, b, loads.lever[k, 0], loads.lever[k, 1], loads.lever[k, 2])
         add_wrench(bodies.applied[b], 1.0, f[0], f[1], f[2], 0.0, 0.0, 0.0, r1, r2, r3)
+    press(loads.faces, bodies, loads.multiplier[step], loads.height[step])
 
 
 def shares(corners, faces, bodies, threads: int) -> tuple[np.ndarray, ...]:
@@ -89,7 +95,7 @@ def advance_bodies(
     goal2 = limits.displacement**2
     longest2 = limits.longest**2
     meeting = touch_at != 0
-    loaded = loads.block.size > 0 or ties.stiffness.size > 0 or meeting
+    loaded = loads.block.size > 0 or loads.faces.block.size > 0 or ties.stiffness.size > 0 or meeting
     for step in range(n_steps):
         if travel[0] <= 0.0:
             travel[0] = least_slack(links)
@@ -113,9 +119,9 @@ def advance_bodies(
                 return touched, step
         if energy_terms is not None:
             mean = add_step(energy_terms, bodies, links, corners, faces, ties, loads, meeting, touching, step, dt)
+        g = loads.gravity[step]  # threads are handed arrays, and tuples of arrays only
         for t in prange(moved.size):
             first, last = share_bodies[t], share_bodies[t + 1]
-            g = loads.gravity[step]
             if energy_terms is None:
                 moved[t], away[t] = step_bodies(
                     bodies, links.wrenches, loaded, first, last, g, dt, damping, None, None, work[t]

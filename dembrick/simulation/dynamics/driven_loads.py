@@ -1,7 +1,9 @@
 """Loads that grow together with one multiplier V: actuators, driven pressures, and a load on every block.
 
-They keep their directions and stay at their points, which move with the blocks. What is work-conjugate to V is the
-driven displacement, sum(weight u) / sum|weight|, with the displacement u of every point along its direction.
+Jacks keep their directions and stay at their points, which move with the blocks. What is work-conjugate to V is the
+driven displacement, sum(weight u) / sum|weight|, with the displacement u of every point along its direction. A driven
+pressure follows its faces (`kernels.dynamics.pressed_faces`); the displacement is counted at its centre and along its
+direction of the start.
 """
 
 from __future__ import annotations
@@ -28,6 +30,7 @@ class DrivenLoads:
     start: np.ndarray
     direction: np.ndarray
     weight: np.ndarray
+    pressed: np.ndarray
 
     @classmethod
     def of(cls, assembly: Assembly, state: MovingState) -> DrivenLoads:
@@ -36,12 +39,14 @@ class DrivenLoads:
         lever = np.einsum("kji,kj->ki", assembly.rotation[table.block], table.arm)
         bodies = state.bodies
         start = bodies.position[table.block] + np.einsum("kij,kj->ki", bodies.rotation[table.block], lever)
-        return cls(table.block, lever, start, table.direction, table.weight)
+        return cls(table.block, lever, start, table.direction, table.weight, table.pressed)
 
     @property
-    def force(self) -> np.ndarray:
-        """Of V = 1 (k, 3), N."""
-        return self.weight[:, None] * self.direction
+    def jacks(self) -> dict[str, np.ndarray]:
+        """Block, lever and force (N, for V = 1) of those that are no pressures, as loads have them."""
+        own = ~self.pressed
+        force = self.weight[own, None] * self.direction[own]
+        return {"block": self.block[own], "lever": self.lever[own], "force": force}
 
     def displacements(self, bodies: Bodies) -> np.ndarray:
         """Of the points along their directions (k,), m, from the start of the stage."""

@@ -65,7 +65,7 @@ TRIAL = 64  # steps in which one thread and several show how fast they are
 FIRST_PAUSE, LONGEST_PAUSE = 250, 20_000  # steps until they show it again
 NO_LIMIT = 1e150  # m
 IN_LANES = ("tiles", "seen_tiles", "wrenches", "points", "sheared", "slipped", "dashpots", "ledger", "face")  # in tiles
-BY_STEP = ("force", "gravity", "place", "orientation", "velocity", "spin", "moved")  # of loads
+BY_STEP = ("force", "gravity", "place", "orientation", "velocity", "spin", "moved", "multiplier", "height")  # of loads
 BETWEEN = ("dead_load", "contact_search", "geometry", "record")  # what a run does beside its steps
 
 
@@ -265,7 +265,7 @@ def joint_forces(motion: Motion, driving: Driving) -> None:
 def present_velocities(motion: Motion, driving: Driving) -> tuple[np.ndarray, np.ndarray]:
     """Velocities (n, 3) and spins (n, 3; rad/s, world) of the blocks at the moment of their positions: the mean of half
     a step before and half a step after, which a copy of everything takes."""
-    motion.energy.fit(len(driving.block), len(driving.supports))
+    motion.energy.fit(driving.n_load, len(driving.supports))
     state, touching, shared = motion.state, motion.contact_detection.touching, {}
     if touching is not None:
         shared = {name: getattr(touching, name) for name in ("parts", "scratch", "pressed")}
@@ -276,9 +276,8 @@ def present_velocities(motion: Motion, driving: Driving) -> tuple[np.ndarray, np
     if touching is not None:
         touching = touching._replace(**shared)
         touching.room[:], touching.overloaded[:] = np.inf, 0
-    gravity, force = driving.at(np.array([motion.time]), motion.time_step)
-    supports = driving.prescribed(np.array([motion.time]), motion.time_step)
-    loads, limits = Loads(driving.block, driving.lever, force, gravity, *supports), Limits(NO_LIMIT, NO_LIMIT)
+    loads = driving.loads(np.array([motion.time]), motion.time_step)
+    limits = Limits(NO_LIMIT, NO_LIMIT)
     ahead = state._replace(bodies=bodies, links=links, corners=corners, faces=faces, ties=ties)
     own = shares(corners, faces, bodies, 1)
     dt, fixed = motion.time_step, (limits, 0.0, np.array([np.inf, 0.0]), touching, table)
@@ -323,10 +322,8 @@ def advance_chunk(
 
     ``supports``: their motion in these steps, and perhaps in more, if that is known."""
     state, energy = motion.state, motion.energy
-    energy.fit(len(driving.block), len(driving.supports))
-    gravity, force = driving.at(times, dt)
-    supports = driving.prescribed(times, dt) if supports is None else supports
-    loads = Loads(driving.block, driving.lever, force, gravity, *supports)
+    energy.fit(driving.n_load, len(driving.supports))
+    loads = driving.loads(times, dt, supports)
     loops = _loops(state, bodies)
     fixed = limits, damping, motion._travel, touching
     forms = [_compiled(motion, loop, own, dt, state, bodies, loads, *fixed, energy.table) for loop, own in loops]

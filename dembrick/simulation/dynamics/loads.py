@@ -3,19 +3,25 @@
 The run is made in the frame of the supports. A table that tilts turns gravity and the loads the other way (its rate is
 slow: what its turning adds to the acceleration is left out); supports that shake put their acceleration, reversed, on
 every block. Shaken supports enter by the velocity they gain in each step, so that a history is integrated exactly,
-jumps and all. Supports that settle move in that frame. `driving_of` opens the CSV files that a scenario names.
+jumps and all. Supports that settle move in that frame. Pressures follow the faces as they are now, those of fluids by
+the present height of each point: of a table that tilts, its height in the world; a fluid moves with supports that
+shake. `driving_of` opens the CSV files that a scenario names.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dembrick.assembly.surface_pressures import NO_POLYGONS, PressedPolygons
 from dembrick.errors import ScenarioError
+from dembrick.kernels.dynamics.loop import Loads
+from dembrick.kernels.dynamics.pressed_faces import PressedFaces
 from dembrick.scenario.regimes import ACTUATORS, EVERY_BLOCK, REAL_TIME
 from dembrick.simulation.dynamics import time_histories
 from dembrick.simulation.dynamics.driven_loads import DrivenLoads
@@ -38,8 +44,9 @@ class Driving:
     each or None. ``tilt``: axis, and a curve of the angle, rad. ``support_velocity``: directions (3,), and curves of
     the speed along them, m/s; the record shows the acceleration along the first. ``supports``: those that move
     against the others, and ``share``: how much of their paths they have gone at a time. ``driven``: the load system
-    whose multiplier V, a function of time, a load path increases; its forces are the last of the loads, but for those
-    of a table, which tilts to atan(V).
+    whose multiplier V, a function of time, a load path increases; the forces of its jacks are the last of the loads, but
+    for those of a table, which tilts to atan(V). ``pressed``: faces that pressures follow; ``middle`` (3,): the world
+    point that positions count from, m.
     """
 
     gravity: np.ndarray
@@ -53,6 +60,35 @@ class Driving:
     share: Curve = np.zeros_like
     driven: DrivenLoads | None = None
     multiplier: Curve = np.zeros_like
+    pressed: PressedPolygons = NO_POLYGONS
+    middle: np.ndarray = field(default_factory=lambda: np.zeros(3))
+
+    @property
+    def n_load(self) -> int:
+        """Forces and pressed polygons: each has its own row in the energy balance."""
+        return len(self.block) + len(self.pressed.block)
+
+    @cached_property
+    def _faces(self) -> PressedFaces:
+        pressed = vars(self.pressed)
+        return PressedFaces(**pressed, wrench=np.zeros((len(self.pressed.block), 6)))
+
+    def loads(self, times: np.ndarray, dt: float, supports: PrescribedMotion | None = None) -> Loads:
+        """All of it as the loop takes it, for the steps at ``times`` (s,); ``supports``: their motion, if known."""
+        gravity, force = self.at(times, dt)
+        supports = self.prescribed(times, dt) if supports is None else supports
+        return Loads(
+            self.block, self.lever, force, gravity, *supports, self._faces, self.multiplier(times), self.height(times)
+        )
+
+    def height(self, times: np.ndarray) -> np.ndarray:
+        """The height of a point x, counted from the middle of the scene, as (h_1, h_2, h_3, h_0) with h x + h_0 (s, 4):
+        a table that tilts turns the vertical, seen from it, the other way."""
+        up = np.repeat([[0.0, 0.0, 1.0]], len(times), axis=0)
+        if self.tilt is not None:
+            axis, angle = self.tilt
+            up = turned_back(up, axis, np.cos(angle(times))[:, None], np.sin(angle(times))[:, None])
+        return np.column_stack([up, up @ self.middle])
 
     def at(self, times: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
         """Gravity (s, 3) in m/s2 and load forces (s, k, 3) in N for the steps at ``times`` (s,)."""
@@ -109,8 +145,8 @@ def driving_of(scenario: Scenario, moving: Motion) -> Driving:
     assembly, time_step = moving.assembly, moving.time_step
     control = scenario.control
     duration, place = getattr(control, "duration", 0.0), f"{scenario.path}: " if scenario.path else ""
-    loads = assembly.point_loads
-    factors = {-1: None}
+    loads, given = assembly.point_loads, assembly.point_loads.given >= 0
+    factors: dict[int, Curve | None] = {}
     for index, load in enumerate(scenario.loads):
         factors[index] = None
         if load.sine is not None:
@@ -128,10 +164,12 @@ def driving_of(scenario: Scenario, moving: Motion) -> Driving:
             )
     driving = {
         "gravity": np.array(scenario.gravity, float),
-        "block": loads.block,
-        "lever": np.einsum("kji,kj->ki", assembly.rotation[loads.block], loads.arm),
-        "force": loads.force,
-        "factor": tuple(factors[index] for index in loads.given),
+        "block": loads.block[given],
+        "lever": np.einsum("kji,kj->ki", assembly.rotation[loads.block[given]], loads.arm[given]),
+        "force": loads.force[given],
+        "factor": tuple(factors[index] for index in loads.given[given]),
+        "pressed": assembly.pressed,
+        "middle": moving.state.middle,
     }
     if control.tilt_axis is not None and control.regime is REAL_TIME:
         driving["tilt"] = (np.array(control.tilt_axis, float), lambda times: np.radians(control.rate) * times)
@@ -144,7 +182,7 @@ def driving_of(scenario: Scenario, moving: Motion) -> Driving:
     if control.in_deformed_geometry and control.drives in (ACTUATORS, EVERY_BLOCK):
         driven = driving["driven"] = DrivenLoads.of(assembly, moving.state)
         if control.tilt_axis is None:
-            for key, more in (("block", driven.block), ("lever", driven.lever), ("force", driven.force)):
+            for key, more in driven.jacks.items():
                 driving[key] = np.concatenate([driving[key], more])
     if len(supports) and control.rate is not None:
         driving["share"] = lambda times: np.clip(control.rate / supports.length * times, 0.0, 1.0)

@@ -98,7 +98,8 @@ class LoopOrder:
             np.take(getattr(bodies, name), self.order, axis=0, out=getattr(self.bodies, name), mode="clip")
         own = self.bodies._replace(free=np.sort(self.row[bodies.free]).astype(np.uint32))
         ties = ties._replace(block=self.row[ties.block])
-        loads = loads._replace(block=self.row[loads.block], support=self.row[loads.support])
+        faces = loads.faces._replace(block=self.row[loads.faces.block])
+        loads = loads._replace(block=self.row[loads.block], support=self.row[loads.support], faces=faces)
         touching = touching._replace(
             parts=touching.parts._replace(owner=self.row[touching.parts.owner]),
             **{name: getattr(touching, name)[self.order] for name in ("free", "load", "bearable")},

@@ -120,8 +120,8 @@ def prepare(assembly: Assembly, control: Control, step_factor: float) -> Motion:
 
 def ask_for(moving: Motion, output: Output, driving: Driving) -> None:
     """Have the loop write down what ``output`` names beside what it needs itself, under what is ``driving``."""
-    loads, supports = len(driving.block), len(driving.supports)
-    moving.energy = MotionEnergy(moving.state, loads, "energy" in output.channels, supports)
+    supports = len(driving.supports)
+    moving.energy = MotionEnergy(moving.state, driving.n_load, "energy" in output.channels, supports)
     moving.contact_detection.let_move(driving.supports.block)
     if "contacts" in output.channels:
         moving.state = with_contact_forces(moving.state)

@@ -1,0 +1,111 @@
+"""Pressures on faces of blocks that move: they follow the face, and those of a fluid the present depth of each part.
+
+On a convex polygon with the outward normal n the pressure p = max(0, c0 + c1 z) is linear where it is positive. That
+part is a fan of triangles of vector area A n. On a triangle with pressures p_i at the corners r_i, counted from the
+centroid of the block, force and moment are, exactly,
+
+    F = -A n (p_1 + p_2 + p_3) / 3,    M = -(sum p_i sum r_i + sum p_i r_i) / 12 x A n.
+
+The vector areas of a closed surface cancel in the geometry that there is: what is under water all round feels no moment.
+"""
+
+from typing import NamedTuple
+
+from numpy import ndarray
+
+from dembrick._jit import jit
+from dembrick.kernels.math.quaternion import rotate
+from dembrick.kernels.math.vec3 import add_wrench, cross
+
+
+class PressedFaces(NamedTuple):
+    """q convex polygons with c corners in all, each of a face or, taken off, of what covers one."""
+
+    block: ndarray  # (q,) int64
+    first: ndarray  # (q + 1,) int64, number of the first corner of each
+    corner: ndarray  # (c, 3) m, from the centroid in body axes, counterclockwise seen from outside
+    sense: ndarray  # (q,) 1, or -1 for what is taken off
+    level: ndarray  # (q,) Pa, c0
+    slope: ndarray  # (q,) Pa/m, c1
+    driven: ndarray  # (q,) bool, whether the multiplier V acts on it
+    wrench: ndarray  # (q, 6) N, N m, force and moment about the centroid as `press` found them last
+
+
+@jit
+def clear_pressed(faces, bodies):
+    """Take all loads off the blocks that feel a pressure: those of the step come next."""
+    for q in range(faces.block.size):
+        for i in range(6):
+            bodies.applied[faces.block[q], i] = 0.0
+
+
+@jit
+def press(faces, bodies, multiplier, height):
+    """Add the pressures to the loads on their blocks; the height of a point x is ``height`` (4,): h x + h_0."""
+    for q in range(faces.block.size):
+        b = faces.block[q]
+        wrench = faces.wrench[q]
+        for i in range(6):
+            wrench[i] = 0.0
+        press_polygon(faces, q, bodies, height)
+        factor = faces.sense[q]
+        if faces.driven[q]:
+            factor *= multiplier
+        load = bodies.applied[b]
+        for i in range(6):
+            wrench[i] *= factor
+            load[i] += wrench[i]
+
+
+@jit
+def press_polygon(faces, q, bodies, height):
+    """Put force and moment of the pressure on one polygon into its wrench, which is zero: of the triangles between the
+    first corner of the part where the pressure is positive and its edges, as the outline is walked."""
+    b = faces.block[q]
+    first = faces.first[q]
+    last = faces.first[q + 1]
+    slope = faces.slope[q]
+    x = bodies.position[b]
+    at_centroid = faces.level[q] + slope * (height[0] * x[0] + height[1] * x[1] + height[2] * x[2] + height[3])
+    found = 0
+    a1 = a2 = a3 = pa = 0.0  # the first corner of the part
+    b1 = b2 = b3 = pb = 0.0  # the corner before
+    k = last - 1
+    u1, u2, u3 = rotate(bodies.orientation, b, faces.corner[k, 0], faces.corner[k, 1], faces.corner[k, 2])
+    pu = at_centroid + slope * (height[0] * u1 + height[1] * u2 + height[2] * u3)
+    for k in range(first, last):
+        v1, v2, v3 = rotate(bodies.orientation, b, faces.corner[k, 0], faces.corner[k, 1], faces.corner[k, 2])
+        pv = at_centroid + slope * (height[0] * v1 + height[1] * v2 + height[2] * v3)
+        for at_corner in range(2):
+            if at_corner:
+                if pv < 0.0:
+                    continue
+                c1, c2, c3, pc = v1, v2, v3, pv
+            else:
+                if (pu >= 0.0) == (pv >= 0.0):
+                    continue
+                s = pu / (pu - pv)
+                c1 = u1 + s * (v1 - u1)
+                c2 = u2 + s * (v2 - u2)
+                c3 = u3 + s * (v3 - u3)
+                pc = 0.0
+            if found == 0:
+                a1, a2, a3, pa = c1, c2, c3, pc
+            if found >= 2:
+                press_triangle(faces.wrench[q], a1, a2, a3, pa, b1, b2, b3, pb, c1, c2, c3, pc)
+            b1, b2, b3, pb = c1, c2, c3, pc
+            found += 1
+        u1, u2, u3, pu = v1, v2, v3, pv
+
+
+@jit
+def press_triangle(wrench, a1, a2, a3, pa, b1, b2, b3, pb, c1, c2, c3, pc):
+    """Add force and moment of a linear pressure on a triangle, corners a, b, c counterclockwise seen from outside."""
+    n1, n2, n3 = cross(b1 - a1, b2 - a2, b3 - a3, c1 - a1, c2 - a2, c3 - a3)  # twice the vector area
+    total = pa + pb + pc
+    m1 = (total * (a1 + b1 + c1) + pa * a1 + pb * b1 + pc * c1) / 24.0
+    m2 = (total * (a2 + b2 + c2) + pa * a2 + pb * b2 + pc * c2) / 24.0
+    m3 = (total * (a3 + b3 + c3) + pa * a3 + pb * b3 + pc * c3) / 24.0
+    t1, t2, t3 = cross(m1, m2, m3, n1, n2, n3)
+    mean = total / 6.0
+    add_wrench(wrench, -1.0, mean * n1, mean * n2, mean * n3, t1, t2, t3, 0.0, 0.0, 0.0)
