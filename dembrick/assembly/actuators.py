@@ -55,7 +55,9 @@ class ControlPoints:
 
 
 NO_VECTORS = np.zeros((0, 3))
-NO_ACTUATORS = ActuatorTable((), np.zeros(0, np.int64), NO_VECTORS, NO_VECTORS, NO_VECTORS, np.zeros(0), np.zeros(0, bool))
+NO_ACTUATORS = ActuatorTable(
+    (), np.zeros(0, np.int64), NO_VECTORS, NO_VECTORS, NO_VECTORS, np.zeros(0), np.zeros(0, bool)
+)
 NO_CONTROL_POINTS = ControlPoints((), np.zeros(0, np.int64), NO_VECTORS, NO_VECTORS, NO_VECTORS)
 
 
@@ -95,8 +97,8 @@ def given_actuators(scenario: Scenario, number: dict[str, int], bare: Assembly) 
     if not rows:
         return NO_ACTUATORS
     names, blocks, *columns, pressed = zip(*rows, strict=True)
-    numbers = (np.array(column, float) for column in columns)
-    return ActuatorTable(names, np.array(blocks, np.int64), *numbers, np.array(pressed, bool))
+    point, arm, direction, weight = (np.array(column, float) for column in columns)
+    return ActuatorTable(names, np.array(blocks, np.int64), point, arm, direction, weight, np.array(pressed, bool))
 
 
 def recorded_curve(control: Control, actuators: ActuatorTable) -> Curve:

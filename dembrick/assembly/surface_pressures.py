@@ -124,17 +124,17 @@ def pressed_polygons(scenario: Scenario, number: dict[str, int], bare: Assembly)
     for pressure in scenario.pressures:
         members = scenario.groups.get(pressure.block) or (number[pressure.block],)
         for face in loaded_faces(pressure, members, bare):
-            for corners, sense in ((face.corners, 1.0), *((cover, -1.0) for cover in face.covers)):
+            for corners, sense in [(face.corners, 1.0), *((cover, -1.0) for cover in face.covers)]:
                 local = (corners - bare.position[face.block]) @ bare.rotation[face.block]
                 rows.append((face.block, local, sense, *pressure.at_height, pressure.actuator))
     if not rows:
         return NO_POLYGONS
-    block, corner, sense, level, slope, driven = zip(*rows, strict=True)
+    block, corner, senses, level, slope, driven = zip(*rows, strict=True)
     return PressedPolygons(
         block=np.array(block, np.int64),
         first=np.cumsum([0, *map(len, corner)]),
         corner=np.concatenate(corner),
-        sense=np.array(sense),
+        sense=np.array(senses),
         level=np.array(level),
         slope=np.array(slope),
         driven=np.array(driven, bool),

@@ -18,9 +18,10 @@ from helpers.restart_cases import check_same, stop_at_look
 
 G = 9.81
 WATER = 1000.0 * G  # N/m3
+STRAIGHT = np.eye(3)
 
 
-def all_round(axes=np.eye(3), block="block", **fluid):
+def all_round(axes=STRAIGHT, block="block", **fluid):
     """The same pressure on all six faces of a box whose axes are the columns of ``axes``."""
     normals = [sign * axis for axis in np.asarray(axes).T for sign in (1.0, -1.0)]
     return tuple(Pressure(block, tuple(normal), **fluid) for normal in normals)
@@ -204,10 +205,8 @@ def test_a_pressure_tilts_with_the_table_and_a_fluid_does_not():
 
 def test_parts_of_one_block_cover_each_other():
     """An L pressed on its side faces feels p times what is bare, and nothing where its pieces meet."""
-    piece = Block(
-        "block", "stone", position=(0.0, 0.0, 0.0),
-        parts=(Part(box=(0.2, 1.0, 0.6), position=(0.1, 0.0, 0.3)), Part(box=(0.4, 1.0, 0.2), position=(0.4, 0.0, 0.1))),
-    )  # fmt: skip
+    parts = (Part(box=(0.2, 1.0, 0.6), position=(0.1, 0.0, 0.3)), Part(box=(0.4, 1.0, 0.2), position=(0.4, 0.0, 0.1)))
+    piece = Block("block", "stone", position=(0.0, 0.0, 0.0), parts=parts)
     given = scene((1.0, 1.0, 1.0), 1000.0, (Pressure("block", (1.0, 0.0, 0.0), value=1000.0),))
     built = assemble(replace(given, blocks=(given.blocks[0], piece)))
     np.testing.assert_allclose(built.point_loads.force.sum(axis=0), [-600.0, 0.0, 0.0], rtol=1e-9, atol=1e-9)
@@ -226,8 +225,7 @@ def test_pressures_find_their_blocks_in_any_order_of_memory(monkeypatch):
     """Five blocks that bob, and a raft of two: the same bits whatever the order of the loop."""
     places = ((0.0, 0.0), (1.0, 0.0), (2.0, 0.0), (2.0, 1.0), (2.0, 2.0))
     blocks = tuple(
-        Block(f"b.{i}", "stone", (0.3 + 0.1 * (i % 2), 0.3, 0.2), (*place, 0.02 * i))
-        for i, place in enumerate(places)
+        Block(f"b.{i}", "stone", (0.3 + 0.1 * (i % 2), 0.3, 0.2), (*place, 0.02 * i)) for i, place in enumerate(places)
     )
     given = scene((0.1, 0.1, 0.1), 500.0, (), 0.1)
     stack = (
