@@ -4,7 +4,7 @@
 
 Each structure is searched with ks/kn of .1, .4, 1 and 4, every time with its range. It passes if the four bars overlap,
 each holds the load factors of the others, and none goes above the associative bound by more than the tolerance. Prints
-a line a structure and counts, also of the limits that are called unique; exits with 1 if fewer than 38 of 40 pass.
+a line a structure and counts, also of the limits that no path exceeds; exits with 1 if fewer than 38 of 40 pass.
 """
 
 from __future__ import annotations
@@ -76,13 +76,13 @@ def judged(scenario: Scenario) -> tuple[bool, str] | None:
     overlap = bars[:, 0].max() <= bars[:, 1].min() * (1.0 + ROUNDING)
     holds = bool(((bars[:, :1] <= V * (1.0 + ROUNDING)) & (V <= bars[:, 1:] * (1.0 + ROUNDING))).all())
     below = bool((V <= bound * (1.0 + tolerance)).all())
-    unique = not first.collapse["path_dependent"]
+    unique = first.collapse["no_path_above"]
     numbers = (
         f"V {V.min():.5g} to {V.max():.5g}, bars {bars[:, 0].min():.5g} to {bars[:, 1].max():.5g}, at most {bound:.5g}"
     )
     words = [word for word, good in (("no overlap", overlap), ("V outside", holds), ("above", below)) if not good]
     if unique:
-        words.append("unique" if np.ptp(V) <= 2.0 * tolerance * V.max() else "unique, but other paths differ")
+        words.append("no path above" if np.ptp(V) <= 2.0 * tolerance * V.max() else "no path above, but other paths differ")
     return overlap and holds and below, f"{numbers} {' '.join(words)}".rstrip()
 
 
@@ -105,10 +105,10 @@ def main() -> int:
         if said is None:
             continue
         tried, passed = tried + 1, passed + said[0]
-        unique, wrong = unique + ("unique" in said[1]), wrong + ("but other paths" in said[1])
+        unique, wrong = unique + ("no path above" in said[1]), wrong + ("but other paths" in said[1])
         print(f"{number:4} {kind:6} {'passes' if said[0] else 'FAILS':7} {said[1]}", flush=True)
     print(f"{passed} of {tried} structures that slide pass, of {number} drawn")
-    print(f"{unique} of them are called unique, {wrong} wrongly")
+    print(f"{unique} of them reach what bounds all paths, and in {wrong} others differ")
     print(f"{len(left_out)} have no answer", *left_out, sep="\n  ")
     return 0 if passed >= ENOUGH * tried else 1
 

@@ -22,8 +22,13 @@ def add_arguments(parser) -> None:
     parser.add_argument(
         "--refine",
         action="store_true",
-        help="how far the answer is known: searches again with other stiffness ratios and shorter steps; in real time "
-        "with stiffer joints and at half the rate",
+        help="how far the answer is known: searches again with other stiffness ratios, shorter steps and forces locked "
+        "in; in real time with stiffer joints and at half the rate",
+    )
+    parser.add_argument(
+        "--bound",
+        action="store_true",
+        help="of a search: the associative bound of limit analysis, which no path exceeds, whatever it costs",
     )
     add_force(parser)
 
@@ -51,7 +56,8 @@ def run(options, console) -> int:
     else:
         path, force = _default_path(scenario, console), options.force or history.OWN
     shown = {"report": console.remark, "progress": console.meter.run}
-    return answer(lambda: simulate(scenario, path, force=force, refine=options.refine, **shown), path, console)
+    asked = {"refine": options.refine, "bound": options.bound}
+    return answer(lambda: simulate(scenario, path, force=force, **asked, **shown), path, console)
 
 
 def _default_path(scenario, console) -> str:

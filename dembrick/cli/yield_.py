@@ -40,7 +40,8 @@ def run(options, console) -> int:
             | point
             | {"torsion_centre_1": centre[0], "torsion_centre_2": centre[1], "joint": " - ".join(joint)}
             | {"theory": theory.get("V"), "error_vs_theory": theory.get("error")}
-            | {"path_dependent": on_one_path(part(file.results, "path"))}
+            | {"path_dependent": (file.results or {}).get("path_dependent")}
+            | {"digits_open": on_one_path(part(file.results, "path"))}
         )
     texts = [file.scenario_text for file in files]
     with history.product("yield domain", texts, options.histories, options.force):
@@ -72,7 +73,7 @@ def _text(rows: list[dict]) -> str:
             continue
         half = math.inf if row["V_upper"] is None else 0.5 * (row["V_upper"] - row["V_lower"])
         V, peak, bar = f"{row['V']:.4f}", f"{row['V_peak']:.4f}", f"{half:.4f}"
-        if row["path_dependent"]:
+        if row["digits_open"]:
             V, peak, bar = known(row["V"], None), known(row["V_peak"], None), "one path"
         lines.append(
             f"{row['history']:{width}} {row['formulation'] or '':16}{V:>12}{bar:>10}{peak:>12}{row['M_T']:12.4f}  "

@@ -17,7 +17,7 @@ from dembrick.runs import theory_check
 from dembrick.runs.collapse import collapse_of
 from dembrick.runs.load_path_result import DeformedRestResult, DrivenPathResult, LoadPathResult
 from dembrick.runs.motion_result import MotionResult
-from dembrick.runs.path_dependence import beside_limit, has_paths
+from dembrick.runs.path_dependence import beside_limit, has_paths, other_paths
 from dembrick.runs.result import Result
 from dembrick.runs.settlement_result import SettlementResult
 from dembrick.runs.statics_result import StaticsResult
@@ -138,18 +138,21 @@ def _has_convex(assembly: Assembly) -> bool:
     return any(law.formulation == "convex" for law in assembly.joints.law)
 
 
-def _searched(**fields) -> Result:
+def _searched(bound: bool = False, **fields) -> Result:
     """The yield point of a run compared with theory, if one holds, what stands beside it, and the collapse of a load on
-    every block."""
+    every block; ``bound``: with the associative bound, whatever it costs."""
     run, assembly, control = fields["run"], fields["assembly"], fields["scenario"].control
     expected = theory_check.theory_of(assembly, control.regime is CONSTANT_RATE)
     if expected is not None and run.yield_point.V is not None:
         expected = expected.compared(run.yield_point.V)
     falls = control.ends_with == COLLAPSE and not run.yield_point.unlimited
     fallen = collapse_of(run, assembly, control) if falls else None
-    several = control.regime is LIMIT_LOAD and has_paths(assembly)
-    path = beside_limit(run, assembly, control) if falls or several else None
-    return Result(**fields, theory=expected, fallen=fallen, path=path)
+    if control.regime is CONSTANT_RATE:
+        return Result(**fields, theory=expected, fallen=fallen)
+    others = other_paths(run, assembly, control, bound)
+    told = falls or has_paths(assembly) or others.path_dependent
+    path = beside_limit(run, assembly, fields["scenario"], others) if told else None
+    return Result(**fields, theory=expected, fallen=fallen, path=path, others=others)
 
 
 # --- the limit of a load on every block, equilibrium by equilibrium

@@ -1,31 +1,33 @@
-"""How far the limit of a search depends on the path: the associative bound beside it, and the range of other paths.
+"""How far the limit of a search depends on the path: what other paths may bear, and how that is told.
 
 Friction without dilatancy has no unique limit load: what the joints carry when a mechanism forms depends on how they
-were loaded. Every state on any path is statically admissible, so the load of limit analysis with associative flow, A,
-bounds all of them from above. If a path ends at A, its limit is called unique, for two reasons. No other path ends
-above. And the mechanism u of limit analysis is complementary to every admissible state at A, the end of the path among
-them: contacts that stick there do not move in u, and sliding ones move along the normal of their friction cone at the
-force that they carry. So u takes no work from what friction leaves free, A follows from the dead loads alone, and every
-path that ends with the same contacts sliding the same way ends at A as well. A wall that slides whole on a bed is such
-a case. What this does not exclude is another path that finds another mechanism below A; that is what ``--refine`` looks
-for.
+were loaded, and a squeeze that is locked in makes contacts carry that carry nothing without it. A search follows one
+path, from a start without forces locked in (or from what its stages leave). That no path bears more is proven by its
+mechanism, if normality allows it (`simulation.statics.other_paths`), or if the limit reaches the load A of limit
+analysis with associative flow, which bounds every admissible state. That none bears less takes a proof of its own:
+a path may end below A by another mechanism, and normal forces that neither the load nor a squeeze changes exclude it.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import math
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from dembrick.errors import MissingDependency, NotConvergedError, ScenarioError
 from dembrick.scenario.checks import present
-from dembrick.simulation.statics.yield_point import last_moves, slides
+from dembrick.simulation.statics.other_paths import greatest_on_any_path, statically_determinate
+from dembrick.simulation.statics.yield_point import YieldPoint, last_moves, slides
+from dembrick.views.summary import known
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
     from dembrick.scenario.controls import Control
+    from dembrick.scenario.model import Scenario
     from dembrick.simulation.statics.load_system import Replay
 
+REACHED = 1e-6  # of V: a bound that is no higher than that above the bracket is reached
 PATIENCE = 2.0  # s that limit analysis may take whatever the search took
 
 
@@ -34,39 +36,105 @@ def has_paths(assembly: Assembly) -> bool:
     return len(assembly.joints) > 1
 
 
-def beside_limit(run: Replay, assembly: Assembly, control: Control) -> dict | None:
-    """What stands beside the limit load of a search; None if nothing limits the load.
+class OtherPaths(NamedTuple):
+    """What is known of all paths to the limit load of a structure: whether none bears more than the limit that was
+    found, whether none bears less, and the associative ``bound`` if it was asked for, or why it gave ``no_bound``."""
 
-    ``slides``: joints slide in the mechanism. ``associative``: load factor (V in N of actuators) of limit analysis with
-    its bounds, if the mechanism slides and limit analysis is installed and costs less than the search (or little); None
-    otherwise, and ``no_bound`` says why it failed, if it did. ``path_dependent``: the mechanism slides, and the limit
-    is not known to be unique (see above). ``left_out``: what the joint laws leave out of the collapse.
-    ``wanders``: from where to where the load goes on rising and falling, as blocks snap from one state into another;
-    None where it comes to a limit or has passed a peak; half of that is then the ``error_estimate``. ``--refine``
-    adds ``path_range``, the load factors that other stiffness ratios and steps lead to, ``paths``, how many of them
-    found a limit, of how many, and ``error_estimate``, how far the range goes.
+    no_path_above: bool
+    no_path_below: bool
+    bound: dict | None = None
+    no_bound: str | None = None
+
+    @property
+    def path_dependent(self) -> bool:
+        """Whether another path of the same structure may bear more or less, as far as is proven."""
+        return not (self.no_path_above and self.no_path_below)
+
+    def as_dict(self) -> dict:
+        """What the JSON object of a search has of it."""
+        associative = None if self.bound is None else self.bound["upper"]
+        return {
+            "path_dependent": self.path_dependent,
+            "no_path_above": self.no_path_above,
+            "associative": associative,
+        }
+
+
+def other_paths(run: Replay, assembly: Assembly, control: Control, asked: bool = False) -> OtherPaths:
+    """What is known of all paths to the limit of a search.
+
+    Limit analysis is made if it is ``asked`` for, or if nothing else proves that no path bears more and it costs less
+    than the search (or little).
     """
-    point = run.yield_point
-    if point.V is None:
-        return None
-    from dembrick.runs.limit import associative_bound, cheaper_than
+    from dembrick.runs.limit import associative_bound
 
-    sliding, bound, reason = slides(run.state), None, None
-    affordable = cheaper_than(max(PATIENCE, run.loop_seconds), assembly)
-    if sliding and affordable:
+    point, determinate = run.yield_point, statically_determinate(assembly)
+    if point.V is None:
+        return OtherPaths(True, determinate)
+    alone = determinate or _mechanism_allows_no_more(run, assembly)
+    bound = reason = None
+    if asked or (not alone and has_paths(assembly) and _affordable(run, assembly)):
         try:
             bound = associative_bound(assembly, control)
         except (NotConvergedError, ScenarioError) as error:
             reason = str(error)
+    reached = bound is not None and bound["lower"] <= reach_of(point)
+    if bound is not None and not determinate:
+        alone = reached  # what limit analysis shows to be balanced, a path may bear
+    return OtherPaths(alone or reached, determinate, bound, reason)
+
+
+def _affordable(run: Replay, assembly: Assembly) -> bool:
+    """Whether limit analysis is there and costs less than the search did (or little)."""
+    from dembrick.runs.limit import cheaper_than
+
+    return cheaper_than(max(PATIENCE, run.loop_seconds), assembly)
+
+
+def reach_of(point: YieldPoint) -> float:
+    """The load up to which other loads count as that of ``point``: the end of its bracket, and rounding."""
+    return max(present(point.V), point.V_upper or -math.inf) + REACHED * abs(present(point.V))
+
+
+def _mechanism_allows_no_more(run: Replay, assembly: Assembly) -> bool:
+    """Whether the mechanism at the limit proves that no path bears more; not after a peak, and not where blocks snap
+    on and on."""
+    point = run.yield_point
+    if point.V_after is not None or point.bracket == "open" or run.settings.get("wanders"):
+        return False
+    states = [run.state] if run.left is None else [run.state, run.left]
+    return min(map(greatest_on_any_path, states)) <= reach_of(point)
+
+
+def beside_limit(run: Replay, assembly: Assembly, scenario: Scenario, others: OtherPaths) -> dict | None:
+    """What stands beside the limit load of a search of several joints or of a collapse; None if nothing limits the
+    load.
+
+    ``slides``: joints that carry slide in the mechanism, so that the stiffness of joints may move the limit.
+    ``associative``: load factor (V in N of actuators) of limit analysis with its bounds, if it was asked for; else
+    None, and ``no_bound`` says why it failed, if it did. ``no_path_above``, ``path_dependent``: see `OtherPaths`;
+    ``digits_open``: the stiffness may move the limit, and nothing tells how far. ``locked_in``: the stages before may
+    have left forces in the joints. ``left_out``: what the joint laws leave out of the collapse. ``wanders``: from where to where the load goes on
+    rising and falling, as blocks snap from one state into another; None where it comes to a limit or has passed a peak;
+    half of that is then the ``error_estimate``. ``--refine`` adds ``path_range``, the load factors that other stiffness
+    ratios, steps and locked-in forces lead to, ``paths``, how many of them found a limit, of how many, and
+    ``error_estimate``, how far the range goes.
+    """
+    point = run.yield_point
+    if point.V is None:
+        return None
+    sliding = slides(run.state)
     snaps = run.settings.get("wanders") and point.V_after is None
     wanders = [point.V_lower, point.V_upper] if snaps else None
-    unique = bound is not None and point.V >= (1.0 - getattr(control, "tolerance", 0.0)) * bound["lower"]
     return {
         "slides": sliding,
-        "path_dependent": sliding and not unique,
-        "associative": bound,
-        "no_bound": reason,
-        "left_out": _left_out(run, assembly, control, affordable),
+        "digits_open": sliding and not others.no_path_above,
+        "path_dependent": others.path_dependent,
+        "no_path_above": others.no_path_above,
+        "locked_in": bool(scenario.stages),
+        "associative": others.bound,
+        "no_bound": others.no_bound,
+        "left_out": _left_out(run, assembly, scenario.control) if has_paths(assembly) else [],
         "wanders": wanders,
         "path_range": None,
         "paths": None,
@@ -74,9 +142,10 @@ def beside_limit(run: Replay, assembly: Assembly, control: Control) -> dict | No
     }
 
 
-def _left_out(run: Replay, assembly: Assembly, control: Control, affordable: bool) -> list[dict]:
+def _left_out(run: Replay, assembly: Assembly, control: Control) -> list[dict]:
     from dembrick.runs.left_out import left_out
 
+    affordable = _affordable(run, assembly)
     state, tilt = run.state, control.tilt_axis is not None
     moves, V = np.stack(last_moves(state), axis=1), present(run.yield_point.V)
     try:
@@ -87,8 +156,11 @@ def _left_out(run: Replay, assembly: Assembly, control: Control, affordable: boo
 
 
 def ranged(beside: dict, V: float, factors: list[float], tried: int) -> dict:
-    """``beside`` with the range of V and the load ``factors`` that other paths found, of so many ``tried``."""
+    """``beside`` with the range of V and the load ``factors`` that other paths found, of so many ``tried``; no further
+    than the associative bound, if that is known."""
     low, high = min(*factors, V), max(*factors, V)
+    if beside.get("associative") is not None:
+        high = max(V, min(high, beside["associative"]["upper"]))
     paths = [len(factors) + 1, tried + 1]
     error = max(high - V, V - low, beside["error_estimate"] or 0.0)
     return beside | {"path_range": [low, high], "paths": paths, "error_estimate": error}
@@ -100,14 +172,29 @@ def path_lines(beside: dict, unit: str = "") -> list[str]:
     if beside.get("wanders") is not None:
         low, high = beside["wanders"]
         lines.append(f"wanders       {low:.5g} to {high:.5g}{unit}: blocks snap on and on, and no limit is narrower")
-    if beside.get("path_range") is not None:
-        (low, high), (found, tried) = beside["path_range"], beside["paths"]
+    bound, ranged = beside.get("associative"), beside.get("path_range")
+    if ranged is not None:
+        (low, high), (found, tried) = ranged, beside["paths"]
         lines.append(f"path range    {low:.5g} to {high:.5g}{unit}, by {found} of {tried} paths of the same structure")
-    bound = beside.get("associative")
-    if bound is not None and beside.get("path_range") is not None:
-        lines.append(f"bound         {bound['upper']:.5g}{unit} (associative): no path ends above")
+        if bound is not None:
+            lines.append(f"bound         {bound['upper']:.5g}{unit} (associative): no path ends above")
+        elif beside.get("no_path_above"):
+            lines.append("bound         no path ends above: normality allows the mechanism")
     elif beside.get("path_dependent"):
-        most = "" if bound is None else f"at most {bound['upper']:.5g}{unit} (associative); "
-        rest = "" if bound is not None else ", dembrick limit a bound of it"
-        lines.append(f"              depends on the path: {most}--refine gives the range{rest}")
+        lines += _others(beside, unit)
     return lines + [f"left out      {one['text']}" for one in beside.get("left_out", ())]
+
+
+def _others(beside: dict, unit: str) -> list[str]:
+    """What other paths of the same structure may bear, where nothing is known of their range."""
+    bound, lines = beside.get("associative"), []
+    most = None if bound is None else f"{known(bound['upper'], 0.0, 5)}{unit} (associative)"
+    if beside.get("digits_open", True):
+        limit = f"at most {most}; " if most else ""
+        rest = "" if most else ", --bound a bound of it"
+        lines.append(f"              depends on the path: {limit}--refine gives the range{rest}")
+    more = f"no path bears more than {most}" if most else "another path may bear more"
+    if beside.get("no_path_above"):
+        more = "no path bears more"
+    start = "from what the stages left in the joints" if beside.get("locked_in") else "without forces locked in"
+    return [*lines, f"start         {start}: {more}, another history may bear less"]

@@ -19,9 +19,10 @@ from dembrick.scenario.regimes import ACTUATORS, COMPLETED, STEEPEST, YIELD, Cur
 from dembrick.simulation.energy_audit import EnergyAudit
 from dembrick.simulation.statics.load_system import Replay
 from dembrick.simulation.statics.state import rotations
-from dembrick.simulation.statics.yield_point import YieldPoint
+from dembrick.simulation.statics.yield_point import YieldPoint, moving_blocks
 
 if TYPE_CHECKING:
+    from dembrick.runs.path_dependence import OtherPaths
     from dembrick.simulation.dynamics.run import MotionRun  # and its kernels: for runs in real time only
     from dembrick.simulation.statics.standing import Standing
 
@@ -237,13 +238,14 @@ class Result(SearchResult):
     """What a search or a constant-rate test gave: the yield point with its bracket, and what theory says.
 
     ``fallen``: what a load on every block brought down; ``path``: what stands beside the limit load of an assembly,
-    its associative bound and the range of other paths (see `path_dependence`).
+    its associative bound and the range of other paths; ``others``: what is proven of these (see `path_dependence`).
     """
 
     run: Replay
     theory: theory_check.Theory | None = None
     fallen: dict | None = None
     path: dict | None = None
+    others: OtherPaths | None = None
 
     @property
     def collapse(self) -> dict | None:
@@ -263,6 +265,13 @@ class Result(SearchResult):
     def yield_point(self) -> YieldPoint:
         """Limit load, bracket, torsion centre."""
         return self.run.yield_point
+
+    @property
+    def blocks(self) -> list[str]:
+        """Names of the blocks that move at the limit."""
+        if self.collapse is not None:
+            return self.collapse["blocks"]
+        return [self.assembly.names[i] for i in moving_blocks(self.run.state)]
 
     @property
     def load(self) -> np.ndarray:
@@ -344,6 +353,8 @@ class Result(SearchResult):
             collapse=self.collapse,
             path=self.path,
             after=self.after,
+            **({} if self.others is None else self.others.as_dict()),
+            blocks=self.blocks,
             yield_point=self.yield_point.as_dict(),
             theory=None if self.theory is None else dataclasses.asdict(self.theory),
             steps=run.steps,

@@ -7,10 +7,10 @@ import time
 from collections.abc import Callable
 from contextlib import ExitStack, closing
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from dembrick.assembly import build as assemblies
-from dembrick.errors import DembrickError, HistoryError, NotConvergedError, WriteError
+from dembrick.errors import DembrickError, HistoryError, NotConvergedError, ScenarioError, WriteError
 from dembrick.runs.drivers import driver_of
 from dembrick.runs.error_estimate import Refinement, error_of, refinements
 from dembrick.runs.inertia_share import inertia_remark
@@ -23,6 +23,7 @@ from dembrick.runs.stages import Stages
 from dembrick.runs.statics_result import StaticsResult
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.checks import present
+from dembrick.scenario.controls import LIMIT_LOAD, PATH_FOLLOWING
 from dembrick.scenario.model import Scenario
 from dembrick.scenario.stages import at_stage
 from dembrick.scenario.unit_slips import unit_slips
@@ -38,6 +39,30 @@ if TYPE_CHECKING:
 Outcome: TypeAlias = "Result | MotionResult | StaticsResult"
 
 
+class Asked(NamedTuple):
+    """What a run is asked for beside its answer: to be refined, and the associative bound of its limit."""
+
+    refine: bool = False
+    bound: bool = False
+
+    def check(self, scenario: Scenario, assembly: Assembly) -> None:
+        """Refuse what a scenario cannot give, before anything runs: ScenarioError, or MissingDependency."""
+        if self.refine:
+            refinements(scenario, has_paths(assembly))
+        if not self.bound:
+            return
+        if scenario.control.regime not in (LIMIT_LOAD, PATH_FOLLOWING):
+            raise ScenarioError(
+                f'--bound is for searches of a limit load, and a run of kind "{scenario.control.kind}" is none'
+            )
+        from dembrick.simulation.limit_analysis import solver
+
+        solver.require()
+
+
+NOTHING_ASKED = Asked()
+
+
 def simulate(
     scenario: Scenario | str | os.PathLike,
     history: str | os.PathLike | None = None,
@@ -45,6 +70,7 @@ def simulate(
     force: bool | str = False,
     record: bool = True,
     refine: bool = False,
+    bound: bool = False,
     report: Callable[[str], None] | None = None,
     progress: Callable[[Progress], None] | bool | None = None,
 ) -> Outcome:
@@ -53,7 +79,8 @@ def simulate(
     ``history`` is the HDF5 file to write; ``force`` lets it replace any, or with "own" a finished one of the same
     scenario. Without ``record`` (and a history) only the yield point is kept, which is what a batch wants. ``refine``
     runs it a few times more, for the range of limits that other paths lead to, or for an error estimate of a collapse
-    in real time or of how far blocks have moved, see `error_estimate`. ``report`` gets warnings, which without it go to
+    in real time or of how far blocks have moved, see `error_estimate`. ``bound`` asks for the associative bound of a
+    search, whatever limit analysis costs. ``report`` gets warnings, which without it go to
     the logger ``dembrick``; ``progress`` hears ten times a second how far the run is (see
     `simulation.session.Progress`). None shows a bar in a notebook, False nothing.
 
@@ -65,17 +92,17 @@ def simulate(
     if not isinstance(scenario, Scenario):
         scenario = scenarios.load(scenario)
     assembly = _built(scenario, report)
-    if refine:
-        refinements(scenario, has_paths(assembly))  # refuses what cannot be refined before anything runs
+    asked = Asked(refine, bound)
+    asked.check(scenario, assembly)
     if history is None:
         memory = Memory(scenario, assembly) if record else None
-        return _run(scenario, assembly, memory, (began, start_up), refine, progress, report)
+        return _run(scenario, assembly, memory, (began, start_up), asked, progress, report)
     from dembrick.history import claimed  # and h5py: for runs with a file only
 
     with claimed(history):
         settings = {"scenario": scenario.path or ""}
         store = RecordStore(history, scenario, scenarios.text_of(scenario), assembly, settings, force)
-        return _run(scenario, assembly, store, (began, start_up), refine, progress, report)
+        return _run(scenario, assembly, store, (began, start_up), asked, progress, report)
 
 
 def restart(
@@ -134,7 +161,7 @@ def _run(
     assembly: Assembly,
     store: RecordStore | Memory | None,
     times: tuple[float, float],
-    refine: bool = False,
+    asked: Asked = NOTHING_ASKED,
     progress: Callable[[Progress], None] | bool | None = None,
     report: Callable[[str], None] | None = None,
 ) -> Outcome:
@@ -176,7 +203,7 @@ def _run(
                 raise Interrupted(error.signum, f"{error}; go on with: dembrick restart {path}") from None
             raise
         spent = {"start_up": start_up, "placing": placing, "began": began, "stages": stages.results}
-        result = _finished(scenario, assembly, run, audit, store, spent, refine)
+        result = _finished(scenario, assembly, run, audit, store, spent, asked)
     LOGGER.info("%r", result)
     if report:
         carried = inertia_remark(result)
@@ -185,7 +212,7 @@ def _run(
     return result
 
 
-def _finished(scenario: Scenario, assembly: Assembly, run, audit, store, times, refine) -> Outcome:
+def _finished(scenario: Scenario, assembly: Assembly, run, audit, store, times, asked: Asked) -> Outcome:
     """The result of a run that came to its end, compared with theory, and written."""
     began, placing, done = times["began"], times["placing"], time.perf_counter()
     path = store.path if isinstance(store, RecordStore) else None
@@ -207,12 +234,13 @@ def _finished(scenario: Scenario, assembly: Assembly, run, audit, store, times, 
         history=path,
         energy=audit,
         stages=times["stages"],
+        **({"bound": True} if asked.bound else {}),
     )
     finishing = time.perf_counter()
     wall["total"] = finishing - began
     if run.phases is not None:
         wall["phases"] = run.phases
-    missing = None if not refine or isinstance(result, StaticsResult) else _estimate_error(result)
+    missing = None if not asked.refine or isinstance(result, StaticsResult) else _estimate_error(result)
     if path:
         store.finish(result.status, result.as_dict(), run.settings)
         result.wall["write"] += time.perf_counter() - finishing

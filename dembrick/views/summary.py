@@ -86,9 +86,9 @@ def _magnitude(value: float) -> int:
 
 
 def on_one_path(beside: Mapping) -> bool:
-    """Whether a limit load depends on the path, and nothing tells how far (``collapse`` or ``path``)."""
+    """Whether the stiffness may move a limit load, and nothing tells how far (``collapse`` or ``path``)."""
     told = beside.get("path_range") or beside.get("wanders")
-    return beside.get("path_dependent") is True and told is None
+    return beside.get("digits_open", beside.get("path_dependent")) is True and told is None
 
 
 def travel_unit(longest: float) -> tuple[str, float]:

@@ -79,7 +79,8 @@ def test_a_wall_that_slides_whole_has_one_limit():
     fallen = simulate(wall(0.4, 0.3), record=False).collapse
     assert fallen["slides"] and fallen["load_factor"] == pytest.approx(0.3, rel=1e-3)
     assert fallen["associative"]["upper"] == pytest.approx(0.3, rel=1e-6)
-    assert not fallen["path_dependent"] and "depends on the path" not in "".join(collapse_lines(fallen))
+    assert fallen["no_path_above"] and "depends on the path" not in "".join(collapse_lines(fallen))
+    assert "no path bears more, another history may bear less" in "".join(collapse_lines(fallen))
 
 
 def test_a_limit_below_the_bound_says_how_far_it_is_known(tmp_path, capsys):
@@ -107,7 +108,7 @@ def test_without_a_solver_nothing_is_called_unique(monkeypatch):
     monkeypatch.setattr("dembrick.simulation.limit_analysis.solver.installed", lambda: False)
     fallen = simulate(wall(0.4, 0.3), record=False).collapse
     assert fallen["path_dependent"] and fallen["associative"] is None
-    assert "--refine gives the range, dembrick limit a bound of it" in "".join(collapse_lines(fallen))
+    assert "--refine gives the range, --bound a bound of it" in "".join(collapse_lines(fallen))
 
 
 def pushed_wall() -> Scenario:

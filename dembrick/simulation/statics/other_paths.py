@@ -1,0 +1,109 @@
+"""Other paths to the limit load of a search: whether one may bear more, and whether one may bear less.
+
+**More.** For a mechanism u along the load f, joint forces in equilibrium with the dead load g and V f give
+V f . u = -g . u - (power of the joints on the blocks). At a contact point that power is N u_n + T . u_t, which
+Coulomb's cone |T| <= mu N keeps from being negative if u_n >= mu |u_t|. Then V f . u <= -g . u on every path. This must
+hold at all points that touch, whether they carry on this path or not: a squeeze may make those carry that graze their
+neighbour here. Bonds and ties add the greatest power that their strength takes.
+
+**Less.** In a chain or tree of joints, by which no block is held in two ways, statics alone gives what every joint
+carries under a load, and normal springs without memory give its pressures. Then no history changes at which load a
+joint gives way.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dembrick.simulation.joint_strengths import has_strengths
+from dembrick.simulation.statics import joint_families, ties
+from dembrick.simulation.statics.state import load_vectors
+from dembrick.simulation.statics.stiffness import to_joint
+
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
+    from dembrick.simulation.statics.state import State
+
+RESTS = 1e-3  # of the fastest relative motion at a contact point: what a point slides or closes beyond dilatancy
+
+
+def greatest_on_any_path(state: State) -> float:
+    """V (N) that no path exceeds, by the mechanism of the last step and normality; infinite if it slides without the
+    dilatancy that normality asks for, or stretches a tie that never yields."""
+    blocks, free = state.blocks, state.blocks.free
+    motion = np.concatenate([blocks.velocity, blocks.spin], axis=1)
+    along = float((load_vectors(state)[free] * motion[free]).sum())
+    if not along > 0.0:
+        return np.inf
+    taken = _taken_by_joints(state, motion) + _taken_by_ties(state, motion)
+    return (taken - float((ties.dead_loads(state)[free] * motion[free]).sum())) / along
+
+
+def _taken_by_joints(state: State, motion: np.ndarray) -> float:
+    """The greatest power that the joints can take from the blocks' ``motion`` (n, 6), N m a step."""
+    joints = state.joints
+    relative = np.einsum("jik,jk->ji", to_joint(joints.axes, joints.arm_b), motion[joints.block_b])
+    relative -= np.einsum("jik,jk->ji", to_joint(joints.axes, joints.arm_a), motion[joints.block_a])
+    found = [_at_points(module, own, relative[own.joint]) for module, own in joint_families.present(state)]
+    opening, slip, friction, tension, cohesion = (np.concatenate(values) for values in zip(*found, strict=True))
+    fastest = float(np.hypot(opening, slip).max(initial=0.0))
+    if (friction * slip - opening > RESTS * fastest).any():
+        return np.inf
+    apart = np.maximum(opening - friction * slip, 0.0)
+    return float((tension * apart + cohesion * slip).sum())
+
+
+def _at_points(module, own, relative: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Opening and slip (c,) m of the points or corners of joints that move by ``relative`` (p, 6), their friction, and
+    the greatest tension and cohesion (c,) N that their bonds may have.
+
+    A corner has the whole bond of a convex joint, which is more than it takes.
+    """
+    counts = np.diff(own.start)
+    d_1, d_2, d_n, r_1, r_2, r_n = np.repeat(relative, counts, axis=0).T
+    (x, y), (x_s, y_s) = module.corners(own), module.shear_corners(own)
+    opening, slip = d_n + y * r_1 - x * r_2, np.hypot(d_1 - r_n * y_s, d_2 + r_n * x_s)
+    tension = cohesion = np.zeros(len(x))
+    if own.strengths is not None:
+        area = own.bonds.area if hasattr(own.bonds, "area") else np.repeat(own.area, counts)
+        tension = area * np.repeat(own.strengths.tension, counts)
+        cohesion = area * np.repeat(own.strengths.cohesion, counts)
+    return opening, slip, np.repeat(own.friction, counts), tension, cohesion
+
+
+def _taken_by_ties(state: State, motion: np.ndarray) -> float:
+    """The greatest power that the ties can take from the blocks' ``motion`` (n, 6), N m a step."""
+    own = state.ties
+    if own is None:
+        return 0.0
+    longer = np.einsum("tk,tk->t", own.seen_b[:, 2], motion[own.block_b])
+    longer -= np.einsum("tk,tk->t", own.seen_a[:, 2], motion[own.block_a])
+    longer[np.abs(longer) <= RESTS * np.abs(motion[:, :3]).max(initial=0.0)] = 0.0
+    with np.errstate(invalid="ignore"):  # a tie that never yields and stays as long as it is
+        taken = np.where(longer > 0.0, own.strength * longer, own.least * longer)
+    return float(np.where(longer == 0.0, 0.0, taken).sum())
+
+
+def statically_determinate(assembly: Assembly) -> bool:
+    """Whether statics alone gives what every joint carries, whatever was loaded before: no block is held in two ways,
+    no tie pulls, and joints have friction
+    alone: bonds, first slip and crushing are remembered."""
+    joints = assembly.joints
+    if len(assembly.ties) or has_strengths(joints.law):
+        return False
+    parent = np.arange(len(assembly.names))
+    parent[assembly.fixed] = int(np.flatnonzero(assembly.fixed)[0]) if assembly.fixed.any() else 0
+
+    def root(block: int) -> int:
+        while parent[block] != block:
+            block = parent[block]
+        return block
+
+    for a, b in zip(joints.block_a.tolist(), joints.block_b.tolist(), strict=True):
+        one, other = root(a), root(b)
+        if one == other:
+            return False
+        parent[one] = other
+    return True

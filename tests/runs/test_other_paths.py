@@ -1,0 +1,177 @@
+"""Whether a limit load is the same on all paths: what is proven, and what is told where nothing is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dembrick import cli, limit, simulate
+from dembrick.runs.path_dependence import path_lines
+from dembrick.scenario import toml
+
+SHIPPED = Path(__file__).resolve().parents[2] / "scenarios"
+DENSITY, G = 2000.0, 9.81
+
+HEAD = """
+title = "paths"
+gravity = [0.0, 0.0, -9.81]
+[joint]
+formulation = "concave"
+friction = {friction}
+normal_stiffness = 1.0e10
+shear_stiffness = {shear}
+[materials.stone]
+density = 2000.0
+"""
+JACK = """
+[[actuators]]
+name = "jack"
+block = "{block}"
+point = {point}
+direction = {direction}
+[control]
+kind = "yield"
+"""
+BLOCK = """
+[[blocks]]
+name = "{name}"
+material = "stone"
+box = {box}
+position = {position}
+"""
+FLOOR = BLOCK.format(name="floor", box=[6.0, 4.0, 0.2], position=[0.0, 0.0, -0.1]) + "fixed = true\n"
+
+
+def curb(squeeze: float = 0.0, shear: float = 4e9, friction: float = 0.6):
+    """A block of .4 x 1.0 m beside a curb of .1 m, pushed away from it at its top; first pressed against the curb."""
+    text = HEAD.format(friction=friction, shear=shear) + FLOOR
+    text += BLOCK.format(name="curb", box=[0.2, 0.4, 0.1], position=[-0.3, 0.0, 0.05]) + "fixed = true\n"
+    text += BLOCK.format(name="block", box=[0.4, 0.4, 1.0], position=[0.0, 0.0, 0.5])
+    if squeeze:
+        text += f'[[loads]]\nblock = "block"\nforce = [{-squeeze}, 0.0, 0.0]\npoint = [0.2, 0.0, 0.05]\nstages = [1]\n'
+        text += '[[stages]]\nkind = "statics"\n' * 2
+    return toml.loads(text + JACK.format(block="block", point=[-0.2, 0.0, 1.0], direction=[1.0, 0.0, 0.0]))
+
+
+def slabs(squeeze: float = 0.0):
+    """A bar on two slabs side by side between two walls, pushed along; first the slabs are pressed to the walls."""
+    text = HEAD.format(friction=0.6, shear=4e9) + FLOOR
+    for name, y in (("wl", -0.6), ("wr", 0.6)):
+        text += BLOCK.format(name=name, box=[4.0, 0.2, 0.4], position=[0.0, y, 0.2]) + "fixed = true\n"
+    for name, y in (("sa", -0.25), ("sb", 0.25)):
+        text += BLOCK.format(name=name, box=[1.2, 0.5, 0.4], position=[0.0, y, 0.2])
+        text += f'[[joints]]\nbetween = ["floor", "{name}"]\nformulation = "concave"\nfriction = 0.05\n'
+        text += "normal_stiffness = 1.0e10\nshear_stiffness = 4.0e9\n"
+        if squeeze:
+            text += f'[[loads]]\nblock = "{name}"\nforce = [0.0, {np.sign(y) * squeeze}, 0.0]\nstages = [1]\n'
+    text += BLOCK.format(name="b", box=[0.4, 1.0, 1.0], position=[0.0, 0.0, 0.9])
+    if squeeze:
+        text += '[[stages]]\nkind = "statics"\n' * 2
+    return toml.loads(text + JACK.format(block="b", point=[-0.2, 0.0, 1.4], direction=[1.0, 0.0, 0.0]))
+
+
+def tower(friction: float = 0.6, blocks: int = 3, extra: str = "", height: float = 0.95):
+    """Blocks of .4 x .4 x .4 m on one another, the top one pushed."""
+    text = HEAD.format(friction=friction, shear=4e9).replace("[materials", extra + "\n[materials") + FLOOR
+    for i in range(blocks):
+        text += BLOCK.format(name=f"b{i}", box=[0.4, 0.4, 0.4], position=[0.0, 0.0, 0.2 + 0.4 * i])
+    return toml.loads(text + JACK.format(block=f"b{blocks - 1}", point=[-0.2, 0.0, height], direction=[1.0, 0.0, 0.0]))
+
+
+def told(scenario, **asked) -> dict:
+    return simulate(scenario, record=False, **asked).as_dict()
+
+
+def test_a_block_that_grazes_a_curb_may_bear_more():
+    """W b / 2 h where nothing was locked in; the curb's face may carry up to the associative load."""
+    scenario = curb()
+    answer, bound = told(scenario), limit(scenario)
+    weight = DENSITY * G * 0.4 * 0.4 * 1.0
+    assert answer["yield_point"]["V"] == pytest.approx(weight * 0.2 / 1.0, rel=1e-6)
+    assert answer["path"]["slides"] is False  # nothing that carries slides
+    assert answer["path_dependent"] is True and answer["no_path_above"] is False
+    assert answer["associative"] == pytest.approx(bound.upper, rel=1e-9) and bound.lower > 1.5 * weight * 0.2
+    squeezed = told(curb(squeeze=6000.0))
+    assert answer["yield_point"]["V"] * 1.2 < squeezed["yield_point"]["V"] < bound.upper
+    assert squeezed["path_dependent"] is True and squeezed["no_path_above"] is False
+    said = "\n".join(path_lines(answer["path"], " N"))
+    assert "start         without forces locked in: no path bears more than 970.3 N" in said
+    assert "of this path" not in said and not answer["path"]["digits_open"]  # the stiffness does not move it
+
+
+def test_no_more_is_claimed_where_limit_analysis_is_not_there(monkeypatch):
+    monkeypatch.setattr("dembrick.simulation.limit_analysis.solver.installed", lambda: False)
+    answer = told(curb())
+    assert answer["associative"] is None and answer["no_path_above"] is False
+    assert "another path may bear more" in "\n".join(path_lines(answer["path"], " N"))
+    squeezed = told(slabs(squeeze=30000.0))
+    assert squeezed["associative"] is None and squeezed["no_path_above"] is True  # the mechanism alone proves it
+
+
+def test_a_limit_at_the_bound_may_be_missed_from_below():
+    as_built, squeezed = told(slabs()), told(slabs(squeeze=30000.0))
+    half = 0.5 * DENSITY * G * 0.4 * 1.0 * 1.0
+    slab = DENSITY * G * 1.2 * 0.5 * 0.4
+    assert as_built["yield_point"]["V"] == pytest.approx(2 * 0.05 * (slab + half), rel=1e-4)
+    assert squeezed["yield_point"]["V"] == pytest.approx(2 * half * 0.2 / 1.0, rel=1e-6)  # rocks about its edge
+    assert squeezed["no_path_above"] is True and squeezed["path_dependent"] is True
+    assert as_built["no_path_above"] is False and as_built["path_dependent"] is True
+    said = "\n".join(path_lines(squeezed["path"], " N"))
+    assert "from what the stages left in the joints: no path bears more, another history may bear less" in said
+
+
+def test_wall_4_of_ferris_and_tin_loi_is_not_called_unique():
+    answer = told(toml.load(SHIPPED / "verification" / "ferris_tinloi_4.toml"))
+    assert answer["collapse"]["load_factor"] == pytest.approx(0.263736, abs=1e-6)
+    assert answer["associative"] == pytest.approx(0.33195, abs=1e-5)
+    assert answer["path_dependent"] is True and answer["no_path_above"] is False
+
+
+@pytest.mark.parametrize(("friction", "kind"), [(0.8, "rocking"), (0.1, "sliding")])
+def test_statics_alone_gives_what_a_tower_carries(friction, kind):
+    answer = told(tower(friction))
+    weight = DENSITY * G * 0.4**3
+    V = {"rocking": 3 * weight * 0.2 / 0.95, "sliding": 0.1 * weight}[kind]
+    assert answer["yield_point"]["V"] == pytest.approx(V, rel=1e-3)
+    assert answer["path_dependent"] is False and answer["no_path_above"] is True
+    assert not path_lines(answer["path"], " N") and not answer["path"]["digits_open"]
+
+
+def test_a_lone_joint_has_one_limit_unless_it_remembers():
+    assert told(tower(blocks=1, height=0.3))["path_dependent"] is False
+    bonded = told(tower(blocks=1, height=0.3, extra="cohesion = 1.0e4\ntensile_strength = 1.0e4"))
+    assert bonded["path_dependent"] is True
+    assert "another history may bear less" in "\n".join(path_lines(bonded["path"], " N"))
+
+
+def test_a_tie_may_have_lost_its_tension():
+    """A tie that yields in the mechanism bears no more; its start decides nothing above, but is not proven below."""
+    tie = """
+[[ties]]
+between = [{block = "floor", point = [-0.2, 0.0, 0.0]}, {block = "b1", point = [-0.2, 0.0, 0.8]}]
+stiffness = 1.0e9
+strength = 500.0
+"""
+    base = tower(blocks=2, height=0.75)
+    scenario = toml.loads(toml.dumps(base) + tie)
+    answer, bound = told(scenario), limit(scenario)
+    assert answer["yield_point"]["V"] == pytest.approx(bound.load_factor, rel=1e-4)
+    assert answer["no_path_above"] is True and answer["path_dependent"] is True
+
+
+def test_the_bound_is_asked_for(tmp_path, capsys):
+    scenario = tower()
+    path = tmp_path / "tower.toml"
+    path.write_text(toml.dumps(scenario), encoding="utf-8")
+    assert told(scenario)["associative"] is None
+    assert told(scenario, bound=True)["associative"] == pytest.approx(limit(scenario).upper, rel=1e-9)
+    assert cli.main(["run", str(path), "--out", str(tmp_path / "t.h5"), "--bound", "--json"]) == 0
+    assert '"associative": ' in capsys.readouterr().out
+    statics = replace(scenario, text=None)
+    text = toml.dumps(statics).partition("[[actuators]]")[0] + '[control]\nkind = "statics"\n'
+    path.write_text(text, encoding="utf-8")
+    assert cli.main(["run", str(path), "--out", str(tmp_path / "s.h5"), "--bound"]) == 2
+    assert "--bound is for searches" in capsys.readouterr().err
