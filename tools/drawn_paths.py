@@ -82,7 +82,8 @@ def judged(scenario: Scenario) -> tuple[bool, str] | None:
     )
     words = [word for word, good in (("no overlap", overlap), ("V outside", holds), ("above", below)) if not good]
     if unique:
-        words.append("no path above" if np.ptp(V) <= 2.0 * tolerance * V.max() else "no path above, but other paths differ")
+        same = np.ptp(V) <= 2.0 * tolerance * V.max()
+        words.append("no path above" if same else "no path above, but other paths differ")
     return overlap and holds and below, f"{numbers} {' '.join(words)}".rstrip()
 
 
