@@ -58,8 +58,9 @@ class Assembly:
     matrices, ``mass`` (n,), ``inertia`` (n, 3, 3) about the centroid in body axes, ``velocity`` and
     ``angular_velocity`` (n, 3) at the start; ``dead_force`` and ``dead_torque`` (n, 3) about the centroid, gravity
     and loads together, ``point_loads`` these loads one by one; ``pressed``: the faces on which pressures follow blocks
-    that move, none in the geometry of the start. ``contact_points``: one entry a joint, None for ``convex``. ``joint_force`` (n_joint, 3): what block a exerts on block b under the dead loads, see
-    :func:`dead_joint_forces`; ``joint_force_exact`` says whether statics alone gives it. ``laws`` tells the law of
+    that move, none in the geometry of the start. ``contact_points``: one entry a joint, None for ``convex``.
+    ``joint_force`` (n_joint, 3): what block a exerts on block b under the dead loads, see :func:`dead_joint_forces`;
+    ``joint_force_exact`` says whether statics alone gives it. ``laws`` tells the law of
     joints and new contacts between any two blocks.
     """
 

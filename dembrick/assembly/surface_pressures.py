@@ -1,4 +1,4 @@
-"""Surface pressures on the bare faces of blocks: which faces feel them, and their resultants in the geometry of the start.
+"""Surface pressures on the bare faces of blocks: which faces feel them, and their resultants at the start.
 
 On each face with the stated outward normal n the pressure p(z) = c0 + c1 z acts where it is positive and where no joint
 covers the face. With dF = -n p dA, all parallel on one face, the resultant is F = -n int p dA at the centre of pressure

@@ -26,8 +26,8 @@ RUNNING, REACHED, STALE, DIVERGED, MEETING, OVERLOADED = 0, 1, 2, 3, 4, 5
 
 
 class Loads(NamedTuple):
-    """Forces at material points of blocks, besides gravity, gravity, supports that are moved, and pressures: one entry a
-    step of the chunk."""
+    """Forces at material points of blocks, besides gravity, gravity, supports that are moved, and pressures: one entry
+    a step of the chunk."""
 
     block: ndarray  # (k,) int64
     lever: ndarray  # (k, 3) m, from the centroid in body axes

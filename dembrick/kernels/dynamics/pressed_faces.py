@@ -6,7 +6,8 @@ centroid of the block, force and moment are, exactly,
 
     F = -A n (p_1 + p_2 + p_3) / 3,    M = -(sum p_i sum r_i + sum p_i r_i) / 12 x A n.
 
-The vector areas of a closed surface cancel in the geometry that there is: what is under water all round feels no moment.
+The vector areas of a closed surface cancel in the geometry that there is: what is under water all round feels no
+moment.
 """
 
 from typing import NamedTuple

@@ -44,9 +44,9 @@ class Driving:
     each or None. ``tilt``: axis, and a curve of the angle, rad. ``support_velocity``: directions (3,), and curves of
     the speed along them, m/s; the record shows the acceleration along the first. ``supports``: those that move
     against the others, and ``share``: how much of their paths they have gone at a time. ``driven``: the load system
-    whose multiplier V, a function of time, a load path increases; the forces of its jacks are the last of the loads, but
-    for those of a table, which tilts to atan(V). ``pressed``: faces that pressures follow; ``middle`` (3,): the world
-    point that positions count from, m.
+    whose multiplier V, a function of time, a load path increases; the forces of its jacks are the last of the loads,
+    but for those of a table, which tilts to atan(V). ``pressed``: faces that pressures follow; ``middle`` (3,): the
+    world point that positions count from, m.
     """
 
     gravity: np.ndarray
