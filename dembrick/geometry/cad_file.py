@@ -7,17 +7,15 @@ nothing, a solid ends where its surface is closed. Every solid is checked as :mo
 
 from __future__ import annotations
 
-import json
 import os
 import re
-import warnings
 from collections.abc import Iterable, Iterator
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from dembrick.errors import ScenarioError, needed
-from dembrick.geometry import mesh_file
+from dembrick.errors import ScenarioError
+from dembrick.geometry import compas_file, gltf_file, mesh_file
 from dembrick.geometry.shapes import Polyhedron
 
 ENDINGS = (".obj", ".stl", ".gltf", ".glb", ".json", ".ply", ".msh", ".vtu")
@@ -218,88 +216,10 @@ def _vertices(text: str) -> np.ndarray:
 
 
 def _gltf(path: str) -> list[_Named]:
-    """Nodes of the scene. glTF has y upwards; here z is."""
-    pyvista = needed("pyvista", "a glTF file")
-    names = _gltf_names(path)
-    with warnings.catch_warnings(action="ignore"):  # of a scene without a mesh, which is refused in a sentence
-        scene = pyvista.read(path)
-    found: list[_Named] = []
-
-    def walk(part, name: str) -> None:
-        for i in range(part.n_blocks):
-            own = re.fullmatch(r"Node_(\d+)", part.get_block_name(i) or "")
-            inner = names.get(int(own.group(1)), name) if own else name
-            if isinstance(part[i], pyvista.MultiBlock):
-                walk(part[i], inner)
-            elif part[i] is not None and part[i].n_cells:
-                corners = np.asarray(part[i].points, float)[:, [0, 2, 1]] * [1.0, -1.0, 1.0]
-                triangles = part[i].triangulate().faces.reshape(-1, 4)[:, 1:]
-                found.append(_Named(inner, corners, [tuple(map(int, face)) for face in triangles]))
-
-    walk(scene, "solid")
-    return found
-
-
-def _gltf_names(path: str) -> dict[int, str]:
-    """Names of the nodes by their number, or of their meshes."""
-    with open(path, "rb") as file:
-        data = file.read()
-    if data[:4] == b"glTF":
-        data = data[20 : 20 + int.from_bytes(data[12:16], "little")]
-    document = _json(path, data, "glTF")
-    try:
-        meshes, names = document.get("meshes", []), {}
-        for number, node in enumerate(document.get("nodes", [])):
-            mesh = meshes[node["mesh"]].get("name") if "mesh" in node else None
-            names[number] = str(node.get("name") or mesh or f"node {number}")
-        return names
-    except (AttributeError, IndexError, KeyError, TypeError) as error:
-        raise ScenarioError(f"{path}: it cannot be read as glTF: its nodes are damaged ({error})") from None
-
-
-def _json(path: str, data: bytes, kind: str) -> dict[str, Any]:
-    try:
-        document = json.loads(data)
-    except (ValueError, RecursionError) as error:
-        raise ScenarioError(f"{path}: it cannot be read as {kind}: {error}") from None
-    if not isinstance(document, dict):
-        raise ScenarioError(f"{path}: it cannot be read as {kind}: it is not a table of keys")
-    return document
+    return [
+        _Named(name, corners, list(map(tuple, triangles.tolist()))) for name, corners, triangles in gltf_file.read(path)
+    ]
 
 
 def _compas(path: str) -> list[_Named]:
-    """The blocks of a COMPAS assembly: what has ``vertex`` and ``face``, by its name or the key of its node."""
-    with open(path, "rb") as file:
-        document = _json(path, file.read(), "COMPAS JSON")
-    found: list[_Named] = []
-    waiting: list[tuple[str, bool, Any]] = [("solid", False, document)]
-    while waiting:
-        name, fixed, part = waiting.pop()
-        if isinstance(part, list):
-            waiting += [(str(i), fixed, entry) for i, entry in reversed(list(enumerate(part)))]
-        if not isinstance(part, dict):
-            continue
-        fixed = bool(part.get("is_support", fixed))
-        if isinstance(part.get("vertex"), dict) and isinstance(part.get("face"), dict) and part["face"]:
-            found.append(_compas_block(path, name, fixed, part))
-            continue
-        for key, entry in reversed(list(part.items())):
-            inner = name if key in ("block", "data", "graph", "node", "geometry") else str(key)
-            waiting.append((inner, fixed, entry))
-    if not found:
-        raise ScenarioError(f"{path}: no block is in it; a COMPAS assembly has blocks with 'vertex' and 'face'")
-    return found
-
-
-def _compas_block(path: str, name: str, fixed: bool, block: dict[str, Any]) -> _Named:
-    try:
-        number = {str(key): i for i, key in enumerate(block["vertex"])}
-        defaults = block.get("default_vertex_attributes") or block.get("dva") or {}
-        points = [
-            [float(vertex.get(axis, defaults.get(axis, 0.0))) for axis in "xyz"] for vertex in block["vertex"].values()
-        ]
-        faces = [tuple(number[str(i)] for i in face) for face in block["face"].values()]
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise ScenarioError(f"{path}: block {name!r} is damaged: {error!r}") from None
-    own = (block.get("attributes") or {}).get("name")
-    return _Named(str(own) if own and own not in ("Block", "Mesh") else name, np.array(points), faces, fixed)
+    return [_Named(*block) for block in compas_file.read(path)]

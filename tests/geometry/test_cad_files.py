@@ -177,7 +177,7 @@ BAD = {
     "other.json": (b'{"a": 1}', "no block is in it"),
     "hole.json": (b'{"a": {"vertex": {"0": {"x": 1}}, "face": {"0": [0, 1, 2]}}}', "is damaged: KeyError('1')"),
     "cut.glb": (b"glTF" + bytes(20), "cannot be read as glTF"),
-    "nodes.gltf": (b'{"nodes": [{"mesh": 7}]}', "its nodes are damaged"),
+    "nodes.gltf": (b'{"nodes": [{"mesh": 7}]}', "names number 7 of meshes, and there are 0"),
     "scene.gltf": (b'{"asset": {"version": "2.0"}, "nodes": []}', "there is no surface"),
 }
 
