@@ -21,13 +21,13 @@ from dembrick.scenario.regimes import (
     LIMIT_LOAD,
     OF_ACTUATORS,
     PATH_FOLLOWING,
-    SETTLEMENT,
+    REGIMES,
     YIELD,
     Curve,
 )
 from dembrick.simulation.channels import CHANNELS, CONTACTS, FRAMES, NEW_CONTACTS, Channel, Sizes
 
-_COUNTING = (PATH_FOLLOWING.name, SETTLEMENT.name)  # regimes whose times are numbers of equilibria
+_COUNTING = {regime.name for regime in REGIMES if regime.counts_equilibria}  # their times are numbers of equilibria
 _SEARCHING = (LIMIT_LOAD.name, PATH_FOLLOWING.name)
 _FOUND = (YIELD, COLLAPSE)  # statuses of those that found a limit
 

@@ -152,9 +152,9 @@ class DrivenPathResult(LoadPathResult):
 
     @property
     def yield_point(self) -> YieldPoint:  # type: ignore[override]
-        """V at the end; the largest on the way is a load in equilibrium, and so a lower bound of the limit."""
-        path = self.run.path
-        return self._point(float(path[-1, 1]), float(path[:, 1].max()), None, "open")
+        """V at the end, in equilibrium there and without an upper bound; ``V_peak`` is the largest on the way."""
+        V = float(self.run.path[-1, 1])
+        return self._point(V, V, None, "open")
 
     @property
     def uncertain(self) -> float:

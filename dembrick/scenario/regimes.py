@@ -48,6 +48,17 @@ DRIVEN_PATH = LOAD_PATH._replace(name="driven path")
 DEFORMED_REST = Regime("rest in the deformed geometry", real_time=True, counts_equilibria=True, balances_energy=False)
 SETTLEMENT = Regime("settlement", real_time=True, counts_equilibria=True, balances_energy=False)
 REAL_TIME = Regime("real time", quasi_static=False, real_time=True)
+REGIMES = (
+    LIMIT_LOAD,
+    CONSTANT_RATE,
+    PATH_FOLLOWING,
+    DEAD_LOAD,
+    LOAD_PATH,
+    DRIVEN_PATH,
+    DEFORMED_REST,
+    SETTLEMENT,
+    REAL_TIME,
+)
 
 
 class Curve(NamedTuple):

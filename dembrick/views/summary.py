@@ -123,7 +123,8 @@ def key_numbers(results: Mapping, unit: str = "N") -> list[KeyNumber]:
         lines.append(KeyNumber("answer", results["answer"]))
     point, collapse, path = yield_point(results), part(results, "collapse"), part(results, "path")
     lines += _of_collapse(collapse, has_bracket="V" in point)
-    lines += _of_yield(point, "" if collapse or unit == "1" else unit, results.get("status") == "completed", path)
+    at_rate = results.get("status") == "completed" and results.get("simulated_time") is not None
+    lines += _of_yield(point, "" if collapse or unit == "1" else unit, at_rate, path)
     lines += _of_theory(part(results, "theory"))
     lines += _of_settlement(part(results, "settlement"), collapse)
     lines += _of_motion(results) if not (point or collapse or results.get("settlement")) else []
@@ -151,7 +152,7 @@ def _of_yield(point: dict, unit: str, at_rate: bool, path: dict) -> list[KeyNumb
     error: float | None = 0.0
     if lower is None or upper is None or kind == "open":
         remark = "no upper bound: what the actuators carried at the end"
-        if lower is not None:
+        if lower is not None and lower < point["V"]:
             remark += f"; the limit is at least {lower:.6g} {unit}".rstrip()
         lines = [KeyNumber(load[0], f"{point['V']:.6g} {unit}".rstrip(), remark)]
     elif alone:

@@ -12,7 +12,7 @@ import pytest
 from dembrick import history
 from dembrick.errors import HistoryError, OutputError, WriteError
 from dembrick.history import files, layout, writer
-from dembrick.scenario import model
+from dembrick.scenario import controls, model
 from helpers import history_cases as cases
 from helpers.places import TOOLS
 
@@ -280,6 +280,26 @@ def test_a_running_history_is_readable_at_every_moment(tmp_path):
     with history.read(tmp_path / "run.h5") as found:
         assert found.status == "completed"
         cases.check_rows(found, 50)
+
+
+@pytest.mark.parametrize(
+    ("control", "counts"),
+    [
+        (controls.YieldControl(large_displacements=True), True),
+        (controls.DisplacementControl(1e-3, 1e-2, large_displacements=True), True),
+        (controls.StaticsControl(large_displacements=True), True),
+        (controls.SettlementControl(("floor",), (1e-3, 0.0, 0.0)), True),
+        (controls.PushoverControl((1.0, 0.0, 0.0)), True),
+        (controls.DisplacementControl(1e-3, 1e-2), False),
+        (controls.DynamicControl(1.0), False),
+    ],
+)
+def test_times_of_a_killed_path_are_numbers_of_equilibria(tmp_path, control, counts):
+    """Also before the run has said how many there were."""
+    out = cases.open_writer(tmp_path / "run.h5", hold=1e9, control=control)
+    out.close()
+    with history.read(tmp_path / "run.h5") as found:
+        assert found.status == "running" and found.counts_equilibria == counts
 
 
 def test_a_short_run_stays_in_memory_and_close_writes_it(tmp_path):

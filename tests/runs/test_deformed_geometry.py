@@ -221,6 +221,56 @@ def test_a_travel_goes_on_behind_the_peak_of_a_block_that_leans(monkeypatch):
     assert result.rows["load"][-1] < 0.95 * result.yield_point.V_peak
 
 
+def turned_about_its_toe(travel: float) -> float:
+    """V (N) that holds the block of `TIED` where the point it acts at has come so far: rigid, its tie stretched."""
+    toe, weight = np.array([0.2, 0.0]), 320.0 * G
+    low, high = 0.0, 1.0
+    for _ in range(100):
+        angle = 0.5 * (low + high)
+        turn = np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
+        head, tied, middle = (turn @ (point - toe) + toe for point in np.array([[-0.2, 1.0], [-0.2, 0.6], [0.0, 0.5]]))
+        low, high = (angle, high) if head[0] + 0.2 < travel else (low, angle)
+    tie = tied - np.array([-0.2, 0.0])
+    length = math.hypot(*tie)
+    pull = -(300.0 + 5000.0 * (length - 0.6)) * tie / length
+    arm = tied - toe
+    return float((weight * (toe[0] - middle[0]) + arm[0] * pull[1] - arm[1] * pull[0]) / head[1])
+
+
+TIED = """
+[[blocks]]
+name = "block"
+material = "stone"
+box = [0.4, 0.4, 1.0]
+position = [0.0, 0.0, 0.5]
+[[ties]]
+between = [{ block = "block", point = [-0.2, 0.0, 0.6] }, { block = "floor", point = [-0.2, 0.0, 0.0] }]
+stiffness = 5000.0
+prestress = 300.0
+[[actuators]]
+name = "jack"
+block = "block"
+point = [-0.2, 0.0, 1.0]
+direction = [1.0, 0.0, 0.0]
+[control]
+kind = "displacement"
+rate = 0.01
+large_displacements = true
+"""
+
+
+@pytest.mark.parametrize("travel", [0.25, 0.1])
+def test_a_travel_ends_where_it_was_to_end(travel, monkeypatch):
+    """Not up to a step beyond; the load there is that of a rigid block on its toe, and its own bracket holds it."""
+    monkeypatch.setattr(driven_path, "EQUILIBRIA", 60)
+    given = HEADER.format(gravity=[0.0, 0.0, -G], formulation="concave", friction=0.9, kn=1e11, ks=4e10)
+    found = simulate(toml.loads(f"{given}{FLOOR}{TIED}travel = {travel}\n"), record=False, progress=False)
+    path, point = found.run.path, found.yield_point
+    assert path[-1, 0] - path[0, 0] == pytest.approx(travel, rel=1e-9)
+    assert path[-1, 1] == pytest.approx(turned_about_its_toe(travel), rel=1e-5)
+    assert point.V == path[-1, 1] and point.V_lower <= point.V < point.V_peak
+
+
 def test_an_arch_has_the_same_limit_in_its_own_geometry_as_in_the_deformed_one():
     found = [
         simulate(staged(f"{PUSH}large_displacements = {large}\n", blocks=ARCH, friction=0.7), record=False)

@@ -4,7 +4,10 @@ The parameter of the path (`equilibria`) is the displacement of a head that a sp
 V = K (head - u), with the multiplier V of the load system (`driven_loads`) and a dashpot that damps their swing. The
 spring is soft beside joints, so that V
 can be held for some steps at a time, and stiff beside what structures lose as they come down, so that V falls again
-behind its peak. The path ends when u has reached the travel. Equilibria know no rate.
+behind its peak. Equilibria know no rate.
+
+The path ends with u at the travel: an equilibrium beyond it is given up, and the head of the one at the travel found
+between those of the two on either side.
 """
 
 from __future__ import annotations
@@ -18,7 +21,7 @@ from dembrick.assembly.actuators import effective_mass
 from dembrick.errors import NotConvergedError
 from dembrick.scenario.controls import Control, DisplacementControl
 from dembrick.scenario.model import Output
-from dembrick.simulation.dynamics.equilibria import FEWEST, EquilibriumPath, plan_of
+from dembrick.simulation.dynamics.equilibria import BALANCED, FEWEST, EquilibriumPath, plan_of
 from dembrick.simulation.dynamics.integrator import Motion
 from dembrick.simulation.dynamics.load_path import LoadPathRun, run_of
 from dembrick.simulation.dynamics.loads import Driving
@@ -31,6 +34,9 @@ MOST = 6 * EQUILIBRIA  # actuators that have not come so far by then do not give
 STRETCH = 0.05  # of what the spring is stretched by: the head goes on by so much, or by a part of the travel
 HELD = 8  # steps, for which V is held,
 SWING = 0.3  # rad, of the spring's own swing in that
+END = 1e-9  # of the travel: so close u comes to it, or as close as the spring knows it
+SECANTS = 6  # of the attempts at that; behind them every second one halves the way that is left,
+ATTEMPTS = 12  # and after so many the last equilibrium lies beyond the travel, where the blocks jump past it
 SETTLES = round(4.0 * math.pi * HELD / SWING) + FEWEST  # steps: two periods of it, and what joints need
 
 
@@ -58,6 +64,7 @@ class DrivenPath(EquilibriumPath):
         self.stiffness = effective_mass(moving.assembly) * self.swing**2
         self.travel, self.step = control.travel, refine * control.travel / EQUILIBRIA
         self.V = 0.0
+        self.attempts: list[tuple[float, float]] = []  # of the head, and how far u is past the travel
         super().__init__(moving, control, driving, session, math.ceil(MOST / refine))
 
     @classmethod
@@ -89,17 +96,43 @@ class DrivenPath(EquilibriumPath):
         """So many that the spring follows."""
         return SETTLES
 
+    def _past(self, displacement: float) -> float:
+        """How far (m) a driven displacement lies past the end of the travel."""
+        return displacement - self._begun() - self.travel
+
+    def belongs(self, parameter: float) -> bool:
+        """Not if it lies beyond the travel, nor short of it once one did: the last one is at its end."""
+        past = self._past(self.loads.displacement(self.moving.state.bodies))
+        close = abs(past) <= END * self.travel + BALANCED * abs(self.V) / self.stiffness
+        short = past < 0.0 and not self.attempts
+        if close or short or self.failed < math.inf or len(self.attempts) == ATTEMPTS:
+            return True
+        self.attempts.append((parameter, past))
+        return False
+
     def following(self) -> float | None:
         """The next displacement of the head, until the blocks have come as far as the travel."""
-        come = self.path[-1][0] - self._begun()
-        if come >= self.travel:
+        past = self._past(self.path[-1][0])
+        if past >= -END * self.travel - BALANCED * abs(self.V) / self.stiffness:
             return None
         if self.equilibria > self.way:
             raise NotConvergedError(
-                f"the actuators have come {come:.3g} m of their travel of {self.travel:.3g} m, and carry "
+                f"the actuators have come {self.travel + past:.3g} m of their travel of {self.travel:.3g} m, and carry "
                 f"V = {self.V:.6g} N: nothing gives way; shorten control.travel"
             )
-        return self.reached + max(self.step, STRETCH * self.refine * (self.reached - come))
+        if self.attempts:
+            return self._at_the_end(past)
+        return self.reached + max(self.step, STRETCH * self.refine * (self.reached - self.travel - past))
+
+    def _at_the_end(self, past: float) -> float:
+        """The displacement of the head at which u is about at the travel; at the last equilibrium it was ``past``."""
+        short = max([(self.reached, past), *(tried for tried in self.attempts if tried[1] < 0.0)])
+        beyond = min(tried for tried in self.attempts if tried[1] > 0.0)
+        if len(self.attempts) == ATTEMPTS:
+            return beyond[0]
+        halves = len(self.attempts) > SECANTS and len(self.attempts) % 2
+        share = 0.5 if halves else short[1] / (short[1] - beyond[1])
+        return short[0] + share * (beyond[0] - short[0])
 
     def said(self, parameter: float) -> str:
         return f"a displacement of {parameter:.6g} m of the actuators"

@@ -43,7 +43,7 @@ from dembrick.simulation.expected_cost import motion_seconds
 from dembrick.simulation.session import Kept, Plan, Progress, Session, Snapshot
 
 TOLERANCE = 1e-3  # of the parameter at which blocks come down, if the control says none
-FEWEST = 512  # steps in which the parameter grows
+FEWEST = 768  # steps in which the parameter grows
 BALANCED = 1e-6  # out-of-balance force over joint forces at which the blocks rest
 ROUNDS = 5  # of as many steps as a dead-load equilibrium may take: blocks that slide come to rest slowly
 DRIFTING = 2.0  # the way of blocks from the first quarter of a round to its end, over that to its middle, if they go on
@@ -113,6 +113,10 @@ class EquilibriumPath(ABC):
     def following(self) -> float | None:
         """The parameter of the next equilibrium, None at the end of the way."""
 
+    def belongs(self, parameter: float) -> bool:
+        """Whether the equilibrium that was found there is one of the path; else the next is looked for from before."""
+        return True
+
     @abstractmethod
     def said(self, parameter: float) -> str:
         """A value of the parameter, for a message."""
@@ -134,7 +138,7 @@ class EquilibriumPath(ABC):
 
         def parameter(times: np.ndarray) -> np.ndarray:
             x = np.clip((times - start) / (steps * self.dt), 0.0, 1.0)
-            return begin + (end - begin) * x * x * (3.0 - 2.0 * x)
+            return begin + (end - begin) * eased(x)
 
         return self.driven(parameter), steps
 
@@ -270,6 +274,9 @@ class EquilibriumPath(ABC):
                 self.session.pause(self)
                 self.fall = [] if last else None
                 ratio = self._go(target)
+                if ratio is not None and not self.belongs(target):
+                    self._go_back()
+                    continue
                 if ratio is not None:
                     broke = (joint_families.bonded(self.moving.state) < self.bonds).any()
                     far = target - self.reached > self.tolerance * target
@@ -369,6 +376,14 @@ class EquilibriumPath(ABC):
         rows = snapshot.array(f"{SNAPSHOT}.path", shapes[f"{SNAPSHOT}.path"])[: self.equilibria].tolist()
         self.path = [tuple(row) for row in rows]
         self.reaction = snapshot.array(f"{SNAPSHOT}.reaction", self.reaction).copy()
+
+
+def eased(x: np.ndarray) -> np.ndarray:
+    """Shares of a way (t,) at shares ``x`` of its time. They begin at rest and end ever more slowly, as (1 - x)^5: the
+    force that stops blocks which slide along fades before they stop, and so nothing springs back that would leave
+    their friction unspent."""
+    left = 1.0 - x
+    return 1.0 - left**5 * (1.0 + 5.0 * x)
 
 
 def _farthest(position: np.ndarray, start: np.ndarray) -> float:

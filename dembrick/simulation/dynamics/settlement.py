@@ -24,6 +24,7 @@ HALVINGS = 7  # of the first of these steps: the reaction changes most when the 
 WITHIN = 0.05  # of the smallest block: the longest step
 GENTLE = 0.005  # of gravity: the greatest acceleration of the supports; at 0.02 hinges of stiff joints rattle open,
 CAREFUL = 0.2  # of the tolerance: the same in gravities, once blocks have come down
+OF_START = 12.0  # of distance over time squared
 
 
 def shares(longest: float, refine: float = 1.0) -> list[float]:
@@ -48,7 +49,7 @@ class Settlement(EquilibriumPath):
         """What it will take, roughly: as many steps as the supports move for, and again until the blocks rest."""
         length, gravity = driving.supports.length, float(np.linalg.norm(moving.assembly.gravity))
         way = shares(WITHIN * moving.smallest / length)
-        seconds = math.sqrt(6.0 * length / len(way) / (GENTLE * gravity)) if gravity > 0.0 else 0.0
+        seconds = math.sqrt(OF_START * length / len(way) / (GENTLE * gravity)) if gravity > 0.0 else 0.0
         return plan_of(moving, control, output, len(way) + 1, 2.0 * max(FEWEST, seconds / (STEP * moving.time_step)))
 
     def driven(self, parameter: Curve) -> Driving:
@@ -59,7 +60,7 @@ class Settlement(EquilibriumPath):
         """So many that the supports' acceleration stays small beside gravity."""
         distance = (end - begin) * self.supports.length
         gentle = min(self.gentle, CAREFUL * self.control.tolerance) if self.careful else self.gentle
-        seconds = math.sqrt(6.0 * distance / (gentle * self.gravity)) if self.gravity > 0.0 else 0.0
+        seconds = math.sqrt(OF_START * distance / (gentle * self.gravity)) if self.gravity > 0.0 else 0.0
         return max(FEWEST, math.ceil(seconds / self.dt))
 
     def following(self) -> float | None:
