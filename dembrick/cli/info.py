@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 
 def add_arguments(parser) -> None:
     parser.add_argument("history", metavar="FILE.h5", help="history file")
@@ -20,7 +18,7 @@ def run(options, console) -> int:
 
 
 def _report(file, options, console) -> int:
-    from dembrick.views.summary import known, on_one_path, part
+    from dembrick.views.summary import limit_text, mechanism, part, plain
 
     if options.scenario:
         console.result({"scenario": file.scenario_text}, file.scenario_text)
@@ -54,15 +52,8 @@ def _report(file, options, console) -> int:
     if point and point["V"] is None:
         lines.append(f"answer        {results.get('answer')}")
     elif point:
-        half = math.inf if point["V_upper"] is None else 0.5 * (point["V_upper"] - point["V_lower"])
-        name, unit = ("V", " N") if file.curve.unit == "N" else ("load factor", "")
-        said = f"({point['bracket']}), {point['mechanism']}"
-        if on_one_path(part(results, "path")):
-            lines.append(f"{name:13} about {known(point['V'], None)}{unit}, of this path {said}")
-        else:
-            value = known(point["V"], 0.0 if half == math.inf else half)
-            bar = f"+- {half:.2g}{unit}" if half < math.inf else f"at the end, at most {point['V_peak']:.6g}{unit}"
-            lines.append(f"{name:13} {value}{unit} {bar} {said}")
+        name, unit = ("V", "N") if file.curve.unit == "N" else ("load factor", "")
+        lines.append(f"{name:13} {plain(str(limit_text(point, part(results, 'path'), unit)))}, by {mechanism(results)}")
     lines += _moved(results)
     audit = results.get("energy")
     if isinstance(audit, dict) and _is_number(audit.get("relative_residual")):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -140,41 +139,41 @@ def _text(result) -> str:
     from dembrick.runs.collapse import after_lines, collapse_lines
     from dembrick.runs.path_dependence import path_lines
     from dembrick.runs.result import Result, printed
-    from dembrick.views.summary import known, on_one_path
+    from dembrick.scenario.regimes import CONSTANT_RATE
+    from dembrick.views.summary import limit_text, peak_text, plain
 
     if not isinstance(result, Result):
         return result.text()
     point, run = result.yield_point, result.run
     lines = result.heading_lines
     unit, path = " N" if result.curve.unit == "N" else "", getattr(result, "path", None) or {}
+    found = point.as_dict()
     if result.collapse is not None:
-        lines += collapse_lines(result.collapse)
-    lines += after_lines(result.after, unit)
+        lines += collapse_lines(result.collapse, found)
     if result.unlimited:
         return "\n".join([*lines, f"answer        {result.plain_answer}", f"history       {result.history}"])
-    error = None if on_one_path(path) else 0.0 if point.half_width == math.inf else point.half_width
-    if error is None:
-        lines.append(f"V             about {known(point.V, None)}{unit}, of this path ({point.bracket})")
-    else:
-        lines.append(f"V             {known(point.V, error)}{unit} +- {point.half_width:.2g}{unit} ({point.bracket})")
     if result.collapse is None:
-        lines += path_lines(path, unit)
+        lines += [f"V             {plain(str(limit_text(found, path, unit.strip())))}", *path_lines(path, unit)]
+    lines += after_lines(result.after, unit)
     if result.theory is not None:
         error = result.theory.error
         compared = "" if error is None else f"  (replay {100 * error:+.2g} %)"
         lines.append(f"theory        {result.theory.V:.6g}{unit}{compared}")
         if result.theory.discretisation_error is not None:
             lines.append(f"discretised   {100 * result.theory.discretisation_error:+.2g} % from the continuum")
-    lines.append(f"V_peak        {known(point.V_peak, error)}{unit} at {1e6 * point.displacement_at_peak:.3g} um")
+    peak, where = peak_text(found, path, unit.strip(), result.scenario.control.regime is CONSTANT_RATE)
+    lines.append(f"V_peak        {plain(f'{peak}, {where}')}")
     carried = (point.N, point.V_1, point.V_2, point.M_T)
     N, V_1, V_2, M_T = printed(carried, max(map(abs, carried)))
     which = f"{' / '.join(point.joint)}: " if len(result.assembly.joints) > 1 else ""
-    lines.append(f"joint         {which}N = {N} N, V_1 = {V_1} N, V_2 = {V_2} N, M_T = {M_T} N m")
+    when = "at the end" if point.limit_at is None and point.bracket != "certified" else "at the limit"
+    lines.append(f"joint         {when}, {which}N = {N} N, V_1 = {V_1} N, V_2 = {V_2} N, M_T = {M_T} N m")
     where = ""
     if point.torsion_centre is not None:
         x, y = printed(point.torsion_centre, max(map(abs, point.torsion_centre)))
         where = f", centre ({x}, {y}) m"
-    lines.append(f"mechanism     {point.mechanism}{where}")
+    moves = "mechanism" if result.collapse is None else "joint moves"  # of several, that of the collapse is above
+    lines.append(f"{moves:14}{point.mechanism}{where}")
     took = f"loop {1e3 * run.loop_seconds:.3g} ms"
     if "equilibria" in run.settings:
         lines.append(f"equilibria    {run.settings['equilibria']}, by {run.steps} Newton steps, {took}")

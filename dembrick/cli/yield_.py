@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 from dembrick.cli.paths import add_force, require_ending
 
 
@@ -18,15 +16,18 @@ def run(options, console) -> int:
     from dembrick import history
     from dembrick.errors import HistoryError
     from dembrick.runs.lab import write_csv
-    from dembrick.views.summary import on_one_path, part
+    from dembrick.views.summary import limit_text, mechanism, on_one_path, part, plain
 
+    said = []
     files = [history.read(path) for path in options.histories]
     rows = []
     for path, file in zip(options.histories, files, strict=True):
         point = (file.results or {}).get("yield_point")
         if not point:
             raise HistoryError(f"{path}: this history has no yield point (status {file.status}); run it to the end")
-        theory = (file.results or {}).get("theory") or {}
+        theory, beside = (file.results or {}).get("theory") or {}, part(file.results, "path")
+        text = "unlimited" if point["V"] is None else str(limit_text(point, beside, file.curve.unit.strip("1")))
+        said.append((plain(text), mechanism(file.results)))
         centre = point.pop("torsion_centre", None) or [None, None]
         joint = point.pop("joint", None) or []
         rows.append(
@@ -41,7 +42,7 @@ def run(options, console) -> int:
             | {"torsion_centre_1": centre[0], "torsion_centre_2": centre[1], "joint": " - ".join(joint)}
             | {"theory": theory.get("V"), "error_vs_theory": theory.get("error")}
             | {"path_dependent": (file.results or {}).get("path_dependent")}
-            | {"digits_open": on_one_path(part(file.results, "path"))}
+            | {"digits_open": on_one_path(beside)}
         )
     texts = [file.scenario_text for file in files]
     with history.product("yield domain", texts, options.histories, options.force):
@@ -52,31 +53,21 @@ def run(options, console) -> int:
             from dembrick.views import plot
 
             plot.save(plot.domains(files), options.plot)
-    console.result({"rows": rows}, _text(rows))
+    console.result({"rows": rows}, _text(rows, said))
     return 0
 
 
-def _text(rows: list[dict]) -> str:
+def _text(rows: list[dict], said: list[tuple[str, str]]) -> str:
+    """A line a history: its limit and mechanism as ``said`` everywhere, the largest load, the torsion."""
     from dembrick.views.summary import known
 
-    width = max(len(row["history"]) for row in rows)
-    newtons = any(row["load_unit"] == "N" for row in rows)
-    if newtons and any(row["load_unit"] != "N" for row in rows):
-        apart = [[row for row in rows if (row["load_unit"] == "N") is wanted] for wanted in (True, False)]
-        return "\n\n".join(map(_text, apart))
-    load = "V [N]" if newtons else "load factor"
-    head = f"{'history':{width}} {'formulation':16}{load:>12}{'+-':>10}{'V_peak':>12}{'M_T [N m]':>12}  mechanism"
-    lines = [head]
-    for row in rows:
-        if row["V"] is None:
-            lines.append(f"{row['history']:{width}} {row['formulation'] or '':16}{'unlimited':>12}")
-            continue
-        half = math.inf if row["V_upper"] is None else 0.5 * (row["V_upper"] - row["V_lower"])
-        V, peak, bar = f"{row['V']:.4f}", f"{row['V_peak']:.4f}", f"{half:.4f}"
-        if row["digits_open"]:
-            V, peak, bar = known(row["V"], None), known(row["V_peak"], None), "one path"
-        lines.append(
-            f"{row['history']:{width}} {row['formulation'] or '':16}{V:>12}{bar:>10}{peak:>12}{row['M_T']:12.4f}  "
-            f"{row['mechanism']} ({row['bracket']})"
-        )
+    width, wide = max(len(row["history"]) for row in rows), max(len("limit"), *(len(text) for text, _ in said))
+    lines = [f"{'history':{width}} {'formulation':16} {'limit':{wide}}{'V_peak':>12}{'M_T [N m]':>12}  mechanism"]
+    for row, (text, by) in zip(rows, said, strict=True):
+        line = f"{row['history']:{width}} {row['formulation'] or '':16} {text:{wide}}"
+        if row["V"] is not None:
+            upper = row["V_lower"] if row["V_upper"] is None else row["V_upper"]
+            peak = known(row["V_peak"], None if row["digits_open"] else 0.1 * (upper - row["V_lower"]))
+            line += f"{peak:>12}{row['M_T']:12.4f}  {by}"
+        lines.append(line)
     return "\n".join(lines)

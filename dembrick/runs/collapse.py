@@ -13,7 +13,7 @@ from dembrick.runs.result import listed
 from dembrick.scenario.checks import present
 from dembrick.simulation.statics.load_system import Replay
 from dembrick.simulation.statics.yield_point import mechanism_of, moving_blocks
-from dembrick.views.summary import known, on_one_path
+from dembrick.views.summary import angle_text, known, limit_text, on_one_path, plain
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
@@ -44,19 +44,22 @@ def collapse_of(run: Replay, assembly: Assembly, control: Control) -> dict:
     }
 
 
-def collapse_lines(collapse: dict) -> list[str]:
-    """What the command line prints of it."""
+def collapse_lines(collapse: dict, point: Mapping | None = None) -> list[str]:
+    """What the command line prints of it; ``point``: the yield point of a search, whose bracket is the error bar."""
     if "settlement" in collapse:
         return _settlement_lines(collapse)
     error, alone = collapse.get("error_estimate"), on_one_path(collapse)
-    bar = "no error bar: --refine gives one" if error is None else f"+- {error:.2g}"
-    width = error or 0.0
-    factor = known(collapse["load_factor"], None if alone else width, 5)
-    factor = f"load factor {factor} ({'of this path' if alone else bar}), by {collapse['mechanism']}"
-    angle = ""
-    if collapse["angle"] is not None:
-        turned = math.degrees(width * math.cos(math.radians(collapse["angle"])) ** 2)  # angle = atan(factor)
-        angle = f"{known(collapse['angle'], None if alone else turned, 5)} deg, "
+    if point is not None:
+        angle = "" if collapse["angle"] is None else f"{plain(angle_text(point, collapse).value)}, "
+        factor = f"load factor {plain(str(limit_text(point, collapse, '')))}, by {collapse['mechanism']}"
+        width = point["V_upper"] - point["V_lower"]
+    else:
+        bar, width = "no error bar: --refine gives one" if error is None else f"+- {error:.2g}", error or 0.0
+        factor = f"load factor {known(collapse['load_factor'], width, 5)} ({bar}), by {collapse['mechanism']}"
+        angle = ""
+        if collapse["angle"] is not None:
+            turned = math.degrees(width * math.cos(math.radians(collapse["angle"])) ** 2)  # angle = atan(factor)
+            angle = f"{known(collapse['angle'], turned, 5)} deg, "
     lines = [f"collapse      {angle}{factor}", f"blocks        {listed(collapse['blocks'])}"]
     lines[1:1] = path_lines(collapse)
     if collapse.get("onset") is not None:  # of a table that turns in real time

@@ -20,6 +20,7 @@ from dembrick.simulation.energy_audit import EnergyAudit
 from dembrick.simulation.statics.load_system import Replay
 from dembrick.simulation.statics.state import rotations
 from dembrick.simulation.statics.yield_point import YieldPoint, moving_blocks
+from dembrick.views.summary import limit_text, plain
 
 if TYPE_CHECKING:
     from dembrick.runs.path_dependence import OtherPaths
@@ -97,8 +98,8 @@ class RunResult:
         """What the command line prints first: the title, the formulation, and the stages before."""
         lines = [self.scenario.title, f"formulation   {self.scenario.joint.formulation}"]
         for stage in self.stages:
-            V = (stage.get("yield_point") or {}).get("V")
-            load = "" if V is None else f", V = {V:.6g}"
+            point = stage.get("yield_point") or {}
+            load = "" if point.get("V") is None else f", V = {plain(str(limit_text(point, stage.get('path'), '')))}"
             lines.append(f"stage {stage['stage']:<8}{stage['kind']}: {stage['status']}{load}")
         return lines
 

@@ -7,13 +7,15 @@ out.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 _CARRIED = {"N": "N", "V_1": "N", "V_2": "N", "M_T": "N m"}
 _ROUNDING = 1e-9  # of N (times 1 m): forces below are not there
 _NO_BAR = "no error bar (--refine gives one)"
 _MEET = 1e-9  # of V: bounds closer than this meet, but for rounding
+_TINY = 5e-7  # of a value: what no digit of seven shows
+_UNEVEN = 0.05  # of a bracket: as far as V may be off its middle and stand with half of it
 
 
 class KeyNumber(NamedTuple):
@@ -62,6 +64,8 @@ def with_error(value: float, half_width: float, unit: str) -> str:
     """``215.988 ± 0.067 N``: the error to two digits, the value as far as the error lets it be known."""
     if half_width <= _MEET * abs(value):
         return f"{value:.7g} {unit}"
+    if half_width <= _TINY * abs(value):
+        return f"{value:.7g} ± {half_width:.2g} {unit}"
     digits = max(0, 1 - math.floor(math.log10(half_width)))
     if digits > 12 or half_width >= 1e6:
         return f"{value:.9g} ± {half_width:.2g} {unit}"
@@ -96,11 +100,68 @@ def travel_unit(longest: float) -> tuple[str, float]:
     return ("mm", 1e3) if longest > 2e-3 else ("µm", 1e6)
 
 
-def bracket_text(point: Mapping, unit: str) -> str:
-    """The bounds of a yield point as a value with its error, and whether they are certified."""
-    lower, upper = point["V_lower"], point["V_upper"]
-    word = "bracket" if point.get("bracket") == "certified" else "indicator"
-    return f"{word} {with_error(0.5 * (lower + upper), 0.5 * (upper - lower), unit)}".rstrip()
+class Limit(NamedTuple):
+    """A limit load as words: its ``value`` with error bar and unit, and what ``kind`` of bar that is."""
+
+    value: str
+    kind: str
+
+    def __str__(self) -> str:
+        return f"{self.value} ({self.kind})"
+
+
+def limit_text(point: Mapping, beside: Mapping | None, unit: str) -> Limit:
+    """The limit load of a yield point as every command, figure and page says it.
+
+    ``beside``: what stands beside it, ``collapse`` or ``path``. V with half its bracket if it is the middle of it, else
+    with both bounds; two digits if it depends on the path, and nothing tells how far.
+    """
+    V, lower, upper, kind = point["V"], point.get("V_lower"), point.get("V_upper"), point.get("bracket", "open")
+    if lower is None or upper is None or kind == "open":
+        least = "" if lower is None or lower >= V else f"; the limit is at least {lower:.6g} {unit}".rstrip()
+        return Limit(f"{V:.6g} {unit}".rstrip(), f"at the end, no upper bound{least}")
+    if on_one_path(beside or {}):
+        return Limit(f"about {known(V, None)} {unit}".rstrip(), "of this path")
+    above, below = upper - V, V - lower
+    if max(above, below) <= _MEET * abs(V):
+        return Limit(with_error(V, 0.0, unit).rstrip(), f"{kind}: the two bounds meet")
+    if abs(above - below) <= _UNEVEN * (above + below):
+        return Limit(with_error(V, max(above, below), unit).rstrip(), kind)
+    return Limit(f"{' to '.join(_to_width((lower, upper), upper - lower))} {unit}".rstrip(), kind)
+
+
+def _to_width(values: Sequence[float], width: float) -> list[str]:
+    """Values to the third digit of a ``width``."""
+    digits = max(0, 2 - _magnitude(width))
+    return [f"{value:.{digits}f}" if digits <= 12 else f"{value:.9g}" for value in values]
+
+
+def angle_text(point: Mapping, beside: Mapping | None) -> Limit:
+    """The same of a table that tilts, in degrees: V is the tangent of its angle."""
+    names = ("V", "V_lower", "V_upper")
+    turned = {name: math.degrees(math.atan(point[name])) for name in names if point.get(name) is not None}
+    return limit_text({**point, **turned}, beside, "deg")
+
+
+def peak_text(point: Mapping, beside: Mapping | None, unit: str, at_rate: bool) -> tuple[str, str]:
+    """The largest load of the record, to the digits that its limit is known by, and where it was; ``at_rate``: of a
+    constant-rate test."""
+    lower, upper = point.get("V_lower"), point.get("V_upper")
+    error = 0.0 if lower is None or upper is None else 0.1 * (upper - lower)
+    value = f"{known(point['V_peak'], None if on_one_path(beside or {}) else error)} {unit}".rstrip()
+    where = f"at {length(point['displacement_at_peak'])}, " if "displacement_at_peak" in point else ""
+    return value, f"{where}the largest {'of the record, with its rate effect' if at_rate else 'in equilibrium'}"
+
+
+def mechanism(results: Mapping) -> str:
+    """How the blocks give way at a limit: of a load on every block all of them, of actuators their joint."""
+    found = part(results, "collapse").get("mechanism") or part(results, "yield_point").get("mechanism")
+    return found if isinstance(found, str) else "none"
+
+
+def plain(text: str) -> str:
+    """A text in characters that every terminal has."""
+    return text.replace("±", "+-").replace("µ", "u")
 
 
 def length(metres: float) -> str:
@@ -122,9 +183,11 @@ def key_numbers(results: Mapping, unit: str = "N") -> list[KeyNumber]:
     if isinstance(results.get("answer"), str):
         lines.append(KeyNumber("answer", results["answer"]))
     point, collapse, path = yield_point(results), part(results, "collapse"), part(results, "path")
-    lines += _of_collapse(collapse, has_bracket="V" in point)
+    of_blocks = collapse or unit == "1"
     at_rate = results.get("status") == "completed" and results.get("simulated_time") is not None
-    lines += _of_yield(point, "" if collapse or unit == "1" else unit, at_rate, path)
+    lines += _of_collapse(collapse, point)
+    lines += _of_yield(point, "" if of_blocks else unit, at_rate, path | collapse)
+    lines += _after(part(results, "after"))
     lines += _of_theory(part(results, "theory"))
     lines += _of_settlement(part(results, "settlement"), collapse)
     lines += _of_motion(results) if not (point or collapse or results.get("settlement")) else []
@@ -147,40 +210,43 @@ def _of_yield(point: dict, unit: str, at_rate: bool, path: dict) -> list[KeyNumb
     load = ("V", "limit load V") if unit else ("load factor", "load factor")
     if "V" not in point:
         return []
-    lower, upper, kind = point.get("V_lower"), point.get("V_upper"), point.get("bracket", "open")
-    alone = on_one_path(path)
-    error: float | None = 0.0
-    if lower is None or upper is None or kind == "open":
-        remark = "no upper bound: what the actuators carried at the end"
-        if lower is not None and lower < point["V"]:
-            remark += f"; the limit is at least {lower:.6g} {unit}".rstrip()
-        lines = [KeyNumber(load[0], f"{point['V']:.6g} {unit}".rstrip(), remark)]
-    elif alone:
-        error, bound = None, number(part(path, "associative").get("upper"))
-        remark = "of this path" + ("" if bound is None else f", at most {bound:.5g} {unit}".rstrip() + " on any")
-        value = f"about {known(point['V'], None)} {unit}".rstrip()
-        lines = [KeyNumber(load[1], value, f"{remark}; --refine gives the range")]
-    else:
-        bounds = "the two bounds meet" if upper - lower <= 2.0 * _MEET * abs(point["V"]) else "bounds"
-        word = "certified" if kind == "certified" else "indicator, not certified"
-        remark = f"{word}: {bounds}" + ("" if bounds[0] == "t" else f" {lower:.7g} and {upper:.7g} {unit}".rstrip())
-        lines = [KeyNumber(load[1], with_error(point["V"], 0.5 * (upper - lower), unit).rstrip(), remark)]
+    said, alone = limit_text(point, path, unit), on_one_path(path)
+    lower, upper = point.get("V_lower"), point.get("V_upper")
+    is_open = lower is None or upper is None or point.get("bracket", "open") == "open"
+    remark = said.kind
+    if alone:
+        bound = number(part(path, "associative").get("upper"))
+        remark += "" if bound is None else f", at most {bound:.5g} {unit}".rstrip() + " on any"
+        remark += "; --refine gives the range"
+    elif not is_open:
+        remark = remark.replace("indicator", "indicator, not certified")
+        remark += "" if "meet" in remark else f": bounds {lower:.7g} and {upper:.7g} {unit}".rstrip()
+    lines = [KeyNumber(load[0] if is_open else load[1], said.value, remark)]
     if "V_peak" in point:
-        where = f"at {length(point['displacement_at_peak'])}; " if "displacement_at_peak" in point else ""
-        peak, rate = f"{known(point['V_peak'], error)} {unit}".rstrip(), "has its rate effect" if at_rate else ""
-        lines.append(KeyNumber(f"largest {load[0]} of the record", peak, (where + rate).removesuffix("; ")))
+        lines.append(KeyNumber(f"largest {load[0]}", *peak_text(point, path, unit, at_rate)))
     least = _ROUNDING * abs(point.get("N", 0.0))
     shown = {name: 0.0 if abs(point[name]) <= least else point[name] for name in _CARRIED if name in point}
     carried = [f"{name} = {shown[name]:.5g} {_CARRIED[name]}" for name in shown]
     if carried:
         lines.append(KeyNumber("the joint carries", ", ".join(carried), point.get("joint", "")))
-    if "mechanism" in point:
+    if mechanism({"collapse": path}) != "none":
+        lines.append(KeyNumber("mechanism", mechanism({"collapse": path})))
+    elif "mechanism" in point:
         centre = point.get("torsion_centre")
         # + 0.0: a negative zero would only puzzle the reader
         x, y = (0.0, 0.0) if centre is None else (round(1e3 * x, 4) + 0.0 for x in centre)
         remark = "" if centre is None else f"turns about ({x:.5g}, {y:.5g}) mm from O"
         lines.append(KeyNumber("mechanism", point["mechanism"], remark))
     return lines
+
+
+def _after(after: dict) -> list[KeyNumber]:
+    """What moves on beyond the limit."""
+    moved, names = number(after.get("displacement")), after.get("blocks")
+    if moved is None or not isinstance(names, list) or not names:
+        return []
+    more = f" and {len(names) - 1} more" if len(names) > 1 else ""
+    return [KeyNumber("beyond the limit", f"{names[0]}{more}", f"by {after.get('mechanism')}, to {length(moved)}")]
 
 
 def _of_theory(theory: dict) -> list[KeyNumber]:
@@ -231,20 +297,21 @@ def _of_settlement(found: dict, collapse: dict) -> list[KeyNumber]:
     return lines
 
 
-def _of_collapse(collapse: dict, has_bracket: bool) -> list[KeyNumber]:
-    """The angle of the table, and the load factor unless a bracket says it better; with the refined estimate."""
+def _of_collapse(collapse: dict, point: dict) -> list[KeyNumber]:
+    """The angle of the table; and where no bracket tells it, the load factor with its estimate and the mechanism."""
     lines = []
     angle, factor, bar = (number(collapse.get(key)) for key in ("angle", "load_factor", "error_estimate"))
-    alone = on_one_path(collapse)
-    if angle is not None:
+    if angle is not None and "V" in point:
+        lines.append(KeyNumber("collapse angle", *angle_text(point, collapse)))
+    elif angle is not None:
         # angle = atan(factor)
         error = None if bar is None else math.degrees(abs(bar) * math.cos(math.radians(angle)) ** 2)
-        text = f"{known(angle, None if alone else 0.0, 5)} deg" if error is None else with_error(angle, error, "deg")
-        lines.append(KeyNumber("collapse angle", text, _NO_BAR if error is None and not has_bracket else ""))
-    if factor is not None and not (has_bracket and bar is None):
+        text = f"{known(angle, 0.0, 5)} deg" if error is None else with_error(angle, error, "deg")
+        lines.append(KeyNumber("collapse angle", text, _NO_BAR if error is None else ""))
+    if factor is not None and "V" not in point:
         text = f"{factor:.5g}" if bar is None else with_error(factor, abs(bar), "").rstrip()
         source = "from the run refined" if bar is not None else "" if lines else _NO_BAR
-        lines.append(KeyNumber("load factor, refined" if has_bracket else "load factor", text, source))
-    if isinstance(collapse.get("mechanism"), str) and not has_bracket:
+        lines.append(KeyNumber("load factor", text, source))
+    if isinstance(collapse.get("mechanism"), str) and "V" not in point:
         lines.append(KeyNumber("mechanism", collapse["mechanism"]))
     return lines

@@ -216,18 +216,20 @@ def _run(cases: Cases, faces: _Faces) -> LimitLoads:
     unbounded = upper >= NEVER
     open_ = unbounded | (~strict & (upper - lower > OPEN * np.abs(lower)))
     status = np.where(open_ & (answer.status == CONVERGED), "not converged", _STATUS[answer.status])
-    resultant = joints.resultant
+    V = np.where(open_, np.nan, 0.5 * (lower + np.where(unbounded, 0.0, upper)))
+    carried = np.where(open_, actuators.drive[:, 2], V)
+    forces = loading.dead + carried[:, None] * unit  # in equilibrium: the joint is the only one
     return LimitLoads(
-        V=np.where(open_, np.nan, 0.5 * (lower + np.where(unbounded, 0.0, upper))),
+        V=V,
         V_lower=lower,
         V_upper=np.where(unbounded, np.inf, upper),
         certified=strict,
         status=status,
-        actuator_load=actuators.drive[:, 2].copy(),
-        N=resultant[:, 0].copy(),
-        V_1=resultant[:, 1].copy(),
-        V_2=resultant[:, 2].copy(),
-        M_T=resultant[:, 3].copy(),
+        actuator_load=carried,
+        N=-forces[:, 2],
+        V_1=forces[:, 0],
+        V_2=forces[:, 1],
+        M_T=forces[:, 5],
         twist=np.where(strict[:, None], answer.twist, joint_families.slip_twists(whole)),
         tilt=np.where(strict[:, None], 0.0, joints.tilt),  # what is certified slides before it overturns
         steps=answer.steps,

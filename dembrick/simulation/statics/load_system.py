@@ -166,7 +166,7 @@ class Setup(LoadSystem):
         point, state = read_off(loop.state, loop.certificate, self.assembly.names, loop.inertia is not None), loop.state
         if loop.inertia is None and point.V is not None:
             state = carrying(state, point.V)
-            point = replace(carried_by(point, state), limit_at=loop.step * loop.dt)
+            point = replace(carried_by(point, state), limit_at=loop.step * loop.dt, actuator_load=point.V)
         elif loop.certificate.strict and point.bracket == "certified":
             point = in_equilibrium(point, loop.certificate)
         return Replay(

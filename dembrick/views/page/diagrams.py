@@ -58,8 +58,9 @@ def curve(history: History, record: Record) -> dict:
         chart["levels"] = [{"y": V, "look": "theory", "name": f"theory {V:.6g} {unit}".rstrip()}]
     point = summary.yield_point(history.results)
     lower, upper = point.get("V_lower"), point.get("V_upper")
-    if lower is not None and upper is not None and point.get("bracket") != "open":
-        chart |= {"band": [lower, upper], "bandName": summary.bracket_text(point, unit)}
+    if lower is not None and upper is not None and "V" in point and point.get("bracket") != "open":
+        said = summary.limit_text(point, summary.part(history.results, "path"), unit)
+        chart |= {"band": [lower, upper], "bandName": str(said)}
     return chart
 
 

@@ -73,8 +73,9 @@ def force_displacement(
             axes.plot(x, y, color=colour, ls=line, label=label)
             point = summary.yield_point(history.results)
             lower, upper = point.get("V_lower"), point.get("V_upper")
-            if bracket and lower is not None and upper is not None:
-                text = summary.bracket_text(point, diagram.unit.strip("-")) if len(histories) == 1 else None
+            if bracket and "V" in point and lower is not None and upper is not None:
+                said = summary.limit_text(point, summary.part(history.results, "path"), diagram.unit.strip("-"))
+                text = str(said) if len(histories) == 1 else None
                 axes.axhspan(lower, upper, color=colour, alpha=0.25, lw=0.6, label=text)
         for i, curve in enumerate(measured):
             marker = MEASURED[i % len(MEASURED)]
