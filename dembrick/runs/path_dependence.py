@@ -114,11 +114,11 @@ def beside_limit(run: Replay, assembly: Assembly, scenario: Scenario, others: Ot
     ``associative``: load factor (V in N of actuators) of limit analysis with its bounds, if it was asked for; else
     None, and ``no_bound`` says why it failed, if it did. ``no_path_above``, ``path_dependent``: see `OtherPaths`;
     ``digits_open``: the stiffness may move the limit, and nothing tells how far. ``locked_in``: the stages before may
-    have left forces in the joints. ``left_out``: what the joint laws leave out of the collapse. ``wanders``: from where to where the load goes on
-    rising and falling, as blocks snap from one state into another; None where it comes to a limit or has passed a peak;
-    half of that is then the ``error_estimate``. ``--refine`` adds ``path_range``, the load factors that other stiffness
-    ratios, steps and locked-in forces lead to, ``paths``, how many of them found a limit, of how many, and
-    ``error_estimate``, how far the range goes.
+    have left forces in the joints. ``left_out``: what the joint laws leave out of the collapse. ``wanders``: from where
+    to where the load goes on rising and falling, as blocks snap from one state into another; None where it comes to a
+    limit or has passed a peak; half of that is then the ``error_estimate``. ``--refine`` adds ``path_range``, the load
+    factors that other stiffness ratios, steps and locked-in forces lead to, ``paths``, how many of them found a limit,
+    of how many, and ``error_estimate``, how far the range goes.
     """
     point = run.yield_point
     if point.V is None:

@@ -64,6 +64,7 @@ def assembly():
             point=np.array([[0.075, 0.0, 0.0]]),
             direction=np.array([[0.0, 1.0, 0.0]]),
             weight=np.array([1.0]),
+            pressed=np.zeros(1, bool),
         ),
     )
 
@@ -81,7 +82,12 @@ def mixed_assembly():
     base.contact_points = (*base.contact_points, None)
     base.control_points = NO_CONTROL_POINTS
     base.actuators = SimpleNamespace(
-        names=(), block=np.zeros(0, int), point=np.zeros((0, 3)), direction=np.zeros((0, 3)), weight=np.zeros(0)
+        names=(),
+        block=np.zeros(0, int),
+        point=np.zeros((0, 3)),
+        direction=np.zeros((0, 3)),
+        weight=np.zeros(0),
+        pressed=np.zeros(0, bool),
     )
     return base
 

@@ -1,0 +1,81 @@
+"""One run has one answer: every command, figure and page says the same limit with the same bracket, V inside it."""
+
+import json
+import re
+
+import pytest
+
+import dembrick
+from dembrick import history
+from dembrick.cli import main
+from dembrick.scenario import toml
+from dembrick.views import page, plot, summary
+from helpers.two_blocks import BLOCKS
+
+RATE = BLOCKS.replace('"yield"', '"displacement"').replace("tolerance = 1.0e-3", "rate = 1e-5\ntravel = 6e-5")
+SLOPE = BLOCKS.partition("[[actuators]]")[0] + '[control]\nkind = "tilt"\naxis = [1.0, 0.0, 0.0]\n'
+RUNS = {
+    "yield": BLOCKS,
+    "above the joint": BLOCKS.replace("convex", "concave"),
+    "constant rate": RATE,
+    "V at the lower bound": RATE.replace("convex", "concave"),
+    "tilt": SLOPE,
+}
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_every_command_says_the_same(name, tmp_path, capsys):
+    path, csv = tmp_path / "run.h5", tmp_path / "points.csv"
+    (tmp_path / "run.toml").write_text(RUNS[name], encoding="utf-8")
+    told = []
+    for command in (["run", str(tmp_path / "run.toml"), "--out", str(path)], ["info", str(path)],
+                    ["yield", str(path), "--csv", str(csv)]):  # fmt: skip
+        assert main(command) == 0
+        told.append(capsys.readouterr().out)
+    with history.read(path) as found:
+        point, unit = found.results["yield_point"], "N" if found.curve.unit == "N" else ""
+        said = summary.limit_text(point, found.results.get("path"), unit)
+        legend = [text.get_text() for text in plot.force_displacement([found]).legends[0].get_texts()]
+        document = page.document(found)
+    assert point["V_lower"] <= point["V"] <= point["V_upper"]
+    for text in told:
+        assert summary.plain(str(said)) in text
+        assert len(set(re.findall(r"\+- ([\d.e-]+)", text.partition("\nV_peak")[0]))) <= 2  # load, and angle of a tilt
+        assert "no error bar" not in text
+    assert str(said) in legend and said.value in document and json.dumps(str(said))[1:-1] in document
+    row = dict(zip(*(line.split(",") for line in csv.read_text().splitlines()[:2]), strict=False))
+    assert [float(row[key]) for key in ("V", "V_lower", "V_upper")] == [point[k] for k in ("V", "V_lower", "V_upper")]
+
+
+def test_a_bracket_whose_middle_is_not_V_is_said_by_its_ends():
+    result = dembrick.simulate(toml.loads(RUNS["V at the lower bound"]))
+    point = result.yield_point
+    assert point.V_lower <= result.theory.V <= point.V_upper and point.V_upper > 1.01 * point.V
+    low, high = map(
+        float, re.fullmatch(r"([\d.]+) to ([\d.]+) N", summary.limit_text(point.as_dict(), None, "N").value).groups()
+    )
+    assert (low, high) == pytest.approx((point.V_lower, point.V_upper), abs=0.05)
+
+
+@pytest.mark.parametrize(
+    "V, bounds, text",
+    [
+        (840.09, (840.09, 873.8), "840.1 to 873.8 N (indicator)"),
+        (216.0, (215.0, 217.0), "216.0 ± 1.0 N (indicator)"),
+        (0.64, (0.64 - 7e-12, 0.64 + 7e-12), "0.64 N (indicator: the two bounds meet)"),
+        (1.28, (1.28 - 1.1e-7, 1.28 + 1.1e-7), "1.28 ± 1.1e-07 N (indicator)"),
+        (84.0, (83.0, None), "84 N (at the end, no upper bound; the limit is at least 83 N)"),
+    ],
+)
+def test_words(V, bounds, text):
+    point = {"V": V, "V_lower": bounds[0], "V_upper": bounds[1], "bracket": "indicator"}
+    assert str(summary.limit_text(point, None, "N")) == text
+
+
+def test_a_load_that_depends_on_the_path_has_two_digits():
+    point = {"V": 0.2946, "V_lower": 0.2937, "V_upper": 0.2955, "bracket": "indicator"}
+    path = {"path_dependent": True, "digits_open": True}
+    assert str(summary.limit_text(point, path, "")) == "about 0.29 (of this path)"
+    assert str(summary.angle_text(point, path)) == "about 16 deg (of this path)"
+    ranged = path | {"path_range": [0.2937, 0.2955]}
+    assert str(summary.limit_text(point, ranged, "")) == "0.29460 ± 0.00090 (indicator)"
