@@ -237,3 +237,19 @@ def test_a_search_looks_beside_what_is_undecided():
         search.bisect(lambda x: None if 0.2 < x < 0.8 else x < 0.5)
     with pytest.raises(UndecidedError, match="at joint.friction = 0 it is undecided"):
         search.bisect(lambda x: None)
+
+
+def test_what_still_balances_itself_is_no_fall():
+    """Four convex voussoirs at .35 of friction, where forces exist that balance them (at .345 none do): what is out of
+    balance falls on and on as the motion grows, and such a motion proves nothing."""
+    arch = Arch("arch", "stone", 1.0, 0.15546812583867825, 0.3, 4)
+    law = JointLaw("convex", 0.35, 1.673022368709644e9, 4.11681107321e8)
+    given = replace(scene((), arches=(arch,)), joint=law)
+    assert limit(given).status == "stands" and limit(with_friction(given, 0.345)).status == "falls"
+    assert simulate(given, record=False).status != "falls"
+    assert simulate(with_friction(given, 0.345), record=False).status == "falls"
+    assert simulate(with_friction(given, 0.355), record=False).status == "stands"
+
+
+def with_friction(scenario: Scenario, friction: float) -> Scenario:
+    return replace(scenario, joint=replace(scenario.joint, friction=friction))

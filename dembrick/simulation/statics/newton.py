@@ -18,7 +18,7 @@ MOST_ITERATIONS = 20  # for one equilibrium
 ENOUGH, SLACK = 0.9, 0.5  # of the out-of-balance, or of its work on a step: what a step, or a part of it, may leave
 MOST_PARTS, BACKTRACKS = 12, 8  # of one step that are tried, by secants, or by halves
 LOST = 1e4  # times the out-of-balance of the start: what is further away than that leads nowhere
-SHORT, MOST_SHORT = 0.1, 3  # parts of Newton steps that are short; so many after one another lead nowhere
+SHORT = 0.1  # parts of Newton steps that are short
 SINGULAR = 1e3  # times the out-of-balance of now: a Newton step that ends there is one of a singular tangent
 HELD, LEAP = 1e-10, 1e-5  # of the elastic stiffness, added to the tangent; the same where that is singular
 MOST_LEAPS, NEARER = 12, 0.8  # from there; how much smaller the out-of-balance must become by each
@@ -75,8 +75,11 @@ class Equilibria:
     """Finds equilibria of ``state`` under V times the unit ``load`` (n, 6) at a given driven displacement.
 
     ``balanced``: the out-of-balance over the joint forces that is none. ``iterations``: of Newton's method so far;
-    ``pause`` is called before each. ``phases``: seconds that went into joint forces and into equations.
+    ``pause`` is called before each. ``most_short``: so many short parts of steps after one another lead nowhere.
+    ``phases``: seconds that went into joint forces and into equations.
     """
+
+    most_short = 3
 
     def __init__(self, state: State, load: np.ndarray, factor: Factors, balanced: float):
         self.state, self.factor, self.balanced = state, factor, balanced
@@ -154,7 +157,7 @@ class Equilibria:
         if none is found."""
         before, short, leapt = self.iterations, 0, False
         start = size = self.attempt(motion, V)
-        while size <= LOST * start and short < MOST_SHORT and self.iterations - before < MOST_ITERATIONS:
+        while size <= LOST * start and short < self.most_short and self.iterations - before < MOST_ITERATIONS:
             if self.out_of_balance() <= self.balanced:
                 return V, self.iterations - before
             step = self._newton_step(V)

@@ -11,7 +11,6 @@ mechanism. That is the proof of a fall. What shows neither is undecided.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 
 import numpy as np
@@ -29,13 +28,14 @@ FINEST = 1e-13  # of the joint forces: no less can be asked for
 FASTER, FASTEST, SLOWER = 4.0, 16.0, 4.0  # by which the drag falls after a step, after an easy one; rises after none
 EASY = 3  # iterations of an easy step
 MOST_STEPS, MOST_DRAG = 150, 1e3  # of the motion; over the elastic stiffness
-FAR = 10.0  # blocks' sizes: nothing that far away stops a motion which none of the steps on the way has stopped
-STEADY = 0.25  # of the out-of-balance: what it may still lose while the drag falls to a quarter
-SURE = 2  # such steps after one another
+STRETCHES, LONGER = 2, 4.0  # of a steady motion, from a block's size on; how much further each goes than that before
+STEADY = 0.25  # of the out-of-balance: what it may lose on each; of strips that shrink it loses as much again, no more
 
 
 class FreeEquilibria(Equilibria):
     """Equilibria under the dead loads alone: no actuator holds any displacement."""
+
+    most_short = 10  # nothing else finds the way out
 
     def __init__(self, state: State, factor: Factors):
         super().__init__(state, np.zeros((len(state.blocks.displacement), 6)), factor, BALANCED)
@@ -55,7 +55,8 @@ class ViscousMotion:
         self.state = state
         self.search = FreeEquilibria(state, factor)
         self.search.pause = pause
-        self.unbalanced, self.drag, self.steady = 1.0, 1.0, 0
+        self.unbalanced, self.drag = 1.0, 1.0
+        self.path: list[tuple[float, float]] = []  # how far (in block sizes), and what was out of balance (energy norm)
         arms = (state.joints.arm_a, state.joints.arm_b)
         self.size = max(float(np.sqrt((arm**2).sum(axis=1)).max()) for arm in arms)
 
@@ -92,12 +93,11 @@ class ViscousMotion:
         self._keep()
         start = now = self.search.motion()
         rate = np.zeros_like(now)  # of the last step, over the drag
-        force, self.steady = math.inf, 0  # the out-of-balance, as an energy norm
+        self.path.clear()
         for _ in range(MOST_STEPS):
             found = self._step(now, rate / self.drag)
             if found is None:
                 self.drag *= SLOWER
-                self.steady = 0
                 if self.drag > MOST_DRAG:
                     break
                 continue
@@ -105,19 +105,30 @@ class ViscousMotion:
             rate = self.drag * change
             closing = joint_families.closes_gaps(self.state, self.search.trial.base)
             self._keep()
-            before, force = force, self.search.attempt(now, 0.0)
+            force = self.search.attempt(now, 0.0)
             self.unbalanced = self.search.out_of_balance()
             if self.unbalanced <= NEAR and self._rests(now):
                 return True
-            away = self.search.motion() - start
-            far = float(np.abs(away[self.search.rows[:, :3]]).max()) > FAR * self.size
-            still = before - force <= STEADY * force
-            self.steady = self.steady + 1 if far and still and not closing else 0
-            if self.steady >= SURE:
+            away = np.abs(now - start)[self.search.rows[:, :3]]
+            self.path.append((float(away.max()) / self.size, force))
+            if self._is_steady() and not closing:
                 self._show(now, change)
                 return False
-            self.drag /= FASTEST if self.tried <= EASY and not far else FASTER
+            self.drag /= FASTEST if self.tried <= EASY else FASTER
         return True if self.unbalanced <= RESTS else None
+
+    def _is_steady(self) -> bool:
+        """Whether what is out of balance has stopped falling: twice by little while the blocks went four times as far,
+        from further than their size on."""
+        (far, force), stretches = self.path[-1], STRETCHES
+        for at, before in reversed(self.path):
+            if not stretches or at < 1.0:
+                break
+            if LONGER * at <= far:
+                if before - force > STEADY * force:
+                    return False
+                far, force, stretches = at, before, stretches - 1
+        return not stretches
 
     def _step(self, start: np.ndarray, ahead: np.ndarray) -> np.ndarray | None:
         """The motion after a step from ``start`` with the drag of now; None if it is not found.
