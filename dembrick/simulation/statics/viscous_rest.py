@@ -24,7 +24,8 @@ from dembrick.simulation.statics.state import State
 BALANCED, RESTS = 1e-12, 1e-9  # of the joint forces: out-of-balance that is asked for, and that is rest
 NEAR = 1e-5  # of them: out-of-balance from which rest is looked for without drag
 SOLVED = 1e-4  # of the out-of-balance of a step: what the next one may leave of its own
-FINEST = 1e-13  # of the joint forces: no less can be asked for
+FINEST = 1e-13  # of the joint forces: no less can be asked for, nor less than so many times what a motion, rounded,
+ROUNDED, COARSEST = 4.0 * float(np.finfo(float).eps), 0.01  # makes of force, up to this share of the out-of-balance
 FASTER, FASTEST, SLOWER = 4.0, 16.0, 4.0  # by which the drag falls after a step, after an easy one; rises after none
 EASY = 3  # iterations of an easy step
 MOST_STEPS, MOST_DRAG = 150, 1e3  # of the motion; over the elastic stiffness
@@ -57,6 +58,7 @@ class ViscousMotion:
         self.search.pause = pause
         self.unbalanced, self.drag = 1.0, 1.0
         self.path: list[tuple[float, float]] = []  # how far (in block sizes), and what was out of balance (energy norm)
+        self.stiffest = float(joint_families.stiffness(state)[:, 2, 2].max())  # N/m
         arms = (state.joints.arm_a, state.joints.arm_b)
         self.size = max(float(np.sqrt((arm**2).sum(axis=1)).max()) for arm in arms)
 
@@ -137,7 +139,8 @@ class ViscousMotion:
         """
         search, drag = self.search, self.search.trial.drag
         drag[:] = self.drag, max(self.drag, HELD)
-        search.balanced = max(FINEST, SOLVED * self.unbalanced)
+        rounding = float(np.abs(start + ahead).max()) * self.stiffest / search.greatest_force()
+        search.balanced = max(SOLVED * self.unbalanced, FINEST, min(ROUNDED * rounding, COARSEST * self.unbalanced))
         guess = min((start, start + ahead), key=lambda motion: search.attempt(motion, 0.0))
         found, self.tried = search.find(guess.copy(), 0.0)
         drag[:] = 0.0, HELD
