@@ -296,7 +296,7 @@ def test_a_running_history_is_readable_at_every_moment(tmp_path):
 )
 def test_times_of_a_killed_path_are_numbers_of_equilibria(tmp_path, control, counts):
     """Also before the run has said how many there were."""
-    out = cases.open_writer(tmp_path / "run.h5", hold=1e9, control=control)
+    out = cases.open_writer(tmp_path / "run.h5", cases.mixed_assembly(), hold=1e9, control=control)
     out.close()
     with history.read(tmp_path / "run.h5") as found:
         assert found.status == "running" and found.counts_equilibria == counts
