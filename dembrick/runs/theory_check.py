@@ -47,6 +47,18 @@ def known_cohesion(law: JointLaw, after_slip: bool = False) -> float | None:
     return law.cohesion if keeps or (law.formulation == "convex" and not after_slip) else None
 
 
+def _continuum(polygon, friction: float, cohesion: float, normal: float, centre: np.ndarray):
+    """The continuum that the points of a joint stand for: its formulation, N and the centre of pressure.
+
+    A bonded joint that stays closed bears c + mu p everywhere, as a dry one does under the pressure p + c / mu.
+    """
+    if friction == 0.0:
+        return theory.polygon_formulation(polygon, 0.0, "full", cohesion), normal, centre
+    formulation = theory.polygon_formulation(polygon, friction, "linear")
+    pressed = normal + cohesion * formulation.area / friction
+    return formulation, pressed, formulation.middle + (centre - formulation.middle) * normal / pressed
+
+
 def theory_of(assembly: Assembly, after_slip: bool = False) -> Theory | None:
     """The limit load of the scenario by theory, or None if no theory holds: more than one joint, a joint that dilates,
     crushes, tears open or breaks point by point, ties, or a load that changes the normal force. ``after_slip``: of what
@@ -81,9 +93,9 @@ def theory_of(assembly: Assembly, after_slip: bool = False) -> Theory | None:
     overturning = np.array([unit[4], -unit[3]])
     load, tangential = unit[[0, 1, 5]], dead[[0, 1, 5]]
 
-    def limit(formulation: theory.Formulation) -> float:
+    def limit(formulation: theory.Formulation, pressed: float = normal, at: np.ndarray = centre) -> float:
         return theory.limit_load_at_height(
-            formulation, normal, load, overturning=overturning, dead_load=tangential, centre=centre
+            formulation, pressed, load, overturning=overturning, dead_load=tangential, centre=at
         ).V
 
     points = assembly.contact_points[0]
@@ -97,5 +109,5 @@ def theory_of(assembly: Assembly, after_slip: bool = False) -> Theory | None:
         return None  # what opens before that loses its bond, or pulls by it
     gap = None
     if law.formulation == "distributed":
-        gap = V / limit(theory.polygon_formulation(polygon, law.friction, "linear")) - 1.0
+        gap = V / limit(*_continuum(polygon, law.friction, cohesion, normal, centre)) - 1.0
     return Theory(V, None, gap)
