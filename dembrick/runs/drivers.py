@@ -17,7 +17,7 @@ from dembrick.runs import theory_check
 from dembrick.runs.collapse import collapse_of
 from dembrick.runs.load_path_result import DeformedRestResult, DrivenPathResult, LoadPathResult
 from dembrick.runs.motion_result import MotionResult
-from dembrick.runs.path_dependence import beside_limit, has_paths, other_paths
+from dembrick.runs.path_dependence import beside_limit, has_paths, other_paths, within
 from dembrick.runs.result import Result
 from dembrick.runs.settlement_result import SettlementResult
 from dembrick.runs.statics_result import StaticsResult
@@ -43,6 +43,7 @@ from dembrick.simulation.interrupts import Interrupted
 from dembrick.simulation.session import Plan, Session
 from dembrick.simulation.statics import constant_rate, limit_load, point_placement, standing
 from dembrick.simulation.statics.load_system import Replay
+from dembrick.simulation.statics.state import State
 
 if TYPE_CHECKING:
     from dembrick.simulation.dynamics.equilibria import EquilibriaRun
@@ -66,7 +67,7 @@ class Driver(NamedTuple):
     plan: Callable[[Scenario, Assembly], Plan]
     run: Callable[[Scenario, Assembly, Session], Replay | MotionRun | standing.Standing]
     result: Callable[..., Result | MotionResult | StaticsResult]
-    refined: Callable[[Scenario, float], object] | None = None
+    refined: Callable[..., Any] | None = None
     place: Callable[[Scenario, Assembly], tuple[Assembly, float]] = lambda _, assembly: (assembly, 0.0)
 
 
@@ -150,6 +151,7 @@ def _searched(bound: bool = False, **fields) -> Result:
     if control.regime is CONSTANT_RATE:
         return Result(**fields, theory=expected, fallen=fallen)
     others = other_paths(run, assembly, control, bound)
+    run.yield_point = within(run.yield_point, others.bound)
     told = falls or has_paths(assembly) or others.path_dependent
     path = beside_limit(run, assembly, fields["scenario"], others) if told else None
     return Result(**fields, theory=expected, fallen=fallen, path=path, others=others)
@@ -185,11 +187,13 @@ def _follow_path(scenario: Scenario, assembly: Assembly, session: Session | None
     return limit_load.find_limit_load(assembly, control.tolerance, factor, session, control.displacement or 0.0, steps)
 
 
-def _other_path(follow: Callable[..., Replay]) -> Callable[[Scenario, float], float]:
-    """The limit load of a scenario by ``follow``, as a function of it and of steps over the usual ones."""
+def _other_path(follow: Callable[..., Replay]) -> Callable[..., float]:
+    """The limit load of a scenario by ``follow``, as a function of it and of steps over the usual ones; also of another
+    assembly than its own, or from a state to start from."""
 
-    def found(scenario: Scenario, steps: float) -> float:
-        point = follow(scenario, build.assemble(scenario), None, steps).yield_point
+    def found(scenario: Scenario, steps: float, assembly: Assembly | None = None, start: State | None = None) -> float:
+        session = None if start is None else Session(start=start)
+        point = follow(scenario, assembly or build.assemble(scenario), session, steps).yield_point
         if point.V is None:
             raise NotConvergedError("another path of the same structure has no limit", point)
         return point.V

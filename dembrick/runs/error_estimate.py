@@ -8,7 +8,8 @@ what has begun to fall takes; with the stiffness to the power -1/3, at joints th
 A search through equilibria knows no rate, and its forces no scale of stiffness, but the ratio of the two stiffnesses
 decides how joints are loaded on the way, and so to which limit friction without dilatancy is led. Nobody knows that
 ratio for a dry joint: the search is made for several, for both stiffnesses doubled and by steps half as long, and the
-least and greatest limit are the range that the structure's own path leaves open.
+least and greatest limit are the range that the structure's own path leaves open. Histories that lock forces in are
+tried beside them (`locked_in`).
 
 Equilibria in the deformed geometry know no rate either: their error is that of the stiffness and of the steps of the
 path, which are halved; supports also move by half the acceleration on them.
@@ -90,7 +91,7 @@ def error_of(scenario: Scenario, found, refined: Sequence) -> float:
 
 def with_ratio(scenario: Scenario, ratio: float) -> Scenario:
     """The same scenario with a shear stiffness of ``ratio`` times the normal stiffness in all joints."""
-    return _with_laws(scenario, lambda law: replace(law, shear_stiffness=ratio * law.normal_stiffness))
+    return with_laws(scenario, lambda law: replace(law, shear_stiffness=ratio * law.normal_stiffness))
 
 
 def _has_ratio(scenario: Scenario, ratio: float) -> bool:
@@ -105,9 +106,10 @@ def stiffer(scenario: Scenario) -> Scenario:
         normal, shear = 2.0 * given.normal_stiffness, 2.0 * given.shear_stiffness
         return replace(given, normal_stiffness=normal, shear_stiffness=shear)
 
-    return _with_laws(scenario, law)
+    return with_laws(scenario, law)
 
 
-def _with_laws(scenario: Scenario, law: Callable[[JointLaw], JointLaw]) -> Scenario:
+def with_laws(scenario: Scenario, law: Callable[[JointLaw], JointLaw]) -> Scenario:
+    """The same scenario with another ``law`` in place of each of its joints."""
     joints = tuple(replace(entry, law=law(entry.law)) for entry in scenario.joints)
     return replace(scenario, joint=law(scenario.joint), joints=joints, text=None)

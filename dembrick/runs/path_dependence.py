@@ -11,6 +11,7 @@ a path may end below A by another mechanism, and normal forces that neither the 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -89,6 +90,13 @@ def _affordable(run: Replay, assembly: Assembly) -> bool:
     from dembrick.runs.limit import cheaper_than
 
     return cheaper_than(max(PATIENCE, run.loop_seconds), assembly)
+
+
+def within(point: YieldPoint, bound: dict | None) -> YieldPoint:
+    """``point`` with a bracket that ends at the associative ``bound``, where that is known and lower."""
+    if bound is None or point.V is None or point.V_upper is None or point.V_upper <= bound["upper"]:
+        return point
+    return replace(point, V_upper=max(point.V, bound["upper"]))
 
 
 def reach_of(point: YieldPoint) -> float:
@@ -175,9 +183,10 @@ def path_lines(beside: dict, unit: str = "") -> list[str]:
     bound, ranged = beside.get("associative"), beside.get("path_range")
     if ranged is not None:
         (low, high), (found, tried) = ranged, beside["paths"]
-        lines.append(f"path range    {low:.5g} to {high:.5g}{unit}, by {found} of {tried} paths of the same structure")
+        ends = f"{known(low, 0.0, 5)} to {known(high, 0.0, 5)}{unit}"
+        lines.append(f"path range    {ends}, by {found} of {tried} paths of the same structure")
         if bound is not None:
-            lines.append(f"bound         {bound['upper']:.5g}{unit} (associative): no path ends above")
+            lines.append(f"bound         {known(bound['upper'], 0.0, 5)}{unit} (associative): no path ends above")
         elif beside.get("no_path_above"):
             lines.append("bound         no path ends above: normality allows the mechanism")
     elif beside.get("path_dependent"):

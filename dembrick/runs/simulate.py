@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from contextlib import ExitStack, closing
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from dembrick.assembly import build as assemblies
@@ -14,9 +15,10 @@ from dembrick.errors import DembrickError, HistoryError, NotConvergedError, Scen
 from dembrick.runs.drivers import driver_of
 from dembrick.runs.error_estimate import Refinement, error_of, refinements
 from dembrick.runs.inertia_share import inertia_remark
+from dembrick.runs.locked_in import NoSuchHistory, histories
 from dembrick.runs.logger import LOGGER, heard_by
 from dembrick.runs.notebook import notebook_bar
-from dembrick.runs.path_dependence import has_paths, ranged
+from dembrick.runs.path_dependence import has_paths, ranged, within
 from dembrick.runs.record_store import Memory, RecordStore
 from dembrick.runs.result import Result, heading
 from dembrick.runs.stages import Stages
@@ -271,8 +273,8 @@ def _estimate_error(result: Result | MotionResult) -> BaseException | None:
 
 
 def _range_paths(result: Result) -> None:
-    """Give a search the range of load factors that other paths of the same structure lead to, side by side where cores
-    are free; its bracket then holds them all.
+    """Give a search the range of load factors that other paths of the same structure lead to, by other stiffness, steps
+    and forces locked in, side by side where cores are free; its bracket then holds them all.
 
     Paths that find no limit are counted. Raises NotConvergedError if none but the search itself found one, and
     Interrupted.
@@ -282,22 +284,30 @@ def _range_paths(result: Result) -> None:
     scenario, point = result.scenario, result.yield_point
     if result.path is None:
         return  # nothing limits the load
-    variants = refinements(scenario, several=True)
+    search = present(driver_of(scenario.control).refined)
+    variants: list[Callable[[], float]] = [
+        partial(search, one.scenario, one.steps) for one in refinements(scenario, several=True)
+    ]
+    variants += histories(result.run, scenario, search)
 
-    def found(one: Refinement) -> float | None:
+    def found(one: Callable[[], float]) -> list[float | None]:
         try:
-            return _refined(one)
+            return [one()]
+        except NoSuchHistory:
+            return []
         except NotConvergedError:
-            return None
+            return [None]
 
     with ThreadPoolExecutor(min(len(variants), os.cpu_count() or 1)) as pool:
-        factors = [factor for factor in pool.map(found, variants) if factor is not None]
+        tried = [factor for each in pool.map(found, variants) for factor in each]
+    factors = [factor for factor in tried if factor is not None]
     if not factors:
         raise NotConvergedError("none of the other paths of the same structure found its limit", point)
-    result.path = ranged(result.path, present(point.V), factors, len(variants))
+    result.path = ranged(result.path, present(point.V), factors, len(tried))
     low, high = result.path["path_range"]
     upper = None if point.V_upper is None else max(point.V_upper, high)
-    result.run.yield_point = replace(point, V_lower=min(point.V_lower, low), V_upper=upper)
+    wider = replace(point, V_lower=min(point.V_lower, low), V_upper=upper)
+    result.run.yield_point = within(wider, result.path["associative"])
 
 
 def _refined(one: Refinement) -> Any:

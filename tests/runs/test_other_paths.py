@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from dembrick import cli, limit, simulate
-from dembrick.runs.path_dependence import path_lines
+from dembrick.runs import study as studies
+from dembrick.runs.path_dependence import path_lines, ranged
 from dembrick.scenario import toml
+from helpers.studies import read_csv, write_study
 
 SHIPPED = Path(__file__).resolve().parents[2] / "scenarios"
 DENSITY, G = 2000.0, 9.81
@@ -175,3 +177,37 @@ def test_the_bound_is_asked_for(tmp_path, capsys):
     path.write_text(text, encoding="utf-8")
     assert cli.main(["run", str(path), "--out", str(tmp_path / "s.h5"), "--bound"]) == 2
     assert "--bound is for searches" in capsys.readouterr().err
+
+
+def test_refine_finds_what_a_squeeze_makes_a_block_bear():
+    """From what overturns it as built to what the same block bears after it was pressed against the curb."""
+    answer, squeezed = told(curb(), refine=True), told(curb(squeeze=6000.0, shear=4e10))
+    low, high = answer["path"]["path_range"]
+    assert low == pytest.approx(627.84, rel=1e-6)
+    assert high == pytest.approx(squeezed["yield_point"]["V"], rel=0.01) and high > 880.0
+    assert answer["yield_point"]["V_upper"] >= high and answer["associative"] > high
+    assert answer["path"]["paths"][0] == answer["path"]["paths"][1]
+
+
+def test_refine_finds_the_slabs_that_are_pressed_to_their_walls():
+    answer = told(slabs(), refine=True)
+    low, high = answer["path"]["path_range"]
+    assert low == pytest.approx(863.28, rel=1e-4) and high == pytest.approx(1569.6, rel=1e-5)
+    assert answer["yield_point"]["V_upper"] <= answer["associative"]
+
+
+def test_a_range_ends_at_the_proven_bound():
+    beside = {"associative": {"upper": 0.19}, "error_estimate": None}
+    assert ranged(beside, 0.185, [0.18, 0.194], 2)["path_range"] == [0.18, 0.19]
+    assert ranged(beside | {"associative": None}, 0.185, [0.18, 0.194], 2)["path_range"] == [0.18, 0.194]
+
+
+@pytest.mark.parametrize(("scenario", "depends"), [(curb(), "true"), (tower(), "false")])
+def test_a_study_says_what_depends_on_the_path(tmp_path, scenario, depends):
+    study = write_study(tmp_path, '[grid]\n"joint.friction" = [0.5, 0.7]\n', toml.dumps(scenario))
+    rows = read_csv(studies.sweep(study, tmp_path / "rows").csv)
+    assert [row["path_dependent"] for row in rows] == [depends] * 2
+    for row in rows:
+        assert row["mechanism"] and row["blocks"]
+        assert (row["associative"] == "") == (depends == "false")
+        assert depends == "false" or float(row["associative"]) > float(row["V"])

@@ -11,6 +11,7 @@ from dembrick.runs.study.together import limit_loads
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.model import Scenario
 
+_YES_OR_NO: dict[Any, str] = {True: "true", False: "false"}
 # Column, and where its value stands in the JSON object of a run; a dot goes one level down, a number into a list. Or
 # what makes the value out of that object.
 COLUMNS: dict[str, str | Callable[[dict], Any]] = {
@@ -28,6 +29,9 @@ COLUMNS: dict[str, str | Callable[[dict], Any]] = {
     "torsion_centre_2": "yield_point.torsion_centre.1",
     "displacement": "yield_point.displacement",
     "mechanism": "yield_point.mechanism",
+    "blocks": lambda result: None if result.get("blocks") is None else " ".join(result["blocks"]),
+    "path_dependent": lambda result: _YES_OR_NO.get(result.get("path_dependent")),
+    "associative": "associative",
     "collapse_angle": "collapse.angle",
     "collapse_load_factor": "collapse.load_factor",
     "collapse_displacement": "collapse.displacement",
@@ -41,7 +45,17 @@ COLUMNS: dict[str, str | Callable[[dict], Any]] = {
     "fallen": lambda result: None if result.get("fallen") is None else len(result["fallen"]),
     "error": "error",
 }
-TEXTS = ("status", "searched", "bracket", "mechanism", "collapse_mechanism", "history", "error")
+TEXTS = (
+    "status",
+    "searched",
+    "bracket",
+    "mechanism",
+    "blocks",
+    "path_dependent",
+    "collapse_mechanism",
+    "history",
+    "error",
+)
 FAILED = "failed"
 UNANSWERED = (FAILED, UndecidedError.status)
 

@@ -70,6 +70,7 @@ class _Case:
 
     def __init__(self, scenario: Scenario, assembly: Assembly):
         joint = assembly.joints[0]
+        self.name = assembly.names[joint.block_b]
         b, arm, axes = joint.block_b, np.asarray(joint.arm_b), np.asarray(joint.axes)
         actuators = assembly.actuators
         self.polygon, self.law = np.asarray(joint.polygon), scenario.joint
@@ -141,13 +142,14 @@ def _run(formulation: str, pressure: str, points, tolerance: float, cases: list[
     seconds = (time.perf_counter() - began) / len(cases)
     # if the bracket is no proof, a run of its own follows equilibria, and comes to another V within the tolerance
     answered = (found.status == "yield") & found.certified
-    return {i: _result(found, i, case.reach, seconds) for i, case in enumerate(cases) if answered[i]}
+    return {i: _result(found, i, case.name, case.reach, seconds) for i, case in enumerate(cases) if answered[i]}
 
 
-def _result(found: batch.LimitLoads, i: int, reach: float, seconds: float) -> dict[str, Any]:
+def _result(found: batch.LimitLoads, i: int, name: str, reach: float, seconds: float) -> dict[str, Any]:
     """The JSON object of one case; its loop time is the mean of all that ran with it."""
     centre, how = joint_mechanism(found.twist[i], found.tilt[i], reach)
     numbers = {name: float(getattr(found, name)[i]) + 0.0 for name in _NUMBERS}
     bracket = "certified" if found.certified[i] else "indicator"
     point = {**numbers, "bracket": bracket, "torsion_centre": centre, "mechanism": how}
-    return {"status": "yield", "yield_point": point, "steps": int(found.steps[i]), "wall": {"loop": seconds}}
+    known = {"path_dependent": False, "no_path_above": True, "associative": None, "blocks": [name]}
+    return {"status": "yield", "yield_point": point, **known, "steps": int(found.steps[i]), "wall": {"loop": seconds}}

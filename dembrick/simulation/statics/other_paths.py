@@ -13,7 +13,7 @@ joint gives way.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -43,24 +43,50 @@ def greatest_on_any_path(state: State) -> float:
 
 def _taken_by_joints(state: State, motion: np.ndarray) -> float:
     """The greatest power that the joints can take from the blocks' ``motion`` (n, 6), N m a step."""
+    moved = _at_contacts(state, motion)
+    if _not_dilatant(moved).any():
+        return np.inf
+    apart = np.maximum(moved.opening - moved.friction * moved.slip, 0.0)
+    return float((moved.tension * apart + moved.cohesion * moved.slip).sum())
+
+
+def grazing_joints(state: State) -> np.ndarray:
+    """Numbers of the joints, carrying or not, that slide in the last step without opening by as much as normality
+    asks for: what presses them together makes the mechanism bear more."""
+    blocks = state.blocks
+    moved = _at_contacts(state, np.concatenate([blocks.velocity, blocks.spin], axis=1))
+    return np.unique(moved.joint[_not_dilatant(moved)])
+
+
+class _Contacts(NamedTuple):
+    """What contact points, or the corners of convex joints, do in a mechanism (c,): whose they are, opening and slip
+    (m), friction, and the greatest tension and cohesion (N) of their bonds; a corner has the whole bond of its joint,
+    which is more than it takes."""
+
+    joint: np.ndarray
+    opening: np.ndarray
+    slip: np.ndarray
+    friction: np.ndarray
+    tension: np.ndarray
+    cohesion: np.ndarray
+
+
+def _not_dilatant(moved: _Contacts) -> np.ndarray:
+    fastest = float(np.hypot(moved.opening, moved.slip).max(initial=0.0))
+    return moved.friction * moved.slip - moved.opening > RESTS * fastest
+
+
+def _at_contacts(state: State, motion: np.ndarray) -> _Contacts:
+    """The contacts of all joints for the ``motion`` (n, 6) of the blocks."""
     joints = state.joints
     relative = np.einsum("jik,jk->ji", to_joint(joints.axes, joints.arm_b), motion[joints.block_b])
     relative -= np.einsum("jik,jk->ji", to_joint(joints.axes, joints.arm_a), motion[joints.block_a])
-    found = [_at_points(module, own, relative[own.joint]) for module, own in joint_families.present(state)]
-    opening, slip, friction, tension, cohesion = (np.concatenate(values) for values in zip(*found, strict=True))
-    fastest = float(np.hypot(opening, slip).max(initial=0.0))
-    if (friction * slip - opening > RESTS * fastest).any():
-        return np.inf
-    apart = np.maximum(opening - friction * slip, 0.0)
-    return float((tension * apart + cohesion * slip).sum())
+    found = [_of_family(module, own, relative[own.joint]) for module, own in joint_families.present(state)]
+    return _Contacts(*(np.concatenate(values) for values in zip(*found, strict=True)))
 
 
-def _at_points(module, own, relative: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Opening and slip (c,) m of the points or corners of joints that move by ``relative`` (p, 6), their friction, and
-    the greatest tension and cohesion (c,) N that their bonds may have.
-
-    A corner has the whole bond of a convex joint, which is more than it takes.
-    """
+def _of_family(module, own, relative: np.ndarray) -> _Contacts:
+    """The contacts of joints of a family that move by ``relative`` (p, 6)."""
     counts = np.diff(own.start)
     d_1, d_2, d_n, r_1, r_2, r_n = np.repeat(relative, counts, axis=0).T
     (x, y), (x_s, y_s) = module.corners(own), module.shear_corners(own)
@@ -70,7 +96,7 @@ def _at_points(module, own, relative: np.ndarray) -> tuple[np.ndarray, ...]:
         area = own.bonds.area if hasattr(own.bonds, "area") else np.repeat(own.area, counts)
         tension = area * np.repeat(own.strengths.tension, counts)
         cohesion = area * np.repeat(own.strengths.cohesion, counts)
-    return opening, slip, np.repeat(own.friction, counts), tension, cohesion
+    return _Contacts(np.repeat(own.joint, counts), opening, slip, np.repeat(own.friction, counts), tension, cohesion)
 
 
 def _taken_by_ties(state: State, motion: np.ndarray) -> float:
