@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dembrick.runs.limit import limit
 from dembrick.runs.simulate import simulate
 from dembrick.scenario.controls import DisplacementControl, PushoverControl, StaticsControl
 from dembrick.scenario.model import Block, JointLaw, Material, Output, Scenario
@@ -297,3 +298,28 @@ def test_dilation_against_a_spring_grows_with_the_slip():
     assert at["V"] == pytest.approx(426.66702, rel=1e-3)
     assert at["rise"] == pytest.approx(0.1996672e-3, rel=1e-4)
     assert abs(result.energy.relative_residual) < 1e-8
+
+
+def slipping_stack(formulation="corrected-shear"):
+    """A stack of four blocks askew that is pushed askew: ductile bonds slip at corners that then open."""
+    edges = ((-0.229266, -0.123734, 0.196357, 0.131463), (-0.163314, -0.226151, 0.181891, 0.172761))
+    edges += ((-0.117784, -0.227111, 0.147842, 0.154791), (-0.216861, -0.144993, 0.138137, 0.115197))
+    levels = (0.0, 0.374944, 0.684911, 0.858108, 1.35)
+    blocks = [Block("floor", "stone", (6.0, 6.0, 0.2), (0.0, 0.0, -0.1), fixed=True)]
+    for i, (west, south, east, north) in enumerate(edges):
+        low, high = levels[i], levels[i + 1]
+        size = (east - west, north - south, high - low)
+        middle = (0.5 * (west + east), 0.5 * (south + north), 0.5 * (low + high))
+        blocks.append(Block(f"stone {i}", "stone", size, middle))
+    law = JointLaw(formulation, 0.689, 1e11, 4e10, cohesion=15008.0, residual_cohesion=15008.0)
+    push = PushoverControl((-0.85045, -0.52323, -0.05439))
+    return Scenario("stack", (0.0, 0.0, -9.81), law, {"stone": Material(2000.0)}, tuple(blocks), push)
+
+
+@pytest.mark.parametrize("formulation", ["corrected-shear", "concave"])
+def test_a_bond_that_slips_and_then_opens_bears_no_more_than_it_can(formulation):
+    """Limit analysis bounds every path; the bond breaks where it stops pressing."""
+    given = slipping_stack(formulation)
+    point, bound = simulate(given, record=False).yield_point, limit(given)
+    assert point.V <= bound.upper * (1.0 + 1e-6)
+    assert point.V == pytest.approx(bound.load_factor, rel=1e-4)

@@ -127,6 +127,11 @@ def reserve(areas: Areas) -> np.ndarray:
     return found
 
 
+def tensile_strength(areas: Areas) -> np.ndarray:
+    """What the bond of each joint carries in tension (a,) in N, of its area."""
+    return areas.strengths.tension * areas.area
+
+
 def greatest_strength(areas: Areas) -> np.ndarray:
     """What the bond of each joint may carry besides friction (a,) in N."""
     if areas.strengths is None:

@@ -2,7 +2,8 @@
 
 Within an equilibrium all bonds hold, so that the forces are a continuous function of the motion and Newton's method
 finds it. A step at whose end a bond bears too much is shortened until it ends there, by straight lines between what the
-bonds had left before and after; then the same law lets it go.
+bonds had left before and after; then the same law lets it go. A ductile bond that presses slips and breaks nothing. If
+it comes to be pulled by more shear than it bears within a step, then the step ends where it stops pressing.
 """
 
 from __future__ import annotations
@@ -43,8 +44,12 @@ class BondBreaking:
         over = now < 0.0
         if not over.any():
             return True
-        before = np.maximum(self.reserves[over], 0.0)
-        self.borne = float((before / (before - now[over])).min())
+        before = np.maximum(self.reserves, 0.0)
+        slipping = np.isinf(before)
+        tension = joint_families.tensile_strengths(self._state)
+        before[slipping] = np.broadcast_to(before[:, :1] - tension[:, None], before.shape)[slipping]
+        after = np.where(slipping, now[:, :1] - tension[:, None], now)
+        self.borne = float((before[over] / (before[over] - after[over])).min())
         least = SHORTEST * way.usual
         if self.borne >= 1.0 - BRINK or way.step <= 1.001 * least:
             return True

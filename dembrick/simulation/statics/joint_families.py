@@ -148,8 +148,14 @@ def hold_bonds(state, held: bool) -> None:
 
 
 def reserves(state) -> np.ndarray:
-    """What all bonds could carry more (m,), infinite if there is none; N."""
-    found = [module.reserve(joints).ravel() for module, joints in present(state) if joints.strengths is not None]
+    """What all bonds could carry more in tension and in shear (m, 2), infinite if there is none; N."""
+    found = [module.reserve(joints) for module, joints in present(state) if joints.strengths is not None]
+    return np.concatenate([np.zeros((0, 2)), *found])
+
+
+def tensile_strengths(state) -> np.ndarray:
+    """What every bond carries in tension (m,) in N, in the order of `reserves`."""
+    found = [module.tensile_strength(joints) for module, joints in present(state) if joints.strengths is not None]
     return np.concatenate([np.zeros(0), *found])
 
 

@@ -123,6 +123,11 @@ def reserve(points: Points) -> np.ndarray:
     return found
 
 
+def tensile_strength(points: Points) -> np.ndarray:
+    """What the bond of each point carries in tension (c,) in N."""
+    return np.repeat(points.strengths.tension, np.diff(points.start)) * points.bonds.area
+
+
 def greatest_strength(points: Points) -> np.ndarray:
     """What the bonds of each joint may carry besides friction (p,) in N."""
     if points.strengths is None:
