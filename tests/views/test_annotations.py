@@ -10,7 +10,9 @@ from dembrick.errors import HistoryError, ScenarioError
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml
 from dembrick.views import render
+from dembrick.views.motion import hinges
 from dembrick.views.motion.blocks import round_down
+from dembrick.views.motion.frames import frame_number
 from dembrick.views.motion.joints import JointMotion
 from dembrick.views.motion.table import joint_table, reaction_table
 from dembrick.views.render import annotations, scene, screen
@@ -68,6 +70,22 @@ def test_the_line_of_thrust_of_a_column_leaves_it_at_the_hinge(column, drawing):
     pairs = {tuple(sorted(order.tolist().index(j) for j in pair)) for pair in line.lines.reshape(-1, 3)[:, 1:].tolist()}
     assert pairs == {(0, 1), (1, 2)}  # through the two lower cubes; the top one has one joint
     assert found.thrust.hinges == [int(order[0])] and "1 hinge" in found._text.input
+
+
+def test_hinges_drawn_at_a_collapse_are_those_of_the_result(column, drawing, monkeypatch):
+    """Where a result names hinges, also one that carries nothing any more; its dot is where its faces are nearest."""
+    names = column.block_names
+    named = [f"{names[joint['block_b']]} / {names[joint['block_a']]}" for joint in column.joints]
+    first = drawn(column, frames=(1,), thrust=True).thrust.hinges
+    monkeypatch.setitem(column.__dict__, "results", {"collapse": {"hinges": named[:2]}})
+    found = drawn(column, thrust=True, magnification=0.0)
+    assert found.thrust.hinges == [0, 1] and "2 hinges" in found._text.input
+    assert drawn(column, frames=(1,), thrust=True).thrust.hinges == first  # before the collapse, by the forces
+    joints = JointMotion(column)
+    low = int(np.argmin(joints.origin[:, 2]))
+    edge = hinges.closed_edges(joints, column.n_frames - 1)[low] @ joints.axes[low, :2]
+    toe = joints.at([column.n_frames - 1]).pressure_centre[0, low] @ joints.axes[low, :2]
+    np.testing.assert_allclose(edge, [math.copysign(EDGE / 2.0, toe[0]), 0.0, 0.0], atol=1e-9)
 
 
 def test_the_picture_of_a_table_tells_its_angle(column, drawing):
@@ -259,4 +277,6 @@ tolerance = 0.05
         assert rows[0]["utilisation"] > 0.9 and joint_table(run, time=last + 1.0)[0]["N"] == 0.0
         assert not drawn(run, frames=(last, -1), view="front", reactions=True)._reactions._arrows["length"][0]
         for look, shown in (({}, "coming down after"), ({"color": "utilisation"}, "equilibrium")):
-            assert render._shown(run, render.Look(**look)) == (run.n_frames - 1 if shown[0] == "c" else last)
+            assert frame_number(run, in_rows=render.Look(**look).needs_forces) == (
+                run.n_frames - 1 if shown[0] == "c" else last
+            )

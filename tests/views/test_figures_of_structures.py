@@ -67,7 +67,7 @@ def test_a_load_factor_is_printed_without_newtons(arch, capsys):
     assert " N" not in line and "+-" in line
     assert main(["yield", arch]) == 0
     head, row = capsys.readouterr().out.splitlines()
-    assert "load factor" in head and "V [N]" not in head and "rocking" in row
+    assert "limit" in head and " N" not in row and "+-" in row and "rocking" in row
 
 
 @pytest.mark.parametrize("kind, said", [("layout", "the plan of one"), ("domain", "the domain of one joint")])

@@ -9,14 +9,14 @@ import numpy as np
 
 from dembrick.errors import HistoryError
 from dembrick.views.motion.blocks import Poses, round_down
-from dembrick.views.motion.joints import HINGE, JointMotion
+from dembrick.views.motion.hinges import CARRIES, closed_edges, hinges
+from dembrick.views.motion.joints import JointMotion
 from dembrick.views.render.force_arrows import DrawnForces
 
 if TYPE_CHECKING:
     from dembrick.history.reader import History
 
 CRIMSON = "#B3003C"
-_CARRIES = 1e-6  # of the greatest N of a frame: joints with less carry nothing
 _WIDEST = 0.13  # of the picture's width: the longest scale bar
 _BAR = (0.9, 0.055)  # middle of the scale bar in the picture
 _IN_FRONT = -1e6  # of the depth of the scene: what is drawn so stands before everything else
@@ -111,7 +111,7 @@ class Names:
 class ThrustLine:
     """The line of thrust: the centres of pressure of the joints, joined through every block that two joints press.
 
-    A dot is a hinge: there the centre of pressure has come to the edge of its joint.
+    A dot is a hinge, see `hinges`.
     """
 
     def __init__(self, plotter, history: History, joints: JointMotion, forces: DrawnForces):
@@ -152,18 +152,18 @@ def thrust_line(
     place, _ = forces.of_joints(frame, poses)
     now = joints.at([frame])
     N = now.resultants[0, :, 0]
-    carries = N > _CARRIES * N.max(initial=0.0)
+    carries, bent = N > CARRIES * N.max(initial=0.0), hinges(joints.history, joints, frame)
+    if not carries[bent].all():  # it has opened so far that a new contact carries for it, along the edge that is left
+        meet = forces.on_joints(poses, closed_edges(joints, frame))
+        place = np.where(carries[:, None], place, meet)
+        carries[bent] = True
     own: dict[int, list[int]] = {i: [] for i in free}
     for j in np.flatnonzero(carries).tolist():
         for block in (int(joints.block_a[j]), int(joints.block_b[j])):
             if block in own:
                 own[block].append(j)
     pairs = [pair for pair in own.values() if len(pair) == 2]
-    # from O of the start, also where a joint was cut as it slid over an edge: a slip is small against the joint
-    at = now.shift[0] + now.pressure_centre[0]
-    normals, distance = joints.edges
-    bent = carries & ((np.einsum("jmk,jk->jm", normals, at) / distance).max(axis=-1, initial=0.0) >= HINGE)
-    return place, np.array(pairs, np.int64).reshape(-1, 2), np.flatnonzero(bent).tolist()
+    return place, np.array(pairs, np.int64).reshape(-1, 2), bent
 
 
 def require_thrust(history: History, joints: JointMotion | None) -> JointMotion:
