@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import atexit
 import gc
-import os
 import sys
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 
 from dembrick import __version__
+from dembrick.cli.streams import mute, open_closed, put, tell
 from dembrick.errors import DembrickError
 
 GARBAGE = 400_000  # new objects before a look for garbage: importing and loading kernels makes none
@@ -83,32 +83,40 @@ def _add_arguments(parser, verb: str) -> None:
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; returns the exit code (0 ok, 1 no answer, 2 invalid input, 3 off theory, 4 missing, 130/143
     interrupted)."""
+    open_closed()
     try:
-        code = _main(sys.argv[1:] if arguments is None else arguments)
-        sys.stdout.flush()  # here, and not at the end of Python, where nobody could catch what it raises
-        return code
+        return _main(sys.argv[1:] if arguments is None else arguments)
     except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
+        tell("interrupted")
         return 130
     except BrokenPipeError:  # whoever read the output has had enough of it
-        with suppress(OSError, ValueError):  # no file at all, as in a test
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        mute(sys.stdout)
         return 0
+    except DembrickError as error:
+        tell(f"error: {error}")
+        return error.exit_code
+    finally:
+        try:
+            sys.stdout.flush()  # here, and not at the end of Python, where nobody could catch what it raises
+        except (OSError, ValueError):
+            mute(sys.stdout)
 
 
 def _main(arguments: list[str]) -> int:
     """The same, but for the end of the output."""
     if not arguments or arguments[0] in ("-h", "--help", "help"):
-        print(HELP)
+        put(HELP)
         return 0 if arguments else 2
     verb, rest = arguments[0], arguments[1:]
     if verb == "--version":
-        print(f"dembrick {__version__}")
+        put(f"dembrick {__version__}")
         return 0
     if verb not in VERBS:
         from dembrick.scenario.checks import nearest
 
-        print(f"error: unknown command {verb!r}; {nearest(verb, VERBS)}", file=sys.stderr)
+        message = f"unknown command {verb!r}; {nearest(verb, VERBS)}"
+        _failed_json(message, rest)
+        tell(f"error: {message}")
         return 2
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
@@ -117,7 +125,13 @@ def _main(arguments: list[str]) -> int:
     atexit.register(gc.freeze)  # at the end there is nothing left to gain by looking for garbage
     import argparse
 
-    parser = argparse.ArgumentParser(prog=f"dembrick {verb}")
+    class Parser(argparse.ArgumentParser):
+        def error(self, message):
+            """See argparse."""
+            _failed_json(message, rest)
+            super().error(message)
+
+    parser = Parser(prog=f"dembrick {verb}")
     _add_arguments(parser, verb)
     module, options = _module(verb), parser.parse_args(rest)
     from dembrick.cli.console import Console
@@ -132,11 +146,21 @@ def _main(arguments: list[str]) -> int:
                 return 128 + signum
             return code
     except DembrickError as error:
-        console.error(str(error))
+        console.failed(error)
         return error.exit_code
     except KeyboardInterrupt as error:
+        if console.json and not console.answered:
+            console.result({"status": "interrupted"}, "")
         console.say(str(error) or "interrupted")
         return getattr(error, "exit_code", 130)
+
+
+def _failed_json(message: str, arguments: list[str]) -> None:
+    """The JSON object of a command line that cannot be read, if it asks for one."""
+    if "--json" in arguments:
+        import json
+
+        put(json.dumps({"status": "failed", "error": message}, indent=2))
 
 
 @contextmanager

@@ -10,11 +10,12 @@ def add_arguments(parser) -> None:
 def run(options, console) -> int:
     """Print the script; ``eval "$(dembrick completion bash)"`` in a start-up file takes it up."""
     from dembrick.cli import full_parser
+    from dembrick.cli.streams import put
     from dembrick.errors import MissingDependency
 
     try:
         import shtab
     except ImportError:
         raise MissingDependency("shell completion needs the package shtab: pip install shtab") from None
-    print(shtab.complete(full_parser(), options.shell))
+    put(shtab.complete(full_parser(), options.shell))
     return 0

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import os
 import sys
+from contextlib import suppress
 
 from dembrick.cli.progress import Meter
+from dembrick.cli.streams import put, tell
+from dembrick.errors import DembrickError, WriteError
 
 
 def printable(text: str) -> str:
@@ -29,6 +32,7 @@ class Console:
         self.json, self.quiet, self.verbose = json, quiet, verbose
         self.meter = Meter(printable, quiet)
         self.progress = self.meter.count
+        self.answered = False  # the one JSON object
         self._colour = sys.stderr.isatty() and not os.environ.get("NO_COLOR")
 
     def result(self, data: dict, text: str) -> None:
@@ -36,14 +40,22 @@ class Console:
         if self.json:
             import json
 
-            print(json.dumps(data, indent=2, allow_nan=False))
+            self.answered = True
+            put(json.dumps(data, indent=2, allow_nan=False))
         elif text:
-            print(printable(text))
+            put(printable(text))
+
+    def failed(self, error: DembrickError) -> None:
+        """That there is no answer: a sentence, and the JSON object if that was asked for and has not been printed."""
+        if self.json and not self.answered:
+            with suppress(WriteError, BrokenPipeError):  # the sentence still says why
+                self.result(error.answer or {"status": error.status, "error": str(error)}, "")
+        self.error(str(error))
 
     def say(self, text: str) -> None:
         """One line on standard error, whatever was asked for."""
         self.meter.clear()
-        print(printable(text), file=sys.stderr)
+        tell(printable(text))
 
     def remark(self, text: str) -> None:
         """Something worth knowing."""
@@ -59,4 +71,4 @@ class Console:
         """Why there is no answer; never silenced."""
         self.meter.clear()
         label = "\033[31merror:\033[0m" if self._colour else "error:"
-        print(f"{label} {printable(text)}", file=sys.stderr)
+        tell(f"{label} {printable(text)}")

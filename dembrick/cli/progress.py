@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+from dembrick.cli.streams import tell
 from dembrick.simulation.expected_cost import duration
 
 if TYPE_CHECKING:
@@ -79,7 +80,7 @@ class Meter:
     def clear(self) -> None:
         """Take the bar away, before something else is printed."""
         if self._drawn:
-            print("\r\033[K", end="", file=sys.stderr)
+            tell("\r\033[K", end="")
             self._drawn = False
 
     def _show(self, done: float, total: float | None, text: str) -> None:
@@ -99,11 +100,11 @@ class Meter:
 
     def _draw(self, text: str) -> None:
         room = max(20, shutil.get_terminal_size().columns - 1)
-        print(f"\r\033[K{self._printable(text)[:room]}", end="", file=sys.stderr, flush=True)
+        tell(f"\r\033[K{self._printable(text)[:room]}", end="")
         self._drawn = True
 
     def _line(self, text: str) -> None:
-        print(self._printable(text), file=sys.stderr, flush=True)
+        tell(self._printable(text))
 
 
 @contextmanager

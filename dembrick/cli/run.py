@@ -127,7 +127,9 @@ def answer(simulated: Callable, path: str, console) -> int:
 
 
 def _is_hdf5(path: str) -> bool:
-    """Whether a file is a history and not a text, by its first bytes."""
+    """Whether a file is a history and not a text, by its first bytes; a pipe gives them once, and is none."""
+    if not os.path.isfile(path):
+        return False
     try:
         with open(path, "rb") as file:
             return file.read(8) == b"\x89HDF\r\n\x1a\n"

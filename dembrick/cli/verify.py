@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dembrick.cli.paths import add_force, require_ending
+from dembrick.cli.streams import put
 
 
 def add_arguments(parser) -> None:
@@ -39,12 +40,12 @@ def _verify(picked, options, console) -> int:
 
     outcomes = []
     if not console.json:
-        print(report.text_header())
+        put(report.text_header())
     for outcome in verify(picked, lambda case: console.progress(len(outcomes), len(picked), case.name)):
         outcomes.append(outcome)
         if not console.json:
             console.progress(len(outcomes), len(picked), "")
-            print(report.text_row(outcome), flush=True)
+            put(report.text_row(outcome))
     passed = all(outcome.passed for outcome in outcomes)
     rows = [outcome.as_dict() for outcome in outcomes]
     console.result({"cases": rows, "passed": passed, "version": __version__}, report.summary(outcomes))

@@ -119,4 +119,5 @@ def write_whole(path: str | os.PathLike, content: bytes | str, what: str) -> Non
     """Write a file at once; ``what`` it is, "page", for the WriteError if that fails."""
     target = check_output(path)
     with writing(path, what), replacing(target) as part, open(part, "wb") as file:
-        file.write(content.encode() if isinstance(content, str) else content)
+        # names of files are text in which Python keeps bytes that its locale does not know
+        file.write(content.encode(errors="surrogateescape") if isinstance(content, str) else content)

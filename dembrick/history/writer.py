@@ -28,7 +28,7 @@ from dembrick.simulation.channels import CONTACTS, FRAMES, ROWS, Channel, record
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
 
-RUNNING = "running"
+RUNNING, FAILED = "running", "failed"
 OWN = "own"  # what `force` says of a finished history of the same scenario: it may be replaced
 _SLAB = 4 << 20  # bytes moved at a time: what a rewrite holds in memory
 _HELD = 4 << 20  # bytes that may wait for the file; a short run of few blocks has less in all
@@ -50,8 +50,8 @@ class HistoryWriter:
     ``channels``: what is recorded (see ``model.Output``). ``control``: what is done to the blocks, which says what the
     load is.
 
-    A file that is there gives way if it is an unfinished history of the same scenario; with ``force`` = `OWN` also a
-    finished one of it, with True any.
+    A file that is there gives way if it is a run that failed, or an unfinished history of the same scenario; with
+    ``force`` = `OWN` also a finished one of it, with True any.
 
     Raises OutputError if the path cannot be used, WriteError if a write fails; what was flushed before
     stays readable.
@@ -87,7 +87,8 @@ class HistoryWriter:
         self._closed = False
         self.run = os.urandom(8).hex()
         self._set_fields()
-        if not os.path.exists(self._target) or os.path.getsize(self._target) == 0 or not force:
+        self._begun = not os.path.exists(self._target) or os.path.getsize(self._target) == 0 or not force
+        if self._begun:
             self._begin()
 
     def _set_fields(self) -> None:
@@ -208,6 +209,17 @@ class HistoryWriter:
         self._closed = True
         self._stored = self._counts
         self._forget_pending()
+
+    def abandon(self) -> bool:
+        """Leave no file behind if nothing was recorded, as of a run that its input keeps from starting; whether so."""
+        if self.n_row or self.n_frames or self._closed or self._source is not None:
+            return False
+        self._closed = True
+        self._release()
+        if self._begun:
+            with suppress(OSError):
+                os.unlink(self._target)
+        return True
 
     def close(self) -> None:
         """Stop writing. Without ``finish`` the file keeps the status ``running``, like after a kill."""
@@ -348,8 +360,8 @@ class HistoryWriter:
 
 
 def _refuse_other(path: str, target: str, scenario_text: str, source: object, own: bool) -> None:
-    """An existing file gives way if it is empty, or an unfinished history of the same scenario; with ``own`` also a
-    finished one."""
+    """An existing file gives way if it is empty, a run that failed, or an unfinished history of the same scenario; with
+    ``own`` also a finished one."""
     if not os.path.exists(target) or os.path.getsize(target) == 0:
         return
     try:
@@ -359,7 +371,7 @@ def _refuse_other(path: str, target: str, scenario_text: str, source: object, ow
         raise OutputError(
             f"{path}: this file exists and is not a history; choose another name, or --force replaces it"
         ) from error
-    if same and (own or status == RUNNING):
+    if status == FAILED or (same and (own or status == RUNNING)):
         return
     what = f"a finished history (status {status})" if status != RUNNING else "an unfinished run (dembrick restart)"
     whose = "" if same else " of another scenario"

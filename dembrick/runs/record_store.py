@@ -145,6 +145,10 @@ class RecordStore:
         self._checkpoints.save({**arrays, "audit.worst": self.auditor.worst}, about)
         self.write_seconds += time.perf_counter() - began
 
+    def abandon(self) -> bool:
+        """Leave no history behind if nothing was recorded; returns whether."""
+        return self._writer is not None and self._writer.abandon()
+
     @property
     def has_checkpoint(self) -> bool:
         """Whether there is something to go on from."""

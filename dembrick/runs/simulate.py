@@ -193,9 +193,13 @@ def _run(
         except HistoryError:
             raise  # the checkpoint does not fit; nothing was written
         except DembrickError as error:
-            error.answer = failure(scenario, error, path)
-            if isinstance(store, RecordStore):
-                store.finish(error.status, error.answer)
+            # an input that cannot be run leaves nothing in the way of the one that is mended
+            file = store if isinstance(store, RecordStore) else None
+            if file is not None and error.exit_code != 1 and file.abandon():
+                file = None
+            error.answer = failure(scenario, error, None if file is None else path)
+            if file is not None:
+                file.finish(error.status, error.answer)
             raise
         except BaseException as error:
             if isinstance(store, RecordStore):

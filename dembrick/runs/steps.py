@@ -12,7 +12,7 @@ from dembrick.assembly.build import assemble
 from dembrick.errors import ScenarioError
 from dembrick.kernels.dynamics.loop import REACHED, Limits
 from dembrick.scenario import toml
-from dembrick.scenario.checks import show
+from dembrick.scenario.checks import real, require, show
 from dembrick.scenario.model import Scenario
 from dembrick.scenario.regimes import COLLAPSE
 from dembrick.simulation.dynamics import loads as loads_of
@@ -71,8 +71,8 @@ def steps(
             f"steps go through time, and control kind {show(control.kind)} is a search for equilibria; "
             "use kind dynamic or base-motion, or a tilt with quasi_static = false"
         )
-    if not every > 0.0:
-        raise ScenarioError(f"every = {every:g} s: it must be longer than 0 s")
+    every = real("every", every)
+    require(every > 0.0, "every", every, "it must be longer than 0 s")
     return _lived_through(scenario, every, loads)
 
 
@@ -104,11 +104,38 @@ def _lived_through(scenario: Scenario, every: float, loads) -> Iterator[Step]:
             return
         if loads is not None:
             driving.force[own:] = 0.0
-            for name, force in (loads(step) or {}).items():
+            for name, force in _forces(loads(step)).items():
                 if name not in rows:
                     raise ScenarioError(f"loads name {show(name)}, which is no free block")
                 driving.force[rows[name]] = force
         status = advance(moving, driving, min(stride, total - moving.steps), limits)
+
+
+def _forces(given) -> dict[str, np.ndarray]:
+    """What a callback gives, checked: three finite numbers (N) a block. ScenarioError else."""
+    if given is None:
+        return {}
+    if not isinstance(given, Mapping):
+        raise ScenarioError(
+            f"loads gave {_shown(given)}; it must give a table of forces by the names of blocks, or None"
+        )
+    found = {}
+    for name, force in given.items():
+        try:
+            numbers = np.array(force)
+        except ValueError:  # lists of lists of different lengths
+            numbers = np.zeros(0)
+        if numbers.dtype.kind not in "iuf" or numbers.shape != (3,) or not np.isfinite(numbers).all():
+            raise ScenarioError(
+                f"loads give block {show(name)} the force {_shown(force)}; it must be three numbers (N): x, y and z"
+            )
+        found[name] = numbers.astype(float)
+    return found
+
+
+def _shown(value) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def _state_of(moving, driving) -> Step:

@@ -7,10 +7,12 @@ of gigabytes are refused before they are read.
 from __future__ import annotations
 
 import os
+import select
 import stat
 
 from dembrick.errors import ScenarioError
 
+PATIENCE = 10.0  # s, for which a pipe may be silent
 LARGEST_FILE = 16 << 20  # bytes; a scenario of some hundred thousand blocks, or a million lines of numbers
 
 
@@ -18,12 +20,15 @@ def read_bytes(path: str | os.PathLike, what: str, regular: bool = True) -> byte
     """The bytes of a file; ``what`` names it in messages, "a scenario file".
 
     ScenarioError for a file that is not there, cannot be read, is larger than ``LARGEST_FILE`` or, if it has to be
-    ``regular``, is a device, a pipe or a socket.
+    ``regular``, is a device, a pipe or a socket. A pipe through which nothing comes for `PATIENCE` is refused as well.
     """
     path = os.fsdecode(path)
     try:
-        handle = os.open(path, os.O_RDONLY | (getattr(os, "O_NONBLOCK", 0) if regular else 0) | _BINARY)
+        pipe = not regular and stat.S_ISFIFO(os.stat(path).st_mode)
+        handle = os.open(path, os.O_RDONLY | (getattr(os, "O_NONBLOCK", 0) if regular or pipe else 0) | _BINARY)
         with open(handle, "rb") as file:
+            if pipe:
+                return _through_pipe(handle, path, what)
             if regular and not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
                 raise ScenarioError(f"{path}: not an ordinary file (a device or a pipe); name {what}")
             data = file.read(LARGEST_FILE + 1)
@@ -47,6 +52,25 @@ def read_text(path: str | os.PathLike, what: str, regular: bool = True) -> str:
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         raise ScenarioError(f"{os.fsdecode(path)}: not UTF-8 text (line {line}); {what} is text in UTF-8") from None
+
+
+def _through_pipe(handle: int, path: str, what: str) -> bytes:
+    """What comes through a pipe that does not block, until its writer ends."""
+    found, waited = b"", False
+    while True:
+        try:
+            part = os.read(handle, 1 << 20)  # empty: nobody writes, or no more
+            if not part and (found or waited):
+                return found
+        except BlockingIOError:
+            part = b""
+        if not part:
+            waited = bool(select.select([handle], [], [], PATIENCE)[0])
+            if not waited:
+                raise ScenarioError(f"{path}: nothing came through this pipe within {PATIENCE:g} s; name {what}")
+        found += part
+        if len(found) > LARGEST_FILE:
+            raise ScenarioError(f"{path}: longer than {LARGEST_FILE >> 20} MiB, this is not {what}")
 
 
 _BINARY = getattr(os, "O_BINARY", 0)

@@ -62,3 +62,38 @@ def test_what_has_no_time_is_refused():
         dembrick.steps(scene(dembrick.DynamicControl(0.1)), 0.0)
     with pytest.raises(ScenarioError, match="'floor', which is no free block"):
         list(dembrick.steps(scene(dembrick.DynamicControl(0.1)), 0.01, lambda step: {"floor": (1.0, 0.0, 0.0)}))
+
+
+@pytest.mark.parametrize(
+    "force", [5.0, [5.0], "abc", [1.0, 2.0, 3.0, 4.0], [1.0, 2.0], [[1.0, 2.0, 3.0]], [1.0, 2.0, float("nan")],
+              ["a", "b", "c"], None, [True, False, True], [1.0, [2.0], 3.0], {"x": 1.0}],
+)  # fmt: skip
+def test_a_force_that_is_no_three_numbers_is_refused(force):
+    """A number would act along all three axes."""
+    with pytest.raises(ScenarioError, match=r"loads give block 'block' the force .*; it must be three numbers"):
+        for _ in dembrick.steps(scene(dembrick.DynamicControl(0.02)), 0.01, loads=lambda _: {"block": force}):
+            pass
+
+
+@pytest.mark.parametrize("given", [[1.0, 2.0, 3.0], 5.0, "block", [("block", (1.0, 0.0, 0.0))]])
+def test_loads_that_are_no_table_are_refused(given):
+    with pytest.raises(ScenarioError, match="it must give a table of forces by the names of blocks, or None"):
+        for _ in dembrick.steps(scene(dembrick.DynamicControl(0.02)), 0.01, loads=lambda _: given):
+            pass
+
+
+@pytest.mark.parametrize("every", [float("inf"), float("nan"), 0.0, -1.0, "a", None, True, 10**400])
+def test_an_interval_that_is_no_time_is_refused(every):
+    with pytest.raises(ScenarioError, match="every = "):
+        dembrick.steps(scene(dembrick.DynamicControl(0.02)), every)
+
+
+def test_forces_as_arrays_lists_and_tuples_are_the_same():
+    ends = []
+    for force in ([5, 0, 0], (5.0, 0.0, 0.0), np.array([5.0, 0.0, 0.0], "f4")):
+        *_, last = dembrick.steps(
+            scene(dembrick.DynamicControl(0.02)), 0.01, loads=lambda _, force=force: {"block": force}
+        )
+        ends.append(last.position)
+    np.testing.assert_array_equal(ends[0], ends[1])
+    np.testing.assert_array_equal(ends[0], ends[2])

@@ -129,9 +129,22 @@ def plain(text: str) -> str:
 
 def inline_svg(figure: Figure) -> str:
     """A figure as the ``<svg>`` element that an HTML page takes up."""
+    _write_out_controls(figure)
     with settings(), io.StringIO() as text:
         figure.savefig(text, format="svg", metadata={"Date": None})
         return text.getvalue().partition("<!DOCTYPE")[2].partition(">")[2].strip()
+
+
+def _write_out_controls(figure: Figure) -> None:
+    """Show control characters in the texts of a figure as ``\\x1b``: titles may come from a stranger's file, and
+    matplotlib would warn of them with the very character, which then reaches the terminal."""
+    from matplotlib.text import Text
+
+    for text in figure.findobj(Text):
+        shown = text.get_text()
+        if not all(sign.isprintable() or sign == "\n" for sign in shown):
+            signs = (s if s.isprintable() or s == "\n" else s.encode("unicode_escape").decode("ascii") for s in shown)
+            text.set_text("".join(signs))
 
 
 def save(figure: Figure, path: str | os.PathLike) -> str:
@@ -141,6 +154,7 @@ def save(figure: Figure, path: str | os.PathLike) -> str:
     if ending not in FORMATS:
         raise OutputError(f"{path}: the ending {ending!r} is no figure format; use one of {', '.join(FORMATS)}")
     stamp = {".png": {}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}[ending]
+    _write_out_controls(figure)
     picture = io.BytesIO()  # a writer of matplotlib that fails half way says more than one sentence
     with settings():
         figure.savefig(picture, format=ending[1:], dpi=DOTS_PER_INCH, metadata=stamp)
