@@ -10,6 +10,7 @@ from dembrick.kernels.joint import area_law, no_tension, point_law
 from dembrick.kernels.statics import point_joints
 from dembrick.kernels.statics.point_joints import Points
 from helpers.compiled import forms
+from helpers.joints_of_engines import strengths_of
 from helpers.random_polygons import slender_polygon as random_polygon
 
 A, B = 0.3, 0.2
@@ -230,3 +231,18 @@ def test_no_tension_meets_the_closed_joint():
         ]
         got = open_part(*polygon.T.copy(), level * (1 - 1e-9), *gradient)
         np.testing.assert_allclose(got, closed, rtol=1e-7, atol=1e-8 * closed[0])
+
+
+@pytest.mark.parametrize("bonded_law", forms(point_law.bonded_law))
+@pytest.mark.parametrize("residual", [1.0, 0.6])
+def test_a_dilatant_point_slips_by_what_its_spring_does_not_take(bonded_law, residual):
+    """Slip and lift of a step are one solution: k_s (s - slid) is the strength under N = k_n (g + psi slid)."""
+    g, s, k_n, k_s, friction, dilation = 1e-5, 3e-5, 1e8, 5e7, 0.5, 0.2
+    law = strengths_of({"dilation": dilation, "residual": residual})
+    found = bonded_law(g, 0.0, s, 0.0, 0.0, 0.0, k_n, k_s, friction, 0.0, 1.0, 1.0, law, 0, 0.01, 0.0, 0.0, 0.0)
+    normal, shear, slid, rise = found[0], found[2], found[6], found[9]
+    mu = residual * friction
+    assert slid == pytest.approx((k_s * s - mu * k_n * g) / (k_s + mu * k_n * dilation), rel=1e-12)
+    assert rise == pytest.approx(dilation * slid, rel=1e-12)
+    assert normal == pytest.approx(k_n * (g + rise), rel=1e-12)
+    assert [shear, shear] == pytest.approx([mu * normal, k_s * (s - slid)], rel=1e-12)

@@ -4,6 +4,7 @@ import json
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from dembrick import cli
@@ -13,8 +14,9 @@ from dembrick.runs.limit_scenario import searched
 from dembrick.scenario import toml
 from dembrick.scenario.blocks import Block
 from dembrick.scenario.controls import DynamicControl, PushoverControl, StaticsControl, TiltControl, YieldControl
-from dembrick.scenario.model import Actuator, Scenario
-from dembrick.simulation.limit_analysis import solver
+from dembrick.scenario.model import Actuator, Load, Scenario
+from dembrick.scenario.ties import Tie, TieEnd
+from dembrick.simulation.limit_analysis import bounds, solver
 from helpers import pushed_assemblies as scenes
 from helpers.pushed_assemblies import law
 
@@ -58,6 +60,26 @@ def test_lifting_off():
     found = limit(scenario)
     assert found.load_factor == pytest.approx(weight, rel=1e-7)
     assert found.mechanism == "uplift" and found.blocks == ["stone"]
+
+
+def test_a_dead_load_off_the_centroid_has_its_moment():
+    """A push at the top of a cube turns it over its edge: V h = W b / 2 + P (b / 2 + e), P at e behind the middle."""
+    pushed = one_block((push((1.0, 0.0, 0.0), (0.0, 0.0, 0.4)),))
+    weight = 2000.0 * 9.81 * 0.4**3
+    for e in (-0.1, 0.1):
+        found = limit(replace(pushed, loads=(Load("stone", (0.0, 0.0, -1000.0), (-e, 0.0, 0.4)),)))
+        assert found.load_factor == pytest.approx((weight * 0.2 + 1000.0 * (0.2 + e)) / 0.4, rel=1e-7)
+
+
+def test_a_tilt_knows_that_the_strength_of_a_tie_does_not_turn():
+    """W sin = mu W cos + S for a block on a table that a tie along the table holds."""
+    weight, strength = 2000.0 * 9.81 * 0.4**3, 200.0
+    post = Block("post", "stone", box=(0.2, 0.2, 0.4), position=(0.8, 0.0, 0.2), fixed=True)
+    tie = Tie((TieEnd("post", (0.7, 0.0, 0.2)), TieEnd("stone", (0.2, 0.0, 0.2))), 1e8, strength=strength)
+    tilt = TiltControl((0.0, -1.0, 0.0), 1.0, 0.02, quasi_static=True)
+    found = limit(replace(one_block(control=tilt, friction=0.3, more=(post,)), ties=(tie,)))
+    angle = math.atan(found.load_factor)
+    assert weight * math.sin(angle) == pytest.approx(0.3 * weight * math.cos(angle) + strength, rel=1e-7)
 
 
 def test_a_rough_table_stands_at_any_tilt():
@@ -140,6 +162,15 @@ def test_loads_that_cancel():
 def test_a_scenario_without_a_load(tmp_path, capsys):
     assert cli.main(["limit", saved(tmp_path, one_block(control=DynamicControl(1.0)))]) == 2
     assert "no load to multiply" in capsys.readouterr().err
+
+
+def test_a_mixture_with_an_inner_state_is_inside_every_strength():
+    """The lower bound: as little of the inner state as the strength that is exceeded worst, for its room, asks for."""
+    over, inner = np.array([0.1, 0.3, -1.0]), np.array([-1.0, -0.1, -5.0])
+    share = bounds.share_of_inner(over, inner, 0.0)
+    mixture = (1.0 - share) * over + share * inner
+    assert mixture.max() == pytest.approx(0.0, abs=1e-15)
+    assert bounds.share_of_inner(over, np.array([-1.0, 0.1, -5.0]), 0.0) == 1.0
 
 
 def test_a_solver_that_fails_tells_its_status(monkeypatch):

@@ -33,6 +33,16 @@ def by_step(path):
     return sorted(Checkpoints(path).existing(), key=lambda one: Checkpoint(one).about["number"])
 
 
+def test_the_newest_checkpoint_is_the_last_that_was_saved(tmp_path):
+    """Whichever of the two files it is in, and none of its steps are made again."""
+    kept = Checkpoints(tmp_path / "run.h5")
+    known = {"scenario": "", "kernels": "", "rows": 0, "frames": 0}
+    for step in range(1, 4):
+        kept.save({"V": np.array([float(step)])}, {"run": "one", "where": f"step {step}"} | known)
+        found, faults = Checkpoints(tmp_path / "run.h5").newest("one")
+        assert found.about["where"] == f"step {step}" and not faults
+
+
 def test_the_other_checkpoint_serves_where_the_newest_is_damaged(stopped, capsys):
     older, newest = by_step(stopped)
     assert [Checkpoint(one).about["number"] for one in (older, newest)] == [8, 9]

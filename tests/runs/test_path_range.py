@@ -12,7 +12,7 @@ from dembrick.errors import ScenarioError
 from dembrick.runs.collapse import collapse_lines
 from dembrick.runs.error_estimate import RATIOS, refinements, with_ratio
 from dembrick.runs.limit import limit
-from dembrick.runs.path_dependence import path_lines
+from dembrick.runs.path_dependence import path_lines, ranged
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml
 from dembrick.scenario.controls import PushoverControl, StaticsControl, TiltControl, YieldControl
@@ -153,3 +153,10 @@ def test_which_paths_are_followed():
     assert len(refinements(with_ratio(scenario, 0.3))) == len(RATIOS) + 2
     with pytest.raises(ScenarioError, match="nothing to estimate"):
         refinements(replace(scenario, control=StaticsControl()))
+
+
+def test_the_bar_reaches_as_far_as_the_furthest_path_on_either_side():
+    alone = {"error_estimate": None}
+    assert ranged(alone, 10.0, [8.0, 10.5], 2)["error_estimate"] == 2.0
+    assert ranged(alone, 10.0, [9.8, 13.0], 2)["error_estimate"] == 3.0
+    assert ranged({"error_estimate": 4.0}, 10.0, [9.8, 13.0], 2)["error_estimate"] == 4.0

@@ -132,6 +132,16 @@ def test_opening_is_the_distance_of_the_faces(host):
 
 
 @pytest.mark.parametrize("host", [0, 1])
+def test_resultants_act_about_the_point_that_rides_on_the_host(host):
+    """O goes with the block that the polygon rides on, by what that block is moved at O, however it turns."""
+    pair = (CARRIED, ((0.01, -0.02, 0.003), (0.15, -0.1, 0.3)))
+    given = run([pair], host=host)
+    axes, origin = given.joints[0]["axes"], given.joints[0]["origin"]
+    found = JointMotion(given).at([0]).acting_origin[0, 0]
+    np.testing.assert_allclose(found, origin + axes.T @ pair[host][0], rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("host", [0, 1])
 @pytest.mark.parametrize(
     "dn, r1, r2, state, share",
     [
