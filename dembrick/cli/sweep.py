@@ -45,11 +45,25 @@ def run(options, console) -> int:
     return 0
 
 
+def _answer(cell: dict, unit: str) -> str:
+    """V of the one case of a cell as its run says it; of several the mean, and how they scatter."""
+    from dembrick.views.summary import limit_text, plain
+
+    if cell["count"] == 1:
+        one_path = {"digits_open": cell["digits_open"] == "true"}
+        return plain(str(limit_text({"V": cell["mean"], **cell}, one_path, unit)))
+    unit = f" {unit}".rstrip()
+    scatter = f"deviation {cell['deviation']:.4g}{unit}, mean +- {cell['standard_error']:.3g}{unit}"
+    return f"{cell['mean']:.6g}{unit}, {scatter} ({cell['count']} cases)"
+
+
 def _text(study, outcome) -> str:
+    from dembrick.runs.study.plan import scenario_of
+
+    unit = "N" if study.search is None and scenario_of(study, 0).actuators else ""
     lines = [
         study.title,
-        f"cases         {outcome.finished} of {outcome.cases} have a row, {outcome.ran} of them from now, "
-        f"{outcome.failed} failed",
+        f"cases         {outcome.finished} of {outcome.cases} done, {outcome.ran} of them now, {outcome.failed} failed",
         f"tables        {outcome.csv}, {outcome.h5}",
         f"time          {outcome.wall:.3g} s",
     ]
@@ -59,9 +73,7 @@ def _text(study, outcome) -> str:
             bar = f"{study.search.key} = {cell['mean']:.5g} +- {cell['half_width']:.1g}"
             lines.append(f"falls beyond  {bar}  {fixed}".rstrip())
             continue
-        scatter = "" if cell["deviation"] is None else f" N, deviation {cell['deviation']:.4g} N"
-        error = "" if cell["standard_error"] is None else f", mean +- {cell['standard_error']:.3g} N"
-        lines.append(f"V             {cell['mean']:.6g}{scatter}{error} ({cell['count']})  {fixed}")
+        lines.append(f"V             {_answer(cell, unit)}  {fixed}".rstrip())
     if len(outcome.statistics) > _MOST_LINES:
         lines.append(f"              and {len(outcome.statistics) - _MOST_LINES} more: see the tables")
     return "\n".join(lines)

@@ -8,6 +8,7 @@ import pytest
 import dembrick
 from dembrick import history
 from dembrick.cli import main
+from dembrick.cli.sweep import _answer
 from dembrick.scenario import toml
 from dembrick.views import page, plot, summary
 from helpers.two_blocks import BLOCKS
@@ -79,3 +80,42 @@ def test_a_load_that_depends_on_the_path_has_two_digits():
     assert str(summary.angle_text(point, path)) == "about 16 deg (of this path)"
     ranged = path | {"path_range": [0.2937, 0.2955]}
     assert str(summary.limit_text(point, ranged, "")) == "0.29460 ± 0.00090 (indicator)"
+
+
+STUDY = """
+title = "two blocks over friction"
+base = "run.toml"
+[grid]
+"joint.friction" = { from = 0.4, to = 0.7, count = 4 }
+"""
+
+
+def test_a_sweep_says_what_the_run_of_a_case_says(tmp_path, capsys):
+    (tmp_path / "run.toml").write_text(BLOCKS, encoding="utf-8")
+    (tmp_path / "study.toml").write_text(STUDY, encoding="utf-8")
+    assert main(["sweep", str(tmp_path / "study.toml"), "--out", str(tmp_path / "out"), "--jobs", "1"]) == 0
+    said = capsys.readouterr().out
+    table = plot.read_study(tmp_path / "out")
+    assert [row["joint.friction"] for row in table.rows] == ["0.4", "0.5", "0.6", "0.7"]  # without rounding
+    for row in table.rows:
+        friction = row["joint.friction"]
+        point = dembrick.simulate(toml.loads(BLOCKS.replace("0.62", friction)), record=False).yield_point
+        text = summary.plain(str(summary.limit_text(point.as_dict(), None, "N")))
+        assert f"V             {text}  joint.friction = {friction}\n" in said + "\n"
+        for name in ("V", "V_lower", "V_upper", "V_2", "M_T", "N"):
+            assert float(row[name]) == pytest.approx(getattr(point, name), rel=1e-9), name
+        assert float(row["V_lower"]) <= float(row["V_2"]) <= float(row["V_upper"])
+
+
+def test_a_sweep_says_of_one_path_what_a_run_says(tmp_path):
+    cell = {"count": 1, "mean": 0.2946, "V_lower": 0.2937, "V_upper": 0.2955, "bracket": "indicator"}
+    assert _answer(cell | {"digits_open": "true"}, "") == "about 0.29 (of this path)"
+    assert _answer(cell | {"digits_open": "false"}, "") == "0.29460 +- 0.00090 (indicator)"
+    rows = ["case,joint.friction,status,V,V_lower,V_upper,bracket,associative,digits_open",
+            "0,0.6,collapse,0.2946,0.2937,0.2955,indicator,0.35,true",
+            "1,0.8,collapse,0.3000,0.2990,0.3010,indicator,,false"]  # fmt: skip
+    (tmp_path / "table.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    table = plot.read_study(tmp_path / "table.csv")
+    (axes,) = plot.study(table).axes
+    bars = [segment[:, 1].tolist() for segment in axes.containers[0].lines[2][0].get_segments()]
+    assert bars == [pytest.approx([0.2946, 0.35]), pytest.approx([0.299, 0.301])]

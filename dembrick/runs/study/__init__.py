@@ -140,25 +140,30 @@ def _first_of_each_kind(study: Study, todo: list[int]) -> list[int]:
     return list(seen.values())
 
 
+BAR = ("V_lower", "V_upper", "bracket", "digits_open", "half_width")  # columns that tell how far an answer is known
+
+
 def _statistics(study: Study, folder: Path) -> tuple[list[dict], int]:
     """Mean and scatter of the answers over the draws of each population, and how many cases have none."""
     cells: dict[str, tuple[dict, list, list]] = {}
     rows = stored(folder, study.columns)
-    found = {row["case"]: (row["status"], row[study.answer], row.get("half_width") or 0.0) for row in rows}
-    for case, (status, answer, width) in found.items():
-        if answer is not None and status not in UNANSWERED:
+    found = {row["case"]: {name: row.get(name) for name in ("status", study.answer, *BAR)} for row in rows}
+    for case, row in found.items():
+        if row[study.answer] is not None and row["status"] not in UNANSWERED:
             fixed = study.cell(case)
-            _, answers, widths = cells.setdefault(repr(fixed), (fixed, [], []))
-            answers.append(answer)
-            widths.append(width)
+            _, answers, bars = cells.setdefault(repr(fixed), (fixed, [], []))
+            answers.append(row[study.answer])
+            bars.append({name: row[name] for name in BAR})
     statistics = []
-    for fixed, answers, widths in cells.values():
+    for fixed, answers, bars in cells.values():
         deviation = stdev(answers) if len(answers) > 1 else None
         error = None if deviation is None else deviation / math.sqrt(len(answers))
-        bar = {} if study.search is None else {"half_width": fmean(widths)}
+        bar = {} if study.search is None else {"half_width": fmean(one["half_width"] or 0.0 for one in bars)}
+        if study.search is None and len(bars) == 1:
+            bar = {name: value for name, value in bars[0].items() if name != "half_width"}
         numbers = {"count": len(answers), "mean": fmean(answers), "deviation": deviation, "standard_error": error}
         statistics.append({**fixed, **numbers, **bar})
-    return statistics, sum(status in UNANSWERED for status, *_ in found.values())
+    return statistics, sum(row["status"] in UNANSWERED for row in found.values())
 
 
 def _make(folder: Path) -> None:

@@ -10,6 +10,7 @@ from dembrick.runs.simulate import failure, simulate
 from dembrick.runs.study.together import limit_loads
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.model import Scenario
+from dembrick.views.summary import on_one_path, part
 
 _YES_OR_NO: dict[Any, str] = {True: "true", False: "false"}
 # Column, and where its value stands in the JSON object of a run; a dot goes one level down, a number into a list. Or
@@ -32,6 +33,7 @@ COLUMNS: dict[str, str | Callable[[dict], Any]] = {
     "blocks": lambda result: None if result.get("blocks") is None else " ".join(result["blocks"]),
     "path_dependent": lambda result: _YES_OR_NO.get(result.get("path_dependent")),
     "associative": "associative",
+    "digits_open": lambda result: _YES_OR_NO[on_one_path(part(result, "collapse") or part(result, "path"))],
     "collapse_angle": "collapse.angle",
     "collapse_load_factor": "collapse.load_factor",
     "collapse_displacement": "collapse.displacement",
@@ -52,6 +54,7 @@ TEXTS = (
     "mechanism",
     "blocks",
     "path_dependent",
+    "digits_open",
     "collapse_mechanism",
     "history",
     "error",
@@ -94,8 +97,8 @@ def _alone(scenario: Scenario | DembrickError, history: str | None) -> dict[str,
 def _at(result: Any, path: str | Callable[[dict], Any]) -> Any:
     if not isinstance(path, str):
         return path(result)
-    for part in path.split("."):
+    for name in path.split("."):
         if result is None:
             return None
-        result = result[int(part)] if isinstance(result, list | tuple) else result.get(part)
+        result = result[int(name)] if isinstance(result, list | tuple) else result.get(name)
     return result

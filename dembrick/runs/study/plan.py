@@ -169,6 +169,11 @@ def _study(document: dict, path: str) -> Study:
     return study
 
 
+def _rounded(value: float) -> float:
+    """A value of a range as one would write it."""
+    return float(f"{value:.12g}")
+
+
 def scenario_of(study: Study, number: int):
     """The checked scenario of a case."""
     return scenarios.varied(study.base, study.base_path, study.changes(number))
@@ -206,10 +211,10 @@ def _grid_values(key: str, value: Any) -> list:
         if not numbers or not isinstance(count, int) or isinstance(count, bool) or count < 2:
             raise ScenarioError(f"{place}: a range needs numbers 'from' and 'to' and a whole 'count' of at least 2")
         if spacing == "linear":
-            return [first + (last - first) * i / (count - 1) for i in range(count)]
+            return [_rounded(first + (last - first) * i / (count - 1)) for i in range(count)]
         if spacing != "log" or not first > 0.0 or not last > 0.0:
             raise ScenarioError(f'{place}: spacing = {show(spacing)} must be "linear", or "log" with both ends above 0')
-        return [first * (last / first) ** (i / (count - 1)) for i in range(count)]
+        return [_rounded(first * (last / first) ** (i / (count - 1))) for i in range(count)]
     if not isinstance(value, list):
         raise ScenarioError(f"{place} = {show(value)} must be a list of values, or a range with from, to and count")
     if not value:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 TABLE = "table.csv"
 ANSWERS = ("value", "V", "collapse_load_factor", "greatest_displacement")  # the first that any case has is drawn
+_LIMITS = ("V", "collapse_load_factor")
 _MOST_LINES = 8  # in the legend of a panel; more cases than that are a cloud of points
 
 
@@ -109,12 +110,17 @@ def _panel(axes: Axes, table: StudyTable, answer: str, key: str) -> None:
         error = None if bars is None else [[bars[j][side] for j in shown] for side in (0, 1)]
         axes.errorbar([x[j] for j in shown], [y[j] for j in shown], error, color=colour, marker=marker, capsize=2.5,
                       ls=dashes if joined else "none", label=style.plain(label) if label else None)  # fmt: skip
+    alone = [j for j in range(len(table.rows)) if y[j] is not None and answer in _LIMITS and _on_one_path(table, j)]
+    if alone:
+        axes.plot([x[j] for j in alone], [y[j] for j in alone], ls="none", marker="o", mfc="white", mec=style.BLACK,
+                  zorder=4, label="depends on the path; bar: to the bound of all")  # fmt: skip
     if not numeric:
         names = list(dict.fromkeys(row[key] for row in table.rows))
         axes.set_xticks(range(len(names)), [style.plain(name) for name in names])
     axes.set_xlabel(style.plain(key))
     searched = table.rows[0].get("searched") if answer == "value" else None
-    axes.set_ylabel(style.plain(f"{searched} at which it falls" if searched else answer.replace("_", " ")))
+    name = "load factor tan(angle)" if answer in _LIMITS and _tilts(table) else answer.replace("_", " ")
+    axes.set_ylabel(style.plain(f"{searched} at which it falls" if searched else name))
 
 
 def _places(table: StudyTable, key: str) -> tuple[list[float], bool]:
@@ -133,11 +139,27 @@ def _bars(table: StudyTable, answer: str) -> list[tuple[float, float]] | None:
         return [(width or 0.0,) * 2 for width in table.numbers("half_width")]
     if answer != "V":
         return None
-    ends = zip(values, table.numbers("V_lower"), table.numbers("V_upper"), strict=True)
-    return [
-        (max(0.0, V - (V if low is None else low)), max(0.0, (V if high is None else high) - V)) if V is not None
-        else (0.0, 0.0) for V, low, high in ends
-    ]  # fmt: skip
+    bounds = table.numbers("associative") if "associative" in table.columns else [None] * len(values)
+    bars = []
+    for j, ends in enumerate(zip(values, table.numbers("V_lower"), table.numbers("V_upper"), bounds, strict=True)):
+        V, low, high, bound = ends
+        if V is None:
+            bars.append((0.0, 0.0))
+            continue
+        if _on_one_path(table, j):  # its bracket is of that path alone
+            low, high = None, bound
+        bars.append((max(0.0, V - (V if low is None else low)), max(0.0, (V if high is None else high) - V)))
+    return bars
+
+
+def _on_one_path(table: StudyTable, row: int) -> bool:
+    """Whether a limit load depends on the path, and nothing tells how far."""
+    return table.rows[row].get("digits_open") == "true"
+
+
+def _tilts(table: StudyTable) -> bool:
+    """Whether the cases are tables that tilt."""
+    return "collapse_angle" in table.columns and any(angle is not None for angle in table.numbers("collapse_angle"))
 
 
 def _number(text: str) -> float | None:
