@@ -143,17 +143,16 @@ def _searched(bound: bool = False, **fields) -> Result:
     """The yield point of a run compared with theory, if one holds, what stands beside it, and the collapse of a load on
     every block; ``bound``: with the associative bound, whatever it costs."""
     run, assembly, control = fields["run"], fields["assembly"], fields["scenario"].control
+    others = None if control.regime is CONSTANT_RATE else other_paths(run, assembly, control, bound)
+    if others is not None:
+        run.yield_point = within(run.yield_point, others.bound)
     expected = theory_check.theory_of(assembly, control.regime is CONSTANT_RATE)
     if expected is not None and run.yield_point.V is not None:
         expected = expected.compared(run.yield_point.V)
     falls = control.ends_with == COLLAPSE and not run.yield_point.unlimited
-    fallen = collapse_of(run, assembly, control) if falls else None
-    if control.regime is CONSTANT_RATE:
-        return Result(**fields, theory=expected, fallen=fallen)
-    others = other_paths(run, assembly, control, bound)
-    run.yield_point = within(run.yield_point, others.bound)
-    told = falls or has_paths(assembly) or others.path_dependent
-    path = beside_limit(run, assembly, fields["scenario"], others) if told else None
+    fallen, path = collapse_of(run, assembly, control) if falls else None, None
+    if others is not None and (falls or has_paths(assembly) or others.path_dependent):
+        path = beside_limit(run, assembly, fields["scenario"], others)
     return Result(**fields, theory=expected, fallen=fallen, path=path, others=others)
 
 

@@ -93,10 +93,15 @@ def _affordable(run: Replay, assembly: Assembly) -> bool:
 
 
 def within(point: YieldPoint, bound: dict | None) -> YieldPoint:
-    """``point`` with a bracket that ends at the associative ``bound``, where that is known and lower."""
-    if bound is None or point.V is None or point.V_upper is None or point.V_upper <= bound["upper"]:
+    """``point`` with a bracket that ends at the associative ``bound``, where that is known and cuts it; V is then the
+    middle, unless it lies below the bound anyway."""
+    if bound is None or point.V is None or point.V_upper is None:
         return point
-    return replace(point, V_upper=max(point.V, bound["upper"]))
+    most = bound["upper"]
+    if not point.V_lower <= most < point.V_upper:
+        return point
+    V = point.V if point.V <= most else 0.5 * (point.V_lower + most)
+    return replace(point, V=V, V_upper=most, V_peak=min(point.V_peak, most))
 
 
 def reach_of(point: YieldPoint) -> float:

@@ -10,7 +10,7 @@ import pytest
 
 from dembrick import cli, limit, simulate
 from dembrick.runs import study as studies
-from dembrick.runs.path_dependence import path_lines, ranged
+from dembrick.runs.path_dependence import path_lines, ranged, within
 from dembrick.scenario import toml
 from helpers.studies import read_csv, write_study
 
@@ -211,3 +211,12 @@ def test_a_study_says_what_depends_on_the_path(tmp_path, scenario, depends):
         assert row["mechanism"] and row["blocks"]
         assert (row["associative"] == "") == (depends == "false")
         assert depends == "false" or float(row["associative"]) > float(row["V"])
+
+
+def test_a_bracket_ends_at_the_proven_bound():
+    point = simulate(curb(), record=False).yield_point
+    wide = replace(point, V=1.0, V_lower=0.9, V_upper=1.1, V_peak=1.1)
+    cut = within(wide, {"upper": 0.96})
+    assert (cut.V_lower, cut.V_upper, cut.V_peak) == (0.9, 0.96, 0.96) and cut.V == pytest.approx(0.93)
+    assert within(wide, {"upper": 1.05}).V == 1.0 and within(wide, {"upper": 1.05}).V_upper == 1.05
+    assert within(wide, {"upper": 1.2}) == wide and within(wide, None) == wide
