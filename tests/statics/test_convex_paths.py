@@ -35,7 +35,7 @@ def test_the_limit_of_a_rocking_joint_is_read_off_its_shrinking_strip(offset, sh
     for given in (0.25, 0.5, 1.0, 2.0):
         V = limit - short / math.sqrt(given + offset)
         seen.append((given, V, V - 1e-6, V + 2e-6, False))
-    lower, upper, is_limit = limit_bounds(seen, 1e3, strips=True)
+    lower, upper, is_limit = limit_bounds(seen, 1e3, rocks_on=lambda V: True)
     assert is_limit and lower + 1e-6 <= limit + 1e-12 and limit <= upper - 2e-6 + 1e-12
     assert lower + upper - 1e-6 == pytest.approx(2.0 * limit, rel=shown)
     assert upper - lower - 3e-6 <= 30.0 * limit * shown
@@ -45,7 +45,7 @@ def test_a_limit_seen_with_its_first_correction_is_exact():
     """The limit, c and d of V = limit - c / sqrt(g) - d / g^(3/2), at any distances."""
     given = (0.25, 0.6, 1.1, 2.4)
     seen = [(g, V, V, V, False) for g, V in ((g, 5.0 - 0.4 / g**0.5 - 0.01 / g**1.5) for g in given)]
-    lower, upper, _ = limit_bounds([(0.0, 0.0, 0.0, 1e300, False), *seen], 1e3, strips=True)
+    lower, upper, _ = limit_bounds([(0.0, 0.0, 0.0, 1e300, False), *seen], 1e3, rocks_on=lambda V: True)
     assert 0.5 * (lower + upper) == pytest.approx(5.0, rel=1e-13) and upper - lower < 0.05
 
 

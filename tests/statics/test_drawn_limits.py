@@ -120,3 +120,14 @@ def test_the_record_of_a_search_is_in_equilibrium():
             assert point.V_lower <= point.V_peak <= point.V_upper
             assert result.load[-1] == pytest.approx(point.V, rel=2e-3)
             assert (np.diff(result.displacement) > 0.0).all()
+
+
+def test_a_convex_joint_that_a_load_lifts_slides_before_it_has_rocked_for_ever():
+    """Sliding at mu W / (x + mu z) lies 2.6 % below rocking, which a convex joint comes to in the limit only."""
+    size, friction = (0.48088581080656456, 0.717328707281413, 0.8031091055076534), 0.6113865286152624
+    point, along = (-0.5 * size[0], 0.0, 0.27263598246660564), (0.9123628892671894, 0.0, 0.40938241081906057)
+    jack = Actuator("jack", "block", point, along)
+    scenario = drawn.scene(YieldControl(), "convex", friction, size, (jack,))
+    expected = drawn.truth(friction, size, point, along)
+    assert expected == pytest.approx(friction * 2000.0 * 9.81 * float(np.prod(size)) / (along[0] + friction * along[2]))
+    assert drawn.judged(scenario, expected)[0] == "inside"

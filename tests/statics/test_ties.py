@@ -147,6 +147,20 @@ def test_a_tie_holds_a_block_up_a_slope_that_is_too_steep():
     assert found.as_dict()["ties"][0]["tension"] >= weight * (np.sin(0.8) - MU * np.cos(0.8)) * (1.0 - 1e-9)
 
 
+@pytest.mark.parametrize("formulation", ["convex", "concave"])
+@pytest.mark.parametrize("stiffness, prestress", [(1e5, 0.0), (1e5, 30.0), (1e7, 30.0)])
+def test_no_limit_before_a_tie_that_slip_stretches_yields(formulation, stiffness, prestress):
+    """V = mu (N + T sin a) + T cos a with T its strength, however soft it is."""
+    strength = 60.0
+    held = tie(("lower", (0.0, -0.1, -0.1)), ("upper", (0.0, 0.1, 0.1)), stiffness, strength=strength,
+               prestress=prestress)  # fmt: skip
+    found = simulate(bed(held, formulation=formulation), record=False).yield_point
+    along = np.array([0.0, 0.2, 0.2]) / np.hypot(0.2, 0.2)
+    expected = MU * (N + strength * along[2]) + strength * along[1]
+    assert found.V == pytest.approx(expected, rel=1e-4)
+    assert found.V_lower - 1e-4 * expected <= expected <= found.V_upper + 1e-4 * expected
+
+
 TIE = '[[ties]]\nbetween = [{ block = "lower", point = [0, 0, -0.1] }, { block = "upper", point = [0, 0, 0.1] }]\n'
 
 

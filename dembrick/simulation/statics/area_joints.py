@@ -100,6 +100,11 @@ def corners(areas: Areas) -> tuple[np.ndarray, np.ndarray]:
 shear_corners = corners  # where they carry shear
 
 
+def torsion_radius(areas: Areas) -> np.ndarray:
+    """Torsion strength of each joint over V_0 (a,) in m, where friction follows the bending as it is pressed now."""
+    return areas.radius if areas.pressed is None else np.minimum(areas.radius, areas.pressed.radius)
+
+
 def entries(areas: Areas) -> int:
     """How many numbers the kernels go through for one set of joint forces: a measure of their time."""
     return 4 * len(areas.x)

@@ -85,6 +85,14 @@ def reach(state) -> np.ndarray:
     return found
 
 
+def torsion_radius(state) -> np.ndarray:
+    """Torsion strength over V_0 of each joint (j,) in m, or less."""
+    found = np.full(len(state.joints.block_a), np.inf)
+    for module, joints in present(state):
+        found[joints.joint] = module.torsion_radius(joints)
+    return found
+
+
 def entries(state) -> int:
     """How many numbers the kernels go through for one set of joint forces: a measure of their time."""
     return sum(module.entries(joints) for module, joints in present(state))

@@ -100,10 +100,13 @@ def find_limit_load(
             name, unit = "the load factor", ""
             remedies.append("live through the collapse with control.quasi_static = false")
             remedies.append("take the upper bound of dembrick limit")
-        # a bracket that is not closed tells no upper bound: what the blocks still carry may grow
+        # an indicator that is not closed tells no upper bound: what the blocks still carry may grow
+        found = f"at least {point.V_lower:.6g}{unit}"
+        if point.bracket == "certified" and point.V_upper is not None:
+            found += f" and at most {point.V_upper:.6g}{unit}"
         raise NotConvergedError(
-            f"the limit load was not bracketed within {tolerance:g} after {replay.steps} steps: {name} is at least "
-            f"{point.V_lower:.6g}{unit}. {', or '.join(remedies)}",
+            f"the limit load was not bracketed within {tolerance:g} after {replay.steps} steps: {name} is {found}. "
+            f"{', or '.join(remedies)}",
             point,
         )
     return replay

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from dembrick.kernels.statics.load_bounds import MISSING, NEVER, STILL
 
 MOST_DECAY = 0.95  # of what V grows while the blocks give way twice as far, over the same before
@@ -13,14 +15,15 @@ BEYOND = 0.5  # of the range that pushes have shown: how far V may go beyond it 
 Seen = tuple[float, float, float, float, bool]  # inelastic displacement (m), V, its bounds (N), whether a gap closes
 
 
-def limit_bounds(seen: list[Seen], elastic: float, strips: bool) -> tuple[float, float, bool]:
+def limit_bounds(seen: list[Seen], elastic: float, rocks_on: Callable[[float], bool]) -> tuple[float, float, bool]:
     """Lower and upper bound of V from the equilibria ``seen`` so far, and whether V is that of a mechanism.
 
     The bounds are those since the blocks had given way half as far. What V grew meanwhile shows how much is still
     missing where a contact shrinks for ever (a convex joint that rocks): the sum of all growths to come, each smaller
-    than the last as the last was than the one before; or `_beyond_the_strip`, where there are ``strips`` and that tells
-    it closer. What V fell meanwhile, as normal forces drift and elastic forces are forgotten, is charged to the lower
-    bound in the same way. ``elastic`` (N/m): the slope of V before anything gives way.
+    than the last as the last was than the one before; or `_beyond_the_strip`, where that tells it closer and convex
+    joints rock on up to there (``rocks_on``): where friction gives out before, V ends there. What V fell meanwhile, as
+    normal forces drift and elastic forces are forgotten, is charged to the lower bound in the same way. ``elastic``
+    (N/m): the slope of V before anything gives way.
     """
     given, V = seen[-1][:2]
     half = _when(seen, 0.5 * given)
@@ -31,9 +34,9 @@ def limit_bounds(seen: list[Seen], elastic: float, strips: bool) -> tuple[float,
     to_come = max(MISSING, decay / (1.0 - decay)) * growth
     lower = max(0.0, min(s[2] for s in recent) + min(to_come, 0.0))
     upper = max(s[3] for s in recent) + max(to_come, 0.0)
-    if strips:
+    if rocks_on(V):
         closer = _beyond_the_strip([seen[_when(seen, 0.125 * given)], seen[quarter], seen[half], seen[-1]])
-        if closer is not None and closer[1] - closer[0] < upper - lower:
+        if closer is not None and closer[1] - closer[0] < upper - lower and rocks_on(closer[1]):
             lower, upper = closer
     # over half the way and over the last step, V must grow more slowly than the elastic structure would let it
     limit = (

@@ -33,6 +33,7 @@ from dembrick.simulation.session import Progress, Session, Snapshot
 from dembrick.simulation.statics import joint_families, ties
 from dembrick.simulation.statics.bond_breaking import BondBreaking
 from dembrick.simulation.statics.driven_relaxation import DrivenRelaxation
+from dembrick.simulation.statics.grip import Grip
 from dembrick.simulation.statics.instant_bounds import HIDDEN, LEAST_BALANCED, NOTHING, InstantBounds
 from dembrick.simulation.statics.limit_state import LimitState
 from dembrick.simulation.statics.newton import HELD, Equilibria
@@ -45,8 +46,7 @@ from dembrick.simulation.statics.state import State
 
 ELASTIC_STEPS = 16  # to the limit load, as far as that can be guessed
 EASY, HARD = 6, 12  # iterations up to which a step may grow, from which it shrinks
-GROWTH = 2.0  # of an easy step
-SHRINKING = 0.5  # of a step that finds no equilibrium
+GROWTH, SHRINKING = 2.0, 0.5  # of an easy step; of one that finds no equilibrium
 SHORTEST = 1e-6  # of what the blocks have given way: steps below it lead nowhere
 BALANCED, USUAL = 1e-2, 1e-3  # of the tolerance, or of the usual one: out-of-balance over joint forces at equilibrium
 CONSTANT = 1e-6  # of the elastic slope of V: below it a mechanism moves
@@ -55,10 +55,10 @@ TURNING = 0.02  # of the longest step so far: where none but shorter ones find e
 JUMP = 0.25  # of it: the step by which the actuators go on meanwhile
 LITTLE = 0.1  # of the tolerance: what a step with drag may leave out of balance over the joint forces or the load
 FASTER = 4.0  # by which the drag of a step rises if it is too small, or falls at most; the square if it hardly mattered
-MOST_PUSHES = 12  # of a path
-MOST_TRIES = 6  # of a step with less and less drag
+MOST_PUSHES, MOST_TRIES = 12, 6  # of a path; of a step with less and less drag
 ALONG = 4  # steps with drag before one without is tried again
 MOST_JUMPS, MOST_DRIFTS, MOST_DRAG = 20, 300, 1e4  # of a path; steps of one; drag over elastic stiffness
+TAKES_UP = 0.1  # of the tolerance: what ties that still stretch may add to V at its limit
 UNLIMITED = 1e4  # of the dead loads: a load that grows beyond is limited by nothing
 WITHOUT_END = 4 * ELASTIC_STEPS  # elastic steps after which the guess of the limit load was much too small
 
@@ -93,7 +93,7 @@ class PathFollower:
         self.displacement_at_start = state.blocks.displacement.copy()
         # V that weighs as much as all dead loads, and all bonds
         self.dead = float(np.linalg.norm(ties.dead_loads(state)[self.free, :3], axis=1).sum()) / self.weight
-        self.bonds = BondBreaking(state)
+        self.bonds, self.grip = BondBreaking(state), Grip(state)
         self.dead += self.bonds.strength / self.weight
         self.instant = InstantBounds(self.search, certificate, self.weight, self.dead)
         self.relaxation = DrivenRelaxation(state, factor, self.weight / self.compliance)
@@ -101,7 +101,7 @@ class PathFollower:
         if state.ties is not None or joint_families.has_strengths(state):
             self.patience = math.inf  # driven relaxation knows neither
         self.session, self.turn_began = session, {}
-        self.way, self.limit = self._at_start(0.0), LimitState(state)
+        self.way, self.limit, self.ties_hold = self._at_start(0.0), LimitState(state), False
         self.search.pause = lambda: session.pause(self, within=True)
         self.phases = {**self.search.phases, "bracket": 0.0, "record": 0.0, "path": 0.0}
         self.elsewhere = 0.0  # s, with whoever gets the record, and with checkpoints
@@ -331,6 +331,7 @@ class PathFollower:
             "bracket": self.certificate.bracket,
             "way.displacement_at_start": self.displacement_at_start,
             "way.reserves": self.bonds.reserves,
+            "way.forces": self.grip.forces,
         }
         return {**trial, **own}
 
@@ -408,20 +409,21 @@ class PathFollower:
             actuators.drive[3:5] = sure, way.driven
         given = way.driven - way.start - V * self.compliance / self.weight
         way.seen.append((given, V, lower, upper, closing))
+        self.grip.note(V)
+        little = TAKES_UP * self.certificate.tolerance * max(abs(V), NOTHING * self.dead) * moved
+        self.ties_hold = ties.unspent(state, UNLIMITED * self.dead * self.weight) > little
 
     def _judged(self) -> bool:
         """Fold the bounds into the bracket; True when it is narrow enough and V is that of a mechanism."""
         bracket = self.certificate.bracket
-        elastic, strict = self.weight / self.compliance, self.certificate.strict
-        strips = joint_families.has_areas(self.state)
-        if strict:
+        if self.certificate.strict:
             bracket[:] = max(bracket[0], self.way.seen[-1][2]), min(bracket[1], self.way.seen[-1][3])
             limit = True
         elif self.way.pushes:
-            *bracket[:], limit = pushed_bounds(self.way.seen[-self.way.pushes :], strips)
+            *bracket[:], limit = pushed_bounds(self.way.seen[-self.way.pushes :], joint_families.has_areas(self.state))
         else:
-            *bracket[:], limit = limit_bounds(self.way.seen, elastic, strips)
-        if limit and bracket[1] <= NOTHING * self.dead:
+            *bracket[:], limit = limit_bounds(self.way.seen, self.weight / self.compliance, self.grip.rocks_on)
+        if (limit := limit and not self.ties_hold) and bracket[1] <= NOTHING * self.dead:
             bracket[:] = 0.0
         self._record()
         if limit and bracket[1] == 0.0:

@@ -92,6 +92,11 @@ def shear_corners(points: Points) -> tuple[np.ndarray, np.ndarray]:
     return points.x_s, points.y_s
 
 
+def torsion_radius(points: Points) -> np.ndarray:
+    """Torsion strength of each joint over V_0 (p,) in m: infinite, as nothing is said of it."""
+    return np.full(len(points.joint), np.inf)
+
+
 def entries(points: Points) -> int:
     """How many numbers the kernels go through for one set of joint forces: a measure of their time."""
     return len(points.k_n)

@@ -111,6 +111,20 @@ def remember(state: State) -> float:
     return float((ties.tension * given).sum())
 
 
+def unspent(state: State, most: float) -> float:
+    """Work (J) by which ties would resist the motion of the last step more than they do now, once they have yielded;
+    that of ties which never yield as if they did at ``most`` (N)."""
+    ties, blocks = state.ties, state.blocks
+    if ties is None:
+        return 0.0
+    step = np.concatenate([blocks.velocity, blocks.spin], axis=1)
+    stretched = np.einsum("tk,tk->t", ties.seen_b[:, 2], step[ties.block_b])
+    stretched -= np.einsum("tk,tk->t", ties.seen_a[:, 2], step[ties.block_a])
+    pressed = np.where(ties.least == 0.0, ties.tension, np.maximum(ties.least, -most))
+    end = np.where(stretched > 0.0, np.minimum(ties.strength, most), pressed)
+    return float(np.maximum((end - ties.tension) * stretched, 0.0).sum())
+
+
 def energy(state: State) -> float:
     """Elastic energy of the ties (J), zero if they carry nothing."""
     ties = state.ties
