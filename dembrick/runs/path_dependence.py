@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from dembrick.errors import MissingDependency, NotConvergedError, ScenarioError
+from dembrick.errors import BracketError, MissingDependency, NotConvergedError, ScenarioError
 from dembrick.scenario.checks import present
 from dembrick.simulation.statics.other_paths import greatest_on_any_path, statically_determinate
 from dembrick.simulation.statics.yield_point import YieldPoint, last_moves, slides
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from dembrick.simulation.statics.load_system import Replay
 
 REACHED = 1e-6  # of V: a bound that is no higher than that above the bracket is reached
+BEYOND = 2e-3  # of a bound: how far a limit may seem to lie above it, by the tolerance of the search
 PATIENCE = 2.0  # s that limit analysis may take whatever the search took
 
 
@@ -94,14 +95,21 @@ def _affordable(run: Replay, assembly: Assembly) -> bool:
 
 def within(point: YieldPoint, bound: dict | None) -> YieldPoint:
     """``point`` with a bracket that ends at the associative ``bound``, where that is known and cuts it; V is then the
-    middle, unless it lies below the bound anyway."""
-    if bound is None or point.V is None or point.V_upper is None:
+    middle, unless it lies below the bound anyway.
+
+    BracketError if the limit lies above the bound by more than the search can be off: one of them is wrong then.
+    """
+    if bound is None or point.V is None or max(point.V, point.V_upper or -math.inf) <= bound["upper"]:
         return point
     most = bound["upper"]
-    if not point.V_lower <= most < point.V_upper:
-        return point
-    V = point.V if point.V <= most else 0.5 * (point.V_lower + most)
-    return replace(point, V=V, V_upper=most, V_peak=min(point.V_peak, most))
+    if point.V_lower > (1.0 + BEYOND) * most:
+        raise BracketError(
+            f"the search found a limit of at least {point.V_lower:.9g}, and limit analysis proves that none lies above "
+            f"{most:.9g}, so one of them is wrong; please report this scenario"
+        )
+    lower, upper = min(point.V_lower, most), None if point.V_upper is None else min(point.V_upper, most)
+    V = point.V if point.V <= most else 0.5 * (lower + most)
+    return replace(point, V=V, V_lower=lower, V_upper=upper, V_peak=min(point.V_peak, most))
 
 
 def reach_of(point: YieldPoint) -> float:

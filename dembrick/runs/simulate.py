@@ -230,18 +230,24 @@ def _finished(scenario: Scenario, assembly: Assembly, run, audit, store, times, 
         "loop": run.loop_seconds + placing,
         "write": write,
     }
-    result = driver_of(scenario.control).result(
-        scenario=scenario,
-        assembly=assembly,
-        run=run,
-        rows=store.rows if store else {},
-        frames=store.frames if store else {},
-        wall=wall,
-        history=path,
-        energy=audit,
-        stages=times["stages"],
-        **({"bound": True} if asked.bound else {}),
-    )
+    try:
+        result = driver_of(scenario.control).result(
+            scenario=scenario,
+            assembly=assembly,
+            run=run,
+            rows=store.rows if store else {},
+            frames=store.frames if store else {},
+            wall=wall,
+            history=path,
+            energy=audit,
+            stages=times["stages"],
+            **({"bound": True} if asked.bound else {}),
+        )
+    except DembrickError as error:  # the answer contradicts itself
+        error.answer = failure(scenario, error, path)
+        if path:
+            store.finish("failed", error.answer)
+        raise
     finishing = time.perf_counter()
     wall["total"] = finishing - began
     if run.phases is not None:

@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 
 import pytest
 
@@ -9,6 +10,9 @@ import dembrick
 from dembrick import history
 from dembrick.cli import main
 from dembrick.cli.sweep import _answer
+from dembrick.errors import BracketError
+from dembrick.runs import path_dependence
+from dembrick.runs.path_dependence import within
 from dembrick.scenario import toml
 from dembrick.views import page, plot, summary
 from helpers.two_blocks import BLOCKS
@@ -119,3 +123,24 @@ def test_a_sweep_says_of_one_path_what_a_run_says(tmp_path):
     (axes,) = plot.study(table).axes
     bars = [segment[:, 1].tolist() for segment in axes.containers[0].lines[2][0].get_segments()]
     assert bars == [pytest.approx([0.2946, 0.35]), pytest.approx([0.299, 0.301])]
+
+
+BOUND = {"load_factor": 0.35, "lower": 0.34999, "upper": 0.35}
+
+
+def test_no_limit_above_a_proven_bound_is_told(tmp_path, monkeypatch):
+    """What the tolerance of a search adds is cut off; a limit that contradicts the bound is an error, not an answer."""
+    point = dembrick.simulate(toml.loads(SLOPE), record=False).yield_point  # friction 0.62
+    for low, high in ((0.3499, 0.3503), (0.3501, 0.3506)):
+        found = within(replace(point, V=0.5 * (low + high), V_lower=low, V_upper=high, V_peak=high), BOUND)
+        assert low >= found.V_lower and found.V_lower <= found.V <= found.V_upper == found.V_peak == 0.35
+    assert within(point, None) == point == within(point, BOUND | {"upper": 0.63})
+    with pytest.raises(BracketError, match="proves that none lies above 0.35, so one of them is wrong"):
+        within(point, BOUND)
+    monkeypatch.setattr(path_dependence, "statically_determinate", lambda _: False)
+    monkeypatch.setattr("dembrick.runs.limit.associative_bound", lambda *_: BOUND)
+    with pytest.raises(BracketError) as failed:
+        dembrick.simulate(toml.loads(SLOPE), tmp_path / "run.h5", bound=True)
+    assert failed.value.answer["status"] == "failed" and failed.value.answer["yield_point"] is None
+    with history.read(tmp_path / "run.h5") as found:
+        assert found.status == "failed" and "one of them is wrong" in found.results["error"]
