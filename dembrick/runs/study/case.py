@@ -50,6 +50,7 @@ COLUMNS: dict[str, str | Callable[[dict], Any]] = {
 TEXTS = (
     "status",
     "searched",
+    "bar",
     "bracket",
     "mechanism",
     "blocks",

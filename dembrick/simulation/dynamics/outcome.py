@@ -126,9 +126,11 @@ def collapse_of_settlement(moving: Motion, driving: Driving, at_rest: np.ndarray
     away = np.linalg.norm(moving.displacement, axis=1)
     blocks = np.flatnonzero(fallen(moving))
     onset = float(extremes.quiet[blocks].min())
+    share, angle = float(driving.share(np.array([onset]))[0]), driving.supports.angle
     return settlement_collapse(moving, at_rest, blocks) | {
         "onset": onset,
-        "settlement": float(driving.share(np.array([onset]))[0]) * driving.supports.length,
+        "angle": None if angle is None else share * angle,
+        "settlement": share * driving.supports.length,
         "time": float(moving.time),
         "displacement": float(away[blocks].max()),
     }
