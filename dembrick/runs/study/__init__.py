@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from statistics import fmean, stdev
+from typing import Any
 
 from dembrick.errors import OutputError
 from dembrick.runs.study.case import UNANSWERED, run_cases
@@ -165,7 +166,7 @@ def _statistics(study: Study, folder: Path) -> tuple[list[dict], int]:
     for fixed, answers, bars in cells.values():
         deviation = stdev(answers) if len(answers) > 1 else None
         error = None if deviation is None else deviation / math.sqrt(len(answers))
-        bar = {}
+        bar: dict[str, Any] = {}
         if study.search is not None:
             holds = all(one["bar"] == HOLDS_STIFFNESS for one in bars)
             bar = {"half_width": fmean(one["half_width"] or 0.0 for one in bars)}
