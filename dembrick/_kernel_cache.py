@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import platform
 import stat
 import tempfile
 import time
@@ -21,13 +22,14 @@ try:
 except ImportError:  # a system without POSIX locks
     fcntl = None  # type: ignore[assignment]
 
+import numba
 from llvmlite import binding
 from numba.core import event, types
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.codegen import JITCodeLibrary
 
 from dembrick._kernel_sources import closure_hash, compiler_hash
-from dembrick._packaged_kernels import packaged_kernels
+from dembrick._packaged_kernels import packaged_kernels, why_compiled
 
 PATIENCE = 60.0  # s, for which a process waits for another that compiles what it wants; then it compiles that itself
 LOOK = 0.02  # s, between two looks whether the other is done
@@ -82,6 +84,17 @@ def cache_folder() -> Path:
 
 
 CACHE_FOLDER = cache_folder()
+
+
+def versions() -> list[str]:
+    """Lines about Python, numba, and where machine code of the kernels comes from."""
+    lines = [f"Python {platform.python_version()}, numba {numba.__version__}"]
+    package, reason = packaged_kernels(), why_compiled()
+    if package is not None:
+        return [*lines, f"kernels: package, compiled for {package.target[1]}"]
+    kept = any(CACHE_FOLDER.glob("*.nbi"))
+    lines.append(f"kernels: {'cache' if kept else 'compiled at the first run, and kept in'} {CACHE_FOLDER}")
+    return [*lines, f"         not from the package: {reason}"] if reason else lines
 
 
 class _Folder:

@@ -20,6 +20,7 @@ from dembrick._kernel_sources import compiler_hash
 
 FOLDER = Path(__file__).parent / "_kernels"
 MANIFEST = "manifest.json"
+KEYS = {"numba", "python", "compiler", "target", "features"}  # of the manifest
 SWITCH = "DEMBRICK_KERNELS"  # "off" in the environment: as if the package had none
 
 
@@ -37,26 +38,26 @@ def packaged_kernels() -> Package | None:
     return Package(FOLDER, tuple(found["target"])) if found and not _misfit(found) else None
 
 
-def why_not() -> str:
-    """Reason in a few words why kernels are not taken from the package; empty if they are."""
+def why_compiled() -> str:
+    """Reason in a few words why a kernel is compiled although kernels came with the package; empty if none did."""
+    if not FOLDER.is_dir():
+        return ""
     if os.environ.get(SWITCH) == "off":
         return f"{SWITCH} is off"
     found = _manifest()
-    return _misfit(found) if found else "it has none"
-
-
-def is_packaged() -> bool:
-    """Whether kernels came with the package, whether they fit or not."""
-    return FOLDER.is_dir()
+    if found is None:
+        return f"{MANIFEST} cannot be read"
+    return _misfit(found) or "it has none for these sources or this kind of scene"
 
 
 def _manifest() -> dict | None:
     if os.environ.get(SWITCH) == "off":
         return None
     try:
-        return json.loads((FOLDER / MANIFEST).read_text(encoding="utf-8"))
+        found = json.loads((FOLDER / MANIFEST).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
+    return found if isinstance(found, dict) and KEYS <= found.keys() else None
 
 
 def _misfit(manifest: dict) -> str:

@@ -12,6 +12,7 @@ from dembrick.assembly.quadrature import ContactPoints, contact_points, corner_p
 from dembrick.scenario.checks import present
 
 DISCRETISATION = 1e-3  # tolerance of distributed points if the control has none
+ROUNDING = 1e-9  # relative
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +87,8 @@ def place_points(joints: JointTable, tolerance: float) -> PointTable:
 
 def rim_gap(joints: JointTable, points: PointTable, numbers: np.ndarray) -> np.ndarray:
     """How far the outermost contact points of some joints stay inside an edge of the polygon, over the distance of that
-    edge from O (k,): a block that rocks about the edge topples that much early."""
+    edge from O (k,): a block that rocks about the edge topples that much early. Edges of a piece that O lies on or
+    behind are none of the whole joint."""
     gaps = np.zeros(len(numbers))
     for place, j in enumerate(np.asarray(numbers).tolist()):
         corners = joints[j].polygon
@@ -94,7 +96,8 @@ def rim_gap(joints: JointTable, points: PointTable, numbers: np.ndarray) -> np.n
         outward = np.stack([edge[:, 1], -edge[:, 0]], axis=1)
         far = (corners * outward).sum(axis=1)
         reached = (present(points[j]).normal_arm @ outward.T).max(axis=0)
-        gaps[place] = float(((far - reached) / far).max())
+        ahead = far > ROUNDING * np.abs(far).max()
+        gaps[place] = float(((far - reached)[ahead] / far[ahead]).max(initial=0.0))
     return gaps
 
 

@@ -44,7 +44,8 @@ HELP = (
     "usage: dembrick COMMAND ...\n\n"
     "Replays laboratory tests of dry-stacked stone blocks, with an error bar on every number.\n\ncommands:\n"
     + "".join(f"  {verb:10} {text}\n" for verb, text in VERBS.items())
-    + "\n'dembrick COMMAND --help' tells the options of a command; 'dembrick --version' the version."
+    + "\n'dembrick COMMAND --help' tells the options of a command; 'dembrick --version' the version,"
+    + "\nwith -v also where the compiled kernels come from."
 )
 
 
@@ -110,6 +111,10 @@ def _main(arguments: list[str]) -> int:
     verb, rest = arguments[0], arguments[1:]
     if verb == "--version":
         put(f"dembrick {__version__}")
+        if {"-v", "--verbose"} & set(rest):
+            from dembrick._kernel_cache import versions
+
+            put("\n".join(versions()))
         return 0
     if verb not in VERBS:
         from dembrick.scenario.checks import nearest
@@ -170,7 +175,13 @@ def _compiling(verb: str, console):
         yield
         return
     from dembrick._ahead import second_process
+    from dembrick._packaged_kernels import why_compiled
     from dembrick.cli.progress import telling_of_compilation
 
-    with telling_of_compilation(console.meter.stage), second_process():
+    def tell(text: str) -> None:
+        console.meter.stage(text)
+        if reason := why_compiled():
+            console.detail(f"kernels are compiled here, not taken from the package: {reason}")
+
+    with telling_of_compilation(tell), second_process():
         yield

@@ -70,7 +70,7 @@ def _text(study, outcome) -> str:
     for cell in outcome.statistics[:_MOST_LINES]:
         fixed = ", ".join(f"{key} = {value}" for key, value in cell.items() if key in study.keys)
         if study.search is not None:
-            bar = f"{study.search.key} = {cell['mean']:.5g} +- {cell['half_width']:.1g} ({cell['bar']})"
+            bar = f"{study.search.key} = {cell['mean']:.5g} +- {cell['half_width']:.1g}"
             lines.append(f"falls beyond  {bar}  {fixed}".rstrip())
             continue
         lines.append(f"V             {_answer(cell, unit)}  {fixed}".rstrip())

@@ -7,6 +7,7 @@ FORMULATIONS = ("concave", "convex")
 
 def add_arguments(parser) -> None:
     parser.add_argument("--jobs", type=int, metavar="N", help="processes side by side (default: one a core)")
+    parser.add_argument("--all", action="store_true", help="also what few scenes need: joints with bonds")
 
 
 def run(options, console) -> int:
@@ -21,7 +22,8 @@ def run(options, console) -> int:
     if options.jobs is not None and options.jobs < 1:
         raise ScenarioError(f"--jobs = {options.jobs} is out of range: it must be at least 1")
     began = time.perf_counter()
-    tasks = [(kind, formulation) for kind in KINDS for formulation in FORMULATIONS]
+    kinds = (*KINDS, *RARE) if options.all else KINDS
+    tasks = [(kind, formulation) for kind in kinds for formulation in FORMULATIONS]
     jobs = min(options.jobs or os.cpu_count() or 1, len(tasks))
     chunks = [[task] for task in tasks]
     done = run_here(_compile, chunks) if jobs == 1 else run_local(_compile, chunks, jobs)
@@ -37,7 +39,7 @@ def run(options, console) -> int:
 def _compile(tasks: list[tuple[str, str]]) -> list[str]:
     """Run what compiles the kernels of some kinds; their names. The cache is shared with other processes safely."""
     for kind, formulation in tasks:
-        KINDS[kind](formulation)
+        (KINDS | RARE)[kind](formulation)
     return [f"{kind}, {formulation}" for kind, formulation in tasks]
 
 
@@ -48,14 +50,31 @@ def _simulate(*scenarios) -> None:
         simulate.simulate(scenario)
 
 
-def _scene(formulation: str, control, *free):
-    """Blocks on a floor: position (m) and vertical velocity (m/s) of each."""
+def _tables(*scenarios) -> None:
+    """Histories of scenarios, and the utilisation of their joints as figures and tables show it."""
+    import os
+    import tempfile
+
+    from dembrick import history
+    from dembrick.runs import simulate
+    from dembrick.views.motion.table import joint_table
+
+    with tempfile.TemporaryDirectory() as folder:
+        for i, scenario in enumerate(scenarios):
+            path = os.path.join(folder, f"{i}.h5")
+            simulate.simulate(scenario, path)
+            with history.read(path) as found:
+                joint_table(found, None, None)
+
+
+def _scene(formulation: str, control, *free, **strengths):
+    """Blocks on a floor: position (m) and vertical velocity (m/s) of each; strengths of their joints."""
     from dembrick.scenario.model import Block, JointLaw, Material, Output, Scenario
 
     return Scenario(
         title="warm up",
         gravity=(0.0, 0.0, -9.81),
-        joint=JointLaw(formulation, 0.64, 1e9, 4e8),
+        joint=JointLaw(formulation, 0.64, 1e9, 4e8, **strengths),
         materials={"stone": Material(2000.0)},
         blocks=(
             Block("floor", "stone", (2.0, 2.0, 0.1), (0.0, 0.0, -0.05), fixed=True),
@@ -82,7 +101,7 @@ def _motion(formulation: str) -> None:
 def _equilibria(formulation: str) -> None:
     from dembrick.scenario.controls import PushoverControl
 
-    _simulate(_scene(formulation, PushoverControl((1.0, 0.0, 0.0), tolerance=1e-2), LOW, HIGH))
+    _tables(_scene(formulation, PushoverControl((1.0, 0.0, 0.0), tolerance=1e-2), LOW, HIGH))
 
 
 def _single_joints(formulation: str) -> None:
@@ -90,8 +109,19 @@ def _single_joints(formulation: str) -> None:
     from dembrick.runs import domain
     from dembrick.runs.lab import lab_scenario
 
-    _simulate(lab_scenario("set4a", formulation), lab_scenario("set4a_curve", formulation))
+    _tables(lab_scenario("set4a", formulation), lab_scenario("set4a_curve", formulation))
     domain.simulate_domain(a=0.3, b=0.2, friction=0.64, normal_force=467.0, formulation=formulation, count=4)
 
 
+def _bonds(formulation: str) -> None:
+    """Joints with cohesion, at rest and in motion."""
+    from dembrick.scenario.controls import DynamicControl, PushoverControl
+
+    push = PushoverControl((1.0, 0.0, 0.0), tolerance=1e-2)
+    _simulate(_scene(formulation, push, LOW, HIGH, cohesion=1e4))
+    _simulate(_scene(formulation, DynamicControl(1e-3), LOW, cohesion=1e4))
+    _simulate(_scene(formulation, DynamicControl(2e-3), LOW, THROWN, cohesion=1e4))
+
+
 KINDS = {"motion": _motion, "equilibria": _equilibria, "single joints": _single_joints}  # the longest first
+RARE = {"bonds": _bonds}

@@ -42,9 +42,9 @@ _FAILURES = (OSError, RuntimeError, ValueError)  # what h5py raises when the sys
 class HistoryWriter:
     """Writes one history file.
 
-    ``append`` and ``append_frames`` bring rows and frames to the file at once; only during the first ``hold`` seconds
-    they stay in memory, some megabytes at the most, so that a run of milliseconds writes its data a single time,
-    finished; the file itself is there from the start, unless it would take the place of a finished one. ``finish``
+    Rows and frames of ``append`` and ``append_frames`` stay in memory for ``hold`` seconds at most, and some megabytes,
+    before they are in the file: a run of milliseconds writes its data a single time, finished, and a long one not at
+    every row; the file itself is there from the start, unless it would take the place of a finished one. ``finish``
     makes the final file: exact lengths, compressed where that halves a long series. Until then the status is
     ``running``. ``resume`` goes on with a file that was left behind.
     ``channels``: what is recorded (see ``model.Output``). ``control``: what is done to the blocks, which says what the
@@ -75,6 +75,7 @@ class HistoryWriter:
         clear_parts(self._target)
         self._assembly, self._scenario_text, self._settings = assembly, scenario_text, dict(settings)
         self._channels, self._hold, self._opened = frozenset(channels), hold, time.monotonic()
+        self._flushed = self._opened
         self._control = control or YieldControl()
         self._tables: list[layout.Table] | None = None
         self._file = None
@@ -105,7 +106,7 @@ class HistoryWriter:
 
         The others are dropped; ``left`` is closed.
         """
-        self = cls(left.path, left.scenario_text, assembly, settings, True, channels, 0.0, control)
+        self = cls(left.path, left.scenario_text, assembly, settings, True, channels, control=control)
         self._source, self.run = left, left.run or self.run
         self._stored = rows, frames, left.new_contacts_before(frames)
         with self._failures():
@@ -174,8 +175,7 @@ class HistoryWriter:
             self._pending.setdefault(path, []).append(array)
         self._pending_count = [a + b for a, b in zip(self._pending_count, counts, strict=True)]
         self._pending_bytes += sum(array.nbytes for array in arrays.values())
-        late = time.monotonic() - self._opened >= self._hold
-        if self._file is not None or late or self._pending_bytes > _HELD:
+        if time.monotonic() - self._flushed >= self._hold or self._pending_bytes > _HELD:
             self.flush()
 
     def flush(self) -> None:
@@ -185,14 +185,14 @@ class HistoryWriter:
             if self._file is None or any(a > b for a, b in zip(wanted, self._capacity, strict=True)):
                 self._grow(wanted)
             for field in self._fields:
-                entry = self._stored[field.grows_by]
-                for array in self._pending.get(field.path, ()):
-                    if array.size:
-                        layout.put(self._file, self._offsets[field.path] + entry * field.entry_bytes, array)
-                    entry += len(array)
+                pending = [array for array in self._pending.get(field.path, ()) if array.size]
+                if pending:
+                    array = np.concatenate(pending) if len(pending) > 1 else pending[0]
+                    place = self._offsets[field.path] + self._stored[field.grows_by] * field.entry_bytes
+                    layout.put(self._file, place, array)
             # The count goes last: whatever it covers is in the file already.
             layout.put(self._file, self._offsets[layout.WRITTEN], np.array(wanted[:2], "<i8"))
-            self._stored = wanted
+            self._stored, self._flushed = wanted, time.monotonic()
             self._forget_pending()
 
     def finish(self, status: str, results: Mapping, settings: Mapping | None = None) -> None:

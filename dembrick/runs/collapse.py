@@ -84,14 +84,11 @@ def after_lines(after: Mapping | None, unit: str) -> list[str]:
 def _settlement_lines(collapse: dict) -> list[str]:
     """The same where supports moved until the structure came down."""
     error, between = collapse["error_estimate"], collapse.get("settlement_range")
-    bars = [] if between is None else [f"between {between[0]:.5g} and {between[1]:.5g} for joints of this stiffness"]
-    bars.append("no error bar: --refine gives one" if error is None else f"+- {error:.2g} m with that of the stiffness")
-    angle, at = collapse.get("angle"), collapse["settlement"]
-    turned = "" if angle is None else f"a turn of {angle:.5g} deg, "
-    if angle is not None and error is not None:
-        turned = f"a turn of {angle:.5g} +- {error * angle / at:.2g} deg, "
+    bars = [] if between is None else [f"between {between[0]:.5g} and {between[1]:.5g}"]
+    bars.append("no error bar: --refine gives one" if error is None else f"+- {error:.2g} m")
     return [
-        f"collapse      at {turned}a settlement of {at:.5g} m ({', '.join(bars)}), by {collapse['mechanism']}",
+        f"collapse      at a settlement of {collapse['settlement']:.5g} m ({', '.join(bars)}), by "
+        f"{collapse['mechanism']}",
         f"blocks        {listed(collapse['blocks'])}",
         f"hinges        {listed(collapse['hinges'])}",
     ]

@@ -51,7 +51,6 @@ class SettlementResult(MotionResult):
         else:
             low, high = self.collapse["settlement_range"]
             self.collapse["error_estimate"] = estimate + 0.5 * (high - low)
-            self.collapse["bar"] = "bisection and stiffness"
 
     def as_dict(self) -> dict:
         return super().as_dict() | {"settlement": self.settlement, "simulated_time": None}

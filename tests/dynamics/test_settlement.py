@@ -196,8 +196,6 @@ def test_a_block_on_a_floor_that_turns(friction, falls):
     assert result.status == "collapse"
     found = result.collapse
     assert found["settlement"] / corner == pytest.approx(falls, rel=2e-3)
-    assert found["angle"] == pytest.approx(math.degrees(falls), rel=2e-3) and found["bar"] == "bisection only"
-    assert f"at a turn of {found['angle']:.5g} deg, a settlement of" in result.text()
     low, high = found["settlement_range"]
     assert low < found["settlement"] < high and high - low < 2e-3 * high
     assert found["mechanism"] == ("rocking" if friction > 0.2 else "sliding")
@@ -262,8 +260,7 @@ def test_a_collapse_in_real_time_says_at_which_settlement():
     assert result.status == "collapse" and result.collapse["blocks"] == ["block"]
     angle = result.collapse["settlement"] / math.hypot(0.5, 0.2)
     assert math.atan(0.4) * 0.98 < angle < math.atan(0.4) * 1.1
-    assert result.collapse["angle"] == pytest.approx(math.degrees(angle), rel=1e-3)
-    assert "collapse      at a turn of 2" in result.text() and " deg, a settlement of 0." in result.text()
+    assert "collapse      at a settlement of 0." in result.text()
 
 
 @pytest.mark.parametrize("friction", [0.6, 0.2])

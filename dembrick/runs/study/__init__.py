@@ -14,13 +14,12 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from statistics import fmean, stdev
-from typing import Any
 
 from dembrick.errors import OutputError
 from dembrick.runs.study.case import UNANSWERED, run_cases
 from dembrick.runs.study.executors import run_here, run_local, run_on_cluster
 from dembrick.runs.study.plan import Study, load, scenario_of, shard
-from dembrick.runs.study.search import BISECTION_ONLY, HOLDS_STIFFNESS, run_searches
+from dembrick.runs.study.search import run_searches
 from dembrick.runs.study.table import Rows, stored, write_tables
 from dembrick.simulation.expected_cost import duration
 from dembrick.simulation.interrupts import Interrupted
@@ -141,14 +140,7 @@ def _first_of_each_kind(study: Study, todo: list[int]) -> list[int]:
     return list(seen.values())
 
 
-BAR = (
-    "V_lower",
-    "V_upper",
-    "bracket",
-    "digits_open",
-    "half_width",
-    "bar",
-)  # columns that tell how far an answer is known
+BAR = ("V_lower", "V_upper", "bracket", "digits_open", "half_width")  # columns that tell how far an answer is known
 
 
 def _statistics(study: Study, folder: Path) -> tuple[list[dict], int]:
@@ -166,13 +158,9 @@ def _statistics(study: Study, folder: Path) -> tuple[list[dict], int]:
     for fixed, answers, bars in cells.values():
         deviation = stdev(answers) if len(answers) > 1 else None
         error = None if deviation is None else deviation / math.sqrt(len(answers))
-        bar: dict[str, Any] = {}
-        if study.search is not None:
-            holds = all(one["bar"] == HOLDS_STIFFNESS for one in bars)
-            bar = {"half_width": fmean(one["half_width"] or 0.0 for one in bars)}
-            bar["bar"] = HOLDS_STIFFNESS if holds else BISECTION_ONLY
-        elif len(bars) == 1:
-            bar = {name: value for name, value in bars[0].items() if name not in ("half_width", "bar")}
+        bar = {} if study.search is None else {"half_width": fmean(one["half_width"] or 0.0 for one in bars)}
+        if study.search is None and len(bars) == 1:
+            bar = {name: value for name, value in bars[0].items() if name != "half_width"}
         numbers = {"count": len(answers), "mean": fmean(answers), "deviation": deviation, "standard_error": error}
         statistics.append({**fixed, **numbers, **bar})
     return statistics, sum(row["status"] in UNANSWERED for row in found.values())

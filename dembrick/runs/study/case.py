@@ -50,7 +50,6 @@ COLUMNS: dict[str, str | Callable[[dict], Any]] = {
 TEXTS = (
     "status",
     "searched",
-    "bar",
     "bracket",
     "mechanism",
     "blocks",

@@ -11,9 +11,6 @@ A study asks for it by a table::
 
 A run *falls* if its status is "collapse" or "falls", or if a block has fallen at its end, and no support took it
 along: its centroid has come down by more than half of its least dimension, or it has turned over by more than 45 deg.
-
-The bracket holds the bisection. Quasi-static runs are repeated about it with joints twice as stiff, and what that
-shifts is added to the half-width; of others, and where that fails, ``bar`` says that it holds the bisection only.
 One that is undecided counts as neither: the search looks beside it, and ends without an answer where it finds none.
 """
 
@@ -21,30 +18,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from dembrick.errors import DembrickError, NotConvergedError, ScenarioError, UndecidedError
-from dembrick.runs.error_estimate import OF_STIFFNESS, stiffer
 from dembrick.runs.result import fell
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.checks import nearest, real, show
 from dembrick.scenario.model import Scenario
 
-COLUMNS = ("status", "searched", "value", "half_width", "bar", "stands", "falls", "runs", "loop", "error")
+COLUMNS = ("status", "searched", "value", "half_width", "stands", "falls", "runs", "loop", "error")
 FOUND = "found"
 _KEYS = ("key", "low", "high", "tolerance")  # all needed
 _SCAN = "scan"
 _PARTS = (0.5, 0.25, 0.75)  # of the bracket, from where it stands: the middle, and beside one that is undecided
-HOLDS_STIFFNESS, BISECTION_ONLY = "bisection and stiffness", "bisection only"  # what the half-width holds
-_CLOSER = 2  # halvings of the bracket by which a shift is looked for that it does not show
-_WIDER = 6  # doublings of its width by which one is looked for beyond it
 _ROUNDING = 1e-9  # of the searched range: a bracket is not made narrower, as where the value is zero
-
-Answer = Callable[[float], bool | None]  # whether it falls at a value; None: undecided
 
 
 class Bracket(NamedTuple):
@@ -116,48 +106,6 @@ class Search:
             stands, falls = (stands, value) if found else (value, falls)
         return Bracket(stands, falls, runs)
 
-    def shift(self, found: Bracket, falls_at: Answer, stiffer: Answer) -> float | None:
-        """By how much the value moves with joints twice as stiff, which fall where ``stiffer`` says; zero if by less
-        than an eighth of the bracket, None if a run is undecided or no change is near."""
-        stands, falls = found.stands, found.falls
-        at_stands, at_falls = stiffer(stands), stiffer(falls)
-        if at_stands is None or at_falls is None:
-            return None
-        if not at_stands and at_falls:
-            return self._shift_within(found, falls_at, stiffer)
-        step = falls - stands if not at_falls else stands - falls
-        beyond = self._beyond(falls if not at_falls else stands, step, stiffer, falls=not at_falls)
-        if beyond is None:
-            return None
-        stands, falls = (falls, beyond) if not at_falls else (beyond, stands)
-        while abs(falls - stands) > 2.001 * found.half_width:
-            middle = 0.5 * (stands + falls)
-            stands, falls = (stands, middle) if stiffer(middle) else (middle, falls)
-        return abs(0.5 * (stands + falls) - found.value)
-
-    def _shift_within(self, found: Bracket, falls_at: Answer, stiffer: Answer) -> float | None:
-        """The same where both kinds of joints change within the bracket."""
-        stands, falls = found.stands, found.falls
-        for _ in range(_CLOSER):
-            middle = 0.5 * (stands + falls)
-            given, other = falls_at(middle), stiffer(middle)
-            if given is None or other is None:
-                return None
-            if given != other:
-                return 0.5 * abs(falls - stands)
-            stands, falls = (stands, middle) if given else (middle, falls)
-        return 0.0
-
-    def _beyond(self, end: float, step: float, answer: Answer, falls: bool) -> float | None:
-        """The first value past an ``end``, by ``step`` and twice as far each time, at which it falls, or does not."""
-        for k in range(_WIDER):
-            value = end + 2.0**k * step
-            if not self.low <= value <= self.high:
-                return None
-            if answer(value) is falls:
-                return value
-        return None
-
     def _between(self, first: float, last: float) -> list[float]:
         """The values that are looked at on the way from one end to the other."""
         spaced = np.geomspace if self.low > 0.0 else np.linspace
@@ -215,15 +163,14 @@ def run_searches(search: Search, base: str, base_path: str, cases: Sequence[tupl
 
 def _row(search: Search, base: str, base_path: str, changes: Mapping[str, Any]) -> dict[str, Any]:
     row: dict[str, Any] = dict.fromkeys(COLUMNS) | {"searched": search.key}
-    seconds, runs = 0.0, 0
+    seconds = 0.0
 
-    def falls_at(value: float, law: Callable[[Scenario], Scenario] | None = None) -> bool | None:
-        nonlocal seconds, runs
+    def falls_at(value: float) -> bool | None:
+        nonlocal seconds
         try:
             scenario = scenarios.varied(base, base_path, {**changes, search.key: value})
             check(scenario)
-            runs += 1
-            result = simulate(scenario if law is None else law(scenario), record=False, progress=False).as_dict()
+            result = simulate(scenario, record=False, progress=False).as_dict()
             seconds += result["wall"]["loop"]
             return fell(result)
         except UndecidedError:
@@ -235,14 +182,5 @@ def _row(search: Search, base: str, base_path: str, changes: Mapping[str, Any]) 
         found = search.bisect(falls_at)
     except DembrickError as error:
         return row | {"status": error.status, "error": str(error), "loop": seconds}
-    numbers: dict[str, Any] = {"half_width": found.half_width, "bar": BISECTION_ONLY}
-    control = scenarios.varied(base, base_path, {**changes, search.key: found.stands}).control
-    shift = None
-    if control.regime.quasi_static and not search.key.endswith("stiffness"):
-        try:
-            shift = search.shift(found, falls_at, partial(falls_at, law=stiffer))
-        except DembrickError:
-            shift = None  # the bar then says that it does not hold it
-    if shift is not None:
-        numbers = {"half_width": found.half_width + OF_STIFFNESS * shift, "bar": HOLDS_STIFFNESS}
-    return row | {"status": FOUND, "value": found.value} | found._asdict() | numbers | {"loop": seconds, "runs": runs}
+    numbers = {"value": found.value, "half_width": found.half_width, **found._asdict()}
+    return row | {"status": FOUND, "loop": seconds} | numbers

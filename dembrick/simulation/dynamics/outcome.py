@@ -126,11 +126,9 @@ def collapse_of_settlement(moving: Motion, driving: Driving, at_rest: np.ndarray
     away = np.linalg.norm(moving.displacement, axis=1)
     blocks = np.flatnonzero(fallen(moving))
     onset = float(extremes.quiet[blocks].min())
-    share, angle = float(driving.share(np.array([onset]))[0]), driving.supports.angle
     return settlement_collapse(moving, at_rest, blocks) | {
         "onset": onset,
-        "angle": None if angle is None else share * angle,
-        "settlement": share * driving.supports.length,
+        "settlement": float(driving.share(np.array([onset]))[0]) * driving.supports.length,
         "time": float(moving.time),
         "displacement": float(away[blocks].max()),
     }

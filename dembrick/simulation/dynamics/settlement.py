@@ -74,12 +74,6 @@ class Settlement(EquilibriumPath):
         return f"{super().slow}, or take quasi_static = false"
 
     def come_down(self, before: np.ndarray, blocks: np.ndarray) -> dict:
-        """The collapse, with its settlement (m) and the angle (deg) of supports that turn, both of these joints."""
+        """The collapse, with its settlement (m)."""
         low, high = self.reached * self.supports.length, self.failed * self.supports.length
-        angle = self.supports.angle
-        return super().come_down(before, blocks) | {
-            "angle": None if angle is None else 0.5 * (self.reached + self.failed) * angle,
-            "settlement": 0.5 * (low + high),
-            "settlement_range": [low, high],
-            "bar": "bisection only",
-        }
+        return super().come_down(before, blocks) | {"settlement": 0.5 * (low + high), "settlement_range": [low, high]}

@@ -6,7 +6,6 @@ displacement of the point that moves furthest is the reaction along the motion.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -61,12 +60,6 @@ class SupportMotion:
 
     def __len__(self) -> int:
         return len(self.block)
-
-    @property
-    def angle(self) -> float | None:
-        """By how much (deg) the support turns at the end that turns most; None if none does."""
-        most = float(np.linalg.norm(self.turn, axis=1).max(initial=0.0))
-        return math.degrees(most) if most > 0.0 else None
 
     def between(self, share: np.ndarray, dt: float) -> PrescribedMotion:
         """The motion of s steps of ``dt`` (s) through shares (s + 1,), for the loop."""

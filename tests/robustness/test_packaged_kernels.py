@@ -1,0 +1,114 @@
+"""Kernels that a wheel brings along: they are loaded if they fit, and compiled here in all other cases."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numba
+import pytest
+
+import dembrick
+from helpers.places import tool_module
+
+PACKAGE = Path(dembrick.__file__).parent
+LEFT_OUT = shutil.ignore_patterns("__pycache__", "_kernels")
+TARGET = {"NUMBA_CPU_NAME": "x86-64-v3", "NUMBA_CPU_FEATURES": ""}
+CALL = """
+from dembrick._kernel_cache import versions
+from dembrick._packaged_kernels import why_compiled
+from dembrick.kernels.math.quaternion import product
+
+value = product(*[0.1 * i for i in range(8)])
+print(sum(product.called.stats.cache_hits.values()), value, why_compiled(), versions()[1], sep="|")
+"""
+
+
+def call(copy, cache, **environment):
+    """Hits in a cache, the product, why kernels are compiled, and where they come from, of a process of its own."""
+    settings = {**os.environ, "PYTHONPATH": str(copy.parent), "DEMBRICK_CACHE_DIR": str(cache), **environment}
+    command = [sys.executable, "-c", CALL]
+    done = subprocess.run(command, env=settings, cwd=copy.parent, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    hits, value, reason, origin = done.stdout.strip().split("|")
+    return int(hits), value, reason, origin
+
+
+@pytest.fixture(scope="module")
+def packaged(tmp_path_factory):
+    """A copy of the package with the machine code of one kernel in it, and what that kernel answers compiled here."""
+    folder = tmp_path_factory.mktemp("packaged")
+    copy = folder / "dembrick"
+    shutil.copytree(PACKAGE, copy, ignore=LEFT_OUT)
+    assert call(copy, folder / "built", **TARGET)[0] == 0
+    build_wheel = tool_module("build_wheel")
+    build_wheel.take_kernels(copy, folder / "built", {**os.environ, **TARGET, "PYTHONPATH": str(folder)})
+    hits, value, reason, origin = call(copy, folder / "here", DEMBRICK_KERNELS="off")
+    assert (hits, reason) == (0, "DEMBRICK_KERNELS is off") and "cache" in origin
+    return copy, value
+
+
+def test_kernels_of_the_package_are_loaded_and_answer_as_compiled_ones(packaged, tmp_path):
+    copy, value = packaged
+    hits, found, _, origin = call(copy, tmp_path)
+    assert (hits, found) == (1, value) and origin == "kernels: package, compiled for x86-64-v3"
+    assert not list(tmp_path.rglob("*.nbc"))  # nothing was compiled, so nothing is kept
+
+
+def test_a_processor_without_avx2_compiles(packaged, tmp_path):
+    copy, _ = packaged
+    hits, _, reason, _ = call(copy, tmp_path, NUMBA_CPU_NAME="x86-64", NUMBA_CPU_FEATURES="+sse2,+sse4.2")
+    assert hits == 0 and reason.startswith("this processor lacks avx, avx2")
+
+
+def test_checked_bounds_are_compiled(packaged, tmp_path):
+    copy, _ = packaged
+    hits, _, reason, _ = call(copy, tmp_path, NUMBA_BOUNDSCHECK="1")
+    assert hits == 0 and reason == "they were compiled with other settings"
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "reason"),
+    [
+        ("numba", "0.1", f"they are for numba 0.1, this is {numba.__version__}"),
+        ("python", "2.7", f"they are for Python 2.7, this is {sys.version_info.major}.{sys.version_info.minor}"),
+        ("compiler", "0", "they were compiled with other settings"),
+        ("features", ["avx2", "nonsense"], "this processor lacks nonsense"),
+        ("target", ["vax-vms", "x86-64-v3", ""], "this processor lacks vax-vms"),
+    ],
+)
+def test_kernels_of_another_version_are_compiled(packaged, tmp_path, key, value, reason):
+    copy, found = packaged
+    manifest = copy / "_kernels" / "manifest.json"
+    before = manifest.read_text()
+    manifest.write_text(json.dumps({**json.loads(before), key: value}))
+    try:
+        assert call(copy, tmp_path)[:3] == (0, found, reason)
+    finally:
+        manifest.write_text(before)
+
+
+def test_an_edited_kernel_is_compiled(packaged, tmp_path):
+    copy, value = packaged
+    source = copy / "kernels" / "math" / "quaternion.py"
+    before = source.read_text()
+    source.write_text(before + "\n# an edit\n")
+    try:
+        assert call(copy, tmp_path)[:2] == (0, value)
+    finally:
+        source.write_text(before)
+    assert call(copy, tmp_path)[0] == 1
+
+
+@pytest.mark.parametrize("text", ["", "{", "[1]", '{"numba": 3}'])
+def test_a_damaged_manifest_is_none(packaged, tmp_path, text):
+    copy, value = packaged
+    manifest = copy / "_kernels" / "manifest.json"
+    before = manifest.read_text()
+    manifest.write_text(text)
+    try:
+        assert call(copy, tmp_path)[:3] == (0, value, "manifest.json cannot be read")
+    finally:
+        manifest.write_text(before)
