@@ -27,7 +27,7 @@ from dembrick.scenario.controls import StaticsControl, YieldControl
 from dembrick.scenario.generators import Arch
 from dembrick.scenario.model import Actuator, Block, JointLaw, Load, Material, Scenario
 
-SLACK = 1e-4  # of V: brackets of searches end there
+SLACK = 1e-3  # of V: the tolerance of a search
 DENSITY, G = 2000.0, 9.81
 
 

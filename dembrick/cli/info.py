@@ -18,7 +18,7 @@ def run(options, console) -> int:
 
 
 def _report(file, options, console) -> int:
-    from dembrick.views.summary import limit_text, mechanism, part, plain
+    from dembrick.views.summary import limit_text, mechanism, part, plain, start_text
 
     if options.scenario:
         console.result({"scenario": file.scenario_text}, file.scenario_text)
@@ -54,6 +54,8 @@ def _report(file, options, console) -> int:
     elif point:
         name, unit = ("V", "N") if file.curve.unit == "N" else ("load factor", "")
         lines.append(f"{name:13} {plain(str(limit_text(point, part(results, 'path'), unit)))}, by {mechanism(results)}")
+        start = start_text(part(results, "path"), unit)
+        lines += [] if start is None else [f"start         {start}"]
     lines += _moved(results)
     audit = results.get("energy")
     if isinstance(audit, dict) and _is_number(audit.get("relative_residual")):

@@ -20,7 +20,7 @@ from dembrick.errors import BracketError, MissingDependency, NotConvergedError, 
 from dembrick.scenario.checks import present
 from dembrick.simulation.statics.other_paths import greatest_on_any_path, statically_determinate
 from dembrick.simulation.statics.yield_point import YieldPoint, last_moves, slides
-from dembrick.views.summary import known
+from dembrick.views.summary import known, start_text
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
@@ -210,13 +210,9 @@ def path_lines(beside: dict, unit: str = "") -> list[str]:
 def _others(beside: dict, unit: str) -> list[str]:
     """What other paths of the same structure may bear, where nothing is known of their range."""
     bound, lines = beside.get("associative"), []
-    most = None if bound is None else f"{known(bound['upper'], 0.0, 5)}{unit} (associative)"
     if beside.get("digits_open", True):
-        limit = f"at most {most}; " if most else ""
-        rest = "" if most else ", --bound a bound of it"
+        limit = "" if bound is None else f"at most {known(bound['upper'], 0.0, 5)}{unit} (associative); "
+        rest = ", --bound a bound of it" if bound is None else ""
         lines.append(f"              depends on the path: {limit}--refine gives the range{rest}")
-    more = f"no path bears more than {most}" if most else "another path may bear more"
-    if beside.get("no_path_above"):
-        more = "no path bears more"
-    start = "from what the stages left in the joints" if beside.get("locked_in") else "without forces locked in"
-    return [*lines, f"start         {start}: {more}, another history may bear less"]
+    start = start_text(beside, unit.strip())
+    return lines if start is None else [*lines, f"start         {start}"]

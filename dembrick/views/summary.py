@@ -95,6 +95,21 @@ def on_one_path(beside: Mapping) -> bool:
     return beside.get("digits_open", beside.get("path_dependent")) is True and told is None
 
 
+def start_text(beside: Mapping, unit: str) -> str | None:
+    """From what the path to a limit load began, and what is proven of others (``collapse`` or ``path``); None where all
+    lead to the same limit, or where their range is known."""
+    if beside.get("path_dependent") is not True or beside.get("path_range") or "no_path_above" not in beside:
+        return None
+    bound = number(part(beside, "associative").get("upper"))
+    more = "another path may bear more"
+    if bound is not None:
+        more = f"no path bears more than {known(bound, 0.0, 5)} {unit}".rstrip() + " (associative)"
+    if beside.get("no_path_above") is True:
+        more = "no path bears more"
+    start = "from what the stages left in the joints" if beside.get("locked_in") else "without forces locked in"
+    return f"{start}: {more}, another history may bear less"
+
+
 def travel_unit(longest: float) -> tuple[str, float]:
     """The unit that suits travels up to ``longest`` (m) on an axis, and how many of it are a metre."""
     return ("mm", 1e3) if longest > 2e-3 else ("µm", 1e6)
@@ -222,6 +237,9 @@ def _of_yield(point: dict, unit: str, at_rate: bool, path: dict) -> list[KeyNumb
         remark = remark.replace("indicator", "indicator, not certified")
         remark += "" if "meet" in remark else f": bounds {lower:.7g} and {upper:.7g} {unit}".rstrip()
     lines = [KeyNumber(load[0] if is_open else load[1], said.value, remark)]
+    start = start_text(path, unit)
+    if start is not None:
+        lines.append(KeyNumber("start", start))
     if "V_peak" in point:
         lines.append(KeyNumber(f"largest {load[0]}", *peak_text(point, path, unit, at_rate)))
     least = _ROUNDING * abs(point.get("N", 0.0))

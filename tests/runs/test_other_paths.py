@@ -12,6 +12,7 @@ from dembrick import cli, limit, simulate
 from dembrick.runs import study as studies
 from dembrick.runs.path_dependence import path_lines, ranged, within
 from dembrick.scenario import toml
+from dembrick.views.summary import key_numbers
 from helpers.studies import read_csv, write_study
 
 SHIPPED = Path(__file__).resolve().parents[2] / "scenarios"
@@ -102,6 +103,8 @@ def test_a_block_that_grazes_a_curb_may_bear_more():
     said = "\n".join(path_lines(answer["path"], " N"))
     assert "start         without forces locked in: no path bears more than 970.3 N" in said
     assert "of this path" not in said and not answer["path"]["digits_open"]  # the stiffness does not move it
+    start = next(line.value for line in key_numbers(answer) if line.name == "start")
+    assert f"start         {start}" in said
 
 
 def test_no_more_is_claimed_where_limit_analysis_is_not_there(monkeypatch):
