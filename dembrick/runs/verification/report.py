@@ -19,10 +19,10 @@ small { color: #9aa4ae; } td.bad { color: #ff8a80; } }
 
 
 def verdict(outcome: Outcome) -> str:
-    """One word or two: ok, FAILED, or what the bar does."""
+    """In a few words: ok, FAILED, or ok by the limit of the case while its own error bar leaves the reference out."""
     if not outcome.passed:
         return "FAILED"
-    return "ok, bar misses it" if outcome.bar_holds is False else "ok"
+    return "ok, but outside its bar" if outcome.bar_holds is False else "ok"
 
 
 def value_text(outcome: Outcome) -> str:
