@@ -315,7 +315,7 @@ class Result(SearchResult):
 
     @property
     def points_miss(self) -> float | None:
-        """The relative gap between the points of `distributed` joints that the program chose and the continuum, where
+        """The relative gap between the points of ``distributed`` joints that the program chose and the continuum, where
         it is beyond the tolerance (as where a joint overturns, whose last edge no points reach); else None."""
         control = self.scenario.control
         if self.theory is None:

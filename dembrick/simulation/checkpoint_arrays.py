@@ -26,7 +26,7 @@ def flattened(parts: Mapping[str, tuple | None]) -> dict[str, np.ndarray]:
 
 
 def restored_state(state, snapshot: Snapshot):
-    """The `simulation.State` of ``snapshot``, where it is called "state"; HistoryError if it is of another scene."""
+    """The state of statics out of ``snapshot``, where it is called "state"; HistoryError if it is of another scene."""
     pressed = None if state.areas is None else state.areas.pressed
     if pressed is not None:  # before anything is taken: it leads into arrays
         count = snapshot.array(COUNTERS[1], pressed.count)

@@ -20,7 +20,7 @@ def lightness(touching, bodies, b, r1, r2, r3, n1, n2, n3):
 
 @jit
 def stepped_dashpot(polynomial, swing):
-    """Dashpot over spring for a contact that swings by ``swing`` (rad) in a step: `frequencies.stepped_dashpots`."""
+    """Dashpot over spring for a contact that swings by ``swing`` (rad) in a step: `time_step.stepped_dashpots`."""
     if not swing > 0.0:
         return 0.0
     swing = min(swing, polynomial[8])

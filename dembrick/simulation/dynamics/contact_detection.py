@@ -296,7 +296,7 @@ class ContactDetection:
         """Make `touching` of these pairs; what was watched before keeps its memory.
 
         ``depth`` (p,): by how much (m) the parts overlap. Those that do already lie side by side from the start: if
-        they have no joint, their contact begins at nothing, and later (`_slack`).
+        they have no joint, their contact begins at nothing, and later (`_let_lie`).
         """
         before, laws = self.touching, self.assembly.laws
         if not len(pairs):

@@ -140,7 +140,7 @@ def dashpot_polynomial(ratio: float) -> np.ndarray:
     """Dashpot over spring of a contact, times its swing in a step (rad), as a polynomial (8,) in that swing; the last
     of the nine numbers is the greatest swing that it holds for, well within what is stable.
 
-    The equation of `frequencies.stepped_dashpots`, by its parameter s.
+    The equation of `time_step.stepped_dashpots`, by its parameter s.
     """
     s = np.linspace(1e-3, 2.0, 2000)
     decay, damped = np.exp(-ratio * s), np.sqrt(1.0 - ratio * ratio)
