@@ -40,7 +40,7 @@ class Touching(NamedTuple):
 
     parts: Parts
     scratch: Scratch
-    pressed: Pressed  # scratch: how one contact is pressed, seen from its centre of pressure, `dynamics.contact_friction`
+    pressed: Pressed  # scratch: how one contact is pressed, seen from its centre of pressure, `contact_friction`
     free: ndarray  # (n,) 1 for blocks that move, 0 for fixed ones
     first: ndarray  # (t,) int64, part A
     second: ndarray  # (t,) int64, part B
