@@ -11,7 +11,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from dembrick.assembly import build as assemblies
-from dembrick.errors import DembrickError, HistoryError, NotConvergedError, ScenarioError, WriteError
+from dembrick.errors import DembrickError, HistoryError, NotConvergedError, ScenarioError, UndecidedError, WriteError
 from dembrick.runs.drivers import driver_of
 from dembrick.runs.error_estimate import Refinement, error_of, refinements
 from dembrick.runs.inertia_share import inertia_remark
@@ -25,7 +25,7 @@ from dembrick.runs.stages import Stages
 from dembrick.runs.statics_result import StaticsResult
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.checks import present
-from dembrick.scenario.controls import LIMIT_LOAD, PATH_FOLLOWING
+from dembrick.scenario.controls import LIMIT_LOAD, PATH_FOLLOWING, StaticsControl
 from dembrick.scenario.model import Scenario
 from dembrick.scenario.stages import at_stage
 from dembrick.scenario.unit_slips import unit_slips
@@ -332,10 +332,13 @@ def _refined(one: Refinement) -> Any:
 def failure(scenario: Scenario, error: DembrickError, history=None) -> dict:
     """The JSON object of a run that gave no answer, with the best bracket found."""
     point = error.yield_point if isinstance(error, NotConvergedError) else None
+    unknown = {"stands": None, "unbalanced": None, "mechanism": None, "blocks": []}
+    asked = isinstance(scenario.control, StaticsControl) and isinstance(error, UndecidedError)
     return {
         **heading(scenario),
         "status": error.status,
         "error": str(error),
         "yield_point": None if point is None else point.as_dict(),
         "history": None if history is None else os.fspath(history),
+        **({"statics": unknown} if asked else {}),
     }

@@ -15,10 +15,11 @@ from dembrick.errors import NotConvergedError, ScenarioError, UndecidedError
 from dembrick.runs.limit import limit
 from dembrick.runs.simulate import simulate
 from dembrick.runs.study.search import Search
-from dembrick.scenario.controls import PushoverControl, StaticsControl, YieldControl
+from dembrick.scenario.controls import BaseMotionControl, PushoverControl, StaticsControl, YieldControl
 from dembrick.scenario.generators import Arch
 from dembrick.scenario.model import Actuator, Block, JointLaw, JointOverride, Load, Material, Scenario
 from dembrick.scenario.pressures import Pressure
+from dembrick.scenario.time_functions import Sine
 from dembrick.scenario.toml import loads, text_of
 
 G = 9.81
@@ -227,6 +228,35 @@ def test_what_neither_stands_nor_falls_is_undecided(monkeypatch, tmp_path, capsy
     (tmp_path / "run.toml").write_text(text_of(weak))
     assert main(["run", str(tmp_path / "run.toml"), "--json", "--out", str(tmp_path / "again.h5")]) == 1
     assert json.loads(capsys.readouterr().out)["status"] == "undecided"
+
+
+def test_shaken_stones_that_cannot_stand_are_refused_early():
+    """Three bricks that overhang two thousandths too far: statics proves the fall, and the run in real time need not
+    wait until a brick has moved by its own length (300,000 steps without a verdict)."""
+    shaken = BaseMotionControl(0.05, (1.0, 0.0, 0.0), sine=Sine(0.1, 5.0))
+    heap = overhanging(1.002, shaken)
+    steps: list[int] = []
+
+    def told(progress) -> None:
+        steps.append(progress.done)
+
+    with pytest.raises(NotConvergedError, match="'lowest', 'middle', 'top' slide or overturn") as raised:
+        simulate(replace(heap, joint=JointLaw("concave", 0.6, 1e10, 4e9)), record=False, progress=told)
+    assert raised.value.status == "failed" and max(steps, default=0) < 150_000
+
+
+def test_relaxation_in_moving_geometry_that_ends_unbalanced_is_undecided(monkeypatch):
+    """After 2,048 steps a convex stack has not come to rest, and no joint has come apart."""
+    monkeypatch.setattr("dembrick.simulation.dynamics.dead_load.MOST_STEPS", 2048)
+    monkeypatch.setattr("dembrick.simulation.dynamics.equilibria.ROUNDS", 1)
+    leaning = replace(overhanging(0.95), joint=JointLaw("convex", 0.6, 1e10, 4e9))
+    shaken = BaseMotionControl(0.05, (1.0, 0.0, 0.0), sine=Sine(0.1, 5.0))
+    for control in (shaken, StaticsControl(large_displacements=True)):
+        with pytest.raises(UndecidedError, match="undecided") as raised:
+            simulate(replace(leaning, control=control), record=False)
+        told = raised.value.answer
+        assert told["status"] == "undecided"
+    assert told["statics"] == {"stands": None, "unbalanced": None, "mechanism": None, "blocks": []}
 
 
 def test_a_search_looks_beside_what_is_undecided():

@@ -13,7 +13,7 @@ from contextlib import contextmanager, nullcontext
 
 import numpy as np
 
-from dembrick.errors import NotConvergedError
+from dembrick.errors import DembrickError, NotConvergedError, UndecidedError
 from dembrick.kernels.dynamics.loop import RUNNING, Limits
 from dembrick.scenario.model import show
 from dembrick.simulation import interrupts
@@ -21,6 +21,7 @@ from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.integrator import LONGEST_MOVE, NO_LIMIT, Motion, advance_chunk, joint_forces
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.state import MovingState, out_of_balance
+from dembrick.simulation.session import Session
 
 LOCAL_DAMPING = 0.8
 STEP = 0.7  # of the time step: against the motion, local damping makes a force 1.8 times as large
@@ -32,6 +33,7 @@ ELASTIC = 4.0  # times what the joint's own force does to it when it is closed: 
 MOST_STEPS = 200_000  # of one attempt, at the usual time step
 USUAL = 0.9  # of the critical time step: solver.step_factor, if nobody asks for another
 CHUNK = 256  # steps after which it is seen whether the blocks rest
+REFEREE = 20_000  # steps without rest or fall, after which the geometry of the start is asked whether it can stand
 STICKING = 1e9  # friction of joints that may not slip
 NAMED = 5  # blocks that a message names
 
@@ -49,7 +51,8 @@ def find_equilibrium(
     others, over the joint forces. With ``sticking`` no joint slips meanwhile, so that a block that is to slide from the
     start begins with its weight on the joint. Blocks that overturn even so are held where they were drawn while the
     others come to rest, and begin to fall when time starts: ``motion.falling``. Without ``sticking`` such blocks raise
-    NotConvergedError, which names them. Bonds hold meanwhile, whatever they bear.
+    NotConvergedError, which names them; blocks that neither rest nor fall, UndecidedError. Bonds hold meanwhile,
+    whatever they bear.
 
     ``pause`` is called between two chunks of steps, of which ``motion.dead_load_steps`` are done then; ``resume`` takes
     state and steps back from there. What a settlement left rests already, but for other loads than those of then.
@@ -63,7 +66,7 @@ def find_equilibrium(
     with _stuck(motion) if sticking else nullcontext(), _held_bonds(motion):
         if resume is not None:
             resume()
-        attempt = _Attempt(motion, driving, supported, slack)
+        attempt = _Attempt(motion, driving, supported, slack, None if sticking else APART * motion.polygons.size)
         attempt.compile()
         with interrupts.deferred():
             while True:
@@ -78,10 +81,10 @@ def find_equilibrium(
     bodies = motion.state.bodies
     bodies.velocity[:], bodies.momentum[:], bodies.spin[:] = 0.0, 0.0, 0.0
     if not (sticking or attempt.ratio <= attempt.enough):
-        raise NotConvergedError(
-            f"no equilibrium under the dead loads: after {motion.dead_load_steps} steps the out-of-balance force is "
-            f"still {attempt.ratio:.2g} of the joint forces, so the blocks slide or overturn before the run begins; "
-            "check loads, friction and supports"
+        raise UndecidedError(
+            f"undecided under the dead loads: after {motion.dead_load_steps} steps of relaxation the out-of-balance "
+            f"force is still {attempt.ratio:.2g} of the joint forces, and no joint has come apart; a run of kind "
+            '"statics" may decide it, by Newton\'s method, and softer joints come to rest in fewer steps'
         )
     bodies.start[:] = bodies.position
     return attempt.ratio
@@ -93,10 +96,19 @@ def most_steps(motion: Motion) -> int:
 
 
 class _Attempt:
-    """Relaxation with the blocks held that are known to fall; ``slack`` (j,): how far joints may move (m)."""
+    """Relaxation with the blocks held that are known to fall; ``slack`` (j,): how far joints may move (m), and
+    ``slack_of_fall``, if statics in the geometry of the start proves a fall (None: it is not asked)."""
 
-    def __init__(self, motion: Motion, driving: Driving, supported: np.ndarray, slack: np.ndarray):
+    def __init__(
+        self,
+        motion: Motion,
+        driving: Driving,
+        supported: np.ndarray,
+        slack: np.ndarray,
+        slack_of_fall: np.ndarray | None = None,
+    ):
         self.motion, self.driving, self.supported, self.slack = motion, driving, supported, slack
+        self._slack_of_fall = slack_of_fall
         self._dt = STEP * motion.time_step
         self._limits = Limits(displacement=NO_LIMIT, longest=LONGEST_MOVE * motion.smallest)
 
@@ -129,6 +141,10 @@ class _Attempt:
             status, done = self._advance(held, CHUNK)
             motion.dead_load_steps += done
             self.ratio, self.enough = unbalanced(motion.state, self.driving, standing)
+            if self._slack_of_fall is not None and motion.dead_load_steps - motion.attempt[0] >= REFEREE:
+                if _falls_as_drawn(motion, self.driving):
+                    self.slack = self._slack_of_fall
+                self._slack_of_fall = None
             falls = standing & ~self._tied()
             if falls.any():
                 spent = motion.dead_load_steps - motion.attempt[0]
@@ -146,6 +162,18 @@ class _Attempt:
         force = np.sqrt((self.motion.state.links.wrench[:, :3] ** 2).sum(axis=1))
         sound = self.motion.polygons.moved() <= self.slack + ELASTIC * force * compliance
         return _supported(self.motion.state, sound)
+
+
+def _falls_as_drawn(motion: Motion, driving: Driving) -> bool:
+    """Whether statics proves that the blocks fall under constant loads in the geometry of the start."""
+    from dembrick.simulation.statics.standing import find_rest  # and its kernels: for blocks that find no rest only
+
+    if any(curve is not None for curve in driving.factor):
+        return False
+    try:
+        return find_rest(motion.assembly, Session()).rest.stands is False
+    except DembrickError:  # it cannot tell: too large, or held by too few contact points
+        return False
 
 
 def _arrays(motion: Motion) -> list[np.ndarray]:

@@ -22,7 +22,7 @@ from functools import partial
 
 import numpy as np
 
-from dembrick.errors import HistoryError, NotConvergedError
+from dembrick.errors import HistoryError, NotConvergedError, UndecidedError
 from dembrick.kernels.dynamics.loop import Limits
 from dembrick.scenario.model import Output
 from dembrick.scenario.regimes import COLLAPSE, COMPLETED, Control
@@ -191,9 +191,9 @@ class EquilibriumPath(ABC):
                 if _farthest(last, first) > DRIFTING * _farthest(middle, first):
                     self._look_on(1.0)
                     return None
-        raise NotConvergedError(
-            f"no equilibrium at {self.said(parameter)}: after {ROUNDS * CHUNK * chunks} steps of relaxation the "
-            f"out-of-balance force is still {ratio:.2g} of the joint forces; {self.slow}"
+        raise UndecidedError(
+            f"undecided at {self.said(parameter)}, neither at rest nor falling: after {ROUNDS * CHUNK * chunks} "
+            f"steps of relaxation the out-of-balance force is still {ratio:.2g} of the joint forces; {self.slow}"
         )
 
     def _look_on(self, down: float) -> None:
@@ -314,7 +314,8 @@ class EquilibriumPath(ABC):
     def found(self) -> EquilibriaRun:
         """Go the whole way, from the start or from where the session resumes it, and say what came of it.
 
-        Raises NotConvergedError if the blocks do not stand before anything grows, or find neither rest nor fall.
+        Raises NotConvergedError if the blocks do not stand before anything grows, UndecidedError if they find neither
+        rest nor fall.
         """
         self.begin(self.session.resumed)
         self.run()
