@@ -332,7 +332,7 @@ def _refined(one: Refinement) -> Any:
 def failure(scenario: Scenario, error: DembrickError, history=None) -> dict:
     """The JSON object of a run that gave no answer, with the best bracket found."""
     point = error.yield_point if isinstance(error, NotConvergedError) else None
-    unknown = {"stands": None, "unbalanced": None, "mechanism": None, "blocks": []}
+    unknown: dict = {"stands": None, "unbalanced": None, "mechanism": None, "blocks": []}
     asked = isinstance(scenario.control, StaticsControl) and isinstance(error, UndecidedError)
     return {
         **heading(scenario),
