@@ -170,3 +170,16 @@ def test_a_rocking_block_loses_what_housner_says():
         found[formulation] = after / before
     assert found["concave"] == pytest.approx(housner_restitution(b, h), rel=0.01)
     assert found["concave"] + 0.02 < found["convex"] < 1.0
+
+
+def test_faces_that_meet_at_the_end_of_a_step_bounce_as_stated():
+    """The flight takes a whole number of steps, a third of all, and rounding says in which of two steps they meet."""
+    e, height = 0.8113639538217108, 0.11744607649806676
+    block = Block("block", "stone", (0.19, 0.32, 0.47), (0.0, 0.0, 0.235 + height))
+    fall = math.sqrt(2.0 * height / G)
+    result = simulate(
+        scene(DynamicControl(3.0 * fall, e), FLOOR, block, stiffness=1.2e9, output=Output(rows=2000, frames=2000))
+    )
+    z = height + result.frames["displacement"][:, 1, 2]
+    top = z[result.frames["time"] > 1.3 * fall].max()
+    assert math.sqrt(top / height) == pytest.approx(e, rel=0.01)

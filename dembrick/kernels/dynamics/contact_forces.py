@@ -173,7 +173,9 @@ def press(touching, bodies, t, patches, depth, dt, x1, x2, x3, y1, y2, y3):
     # the dashpot against nearing is shared as the pressure is, so that none of it pulls before all of it would; that
     # against turning is a linear field
     deep = 2.0 * size / stiff
-    more = 1.0 + damped_push(deep, 2.0 * depth, dt * ahead, viscous, felt * k_n * stiff * dt * dt) / deep
+    begins = touching.area[t] == 0.0
+    swing2 = felt * k_n * stiff * dt * dt
+    more = 1.0 + damped_push(deep, 2.0 * depth, dt * ahead, viscous, swing2, begins) / deep
     f1 = f2 = f3 = m1 = m2 = m3 = 0.0
     for p in range(patches):
         F = scratch.frame[p]

@@ -12,6 +12,8 @@ whose blows are hard for the time step; at a joint it would cost two divisions a
 
 from dembrick._jit import jit
 
+NEARLY = 1e-6  # of the closing of a step: rounding
+
 
 @jit
 def dashpot_growth(g, d):
@@ -20,15 +22,16 @@ def dashpot_growth(g, d):
 
 
 @jit
-def damped_push(deep, depth, ahead, viscous, swing2):
+def damped_push(deep, depth, ahead, viscous, swing2, begins):
     """What a new contact presses besides its springs, as a penetration (m), to be added to the mean one ``deep``.
 
     ``depth``: the greatest penetration; ``ahead``: closing of the last step; ``viscous``: dashpot over spring;
-    ``swing2``: square of the swing (rad) in a step. If contact began within the last step, the spring's impulse up to
-    half a step on is that of (deep + ahead / 2)^2 / (2 ahead). If the force will end within the next step it is so
-    too, backwards. Without that a flat bounce depends by some per cent on where in a step it begins and ends.
+    ``swing2``: square of the swing (rad) in a step; ``begins``: whether there was no contact a step ago. If contact
+    began within the last step, the spring's impulse up to half a step on is that of (deep + ahead / 2)^2 / (2 ahead).
+    If the force will end within the next step it is so too, backwards. Without that a flat bounce depends by some per
+    cent on where in a step it begins and ends.
     """
-    if depth <= ahead:
+    if begins and depth <= (1.0 + NEARLY) * ahead:  # rounding may put the begin on either side of a step's end
         return viscous * (deep + 0.5 * ahead) + (deep - 0.5 * ahead) ** 2 / (2.0 * ahead)
     push = viscous * ahead
     left = deep + push
