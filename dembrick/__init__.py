@@ -14,16 +14,42 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:  # for editors and type checkers, which do not follow names that are imported when they are used
     from dembrick import theory as theory
+    from dembrick.errors import BracketError as BracketError
+    from dembrick.errors import DembrickError as DembrickError
+    from dembrick.errors import DivergedError as DivergedError
+    from dembrick.errors import EnergyAuditError as EnergyAuditError
+    from dembrick.errors import HistoryError as HistoryError
+    from dembrick.errors import MissingDependency as MissingDependency
+    from dembrick.errors import NotConvergedError as NotConvergedError
+    from dembrick.errors import OutputError as OutputError
+    from dembrick.errors import ScenarioError as ScenarioError
+    from dembrick.errors import UndecidedError as UndecidedError
+    from dembrick.errors import WriteError as WriteError
+    from dembrick.history import History as History
     from dembrick.history import read as read_history  # noqa: F401
     from dembrick.runs.domain import simulate_domain as simulate_domain
     from dembrick.runs.lab import replay_lab as replay_lab
+    from dembrick.runs.limit import LimitResult as LimitResult
+    from dembrick.runs.limit import ReactionResult as ReactionResult
     from dembrick.runs.limit import limit as limit
     from dembrick.runs.limit import reaction as reaction
+    from dembrick.runs.limit_standing import StandingResult as StandingResult
+    from dembrick.runs.load_path_result import DeformedRestResult as DeformedRestResult
+    from dembrick.runs.load_path_result import DrivenPathResult as DrivenPathResult
+    from dembrick.runs.load_path_result import LoadPathResult as LoadPathResult
+    from dembrick.runs.motion_result import MotionResult as MotionResult
     from dembrick.runs.result import Result as Result
+    from dembrick.runs.settlement_result import SettlementResult as SettlementResult
     from dembrick.runs.simulate import restart as restart
     from dembrick.runs.simulate import simulate as simulate
+    from dembrick.runs.statics_result import StaticsResult as StaticsResult
+    from dembrick.runs.steps import Step as Step
     from dembrick.runs.steps import steps as steps
+    from dembrick.runs.study import Outcome as Outcome
+    from dembrick.runs.study import Study as Study
     from dembrick.runs.study import sweep as sweep
+    from dembrick.runs.study.executors import ClusterError as ClusterError
+    from dembrick.runs.theory_check import Theory as Theory
     from dembrick.scenario import generators as generators
     from dembrick.scenario.blocks import Mesh as Mesh
     from dembrick.scenario.blocks import Part as Part
@@ -55,6 +81,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not follow names th
     from dembrick.scenario.model import Scenario as Scenario
     from dembrick.scenario.model import Solver as Solver
     from dembrick.scenario.pressures import Pressure as Pressure
+    from dembrick.scenario.regimes import Control as Control
     from dembrick.scenario.support_paths import SupportPath as SupportPath
     from dembrick.scenario.support_paths import Turn as Turn
     from dembrick.scenario.ties import Tie as Tie
@@ -64,21 +91,34 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not follow names th
     from dembrick.scenario.toml import dumps as dumps
     from dembrick.scenario.toml import load as load
     from dembrick.scenario.toml import loads as loads
+    from dembrick.simulation.interrupts import Interrupted as Interrupted
+    from dembrick.simulation.statics.yield_point import YieldPoint as YieldPoint
     from dembrick.views import plot as plot
     from dembrick.views import render as render
+    from dembrick.views.export import export as export
 
 __version__ = "0.1.0"
 
 _NAMES = {  # by the module that has them
     "dembrick": "theory",
-    "dembrick.history": "read_history",
+    "dembrick.errors": "BracketError DembrickError DivergedError EnergyAuditError HistoryError "
+    "MissingDependency NotConvergedError OutputError ScenarioError UndecidedError "
+    "WriteError",
+    "dembrick.history": "History read_history",
     "dembrick.runs.domain": "simulate_domain",
     "dembrick.runs.lab": "replay_lab",
-    "dembrick.runs.limit": "limit reaction",
+    "dembrick.runs.limit": "LimitResult ReactionResult limit reaction",
+    "dembrick.runs.limit_standing": "StandingResult",
+    "dembrick.runs.load_path_result": "DeformedRestResult DrivenPathResult LoadPathResult",
+    "dembrick.runs.motion_result": "MotionResult",
     "dembrick.runs.result": "Result",
+    "dembrick.runs.settlement_result": "SettlementResult",
     "dembrick.runs.simulate": "restart simulate",
-    "dembrick.runs.steps": "steps",
-    "dembrick.runs.study": "sweep",
+    "dembrick.runs.statics_result": "StaticsResult",
+    "dembrick.runs.steps": "Step steps",
+    "dembrick.runs.study": "Outcome Study sweep",
+    "dembrick.runs.study.executors": "ClusterError",
+    "dembrick.runs.theory_check": "Theory",
     "dembrick.scenario": "generators",
     "dembrick.scenario.blocks": "Mesh Part Prism Voussoir",
     "dembrick.scenario.cad_models": "CadModel",
@@ -88,11 +128,15 @@ _NAMES = {  # by the module that has them
     "dembrick.scenario.joint_laws": "JointLaw JointOverride",
     "dembrick.scenario.model": "Actuator Block ControlPoint Load Material Output Scenario Solver",
     "dembrick.scenario.pressures": "Pressure",
+    "dembrick.scenario.regimes": "Control",
     "dembrick.scenario.support_paths": "SupportPath Turn",
     "dembrick.scenario.ties": "Tie TieEnd",
     "dembrick.scenario.time_functions": "Pulse Sine",
     "dembrick.scenario.toml": "dumps load loads",
+    "dembrick.simulation.interrupts": "Interrupted",
+    "dembrick.simulation.statics.yield_point": "YieldPoint",
     "dembrick.views": "plot render",
+    "dembrick.views.export": "export",
 }
 _HOMES = {name: home for home, names in _NAMES.items() for name in names.split()}
 _MODULES = ("generators", "plot", "render", "theory")

@@ -181,7 +181,11 @@ def cases_page() -> str:
 
 PYTHON = {  # heading of the reference of Python: names at the top level of the package
     "Runs": "simulate restart steps sweep limit reaction simulate_domain replay_lab",
-    "Results and histories": "Result MotionResult StaticsResult History read_history",
+    "Results and histories": "Result LoadPathResult DrivenPathResult StaticsResult DeformedRestResult "
+    "SettlementResult MotionResult LimitResult StandingResult ReactionResult YieldPoint Theory Step Outcome History "
+    "read_history",
+    "Errors": "DembrickError ScenarioError HistoryError OutputError WriteError DivergedError NotConvergedError "
+    "UndecidedError BracketError EnergyAuditError MissingDependency Interrupted ClusterError",
     "Scenarios": "load loads dumps Scenario Material JointLaw JointOverride Load Pressure Tie TieEnd Actuator "
     "ControlPoint Solver Output Sine Pulse",
     "Blocks and structures": "Block Part Prism Voussoir Mesh Wall Opening Return Stack Arch Dome CadModel",

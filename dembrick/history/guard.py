@@ -37,7 +37,11 @@ def damaged(path: str, what: str) -> Iterator[None]:
 
 
 def open_file(path: str | os.PathLike) -> h5py.File:
-    """Open without a lock, so that a run may go on writing the file."""
+    """Open for reading, while a run may go on writing the file: its writer heeds no lock.
+
+    As h5py opens by itself, or HDF5 would not let a second `h5py.File` of the same process have the file beside ours;
+    and without a lock where one is not to be had, or the file is open without one already.
+    """
     path = os.fspath(path)
     if not os.path.exists(path):
         raise HistoryError(f"{path}: there is no such file")
@@ -47,7 +51,12 @@ def open_file(path: str | os.PathLike) -> h5py.File:
         raise HistoryError(f"{path}: no permission to read this file")
     check_heaps(path)
     try:
-        return h5py.File(path, "r", locking=False, rdcc_nbytes=_CACHE)
+        try:
+            return h5py.File(path, "r", rdcc_nbytes=_CACHE)
+        except OSError as error:
+            if "lock" not in str(error):
+                raise
+            return h5py.File(path, "r", locking=False, rdcc_nbytes=_CACHE)
     except _DAMAGE as error:
         if os.path.getsize(path) and "truncated" in str(error):
             raise HistoryError(f"{path}: the file is truncated; copy it again") from error

@@ -8,6 +8,7 @@ import tomllib
 from collections.abc import Container, Mapping
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,6 +27,10 @@ from dembrick.scenario.regimes import (
     Curve,
 )
 from dembrick.simulation.channels import CHANNELS, CONTACTS, FRAMES, NEW_CONTACTS, Channel, Sizes
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
 
 _COUNTING = {regime.name for regime in REGIMES if regime.counts_equilibria}  # their times are numbers of equilibria
 _SEARCHING = (LIMIT_LOAD.name, PATH_FOLLOWING.name)
@@ -308,6 +313,21 @@ class History(RestGeometry):
     def tension(self) -> np.ndarray:
         """(T, n_tie) N: tension of the ties, negative if a bar is pressed."""
         return self.series("tension") if self.n_tie else np.zeros((self.n_row, 0))
+
+    # --- tables of other libraries ---
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """The series as a ``pandas.DataFrame`` by time, units in the headings; MissingDependency without pandas."""
+        from dembrick.history.tables import to_pandas
+
+        return to_pandas(self)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Series and frames as an ``xarray.Dataset`` with named dimensions and units; MissingDependency without
+        xarray."""
+        from dembrick.history.tables import to_xarray
+
+        return to_xarray(self)
 
     # --- frames ---
 

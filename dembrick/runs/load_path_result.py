@@ -32,6 +32,11 @@ class LoadPathResult(MotionResult):
     theory = None
 
     @property
+    def load(self) -> np.ndarray:
+        """V of every row (N, or the load factor)."""
+        return self.rows["load"]
+
+    @property
     def unlimited(self) -> bool:
         """Whether nothing came down up to the greatest load that is tried."""
         return self.run.bracket[1] == math.inf

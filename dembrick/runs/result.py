@@ -144,19 +144,17 @@ class RunResult:
         """The series as a ``pandas.DataFrame`` by time, units in the headings; MissingDependency without pandas,
         HistoryError if the run kept no record."""
         from dembrick.runs import in_memory
-        from dembrick.views import export
 
         with in_memory.recording(self) as found:
-            return export.to_pandas(found)
+            return found.to_pandas()
 
     def to_xarray(self):
         """Series and frames as an ``xarray.Dataset`` with named dimensions and units; MissingDependency without xarray,
         HistoryError if the run kept no record."""
         from dembrick.runs import in_memory
-        from dembrick.views import export
 
         with in_memory.recording(self) as found:
-            return export.to_xarray(found)
+            return found.to_xarray()
 
     def __repr__(self) -> str:
         """The title and the first key number with its error bar."""

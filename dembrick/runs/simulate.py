@@ -8,7 +8,7 @@ from collections.abc import Callable
 from contextlib import ExitStack, closing
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, TypedDict, Unpack, overload
 
 from dembrick.assembly import build as assemblies
 from dembrick.errors import DembrickError, HistoryError, NotConvergedError, ScenarioError, UndecidedError, WriteError
@@ -35,10 +35,33 @@ from dembrick.simulation.session import Progress, Session
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
+    from dembrick.runs.load_path_result import DeformedRestResult, DrivenPathResult, LoadPathResult
     from dembrick.runs.motion_result import MotionResult  # and its kernels: for runs in real time only
+    from dembrick.runs.settlement_result import SettlementResult
+    from dembrick.scenario.controls import (
+        BaseMotionControl,
+        DisplacementControl,
+        DynamicControl,
+        PushoverControl,
+        SettlementControl,
+        StaticsControl,
+        TiltControl,
+        YieldControl,
+    )
+
+AnyResult: TypeAlias = "Result | MotionResult | StaticsResult"
+Path: TypeAlias = str | os.PathLike
 
 
-Outcome: TypeAlias = "Result | MotionResult | StaticsResult"
+class Options(TypedDict, total=False):
+    """Keywords of `simulate`."""
+
+    force: bool | str
+    record: bool
+    refine: bool
+    bound: bool
+    report: Callable[[str], None] | None
+    progress: Callable[[Progress], None] | bool | None
 
 
 class Asked(NamedTuple):
@@ -65,9 +88,35 @@ class Asked(NamedTuple):
 NOTHING_ASKED = Asked()
 
 
+@overload
 def simulate(
-    scenario: Scenario | str | os.PathLike,
-    history: str | os.PathLike | None = None,
+    scenario: Scenario[YieldControl], history: Path | None = None, **options: Unpack[Options]
+) -> Result | LoadPathResult: ...
+@overload
+def simulate(
+    scenario: Scenario[DisplacementControl], history: Path | None = None, **options: Unpack[Options]
+) -> Result | DrivenPathResult: ...
+@overload
+def simulate(
+    scenario: Scenario[TiltControl | PushoverControl], history: Path | None = None, **options: Unpack[Options]
+) -> Result | MotionResult: ...
+@overload
+def simulate(
+    scenario: Scenario[StaticsControl], history: Path | None = None, **options: Unpack[Options]
+) -> StaticsResult | DeformedRestResult: ...
+@overload
+def simulate(
+    scenario: Scenario[SettlementControl], history: Path | None = None, **options: Unpack[Options]
+) -> SettlementResult | MotionResult: ...
+@overload
+def simulate(
+    scenario: Scenario[DynamicControl | BaseMotionControl], history: Path | None = None, **options: Unpack[Options]
+) -> MotionResult: ...
+@overload
+def simulate(scenario: Scenario | Path, history: Path | None = None, **options: Unpack[Options]) -> AnyResult: ...
+def simulate(
+    scenario: Scenario | Path,
+    history: Path | None = None,
     *,
     force: bool | str = False,
     record: bool = True,
@@ -75,7 +124,7 @@ def simulate(
     bound: bool = False,
     report: Callable[[str], None] | None = None,
     progress: Callable[[Progress], None] | bool | None = None,
-) -> Outcome:
+) -> AnyResult:
     """Run a scenario (or the TOML file of one) and return its Result, or its MotionResult where blocks move in time.
 
     ``history`` is the HDF5 file to write; ``force`` lets it replace any, or with "own" a finished one of the same
@@ -112,7 +161,7 @@ def restart(
     *,
     report: Callable[[str], None] | None = None,
     progress: Callable[[Progress], None] | bool | None = None,
-) -> Outcome:
+) -> AnyResult:
     """Go on with a run that was killed or interrupted, from its last good checkpoint; returns the Result of the whole.
 
     What the history holds beyond the checkpoint is dropped and comes again; rows, frames and result are to the last bit
@@ -166,7 +215,7 @@ def _run(
     asked: Asked = NOTHING_ASKED,
     progress: Callable[[Progress], None] | bool | None = None,
     report: Callable[[str], None] | None = None,
-) -> Outcome:
+) -> AnyResult:
     """Replay, audit and judge. ``times``: when the work on it began, and the seconds of processor time before."""
     began, start_up = times
     path, driver = store.path if isinstance(store, RecordStore) else None, driver_of(scenario.control)
@@ -218,7 +267,7 @@ def _run(
     return result
 
 
-def _finished(scenario: Scenario, assembly: Assembly, run, audit, store, times, asked: Asked) -> Outcome:
+def _finished(scenario: Scenario, assembly: Assembly, run, audit, store, times, asked: Asked) -> AnyResult:
     """The result of a run that came to its end, compared with theory, and written."""
     began, placing, done = times["began"], times["placing"], time.perf_counter()
     path = store.path if isinstance(store, RecordStore) else None

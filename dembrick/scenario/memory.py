@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 
 from dembrick.errors import ScenarioError
 from dembrick.scenario.checks import show
@@ -18,9 +19,11 @@ def available() -> int | None:
     found = [amount for amount in (_meminfo(), _group_limit()) if amount is not None]
     if found:
         return min(found)
+    if sys.platform == "win32":  # knows no sysconf
+        return None
     try:
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    except (AttributeError, OSError, ValueError):
+    except (OSError, ValueError):
         return None
 
 

@@ -12,6 +12,7 @@ import os
 from collections import Counter
 from dataclasses import dataclass, field, replace
 from numbers import Integral
+from typing import TYPE_CHECKING, Generic
 
 from dembrick.errors import ScenarioError
 from dembrick.scenario.blocks import Block, Vector
@@ -49,6 +50,15 @@ from dembrick.scenario.memory import check_memory
 from dembrick.scenario.pressures import Pressure
 from dembrick.scenario.stages import check_stages, controls_of, in_deformed_geometry, stage_numbers
 from dembrick.scenario.ties import Tie
+
+if TYPE_CHECKING:  # a bare Scenario is one of any control; typing knows defaults from Python 3.13 on
+    from typing_extensions import TypeVar
+
+    AControl = TypeVar("AControl", bound=Control, covariant=True, default=Control)
+else:
+    from typing import TypeVar
+
+    AControl = TypeVar("AControl", bound=Control, covariant=True)
 
 CHANNELS = ("joints", "energy", "frames", "velocity", "contacts")  # of the record; the last three are of frames
 
@@ -183,7 +193,7 @@ class Output:
 
 
 @dataclass(frozen=True, slots=True, repr=False)
-class Scenario:
+class Scenario(Generic[AControl]):
     """One test, complete: the blocks and how they touch, the loads, and what is done to them.
 
     ``text`` is the TOML it came from, ``path`` its file (both None when written in Python).
@@ -201,7 +211,7 @@ class Scenario:
     joint: JointLaw
     materials: dict[str, Material]
     blocks: tuple[Block, ...] = ()
-    control: Control = None  # type: ignore[assignment]  # is required, and only stands after a key that is not
+    control: AControl = None  # type: ignore[assignment]  # is required, and only stands after a key that is not
     joints: tuple[JointOverride, ...] = ()
     loads: tuple[Load, ...] = ()
     actuators: tuple[Actuator, ...] = ()
@@ -239,7 +249,8 @@ class Scenario:
         lists["models"] = CadModel
         for key, kind in (lists | GENERATORS).items():
             assign(self, **{key: members_of(key, getattr(self, key), kind)})
-        for control in (*self.stages, self.control):
+        controls: tuple[Control, ...] = (*self.stages, self.control)
+        for control in controls:
             if control.tilt_axis is not None:
                 along = abs(sum(a * g for a, g in zip(control.tilt_axis, self.gravity, strict=True)))
                 crosses = along < (1.0 - 1e-12) * math.hypot(*self.gravity)

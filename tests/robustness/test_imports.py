@@ -30,7 +30,12 @@ OUTSIDE = {  # third-party modules a package may import; the others: any but sci
     "simulation": {"numpy"},
     "history": {"numpy", "h5py"},
 }
-OPTIONAL = {"simulation.limit_analysis.solver": {"clarabel", "scipy"}}  # imported in functions, when they are called
+OPTIONAL = {  # imported in functions, when they are called, or for type checkers alone
+    "simulation.limit_analysis.solver": {"clarabel", "scipy"},
+    "scenario.model": {"typing_extensions"},
+    "history.reader": {"pandas", "xarray"},
+    "history.tables": {"pandas", "xarray"},
+}
 
 
 def modules():

@@ -1,9 +1,13 @@
 """Names at the top of the package: imported when they are used, and known to type checkers all the same."""
 
 import ast
+import subprocess
+import sys
 from pathlib import Path
 
 import dembrick
+from dembrick import errors
+from dembrick.runs.result import RunResult
 
 
 def test_every_name_is_imported_for_type_checkers():
@@ -21,3 +25,21 @@ def test_every_name_is_there():
 
 def test_the_package_says_that_it_has_types():
     assert (Path(dembrick.__file__).parent / "py.typed").is_file()
+
+
+def test_every_error_and_every_result_is_at_the_top():
+    mine = {name for name, kind in vars(errors).items() if isinstance(kind, type) and issubclass(kind, Exception)}
+    kinds = {kind.__name__ for kind in _below(RunResult)} - {"SearchResult", "RestResult"}  # what they have in common
+    assert len(mine) >= 11 and len(kinds) >= 6
+    assert mine | kinds <= set(dembrick.__all__)
+
+
+def test_errors_import_nothing_heavy():
+    heavy = "numpy", "numba", "h5py", "matplotlib", "pyvista"
+    script = f"import sys, dembrick; dembrick.ScenarioError; print([m for m in {heavy} if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def _below(kind):
+    return {own for child in kind.__subclasses__() for own in (child, *_below(child))}

@@ -1,6 +1,7 @@
 """mypy of a user's script against the installed package finds types, not Any: right ones pass, wrong ones do not."""
 
 import os
+import re
 import shutil
 import site
 import subprocess
@@ -10,6 +11,8 @@ from pathlib import Path
 import pytest
 
 import dembrick
+from dembrick.scenario.controls import CONTROLS
+from helpers.places import ROOT
 
 pytest.importorskip("mypy")
 
@@ -29,22 +32,33 @@ import dembrick
 wall = dembrick.Wall("wall", "stone", block=(0.3, 0.2, 0.1), courses="six", blocks=4)
 result = dembrick.simulate("set4a", refines=True)
 print(dembrick.load("set4a").joint.friktion)
+searched_or_shaken = dembrick.simulate("set4a")
+print(searched_or_shaken.yield_point.V)
+stands: dembrick.Scenario[dembrick.StaticsControl]
+dembrick.simulate(stands).mass
 """
+SAID = ('"courses"', '"refines"', '"friktion"', '"V"', '"mass"')
 
 
 def test_types_are_found_outside_the_checkout(tmp_path):
     """In a folder of the user's, with no setting but that other packages are passed over."""
-    shutil.copy(Path(__file__).with_name("users_script.py"), tmp_path / "right.py")
+    here, right = Path(__file__).parent, tmp_path / "right"
+    shutil.copytree(here / "scripts", right, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(here / "users_script.py", right)
+    snippets = re.findall(r"^```python\n(.*?)^```", (ROOT / "README.md").read_text(), re.MULTILINE | re.DOTALL)
+    (right / "readme.py").write_text("\n".join(snippets))
+    assert len(list(right.iterdir())) == len(CONTROLS) + 2 and "simulate" in snippets[0]
     (tmp_path / "wrong.py").write_text(WRONG)
     home = Path(dembrick.__file__).resolve().parents[1]
     found = {**os.environ}
     if home not in {Path(folder).resolve() for folder in site.getsitepackages()}:  # a checkout, beside the tests
         found["MYPYPATH"] = str(home)
     (tmp_path / "mypy.ini").write_text(SETTINGS)
-    command = [sys.executable, "-m", "mypy", "--config-file=mypy.ini", "--cache-dir=cache", "right.py", "wrong.py"]
+    command = [sys.executable, "-m", "mypy", "--config-file=mypy.ini", "--cache-dir=cache", "right", "wrong.py"]
     done = subprocess.run(command, cwd=tmp_path, env=found, capture_output=True, text=True, check=False)
-    faults = [line.partition(": error: ")[2] for line in done.stdout.splitlines() if ": error: " in line]
-    assert "right.py" not in done.stdout, done.stdout + done.stderr
-    assert len(faults) == 3, done.stdout + done.stderr
-    for fault, said in zip(faults, ('"courses"', '"refines"', '"friktion"'), strict=True):
+    faults: dict[str, str] = {}  # the first of every line
+    for place, _, fault in (line.partition(": error: ") for line in done.stdout.splitlines() if ": error: " in line):
+        faults.setdefault(place, fault)
+    assert not [line for line in done.stdout.splitlines() if "right" in line], done.stdout + done.stderr
+    for fault, said in zip(faults.values(), SAID, strict=True):
         assert said in fault

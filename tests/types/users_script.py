@@ -3,21 +3,26 @@
 from typing import assert_type
 
 import dembrick
-from dembrick.history.reader import History
-from dembrick.runs.motion_result import MotionResult
-from dembrick.runs.result import Result
-from dembrick.runs.statics_result import StaticsResult
-from dembrick.scenario.controls import Control
-from dembrick.scenario.model import Scenario
 
 scenario = dembrick.load("wall.toml")
-assert_type(scenario, Scenario)
-assert_type(scenario.control, Control)
+assert_type(scenario, dembrick.Scenario)
+assert_type(scenario.control, dembrick.Control)
 
-result = dembrick.simulate(scenario, refine=True)
-assert_type(result, Result | MotionResult | StaticsResult)
-if isinstance(result, Result):
-    assert_type(result.yield_point.V_lower, float)
+try:
+    result = dembrick.simulate(scenario, refine=True)  # of a file: its control is not known before it is read
+    assert_type(result, dembrick.Result | dembrick.MotionResult | dembrick.StaticsResult)
+    if isinstance(result, dembrick.Result):
+        assert_type(result.yield_point.V_lower, float)
+except dembrick.ScenarioError as error:
+    print(error)
+except dembrick.NotConvergedError as error:
+    print(error.yield_point, error.answer)
 
 with dembrick.read_history("wall.h5") as run:
-    assert_type(run, History)
+    assert_type(run, dembrick.History)
+    run.to_xarray()
+    run.to_pandas()
+
+found = dembrick.limit("wall.toml")
+if isinstance(found, dembrick.LimitResult):
+    print(found.load_factor)

@@ -13,9 +13,9 @@ from functools import partial
 
 from dembrick.errors import OutputError, ScenarioError
 from dembrick.history import History
+from dembrick.history.tables import to_pandas, to_xarray
 from dembrick.views.export.layers import LAYERS
 from dembrick.views.export.pvd import to_pvd
-from dembrick.views.export.tables import to_pandas, to_xarray
 from dembrick.views.export.text import to_csv
 from dembrick.views.export.vtkhdf import to_vtkhdf
 

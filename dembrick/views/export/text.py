@@ -10,34 +10,10 @@ import numpy as np
 
 from dembrick.history import History, replacing
 from dembrick.history.files import writing
-from dembrick.simulation.channels import CHANNELS, ROWS
+from dembrick.history.tables import columns_of
 from dembrick.views.export.files import checked_target
 
 _ROWS = 4096  # rows held at a time
-
-
-def names_of(history: History) -> dict[str, list[str]]:
-    """Names of joints, blocks, actuators, control points, supports and ties, by what the shape of a channel counts.
-
-    Joints are called by their blocks, with a number if several join the same two.
-    """
-    names = history.block_names
-    pairs = [f"{names[joint['block_a']]}/{names[joint['block_b']]}" for joint in history.joints]
-    if len(set(pairs)) < len(pairs):
-        pairs = [f"{pair} #{i}" for i, pair in enumerate(pairs)]
-    actuators, points = ([one["name"] for one in many] for many in (history.actuators, history.control_points))
-    found = {"joint": pairs, "block": names, "actuator": actuators, "control_point": points}
-    return found | {"support": history.support_names, "tie": [tie["name"] for tie in history.ties]}
-
-
-def columns_of(history: History) -> list[tuple[str, list[str]]]:
-    """The series of a history that are tables, with the headings of their columns, units in brackets."""
-    names, there = names_of(history), set(history.series_names("history"))
-    return [
-        (channel.name, channel.titles(names, history.unit(channel.path)))
-        for channel in CHANNELS
-        if channel.columns and channel.grows_by == ROWS and channel.name in there
-    ]
 
 
 def to_csv(history: History, path: str | os.PathLike, report: Callable[[str], None] | None = None) -> list[str]:

@@ -7,16 +7,40 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dembrick.errors import needed
-from dembrick.history import History
-from dembrick.simulation.channels import CHANNELS, CONTACTS, FRAMES
-from dembrick.views.export.text import columns_of, names_of
+from dembrick.simulation.channels import CHANNELS, CONTACTS, FRAMES, ROWS
 
 if TYPE_CHECKING:
     import pandas
     import xarray
 
+    from dembrick.history.reader import History
+
 AXES = {3: ("axis", list("xyz")), 4: ("quaternion", list("wxyz")), 2: ("tangent", ["t1", "t2"])}
 AXES[6] = ("component", ["F_x", "F_y", "F_z", "M_x", "M_y", "M_z"])
+
+
+def names_of(history: History) -> dict[str, list[str]]:
+    """Names of joints, blocks, actuators, control points, supports and ties, by what the shape of a channel counts.
+
+    Joints are called by their blocks, with a number if several join the same two.
+    """
+    names = history.block_names
+    pairs = [f"{names[joint['block_a']]}/{names[joint['block_b']]}" for joint in history.joints]
+    if len(set(pairs)) < len(pairs):
+        pairs = [f"{pair} #{i}" for i, pair in enumerate(pairs)]
+    actuators, points = ([one["name"] for one in many] for many in (history.actuators, history.control_points))
+    found = {"joint": pairs, "block": names, "actuator": actuators, "control_point": points}
+    return found | {"support": history.support_names, "tie": [tie["name"] for tie in history.ties]}
+
+
+def columns_of(history: History) -> list[tuple[str, list[str]]]:
+    """The series of a history that are tables, with the headings of their columns, units in brackets."""
+    names, there = names_of(history), set(history.series_names("history"))
+    return [
+        (channel.name, channel.titles(names, history.unit(channel.path)))
+        for channel in CHANNELS
+        if channel.columns and channel.grows_by == ROWS and channel.name in there
+    ]
 
 
 def to_pandas(history: History) -> pandas.DataFrame:

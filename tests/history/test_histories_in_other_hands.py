@@ -1,0 +1,41 @@
+"""A history in the hands of other libraries: h5py beside ours, pandas and xarray."""
+
+import sys
+
+import h5py
+import numpy as np
+import pytest
+
+import dembrick
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    path = tmp_path_factory.mktemp("run") / "set4a.h5"
+    return dembrick.simulate(dembrick.load("set4a", ["output.rows=40", "output.frames=20"]), path), path
+
+
+def test_h5py_opens_a_history_that_is_open_and_the_other_way_round(run):
+    _, path = run
+    with dembrick.read_history(path) as ours, h5py.File(path) as theirs:
+        assert np.array_equal(ours.load, theirs["history/load"][: ours.n_row])
+    with h5py.File(path) as theirs, dembrick.read_history(path) as ours:
+        assert np.array_equal(ours.load, theirs["history/load"][: ours.n_row])
+    with h5py.File(path, locking=False), dembrick.read_history(path) as ours:
+        assert ours.n_row > 1
+
+
+def test_a_history_gives_the_tables_that_its_result_gives(run):
+    pandas, xarray = pytest.importorskip("pandas"), pytest.importorskip("xarray")
+    result, path = run
+    with dembrick.read_history(path) as found:
+        pandas.testing.assert_frame_equal(found.to_pandas(), result.to_pandas())
+        xarray.testing.assert_identical(found.to_xarray(), result.to_xarray())
+        assert np.array_equal(found.to_xarray()["load"], result.load)
+
+
+@pytest.mark.parametrize("package", ["pandas", "xarray"])
+def test_a_table_without_its_library_says_what_to_install(run, monkeypatch, package):
+    monkeypatch.setitem(sys.modules, package, None)
+    with dembrick.read_history(run[1]) as found, pytest.raises(dembrick.MissingDependency, match=package):
+        getattr(found, f"to_{package}")()
