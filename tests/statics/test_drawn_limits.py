@@ -12,7 +12,7 @@ import pytest
 from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.runs.simulate import simulate
 from dembrick.scenario.controls import DisplacementControl, PushoverControl, TiltControl, YieldControl
-from dembrick.scenario.model import Actuator
+from dembrick.scenario.model import Actuator, Block, JointLaw, Load, Material, Scenario
 
 _FILE = Path(__file__).resolve().parents[2] / "tools" / "drawn_limits.py"
 _SPEC = importlib.util.spec_from_file_location("drawn_limits", _FILE)
@@ -20,6 +20,7 @@ drawn = importlib.util.module_from_spec(_SPEC)
 _SPEC.loader.exec_module(drawn)
 
 SIZE = (0.2, 0.2, 0.4)
+SMALL = (0.197804757, 0.172815638, 0.09432911)
 WEIGHT = 2000.0 * 9.81 * 0.2 * 0.2 * 0.4
 
 
@@ -71,8 +72,6 @@ def test_a_push_within_the_friction_cone_jams():
 
 def test_a_table_that_nothing_falls_from():
     """Held between two fixed walls along the tilt, the block stands at any angle."""
-    from dembrick.scenario.model import Block
-
     scenario = drawn.scene(TiltControl((1.0, 0.0, 0.0)), "concave", 0.5, (0.4, 0.4, 0.2))
     walls = [Block(f"wall {sign}", "stone", (0.4, 0.2, 0.4), (0.0, 0.3 * sign, 0.2), fixed=True) for sign in (-1, 1)]
     from dataclasses import replace
@@ -131,3 +130,44 @@ def test_a_convex_joint_that_a_load_lifts_slides_before_it_has_rocked_for_ever()
     expected = drawn.truth(friction, size, point, along)
     assert expected == pytest.approx(friction * 2000.0 * 9.81 * float(np.prod(size)) / (along[0] + friction * along[2]))
     assert drawn.judged(scenario, expected)[0] == "inside"
+
+
+@pytest.mark.parametrize(
+    "formulation, expected",
+    [("corrected-shear", 19.6764), ("concave", 23.61563)],
+)
+def test_a_joint_one_of_whose_points_slides_at_rest_is_bracketed(formulation, expected):
+    """Dead loads off the centre spend the friction of one corner; the others carry on.
+
+    Expected: linear programme over the friction forces of the four corners, each within a polygon of 2880 sides.
+    """
+    floor = Block("lower", "stone", SMALL, (0.057754321500000004, 0.04773492100000001, -0.047164555), fixed=True)
+    upper = Block("upper", "stone", SMALL, (0.057754321500000004, 0.04773492100000001, 0.047164555))
+    scenario = Scenario(
+        "spent corner",
+        (0.0, 0.0, -9.81),
+        JointLaw(formulation, 0.14965923831723826, 1.32e10, 8.26e9),
+        {"stone": Material(1500.0)},
+        (floor, upper),
+        YieldControl(),
+        loads=(
+            Load("upper", (0.0, 0.0, -104.43012468731472), (-0.03448848105140696, 0.079678092297347, 0.047164555)),
+            Load(
+                "upper",
+                (2.6666351390979086, 0.10267446947819887, 0.0),
+                (0.06252504680261223, -0.005839971503613647, 0.0),
+            ),
+        ),
+        actuators=(
+            Actuator(
+                "jack",
+                "upper",
+                (-0.01773072661291292, 0.057198845611320166, 0.0),
+                (0.4619136774426349, -0.8869248866682125, 0.0),
+                -1.0,
+            ),
+        ),
+    )
+    point = simulate(scenario, record=False).yield_point
+    assert point.bracket == "certified" and point.V_lower <= expected * (1.0 + 1e-5)
+    assert expected <= point.V_upper * (1.0 + 1e-5) and point.V == pytest.approx(expected, rel=1e-3)

@@ -392,7 +392,7 @@ def overturning_load(areas, a, resultant, normal, unit):
 
 
 @jit
-def dead_gauge(areas, a, normal, dead):
+def dead_gauge(areas, a, normal, dead, basis):
     """Gauge of the dead load (6,) in the limit set, exact."""
     strength = areas.friction[a] * normal
     return area_gauge(areas, a, dead[0] / strength, dead[1] / strength, dead[5] / strength)

@@ -23,6 +23,8 @@ class Basis(NamedTuple):
     centre: ndarray  # (2,) m, centre of pressure where friction follows the pressure, else O
     rest: ndarray  # (c,) N, of the contact points
     scalars: ndarray  # (5,) strict (1 or 0), gauge of the dead load, torsion radius (m), N, tilts (1 or 0)
+    twist: ndarray  # (3,) scratch
+    across: ndarray  # (6,) scratch
 
 
 @jit
@@ -71,7 +73,7 @@ def certify(joints, points, areas, unit, dead, basis):
     put_vector(basis.dead, dead[0], dead[1], dead[5])
     taken = 0.0
     if mu > 0.0 and (dead[0] != 0.0 or dead[1] != 0.0 or dead[5] != 0.0):
-        taken = families.dead_gauge(points, areas, family, 0, normal, dead)
+        taken = families.dead_gauge(points, areas, family, 0, normal, dead, basis)
     basis.scalars[0] = 1.0 if strict else 0.0
     basis.scalars[1] = taken
     basis.scalars[3] = normal

@@ -20,8 +20,9 @@ from dembrick.kernels.joint.point_law import (
     shear_strength,
     spring_of,
 )
+from dembrick.kernels.joint.utilisation import point_gauge
 from dembrick.kernels.math.geometric_median import median_distance
-from dembrick.kernels.math.vec3 import columns_times
+from dembrick.kernels.math.vec3 import columns_times, put_vector
 from dembrick.kernels.state import BY_LAW, CRUSHING, DAMPING, FRACTURE, LEAST, SLIDING
 from dembrick.kernels.statics.dashpots import dashpot_work
 
@@ -34,6 +35,9 @@ class Bonds(NamedTuple):
     crushed: ndarray  # (c,) m, depth by which the point was crushed
     rise: ndarray  # (c,) m, by dilation
     spring: ndarray  # (c,) N, of the normal spring without its dashpot
+
+
+ABOVE = 1e-9  # of a gauge: what its iteration may leave
 
 
 class Points(NamedTuple):
@@ -410,15 +414,20 @@ def overturning_load(points, p, resultant, normal, unit):
 
 
 @jit
-def dead_gauge(points, p, normal, dead):
+def dead_gauge(points, p, normal, dead, basis):
     """Upper bound of the gauge of the dead load in the limit set: the largest utilisation of a point, because the
-    forces at rest are one way to carry the load."""
+    forces at rest are one way to carry the load; or the gauge itself, as a joint at rest may have points that slide."""
     taken = 0.0
-    for i in range(points.start[p], points.start[p + 1]):
+    mu = points.friction[p]
+    first, last = points.start[p], points.start[p + 1]
+    for i in range(first, last):
         if points.normal[i] > 0.0:
             force = sqrt(points.elastic_1[i] ** 2 + points.elastic_2[i] ** 2)
-            taken = max(taken, force / (points.friction[p] * points.normal[i]))
-    return taken
+            taken = max(taken, force / (mu * points.normal[i]))
+    put_vector(basis.twist, 0.0, 0.0, 0.0)
+    load = dead[0] / mu, dead[1] / mu, dead[5] / mu
+    exact = point_gauge(points.x_s, points.y_s, points.normal, first, last, *load, basis.twist, basis.across)
+    return min(taken, (1.0 + ABOVE) * exact)
 
 
 # --- bonds

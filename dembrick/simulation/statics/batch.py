@@ -202,9 +202,8 @@ def _run(cases: Cases, faces: _Faces) -> LimitLoads:
     )
     counts = np.zeros((2, k), np.int64)
     answer = Answer(np.zeros((k, 2)), np.zeros((k, 5)), np.zeros((k, 3)), *counts)
-    basis = Basis(
-        np.zeros(3), np.zeros(3), np.zeros(2), np.zeros(max(1, joint_families.contact_points(whole))), np.zeros(5)
-    )
+    rest = np.zeros(max(1, joint_families.contact_points(whole)))
+    basis = Basis(np.zeros(3), np.zeros(3), np.zeros(2), rest, np.zeros(5), np.zeros(3), np.zeros(6))
     room = Room(np.zeros((certificate.WINDOW, 4)), np.zeros(6), np.zeros(2), np.zeros(2), np.zeros(3), np.zeros((1, 3)))
     replay_batch(
         0, k, blocks, joints, points, areas, actuators, cases.actuator_weight.shape[1],

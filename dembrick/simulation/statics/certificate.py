@@ -68,6 +68,8 @@ def _single_joint(state: State, load: np.ndarray) -> dict:
         centre=np.zeros(2),
         rest=np.zeros(max(1, joint_families.contact_points(state))),
         scalars=np.zeros(5),
+        twist=np.zeros(3),
+        across=np.zeros(6),
     )
     unit, dead = np.zeros(6), np.zeros(6)
     at_joint(joints, 0, np.ascontiguousarray(load[b]), unit)

@@ -137,7 +137,8 @@ def _by_equilibria(setup: Setup, session: Session, goal: float, steps: float) ->
         state=limit,
         left=state,
         after=_after(state, limit, at_start, follower.way.limit < path.equilibria),
-        converged=path.converged or path.unlimited or path.wanders,
+        # bounds that are proven close, or are said to be open
+        converged=path.converged or path.unlimited or (path.wanders and not certificate.strict),
         steps=path.iterations,
         time_step=1.0,
         critical_time_step=setup.dashpots().critical_time_step,

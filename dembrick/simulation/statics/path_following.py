@@ -269,7 +269,8 @@ class PathFollower:
         if way.pushes:
             (given, _, lower, _, _), pushed = way.seen[-1], self.relaxation.pushed
             hidden = HIDDEN * self.certificate.tolerance * abs(V)
-            way.seen[-1] = given, V, min(lower, pushed.least), max(V, pushed.greatest) + hidden, False
+            if not self.certificate.strict:
+                way.seen[-1] = given, V, min(lower, pushed.least), max(V, pushed.greatest) + hidden, False
             self.relaxation.show_what_moves(self.search.rows)
             return self._judged()
         if way.broke:
@@ -325,15 +326,14 @@ class PathFollower:
         return self.turn_began
 
     def _memory(self) -> dict[str, np.ndarray]:
-        own = {"base": self.trial.base, **joint_families.memory_arrays(self.trial)}
-        trial = {f"trial.{name}": array for name, array in own.items()}
-        own = {
+        trial = {"base": self.trial.base, **joint_families.memory_arrays(self.trial)}
+        return {
+            **{f"trial.{name}": array for name, array in trial.items()},
             "bracket": self.certificate.bracket,
             "way.displacement_at_start": self.displacement_at_start,
             "way.reserves": self.bonds.reserves,
             "way.forces": self.grip.forces,
         }
-        return {**trial, **own}
 
     def _snapshot(self) -> dict[str, np.ndarray]:
         arrays = {**self._memory(), **flattened({"state": self.state}), **self.limit.arrays()}
