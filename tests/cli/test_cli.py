@@ -217,7 +217,7 @@ def test_warmup_runs_every_kind_of_loop(call, monkeypatch):
 
     ran = []
     simulate = simulate_module.simulate
-    monkeypatch.setattr(simulate_module, "simulate", lambda scenario: ran.append(simulate(scenario)))
+    monkeypatch.setattr(simulate_module, "simulate", lambda *given: ran.append(simulate(*given)))
     code, out, _ = call("warmup", "--jobs", "1", "--json")
     assert code == 0 and json.loads(out)["cache"] == str(_kernel_cache.CACHE_FOLDER)
     assert {one.scenario.control.kind for one in ran} == {"yield", "displacement", "pushover", "dynamic"}

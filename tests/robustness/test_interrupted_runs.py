@@ -126,10 +126,10 @@ def test_a_signal_that_a_callback_swallows_is_not_lost(tmp_path, capsys, monkeyp
 def test_a_run_is_complete_whatever_becomes_of_its_error_estimate(tmp_path, monkeypatch, error):
     given = toml.load(SCENARIOS / "oppenheim.toml")
 
-    def estimate(_):
+    def estimate(*_, **__):
         raise error
 
-    monkeypatch.setattr("dembrick.runs.simulate._refined", estimate)
+    monkeypatch.setattr("dembrick.runs.simulate.histories", estimate)
     path = tmp_path / "run.h5"
     with pytest.raises(type(error), match=f"error.*; the run itself .* is complete in {path}"):
         simulate(given, path, refine=True)
