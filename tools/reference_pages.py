@@ -9,6 +9,7 @@ histories that it writes, cases and examples from the files that ship. Nothing h
 from __future__ import annotations
 
 import argparse
+import inspect
 import json
 import sys
 import tempfile
@@ -64,13 +65,19 @@ def scenario_page() -> str:
     ]
     for heading, kind in keys.tables().items():
         title = f"`{heading}`" if heading else "The top of the file"
-        parts.append(f"## {title}\n\n{first_paragraph(kind)}\n")
+        parts.append(f"## {title}\n\n{plain(kind) if heading else first_paragraph(kind)}\n")
         rows = []
         for field in keys.written_fields(kind):
             key, default = keys.keys_of(kind)[field.name], keys.default_of(field)
             rows.append([f"`{key.name}`", key.unit, default_text(default), key.allowed, key.meaning])
         parts.append(table(["key", "unit", "default", "allowed", "meaning"], rows))
     return "\n".join(parts)
+
+
+def plain(kind: type) -> str:
+    """The whole docstring of a class as Markdown, paragraph by paragraph; lists and examples as they are."""
+    text = inspect.cleandoc(kind.__doc__ or "")
+    return text.replace("``", "`").replace(":class:", "")
 
 
 def first_paragraph(kind: type) -> str:
