@@ -34,7 +34,7 @@ def main() -> int:
 
 
 def last_error(log: Path) -> str:
-    """The last line of the form ``SomeError: reason`` in a log of Sphinx that names an exception of a cell, or empty."""
+    """The last line ``SomeError: reason`` in a log of Sphinx that names an exception of a cell, or empty."""
     if not log.is_file():
         return ""
     plain = re.sub(r"\x1b\[[0-9;]*m", "", log.read_text(encoding="utf-8", errors="replace"))
