@@ -12,6 +12,7 @@ import numpy as np
 from dembrick.errors import HistoryError, ScenarioError
 from dembrick.scenario.csv_tables import read_columns
 from dembrick.views import summary
+from dembrick.views.given import takes_paths
 from dembrick.views.plot import style, subject
 
 if TYPE_CHECKING:
@@ -40,6 +41,7 @@ class CurvePanel(NamedTuple):
     experiment: float | None = None
 
 
+@takes_paths
 def force_displacement(
     histories,
     labels: Sequence[str] | None = None,
@@ -141,6 +143,7 @@ def _name_axes(axes: Axes, diagram: subject.Diagram, travel: str) -> None:
     axes.set_ylabel(travel if diagram.load is None else f"{diagram.load} [{diagram.unit}]")
 
 
+@takes_paths
 def control_points(histories, labels: Sequence[str] | None = None, ax: Axes | None = None) -> Figure:
     """The load over the length of the displacement of every control point, in time where no load grows; HistoryError
     if a history has none."""
@@ -169,6 +172,7 @@ def control_points(histories, labels: Sequence[str] | None = None, ax: Axes | No
     return figure
 
 
+@takes_paths
 def unbalanced(histories, labels: Sequence[str] | None = None, ax: Axes | None = None) -> Figure:
     """Unbalanced-force ratio over time, logarithmic."""
     histories, labels = labelled(histories, labels)
@@ -185,6 +189,7 @@ def unbalanced(histories, labels: Sequence[str] | None = None, ax: Axes | None =
     return figure
 
 
+@takes_paths
 def energies(histories, labels: Sequence[str] | None = None, ax: Axes | None = None) -> Figure:
     """The energies of histories over time, a panel each; HistoryError if none was recorded. Terms that stay zero
     are left out.

@@ -18,6 +18,7 @@ from dembrick import theory
 from dembrick.errors import HistoryError, ScenarioError
 from dembrick.geometry.polygons import distance_outside
 from dembrick.views import summary
+from dembrick.views.given import takes_paths
 from dembrick.views.motion.joints import CHANNELS, HINGE, JointFrames, JointMotion
 from dembrick.views.plot import style, subject
 from dembrick.views.plot.curves import labelled
@@ -58,6 +59,7 @@ class Stage(NamedTuple):
     limit: float
 
 
+@takes_paths
 def joint_plane(
     history: History, joint: str | int | None = None, stages: int = 4, frames: Sequence[int] | None = None
 ) -> list[Stage]:
@@ -167,6 +169,7 @@ def _growing(history: History, number: int, stages: int) -> list[int]:
     return sorted({int(everyone[min(k, len(everyone) - 1)]) for k in chosen} | {int(everyone[-1])})
 
 
+@takes_paths
 def joint_stages(
     histories,
     labels: Sequence[str] | None = None,

@@ -10,6 +10,7 @@ import numpy as np
 from dembrick import theory
 from dembrick.errors import ScenarioError
 from dembrick.views import summary
+from dembrick.views.given import takes_paths
 from dembrick.views.plot import style, subject
 from dembrick.views.plot.curves import labelled
 
@@ -60,6 +61,7 @@ class JointPath(NamedTuple):
         return self.V / self.strength, self.M_T / (self.strength * self.radius)
 
 
+@takes_paths
 def joint_path(history: History, joint: str | int | None = None) -> JointPath:
     """The path of one joint (see :func:`dembrick.views.plot.subject.chosen_joint`) through the whole record."""
     number = subject.chosen_joint(history, joint)
@@ -104,6 +106,7 @@ def _section(formulation: str, law: theory.Law, direction: np.ndarray, sense: fl
     return Section(formulation, found[:, :2] @ direction, sense * found[:, 2] / radius)
 
 
+@takes_paths
 def load_path(
     histories, labels: Sequence[str] | None = None, ax: Axes | None = None, joint: str | int | None = None
 ) -> Figure:

@@ -12,6 +12,7 @@ import numpy as np
 
 from dembrick.errors import OutputError, ScenarioError
 from dembrick.history.files import check_output
+from dembrick.views.given import takes_paths
 from dembrick.views.motion.blocks import CarriedPoints, Poses, all_vertices
 from dembrick.views.motion.frames import LAST, frame_number, nearest
 from dembrick.views.render import images
@@ -31,6 +32,7 @@ MOVIE_FRAMES = 100  # most frames of a movie, unless more are asked for
 EVEN = 0.01  # of the time between two frames: what differs by less is as good as even
 
 
+@takes_paths
 def meshes(
     history: History, frame: int | str | None = None, magnification: float = 1.0, time: float | None = None
 ) -> pyvista.MultiBlock:
@@ -56,6 +58,7 @@ def meshes(
     return blocks
 
 
+@takes_paths
 def picture(
     history: History | Sequence[History],
     path: str | os.PathLike,
@@ -82,6 +85,7 @@ def picture(
     return path
 
 
+@takes_paths
 def movie(
     history: History | Sequence[History],
     path: str | os.PathLike,
@@ -187,6 +191,7 @@ def movie_frames(history: History, count: int) -> list[int]:
     return nearest(times, np.linspace(times[0], times[-1], count)).tolist()
 
 
+@takes_paths
 def view(history: History, **look: Unpack[LookOptions]) -> None:
     """Open a window with a time slider; the arrow keys go from frame to frame. Returns when it is closed.
 
