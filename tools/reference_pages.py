@@ -190,14 +190,15 @@ PYTHON = {  # heading of the reference of Python: names at the top level of the 
     "Runs": "simulate restart steps sweep limit reaction simulate_domain replay_lab",
     "Results and histories": "Result LoadPathResult DrivenPathResult StaticsResult DeformedRestResult "
     "SettlementResult MotionResult LimitResult StandingResult ReactionResult YieldPoint Theory Step Outcome History "
-    "read_history",
+    "read_history export",
     "Errors": "DembrickError ScenarioError HistoryError OutputError WriteError DivergedError NotConvergedError "
     "UndecidedError BracketError EnergyAuditError MissingDependency Interrupted ClusterError",
+    "Studies": "Study",
     "Scenarios": "load loads dumps Scenario Material JointLaw JointOverride Load Pressure Tie TieEnd Actuator "
     "ControlPoint Solver Output Sine Pulse",
     "Blocks and structures": "Block Part Prism Voussoir Mesh Wall Opening Return Stack Arch Dome CadModel",
     "Controls": "YieldControl DisplacementControl StaticsControl TiltControl PushoverControl SettlementControl "
-    "SupportPath Turn DynamicControl BaseMotionControl",
+    "SupportPath Turn DynamicControl BaseMotionControl Control",
 }
 MODULES = {  # module at the top level: its functions
     "plot": "force_displacement control_points energies unbalanced load_path joint_stages layout domains interaction "
@@ -221,7 +222,8 @@ def python_names() -> str:
     for heading, names in PYTHON.items():
         lines = []
         for name in names.split():
-            kind = "autoclass" if name[0].isupper() else "autofunction"
+            thing = getattr(dembrick, name)
+            kind = "autoclass" if isinstance(thing, type) else "autofunction" if callable(thing) else "autodata"
             lines.append(f".. {kind}:: {HELD.get(name, f'dembrick.{name}')}")
             if name in HELD:
                 lines += ["   :members:", "   :inherited-members:", ""]

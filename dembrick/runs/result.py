@@ -23,6 +23,9 @@ from dembrick.simulation.statics.yield_point import YieldPoint, moving_blocks
 from dembrick.views.summary import limit_text, plain
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
     from dembrick.runs.path_dependence import OtherPaths
     from dembrick.simulation.dynamics.run import MotionRun  # and its kernels: for runs in real time only
     from dembrick.simulation.statics.standing import Standing
@@ -124,7 +127,7 @@ class RunResult:
         """The object of ``run --json``, under the name that a history has it by."""
         return self.as_dict()
 
-    def plot(self, ax=None):
+    def plot(self, ax: Axes | None = None) -> Figure:
         """Load over displacement, or displacement over time, as a matplotlib figure; drawn into ``ax`` if given."""
         from dembrick.views import plot
 
