@@ -14,7 +14,8 @@ def run(options, console) -> int:
     """Print mu under each formulation, with its confidence interval and the residual of every test."""
     from dembrick.errors import ScenarioError
     from dembrick.runs import fit
-    from dembrick.scenario.model import FORMULATIONS, nearest, show
+    from dembrick.scenario.checks import nearest, show
+    from dembrick.scenario.model import FORMULATIONS
 
     for name in options.formulation or ():
         if name not in FORMULATIONS:

@@ -15,8 +15,8 @@ from dembrick.assembly import quadrature
 from dembrick.errors import ScenarioError
 from dembrick.geometry import polygons
 from dembrick.runs.theory_check import known_cohesion, wrench
-from dembrick.scenario.checks import present
-from dembrick.scenario.model import FORMULATIONS, PRESSURES, JointLaw, nearest
+from dembrick.scenario.checks import nearest, present
+from dembrick.scenario.model import FORMULATIONS, PRESSURES, JointLaw
 from dembrick.simulation.statics.batch import face
 from dembrick.simulation.statics.yield_domain import YieldDomain, directions, lever_of, yield_domain
 

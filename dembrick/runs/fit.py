@@ -24,9 +24,9 @@ import numpy as np
 from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml as scenarios
-from dembrick.scenario.checks import present
+from dembrick.scenario.checks import nearest, present, show
 from dembrick.scenario.csv_tables import Table, cells_by_name, name_of, read_table
-from dembrick.scenario.model import FORMULATIONS, Scenario, YieldControl, nearest, show
+from dembrick.scenario.model import FORMULATIONS, Scenario, YieldControl
 
 CONFIDENCE = 0.95
 _COLUMNS = {"test": True, "scenario": True, "V": True, "deviation": False, "formulation": False}  # needed or not

@@ -7,13 +7,43 @@ Types, lengths and bounds; the messages name the key and the value as TOML write
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from numbers import Real
 from typing import TypeVar
 
 from dembrick.errors import ScenarioError
 
 T = TypeVar("T")
+
+
+class Faults:
+    """The errors of an input, gathered while it is read on, so that all of them are told at once."""
+
+    MOST = 20  # that are told
+
+    def __init__(self) -> None:
+        self.found: list[str] = []
+
+    def add(self, message: str) -> None:
+        """One more; the same again is left out."""
+        if message not in self.found:
+            self.found.append(message)
+
+    @contextmanager
+    def kept(self) -> Iterator[None]:
+        """Within, a ScenarioError is kept and ends no more than what is within."""
+        try:
+            yield
+        except ScenarioError as error:
+            for message in str(error).split("\n"):
+                self.add(message)
+
+    def tell(self) -> None:
+        """ScenarioError with all of them, a line each, if there are any."""
+        if self.found:
+            more = len(self.found) - self.MOST
+            raise ScenarioError("\n".join(self.found[: self.MOST] + [f"and {more} more"] * (more > 0)))
 
 
 def present(value: T | None) -> T:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 import os
-from collections import Counter
 from dataclasses import dataclass, field, replace
 from numbers import Integral
 from typing import TYPE_CHECKING, Generic
@@ -23,7 +22,6 @@ from dembrick.scenario.checks import (
     check_name,
     direction,
     members_of,
-    nearest,
     one_line,
     one_of,
     real,
@@ -48,6 +46,7 @@ from dembrick.scenario.generators import GENERATORS, Arch, Dome, Stack, Wall
 from dembrick.scenario.joint_laws import FORMULATIONS, PRESSURES, JointLaw, JointOverride  # noqa: F401
 from dembrick.scenario.memory import check_memory
 from dembrick.scenario.pressures import Pressure
+from dembrick.scenario.references import check_references, unknown
 from dembrick.scenario.stages import check_stages, controls_of, in_deformed_geometry, stage_numbers
 from dembrick.scenario.ties import Tie
 
@@ -261,7 +260,7 @@ class Scenario(Generic[AControl]):
         self._lay()
         if not self.all_blocks:
             raise ScenarioError("a scenario needs at least one block")
-        self._check_names()
+        check_references(self)
 
     def __repr__(self) -> str:
         blocks = f"{len(self.all_blocks)} block{'s' if len(self.all_blocks) != 1 else ''}"
@@ -282,91 +281,11 @@ class Scenario(Generic[AControl]):
         if self.supports:
             numbers = {block.name: i for i, block in enumerate(blocks)}
             for name in self.supports:
-                self._check_reference("supports", name, numbers, self.groups)
+                if message := unknown("supports", name, numbers, self.groups):
+                    raise ScenarioError(message)
                 for i in self.groups.get(name) or (numbers[name],):
                     blocks[i] = replace(blocks[i], fixed=True)
             assign(self, all_blocks=tuple(blocks))
-
-    def _check_names(self):
-        """Names are unique, and whatever is referred to is there."""
-        blocks = {block.name: i for i, block in enumerate(self.all_blocks)}
-        of_one_block: dict[str, tuple[Actuator | ControlPoint, ...]]
-        of_one_block = {"actuator": self.actuators, "control point": self.control_points}
-        for kind, named in (("block", self.all_blocks), *of_one_block.items()):
-            for name, times in Counter(member.name for member in named).most_common(1):
-                if times > 1:
-                    raise ScenarioError(f"two {kind}s are named {show(name)}; every {kind} needs its own name")
-        for block in self.all_blocks:
-            if block.fixed and any((*block.velocity, *block.angular_velocity)):
-                raise ScenarioError(
-                    f"block {show(block.name)} is fixed and has a velocity; remove one of the two (supports that move: "
-                    'control.kind = "base-motion")'
-                )
-        for name in self.groups:
-            if name in blocks:
-                raise ScenarioError(f"{show(name)} names a block and a group; give one of them another name")
-        for name, label in {b.material: f"material of block {show(b.name)}" for b in reversed(self.all_blocks)}.items():
-            if name not in self.materials:
-                known = nearest(name, self.materials)
-                raise ScenarioError(f"{label} = {show(name)} is not the name of a material; {known}")
-        for i, load in enumerate(self.loads, 1):
-            self._check_reference(f"block of load number {i}", load.block, blocks, self.groups)
-            if load.point is not None and load.block in self.groups:
-                message = f"load number {i} has a point and acts on group {show(load.block)}; name one of its blocks"
-                raise ScenarioError(message)
-            if all(self.all_blocks[k].fixed for k in self.groups.get(load.block) or (blocks[load.block],)):
-                raise ScenarioError(
-                    f"load number {i} acts on {show(load.block)}, which is fixed, so that nothing feels it; remove the "
-                    "load, or name a block that can move"
-                )
-            if load.varies and not self.control.loads_vary:
-                raise ScenarioError(
-                    f"load number {i} on {show(load.block)} varies with time, which a test of kind "
-                    f"{show(self.control.kind)} does not know; remove its {'history' if load.history else 'sine'}"
-                )
-        self._check_support_paths(blocks)
-        for i, pressure in enumerate(self.pressures, 1):
-            self._check_reference(f"block of pressure number {i}", pressure.block, blocks, self.groups)
-        for i, tie in enumerate(self.ties, 1):
-            for end in tie.between:
-                self._check_reference(f"block of tie number {i}", end.block, blocks, {})
-        for kind, members in of_one_block.items():
-            for member in members:
-                label = f"block of {kind} {show(member.name)}"
-                if member.block in self.groups:
-                    raise ScenarioError(f"{label} = {show(member.block)} is a group; name one block of it")
-                self._check_reference(label, member.block, blocks, {})
-        for override in self.joints:
-            for name in override.between:
-                self._check_reference("between", name, blocks, self.groups)
-            if override.between[0] == override.between[1] and override.between[0] in blocks:
-                require(False, "between", override.between, "a block has no joint with itself")
-
-    def _check_support_paths(self, blocks: dict[str, int]) -> None:
-        """What the control moves is fixed, and moves in one way."""
-        moved: dict[int, tuple] = {}
-        for path in self.control.support_paths:
-            for name in path.supports:
-                self._check_reference("supports of the control", name, blocks, self.groups)
-                for i in self.groups.get(name) or (blocks[name],):
-                    block, way = self.all_blocks[i], (path.displacement, path.rotation)
-                    if not block.fixed:
-                        raise ScenarioError(
-                            f"the control moves {show(block.name)}, which is no support: give it fixed = true, or name "
-                            "it in supports at the top of the scenario"
-                        )
-                    if moved.setdefault(i, way) != way:
-                        raise ScenarioError(
-                            f"support {show(block.name)} is to move in two ways at once; name it in one of the motions "
-                            "of the control"
-                        )
-
-    @staticmethod
-    def _check_reference(key: str, name: str, blocks, groups) -> None:
-        if name not in blocks and name not in groups:
-            kind = "block or a group" if groups else "block"
-            hint = nearest(name, [*groups, *blocks])
-            raise ScenarioError(f"{key} = {show(name)} is not the name of a {kind}; {hint}")
 
     def members(self, name: str) -> tuple[int, ...]:
         """Numbers in ``all_blocks`` of the blocks that ``name`` stands for, a group or a single block."""

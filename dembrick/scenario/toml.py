@@ -10,20 +10,22 @@ from __future__ import annotations
 import os
 import re
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import MISSING, fields, is_dataclass
-from functools import cache, lru_cache
+from functools import cache, lru_cache, partial
 from types import UnionType
 from typing import Any, NamedTuple, NoReturn, get_args, get_origin, get_type_hints
 
 from dembrick.errors import ScenarioError
 from dembrick.scenario import shipped
 from dembrick.scenario.blocks import Mesh
-from dembrick.scenario.checks import nearest, show
+from dembrick.scenario.checks import Faults, nearest, show
 from dembrick.scenario.controls import ACTUATORS, CONTROLS
 from dembrick.scenario.generators import GENERATORS
+from dembrick.scenario.lines import line_of
 from dembrick.scenario.model import JointLaw, JointOverride, Material, Scenario
 from dembrick.scenario.overrides import apply_overrides, assign
+from dembrick.scenario.references import ScenarioErrors
 from dembrick.scenario.stages import controls_of
 from dembrick.scenario.text_files import read_text
 
@@ -46,6 +48,7 @@ def _inner(kind: type) -> dict[str, tuple[type, bool]]:
     return found
 
 
+NAMELESS = "the scenario"  # a text that came from no file
 _OWN_KEYS = {"points": "distributed", "pressure": "convex"}  # law keys that belong to one formulation
 
 
@@ -68,10 +71,10 @@ def load(path: str | os.PathLike, overrides: Iterable[str] = (), regular: bool =
 def loads(text: str, path: str | os.PathLike | None = None, overrides: Iterable[str] = ()) -> Scenario:
     """Decode the text of a scenario; ``path`` is the file it came from, for messages and for the record."""
     name = None if path is None else os.fsdecode(path)
-    document = _parse(text, name or "the scenario")
+    document = _parse(text, name or NAMELESS)
     assignments = list(overrides)
     if not assignments:
-        return _decode(document, _Place(name or "the scenario"), name, text)
+        return _decode(document, _Place(name or NAMELESS, text=text), name, text)
     apply_overrides(document, assignments)
     notes = "".join(f"# --set {show(assignment)}\n" for assignment in assignments)
     place = _Place(f"{name or 'the scenario'} (with --set)")
@@ -83,7 +86,7 @@ def varied(text: str, path: str | os.PathLike | None, changes: Mapping[str, Any]
 
     ``changes`` has key paths, as for ``--set``, and values as TOML would give them.
     """
-    name = "the scenario" if path is None else os.fsdecode(path)
+    name = NAMELESS if path is None else os.fsdecode(path)
     like = _parsed(text, name)
     document = like[0].copy()
     assign(document, changes)
@@ -109,7 +112,7 @@ def dumps(scenario: Scenario) -> str:
 
 def text_of(scenario: Scenario) -> str:
     """The scenario as TOML: the text it came from while that is still what it says, else :func:`dumps`."""
-    if scenario.text is not None and _parsed(scenario.text, scenario.path or "the scenario")[1] == scenario:
+    if scenario.text is not None and _parsed(scenario.text, scenario.path or NAMELESS)[1] == scenario:
         return scenario.text
     return dumps(scenario)
 
@@ -118,26 +121,44 @@ def text_of(scenario: Scenario) -> str:
 
 
 class _Place(NamedTuple):
-    """Where in which file something stands, for messages. ``table`` is empty at the top of the file."""
+    """Where in which file something stands, for messages. ``table`` is empty at the top of the file; ``header`` and
+    ``number`` find it in the ``text``, which is None where that is not what was read."""
 
     file: str
     table: str = ""
+    text: str | None = None
+    header: str = ""
+    number: int = 1
 
-    def inside(self, table: str) -> _Place:
-        return _Place(self.file, table)
+    def inside(self, table: str, header: str | None = None, number: int = 1) -> _Place:
+        """A table in it; without a ``header`` it has none of its own."""
+        if header is None:
+            return self._replace(table=table)
+        return self._replace(table=table, header=header, number=number)
 
     def fail(self, message: str) -> NoReturn:
-        raise ScenarioError(f"{self.file}: {self.table}{': ' if self.table else ''}{message}")
+        """ScenarioError at the line of the key with which the message begins, if it does."""
+        named = re.match(r"[a-z_]+", message)
+        key = named.group() if named else ""
+        raise ScenarioError(f"{self.at(key)}: {self.table}{': ' if self.table else ''}{message}")
 
-    def __str__(self) -> str:
-        return f"{self.table} of {self.file}" if self.table else self.file
+    def at(self, key: str = "") -> str:
+        """The file, with the line of a key or of the table where there is one."""
+        line = None if self.text is None else line_of(self.text, self.header, self.number, key)
+        if line is None:
+            return self.file
+        return f"{self.file}, line {line}" if self.file == NAMELESS else f"{self.file}:{line}"
+
+    def of(self, key: str = "") -> str:
+        """The table and the file, as messages name them."""
+        return f"{self.table} of {self.at(key)}" if self.table else self.at(key)
 
 
 @lru_cache(maxsize=16)
 def _parsed(text: str, file: str) -> tuple[dict[str, Any], Scenario]:
     """A parsed text, which must not be changed, and its scenario."""
     document = _parse(text, file)
-    return document, _decode(document, _Place(file), file, None)
+    return document, _decode(document, _Place(file, text=text), file, None)
 
 
 def _parse(text: str, file: str) -> dict[str, Any]:
@@ -178,26 +199,36 @@ def _decode(
         del keys[key]
     keys["control"] = True
     keys["blocks"] = not any(key in document for key in (*GENERATORS, "models"))
-    _check_keys(document, keys, place)
+    faults = Faults()
+    values, inner = _known(document, keys, place, faults), _inner(Scenario)
 
-    values, inner = dict(document), _inner(Scenario)
+    def each(key: str, decode: Callable[[Any, _Place], Any]) -> list:
+        found = []
+        for entry, where in _entries(document, key, place):
+            with faults.kept():
+                found.append(decode(entry, where))
+        return found
 
     def decoded(key: str) -> Any:
-        there = place.inside(f"[{key}]")
+        there = place.inside(f"[{key}]", key)
         if key == "joint":
             return _law(_table(document[key], there), there)
         if key == "joints":
-            return [_joint_override(entry, values["joint"], where) for entry, where in _entries(document, key, place)]
+            base = values["joint"] if isinstance(values.get("joint"), JointLaw) else None  # which has its own error
+            return [] if base is None else each(key, lambda entry, where: _joint_override(entry, base, where))
         if key == "materials":
-            names = {name: place.inside(f"[{key}.{_key(name)}]") for name in _table(document[key], there)}
-            return {name: _record(Material, document[key][name], where) for name, where in names.items()}
+            tables = {name: f"{key}.{_key(name)}" for name in _table(document[key], there)}
+            return {
+                name: _record(Material, document[key][name], place.inside(f"[{table}]", table))
+                for name, table in tables.items()
+            }
         if key == "stages":
-            return [_control(entry, where) for entry, where in _entries(document, key, place)]
+            return each(key, _control)
         if key == "control":
             return _control(document[key], there)
         kind, several = inner[key]
         if several:
-            return [_record(kind, entry, where) for entry, where in _entries(document, key, place)]
+            return each(key, partial(_record, kind))
         return _record(kind, document.get(key, {}), there)
 
     known, parsed = like or ({}, None)
@@ -205,8 +236,10 @@ def _decode(
         shared = key in known and document.get(key) is known[key]
         if shared and (key != "joints" or document["joint"] is known["joint"]):  # overrides inherit from the joint
             values[key] = getattr(parsed, key)
-        else:
-            values[key] = decoded(key)
+        elif key in document or key not in keys or not keys[key]:
+            with faults.kept():
+                values[key] = decoded(key)
+    faults.tell()
     scenario = _make(Scenario, {**values, "path": path, "text": text}, place)
     driven = scenario.actuators or any(pressure.actuator for pressure in scenario.pressures)
     drives = next((control for control in controls_of(scenario) if control.drives == ACTUATORS), None)
@@ -217,33 +250,42 @@ def _decode(
 
 def _law(data: dict[str, Any], place: _Place, base: JointLaw | None = None) -> JointLaw:
     """A joint law; with a ``base``, that law with the keys that ``data`` names put in place of its own."""
-    keys = _keys_of(JointLaw)
-    _check_keys(data, keys if base is None else dict.fromkeys(keys, False), place)
+    keys, faults = _keys_of(JointLaw), Faults()
+    data = _known(data, keys if base is None else dict.fromkeys(keys, False), place, faults)
     given = {key: value for key, value in data.items() if (key, value) != ("points", "auto")}
     if base is None:
-        return _make(JointLaw, given, place)
+        return _make(JointLaw, given, place, faults)
     formulation = data.get("formulation", base.formulation)
     inherited = {key: getattr(base, key) for key in keys if key not in data}
     kept = {key: value for key, value in inherited.items() if _OWN_KEYS.get(key, formulation) == formulation}
-    return _make(JointLaw, {**kept, **given}, place)
+    return _make(JointLaw, {**kept, **given}, place, faults)
 
 
 def _joint_override(entry: Any, default: JointLaw, place: _Place) -> JointOverride:
-    data = dict(_table(entry, place))
-    known = {"between": True, **dict.fromkeys(_keys_of(JointLaw), False)}
-    _check_keys(data, known, place)
-    return _make(JointOverride, {"between": data.pop("between"), "law": _law(data, place, default)}, place)
+    data, faults, law = dict(_table(entry, place)), Faults(), _keys_of(JointLaw)
+    own = {key: required for key, required in _keys_of(JointOverride).items() if key != "law"}
+    data = _known(data, {**own, **dict.fromkeys(law, False)}, place, faults)
+    with faults.kept():
+        values = {key: value for key, value in data.items() if key in own}
+        values["law"] = _law({key: value for key, value in data.items() if key in law}, place, default)
+    faults.tell()
+    return _make(JointOverride, values, place)
 
 
 def _control(data: Any, place: _Place) -> Any:
     given = dict(_table(data, place))
     if "kind" not in given:
-        raise ScenarioError(f"missing key 'kind' in {place}; use one of {', '.join(CONTROLS)}")
+        raise ScenarioError(f"missing key 'kind' in {place.of()}; use one of {', '.join(CONTROLS)}")
     kind = given.pop("kind")
     if isinstance(kind, str) and kind in CONTROLS:
-        control = CONTROLS[kind]
-        _check_keys(given, _keys_of(control), place, "kind")
-        return _record(control, given, place)
+        faults, keys = Faults(), _keys_of(CONTROLS[kind])
+        for key in [key for key in given if key not in keys]:
+            others = ", ".join(show(name) for name, other in CONTROLS.items() if key in _keys_of(other))
+            if others:
+                del given[key]
+                own = f"{place.at(key)}: {place.table}: kind {show(kind)} has no {show(key)}"
+                faults.add(f"{own}, which is a key of {others}; its own: {', '.join(keys) or 'none'}")
+        return _record(CONTROLS[kind], given, place, faults, "kind")
     existing = ", ".join(show(name) for name in CONTROLS)
     from difflib import get_close_matches
 
@@ -252,10 +294,11 @@ def _control(data: Any, place: _Place) -> Any:
     place.fail(f"kind = {show(kind)} is not a kind of control; the kinds are {existing}{hint}")
 
 
-def _record(kind: type, data: Any, place: _Place) -> Any:
-    table = dict(_table(data, place))
-    keys = _keys_of(kind)
-    _check_keys(table, keys, place)
+def _record(kind: type, data: Any, place: _Place, faults: Faults | None = None, *more: str) -> Any:
+    """An instance of a dataclass and of those that it holds; ``faults`` are errors that were found in it before,
+    ``more`` keys that were taken out of it."""
+    faults = faults or Faults()
+    table = _known(_table(data, place), _keys_of(kind), place, faults, *more)
     for key, (inner, several) in _inner(kind).items():
         value, there = table.get(key), place.inside(f"{key} in {place.table}")
         if key not in table:
@@ -269,14 +312,51 @@ def _record(kind: type, data: Any, place: _Place) -> Any:
             table[key] = [_record(inner, entry, where) for entry, where in zip(value, each, strict=True)]
         else:
             place.fail(f"{key} must be a list of tables, not {show(value)}")
-    return _make(kind, table, place)
+    return _make(kind, table, place, faults)
 
 
-def _make(kind: type, values: Mapping[str, Any], place: _Place) -> Any:
-    try:
-        return kind(**values)
-    except ScenarioError as error:
-        place.fail(str(error))
+def _known(
+    data: dict[str, Any], known: Mapping[str, bool], place: _Place, faults: Faults, *more: str
+) -> dict[str, Any]:
+    """The keys of a table that exist; those that do not, and those that are missing, are added to the ``faults``."""
+    meant = ""
+    for key in data:
+        if key not in known:
+            likely = nearest(key, [*known, *more])
+            meant += likely
+            faults.add(f"unknown key {show(key)} in {place.of(key)}; {likely}")
+    for key, required in known.items():
+        if required and key not in data and f"did you mean {show(key)}" not in meant:
+            plural = isinstance(data.get(f"{key}s"), dict)
+            wrote = f"; you wrote [{key}s], and the default law is [{key}]" if plural else ""
+            faults.add(f"missing key {show(key)} in {place.of()}; it has no default{wrote}")
+    return {key: value for key, value in data.items() if key in known}
+
+
+def _make(kind: type, values: Mapping[str, Any], place: _Place, faults: Faults | None = None) -> Any:
+    """An instance of a dataclass. A value that is wrong and may be left out is, so that what is wrong beside it is told
+    as well; ``faults`` are errors that were found in it before."""
+    faults, left, keys = faults or Faults(), dict(values), _keys_of(kind)
+    made, again = None, all(key in left for key, required in keys.items() if required)
+    while again:
+        again = False
+        try:
+            made = kind(**left)
+        except ScenarioErrors as errors:  # of a whole scenario, each with its table
+            for fault in errors.faults:
+                with faults.kept():
+                    place.inside("", fault.table, fault.number).fail(fault.message)
+        except ScenarioError as error:
+            words = re.findall(r"[a-z_]+", str(error))
+            key = words[0] if words else ""
+            missed = len(left) < len(values) and (key not in left or (values.keys() - left.keys()) & set(words))
+            if not missed:  # what was left out
+                with faults.kept():
+                    place.fail(str(error))
+            again = kind is not Scenario and key in left and not keys[key]
+            left.pop(key, None)
+    faults.tell()
+    return made
 
 
 def _table(data: Any, place: _Place) -> dict[str, Any]:
@@ -292,18 +372,7 @@ def _entries(document: dict[str, Any], key: str, place: _Place) -> Iterable[tupl
         hint = f"; write [[{key}]] before each" if isinstance(entries, dict) else ""
         place.fail(f"{key} must be a list of tables, not {show(entries)}{hint}")
     for i, entry in enumerate(entries, 1):
-        yield entry, place.inside(f"[[{key}]] number {i}")
-
-
-def _check_keys(data: dict[str, Any], known: Mapping[str, bool], place: _Place, *more: str) -> None:
-    for key in data:
-        if key not in known:
-            raise ScenarioError(f"unknown key {show(key)} in {place}; {nearest(key, [*known, *more])}")
-    for key, required in known.items():
-        if required and key not in data:
-            plural = isinstance(data.get(f"{key}s"), dict)
-            wrote = f"; you wrote [{key}s], and the default law is [{key}]" if plural else ""
-            raise ScenarioError(f"missing key {show(key)} in {place}; it has no default{wrote}")
+        yield entry, place.inside(f"[[{key}]] number {i}", key, i)
 
 
 # --- writing ---------------------------------------------------------------------------------------------------------

@@ -216,7 +216,7 @@ def test_a_stage_after_one_that_fell_and_one_that_fails_are_one_sentence(tmp_pat
     [
         ('[[stages]]\nkind = "dynamic"\nduration = 1.0\n', ["stage 1 of kind 'dynamic' runs in real time"]),
         ('[[stages]]\nkind = "static"\n', ["[[stages]] number 1", "did you mean 'statics'"]),
-        ('[[stages]]\nkind = "statics"\nrate = 1.0\n', ["unknown key 'rate'"]),
+        ('[[stages]]\nkind = "statics"\nrate = 1.0\n', ["kind 'statics' has no 'rate'"]),
         (push((0.0, 1.0, 0.0), [2]), ["there is no stage 2", "add [[stages]]"]),
         (push((0.0, 1.0, 0.0), [0]), ["stages are counted from 1"]),
         (push((0.0, 1.0, 0.0), []), ["at least one stage"]),

@@ -81,7 +81,7 @@ REFUSED = {
     "motions that are no list": ('motions = "arch.right"', "motions must be a list of tables"),
     "a motion of nobody": ("motions = [{ supports = [], displacement = [1, 0, 0] }]", "must name a block or a group"),
     "a tolerance of nothing": (SPREAD + "tolerance = 0", "between 1e-5 and 0.1"),
-    "duration": (SPREAD + "duration = 1.0", "unknown key 'duration' in [control]", "did you mean 'rotation'?"),
+    "duration": (SPREAD + "duration = 1.0", "kind 'settlement' has no 'duration'", "a key of 'dynamic', 'base-motion'"),
     "a load that varies": (
         SPREAD + '[[loads]]\nblock = "arch.2"\nforce = [1, 0, 0]\nsine = { amplitude = 1, frequency = 2 }',
         "varies with time, which a test of kind 'settlement' does not know",

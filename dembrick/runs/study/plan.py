@@ -44,8 +44,8 @@ from dembrick.runs.study.case import COLUMNS
 from dembrick.runs.study.draws import METHODS, Draws, distribution
 from dembrick.scenario import shipped
 from dembrick.scenario import toml as scenarios
+from dembrick.scenario.checks import nearest, show
 from dembrick.scenario.csv_tables import read_table
-from dembrick.scenario.model import nearest, show
 from dembrick.scenario.text_files import read_text
 
 MOST_CASES = 10_000_000
