@@ -22,6 +22,7 @@ from dembrick.assembly.actuators import (
 from dembrick.assembly.block_shapes import shapes_of
 from dembrick.assembly.broad_phase import bodies_of, close_pairs
 from dembrick.assembly.contact_points import DISCRETISATION, PointTable, place_points
+from dembrick.assembly.finite import check_finite
 from dembrick.assembly.joints import TOLERANCE, JointTable, find_joints
 from dembrick.assembly.laws import Laws
 from dembrick.assembly.loads import NO_LOADS, PointLoads, point_loads
@@ -190,7 +191,7 @@ def loaded(scenario: Scenario, bare: Assembly, points: bool = True) -> Assembly:
     contact_points = place_points(joints, tolerance) if points else _NO_POINTS
     if points and (len(joints) > 1 or control.drives != ACTUATORS):
         warnings += check_rim(scenario, joints, contact_points)
-    return replace(
+    made = replace(
         bare,
         joints=joints,
         contact_points=contact_points,
@@ -207,6 +208,8 @@ def loaded(scenario: Scenario, bare: Assembly, points: bool = True) -> Assembly:
         pressed=pressed,
         ties=ties,
     )
+    check_finite(made)
+    return made
 
 
 def dead_joint_forces(joints, fixed, dead_force) -> tuple[np.ndarray, bool]:

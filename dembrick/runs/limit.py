@@ -22,6 +22,7 @@ from dembrick.scenario import toml as scenarios
 from dembrick.scenario.checks import nearest, present, show
 from dembrick.scenario.controls import DEAD_LOAD, DEFORMED_REST, Control
 from dembrick.scenario.model import Scenario
+from dembrick.simulation.floating_point import faults_raised
 from dembrick.simulation.limit_analysis import analysis, solver
 from dembrick.simulation.limit_analysis.non_associative import SecondOpinion, second_opinion
 from dembrick.simulation.limit_analysis.reactions import Extreme, reaction_range
@@ -238,7 +239,8 @@ def limit(
     given, assembly, built = assembled(scenario, began, report)
     tilt = given.control.tilt_axis is not None
     try:
-        found = analysis.limit_load(assembly, tilt=tilt)
+        with faults_raised():
+            found = analysis.limit_load(assembly, tilt=tilt)
         opinion = second_opinion(assembly) if heuristic and not found.unlimited else None
         beside = (
             []

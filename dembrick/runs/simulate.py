@@ -30,6 +30,7 @@ from dembrick.scenario.model import Scenario
 from dembrick.scenario.stages import at_stage
 from dembrick.scenario.unit_slips import unit_slips
 from dembrick.simulation import interrupts
+from dembrick.simulation.floating_point import faults_raised
 from dembrick.simulation.interrupts import Interrupted
 from dembrick.simulation.session import Progress, Session
 
@@ -221,16 +222,17 @@ def _run(
     path, driver = store.path if isinstance(store, RecordStore) else None, driver_of(scenario.control)
     with ExitStack() as until_written:
         try:
-            assembly, placing = driver.place(scenario, assembly)
-            if store:
-                store.place(assembly)
-            session = store.session(scenario.output) if store else Session()
-            shown = notebook_bar() if progress is None else progress
-            session.tell, session.report = shown if callable(shown) else None, report
-            stages = Stages(scenario)
-            if scenario.stages:
-                session = stages.run(session)
-            run = driver.run(at_stage(scenario, len(scenario.stages) + 1), assembly, session)
+            with faults_raised():
+                assembly, placing = driver.place(scenario, assembly)
+                if store:
+                    store.place(assembly)
+                session = store.session(scenario.output) if store else Session()
+                shown = notebook_bar() if progress is None else progress
+                session.tell, session.report = shown if callable(shown) else None, report
+                stages = Stages(scenario)
+                if scenario.stages:
+                    session = stages.run(session)
+                run = driver.run(at_stage(scenario, len(scenario.stages) + 1), assembly, session)
             audit = store.auditor.result(run.energy) if store and run.energy is not None else None
             until_written.enter_context(interrupts.deferred())  # a signal finds the answer there, and may not lose it
         except WriteError as error:  # the disk has what it has

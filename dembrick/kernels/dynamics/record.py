@@ -1,6 +1,6 @@
 """The record of a run in real time: resultants of the joints, and the out-of-balance forces."""
 
-from math import sqrt
+from math import isnan, nan, sqrt
 
 from dembrick._jit import jit
 from dembrick.kernels.dynamics import joint_families as families
@@ -63,8 +63,11 @@ def write_resultants(bodies, links, corners, faces, out):
 
 @jit
 def unbalanced_ratio(bodies, links, g1, g2, g3):
-    """Greatest out-of-balance force on a free block under gravity g, over the greatest joint force; 1 without any."""
-    worst = largest = 0.0
+    """Greatest out-of-balance force on a free block under gravity g, over the greatest joint force; 1 without any.
+
+    NaN if a force is one, which no greatest value would show.
+    """
+    worst = largest = total = 0.0
     wrenches = links.wrenches
     for f in range(bodies.free.size):
         b = bodies.free[f]
@@ -77,8 +80,11 @@ def unbalanced_ratio(bodies, links, g1, g2, g3):
             f1 += sign * wrenches[w]
             f2 += sign * wrenches[w + 1]
             f3 += sign * wrenches[w + 2]
-        worst = max(worst, f1 * f1 + f2 * f2 + f3 * f3)
+        out = f1 * f1 + f2 * f2 + f3 * f3
+        worst, total = max(worst, out), total + out
     for j in range(links.host.size):
         w = links.place[j] * ACTION
         largest = max(largest, wrenches[w] ** 2 + wrenches[w + 1] ** 2 + wrenches[w + 2] ** 2)
+    if isnan(total):
+        return nan
     return sqrt(worst / largest) if largest > 0.0 else 1.0

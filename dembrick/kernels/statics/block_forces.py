@@ -4,7 +4,7 @@
 motion, it stays that of the start.
 """
 
-from math import sqrt
+from math import isnan, nan, sqrt
 
 from dembrick._jit import jit
 from dembrick.kernels.joint.families import FAMILIES, joint_count, joint_of
@@ -157,13 +157,15 @@ def unbalanced_power(blocks):
 def unbalanced_ratio(blocks, joints):
     """Greatest out-of-balance force or moment on a free block over the greatest joint force.
 
-    A moment counts as the force that makes it at the longest lever between a centroid and a joint.
+    A moment counts as the force that makes it at the longest lever between a centroid and a joint. NaN if a force is
+    one, which no greatest value would show.
     """
-    force = moment = 0.0
-    for f in range(blocks.free.size):
-        b = blocks.free[f]
-        force = max(force, blocks.force[b, 0] ** 2 + blocks.force[b, 1] ** 2 + blocks.force[b, 2] ** 2)
-        moment = max(moment, blocks.torque[b, 0] ** 2 + blocks.torque[b, 1] ** 2 + blocks.torque[b, 2] ** 2)
+    force = moment = total = 0.0
+    for i in range(blocks.free.size):
+        b = blocks.free[i]
+        f = blocks.force[b, 0] ** 2 + blocks.force[b, 1] ** 2 + blocks.force[b, 2] ** 2
+        m = blocks.torque[b, 0] ** 2 + blocks.torque[b, 1] ** 2 + blocks.torque[b, 2] ** 2
+        force, moment, total = max(force, f), max(moment, m), total + f + m
     largest = lever = 0.0
     for j in range(joints.block_a.size):
         r = joints.resultant[j]
@@ -171,4 +173,6 @@ def unbalanced_ratio(blocks, joints):
         for arm in (joints.arm_a[j], joints.arm_b[j]):
             lever = max(lever, arm[0] ** 2 + arm[1] ** 2 + arm[2] ** 2)
     worst = max(force, moment / lever) if lever > 0.0 else force
+    if isnan(total):
+        return nan
     return sqrt(worst / largest) if largest > 0.0 else 1.0

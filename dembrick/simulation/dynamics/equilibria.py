@@ -40,6 +40,7 @@ from dembrick.simulation.dynamics.state import seen
 from dembrick.simulation.dynamics.support_motion import AT_REST
 from dembrick.simulation.dynamics.time_histories import Curve
 from dembrick.simulation.expected_cost import motion_seconds
+from dembrick.simulation.floating_point import not_nan
 from dembrick.simulation.session import Kept, Plan, Progress, Session, Snapshot
 
 TOLERANCE = 1e-3  # of the parameter at which blocks come down, if the control says none
@@ -181,6 +182,7 @@ class EquilibriumPath(ABC):
             if down > 1.0:
                 return None
             ratio, enough = unbalanced(self.moving.state, still, free)
+            ratio = not_nan(ratio, f"what is out of balance at {self.said(parameter)}")
             balanced = balanced + 1 if ratio <= max(BALANCED, enough) else 0
             if balanced == 2:  # forces of a swing vanish at one moment, and not at the next
                 return ratio

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dembrick.errors import NotConvergedError, ScenarioError
+from dembrick.simulation.floating_point import not_nan
 from dembrick.simulation.limit_analysis import bounds, solver
 from dembrick.simulation.limit_analysis.crushing_surface import first_planes
 from dembrick.simulation.limit_analysis.equilibrium import JointForces
@@ -213,7 +214,9 @@ def greatest(structure: Structure, live: np.ndarray, inner: Standing) -> Limit:
     if found.status == UNBOUNDED:
         return Limit(math.inf, math.inf, math.inf, True, nothing, None, None, found.rounds, 0.0)
     # the multiplier is not negative, as the structure stands without the load
-    lower, upper = max(0.0, -found.reached) / size, max(0.0, -found.bound) / size
+    reached = not_nan(found.reached, "the load of limit analysis")
+    bound = not_nan(found.bound, "the bound of limit analysis")
+    lower, upper = max(0.0, -reached) / size, max(0.0, -bound) / size
     forces, resultants = structure.carried(found.x)
     limit = Limit(
         load_factor=0.5 * (lower + upper),
@@ -275,7 +278,8 @@ def _least_missing(structure: Structure, cuts: Cuts) -> tuple[float, np.ndarray]
         raise NotConvergedError(
             f"limit analysis: the solver ended with the status {found.said} where it was asked what the dead loads lack"
         )
-    return max(0.0, float(programme.cost @ found.x)), found.equation_dual
+    missing = not_nan(float(programme.cost @ found.x), "what limit analysis leaves out of balance")
+    return max(0.0, missing), found.equation_dual
 
 
 def optimum(structure: Structure, loads: Loads, cost: np.ndarray, inner: np.ndarray | None = None) -> Optimum:

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dembrick.errors import NotConvergedError
+from dembrick.simulation.floating_point import not_nan
 from dembrick.simulation.limit_analysis.analysis import live_wrench, optimum, prepared
 from dembrick.simulation.limit_analysis.mechanism import Mechanism, mechanism_of
 from dembrick.simulation.limit_analysis.programme import Loads, Structure
@@ -139,4 +140,4 @@ def _excess(structure: Structure, slope: Structure, x: np.ndarray) -> float:
         cap = areas.adhesion + areas.friction * carried
         worst = max(worst, float((np.linalg.norm(forces.shear[:, :2], axis=1) - cap).max()))
         most = max(most, float(cap.max()))
-    return max(0.0, worst / most)
+    return max(0.0, not_nan(worst / most, "what is out of balance in the second opinion"))

@@ -20,6 +20,7 @@ from dembrick.kernels.state import ScaledInertia
 from dembrick.kernels.statics.loop import settle
 from dembrick.simulation import interrupts
 from dembrick.simulation.checkpoint_arrays import flattened, restored_state
+from dembrick.simulation.floating_point import not_nan
 from dembrick.simulation.session import DEAD_LOADS, Progress, Session, Snapshot
 from dembrick.simulation.statics import joint_families, ties
 from dembrick.simulation.statics.elastic_factor import elastic_factor, touches_itself, whole_inertia
@@ -146,7 +147,7 @@ def rest(
     relaxation = _Relaxation(state, inertia, rounds, relax)
     session = relaxation.session_of(session or Session())
     ratio, steps = relaxation.run(session)
-    stands, mechanism, moving = ratio <= UNBALANCED, None, ()
+    stands, mechanism, moving = not_nan(ratio, "what is out of balance under the dead loads") <= UNBALANCED, None, ()
     if not stands and not moving_blocks(state):
         stands, ratio = True, 0.0  # there is no force at all: no gravity and no loads
     if not stands:

@@ -9,6 +9,7 @@ from collections.abc import Callable
 import numpy as np
 
 from dembrick.kernels.statics.newton import Trial, try_motion
+from dembrick.simulation.floating_point import not_nan
 from dembrick.simulation.statics import joint_families, ties
 from dembrick.simulation.statics.sparse_equations import Factors, inner
 from dembrick.simulation.statics.state import State
@@ -110,7 +111,7 @@ class Equilibria:
         began = time.perf_counter()
         energy = self.factor.energy(self.trial.residual)
         self.phases["equations"] += time.perf_counter() - began
-        return math.sqrt(max(0.0, energy))
+        return math.sqrt(max(0.0, not_nan(energy, "what is out of balance")))
 
     def _go_to(self, motion: np.ndarray, V: float) -> None:
         """Put the blocks where a motion has them, under the load V, and find the forces."""

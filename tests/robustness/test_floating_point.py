@@ -1,0 +1,114 @@
+"""A NaN in a solver is an error: every comparison with it fails, so that an engine might call it balanced, or sure."""
+
+import copy
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import dembrick
+from dembrick.assembly import build
+from dembrick.errors import DivergedError
+from dembrick.scenario import toml
+from dembrick.simulation.dynamics import state as dynamic_state
+from dembrick.simulation.floating_point import faults_raised, not_nan
+from dembrick.simulation.statics import joint_families
+
+CONTROLS = {
+    "yield": "kind = 'yield', tolerance = 1e-3",
+    "displacement": "kind = 'displacement', rate = 1e-4, travel = 1e-4",
+    "yield, deformed": "kind = 'yield', tolerance = 1e-3, large_displacements = true",
+    "displacement, deformed": "kind = 'displacement', rate = 1e-4, travel = 1e-4, large_displacements = true",
+    "tilt": "kind = 'tilt', axis = [0, 1, 0]",
+    "pushover": "kind = 'pushover', direction = [1, 0, 0]",
+    "statics": "kind = 'statics'",
+    "statics, deformed": "kind = 'statics', large_displacements = true",
+    "dynamic": "kind = 'dynamic', duration = 0.01",
+    "base": "kind = 'base-motion', duration = 0.01, direction = [1, 0, 0], sine = {amplitude = 1, frequency = 5}",
+    "settlement": "kind = 'settlement', supports = ['floor'], displacement = [0, 0, -0.001]",
+}
+
+
+def stack(control: str, formulation: str, blocks: int = 1):
+    """Blocks of .3 x .2 x .2 m on a floor; the upper one is pushed where the control drives an actuator."""
+    stones = [
+        f"[[blocks]]\nname = 'stone{i}'\nmaterial = 'stone'\nbox = [0.3, 0.2, 0.2]\n"
+        f"position = [0, 0, {0.1 + 0.2 * i}]\n"
+        for i in range(blocks)
+    ]
+    jack = f"[[actuators]]\nname = 'jack'\nblock = 'stone{blocks - 1}'\npoint = [-0.15, 0.05, {0.2 * blocks - 0.1}]\n"
+    jack += "direction = [1, 0, 0]\n"
+    return toml.loads(
+        "title = 'a stack'\ngravity = [0, 0, -9.81]\nmaterials.stone.density = 2000.0\n"
+        f"control = {{{CONTROLS[control]}}}\n"
+        f"joint = {{formulation = '{formulation}', friction = 0.6, normal_stiffness = 1e10, shear_stiffness = 4e9}}\n"
+        "[[blocks]]\nname = 'floor'\nmaterial = 'stone'\nbox = [1, 1, 0.2]\nposition = [0, 0, -0.1]\nfixed = true\n"
+        + "".join(stones)
+        + (jack if control.split(",")[0] in ("yield", "displacement") else "")
+    )
+
+
+@pytest.fixture(params=["concave", "convex"])
+def formulation(request):
+    return request.param
+
+
+@pytest.mark.parametrize("control", CONTROLS)
+@pytest.mark.parametrize("what", ["friction", "dead_force", "position"])
+def test_no_engine_starts_from_what_is_no_number(control, what, monkeypatch):
+    """In what `build` makes of a scenario: the friction of a law, a block's weight or place."""
+    spoiled = []
+
+    def check(assembly):
+        n = len(assembly.names) - 1
+        if what == "friction":
+            law = copy.copy(assembly.joints.law[0])
+            object.__setattr__(law, "friction", np.nan)
+            assembly = replace(assembly, joints=replace(assembly.joints, law=(law, *assembly.joints.law[1:])))
+        else:
+            values = np.array(getattr(assembly, what), float)
+            values[n, 0] = np.nan
+            assembly = replace(assembly, **{what: values})
+        spoiled.append(assembly)
+        sound(assembly)
+
+    sound = build.check_finite
+    monkeypatch.setattr(build, "check_finite", check)
+    with pytest.raises(DivergedError, match="no finite number"):
+        dembrick.simulate(stack(control, "concave"), record=False)
+    assert spoiled
+
+
+@pytest.mark.parametrize("control", CONTROLS)
+def test_a_state_that_is_no_number_has_no_answer(control, formulation, monkeypatch):
+    """Stiffness in a record of joints, inertia of the bodies: what an engine may spoil on its way."""
+    at_rest, bodies = joint_families.at_rest, dynamic_state._bodies
+
+    def joints(assembly):
+        found = at_rest(assembly)
+        for record in found:
+            for name in () if record is None else {"k_n", "K_n", "area"} & set(record._fields):
+                getattr(record, name).flat[0] = np.nan
+        return found
+
+    def masses(*given):
+        found = bodies(*given)
+        for name in (name for name in found._fields if "mass" in name):
+            getattr(found, name)[...] = np.nan
+        return found
+
+    monkeypatch.setattr(joint_families, "at_rest", joints)
+    monkeypatch.setattr(dynamic_state, "_bodies", masses)
+    for blocks in (1, 2):
+        with pytest.raises(dembrick.DembrickError):
+            dembrick.simulate(stack(control, formulation, blocks), record=False)
+
+
+def test_a_fault_is_raised_and_not_warned_of():
+    with pytest.raises(DivergedError, match="floating-point fault"), faults_raised():
+        np.zeros(1) / np.zeros(1)
+    with faults_raised(), np.errstate(divide="ignore"):
+        assert np.ones(1) / np.zeros(1) == np.inf  # where it is meant
+    with pytest.raises(DivergedError, match="the load is no number"):
+        not_nan(np.nan, "the load")
+    assert not_nan(2.0, "the load") == 2.0
