@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,7 +28,7 @@ def check_finite(assembly: Assembly) -> None:
         _check(name, getattr(joints, name), lambda i: f"joint {i + 1}")
     for law in {id(law): law for law in joints.law}.values():
         numbers = [law.friction, law.normal_stiffness, law.shear_stiffness, law.cohesion, law.tensile_strength]
-        _check("law", np.array(numbers, float), lambda _, law=law: f"a {law.formulation} joint")
+        _check("law", np.array(numbers, float), partial(_of_law, law.formulation))
     for name in OF_ACTUATORS:
         _check(name, getattr(assembly.actuators, name), lambda i: f"actuator {assembly.actuators.names[i]!r}")
 
@@ -37,3 +38,7 @@ def _check(what: str, values: np.ndarray, whose: Callable[[int], str]) -> None:
     if bad.any():
         i = int(np.argwhere(bad)[0][0])
         raise DivergedError(f"{what} of {whose(i)} is no finite number, so that nothing can be computed with it")
+
+
+def _of_law(formulation: str, _: int) -> str:
+    return f"a {formulation} joint"
