@@ -38,6 +38,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not follow names th
     from dembrick.runs.load_path_result import DrivenPathResult as DrivenPathResult
     from dembrick.runs.load_path_result import LoadPathResult as LoadPathResult
     from dembrick.runs.motion_result import MotionResult as MotionResult
+    from dembrick.runs.reading import load as load
     from dembrick.runs.result import Result as Result
     from dembrick.runs.settlement_result import SettlementResult as SettlementResult
     from dembrick.runs.simulate import restart as restart
@@ -89,7 +90,6 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not follow names th
     from dembrick.scenario.time_functions import Pulse as Pulse
     from dembrick.scenario.time_functions import Sine as Sine
     from dembrick.scenario.toml import dumps as dumps
-    from dembrick.scenario.toml import load as load
     from dembrick.scenario.toml import loads as loads
     from dembrick.simulation.interrupts import Interrupted as Interrupted
     from dembrick.simulation.statics.yield_point import YieldPoint as YieldPoint
@@ -111,6 +111,7 @@ _NAMES = {  # by the module that has them
     "dembrick.runs.limit_standing": "StandingResult",
     "dembrick.runs.load_path_result": "DeformedRestResult DrivenPathResult LoadPathResult",
     "dembrick.runs.motion_result": "MotionResult",
+    "dembrick.runs.reading": "load",
     "dembrick.runs.result": "Result",
     "dembrick.runs.settlement_result": "SettlementResult",
     "dembrick.runs.simulate": "restart simulate",
@@ -132,7 +133,7 @@ _NAMES = {  # by the module that has them
     "dembrick.scenario.support_paths": "SupportPath Turn",
     "dembrick.scenario.ties": "Tie TieEnd",
     "dembrick.scenario.time_functions": "Pulse Sine",
-    "dembrick.scenario.toml": "dumps load loads",
+    "dembrick.scenario.toml": "dumps loads",
     "dembrick.simulation.interrupts": "Interrupted",
     "dembrick.simulation.statics.yield_point": "YieldPoint",
     "dembrick.views": "plot render",

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -15,10 +14,10 @@ from dembrick.scenario.blocks import Block, Mesh, Part, Prism
 from dembrick.scenario.checks import show
 
 
-def shapes_of(blocks: Sequence[Block], folder: str = "") -> tuple[Shape, ...]:
+def shapes_of(blocks: Sequence[Block], path_of: Callable[[str], str] = str) -> tuple[Shape, ...]:
     """The shape of every block; ScenarioError names the block whose description makes none.
 
-    ``folder`` is where the names of mesh files start.
+    ``path_of`` gives the path of a mesh file by its name.
     """
     known: dict[tuple, Shape] = {}
     shapes = []
@@ -27,18 +26,18 @@ def shapes_of(blocks: Sequence[Block], folder: str = "") -> tuple[Shape, ...]:
         shape = known.get(solid)
         if shape is None:
             try:
-                shape = known[solid] = _sized(*solid, folder)
+                shape = known[solid] = _sized(*solid, path_of)
             except ScenarioError as error:
                 raise ScenarioError(f"block {show(block.name)}: {error}") from None
         shapes.append(shape)
     return tuple(shapes)
 
 
-def _sized(kind: str, description, folder: str) -> Shape:
+def _sized(kind: str, description, path_of: Callable[[str], str]) -> Shape:
     """The shape, if it is of a size that can be computed with."""
     with np.errstate(all="ignore"):  # of a size that cannot, volume and inertia overflow on the way
         try:
-            shape = _shape(kind, description, folder)
+            shape = _shape(kind, description, path_of)
             size, corners = shape.diameter, shape.vertices
             spread = np.linalg.svd(corners - corners.mean(axis=0), compute_uv=False)
             thickness = 2.0 * float(spread[-1]) / math.sqrt(len(corners))  # of a box its shortest edge
@@ -53,21 +52,21 @@ def _sized(kind: str, description, folder: str) -> Shape:
     return shape
 
 
-def _shape(kind: str, description, folder: str) -> Shape:
-    return _compound(description, folder) if kind == "parts" else _convex(kind, description, folder)
+def _shape(kind: str, description, path_of: Callable[[str], str]) -> Shape:
+    return _compound(description, path_of) if kind == "parts" else _convex(kind, description, path_of)
 
 
-def _compound(parts: Sequence[Part], folder: str) -> Shape:
+def _compound(parts: Sequence[Part], path_of: Callable[[str], str]) -> Shape:
     solids = []
     for number, part in enumerate(parts):
         try:
-            solids.append(_convex(*part.solid, folder))
+            solids.append(_convex(*part.solid, path_of))
         except ScenarioError as error:
             raise ScenarioError(f"parts[{number}]: {error}") from None
     return compound(solids, [part.position for part in parts], [part.orientation for part in parts])
 
 
-def _convex(kind: str, description, folder: str) -> Polyhedron:
+def _convex(kind: str, description, path_of: Callable[[str], str]) -> Polyhedron:
     if kind == "box":
         return box(description)
     if kind == "vertices":
@@ -77,6 +76,6 @@ def _convex(kind: str, description, folder: str) -> Polyhedron:
     if isinstance(description, Mesh):
         from dembrick.geometry.mesh_file import convex_solid  # only scenes with meshes pay for the reader
 
-        return convex_solid(os.path.join(folder, description.file), description.metres)
+        return convex_solid(path_of(description.file), description.metres)
     stone = description
     return voussoir(stone.radius, stone.thickness, stone.depth, math.radians(stone.angle), stone.curved)

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -107,7 +106,7 @@ def at_rest(scenario: Scenario) -> Assembly:
     names = tuple(block.name for block in blocks)
     try:
         check_magnitudes(scenario)
-        shapes = shapes_of(blocks, os.path.dirname(scenario.path or ""))
+        shapes = shapes_of(blocks, scenario.path_of)
     except ScenarioError as error:
         refuse(scenario, str(error))
     orientation = unit_quaternion([block.orientation for block in blocks])

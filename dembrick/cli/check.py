@@ -17,11 +17,11 @@ def add_arguments(parser) -> None:
 def run(options, console) -> int:
     from dembrick.assembly.build import assemble
     from dembrick.runs.drivers import driver_of
-    from dembrick.scenario import toml
+    from dembrick.runs.reading import load
     from dembrick.scenario.unit_slips import unit_slips
     from dembrick.simulation.expected_cost import START_SECONDS
 
-    scenario = toml.load(options.scenario, options.set)
+    scenario = load(options.scenario, options.set)
     assembly = assemble(scenario)
     warnings = [*unit_slips(scenario, assembly.shapes), *assembly.warnings]
     for warning in warnings:

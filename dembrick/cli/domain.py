@@ -92,9 +92,9 @@ def _joint(options):
         import dataclasses
 
         from dembrick.assembly import build
-        from dembrick.scenario import toml
+        from dembrick.runs.reading import load
 
-        built = build.assemble(toml.load(options.scenario))
+        built = build.assemble(load(options.scenario))
         joint = DomainJoint.of_assembly(built)
         changed = {"friction": options.mu, "normal_force": options.N} | more
         changed = {key: value for key, value in changed.items() if value is not None}

@@ -27,14 +27,14 @@ def run(options, console) -> int:
     """Analyse the scenario; 1 if it does not stand under its dead loads or the solver fails."""
     from dembrick.errors import DembrickError, ScenarioError
     from dembrick.runs import limit
-    from dembrick.scenario import toml as scenarios
+    from dembrick.runs.reading import load
     from dembrick.scenario.controls import DEAD_LOAD, DEFORMED_REST
 
     if (options.reaction is None) != (options.direction is None):
         raise ScenarioError("--reaction and --direction belong together: --reaction SUPPORT --direction X,Y,Z")
     if options.reaction is not None and (options.picture or options.out or options.heuristic):
         raise ScenarioError("--picture, --out and --heuristic belong to a load, not to --reaction")
-    scenario = scenarios.load(options.scenario, options.set)
+    scenario = load(options.scenario, options.set)
     statics = scenario.control.regime in (DEAD_LOAD, DEFORMED_REST) and options.reaction is None
     if statics and (options.picture or options.out or options.heuristic):
         raise ScenarioError('--picture, --out and --heuristic belong to a load, and kind "statics" has none')

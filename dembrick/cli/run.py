@@ -35,19 +35,14 @@ def add_arguments(parser) -> None:
 def run(options, console) -> int:
     """Run the scenario; exit code 3 where theory and replay disagree."""
     from dembrick import history
+    from dembrick.runs.reading import load
     from dembrick.runs.simulate import simulate
-    from dembrick.scenario import toml as scenarios
     from dembrick.scenario.files import inputs_of
 
     changes = list(options.set)
     if options.tolerance is not None:
         changes.append(f"control.tolerance={options.tolerance!r}")
-    if _is_hdf5(options.scenario):
-        with history.read(options.scenario) as file:
-            text = file.scenario_text
-        scenario = scenarios.loads(text, options.scenario, changes)
-    else:
-        scenario = scenarios.load(options.scenario, changes)
+    scenario = load(options.scenario, changes)
     if options.out:
         require_ending(options.out, HISTORIES, "a history")
         history.refuse_inputs(options.out, os.path.realpath(options.out), inputs_of(scenario))
@@ -124,17 +119,6 @@ def answer(simulated: Callable, path: str, console) -> int:
         "theory and replay disagree: V lies outside the tolerance of theory, or theory outside the certified bracket"
     )
     return 3
-
-
-def _is_hdf5(path: str) -> bool:
-    """Whether a file is a history and not a text, by its first bytes; a pipe gives them once, and is none."""
-    if not os.path.isfile(path):
-        return False
-    try:
-        with open(path, "rb") as file:
-            return file.read(8) == b"\x89HDF\r\n\x1a\n"
-    except OSError:
-        return False  # whoever reads the scenario says why
 
 
 def _text(result) -> str:

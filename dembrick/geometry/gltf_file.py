@@ -55,6 +55,27 @@ def read(path: str) -> list[Mesh]:
         raise ScenarioError(f"{path}: it cannot be read as glTF: {error}") from None
 
 
+def buffers_beside(path: str) -> list[str]:
+    """Paths, from the folder of a file, of the files in which it keeps its buffers. ScenarioError if it cannot be
+    read."""
+    try:
+        with open(path, "rb") as file:
+            scene = _File(path, file.read())
+        buffers = [scene.entry("buffers", i, "it") for i in range(len(_listed(scene.document, "buffers")))]
+    except OSError as error:
+        raise ScenarioError(f"{path}: it cannot be read ({error.strerror})") from None
+    except _Damaged as error:
+        raise ScenarioError(f"{path}: it cannot be read as glTF: {error}") from None
+    named = [buffer.get("uri") for buffer in buffers]
+    folder = os.path.realpath(scene.folder)
+    places = (
+        os.path.relpath(os.path.realpath(os.path.join(folder, unquote(uri))), folder)
+        for uri in named
+        if isinstance(uri, str) and not uri.startswith("data:") and "\0" not in unquote(uri)
+    )
+    return [place.replace(os.sep, "/") for place in dict.fromkeys(places)]
+
+
 class _File:
     """The document of a glTF file, and what its accessors give."""
 

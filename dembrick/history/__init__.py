@@ -11,6 +11,7 @@ from dembrick.history.checkpoint import Checkpoint, Checkpoints
 from dembrick.history.claims import claimed
 from dembrick.history.files import check_output, part_name, reason, replacing, write_whole
 from dembrick.history.hdf5_files import rewritten
+from dembrick.history.inputs import inputs_of
 from dembrick.history.products import is_ours, product, refuse_inputs
 from dembrick.history.reader import History, is_of, read
 from dembrick.history.writer import OWN, HistoryWriter
@@ -23,6 +24,7 @@ __all__ = [
     "HistoryWriter",
     "check_output",
     "claimed",
+    "inputs_of",
     "is_of",
     "is_ours",
     "part_name",

@@ -34,12 +34,13 @@ _TEXT = h5py.string_dtype()
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A dataset known at the start: numbers (float64, int64, uint8) or a list of strings."""
+    """A dataset known at the start: numbers (float64, int64, uint8) or a list of strings; ``packed``: compressed."""
 
     path: str
     value: np.ndarray
     units: str
     description: str
+    packed: bool = False
 
 
 _STRENGTHS = (
@@ -60,7 +61,7 @@ def geometry(assembly: Assembly) -> list[Table]:
     pairs = [(joint.block_a, joint.block_b, joint.host) for joint in joints]
     b, j, a, c = (f"geometry/{group}/" for group in ("blocks", "joints", "actuators", "control_points"))
     tables = [
-        Table(b + "name", _texts(assembly.names), "1", "name of each block"),
+        Table(b + "name", texts_of(assembly.names), "1", "name of each block"),
         Table(b + "fixed", np.asarray(assembly.fixed, np.uint8), "1", "1 where the block is a support"),
         Table(b + "position", _floats(assembly.position, 3), "m", "centroids at the start, world axes"),
         Table(b + "orientation", _floats(assembly.orientation, 4), "1", "quaternions (w, x, y, z) at the start"),
@@ -79,12 +80,12 @@ def geometry(assembly: Assembly) -> list[Table]:
             j + "polygon", _stacked([i.polygon for i in joints], 2), "m", "corners of the joints along t1, t2 from O"
         ),
         Table(j + "polygon_start", _starts(len(i.polygon) for i in joints), "1", "first corner of each joint, and end"),
-        Table(j + "formulation", _texts(i.law.formulation for i in joints), "1", "contact formulation"),
-        Table(j + "pressure", _texts(i.law.pressure for i in joints), "1", "pressure that a convex joint assumes"),
+        Table(j + "formulation", texts_of(i.law.formulation for i in joints), "1", "contact formulation"),
+        Table(j + "pressure", texts_of(i.law.pressure for i in joints), "1", "pressure that a convex joint assumes"),
         Table(j + "friction", _floats([i.law.friction for i in joints]), "1", "friction coefficient"),
         Table(j + "point", arms, "m, m, m, m, m2", "contact points: normal arm (2), shear arm (2) from O, area"),
         Table(j + "point_start", _starts(0 if p is None else len(p.area) for p in points), "1", "first point, and end"),
-        Table(a + "name", _texts(actuators.names), "1", "name of each actuator"),
+        Table(a + "name", texts_of(actuators.names), "1", "name of each actuator"),
         Table(a + "block", _ints(actuators.block), "1", "block that the actuator pushes"),
         Table(a + "point", _floats(actuators.point, 3), "m", "its point at the start, world axes"),
         Table(a + "direction", _floats(actuators.direction, 3), "1", "its direction, world axes"),
@@ -108,7 +109,7 @@ def geometry(assembly: Assembly) -> list[Table]:
     watched = assembly.control_points
     if watched.names:
         tables += [
-            Table(c + "name", _texts(watched.names), "1", "name of each control point"),
+            Table(c + "name", texts_of(watched.names), "1", "name of each control point"),
             Table(c + "block", _ints(watched.block), "1", "block that it belongs to"),
             Table(c + "point", _floats(watched.point, 3), "m", "where it was at the start, world axes"),
         ]
@@ -152,7 +153,8 @@ def create(
     with rewritten(path) as (file, _):
         file.attrs.update(attributes)
         for table in tables:
-            made = file.create_dataset(table.path, data=table.value)
+            how_packed = {"compression": 1} if table.packed and table.value.size else {}
+            made = file.create_dataset(table.path, data=table.value, **how_packed)
             made.attrs.update(units=table.units, description=table.description)
         for field, count in growing.items():
             reserve(field.path, (count, *field.shape), field.kind, field.unit, field.about)
@@ -170,7 +172,8 @@ def put(file, position: int, array: np.ndarray) -> None:
         rest = rest[file.write(rest) :]
 
 
-def _texts(values: Iterable[str]) -> np.ndarray:
+def texts_of(values: Iterable[str]) -> np.ndarray:
+    """An array of strings, as HDF5 stores them."""
     values = list(values)
     array = np.empty(len(values), dtype=_TEXT)
     array[:] = values

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import tomllib
-from collections.abc import Container, Mapping
+from collections.abc import Container, Iterable, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,6 +14,7 @@ import numpy as np
 
 from dembrick.errors import HistoryError, ScenarioError
 from dembrick.history import guard
+from dembrick.history.inputs import Input, read_inputs, unpacked
 from dembrick.history.layout import FORMAT, WRITTEN
 from dembrick.history.rest_geometry import RestGeometry
 from dembrick.scenario import toml as scenarios
@@ -31,6 +32,8 @@ from dembrick.simulation.channels import CHANNELS, CONTACTS, FRAMES, NEW_CONTACT
 if TYPE_CHECKING:
     import pandas
     import xarray
+
+    from dembrick.scenario.model import Scenario
 
 _COUNTING = {regime.name for regime in REGIMES if regime.counts_equilibria}  # their times are numbers of equilibria
 _SEARCHING = (LIMIT_LOAD.name, PATH_FOLLOWING.name)
@@ -157,6 +160,18 @@ class History(RestGeometry):
         data = guard.dataset(self._file, "scenario", "text", ())
         with guard.damaged(self.path, "scenario"):
             return data.asstr()[()]
+
+    @cached_property
+    def inputs(self) -> list[Input]:
+        """The files that the scenario reads, as the run read them."""
+        return read_inputs(self._file)
+
+    def scenario(self, path: str | None, overrides: Iterable[str] = ()) -> Scenario:
+        """The scenario, with the files that it reads, which are unpacked as long as this process lives.
+
+        ``path``: the file that it counts as, None if it was written in Python; ``overrides``: as for ``--set``.
+        """
+        return scenarios.loads(self.scenario_text, path, overrides, unpacked(self.inputs))
 
     @cached_property
     def title(self) -> str:

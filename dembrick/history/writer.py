@@ -8,7 +8,7 @@ import platform
 import sys
 import time
 import zlib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
@@ -21,6 +21,7 @@ from dembrick.errors import HistoryError, OutputError, WriteError
 from dembrick.history import layout
 from dembrick.history.files import check_output, clear_parts, reason, replacing
 from dembrick.history.hdf5_files import rewritten
+from dembrick.history.inputs import Input, tables
 from dembrick.history.reader import History, is_of
 from dembrick.scenario.controls import Control, YieldControl
 from dembrick.simulation.channels import CONTACTS, FRAMES, ROWS, Channel, recorded, taken
@@ -48,7 +49,7 @@ class HistoryWriter:
     makes the final file: exact lengths, compressed where that halves a long series. Until then the status is
     ``running``. ``resume`` goes on with a file that was left behind.
     ``channels``: what is recorded (see ``model.Output``). ``control``: what is done to the blocks, which says what the
-    load is.
+    load is. ``inputs``: the files that the scenario reads.
 
     A file that is there gives way if it is a run that failed, or an unfinished history of the same scenario; with
     ``force`` = `OWN` also a finished one of it, with True any.
@@ -67,13 +68,15 @@ class HistoryWriter:
         channels: Iterable[str] = ("joints", "energy", "frames"),
         hold: float = 0.1,
         control: Control | None = None,
+        inputs: Sequence[Input] = (),
     ):
         self.path = os.fspath(path)
         self._target = check_output(path)
         if force is not True:
             _refuse_other(self.path, self._target, scenario_text, settings.get("scenario"), force == OWN)
         clear_parts(self._target)
-        self._assembly, self._scenario_text, self._settings = assembly, scenario_text, dict(settings)
+        self._assembly, self._settings = assembly, dict(settings)
+        self._said = [layout.scenario_table(scenario_text), *tables(inputs)]
         self._channels, self._hold, self._opened = frozenset(channels), hold, time.monotonic()
         self._flushed = self._opened
         self._control = control or YieldControl()
@@ -106,7 +109,8 @@ class HistoryWriter:
 
         The others are dropped; ``left`` is closed.
         """
-        self = cls(left.path, left.scenario_text, assembly, settings, True, channels, control=control)
+        text = left.scenario_text
+        self = cls(left.path, text, assembly, settings, True, channels, control=control, inputs=left.inputs)
         self._source, self.run = left, left.run or self.run
         self._stored = rows, frames, left.new_contacts_before(frames)
         with self._failures():
@@ -246,7 +250,7 @@ class HistoryWriter:
     def _begin(self) -> None:
         """A file that says what is being run, and has no data yet."""
         with self._failures(), replacing(self._target) as part:
-            layout.create(part, {}, [layout.scenario_table(self._scenario_text)], self._attributes(RUNNING, {}), {})
+            layout.create(part, {}, self._said, self._attributes(RUNNING, {}), {})
 
     def _attributes(self, status: str, results: Mapping) -> dict:
         found = {"format": layout.FORMAT, "status": status, "run": self.run, "versions": _json(_versions())}
@@ -296,7 +300,7 @@ class HistoryWriter:
 
     def _write_whole(self, part: str, counts: tuple[int, int, int], status: str, results: Mapping, final: bool) -> dict:
         if self._tables is None:
-            self._tables = [layout.scenario_table(self._scenario_text), *layout.geometry(self._assembly)]
+            self._tables = [*self._said, *layout.geometry(self._assembly)]
         packed = {}
         if final:
             chunks = {f.path: self._worth_packing(f, counts[f.grows_by]) for f in self._fields}

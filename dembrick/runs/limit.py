@@ -17,8 +17,8 @@ from dembrick.errors import DembrickError, NotConvergedError, ScenarioError
 from dembrick.runs.left_out import LeftOut, left_out
 from dembrick.runs.limit_scenario import assembled, names_of
 from dembrick.runs.limit_standing import StandingResult, stands
+from dembrick.runs.reading import load
 from dembrick.runs.result import heading, listed, tie_lines, tied
-from dembrick.scenario import toml as scenarios
 from dembrick.scenario.checks import nearest, present, show
 from dembrick.scenario.controls import DEAD_LOAD, DEFORMED_REST, Control
 from dembrick.scenario.model import Scenario
@@ -230,7 +230,7 @@ def limit(
     ScenarioError for input that is no test or has no load, NotConvergedError if it does not stand under its dead
     loads or the solver fails, MissingDependency without the extra ``limit``.
     """
-    scenario = scenario if isinstance(scenario, Scenario) else scenarios.load(scenario)
+    scenario = scenario if isinstance(scenario, Scenario) else load(scenario)
     if scenario.control.regime in (DEAD_LOAD, DEFORMED_REST):
         if heuristic:
             raise ScenarioError('the second opinion belongs to a load, and kind "statics" has none')

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from dembrick.assembly import build as assemblies
 from dembrick.errors import ScenarioError
 from dembrick.runs.logger import heard_by
-from dembrick.scenario import toml as scenarios
+from dembrick.runs.reading import load
 from dembrick.scenario.checks import show
 from dembrick.scenario.controls import EVERY_BLOCK
 from dembrick.scenario.model import Scenario
@@ -47,7 +47,7 @@ def assembled(
 ) -> tuple[Scenario, Assembly, float]:
     """A scenario as limit analysis looks at it, its assembly, and the seconds that took; `report` hears warnings."""
     solver.require()
-    scenario = searched(given if isinstance(given, Scenario) else scenarios.load(given))
+    scenario = searched(given if isinstance(given, Scenario) else load(given))
     assembly = assemblies.assemble(scenario)
     report = heard_by(report)
     if report:

@@ -55,7 +55,7 @@ def write(result, path: str | os.PathLike, force: bool = False) -> str:
         rows["control_point"][1] = assembly.control_points.displacement(displacement, rotation_matrix(orientation))
     with history.HistoryWriter(
         path, scenarios.text_of(result.scenario), assembly, {}, force, channels=channels,
-        control=result.scenario.control,
+        control=result.scenario.control, inputs=history.inputs_of(result.scenario),
     ) as writer:  # fmt: skip
         writer.append(rows)
         writer.append_frames(

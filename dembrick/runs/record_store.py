@@ -79,7 +79,10 @@ class RecordStore:
         self._checkpoints = history.Checkpoints(self.path)
         self._scenario = hashlib.sha256(text.encode()).hexdigest()
         if left is None:
-            self._writer = history.HistoryWriter(self.path, text, assembly, settings, force, channels, control=control)
+            inputs = history.inputs_of(scenario)
+            self._writer = history.HistoryWriter(
+                self.path, text, assembly, settings, force, channels, control=control, inputs=inputs
+            )
             self._checkpoints.discard()
         else:
             rows, frames = self._take_checkpoint(left)

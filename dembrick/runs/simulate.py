@@ -19,6 +19,7 @@ from dembrick.runs.locked_in import NoSuchHistory, histories
 from dembrick.runs.logger import LOGGER, heard_by
 from dembrick.runs.notebook import notebook_bar
 from dembrick.runs.path_dependence import has_paths, ranged, within
+from dembrick.runs.reading import load
 from dembrick.runs.record_store import Memory, RecordStore
 from dembrick.runs.result import Result, heading
 from dembrick.runs.stages import Stages
@@ -126,7 +127,8 @@ def simulate(
     report: Callable[[str], None] | None = None,
     progress: Callable[[Progress], None] | bool | None = None,
 ) -> AnyResult:
-    """Run a scenario (or the TOML file of one) and return its Result, or its MotionResult where blocks move in time.
+    """Run a scenario (or its TOML file, or a history of it) and return its Result, or its MotionResult where blocks
+    move in time.
 
     ``history`` is the HDF5 file to write; ``force`` lets it replace any, or with "own" a finished one of the same
     scenario. Without ``record`` (and a history) only the yield point is kept, which is what a batch wants. ``refine``
@@ -142,7 +144,7 @@ def simulate(
     """
     began, start_up, report = time.perf_counter(), _start_up(), heard_by(report)
     if not isinstance(scenario, Scenario):
-        scenario = scenarios.load(scenario)
+        scenario = load(scenario)
     assembly = _built(scenario, report)
     asked = Asked(refine, bound)
     asked.check(scenario, assembly)
@@ -178,7 +180,7 @@ def restart(
                 f"{left.path}: this run is over (status {left.status}); dembrick run {left.path} runs it again"
             )
         named = left.settings.get("scenario")
-        scenario = scenarios.loads(left.scenario_text, named if isinstance(named, str) and named else None)
+        scenario = left.scenario(named if isinstance(named, str) and named else None)
         assembly = _built(scenario, report)
         settings = {"scenario": scenario.path or ""}
         store = RecordStore(history, scenario, left.scenario_text, assembly, settings, left=left)

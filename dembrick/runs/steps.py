@@ -11,7 +11,7 @@ import numpy as np
 from dembrick.assembly.build import assemble
 from dembrick.errors import ScenarioError
 from dembrick.kernels.dynamics.loop import REACHED, Limits
-from dembrick.scenario import toml
+from dembrick.runs.reading import load
 from dembrick.scenario.checks import real, require, show
 from dembrick.scenario.model import Scenario
 from dembrick.scenario.regimes import COLLAPSE
@@ -64,7 +64,7 @@ def steps(
     real time, and what a run raises.
     """
     if not isinstance(scenario, Scenario):
-        scenario = toml.load(scenario)
+        scenario = load(scenario)
     control = scenario.control
     if control.regime.quasi_static or control.push_direction is not None:
         raise ScenarioError(

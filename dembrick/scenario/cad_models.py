@@ -41,9 +41,8 @@ class CadModel:
         require(tolerance >= 0.0, f"gap_tolerance{label}", tolerance, "it must be at least 0 m")
         assign(self, gap_tolerance=tolerance)
 
-    def build(self, folder: str) -> tuple[list[Block], list[str]]:
-        """The blocks, and remarks on gaps; file names start in ``folder``."""
-        path = os.path.join(folder, self.file)
+    def build(self, path: str) -> tuple[list[Block], list[str]]:
+        """The blocks of the file at ``path``, and remarks on gaps."""
         stamp = os.stat(path).st_mtime_ns if os.path.isfile(path) else 0
         solids, closed, near = _read(path, stamp, LENGTHS[self.unit], self.gap_tolerance)
         frame = Frame(self.position, self.heading)

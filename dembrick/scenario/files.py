@@ -4,18 +4,41 @@ from __future__ import annotations
 
 import os
 
+from dembrick.errors import ScenarioError
 from dembrick.scenario.blocks import Block, Part
 from dembrick.scenario.model import Scenario
+from dembrick.scenario.stages import controls_of
+
+_KEYS = ("file", "protocol", "force_protocol")  # of controls, that may name a file or several
 
 
-def inputs_of(scenario: Scenario) -> list[str]:
-    """The scenario's own file, and every mesh and history in time that it names."""
-    shaken = getattr(scenario.control, "file", None)
-    named = [*(shaken if isinstance(shaken, tuple) else [shaken]), *(load.history for load in scenario.loads)]
+def names_of(scenario: Scenario) -> list[str]:
+    """Names of every mesh, model and record in time that it reads, each once."""
+    named = [load.history for load in scenario.loads]
+    for control in controls_of(scenario):
+        for key in _KEYS:
+            value = getattr(control, key, None)
+            named += [one for one in (value if isinstance(value, tuple) else [value]) if isinstance(one, str)]
     for block in scenario.all_blocks:
         solids: list[Block | Part] = [block, *(block.parts or ())]
         named += [solid.mesh.file for solid in solids if solid.mesh is not None]
     named += [model.file for model in scenario.models]
-    folder = os.path.dirname(scenario.path or "")
+    return [name for name in dict.fromkeys(named) if name]
+
+
+def companions_of(path: str) -> list[str]:
+    """Files that the file at a path reads, by their paths from its folder: the buffers of a glTF scene."""
+    if os.path.splitext(path)[1].lower() not in (".gltf", ".glb"):
+        return []
+    from dembrick.geometry.gltf_file import buffers_beside
+
+    try:
+        return buffers_beside(path)
+    except ScenarioError:
+        return []  # whoever reads the scene says why
+
+
+def inputs_of(scenario: Scenario) -> list[str]:
+    """The scenario's own file, and every mesh and history in time that it names."""
     own = [scenario.path] if scenario.path else []
-    return own + [os.path.join(folder, name) for name in dict.fromkeys(named) if name]
+    return own + [scenario.path_of(name) for name in names_of(scenario)]

@@ -30,7 +30,7 @@ from dembrick.scenario.pressures import Pressure
 from dembrick.scenario.support_paths import SupportPath, Turn
 from dembrick.scenario.ties import Tie, TieEnd
 
-NOT_KEYS = {"text", "path"}  # fields of dataclasses that no file writes
+NOT_KEYS = {"text", "path", "files"}  # fields of dataclasses that no file writes
 
 
 @dataclass(frozen=True, slots=True)

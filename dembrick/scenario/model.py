@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from numbers import Integral
 from typing import TYPE_CHECKING, Generic
@@ -195,7 +196,8 @@ class Output:
 class Scenario(Generic[AControl]):
     """One test, complete: the blocks and how they touch, the loads, and what is done to them.
 
-    ``text`` is the TOML it came from, ``path`` its file (both None when written in Python).
+    ``text`` is the TOML it came from, ``path`` its file (both None when written in Python). ``files``: paths of the
+    files that it names, by their names, if they came with it out of a history; others are looked for beside ``path``.
 
     Two scenarios are equal when they say the same, wherever they come from. ``all_blocks`` holds ``blocks`` and then
     what the generators lay: walls, stacks, arches, domes, and what ``models`` from CAD hold, in the order in which they
@@ -218,6 +220,7 @@ class Scenario(Generic[AControl]):
     output: Output = field(default_factory=Output)
     path: str | None = field(default=None, compare=False)
     text: str | None = field(default=None, compare=False, repr=False)
+    files: Mapping[str, str] = field(default_factory=dict, compare=False, repr=False)
     walls: tuple[Wall, ...] = ()
     stacks: tuple[Stack, ...] = ()
     arches: tuple[Arch, ...] = ()
@@ -274,7 +277,7 @@ class Scenario(Generic[AControl]):
         for generator in generators:
             blocks += generator.build()
         for model in self.models:
-            solids, remarks = model.build(os.path.dirname(self.path or ""))
+            solids, remarks = model.build(self.path_of(model.file))
             blocks += solids
             assign(self, remarks=(*self.remarks, *remarks))
         assign(self, all_blocks=tuple(blocks), groups=_groups(blocks))
@@ -286,6 +289,10 @@ class Scenario(Generic[AControl]):
                 for i in self.groups.get(name) or (numbers[name],):
                     blocks[i] = replace(blocks[i], fixed=True)
             assign(self, all_blocks=tuple(blocks))
+
+    def path_of(self, name: str) -> str:
+        """The path of a file that the scenario names: the one that came with it, or beside the scenario's own."""
+        return self.files.get(name) or os.path.join(os.path.dirname(self.path or ""), name)
 
     def members(self, name: str) -> tuple[int, ...]:
         """Numbers in ``all_blocks`` of the blocks that ``name`` stands for, a group or a single block."""

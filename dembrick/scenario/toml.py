@@ -68,17 +68,23 @@ def load(path: str | os.PathLike, overrides: Iterable[str] = (), regular: bool =
     return loads(read_text(path, "a scenario file (TOML)", regular), path, overrides)
 
 
-def loads(text: str, path: str | os.PathLike | None = None, overrides: Iterable[str] = ()) -> Scenario:
-    """Decode the text of a scenario; ``path`` is the file it came from, for messages and for the record."""
+def loads(
+    text: str,
+    path: str | os.PathLike | None = None,
+    overrides: Iterable[str] = (),
+    files: Mapping[str, str] | None = None,
+) -> Scenario:
+    """Decode the text of a scenario; ``path`` is the file it came from, for messages and for the record, ``files`` are
+    those that came with it: see `Scenario`."""
     name = None if path is None else os.fsdecode(path)
     document = _parse(text, name or NAMELESS)
     assignments = list(overrides)
     if not assignments:
-        return _decode(document, _Place(name or NAMELESS, text=text), name, text)
+        return _decode(document, _Place(name or NAMELESS, text=text), name, text, files=files)
     apply_overrides(document, assignments)
     notes = "".join(f"# --set {show(assignment)}\n" for assignment in assignments)
     place = _Place(f"{name or 'the scenario'} (with --set)")
-    return _decode(document, place, name, f"{notes}{_write(document)}")
+    return _decode(document, place, name, f"{notes}{_write(document)}", files=files)
 
 
 def varied(text: str, path: str | os.PathLike | None, changes: Mapping[str, Any]) -> Scenario:
@@ -112,7 +118,8 @@ def dumps(scenario: Scenario) -> str:
 
 def text_of(scenario: Scenario) -> str:
     """The scenario as TOML: the text it came from while that is still what it says, else :func:`dumps`."""
-    if scenario.text is not None and _parsed(scenario.text, scenario.path or NAMELESS)[1] == scenario:
+    files = tuple(scenario.files.items())
+    if scenario.text is not None and _parsed(scenario.text, scenario.path or NAMELESS, files)[1] == scenario:
         return scenario.text
     return dumps(scenario)
 
@@ -155,10 +162,10 @@ class _Place(NamedTuple):
 
 
 @lru_cache(maxsize=16)
-def _parsed(text: str, file: str) -> tuple[dict[str, Any], Scenario]:
+def _parsed(text: str, file: str, files: tuple[tuple[str, str], ...] = ()) -> tuple[dict[str, Any], Scenario]:
     """A parsed text, which must not be changed, and its scenario."""
     document = _parse(text, file)
-    return document, _decode(document, _Place(file, text=text), file, None)
+    return document, _decode(document, _Place(file, text=text), file, None, files=dict(files))
 
 
 def _parse(text: str, file: str) -> dict[str, Any]:
@@ -191,11 +198,12 @@ def _decode(
     path: str | None,
     text: str | None,
     like: tuple[dict[str, Any], Scenario] | None = None,
+    files: Mapping[str, str] | None = None,
 ) -> Scenario:
     """The scenario of a document. What it shares with the document ``like``, table by table, has been checked already
     and is taken from its scenario."""
     keys = _keys_of(Scenario)
-    for key in ("path", "text"):
+    for key in ("path", "text", "files"):
         del keys[key]
     keys["control"] = True
     keys["blocks"] = not any(key in document for key in (*GENERATORS, "models"))
@@ -240,7 +248,7 @@ def _decode(
             with faults.kept():
                 values[key] = decoded(key)
     faults.tell()
-    scenario = _make(Scenario, {**values, "path": path, "text": text}, place)
+    scenario = _make(Scenario, {**values, "path": path, "text": text, "files": files or {}}, place)
     driven = scenario.actuators or any(pressure.actuator for pressure in scenario.pressures)
     drives = next((control for control in controls_of(scenario) if control.drives == ACTUATORS), None)
     if not driven and drives is not None:

@@ -102,7 +102,7 @@ SLIPS = {
 
 
 def slips(scenario):
-    return unit_slips(scenario, shapes_of(scenario.all_blocks, str(SCENARIOS)))
+    return unit_slips(scenario, shapes_of(scenario.all_blocks, scenario.path_of))
 
 
 @pytest.mark.parametrize("name", SLIPS)
@@ -127,8 +127,8 @@ def test_blocks_of_any_shape_may_be_in_mm(shape, tmp_path):
     (tmp_path / "block.ply").write_text(PLY)
     at = SET4A.rindex("box      =") if "box      =" in SET4A else SET4A.rindex("box =")
     text = SET4A[:at] + shape + SET4A[SET4A.index("\n", at) :]
-    scenario = toml.loads(text)
-    (found,) = unit_slips(scenario, shapes_of(scenario.all_blocks, str(tmp_path)))
+    scenario = toml.loads(text, tmp_path / "one.toml")
+    (found,) = unit_slips(scenario, shapes_of(scenario.all_blocks, scenario.path_of))
     assert "'upper' is 300 m long: lengths are in metres" in found
 
 

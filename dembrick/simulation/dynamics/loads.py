@@ -13,7 +13,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -205,8 +204,7 @@ def _support_velocity(scenario: Scenario, file: str | None, columns, time_step: 
 def _samples(
     scenario: Scenario, file: str, quantity: str, columns, duration: float, time_step: float
 ) -> time_histories.Samples:
-    folder = Path(scenario.path).parent if scenario.path else Path()
-    samples = time_histories.read_samples(folder / file, duration, quantity, columns)
+    samples = time_histories.read_samples(scenario.path_of(file), duration, quantity, columns)
     if samples.step < time_step:
         raise ScenarioError(
             f"{samples.path}: its step of {samples.step:.3g} s is shorter than the time step {time_step:.3g} s of the "

@@ -1,0 +1,103 @@
+"""Files that a scenario reads, meshes and records in time, as a history holds them: byte by byte, under their names.
+
+A file may read others beside it, as a glTF scene does; they are held with it, by their path from its folder.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import tempfile
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from dembrick.errors import HistoryError
+from dembrick.history import guard
+from dembrick.history.layout import Table, texts_of
+from dembrick.scenario.files import companions_of, names_of
+
+if TYPE_CHECKING:
+    from dembrick.scenario.model import Scenario
+
+_MOST = 10_000  # files of one history
+
+
+class Input(NamedTuple):
+    """One file: ``name`` as the scenario has it, ``place`` from the folder of the file of that name, ``data``."""
+
+    name: str
+    place: str
+    data: bytes
+
+
+def inputs_of(scenario: Scenario) -> list[Input]:
+    """The files that a scenario names and those that they read; what is no ordinary file is left out, as no run reads
+    it."""
+    found = []
+    for name in names_of(scenario):
+        path = scenario.path_of(name)
+        own = re.sub(r"[^\w.-]", "_", os.path.basename(path))
+        beside = {place: os.path.join(os.path.dirname(path), place) for place in companions_of(path) if _inside(place)}
+        for place, there in {own: path, **beside}.items():
+            if os.path.isfile(there):
+                with open(there, "rb") as file:
+                    found.append(Input(name, place, file.read()))
+    return found
+
+
+def tables(inputs: Sequence[Input]) -> list[Table]:
+    """The datasets of a history that hold them; none without files."""
+    if not inputs:
+        return []
+    sizes = np.cumsum([0, *(len(one.data) for one in inputs)], dtype=np.int64)
+    data = np.frombuffer(b"".join(one.data for one in inputs), np.uint8)
+    return [
+        Table("files/name", texts_of(one.name for one in inputs), "1", "name of each file, as in the scenario"),
+        Table("files/place", texts_of(one.place for one in inputs), "1", "its path from the folder of that file"),
+        Table("files/start", sizes.astype("<i8"), "1", "first byte of each file, and end"),
+        Table("files/bytes", data, "1", "the files that the scenario reads, one after the other", packed=True),
+    ]
+
+
+def read_inputs(file) -> list[Input]:
+    """The files in an open history; HistoryError if they are not as `tables` has them, or lead out of a folder."""
+    if not guard.exists(file, "files"):
+        return []
+    names, places = (guard.texts(guard.dataset(file, f"files/{key}", "text", (None,))) for key in ("name", "place"))
+    start = guard.values(guard.dataset(file, "files/start", "integer", (len(names) + 1,)))
+    held = guard.dataset(file, "files/bytes", "integer", (None,))
+    fits = len(places) == len(names) <= _MOST and held.dtype == np.uint8
+    fits = fits and start[0] == 0 and start[-1] == len(held) and bool((np.diff(start) >= 0).all())
+    if not fits or not all(_inside(place) for place in places):
+        raise HistoryError(f"{file.filename}: the files of its scenario cannot be read; it was not written by us")
+    data = guard.values(held).tobytes()
+    ends = zip(start[:-1].tolist(), start[1:].tolist(), strict=True)
+    return [Input(*one, data[a:b]) for *one, (a, b) in zip(names, places, ends, strict=True)]
+
+
+def unpacked(inputs: Iterable[Input]) -> Mapping[str, str]:
+    """Paths of the files by their names, in a folder that is there as long as this process."""
+    inputs = list(inputs)
+    if not inputs:
+        return {}
+    folder = tempfile.TemporaryDirectory(prefix="dembrick-")
+    _FOLDERS.append(folder)
+    numbers, paths = {name: str(i) for i, name in enumerate(dict.fromkeys(one.name for one in inputs))}, {}
+    for one in inputs:
+        path = os.path.join(folder.name, numbers[one.name], one.place)
+        os.makedirs(os.path.dirname(path), exist_ok=True)
+        with open(path, "wb") as file:
+            file.write(one.data)
+        paths.setdefault(one.name, path)  # those that it reads come after it
+    return paths
+
+
+_FOLDERS: list[tempfile.TemporaryDirectory] = []  # removed as the process ends
+
+
+def _inside(place: str) -> bool:
+    """Whether a path stays in its folder, on any system."""
+    parts = place.split("/")
+    return all(part and part.strip(". ") and not set(part) & set("\\:\0") for part in parts) and len(place) < 1000
