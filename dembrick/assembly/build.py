@@ -56,7 +56,8 @@ class Assembly:
 
     ``position`` (n, 3) of the centroids, ``orientation`` (n, 4) unit quaternions, ``rotation`` (n, 3, 3) the same as
     matrices, ``mass`` (n,), ``inertia`` (n, 3, 3) about the centroid in body axes, ``velocity`` and
-    ``angular_velocity`` (n, 3) at the start; ``dead_force`` and ``dead_torque`` (n, 3) about the centroid, gravity
+    ``angular_velocity`` (n, 3) at the start; ``held`` (n, 6): the directions of the world in which guided blocks do not
+    move or turn, all of them of a fixed block; ``dead_force`` and ``dead_torque`` (n, 3) about the centroid, gravity
     and loads together, ``point_loads`` these loads one by one; ``pressed``: the faces on which pressures follow blocks
     that move, none in the geometry of the start. ``contact_points``: one entry a joint, None for ``convex``.
     ``joint_force`` (n_joint, 3): what block a exerts on block b under the dead loads, see :func:`dead_joint_forces`;
@@ -88,6 +89,17 @@ class Assembly:
     point_loads: PointLoads = NO_LOADS
     pressed: PressedPolygons = NO_POLYGONS
     ties: TieTable = NO_TIES
+    held: np.ndarray = field(default_factory=lambda: np.zeros((0, 6), bool))
+
+    @property
+    def supporting(self) -> np.ndarray:
+        """Blocks (n,) that have reactions: those that are fixed, and those that are held in some directions."""
+        return np.asarray(self.fixed, bool) | self.held.any(axis=1)
+
+    @property
+    def guided(self) -> np.ndarray:
+        """Numbers (g,) of the blocks that are held in some directions and free in others."""
+        return np.flatnonzero(self.held.any(axis=1) & ~np.asarray(self.fixed, bool))
 
     def __repr__(self) -> str:
         return f"<Assembly: {len(self.names)} blocks, {len(self.joints)} joints>"
@@ -153,6 +165,7 @@ def at_rest(scenario: Scenario) -> Assembly:
         joint_force=np.zeros((len(joints), 3)),
         dead_force=nothing,
         dead_torque=nothing,
+        held=np.array([block.guides for block in blocks], bool),
     )
 
 
@@ -182,6 +195,7 @@ def loaded(scenario: Scenario, bare: Assembly, points: bool = True) -> Assembly:
         refuse(scenario, str(error))
 
     joint_force, exact = dead_joint_forces(joints, bare.fixed, dead_force)
+    exact = exact and not len(bare.guided)  # a guide may bear what a joint would
     warnings = scenario.remarks + check_control(scenario) + check_strengths(scenario, joints)
     warnings += check_stiffness(scenario, bare.shapes, joints, joint_force)
     tolerance = getattr(control, "tolerance", DISCRETISATION)

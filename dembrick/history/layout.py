@@ -63,6 +63,7 @@ def geometry(assembly: Assembly) -> list[Table]:
     tables = [
         Table(b + "name", texts_of(assembly.names), "1", "name of each block"),
         Table(b + "fixed", np.asarray(assembly.fixed, np.uint8), "1", "1 where the block is a support"),
+        Table(b + "held", assembly.held.astype(np.uint8), "1", "1 in directions x, y, z, rx, ry, rz that are held"),
         Table(b + "position", _floats(assembly.position, 3), "m", "centroids at the start, world axes"),
         Table(b + "orientation", _floats(assembly.orientation, 4), "1", "quaternions (w, x, y, z) at the start"),
         Table(b + "mass", _floats(assembly.mass), "kg", "mass of each block"),

@@ -105,7 +105,7 @@ class History(RestGeometry):
         if "tension" in found["history"]:
             self.n_tie = guard.dataset(self._file, "geometry/ties/blocks", "integer", (None, 2)).shape[0]
         if "reaction" in found["history"]:
-            self.n_support = int(np.count_nonzero(self.block_fixed))
+            self.n_support = int(np.count_nonzero(self.block_held.any(axis=1)))
         self.has_joints, self.has_frames = "joint" in found["history"], "time" in found["frames"]
         found["history/energy"] = guard.members(self._file, "history/energy")
         n_point = guard.dataset(self._file, "geometry/joints/point", "number", (None, 5)).shape[0]
@@ -316,12 +316,13 @@ class History(RestGeometry):
     @property
     def support_names(self) -> list[str]:
         """Names of the blocks that `reaction` is of."""
-        return [name for name, fixed in zip(self.block_names, self.block_fixed, strict=True) if fixed]
+        return [name for name, held in zip(self.block_names, self.block_held.any(axis=1), strict=True) if held]
 
     @cached_property
     def reaction(self) -> np.ndarray:
         """(T, n_support, 6) N, N m: force and moment of the supports on the structure, about their centroids at the
-        start, world axes; (T, 0, 6) where there are none, and where the run did not record them."""
+        start, and of the guides on every block that they hold; world axes. (T, 0, 6) where there are none, and where
+        the run did not record them."""
         return self.series("reaction") if self.n_support else np.zeros((self.n_row, 0, 6))
 
     @cached_property

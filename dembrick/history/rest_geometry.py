@@ -58,6 +58,12 @@ class RestGeometry:
         return self._table("blocks/fixed", count=self.n_block, kind="integer").astype(bool)
 
     @cached_property
+    def block_held(self) -> np.ndarray:
+        """(n_block, 6) bool: the directions x, y, z, rx, ry, rz in which a block is held, all of a support."""
+        held = self._optional("blocks/held", 6)
+        return np.repeat(self.block_fixed[:, None], 6, axis=1) if held is None else held.astype(bool)
+
+    @cached_property
     def block_mass(self) -> np.ndarray | None:
         """(n_block,) kg; None in files of earlier versions."""
         return self._optional("blocks/mass")

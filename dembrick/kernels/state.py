@@ -26,6 +26,9 @@ class Blocks(NamedTuple):
     torque: ndarray  # (n, 3) N m about the centroid, out of balance
     dead_force: ndarray  # (n, 3) N, gravity and dead loads
     dead_torque: ndarray  # (n, 3) N m about the centroid, of the dead loads at the start
+    guided: ndarray  # (g,) int64, free blocks that are held in some directions
+    held: ndarray  # (g, 6) bool, which: along x, y, z, about x, y, z of the world
+    guide: ndarray  # (g, 6) N, N m: what their guides exert on them, zero where they are free
 
 
 class ScaledInertia(NamedTuple):

@@ -86,9 +86,9 @@ class RunResult:
 
     @property
     def reactions(self) -> dict[str, list[float]] | None:
-        """[Fx, Fy, Fz, Mx, My, Mz] of every support on the structure at the end, about its centroid at the start
-        (N, N m; world axes); None if blocks fall that would be at rest."""
-        names = (name for name, fixed in zip(self.assembly.names, self.assembly.fixed, strict=True) if fixed)
+        """[Fx, Fy, Fz, Mx, My, Mz] of every support on the structure at the end, and of the guides on every block that
+        they hold, about its centroid (N, N m; world axes); None if blocks fall that would be at rest."""
+        names = (name for name, own in zip(self.assembly.names, self.assembly.supporting, strict=True) if own)
         return dict(zip(names, (self.run.reactions + 0.0).tolist(), strict=True))
 
     @property

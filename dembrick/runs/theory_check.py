@@ -63,7 +63,7 @@ def theory_of(assembly: Assembly, after_slip: bool = False) -> Theory | None:
     """The limit load of the scenario by theory, or None if no theory holds: more than one joint, a joint that dilates,
     crushes, tears open or breaks point by point, ties, or a load that changes the normal force. ``after_slip``: of what
     a joint carries as it slides on."""
-    if len(assembly.joints) != 1 or len(assembly.ties) or assembly.fixed.sum() != 1 or len(assembly.names) != 2:
+    if len(assembly.joints) != 1 or len(assembly.ties) or assembly.supporting.sum() != 1 or len(assembly.names) != 2:
         return None
     joint = assembly.joints[0]
     law, polygon = joint.law, joint.pieces or joint.polygon

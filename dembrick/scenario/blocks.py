@@ -30,6 +30,7 @@ Quaternion = tuple[float, float, float, float]
 
 CONVEX_SOLIDS = ("box", "prism", "voussoir", "vertices", "mesh")
 SOLIDS = (*CONVEX_SOLIDS, "parts")
+DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")  # of the world, in which a block may be held
 UPRIGHT: Quaternion = (1.0, 0.0, 0.0, 0.0)
 MOST_VERTICES = 2000  # of a convex polyhedron
 
@@ -124,6 +125,8 @@ class Block:
 
     ``position`` (m) is where the origin of the shape sits: the centre of a box; it may be left out where the shape
     has coordinates to be meant as the world's (not for a box). ``orientation``: quaternion, body to world.
+    ``held`` guides a block as a rig does: of the world's directions ``x`` ``y`` ``z`` those in which its centroid does
+    not move, and of ``rx`` ``ry`` ``rz`` the axes about which it does not turn; all six are ``fixed``.
     ``group`` names a set of blocks, for loads, supports and joint laws. ``velocity`` (m/s) and ``angular_velocity``
     (rad/s), both in world axes, start a dynamic run.
     """
@@ -142,11 +145,14 @@ class Block:
     vertices: tuple[Vector, ...] | None = None
     mesh: Mesh | None = None
     parts: tuple[Part, ...] | None = None
+    held: tuple[str, ...] | None = None
 
     def __post_init__(self):
         label = f" of block {show(check_name('name', self.name))}"
         check_name(f"material{label}", self.material)
         require_type(isinstance(self.fixed, bool), f"fixed{label}", self.fixed, "true or false")
+        if self.held is not None:
+            self._check_held(label)
         if self.group is not None:
             check_name(f"group{label}", self.group)
         kind = _check_solid(self, SOLIDS, f"block {show(self.name)}", label)
@@ -157,6 +163,24 @@ class Block:
         for key in ("position", "velocity", "angular_velocity"):
             assign(self, **{key: vector(key, getattr(self, key), label=label)})
         assign(self, orientation=_quaternion(self.orientation, label))
+
+    def _check_held(self, label: str) -> None:
+        """Names of directions, each once; not beside ``fixed``, which all six of them are."""
+        names = self.held
+        require_type(isinstance(names, list | tuple), f"held{label}", names, f"a list of {', '.join(DIRECTIONS)}")
+        require(len(names) > 0, f"held{label}", [], "name a direction, or leave it out")
+        for name in names:
+            one_of(f"held{label}", name, DIRECTIONS)
+        twice = [name for i, name in enumerate(names) if name in names[:i]]
+        require(not twice, f"held{label}", list(names), f"{twice[0] if twice else ''} is there twice")
+        require(not self.fixed, f"held{label}", list(names), "the block is fixed already; remove one of the two")
+        every = set(names) == set(DIRECTIONS)
+        assign(self, held=None if every else tuple(name for name in DIRECTIONS if name in names), fixed=every)
+
+    @property
+    def guides(self) -> tuple[bool, ...]:
+        """Which of `DIRECTIONS` are held: all of a fixed block."""
+        return tuple(self.fixed or name in (self.held or ()) for name in DIRECTIONS)
 
     @property
     def solid(self) -> tuple[str, object]:

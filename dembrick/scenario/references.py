@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, NamedTuple
 
 from dembrick.errors import ScenarioError
+from dembrick.scenario.blocks import Block
 from dembrick.scenario.checks import nearest, show
 
 if TYPE_CHECKING:
@@ -75,11 +76,21 @@ def _blocks(scenario: Scenario) -> Iterator[Fault]:
                 'control.kind = "base-motion")'
             )
             yield Fault(message, *_of_block(scenario, i))
+        elif block.held and any(value for value, held in zip(_rates(block), block.guides, strict=True) if held):
+            message = (
+                f"block {show(block.name)} has a velocity in a direction in which it is held; remove one of the two"
+            )
+            yield Fault(message, *_of_block(scenario, i))
     first = {block.material: (i, block) for i, block in reversed([*enumerate(scenario.all_blocks, 1)])}
     for name, (i, block) in first.items():
         if name not in scenario.materials:
             label, known = f"material of block {show(block.name)}", nearest(name, scenario.materials)
             yield Fault(f"{label} = {show(name)} is not the name of a material; {known}", *_of_block(scenario, i))
+
+
+def _rates(block: Block) -> tuple[float, ...]:
+    """Velocity and angular velocity, in the order of `blocks.DIRECTIONS`."""
+    return *block.velocity, *block.angular_velocity
 
 
 def _of_block(scenario: Scenario, number: int) -> tuple[str, int]:

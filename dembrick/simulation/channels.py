@@ -48,7 +48,7 @@ class Sizes(NamedTuple):
         points = sum(len(points.area) for points in assembly.contact_points if points is not None)
         return cls(
             len(assembly.names), len(assembly.joints), len(assembly.actuators.names),
-            len(assembly.control_points.names), points, int(np.count_nonzero(assembly.fixed)),
+            len(assembly.control_points.names), points, int(np.count_nonzero(assembly.supporting)),
             len(assembly.ties),
         )  # fmt: skip
 

@@ -13,6 +13,7 @@ from numpy import ndarray
 from dembrick._jit import call_at, entry, jit, jit_parallel, prange, renamed
 from dembrick.kernels.dynamics.contact_forces import TOUCHED, clear_applied
 from dembrick.kernels.dynamics.energy import add_step
+from dembrick.kernels.dynamics.guides import clear_guided, hold
 from dembrick.kernels.dynamics.joint_families import forces as joint_forces
 from dembrick.kernels.dynamics.joint_families import tiles_of
 from dembrick.kernels.dynamics.pressed_faces import PressedFaces, clear_pressed, press
@@ -96,6 +97,7 @@ def advance_bodies(
     longest2 = limits.longest**2
     meeting = touch_at != 0
     loaded = loads.block.size > 0 or loads.faces.block.size > 0 or ties.stiffness.size > 0 or meeting
+    loaded = loaded or bodies.guided.size > 0
     for step in range(n_steps):
         if travel[0] <= 0.0:
             travel[0] = least_slack(links)
@@ -108,6 +110,7 @@ def advance_bodies(
                 return OVERLOADED, step
             clear_applied(touching, bodies)
         clear_tied(ties, bodies)
+        clear_guided(bodies)
         apply_loads(loads, bodies, step)
         pull_ties(ties, bodies)
         for t in prange(moved.size):
@@ -120,6 +123,7 @@ def advance_bodies(
         if energy_terms is not None:
             mean = add_step(energy_terms, bodies, links, corners, faces, ties, loads, meeting, touching, step, dt)
         g = loads.gravity[step]  # threads are handed arrays, and tuples of arrays only
+        hold(bodies, links.wrenches, g[0], g[1], g[2], dt, damping)
         for t in prange(moved.size):
             first, last = share_bodies[t], share_bodies[t + 1]
             if energy_terms is None:

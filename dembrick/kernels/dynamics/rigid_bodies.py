@@ -38,6 +38,9 @@ class Bodies(NamedTuple):
     applied: ndarray  # (n, 6) N, N m, loads besides gravity
     side_start: ndarray  # (n + 1,) uint32, first entry of each block in `side`
     side: ndarray  # (2 j,) uint32, twice the joint's `Links.place`, and 1 more where the block is its host
+    guided: ndarray  # (g,) uint32, free blocks that are held in some directions
+    held: ndarray  # (g, 6) bool, which: along x, y, z, about x, y, z of the world
+    guide: ndarray  # (g, 6) N, N m: what their guides exert on them, zero where they are free
 
 
 @jit
@@ -72,14 +75,13 @@ def write_rotations(bodies, supports):
 
 
 @jit
-def turn_body(bodies, b, dt):
-    """Turn block ``b`` through a step under its angular momentum.
+def spin_of_step(bodies, b, momentum, dt):
+    """Spin (body axes) of block ``b`` in a step through which its angular momentum is ``momentum`` (3), world.
 
     In body axes the momentum turns back by half the step's turn, and the spin is what the inertia makes of it there.
     """
     inverse = bodies.inverse[b]
-    L = bodies.momentum
-    l1, l2, l3 = rotate_back(bodies.orientation, b, L[b, 0], L[b, 1], L[b, 2])
+    l1, l2, l3 = rotate_back(bodies.orientation, b, momentum[0], momentum[1], momentum[2])
     w1, w2, w3 = rows_times(inverse, l1, l2, l3)
     half = 0.5 * dt
     m1, m2, m3 = turned_back(half * w1, half * w2, half * w3, l1, l2, l3)
@@ -95,7 +97,15 @@ def turn_body(bodies, b, dt):
             w3 = x3
             if change * dt <= 1e-15:
                 break
-        angle2 = dt * dt * (w1 * w1 + w2 * w2 + w3 * w3)
+    return w1, w2, w3
+
+
+@jit
+def turn_body(bodies, b, dt):
+    """Turn block ``b`` through a step under its angular momentum."""
+    L = bodies.momentum
+    w1, w2, w3 = spin_of_step(bodies, b, (L[b, 0], L[b, 1], L[b, 2]), dt)
+    angle2 = dt * dt * (w1 * w1 + w2 * w2 + w3 * w3)
     c, s = half_turn(angle2)
     s *= dt
     # a turn leaves its own axis alone, so this is the spin in the world before and after it

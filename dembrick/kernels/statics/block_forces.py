@@ -79,6 +79,19 @@ def joint_forces(blocks, joints, points, areas, inertia, dt, viscous_n, viscous_
 
 
 @jit
+def hold(blocks):
+    """Let the guides bear what is out of balance in the directions in which blocks are held, once all forces act."""
+    for g in range(blocks.guided.size):
+        b = blocks.guided[g]
+        for i in range(3):
+            for vector, k in ((blocks.force, i), (blocks.torque, i + 3)):
+                blocks.guide[g, k] = 0.0
+                if blocks.held[g, k]:
+                    blocks.guide[g, k] = -vector[b, i]
+                    vector[b, i] = 0.0
+
+
+@jit
 def tie_forces(blocks, ties):
     """Forces of all ties in the moving geometry, put on the blocks."""
     u = blocks.displacement

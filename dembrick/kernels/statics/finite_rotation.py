@@ -8,6 +8,7 @@ taken to be small against one (faces that face each other); turning about the no
 from math import sqrt
 
 from dembrick._jit import jit
+from dembrick.kernels.math.held_turns import MOST_CORRECTIONS, held_momentum, turns_freely
 from dembrick.kernels.math.quaternion import rotate, rotate_back, turned
 from dembrick.kernels.math.vec3 import cross, put_vector
 from dembrick.kernels.statics.small_displacement import note_motion
@@ -118,8 +119,8 @@ def _spin(q, b, inverse, l1, l2, l3):
 
 
 @jit
-def turn(blocks, inertia, b, dt):
-    """Turn block ``b`` by one step at constant angular momentum, with the spin of the middle of the step.
+def spin_of_step(blocks, inertia, b, dt):
+    """Spin (world) of the middle of a step in which block ``b`` turns at constant angular momentum.
 
     Implicit midpoint by fixed-point iteration, which keeps |L| exactly and the energy of a free top without drift;
     slow blocks are done after one round.
@@ -151,10 +152,44 @@ def turn(blocks, inertia, b, dt):
         w3 = x3
         if change * dt <= 1e-15:
             break
+    return w1, w2, w3
+
+
+@jit
+def turn(blocks, inertia, b, dt):
+    """Turn block ``b`` by one step at constant angular momentum."""
+    w1, w2, w3 = spin_of_step(blocks, inertia, b, dt)
+    q = blocks.orientation
     end = turned(q, b, dt * w1, dt * w2, dt * w3)
     for i in range(4):
         q[b, i] = end[i]
     put_vector(blocks.spin[b], w1, w2, w3)
+
+
+@jit
+def hold_turn(blocks, inertia, g, dt):
+    """Give the guided block number ``g`` the moment of its guides under which it does not turn where it is held.
+
+    An inertia that is not diagonal in the world couples the turns: the moment about a held axis follows the spin.
+    """
+    b = blocks.guided[g]
+    held = blocks.held[g, 3:]
+    if not (held[0] or held[1] or held[2]):
+        return
+    momentum = blocks.momentum[b]
+    q = blocks.orientation
+    inverse = inertia.inverse[b]
+    columns = (
+        _spin(q, b, inverse, 1.0, 0.0, 0.0), _spin(q, b, inverse, 0.0, 1.0, 0.0), _spin(q, b, inverse, 0.0, 0.0, 1.0)
+    )  # fmt: skip
+    for _ in range(MOST_CORRECTIONS):
+        w1, w2, w3 = spin_of_step(blocks, inertia, b, dt)
+        l1, l2, l3 = held_momentum(*columns, held[0], held[1], held[2], w1, w2, w3)
+        for i, change in enumerate((l1, l2, l3)):
+            momentum[i] += change
+            blocks.guide[g, i + 3] += change / dt
+        if turns_freely(held, w1, w2, w3):
+            break
 
 
 @jit
@@ -171,5 +206,8 @@ def finite_step(blocks, inertia, dt):
             move = abs(dt * blocks.velocity[b, i])
             if move > longest or move != move:
                 longest = move
-        turn(blocks, inertia, b, dt)
+    for g in range(blocks.guided.size):
+        hold_turn(blocks, inertia, g, dt)
+    for f in range(blocks.free.size):
+        turn(blocks, inertia, blocks.free[f], dt)
     return longest

@@ -10,6 +10,7 @@ from dembrick.kernels.state import YIELDING
 from dembrick.kernels.statics.block_forces import (
     actuator_forces,
     clear_forces,
+    hold,
     joint_forces,
     tie_forces,
     unbalanced_power,
@@ -69,6 +70,7 @@ def advance(
             tie_forces(blocks, ties)
         rate = head_rate(drive, step, dt)
         v, moved = actuator_forces(blocks, actuators, drive, inertia, rate, dt, energy)
+        hold(blocks)
         if energy is not None:
             add_dead_torque_work(energy.work, energy.turned, blocks, dt)
             if ties is not None:
@@ -138,6 +140,7 @@ def settle(first, n_steps, tolerance, blocks, joints, points, areas, scaled, mom
     for step in range(first, first + n_steps):
         clear_forces(blocks)
         joint_forces(blocks, joints, points, areas, None, 1.0, 0.0, 0.0, None)
+        hold(blocks)
         ratio = unbalanced_ratio(blocks, joints)
         if step > 0 and ratio <= tolerance:
             return ratio, step
@@ -165,6 +168,7 @@ def push_on(first, n_steps, dt, blocks, joints, points, areas, actuators, scaled
         clear_forces(blocks)
         joint_forces(blocks, joints, points, areas, None, dt, drive.viscous_n, drive.viscous_s, energy)
         v, _ = actuator_forces(blocks, actuators, drive, None, head_rate(drive, step, dt), dt, energy)
+        hold(blocks)
         least = min(least, v)
         greatest = max(greatest, v)
         longest = max(longest, small_step(blocks, scaled, dt, 0.0, 0.0, None))

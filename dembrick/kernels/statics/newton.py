@@ -15,7 +15,7 @@ from dembrick.kernels.joint.families import FAMILIES, joint_count, joint_of
 from dembrick.kernels.math.vec3 import put_vector
 from dembrick.kernels.statics import joint_families as families
 from dembrick.kernels.statics.area_joints import Areas
-from dembrick.kernels.statics.block_forces import add_force, clear_forces, react
+from dembrick.kernels.statics.block_forces import add_force, clear_forces, hold, react
 from dembrick.kernels.statics.point_joints import Points
 from dembrick.kernels.statics.small_displacement import note_motion
 
@@ -134,6 +134,7 @@ def try_motion(trial, blocks, joints, points, areas, actuators, v, with_tangent)
         d = actuators.direction
         r = actuators.arm
         add_force(blocks, actuators.block[i], f, d[i, 0], d[i, 1], d[i, 2], 0.0, 0.0, 0.0, r[i, 0], r[i, 1], r[i, 2])
+    hold(blocks)
     for f in range(blocks.free.size):
         b = blocks.free[f]
         row = trial.row[b]

@@ -63,6 +63,14 @@ def write_reactions(joints, support, out):
                 add_wrench(out[s], -1.0 if side else 1.0, f1, f2, f3, m1, m2, m3, arm[0], arm[1], arm[2])
 
 
+@entry
+def write_guides(blocks, support, out):
+    """Force and moment of the guides on the blocks that they hold, into the rows (s, 6) of these."""
+    for g in range(blocks.guided.size):
+        for i in range(6):
+            out[support[blocks.guided[g]], i] = blocks.guide[g, i]
+
+
 @jit
 def write_ties(record, row, ties):
     """What ties carry and keep in a row, and what the fixed blocks exert through them."""
@@ -124,6 +132,7 @@ def write_row(record, step, time, blocks, joints, points, areas, actuators, ties
     write_reactions(joints, record.support, record.reaction[row])
     if ties is not None:
         write_ties(record, row, ties)
+    write_guides(blocks, record.support, record.reaction[row])
     for w in range(record.watched.size):
         b = record.watched[w]
         r = blocks.rotation[b]

@@ -36,6 +36,7 @@ def fits(scenario: Scenario) -> bool:
         isinstance(scenario.control, YieldControl)
         and len(scenario.all_blocks) == 2
         and sum(block.fixed for block in scenario.all_blocks) == 1
+        and not any(block.held for block in scenario.all_blocks)
         and not scenario.joints
         and not scenario.stages
         and not scenario.supports

@@ -156,7 +156,7 @@ class Motion:
     @property
     def reactions(self) -> np.ndarray:
         """Of the supports (s, 6), see `dynamics.state.reactions`."""
-        return reactions(self.state, self.assembly.fixed, self.contact_detection.pressed(self.state.middle))
+        return reactions(self.state, self.assembly.supporting, self.contact_detection.pressed(self.state.middle))
 
 
 def motion(
@@ -286,7 +286,10 @@ def present_velocities(motion: Motion, driving: Driving) -> tuple[np.ndarray, np
     now = state.bodies
     velocity, momentum = 0.5 * (now.velocity + bodies.velocity), 0.5 * (now.momentum + bodies.momentum)
     in_body = np.einsum("nji,nj->ni", now.rotation, momentum)
-    return velocity, np.einsum("nij,njk,nk->ni", now.rotation, now.inverse, in_body)
+    spin = np.einsum("nij,njk,nk->ni", now.rotation, now.inverse, in_body)
+    velocity[now.guided] *= ~now.held[:, :3]
+    spin[now.guided] *= ~now.held[:, 3:]
+    return velocity, spin
 
 
 def _copied(part, into=None):

@@ -96,7 +96,8 @@ class LoopOrder:
         """All that names blocks, with the loop's rows in place of their numbers."""
         for name in ENTER:
             np.take(getattr(bodies, name), self.order, axis=0, out=getattr(self.bodies, name), mode="clip")
-        own = self.bodies._replace(free=np.sort(self.row[bodies.free]).astype(np.uint32))
+        lists = {name: self.row[getattr(bodies, name)].astype(np.uint32) for name in ("free", "guided")}
+        own = self.bodies._replace(free=np.sort(lists["free"]), guided=lists["guided"])
         ties = ties._replace(block=self.row[ties.block])
         faces = loads.faces._replace(block=self.row[loads.faces.block])
         loads = loads._replace(block=self.row[loads.block], support=self.row[loads.support], faces=faces)

@@ -35,7 +35,7 @@ class Recorder:
         controller: PushController | None,
     ):  # fmt: skip
         self._moving, self.driving, self._session = moving, driving, session
-        self._rows_of_moved = np.searchsorted(np.flatnonzero(moving.assembly.fixed), driving.supports.block)
+        self._rows_of_moved = np.searchsorted(np.flatnonzero(moving.assembly.supporting), driving.supports.block)
         self._controller = controller
         self._frames_every, self._rows_every = frames_every, rows_every
         self._origin = moving.assembly.position - moving.state.middle

@@ -311,6 +311,8 @@ def _set_going(moving: Motion, driving: Driving) -> None:
         array[...] = value
     state.links.put(SEEN, came_from)
     force, torque = out_of_balance(state, gravity[0])
+    force[bodies.guided] *= ~bodies.held[:, :3]
+    torque[bodies.guided] *= ~bodies.held[:, 3:]
     momentum = np.einsum("nij,nj->ni", inertia, spin)
     bodies.velocity[free] = velocity[free] - 0.5 * dt * force[free] / bodies.mass[free, None]
     bodies.momentum[free] = momentum[free] - 0.5 * dt * torque[free]

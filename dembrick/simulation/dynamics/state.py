@@ -95,15 +95,20 @@ def _bodies(assembly: Assembly, links: Links, middle: np.ndarray) -> Bodies:
         applied=np.zeros((n, 6)),
         side_start=side_start,
         side=side,
+        guided=assembly.guided.astype(np.uint32),
+        held=np.ascontiguousarray(assembly.held[assembly.guided]),
+        guide=np.zeros((len(assembly.guided), 6)),
     )
 
 
 def _in_order(bodies: Bodies, links: Links, order: np.ndarray, row: np.ndarray) -> Bodies:
     """A copy of the blocks in another ``order`` (n,), in which block i is ``row`` [i] (n,)."""
-    lists = ("free", "side_start", "side")
+    guides = {"guided": row[bodies.guided].astype(np.uint32), "held": bodies.held, "guide": bodies.guide}
+    lists = ("free", "side_start", "side", *guides)
     side_start, side = _sides(len(order), row[links.host], row[links.other], links.place)
     arrays = {name: array[order] for name, array in bodies._asdict().items() if name not in lists}
-    return Bodies(free=np.sort(row[bodies.free]).astype(np.uint32), side_start=side_start, side=side, **arrays)
+    free = np.sort(row[bodies.free]).astype(np.uint32)
+    return Bodies(free=free, side_start=side_start, side=side, **guides, **arrays)
 
 
 def _sides(n: int, host: np.ndarray, other: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -225,21 +230,22 @@ def joint_resultants(state: MovingState) -> np.ndarray:
     return out
 
 
-def reactions(state: MovingState, fixed: np.ndarray, contacts: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Force (N) and moment (N m, about its centroid at the start) of each ``fixed`` block (n,) on the structure (s, 6),
-    through its joints, ties and new ``contacts`` (see `ContactDetection.pressed`), of the last forces; world axes."""
+def reactions(state: MovingState, supporting: np.ndarray, contacts: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Force (N) and moment (N m, about its centroid at the start) of each ``supporting`` block (n,) on the structure
+    (s, 6), through its joints, ties and new ``contacts`` (see `ContactDetection.pressed`), of the last forces; of a
+    block that is held in some directions what its guides exert on it, about its centroid. World axes."""
     bodies, links = state.bodies, state.links
-    total = np.zeros((len(fixed), 6))
+    total = np.zeros((len(supporting), 6))
     np.add.at(total, links.host, -links.wrench[:, :6])
     np.add.at(total, links.other, np.concatenate([links.wrench[:, :3], -links.wrench[:, 6:9]], axis=1))
     for side, sense in ((0, 1.0), (1, -1.0)):
         block, force = contacts["blocks"][:, side], contacts["force"]
         arm = contacts["point"] - state.middle - bodies.position[block]
         np.add.at(total, block, sense * np.concatenate([force, contacts["torque"] + cross(arm, force)], axis=1))
-    total = total[fixed]
-    total -= at_ends(state.ties, len(fixed))[fixed]
-    total[:, 3:] += cross((bodies.position - bodies.start)[fixed], total[:, :3])
-    return total
+    total -= at_ends(state.ties, len(supporting))
+    total[:, 3:] += cross(bodies.position - bodies.start, total[:, :3])
+    total[bodies.guided] = bodies.guide
+    return total[supporting]
 
 
 def with_contact_forces(state: MovingState) -> MovingState:

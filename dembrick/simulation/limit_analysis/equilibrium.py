@@ -40,6 +40,7 @@ class Frame:
     middle: np.ndarray
     length: float
     unit: float
+    moves: np.ndarray  # (f, e) bool: whether a block may move in the direction of each of its equations
 
     @property
     def per_block(self) -> int:
@@ -54,11 +55,12 @@ class Frame:
     def vector(self, wrench: np.ndarray) -> np.ndarray:
         """Wrenches (n, 6) in N and N m on all blocks as a right-hand side."""
         own = wrench[self.free] / self.unit
-        return np.concatenate([own[:, :3] @ self.forces.T, own[:, 3:] @ self.moments.T / self.length], axis=1).ravel()
+        values = np.concatenate([own[:, :3] @ self.forces.T, own[:, 3:] @ self.moments.T / self.length], axis=1)
+        return (values * self.moves).ravel()
 
     def velocities(self, y: np.ndarray) -> np.ndarray:
         """Velocities (n, 6) of all blocks, translation and rotation, that do the work of the equations' duals ``y``."""
-        own, d = y.reshape(len(self.free), -1), len(self.forces)
+        own, d = y.reshape(len(self.free), -1) * self.moves, len(self.forces)
         moved = np.zeros((len(self.number), 6))
         moved[self.free, :3] = own[:, :d] @ self.forces
         moved[self.free, 3:] = own[:, d:] @ self.moments / self.length
@@ -75,6 +77,7 @@ class Frame:
             if moment is not None:
                 turning = turning + moment[on]
             values = np.concatenate([force[on] @ self.forces.T, turning @ self.moments.T / self.length], axis=1)
+            values = values * self.moves[row[on]]
             at = self.per_block * row[on, None] + np.arange(self.per_block)
             parts.append(
                 Entries(
@@ -107,7 +110,14 @@ def frame_of(assembly: Assembly, loads: list[np.ndarray], plane: np.ndarray | No
         middle=assembly.position[free].mean(axis=0),
         length=length,
         unit=size or 1.0,
+        moves=~_held_along(assembly.held[free], forces, moments),
     )
+
+
+def _held_along(held: np.ndarray, forces: np.ndarray, moments: np.ndarray) -> np.ndarray:
+    """Whether each of f blocks is ``held`` (f, 6) in the directions ``forces`` (d, 3) and ``moments`` (m, 3), which are
+    those of the world, either way, if any block is held (`plane_of_symmetry`): (f, d + m)."""
+    return np.concatenate([held[:, :3] @ (np.abs(forces) > 0.5).T, held[:, 3:] @ (np.abs(moments) > 0.5).T], axis=1)
 
 
 def plane_of_symmetry(
@@ -136,6 +146,8 @@ def plane_of_symmetry(
     plane = plane * np.sign(plane[np.argmax(np.abs(plane))])
     if float(np.abs(directions @ plane).max()) > _SAME:
         return None
+    if len(assembly.guided) and float(np.abs(plane).max()) < 1.0 - _SAME:
+        return None  # guides hold directions of the world, which are then not those of the plane
     for wrench in loads:
         moment = wrench[free, 3:]
         across = moment - np.outer(moment @ plane, plane)

@@ -75,6 +75,7 @@ def _reaction(structure: Structure, support: np.ndarray, direction: np.ndarray) 
         number=number,
         forces=np.reshape(direction, (1, 3)),
         moments=np.zeros((0, 3)),
+        moves=np.ones((1, 1), bool),
     )
     entries = structure.layout.equilibrium(frame)
     row = np.zeros(structure.layout.n)

@@ -37,7 +37,7 @@ def certificate(state: State, load: np.ndarray, elastic: float, tolerance: float
         "rest": np.zeros(1),
         "tilts": True,
     }
-    alone = len(state.joints.block_a) == 1 and state.ties is None
+    alone = len(state.joints.block_a) == 1 and state.ties is None and not len(state.blocks.guided)
     if alone and not joint_families.has_strengths(state):
         parts |= _single_joint(state, load)
     return Certificate(

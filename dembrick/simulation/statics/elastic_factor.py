@@ -11,7 +11,7 @@ import numpy as np
 from dembrick.errors import ScenarioError
 from dembrick.kernels.math.multifrontal import Rounded, round_factors
 from dembrick.kernels.state import WholeInertia
-from dembrick.simulation.statics import joint_families, ties
+from dembrick.simulation.statics import elements
 from dembrick.simulation.statics.sparse_equations import Factors, Pattern, analyse, check_room
 from dembrick.simulation.statics.state import State
 from dembrick.simulation.statics.stiffness import block_stiffness, to_joint
@@ -20,8 +20,8 @@ SINGULAR = 1e-13  # of a diagonal entry: a pivot below this is rounding
 
 
 def touches_itself(state: State) -> bool:
-    """Whether any free block touches another one, or is tied."""
-    if state.ties is not None:
+    """Whether any free block touches another one, is tied, or held by a guide."""
+    if state.ties is not None or len(state.blocks.guided):
         return True
     free = np.zeros(len(state.blocks.displacement), bool)
     free[state.blocks.free] = True
@@ -33,7 +33,7 @@ def equations(state: State, position: np.ndarray) -> Pattern:
     joints, free = state.joints, state.blocks.free
     number = np.full(len(position), -1)
     number[free] = np.arange(len(free))
-    block_a, block_b = ties.ends(state, joints.block_a, joints.block_b)
+    block_a, block_b = elements.ends(state, joints.block_a, joints.block_b)
     return analyse(position[free], number[block_a], number[block_b])
 
 
@@ -49,8 +49,8 @@ def elastic_factor(state: State, position: np.ndarray) -> Factors:
     factors = Factors(pattern)
     diagonal = np.diagonal(block_stiffness(state, shared=1.0)[free], axis1=1, axis2=2)
     ends = to_joint(joints.axes, joints.arm_a), to_joint(joints.axes, joints.arm_b)
-    ends = ties.ends(state, *ends)
-    stiffness, least = ties.with_ties(state, joint_families.stiffness(state)), pattern.to_rows(SINGULAR * diagonal)
+    ends = elements.ends(state, *ends)
+    stiffness, least = elements.stiffness(state), pattern.to_rows(SINGULAR * diagonal)
     factors.prepare(*ends, stiffness)
     failed = factors.make(*ends, stiffness, threshold=0.0, least=least)  # symmetric: no row moves
     if failed >= 0:

@@ -81,7 +81,7 @@ def carrying(state: State, V: float) -> State:
     as it is.
     """
     joints, free = state.joints, state.blocks.free
-    if len(joints.block_a) != 1 or len(free) != 1 or state.ties is not None:
+    if len(joints.block_a) != 1 or len(free) != 1 or state.ties is not None or len(state.blocks.guided):
         return state
     block, found = int(free[0]), np.zeros(6)
     on_b = block == joints.block_b[0]

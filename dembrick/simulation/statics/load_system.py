@@ -100,7 +100,10 @@ class LoadSystem:
         load = self.load[loaded]
         self.compliance = float((load * np.linalg.solve(self.stiffness[loaded], load[..., None])[..., 0]).sum())
         if not self.compliance > 0.0:
-            raise ScenarioError("the actuators cancel out: together they push and twist no block; check directions")
+            against = " against its guide" if len(blocks.guided) else ""
+            raise ScenarioError(
+                f"the actuators cancel out: together they push and twist no block{against}; check directions"
+            )
         self.actuator_stiffness = ACTUATOR_STIFFNESS * self.weight / self.compliance
         # the actuator as a bound on the stiffness of each loaded block
         self.actuator = np.zeros_like(self.stiffness)

@@ -10,7 +10,7 @@ import numpy as np
 
 from dembrick.kernels.statics.newton import Trial, try_motion
 from dembrick.simulation.floating_point import not_nan
-from dembrick.simulation.statics import joint_families, ties
+from dembrick.simulation.statics import elements, joint_families, ties
 from dembrick.simulation.statics.sparse_equations import Factors, inner
 from dembrick.simulation.statics.state import State
 from dembrick.simulation.statics.stiffness import to_joint
@@ -55,7 +55,7 @@ def _new_trial(state: State, place: np.ndarray) -> Trial:
     row = np.full(len(state.blocks.displacement), -1)
     row[free] = place
     seen = to_joint(joints.axes, joints.arm_a), to_joint(joints.axes, joints.arm_b)
-    seen_a, seen_b = ties.ends(state, *seen)
+    seen_a, seen_b = elements.ends(state, *seen)
     return Trial(
         seen_a=seen_a,
         seen_b=seen_b,
@@ -67,7 +67,7 @@ def _new_trial(state: State, place: np.ndarray) -> Trial:
         base=np.zeros((count, 6)),
         **joint_families.memory(state),
         force=np.zeros((7, 6)),
-        tangent=np.zeros((len(seen_a), 6, 6)),  # those of the ties last
+        tangent=elements.stiffness(state),  # of joints, ties and guides
         residual=np.zeros(6 * len(free)),
     )
 
@@ -129,7 +129,8 @@ class Equilibria:
         """Tangents of the joints at the motion of now."""
         began, state = time.perf_counter(), self.state
         if state.ties is not None:
-            self.trial.tangent[len(state.joints.block_a) :] = ties.tangent(state.ties)
+            first = len(state.joints.block_a)
+            self.trial.tangent[first : first + len(state.ties.stiffness)] = ties.tangent(state.ties)
         self._try(V, with_tangent=True)
         self.phases["joint_forces"] += time.perf_counter() - began
 

@@ -4,28 +4,32 @@ from __future__ import annotations
 
 import numpy as np
 
-from dembrick.kernels.statics.record import write_reactions
+from dembrick.kernels.statics.record import write_guides, write_reactions
 from dembrick.simulation.statics import ties
 from dembrick.simulation.statics.state import State
 
 
 def support_numbers(state: State) -> np.ndarray:
-    """The number (n,) of each block among the fixed ones, -1 if it is free."""
-    fixed = np.ones(len(state.blocks.displacement), bool)
-    fixed[state.blocks.free] = False
-    return np.where(fixed, np.cumsum(fixed) - 1, -1)
+    """The number (n,) of each block among those that are fixed, or held in some directions; -1 of the others."""
+    supporting = np.ones(len(state.blocks.displacement), bool)
+    supporting[state.blocks.free] = False
+    supporting[state.blocks.guided] = True
+    return np.where(supporting, np.cumsum(supporting) - 1, -1)
 
 
 def reactions(state: State) -> np.ndarray:
-    """Force (N) and moment (N m, about its centroid) of every fixed block on the structure, through its joints and ties
-    (s, 6).
+    """Force (N) and moment (N m, about its centroid) of every fixed block on the structure, through its joints and
+    ties, and of the guides on every block that they hold (s, 6).
 
     World axes: a block at rest on a floor is held up.
     """
     support = support_numbers(state)
     out = np.zeros((int(support.max(initial=-1)) + 1, 6))
     write_reactions(state.joints, support, out)
-    return out + ties.at_supports(state)
+    if state.ties is not None:
+        out += ties.on_supports(state, support)
+    write_guides(state.blocks, support, out)
+    return out
 
 
 class Ended:

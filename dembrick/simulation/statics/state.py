@@ -36,16 +36,20 @@ def initial_state(assembly: Assembly) -> State:
     """State at the start: nothing displaced, no force in any joint, no force in any actuator."""
     dead_force, dead_torque = np.array(assembly.dead_force, float), np.array(assembly.dead_torque, float)
     free = np.flatnonzero(~assembly.fixed).astype(np.int64)
-    blocks = blocks_at_rest(free, np.array(assembly.orientation, float), dead_force, dead_torque)
+    guided = assembly.guided
+    held = guided, np.ascontiguousarray(assembly.held[guided])
+    blocks = blocks_at_rest(free, np.array(assembly.orientation, float), dead_force, dead_torque, held)
     actuators = _actuators(assembly)
     return State(blocks, _joints(assembly), *joint_families.at_rest(assembly), actuators, ties.at_rest(assembly))
 
 
 def blocks_at_rest(
-    free: np.ndarray, orientation: np.ndarray, dead_force: np.ndarray, dead_torque: np.ndarray
-) -> Blocks:
-    """Blocks that have not moved; the arguments are fields of `Blocks`."""
+    free: np.ndarray, orientation: np.ndarray, dead_force: np.ndarray, dead_torque: np.ndarray,
+    held: tuple[np.ndarray, np.ndarray] | None = None,
+) -> Blocks:  # fmt: skip
+    """Blocks that have not moved; the arguments are fields of `Blocks`, ``held`` those of the guided ones and where."""
     n = len(orientation)
+    guided, directions = held or (np.zeros(0, np.int64), np.zeros((0, 6), bool))
     vectors = ("displacement", "rotation", "velocity", "spin", "momentum", "force", "torque")
     return Blocks(
         free=free,
@@ -53,6 +57,9 @@ def blocks_at_rest(
         mean_velocity=np.zeros((n, 6)),
         dead_force=dead_force,
         dead_torque=dead_torque,
+        guided=guided.astype(np.int64),
+        held=directions,
+        guide=np.zeros((len(guided), 6)),
         **{name: np.zeros((n, 3)) for name in vectors},
     )
 
@@ -114,11 +121,12 @@ def _joints(assembly: Assembly) -> Joints:
 
 
 def load_vectors(state: State) -> np.ndarray:
-    """Force and moment about the centroid (n, 6) on every block for V = 1."""
+    """Force and moment about the centroid (n, 6) on every block for V = 1, less what guides bear of it."""
     actuators = state.actuators
     load = np.zeros((len(state.blocks.displacement), 6))
     force = actuators.direction * actuators.weight[:, None]
     np.add.at(load, actuators.block, np.concatenate([force, np.cross(actuators.arm, force)], axis=1))
+    load[state.blocks.guided] *= ~state.blocks.held  # what pushes against a guide pushes nothing else
     return load
 
 

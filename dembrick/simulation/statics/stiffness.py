@@ -49,6 +49,16 @@ def block_stiffness(state: State, shared: float, times: np.ndarray | None = None
     for block, t in zip((joints.block_a, joints.block_b), ends, strict=True):
         np.add.at(stiffness, block, t.transpose(0, 2, 1) @ k @ t)
     stiffness[~free] = 0.0
+    return _guided(state, stiffness)
+
+
+def _guided(state: State, stiffness: np.ndarray) -> np.ndarray:
+    """The ``stiffness`` (n, 6, 6) of blocks, where those that are held do not answer in the directions of their guides;
+    its diagonal stays, so that it may be inverted."""
+    for b, held in zip(state.blocks.guided, state.blocks.held, strict=True):
+        diagonal = np.diagonal(stiffness[b])[held].copy()
+        stiffness[b][held], stiffness[b][:, held] = 0.0, 0.0
+        stiffness[b][held, held] = diagonal
     return stiffness
 
 

@@ -143,13 +143,12 @@ def on_blocks(state: State) -> np.ndarray:
     return np.concatenate([state.blocks.dead_force, state.blocks.dead_torque], axis=1) - dead_loads(state)
 
 
-def at_supports(state: State) -> np.ndarray | float:
-    """What the fixed blocks exert on the structure through the ties (s, 6), N and N m; zero without any."""
-    if state.ties is None:
-        return 0.0
-    fixed = np.ones(len(state.blocks.displacement), bool)
-    fixed[state.blocks.free] = False
-    return -on_blocks(state)[fixed]
+def on_supports(state: State, support: np.ndarray) -> np.ndarray:
+    """What the fixed blocks exert on the structure through the ties (s, 6), N and N m; zero for those that are held in
+    some directions. ``support`` (n,): the number of each among them, or -1."""
+    found = -on_blocks(state)
+    found[state.blocks.guided] = 0.0
+    return found[support >= 0]
 
 
 def write(state: State, record: Record) -> None:
@@ -158,7 +157,7 @@ def write(state: State, record: Record) -> None:
         return
     row = record.count[0] - 1
     record.energy[row, ELASTIC] += energy(state)
-    record.reaction[row] += at_supports(state)
+    record.reaction[row] += on_supports(state, record.support)
     record.tension[row], record.yielded[row] = state.ties.tension, state.ties.yielded
 
 
@@ -197,17 +196,3 @@ def bound(state: State) -> np.ndarray:
         for block, seen in ((ties.block_a, ties.seen_a), (ties.block_b, ties.seen_b)):
             np.add.at(found, block, k[:, None, None] * seen[:, 2, :, None] * seen[:, 2, None, :])
     return found
-
-
-def ends(state: State, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """``a`` and ``b``, of the joints, followed by those of the ties: block numbers or matrices of what ends see."""
-    ties = state.ties
-    if ties is None:
-        return a, b
-    own = (ties.block_a, ties.block_b) if a.ndim == 1 else (ties.seen_a, ties.seen_b)
-    return np.concatenate([a, own[0]]), np.concatenate([b, own[1]])
-
-
-def with_ties(state: State, stiffness: np.ndarray) -> np.ndarray:
-    """The stiffness (j, 6, 6) of the joints, followed by that of the ties that are tight now, elastic."""
-    return stiffness if state.ties is None else np.concatenate([stiffness, tangent(state.ties)])

@@ -13,6 +13,7 @@ import numpy as np
 
 from dembrick.errors import HistoryError
 from dembrick.geometry.rotations import rotation_matrix
+from dembrick.scenario.blocks import DIRECTIONS
 from dembrick.scenario.pressures import PRESSURE
 from dembrick.views.motion.blocks import CarriedPoints, Poses, all_vertices, largest_extent
 from dembrick.views.motion.frames import MECHANISM, PEAK, ejected, frame_number
@@ -252,7 +253,7 @@ class Scene:
 
     def _build_names(self) -> list[tuple[Names, Callable]]:
         """The names that were asked for, each with what tells where they are: ``(poses, vertices) -> points``."""
-        history, found = self._history, []
+        history, found = self._history, [] if self._many else self._guides()
         if self._look.names in ("blocks", "all"):
             starts = np.array(self._starts)
             counts = np.diff(starts)[:, None]
@@ -272,6 +273,21 @@ class Scene:
                 )
             )
         return found
+
+    def _guides(self) -> list[tuple[Names, Callable]]:
+        """What says in which directions guided blocks are held, on top of each."""
+        history = self._history
+        held = history.block_held
+        guided = np.flatnonzero(held.any(axis=1) & ~history.block_fixed)
+        if not len(guided):
+            return []
+        told = ["held: " + " ".join(np.array(DIRECTIONS)[held[i]]) for i in guided]
+        ends = [slice(self._starts[i], self._starts[i + 1]) for i in guided]
+
+        def tops(_, points: np.ndarray) -> np.ndarray:
+            return np.array([[*points[own, :2].mean(axis=0), points[own, 2].max()] for own in ends])
+
+        return [(Names(self._plotter, told, _BLUE), tops)]
 
     def _surface(self, blocks: list[int]):
         """The faces of some blocks on the vertices of all."""
