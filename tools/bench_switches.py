@@ -19,6 +19,7 @@ from bench_lab import wall
 from dembrick.assembly import build as assemblies
 from dembrick.runs.lab import lab_scenario
 from dembrick.scenario.model import DisplacementControl, Output
+from dembrick.scenario.protocols import Protocol
 from dembrick.simulation.session import Session
 from dembrick.simulation.statics import constant_rate
 
@@ -44,7 +45,7 @@ def step_time(assembly, control, channels) -> float:
     session = None
     if channels is not None:
         session = Session(observe=lambda rows, frames: None, output=Output(channels=channels, rows=ROWS, frames=ROWS))
-    run = constant_rate.push_at_constant_rate(assembly, control.rate, control.travel, 0.9, session)
+    run = constant_rate.push_at_constant_rate(assembly, Protocol.one_way(control.travel, control.rate), 0.9, session)
     return run.loop_seconds / run.steps
 
 

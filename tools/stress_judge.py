@@ -23,6 +23,7 @@ from dembrick.assembly import build as assemblies
 from dembrick.errors import DembrickError, EnergyAuditError, NotConvergedError, ScenarioError
 from dembrick.kernels.state import Inertia
 from dembrick.scenario.model import Load, Scenario
+from dembrick.scenario.protocols import Protocol
 from dembrick.simulation.energy_audit import Auditor
 from dembrick.simulation.statics import constant_rate, limit_load, load_system, ties
 from dembrick.simulation.statics.critical_step import critical_time_step
@@ -168,7 +169,7 @@ def push_at_rate(
     slack = SLACK + (travel * slip / short) ** 2
     return judge_rate(
         lambda observe: constant_rate.push_at_constant_rate(
-            built, pace * slip / critical, travel * slip, step_factor, observe
+            built, Protocol.one_way(travel * slip, pace * slip / critical), step_factor, observe
         ),
         value,
         slack,

@@ -38,6 +38,7 @@ from dembrick.scenario.controls import (
     YieldControl,
 )
 from dembrick.scenario.model import Scenario
+from dembrick.scenario.protocols import protocol_of
 from dembrick.simulation.expected_cost import LONG, WITHIN, longest_search, newton_seconds, newton_steps
 from dembrick.simulation.interrupts import Interrupted
 from dembrick.simulation.session import Plan, Session
@@ -100,11 +101,16 @@ def _limit_load(scenario: Scenario, assembly: Assembly, session: Session | None,
 def _constant_rate(scenario: Scenario, assembly: Assembly, session: Session) -> Replay:
     control = scenario.control
     assert isinstance(control, DisplacementControl)
-    plan = constant_rate.plan(assembly, control, scenario.solver.step_factor, scenario.output)
+    protocol = protocol_of(scenario)
+    plan = constant_rate.plan(assembly, control, protocol, scenario.solver.step_factor, scenario.output)
     session.warn_if_long(present(plan.seconds), "raise control.rate or shorten control.travel")
-    return constant_rate.push_at_constant_rate(
-        assembly, control.rate, control.travel, scenario.solver.step_factor, session
-    )
+    return constant_rate.push_at_constant_rate(assembly, protocol, scenario.solver.step_factor, session)
+
+
+def _plan_rate(scenario: Scenario, assembly: Assembly) -> Plan:
+    control = scenario.control
+    assert isinstance(control, DisplacementControl)
+    return constant_rate.plan(assembly, control, protocol_of(scenario), scenario.solver.step_factor, scenario.output)
 
 
 def _plan_of(module) -> Callable[[Scenario, Assembly], Plan]:
@@ -271,15 +277,20 @@ def _find_equilibria(scenario: Scenario, assembly: Assembly, session: Session, s
     run.ask_for(moving, scenario.output, driving)
     plan = _path_of(control).plan(moving, control, driving, scenario.output)
     session.warn_if_long(present(plan.seconds), "lower joint.normal_stiffness and joint.shear_stiffness")
-    return _path_of(control)(moving, control, driving, session, steps).found()
+    kind, more = _path_of(control), {}
+    if isinstance(control, DisplacementControl):
+        more = {"protocol": protocol_of(scenario)}
+    return kind(moving, control, driving, session, steps, **more).found()
 
 
 def _path_of(control: Control):
     """The kind of a path of equilibria in the deformed geometry."""
-    from dembrick.simulation.dynamics.driven_path import DrivenPath
+    from dembrick.simulation.dynamics.driven_path import DrivenPath, ForcePath
     from dembrick.simulation.dynamics.load_path import LoadPath
     from dembrick.simulation.dynamics.settlement import Settlement
 
+    if isinstance(control, DisplacementControl) and control.force_protocol is not None:
+        return ForcePath
     return {SETTLEMENT.name: Settlement, DRIVEN_PATH.name: DrivenPath}.get(control.regime.name, LoadPath)
 
 
@@ -294,7 +305,7 @@ def _refined_path(scenario: Scenario, steps: float) -> float:
 
 DRIVERS = {
     LIMIT_LOAD.name: Driver(_plan_search, _limit_load, _searched, _other_path(_limit_load), _place_points),
-    CONSTANT_RATE.name: Driver(_plan_of(constant_rate), _constant_rate, _searched),
+    CONSTANT_RATE.name: Driver(_plan_rate, _constant_rate, _searched),
     PATH_FOLLOWING.name: Driver(_plan_path, _follow_path, _searched, _other_path(_follow_path)),
     DEAD_LOAD.name: Driver(
         lambda _, assembly: standing.plan(assembly),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +15,7 @@ from dembrick.assembly.build import Assembly
 from dembrick.assembly.contact_points import widest_rim
 from dembrick.errors import UndecidedError
 from dembrick.runs import theory_check
+from dembrick.runs.cycles import cycles_of, lines_of
 from dembrick.scenario.model import Scenario
 from dembrick.scenario.regimes import ACTUATORS, COMPLETED, STEEPEST, YIELD, Curve
 from dembrick.simulation.energy_audit import EnergyAudit
@@ -75,6 +77,7 @@ class RunResult:
             "wall": self.wall,
             "history": self.history,
             **({"ties": self._tied()} if self._tied() else {}),
+            **({} if self.cycles is None else {"cycles": self.cycles}),
             **({"stages": self.stages} if self.scenario.stages else {}),
         }
 
@@ -83,6 +86,17 @@ class RunResult:
             return []
         tension, yielded = self.run.ties
         return tied(self.assembly, tension=tension, yielded=yielded)
+
+    @cached_property
+    def cycles(self) -> list[dict] | None:
+        """Peaks with their bars (N), dissipated energy (J), damping and residual displacement (m) of every cycle of a
+        protocol, see `cycles.cycles_of`; None without one, or without a record."""
+        return cycles_of(self.scenario, self.rows, getattr(self.run, "turns", None))
+
+    @property
+    def cycle_lines(self) -> list[str]:
+        """What the command line prints of the cycles of a protocol."""
+        return lines_of(self.cycles or [], " N" if self.curve.unit == "N" else "")
 
     @property
     def reactions(self) -> dict[str, list[float]] | None:
@@ -94,7 +108,7 @@ class RunResult:
     @property
     def force_lines(self) -> list[str]:
         """What the command line prints of the reactions of supports and of the ties."""
-        return reaction_lines(self.reactions) + tie_lines(self._tied())
+        return self.cycle_lines + reaction_lines(self.reactions) + tie_lines(self._tied())
 
     @property
     def heading_lines(self) -> list[str]:

@@ -17,6 +17,7 @@ from dembrick.scenario.checks import (
     assign_positive,
     check_name,
     one_of,
+    present,
     require,
     require_type,
     show,
@@ -166,7 +167,7 @@ class Block:
 
     def _check_held(self, label: str) -> None:
         """Names of directions, each once; not beside ``fixed``, which all six of them are."""
-        names = self.held
+        names = present(self.held)
         require_type(isinstance(names, list | tuple), f"held{label}", names, f"a list of {', '.join(DIRECTIONS)}")
         require(len(names) > 0, f"held{label}", [], "name a direction, or leave it out")
         for name in names:

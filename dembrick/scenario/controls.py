@@ -27,6 +27,7 @@ from dembrick.scenario.checks import (
     require,
     require_type,
 )
+from dembrick.scenario.protocols import checked
 from dembrick.scenario.regimes import (
     ACTUATORS,
     COLLAPSE,
@@ -87,11 +88,16 @@ class DisplacementControl(Control):
     """A constant-rate test as the laboratory runs it: ``rate`` (m/s) over ``travel`` (m), physical mass.
 
     With ``large_displacements`` it goes from equilibrium to equilibrium in the deformed geometry, as a slow test would.
+    In place of the travel a cyclic test has a ``protocol``: turning points (m) of the jack's end from its start, or a
+    CSV file of a measured one with a column of displacement, and perhaps of time. ``force_protocol`` (N), in the
+    deformed geometry, has those of V, its ``rate`` is in N/s.
     """
 
     rate: float
-    travel: float
+    travel: float | None = None
     large_displacements: bool = False
+    protocol: tuple[float, ...] | str | None = None
+    force_protocol: tuple[float, ...] | str | None = None
 
     kind = "displacement"
     drives = ACTUATORS
@@ -103,7 +109,21 @@ class DisplacementControl(Control):
     def __post_init__(self):
         _check_large_displacements(self)
         assign_positive(self, "rate", "m/s")
-        assign_positive(self, "travel", "m")
+        given = [key for key in ("travel", "protocol", "force_protocol") if getattr(self, key) is not None]
+        if len(given) != 1:
+            what = " and ".join(given) if given else "none of them"
+            raise ScenarioError(f"a test by displacement has one of travel, protocol and force_protocol; given: {what}")
+        if self.travel is not None:
+            assign_positive(self, "travel", "m")
+        for key in given:
+            if key != "travel":
+                assign(self, **{key: checked(key, getattr(self, key))})
+        if self.force_protocol is not None and not self.large_displacements:
+            raise ScenarioError("force_protocol is for the deformed geometry; add large_displacements = true")
+
+    @property
+    def cyclic(self) -> bool:
+        return self.travel is None
 
 
 @dataclass(frozen=True, slots=True)

@@ -92,6 +92,7 @@ box | m | 3 numbers > 0 | edge lengths of a box, centred on position
 position | m | 3 numbers | world position of the origin of the shape
 orientation | 1 | 4 numbers (w, x, y, z) | quaternion from body to world; scaled to length 1
 fixed | | true, false | a support that does not move
+held | | names of x, y, z, rx, ry, rz | directions of the world in which a rig holds the block
 velocity | m/s | 3 numbers | velocity of the centroid at the start of a dynamic run, world axes
 angular_velocity | rad/s | 3 numbers | angular velocity at the start of a dynamic run, world axes
 group | | text | a set of blocks that loads, supports and joint laws can name
@@ -272,7 +273,12 @@ point | m | 3 numbers | a point of the axis at the start; left out, the centroid
 """,
     SupportPath: _MOTION,
     CONTROLS["yield"]: f"{_TOLERANCE}\n{_LARGE}",
-    CONTROLS["displacement"]: "rate | m/s | > 0 | speed of the actuators\ntravel | m | > 0 | how far they move\n"
+    CONTROLS["displacement"]: """
+rate | m/s | > 0 | speed of the actuators; N/s of a force_protocol
+travel | m | > 0 | how far they move, one way
+protocol | m | numbers, or a path | turning points of a cyclic test, or a CSV file of a measured one
+force_protocol | N | numbers, or a path | turning points of V, with large_displacements
+"""
     + _LARGE,
     CONTROLS["statics"]: _LARGE,
     CONTROLS["tilt"]: f"""

@@ -114,6 +114,11 @@ class Control:
         return OF_ACTUATORS
 
     @property
+    def cyclic(self) -> bool:
+        """Whether it goes to and fro, by a protocol."""
+        return False
+
+    @property
     def loads_vary(self) -> bool:
         """Whether loads may be functions of time."""
         return False

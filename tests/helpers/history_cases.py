@@ -50,6 +50,8 @@ def assembly():
         position=np.array([[0.0, 0.0, -0.05], [0.0, 0.0, 0.05]]),
         orientation=np.array([[1.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]]),
         fixed=np.array([True, False]),
+        supporting=np.array([True, False]),
+        held=np.array([[True] * 6, [False] * 6]),
         mass=np.array([9.0, 9.0]),
         inertia=np.array([np.diag([0.0375, 0.075, 0.0975])] * 2),
         joints=joints,

@@ -45,7 +45,8 @@ class Pair:
             np.arange(2, dtype=np.uint32), np.zeros((2, 3)), np.zeros((2, 3, 3)), np.zeros((2, 4)),
             *np.zeros((3, 2, 3)), mass, np.linalg.inv(inertia),
             np.array([0.5 * shape.diameter for shape in self.shapes]), np.zeros((2, 3)), np.zeros((2, 6)),
-            np.zeros(3, np.uint32), np.zeros(0, np.uint32),
+            np.zeros(3, np.uint32), np.zeros(0, np.uint32), np.zeros(0, np.uint32), np.zeros((0, 6), bool),
+            np.zeros((0, 6)),
         )  # fmt: skip
         parts = parts_table(self.shapes)
         law = JointLaw("convex", friction, K_N, K_S)

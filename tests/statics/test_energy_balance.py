@@ -16,6 +16,7 @@ from dembrick.runs import lab
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import model
 from dembrick.scenario.model import FORMULATIONS
+from dembrick.scenario.protocols import Protocol
 from dembrick.simulation import energy_audit
 from dembrick.simulation.session import Session
 from dembrick.simulation.statics import constant_rate, limit_load, load_system
@@ -46,7 +47,9 @@ def balance(name: str, formulation: str, step_factor: float = 0.9, rate: float |
     if control.kind == "yield":
         run = limit_load.find_limit_load(built, 1e-4, step_factor, observe)
     else:
-        run = constant_rate.push_at_constant_rate(built, rate or control.rate, control.travel, step_factor, observe)
+        run = constant_rate.push_at_constant_rate(
+            built, Protocol.one_way(control.travel, rate or control.rate), step_factor, observe
+        )
     energies = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
     return energies, energy_audit.Auditor().add(energies).result(run.energy), run
 

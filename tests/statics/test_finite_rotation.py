@@ -22,6 +22,8 @@ def free_block(tensor, spin, orientation=(1.0, 0.0, 0.0, 0.0), mass=2.0):
     rotation = rotation_matrix(np.asarray(orientation, float))
     blocks = Blocks(**{name: np.zeros((1, 3)) for name in Blocks._fields})._replace(
         free=np.zeros(1, np.int64),
+        guided=np.zeros(0, np.int64),
+        held=np.zeros((0, 6), bool),
         orientation=np.array([orientation], float),
         momentum=(rotation @ (np.array(tensor) * spin))[None].copy(),
     )

@@ -18,6 +18,7 @@ from dembrick.scenario.blocks import Block
 from dembrick.scenario.controls import DisplacementControl
 from dembrick.scenario.generators import Arch
 from dembrick.scenario.model import Actuator, JointLaw, Material, Scenario
+from dembrick.scenario.protocols import Protocol
 from dembrick.simulation.statics import constant_rate
 from dembrick.simulation.statics.guards import LOOK, STRETCHES, new_guard, refuse_divergence
 from dembrick.simulation.statics.state import initial_state
@@ -46,7 +47,7 @@ def test_the_energy_put_in_is_that_of_the_balance(built, monkeypatch):
     original = constant_rate.new_guard
     monkeypatch.setattr(constant_rate, "new_guard", lambda *a: seen.setdefault("guard", original(*a)))
     rows = []
-    run = constant_rate.push_at_constant_rate(built, 1e-3, 2.5e-5, 0.9, lambda r, f: rows.append(r))
+    run = constant_rate.push_at_constant_rate(built, Protocol.one_way(2.5e-5, 1e-3), 0.9, lambda r, f: rows.append(r))
     guard, blocks, dt = seen["guard"], run.state.blocks, run.time_step
     assert guard.work[0] * dt * guard.weights == pytest.approx(run.energy.work[HEAD], rel=4e-3)
     # the dead forces work on the way that the blocks went after the dead-load equilibrium
@@ -90,12 +91,12 @@ def test_energy_from_nowhere_is_seen(built):
 def test_no_false_alarm(name, rate):
     """Fast pushes throw the block about, and yet it has no more energy than it was given."""
     scenario = lab_scenario(name, "concave")
-    constant_rate.push_at_constant_rate(build.assemble(scenario), rate, 2.5e-5, 0.9)
+    constant_rate.push_at_constant_rate(build.assemble(scenario), Protocol.one_way(2.5e-5, rate), 0.9)
 
 
 def test_a_step_above_the_critical_one_names_itself(built):
     with pytest.raises(DivergedError) as caught:
-        constant_rate.push_at_constant_rate(built, 1e-4, 2.5e-5, 2.2)
+        constant_rate.push_at_constant_rate(built, Protocol.one_way(2.5e-5, 1e-4), 2.2)
     text = str(caught.value)
     for part in ("at step ", "(t = ", "block 'upper'", "(joint lower-upper)", "is 2.20 of the critical one"):
         assert part in text, text
@@ -176,8 +177,8 @@ def test_an_uncertified_test_that_ends_on_the_way_up_has_no_limit_load():
     jacks = tuple(dataclasses.replace(j, point=(*j.point[:2], 0.05)) for j in scenario.actuators)
     built = build.assemble(dataclasses.replace(scenario, actuators=jacks))
     with pytest.raises(NotConvergedError, match="still rises"):
-        constant_rate.push_at_constant_rate(built, 1e-4, 3e-7, 0.9)
-    point = constant_rate.push_at_constant_rate(built, 1e-4, 5e-5, 0.9).yield_point
+        constant_rate.push_at_constant_rate(built, Protocol.one_way(3e-7, 1e-4), 0.9)
+    point = constant_rate.push_at_constant_rate(built, Protocol.one_way(5e-5, 1e-4), 0.9).yield_point
     assert point.bracket != "certified" and point.V == pytest.approx(252.0031, rel=1e-3)
 
 

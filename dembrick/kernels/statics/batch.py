@@ -92,7 +92,7 @@ def blocks_of(blocks, lone, i):
     return Blocks(
         lone.one, blocks.displacement[s], blocks.rotation[s], blocks.orientation[s], blocks.velocity[s],
         blocks.spin[s], blocks.mean_velocity[s], blocks.momentum[s], blocks.force[s], blocks.torque[s],
-        blocks.dead_force[s], blocks.dead_torque[s],
+        blocks.dead_force[s], blocks.dead_torque[s], blocks.guided, blocks.held, blocks.guide,
     )  # fmt: skip
 
 

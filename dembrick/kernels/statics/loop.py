@@ -4,6 +4,8 @@ leaves its code out: a family of joints, the record, the energy terms, and eithe
 
 from typing import NamedTuple
 
+from numpy import ndarray
+
 from dembrick._jit import entry, jit
 from dembrick.kernels.joint.ties import tie_losses
 from dembrick.kernels.state import YIELDING
@@ -23,6 +25,7 @@ from dembrick.kernels.statics.load_bounds import carried_load, instant_bounds, j
 from dembrick.kernels.statics.record import write_row
 from dembrick.kernels.statics.small_displacement import small_step
 
+TURNING = 1.0 / 16.0  # of the time of a way: in which the head speeds up after a turn, and slows down before the next
 RUNNING, CONVERGED, DIVERGED, FULL, RUNAWAY = 0, 1, 2, 3, 4
 
 
@@ -39,11 +42,37 @@ class Drive(NamedTuple):
     viscous_s: float  # the same, shear
     damping: float  # part of a velocity's fluctuation about its running mean that a step takes away (small motion)
     mean_weight: float  # of the latest step in that mean
+    until: ndarray  # (w,) int64, steps at which the ways of a protocol end; none if the head does not turn
+    ways: ndarray  # (w,) m, of the head on each
+
+
+@jit
+def part_of_way(x):
+    """Part of a way to and fro that the head has gone in the part x of its time: it begins and ends at rest."""
+    if x < TURNING:
+        return x * x / (2.0 * TURNING * (1.0 - TURNING))
+    if x > 1.0 - TURNING:
+        return 1.0 - (1.0 - x) * (1.0 - x) / (2.0 * TURNING * (1.0 - TURNING))
+    return (x - 0.5 * TURNING) / (1.0 - TURNING)
 
 
 @jit
 def head_rate(drive, step, dt):
-    """Rate of the head (m/s) at a step: it speeds up, is steady, and slows down."""
+    """Rate of the head (m/s) at a step: it speeds up, is steady, and slows down; or that of its way in a protocol."""
+    if drive.until.size > 0:
+        first, last = 0, drive.until.size - 1
+        while first < last:
+            middle = (first + last) // 2
+            if step < drive.until[middle]:
+                last = middle
+            else:
+                first = middle + 1
+        start = drive.until[first - 1] if first > 0 else 0
+        steps = drive.until[first] - start
+        if step >= drive.until[first]:
+            return 0.0  # the protocol is over
+        done = step - start
+        return drive.ways[first] * (part_of_way((done + 1) / steps) - part_of_way(done / steps)) / dt
     return drive.rate * min(1.0, (step + 1) * dt / drive.ramp) * drive.slowing ** max(step - drive.steady, 0)
 
 

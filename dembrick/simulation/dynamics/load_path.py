@@ -42,6 +42,7 @@ class LoadPathRun(EquilibriaRun):
     joint: int = 0
     resultant: np.ndarray | None = None
     mechanism: str = "none"
+    turns: tuple[int, ...] | None = None  # the equilibria at which the ways of a protocol end
     stands: bool = True
 
 

@@ -18,7 +18,9 @@ from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.geometry.rotations import turned_by, unit_quaternion
 from dembrick.kernels.state import Inertia
 from dembrick.kernels.statics.divergence import Guard
+from dembrick.kernels.statics.loop import TURNING
 from dembrick.scenario.model import Output
+from dembrick.scenario.protocols import Protocol
 from dembrick.simulation.session import Observer, Plan, Session
 from dembrick.simulation.statics import joint_families, ties
 from dembrick.simulation.statics.guards import came_down, new_guard, refuse_divergence
@@ -43,9 +45,9 @@ CHUNK = 1 << 16  # steps of a constant-rate test between two looks at the clock
 
 
 def push_at_constant_rate(
-    assembly: Assembly, rate: float, travel: float, step_factor: float, session: Session | Observer | None = None
+    assembly: Assembly, protocol: Protocol, step_factor: float, session: Session | Observer | None = None
 ) -> Replay:
-    """Move the actuator head over ``travel`` (m) at ``rate`` (m/s) with physical inertia; returns a Replay.
+    """Move the actuator head by a ``protocol``, one way or to and fro, with physical inertia; returns a Replay.
 
     The bracket is what the record allows: strict at any rate, as narrow as the rate lets it be. Where it is not strict,
     V is the mean load of the last quarter of the travel; with ties, the load at its end. Raises DivergedError, and
@@ -61,11 +63,17 @@ def push_at_constant_rate(
         setup.certificate = setup.certificate._replace(strict=False)
     damping = setup.dashpots()
     critical = damping.critical_time_step
+    rate = _fastest(protocol)
     dt = setup.time_step(step_factor * critical, rate)
-    steps_wanted = _steps(rate, travel, dt)
+    output = session.output
+    rows_every = max(1, _steps(protocol, dt) // output.rows)
+    until = _until(protocol, dt, rows_every)
+    steps_wanted = int(until[-1]) + protocol.cycles  # a row at the last turning point too
     drive = steady_drive(rate, dt, setup.actuator_stiffness)._replace(
         dashpot=damping.actuator * setup.actuator_stiffness, viscous_n=1.0, viscous_s=1.0
     )
+    if protocol.cycles:
+        drive = drive._replace(until=until, ways=protocol.ways)
     state.joints.damping[:] = damping.joints / dt
     inertia = Inertia(
         mass=np.array(assembly.mass, float),
@@ -74,8 +82,6 @@ def push_at_constant_rate(
     )
     to_finite_motion(state)
     moving = ties.start_moving(state, assembly)
-    output = session.output
-    rows_every = max(1, steps_wanted // output.rows)
     chunk = min(CHUNK, steps_wanted)
     frames_every = max(1, min(steps_wanted, output.rows) // output.frames)
     watched = assembly.control_points
@@ -95,10 +101,13 @@ def push_at_constant_rate(
     ties.stop_moving(state, moving)
     chosen = {"rate": rate, "inertia": "physical"}
     replay = setup.finished(True, loop, critical, compiled, setup.settings(drive) | chosen)
+    if protocol.cycles:
+        replay.yield_point = _of_cycles(replay.yield_point)
+        return replay
     if replay.yield_point.V_upper is None:
         point = replay.yield_point
         raise NotConvergedError(
-            f"no limit load: the joint has not begun to slip over the travel of {travel:.3g} m, and the "
+            f"no limit load: the joint has not begun to slip over the travel of {protocol.turns.max():.3g} m, and the "
             f"{point.V:.6g} N that the actuators carry at its end are no strength; lengthen control.travel, or lower "
             "control.rate",
             replace(point, V=None),
@@ -114,6 +123,13 @@ def push_at_constant_rate(
     return replay
 
 
+def _of_cycles(point: YieldPoint) -> YieldPoint:
+    """``point`` of a test that turns: a certified bracket is that of the first direction, else V is its greatest."""
+    if point.bracket == "certified":
+        return point
+    return replace(point, V=point.V_peak, V_lower=point.V_peak, V_upper=None, bracket="open")
+
+
 def _steady(point: YieldPoint, guard: Guard, least: float, assembly: Assembly, state: State) -> YieldPoint:
     """`steady`, and where it refuses because blocks have fallen, a word on that."""
     try:
@@ -125,23 +141,40 @@ def _steady(point: YieldPoint, guard: Guard, least: float, assembly: Assembly, s
         raise NotConvergedError(f"no limit load: {fall}", error.yield_point) from None
 
 
-def plan(assembly: Assembly, control: DisplacementControl, step_factor: float, output: Output) -> Plan:
+def plan(
+    assembly: Assembly, control: DisplacementControl, protocol: Protocol, step_factor: float, output: Output
+) -> Plan:
     """The plan of a test, without running any of it."""
     system = LoadSystem(assembly)
-    dt = system.time_step(step_factor * system.dashpots().critical_time_step, control.rate)
-    steps = _steps(control.rate, control.travel, dt)
+    dt = system.time_step(step_factor * system.dashpots().critical_time_step, _fastest(protocol))
+    steps = _steps(protocol, dt)
     return system.plan(dt, steps, min(steps, 2 * output.rows), control, output, exact=True)
 
 
-def _steps(rate: float, travel: float, dt: float) -> int:
+def _fastest(protocol: Protocol) -> float:
+    """The greatest rate of the head (m/s)."""
+    turning = 1.0 - TURNING if protocol.cycles else 1.0
+    return float((np.abs(protocol.ways) / protocol.seconds).max()) / turning
+
+
+def _steps(protocol: Protocol, dt: float) -> int:
     """Steps of a constant-rate test."""
-    wanted = travel / (rate * dt)
+    wanted = float(protocol.seconds.sum()) / dt
     if wanted > MOST_STEPS_AT_RATE:
+        way = float(np.abs(protocol.ways).sum())
         raise ScenarioError(
-            f"control.rate = {rate:g} m/s over control.travel = {travel:g} m takes {wanted:.3g} steps of {dt:.3g} s: "
-            "use a higher rate or a shorter travel"
+            f"control.rate = {_fastest(protocol):g} m/s over a travel of {way:g} m takes {wanted:.3g} steps of "
+            f"{dt:.3g} s: use a higher rate or a shorter travel"
         )
     return math.ceil(wanted)
+
+
+def _until(protocol: Protocol, dt: float, rows_every: int) -> np.ndarray:
+    """The steps (w,) at which the ways of a protocol end; turns are steps of which there is a row."""
+    if not protocol.cycles:
+        return np.array([_steps(protocol, dt)])
+    rows = np.maximum(np.round(protocol.seconds / (dt * rows_every)), 1.0)
+    return (rows_every * np.cumsum(rows)).astype(np.int64)
 
 
 def to_finite_motion(state: State) -> None:

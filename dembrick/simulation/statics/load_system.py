@@ -214,6 +214,8 @@ def steady_drive(rate: float, dt: float, stiffness: float) -> Drive:
         viscous_s=VISCOUS,
         damping=0.0,
         mean_weight=MEAN_WEIGHT,
+        until=np.zeros(0, np.int64),
+        ways=np.zeros(0),
     )
 
 

@@ -1,0 +1,121 @@
+"""Cycles of a test that goes to and fro: the greatest force of each half, what is dissipated, what stays.
+
+A cycle is a full loop, from a turning point to the next but one; the first begins at the first turning point after the
+start. A rest of a loop is none.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dembrick.scenario.protocols import Protocol, protocol_of
+from dembrick.views.summary import known
+
+if TYPE_CHECKING:
+    from dembrick.scenario.model import Scenario
+
+DRIFTS, PLATEAU = 10, 1e-2  # part of a half cycle before its peak, in which the force of a plateau grows by less
+
+
+def cycles_of(
+    scenario: Scenario, rows: Mapping[str, np.ndarray], turns_at: Sequence[int] | None = None
+) -> list[dict] | None:
+    """The cycles of a run by its ``rows``, of which ``turns_at`` are those at the turning points, if that is known;
+    None if it does not turn, or kept no record.
+
+    Each with ``peak`` [of its first half, of the second] (N), ``V_lower`` and ``V_upper`` of them, ``dissipated`` (J):
+    the friction work, or where no energies are recorded the area of the loop; ``damping``: that over 2 pi V_a u_a, of
+    half the ranges of force and displacement; ``residual`` (m): where V passes zero after the second peak, None if it
+    does not.
+    """
+    control = scenario.control
+    if not control.cyclic or not len(rows.get("load", ())):
+        return None
+    V, u = np.asarray(rows["load"], float), np.asarray(rows["displacement"], float)
+    turns = turns_at or _turns(protocol_of(scenario), np.asarray(rows["time"], float))
+    noise = np.asarray(rows["unbalanced"], float) * _greatest_force(rows, V)
+    energies: Mapping = rows.get("energy") or {}  # type: ignore[assignment]
+    friction = energies.get("friction")
+    found = []
+    for first, middle, last in zip(turns[:-2:2], turns[1:-1:2], turns[2::2], strict=False):
+        loop = slice(first, last + 1)
+        area = float(np.trapezoid(V[loop], u[loop]))
+        dissipated = area if friction is None else float(friction[last] - friction[first])
+        halves = [_peak(V, noise, *ends, turns_at is not None) for ends in ((first, middle), (middle, last))]
+        sizes = 0.25 * float(np.ptp(V[loop]) * np.ptp(u[loop]))
+        found.append(
+            {
+                "peak": [float(V[at]) for at, _ in halves],
+                "V_lower": [float(V[at]) - bar for at, bar in halves],
+                "V_upper": [float(V[at]) + bar for at, bar in halves],
+                "dissipated": dissipated,
+                "damping": dissipated / (2.0 * math.pi * sizes) if sizes > 0.0 else 0.0,
+                "residual": _residual(V, u, halves[1][0]),
+            }
+        )
+    return found
+
+
+def lines_of(cycles: list[dict], unit: str) -> list[str]:
+    """What the command line prints of cycles."""
+    lines = []
+    for number, cycle in enumerate(cycles, 1):
+        bars = [0.5 * (b - a) for a, b in zip(cycle["V_lower"], cycle["V_upper"], strict=True)]
+        first, second = (f"{known(V, bar)} +- {bar:.1g}" for V, bar in zip(cycle["peak"], bars, strict=True))
+        rest = "" if cycle["residual"] is None else f", residual {1e3 * cycle['residual']:.4g} mm"
+        lines.append(
+            f"cycle {number:<8}peaks {first} and {second}{unit}; dissipated {cycle['dissipated']:.5g} J, damping "
+            f"{100.0 * cycle['damping']:.3g} %{rest}"
+        )
+    return lines
+
+
+def _turns(protocol: Protocol, time: np.ndarray) -> list[int]:
+    """The rows at the turning points after the start and at the end, of a test at constant rate (`_until` of it)."""
+    each = float(time[1] - time[0]) if len(time) > 1 else 1.0
+    ends = np.cumsum(np.maximum(np.round(protocol.seconds / each), 1.0)).astype(int)
+    last = len(time) - 1
+    return [min(int(end), last) for end in ends if end <= last + 1]
+
+
+def _greatest_force(rows: Mapping[str, np.ndarray], V: np.ndarray) -> float:
+    """The force (N) that the out-of-balance of the rows is counted against: the greatest of a support, or of V."""
+    reaction = rows.get("reaction")
+    most = float(np.abs(V).max())
+    if reaction is None or not np.size(reaction):
+        return most
+    return max(most, float(np.linalg.norm(np.asarray(reaction)[..., :3], axis=-1).max()))
+
+
+def _peak(V: np.ndarray, noise: np.ndarray, first: int, last: int, equilibria: bool) -> tuple[int, float]:
+    """The row of a half cycle at which the force is furthest from that at its start, and the error bar of that force.
+
+    The bar is what is out of balance there, by how much the forces on either side, the calmer one, swing about their
+    trend, and what the force of a plateau still grows in the tenth of the half cycle before; between equilibria, what
+    the greatest force may have been beside the one that was found.
+    """
+    half = V[first : last + 1]
+    way = np.sign(half[-1] - half[0]) or 1.0
+    at = int(np.argmax(way * half))
+    if equilibria:
+        beside = [abs(half[at] - half[i]) for i in (at - 1, at + 1) if 0 < at < len(half) - 1]
+        return first + at, float(noise[first + at]) + min(beside, default=0.0)
+    sides = (half[max(at - 3, 0) : at + 1], half[at : at + 4])
+    swing = min((float(np.ptp(np.diff(side))) for side in sides if len(side) > 2), default=0.0)
+    drift = abs(float(half[at] - half[max(at - len(half) // DRIFTS, 0)]))
+    level = drift < PLATEAU * abs(half[at])  # else it is the turning point that ends a rise
+    return first + at, float(noise[first + at]) + swing + (drift if level else 0.0)
+
+
+def _residual(V: np.ndarray, u: np.ndarray, peak: int) -> float | None:
+    """Where V passes zero after a ``peak`` (m), between two rows."""
+    behind = np.flatnonzero(V[peak:-1] * V[peak + 1 :] <= 0.0)
+    if not len(behind):
+        return None
+    i = peak + int(behind[0])
+    step = V[i + 1] - V[i]
+    return float(u[i] if step == 0.0 else u[i] - V[i] * (u[i + 1] - u[i]) / step)

@@ -1,0 +1,141 @@
+"""Protocols of a test by displacement: turning points of the jack's end, and how long each way between them takes.
+
+A protocol is a list of turning points, or a CSV file of a measured one: a column of displacement, of which the turning
+points are the extremes, and perhaps one of time, by which the jack moves then.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from itertools import pairwise
+from typing import TYPE_CHECKING, NamedTuple
+
+from dembrick.errors import ScenarioError
+from dembrick.scenario.checks import check_name, present, real, require, require_type
+from dembrick.scenario.units import size_of
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from dembrick.scenario.controls import DisplacementControl
+    from dembrick.scenario.model import Scenario
+
+MOST = 10_000  # turning points
+NOISE = 0.02  # of the range of a measured protocol: a turn by less is noise
+
+
+class Protocol(NamedTuple):
+    """``turns`` (t,) m, the first one the start, or N where the force is driven; ``seconds`` (t - 1,) that the ways
+    between them take."""
+
+    turns: np.ndarray
+    seconds: np.ndarray
+    by_force: bool = False
+
+    @classmethod
+    def one_way(cls, travel: float, rate: float) -> Protocol:
+        """A way of ``travel`` (m) at ``rate`` (m/s), without a turn."""
+        import numpy as np
+
+        return cls(np.array([0.0, travel]), np.array([travel / rate]))
+
+    @property
+    def ways(self) -> np.ndarray:
+        """From each turning point to the next (t - 1,)."""
+        import numpy as np
+
+        return np.diff(self.turns)
+
+    @property
+    def cycles(self) -> bool:
+        """Whether it turns at all."""
+        return len(self.turns) > 2
+
+
+def checked(key: str, value: object) -> tuple[float, ...] | str:
+    """A protocol as a scenario has it: numbers of which no two that follow each other are equal, or a file."""
+    if isinstance(value, str):
+        return check_name(key, value)
+    value = value.tolist() if hasattr(value, "tolist") else value
+    require_type(isinstance(value, list | tuple), key, value, "a list of turning points, or the name of a CSV file")
+    points = tuple(real(f"{key}[{i}]", one) for i, one in enumerate(value))  # type: ignore[arg-type]
+    require(len(points) <= MOST, key, len(points), f"at most {MOST} turning points")
+    ways = [b - a for a, b in pairwise((0.0, *points[1:]) if points[:1] == (0.0,) else (0.0, *points))]
+    differ = bool(ways) and all(ways)
+    require(differ, key, list(points), "every turning point must differ from the last")
+    turns = len(ways) > 1 and all(math.copysign(1.0, a) != math.copysign(1.0, b) for a, b in pairwise(ways))
+    what = "it must turn at each of its points, and at one at least; a way without a turn is control.travel"
+    require(turns, key, list(points), what)
+    return points
+
+
+def protocol_of(scenario: Scenario) -> Protocol:
+    """The protocol of a scenario whose control is ``displacement``; that of a ``travel`` has no turn.
+
+    Raises ScenarioError for a file that cannot be read, or has no turning point.
+    """
+    return protocol_of_control(scenario.control, os.path.dirname(scenario.path or ""))  # type: ignore[arg-type]
+
+
+def protocol_of_control(control: DisplacementControl, folder: str = "") -> Protocol:
+    """The same of a control, whose file lies in ``folder``."""
+    import numpy as np
+
+    given = control.protocol if control.force_protocol is None else control.force_protocol
+    by_force = control.force_protocol is not None
+    if given is None:
+        return Protocol.one_way(present(control.travel), control.rate)
+    if isinstance(given, str):
+        return _measured(os.path.join(folder, given), control.rate, by_force)
+    turns = np.array(given if given[0] == 0.0 else (0.0, *given))
+    return Protocol(turns, np.abs(np.diff(turns)) / control.rate, by_force)
+
+
+def _measured(path: str, rate: float, by_force: bool) -> Protocol:
+    import numpy as np
+
+    from dembrick.scenario.csv_tables import read_columns, read_table
+
+    quantity, what = "force" if by_force else "displacement", "a protocol"
+    timed = any(size_of("time", unit) is not None for title in read_table(path, what).titles for unit in _units(title))
+    found, _ = read_columns(path, what, ("time", quantity) if timed else (quantity,))
+    values = found[quantity]
+    at = turning_points(np.concatenate([[0.0], values]))
+    turns = np.concatenate([[0.0], values])[at]
+    if len(turns) < 3:
+        raise ScenarioError(f"{path}: this protocol has no turning point; a way without a turn is control.travel")
+    seconds = np.abs(np.diff(turns)) / rate
+    if timed:
+        times = np.concatenate([[found["time"][0]], found["time"]])[at]
+        seconds = np.diff(times)
+        if not (seconds > 0.0).all():
+            raise ScenarioError(f"{path}: the times of this protocol do not grow from one turning point to the next")
+    return Protocol(turns, seconds, by_force)
+
+
+def _units(title: str) -> list[str]:
+    """What may be the unit in the title of a column."""
+    return [part.rstrip(")] ") for part in title.replace("(", "[").split("[")[1:]]
+
+
+def turning_points(values: np.ndarray) -> np.ndarray:
+    """Numbers of the first value, of the extremes between which it goes by more than `NOISE` of the range, and of the
+    last one that is further from the last extreme than that."""
+    import numpy as np
+
+    least = NOISE * float(np.ptp(values))
+    kept, last, way = [0], 0, 0.0
+    for i in range(1, len(values)):
+        change = values[i] - values[last]
+        if way == 0.0:
+            if abs(change) > least:
+                way, last = float(np.sign(change)), i
+        elif change * way >= 0.0:
+            last = i
+        elif abs(change) > least:
+            kept.append(last)
+            way, last = -way, i
+    if last != kept[-1]:
+        kept.append(last)
+    return np.array(kept)

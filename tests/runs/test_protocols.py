@@ -1,0 +1,155 @@
+"""Tests that go to and fro: friction work, peaks both ways, measured protocols, restart in the middle of a cycle."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import dembrick
+from dembrick.errors import ScenarioError
+from dembrick.scenario import model, toml
+from dembrick.scenario.controls import DisplacementControl
+from dembrick.scenario.protocols import protocol_of, turning_points
+from helpers.restart_cases import check_same, stop_at_look
+
+U = 2e-5
+
+
+def to_and_fro(points, name="set4a_curve", formulation="convex", **control):
+    scenario = toml.load(name)
+    law = replace(scenario.joint, formulation=formulation)
+    return replace(scenario, joint=law, control=DisplacementControl(rate=1e-5, protocol=points, **control))
+
+
+def test_a_test_that_is_stopped_in_a_cycle_goes_on_to_the_last_bit(tmp_path):
+    scenario = replace(to_and_fro((U, -U, U), formulation="concave"), output=model.Output(checkpoint=0.0))
+    dembrick.simulate(scenario, tmp_path / "whole.h5")
+    stop_at_look(scenario, tmp_path / "stopped.h5", 3)
+    dembrick.restart(tmp_path / "stopped.h5")
+    check_same(tmp_path / "whole.h5", tmp_path / "stopped.h5")
+
+
+def test_friction_work_of_a_slider():
+    """4 mu N s a cycle, s = u - mu N (1 / (k_s A) + 1 / k_jack)."""
+    scenario = to_and_fro((0.0, U, -U, U, -U, U), "shear")
+    found = dembrick.simulate(scenario)
+    law, N = scenario.joint, found.yield_point.N
+    settings = found.run.settings
+    slip = U - law.friction * N * (1.0 / (law.shear_stiffness * 0.06) + 1.0 / settings["actuator_stiffness"])
+    for cycle in found.cycles:
+        assert cycle["dissipated"] == pytest.approx(4.0 * law.friction * N * slip, rel=1e-6)
+        V, u = law.friction * N, U - law.friction * N / settings["actuator_stiffness"]
+        assert cycle["damping"] == pytest.approx(cycle["dissipated"] / (2.0 * np.pi * V * u), rel=1e-3)
+        if cycle["residual"] is not None:
+            assert cycle["residual"] == pytest.approx(slip, rel=1e-3)
+    assert len(found.cycles) == 2 and found.status == "completed"
+
+
+@pytest.mark.parametrize("formulation", ["convex", "concave", "corrected", "corrected-shear", "distributed"])
+def test_peaks_are_the_limit_load_both_ways(formulation):
+    scenario = to_and_fro((U, -U, U), formulation=formulation)
+    limit = dembrick.simulate(replace(toml.load("set4a"), joint=scenario.joint), record=False).yield_point.V
+    (cycle,) = dembrick.simulate(scenario).cycles
+    first, second = cycle["peak"]
+    assert first == pytest.approx(-limit, rel=1e-3) and second == pytest.approx(limit, rel=1e-3)
+    bars = [0.5 * (b - a) for a, b in zip(cycle["V_lower"], cycle["V_upper"], strict=True)]
+    assert abs(first + second) <= sum(bars) < 1e-3 * limit
+
+
+def test_the_same_in_the_deformed_geometry():
+    scenario = to_and_fro((U, -U, U), formulation="concave", large_displacements=True)
+    limit = dembrick.simulate(replace(toml.load("set4a"), joint=scenario.joint), record=False).yield_point.V
+    found = dembrick.simulate(scenario)
+    (cycle,) = found.cycles
+    assert cycle["peak"] == pytest.approx([-limit, limit], rel=1e-3)
+    assert cycle["dissipated"] == pytest.approx(4.0 * limit * U, rel=0.1)
+    assert found.rows["displacement"][list(found.run.turns)] == pytest.approx([U, -U, U], rel=1e-4)
+
+
+def test_a_block_that_rocks_dissipates_next_to_nothing():
+    """No more than 1e-4 N u + 4 V^2 / (2 k_s A): points that open lose what their shear springs held."""
+    text = """
+title = "rocking"
+gravity = [0, 0, -9.81]
+joint = {formulation = "concave", friction = 0.9, normal_stiffness = 1e10, shear_stiffness = 4e9}
+materials.stone.density = 2000.0
+control = {kind = "displacement", rate = 1e-4, protocol = [2e-5, -2e-5, 2e-5]}
+[[blocks]]
+name = "floor"
+material = "stone"
+box = [1, 1, 0.2]
+position = [0, 0, -0.1]
+fixed = true
+[[blocks]]
+name = "stone"
+material = "stone"
+box = [0.2, 0.2, 0.6]
+position = [0, 0, 0.3]
+[[actuators]]
+name = "jack"
+block = "stone"
+point = [-0.1, 0, 0.6]
+direction = [1, 0, 0]
+"""
+    found = dembrick.simulate(toml.loads(text))
+    (cycle,) = found.cycles
+    W = 2000.0 * 9.81 * 0.2 * 0.2 * 0.6
+    V = W * 0.2 / 2 / 0.6
+    assert cycle["peak"] == pytest.approx([-V, V], rel=0.02)
+    assert 0.0 <= cycle["dissipated"] <= 1e-4 * W * 2e-5 + 4.0 * V**2 / (2.0 * 4e9 * 0.04)
+
+
+def test_a_protocol_of_forces():
+    """Below the strength the block comes back; the turning points are those of V."""
+    limit = 216.05
+    scenario = toml.load("set4a_curve")
+    force = (0.5 * limit, -0.5 * limit, 0.5 * limit)
+    control = DisplacementControl(rate=10.0, force_protocol=force, large_displacements=True)
+    found = dembrick.simulate(replace(scenario, control=control))
+    assert found.rows["load"][list(found.run.turns)] == pytest.approx(force, rel=1e-9)
+    assert found.cycles[0]["peak"] == pytest.approx([-0.5 * limit, 0.5 * limit], rel=1e-9)
+
+
+def test_a_measured_protocol(tmp_path):
+    """Its turning points are the extremes, and its times those of the jack."""
+    way = np.concatenate([np.linspace(0, 0.02, 30), np.linspace(0.02, -0.02, 40), np.linspace(-0.02, 0.01, 30)])
+    way += 1e-5 * np.sin(7.0 * np.arange(len(way)))
+    lines = [f"{0.1 * i},{1.0 * x:.6f}" for i, x in enumerate(way)]
+    (tmp_path / "jack.csv").write_text("time [s],displacement [mm]\n" + "\n".join(lines) + "\n")
+    scenario = replace(to_and_fro("jack.csv"), path=str(tmp_path / "a.toml"))
+    protocol = protocol_of(scenario)
+    assert protocol.turns == pytest.approx([0.0, 2e-5, -2e-5, 1e-5], abs=3e-8)
+    assert protocol.seconds == pytest.approx([2.9, 4.0, 3.0], abs=0.21)
+    assert len(dembrick.simulate(scenario).cycles) == 1
+    (tmp_path / "jack.csv").write_text("displacement [mm]\n" + "\n".join(f"{x:.6f}" for x in way[:30]) + "\n")
+    with pytest.raises(ScenarioError, match="no turning point"):
+        protocol_of(scenario)
+    (tmp_path / "jack.csv").write_text("displacement\n" + "\n".join(f"{x:.6f}" for x in way) + "\n")
+    with pytest.raises(ScenarioError, match="unit"):
+        protocol_of(scenario)
+
+
+def test_turning_points_of_noise():
+    values = np.array([0.0, 0.5, 0.49, 1.0, 1.001, 0.2, -1.0, -0.99, -1.002, 0.3])
+    assert turning_points(values).tolist() == [0, 4, 8, 9]
+
+
+@pytest.mark.parametrize("control, said", [
+    ({"protocol": [0.0, 1e-5]}, "it must turn"),
+    ({"protocol": [1e-5, 2e-5, -1e-5]}, "it must turn"),
+    ({"protocol": [1e-5, 1e-5]}, "must differ"),
+    ({"protocol": []}, "must differ"),
+    ({"protocol": [0.0, float("nan")]}, "finite"),
+    ({"protocol": 3.0}, "a list of turning points"),
+    ({"protocol": [1e-5, -1e-5], "travel": 1e-5}, "one of travel, protocol and force_protocol"),
+    ({}, "one of travel, protocol and force_protocol"),
+    ({"force_protocol": [1.0, -1.0]}, "large_displacements = true"),
+])  # fmt: skip
+def test_bad_protocols_are_refused(control, said):
+    with pytest.raises(ScenarioError, match=said):
+        DisplacementControl(rate=1e-5, **control)
+
+
+def test_a_protocol_in_a_file_and_back():
+    text = toml.text_of(toml.load("set4a_cyclic"))
+    assert toml.loads(text).control.protocol == toml.load("set4a_cyclic").control.protocol
