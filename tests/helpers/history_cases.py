@@ -78,7 +78,8 @@ def mixed_assembly():
     base.names, base.shapes = ("lower", "upper", "wedge, small"), [*base.shapes, wedge()]
     base.position = np.vstack([base.position, [0.4, 1000.0, 0.2]])
     base.orientation = np.vstack([base.orientation, turn])
-    base.fixed = np.array([True, False, False])
+    base.fixed = base.supporting = np.array([True, False, False])
+    base.held = np.repeat(base.fixed[:, None], 6, axis=1)
     base.mass, base.inertia = np.array([9.0, 9.0, 0.75]), np.concatenate([base.inertia, [1e-3 * np.eye(3) + 1e-4]])
     base.joints = (*base.joints, joint(1, 2, "convex", origin=(0.0, 0.0, 0.1)))
     base.contact_points = (*base.contact_points, None)
@@ -99,7 +100,8 @@ def many_blocks(n):
     base.names, base.shapes = tuple(f"b{i}" for i in range(n)), [shape((0.3, 0.2, 0.1))] * n
     base.position = np.column_stack([0.4 * np.arange(n), np.zeros(n), np.zeros(n)])
     base.orientation = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1))
-    base.fixed = np.arange(n) == 0
+    base.fixed = base.supporting = np.arange(n) == 0
+    base.held = np.repeat(base.fixed[:, None], 6, axis=1)
     base.mass, base.inertia = np.full(n, 9.0), np.tile(base.inertia[0], (n, 1, 1))
     return base
 

@@ -63,6 +63,8 @@ class Room(NamedTuple):
     work: ndarray  # (2,)
     sums: ndarray  # (3,)
     load: ndarray  # (1, 3)
+    until: ndarray  # (0,) int64 and (0,), of a head that does not turn, see `Drive`
+    ways: ndarray
 
 
 class Loading(NamedTuple):
@@ -205,7 +207,7 @@ def replay_one(
         drive = Drive(
             slip * strength * loading.compliance[i] / loading.weight[i], settings.ramp,
             settings.steady, settings.slowing, stiffness, settings.viscous * stiffness, settings.viscous,
-            settings.viscous, damping, settings.mean_weight,
+            settings.viscous, damping, settings.mean_weight, room.until, room.ways,
         )  # fmt: skip
         certificate = Certificate(
             1, strict, 0, family, 0, unit, basis.dead, basis.scalars[1], basis.centre, radius, normal, basis.rest,

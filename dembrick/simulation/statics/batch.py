@@ -204,7 +204,10 @@ def _run(cases: Cases, faces: _Faces) -> LimitLoads:
     answer = Answer(np.zeros((k, 2)), np.zeros((k, 5)), np.zeros((k, 3)), *counts)
     rest = np.zeros(max(1, joint_families.contact_points(whole)))
     basis = Basis(np.zeros(3), np.zeros(3), np.zeros(2), rest, np.zeros(5), np.zeros(3), np.zeros(6))
-    room = Room(np.zeros((certificate.WINDOW, 4)), np.zeros(6), np.zeros(2), np.zeros(2), np.zeros(3), np.zeros((1, 3)))
+    room = Room(
+        np.zeros((certificate.WINDOW, 4)), np.zeros(6), np.zeros(2), np.zeros(2), np.zeros(3), np.zeros((1, 3)),
+        np.zeros(0, np.int64), np.zeros(0),
+    )  # fmt: skip
     replay_batch(
         0, k, blocks, joints, points, areas, actuators, cases.actuator_weight.shape[1],
         _inertia(stiffness), _inertia(stiffness / eta**2), loading, Lone(np.zeros(1, np.int64), np.ones(1, np.int64)),
