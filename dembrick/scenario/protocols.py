@@ -7,7 +7,6 @@ points are the extremes, and perhaps one of time, by which the jack moves then.
 from __future__ import annotations
 
 import math
-import os
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -75,19 +74,15 @@ def protocol_of(scenario: Scenario) -> Protocol:
 
     Raises ScenarioError for a file that cannot be read, or has no turning point.
     """
-    return protocol_of_control(scenario.control, os.path.dirname(scenario.path or ""))  # type: ignore[arg-type]
-
-
-def protocol_of_control(control: DisplacementControl, folder: str = "") -> Protocol:
-    """The same of a control, whose file lies in ``folder``."""
     import numpy as np
 
+    control: DisplacementControl = scenario.control  # type: ignore[assignment]
     given = control.protocol if control.force_protocol is None else control.force_protocol
     by_force = control.force_protocol is not None
     if given is None:
         return Protocol.one_way(present(control.travel), control.rate)
     if isinstance(given, str):
-        return _measured(os.path.join(folder, given), control.rate, by_force)
+        return _measured(scenario.path_of(given), control.rate, by_force)
     turns = np.array(given if given[0] == 0.0 else (0.0, *given))
     return Protocol(turns, np.abs(np.diff(turns)) / control.rate, by_force)
 
