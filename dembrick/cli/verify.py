@@ -1,4 +1,4 @@
-"""``dembrick verify [CASE ...]``: the verification cases that ship with the package."""
+"""``dembrick verify [CASE ...]``: the verification cases, or laboratory tests, that ship with the package."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dembrick.cli.streams import put
 
 def add_arguments(parser) -> None:
     parser.add_argument("case", nargs="*", help="names of cases, or beginnings of names (default: all)")
+    parser.add_argument("--validation", action="store_true", help="laboratory tests beside the answers, in minutes")
     parser.add_argument("--quick", action="store_true", help="a few cases that take seconds")
     parser.add_argument("--list", action="store_true", help="name the cases and run none")
     parser.add_argument("--report", metavar="FILE.html", help="write the table as a web page")
@@ -15,10 +16,12 @@ def add_arguments(parser) -> None:
 
 
 def run(options, console) -> int:
-    """Run the cases; exit code 3 if one fails."""
+    """Run the cases; exit code 3 if one of verification fails. A test that is not met is a finding: exit code 0."""
     from dembrick import history
-    from dembrick.runs.verification import cases
+    from dembrick.runs.validation import cases as validation
+    from dembrick.runs.verification import cases as verification
 
+    cases = validation if options.validation else verification
     picked = cases.chosen(options.case, options.quick)
     if options.list:
         console.result(
@@ -26,11 +29,12 @@ def run(options, console) -> int:
             "\n".join(f"{case.name:28} {case.title}" for case in picked),
         )
         return 0
-    with history.product("verification report", [case.name for case in picked], force=options.force):
+    kind = "validation" if options.validation else "verification"
+    with history.product(f"{kind} report", [case.name for case in picked], force=options.force):
         if options.report:
             require_ending(options.report, (".html",), "a report")
             history.check_output(options.report)  # refused before the cases run
-        return _verify(picked, options, console)
+        return _validate(picked, options, console) if options.validation else _verify(picked, options, console)
 
 
 def _verify(picked, options, console) -> int:
@@ -55,6 +59,26 @@ def _verify(picked, options, console) -> int:
         if not outcome.passed:
             console.error(f"{outcome.case.name}: {outcome.failure or _why(outcome)}")
     return 0 if passed else 3
+
+
+def _validate(picked, options, console) -> int:
+    from dembrick import __version__, history
+    from dembrick.runs.validation import report
+    from dembrick.runs.validation.compare import compare
+
+    found = []
+    if not console.json:
+        put(report.text_header())
+    for one in compare(picked, lambda case: console.progress(len(found), len(picked), case.name)):
+        found.append(one)
+        if not console.json:
+            console.progress(len(found), len(picked), "")
+            put(report.text_row(one))
+    rows = [one.as_dict() for one in found]
+    console.result({"cases": rows, "version": __version__}, f"{report.summary(found)}\n{report.remarks(found)}")
+    if options.report:
+        history.write_whole(options.report, report.html(found, __version__), "report")
+    return 0
 
 
 def _why(outcome) -> str:

@@ -1,7 +1,7 @@
 """The scenarios that ship with the package: where they are, how they are called, and what each says of itself.
 
 A shipped scenario goes by its file name without ``.toml``: ``dembrick run set4a`` finds it wherever the package is
-installed. Studies, templates and verification cases lie in folders of their own.
+installed. Studies, templates, verification and validation cases lie in folders of their own.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from pathlib import Path
 TEMPLATES = "templates"
 STUDIES = "studies"
 VERIFICATION = "verification"
+VALIDATION = "validation"
 
 
 def folder() -> Path:
@@ -36,7 +37,7 @@ def templates() -> dict[str, Path]:
 def find(name: str) -> Path | None:
     """The file of a shipped scenario or study by its name, with or without ``.toml``; None if there is no such one."""
     stem = name.removesuffix(".toml")
-    for place in ("", STUDIES, VERIFICATION):
+    for place in ("", STUDIES, VERIFICATION, VALIDATION):
         path = folder() / place / f"{stem}.toml"
         if stem and "/" not in stem and "\\" not in stem and os.path.isfile(path):
             return path

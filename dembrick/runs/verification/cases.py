@@ -5,6 +5,7 @@ from __future__ import annotations
 import tomllib
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import TypeVar
 
 from dembrick.errors import ScenarioError
 from dembrick.scenario import shipped
@@ -21,6 +22,7 @@ UNITS = {
     "settlement": "m",
 }
 RELATIONS = ("equal", "at most")
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,16 +74,21 @@ def all_cases() -> dict[str, Case]:
 def chosen(names: list[str], quick: bool = False) -> list[Case]:
     """The cases of these names (a name may be the beginning of several), all if none is named; ``quick``: those marked
     so. ScenarioError for a name that fits none."""
-    cases = all_cases()
-    picked = []
-    for name in names:
-        found = [case for key, case in cases.items() if key == name or key.startswith(f"{name}-")]
-        if not found:
-            raise ScenarioError(f"no verification case is called {name!r}; {nearest(name, cases)}")
-        picked += [case for case in found if case not in picked]
+    return [case for case in of_names(names, all_cases(), "verification") if case.quick or not quick]
+
+
+def of_names(names: list[str], cases: dict[str, T], kind: str) -> list[T]:
+    """The ``cases`` of a ``kind`` with these names or beginnings of names, each once; all if none is named.
+    ScenarioError for a name that fits none."""
     if not names:
-        picked = list(cases.values())
-    return [case for case in picked if case.quick or not quick]
+        return list(cases.values())
+    picked: dict[str, T] = {}
+    for name in names:
+        found = {key: case for key, case in cases.items() if key == name or key.startswith(f"{name}-")}
+        if not found:
+            raise ScenarioError(f"no {kind} case is called {name!r}; {nearest(name, cases)}")
+        picked |= found
+    return list(picked.values())
 
 
 def _case(entry: dict, path: Path) -> Case:
