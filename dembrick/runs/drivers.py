@@ -215,7 +215,7 @@ def _set_up(scenario: Scenario, assembly: Assembly, session: Session | None = No
 
     moving = run.prepare(assembly, scenario.control, scenario.solver.step_factor)
     if session is not None and session.start is not None:
-        handover.start_on(moving, session.start)
+        handover.start_on(moving, session.start, session.ties_before)
     return moving, loads.driving_of(scenario, moving)
 
 

@@ -18,8 +18,9 @@ from dembrick.assembly.validation import refuse
 from dembrick.errors import DembrickError, HistoryError, UndecidedError
 from dembrick.runs.drivers import driver_of
 from dembrick.runs.result import fell
+from dembrick.runs.stage_laws import check_laws
 from dembrick.scenario.checks import present, show
-from dembrick.scenario.stages import at_stage, controls_of
+from dembrick.scenario.stages import at_stage, controls_of, ties_before
 from dembrick.simulation.checkpoint_arrays import flattened, restored_state
 from dembrick.simulation.energy_audit import Auditor
 from dembrick.simulation.session import Kept, Prefixed, Session, Snapshot
@@ -57,7 +58,11 @@ class Stages:
             keep = self._keeping(session, between=True)
             if keep is not None:
                 keep({}, f"stage {self.done} of {len(self.scenario.stages) + 1}")
-        return replace(session, keep=self._keeping(session), start=self.left)
+        last = self.done + 1
+        check_laws(self.scenario, last, isinstance(self.left, Kept))
+        return replace(
+            session, keep=self._keeping(session), start=self.left, ties_before=ties_before(self.scenario, last)
+        )
 
     def _one(self, session: Session) -> None:
         number = self.done + 1
@@ -70,9 +75,11 @@ class Stages:
             tell=session.tell,
             report=session.report,
             start=self.left,
+            ties_before=ties_before(self.scenario, number),
         )
         try:
             assembly = assemblies.assemble(scenario)
+            check_laws(self.scenario, number, isinstance(self.left, Kept))
             run = driver_of(scenario.control).run(scenario, assembly, own)
             audit = None if run.energy is None else self.auditor.result(run.energy)
         except DembrickError as error:

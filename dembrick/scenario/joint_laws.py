@@ -7,6 +7,7 @@ from numbers import Integral
 from typing import Any
 
 from dembrick.scenario.checks import assign, assign_positive, check_name, one_of, real, require, require_type
+from dembrick.scenario.stages import stage_numbers
 
 FORMULATIONS = ("concave", "corrected", "corrected-shear", "convex", "distributed")
 PRESSURES = ("full", "effective", "linear")
@@ -111,11 +112,12 @@ class JointLaw:
 class JointOverride:
     """A law for the joints between two named blocks or groups, in place of the default.
 
-    A group named twice means the joints inside it.
+    A group named twice means the joints inside it. ``stages``: numbers of the stages in which it holds, None for all.
     """
 
     between: tuple[str, str]
     law: JointLaw
+    stages: tuple[int, ...] | None = None
 
     def __post_init__(self):
         pair = self.between
@@ -123,3 +125,4 @@ class JointOverride:
         require(len(pair) == 2, "between", pair, f"it must name two blocks, not {len(pair)}")
         assign(self, between=tuple(check_name(f"between[{i}]", name) for i, name in enumerate(pair)))
         require_type(isinstance(self.law, JointLaw), "law", self.law, "a JointLaw")
+        assign(self, stages=stage_numbers("stages", self.stages))

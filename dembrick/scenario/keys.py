@@ -130,6 +130,7 @@ _TEXTS: dict[type, str] = {
     Scenario: _SCENARIO,
     JointLaw: _LAW,
     JointOverride: "between | | 2 names | the two blocks or groups whose joints have this law\n"
+    "stages | | whole numbers >= 1 | the stages in which it holds; left out, all\n"
     "law | | keys of [joint] | what differs from the default law",
     Material: "density | kg/m3 | > 0 | mass per volume",
     Block: _BLOCK,
@@ -236,8 +237,9 @@ stages | | whole numbers >= 1 | the stages in which it acts; left out, all
 between | | 2 tables | the ends of the tie
 stiffness | N/m | > 0 | force over elongation
 strength | N | > 0 | it yields at this force without end; left out, it never does
-prestress | N | a number | force at the start
+prestress | N | a number | force at the start, or as it comes
 tension_only | | true, false | slack where it would push; false for a bar or a spring
+stages | | whole numbers >= 1 | the stages in which it is there; left out, all. It comes with its prestress
 """,
     TieEnd: """
 block | | a block | the block it is fastened to
@@ -379,7 +381,8 @@ def json_schema() -> dict:
 def _override() -> dict:
     law = _object(JointLaw)
     between = {"type": "array", "items": {"type": "string"}, "minItems": 2, "maxItems": 2}
-    return {**law, "properties": {"between": between, **law["properties"]}, "required": ["between"]}
+    stages = _object(JointOverride)["properties"]["stages"]
+    return {**law, "properties": {"between": between, "stages": stages, **law["properties"]}, "required": ["between"]}
 
 
 def _object(kind: Any) -> dict:

@@ -1,14 +1,14 @@
 """Stages: controls that are carried out one after the other, each on the state that the one before has left.
 
-``[[stages]]`` come first, ``[control]`` is the last. Loads, actuators and pressures act in all of them, or in those
-whose numbers they list.
+``[[stages]]`` come first, ``[control]`` is the last. Loads, actuators and pressures act in all of them, ties and the
+laws of ``[[joints]]`` are in force in all of them, or in those whose numbers they list.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
 from numbers import Integral
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from dembrick.errors import ScenarioError
 from dembrick.scenario.checks import require, require_type, show
@@ -17,7 +17,8 @@ from dembrick.scenario.controls import ACTUATORS, Control
 if TYPE_CHECKING:
     from dembrick.scenario.model import Scenario
 
-IN_STAGES = ("loads", "actuators", "pressures")  # lists of a scenario whose entries may name their stages
+# lists of a scenario whose entries may name their stages
+IN_STAGES = ("loads", "actuators", "pressures", "ties", "joints")
 
 
 def stage_numbers(key: str, value: Any) -> tuple[int, ...] | None:
@@ -85,8 +86,9 @@ def _of_stage(entries: tuple, number: int) -> tuple:
 
 
 def at_stage(scenario: Scenario, number: int) -> Scenario:
-    """One stage (counted from 1, `len(scenario.stages) + 1` is the last) as a scenario by itself: its control, and the
-    loads and actuators that act in it. Actuators are there only where the control drives them."""
+    """One stage (counted from 1, `len(scenario.stages) + 1` is the last) as a scenario by itself: its control, the
+    loads and actuators that act in it, its ties and joint laws. Actuators are there only where the control drives
+    them."""
     if not scenario.stages:
         return scenario
     control = controls_of(scenario)[number - 1]
@@ -98,3 +100,27 @@ def at_stage(scenario: Scenario, number: int) -> Scenario:
         parts["actuators"] = ()
         parts["pressures"] = tuple(pressure for pressure in parts["pressures"] if not pressure.actuator)
     return replace(scenario, control=control, stages=(), text=None, **parts)
+
+
+class TiesBefore(NamedTuple):
+    """The ties of a stage beside those of the one before: how many those were (``total``), and which of them each tie
+    of the stage is (``of``), -1 for one that was not there."""
+
+    total: int
+    of: tuple[int, ...]
+
+
+def ties_before(scenario: Scenario, number: int) -> TiesBefore | None:
+    """The ties of the stage ``number`` beside those of the one before; None if they are the same."""
+    before, now = (
+        [k for k, tie in enumerate(scenario.ties) if tie.stages is None or n in tie.stages]
+        for n in (number - 1, number)
+    )
+    if before == now:
+        return None
+    return TiesBefore(len(before), tuple(before.index(k) if k in before else -1 for k in now))
+
+
+def laws_change(scenario: Scenario) -> bool:
+    """Whether any joint has another law in one stage than in another."""
+    return any(entry.stages is not None for entry in scenario.joints)

@@ -8,6 +8,7 @@ from typing import Any
 from dembrick.errors import ScenarioError
 from dembrick.scenario.blocks import Vector
 from dembrick.scenario.checks import assign, assign_positive, check_name, real, require, require_type, show, vector
+from dembrick.scenario.stages import stage_numbers
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +27,8 @@ class TieEnd:
 class Tie:
     """A bar between two points of two blocks: ``stiffness`` (N/m) along the line between them, ``prestress`` (N) from
     the start, yielding without end at ``strength`` (N; None: it never yields). With ``tension_only`` it is slack where
-    it would push.
+    it would push. ``stages``: numbers of the stages in which it is there, None for all; it has its prestress at the
+    length with which it comes.
     """
 
     between: tuple[TieEnd, TieEnd]
@@ -34,6 +36,7 @@ class Tie:
     strength: float | None = None
     prestress: float = 0.0
     tension_only: bool = True
+    stages: tuple[int, ...] | None = None
 
     def __post_init__(self):
         ends: Any = self.between
@@ -51,6 +54,7 @@ class Tie:
         assign(self, between=tuple(ends), prestress=real(f"prestress{label}", self.prestress))
         assign_positive(self, "stiffness", "N/m", label)
         require_type(isinstance(self.tension_only, bool), f"tension_only{label}", self.tension_only, "true or false")
+        assign(self, stages=stage_numbers(f"stages{label}", self.stages))
         if self.strength is not None:
             assign_positive(self, "strength", "N", label)
             bound = f"the tie yields at its strength of {self.strength:g} N"

@@ -103,7 +103,10 @@ def dumps(scenario: Scenario) -> str:
     """TOML text that :func:`loads` reads back as an equal scenario, floats to the last bit."""
     document: dict[str, Any] = {"title": scenario.title, "gravity": scenario.gravity}
     document["joint"] = _plain_law(scenario.joint)
-    document["joints"] = [{"between": entry.between, **_plain_law(entry.law)} for entry in scenario.joints]
+    document["joints"] = [
+        {**{key: value for key, value in _plain(entry).items() if key != "law"}, **_plain_law(entry.law)}
+        for entry in scenario.joints
+    ]
     document["materials"] = {name: _plain(material) for name, material in scenario.materials.items()}
     for key, (_, several) in _inner(Scenario).items():
         if several and key != "joints":

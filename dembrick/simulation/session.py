@@ -13,6 +13,7 @@ from dembrick.scenario.model import Output
 from dembrick.simulation import expected_cost, interrupts
 
 if TYPE_CHECKING:
+    from dembrick.scenario.stages import TiesBefore
     from dembrick.simulation.statics.state import State
 
 Observer = Callable[[Mapping[str, np.ndarray], Mapping[str, np.ndarray]], None]
@@ -113,8 +114,9 @@ class Session:
     ``observe(rows, frames)`` gets copies of what each chunk of steps brought (see ``recorder``), of the channels of
     ``output``. ``keep(arrays, where)`` writes a checkpoint, every ``output.checkpoint`` seconds and when a signal ends
     the run. A run with ``resumed`` goes on from that snapshot. ``start``: the state of the searches that another run of
-    the same blocks has left, to start on; None for the blocks as they are drawn. ``tell`` hears how far it is, ten
-    times a second, and ``report`` remarks.
+    the same blocks has left, to start on; None for the blocks as they are drawn. ``ties_before``: which of its
+    ties this run goes on with, None: they are the same. ``tell`` hears how far it is, ten times a second, and
+    ``report`` remarks.
     """
 
     observe: Observer | None = None
@@ -122,6 +124,7 @@ class Session:
     keep: Callable[[Mapping[str, np.ndarray], str], None] | None = None
     resumed: Snapshot | None = None
     start: State | Kept | None = None
+    ties_before: TiesBefore | None = None
     tell: Callable[[Progress], None] | None = None
     report: Callable[[str], None] | None = None
     last_kept: float = field(default_factory=time.monotonic)

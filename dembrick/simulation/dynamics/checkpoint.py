@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -20,14 +21,15 @@ COUNTERS = (  # integers among them that change
 )  # fmt: skip
 
 
-def restore_scene(moving: Motion, snapshot: Snapshot, met: bool) -> None:
-    """Blocks, joints, ties and polygons as in a snapshot of the same scene, and new contacts if blocks have ``met``."""
+def restore_scene(moving: Motion, snapshot: Snapshot, met: bool, parts: Iterable[str] = PARTS) -> None:
+    """Blocks, joints, ties and polygons as in a snapshot of the same scene, and new contacts if blocks have ``met``;
+    of its state the ``parts``."""
     polygons = moving.polygons
     for name, own in _polygons(moving).items():
         own[...] = snapshot.array(name, own)
     polygons.take_room(joint_families.rooms(moving.state, snapshot))
-    parts = {name: restored(name, getattr(moving.state, name), snapshot, COUNTERS) for name in PARTS}
-    moving.state = moving.state._replace(**parts)
+    found = {name: restored(name, getattr(moving.state, name), snapshot, COUNTERS) for name in parts}
+    moving.state = moving.state._replace(**found)
     moving.state.links.share()
     joint_families.check_restored(moving.state, snapshot.path)
     if met:

@@ -4,35 +4,44 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from dembrick.errors import ScenarioError
 from dembrick.geometry.rotations import rotation_matrix, turned_by, unit_quaternion
 from dembrick.kernels.dynamics.tiles import SEEN, VISCOUS
-from dembrick.kernels.joint.ties import YIELDED
+from dembrick.kernels.joint.ties import LENGTH, TENSION, YIELDED
+from dembrick.scenario.stages import TiesBefore
 from dembrick.simulation.dynamics import joint_families
-from dembrick.simulation.dynamics.checkpoint import restore_scene
+from dembrick.simulation.dynamics.checkpoint import PARTS, restore_scene
 from dembrick.simulation.dynamics.state import seen
 from dembrick.simulation.session import Kept
 
 if TYPE_CHECKING:
     from dembrick.simulation.dynamics.integrator import Motion
+    from dembrick.simulation.dynamics.state import MovingState
     from dembrick.simulation.statics.state import State
 
 
-def start_on(moving: Motion, left: State | Kept) -> None:
+def start_on(moving: Motion, left: State | Kept, before: TiesBefore | None = None) -> None:
     """Put the blocks where ``left`` has them, at rest, and give their joints its memory. Nothing has moved yet.
 
-    A search or a quasi-static test leaves a `State`, a settlement the snapshot of its last equilibrium. Raises
-    ScenarioError if the joints of both are not the same.
+    A search or a quasi-static test leaves a `State`, a settlement the snapshot of its last equilibrium. ``before``:
+    which of its ties stay. Raises ScenarioError if the joints of both are not the same.
     """
     if isinstance(left, Kept):
-        _go_on_from(moving, left)
+        _go_on_from(moving, left, before)
     else:
-        _take(moving, left)
+        _take(moving, left, before)
 
 
-def _go_on_from(moving: Motion, left: Kept) -> None:
+def _go_on_from(moving: Motion, left: Kept, before: TiesBefore | None) -> None:
     dashpots = moving.state.links.rows(VISCOUS, 2)  # of this run's time step and damping
-    restore_scene(moving, left, met=True)
+    laws = joint_families.strengths(moving.state)
+    restore_scene(moving, left, True, PARTS if before is None else [part for part in PARTS if part != "ties"])
+    joint_families.put_strengths(moving.state, laws)
+    if before is not None:
+        now, length = np.zeros((before.total, 3)), np.zeros(before.total)
+        _tie(moving.state, left.array("ties.now", now)[:, YIELDED], left.array("ties.length", length), before)
     moving.state.links.put(VISCOUS, dashpots)
     bodies = moving.state.bodies
     bodies.velocity[:], bodies.momentum[:], bodies.spin[:] = 0.0, 0.0, 0.0
@@ -41,7 +50,7 @@ def _go_on_from(moving: Motion, left: Kept) -> None:
     moving.settled = True
 
 
-def _take(moving: Motion, left: State) -> None:
+def _take(moving: Motion, left: State, before: TiesBefore | None) -> None:
     state = moving.state
     bodies, links = state.bodies, state.links
     same = len(left.joints.block_a) == len(links.host)
@@ -56,7 +65,30 @@ def _take(moving: Motion, left: State) -> None:
     bodies.rotation[:] = rotation_matrix(bodies.orientation)
     bodies.start[:] = bodies.position
     joint_families.take_memory(state, left)
-    if left.ties is not None:
-        state.ties.now[:, YIELDED] = left.ties.yielded
+    yielded, rest = (np.zeros(0), np.zeros(0)) if left.ties is None else (left.ties.yielded, left.ties.rest)
+    whole = TiesBefore(len(yielded), tuple(range(len(yielded)))) if before is None else before
+    drawn = np.zeros(len(yielded))
+    kept = [k >= 0 for k in whole.of]
+    drawn[[k for k in whole.of if k >= 0]] = state.ties.length[kept]
+    _tie(state, yielded, drawn + rest, whole)
     links.put(SEEN, seen(bodies, links))
     links.kept[:] = links.seen[:, [0, 1, 3, 4]]
+
+
+def _tie(state: MovingState, yielded: np.ndarray, length: np.ndarray, before: TiesBefore) -> None:
+    """Let ties of a state go on with what those before kept (m) and the lengths (m) with which they came; others come
+    now, with the length that they have."""
+    ties, bodies = state.ties, state.bodies
+    if not len(ties.length):
+        return
+    old = np.array(before.of, np.int64)
+    kept = old >= 0
+    ties.arm[:] = np.einsum("teij,tej->tei", bodies.rotation[ties.block], ties.lever)
+    line = bodies.position[ties.block[:, 1]] - bodies.position[ties.block[:, 0]] + ties.arm[:, 1] - ties.arm[:, 0]
+    now = np.linalg.norm(line, axis=1)
+    ties.length[:] = now
+    ties.length[kept], ties.now[kept, YIELDED] = length[old[kept]], yielded[old[kept]]
+    tension = ties.prestress + ties.stiffness * (now - ties.length - ties.now[:, YIELDED])
+    ties.now[:, LENGTH], ties.now[:, TENSION] = now, np.clip(tension, ties.least, ties.strength)
+    ties.before[:] = ties.now
+    ties.force[:] = (ties.now[:, TENSION] / now)[:, None] * line

@@ -88,6 +88,23 @@ def put_friction(state, values: Iterable) -> None:
         module.put_friction(joints, value)
 
 
+def strengths(state) -> list[tuple]:
+    """Copies of the friction of every family, and of its other strengths but `held`, none if all joints are dry."""
+    return [
+        (module.friction(joints), [] if joints.strengths is None else [each.copy() for each in joints.strengths[:-1]])
+        for module, joints in present(state)
+    ]
+
+
+def put_strengths(state, values: Iterable[tuple]) -> None:
+    """Give the joints what `strengths` has read off them."""
+    for (module, joints), (friction, others) in zip(present(state), values, strict=True):
+        if not np.array_equal(module.friction(joints), friction):
+            module.put_friction(joints, friction)
+        for own, value in zip(joints.strengths or (), others, strict=False):
+            own[...] = value
+
+
 def has_strengths(state) -> bool:
     """Whether any joint has more strength than friction gives it, or dilates, or crushes."""
     return any(joints.strengths is not None for _, joints in present(state))

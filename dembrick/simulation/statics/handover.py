@@ -8,19 +8,20 @@ import numpy as np
 
 from dembrick.errors import ScenarioError
 from dembrick.geometry.rotations import quaternion_product, rotation_vector
-from dembrick.simulation.statics import joint_families
+from dembrick.simulation.statics import joint_families, ties
 from dembrick.simulation.statics.state import State, initial_state
 from dembrick.simulation.statics.stiffness import to_joint
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
+    from dembrick.scenario.stages import TiesBefore
 
 
-def starting_state(assembly: Assembly, left: State | None) -> State:
+def starting_state(assembly: Assembly, left: State | None, before: TiesBefore | None = None) -> State:
     """The state at the start of a run: that of the geometry, or what another run of the same blocks has ``left``.
 
-    Displacements and rotation vectors count from the geometry of the start. Raises ScenarioError if the joints of both
-    are not the same.
+    Displacements and rotation vectors count from the geometry of the start. ``before``: which of its ties stay. Raises
+    ScenarioError if the joints of both are not the same.
     """
     state = initial_state(assembly)
     if left is None:
@@ -29,8 +30,7 @@ def starting_state(assembly: Assembly, left: State | None) -> State:
     blocks.displacement[:] = left.blocks.displacement
     blocks.rotation[:] = left.blocks.rotation + turned_since_the_start(assembly, left)
     _remember(state, left)
-    if state.ties is not None and left.ties is not None:
-        state.ties.yielded[:] = left.ties.yielded
+    ties.go_on(state, left.ties, before)
     joints = state.joints
     motion = np.concatenate([blocks.displacement, blocks.rotation], axis=1)
     joints.relative[:] = np.einsum("jik,jk->ji", to_joint(joints.axes, joints.arm_b), motion[joints.block_b])

@@ -79,11 +79,11 @@ class Replay(Ended):
 class LoadSystem:
     """The actuators as one load system: unit load, compliance of the joints against it, actuator stiffness."""
 
-    def __init__(self, assembly: Assembly, start: State | None = None):
+    def __init__(self, assembly: Assembly, session: Session | None = None):
         if not len(assembly.actuators.block):
             raise ScenarioError("no [[actuators]]: a replay needs at least one actuator to push with")
         self.assembly = assembly
-        self.state = starting_state(assembly, start)
+        self.state = starting_state(assembly, *((session.start, session.ties_before) if session else (None, None)))
         blocks = self.state.blocks
         pressed = blocks.dead_force[blocks.free].any() or blocks.dead_torque[blocks.free].any()
         if not (pressed or joint_families.has_strengths(self.state)):
@@ -146,7 +146,7 @@ class Setup(LoadSystem):
     def __init__(
         self, assembly: Assembly, tolerance: float, session: Session | None = None, by_equilibria: bool | None = False
     ):
-        super().__init__(assembly, session.start if session else None)
+        super().__init__(assembly, session)
         whole = by_equilibria or touches_itself(self.state)
         self.factor = elastic_factor(self.state, assembly.position) if whole else None
         found = dead_load_equilibrium(self.state, self.stiffness, assembly, self.factor, session)

@@ -37,7 +37,7 @@ class Standing(Ended):
 
 def find_rest(assembly: Assembly, session: Session) -> Standing:
     """The equilibrium of an assembly under its dead loads, the blocks that fall, or neither; recorded in one row."""
-    state = starting_state(assembly, session.start)
+    state = starting_state(assembly, session.start, session.ties_before)
     factor = elastic_factor(state, assembly.position) if touches_itself(state) else None
     found = rest(state, block_stiffness(state, shared=2.0), assembly.position, factor, session)
     if session.observe is not None:

@@ -1,8 +1,8 @@
 """Ties in searches: springs along the line between two points, ductile at their strength, slack where they would push.
 
-T = T_0 + k (e - e_p), not below zero if the tie takes tension only, and at most T_y. The elongation e is that of small
-displacements; what has yielded, e_p, is remembered. Ties are few, so that their forces are found here and added to the
-dead loads that the kernels see, before every evaluation of the joints.
+T = T_0 + k (e - e_0 - e_p), not below zero if the tie takes tension only, and at most T_y. The elongation e is that of
+small displacements, e_0 that with which the tie came; what has yielded, e_p, is remembered. Ties are few, so that their
+forces are found here and added to the dead loads that the kernels see, before every evaluation of the joints.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from dembrick.simulation.statics.stiffness import to_joint
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
     from dembrick.kernels.statics.record import Record
+    from dembrick.scenario.stages import TiesBefore
     from dembrick.simulation.statics.state import State
 
 
@@ -38,6 +39,7 @@ class Ties(NamedTuple):
     yielded: np.ndarray  # (t,) m, elongation that stays
     tension: np.ndarray  # (t,) N, now
     elongation: np.ndarray  # (t,) m, now
+    rest: np.ndarray  # (t,) m, elongation with which the tie came
 
 
 def at_rest(assembly: Assembly) -> Ties | None:
@@ -62,19 +64,39 @@ def at_rest(assembly: Assembly) -> Ties | None:
         yielded=np.zeros(len(table)),
         tension=table.prestress.copy(),
         elongation=np.zeros(len(table)),
+        rest=np.zeros(len(table)),
     )
 
 
 def pull(state: State) -> None:
     """Let the ties of a state, if it has any, act on its blocks where they are now."""
-    ties, blocks = state.ties, state.blocks
+    ties = state.ties
     if ties is None:
         return
+    _elongate(state)
+    ties.tension[:] = np.clip(_trial(ties), ties.least, ties.strength)
+    act(state)
+
+
+def go_on(state: State, left: Ties | None, before: TiesBefore | None) -> None:
+    """Give the ties of a state whose blocks are in place what those ``left`` by another run keep; others come now."""
+    ties = state.ties
+    if ties is None or (left is None and before is None):
+        return
+    old = np.arange(len(ties.rest)) if before is None else np.array(before.of, np.int64)
+    kept = old >= 0
+    if left is not None:
+        ties.yielded[kept], ties.rest[kept] = left.yielded[old[kept]], left.rest[old[kept]]
+    _elongate(state)
+    ties.rest[~kept] = ties.elongation[~kept]
+
+
+def _elongate(state: State) -> None:
+    """Look how long the ties are now."""
+    ties, blocks = state.ties, state.blocks
     motion = np.concatenate([blocks.displacement, blocks.rotation], axis=1)
     of_b = np.einsum("tk,tk->t", ties.seen_b[:, 2], motion[ties.block_b])
     ties.elongation[:] = of_b - np.einsum("tk,tk->t", ties.seen_a[:, 2], motion[ties.block_a])
-    ties.tension[:] = np.clip(_trial(ties), ties.least, ties.strength)
-    act(state)
 
 
 def act(state: State) -> None:
@@ -88,7 +110,7 @@ def act(state: State) -> None:
 
 def _trial(ties: Ties) -> np.ndarray:
     """Tension (t,) if the ties were elastic from what has yielded."""
-    return ties.prestress + ties.stiffness * (ties.elongation - ties.yielded)
+    return ties.prestress + ties.stiffness * (ties.elongation - ties.rest - ties.yielded)
 
 
 def tangent(ties: Ties) -> np.ndarray:
@@ -169,6 +191,7 @@ def start_moving(state: State, assembly: Assembly) -> MovingTies:
             [moving.length + state.ties.elongation, state.ties.tension, state.ties.yielded], axis=1
         )
         moving.before[:] = moving.now
+        moving.length[:] += state.ties.rest
         state.blocks.dead_force[:], state.blocks.dead_torque[:] = state.ties.dead[:, :3], state.ties.dead[:, 3:]
     return moving
 
@@ -179,7 +202,7 @@ def stop_moving(state: State, moving: MovingTies) -> None:
     if ties is None:
         return
     ties.tension[:], ties.yielded[:] = moving.now[:, TENSION], moving.now[:, YIELDED]
-    ties.elongation[:] = moving.now[:, LENGTH] - moving.length
+    ties.elongation[:] = moving.now[:, LENGTH] - (moving.length - ties.rest)
     wrench = ties.dead + at_ends(moving, len(ties.dead))
     state.blocks.dead_force[:], state.blocks.dead_torque[:] = wrench[:, :3], wrench[:, 3:]
 
