@@ -79,8 +79,33 @@ def run(options, console) -> int:
         name = f"{stem}.png" if options.kind == "curve" else f"{stem}_{options.kind}.png"
         path = options.to or default_output(name, history.is_ours)
         plot.save(figure, path)
-    console.result({"figure": path}, f"figure: {path}")
+    answer, lines = _misfits(files, plot.labelled(files, labels)[1], measured, console)
+    console.result({"figure": path, **answer}, "\n".join([f"figure: {path}", *lines]))
     return 0
+
+
+def _misfits(histories, labels, measured, console) -> tuple[dict, list[str]]:
+    """The misfits of all histories against all measured curves, as JSON and as lines."""
+    from dembrick.errors import ScenarioError
+    from dembrick.views import misfit, plot
+
+    found, lines = [], []
+    for history, label in zip(histories, labels, strict=True):
+        for curve in measured:
+            try:
+                one = misfit.between(plot.record_of(history), curve, curve.name)
+            except ScenarioError as error:
+                console.remark(f"no misfit: {error}")
+                found.append({"history": history.path, "measured": curve.name, **dict.fromkeys(misfit.NUMBERS)})
+                continue
+            found.append({"history": history.path, "measured": curve.name, **one.numbers()})
+            whose = f" of {label} against {curve.name}" if len(histories) * len(measured) > 1 else ""
+            part = ""
+            if one.compared[1] < curve.displacement.max():
+                part = f" (compared up to {1e3 * one.compared[1]:.4g} mm, where the run ends)"
+            lines.append(f"misfit{whose}: {misfit.text(one)}{part}")
+    answer = {"misfit": {name: found[0][name] for name in misfit.NUMBERS}} if found else {}
+    return answer | ({"misfits": found} if len(found) > 1 else {}), lines
 
 
 def _study(options, console) -> int:

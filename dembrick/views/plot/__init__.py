@@ -11,6 +11,7 @@ from dembrick.views.plot.curves import (
     curve_panels,
     energies,
     force_displacement,
+    labelled,
     read_measured,
     unbalanced,
 )
@@ -20,6 +21,7 @@ from dembrick.views.plot.layout import layout
 from dembrick.views.plot.paths import joint_path, load_path
 from dembrick.views.plot.studies import StudyTable, is_study, read_study, study
 from dembrick.views.plot.style import FORMATS, inline_svg, save
+from dembrick.views.plot.subject import record_of
 
 __all__ = [
     "FORMATS",
@@ -38,10 +40,12 @@ __all__ = [
     "joint_path",
     "joint_plane",
     "joint_stages",
+    "labelled",
     "layout",
     "load_path",
     "read_measured",
     "read_study",
+    "record_of",
     "save",
     "study",
     "unbalanced",

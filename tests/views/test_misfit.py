@@ -1,0 +1,71 @@
+"""The misfit of a run against a measured curve."""
+
+import json
+
+import numpy as np
+import pytest
+
+import dembrick
+from dembrick import cli
+from dembrick.errors import ScenarioError
+from dembrick.scenario import shipped
+from dembrick.views import misfit, plot
+
+
+def test_the_misfit_by_its_closed_forms():
+    """Ours rises at 2 N/mm to a plateau of 10 N; measured at 1 N/mm to 8 N: areas over 20 mm are 175 and 128 mJ."""
+    ours = plot.MeasuredCurve("ours", np.array([0.0, 5e-3, 20e-3]), np.array([0.0, 10.0, 10.0]))
+    lab = plot.MeasuredCurve("lab", 1e-3 * np.array([0.0, 4.0, 8.0, 12.0, 20.0]), np.array([0.0, 4.0, 8.0, 8.0, 8.0]))
+    found = misfit.between(ours, lab)
+    assert found.rms == pytest.approx(np.sqrt((0 + 16 + 4 + 4 + 4) / 5.0) / 8.0, rel=1e-12)
+    assert found.peak == pytest.approx(0.25, rel=1e-12)
+    assert found.stiffness == pytest.approx(1.0, rel=1e-12)
+    assert found.energy == pytest.approx(175.0 / 128.0 - 1.0, rel=1e-12)
+    same = misfit.between(lab, lab)
+    assert (same.rms, same.peak, same.stiffness, same.energy) == pytest.approx((0.0, 0.0, 0.0, 0.0), abs=1e-12)
+
+
+def test_a_misfit_is_of_what_both_curves_have():
+    """A measured curve that begins above a third of its peak has no initial stiffness; what lies beyond the end of the
+    run is not compared."""
+    ours = plot.MeasuredCurve("ours", np.array([0.0, 1e-3, 2e-3]), np.array([0.0, 10.0, 10.0]))
+    lab = plot.MeasuredCurve("lab", np.array([1e-3, 2e-3, 3e-3]), np.array([9.0, 9.0, 30.0]))
+    found = misfit.between(ours, lab)
+    assert found.stiffness is None and "stiffness not on the curve" in misfit.text(found)
+    assert found.peak == pytest.approx(1.0 / 9.0) and found.compared == (1e-3, 2e-3)
+
+
+@pytest.mark.parametrize(
+    "displacement, load, said",
+    [
+        ([0.0, 1e-3, -1e-3], [0.0, 9.0, -9.0], "rig goes to and fro"),
+        ([5e-3, 6e-3], [1.0, 1.0], "rig and the simulated curve share no displacements"),
+        ([0.0, 1e-3], [0.0, -1.0], "rig has no force above 0"),
+        ([1e-3, 1e-3], [0.0, 1.0], "rig has no two points"),
+    ],
+)
+def test_what_has_no_misfit(displacement, load, said):
+    ours = plot.MeasuredCurve("ours", np.array([0.0, 1e-3, 2e-3]), np.array([0.0, 10.0, 10.0]))
+    with pytest.raises(ScenarioError, match=said):
+        misfit.between(ours, plot.MeasuredCurve("rig", np.array(displacement), np.array(load)), "rig")
+
+
+def test_the_command_says_the_misfit(tmp_path, capsys):
+    """A measured curve a tenth above ours, at our own points: all errors are 1 / 1.1 - 1."""
+    run = dembrick.simulate(shipped.folder() / "set4a_curve.toml", tmp_path / "run.h5")
+    load, travel = 1.1 * np.asarray(run.rows["load"]), np.asarray(run.rows["displacement"])
+    rows = "\n".join(f"{u:.17g},{V:.17g}" for u, V in zip(travel, load, strict=True))
+    lab = tmp_path / "lab.csv"
+    lab.write_text(f"displacement [m],force [N]\n{rows}\n", encoding="utf-8")
+    command = ["plot", str(tmp_path / "run.h5"), "--lab", str(lab), "--to", str(tmp_path / "f.svg")]
+    assert cli.main([*command, "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)["misfit"]
+    relative = dict.fromkeys(("peak", "stiffness", "energy"), 1.0 / 1.1 - 1.0)
+    assert said == pytest.approx({"rms": np.sqrt(np.mean((load / 11.0) ** 2)) / load.max()} | relative, rel=1e-6)
+    assert cli.main([*command, "--lab", str(lab)]) == 0
+    assert capsys.readouterr().out.count("peak -9.09 %") == 2
+    lab.write_text("displacement [m],force [N]\n0,0\n1,5\n-1,-5\n", encoding="utf-8")
+    assert cli.main([*command, "--json"]) == 0
+    told = capsys.readouterr()
+    assert json.loads(told.out)["misfit"] == dict.fromkeys(("rms", "peak", "stiffness", "energy"))
+    assert "lab goes to and fro" in told.err
