@@ -10,6 +10,7 @@ from dembrick import cli
 from dembrick.errors import ScenarioError
 from dembrick.runs.validation import cases, compare, report
 from dembrick.scenario import toml
+from dembrick.views.plot import read_measured
 
 CASE = cases.Case("wall", "Wall", "a laboratory", "block", "density", "set2a", "N = 1 kN", "force", (10.0, 12.0, 11.0))
 SLENDER = """
@@ -171,6 +172,24 @@ def test_the_command_prints_rows_and_json_and_findings_exit_with_zero(tmp_path, 
     (row,) = json.loads(capsys.readouterr().out)["cases"]
     assert {"case", "source", "D", "u_D", "S", "u_num", "E", "within", "unknown"} <= set(row)
     assert row["within"] is False and row["E"] == pytest.approx(0.10716576 - 0.2, rel=1e-5)
+
+
+@pytest.mark.slow
+def test_granite_walls_are_met_where_the_load_is_known(capsys):
+    """V of the deformed geometry within the scatter of the measured peaks; the sandstone walls are not met."""
+    assert cli.main(["verify", "--validation", "--json", "--quiet"]) == 0
+    rows = {row["case"]: row for row in json.loads(capsys.readouterr().out)["cases"]}
+    assert not [name for name, row in rows.items() if row["S"] is None]
+    for load in (104.8, 179.8, 254.8):
+        row = rows[f"granite-{load}"]
+        assert row["within"] and abs(row["E"]) < row["u_D"]
+    assert not any(row["within"] for name, row in rows.items() if name.startswith("sandstone"))
+
+
+def test_measured_curves_end_at_the_measured_peaks():
+    for case in cases.chosen(["granite"]):
+        curve = read_measured(case.path.with_name(f"{case.name.replace('-', '_')}.csv"))
+        assert curve.load.max() == pytest.approx(1e3 * case.D)
 
 
 def test_at_least_ten_cases_are_listed_and_a_wrong_name_is_told_the_nearest(capsys):
