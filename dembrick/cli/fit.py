@@ -1,13 +1,21 @@
-"""``dembrick fit --lab DATA.csv``."""
+"""``dembrick fit --lab DATA.csv``, and ``dembrick fit --lab CURVE.csv SCENARIO --vary KEYS``."""
 
 from __future__ import annotations
 
+from dembrick.cli.paths import add_force, require_ending
+
 
 def add_arguments(parser) -> None:
+    parser.add_argument("scenario", nargs="*", metavar="SCENARIO", help="scenarios of curves: one, or one each")
     parser.add_argument(
-        "--lab", metavar="DATA.csv", required=True, help="measured yield points: columns test, scenario, V [N]"
-    )
-    parser.add_argument("--formulation", nargs="+", metavar="F", help="default: all five")
+        "--lab", metavar="DATA.csv", required=True, action="append",
+        help="measured yield points: columns test, scenario, V [N]; or with SCENARIO a measured curve: columns of "
+        "displacement and force with their units (may be repeated)",
+    )  # fmt: skip
+    parser.add_argument("--vary", metavar="KEY,KEY", help="keys of SCENARIO to fit, as for --set: joint.friction")
+    parser.add_argument("--out", metavar="FITTED.toml", help="write SCENARIO with the fitted values")
+    parser.add_argument("--formulation", nargs="+", metavar="F", help="of yield points; default: all five")
+    add_force(parser)
 
 
 def run(options, console) -> int:
@@ -17,11 +25,43 @@ def run(options, console) -> int:
     from dembrick.scenario.checks import nearest, show
     from dembrick.scenario.model import FORMULATIONS
 
+    if options.scenario:
+        return _curves(options, console)
+    if len(options.lab) > 1 or options.vary or options.out:
+        raise ScenarioError("--vary, --out and several --lab belong to measured curves: name their SCENARIO too")
     for name in options.formulation or ():
         if name not in FORMULATIONS:
             raise ScenarioError(f"--formulation {show(name)} is unknown; {nearest(name, FORMULATIONS)}")
-    fits = fit.fit(fit.read(options.lab), options.formulation or FORMULATIONS, console.progress)
+    fits = fit.fit(fit.read(options.lab[0]), options.formulation or FORMULATIONS, console.progress)
     console.result({"confidence": fit.CONFIDENCE, "fits": fit.as_dicts(fits)}, _text(fits, fit.CONFIDENCE))
+    return 0
+
+
+def _curves(options, console) -> int:
+    """Fit keys of scenarios to measured curves of force over displacement."""
+    from dembrick import history
+    from dembrick.errors import ScenarioError
+    from dembrick.runs import curve_fit
+    from dembrick.scenario import toml
+    from dembrick.views import plot
+
+    if not options.vary:
+        raise ScenarioError("--vary is missing: name the keys to fit, for instance --vary joint.friction")
+    if options.out and len(options.scenario) > 1:
+        raise ScenarioError("--out writes one scenario, and there are several; set the values in each")
+    if options.out:
+        require_ending(options.out, (".toml",), "a scenario")
+    measured = [plot.read_measured(path) for path in options.lab]
+    given = [toml.load(path) for path in options.scenario]
+    keys = [key.strip() for key in options.vary.split(",") if key.strip()]
+    found = curve_fit.fit_curves(given, measured, keys)
+    answer, lines = found.as_dict(), curve_fit.lines_of(found)
+    if options.out:
+        with history.product("scenario", [toml.text_of(given[0])], [*options.lab, *options.scenario], options.force):
+            curve_fit.write(found.scenarios[0], options.out, ", ".join(options.lab))
+        answer["file"] = options.out
+        lines.append(f"scenario      {options.out}")
+    console.result(answer, "\n".join(lines))
     return 0
 
 

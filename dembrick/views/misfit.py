@@ -1,6 +1,7 @@
-"""The misfit of a simulated curve against a measured one: force over displacement, both one way.
+"""The misfit of a simulated curve against a measured one: force over displacement.
 
-Curves are compared over the displacements that both have, by straight lines between their points.
+Curves are compared over the displacements that both have, by straight lines between their points; those that go to and
+fro way by way, between their turning points.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from dembrick.errors import ScenarioError
+from dembrick.scenario.protocols import turning_points
 
 THIRD = 1.0 / 3.0  # of the peak, up to which the initial stiffness is taken, as EN 1052-1 takes the modulus of masonry
 BACK = 0.05  # of its range, by which a measured displacement may go back: the scatter of a gauge, and not a cycle
@@ -55,7 +57,57 @@ def text(misfit: Misfit) -> str:
 
 
 def between(simulated: Curve, measured: Curve, name: str = "the measured curve") -> Misfit:
-    """The misfit; ScenarioError if a curve goes to and fro, or the two share no displacements."""
+    """The misfit; ScenarioError if one curve turns more often than the other, or the two share no displacements."""
+    turning = len(_ways(simulated)) == len(_ways(measured)) > 1
+    return _of_loops(simulated, measured, name) if turning else _one_way_each(simulated, measured, name)
+
+
+def compared(simulated: Curve, measured: Curve, beyond: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Displacements (m) of the measured points that the simulated curve reaches, the forces (N) of the simulated one
+    there, and those measured; with ``beyond`` of all points of the ways that both have, where those out of reach count
+    with the last simulated force."""
+    found = []
+    for (way_u, way_V), (our_u, our_V) in zip(_ways(measured), _ways(simulated), strict=False):
+        order = np.argsort(our_u, kind="stable")
+        x, y = our_u[order], our_V[order]
+        slack = 1e-9 * float(np.ptp(x))
+        inside = beyond | ((way_u >= x[0] - slack) & (way_u <= x[-1] + slack))
+        found.append((way_u[inside], np.interp(way_u[inside], x, y), way_V[inside]))
+    displacement, ours, theirs = (np.concatenate(column) for column in zip(*found, strict=True))
+    return displacement, ours, theirs
+
+
+def _ways(curve: Curve) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Displacement and load of a curve between its turning points."""
+    u, V = np.asarray(curve.displacement, float), np.asarray(curve.load, float)
+    if len(u) < 2 or not np.ptp(u) > 0.0:
+        return [(u, V)]
+    turns = turning_points(u)
+    ends = [*turns[:-1].tolist(), len(u) - 1]
+    if len(turns) < 3:
+        return [(u, V)]
+    return [(u[a : b + 1], V[a : b + 1]) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+
+
+def _of_loops(simulated: Curve, measured: Curve, name: str) -> Misfit:
+    """The misfit of curves that turn equally often; the initial stiffness is that of the first way, the energy that of
+    the loops."""
+    u, ours, theirs = compared(simulated, measured)
+    if len(u) < 2 or not np.abs(theirs).max() > 0.0:
+        raise ScenarioError(f"{name} and the simulated curve share no displacements, or it has no force")
+    peak, area = float(np.abs(theirs).max()), float(np.trapezoid(theirs, u))
+    slopes = [_initial_stiffness(*_ways(curve)[0]) for curve in (simulated, measured)]
+    return Misfit(
+        float(np.sqrt(np.mean((ours - theirs) ** 2))) / peak,
+        float(np.abs(ours).max()) / peak - 1.0,
+        slopes[0] / slopes[1] - 1.0 if slopes[0] is not None and slopes[1] is not None else None,
+        float(np.trapezoid(ours, u)) / area - 1.0 if area > 0.0 else None,
+        (float(u.min()), float(u.max())),
+    )
+
+
+def _one_way_each(simulated: Curve, measured: Curve, name: str) -> Misfit:
+    """The misfit of curves that do not turn."""
     ours, theirs = one_way(simulated, "the simulated curve"), one_way(measured, name)
     low, high = max(ours[0][0], theirs[0][0]), min(ours[0][-1], theirs[0][-1])
     inside = (theirs[0] >= low) & (theirs[0] <= high)

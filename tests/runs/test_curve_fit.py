@@ -1,0 +1,116 @@
+"""Keys that come back from curves, what curves do not determine, and the misfit by hand."""
+
+import json
+
+import numpy as np
+import pytest
+
+import dembrick
+from dembrick import cli
+from dembrick.errors import ScenarioError
+from dembrick.runs import curve_fit
+from dembrick.scenario import toml
+from dembrick.views.misfit import between
+from dembrick.views.plot import MeasuredCurve
+
+SHORT = ["control.travel=5e-6", "control.rate=1e-4", "output.rows=300", 'output.channels=["joints"]']
+START = ["joint.friction=0.5", "joint.shear_stiffness=7e9"]
+TRUE = {"joint.friction": 0.64, "joint.shear_stiffness": 4e9}
+
+
+@pytest.fixture(scope="module")
+def curve():
+    result = dembrick.simulate(toml.load("set4a_curve", SHORT))
+    return np.array(result.rows["displacement"]), np.array(result.rows["load"])
+
+
+def measured(curve, low, high, seed, count=60):
+    u = np.linspace(low, high, count)
+    V = np.interp(u, *curve)
+    return MeasuredCurve("lab", u, V + 0.01 * V.max() * np.random.default_rng(seed).standard_normal(count))
+
+
+@pytest.fixture(scope="module")
+def start():
+    return toml.load("set4a_curve", [*SHORT, *START])
+
+
+def test_known_values_come_back_from_noisy_curves(curve, start):
+    held = 0
+    for seed in range(6):
+        found = curve_fit.fit_curves([start], [measured(curve, 5e-8, 3.4e-6, seed)], list(TRUE))
+        for key, true in TRUE.items():
+            one = found.keys[key]
+            assert one.determined and one.value == pytest.approx(true, rel=0.03)
+            held += one.lower <= true <= one.upper
+        assert found.misfits[0].rms == pytest.approx(0.01, rel=0.3)
+    assert held >= 11
+
+
+def test_what_the_curve_does_not_change_with_is_not_determined(curve, start):
+    keys = ["joint.friction", "joint.normal_stiffness", "joint.shear_stiffness"]
+    found = curve_fit.fit_curves([start], [measured(curve, 5e-8, 3.4e-6, 1)], keys).keys
+    assert [found[key].determined for key in keys] == [True, False, True]
+    assert found["joint.normal_stiffness"].lower is None and found["joint.normal_stiffness"].upper is None
+
+
+def test_a_plateau_does_not_determine_the_stiffness(curve, start):
+    found = curve_fit.fit_curves([start], [measured(curve, 2.5e-6, 3.4e-6, 2)], list(TRUE)).keys
+    assert found["joint.friction"].determined and not found["joint.shear_stiffness"].determined
+    assert found["joint.friction"].value == pytest.approx(0.64, rel=0.01)
+
+
+def test_the_misfit_of_loops():
+    ways = (np.linspace(0, 1, 50), np.linspace(1, -1, 99)[1:], np.linspace(-1, 0, 50)[1:])
+    loop = np.concatenate(ways)
+    force = np.concatenate([2 * x + side * (1 - x**2) for x, side in zip(ways, (0.5, -0.5, 0.5), strict=True)])
+    lab = MeasuredCurve("lab", loop, force)
+    assert between(lab, lab).rms == pytest.approx(0.0, abs=1e-12)
+    assert between(MeasuredCurve("", loop, force + 0.1), lab).rms == pytest.approx(0.1 / np.abs(force).max(), rel=1e-9)
+    wider = between(MeasuredCurve("", loop, 1.1 * force), lab)
+    assert wider.energy == pytest.approx(0.1) == wider.peak
+    with pytest.raises(ScenarioError, match="to and fro"):
+        between(MeasuredCurve("", loop[:50], force[:50]), lab)
+
+
+@pytest.mark.parametrize("keys, said", [
+    ([], "names no key"),
+    (["joint.friction", "joint.friction"], "twice"),
+    (["joint.frictoin"], "friction"),
+    (["joint.formulation"], "no number"),
+    (["joint.cohesion"], "above zero"),
+])  # fmt: skip
+def test_keys_that_cannot_be_fitted(keys, said, curve, start):
+    with pytest.raises(ScenarioError, match=said):
+        curve_fit.fit_curves([start], [measured(curve, 5e-8, 3.4e-6, 1)], keys)
+
+
+def test_data_that_cannot_be_fitted(curve, start):
+    with pytest.raises(ScenarioError, match="2 measured points cannot tell 2 keys"):
+        curve_fit.fit_curves([start], [measured(curve, 5e-8, 3.4e-6, 1, count=2)], list(TRUE))
+    with pytest.raises(ScenarioError, match="lengthen control.travel"):
+        curve_fit.fit_curves([start], [measured(curve, 5e-8, 3e-5, 1)], ["joint.friction"])
+    with pytest.raises(ScenarioError, match="no curve"):
+        curve_fit.fit_curves([toml.load("wall_tilt")], [measured(curve, 5e-8, 3.4e-6, 1)], ["joint.friction"])
+
+
+def test_the_commands(curve, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    _, u, V = measured(curve, 5e-8, 3.4e-6, 3)
+    lines = [f"{1e6 * x:.8f},{1e-3 * y:.8f}" for x, y in zip(u, V, strict=True)]
+    (tmp_path / "lab.csv").write_text("\n".join(["displacement [um],force [kN]", *lines]))
+    (tmp_path / "test.toml").write_text(toml.dumps(toml.load("set4a_curve", [*SHORT, *START])))
+    args = ["fit", "--lab", "lab.csv", "test.toml", "--vary", ",".join(TRUE), "--out", "fitted.toml", "--json"]
+    assert cli.main(args) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert set(told["fit"]) == set(TRUE) and set(told["misfit"]) == {"rms", "peak", "stiffness", "energy"}
+    fitted = toml.load("fitted.toml")
+    assert fitted.joint.friction == told["fit"]["joint.friction"]["value"]
+    dembrick.simulate(fitted, tmp_path / "fitted.h5")
+    assert cli.main(["plot", "fitted.h5", "--lab", "lab.csv", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["misfit"] == pytest.approx(told["misfit"], rel=1e-6)
+    assert cli.main(["plot", "fitted.h5", "--lab", "lab.csv", "--force"]) == 0
+    assert "misfit: rms" in capsys.readouterr().out
+    (tmp_path / "lab.csv").write_text("\n".join(["displacement,force", *lines]))
+    assert cli.main(["fit", "--lab", "lab.csv", "test.toml", "--vary", "joint.friction"]) == 2
+    assert "unit" in capsys.readouterr().err
