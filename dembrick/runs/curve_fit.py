@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dembrick.errors import DembrickError, NotConvergedError, ScenarioError
+from dembrick.errors import DembrickError, NotConvergedError, ScenarioError, needed
 from dembrick.runs.fit import CONFIDENCE
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml as scenarios
@@ -70,10 +70,9 @@ def fit_curves(given: Sequence[Scenario], curves: Sequence[MeasuredCurve], keys:
     """Fit ``keys``, paths as for ``--set``, of scenarios to measured curves: one scenario for all or one for each.
 
     Raises ScenarioError for keys that are no positive numbers of the scenario, for fewer points than keys, for a
-    control that pushes no actuator; NotConvergedError if the search does not settle.
+    control that pushes no actuator; NotConvergedError if the search does not settle; MissingDependency without scipy.
     """
-    from scipy.optimize import least_squares
-
+    least_squares = needed("scipy.optimize", "a fit of curves").least_squares
     if len(given) not in (1, len(curves)):
         raise ScenarioError(f"{len(curves)} curves and {len(given)} scenarios; give one for all or one for each")
     alone = len(given) == 1
@@ -194,12 +193,12 @@ def _intervals(
     An interval is open at an end beyond which the curve does not get worse as the linearised problem says:
     ``residuals`` are asked at `FURTHER` half widths.
     """
-    from scipy.special import stdtrit
-
     freedom = len(residual) - len(x)
     squares = float(residual @ residual)
     scatter = math.sqrt(squares / freedom)
-    t = float(stdtrit(freedom, 1.0 - 0.5 * (1.0 - CONFIDENCE) / len(x)))  # Bonferroni: of all keys at once
+    t = float(
+        needed("scipy.special", "a fit of curves").stdtrit(freedom, 1.0 - 0.5 * (1.0 - CONFIDENCE) / len(x))
+    )  # Bonferroni: of all keys at once
     _, sizes, directions = np.linalg.svd(jacobian, full_matrices=False)
     least = FLAT * math.sqrt(len(residual))
     variance = np.zeros(len(x))
