@@ -112,6 +112,8 @@ class LoadPathResult(MotionResult):
 
     def as_dict(self) -> dict:
         own = {"unlimited": self.unlimited, "answer": self.plain_answer, "yield_point": self.yield_point.as_dict()}
+        # nothing is proven of other paths in the deformed geometry
+        own |= {"path_dependent": True, "no_path_above": False, "associative": None}
         return super().as_dict() | own | {"error_estimate": self.load_error, "simulated_time": None}
 
     def text(self) -> str:
