@@ -118,9 +118,9 @@ def test_a_guided_beam_slides_on_its_wall_and_a_free_one_lets_it_rock():
     """Guided: friction times what the beam carries and weighs. Free: at most N b / 2 h, and less by the stones that the
     crack leaves behind, no more than all of them."""
     guided, free = cases.chosen(["sandstone-33.6-guided"])[0], cases.chosen(["sandstone-33.6"])[0]
-    slid = compare.comparison_of(dataclasses.replace(guided, refine=False))
+    slid = compare.comparison_of(dataclasses.replace(guided, paths=False))
     assert slid.S == pytest.approx(0.7 * (29126.64 + 9.81 * 0.04 * 2400.0) / 1e3, rel=1e-5)
-    rocked = compare.comparison_of(dataclasses.replace(free, refine=False))
+    rocked = compare.comparison_of(dataclasses.replace(free, paths=False))
     assert 0.5 * (33.6 - 3.5316) < rocked.S < 0.5 * 33.6
 
 

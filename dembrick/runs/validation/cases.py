@@ -21,7 +21,7 @@ class Case:
     ``measured``: all values at that load; ``value``: the one that is compared, their mean if left out. ``u_D``: what
     the measurement leaves open, and ``scatter_of`` the case that it was taken from if this one has a single value.
     ``at``: displacement (m) at which V is read. ``key`` and ``between``: what is varied, and the two values tried.
-    ``refine``: run with ``--refine``. ``finding``: what the comparison shows.
+    ``paths``: the error bar holds limits on other loading paths. ``finding``: what the comparison shows.
     """
 
     name: str
@@ -38,7 +38,7 @@ class Case:
     at: float | None = None
     key: str = ""
     between: tuple[float, ...] = ()
-    refine: bool = False
+    paths: bool = False
     finding: str = ""
     quick: bool = False
     u_D: float = 0.0

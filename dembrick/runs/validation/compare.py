@@ -10,9 +10,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dembrick.errors import DembrickError, NotConvergedError
+from dembrick.runs.error_estimate import RATIOS, with_ratio
 from dembrick.runs.load_path_result import DrivenPathResult
-from dembrick.runs.result import fell
-from dembrick.runs.simulate import simulate
+from dembrick.runs.result import Result, fell
+from dembrick.runs.simulate import AnyResult, simulate
 from dembrick.runs.validation.cases import Case
 from dembrick.scenario import toml
 from dembrick.scenario.checks import present
@@ -87,10 +88,25 @@ def comparison_of(case: Case) -> Comparison:
 
 
 def _force(case: Case) -> tuple[float, float]:
-    """The limit load and how far its bracket reaches from it (kN)."""
-    point = present(simulate(toml.load(case.path, case.set), None, refine=case.refine, record=False).yield_point)
+    """The limit load and how far its bracket reaches from it (kN); with ``paths`` also how far the limits of other
+    ratios of stiffness do, and the associative bound, above which no path ends."""
+    scenario = toml.load(case.path, case.set)
+    result = simulate(scenario, None, bound=case.paths, record=False)
+    point = present(result.yield_point)
     V = present(point.V)
-    return KILO * V, KILO * max(present(point.V_upper) - V, V - point.V_lower)
+    reach = [present(point.V_upper) - V, V - point.V_lower]
+    if case.paths:
+        assert isinstance(result, Result)
+        reach.append(present(result.path)["associative"]["upper"] - V)
+        reach += [abs(present(present(other.yield_point).V) - V) for other in _on_other_paths(scenario)]
+    return KILO * V, KILO * max(reach)
+
+
+def _on_other_paths(scenario: Scenario) -> list[AnyResult]:
+    """The search with other ratios of shear to normal stiffness, by which joints are loaded otherwise on the way."""
+    own = scenario.joint.shear_stiffness / scenario.joint.normal_stiffness
+    others = [ratio for ratio in RATIOS if not math.isclose(ratio, own)]
+    return [simulate(with_ratio(scenario, ratio), None, record=False) for ratio in others]
 
 
 def _force_at(case: Case) -> tuple[float, float]:
