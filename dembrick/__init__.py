@@ -42,6 +42,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not follow names th
     from dembrick.runs.result import Result as Result
     from dembrick.runs.settlement_result import SettlementResult as SettlementResult
     from dembrick.runs.simulate import restart as restart
+    from dembrick.runs.simulate import restart_at as restart_at
     from dembrick.runs.simulate import simulate as simulate
     from dembrick.runs.statics_result import StaticsResult as StaticsResult
     from dembrick.runs.steps import Step as Step
@@ -114,7 +115,7 @@ _NAMES = {  # by the module that has them
     "dembrick.runs.reading": "load",
     "dembrick.runs.result": "Result",
     "dembrick.runs.settlement_result": "SettlementResult",
-    "dembrick.runs.simulate": "restart simulate",
+    "dembrick.runs.simulate": "restart restart_at simulate",
     "dembrick.runs.statics_result": "StaticsResult",
     "dembrick.runs.steps": "Step steps",
     "dembrick.runs.study": "Outcome Study sweep",

@@ -187,7 +187,7 @@ def cases_page() -> str:
 
 
 PYTHON = {  # heading of the reference of Python: names at the top level of the package
-    "Runs": "simulate restart steps sweep limit reaction simulate_domain replay_lab",
+    "Runs": "simulate restart restart_at steps sweep limit reaction simulate_domain replay_lab",
     "Results and histories": "Result LoadPathResult DrivenPathResult StaticsResult DeformedRestResult "
     "SettlementResult MotionResult LimitResult StandingResult ReactionResult YieldPoint Theory Step Outcome History "
     "read_history export",

@@ -1,17 +1,42 @@
-"""``dembrick restart FILE.h5``: go on with a run that was killed or interrupted."""
+"""``dembrick restart FILE.h5``: go on with a run that was killed or interrupted, or from a moment of any run."""
 
 from __future__ import annotations
+
+from dembrick.cli.paths import add_force, require_ending
+from dembrick.errors import ScenarioError
 
 
 def add_arguments(parser) -> None:
     parser.add_argument("history", metavar="FILE.h5", help="history of the run")
+    parser.add_argument(
+        "--at",
+        metavar="T",
+        type=float,
+        help="go on from this time of the run, which may be over; FILE.h5 stays as it is",
+    )
+    parser.add_argument(
+        "--set",
+        metavar="KEY.PATH=VALUE",
+        action="append",
+        default=[],
+        help="with --at: change a joint law, a load, a tie, ... from then on",
+    )
+    parser.add_argument("--out", metavar="NEW.h5", help="with --at: the new history")
+    add_force(parser)
 
 
 def run(options, console) -> int:
-    """Go on from the last good checkpoint; the result is that of one uninterrupted run."""
-    from dembrick.cli.run import answer
-    from dembrick.runs.simulate import restart
+    """Go on from the last good checkpoint, with the result of one uninterrupted run; or from a time."""
+    from dembrick.cli.run import HISTORIES, answer
+    from dembrick.runs.simulate import restart, restart_at
 
-    return answer(
-        lambda: restart(options.history, report=console.remark, progress=console.meter.run), options.history, console
-    )
+    shown = {"report": console.remark, "progress": console.meter.run}
+    if options.at is None:
+        if options.set or options.out:
+            raise ScenarioError("--set and --out go with --at T, the time from which the run goes on")
+        return answer(lambda: restart(options.history, **shown), options.history, console)
+    if not options.out:
+        raise ScenarioError("--at T writes a new history and leaves the old one as it is; name it: --out NEW.h5")
+    require_ending(options.out, HISTORIES, "a history")
+    given = {"changes": options.set, "force": options.force, **shown}
+    return answer(lambda: restart_at(options.history, options.at, options.out, **given), options.out, console)

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING
 
+from dembrick.errors import HistoryError
 from dembrick.scenario import toml
 
 if TYPE_CHECKING:
+    from dembrick.history import History
     from dembrick.scenario.model import Scenario
+
+WENT_ON = "went_on"  # a setting of a history: the file that its run went on from, and when
 
 
 def load(path: str | os.PathLike, overrides: Iterable[str] = (), regular: bool = False) -> Scenario:
@@ -25,7 +29,25 @@ def load(path: str | os.PathLike, overrides: Iterable[str] = (), regular: bool =
     from dembrick.history import read  # and h5py: for histories only
 
     with read(path) as history:
+        refuse_alone(history)
         return history.scenario(path, overrides)
+
+
+def came_from(settings: Mapping) -> dict:
+    """What the settings of a history say of the one that it went on from; nothing if it began by itself."""
+    found = settings.get(WENT_ON)
+    return {WENT_ON: found} if isinstance(found, dict) else {}
+
+
+def refuse_alone(history: History) -> None:
+    """HistoryError if a run went on from another, so that its scenario alone does not lead where it was."""
+    found = came_from(history.settings).get(WENT_ON)
+    if found:
+        raise HistoryError(
+            f"{history.path}: this run went on from {found.get('file')} at {found.get('at')}, and its scenario alone "
+            f"does not lead there; use that history: dembrick restart {found.get('file')} --at {found.get('at')} "
+            "--set ... --out NEW.h5"
+        )
 
 
 def is_hdf5(path: str) -> bool:

@@ -15,7 +15,7 @@ from dembrick.errors import HistoryError
 from dembrick.scenario.model import Output, Scenario
 from dembrick.simulation.channels import FRAMES, ROWS, followed, recorded
 from dembrick.simulation.energy_audit import Auditor
-from dembrick.simulation.session import Session
+from dembrick.simulation.session import GoesOn, Kept, Session
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
@@ -73,7 +73,9 @@ class RecordStore:
 
         began, channels, control = time.perf_counter(), scenario.output.channels, scenario.control
         self.path, self.auditor = os.fspath(path), Auditor()
-        self.checkpoint: Checkpoint | None = None
+        self.checkpoint: Checkpoint | Kept | None = None
+        self.goes_on: GoesOn | None = None
+        self.where = ""  # the checkpoint is of
         self._writer: HistoryWriter | None = None
         self._recorded, self._assembly = history.recorded, assembly
         self._checkpoints = history.Checkpoints(self.path)
@@ -124,11 +126,12 @@ class RecordStore:
                     f"and {frames}; {remedy}"
                 )
             self.auditor.worst[:] = found.array("audit.worst", self.auditor.worst)
+            self.where = str(found.about["where"])
         self.checkpoint = found
         return rows, frames
 
     def session(self, output: Output) -> Session:
-        return Session(self.observe, output, self.keep, self.checkpoint)
+        return Session(self.observe, output, self.keep, self.checkpoint, goes_on=self.goes_on)
 
     def observe(self, rows: Mapping, frames: Mapping) -> None:
         """Pass on what a chunk brought."""

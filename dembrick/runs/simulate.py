@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack, closing
 from dataclasses import replace
 from functools import partial
@@ -19,7 +19,7 @@ from dembrick.runs.locked_in import NoSuchHistory, histories
 from dembrick.runs.logger import LOGGER, heard_by
 from dembrick.runs.notebook import notebook_bar
 from dembrick.runs.path_dependence import has_paths, ranged, within
-from dembrick.runs.reading import load
+from dembrick.runs.reading import WENT_ON, came_from, load, refuse_alone
 from dembrick.runs.record_store import Memory, RecordStore
 from dembrick.runs.result import Result, heading
 from dembrick.runs.stages import Stages
@@ -159,6 +159,46 @@ def simulate(
         return _run(scenario, assembly, store, (began, start_up), asked, progress, report)
 
 
+def restart_at(
+    history: Path,
+    at: float,
+    out: Path,
+    changes: Iterable[str] = (),
+    *,
+    force: bool | str = False,
+    report: Callable[[str], None] | None = None,
+    progress: Callable[[Progress], None] | bool | None = None,
+) -> AnyResult:
+    """Go on from the time ``at`` (s, or the number of an equilibrium) of the run of a history, which may be over.
+
+    ``changes`` are ``key.path=value`` texts, as for ``--set``: joint laws, loads, ties. The new history ``out`` holds
+    the whole: what was before, and what comes; that of before stays as it is. Its run is repeated up to the first row
+    that is not before ``at``. Raises ScenarioError for what cannot change on the way.
+    """
+    from dembrick.history import claimed, read, refuse_inputs
+    from dembrick.runs import going_on
+    from dembrick.scenario.files import inputs_of
+
+    began, start_up, report = time.perf_counter(), _start_up(), heard_by(report)
+    file = os.fspath(history)
+    with claimed(out), closing(read(history)) as left:
+        old, new, one, other, goes_on = going_on.prepared(left, at, tuple(changes), file)
+        refuse_inputs(out, os.path.realpath(out), [file, *inputs_of(old)])
+        settings = {"scenario": new.path or "", WENT_ON: {"file": file, "at": at}}
+        store = RecordStore(out, new, scenarios.text_of(new), other, settings, force)
+        try:
+            moment = going_on.repeat(old, one, left, at, store, goes_on, Session(report=report))
+        except BaseException as error:
+            if not store.abandon():
+                store.finish("failed", {"status": "failed", "error": str(error)})
+            raise
+        remark = going_on.check_repeated(moment, left)
+    if report:
+        report(remark or f"going on from {moment.where}")
+    store.checkpoint, store.goes_on = moment.state, goes_on
+    return _run(new, other, store, (began, start_up), progress=progress, report=report)
+
+
 def restart(
     history: str | os.PathLike,
     *,
@@ -182,10 +222,12 @@ def restart(
         named = left.settings.get("scenario")
         scenario = left.scenario(named if isinstance(named, str) and named else None)
         assembly = _built(scenario, report)
-        settings = {"scenario": scenario.path or ""}
+        settings = {"scenario": scenario.path or "", **came_from(left.settings)}
         store = RecordStore(history, scenario, left.scenario_text, assembly, settings, left=left)
+        if store.checkpoint is None:
+            refuse_alone(left)
         if report:
-            left_at = store.checkpoint and store.checkpoint.about["where"]
+            left_at = store.checkpoint and store.where
             report(f"going on from {left_at}" if left_at else "no checkpoint was written: starting from the beginning")
         return _run(scenario, assembly, store, (began, start_up), progress=progress, report=report)
 

@@ -14,6 +14,7 @@ from dembrick.scenario.stages import at_stage, laws_change
 from dembrick.simulation.joint_strengths import has_strengths, strengths_of
 
 if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
     from dembrick.scenario.joint_laws import JointLaw
     from dembrick.scenario.model import Scenario
 
@@ -26,19 +27,25 @@ def check_laws(scenario: Scenario, number: int, deformed: bool) -> None:
     if number == 1 or not laws_change(scenario):
         return
     one, other = (assemblies.assemble(at_stage(scenario, n)) for n in (number - 1, number))
+    check_change(scenario, one, other, f"stage {number}", deformed)
+
+
+def check_change(scenario: Scenario, one: Assembly, other: Assembly, when: str, deformed: bool) -> None:
+    """ScenarioError if joints cannot go on with the laws that they have in the ``other`` assembly of the same blocks;
+    ``when`` they change, for a message; ``deformed``: in a deformed geometry."""
     before, now = one.joints.law, other.joints.law
     if len(before) != len(now):
-        refuse(scenario, f"stage {number} changes the formulation of joints, which stays as it is from stage to stage")
+        refuse(scenario, f"{when} changes the formulation of joints, which stays as it is")
     checked: set[tuple[int, int]] = set()
     for j, (had, has) in enumerate(zip(before, now, strict=True)):
         if (id(had), id(has)) in checked:
             continue
         checked.add((id(had), id(has)))
         a, b = (other.names[i] for i in (other.joints.block_a[j], other.joints.block_b[j]))
-        joint = f"stage {number} of the joint between {show(a)} and {show(b)}"
+        joint = f"{when} of the joint between {show(a)} and {show(b)}"
         for key in (field.name for field in fields(has)):
             if key not in MAY and getattr(had, key) != getattr(has, key):
-                refuse(scenario, f"{joint}: {key} stays as it is from stage to stage; what may change is {_LISTED}")
+                refuse(scenario, f"{joint}: {key} stays as it is; what may change is {_LISTED}")
         if had.bonded != has.bonded:
             how = "form: give it a weak one from the start" if has.bonded else "vanish: leave it a weak one"
             refuse(scenario, f"{joint}: bonds break by what they bear, and do not {how}")
@@ -46,7 +53,7 @@ def check_laws(scenario: Scenario, number: int, deformed: bool) -> None:
     if deformed and _sorted([before[j] for j in points]) != _sorted([now[j] for j in points]):
         refuse(
             scenario,
-            f"stage {number} tells laws of joints apart that were one before, or puts them in another order, which "
+            f"{when} tells laws of joints apart that were one before, or puts them in another order, which "
             'joints with contact points cannot take in a deformed geometry: take formulation = "convex", or change all '
             "of them alike",
         )

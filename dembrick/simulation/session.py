@@ -82,6 +82,18 @@ class Progress:
     at_most: bool = False
 
 
+@dataclass(frozen=True)
+class GoesOn:
+    """What changes as a run goes on from a snapshot of another: ``ties``, None if they are the same; which row of the
+    work of loads each row is of (``loads``), -1 for one that was not there, None if they are the same; the rows of
+    those that are ``gone``, with their blocks; and whether ``anything`` does."""
+
+    ties: TiesBefore | None
+    loads: tuple[int, ...] | None
+    gone: tuple[tuple[int, int], ...]
+    anything: bool
+
+
 DEAD_LOADS = "dead-load equilibrium: step"
 TOLD_EVERY = 0.1  # s, between two words on how far a run is
 
@@ -115,7 +127,8 @@ class Session:
     ``output``. ``keep(arrays, where)`` writes a checkpoint, every ``output.checkpoint`` seconds and when a signal ends
     the run. A run with ``resumed`` goes on from that snapshot. ``start``: the state of the searches that another run of
     the same blocks has left, to start on; None for the blocks as they are drawn. ``ties_before``: which of its
-    ties this run goes on with, None: they are the same. ``tell`` hears how far it is, ten times a second, and
+    ties this run goes on with, None: they are the same. ``goes_on``: what is not as in the run that ``resumed`` is of;
+    ``keep_last`` gets the snapshot of the end. ``tell`` hears how far it is, ten times a second, and
     ``report`` remarks.
     """
 
@@ -125,6 +138,8 @@ class Session:
     resumed: Snapshot | None = None
     start: State | Kept | None = None
     ties_before: TiesBefore | None = None
+    goes_on: GoesOn | None = None
+    keep_last: Callable[[Mapping[str, np.ndarray], str], None] | None = None
     tell: Callable[[Progress], None] | None = None
     report: Callable[[str], None] | None = None
     last_kept: float = field(default_factory=time.monotonic)
@@ -135,6 +150,11 @@ class Session:
         if seconds > expected_cost.LONG and self.report:
             takes = f"{'at most' if at_most else 'about'} {expected_cost.duration(seconds)}"
             self.report(f"this run will take {takes} of computing on one core; to shorten it, {remedy}")
+
+    def ended(self, run: Pausable) -> None:
+        """At the end of a run, behind its last row."""
+        if self.keep_last is not None:
+            self.keep_last(run.snapshot(), run.where)
 
     @classmethod
     def of(cls, given: Session | Observer | None) -> Session:

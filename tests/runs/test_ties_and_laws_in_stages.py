@@ -247,7 +247,7 @@ def test_laws_that_part_in_a_deformed_geometry_are_refused_for_joints_with_point
 
 
 CHANGES = [
-    (law([2], shear_stiffness=1e9), "shear_stiffness stays as it is from stage to stage; what may change is friction"),
+    (law([2], shear_stiffness=1e9), "shear_stiffness stays as it is; what may change is friction"),
     (law([2], formulation="corrected"), "formulation stays as it is"),
     (law([2], dilation=0.1), "dilation stays as it is"),
     (law([2], cohesion=1e3), "do not form: give it a weak one from the start"),

@@ -8,14 +8,17 @@ from collections.abc import Iterable
 import numpy as np
 
 from dembrick.errors import HistoryError
+from dembrick.kernels.dynamics.energy_terms import LOADS
 from dembrick.simulation.checkpoint_arrays import flattened, restored
 from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.integrator import Motion
 from dembrick.simulation.dynamics.outcome import Extremes
 from dembrick.simulation.dynamics.pushover import PushController
-from dembrick.simulation.session import DEAD_LOADS, Progress, Snapshot, step_at
+from dembrick.simulation.dynamics.tie_handover import take_ties, ties_given, ties_taken
+from dembrick.simulation.session import DEAD_LOADS, GoesOn, Progress, Snapshot, step_at
 
 PARTS = ("bodies", "links", "corners", "faces", "ties")  # of the state, that a checkpoint holds
+LOAD_WORK = "energy.load"  # of every load, what it did last
 COUNTERS = (  # integers among them that change
     "faces.outline", "faces.count", "faces.pressed.count", "links.like", "corners.like", "faces.like",
 )  # fmt: skip
@@ -82,14 +85,47 @@ class Past:
         """Whether the dead-load equilibrium was reached when the ``snapshot`` was taken, and time had begun."""
         return bool(snapshot.array("loop", np.zeros(3))[0] > 0.0)
 
-    def restore(self, snapshot: Snapshot) -> None:
-        """Take it from a snapshot of the same scene; HistoryError if it is of another."""
+    def restore(self, snapshot: Snapshot, goes_on: GoesOn | None = None) -> None:
+        """Take it from a snapshot of the same scene; HistoryError if it is of another. ``goes_on``: laws, loads and
+        ties are those of now."""
         moving = self.moving
         steps, dt, before = snapshot.array("loop", np.zeros(3)).tolist()
         counts = min(steps, before) >= 0.0 < max(steps, before) and steps.is_integer() and before.is_integer()
         if not (counts and 0.0 < dt < math.inf):
             raise HistoryError(f"{snapshot.path}: this checkpoint is of no step of this run")
         moving.steps, moving.time_step, moving.dead_load_steps = int(steps), dt, int(before)
+        if goes_on is not None and goes_on.anything:
+            self._change(snapshot, goes_on)
+            return
         for name, own in self._arrays().items():
             own[...] = snapshot.array(name, own)
         restore_scene(moving, snapshot, met=moving.steps > 0)
+
+    def _change(self, snapshot: Snapshot, goes_on: GoesOn) -> None:
+        """Take motion and memory from a snapshot, and keep the laws, loads and ties that there are."""
+        moving, laws = self.moving, joint_families.strengths(self.moving.state)
+        for name, own in self._arrays().items():
+            if name != LOAD_WORK or goes_on.loads is None:
+                own[...] = snapshot.array(name, own)
+        parts = PARTS if goes_on.ties is None else [part for part in PARTS if part != "ties"]
+        restore_scene(moving, snapshot, moving.steps > 0, parts)
+        joint_families.put_strengths(moving.state, laws)
+        moving.state.bodies.applied[:] = 0.0  # loads and ties of now put theirs there before they are asked for
+        if goes_on.loads is not None and moving.energy.table is not None:
+            self._change_loads(snapshot, goes_on)
+        if goes_on.ties is not None:
+            held = ties_taken(snapshot, goes_on.ties, moving.state.bodies, moving.time_step)
+            take_ties(moving.state, snapshot, goes_on.ties)
+            given = ties_given(moving.state, goes_on.ties, moving.time_step)
+            moving.energy.start[1] += given - held  # what comes and goes with the ties is no work of the blocks
+
+    def _change_loads(self, snapshot: Snapshot, goes_on: GoesOn) -> None:
+        """Loads that stay go on with the work of the step; that of those which are gone ends half a step ago."""
+        table, bodies = self.moving.energy.table, self.moving.state.bodies
+        assert table is not None and goes_on.loads is not None
+        old = snapshot.array(LOAD_WORK, table.load)
+        for row, before in enumerate(goes_on.loads):
+            table.load[row] = old[before] if before >= 0 else 0.0
+        for row, block in goes_on.gone:
+            power = old[row, :3] @ bodies.velocity[block] + old[row, 3:] @ bodies.spin[block]
+            table.total[LOADS] += 0.5 * self.moving.time_step * power

@@ -214,9 +214,12 @@ class EquilibriumPath(ABC):
         moving, past = self.moving, self.past
         if resumed is not None and SNAPSHOT in resumed:
             self.recorder.compile()
-            past.restore(resumed)
+            goes_on = self.session.goes_on
+            past.restore(resumed, goes_on)
             self._restore(resumed)
             self.kept = self._equilibrium()
+            if goes_on is not None and goes_on.anything:
+                self._rest_again()
             return
         held = replace(self._at(0.0), supports=AT_REST)
         resume = None if resumed is None else partial(past.restore, resumed)
@@ -233,6 +236,16 @@ class EquilibriumPath(ABC):
                 self.falls_at_once(position, rotation)
                 return
         self._note(0.0, ratio)
+
+    def _rest_again(self) -> None:
+        """The equilibrium under other laws, loads and ties than those of the last one, where the parameter is now."""
+        bodies = self.moving.state.bodies
+        position, rotation = bodies.position.copy(), bodies.rotation.copy()
+        ratio = self._rest(self.reached, position)
+        if ratio is None:
+            self.falls_at_once(position, rotation)
+            return
+        self._note(self.reached, ratio)
 
     def _note(self, parameter: float, ratio: float) -> None:
         """Keep an equilibrium and record it."""
@@ -272,6 +285,7 @@ class EquilibriumPath(ABC):
                 if target is None and self.failed < math.inf:
                     target, last = self.failed, True  # once more, from nearby: how the blocks come down
                 if target is None:
+                    self.session.ended(self)
                     return
                 self.session.pause(self)
                 self.fall = [] if last else None

@@ -9,16 +9,15 @@ import numpy as np
 from dembrick.errors import ScenarioError
 from dembrick.geometry.rotations import rotation_matrix, turned_by, unit_quaternion
 from dembrick.kernels.dynamics.tiles import SEEN, VISCOUS
-from dembrick.kernels.joint.ties import LENGTH, TENSION, YIELDED
 from dembrick.scenario.stages import TiesBefore
 from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.checkpoint import PARTS, restore_scene
 from dembrick.simulation.dynamics.state import seen
+from dembrick.simulation.dynamics.tie_handover import take_ties, tie
 from dembrick.simulation.session import Kept
 
 if TYPE_CHECKING:
     from dembrick.simulation.dynamics.integrator import Motion
-    from dembrick.simulation.dynamics.state import MovingState
     from dembrick.simulation.statics.state import State
 
 
@@ -40,8 +39,7 @@ def _go_on_from(moving: Motion, left: Kept, before: TiesBefore | None) -> None:
     restore_scene(moving, left, True, PARTS if before is None else [part for part in PARTS if part != "ties"])
     joint_families.put_strengths(moving.state, laws)
     if before is not None:
-        now, length = np.zeros((before.total, 3)), np.zeros(before.total)
-        _tie(moving.state, left.array("ties.now", now)[:, YIELDED], left.array("ties.length", length), before)
+        take_ties(moving.state, left, before)
     moving.state.links.put(VISCOUS, dashpots)
     bodies = moving.state.bodies
     bodies.velocity[:], bodies.momentum[:], bodies.spin[:] = 0.0, 0.0, 0.0
@@ -70,25 +68,6 @@ def _take(moving: Motion, left: State, before: TiesBefore | None) -> None:
     drawn = np.zeros(len(yielded))
     kept = [k >= 0 for k in whole.of]
     drawn[[k for k in whole.of if k >= 0]] = state.ties.length[kept]
-    _tie(state, yielded, drawn + rest, whole)
+    tie(state, yielded, drawn + rest, whole)
     links.put(SEEN, seen(bodies, links))
     links.kept[:] = links.seen[:, [0, 1, 3, 4]]
-
-
-def _tie(state: MovingState, yielded: np.ndarray, length: np.ndarray, before: TiesBefore) -> None:
-    """Let ties of a state go on with what those before kept (m) and the lengths (m) with which they came; others come
-    now, with the length that they have."""
-    ties, bodies = state.ties, state.bodies
-    if not len(ties.length):
-        return
-    old = np.array(before.of, np.int64)
-    kept = old >= 0
-    ties.arm[:] = np.einsum("teij,tej->tei", bodies.rotation[ties.block], ties.lever)
-    line = bodies.position[ties.block[:, 1]] - bodies.position[ties.block[:, 0]] + ties.arm[:, 1] - ties.arm[:, 0]
-    now = np.linalg.norm(line, axis=1)
-    ties.length[:] = now
-    ties.length[kept], ties.now[kept, YIELDED] = length[old[kept]], yielded[old[kept]]
-    tension = ties.prestress + ties.stiffness * (now - ties.length - ties.now[:, YIELDED])
-    ties.now[:, LENGTH], ties.now[:, TENSION] = now, np.clip(tension, ties.least, ties.strength)
-    ties.before[:] = ties.now
-    ties.force[:] = (ties.now[:, TENSION] / now)[:, None] * line

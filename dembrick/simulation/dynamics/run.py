@@ -219,7 +219,9 @@ def run(moving: Motion, control: Control, driving: Driving, session: Session) ->
             if over or moving.steps % every == 0:
                 past.extremes.note(moving)
                 recorder.take(last=over)
-            if not over:
+            if over:
+                session.ended(past)
+            else:
                 session.pause(past)
     if to_collapse and status != REACHED:
         least = (
@@ -250,7 +252,7 @@ def start(moving: Motion, control: Control, driving: Driving, past: Past, sessio
     Raises NotConvergedError if the blocks find no rest and the control needs it.
     """
     free = control.drives == NOTHING
-    resume = partial(past.restore, session.resumed) if session.resumed else None
+    resume = partial(past.restore, session.resumed, session.goes_on) if session.resumed else None
     if resume is not None and past.has_begun(session.resumed):
         resume()
     else:

@@ -1,0 +1,241 @@
+"""A run that goes on from a moment of another one, under other laws, loads and ties.
+
+A history holds what its run showed, not all that it remembers. So the run of the history is repeated up to the moment,
+which leads to the same state, and its rows begin the new history. From there the changed scenario goes on as from a
+checkpoint.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import fields, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dembrick.assembly import build as assemblies
+from dembrick.errors import HistoryError, ScenarioError
+from dembrick.runs.drivers import driver_of
+from dembrick.runs.reading import WENT_ON
+from dembrick.runs.stage_laws import check_change
+from dembrick.runs.stages import Stages
+from dembrick.scenario import toml as scenarios
+from dembrick.scenario.checks import show
+from dembrick.scenario.controls import DRIVEN_PATH, LOAD_PATH, REAL_TIME, SETTLEMENT
+from dembrick.scenario.stages import TiesBefore, at_stage
+from dembrick.simulation.floating_point import faults_raised
+from dembrick.simulation.session import GoesOn, Kept, Session
+
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
+    from dembrick.history import History
+    from dembrick.runs.record_store import RecordStore
+    from dembrick.scenario.model import Scenario
+
+REGIMES = (REAL_TIME, SETTLEMENT, LOAD_PATH, DRIVEN_PATH)
+_SHOWN = ("title", "text", "path", "files")  # fields of a scenario that no run asks for
+_CHANGING = ("joint", "joints", "loads", "ties", "pressures", "control")
+_SHAKEN = ("duration", "file", "columns", "sine", "pulse", "scale", "quantity", "direction")
+_OF_CONTROLS = {"dynamic": ("duration",), "base-motion": _SHAKEN, "tilt": ("displacement",)}
+PART_OF_TIES = ("tension", "yielded")  # channels of rows with a column a tie
+
+
+class _Reached(Exception):
+    """The moment has come; nobody but `repeat` sees it."""
+
+
+class Moment:
+    """Watches a run until a row of the time ``at``, or the first one after it.
+
+    Hands rows and frames on to ``observe``, and keeps a copy of the ``state`` at the end.
+    """
+
+    def __init__(self, at: float, observe: Callable[[Mapping, Mapping], None], frozen: float):
+        self.state: Kept | None = None
+        self.time, self.where = -math.inf, ""
+        self.row: dict[str, float] = {}
+        self._at, self._observe, self._new, self._slack = at, observe, False, frozen
+
+    def observe(self, rows: Mapping, frames: Mapping) -> None:
+        self._observe(rows, frames)
+        if len(rows["time"]):
+            self.time, self._new = float(rows["time"][-1]), True
+            self.row = {name: float(rows[name][-1]) for name in ("time", "load", "displacement")}
+
+    def keep(self, arrays: Mapping[str, np.ndarray], where: str) -> None:
+        """Stop the run if its state is that of a row whose time has come."""
+        if self._new and self.time >= self._at - self._slack:
+            self.state, self.where = Kept(arrays, path="the state at that time"), where
+            raise _Reached
+        self._new = False
+
+
+def check_kind(scenario: Scenario, file: str) -> None:
+    """ScenarioError for runs that have no state to go on from."""
+    if scenario.control.regime not in REGIMES:
+        raise ScenarioError(
+            f"{file}: a run of kind {show(scenario.control.kind)} in the geometry of the start has no state on its way "
+            "that others can go on from; put what changes into [[stages]], or take large_displacements = true"
+        )
+
+
+def changes_between(old: Scenario, new: Scenario, one: Assembly, other: Assembly, file: str) -> GoesOn:
+    """What is not the same in the scenario that goes on; ScenarioError for what cannot change on the way."""
+    for key in (field.name for field in fields(old) if field.init and field.name not in _SHOWN):
+        if getattr(old, key) != getattr(new, key) and key not in _CHANGING:
+            listed = ", ".join(_CHANGING)
+            raise ScenarioError(f"{file}: {key} cannot change on the way; what may is in {listed}")
+    if any(pressure.actuator for pressure in (*old.pressures, *new.pressures)) and old.pressures != new.pressures:
+        raise ScenarioError(f"{file}: pressures cannot change on the way of a run that one of them drives")
+    before, now = old.control, new.control
+    if type(before) is not type(now) or before.regime is not now.regime:
+        raise ScenarioError(f"{file}: control.kind = {show(before.kind)} stays as it is on the way")
+    may = _OF_CONTROLS.get(before.kind, ())
+    for key in (field.name for field in fields(before)):  # type: ignore[arg-type]
+        if key not in may and getattr(before, key) != getattr(now, key):
+            what = f"what may is {', '.join(may)}" if may else "loads, ties and joint laws may"
+            raise ScenarioError(f"{file}: control.{key} of kind {show(before.kind)} cannot change on the way; {what}")
+    check_change(new, one, other, f"restart of {file}", deformed=True)
+    ties = _ties(at_stage(old, len(old.stages) + 1), at_stage(new, len(new.stages) + 1))
+    if ties is not None and old.stages:
+        raise ScenarioError(f"{file}: the ties of a run with [[stages]] stay as they are; give them stages instead")
+    loads, gone = _loads(one, other, old, new)
+    anything = any(getattr(old, key) != getattr(new, key) for key in _CHANGING)
+    if anything and before.regime is DRIVEN_PATH:  # at rest under other laws its spring would push the blocks on
+        raise ScenarioError(
+            f"{file}: nothing can change on the way of a driven displacement, whose actuators would let blocks jump; "
+            "put what changes into [[stages]]"
+        )
+    return GoesOn(ties, loads, gone, anything)
+
+
+def _loads(
+    one: Assembly, other: Assembly, old: Scenario, new: Scenario
+) -> tuple[tuple[int, ...] | None, tuple[tuple[int, int], ...]]:
+    """Which rows of the work of loads and pressures stay, as `GoesOn` has them, and those that go."""
+    before, now = _rows_of_loads(one, old), _rows_of_loads(other, new)
+    if [key for key, _ in before] == [key for key, _ in now]:
+        return None, ()
+    left: list[Any] = [key for key, _ in before]
+    of = []
+    for key, _ in now:
+        at = left.index(key) if key in left else -1
+        of.append(at)
+        if at >= 0:
+            left[at] = None
+    return tuple(of), tuple((row, before[row][1]) for row, key in enumerate(left) if key is not None)
+
+
+def _rows_of_loads(assembly: Assembly, scenario: Scenario) -> list[tuple[Any, int]]:
+    """What each row of the work of loads is of, and its block: forces, then pressed polygons."""
+    loads, pressed = assembly.point_loads, assembly.pressed
+    last = at_stage(scenario, len(scenario.stages) + 1)
+    given = [(i, int(b)) for i, b in zip(loads.given.tolist(), loads.block.tolist(), strict=True) if i >= 0]
+    rows: list[tuple[Any, int]] = [((last.loads[i], b), b) for i, b in given]
+    return rows + [((last.pressures, q), int(b)) for q, b in enumerate(pressed.block.tolist())]
+
+
+def _ties(old: Scenario, new: Scenario) -> TiesBefore | None:
+    """Which ties of the new scenario the old one has, alike in all; None if they are the same."""
+    left: list[Any] = list(old.ties)
+    of = []
+    for tie in new.ties:
+        at = left.index(tie) if tie in left else -1
+        of.append(at)
+        if at >= 0:
+            left[at] = None
+    same = of == list(range(len(old.ties)))
+    return None if same else TiesBefore(len(old.ties), tuple(of))
+
+
+def repeat(
+    scenario: Scenario, assembly: Assembly, history: History, at: float, store: RecordStore, goes_on: GoesOn, session
+) -> Moment:
+    """Run the scenario of a history again until a time, its rows into a new record. ScenarioError if it ends before."""
+    last = float(history.time[-1]) if history.n_row else 0.0
+
+    def observe(rows: Mapping, frames: Mapping) -> None:
+        store.observe(_with_ties(rows, goes_on.ties), frames)
+
+    moment = Moment(at, observe, 1e-12 * max(abs(at), last))
+    output = replace(scenario.output, checkpoint=0.0)
+    watched = Session(
+        moment.observe, output, moment.keep, keep_last=moment.keep, tell=session.tell, report=session.report
+    )
+    began = time.perf_counter()
+    try:
+        with faults_raised():
+            if scenario.stages:
+                stages = Stages(scenario)
+                watched = stages.run(watched)
+                watched = replace(watched, keep_last=watched.keep)
+            driver_of(scenario.control).run(at_stage(scenario, len(scenario.stages) + 1), assembly, watched)
+    except _Reached:
+        store.write_seconds = max(0.0, store.write_seconds)
+    if moment.state is None:
+        took = f"after {time.perf_counter() - began:.3g} s"
+        raise ScenarioError(f"{history.path}: its run ended at {moment.time:.6g}, {took}, before --at {at:g}")
+    return moment
+
+
+def _with_ties(rows: Mapping, before: TiesBefore | None) -> Mapping:
+    """Rows with a column for every tie of the new run: zero as long as it is not there."""
+    if before is None:
+        return rows
+    of = np.array(before.of, np.int64)
+    found = {name: value for name, value in rows.items() if name not in PART_OF_TIES}
+    for name in PART_OF_TIES if len(of) else ():
+        old = rows.get(name, np.zeros((len(rows["time"]), before.total)))
+        found[name] = np.where(of >= 0, old[:, of], 0.0) if before.total else np.zeros((len(old), len(of)))
+    return found
+
+
+def check_repeated(moment: Moment, history: History) -> str:
+    """A remark if the run that was repeated is not, to the last bit, the one that the history is of."""
+    row = int(np.argmin(np.abs(history.time - moment.time)))
+    told = {name: float(getattr(history, name)[row]) for name in moment.row}
+    if told == moment.row:
+        return ""
+    name = next(name for name in told if told[name] != moment.row[name])
+    return (
+        f"{history.path} was made by another version or machine: its {name} at {moment.time:.6g} is {told[name]:.9g}, "
+        f"and {moment.row[name]:.9g} in the run that was repeated"
+    )
+
+
+def prepared(
+    history: History, at: float, overrides: tuple[str, ...], file: str
+) -> tuple[Scenario, Scenario, Assembly, Assembly, GoesOn]:
+    """The scenario of a history and the one that goes on, their assemblies, and what changes between them."""
+    if not (math.isfinite(at) and at >= 0.0):
+        raise ScenarioError(f"--at {at:g}: the time of a row, 0 or more")
+    if history.settings.get(WENT_ON):
+        raise HistoryError(f"{file}: this run went on from another one; go on from that one, or run it to its end")
+    if not history.n_row or at > float(history.time[-1]) * (1.0 + 1e-12):
+        last = float(history.time[-1]) if history.n_row else 0.0
+        raise ScenarioError(f"{file}: its last row is at {last:.6g}, and --at {at:g} is behind it")
+    named = history.settings.get("scenario")
+    path = named if isinstance(named, str) and named else None
+    old = history.scenario(path)
+    check_kind(old, file)
+    new = scenarios.loads(history.scenario_text, path, overrides, old.files)
+    one, other = assemblies.assemble(old), assemblies.assemble(new)
+    goes_on = changes_between(old, new, one, other, file)
+    if goes_on.ties is not None:
+        _check_time_step(old, one, new, other, file)
+    return old, new, one, other, goes_on
+
+
+def _check_time_step(old: Scenario, one: Assembly, new: Scenario, other: Assembly, file: str) -> None:
+    """ScenarioError if the time step of the run is too long for the ties that come."""
+    from dembrick.simulation.dynamics import run
+
+    step = run.prepare(one, old.control, old.solver.step_factor).time_step
+    critical = run.prepare(other, new.control, new.solver.step_factor).critical_time_step
+    if step > critical:
+        raise ScenarioError(
+            f"{file}: its time step of {step:.3g} s is longer than the {critical:.3g} s that the stiffness of now "
+            "allows; run it again with a lower solver.step_factor, or take softer ties"
+        )

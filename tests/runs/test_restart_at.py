@@ -1,0 +1,267 @@
+"""A run that goes on from a moment of another: bit for bit if nothing changes, closed forms if something does."""
+
+import hashlib
+import itertools
+import json
+import math
+import os
+
+import numpy as np
+import pytest
+
+import dembrick
+from dembrick.cli import main
+from dembrick.errors import HistoryError, OutputError, ScenarioError
+from dembrick.simulation import interrupts
+from dembrick.simulation.dynamics import driven_path, settlement
+from dembrick.simulation.interrupts import Interrupted
+from helpers.restart_cases import content
+from helpers.scenario_text import block, header
+
+G, MU, M = 9.81, 0.3, 32.0
+SLIDE = (
+    header("concave", MU, 1e9)
+    + block("floor", (0.0, 0.0, -0.1), (4.0, 1.0, 0.2), "fixed = true")
+    + block("block", (0.0, 0.0, 0.05), (0.4, 0.4, 0.1), "velocity = [1.0, 0.0, 0.0]")
+)
+IN_TIME = SLIDE + '[control]\nkind = "dynamic"\nduration = 0.2\n[output]\nrows = 400\nframes = 40\n'
+
+
+@pytest.fixture(scope="module")
+def slide(tmp_path_factory):
+    """A block that slides on a floor with 1 m/s at first, for 0.2 s."""
+    path = tmp_path_factory.mktemp("slide") / "slide.h5"
+    dembrick.simulate(dembrick.loads(IN_TIME), path, progress=False)
+    return path
+
+
+def go_on(path, at, *changes, name="new.h5"):
+    new = path.parent / name
+    result = dembrick.restart_at(path, at, new, changes, force=True, progress=False)
+    return result, new
+
+
+def same_rows(one, other):
+    """Whether two histories have the same numbers to the last bit."""
+    found, there = content(one), content(other)
+    for name, value in found.items():
+        if isinstance(value, np.ndarray) and value.dtype.kind != "O" and name != "scenario":
+            assert value.tobytes() == there[name].tobytes(), name
+
+
+def at_row(path, at):
+    """Time, displacement and row of the first row that is not before a time."""
+    with dembrick.read_history(path) as history:
+        row = int(np.searchsorted(history.time, at * (1.0 - 1e-12)))
+        return history.time[row], history.displacement[row], row
+
+
+@pytest.mark.parametrize("at", [0.0, 0.03217, 0.1, 0.2])
+def test_with_nothing_changed_it_is_the_same_run(slide, at):
+    before = hashlib.sha256(slide.read_bytes()).hexdigest()
+    _, new = go_on(slide, at)
+    same_rows(slide, new)
+    assert hashlib.sha256(slide.read_bytes()).hexdigest() == before
+
+
+def test_with_less_friction_it_slides_farther(slide):
+    """v = 1 - mu g t up to the row, and then mu is 0.1; what was before is as it was."""
+    t, x, row = at_row(slide, 0.1)
+    result, new = go_on(slide, 0.1, "joint.friction=0.1")
+    v, left = 1.0 - MU * G * t, 0.2 - t
+    expected = x + v * left - 0.5 * 0.1 * G * left**2
+    with dembrick.read_history(new) as found, dembrick.read_history(slide) as old:
+        assert found.displacement[-1] == pytest.approx(expected, rel=2e-4)
+        assert np.array_equal(found.displacement[: row + 1], old.displacement[: row + 1])
+        assert abs(found.joint("V_1")[-1, 0]) == pytest.approx(0.1 * M * G, rel=1e-3)
+    assert result.energy.relative_residual < 1e-9
+
+
+@pytest.mark.parametrize("prestress", [0.0, 50.0])
+def test_a_tie_that_comes_pulls_from_the_length_of_that_moment(slide, prestress):
+    """x'' = -(T_0 + k x) / m - mu g from where the block is then; the tie is drawn 0.1 m shorter than it comes."""
+    k = 4000.0
+    ends = '{block="floor", point=[-1.0,0.0,0.0]},{block="block", point=[-0.2,0.0,0.0]}'
+    tie = f"ties=[{{between=[{ends}], stiffness={k}, prestress={prestress}}}]"
+    t, x, row = at_row(slide, 0.15)
+    result, new = go_on(slide, 0.15, tie)
+    v, left, w = 1.0 - MU * G * t, 0.2 - t, math.sqrt(k / M)
+    rest = (MU * G + prestress / M) / w**2
+    moved = rest * (math.cos(w * left) - 1.0) + v / w * math.sin(w * left)
+    with dembrick.read_history(new) as found:
+        assert found.displacement[-1] == pytest.approx(x + moved, rel=2e-4)
+        assert found.tension[-1, 0] == pytest.approx(prestress + k * moved, rel=3e-3)  # a step ago
+        assert not found.tension[: row + 1].any() and found.n_tie == 1
+    assert result.energy.relative_residual < 1e-9
+
+
+def test_a_tie_that_goes_lets_go_and_a_load_comes(tmp_path):
+    """Held by a tie on a floor without friction: it swings; let go it keeps its speed; a force then pushes it."""
+    ends = '{ block = "floor", point = [-1.0, 0.0, 0.0] }, { block = "block", point = [-0.2, 0.0, 0.0] }'
+    k = 4000.0
+    tie = f"[[ties]]\nbetween = [{ends}]\nstiffness = {k}\ntension_only = false\n"
+    text = IN_TIME.replace(f"friction = {MU}", "friction = 0.0").replace("[control]", tie + "[control]")
+    path = tmp_path / "tied.h5"
+    dembrick.simulate(dembrick.loads(text), path, progress=False)
+    t, x, _ = at_row(path, 0.1)
+    w, left = math.sqrt(k / M), 0.2 - t
+    assert x == pytest.approx(math.sin(w * t) / w, rel=1e-3)
+    force = 'loads=[{block="block", force=[64.0, 0.0, 0.0]}]'
+    result, new = go_on(path, 0.1, "ties=[]", force)
+    with dembrick.read_history(new) as found:
+        expected = x + math.cos(w * t) * left + 0.5 * 2.0 * left**2
+        assert found.displacement[-1] == pytest.approx(expected, rel=1e-3)
+        assert found.n_tie == 0
+    assert result.energy.relative_residual < 1e-9
+
+
+def test_a_longer_run_goes_on_behind_its_end(slide):
+    """The block stops after v / (mu g), wherever the run of before ended."""
+    _, new = go_on(slide, 0.2, "control.duration=0.5")
+    with dembrick.read_history(new) as found:
+        assert found.time[-1] == pytest.approx(0.5)
+        assert found.displacement[-1] == pytest.approx(1.0 / (2.0 * MU * G), rel=2e-4)
+
+
+@pytest.fixture
+def few(monkeypatch):
+    monkeypatch.setattr(settlement, "EQUILIBRIA", 6)
+    monkeypatch.setattr(settlement, "HALVINGS", 3)
+    monkeypatch.setattr(settlement, "WITHIN", 1.0)
+    monkeypatch.setattr(driven_path, "EQUILIBRIA", 12)
+
+
+W = 16.0 * G
+SETTLED = (
+    header("concave", 0.5, 1e10)
+    + block("floor", (0.0, 0.0, -0.1), (2.0, 1.0, 0.2), "fixed = true")
+    + block("block", (0.0, 0.0, 0.05), (0.4, 0.2, 0.1))
+    + block("wall", (-1.5, 0.0, 0.5), (0.2, 1.0, 1.0), "fixed = true")
+    + '[control]\nkind = "settlement"\nsupports = ["floor"]\ndisplacement = [0.06, 0.0, 0.0]\n'
+)
+WALL_TIE = (
+    'ties=[{between=[{block="wall", point=[-1.4,0.0,0.0]},{block="block", point=[-0.2,0.0,0.0]}], stiffness=1e5, '
+    "prestress=10.0}]"
+)
+
+
+@pytest.mark.usefixtures("few")
+def test_a_spread_goes_on_with_a_tie_that_came_half_way(tmp_path):
+    """Six equilibria of 1 cm; at the third a tie comes with 10 N, and from then on holds the block back: mu W."""
+    path = tmp_path / "spread.h5"
+    dembrick.simulate(dembrick.loads(SETTLED), path, progress=False)
+    _, same = go_on(path, 3.0, name="same.h5")
+    same_rows(path, same)
+    result, new = go_on(path, 3.0, WALL_TIE)
+    with dembrick.read_history(new) as found, dembrick.read_history(path) as old:
+        assert np.array_equal(found.displacement[:4], old.displacement[:4])
+        k, k_s = 1e5, 4e9 * 0.08
+        assert found.displacement[4] == found.displacement[3]  # it comes to rest where the spread is then
+        assert found.tension[:5, 0] == pytest.approx([0.0] * 4 + [10.0 * (1.0 - k / (k_s + k))], rel=1e-3, abs=1e-9)
+        assert found.tension[-1, 0] == pytest.approx(0.5 * W, rel=1e-3)
+        first = np.argmin(np.abs(found.frame_time - 3.0))
+        moved = found.frame("displacement", -1)[1, 0] - found.frame("displacement", int(first))[1, 0]
+        assert moved == pytest.approx((0.5 * W - 10.0) / k, rel=2e-2)
+    assert result.as_dict()["status"] == "completed"
+
+
+JACK = '[[actuators]]\nname = "jack"\nblock = "block"\npoint = [-0.2, 0.0, 0.0]\ndirection = [1.0, 0.0, 0.0]\n'
+ON_FLOOR = SETTLED[: SETTLED.index("[control]")] + JACK
+
+
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+def test_a_search_in_the_deformed_geometry_goes_on_on_a_wetted_joint(tmp_path, formulation):
+    """V = mu W: half of the weight as it began, a fifth of it on what has become wet below that load."""
+    search = '[control]\nkind = "yield"\nlarge_displacements = true\ntolerance = 1e-3\n'
+    path = tmp_path / "searched.h5"
+    dembrick.simulate(dembrick.loads(ON_FLOOR.replace('"concave"', f'"{formulation}"') + search), path, progress=False)
+    with dembrick.read_history(path) as old:
+        assert old.results["yield_point"]["V"] == pytest.approx(0.5 * W, rel=2e-3)
+        low = float(old.time[np.flatnonzero(old.load < 0.15 * W)[-1]])
+    _, same = go_on(path, low, name="same.h5")
+    same_rows(path, same)
+    result, _ = go_on(path, low, "joint.friction=0.2")
+    assert result.yield_point.V == pytest.approx(0.2 * W, rel=2e-3)
+
+
+@pytest.mark.usefixtures("few")
+def test_in_the_middle_of_a_cycle_it_goes_on_bit_for_bit(tmp_path):
+    """To and fro by 0.2 mm in the deformed geometry, restarted on the way back; a change would let it jump."""
+    cycle = 'kind = "displacement"\nlarge_displacements = true\nrate = 1e-3\nprotocol = [2e-4, -2e-4, 2e-4, 0.0]\n'
+    path = tmp_path / "cycle.h5"
+    dembrick.simulate(dembrick.loads(f"{ON_FLOOR}[control]\n{cycle}"), path, progress=False)
+    with dembrick.read_history(path) as old:
+        back = float(old.time[int(np.argmin(old.displacement)) - 2])
+    result, same = go_on(path, back, name="same.h5")
+    same_rows(path, same)
+    with dembrick.read_history(path) as old:
+        assert result.as_dict()["cycles"] == old.results["cycles"]
+    with pytest.raises(ScenarioError, match="nothing can change on the way of a driven displacement"):
+        go_on(path, back, "joint.friction=0.2")
+
+
+# --- as a command, and what cannot be
+
+
+def test_the_command_prints_what_run_prints(slide, tmp_path, capsys):
+    new = tmp_path / "wet.h5"
+    asked = ["restart", str(slide), "--at", "0.1", "--set", "joint.friction=0.1", "--out", str(new), "--json"]
+    assert main(asked) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["status"] == "completed" and said["history"] == str(new)
+    assert set(said) == set(json.loads(json.dumps(dembrick.read_history(slide).results)))
+    assert main(asked) == 2  # a finished history is there
+    assert "finished history" in json.loads(capsys.readouterr().out)["error"]
+    assert main(["run", str(new), "--json"]) == 2  # its scenario alone does not lead there
+    assert "went on from" in json.loads(capsys.readouterr().out)["error"]
+    with pytest.raises(HistoryError, match="this run went on from another one"):
+        dembrick.restart_at(new, 0.15, tmp_path / "third.h5")
+
+
+def test_a_run_that_went_on_and_was_stopped_goes_on(slide, tmp_path, monkeypatch):
+    monkeypatch.setattr(os, "fsync", lambda _: None)
+    whole, new, looks = tmp_path / "whole.h5", tmp_path / "new.h5", itertools.count()
+    dembrick.restart_at(slide, 0.1, whole, ["joint.friction=0.1"], progress=False)
+    monkeypatch.setattr(interrupts, "requested", lambda: 0 if next(looks) < 300 else 2)
+    with pytest.raises(Interrupted):
+        dembrick.restart_at(slide, 0.1, new, ["joint.friction=0.1"], progress=False)
+    monkeypatch.setattr(interrupts, "requested", lambda: 0)
+    with dembrick.read_history(new) as left:
+        assert left.status == "interrupted" and left.time[-1] > 0.1
+    dembrick.restart(new, progress=False)
+    same_rows(whole, new)
+    with pytest.raises(HistoryError, match="went on from"):
+        dembrick.load(new)
+
+
+REFUSED = [
+    (0.3, [], "its last row is at 0.2, and --at 0.3 is behind it"),
+    (-1.0, [], "the time of a row, 0 or more"),
+    (math.nan, [], "the time of a row, 0 or more"),
+    (0.1, ["materials.stone.density=1000.0"], "materials cannot change on the way"),
+    (0.1, ["blocks.block.position=[0.0, 0.0, 0.06]"], "blocks cannot change on the way"),
+    (0.1, ["joint.normal_stiffness=2e9"], "normal_stiffness stays as it is"),
+    (0.1, ["joint.cohesion=1e3"], "bonds break by what they bear, and do not form"),
+    (0.1, ["control.restitution=0.4"], "control.restitution of kind 'dynamic' cannot change on the way"),
+    (0.1, ["solver.step_factor=0.5"], "solver cannot change on the way"),
+    (0.1, [WALL_TIE.replace("wall", "floor").replace("-1.4", "-1.0").replace("1e5", "1e12")], "time step of"),
+]
+
+
+@pytest.mark.parametrize(("at", "changes", "words"), REFUSED)
+def test_what_cannot_change_is_one_sentence(slide, tmp_path, at, changes, words):
+    new = tmp_path / "new.h5"
+    with pytest.raises(ScenarioError, match=words) as refusal:
+        dembrick.restart_at(slide, at, new, changes, progress=False)
+    assert "\n" not in str(refusal.value) and not new.exists()
+
+
+def test_a_search_has_no_state_on_its_way_and_a_history_is_not_written_over(slide, tmp_path):
+    path = tmp_path / "set4a.h5"
+    dembrick.simulate("set4a", path, progress=False)
+    with pytest.raises(ScenarioError, match="has no state on its way that others can go on from"):
+        dembrick.restart_at(path, 0.0, tmp_path / "new.h5")
+    with pytest.raises(OutputError, match="an input of the command"):
+        dembrick.restart_at(slide, 0.1, slide, force=True)
+    assert main(["restart", str(slide), "--set", "joint.friction=0.1"]) == 2
+    assert main(["restart", str(slide), "--at", "0.1"]) == 2
