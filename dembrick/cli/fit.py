@@ -45,6 +45,8 @@ def _curves(options, console) -> int:
     from dembrick.scenario import toml
     from dembrick.views import plot
 
+    if options.formulation:
+        raise ScenarioError("--formulation belongs to yield points; the scenario of a curve states its own")
     if not options.vary:
         raise ScenarioError("--vary is missing: name the keys to fit, for instance --vary joint.friction")
     if options.out and len(options.scenario) > 1:

@@ -1,16 +1,18 @@
 """Keys of a scenario that best explain measured curves of force over displacement, with their 95 % intervals.
 
 Least squares on the logarithms of the keys (they are positive): sum(((V_sim(u_i) - V_i) / V_peak)^2) over all measured
-points. The intervals are those of the linearised problem, Student's t with the scatter about the fit; all keys at once
-are within theirs with 95 %. A direction of the keys along which the curves do not change is not determined by the data:
-the intervals of its keys are open.
+points. Intervals are those of the linearised problem, Student's t with the scatter about the fit; all keys at once are
+within theirs with 95 %. Scatter that runs on from point to point, as the error of a model does, counts as fewer points.
+Both ends are tried: the misfit there, with the other keys fitted anew, must have risen as the linearised problem says.
+Where it has not, the end is searched for. A key that may go on by a factor of 100 is open at that end: the data do not
+determine it.
 """
 
 from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,22 +21,24 @@ from dembrick.errors import DembrickError, NotConvergedError, ScenarioError, nee
 from dembrick.runs.fit import CONFIDENCE
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml as scenarios
-from dembrick.scenario.checks import show
+from dembrick.scenario.checks import present, show
+from dembrick.scenario.controls import DisplacementControl
 from dembrick.scenario.model import Scenario
-from dembrick.scenario.regimes import ACTUATORS
 from dembrick.views.misfit import Curve, Misfit, between, compared, text
 from dembrick.views.plot.curves import MeasuredCurve
 
-STEP = 1e-3  # relative change of a key, for the slope of the curve
-TOLERANCE = 1e-6  # relative change of the keys, or of the misfit, that ends the search
-MOST = 40  # iterations
+STEP = 0.01  # of the logarithm of a key, for the slope of the curve
+MOST = 60  # runs of a search, without those of the slopes
+STARTS = 5  # searches at most: one goes on where the trial of an interval finds something better
 RANGE = math.log(1e4)  # about the start, in which keys are looked for
-OPEN = math.log(10.0)  # half width of an interval beyond which the data do not determine a key
+OPEN = math.log(100.0)  # an interval that reaches further on one side is open there
 REACHED = 0.8  # of the measured points: what the simulated travel must reach at least
-FURTHER = 3.0  # half widths of an interval from the best value: there the curve must be worse than at its end
-HOLD = 1e-4  # of V_peak for a key that grows by e: keeps what the data do not determine near its start
-REFUSED = 1e3  # in place of residuals, where values allow no run
-FLAT = 1e-5  # of V_peak: what a key must change the curve by, if it doubles
+SPARE = 1.1  # of the measured displacements, to which runs should go
+NUMERICAL = 1e-4  # of V_peak: no curve of ours is surer
+AGREES = (0.7, 1.4)  # of the rise of the misfit over the expected one at an end of an interval
+CLOSE = 0.05  # of an end that is searched for
+# A key that the data do not determine stays about its start, by weights that are small beside what determines others.
+HOLD, HOLD_OF_SCATTER = 3e-3, 0.2
 
 
 @dataclass(frozen=True)
@@ -70,7 +74,7 @@ def fit_curves(given: Sequence[Scenario], curves: Sequence[MeasuredCurve], keys:
     """Fit ``keys``, paths as for ``--set``, of scenarios to measured curves: one scenario for all or one for each.
 
     Raises ScenarioError for keys that are no positive numbers of the scenario, for fewer points than keys, for a
-    control that pushes no actuator; NotConvergedError if the search does not settle; MissingDependency without scipy.
+    control that gives no such curve; NotConvergedError if the search does not settle; MissingDependency without scipy.
     """
     least_squares = needed("scipy.optimize", "a fit of curves").least_squares
     if len(given) not in (1, len(curves)):
@@ -81,44 +85,190 @@ def fit_curves(given: Sequence[Scenario], curves: Sequence[MeasuredCurve], keys:
     points = sum(len(curve.load) for curve in curves)
     if points <= len(keys):
         raise ScenarioError(f"{points} measured points cannot tell {len(keys)} keys; vary fewer, or measure more")
-    documents = [scenarios.text_of(scenario) for scenario in given]
-    greatest = max(float(np.abs(curve.load).max(initial=0.0)) for curve in curves)
-    count = 0
-
-    def residuals(x: np.ndarray) -> np.ndarray:
-        nonlocal count
-        count += 1
-        values = dict(zip(keys, np.exp(x).tolist(), strict=True))
-        found = []
-        for scenario, document, curve in zip(given, documents, curves, strict=True):
-            try:
-                ours = _curve(_with(scenario, document, values))
-            except (ScenarioError, NotConvergedError):
-                if count <= 1 + len(keys):  # at the start, or next to it
-                    raise
-                return np.full(points + len(keys), REFUSED)  # values that no run takes: the step was too long
-            if count == 1 and len(compared(ours, curve)[0]) < REACHED * len(curve.load):
-                raise ScenarioError("the simulated travel ends before the measured one; lengthen control.travel")
-            found.append(_difference(ours, curve) / greatest)
-        return np.concatenate([*found, HOLD * (x - begin)])
-
-    x = begin = np.log(start)
-    try:
-        found = least_squares(
-            residuals, x, bounds=(x - RANGE, x + RANGE), diff_step=STEP / np.maximum(np.abs(x), 1.0), xtol=TOLERANCE,
-            ftol=TOLERANCE, gtol=1e-12, max_nfev=MOST, x_scale="jac",
-        )  # fmt: skip
-    except (ValueError, FloatingPointError) as error:
-        raise NotConvergedError(f"the fit failed: {error}; start from other values") from error
-    if not found.success:
-        raise NotConvergedError(
-            f"the fit did not settle after {count} runs; start from values that are nearer, or vary fewer keys"
-        )
-    fitted = _intervals(keys, found.x, found.jac[:points], found.fun[:points], lambda x: residuals(x)[:points])
-    values = {key: one.value for key, one in fitted.items()}
+    runs = _Runs(given, curves, dict(zip(keys, start, strict=True)))
+    at = np.zeros(len(keys))
+    for _ in range(STARTS):
+        trial = _Trial(runs, _searched(least_squares, runs, at, HOLD))
+        trial = _Trial(runs, _searched(least_squares, runs, trial.best, HOLD_OF_SCATTER * trial.scatter))
+        try:
+            ends = [(trial.end(i, -1.0), trial.end(i, 1.0)) for i in range(len(keys))]
+        except _Better as better:
+            at = better.at
+            continue
+        break
+    else:
+        raise NotConvergedError(f"the fit did not settle from {STARTS} starts; the last: {runs.told(trial.best)}")
+    values = runs.values(trial.best)
+    fitted = {
+        key: Fitted(value, _times(value, low), _times(value, high), None not in (low, high))
+        for (key, value), (low, high) in zip(values.items(), ends, strict=True)
+    }
+    documents = runs.documents
     best = [_with(scenario, document, values) for scenario, document in zip(given, documents, strict=True)]
     misfits = [between(_curve(scenario), curve, curve.name) for scenario, curve in zip(best, curves, strict=True)]
     return CurveFit(fitted, misfits, best[:1] if alone else best)
+
+
+def _times(value: float, end: float | None) -> float | None:
+    return None if end is None else value * math.exp(end)
+
+
+def _searched(least_squares, runs: _Runs, start: np.ndarray, hold: float) -> np.ndarray:
+    """The best logarithms (k,) from a start; ``hold`` is the weight with which they are held there."""
+    held = hold * np.eye(len(start))
+    found = least_squares(
+        lambda x: np.concatenate([runs.residuals(x), held @ (x - start)]), start,
+        jac=lambda x: np.concatenate([runs.slopes(x), held]),
+        bounds=(-RANGE, RANGE), ftol=1e-9, xtol=1e-7, gtol=1e-10, max_nfev=MOST,
+    )  # fmt: skip
+    if not found.success:
+        raise NotConvergedError(
+            f"the fit did not settle after {MOST} rounds, the last {runs.told(found.x)}; start from values that are "
+            "nearer, or vary fewer keys"
+        )
+    return found.x
+
+
+class _Runs:
+    """Runs of the scenarios by the logarithms x (k,) of the keys over their starts."""
+
+    def __init__(self, given: Sequence[Scenario], curves: Sequence[MeasuredCurve], starts: dict[str, float]):
+        self.given, self.measured, self.starts = given, curves, starts
+        self.documents = [scenarios.text_of(scenario) for scenario in given]
+        self.greatest = max(float(np.abs(curve.load).max(initial=0.0)) for curve in curves)
+        if not self.greatest > 0.0:
+            raise ScenarioError("the measured curves have no force")
+        self._known: dict[bytes, list[MeasuredCurve] | None] = {}
+        self._travels: list[dict[str, float]] = [{} for _ in given]
+        self._reach()
+
+    def _reach(self) -> None:
+        """Travel that goes on a little beyond the measured curves, as a stronger joint takes up more of it in the jack;
+        ScenarioError where they are far away."""
+        at_start = np.zeros(len(self.starts))
+        for i, (scenario, curve) in enumerate(zip(self.given, self.measured, strict=True)):
+            travel = getattr(scenario.control, "travel", None)
+            lack = SPARE * curve.displacement.max() - present(self.curves(at_start))[i].displacement.max()
+            if travel is not None and 0.0 < lack <= travel:
+                self._travels[i] = {"control.travel": travel + lack}
+        if any(self._travels):
+            self._known.clear()
+        for ours, curve in zip(present(self.curves(at_start)), self.measured, strict=True):
+            if len(compared(ours, curve)[0]) < REACHED * len(curve.load):
+                raise ScenarioError("the simulated travel ends before the measured one; lengthen control.travel")
+
+    def values(self, x: np.ndarray) -> dict[str, float]:
+        return {key: start * math.exp(one) for (key, start), one in zip(self.starts.items(), x, strict=True)}
+
+    def told(self, x: np.ndarray) -> str:
+        return ", ".join(f"{key} = {value:.5g}" for key, value in self.values(x).items())
+
+    def curves(self, x: np.ndarray) -> list[MeasuredCurve] | None:
+        """The curve of every run, None if one of them has no answer; the same runs are not run twice."""
+        place = x.tobytes()
+        if place not in self._known:
+            values = self.values(x)
+            try:
+                self._known[place] = [
+                    _curve(_with(scenario, document, travel | values), told=not self._known)
+                    for scenario, document, travel in zip(self.given, self.documents, self._travels, strict=True)
+                ]
+            except DembrickError:
+                if not x.any():  # the scenario as it is given
+                    raise
+                self._known[place] = None
+        return self._known[place]
+
+    def residuals(self, x: np.ndarray) -> np.ndarray:
+        """Simulated less measured (n,), over the greatest measured force; infinite where a run has no answer."""
+        curves = self.curves(x)
+        if curves is None:
+            return np.full(sum(len(curve.load) for curve in self.measured), math.inf)
+        pairs = zip(curves, self.measured, strict=True)
+        return np.concatenate([_difference(ours, theirs) / self.greatest for ours, theirs in pairs])
+
+    def slopes(self, x: np.ndarray) -> np.ndarray:
+        """Of the residuals over the logarithms (n, k), by differences about x."""
+        pairs = [(self.residuals(x + h), self.residuals(x - h)) for h in STEP * np.eye(len(x))]
+        if not np.isfinite(pairs).all():
+            raise NotConvergedError(
+                f"runs next to {self.told(x)} have no answer, and no fit goes on from there; start from other values"
+            )
+        return np.stack([(above - below) / (2.0 * STEP) for above, below in pairs], axis=1)
+
+    def correlation(self, residuals: np.ndarray) -> float:
+        """Of neighbouring residuals on a curve, as far as it makes the data say less."""
+        parts = np.split(residuals, np.cumsum([len(curve.load) for curve in self.measured])[:-1])
+        total = float((residuals**2).sum())
+        found = sum(float(own[1:] @ own[:-1]) for own in parts) / total if total > 0.0 else 0.0
+        return min(max(found, 0.0), 0.99)
+
+
+class _Better(Exception):
+    """Values that explain the curves better than the best ones so far."""
+
+    def __init__(self, at: np.ndarray):
+        super().__init__()
+        self.at = at
+
+
+class _Trial:
+    """How far each key may go from the ``best`` values until the misfit has risen too much for chance."""
+
+    def __init__(self, runs: _Runs, best: np.ndarray):
+        self.runs, self.best = runs, best
+        residuals, self.slopes = runs.residuals(best), runs.slopes(best)
+        n, k = self.slopes.shape
+        self.least = float(residuals @ residuals)
+        self.scatter = max(math.sqrt(self.least / (n - k)), NUMERICAL)
+        stdtrit = needed("scipy.special", "a fit of curves").stdtrit
+        t = float(stdtrit(n - k, 1.0 - 0.5 * (1.0 - CONFIDENCE) / k))  # Bonferroni: of all keys at once
+        rho = runs.correlation(residuals)
+        self.rise = (1.0 + rho) / (1.0 - rho) * (t * self.scatter) ** 2
+        _, sizes, directions = np.linalg.svd(self.slopes, full_matrices=False)
+        self.half = math.sqrt(self.rise) * np.linalg.norm(directions.T / np.maximum(sizes, 1e-9), axis=1)
+
+    def end(self, i: int, sign: float) -> float | None:
+        """The end of the interval of key i, as the change of its logarithm; None if it is open."""
+        d = min(float(self.half[i]), OPEN)
+        risen = self._risen(i, sign * d)
+        if AGREES[0] <= risen <= AGREES[1]:
+            return sign * d
+        below, above = 0.0, d
+        while risen < 1.0:
+            if d >= OPEN:
+                return None
+            below, d = d, min(2.0 * d, OPEN)
+            above, risen = d, self._risen(i, sign * d)
+        while above - below > CLOSE * above:
+            middle = 0.5 * (below + above)
+            found = self._risen(i, sign * middle)
+            if found < 1.0:
+                below = middle
+            else:
+                above, risen = middle, found
+        return sign * above if math.isfinite(risen) else None  # a run without an answer refutes nothing
+
+    def _risen(self, i: int, change: float) -> float:
+        """The rise of the misfit over the greatest by chance where key i has changed and the others are fitted anew."""
+        others = np.delete(np.arange(len(self.best)), i)
+        own, hold = self.slopes[:, others], HOLD_OF_SCATTER * self.scatter
+        back = np.linalg.solve(own.T @ own + hold**2 * np.eye(len(others)), own.T)
+        at = self.best.copy()
+        at[i] += change
+        at[others] -= (back @ self.slopes[:, i] * change).clip(-OPEN, OPEN)
+        least = math.inf
+        for _ in range(2 if len(others) else 1):
+            residuals = self.runs.residuals(at)
+            misfitting = float(residuals @ residuals)
+            if not math.isfinite(misfitting):
+                break
+            if self.least - misfitting > 0.1 * self.rise:
+                raise _Better(at.clip(-RANGE, RANGE))
+            least = min(least, misfitting)
+            at = at.copy()
+            at[others] -= (back @ residuals).clip(-1.0, 1.0)
+        return (least - self.least) / self.rise
 
 
 def _start(given: Sequence[Scenario], keys: Sequence[str]) -> list[float]:
@@ -128,10 +278,12 @@ def _start(given: Sequence[Scenario], keys: Sequence[str]) -> list[float]:
     if len(set(keys)) < len(keys):
         raise ScenarioError(f"--vary names a key twice: {', '.join(keys)}")
     for scenario in given:
-        if scenario.control.drives != ACTUATORS:
+        control = scenario.control
+        pressed = any(pressure.actuator for pressure in scenario.pressures)
+        if not isinstance(control, DisplacementControl) or pressed:
             raise ScenarioError(
-                f"a test of kind {show(scenario.control.kind)} has no curve of force over displacement; fit one whose "
-                "actuators push"
+                f"a test of kind {show(scenario.control.kind)} has no curve of force over displacement; fit one of "
+                'kind "displacement" whose actuators push'
             )
     return [_value(given[0], key) for key in keys]
 
@@ -163,14 +315,18 @@ def _with(scenario: Scenario, text: str, values: dict[str, float]) -> Scenario:
     return replace(found, path=scenario.path, files=scenario.files)
 
 
-def _curve(scenario: Scenario) -> Curve:
-    """Displacement and force of a run."""
+def _curve(scenario: Scenario, told: bool = False) -> MeasuredCurve:
+    """Displacement and force of a run; what is worth a remark is ``told`` of the first only."""
     try:
-        result = simulate(scenario, progress=False)
+        result = simulate(scenario, progress=False, report=None if told else _unheard)
     except DembrickError as error:
         raise type(error)(f"a run of the fit failed: {error}") from error
     rows = result.rows
     return MeasuredCurve("ours", np.asarray(rows["displacement"], float), np.asarray(rows["load"], float))
+
+
+def _unheard(_: str) -> None:
+    """A remark that the first run has made."""
 
 
 def _difference(ours: Curve, theirs: Curve) -> np.ndarray:
@@ -179,47 +335,6 @@ def _difference(ours: Curve, theirs: Curve) -> np.ndarray:
     if len(measured) < len(theirs.load):
         raise ScenarioError("the measured curve turns more often than the simulated one: give control.protocol")
     return simulated - measured
-
-
-def _intervals(
-    keys: Sequence[str],
-    x: np.ndarray,
-    jacobian: np.ndarray,
-    residual: np.ndarray,
-    residuals: Callable[[np.ndarray], np.ndarray],
-) -> dict[str, Fitted]:
-    """Value and interval of every key, from the Jacobian of the residuals in the logarithms of the keys.
-
-    An interval is open at an end beyond which the curve does not get worse as the linearised problem says:
-    ``residuals`` are asked at `FURTHER` half widths.
-    """
-    freedom = len(residual) - len(x)
-    squares = float(residual @ residual)
-    scatter = math.sqrt(squares / freedom)
-    t = float(
-        needed("scipy.special", "a fit of curves").stdtrit(freedom, 1.0 - 0.5 * (1.0 - CONFIDENCE) / len(x))
-    )  # Bonferroni: of all keys at once
-    _, sizes, directions = np.linalg.svd(jacobian, full_matrices=False)
-    least = FLAT * math.sqrt(len(residual))
-    variance = np.zeros(len(x))
-    flat = np.zeros(len(x), bool)
-    for size, direction in zip(sizes, directions, strict=True):
-        if size <= least:
-            flat |= np.abs(direction) > 0.1
-        else:
-            variance += (scatter * direction / size) ** 2
-    found = {}
-    for i, (key, at, spread, is_flat) in enumerate(zip(keys, x, t * np.sqrt(variance), flat, strict=True)):
-        ends: list[float | None] = [None, None]
-        if not (is_flat or spread > OPEN):
-            for side, sign in enumerate((-1.0, 1.0)):
-                there = x.copy()
-                there[i] += sign * FURTHER * spread
-                more = residuals(there)
-                if float(more @ more) - squares > (t * scatter) ** 2:
-                    ends[side] = math.exp(at + sign * spread)
-        found[key] = Fitted(math.exp(at), ends[0], ends[1], None not in ends)
-    return found
 
 
 def lines_of(found: CurveFit) -> list[str]:

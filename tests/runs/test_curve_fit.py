@@ -60,6 +60,46 @@ def test_a_plateau_does_not_determine_the_stiffness(curve, start):
     assert found["joint.friction"].value == pytest.approx(0.64, rel=0.01)
 
 
+def test_a_plateau_tells_the_least_stiffness(curve, start):
+    """What is on the plateau at 2.5 um has risen by then: V / 2.5 um is all that the curve says, from below."""
+    stiffness = curve_fit.fit_curves([start], [measured(curve, 2.5e-6, 3.4e-6, 2)], list(TRUE)).keys
+    stiffness = stiffness["joint.shear_stiffness"]
+    assert stiffness.upper is None and 1.5e9 < stiffness.lower < 4e9
+
+
+def test_a_far_start_leads_to_the_same_values(curve, start):
+    """A stiffness 250 times too high puts all measured points on the plateau, where no slope leads away."""
+    lab = [measured(curve, 5e-8, 3.4e-6, 1)]
+    near = curve_fit.fit_curves([start], lab, list(TRUE)).keys
+    far = [*SHORT, "joint.friction=0.3", "joint.shear_stiffness=1e12"]
+    found = curve_fit.fit_curves([toml.load("set4a_curve", far)], lab, list(TRUE)).keys
+    for key in TRUE:
+        assert found[key].value == pytest.approx(near[key].value, rel=2e-3)
+
+
+def test_a_start_that_is_too_strong_goes_as_far_as_the_measured_curve(curve):
+    """With more friction the jack takes up more of the travel, and the run ends before the measured curve."""
+    strong = toml.load("set4a_curve", [*SHORT, "joint.friction=0.9"])
+    lab = MeasuredCurve("lab", curve[0][::10], curve[1][::10])
+    assert dembrick.simulate(strong).rows["displacement"][-1] < 0.95 * lab.displacement[-1]
+    found = curve_fit.fit_curves([strong], [lab], ["joint.friction"]).keys["joint.friction"]
+    assert found.value == pytest.approx(0.64, rel=1e-3) and found.lower < 0.64 < found.upper
+
+
+def test_a_misfit_that_runs_on_widens_the_intervals(curve):
+    """A wave of 1 % along the curve says less than independent scatter of the same size."""
+    scattered = measured(curve, 5e-8, 3.4e-6, 1)
+    V = np.interp(scattered.displacement, *curve)
+    wave = MeasuredCurve("wave", scattered.displacement, V + 0.0141 * V.max() * np.sin(np.linspace(0.0, 12.0, len(V))))
+    test = toml.load("set4a_curve", [*SHORT, "joint.friction=0.5"])
+    widths = []
+    for lab in (wave, scattered):
+        found = curve_fit.fit_curves([test], [lab], ["joint.friction"]).keys["joint.friction"]
+        assert found.lower < 0.64 < found.upper
+        widths.append(found.upper - found.lower)
+    assert widths[0] > 2.0 * widths[1]
+
+
 def test_the_misfit_of_loops():
     ways = (np.linspace(0, 1, 50), np.linspace(1, -1, 99)[1:], np.linspace(-1, 0, 50)[1:])
     loop = np.concatenate(ways)
@@ -90,8 +130,9 @@ def test_data_that_cannot_be_fitted(curve, start):
         curve_fit.fit_curves([start], [measured(curve, 5e-8, 3.4e-6, 1, count=2)], list(TRUE))
     with pytest.raises(ScenarioError, match="lengthen control.travel"):
         curve_fit.fit_curves([start], [measured(curve, 5e-8, 3e-5, 1)], ["joint.friction"])
-    with pytest.raises(ScenarioError, match="no curve"):
-        curve_fit.fit_curves([toml.load("wall_tilt")], [measured(curve, 5e-8, 3.4e-6, 1)], ["joint.friction"])
+    for kind in ("wall_tilt", "set4a"):  # a table, and a search, whose record is no test
+        with pytest.raises(ScenarioError, match="no curve"):
+            curve_fit.fit_curves([toml.load(kind)], [measured(curve, 5e-8, 3.4e-6, 1)], ["joint.friction"])
 
 
 def test_the_commands(curve, tmp_path, monkeypatch, capsys):
@@ -111,6 +152,8 @@ def test_the_commands(curve, tmp_path, monkeypatch, capsys):
     assert json.loads(capsys.readouterr().out)["misfit"] == pytest.approx(told["misfit"], rel=1e-6)
     assert cli.main(["plot", "fitted.h5", "--lab", "lab.csv", "--force"]) == 0
     assert "misfit: rms" in capsys.readouterr().out
+    assert cli.main([*args[:-3], "--formulation", "convex"]) == 2
+    assert "--formulation belongs to yield points" in capsys.readouterr().err
     (tmp_path / "lab.csv").write_text("\n".join(["displacement,force", *lines]))
     assert cli.main(["fit", "--lab", "lab.csv", "test.toml", "--vary", "joint.friction"]) == 2
     assert "unit" in capsys.readouterr().err
