@@ -1,10 +1,12 @@
 """Limit loads of drawn single blocks against closed forms: how often the bracket holds the truth.
 
-    python tools/drawn_limits.py [--count 400] [--tilts 60] [--seed 1]
+    python tools/drawn_limits.py [--count 400] [--tilts 60] [--sloping 250] [--seed 1]
 
 A block on a floor is pushed by an actuator whose line lies in its middle plane: level or inclined, above the joint, on
 its top or side, upwards and downwards. It slides, turns about an edge, or leaves the floor, whichever takes the least
 load; a load that none of the three can follow is unlimited. Tilted blocks slide at tan(psi) = mu or overturn at b / h.
+Convex joints are pushed at any slope by actuators that press or lift as well, at heights where sliding and rocking are
+close to one another, and dams by water on a back that leans either way.
 Prints counts; exits with 1 if a bracket does not hold the truth.
 """
 
@@ -12,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,6 +22,7 @@ from dembrick.errors import DembrickError
 from dembrick.runs.simulate import simulate
 from dembrick.scenario.controls import TiltControl, YieldControl
 from dembrick.scenario.model import Actuator, Block, JointLaw, Material, Scenario
+from dembrick.scenario.pressures import Pressure
 
 G, DENSITY = 9.81, 2000.0
 POINTS = ("concave", "convex")
@@ -75,6 +79,69 @@ def pushed(rng, tolerance: float = 1e-3) -> tuple[Scenario, float]:
     return scenario, truth(friction, size, actuator.point, actuator.direction)
 
 
+def sloping(rng, tolerance: float = 1e-3) -> tuple[Scenario, float]:
+    """A drawn dam, or a push at some slope, on a convex joint: sliding and rocking take about the same load."""
+    if rng.random() < 0.4:
+        return dammed(rng, tolerance)
+    while True:
+        size = rng.uniform(0.1, 1.0, 3)
+        angle = float(rng.uniform(-1.3, 1.3))
+        direction = (math.cos(angle), 0.0, math.sin(angle))
+        point = (-0.5 * float(size[0]), 0.0, float(rng.uniform(0.0, 1.0) * size[2]))
+        rocking = truth(1e9, size, point, direction)
+        normal = DENSITY * G * float(np.prod(size)) - rocking * direction[2]
+        if math.isinf(rocking) or normal <= 0.0:
+            continue
+        # about the friction at which the block slides at the load that turns it
+        friction = float(rocking * direction[0] / normal * rng.uniform(0.7, 1.4))
+        if 0.05 < friction < 2.0:
+            actuator = Actuator("actuator", "block", point, direction)
+            scenario = scene(YieldControl(tolerance), "convex", friction, size, (actuator,))
+            return scenario, truth(friction, size, point, direction)
+
+
+def dammed(rng, tolerance: float = 1e-3) -> tuple[Scenario, float]:
+    """A drawn dam whose back leans, pushed by water of a multiple of its weight, and the multiplier of its limit."""
+    while True:
+        base, crest, height, wide = (float(s) for s in rng.uniform([0.8, 0.2, 1.0, 0.3], [2.0, 1.0, 3.0, 1.0]))
+        lean = float(rng.uniform(-0.2, 0.4)) * base
+        surface, water = float(rng.uniform(0.6, 1.4)) * height, 1e4
+        section = ((0.0, 0.0), (base, 0.0), (lean + crest, height), (lean, height))
+        area, middle = _area(section)
+        weight = DENSITY * G * area * wide
+        # force and moment about the heel of the pressure on the back: integrals of p and p z over the depth
+        top = min(surface, height)
+        push = water * wide * (surface * top - 0.5 * top**2)
+        turn = water * wide * (0.5 * surface * top**2 - top**3 / 3.0)
+        slope = lean / height
+        down = slope * push
+        over = turn - (down * base - slope**2 * turn)
+        rocking = weight * (base - middle) / over if over > 0.0 else math.inf
+        normal = weight + rocking * down
+        if math.isinf(rocking) or not 0.0 < middle < base or normal <= 0.0:
+            continue
+        friction = rocking * push / normal * float(rng.uniform(0.7, 1.4))
+        if 0.05 < friction < 2.0:
+            break
+    grip = push - friction * down
+    expected = min(rocking, friction * weight / grip if grip > 0.0 else math.inf)
+    corners = tuple((x, y, z) for x, z in section for y in (-0.5 * wide, 0.5 * wide))
+    away = math.hypot(height, lean)
+    pressure = Pressure("block", (-height / away, 0.0, lean / away), surface=surface, weight=water, actuator=True)
+    drawn = scene(YieldControl(tolerance), "convex", friction, (base, wide, height))
+    blocks = (drawn.blocks[0], Block("block", "stone", vertices=corners))
+    return replace(drawn, blocks=blocks, pressures=(pressure,)), expected
+
+
+def _area(section) -> tuple[float, float]:
+    """Area (m2) of a polygon (x, z) and the x of its centroid."""
+    area = moment = 0.0
+    for (x, z), (x_next, z_next) in zip(section, (*section[1:], section[0]), strict=True):
+        cross = x * z_next - x_next * z
+        area, moment = area + 0.5 * cross, moment + cross * (x + x_next) / 6.0
+    return area, moment / area
+
+
 def tilted(rng) -> tuple[Scenario, float]:
     """A drawn block on a tilting table, that slides, and tan(psi) then."""
     size = rng.uniform(0.1, 1.0, 3)
@@ -108,10 +175,15 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--count", type=int, default=400)
     parser.add_argument("--tilts", type=int, default=60)
+    parser.add_argument("--sloping", type=int, default=250)
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
     bad = 0
-    for name, draw, count in (("pushed", pushed, options.count), ("tilted", tilted, options.tilts)):
+    for name, draw, count in (
+        ("pushed", pushed, options.count),
+        ("tilted", tilted, options.tilts),
+        ("sloping", sloping, options.sloping),
+    ):
         counts: dict[str, int] = {}
         for i in range(count):
             scenario, expected = draw(np.random.default_rng([options.seed, i]))

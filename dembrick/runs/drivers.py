@@ -166,14 +166,18 @@ def _searched(bound: bool = False, **fields) -> Result:
 
 
 def _refuse_stresses(scenario: Scenario, assembly: Assembly) -> None:
-    """ScenarioError for a tilt, whose load grows by the tangent of its angle while gravity stays, with strengths in Pa:
-    they would grow by 1 / cos with it."""
+    """ScenarioError for a tilt, whose load grows by the tangent of its angle while gravity stays, with strengths in Pa
+    or in ties: they would grow by 1 / cos with it, as prestress would."""
+    if scenario.control.tilt_axis is None:
+        return
     laws = {id(law): law for law in assembly.joints.law}.values()
     stresses = any(law.cohesion or law.tensile_strength or law.compressive_strength for law in laws)
-    if stresses and scenario.control.tilt_axis is not None:
+    forces = any(tie.strength is not None or tie.prestress for tie in scenario.ties)
+    if stresses or forces:
+        what = "strengths in Pa" if stresses else "ties that yield or have a prestress"
         raise ScenarioError(
             "a quasi-static tilt pushes the blocks by the tangent of its angle, which holds for friction alone: with "
-            'strengths in Pa use large_displacements = true, kind = "pushover", a tilt with a rate, or dembrick limit'
+            f'{what} use large_displacements = true, kind = "pushover", a tilt with a rate, or dembrick limit'
         )
 
 

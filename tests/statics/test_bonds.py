@@ -16,11 +16,13 @@ from dembrick.scenario.controls import DisplacementControl, PushoverControl, Sta
 from dembrick.scenario.model import Block, JointLaw, Material, Output, Scenario
 from dembrick.scenario.ties import Tie, TieEnd
 from helpers.one_joint import A, B, N, scene, single
+from helpers.places import tool_module
 
 _FILE = Path(__file__).resolve().parents[2] / "tools" / "drawn_bonds.py"
 _SPEC = importlib.util.spec_from_file_location("drawn_bonds", _FILE)
 drawn = importlib.util.module_from_spec(_SPEC)
 _SPEC.loader.exec_module(drawn)
+drawn_walls = tool_module("drawn_walls")
 
 C = {"cohesion": 1e4}
 DUCTILE = C | {"residual_cohesion": 1e4}
@@ -323,3 +325,10 @@ def test_a_bond_that_slips_and_then_opens_bears_no_more_than_it_can(formulation)
     point, bound = simulate(given, record=False).yield_point, limit(given)
     assert point.V <= bound.upper * (1.0 + 1e-6)
     assert point.V == pytest.approx(bound.load_factor, rel=1e-4)
+
+
+def test_no_drawn_structure_with_bonds_bears_more_than_limit_analysis_proves():
+    for number in range(12):
+        scenario = drawn_walls.drawn(np.random.default_rng([6, number]), number)
+        what, numbers = drawn_walls.judged(scenario)
+        assert what in ("below", "unlimited"), (number, numbers)

@@ -10,12 +10,14 @@ from dembrick.errors import ScenarioError
 from dembrick.runs.limit import limit
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml
-from dembrick.scenario.controls import PushoverControl, StaticsControl, YieldControl
+from dembrick.scenario.controls import PushoverControl, StaticsControl, TiltControl, YieldControl
 from dembrick.scenario.generators import Arch
 from dembrick.scenario.model import Actuator, Block, JointLaw, Load, Material, Scenario
 from dembrick.scenario.ties import Tie, TieEnd
+from helpers.places import tool_module
 from helpers.scenario_text import BASE, refused
 
+drawn = tool_module("drawn_ties")
 MU, N = 0.64, 467.0
 STEEP = "stiffness = 1e6\n"
 
@@ -159,6 +161,33 @@ def test_no_limit_before_a_tie_that_slip_stretches_yields(formulation, stiffness
     expected = MU * (N + strength * along[2]) + strength * along[1]
     assert found.V == pytest.approx(expected, rel=1e-4)
     assert found.V_lower - 1e-4 * expected <= expected <= found.V_upper + 1e-4 * expected
+
+
+@pytest.mark.parametrize("formulation", ["convex", "concave"])
+def test_no_limit_before_a_cable_that_slip_lets_go_is_slack(formulation):
+    """Drawn towards its anchor by 30 N, the block begins to slide at mu N - 30 and slides on at mu N."""
+    held = tie(("lower", (0.0, 0.1, 0.0)), ("upper", (0.0, -0.1, 0.0)), 1e4, prestress=30.0)
+    found = simulate(bed(held, formulation=formulation), record=False).yield_point
+    assert found.V == pytest.approx(MU * N, rel=1e-4)
+
+
+def test_a_tilt_by_search_refuses_ties_that_know_a_scale_of_force():
+    """W sin a = mu W cos a + T; divided by the cosine, T would grow with the angle."""
+    weight = 1500.0 * 0.006 * 9.81
+    table = bed(control=TiltControl((-1.0, 0.0, 0.0)))
+    table = replace(table, gravity=(0.0, 0.0, -9.81), loads=(), actuators=())
+    held = tie(("lower", (0.0, -0.1, 0.0)), ("upper", (0.0, 0.1, 0.0)), strength=20.0)
+    with pytest.raises(ScenarioError, match="tilt.*ties that yield"):
+        simulate(replace(table, ties=(held,)), record=False)
+    found = limit(replace(table, ties=(held,)))
+    angle = np.arctan(MU) + np.arcsin(20.0 / weight / np.hypot(1.0, MU))
+    assert found.load_factor == pytest.approx(np.tan(angle), rel=1e-5)
+
+
+def test_drawn_ties_lie_in_their_brackets():
+    for number in (n for n in range(20) if not drawn.CONTROLS[n % 6].endswith("large")):  # those take seconds each
+        what, numbers = drawn.judged(drawn.drawn(np.random.default_rng([5, number]), number))
+        assert what in ("inside", "refused"), (number, numbers)
 
 
 TIE = '[[ties]]\nbetween = [{ block = "lower", point = [0, 0, -0.1] }, { block = "upper", point = [0, 0, 0.1] }]\n'

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dembrick.errors import NotConvergedError
+from dembrick.errors import DembrickError, NotConvergedError
 from dembrick.kernels.statics.loop import CONVERGED, RUNNING
 from dembrick.scenario.checks import present
 from dembrick.scenario.controls import PATH_FOLLOWING
@@ -66,6 +66,7 @@ SLIP_PER_STEP = 1.0  # elastic slips that the head moves in a step towards a lim
 GENTLY = 0.3  # of that, where the load tilts a block, which a fast head sets rocking as it slides
 GUESS = 0.25  # of the weight of all blocks: a first guess of a load on all of them
 FLUCTUATION_DAMPING = 0.2  # the part of a velocity's fluctuation that a step takes away, where the load tilts a block
+MOST_JOINTS_BOUNDED = 1000  # limit analysis of so many joints adds little to a search that failed
 CHUNK_OF_SEARCH = 256  # steps of a search between two looks at it
 HALVING = 512  # steps in which a search slows to half its rate, once it has taken 16 times as many
 MOST_STEPS = 20_000  # of a search
@@ -100,16 +101,33 @@ def find_limit_load(
             name, unit = "the load factor", ""
             remedies.append("live through the collapse with control.quasi_static = false")
             remedies.append("take the upper bound of dembrick limit")
-        # an indicator that is not closed tells no upper bound: what the blocks still carry may grow
-        found = f"at least {point.V_lower:.6g}{unit}"
-        if point.bracket == "certified" and point.V_upper is not None:
-            found += f" and at most {point.V_upper:.6g}{unit}"
+        found = f"{name} is at least {point.V_lower:.6g}{unit}, {_above(point, assembly, unit)}"
         raise NotConvergedError(
-            f"the limit load was not bracketed within {tolerance:g} after {replay.steps} steps: {name} is {found}. "
+            f"the limit load was not bracketed within {tolerance:g} after {replay.steps} steps: {found}. "
             f"{', or '.join(remedies)}",
             point,
         )
     return replay
+
+
+def _above(point: YieldPoint, assembly: Assembly, unit: str) -> str:
+    """The upper end of a bracket that has not closed: proven by it or by limit analysis, or else what it indicates.
+
+    Where a table tilts, all strengths are friction, whose limit is that of a push by the tangent.
+    """
+    from dembrick.simulation.limit_analysis import analysis
+
+    known = "" if point.V_upper is None else f"{point.V_upper:.6g}{unit}"
+    if point.bracket == "certified" and known:
+        return f"and at most {known}"
+    if len(assembly.joints) <= MOST_JOINTS_BOUNDED:
+        try:
+            found = analysis.limit_load(assembly)
+        except DembrickError:
+            pass  # the search alone is to be told
+        else:
+            return "and limit analysis limits nothing" if found.unlimited else f"and at most {found.upper:.6g}{unit}"
+    return f"and the mechanism of now needs {known}, which proves nothing" if known else "and no upper end is known"
 
 
 def _by_equilibria(setup: Setup, session: Session, goal: float, steps: float) -> Replay:

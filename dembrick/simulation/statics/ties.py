@@ -31,6 +31,7 @@ class Ties(NamedTuple):
     block_b: np.ndarray  # (t,) int64
     seen_a: np.ndarray  # (t, 6, 6) from the motion of block a to that of its end, along the tie third
     seen_b: np.ndarray  # (t, 6, 6) likewise of b
+    length: np.ndarray  # (t,) m, as drawn
     stiffness: np.ndarray  # (t,) N/m
     strength: np.ndarray  # (t,) N, infinite if it never yields
     least: np.ndarray  # (t,) N, zero if it takes tension only, else minus the strength
@@ -56,6 +57,7 @@ def at_rest(assembly: Assembly) -> Ties | None:
         block_b=table.block_b.copy(),
         seen_a=to_joint(axes, table.arm_a),
         seen_b=to_joint(axes, table.arm_b),
+        length=table.length.copy(),
         stiffness=table.stiffness.copy(),
         strength=table.strength.copy(),
         least=np.where(table.tension_only, 0.0, -table.strength),
@@ -134,16 +136,21 @@ def remember(state: State) -> float:
 
 
 def unspent(state: State, most: float) -> float:
-    """Work (J) by which ties would resist the motion of the last step more than they do now, once they have yielded;
-    that of ties which never yield as if they did at ``most`` (N)."""
+    """Work (J) by which ties would resist the motion of the last step more than they do now, once they have yielded or
+    gone slack; that of ties which never yield as if they did at ``most`` (N).
+
+    A cable that its prestress draws out by more than its length is no elastic one but a weight on a rope: it pulls on
+    with what it has when it is let go.
+    """
     ties, blocks = state.ties, state.blocks
     if ties is None:
         return 0.0
     step = np.concatenate([blocks.velocity, blocks.spin], axis=1)
     stretched = np.einsum("tk,tk->t", ties.seen_b[:, 2], step[ties.block_b])
     stretched -= np.einsum("tk,tk->t", ties.seen_a[:, 2], step[ties.block_a])
-    pressed = np.where(ties.least == 0.0, ties.tension, np.maximum(ties.least, -most))
-    end = np.where(stretched > 0.0, np.minimum(ties.strength, most), pressed)
+    weight_on_rope = (ties.least == 0.0) & (ties.tension > ties.stiffness * ties.length)
+    let_go = np.where(weight_on_rope, ties.tension, np.maximum(ties.least, -most))
+    end = np.where(stretched > 0.0, np.minimum(ties.strength, most), let_go)
     return float(np.maximum((end - ties.tension) * stretched, 0.0).sum())
 
 
