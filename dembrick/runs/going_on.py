@@ -23,7 +23,7 @@ from dembrick.runs.stage_laws import check_change
 from dembrick.runs.stages import Stages
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.checks import show
-from dembrick.scenario.controls import DRIVEN_PATH, LOAD_PATH, REAL_TIME, SETTLEMENT
+from dembrick.scenario.controls import CONSTANT_RATE, DRIVEN_PATH, LOAD_PATH, REAL_TIME, SETTLEMENT
 from dembrick.scenario.stages import TiesBefore, at_stage
 from dembrick.simulation.floating_point import faults_raised
 from dembrick.simulation.session import GoesOn, Kept, Session
@@ -34,7 +34,8 @@ if TYPE_CHECKING:
     from dembrick.runs.record_store import RecordStore
     from dembrick.scenario.model import Scenario
 
-REGIMES = (REAL_TIME, SETTLEMENT, LOAD_PATH, DRIVEN_PATH)
+REGIMES = (REAL_TIME, SETTLEMENT, LOAD_PATH, DRIVEN_PATH, CONSTANT_RATE)
+AS_IT_WAS = (DRIVEN_PATH, CONSTANT_RATE)  # regimes that go on only without a change
 _SHOWN = ("title", "text", "path", "files")  # fields of a scenario that no run asks for
 _CHANGING = ("joint", "joints", "loads", "ties", "pressures", "control")
 _SHAKEN = ("duration", "file", "columns", "sine", "pulse", "scale", "quantity", "direction")
@@ -103,7 +104,7 @@ def changes_between(old: Scenario, new: Scenario, one: Assembly, other: Assembly
         raise ScenarioError(f"{file}: the ties of a run with [[stages]] stay as they are; give them stages instead")
     loads, gone = _loads(one, other, old, new)
     anything = any(getattr(old, key) != getattr(new, key) for key in _CHANGING)
-    if anything and before.regime is DRIVEN_PATH:  # at rest under other laws its spring would push the blocks on
+    if anything and before.regime in AS_IT_WAS:  # springs of the actuators would push on blocks that give way
         raise ScenarioError(
             f"{file}: nothing can change on the way of a driven displacement, whose actuators would let blocks jump; "
             "put what changes into [[stages]]"

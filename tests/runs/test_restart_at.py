@@ -200,6 +200,22 @@ def test_in_the_middle_of_a_cycle_it_goes_on_bit_for_bit(tmp_path):
         go_on(path, back, "joint.friction=0.2")
 
 
+@pytest.mark.parametrize("formulation", ["concave", "convex"])
+def test_a_lone_joint_goes_on_in_the_middle_of_a_cycle(tmp_path, formulation):
+    """The shipped cyclic test at constant rate, restarted at a row on its way, at its last row and at its first."""
+    path, changes = tmp_path / "cyclic.h5", [f"joint.formulation={formulation}", "output.rows=200", "output.frames=20"]
+    dembrick.simulate(dembrick.load("set4a_cyclic", changes), path, progress=False)
+    with dembrick.read_history(path) as old:
+        times = [float(old.time[row]) for row in (0, old.n_row // 3, old.n_row - 1)]
+    for at in times:
+        result, same = go_on(path, at, name="same.h5")
+        same_rows(path, same)
+    with dembrick.read_history(path) as old:
+        assert json.loads(json.dumps(result.as_dict()["cycles"])) == old.results["cycles"]
+    with pytest.raises(ScenarioError, match="nothing can change on the way of a driven displacement"):
+        go_on(path, times[1], "joint.friction=0.2")
+
+
 # --- as a command, and what cannot be
 
 

@@ -96,8 +96,10 @@ def push_at_constant_rate(
     compiled = time.perf_counter() - began
     if session.resumed:
         loop.restore(session.resumed)
-    status = Stepper(loop, session, recorder, CHUNK, steps_wanted).to(steps_wanted)
+    stepper = Stepper(loop, session, recorder, CHUNK, steps_wanted, rows_every)
+    status = stepper.to(steps_wanted)
     refuse_divergence(status, assembly, state, loop.step, dt, critical)
+    session.ended(stepper)
     ties.stop_moving(state, moving)
     chosen = {"rate": rate, "inertia": "physical"}
     replay = setup.finished(True, loop, critical, compiled, setup.settings(drive) | chosen)

@@ -84,10 +84,20 @@ class Loop:
 class Stepper:
     """Runs a loop in chunks, hands on the record, writes checkpoints and answers signals.
 
-    ``longest`` is the number of steps that a chunk has at most, ``total`` that of the run, if it is known.
+    ``longest`` is the number of steps that a chunk has at most, ``total`` that of the run, if it is known; where
+    somebody watches for a row, a chunk ends at each, which are ``rows_every`` steps apart.
     """
 
-    def __init__(self, loop: Loop, session: Session, recorder: Recorder | None, longest: int, total: int | None = None):
+    def __init__(
+        self,
+        loop: Loop,
+        session: Session,
+        recorder: Recorder | None,
+        longest: int,
+        total: int | None = None,
+        rows_every: int = 1,
+    ):
+        self._row = rows_every if session.keep_last is not None else 0
         self.loop, self.recorder, self._session, self._total = loop, recorder, session, total
         self._longest = min(longest, recorder.longest_chunk if recorder else longest)
         work = len(loop.state.blocks.displacement) + joint_families.entries(loop.state)  # of a step, roughly
@@ -114,6 +124,8 @@ class Stepper:
         with interrupts.deferred():
             while status == RUNNING and self.loop.step < last:
                 steps = min(self._pace, self._longest, last - self.loop.step)
+                if self._row:
+                    steps = min(steps, self._row - self.loop.step % self._row)
                 began = time.perf_counter()
                 status = self.loop.advance(steps)
                 took = time.perf_counter() - began
