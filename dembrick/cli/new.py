@@ -6,7 +6,7 @@ from dembrick.cli.paths import add_force, require_ending
 
 
 def add_arguments(parser) -> None:
-    parser.add_argument("template", nargs="?", help="torsion-test, wall, arch, column or study (default: list them)")
+    parser.add_argument("template", nargs="?", help="one of those that are listed without it")
     parser.add_argument("file", nargs="?", help="file to write (default: TEMPLATE.toml)")
     add_force(parser)
 
