@@ -131,6 +131,13 @@ def test_bending(formulation, tension, moment, after):
     assert 0.1 * point.V == pytest.approx(moment, rel=1e-3)
     assert 0.1 * point.V_lower <= moment * (1 + 1e-6) and moment * (1 - 1e-6) <= 0.1 * point.V_upper
     assert (None if after is None else 0.1 * point.V_after) == (after and pytest.approx(after, rel=1e-3))
+    assert point.mechanism == "rocking"
+
+
+@pytest.mark.parametrize("formulation", ["convex", "concave"])
+@pytest.mark.parametrize("jacks, mechanism", [(SHEAR, "sliding"), (TORSION, "torsion"), (BENDING, "rocking")])
+def test_a_bond_that_breaks_is_named_by_how_it_breaks(formulation, jacks, mechanism):
+    assert found(formulation, STRONG, jacks).yield_point.mechanism == mechanism
 
 
 @pytest.mark.parametrize(

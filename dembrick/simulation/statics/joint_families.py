@@ -161,6 +161,11 @@ def reserves(state) -> np.ndarray:
     return np.concatenate([np.zeros((0, 2)), *found])
 
 
+def overborne(state) -> np.ndarray:
+    """Which bonds bear more than they can in tension and in shear (m, 2)."""
+    return reserves(state) < 0.0
+
+
 def tensile_strengths(state) -> np.ndarray:
     """What every bond carries in tension (m,) in N, in the order of `reserves`."""
     found = [module.tensile_strength(joints) for module, joints in present(state) if joints.strengths is not None]

@@ -142,7 +142,7 @@ class PathFollower:
                 V, more = self._drifted() if way.drift else self._stepped()
                 if V is None and not more and self.patience < math.inf:
                     way.drift, way.wasted, more = None, int(self.patience) + 1, True
-                if V is not None and self._judged_limit(V) and self._moved() >= goal:
+                if V is not None and self._went_to(V) and self._moved() >= goal:
                     converged, more = True, False
                 elif way.pushes >= PUSHES and self.certificate.bracket[1] < NEVER and self._moved() >= goal:
                     wanders, more = True, False
@@ -251,12 +251,6 @@ class PathFollower:
         way.dragged = way.dragged - 1 if way.dragged else ALONG - 1
         return V, iterations
 
-    def _judged_limit(self, V: float) -> bool:
-        """Accept the equilibrium of now at V, and keep it if it is the limit; whether the bracket is narrow enough."""
-        judged = self._went_to(V)
-        self.limit.look_at(self.state, self.way, judged, 2.0 * self.certificate.tolerance)
-        return judged
-
     def _went_to(self, V: float) -> bool:
         """Accept the equilibrium of now at V and choose the next step; whether the bracket is narrow enough."""
         way = self.way
@@ -272,7 +266,7 @@ class PathFollower:
             if not self.certificate.strict:
                 way.seen[-1] = given, V, min(lower, pushed.least), max(V, pushed.greatest) + hidden, False
             self.relaxation.show_what_moves(self.search.rows)
-            return self._judged()
+            return self._judged_limit()
         if way.broke:
             # what the others took over is no step: either the mechanism or the elastic answer may be the way on
             way.spare, way.spare_gain, way.has_spare = secant, 0.0, True
@@ -289,7 +283,7 @@ class PathFollower:
             way.turn_to(secant, 0.0)
             way.seen[-1], way.kept = (*way.seen[-1][:3], NEVER, True), way.jumps
         way.longest = max(way.longest, way.seen[-1][0])
-        judged = self._judged()
+        judged = self._judged_limit()
         way.since_failure += 1
         jumped = way.broke
         if self.bonds.give_way(self.search, way):
@@ -311,6 +305,12 @@ class PathFollower:
         if way.tried and joint_families.has_areas(self.state):
             tangent = self.search.mechanism(math.inf)
             go_on_rocking(way, None if tangent is None else tangent * self.weight, secant, slope)
+        return judged
+
+    def _judged_limit(self) -> bool:
+        """Keep the equilibrium of now if it is the limit, with its bonds; whether the bracket is narrow enough."""
+        judged, within = self._judged(), 2.0 * self.certificate.tolerance
+        self.limit.look_at(self.state, self.way, judged and not joint_families.overborne(self.state).any(), within)
         return judged
 
     @property

@@ -168,6 +168,10 @@ def _mechanism(state: State, certificate: Certificate, j: int) -> tuple[tuple[fl
         return None, "uplift"
     if crushed(state):
         return None, "crushing"
+    if (broken := joint_families.overborne(state)).any():
+        if broken[:, 0].any():
+            return None, "rocking"
+        return joint_mechanism(state.joints.step[j], np.zeros(2), reach)
     return joint_mechanism(joint_families.slip_twists(state)[j], state.joints.tilt[j], reach)
 
 
@@ -188,7 +192,13 @@ def mechanism_of(state: State) -> str:
         return "uplift"
     if crushed(state):
         return "crushing"
-    return assembly_mechanism(*last_moves(state))
+    slid, turned, tilted = last_moves(state)
+    if (broken := joint_families.overborne(state)).any():
+        # the step before bonds break is elastic and moves all joints: what opens turns, what slips does not tilt
+        if broken[:, 0].any():
+            return "rocking"
+        tilted = np.zeros_like(tilted)
+    return assembly_mechanism(slid, turned, tilted)
 
 
 def slides(state: State) -> bool:
