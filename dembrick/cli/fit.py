@@ -56,7 +56,7 @@ def _curves(options, console) -> int:
     measured = [plot.read_measured(path) for path in options.lab]
     given = [toml.load(path) for path in options.scenario]
     keys = [key.strip() for key in options.vary.split(",") if key.strip()]
-    found = curve_fit.fit_curves(given, measured, keys)
+    found = curve_fit.fit_curves(given, measured, keys, console.meter.run)
     answer, lines = found.as_dict(), curve_fit.lines_of(found)
     if options.out:
         with history.product("scenario", [toml.text_of(given[0])], [*options.lab, *options.scenario], options.force):

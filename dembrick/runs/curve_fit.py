@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,6 +24,7 @@ from dembrick.scenario import toml as scenarios
 from dembrick.scenario.checks import present, show
 from dembrick.scenario.controls import DisplacementControl
 from dembrick.scenario.model import Scenario
+from dembrick.simulation.session import Progress
 from dembrick.views.misfit import Curve, Misfit, between, compared, text
 from dembrick.views.plot.curves import MeasuredCurve
 
@@ -70,8 +71,14 @@ class CurveFit:
         return found | ({"misfits": each} if len(each) > 1 else {})
 
 
-def fit_curves(given: Sequence[Scenario], curves: Sequence[MeasuredCurve], keys: Sequence[str]) -> CurveFit:
-    """Fit ``keys``, paths as for ``--set``, of scenarios to measured curves: one scenario for all or one for each.
+def fit_curves(
+    given: Sequence[Scenario],
+    curves: Sequence[MeasuredCurve],
+    keys: Sequence[str],
+    report: Callable[[Progress], None] | None = None,
+) -> CurveFit:
+    """Fit ``keys``, paths as for ``--set``, of scenarios to measured curves: one scenario for all or one for each;
+    ``report`` is told how many runs that has taken.
 
     Raises ScenarioError for keys that are no positive numbers of the scenario, for fewer points than keys, for a
     control that gives no such curve; NotConvergedError if the search does not settle; MissingDependency without scipy.
@@ -85,7 +92,7 @@ def fit_curves(given: Sequence[Scenario], curves: Sequence[MeasuredCurve], keys:
     points = sum(len(curve.load) for curve in curves)
     if points <= len(keys):
         raise ScenarioError(f"{points} measured points cannot tell {len(keys)} keys; vary fewer, or measure more")
-    runs = _Runs(given, curves, dict(zip(keys, start, strict=True)))
+    runs = _Runs(given, curves, dict(zip(keys, start, strict=True)), report)
     at = np.zeros(len(keys))
     for _ in range(STARTS):
         trial = _Trial(runs, _searched(least_squares, runs, at, HOLD))
@@ -132,8 +139,14 @@ def _searched(least_squares, runs: _Runs, start: np.ndarray, hold: float) -> np.
 class _Runs:
     """Runs of the scenarios by the logarithms x (k,) of the keys over their starts."""
 
-    def __init__(self, given: Sequence[Scenario], curves: Sequence[MeasuredCurve], starts: dict[str, float]):
-        self.given, self.measured, self.starts = given, curves, starts
+    def __init__(
+        self,
+        given: Sequence[Scenario],
+        curves: Sequence[MeasuredCurve],
+        starts: dict[str, float],
+        report: Callable[[Progress], None] | None,
+    ):
+        self.given, self.measured, self.starts, self.report = given, curves, starts, report
         self.documents = [scenarios.text_of(scenario) for scenario in given]
         self.greatest = max(float(np.abs(curve.load).max(initial=0.0)) for curve in curves)
         if not self.greatest > 0.0:
@@ -168,6 +181,8 @@ class _Runs:
         place = x.tobytes()
         if place not in self._known:
             values = self.values(x)
+            if self.report is not None:
+                self.report(Progress("runs of the fit", len(self._known)))
             try:
                 self._known[place] = [
                     _curve(_with(scenario, document, travel | values), told=not self._known)

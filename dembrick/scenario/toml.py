@@ -62,8 +62,10 @@ def load(path: str | os.PathLike, overrides: Iterable[str] = (), regular: bool =
     if not os.path.exists(path):
         found = shipped.find(path)
         if found is None and not os.path.dirname(path) and "\0" not in path:
+            meant = nearest(path.removesuffix(".toml"), shipped.examples())
+            meant = f"{meant} " if meant.startswith("did you mean") else ""
             remedy = "'dembrick examples' lists the shipped scenarios, 'dembrick new' starts one"
-            raise ScenarioError(f"{path}: there is no such file; {remedy}")
+            raise ScenarioError(f"{path}: there is no such file; {meant}{remedy}")
         path = os.fspath(found or path)
     return loads(read_text(path, "a scenario file (TOML)", regular), path, overrides)
 

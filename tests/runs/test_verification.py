@@ -115,6 +115,10 @@ def test_shipped_names_stand_for_files(tmp_path, monkeypatch, capsys):
         toml.load("set4a")
     with pytest.raises(ScenarioError, match="dembrick examples"):
         toml.load("set4q")
+    with pytest.raises(ScenarioError, match="did you mean 'arch_tilt'"):
+        toml.load("arch-tilt.toml")
+    with pytest.raises(ScenarioError, match="there is no such file; 'dembrick examples'"):
+        toml.load("zzz")
     assert shipped.find("../set4a") is None and shipped.find("") is None
 
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dembrick.assembly import ray_quadrature
+from dembrick.assembly.contact_points import PointTable
 from dembrick.assembly.quadrature import ContactPoints, contact_points
 from dembrick.errors import NotConvergedError
 from dembrick.simulation.statics import limit_load
@@ -66,12 +67,12 @@ def place_points(assembly: Assembly, tolerance: float, step_factor: float):
             if _worst_gap(points, pressure, exact) <= 0.5 * tolerance:
                 return _with(assembly, *points), seconds
     lattice = contact_points(joint, tolerance)
-    return dataclasses.replace(assembly, contact_points=(lattice,)), seconds
+    return dataclasses.replace(assembly, contact_points=PointTable.of((lattice,))), seconds
 
 
 def _with(assembly: Assembly, arms, areas):
     """The assembly with these contact points."""
-    return dataclasses.replace(assembly, contact_points=(ContactPoints(arms, arms, areas),))
+    return dataclasses.replace(assembly, contact_points=PointTable.of((ContactPoints(arms, arms, areas),)))
 
 
 def _moments(pieces, centre, radius: float, pressure) -> list[tuple[np.ndarray, float]]:
