@@ -42,7 +42,7 @@ def load_system(scenario: Scenario, loads, position, mass, fixed) -> tuple[np.nd
         )
     if control.tilt_axis is not None and scenario.pressures and not control.in_deformed_geometry:
         raise ScenarioError(
-            "a quasi-static tilt turns loads as gravity, and [[pressures]] stay square to the faces of blocks that "
+            "a quasi-static tilt turns loads as gravity, and [[pressures]] stay normal to the faces of blocks that "
             "tilt: use large_displacements = true, or a rate with quasi_static = false"
         )
     gravity = np.array(scenario.gravity, float)

@@ -3,7 +3,7 @@
 Least squares on the logarithms of the keys (they are positive): sum(((V_sim(u_i) - V_i) / V_peak)^2) over all measured
 points. Intervals are those of the linearised problem, Student's t with the scatter about the fit; all keys at once are
 within theirs with 95 %. Scatter that runs on from point to point, as the error of a model does, counts as fewer points.
-Both ends are tried: the misfit there, with the other keys fitted anew, must have risen as the linearised problem says.
+Both ends are tried: the misfit there, with the other keys fitted again, must have risen as the linearised problem says.
 Where it has not, the end is searched for. A key that may go on by a factor of 100 is open at that end: the data do not
 determine it.
 """
@@ -265,7 +265,7 @@ class _Trial:
         return sign * above if math.isfinite(risen) else None  # a run without an answer refutes nothing
 
     def _risen(self, i: int, change: float) -> float:
-        """The rise of the misfit over the greatest by chance where key i has changed and the others are fitted anew."""
+        """The rise of the misfit over the greatest by chance if key i has changed and the others are fitted again."""
         others = np.delete(np.arange(len(self.best)), i)
         own, hold = self.slopes[:, others], HOLD_OF_SCATTER * self.scatter
         back = np.linalg.solve(own.T @ own + hold**2 * np.eye(len(others)), own.T)
@@ -353,7 +353,7 @@ def _difference(ours: Curve, theirs: Curve) -> np.ndarray:
 
 
 def lines_of(found: CurveFit) -> list[str]:
-    """What the command line prints of a fit."""
+    """Lines that the command line prints of a fit."""
     width = max(map(len, found.keys))
     lines = []
     for key, one in found.keys.items():

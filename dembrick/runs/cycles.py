@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dembrick.scenario.protocols import Protocol, protocol_of
 from dembrick.views.summary import known
 
 if TYPE_CHECKING:
@@ -21,11 +20,9 @@ if TYPE_CHECKING:
 DRIFTS, PLATEAU = 10, 1e-2  # part of a half cycle before its peak, in which the force of a plateau grows by less
 
 
-def cycles_of(
-    scenario: Scenario, rows: Mapping[str, np.ndarray], turns_at: Sequence[int] | None = None
-) -> list[dict] | None:
-    """The cycles of a run by its ``rows``, of which ``turns_at`` are those at the turning points, if that is known;
-    None if it does not turn, or kept no record.
+def cycles_of(scenario: Scenario, rows: Mapping[str, np.ndarray], turns: Sequence[int]) -> list[dict] | None:
+    """The cycles of a run by its ``rows``, of which ``turns`` are those at the turning points; None if it does
+    not turn, or kept no record.
 
     Each with ``peak`` [of its first half, of the second] (N), ``V_lower`` and ``V_upper`` of them, ``dissipated`` (J):
     the friction work, or where no energies are recorded the area of the loop; ``damping``: that over 2 pi V_a u_a, of
@@ -35,8 +32,8 @@ def cycles_of(
     control = scenario.control
     if not control.cyclic or not len(rows.get("load", ())):
         return None
+    in_equilibrium = control.in_deformed_geometry
     V, u = np.asarray(rows["load"], float), np.asarray(rows["displacement"], float)
-    turns = turns_at or _turns(protocol_of(scenario), np.asarray(rows["time"], float))
     noise = np.asarray(rows["unbalanced"], float) * _greatest_force(rows, V)
     energies: Mapping = rows.get("energy") or {}  # type: ignore[assignment]
     friction = energies.get("friction")
@@ -45,7 +42,7 @@ def cycles_of(
         loop = slice(first, last + 1)
         area = float(np.trapezoid(V[loop], u[loop]))
         dissipated = area if friction is None else float(friction[last] - friction[first])
-        halves = [_peak(V, noise, *ends, turns_at is not None) for ends in ((first, middle), (middle, last))]
+        halves = [_peak(V, noise, *ends, in_equilibrium) for ends in ((first, middle), (middle, last))]
         sizes = 0.25 * float(np.ptp(V[loop]) * np.ptp(u[loop]))
         found.append(
             {
@@ -61,7 +58,7 @@ def cycles_of(
 
 
 def lines_of(cycles: list[dict], unit: str) -> list[str]:
-    """What the command line prints of cycles."""
+    """Lines that the command line prints of cycles."""
     lines = []
     for number, cycle in enumerate(cycles, 1):
         bars = [0.5 * (b - a) for a, b in zip(cycle["V_lower"], cycle["V_upper"], strict=True)]
@@ -72,14 +69,6 @@ def lines_of(cycles: list[dict], unit: str) -> list[str]:
             f"{100.0 * cycle['damping']:.3g} %{rest}"
         )
     return lines
-
-
-def _turns(protocol: Protocol, time: np.ndarray) -> list[int]:
-    """The rows at the turning points after the start and at the end, of a test at constant rate (`_until` of it)."""
-    each = float(time[1] - time[0]) if len(time) > 1 else 1.0
-    ends = np.cumsum(np.maximum(np.round(protocol.seconds / each), 1.0)).astype(int)
-    last = len(time) - 1
-    return [min(int(end), last) for end in ends if end <= last + 1]
 
 
 def _greatest_force(rows: Mapping[str, np.ndarray], V: np.ndarray) -> float:

@@ -91,11 +91,11 @@ class RunResult:
     def cycles(self) -> list[dict] | None:
         """Peaks with their bars (N), dissipated energy (J), damping and residual displacement (m) of every cycle of a
         protocol, see `cycles.cycles_of`; None without one, or without a record."""
-        return cycles_of(self.scenario, self.rows, getattr(self.run, "turns", None))
+        return cycles_of(self.scenario, self.rows, getattr(self.run, "turns", None) or ())
 
     @property
     def cycle_lines(self) -> list[str]:
-        """What the command line prints of the cycles of a protocol."""
+        """Lines that the command line prints of the cycles of a protocol."""
         return lines_of(self.cycles or [], " N" if self.curve.unit == "N" else "")
 
     @property

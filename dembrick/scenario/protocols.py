@@ -110,7 +110,7 @@ def _measured(path: str, rate: float, by_force: bool) -> Protocol:
 
 
 def _units(title: str) -> list[str]:
-    """What may be the unit in the title of a column."""
+    """Parts of the title of a column that may be its unit."""
     return [part.rstrip(")] ") for part in title.replace("(", "[").split("[")[1:]]
 
 

@@ -178,7 +178,7 @@ def test_a_driven_pressure_turns_with_the_wall_that_it_pushes_over():
 
 
 def test_a_pressure_tilts_with_the_table_and_a_fluid_does_not():
-    """Overturning about the toe, seen from the table: gravity turns; a uniform pressure stays square to the wall, and
+    """Overturning about the toe, seen from the table: gravity turns; a uniform pressure stays normal to the wall, and
     the depth of water is that below a level that stays level in the world."""
     weight = B * H * DENSITY * G
     control = TiltControl(axis=(0.0, 1.0, 0.0), large_displacements=True)

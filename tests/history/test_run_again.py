@@ -163,7 +163,7 @@ def test_a_stopped_run_goes_on_with_the_record_that_it_began_with(moved, tmp_pat
     same_numbers(moved, stopped)
 
 
-@pytest.mark.parametrize("place", ["../../evil.csv", "/tmp/evil.csv", "a/../../b", "..", "", "c:\\x"])
+@pytest.mark.parametrize("place", ["../../evil.csv", "/evil.csv", "a/../../b", "..", "", "c:\\x"])
 def test_a_file_that_leads_out_of_its_folder_is_refused(moved, tmp_path, place):
     path = tmp_path / "strange.h5"
     shutil.copy(moved, path)

@@ -17,6 +17,7 @@ from helpers.places import TESTS
 
 FULL = "/dev/full"
 RUN = [sys.executable, "-m", "dembrick"]
+# the device is of Linux; other systems have none that refuses every byte
 needs_full = pytest.mark.skipif(not os.path.exists(FULL), reason="no device that is always full")
 
 

@@ -109,7 +109,7 @@ def test_a_dead_pressure_lowers_the_load_factor_that_is_left():
 def test_a_tilt_in_the_geometry_of_the_start_refuses_pressures():
     """They turn with the table and not with gravity; see test_pressures_follow_faces for the tilt that knows them."""
     tilt = 'kind = "tilt"\naxis = [0.0, 1.0, 0.0]'
-    with pytest.raises(ScenarioError, match="stay square to the faces"):
+    with pytest.raises(ScenarioError, match="stay normal to the faces"):
         assemble(scene(courses([0.6], 1.2), "value = 5000.0", 0.64, tilt))
 
 

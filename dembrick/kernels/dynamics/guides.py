@@ -58,12 +58,9 @@ def hold(bodies, wrenches, g1, g2, g3, dt, damping):
             if held[i]:
                 guide[i] = unresisted(-bodies.mass[b] * v[i] / dt, v[i], damping) - f
         L = bodies.momentum[b]
-        t1 = resisted(t1, L[0], damping)
-        t2 = resisted(t2, L[1], damping)
-        t3 = resisted(t3, L[2], damping)
-        l1 = L[0] + dt * t1
-        l2 = L[1] + dt * t2
-        l3 = L[2] + dt * t3
+        l1 = L[0] + dt * resisted(t1, L[0], damping)
+        l2 = L[1] + dt * resisted(t2, L[1], damping)
+        l3 = L[2] + dt * resisted(t3, L[2], damping)
         m1 = m2 = m3 = 0.0
         if held[3] or held[4] or held[5]:
             e1 = answer_to(bodies, b, 1.0, 0.0, 0.0)
@@ -77,7 +74,6 @@ def hold(bodies, wrenches, g1, g2, g3, dt, damping):
                 m3 += d3
                 if turns_freely(held[3:], w1, w2, w3):
                     break
-        _, _, _, t1, t2, t3 = gathered(bodies, b, wrenches, True, g1, g2, g3)
         for i, t in enumerate((t1, t2, t3)):
             guide[i + 3] = 0.0
             if held[i + 3]:

@@ -105,6 +105,7 @@ def push_at_constant_rate(
     replay = setup.finished(True, loop, critical, compiled, setup.settings(drive) | chosen)
     if protocol.cycles:
         replay.yield_point = _of_cycles(replay.yield_point)
+        replay.turns = tuple((until // rows_every).tolist())
         return replay
     if replay.yield_point.V_upper is None:
         point = replay.yield_point

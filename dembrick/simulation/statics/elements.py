@@ -1,4 +1,4 @@
-"""What couples the blocks in the equations of equilibrium: joints, then ties, then guides, one element each.
+"""Elements that couple the blocks in the equations of equilibrium: joints, then ties, then guides.
 
 A guide is an element between a block and the ground that no force can stretch. Where it acts, the out-of-balance is
 its own to bear (`kernels.statics.block_forces.hold`), so that its stiffness only keeps the equations from answering

@@ -74,6 +74,7 @@ class Replay(Ended):
     left: State | None = None
     after: After | None = None
     phases: dict | None = None  # s, of the loop, where it was timed by phase
+    turns: tuple[int, ...] | None = None  # rows at which the ways of a protocol end
 
 
 class LoadSystem:

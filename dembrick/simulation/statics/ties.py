@@ -173,7 +173,7 @@ def on_blocks(state: State) -> np.ndarray:
 
 
 def on_supports(state: State, support: np.ndarray) -> np.ndarray:
-    """What the fixed blocks exert on the structure through the ties (s, 6), N and N m; zero for those that are held in
+    """Wrenches of the fixed blocks on the structure through the ties (s, 6), N and N m; zero for those that are held in
     some directions. ``support`` (n,): the number of each among them, or -1."""
     found = -on_blocks(state)
     found[state.blocks.guided] = 0.0

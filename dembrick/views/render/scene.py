@@ -275,7 +275,7 @@ class Scene:
         return found
 
     def _guides(self) -> list[tuple[Names, Callable]]:
-        """What says in which directions guided blocks are held, on top of each."""
+        """Names of the directions in which guided blocks are held, on top of each."""
         history = self._history
         held = history.block_held
         guided = np.flatnonzero(held.any(axis=1) & ~history.block_fixed)
