@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping
 
 import numpy as np
 
@@ -23,6 +23,15 @@ def flattened(parts: Mapping[str, tuple | None]) -> dict[str, np.ndarray]:
             elif value is not None:
                 arrays[f"{name}.{field}"] = np.asarray(value)
     return arrays
+
+
+def arrays_of(part: Iterable) -> Iterator[np.ndarray]:
+    """All arrays of a named tuple and of the tuples in it, as they are."""
+    for value in part:
+        if isinstance(value, tuple):
+            yield from arrays_of(value)
+        elif isinstance(value, np.ndarray):
+            yield value
 
 
 def restored_state(state, snapshot: Snapshot):

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
 
 MEMORY = ("elastic", "twist", "slip", "bonds")  # what the joints remember
+FOUND = ("evaluations", "pressed")  # what a step finds of them
 
 
 def at_rest(assembly: Assembly) -> Areas | None:

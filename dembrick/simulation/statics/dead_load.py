@@ -8,7 +8,7 @@ it shows neither, the answer is undecided.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -19,7 +19,7 @@ from dembrick.errors import HistoryError, NotConvergedError, UndecidedError
 from dembrick.kernels.state import ScaledInertia
 from dembrick.kernels.statics.loop import settle
 from dembrick.simulation import interrupts
-from dembrick.simulation.checkpoint_arrays import flattened, restored_state
+from dembrick.simulation.checkpoint_arrays import arrays_of, flattened, restored_state
 from dembrick.simulation.floating_point import not_nan
 from dembrick.simulation.session import DEAD_LOADS, Progress, Session, Snapshot
 from dembrick.simulation.statics import joint_families, ties
@@ -37,6 +37,8 @@ MOST_STEPS = 300  # of relaxation: what has not come to rest by then is left to 
 FIRST_STEPS = 30  # without momentum, for blocks on fixed ones
 MOMENTUM = 0.9  # of the last move that is kept where blocks stand on free blocks
 FEW = 8  # steps in the first chunk, before the pace is known
+MOVING = ("displacement", "rotation", "velocity", "spin", "force", "torque", "guide")  # fields of blocks, and of joints
+CARRYING = ("relative", "opening", "step", "tilt", "resultant")  # that relaxation changes
 SNAPSHOT = "dead_load"  # what a checkpoint of it has, and no other
 CHUNK_SECONDS = 0.2  # of a chunk: a signal is answered within that
 DECIDES = (
@@ -173,6 +175,16 @@ def _come_to_rest(state: State) -> None:
         array[:] = 0.0
 
 
+def _changing(state: State) -> Iterator[np.ndarray]:
+    """Arrays of a state that relaxation may change, and so all that a new start needs."""
+    for part, fields in ((state.blocks, MOVING), (state.joints, CARRYING)):
+        for name in fields:
+            yield getattr(part, name)
+    yield from joint_families.changing(state)
+    if state.ties is not None:  # whose pull is among the dead forces
+        yield from (state.blocks.dead_force, state.blocks.dead_torque, *arrays_of(state.ties))
+
+
 class _Relaxation:
     """The relaxation, chunk by chunk: ``rounds`` of (most steps, momentum, whether bonds are held), until one of them
     balances the forces; where that was one with held bonds, until one does without. ``settle``: the kernel."""
@@ -183,7 +195,7 @@ class _Relaxation:
         self._state, self._inertia, self._rounds, self._settle = state, inertia, rounds, settle
         self._bonded = any(held for _, _, held in rounds)
         self._round = self._step = 0
-        self._start = {name: array.copy() for name, array in flattened({"state": state}).items()}
+        self._start = [(array, array.copy()) for array in _changing(state)]
 
     def session_of(self, session: Session) -> Session:
         """The session that this works in; it goes on from what that resumes."""
@@ -223,8 +235,8 @@ class _Relaxation:
     def start_again(self) -> None:
         """Put everything as it was at the start; the relaxation is over, and a checkpoint of now begins there."""
         self._round, self._step = len(self._rounds), 0
-        for name, array in flattened({"state": self._state}).items():
-            array[...] = self._start[name]
+        for array, start in self._start:
+            array[...] = start
 
     @property
     def where(self) -> str:
@@ -235,7 +247,10 @@ class _Relaxation:
         return Progress(DEAD_LOADS, self._step)
 
     def snapshot(self) -> dict[str, np.ndarray]:
-        state = flattened({"state": self._state}) if self._round < len(self._rounds) else self._start
+        state = flattened({"state": self._state})
+        if self._round == len(self._rounds):
+            starts = {id(array): start for array, start in self._start}
+            state = {name: starts.get(id(array), array) for name, array in state.items()}
         return {SNAPSHOT: np.array([self._round, self._step], float), **state}
 
     def _restore(self, snapshot: Snapshot) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from dembrick.kernels.joint.families import AREAS, POINTS
 from dembrick.kernels.statics.area_joints import Areas
 from dembrick.kernels.statics.point_joints import Points
-from dembrick.simulation.checkpoint_arrays import flattened
+from dembrick.simulation.checkpoint_arrays import arrays_of, flattened
 from dembrick.simulation.statics import area_joints, point_joints
 
 if TYPE_CHECKING:
@@ -124,6 +124,13 @@ def memory(state) -> dict[str, Any]:
         if joints is not None:
             found[name] = joints._replace(**{field: _copied(getattr(joints, field)) for field in module.MEMORY})
     return found
+
+
+def changing(state) -> Iterator[np.ndarray]:
+    """Arrays of the joints that a step may change: their memory, and what was found from where they are."""
+    for module, joints in present(state):
+        fields = (getattr(joints, name) for name in (*module.MEMORY, *module.FOUND))
+        yield from arrays_of(value for value in fields if value is not None)
 
 
 def _copied(value):

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
 
 MEMORY = ("elastic_1", "elastic_2", "slip", "bonds")  # what the points remember
+FOUND = ("normal",)  # what a step finds of them
 
 
 def at_rest(assembly: Assembly) -> Points | None:
