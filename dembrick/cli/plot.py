@@ -8,7 +8,7 @@ KINDS = {
     "curve": "load over displacement, with the bracket",
     "path": "shear force against torsion of a joint, on its yield domain",
     "joint": "the plane of a joint in several stages: slip, torsion centre, friction",
-    "points": "load, or time, against the displacement of the control points",
+    "points": "components of the displacement of the control points, with signs, under the load or over time",
     "energies": "energies over time",
     "unbalanced": "out-of-balance force over time",
     "layout": "plan of the blocks and actuators",
@@ -35,6 +35,12 @@ def add_arguments(parser) -> None:
     parser.add_argument(
         "--joint", metavar="A/B", help="joint of path and joint, by its blocks (default: what gave way)"
     )
+    parser.add_argument(
+        "--component",
+        action="append",
+        choices=["x", "y", "z", "length"],
+        help="of points: this one only (may be repeated; default: x, y and z, where they move)",
+    )
     parser.add_argument("--over", action="append", default=[], metavar="KEY", help="of a study: this key only")
     parser.add_argument("--answer", metavar="COLUMN", help="of a study: the column to draw (default: value or V)")
     add_force(parser)
@@ -59,6 +65,8 @@ def run(options, console) -> int:
         )
     if options.lab and options.kind != "curve":
         raise ScenarioError(f"--lab: measured curves belong to --kind curve, not to {options.kind}")
+    if options.component and options.kind != "points":
+        raise ScenarioError(f"--component: components belong to --kind points, not to {options.kind}")
     measured = [plot.read_measured(path) for path in options.lab]
     files = [history.read(path) for path in options.histories]
     labels, joint = options.label, options.joint
@@ -66,7 +74,7 @@ def run(options, console) -> int:
         "curve": lambda: plot.force_displacement(files, labels, measured=measured),
         "path": lambda: plot.load_path(files, labels, joint=joint),
         "joint": lambda: plot.joint_stages(files, labels, joint=joint, stages=options.stages),
-        "points": lambda: plot.control_points(files, labels),
+        "points": lambda: plot.control_points(files, labels, components=options.component),
         "energies": lambda: plot.energies(files, labels),
         "unbalanced": lambda: plot.unbalanced(files, labels),
         "layout": lambda: plot.layout(files),

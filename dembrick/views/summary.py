@@ -15,6 +15,8 @@ _ROUNDING = 1e-9  # of N (times 1 m): forces below are not there
 _NO_BAR = "no error bar (--refine gives one)"
 _MEET = 1e-9  # of V: bounds closer than this meet, but for rounding
 _TINY = 5e-7  # of a value: what no digit of seven shows
+_SHORT, _LONG = 2e-4, 2.0  # m: travels up to the one are told in µm, from the other on in m
+_MANY = 1e4  # N: from there on loads are told in kN
 _UNEVEN = 0.05  # of a bracket: as far as V may be off its middle and stand with half of it
 
 
@@ -112,7 +114,23 @@ def start_text(beside: Mapping, unit: str) -> str | None:
 
 def travel_unit(longest: float) -> tuple[str, float]:
     """The unit that suits travels up to ``longest`` (m) on an axis, and how many of it are a metre."""
-    return ("mm", 1e3) if longest > 2e-3 else ("µm", 1e6)
+    if longest >= _LONG:
+        return "m", 1.0
+    return ("mm", 1e3) if longest > _SHORT else ("µm", 1e6)
+
+
+def load_unit(largest: float, unit: str = "N") -> tuple[str, float]:
+    """The unit that suits loads up to ``largest`` on an axis (``unit``: N, N m, or one without thousands), and how many
+    of it are one of ``unit``."""
+    if unit.split(" ")[0] != "N" or not largest >= _MANY:
+        return unit, 1.0
+    return (f"k{unit}", 1e-3) if largest < 1e3 * _MANY else (f"M{unit}", 1e-6)
+
+
+def load_text(value: float, unit: str = "N") -> str:
+    """A load to four digits in the unit that suits it."""
+    name, factor = load_unit(abs(value), unit)
+    return f"{factor * value:.4g} {name}"
 
 
 class Limit(NamedTuple):

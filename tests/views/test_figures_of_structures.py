@@ -58,7 +58,7 @@ def test_a_path_under_a_changing_normal_force_stays_on_its_domain(tmp_path):
     along, _ = path.drawn
     assert 0.98 < np.nanmax(np.abs(along)) < 1.02
     assert np.abs(path.V).max() > 1.1 * 0.3 * path.normal_force  # what one domain at the last N would be left by
-    assert "over mu N [-]" in figure.axes[0].get_xlabel()
+    assert r"over $\mu N$ [-]" in figure.axes[0].get_xlabel()
 
 
 def test_a_load_factor_is_printed_without_newtons(arch, capsys):

@@ -65,7 +65,7 @@ def test_diagrams_follow_the_record(tmp_path):
         *sections, path = data["path"]["lines"]
         # N grows from row to row, so all is over the strength mu N of its moment: the joint is open in the first row,
         # and four equal points, pressed in the middle, resist a torsion at their distance from O
-        assert [line["look"] for line in sections] == ["own", "exact"]
+        assert [line["look"] for line in sections] == ["concave", "convex"]
         size = np.hypot(run.joint("V_1")[:, 0], run.joint("V_2")[:, 0])
         direction = np.array([run.joint("V_1")[-1, 0], run.joint("V_2")[-1, 0]]) / size[-1]
         along = np.column_stack([run.joint("V_1")[:, 0], run.joint("V_2")[:, 0]]) @ direction

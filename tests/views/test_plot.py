@@ -42,7 +42,7 @@ def test_the_curve_is_that_of_the_history_in_micrometres(run):
     line = figure.axes[0].lines[0]
     np.testing.assert_allclose(line.get_xdata(), 1e6 * run.displacement, rtol=1e-12)
     np.testing.assert_array_equal(line.get_ydata(), run.load)
-    assert texts(figure) == ["one", "two", "theory: 216.05 N"]
+    assert texts(figure) == ["one", "two", "bands: brackets of the limits", "theory: 216.05 N"]
     assert figure.axes[0].lines[2].get_ydata()[0] == 216.05
     for band in figure.axes[0].patches:  # of the bracket
         assert (band.get_y(), band.get_y() + band.get_height()) == pytest.approx((215.0, 218.0))
@@ -415,12 +415,14 @@ def test_a_tilting_table_has_a_load_factor(tilted):
     result, run = tilted
     for source in (result, run):
         axes = plot.force_displacement(source).axes[0]
-        assert axes.get_ylabel() == "load factor tan(angle) [-]" and axes.get_xlabel().startswith("displacement of the")
+        assert axes.get_ylabel() == r"table angle $\theta$ [deg]" and axes.get_xlabel().startswith(
+            "displacement of the"
+        )
         line = axes.lines[0].get_xydata()
-        np.testing.assert_allclose(line[:, 1], np.tan(np.radians(10.0 * run.time)), rtol=1e-9, atol=1e-12)
-        np.testing.assert_allclose(line[-1, 0], 1e6 * run.displacement[-1], rtol=1e-12)
+        np.testing.assert_allclose(line[:, 1], 10.0 * run.time, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(line[-1, 0], 1e3 * run.displacement[-1], rtol=1e-12)
     figure = plot.joint_stages(run)
-    assert figure.axes[-1].get_title().startswith("load factor 0.3")
+    assert figure.axes[-1].get_title().startswith(r"$\theta$ = 18.2 deg")
     shown = result._repr_html_()
     assert "collapse angle" in shown and shown.rstrip().endswith("</svg>")
 

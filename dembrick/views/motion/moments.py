@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dembrick.scenario.regimes import TILT_LOAD
+from dembrick.views import summary
 from dembrick.views.motion.frames import coming_down, nearest, peak_time, usual
 
 if TYPE_CHECKING:
@@ -51,5 +52,5 @@ def _load(history: History, value: float) -> list[str]:
         return []
     if curve.load == TILT_LOAD:
         return [f"table at {np.degrees(np.arctan(value)):.4g} deg", f"load factor {value:.4g}"]
-    unit = "" if curve.unit == "1" else f" {curve.unit}"
-    return [f"{'V' if curve.unit == 'N' and curve.load.endswith(' V') else curve.load} {value:.4g}{unit}"]
+    told = summary.load_text(value, "" if curve.unit == "1" else curve.unit).strip()
+    return [f"{'V' if curve.unit == 'N' and curve.load.endswith(' V') else curve.load} {told}"]

@@ -20,8 +20,8 @@ MOST_ROWS = 1500  # points of a line
 class Record(NamedTuple):
     """The record at the time (f,) s of each frame.
 
-    ``load`` (f,): see ``diagram``, None if that has none; ``travel`` (f,) in ``unit``, ``factor`` of a metre: the
-    displacement of the diagram.
+    ``load`` (f,) in ``load_unit``, ``load_factor`` times that of the diagram: see ``diagram``, None if that has none;
+    ``travel`` (f,) in ``unit``, ``factor`` of a metre: the displacement of the diagram.
     """
 
     diagram: Diagram
@@ -30,6 +30,8 @@ class Record(NamedTuple):
     travel: np.ndarray
     unit: str
     factor: float
+    load_unit: str = "-"
+    load_factor: float = 1.0
 
 
 def record_at(history: History, time: np.ndarray, moved: np.ndarray) -> Record:
@@ -39,8 +41,12 @@ def record_at(history: History, time: np.ndarray, moved: np.ndarray) -> Record:
         unit, factor = summary.travel_unit(float(moved.max(initial=0.0)))
         return Record(Diagram(None, "", "greatest displacement"), time, None, factor * moved, unit, factor)
     unit, factor = summary.travel_unit(float(np.abs(history.displacement).max()))
-    load = None if diagram.load is None else np.interp(time, history.time, history.load)
-    return Record(diagram, time, load, factor * np.interp(time, history.time, history.displacement), unit, factor)
+    travel = factor * np.interp(time, history.time, history.displacement)
+    if diagram.load is None:
+        return Record(diagram, time, None, travel, unit, factor)
+    load_unit, scale = summary.load_unit(float(np.abs(history.load).max()), diagram.unit)
+    load = scale * diagram.loads(np.interp(time, history.time, history.load))
+    return Record(diagram, time, load, travel, unit, factor, load_unit, scale)
 
 
 def curve(history: History, record: Record) -> dict:
@@ -50,17 +56,18 @@ def curve(history: History, record: Record) -> dict:
         line = {"x": listed(record.time), "y": travel, "look": "run", "name": ""}
         return _chart("Displacement over time", "time [s]", x_name, [line], line["x"], travel)
     kept = thinned(history)
-    line = {"x": listed(record.factor * history.displacement[kept]), "y": listed(history.load[kept]), "look": "run"}
-    y_name = f"{record.diagram.load} [{record.diagram.unit}]"
+    load = record.load_factor * record.diagram.loads(history.load[kept])
+    line = {"x": listed(record.factor * history.displacement[kept]), "y": listed(load), "look": "run"}
+    y_name = f"{record.diagram.load} [{record.load_unit}]"
     chart = _chart("Load over displacement", x_name, y_name, [line | {"name": "run"}], travel, listed(record.load))
-    V, unit = summary.number(summary.part(history.results, "theory").get("V")), record.diagram.unit.strip("-")
+    V, scale = summary.number(summary.part(history.results, "theory").get("V")), record.load_factor
     if V is not None:
-        chart["levels"] = [{"y": V, "look": "theory", "name": f"theory {V:.6g} {unit}".rstrip()}]
-    point = summary.yield_point(history.results)
-    lower, upper = point.get("V_lower"), point.get("V_upper")
-    if lower is not None and upper is not None and "V" in point and point.get("bracket") != "open":
-        said = summary.limit_text(point, summary.part(history.results, "path"), unit)
-        chart |= {"band": [lower, upper], "bandName": str(said)}
+        V = float(scale * record.diagram.loads(V))
+        chart["levels"] = [{"y": V, "look": "theory", "name": f"theory {V:.6g} {record.load_unit.strip('-')}".rstrip()}]
+    limit = record.diagram.limit(history.results)
+    if limit is not None and summary.yield_point(history.results).get("bracket") != "open":
+        lower, upper, said = limit
+        chart |= {"band": [scale * lower, scale * upper], "bandName": said}
     return chart
 
 
@@ -69,20 +76,23 @@ def yield_domain(history: History, record: Record, path: JointPath, rows: np.nda
     x, y = path.drawn
     kept = thinned(history) if rows is None else rows
     kept = kept[np.isfinite(x[kept])]  # an open joint has no strength to draw its forces over
+    relative = path.strength is not None
+    shear_in, shear = ("-", 1.0) if relative else summary.load_unit(float(np.abs(path.V).max()))
+    torsion_in, torsion = ("-", 1.0) if relative else summary.load_unit(float(np.abs(path.M_T).max()), "N m")
     lines = []
     for section in path.sections:
-        exact = section.formulation == "convex"
-        name = "limit surface, convex (exact)" if exact else f"limit surface, {section.formulation}"
-        line = {"x": listed(section.V), "y": listed(section.M_T)}
-        lines.append(line | {"look": "exact" if exact else "own", "name": name})
-    lines.append({"x": listed(x[kept]), "y": listed(y[kept]), "look": "run", "name": "run"})
-    now = [listed(np.interp(record.time, history.time, values)) for values in (x, y)]
+        name = "convex (exact)" if section.formulation == "convex" else section.formulation
+        line = {"x": listed(shear * section.V), "y": listed(torsion * section.M_T), "name": f"limit surface, {name}"}
+        lines.append(line | {"look": section.formulation.split(",")[0]})
+    lines.append({"x": listed(shear * x[kept]), "y": listed(torsion * y[kept]), "look": "run", "name": "run"})
+    now = [listed(np.interp(record.time, history.time, own)) for own in (shear * x, torsion * y)]
     title = f"Yield domain of the joint {path.joint}"
-    if path.strength is not None:
+    if relative:
         return _chart(
-            f"{title} at N of the moment", "shear force over mu N [-]", "torsion over its strength [-]", lines, *now
+            f"{title} at N of the moment", "shear force V over μN [-]", "torsion M_T over its strength [-]", lines, *now
         )
-    return _chart(f"{title} at N = {path.normal_force:.5g} N", "shear force [N]", "torsion [N m]", lines, *now)
+    return _chart(f"{title} at N = {summary.load_text(path.normal_force)}", f"shear force V [{shear_in}]",
+                  f"torsion M_T [{torsion_in}]", lines, *now)  # fmt: skip
 
 
 def readout(history: History, record: Record, path: JointPath | None) -> list[dict]:
@@ -91,7 +101,7 @@ def readout(history: History, record: Record, path: JointPath | None) -> list[di
     items = [{"name": name, "unit": unit, "digits": 4, "values": listed(record.time)}]
     if record.load is not None:
         name = "V" if record.diagram.unit == "N" else record.diagram.load
-        items.append({"name": name, "unit": record.diagram.unit.strip("-"), "digits": 5, "values": listed(record.load)})
+        items.append({"name": name, "unit": record.load_unit.strip("-"), "digits": 5, "values": listed(record.load)})
     items.append({"name": "displacement", "unit": record.unit, "digits": 4, "values": listed(record.travel)})
     if path is not None and record.diagram.unit == "N":
         torsion = listed(np.interp(record.time, history.time, path.M_T))

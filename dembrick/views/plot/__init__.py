@@ -7,11 +7,9 @@ figure is made, never before; its state machine (pyplot) is not used, so no wind
 from dembrick.views.plot.curves import (
     CurvePanel,
     MeasuredCurve,
-    control_points,
     curve_panels,
     energies,
     force_displacement,
-    labelled,
     read_measured,
     unbalanced,
 )
@@ -19,6 +17,8 @@ from dembrick.views.plot.domains import domain_points, domains, interaction
 from dembrick.views.plot.joint_plane import joint_plane, joint_stages
 from dembrick.views.plot.layout import layout
 from dembrick.views.plot.paths import joint_path, load_path
+from dembrick.views.plot.points import control_points
+from dembrick.views.plot.runs import labelled
 from dembrick.views.plot.studies import StudyTable, is_study, read_study, study
 from dembrick.views.plot.style import FORMATS, inline_svg, save
 from dembrick.views.plot.subject import record_of

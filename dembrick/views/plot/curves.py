@@ -13,14 +13,16 @@ from dembrick.errors import HistoryError, ScenarioError
 from dembrick.scenario.csv_tables import read_columns
 from dembrick.views import summary
 from dembrick.views.given import takes_paths
-from dembrick.views.plot import style, subject
+from dembrick.views.plot import runs, style, subject
+from dembrick.views.plot.runs import labelled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from dembrick.history.reader import History
 
+_THETA = r"$\theta$"
+_WIDE = 36  # characters of a text that has a line of the legend to itself
 MEASURED = ("o", "s", "^", "D", "v", "P")  # markers of measured curves
 
 
@@ -52,14 +54,15 @@ def force_displacement(
 ) -> Figure:
     """V (N) over the driven displacement of one or several histories (or results).
 
-    Of a table that tilts the load factor over the displacement of the block that moved furthest, of shaken and free
-    blocks that displacement over time.
+    Of a table that tilts its angle over the displacement of the block that moved furthest, of shaken and free blocks
+    that displacement over time. Forces from 10 kN on are drawn in kN. The colour of a run is that of its formulation.
 
     ``references``: name -> V (N), drawn as horizontal lines (theory, experiment). ``bracket``: the band between the
     bounds of each yield point. ``measured``: curves of the laboratory (:func:`read_measured`), laid over.
     """
+    above = runs.heading(histories, labels)
     histories, labels = labelled(histories, labels)
-    diagram = _common_diagram(histories)
+    diagram = common_diagram(histories)
     if measured and diagram.unit != "N":
         raise ScenarioError("measured forces can be laid over runs with actuators only, and these have none")
     with style.settings():
@@ -68,33 +71,37 @@ def force_displacement(
         travels = [np.abs(own.displacement) for own in (*records, *measured) if len(own.displacement)]
         longest = max((float(travel.max()) for travel in travels), default=0.0)
         unit, factor = summary.travel_unit(longest)
-        for i, (history, record, label) in enumerate(zip(histories, records, labels, strict=True)):
-            colour, line, _ = style.FORMULATION.get(label) or style.CYCLE[i % len(style.CYCLE)]
+        limits = [diagram.limit(history.results) if bracket else None for history in histories]
+        loads = [own.load for own in (*records, *measured)] if diagram.load is not None else []
+        loads += [np.array(found[:2]) for found in limits if found] + [np.array([*(references or {}).values()])]
+        loads_in, scale = runs.unit_of_loads(loads, diagram.unit)
+        looks = runs.looks([runs.formulation_of(history) for history in histories])
+        for record, label, look, limit in zip(records, labels, looks, limits, strict=True):
             travel = factor * record.displacement
-            x, y = (record.time, travel) if diagram.load is None else (travel, record.load)
-            axes.plot(x, y, color=colour, ls=line, label=label)
-            point = summary.yield_point(history.results)
-            lower, upper = point.get("V_lower"), point.get("V_upper")
-            if bracket and "V" in point and lower is not None and upper is not None:
-                said = summary.limit_text(point, summary.part(history.results, "path"), diagram.unit.strip("-"))
-                text = str(said) if len(histories) == 1 else None
-                axes.axhspan(lower, upper, color=colour, alpha=0.25, lw=0.6, label=text)
+            x, y = (record.time, travel) if diagram.load is None else (travel, scale * diagram.loads(record.load))
+            axes.plot(x, y, color=look.colour, ls=look.line, label=label)
+            if limit is not None:
+                lower, upper, said = limit
+                text = said if len(histories) == 1 else None
+                axes.axhspan(scale * lower, scale * upper, color=look.colour, alpha=0.25, lw=0.6, label=text)
+        if len(histories) > 1 and any(limits):
+            axes.fill([], [], color=style.GREY, alpha=0.25, lw=0.6, label="bands: brackets of the limits")
         for i, curve in enumerate(measured):
-            marker = MEASURED[i % len(MEASURED)]
-            axes.plot(factor * curve.displacement, curve.load, color=style.BLACK, ls="-", lw=0.9, marker=marker, ms=4,
+            marker, load = MEASURED[i % len(MEASURED)], scale * curve.load
+            axes.plot(factor * curve.displacement, load, color=style.BLACK, ls="-", lw=0.9, marker=marker, ms=4,
                       mfc="white", markevery=max(1, len(curve.load) // 15), zorder=4,
                       label=style.plain(f"measured: {curve.name}"))  # fmt: skip
         for i, (name, value) in enumerate((references or {}).items()):
             axes.axhline(
-                value,
+                scale * value,
                 color=style.GREY,
                 lw=1.0,
                 ls=(0, (6 - 2 * (i % 3), 2)),
-                label=style.plain(f"{name}: {value:.5g} N"),
+                label=style.plain(f"{name}: {scale * value:.5g} {loads_in}"),
             )
-        _name_axes(axes, diagram, f"{diagram.displacement} [{unit}]")
+        name_axes(axes, diagram, f"{diagram.displacement} [{unit}]", loads_in)
         axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
-        style.legend(figure, axes, ax is None, columns=1 if max(map(len, labels)) > 36 else 2)
+        head_and_legend(figure, axes, ax is None, above)
     return figure
 
 
@@ -130,62 +137,44 @@ def read_measured(path: str | os.PathLike, name: str | None = None) -> MeasuredC
     return MeasuredCurve(name or stem, found["displacement"], found["force"])
 
 
-def _common_diagram(histories) -> subject.Diagram:
+def common_diagram(histories) -> subject.Diagram:
+    """The diagram that suits all histories; ScenarioError if none does."""
     diagrams = {subject.diagram_of(history) for history in histories}
     if len(diagrams) > 1:
         raise ScenarioError("the runs are driven in different ways, so their curves have no axes in common; draw each")
     return diagrams.pop()
 
 
-def _name_axes(axes: Axes, diagram: subject.Diagram, travel: str) -> None:
-    """Load over ``travel``, or where no load grows ``travel`` over time."""
+def name_axes(axes: Axes, diagram: subject.Diagram, travel: str, unit: str) -> None:
+    """Load in ``unit`` over ``travel``, or where no load grows ``travel`` over time."""
     axes.set_xlabel("time [s]" if diagram.load is None else travel)
-    axes.set_ylabel(travel if diagram.load is None else f"{diagram.load} [{diagram.unit}]")
+    axes.set_ylabel(travel if diagram.load is None else f"{diagram.load.replace('θ', _THETA)} [{unit}]")
 
 
-@takes_paths
-def control_points(histories, labels: Sequence[str] | None = None, ax: Axes | None = None) -> Figure:
-    """The load over the length of the displacement of every control point, in time where no load grows; HistoryError
-    if a history has none."""
-    histories, labels = labelled(histories, labels)
-    for history in histories:
-        if not history.control_points:
-            raise HistoryError(f"{history.path}: it has no control points; add [[control_points]] and run it again")
-    diagram = _common_diagram(histories)
-    with style.settings():
-        figure, axes = style.canvas(ax)
-        moved = [history.control_point - history.control_point[:1] for history in histories]  # since the dead loads
-        travels = [np.linalg.norm(own, axis=2) for own in moved]
-        longest = max((float(travel.max()) for travel in travels if travel.size), default=0.0)
-        unit, factor = summary.travel_unit(longest)
-        lines = 0
-        for history, label, travel in zip(histories, labels, travels, strict=True):
-            record = subject.record_of(history)
-            for point, way in zip(history.control_points, factor * travel.T, strict=True):
-                colour, line, _ = style.CYCLE[lines % len(style.CYCLE)]
-                name = style.plain(point["name"]) if len(histories) == 1 else f"{style.plain(point['name'])}, {label}"
-                x, y = (record.time, way) if diagram.load is None else (way, record.load)
-                axes.plot(x, y, color=colour, ls=line, label=name)
-                lines += 1
-        _name_axes(axes, diagram, f"displacement of control points [{unit}]")
-        style.legend(figure, axes, ax is None)
-    return figure
+def head_and_legend(figure: Figure, axes: Axes, own: bool, above: str, columns: int = 2) -> None:
+    """Above the axes of a figure of ours what its runs share, and a legend in one column where its texts are long."""
+    if own and above:
+        axes.set_title("\n".join(textwrap.wrap(above, 60)))
+    longest = max(map(len, axes.get_legend_handles_labels()[1]), default=0)
+    style.legend(figure, axes, own, columns=1 if longest > _WIDE else columns)
 
 
 @takes_paths
 def unbalanced(histories, labels: Sequence[str] | None = None, ax: Axes | None = None) -> Figure:
     """Unbalanced-force ratio over time, logarithmic."""
+    above = runs.heading(histories, labels)
     histories, labels = labelled(histories, labels)
     with style.settings():
         figure, axes = style.canvas(ax, (5.2, 3.6))
-        for i, (history, label) in enumerate(zip(histories, labels, strict=True)):
-            colour, line, _ = style.CYCLE[i % len(style.CYCLE)]
+        looks = runs.looks([runs.formulation_of(history) for history in histories])
+        for history, label, look in zip(histories, labels, looks, strict=True):
             ratio = np.asarray(history.unbalanced, float)
-            axes.plot(history.time, np.where(ratio > 0.0, ratio, np.nan), color=colour, ls=line, label=label)
+            shown = np.where(ratio > 0.0, ratio, np.nan)
+            axes.plot(history.time, shown, color=look.colour, ls=look.line, label=label)
         axes.set_yscale("log")
         axes.set_xlabel(" or ".join(dict.fromkeys(map(subject.time_name, histories))))
         axes.set_ylabel("unbalanced-force ratio [-]")
-        style.legend(figure, axes, ax is None, columns=1 if max(map(len, labels)) > 36 else 2)
+        head_and_legend(figure, axes, ax is None, above)
     return figure
 
 
@@ -196,6 +185,7 @@ def energies(histories, labels: Sequence[str] | None = None, ax: Axes | None = N
 
     ``ax``: one axes, or one for each history.
     """
+    above = runs.heading(histories, labels)
     histories, labels = labelled(histories, labels)
     for history in histories:
         if not history.energy:
@@ -211,24 +201,7 @@ def energies(histories, labels: Sequence[str] | None = None, ax: Axes | None = N
             axes.set_xlabel(subject.time_name(history))
             axes.set_title("\n".join(textwrap.wrap(label, 44)))
         panels[0].set_ylabel("energy [J]")
+        if ax is None and above:
+            figure.suptitle("\n".join(textwrap.wrap(above, 60)), fontsize=9)
         style.legend(figure, panels[0], ax is None, columns=3)
     return figure
-
-
-def label_of(history: History) -> str:
-    """What a legend calls a history: the start of its title and its formulation."""
-    results = history.results
-    title = str(results.get("title") or getattr(history, "title", "") or "run").split(":")[0]
-    formulation = results.get("formulation")
-    return f"{title}, {formulation}" if formulation else title
-
-
-def labelled(histories, labels) -> tuple[list, list[str]]:
-    """Histories as a list, and a label for each that is safe to draw; without ``labels``, what the histories say."""
-    histories = list(histories) if isinstance(histories, list | tuple) else [histories]
-    if not histories:
-        raise ScenarioError("a figure needs at least one history")
-    labels = [label_of(history) for history in histories] if labels is None else list(labels)
-    if len(labels) != len(histories):
-        raise ScenarioError(f"{len(labels)} labels for {len(histories)} histories; give one each")
-    return histories, [style.plain(label) for label in labels]

@@ -11,7 +11,8 @@ import numpy as np
 from dembrick import theory
 from dembrick.errors import HistoryError, ScenarioError
 from dembrick.theory.paper_tables import SETS
-from dembrick.views.plot import style
+from dembrick.views import summary
+from dembrick.views.plot import runs, style
 from dembrick.views.plot.subject import pushes_several
 
 if TYPE_CHECKING:
@@ -138,26 +139,28 @@ def domains(
         experiments = lab_points() if is_lab else {}
     with style.settings():
         figure, axes = style.canvas(ax)
-        for name in formulations:
-            curve = theory.interaction_curve(name, *joint)
+        curves = {name: theory.interaction_curve(name, *joint) for name in formulations}
+        shear_in, shear = runs.unit_of_loads([curve.V for curve in curves.values()], "N")
+        torsion_in, torsion = runs.unit_of_loads([curve.M_T for curve in curves.values()], "N m")
+        for name, curve in curves.items():
             colour, line, _ = style.FORMULATION[name]
-            axes.plot(curve.V, curve.M_T, color=colour, ls=line, label=name)
+            axes.plot(shear * curve.V, torsion * curve.M_T, color=colour, ls=line, label=name)
         for row in rows:
-            _mark(axes, row, _shear(row), abs(row["M_T"]))
+            _mark(axes, row, shear * _shear(row), torsion * abs(row["M_T"]))
         if experiments:
-            V, M_T = np.array(list(experiments.values())).T
+            V, M_T = np.array(list(experiments.values())).T * [[shear], [torsion]]
             axes.plot(V, M_T, label="experiment", zorder=5, clip_on=False, **style.EXPERIMENT)
             named: dict[float, list[tuple[float, str]]] = {}
-            for name, (x, y) in experiments.items():
+            for name, x, y in zip(experiments, V.tolist(), M_T.tolist(), strict=True):
                 named.setdefault(x, []).append((y, name))
             for x, column in named.items():  # one label a column of points, at its top
                 y, name = max(column)[0], ", ".join(name for _, name in sorted(column))
                 axes.annotate(name, (x, y), (7, 2), textcoords="offset points", ha="left", va="bottom")
-        axes.set_xlabel("V [N]")
-        axes.set_ylabel(r"$M_T$ [N m]")
+        axes.set_xlabel(f"V [{shear_in}]")
+        axes.set_ylabel(rf"$M_T$ [{torsion_in}]")
         a, b, friction, normal, cohesion = joint
         bond = f", cohesion {1e-3 * cohesion:.3g} kPa" if cohesion else ""
-        axes.set_title(f"joint {a:.3g} x {b:.3g} m, N = {normal:.4g} N, friction {friction:.3g}{bond}")
+        axes.set_title(f"joint {a:.3g} x {b:.3g} m, N = {summary.load_text(normal)}, friction {friction:.3g}{bond}")
         axes.set(xlim=(0.0, None), ylim=(0.0, None))
         style.legend(figure, axes, ax is None)
     return figure

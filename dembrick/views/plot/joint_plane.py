@@ -21,7 +21,7 @@ from dembrick.views import summary
 from dembrick.views.given import takes_paths
 from dembrick.views.motion.joints import CHANNELS, HINGE, JointFrames, JointMotion
 from dembrick.views.plot import style, subject
-from dembrick.views.plot.curves import labelled
+from dembrick.views.plot.runs import heading, labelled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -103,7 +103,9 @@ def joint_plane(
 def _load_of(stage: Stage, diagram: subject.Diagram) -> str:
     if diagram.load is None:
         return f"at {stage.time:.4g} s"
-    return f"load factor {stage.load:.4g}" if diagram.unit == "-" else f"V = {stage.load:.4g} N"
+    if diagram.tilts:
+        return rf"$\theta$ = {diagram.loads(stage.load):.4g} deg"
+    return f"load factor {stage.load:.4g}" if diagram.unit == "-" else f"V = {summary.load_text(stage.load)}"
 
 
 def _shown(joint: dict, motion: JointMotion) -> np.ndarray | None:
@@ -182,6 +184,7 @@ def joint_stages(
 
     ``ax``: axes, one for each stage, row after row.
     """
+    above = heading(histories, labels)
     histories, labels = labelled(histories, labels)
     rows = [joint_plane(history, joint, stages, frames) for history in histories]
     polygons = [history.joints[subject.chosen_joint(history, joint)]["polygon"] for history in histories]
@@ -213,6 +216,8 @@ def joint_stages(
             _draw(own, polygon, so_far, extent, load)
             named |= {label: handle for handle, label in zip(*own.get_legend_handles_labels(), strict=True)}
         if ax is None:
+            if above:
+                figure.suptitle("\n".join(textwrap.wrap(above, 30 * columns)), fontsize=9)
             figure.legend(named.values(), named.keys(), loc="outside lower center", ncols=4 if columns > 2 else 2)
     return figure
 

@@ -11,8 +11,9 @@ from dembrick import theory
 from dembrick.errors import ScenarioError
 from dembrick.views import summary
 from dembrick.views.given import takes_paths
-from dembrick.views.plot import style, subject
-from dembrick.views.plot.curves import labelled
+from dembrick.views.plot import runs, style, subject
+from dembrick.views.plot.curves import head_and_legend
+from dembrick.views.plot.runs import labelled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -116,11 +117,14 @@ def load_path(
     changes on the way everything is drawn over mu N of its moment. ``joint``: ``"a/b"`` by the names of its blocks;
     left out, the joint that gave way.
     """
+    above = runs.heading(histories, labels)
     histories, labels = labelled(histories, labels)
     paths = [joint_path(history, joint) for history in histories]
     relative = any(path.strength is not None for path in paths)
     if relative and not all(path.strength is not None for path in paths):
         raise ScenarioError("in some of the runs N of the joint changes, in others it does not; draw each")
+    shear_in, shear = ("-", 1.0) if relative else runs.unit_of_loads([path.V for path in paths], "N")
+    torsion_in, torsion = ("-", 1.0) if relative else runs.unit_of_loads([path.M_T for path in paths], "N m")
     with style.settings():
         figure, axes = style.canvas(ax)
         formulations = [
@@ -133,36 +137,38 @@ def load_path(
             if key in drawn:
                 continue
             drawn.append(key)
-            colour, line, _ = style.FORMULATION.get(section.formulation, (style.GREEN, "-.", ""))
+            colour, line, _ = style.FORMULATION[section.formulation.split(",")[0]]
             colour = colour if told_apart else style.GREY
             name = "convex, exact" if section.formulation == "convex" else section.formulation
-            axes.plot(section.V, section.M_T, color=colour, ls=line, lw=1.0, label=f"limit surface, {name}")
-        for i, (path, label, history) in enumerate(zip(paths, labels, histories, strict=True)):
-            colour, line, marker = (
-                style.FORMULATION[formulations[i]] if told_apart else style.CYCLE[i % len(style.CYCLE)]
+            axes.plot(
+                shear * section.V, torsion * section.M_T, color=colour, ls=line, lw=1.0, label=f"limit surface, {name}"
             )
-            if len(paths) == 1:
-                colour, line, marker = style.BLACK, "-", "o"
-            every = max(1, len(path.V) // 12)
-            axes.plot(*path.drawn, color=colour, ls=line, lw=1.6, marker=marker, ms=2.8, markevery=every,
-                      label=label, zorder=3)  # fmt: skip
+        looks = runs.looks(formulations)
+        if len(paths) == 1:
+            looks = [looks[0]._replace(colour=style.BLACK, line="-")]
+        for i, (path, label, history, look) in enumerate(zip(paths, labels, histories, looks, strict=True)):
+            x, y = path.drawn
+            axes.plot(shear * x, torsion * y, color=look.colour, ls=look.line, lw=1.6, marker=look.marker, ms=3.2,
+                      markevery=max(1, len(path.V) // 12), label=label, zorder=3)  # fmt: skip
             point = summary.yield_point(history.results)
             if {"V_1", "V_2", "M_T"} <= set(point):
-                shear = abs(np.array([point["V_1"], point["V_2"]]) @ path.direction)
-                torsion = abs(point["M_T"])
+                x = abs(np.array([point["V_1"], point["V_2"]]) @ path.direction)
+                y = abs(point["M_T"])
                 if relative:
                     strength = history.joints[path.number]["friction"] * point.get("N", np.nan)
-                    shear, torsion = shear / strength, torsion / (strength * path.radius)
-                axes.plot(shear, torsion, marker="*", ms=11, color=colour, mec="white", mew=0.7, ls="none",
+                    x, y = x / strength, y / (strength * path.radius)
+                axes.plot(shear * x, torsion * y, marker="*", ms=11, color=look.colour, mec="white", mew=0.7, ls="none",
                           zorder=5, clip_on=False, label="_nolegend_" if i else "yield point")  # fmt: skip
         first = paths[0]
-        axes.set_xlabel(f"shear force V {_named(first.direction)} {'over mu N [-]' if relative else '[N]'}")
-        axes.set_ylabel(r"torsion $M_T$ " + ("over its strength at that N [-]" if relative else "[N m]"))
-        pressed = "N of the moment" if relative else f"N = {first.normal_force:.4g} N"
-        axes.set_title(style.plain(f"joint {first.joint}, {pressed}"))
-        axes.set_xlim(left=min(0.0, 1.05 * min(float(np.nanmin(path.drawn[0], initial=0.0)) for path in paths)))
-        axes.set_ylim(bottom=min(0.0, 1.05 * min(float(np.nanmin(path.drawn[1], initial=0.0)) for path in paths)))
-        style.legend(figure, axes, ax is None, columns=1 if max(map(len, labels)) > 36 else 2)
+        over = r"over $\mu N$ [-]" if relative else f"[{shear_in}]"
+        axes.set_xlabel(f"shear force V {_named(first.direction)} {over}")
+        axes.set_ylabel(r"torsion $M_T$ " + ("over its strength at that N [-]" if relative else f"[{torsion_in}]"))
+        pressed = "N of the moment" if relative else f"N = {summary.load_text(first.normal_force)}"
+        least = [(float(np.nanmin(path.drawn[k], initial=0.0)) for path in paths) for k in (0, 1)]
+        axes.set_xlim(left=min(0.0, 1.05 * shear * min(least[0])))
+        axes.set_ylim(bottom=min(0.0, 1.05 * torsion * min(least[1])))
+        joint_told = style.plain(f"joint {first.joint}, {pressed}")
+        head_and_legend(figure, axes, ax is None, f"{above}; {joint_told}" if above else joint_told)
     return figure
 
 

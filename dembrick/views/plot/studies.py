@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from dembrick.errors import ScenarioError
+from dembrick.scenario import keys
 from dembrick.scenario.checks import nearest, show
 from dembrick.scenario.csv_tables import Table, read_table
+from dembrick.views import summary
 from dembrick.views.plot import style
 
 if TYPE_CHECKING:
@@ -19,6 +22,14 @@ if TYPE_CHECKING:
 TABLE = "table.csv"
 ANSWERS = ("value", "V", "collapse_load_factor", "greatest_displacement")  # the first that any case has is drawn
 _LIMITS = ("V", "collapse_load_factor")
+_UNITS = {
+    "N": ("V", "V_lower", "V_upper", "V_peak", "V_1", "V_2", "N", "theory", "associative"),
+    "N m": ("M_T",),
+    "m": ("displacement", "collapse_displacement", "greatest_displacement", "torsion_centre_1", "torsion_centre_2"),
+    "-": ("collapse_load_factor", "error_vs_theory"),
+    "deg": ("collapse_angle",),
+    "s": ("loop",),
+}
 _MOST_LINES = 8  # in the legend of a panel; more cases than that are a cloud of points
 
 
@@ -97,14 +108,15 @@ def _panel(axes: Axes, table: StudyTable, answer: str, key: str) -> None:
     for i, row in enumerate(table.rows):
         lines.setdefault(tuple(row[name] for name in others), []).append(i)
     x, numeric = _places(table, key)
-    y, bars = table.numbers(answer), _bars(table, answer)
+    axis = _axis(table, answer)
+    y, bars = axis.shown(table.numbers(answer)), _bars(table, answer, axis)
     if len(lines) > _MOST_LINES or all(len(line) == 1 for line in lines.values()):
         lines = {(): list(range(len(table.rows)))}
         joined = False
     else:
         joined = numeric
     for i, (values, line) in enumerate(lines.items()):
-        colour, dashes, marker = style.CYCLE[i % len(style.CYCLE)]
+        colour, dashes, marker = _look(others, values, i)
         shown = sorted((j for j in line if y[j] is not None), key=lambda j: x[j])
         label = ", ".join(f"{name.rpartition('.')[2]} {value}" for name, value in zip(others, values, strict=False))
         error = None if bars is None else [[bars[j][side] for j in shown] for side in (0, 1)]
@@ -117,10 +129,8 @@ def _panel(axes: Axes, table: StudyTable, answer: str, key: str) -> None:
     if not numeric:
         names = list(dict.fromkeys(row[key] for row in table.rows))
         axes.set_xticks(range(len(names)), [style.plain(name) for name in names])
-    axes.set_xlabel(style.plain(key))
-    searched = table.rows[0].get("searched") if answer == "value" else None
-    name = "load factor tan(angle)" if answer in _LIMITS and _tilts(table) else answer.replace("_", " ")
-    axes.set_ylabel(style.plain(f"{searched} at which it falls" if searched else name))
+    axes.set_xlabel(style.plain(_with_unit(key, unit_of(key) if numeric else "")))
+    axes.set_ylabel(_with_unit(axis.name, axis.unit))
 
 
 def _places(table: StudyTable, key: str) -> tuple[list[float], bool]:
@@ -132,7 +142,66 @@ def _places(table: StudyTable, key: str) -> tuple[list[float], bool]:
     return [order[row[key]] for row in table.rows], False
 
 
-def _bars(table: StudyTable, answer: str) -> list[tuple[float, float]] | None:
+def _look(others: Sequence[str], values: Sequence[str], number: int) -> tuple:
+    """Colour, dashes and mark of a line: those of the formulation where lines differ in it."""
+    named = dict(zip(others, values, strict=False))
+    own = style.FORMULATION.get(named.get("joint.formulation", ""))
+    return own if own and len(named) == 1 else style.CYCLE[number % len(style.CYCLE)]
+
+
+class _Axis(NamedTuple):
+    """The axis of an answer: its ``name`` and ``unit``; numbers of the table are multiplied by ``factor``, or are the
+    tangents of the angles (deg) that are shown if it ``tilts``."""
+
+    name: str
+    unit: str
+    factor: float = 1.0
+    tilts: bool = False
+
+    def shown(self, values: Sequence[float | None]) -> list[float | None]:
+        return [None if value is None else self._one(value) for value in values]
+
+    def _one(self, value: float) -> float:
+        return math.degrees(math.atan(value)) if self.tilts else self.factor * value
+
+
+def _axis(table: StudyTable, answer: str) -> _Axis:
+    """What an answer is called on its axis, and the unit that suits it."""
+    searched = table.rows[0].get("searched") if answer == "value" else None
+    if searched:
+        return _Axis(style.plain(f"{searched} at which it falls"), unit_of(searched))
+    if answer in _LIMITS and _tilts(table):
+        return _Axis(r"table angle $\theta$ at the limit", "deg", tilts=True)
+    of_structure = any(factor is not None for factor in table.numbers("collapse_load_factor"))
+    unit = (
+        "-"
+        if answer in (*_LIMITS, "associative") and of_structure
+        else next((u for u, c in _UNITS.items() if answer in c), "")
+    )
+    largest = max((abs(value) for value in table.numbers(answer) if value is not None), default=0.0)
+    name, factor = summary.travel_unit(largest) if unit == "m" else summary.load_unit(largest, unit)
+    return _Axis(style.plain(answer.replace("_", " ")), name, factor)
+
+
+def _with_unit(name: str, unit: str) -> str:
+    return f"{name} [{unit}]" if unit else name
+
+
+def unit_of(key: str) -> str:
+    """The unit of a key of a scenario as studies name it (``joint.friction``, ``walls.house.block.1``); "-" for a
+    number, empty where there is none."""
+    first, *_, last = [part.partition("[")[0] for part in key.split(".") if not part.isdecimal()]
+    told = {heading.strip("[]{} =").split(".")[0].split("]")[0]: table for heading, table in keys.tables().items()}
+    of_controls = [table for heading, table in keys.tables().items() if heading.startswith("[control]")]
+    inner = [table for name, table in told.items() if name in key.split(".")[1:]]
+    for table in (*inner, *(of_controls if first == "control" else [told[first]] if first in told else ())):
+        found = keys.keys_of(table).get(last)
+        if found is not None:
+            return {"1": "-"}.get(found.unit, found.unit)
+    return ""
+
+
+def _bars(table: StudyTable, answer: str, axis: _Axis) -> list[tuple[float, float]] | None:
     """Error bars (below, above) of an answer; None if it has none."""
     values = table.numbers(answer)
     if answer == "value":
@@ -148,7 +217,8 @@ def _bars(table: StudyTable, answer: str) -> list[tuple[float, float]] | None:
             continue
         if _on_one_path(table, j):  # its bracket is of that path alone
             low, high = None, bound
-        bars.append((max(0.0, V - (V if low is None else low)), max(0.0, (V if high is None else high) - V)))
+        middle, below, above = axis.shown([V, V if low is None else low, V if high is None else high])
+        bars.append((max(0.0, middle - below), max(0.0, above - middle)))
     return bars
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from dembrick import theory
 from dembrick.errors import HistoryError, ScenarioError
+from dembrick.scenario.regimes import TILT_LOAD
 from dembrick.views import summary
 
 if TYPE_CHECKING:
@@ -107,11 +108,32 @@ def carried_by(history: History, number: int, row: int = -1) -> dict[str, float]
 
 class Diagram(NamedTuple):
     """What the diagram of a run shows: ``load`` names the load over the displacement, with its unit; None if the
-    blocks move in time under no growing load, and the displacement is shown over time."""
+    blocks move in time under no growing load, and the displacement is shown over time. ``tilts``: the load is shown as
+    the angle of a table, in degrees, of which the record has the tangent."""
 
     load: str | None
     unit: str
     displacement: str
+    tilts: bool = False
+
+    def loads(self, recorded):
+        """Loads (T,) or a load of the record, in ``unit``."""
+        return np.degrees(np.arctan(recorded)) if self.tilts else recorded
+
+    def limit(self, results: Mapping) -> tuple[float, float, str] | None:
+        """Bounds of the limit load in ``unit``, and the limit in words; None if it has no bracket."""
+        point = summary.yield_point(results)
+        if any(key not in point for key in ("V", "V_lower", "V_upper")):
+            return None
+        beside = summary.part(results, "path") | summary.part(results, "collapse")
+        if self.tilts:
+            said = summary.angle_text(point, beside)
+        else:
+            unit, factor = summary.load_unit(abs(point["V"]), self.unit.strip("-"))
+            scaled = {key: factor * point[key] for key in ("V", "V_lower", "V_upper")}
+            said = summary.limit_text(point | scaled, beside, unit)
+        lower, upper = (float(self.loads(point[key])) for key in ("V_lower", "V_upper"))
+        return lower, upper, str(said)
 
 
 class Record(NamedTuple):
@@ -133,4 +155,6 @@ def diagram_of(source) -> Diagram:
     curve = source.curve
     if curve.load is None:
         return Diagram(None, "", curve.displacement)
+    if curve.load == TILT_LOAD:
+        return Diagram("table angle θ", "deg", curve.displacement, tilts=True)
     return Diagram(curve.load, "-" if curve.unit == "1" else curve.unit, curve.displacement)

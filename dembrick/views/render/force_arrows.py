@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dembrick.geometry.rotations import rotation_matrix
+from dembrick.views import summary
 from dembrick.views.motion.blocks import CarriedPoints, Poses
 from dembrick.views.motion.joints import JointMotion
 
@@ -141,4 +142,4 @@ class ForceArrows:
     def words(self) -> str:
         more = " or more" if self.most_force > self.largest_force else ""
         met = " purple: those of new contacts," if self.most_met else ""
-        return f"green: joint forces,{met} the longest {self.largest_force:.4g} N{more}"
+        return f"green: joint forces,{met} the longest {summary.load_text(self.largest_force)}{more}"

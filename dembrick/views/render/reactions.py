@@ -8,6 +8,7 @@ import numpy as np
 
 from dembrick.errors import HistoryError
 from dembrick.geometry.rotations import rotation_matrix
+from dembrick.views import summary
 from dembrick.views.motion.blocks import Poses
 from dembrick.views.motion.frames import coming_down, nearest
 from dembrick.views.render.force_arrows import ARROW, glyphs, put_glyphs
@@ -77,4 +78,4 @@ class DrawnReactions:
             put_glyphs(self._arrows, tails, tips - tails, np.linalg.norm(tips - tails, axis=1))
 
     def words(self) -> list[str]:
-        return [f"dark: reactions, the longest {self.largest:.4g} N"] if self._blocks else []
+        return [f"dark: reactions, the longest {summary.load_text(self.largest)}"] if self._blocks else []

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dembrick.views import summary
 from dembrick.views.motion.blocks import Poses
 from dembrick.views.motion.ties import TieMotion
 
@@ -45,5 +46,5 @@ class DrawnTies:
         tension = self._motion.series("tension", frame, frame + 1)[0]
         least, most = float(tension.min()), float(tension.max())
         if len(tension) == 1:
-            return [f"magenta: tie, {most:.4g} N"]
-        return [f"magenta: ties, {least:.4g} to {most:.4g} N"]
+            return [f"magenta: tie, {summary.load_text(most)}"]
+        return [f"magenta: ties, {summary.load_text(least)} to {summary.load_text(most)}"]

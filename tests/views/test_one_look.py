@@ -1,0 +1,175 @@
+"""Figures that agree: a colour and a mark for each formulation, legends that say what differs, units that suit."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import dembrick
+from dembrick import history
+from dembrick.errors import ScenarioError
+from dembrick.scenario.regimes import OF_ACTUATORS
+from dembrick.views import page, plot, summary
+from dembrick.views.plot import style
+from dembrick.views.plot.studies import unit_of
+from helpers.scenario_text import block, header
+
+TITLE = "Granite blocks, jack at 0.12 m"
+
+
+def result(formulation, title=TITLE, size=100.0, path="run.h5", travel=1e-4):
+    """A made-up run up to ``size`` (N), with what figures ask of one."""
+    rows = {"time": np.arange(3.0), "load": size * np.arange(3.0) / 2.0, "displacement": travel * np.arange(3.0) / 2.0}
+    point = {"V": 0.9 * size, "V_lower": 0.89 * size, "V_upper": 0.91 * size, "bracket": "certified"}
+    results = {"title": title, "formulation": formulation, "yield_point": point}
+    return SimpleNamespace(rows=rows, curve=OF_ACTUATORS, results=results, path=path)
+
+
+def legend(figure):
+    return [text.get_text() for one in figure.legends for text in one.get_texts()]
+
+
+def test_a_formulation_has_its_colour_whatever_stands_beside_it():
+    for names in (["concave", "convex"], ["corrected", "concave", "distributed"], ["corrected-shear"]):
+        lines = plot.force_displacement([result(name) for name in names]).axes[0].lines
+        assert [line.get_color() for line in lines] == [style.FORMULATION[name][0] for name in names]
+        for name in set(names) - {"distributed"}:  # whose domain depends on its points
+            (line,) = plot.domains(joint=(0.3, 0.2, 0.6, 467.0), formulations=[name], experiments={}).axes[0].lines
+            assert line.get_color() == style.FORMULATION[name][0]
+
+
+def test_runs_of_one_formulation_are_told_apart_by_shade_and_dashes():
+    runs = [result("convex", path=f"{name}.h5") for name in "abc"]
+    lines = plot.force_displacement([*runs, result("concave")]).axes[0].lines
+    colours = [line.get_color() for line in lines]
+    assert len(set(colours)) == 4 and colours[0] == style.FORMULATION["convex"][0]
+    assert not set(colours[1:3]) & {own[0] for own in style.FORMULATION.values()}
+    assert len({line.get_linestyle() for line in lines[:3]}) == 3
+
+
+def test_the_page_has_the_colours_of_the_figures():
+    css = page._own("style.css")
+    light = css.split("@media")[0]
+    for name, (colour, _, _) in style.FORMULATION.items():
+        variable = css.split(f"\n.{name} {{ stroke: var(")[1].split(")")[0]
+        assert f"{variable}: {colour.lower()};" in light
+
+
+def test_a_legend_says_what_differs_and_the_title_what_is_shared():
+    figure = plot.force_displacement([result(name) for name in ("concave", "convex")])
+    assert figure.axes[0].get_title() == TITLE
+    assert legend(figure) == ["concave", "convex", "bands: brackets of the limits"]
+    figure = plot.force_displacement([result("convex", f"Test: N = {n} kN, slow") for n in (1, 2)])
+    assert figure.axes[0].get_title() == "Test: slow, convex"
+    assert [text for text in legend(figure) if "band" not in text] == ["N = 1 kN", "N = 2 kN"]
+    same = [result("convex", path=f"/somewhere/{name}.h5") for name in ("soft", "stiff")]
+    assert [text for text in legend(plot.force_displacement(same)) if "band" not in text] == ["soft", "stiff"]
+
+
+@pytest.mark.parametrize("size, unit, factor", [(9000.0, "N", 1.0), (19347.0, "kN", 1e-3), (2e7, "MN", 1e-6)])
+def test_large_loads_are_drawn_in_kilonewtons(size, unit, factor):
+    figure = plot.force_displacement(result("convex", size=size), references={"theory": size})
+    axes = figure.axes[0]
+    assert axes.get_ylabel() == f"load V [{unit}]"
+    np.testing.assert_allclose(axes.lines[0].get_ydata(), factor * size * np.arange(3.0) / 2.0)
+    (band,) = axes.patches
+    assert (band.get_y(), band.get_height()) == pytest.approx((0.89 * factor * size, 0.02 * factor * size))
+    assert legend(figure)[-1] == f"theory: {factor * size:.5g} {unit}"
+    assert all(f" {unit}" in text for text in legend(figure)[1:])
+
+
+@pytest.mark.parametrize("travel, unit", [(1e-4, "µm"), (9.36e-3, "mm"), (4e-4, "mm"), (3.0, "m")])
+def test_travels_are_drawn_in_the_unit_that_suits_them(travel, unit):
+    assert plot.force_displacement(result("convex", travel=travel)).axes[0].get_xlabel().endswith(f"[{unit}]")
+
+
+def test_loads_in_words():
+    assert [summary.load_text(value) for value in (216.0, 1.935e4, -5.5e7)] == ["216 N", "19.35 kN", "-55 MN"]
+
+
+# --- components of control points ---
+
+FREE = header(friction=0.3, title="a block in the air")
+FREE += block("ground", (0.0, 0.0, -0.05), (0.6, 0.4, 0.1), "fixed = true")
+FREE += block("block", (0.0, 0.0, 2.0), (0.2, 0.2, 0.1), "velocity = [-0.5, 0.0, 3.0]")
+FREE += '[[control_points]]\nname = "top"\nblock = "block"\npoint = [0.0, 0.0, 2.05]\n'
+FREE += '[control]\nkind = "dynamic"\nduration = 0.5\n'
+
+
+@pytest.fixture(scope="module")
+def flying(tmp_path_factory):
+    path = tmp_path_factory.mktemp("flying") / "flying.h5"
+    dembrick.simulate(dembrick.loads(FREE), path)
+    with history.read(path) as run:
+        yield run
+
+
+def test_components_of_points_have_their_signs(flying):
+    """Thrown to the left and upwards, it follows a parabola; y stays at rest and is left out."""
+    lines = {line.get_label(): line.get_xydata() for line in plot.control_points(flying).axes[0].lines}
+    assert list(lines) == ["top, $u_x$", "top, $u_z$"]
+    t = flying.time
+    scale = 1e3  # mm
+    np.testing.assert_allclose(lines["top, $u_x$"][:, 1], scale * -0.5 * (t - t[0]), atol=1e-6 * scale)
+    rise = 3.0 * (t - t[0]) - 0.5 * 9.81 * (t - t[0]) ** 2
+    np.testing.assert_allclose(lines["top, $u_z$"][:, 1], scale * rise, atol=2e-3 * scale)
+
+
+def test_components_are_chosen(flying):
+    lines = {
+        line.get_label(): line.get_ydata() for line in plot.control_points(flying, components=["length"]).axes[0].lines
+    }
+    assert list(lines) == ["top, |u|"] and lines["top, |u|"].min() >= 0.0
+    with pytest.raises(ScenarioError, match="component 'w' is unknown; use some of x, y, z, length"):
+        plot.control_points(flying, components=["w"])
+
+
+# --- studies ---
+
+
+def table_of(tmp_path, head, rows):
+    (tmp_path / "table.csv").write_text("\n".join([head, *rows]) + "\n", encoding="utf-8")
+    return plot.read_study(tmp_path / "table.csv")
+
+
+def test_a_study_of_a_tilt_is_drawn_in_degrees(tmp_path):
+    head = "case,joint.friction,status,V,V_lower,V_upper,collapse_angle,collapse_load_factor"
+    V = [0.25, 0.35]
+    rows = [
+        f"{i},{0.4 + 0.2 * i},collapse,{v},{v - 0.01},{v + 0.01},{np.degrees(np.arctan(v))},{v}"
+        for i, v in enumerate(V)
+    ]
+    axes = plot.study(table_of(tmp_path, head, rows)).axes[0]
+    assert axes.get_ylabel() == r"table angle $\theta$ at the limit [deg]" and axes.get_xlabel() == "joint.friction [-]"
+    line, _, (bars,) = axes.containers[0]
+    np.testing.assert_allclose(line.get_ydata().astype(float), np.degrees(np.arctan(V)))
+    ends = [np.degrees(np.arctan([v - 0.01, v + 0.01])) for v in V]
+    np.testing.assert_allclose([segment[:, 1].astype(float) for segment in bars.get_segments()], ends)
+
+
+def test_lines_of_a_study_over_formulations_have_their_colours(tmp_path):
+    head = "case,joint.formulation,joint.friction,status,V,V_lower,V_upper,collapse_angle,collapse_load_factor"
+    names = ("concave", "convex", "corrected")
+    rows = [
+        f"{i},{name},{mu},yield,{100 * mu},,,,"
+        for i, (name, mu) in enumerate((n, m) for n in names for m in (0.5, 0.6))
+    ]
+    axes = plot.study(table_of(tmp_path, head, rows), over=["joint.friction"]).axes[0]
+    assert [own[0].get_color() for own in axes.containers] == [style.FORMULATION[name][0] for name in names]
+    assert axes.get_ylabel() == "V [N]"
+
+
+@pytest.mark.parametrize(
+    "key, unit",
+    [
+        ("joint.friction", "-"),
+        ("joint.normal_stiffness", "Pa/m"),
+        ("arches.arch.thickness", "m"),
+        ("materials.stone.density", "kg/m3"),
+        ("control.pulse.duration", "s"),
+        ("joint.formulation", ""),
+        ("nothing.here", ""),
+    ],
+)
+def test_keys_have_their_units(key, unit):
+    assert unit_of(key) == unit
