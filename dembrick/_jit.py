@@ -263,25 +263,26 @@ def call_at(place, *arguments):
     return place(*arguments)
 
 
-def _prefetch(_, array, index):
+def _prefetch(_, array, index, byte):
     """`prefetch` for numba: the instruction of the processor."""
 
     def code(context, builder, signature, arguments):
         place = builder.gep(context.make_array(signature.args[0])(context, builder, arguments[0]).data, [arguments[1]])
         byte, number = cgutils.voidptr_t, cgutils.int32_t
+        place = builder.gep(builder.bitcast(place, byte), [arguments[2]])
         kind = ir.FunctionType(ir.VoidType(), [byte, number, number, number])
         instruction = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
         read, keep, data = number(0), number(3), number(1)
-        builder.call(instruction, [builder.bitcast(place, byte), read, keep, data])
+        builder.call(instruction, [place, read, keep, data])
         return context.get_dummy_value()
 
-    return types.void(array, types.intp), code
+    return types.void(array, types.intp, types.intp), code
 
 
-def prefetch(array, index) -> None:
-    """Have the line of the cache that holds this number of an array (one-dimensional) on its way before it is needed.
+def prefetch(array, index, byte) -> None:
+    """Have the line of the cache with a byte of one entry of an array (one-dimensional) on its way before it is needed.
 
-    It is no error if there is no such number.
+    It is no error if there is no such entry.
     """
 
 

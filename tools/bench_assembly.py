@@ -23,7 +23,6 @@ import plain_wall
 import dembrick
 from dembrick.assembly import build
 from dembrick.kernels.dynamics.loop import Limits
-from dembrick.kernels.dynamics.tiles import SEEN
 from dembrick.runs.simulate import simulate
 from dembrick.scenario import shipped
 from dembrick.scenario import toml as scenarios
@@ -52,7 +51,7 @@ def wall(courses: int, blocks: int, formulation: str = "concave", balanced: bool
     gravity = np.array(scenario.gravity)
     bodies, links = moving.state.bodies, moving.state.links
     bodies.position[:, 2] -= plain_wall.sunk(bodies.position[:, 2] + moving.state.middle[2], courses)
-    links.put(SEEN, seen(bodies, links))
+    links.put_seen(seen(bodies, links))
     return moving, Driving(gravity, tilt=(np.array([1.0, 0.0, 0.0]), np.radians))
 
 

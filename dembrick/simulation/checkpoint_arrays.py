@@ -21,8 +21,16 @@ def flattened(parts: Mapping[str, tuple | None]) -> dict[str, np.ndarray]:
             if _is_part(value):
                 arrays |= flattened({f"{name}.{field}": value})
             elif value is not None:
-                arrays[f"{name}.{field}"] = np.asarray(value)
+                arrays[f"{name}.{field}"] = plain(np.asarray(value))
     return arrays
+
+
+def plain(array: np.ndarray) -> np.ndarray:
+    """The numbers of an array of records of one kind of number, one after the other and not copied; any other array as
+    it is."""
+    if array.dtype.names is None:
+        return array
+    return array.view(array.dtype[0].base)
 
 
 def arrays_of(part: Iterable) -> Iterator[np.ndarray]:
@@ -65,12 +73,12 @@ def restored(name: str, part, snapshot: Snapshot, counters: Container[str] = ())
         if _is_part(value):
             numbers[field] = restored(f"{name}.{field}", value, snapshot, counters)
             continue
-        path, own = f"{name}.{field}", np.asarray(value)
+        path, own = f"{name}.{field}", plain(np.asarray(value))
         found = snapshot.array(path, own)
         if own.dtype.kind in "iub" and path not in counters and not np.array_equal(found, own):
             raise HistoryError(f"{snapshot.path}: {path} is not that of this scenario")
         if isinstance(value, np.ndarray):
-            value[...] = found
+            own[...] = found
         else:
             numbers[field] = found.item()
     return part._replace(**numbers)

@@ -10,7 +10,6 @@ from dembrick.geometry.polygons import distance_outside, nearest_points
 from dembrick.geometry.rotations import rotation_matrix
 from dembrick.kernels.dynamics.loop import Limits
 from dembrick.kernels.dynamics.rigid_bodies import turn_body
-from dembrick.kernels.dynamics.tiles import VISCOUS
 from dembrick.kernels.joint.area_law import area_pressure
 from dembrick.kernels.joint.no_tension import no_tension
 from dembrick.scenario.controls import DynamicControl
@@ -74,7 +73,7 @@ def test_the_same_in_any_frame(formulation):
         moving, driving = resting(formulation, turn=turn, floor=(2.0, 2.0, 0.1))
         R = rotation_matrix(np.array(turn))
         moving.time_step = 2e-5  # its bound has rounding of its own
-        moving.state.links.put(VISCOUS, [[0.1, 0.1]])
+        moving.state.links.put("viscous", [[0.1, 0.1]])
         moving.state.bodies.velocity[1] = R @ start["velocity"]
         moving.state.bodies.momentum[1] = (R @ moving.assembly.inertia[1]) @ start["angular_velocity"]
         advance(moving, driving, 400, FAR)
@@ -234,7 +233,7 @@ def test_equal_polygons_are_kept_once_until_they_are_cut():
     np.testing.assert_array_equal(faces.far[0], far)
     for i in range(n):
         alone, driving_alone = resting("convex")
-        alone.state.links.put(VISCOUS, moving.state.links.viscous[[i]])
+        alone.state.links.put("viscous", moving.state.links.viscous[[i]])
         for _ in range(2 if i < out else 0):
             place(alone, (0.01 * (i + 1), 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
             joint_forces(alone, driving_alone)

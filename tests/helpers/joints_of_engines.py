@@ -6,20 +6,7 @@ from dembrick.geometry import friction_integrals, polygons
 from dembrick.kernels.dynamics import area_joints as moving_areas
 from dembrick.kernels.dynamics import area_tiles, bonded_points, tiles
 from dembrick.kernels.dynamics import point_joints as moving_points
-from dembrick.kernels.dynamics.energy_terms import BY_LAW as BY_LAW_LOST
-from dembrick.kernels.dynamics.energy_terms import CRUSHING as CRUSHING_LOST
-from dembrick.kernels.dynamics.energy_terms import (
-    DASHPOTS,
-    FRICTION,
-    GONE,
-    KINDS,
-    LEDGER,
-    OF_DASHPOTS,
-    RELEASED,
-    SPRINGS,
-    EnergyTerms,
-)
-from dembrick.kernels.dynamics.energy_terms import FRACTURE as FRACTURE_LOST
+from dembrick.kernels.dynamics.energy_terms import KINDS, LEDGER, PRESSURE, EnergyTerms
 from dembrick.kernels.joint.point_law import Strengths
 from dembrick.kernels.state import BY_LAW, CRUSHING, DAMPING, FRACTURE, SLIDING, Energy
 from dembrick.kernels.statics import area_joints, point_joints
@@ -29,7 +16,13 @@ W = tiles.W
 K_N, K_S, MU, VISCOUS = 1e8, 5e7, 0.5, 0.3
 OUTLINE = np.array([[-0.15, -0.10], [0.15, -0.10], [0.15, 0.10], [-0.15, 0.10]])
 FIVE_CORNERS = np.insert(OUTLINE, 2, (0.15, 0.03), axis=0)  # the same polygon
+CARRIED = tiles.record(("pressing", 3), ("shearing", 3))  # in double precision
 AREAS = np.array([0.010, 0.015, 0.020, 0.015])  # of the points, at the corners
+
+
+def one(kind):
+    """A record of that kind, all zero."""
+    return tiles.rows_of_lanes(1, kind)[0]
 
 
 def strengths_of(law):
@@ -100,74 +93,82 @@ class MovingPoints:
     def __init__(self, mu=MU, law=None):
         self.mu = mu
         self.strengths = None if law is None else strengths_of(law)
-        self.of_bonds = None if law is None else np.zeros(4 * bonded_points.BOND)
+        self.of_bonds = None if law is None else np.zeros(4, bonded_points.BOND)
         if law is not None:
-            self.of_bonds.reshape(4, 3, W)[:, bonded_points.BONDED] = bond_of(law, 4)[:, None]
-        self.tile, self.work = np.zeros(tiles.TILE), np.zeros(tiles.WORK)
-        self.tile[tiles.VISCOUS * W : (tiles.VISCOUS + 2) * W] = VISCOUS
-        self.own = np.zeros(4 * tiles.POINT)
-        rows = self.own.reshape(4, -1, W)
-        rows[:, tiles.X], rows[:, tiles.Y] = OUTLINE[:, 0, None], OUTLINE[:, 1, None]
-        rows[:, tiles.AREA] = AREAS[:, None]
-        self.sheared, self.slipped = np.zeros(4 * tiles.SHEAR), np.zeros(4 * W)
+            self.of_bonds["bonded"] = bond_of(law, 4)[:, None]
+        self.tile, self.work = one(tiles.FIXED), one(tiles.WORK)
+        self.tile.viscous[:] = VISCOUS
+        self.own = np.zeros(4, tiles.POINT)
+        self.own["x"], self.own["y"] = OUTLINE[:, 0, None], OUTLINE[:, 1, None]
+        self.own["area"] = AREAS[:, None]
+        self.sheared, self.slipped = np.zeros(4, tiles.SHEAR), np.zeros(4, tiles.PATH)
         self.seen = seen_flat()
-        self.dashpots, self.ledger = np.zeros(DASHPOTS), np.zeros(LEDGER)
+        self.dashpots, self.ledger = one(CARRIED), one(LEDGER)
 
     def step(self, motion, change, twist):
         place(self.work, motion, change, twist)
         moving_points.begin(self.tile, self.work)
         law = (K_N, K_S, self.mu, 1.0)
         for pair in range(2):
-            own = self.own[2 * pair * tiles.POINT : 2 * (pair + 1) * tiles.POINT]
-            sheared = self.sheared[2 * pair * tiles.SHEAR : 2 * (pair + 1) * tiles.SHEAR]
+            two = slice(2 * pair, 2 * pair + 2)
+            own, sheared = self.own[two], self.sheared[two]
             bonds = self.strengths, 0, None, None
             if self.strengths is not None:
-                rows = self.of_bonds[2 * pair * bonded_points.BOND : 2 * (pair + 1) * bonded_points.BOND]
-                bonds = self.strengths, 0, rows, self.ledger
+                bonds = self.strengths, 0, self.of_bonds[two], self.ledger
             if moving_points.press(self.work, own, sheared, *law, True, None, *bonds):
-                moving_points.add_slip(self.work, self.slipped[2 * pair * W : 2 * (pair + 1) * W])
+                moving_points.add_slip(self.work, self.slipped[two])
                 if self.strengths is None:
                     moving_points.add_losses(self.work, own, sheared, *law, self.ledger)
         moving_points.add_dashpot_work(self.work, self.seen, self.dashpots, self.ledger)
-        f = self.work.reshape(-1, W)[tiles.FORCE : tiles.FORCE + 9, 3]
         # the force on the host at (1, x, y), the host's slip is b's
-        return np.array([f[2], -f[0], -f[1], -(f[4] - f[6]), -f[8], f[5]])
+        f, fx, fy = (rows[:, 3] for rows in (self.work.force, self.work.x_force, self.work.y_force))
+        return np.array([f[2], -f[0], -f[1], -(fx[1] - fy[0]), -fy[2], fx[2]])
 
     @property
     def memory(self):
-        return self.sheared.reshape(4, 2, W)[..., 3]
+        return self.sheared["elastic"][..., 3]
 
     @property
     def slip(self):
-        return self.slipped.reshape(4, W)[:, 3]
+        return self.slipped["length"][:, 3]
 
     @property
     def dissipated(self):
-        taken, lost = self.ledger[3], self.ledger.reshape(-1, W)[2:, 3]
-        own = lost[FRICTION], lost[BY_LAW_LOST], taken + lost[RELEASED], lost[CRUSHING_LOST], lost[FRACTURE_LOST]
-        return np.array(own)
+        return lost_of(self.ledger, 3)
 
     @property
     def bonds(self):
-        return self.of_bonds.reshape(4, 3, W)[:, :, 3]
+        return np.stack([self.of_bonds[name][:, 3] for name in bonded_points.BOND.names], axis=1)
 
 
 def seen_flat():
     """What is seen of hosts whose polygons lie in the plane, their axes along its axes."""
-    seen = np.zeros(tiles.SEEN_TILE)
-    seen[tiles.FIRST * W : (tiles.FIRST + 1) * W] = seen[(tiles.SECOND + 1) * W : (tiles.SECOND + 2) * W] = 1.0
+    seen = one(tiles.SEEN)
+    seen.first[0] = seen.second[1] = 1.0
     return seen
+
+
+def lost_of(ledger, lane):
+    """What the joint in a lane lost: by friction, by its law, in dashpots and let go, by crushing, by fracture."""
+    names = ("friction", "by_law", "dashpots", "crushing", "fracture")
+    return np.array([ledger[name][lane] for name in names]) + np.array([0.0, 0.0, ledger.released[lane], 0.0, 0.0])
 
 
 def place(work, motion, change, twist):
     """Write the motion of a step into the rows of a tile's scratch: penetration, its growth, slip at the feet."""
-    rows = work.reshape(-1, W)
     now = np.add(motion, change)
-    rows[tiles.DEPTH : tiles.DEPTH + 3] = np.array([-now[0], now[2], -now[1]])[:, None]
-    rows[tiles.GROWTH : tiles.GROWTH + 3] = np.array([-change[0], change[2], -change[1]])[:, None]
+    work.depth[:] = np.array([-now[0], now[2], -now[1]])[:, None]
+    work.growth[:] = np.array([-change[0], change[2], -change[1]])[:, None]
     p1, p2, pr = twist
-    rows[tiles.MOVED : tiles.MOVED + 6] = np.array([p1, p2, 0.0, pr, -pr, 0.0])[:, None]
-    rows[tiles.TURN] = pr
+    for rows, slip in ((work.slip, (p1, p2)), (work.slip_x, (0.0, pr)), (work.slip_y, (-pr, 0.0))):
+        rows[:] = np.array(slip)[:, None]
+    work.turn[:] = pr
+
+
+def area_force(work):
+    """Resultants of the convex joint in the first lane of a tile's scratch."""
+    f = work.force[:, 0]
+    return np.array([f[2], -f[0], -f[1], -work.twisting[0], -work.y_force[2, 0], work.x_force[2, 0]])
 
 
 class StaticArea:
@@ -213,16 +214,19 @@ class MovingArea:
     """The same joint in a tile."""
 
     def __init__(self, mu=MU, pressure="full", law=None, outline=OUTLINE):
-        self.tile, self.work = np.zeros(tiles.TILE), np.zeros(tiles.WORK)
-        self.tile[tiles.VISCOUS * W : (tiles.VISCOUS + 2) * W] = VISCOUS
+        self.tile, self.work = one(tiles.FIXED), one(tiles.WORK)
+        self.tile.viscous[:] = VISCOUS
         self.seen = seen_flat()
         reach, radius = np.hypot(*outline.T).max(), friction_integrals.area_radius(outline)
-        second = polygons.second_moments(outline)
-        fixed = (K_N, K_S, mu, polygons.area(outline), *second, 0.0, reach, radius)
+        face = np.zeros(1, area_tiles.FACE)
+        face["second"] = np.array(polygons.second_moments(outline))[:, None]
+        fixed = {"k_n": K_N, "k_s": K_S, "friction": mu, "area": polygons.area(outline), "reach": reach}
+        for name, value in (fixed | {"radius": radius}).items():
+            face[name] = value
         self.joint = area_tiles.Faces(
             joint=np.zeros(1, np.uint32), tile=np.zeros(1, np.int64), lane=np.zeros((1, W), np.uint32),
             used=np.ones(1, np.int64), outline=np.zeros(1, np.uint32), place=np.zeros(1, np.uint32),
-            like=np.zeros(1, np.uint32), tiles=np.repeat(fixed, W), sheared=np.zeros(area_tiles.ELASTIC),
+            like=np.zeros(1, np.uint32), tiles=face, sheared=np.zeros(1, area_tiles.SHEARED),
             twist=np.zeros((1, 3)), slip=np.zeros(1), count=np.full(1, len(outline)),
             x=np.resize(outline[:, 0], (1, 5)), y=np.resize(outline[:, 1], (1, 5)),
             far=friction_integrals.far_moments(outline)[None], pressed=pressed_parts([pressure], [9]),
@@ -230,7 +234,7 @@ class MovingArea:
             bonds=None if law is None else area_tiles.FaceBonds(bond_of(law, 1), np.zeros(1)),
         )  # fmt: skip
         self.energy = EnergyTerms(
-            dashpots=np.zeros(DASHPOTS), ledger=np.zeros(LEDGER), springs=np.zeros(SPRINGS),
+            dashpots=np.zeros(1, CARRIED), ledger=np.zeros(1, LEDGER), springs=np.zeros(1, PRESSURE),
             partly=np.ones(1, np.int64), damped=np.zeros(1), lost=np.zeros((1, KINDS)), least=np.zeros(1),
             share=np.ones(1), place=np.full(1, -1), fallen=np.zeros(0), load=np.zeros((0, 6)), support=np.zeros((0, 6)),
             push=np.zeros((0, 6)), total=np.zeros(3), gravity=np.zeros(3), begun=np.zeros(1),
@@ -239,10 +243,9 @@ class MovingArea:
     def step(self, motion, change, twist):
         place(self.work, motion, change, twist)
         law = self.joint.pressed, self.joint.strengths, self.joint.bonds
-        moving_areas.forces_of_tile(self.joint, *law, 0, self.tile, self.seen, self.work, self.energy)
-        rows = self.work.reshape(-1, W)
-        f = rows[tiles.FORCE : tiles.FORCE + 9, 0]
-        return np.array([f[2], -f[0], -f[1], -rows[tiles.TWISTING, 0], -f[8], f[5]])
+        energy = self.energy, self.energy.dashpots[0], self.energy.ledger[0]
+        moving_areas.forces_of_tile(self.joint, *law, 0, self.tile, self.seen, self.work, *energy)
+        return area_force(self.work)
 
     @property
     def memory(self):
@@ -254,9 +257,7 @@ class MovingArea:
 
     @property
     def dissipated(self):
-        lost = self.energy.ledger.reshape(-1, W)[GONE:, 0]
-        dashpots = self.energy.ledger[OF_DASHPOTS * W] + lost[RELEASED]
-        return np.array([lost[FRICTION], lost[BY_LAW_LOST], dashpots, lost[CRUSHING_LOST], lost[FRACTURE_LOST]])
+        return lost_of(self.energy.ledger[0], 0)
 
     @property
     def bonds(self):

@@ -11,7 +11,7 @@ from dembrick.geometry.rotations import quaternion_product, rotation_matrix, uni
 from dembrick.geometry.shapes import box
 from dembrick.kernels.dynamics.contact_forces import TOUCHED, clear_applied, touch
 from dembrick.kernels.dynamics.rigid_bodies import Bodies
-from dembrick.kernels.dynamics.tiles import Links
+from dembrick.kernels.dynamics.tiles import FIXED, SEEN, Links
 from dembrick.scenario.model import JointLaw
 from dembrick.simulation.dynamics.contact_state import parts_table, scratch_for, touching_pairs
 
@@ -29,8 +29,9 @@ def no_joints():
     numbers, rows, few = np.zeros(0, np.uint32), np.zeros(0), np.zeros(0, np.float32)
     return Links(
         host=numbers, other=numbers, tangents=numbers, plane=numbers, axes=np.zeros((0, 2, 3)), place=numbers,
-        tiles=rows, like=numbers, seen_tiles=rows, wrenches=rows, ends=np.zeros((0, 2, 16), np.uint32),
-        kept=np.zeros((0, 4)), reach=few, slack=few, glide=np.zeros((0, 3), np.float32),
+        tiles=np.zeros(0, FIXED), like=numbers, seen_tiles=np.zeros(0, SEEN), wrenches=rows,
+        ends=np.zeros((0, 2, 16), np.uint32), kept=np.zeros((0, 4)), reach=few, slack=few,
+        glide=np.zeros((0, 3), np.float32),
     )  # fmt: skip
 
 

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from dembrick.geometry import polygons
-from dembrick.kernels.dynamics import area_energy, tiles
+from dembrick.kernels.dynamics import area_energy
 from dembrick.kernels.dynamics import area_joints as moving_areas
-from dembrick.kernels.dynamics.energy_terms import GONE, STEPPING
+from dembrick.kernels.dynamics.energy_terms import LEDGER
 from dembrick.kernels.joint.point_law import point_law
 from dembrick.kernels.state import FRACTURE
 from tests.helpers.joints_of_engines import (
@@ -24,7 +24,7 @@ from tests.helpers.joints_of_engines import (
     MovingPoints,
     StaticArea,
     StaticPoints,
-    W,
+    area_force,
     place,
 )
 
@@ -148,21 +148,23 @@ def test_convex_joints_side_by_side_do_what_they_do_one_by_one():
             small = np.multiply(0.1, change)  # so that some stick
             found = one.step(motion, small, twist)
             place(other.work, motion, small, twist)
+            joint, ledger = other.joint, other.energy.ledger[0]
             moving_areas.face_force(
-                other.joint, None, 0, other.tile, other.seen, other.joint.tiles, other.joint.sheared, 0, other.work,
-                other.energy.ledger,
+                joint, None, 0, other.tile, other.seen, joint.tiles[0], joint.sheared[0], 0, other.work, ledger
             )  # fmt: skip
-            other.work[tiles.REST * W] = 1.0
-            area_energy.add_work(other.energy, 0, 0, other.tile, other.joint.tiles, other.work, True, 1)
-            rows = other.work.reshape(-1, W)
-            f = rows[tiles.FORCE : tiles.FORCE + 9, 0]
-            alone = np.array([f[2], -f[0], -f[1], -rows[tiles.TWISTING, 0], -f[8], f[5]])
+            other.work.rest[0] = 1.0
+            area_energy.add_work(
+                other.energy, 0, other.energy.dashpots[0], other.energy.ledger[0], other.tile, other.joint.tiles[0],
+                other.work, True, 1,
+            )  # fmt: skip
+            alone = area_force(other.work)
             np.testing.assert_allclose(found, alone, rtol=1e-12, atol=1e-9)
             np.testing.assert_allclose(one.memory, other.memory, rtol=1e-12, atol=1e-9)
             np.testing.assert_allclose(one.dissipated, other.dissipated, rtol=1e-12, atol=1e-18)
-            energies = one.energy.ledger.reshape(-1, W)[:, 0], other.energy.ledger.reshape(-1, W)[:, 0]
+            ledgers = (one.energy.ledger, other.energy.ledger)
+            energies = ([ledger[name][0, 0] for name in LEDGER.names] for ledger in ledgers)
             np.testing.assert_allclose(*energies, rtol=1e-9, atol=1e-15)
-            stuck.add(bool(one.work[tiles.REST * W] == 0.0))
+            stuck.add(bool(one.work.rest[0] == 0.0))
     assert stuck == {True, False}
 
 
@@ -192,7 +194,7 @@ def test_springs_of_convex_joints_give_back_what_they_took_but_for_opening_and_c
     taken = []
     for path in (through, *random_states()):
         joint, work, start = MovingArea(), 0.0, None
-        joint.energy.springs[:], joint.energy.partly[:] = np.nan, 0
+        joint.energy.springs["pressure"], joint.energy.partly[:] = np.nan, 0
         for motion, change, twist in path:
             joint.step(motion, change, twist)
             before, now = (np.array([-m[0], m[2], -m[1]]) for m in (motion, np.add(motion, change)))
@@ -200,7 +202,7 @@ def test_springs_of_convex_joints_give_back_what_they_took_but_for_opening_and_c
             start = 0.5 * p @ before if start is None else start
             work += 0.5 * (p + q) @ (now - before)
         taken.append(K_N * (work + start - 0.5 * q @ now))
-        stepping = joint.energy.ledger.reshape(-1, W)[GONE + STEPPING, 0]
+        stepping = joint.energy.ledger[0].stepping[0]
         assert stepping == pytest.approx(taken[-1], rel=1e-9, abs=1e-17)
     assert abs(taken[0]) > 1e-5 and np.median(np.abs(taken)) > 1e-6
 

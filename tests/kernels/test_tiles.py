@@ -8,8 +8,8 @@ import pytest
 
 from dembrick.assembly import build
 from dembrick.geometry.rotations import frame_quaternion, rotation_matrix, unit_quaternion
-from dembrick.kernels.dynamics.rigid_bodies import ANGLE2, fetch_block, turn_block, turn_body, turn_slowly
-from dembrick.kernels.dynamics.tiles import AREA, LEVER, OFFSET, POINT, TILE, VISCOUS, WORK, W, rows_of_lanes
+from dembrick.kernels.dynamics.rigid_bodies import fetch_block, turn_block, turn_body, turn_slowly
+from dembrick.kernels.dynamics.tiles import FIXED, WORK, W, rows_of_lanes
 from dembrick.scenario.controls import DynamicControl
 from dembrick.scenario.model import Block, JointLaw, Material, Scenario
 from dembrick.simulation.dynamics.dead_load import find_equilibrium
@@ -73,7 +73,8 @@ def test_a_joint_carries_what_it_would_carry_alone(formulation):
     sums = dict.fromkeys(("elastic", "friction", "dashpots", "released"), 0.0)
     for i in range(n):
         alone, driving_alone = pairs(1, formulation)
-        alone.state.links.put(VISCOUS, moving.state.links.viscous[[i]])  # the time step's bound has rounding of its own
+        viscous = moving.state.links.viscous[[i]]  # the time step's bound has rounding of its own
+        alone.state.links.put("viscous", viscous)
         shake(alone, driving_alone, [i])
         np.testing.assert_allclose(found[i], joint_resultants(alone.state)[0], rtol=1e-6, atol=1e-5)
         np.testing.assert_allclose(
@@ -112,7 +113,7 @@ def test_what_stands_in_tiles_is_read_as_a_copy_that_refuses_to_be_written():
     with pytest.raises(ValueError, match="read-only"):
         corners.area[2] = 0.0
     before = links.offset
-    links.put(OFFSET, [0.5], 1)
+    links.put("offset", 0.5, 1)
     np.testing.assert_array_equal(links.offset, [before[0], 0.5, before[2]])
     assert corners.where().shape == corners.x.shape and len(np.unique(corners.where())) == 12
 
@@ -121,28 +122,28 @@ def test_tiles_of_a_regular_wall_share_what_no_step_changes():
     """Until that of a joint changes: then no other joint notices."""
     moving = motion(wall("concave", courses=20, blocks=20), 0.1, 0.5)
     links, corners = moving.state.links, moving.state.corners
-    points = [corners.points[a * POINT : b * POINT] for a, b in pairwise(corners.tile_start.tolist())]
+    points = [corners.points[a:b] for a, b in pairwise(corners.tile_start.tolist())]
 
     def read():
         """What the loop reads of every tile."""
-        return links.tiles.reshape(-1, TILE)[links.like].copy(), [points[t].copy() for t in corners.like]
+        return links.tiles[links.like].copy(), [points[t].copy() for t in corners.like]
 
     assert len(np.unique(links.like)) < 0.6 * len(links.like) and len(np.unique(corners.like)) < 0.3 * len(links.like)
-    np.testing.assert_array_equal(read()[0], links.tiles.reshape(-1, TILE))
+    assert (read()[0] == links.tiles).all()
     for j in (int(corners.joint[corners.lane[np.bincount(corners.like).argmax(), 3]]), 200, 200, 7):
         links_before, points_before = read()
         where, p = int(links.place[j]), int(np.flatnonzero(corners.joint == j)[0])
-        links.put(LEVER, links.lever[j] + 0.01, j)
-        corners.put(AREA, 0.5 * corners.row(AREA, p), p)
+        links.put("lever", links.lever[j] + 0.01, j)
+        corners.put("area", 0.5 * corners.field("area", p), p)
         now, points_now = read()
-        changed = now != links_before
-        rows = (np.arange(LEVER, LEVER + 3) * W + where % W).tolist()
-        assert [where // W] == np.flatnonzero(changed.any(axis=1)).tolist()
-        assert np.flatnonzero(changed[where // W]).tolist() == rows
-        changed = [(a != b).sum() for a, b in zip(points_before, points_now, strict=True)]
+        assert np.flatnonzero(now != links_before).tolist() == [where // W]
+        for name in FIXED.names or ():
+            changed = np.argwhere(now[name] != links_before[name])
+            assert changed.tolist() == ([[where // W, i, where % W] for i in range(3)] if name == "lever" else [])
+        changed = [(a["area"] != b["area"]).sum() for a, b in zip(points_before, points_now, strict=True)]
         assert np.flatnonzero(changed).tolist() == [where // W] and max(changed) == 4
     links.share(), corners.share()
-    np.testing.assert_array_equal(read()[0], now)
+    assert (read()[0] == now).all()
 
 
 def test_numbers_that_differ_by_rounding_are_the_same():
@@ -183,11 +184,11 @@ def test_blocks_turn_side_by_side_as_they_do_alone():
     spin[5] = 40.0
     for moving in (one, other):
         moving.state.bodies.momentum[:] = np.linalg.solve(moving.state.bodies.inverse, spin[..., None])[..., 0]
-    work, bodies = rows_of_lanes(WORK), one.state.bodies
+    work, bodies = rows_of_lanes(1, WORK)[0], one.state.bodies
     for b in range(8):
         fetch_block(bodies, b, work, b)
     turn_slowly(work, dt)
-    assert (work[ANGLE2 * W : ANGLE2 * W + 8] > 1e-8).sum() == 1
+    assert (work.angle2[:8] > 1e-8).sum() == 1
     for b in range(8):
         turn_block(bodies, b, work, b, dt)
         turn_body(other.state.bodies, b, dt)

@@ -7,53 +7,32 @@ Shear memory lives in the polygon's axes and turns with them. The normal force a
 from math import inf
 
 from dembrick._jit import entry, jit
-from dembrick.kernels.dynamics.area_energy import add_slip_work, add_work, keep_for_work, rows_of
+from dembrick.kernels.dynamics.area_energy import add_slip_work, add_work, keep_for_work
 from dembrick.kernels.dynamics.area_tiles import (
-    AREA,
-    ELASTIC,
-    FACE,
-    K_N,
-    K_S,
-    MU,
-    NEGLIGIBLE,
-    RADIUS,
-    REACH,
-    SECOND,
     fetch_corners,
     in_polygon_axes,
     put_force,
 )
 from dembrick.kernels.dynamics.bonded_areas import bonded_face
-from dembrick.kernels.dynamics.energy_terms import DASHPOTS, GONE, LEDGER, SPRINGS, STEPPING
+from dembrick.kernels.dynamics.energy_terms import STEPPING_AT
 from dembrick.kernels.dynamics.tiles import (
-    CORNERS,
-    DEPTH,
+    ACTION,
     FOUR,
-    GROWTH,
-    LINE,
-    MOVED,
-    PRESSED,
-    REST,
-    SEEN_TILE,
-    SLIPPED,
-    STILL,
-    TILE,
-    TURN,
-    VISCOUS,
+    ROW,
     WRENCHES,
     W,
     deliver,
     expect,
+    expect_part,
     fetch,
     four,
-    lane_of,
     look,
     offset_of,
     put_three,
     resultant,
-    seen_by,
     sense_of,
     three,
+    two,
 )
 from dembrick.kernels.joint.area_law import (
     area_friction,
@@ -73,21 +52,19 @@ from dembrick.kernels.math.vec3 import put_vector
 
 @entry
 def press(tile, face, work, energy):
-    """What presses the joints of a tile, all of them side by side, into `PRESSED`, and what presses their springs into
-    `STILL` unless ``energy`` is None; of those with any other number of corners than four it is not right."""
+    """Pressure on the joints of a tile, all of them side by side, into ``work.pressed``, and that on their springs
+    into ``work.still`` unless ``energy`` is None; not right for any other number of corners than four."""
     for lane in range(W):
-        x = four(work, CORNERS, lane)
-        y = four(work, CORNERS + FOUR, lane)
-        area = face[AREA * W + lane]
-        second = three(face, SECOND, lane)
-        g0, gx, gy = three(work, DEPTH, lane)
-        d0, dx, dy = three(work, GROWTH, lane)
-        n, nx, ny, touching = area_pressure_of_four(
-            x, y, area, second, tile[VISCOUS * W + lane], g0, gx, gy, d0, dx, dy
-        )
-        put_three(work, PRESSED, lane, (n, nx, ny))
+        x = four(work.corner_x, lane)
+        y = four(work.corner_y, lane)
+        area = face.area[lane]
+        second = three(face.second, lane)
+        g0, gx, gy = three(work.depth, lane)
+        d0, dx, dy = three(work.growth, lane)
+        n, nx, ny, touching = area_pressure_of_four(x, y, area, second, tile.viscous[0, lane], g0, gx, gy, d0, dx, dy)
+        put_three(work.pressed, lane, (n, nx, ny))
         if energy is not None:
-            put_three(work, STILL, lane, pressure_of_four(x, y, area, second, touching, g0, gx, gy))
+            put_three(work.still, lane, pressure_of_four(x, y, area, second, touching, g0, gx, gy))
 
 
 @jit
@@ -98,14 +75,14 @@ def pressure_of(faces, pressed, a, tile, face, lane, work):
     count = faces.count[outline]
     if pressed is None:
         if count == FOUR:
-            return three(work, PRESSED, lane)
-    h0, hx, hy = three(work, DEPTH, lane)
-    d0, dx, dy = three(work, GROWTH, lane)
+            return three(work.pressed, lane)
+    h0, hx, hy = three(work.depth, lane)
+    d0, dx, dy = three(work.growth, lane)
     x = faces.x[outline]
     y = faces.y[outline]
-    reach = face[REACH * W + lane]
+    reach = face.reach[lane]
     n, nx, ny, p0, px, py = area_pressure(
-        x, y, 0, count, face[AREA * W + lane], three(face, SECOND, lane), reach, tile[VISCOUS * W + lane],
+        x, y, 0, count, face.area[lane], three(face.second, lane), reach, tile.viscous[0, lane],
         h0, hx, hy, d0, dx, dy,
     )  # fmt: skip
     follow_bending(pressed, a, x, y, 0, count, reach, n, nx, ny, p0, px, py)
@@ -114,18 +91,18 @@ def pressure_of(faces, pressed, a, tile, face, lane, work):
 
 @jit
 def find_still(faces, pressed, a, face, lane, work):
-    """What presses the springs of convex joint ``a`` into `STILL`, if it is not what `press` found."""
+    """What presses the springs of convex joint ``a`` into ``work.still``, if it is not what `press` found."""
     outline = faces.outline[a]
     count = faces.count[outline]
     if pressed is None:
         if count == FOUR:
             return
-    g0, gx, gy = three(work, DEPTH, lane)
+    g0, gx, gy = three(work.depth, lane)
     still = spring_pressure(
-        faces.x[outline], faces.y[outline], 0, count, face[AREA * W + lane], three(face, SECOND, lane),
-        face[REACH * W + lane], g0, gx, gy,
+        faces.x[outline], faces.y[outline], 0, count, face.area[lane], three(face.second, lane),
+        face.reach[lane], g0, gx, gy,
     )  # fmt: skip
-    put_three(work, STILL, lane, still)
+    put_three(work.still, lane, still)
 
 
 @jit
@@ -137,27 +114,27 @@ def face_force(faces, pressed, a, tile, seen, face, sheared, lane, work, ledger)
     x = faces.x[outline]
     y = faces.y[outline]
     count = faces.count[outline]
-    area = face[AREA * W + lane]
-    second = three(face, SECOND, lane)
-    reach = face[REACH * W + lane]
+    area = face.area[lane]
+    second = three(face.second, lane)
+    reach = face.reach[lane]
     n, nx, ny = pressure_of(faces, pressed, a, tile, face, lane, work)
-    k_n = face[K_N * W + lane]
+    k_n = face.k_n[lane]
     n *= k_n
     nx *= k_n
     ny *= k_n
     # slip of the step at the foot of O
-    p1, p2, _ = three(work, MOVED, lane)
-    turn = work[TURN * W + lane]
+    p1, p2 = two(work.slip, lane)
+    turn = work.turn[lane]
     s1, s2, cosine, sine = in_polygon_axes(seen, lane, p1, p2)
-    b1, b2, bm = three(sheared, 0, lane)
-    k_s = face[K_S * W + lane]
+    b1, b2, bm = three(sheared.elastic, lane)
+    k_s = face.k_s[lane]
     twist = faces.twist[a]
     t1, t2, tm, e1, e2, em, q1, q2, qm, w1, w2, wm, slid, _ = area_friction(
-        x, y, 0, count, area, reach, faces.far[outline], pressed, a, face[RADIUS * W + lane], n, face[MU * W + lane],
-        face[NEGLIGIBLE * W + lane], k_s * area, k_s * (second[0] + second[1]), 1.0 + tile[(VISCOUS + 1) * W + lane],
+        x, y, 0, count, area, reach, faces.far[outline], pressed, a, face.radius[lane], n, face.friction[lane],
+        face.negligible[lane], k_s * area, k_s * (second[0] + second[1]), 1.0 + tile.viscous[1, lane],
         s1, s2, turn, b1, b2, bm, twist[0], twist[1], twist[2],
     )  # fmt: skip
-    put_three(sheared, 0, lane, (e1, e2, em))
+    put_three(sheared.elastic, lane, (e1, e2, em))
     put_vector(twist, w1, w2, wm)
     faces.slip[a] += slid
     put_force(work, lane, cosine, sine, n, nx, ny, t1, t2, tm)
@@ -190,53 +167,51 @@ def stick(tile, seen, face, sheared, work, energy):
     """
     rest = False
     for lane in range(W):
-        viscous = tile[VISCOUS * W + lane]
-        g0, gx, gy = three(work, DEPTH, lane)
-        d0, dx, dy = three(work, GROWTH, lane)
+        viscous = tile.viscous[0, lane]
+        g0, gx, gy = three(work.depth, lane)
+        d0, dx, dy = three(work.growth, lane)
         h0 = g0 + viscous * d0
         hx = gx + viscous * dx
         hy = gy + viscous * dy
-        area = face[AREA * W + lane]
-        second = three(face, SECOND, lane)
-        reach = face[REACH * W + lane]
-        k_n = face[K_N * W + lane]
-        k_s = face[K_S * W + lane]
+        area = face.area[lane]
+        second = three(face.second, lane)
+        reach = face.reach[lane]
+        k_n = face.k_n[lane]
+        k_s = face.k_s[lane]
         n, nx, ny = closed_pressure(k_n * area, (k_n * second[0], k_n * second[1], k_n * second[2]), h0, hx, hy)
-        p1, p2, _ = three(work, MOVED, lane)
-        turn = work[TURN * W + lane]
+        p1, p2 = two(work.slip, lane)
+        turn = work.turn[lane]
         s1, s2, cosine, sine = in_polygon_axes(seen, lane, p1, p2)
-        b1, b2, bm = three(sheared, 0, lane)
+        b1, b2, bm = three(sheared.elastic, lane)
         t1, t2, tm, e1, e2, em, size = trial_force(
-            None, 0, face[RADIUS * W + lane], k_s * area, k_s * (second[0] + second[1]),
-            1.0 + tile[(VISCOUS + 1) * W + lane], s1, s2, turn, b1, b2, bm,
+            None, 0, face.radius[lane], k_s * area, k_s * (second[0] + second[1]),
+            1.0 + tile.viscous[1, lane], s1, s2, turn, b1, b2, bm,
         )  # fmt: skip
         whole = either_wholly(reach, g0, gx, gy)
-        stuck = wholly_closed(reach, g0, d0, h0, hx, hy) & whole & (n > 0.0) & (size <= face[MU * W + lane] * n)
+        stuck = wholly_closed(reach, g0, d0, h0, hx, hy) & whole & (n > 0.0) & (size <= face.friction[lane] * n)
         idle = whole & (g0 <= 0.0) & (g0 <= d0) & (b1 == 0.0) & (b2 == 0.0) & (bm == 0.0)
-        put_three(sheared, 0, lane, kept_unless(stuck, (e1, e2, em), (b1, b2, bm)))
+        put_three(sheared.elastic, lane, kept_unless(stuck, (e1, e2, em), (b1, b2, bm)))
         n, nx, ny = zero_unless(stuck, (n, nx, ny))
         t1, t2, tm = zero_unless(stuck, (t1, t2, tm))
         put_force(work, lane, cosine, sine, n, nx, ny, t1, t2, tm)
-        work[REST * W + lane] = 0.0 if stuck | idle else 1.0
+        work.rest[lane] = 0.0 if stuck | idle else 1.0
         rest = rest | (not (stuck | idle))
         if energy is not None:
-            put_three(work, SLIPPED, lane, (s1, s2, turn))
+            put_three(work.slipped, lane, (s1, s2, turn))
     return rest
 
 
 @jit
-def forces_of_tile(faces, pressed, strengths, bonds, t, tile, seen, work, energy_terms):
+def forces_of_tile(faces, pressed, strengths, bonds, t, tile, seen, work, energy_terms, dashpots, ledger):
     """Forces of the convex joints in their tile ``t``: what `resultant` makes wrenches of.
 
     ``pressed``, ``strengths`` and ``bonds`` are those of ``faces``, given apart so that their code goes where they are
-    None.
+    None; ``dashpots`` and ``ledger``: its records of ``energy_terms``, or all three None.
     """
     like = faces.like[t]
-    face = faces.tiles[like * FACE : (like + 1) * FACE]
-    sheared = faces.sheared[t * ELASTIC : (t + 1) * ELASTIC]
-    own = faces.tile[t]
+    face = faces.tiles[like]
+    sheared = faces.sheared[t]
     used = faces.used[t]
-    dashpots, ledger = rows_of(energy_terms, own)
     if strengths is not None:
         for lane in range(used):
             a = faces.lane[t, lane]
@@ -245,7 +220,7 @@ def forces_of_tile(faces, pressed, strengths, bonds, t, tile, seen, work, energy
     rest = True
     if pressed is not None:
         for lane in range(used):
-            work[REST * W + lane] = 1.0
+            work.rest[lane] = 1.0
     else:
         rest = stick(tile, seen, face, sheared, work, ledger)
         if rest:
@@ -253,33 +228,39 @@ def forces_of_tile(faces, pressed, strengths, bonds, t, tile, seen, work, energy
             press(tile, face, work, ledger)
     if rest:
         for lane in range(used):
-            if work[REST * W + lane] > 0.0:
+            if work.rest[lane] > 0.0:
                 face_force(faces, pressed, faces.lane[t, lane], tile, seen, face, sheared, lane, work, ledger)
     if energy_terms is not None:
-        add_work(energy_terms, t, own, tile, face, work, rest, used)
+        add_work(energy_terms, t, dashpots, ledger, tile, face, work, rest, used)
 
 
 @jit
 def forces(links, faces, bodies, first, last, energy_terms, work):
-    """Forces of the convex joints in their tiles ``first`` to ``last``; ``work`` (WORK,) is scratch;
+    """Forces of the convex joints in their tiles ``first`` to ``last``; ``work`` is scratch;
     ``energy_terms`` may be None."""
     for t in range(first, last):
         own = faces.tile[t]
         like = links.like[own]
-        tile = links.tiles[like * TILE : (like + 1) * TILE]
-        seen = links.seen_tiles[own * SEEN_TILE : (own + 1) * SEEN_TILE]
-        expect(links.seen_tiles, (own + 1) * SEEN_TILE, SEEN_TILE)
-        expect(faces.sheared, (t + 1) * ELASTIC, ELASTIC)
+        tile = links.tiles[like]
+        seen = links.seen_tiles[own]
+        expect(links.seen_tiles, own + 1)
+        expect(faces.sheared, t + 1)
         if energy_terms is not None:
-            expect(energy_terms.dashpots, (own + 1) * DASHPOTS, DASHPOTS, LINE // 4)
-            expect(energy_terms.ledger, (own + 1) * LEDGER, W)
+            expect(energy_terms.dashpots, own + 1)
+            expect_part(energy_terms.ledger, own + 1, 0, ROW)
             if t + 1 < last and energy_terms.partly[t + 1] > 0:
-                expect(energy_terms.ledger, (own + 1) * LEDGER + (GONE + STEPPING) * W, W)
-                expect(energy_terms.springs, (t + 1) * SPRINGS, SPRINGS)
-        expect(links.wrenches, own * WRENCHES, WRENCHES)
+                expect_part(energy_terms.ledger, own + 1, STEPPING_AT, ROW)
+                expect(energy_terms.springs, t + 1)
+        expect_part(links.wrenches, own * WRENCHES, 0, ACTION * ROW)
         fetch(links, own, bodies, work)
         look(tile, seen, work)
-        forces_of_tile(faces, faces.pressed, faces.strengths, faces.bonds, t, tile, seen, work, energy_terms)
+        if energy_terms is None:
+            forces_of_tile(faces, faces.pressed, faces.strengths, faces.bonds, t, tile, seen, work, None, None, None)
+        if energy_terms is not None:
+            forces_of_tile(
+                faces, faces.pressed, faces.strengths, faces.bonds, t, tile, seen, work, energy_terms,
+                energy_terms.dashpots[own], energy_terms.ledger[own],
+            )  # fmt: skip
         resultant(tile, seen, work)
         deliver(work, links.wrenches, own)
 
@@ -289,11 +270,12 @@ def springs_of(bonds, faces, a, g0, gx, gy):
     """k_n times the integrals of <g>+, x <g>+ and y <g>+ over convex joint ``a``, of g itself where a bond holds; and
     the penetration g0 at O, with the rise by dilation. ``bonds`` is ``faces.bonds``."""
     outline = faces.outline[a]
-    own = faces.tiles[lane_of(faces.place[a], FACE)]
-    k = own[K_N]
-    area = own[AREA]
-    second = own[SECOND], own[SECOND + 1], own[SECOND + 2]
-    reach = own[REACH]
+    face = faces.tiles[faces.place[a] // W]
+    lane = faces.place[a] % W
+    k = face.k_n[lane]
+    area = face.area[lane]
+    second = three(face.second, lane)
+    reach = face.reach[lane]
     if bonds is not None:
         g0 += bonds.rise[a]
         n, nx, ny, _ = area_springs(
@@ -312,19 +294,23 @@ def spring_energy(links, faces, a, held):
     """Energy (J) in the springs of convex joint ``a``; writes their pressure and its moments into row ``a`` of
     ``held`` unless it is None."""
     j = faces.joint[a]
-    seen = links.seen_tiles[seen_by(links, j)]
+    seen = links.seen_tiles[links.place[j] // W]
+    lane = links.place[j] % W
     sense = sense_of(links, j)
-    g0 = sense * (offset_of(links, j) - seen[2])
-    gx = -sense * seen[5]
-    gy = -sense * seen[8]
+    g0 = sense * (offset_of(links, j) - seen.origin[2, lane])
+    gx = -sense * seen.first[2, lane]
+    gy = -sense * seen.second[2, lane]
     n, nx, ny, g0 = springs_of(faces.bonds, faces, a, g0, gx, gy)
     if held is not None:
         put_vector(held[a], n, nx, ny)
-    e = faces.sheared[lane_of(faces.place[a], ELASTIC)]
-    own = faces.tiles[lane_of(faces.place[a], FACE)]
-    k = own[K_S]
-    sheared = (e[0] * e[0] + e[1] * e[1]) / (k * own[AREA])
-    sheared += e[2] * e[2] / (k * (own[SECOND] + own[SECOND + 1]))
+    tile = faces.place[a] // W
+    lane = faces.place[a] % W
+    e1, e2, em = three(faces.sheared[tile].elastic, lane)
+    face = faces.tiles[tile]
+    yy, xx, _ = three(face.second, lane)
+    k = face.k_s[lane]
+    sheared = (e1 * e1 + e2 * e2) / (k * face.area[lane])
+    sheared += em * em / (k * (yy + xx))
     return 0.5 * (n * g0 + nx * gx + ny * gy + sheared)
 
 

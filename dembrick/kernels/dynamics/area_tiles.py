@@ -8,27 +8,32 @@ from numpy import ndarray
 
 from dembrick._jit import jit
 from dembrick.kernels.dynamics.tiles import (
-    CORNERS,
-    FIRST,
-    FORCE,
     FOUR,
-    TWISTING,
     W,
     alike,
+    in_lanes,
+    of_joints,
+    put_in_lanes,
     put_three,
-    rows_named,
+    record,
     set_apart,
-    where_in,
 )
 from dembrick.kernels.joint.point_law import Strengths
 from dembrick.kernels.joint.pressure import Pressed
 
-# Rows of a tile of `Faces.tiles`, which no step changes: stiffness along the normal and in shear (Pa/m); friction; area
-# (m2); integrals of y^2, x^2, x y about O, the centroid (m4); friction strength up to which the limit surface need not
-# be the exact one (N); greatest distance of a vertex from O (m); torsion strength over V_0 (m)
-K_N, K_S, MU, AREA, SECOND, NEGLIGIBLE, REACH, RADIUS = 0, 1, 2, 3, 4, 7, 8, 9
-FACE = 10 * W
-ELASTIC = 3 * W  # rows of a tile of `Faces.sheared`
+# What no step changes of a convex joint
+FACE = record(
+    ("k_n", 1),  # Pa/m, stiffness along the normal
+    ("k_s", 1),  # Pa/m, in shear
+    ("friction", 1),
+    ("area", 1),  # m2
+    ("second", 3),  # m4, integrals of y^2, x^2, x y about O, the centroid
+    ("negligible", 1),  # N, friction strength up to which the limit surface need not be the exact one
+    ("reach", 1),  # m, greatest distance of a vertex from O
+    ("radius", 1),  # m, torsion strength over V_0
+)
+# N, N, N m, elastic shear in the sense in which the host slips, polygon axes
+SHEARED = record(("elastic", 3))
 
 
 class FaceBonds(NamedTuple):
@@ -49,8 +54,8 @@ class Faces(NamedTuple):
     outline: ndarray  # (a,) uint32, which polygon: a row of `count`, `x`, `y` and `far`
     place: ndarray  # (a,) uint32, its lane: that of its tile, plus W times the tile among those of these joints
     like: ndarray  # (t,) uint32, the tile of ``tiles`` that the loop reads in place of each: see `alike`
-    tiles: ndarray  # (t * FACE,) see above
-    sheared: ndarray  # (t * ELASTIC,) N, N, N m, elastic shear in the sense in which the host slips, polygon axes
+    tiles: ndarray  # (t,) records `FACE`
+    sheared: ndarray  # (t,) records `SHEARED`
     twist: ndarray  # (a, 3) m, m, rad, last plastic twist
     slip: ndarray  # (a,) m, length of the slip path
     count: ndarray  # (o,) int64, vertices of each polygon
@@ -61,39 +66,35 @@ class Faces(NamedTuple):
     strengths: Strengths | None = None  # beside friction; None if no joint has any
     bonds: FaceBonds | None = None  # None if ``strengths`` is
 
-    def rows(self, first: int, count: int, joints=slice(None)) -> ndarray:
-        """A copy (k, count) of rows that stand in tiles; (count,) for a single joint."""
-        found = self.tiles[where_in(self.place, FACE, first, count, joints)]
-        found.flags.writeable = False  # who writes into it means `put`
-        return found
+    def field(self, name: str, joints=slice(None)) -> ndarray:
+        """A copy of a field of `FACE`, (k, rows) or (k,) if it is one row; of a single joint (rows,) or a number."""
+        return in_lanes(self.tiles, name, self.place[joints])
 
-    def put(self, first: int, values, joints=slice(None)) -> None:
-        """Write rows: values (k, count); (count,) for a single joint."""
-        values = np.asarray(values, float)
+    def put(self, field: str, values, joints=slice(None)) -> None:
+        """Write a field of `FACE`: values (k, rows), or (k,) if it is one row."""
         set_apart(self.like, self.place[joints] // W)
-        self.tiles[where_in(self.place, FACE, first, values.shape[-1], joints)] = values
+        put_in_lanes(self.tiles, field, self.place[joints], np.asarray(values, float))
 
     def share(self) -> None:
         """Let tiles that are the same to the last bit take their rows from one of them."""
-        self.like[:] = alike(self.tiles.reshape(-1, FACE))
+        self.like[:] = alike(self.tiles)
 
-    k_n = rows_named(K_N, 1, "(a,) Pa/m, along the normal")
-    k_s = rows_named(K_S, 1, "(a,) Pa/m, in shear")
-    area = rows_named(AREA, 1, "(a,) m2")
-    second = rows_named(SECOND, 3, "(a, 3) m4, integrals of y^2, x^2, x y about O, the centroid")
-    reach = rows_named(REACH, 1, "(a,) m, greatest distance of a vertex from O")
-    radius = rows_named(RADIUS, 1, "(a,) m, torsion strength over V_0")
+    k_n = of_joints("k_n", "(a,) Pa/m, along the normal")
+    k_s = of_joints("k_s", "(a,) Pa/m, in shear")
+    friction = of_joints("friction", "(a,)")
+    area = of_joints("area", "(a,) m2")
+    second = of_joints("second", "(a, 3) m4, integrals of y^2, x^2, x y about O, the centroid")
+    reach = of_joints("reach", "(a,) m, greatest distance of a vertex from O")
+    radius = of_joints("radius", "(a,) m, torsion strength over V_0")
 
     @property
     def elastic(self) -> ndarray:
         """(a, 3) N, N, N m, in the sense in which the host slips, polygon axes; `put_elastic` writes it."""
-        found = self.sheared[where_in(self.place, ELASTIC, 0, 3)]
-        found.flags.writeable = False
-        return found
+        return in_lanes(self.sheared, "elastic", self.place)
 
     def put_elastic(self, values, joints=slice(None)) -> None:
         """Write `elastic` of joints."""
-        self.sheared[where_in(self.place, ELASTIC, 0, 3, joints)] = values
+        put_in_lanes(self.sheared, "elastic", self.place[joints], values)
 
 
 @jit
@@ -104,24 +105,24 @@ def fetch_corners(faces, t, work):
         x = faces.x[outline]
         y = faces.y[outline]
         for i in range(FOUR):
-            work[(CORNERS + i) * W + lane] = x[i]
-            work[(CORNERS + FOUR + i) * W + lane] = y[i]
+            work.corner_x[i, lane] = x[i]
+            work.corner_y[i, lane] = y[i]
 
 
 @jit
 def put_force(work, lane, cosine, sine, n, nx, ny, t1, t2, tm):
     """Write down what `resultant` makes a wrench of: N and its moments, shear and torsion in the polygon's axes."""
-    put_three(work, FORCE, lane, (sine * t2 - cosine * t1, -(sine * t1 + cosine * t2), n))
-    put_three(work, FORCE + 3, lane, (0.0, 0.0, nx))
-    put_three(work, FORCE + 6, lane, (0.0, 0.0, ny))
-    work[TWISTING * W + lane] = -tm
+    put_three(work.force, lane, (sine * t2 - cosine * t1, -(sine * t1 + cosine * t2), n))
+    put_three(work.x_force, lane, (0.0, 0.0, nx))
+    put_three(work.y_force, lane, (0.0, 0.0, ny))
+    work.twisting[lane] = -tm
 
 
 @jit
 def in_polygon_axes(seen, lane, p1, p2):
     """A slip in the plane's axes in those of the polygon, and cosine and sine of the angle between them."""
-    c1 = seen[FIRST * W + lane]
-    c2 = seen[(FIRST + 1) * W + lane]
+    c1 = seen.first[0, lane]
+    c2 = seen.first[1, lane]
     scale = 1.0 / sqrt(c1 * c1 + c2 * c2)
     cosine = c1 * scale
     sine = c2 * scale

@@ -12,19 +12,20 @@ it has its own term.
 from dembrick._jit import entry, jit
 from dembrick.kernels.dynamics import joint_families as families
 from dembrick.kernels.dynamics.energy_terms import (
+    BY_LAW,
     CONTACTS,
-    GONE,
+    CRUSHING,
+    FRACTURE,
+    FRICTION,
     HANDED,
-    KINDS,
-    LEDGER,
     LOADS,
-    OF_DASHPOTS,
-    SMALLEST,
+    RELEASED,
+    STEPPING,
     TIES_STEPPED,
     TIES_YIELDED,
 )
 from dembrick.kernels.dynamics.rigid_bodies import gathered
-from dembrick.kernels.dynamics.tiles import lane_of
+from dembrick.kernels.dynamics.tiles import W
 from dembrick.kernels.joint.families import FAMILIES, joint_count, joint_of
 from dembrick.kernels.joint.ties import tie_losses
 from dembrick.kernels.math.quaternion import rotate
@@ -35,14 +36,19 @@ from dembrick.kernels.math.vec3 import add_wrench, cross, put_vector
 def settle(energy_terms, links, j):
     """Put what a joint lost into its own energy terms; what follows may have another share."""
     share = energy_terms.share[j]
-    row = energy_terms.ledger[lane_of(links.place[j], LEDGER)]
-    energy_terms.damped[j] += share * row[OF_DASHPOTS]
-    row[OF_DASHPOTS] = 0.0
-    energy_terms.least[j] = min(energy_terms.least[j], share * row[SMALLEST])
-    row[SMALLEST] = 0.0
-    for i in range(KINDS):
-        energy_terms.lost[j, i] += share * row[GONE + i]
-        row[GONE + i] = 0.0
+    ledger = energy_terms.ledger[links.place[j] // W]
+    lane = links.place[j] % W
+    energy_terms.damped[j] += share * ledger.dashpots[lane]
+    energy_terms.least[j] = min(energy_terms.least[j], share * ledger.smallest[lane])
+    lost = energy_terms.lost[j]
+    lost[FRICTION] += share * ledger.friction[lane]
+    lost[RELEASED] += share * ledger.released[lane]
+    lost[STEPPING] += share * ledger.stepping[lane]
+    lost[BY_LAW] += share * ledger.by_law[lane]
+    lost[CRUSHING] += share * ledger.crushing[lane]
+    lost[FRACTURE] += share * ledger.fracture[lane]
+    ledger.dashpots[lane] = ledger.smallest[lane] = ledger.friction[lane] = ledger.released[lane] = 0.0
+    ledger.stepping[lane] = ledger.by_law[lane] = ledger.crushing[lane] = ledger.fracture[lane] = 0.0
 
 
 @entry

@@ -3,28 +3,30 @@ behind for the next. How they balance: see `energy`."""
 
 from typing import NamedTuple
 
+import numpy as np
 from numpy import ndarray
 
 from dembrick._jit import jit
-from dembrick.kernels.dynamics.tiles import W, put_three, three
+from dembrick.kernels.dynamics.tiles import put_three, record, three
 
-FRICTION, RELEASED, STEPPING, BY_LAW, CRUSHING, FRACTURE = range(6)
+FRICTION, RELEASED, STEPPING, BY_LAW, CRUSHING, FRACTURE = range(6)  # columns of `EnergyTerms.lost`
 KINDS = 6
 LOADS, CONTACTS, HANDED, TIES_YIELDED, TIES_STEPPED = range(5)
 
-# Rows of a tile of `EnergyTerms.dashpots`: N and its x and y moments of the dashpots along the normal (N, N m), V_1,
-# V_2 and M_T of those in shear and torsion, in the axes of the joint's elastic forces. Single precision: they are most
-# of what the energy balance moves through the memory, and a trapezium with one rounded side errs by some 1e-8 of the
-# work, either way
-PRESSING, SHEARING = 0, 3
-DASHPOTS = 6 * W
+# What dashpots carried last: N and its x and y moments of those along the normal (N, N m), V_1, V_2 and M_T of those in
+# shear and torsion, in the axes of the joint's elastic forces. Single precision: they are most of what the energy
+# balance moves through the memory, and a trapezium with one rounded side errs by some 1e-8 of the work, either way
+CARRIED = record(("pressing", 3), ("shearing", 3), kind=np.float32)
 
-# Rows of a tile of `EnergyTerms.ledger`, J: what dashpots took; the smallest friction work of a step; what was lost
-# (`EnergyTerms.lost`, 6). All since `share` changed
-OF_DASHPOTS, SMALLEST, GONE = 0, 1, 2
-LEDGER = (GONE + KINDS) * W
+# J, all since `share` changed: what dashpots took, the smallest friction work of a step, and what was lost
+LEDGER = record(
+    ("dashpots", 1), ("smallest", 1), ("friction", 1), ("released", 1), ("stepping", 1), ("by_law", 1), ("crushing", 1),
+    ("fracture", 1),
+)  # fmt: skip
 
-SPRINGS = 3 * W  # rows of a tile of `EnergyTerms.springs`
+STEPPING_AT: int = LEDGER.fields["stepping"][1]  # bytes before that row
+
+PRESSURE = record(("pressure", 3))  # N, N m: N and its x and y moments of the springs of convex joints
 
 
 class EnergyTerms(NamedTuple):
@@ -33,9 +35,9 @@ class EnergyTerms(NamedTuple):
     Shear and torsion are in the sense in which the host slips; axes are those of the joint's elastic forces.
     """
 
-    dashpots: ndarray  # (t * DASHPOTS,) float32, what those of the joints carried last, in the tiles of `Links`
-    ledger: ndarray  # (t * LEDGER,) the energy terms of the joints, in the same tiles
-    springs: ndarray  # (u * SPRINGS,) N and its x and y moments (N, N m) of those of the convex joints, in their tiles;
+    dashpots: ndarray  # (t,) records `CARRIED`, one a tile of `Links`
+    ledger: ndarray  # (t,) records `LEDGER`, the energy terms of the joints, in the same tiles
+    springs: ndarray  # (u,) records `PRESSURE`, of those of the convex joints, in their tiles;
     partly: ndarray  # (u,) int64, they are there where this is 1: if one was neither wholly closed nor wholly open
     damped: ndarray  # (j,) what dashpots took until then
     lost: ndarray  # (j, 6) friction; springs let go; opening and closing within a step; friction by its law; crushing;
@@ -55,9 +57,9 @@ class EnergyTerms(NamedTuple):
 
 
 @jit
-def dashpot_work(row, lane, which, c0, c1, c2, d0, d1, d2):
-    """Work (J) of the dashpots of the joint in that lane of the tile ``row``, ``which`` PRESSING or SHEARING, over the
-    motion d of a step; they carry c now, which is written down for the next one."""
-    last0, last1, last2 = three(row, which, lane)
-    put_three(row, which, lane, (c0, c1, c2))
+def dashpot_work(carried, lane, c0, c1, c2, d0, d1, d2):
+    """Work (J) of the dashpots of the joint in that lane over the motion d of a step; ``carried``: the field of
+    `CARRIED` for them. They carry c now, which is written down for the next one."""
+    last0, last1, last2 = three(carried, lane)
+    put_three(carried, lane, (c0, c1, c2))
     return 0.5 * ((last0 + c0) * d0 + (last1 + c1) * d1 + (last2 + c2) * d2)

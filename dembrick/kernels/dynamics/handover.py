@@ -10,7 +10,7 @@ joint is open and the parts lie apart there is nothing to hand over, and it is 1
 from math import sqrt
 
 from dembrick._jit import jit
-from dembrick.kernels.dynamics.tiles import offset_of, seen_by, sense_of, wrench_at
+from dembrick.kernels.dynamics.tiles import W, offset_of, sense_of, three, wrench_at
 
 TURN = 0.2, 0.4  # sine of the turn of the faces at which the handing over of a joint begins, and ends
 SLIP = 0.05, 0.15  # of the joint's size: slip
@@ -34,17 +34,21 @@ def hand_over(touching, links, t):
     """
     joint = touching.joint[t]
     size = touching.size[t]
-    seen = links.seen_tiles[seen_by(links, joint)]
+    seen = links.seen_tiles[links.place[joint] // W]
+    lane = links.place[joint] % W
+    o1, o2, o3 = three(seen.origin, lane)
+    x1, x2, x3 = three(seen.first, lane)
+    y1, y2, y3 = three(seen.second, lane)
     wrench = links.wrenches[wrench_at(links, joint)]
-    turn = sqrt(seen[5] * seen[5] + seen[8] * seen[8])
+    turn = sqrt(x3 * x3 + y3 * y3)
     due = ramp(turn, TURN[0], TURN[1])
     if touching.partial[t]:
         start = touching.start[joint]
         shift = touching.shift[joint]
-        p1 = seen[0] - shift[0] * seen[3] - shift[1] * seen[6] - start[0]
-        p2 = seen[1] - shift[0] * seen[4] - shift[1] * seen[7] - start[1]
-        e1 = seen[3] - start[3]
-        e2 = seen[4] - start[4]
+        p1 = o1 - shift[0] * x1 - shift[1] * y1 - start[0]
+        p2 = o2 - shift[0] * x2 - shift[1] * y2 - start[1]
+        e1 = x1 - start[3]
+        e2 = x2 - start[4]
         slip = sqrt(p1 * p1 + p2 * p2) + size * sqrt(e1 * e1 + e2 * e2)
         due = max(due, ramp(slip, SLIP[0] * size, SLIP[1] * size))
         due = max(due, ramp(slip * turn, SINK[0] * size, SINK[1] * size))
@@ -56,5 +60,5 @@ def hand_over(touching, links, t):
         is_open = is_open and wrench[i] == 0.0
     for i in range(9):
         wrench[i] *= 1.0 - weight
-    gap = sense_of(links, joint) * (seen[2] - offset_of(links, joint))
+    gap = sense_of(links, joint) * (o3 - offset_of(links, joint))
     return is_open, is_open and gap + size * turn > PARTED * size

@@ -72,7 +72,7 @@ def shares(corners, faces, bodies, threads: int) -> tuple[np.ndarray, ...]:
     """The last six arguments of `advance_bodies`: equal shares for so many threads, and their scratch."""
     sizes = (tiles_of(corners), tiles_of(faces), bodies.free.size)
     parts = (np.arange(threads + 1) * size // threads for size in sizes)
-    return rows_of_lanes(threads * WORK).reshape(threads, WORK), *parts, np.zeros(threads), np.zeros(threads)
+    return rows_of_lanes(threads, WORK), *parts, np.zeros(threads), np.zeros(threads)
 
 
 def advance_bodies(
@@ -89,9 +89,9 @@ def advance_bodies(
     `touch`, zero if there are none. ``energy_terms`` may be None.
 
     ``share_*`` (t + 1,) int64: where the share of each thread begins among tiles of point joints, of convex joints and
-    free blocks; ``work`` (t, WORK): scratch; ``moved`` and ``away`` (t,) m2: room for what each thread finds. A joint
-    writes its own wrench and a block gathers its joints in their order, so every number is, to the last bit, the same
-    whatever the number of threads. New contacts, few beside the joints, are one thread's.
+    free blocks; ``work`` (t,) records `WORK`: scratch; ``moved`` and ``away`` (t,) m2: room for what each thread finds.
+    A joint writes its own wrench and a block gathers its joints in their order, so every number is, to the last bit,
+    the same whatever the number of threads. New contacts, few beside the joints, are one thread's.
     """
     goal2 = limits.displacement**2
     longest2 = limits.longest**2

@@ -13,60 +13,25 @@ and what they lose is counted there.
 from dembrick._jit import entry, jit
 from dembrick.kernels.dynamics.bonded_points import answer_bonded, bonds_of, spring_length
 from dembrick.kernels.dynamics.energy_terms import (
-    BY_LAW,
-    DASHPOTS,
-    FRICTION,
-    GONE,
-    LEDGER,
-    OF_DASHPOTS,
-    PRESSING,
-    RELEASED,
-    SHEARING,
-    SMALLEST,
-    STEPPING,
     dashpot_work,
 )
 from dembrick.kernels.dynamics.tiles import (
-    AREA,
-    BEFORE,
-    DAMPED,
-    DAMPING,
-    DASHPOT,
-    DEPTH,
-    FIRST,
-    FORCE,
-    FRAME,
-    GROWTH,
-    LAST,
-    LINE,
-    MOVED,
-    NORMAL,
-    POINT,
-    SECOND,
-    SEEN_TILE,
-    SENSE,
-    SHEAR,
-    SLID,
-    TILE,
-    TURN,
-    TWISTING,
-    VISCOUS,
+    ACTION,
+    ROW,
     WRENCHES,
     W,
-    X,
-    Y,
     combined,
     deliver,
     expect,
+    expect_part,
     fetch,
-    lane_of,
     look,
     offset_of,
     put_three,
     resultant,
-    seen_by,
     sense_of,
     three,
+    two,
 )
 from dembrick.kernels.joint.point_law import point_law, shear_loss
 from dembrick.kernels.math.vec3 import put_vector
@@ -77,17 +42,17 @@ def begin(tile, work):
     """Set the sums over the points to zero, and write down what all points of a joint need."""
     zero = (0.0, 0.0, 0.0)
     for lane in range(W):
-        damped = 1.0 + tile[(VISCOUS + 1) * W + lane]
-        work[NORMAL * W + lane] = tile[VISCOUS * W + lane]
-        work[DAMPED * W + lane] = damped
-        work[DAMPING * W + lane] = 1.0 / damped
-        put_three(work, FORCE, lane, zero)
-        put_three(work, FORCE + 3, lane, zero)
-        put_three(work, FORCE + 6, lane, zero)
-        put_three(work, DASHPOT, lane, zero)
-        put_three(work, DASHPOT + 3, lane, zero)
-        put_three(work, DASHPOT + 6, lane, zero)
-        work[TWISTING * W + lane] = 0.0
+        damped = 1.0 + tile.viscous[1, lane]
+        work.normal[lane] = tile.viscous[0, lane]
+        work.damped[lane] = damped
+        work.damping[lane] = 1.0 / damped
+        put_three(work.force, lane, zero)
+        put_three(work.x_force, lane, zero)
+        put_three(work.y_force, lane, zero)
+        put_three(work.dashpot, lane, zero)
+        put_three(work.x_dashpot, lane, zero)
+        put_three(work.y_dashpot, lane, zero)
+        work.twisting[lane] = 0.0
 
 
 @jit
@@ -95,41 +60,40 @@ def answer(work, own, sheared, which, lane, k_n, k_s, friction, arm, energy, for
     """One point of the pair that `press` takes, its ``which``: its arms of the normal force and of friction, its shear
     force in the sense in which the host slips, its normal force, what of these three its dashpots carry, whether it
     slid or lost something else."""
-    at = which * POINT + lane
-    x = own[X * W + at]
-    y = own[Y * W + at]
-    area = own[AREA * W + at]
-    g0, gx, gy = three(work, DEPTH, lane)
-    d0, dx, dy = three(work, GROWTH, lane)
+    x = own[which].x[lane]
+    y = own[which].y[lane]
+    area = own[which].area[lane]
+    g0, gx, gy = three(work.depth, lane)
+    d0, dx, dy = three(work.growth, lane)
     g = g0 + x * gx + y * gy
     d = d0 + x * dx + y * dy
     xs = arm * x
     ys = arm * y
-    p1, p2, x1 = three(work, MOVED, lane)
-    x2, y1, y2 = three(work, MOVED + 3, lane)
+    p1, p2 = two(work.slip, lane)
+    x1, x2 = two(work.slip_x, lane)
+    y1, y2 = two(work.slip_y, lane)
     u1 = p1 + xs * x1 + ys * y1
     u2 = p2 + xs * x2 + ys * y2
-    of_shear = which * SHEAR + lane
-    b1 = sheared[of_shear]
-    b2 = sheared[W + of_shear]
+    b1 = sheared[which].elastic[0, lane]
+    b2 = sheared[which].elastic[1, lane]
     k = k_n * area
     normal, t1, t2, e1, e2, slid = point_law(
-        g, d, u1, u2, b1, b2, k, k_s * area, friction, work[NORMAL * W + lane], work[DAMPED * W + lane],
-        work[DAMPING * W + lane],
+        g, d, u1, u2, b1, b2, k, k_s * area, friction, work.normal[lane], work.damped[lane],
+        work.damping[lane],
     )  # fmt: skip
-    sheared[of_shear] = e1
-    sheared[W + of_shear] = e2
-    work[(SLID + which) * W + lane] = slid
+    sheared[which].elastic[0, lane] = e1
+    sheared[which].elastic[1, lane] = e2
+    work.slid[which, lane] = slid
     dashpot = 0.0
     loses = slid > 0.0
     if energy is not None:
         dashpot = normal - k * max(g, 0.0)
-        put_three(work, BEFORE + 3 * which, lane, (b1, b2, normal))
+        put_three(work.before[which], lane, (b1, b2, normal))
         # slides, or lets go of what it held, or opened or closed in the step
         held = abs(b1) + abs(b2)
         loses = loses | ((normal == 0.0) & (held > 0.0)) | (g * (g - d) < 0.0)
     if force_out is not None:
-        put_three(work, LAST + 3 * which, lane, (t1, t2, normal))
+        put_three(work.last[which], lane, (t1, t2, normal))
     return x, y, xs, ys, t1, t2, normal, t1 - e1, t2 - e2, dashpot, loses
 
 
@@ -163,27 +127,25 @@ def press(
         X, Y, XS, YS, T1, T2, N, C1, C2, C, LOSES = answer_by(
             work, own, sheared, 1, lane, k_n, k_s, friction, arm, energy, force_out, strengths, law, bonds, ledger
         )
-        a = FORCE * W + lane
-        work[a] -= t1 + T1
-        work[a + W] -= t2 + T2
-        work[a + 2 * W] += n + N
-        work[a + 3 * W] -= xs * t1 + XS * T1
-        work[a + 4 * W] -= xs * t2 + XS * T2
-        work[a + 5 * W] += x * n + X * N
-        work[a + 6 * W] -= ys * t1 + YS * T1
-        work[a + 7 * W] -= ys * t2 + YS * T2
-        work[a + 8 * W] += y * n + Y * N
+        work.force[0, lane] -= t1 + T1
+        work.force[1, lane] -= t2 + T2
+        work.force[2, lane] += n + N
+        work.x_force[0, lane] -= xs * t1 + XS * T1
+        work.x_force[1, lane] -= xs * t2 + XS * T2
+        work.x_force[2, lane] += x * n + X * N
+        work.y_force[0, lane] -= ys * t1 + YS * T1
+        work.y_force[1, lane] -= ys * t2 + YS * T2
+        work.y_force[2, lane] += y * n + Y * N
         if energy is not None:
-            a = DASHPOT * W + lane
-            work[a] += c1 + C1
-            work[a + W] += c2 + C2
-            work[a + 2 * W] += c + C
-            work[a + 3 * W] += xs * c1 + XS * C1
-            work[a + 4 * W] += xs * c2 + XS * C2
-            work[a + 5 * W] += x * c + X * C
-            work[a + 6 * W] += ys * c1 + YS * C1
-            work[a + 7 * W] += ys * c2 + YS * C2
-            work[a + 8 * W] += y * c + Y * C
+            work.dashpot[0, lane] += c1 + C1
+            work.dashpot[1, lane] += c2 + C2
+            work.dashpot[2, lane] += c + C
+            work.x_dashpot[0, lane] += xs * c1 + XS * C1
+            work.x_dashpot[1, lane] += xs * c2 + XS * C2
+            work.x_dashpot[2, lane] += x * c + X * C
+            work.y_dashpot[0, lane] += ys * c1 + YS * C1
+            work.y_dashpot[1, lane] += ys * c2 + YS * C2
+            work.y_dashpot[2, lane] += y * c + Y * C
         losing |= loses | LOSES
     return losing
 
@@ -191,8 +153,9 @@ def press(
 @entry
 def add_slip(work, slipped):
     """Add to the slip paths of two points of every joint of a tile what they slid by in the step."""
-    for lane in range(2 * W):
-        slipped[lane] += work[SLID * W + lane]
+    for which in range(2):
+        for lane in range(W):
+            slipped[which].length[lane] += work.slid[which, lane]
 
 
 @jit
@@ -203,10 +166,10 @@ def write_forces(corners, t, first, sense, work, out):
         p = corners.lane[t, lane]
         count = corners.start[p + 1] - corners.start[p]
         for which in range(min(2, count - first)):
-            t1, t2, normal = three(work, LAST + 3 * which, lane)
+            t1, t2, normal = three(work.last[which], lane)
             force = combined(
                 (-t1, -t2, sense[lane] * normal), (0.0, 0.0, 0.0),
-                three(work, FRAME, lane), three(work, FRAME + 3, lane), three(work, FRAME + 6, lane),
+                three(work.u1, lane), three(work.u2, lane), three(work.m, lane),
             )  # fmt: skip
             put_vector(out[corners.start[p] + first + which], force[0], force[1], force[2])
 
@@ -218,17 +181,17 @@ def add_dashpot_work(work, seen, dashpots, ledger):
     All points of a joint slip as one rigid figure: by the slip at the foot of O, and by the turn.
     """
     for lane in range(W):
-        v1, v2, n = three(work, DASHPOT, lane)
-        x1, x2, nx = three(work, DASHPOT + 3, lane)
-        y1, y2, ny = three(work, DASHPOT + 6, lane)
-        e1, e2, _ = three(seen, FIRST, lane)
-        g1, g2, _ = three(seen, SECOND, lane)
+        v1, v2, n = three(work.dashpot, lane)
+        x1, x2, nx = three(work.x_dashpot, lane)
+        y1, y2, ny = three(work.y_dashpot, lane)
+        e1, e2, _ = three(seen.first, lane)
+        g1, g2, _ = three(seen.second, lane)
         twisting = e1 * x2 - e2 * x1 + g1 * y2 - g2 * y1
-        d0, dx, dy = three(work, GROWTH, lane)
-        p1, p2, _ = three(work, MOVED, lane)
-        taken = dashpot_work(dashpots, lane, PRESSING, n, nx, ny, d0, dx, dy)
-        taken += dashpot_work(dashpots, lane, SHEARING, v1, v2, twisting, p1, p2, work[TURN * W + lane])
-        ledger[OF_DASHPOTS * W + lane] += taken
+        d0, dx, dy = three(work.growth, lane)
+        p1, p2 = two(work.slip, lane)
+        taken = dashpot_work(dashpots.pressing, lane, n, nx, ny, d0, dx, dy)
+        taken += dashpot_work(dashpots.shearing, lane, v1, v2, twisting, p1, p2, work.turn[lane])
+        ledger.dashpots[lane] += taken
 
 
 @entry
@@ -236,53 +199,54 @@ def add_losses(work, own, sheared, k_n, k_s, friction, arm, ledger):
     """Add what the two points of `press` of every joint of a tile lost in a step: in friction, or let go where a point
     has opened."""
     for lane in range(W):
-        g0, gx, gy = three(work, DEPTH, lane)
-        d0, dx, dy = three(work, GROWTH, lane)
-        p1, p2, x1 = three(work, MOVED, lane)
-        x2, y1, y2 = three(work, MOVED + 3, lane)
+        g0, gx, gy = three(work.depth, lane)
+        d0, dx, dy = three(work.growth, lane)
+        p1, p2 = two(work.slip, lane)
+        x1, x2 = two(work.slip_x, lane)
+        y1, y2 = two(work.slip_y, lane)
         for which in range(2):
-            at = which * POINT + lane
-            x = own[X * W + at]
-            y = own[Y * W + at]
-            area = own[AREA * W + at]
-            e1 = sheared[which * SHEAR + lane]
-            e2 = sheared[which * SHEAR + W + lane]
-            b1, b2, normal = three(work, BEFORE + 3 * which, lane)
-            slid = work[(SLID + which) * W + lane]
+            x = own[which].x[lane]
+            y = own[which].y[lane]
+            area = own[which].area[lane]
+            e1 = sheared[which].elastic[0, lane]
+            e2 = sheared[which].elastic[1, lane]
+            b1, b2, normal = three(work.before[which], lane)
+            slid = work.slid[which, lane]
             s1 = p1 + arm * (x * x1 + y * y1)
             s2 = p2 + arm * (x * x2 + y * y2)
             lost = shear_loss(b1, b2, e1, e2, s1, s2, k_s * area)
             held = lost if slid > 0.0 else 0.0
-            least = ledger[SMALLEST * W + lane]
-            ledger[SMALLEST * W + lane] = held if held < least else least
+            least = ledger.smallest[lane]
+            ledger.smallest[lane] = held if held < least else least
             g = g0 + x * gx + y * gy
             let_go = lost if slid == 0.0 and e1 == 0.0 and e2 == 0.0 and area > 0.0 else 0.0
             before = g - (d0 + x * dx + y * dy)
             stepping = min(g, 0.0) * max(before, 0.0) - max(g, 0.0) * min(before, 0.0)
-            ledger[(GONE + FRICTION) * W + lane] += held
-            ledger[(GONE + RELEASED) * W + lane] += let_go
-            ledger[(GONE + STEPPING) * W + lane] += 0.5 * k_n * area * stepping
-            ledger[(GONE + BY_LAW) * W + lane] += friction * normal * slid
+            ledger.friction[lane] += held
+            ledger.released[lane] += let_go
+            ledger.stepping[lane] += 0.5 * k_n * area * stepping
+            ledger.by_law[lane] += friction * normal * slid
 
 
 @jit
 def forces(links, corners, bodies, first, last, force_out, strengths, bonds, energy_terms, work):
-    """Forces of the point joints in the tiles ``first`` to ``last``; ``work`` (WORK,) is scratch.
+    """Forces of the point joints in the tiles ``first`` to ``last``; ``work`` is scratch.
 
     ``force_out``, ``strengths`` and ``bonds`` are those of ``corners``, given apart so that their code goes where they
     are None; ``energy_terms`` may be None.
     """
     for t in range(first, last):
         like = links.like[t]
-        tile = links.tiles[like * TILE : (like + 1) * TILE]
-        seen = links.seen_tiles[t * SEEN_TILE : (t + 1) * SEEN_TILE]
-        expect(links.seen_tiles, (t + 1) * SEEN_TILE, SEEN_TILE)
+        tile = links.tiles[like]
+        seen = links.seen_tiles[t]
+        expect(links.seen_tiles, t + 1)
         next_point = corners.tile_start[t + 1]
-        expect(corners.sheared, next_point * SHEAR, (next_point - corners.tile_start[t]) * SHEAR)
+        coming = next_point - corners.tile_start[t]
+        expect_part(corners.sheared, next_point, 0, coming * corners.sheared.itemsize)
         if energy_terms is not None:
-            expect(energy_terms.dashpots, (t + 1) * DASHPOTS, DASHPOTS, LINE // 4)
-            expect(energy_terms.ledger, (t + 1) * LEDGER, W)
-        expect(links.wrenches, t * WRENCHES, WRENCHES)
+            expect(energy_terms.dashpots, t + 1)
+            expect_part(energy_terms.ledger, t + 1, 0, ROW)
+        expect_part(links.wrenches, t * WRENCHES, 0, ACTION * ROW)
         fetch(links, t, bodies, work)
         look(tile, seen, work)
         begin(tile, work)
@@ -294,53 +258,53 @@ def forces(links, corners, bodies, first, last, force_out, strengths, bonds, ene
         start = corners.tile_start[t]
         begins = corners.tile_start[corners.like[t]]
         for i in range(0, corners.tile_start[t + 1] - start, 2):
-            own = corners.points[(begins + i) * POINT : (begins + i + 2) * POINT]
+            own = corners.points[begins + i : begins + i + 2]
             first_point = start + i
-            sheared = corners.sheared[first_point * SHEAR : (first_point + 2) * SHEAR]
+            sheared = corners.sheared[first_point : first_point + 2]
             pair = bonds_of(bonds, first_point)
             if energy_terms is None:
                 losing = press(work, own, sheared, k_n, k_s, friction, arm, None, force_out, strengths, law, pair, None)
             if energy_terms is not None:
-                ledger = energy_terms.ledger[t * LEDGER : (t + 1) * LEDGER]
+                ledger = energy_terms.ledger[t]
                 losing = press(
                     work, own, sheared, k_n, k_s, friction, arm, True, force_out, strengths, law, pair, ledger
                 )
                 if strengths is None and losing:
                     add_losses(work, own, sheared, k_n, k_s, friction, arm, ledger)
             if losing:
-                add_slip(work, corners.slipped[first_point * W : (first_point + 2) * W])
+                add_slip(work, corners.slipped[first_point : first_point + 2])
             if force_out is not None:
-                write_forces(corners, t, i, tile[SENSE * W : (SENSE + 1) * W], work, force_out)
+                write_forces(corners, t, i, tile.sense, work, force_out)
         resultant(tile, seen, work)
         deliver(work, links.wrenches, t)
         if energy_terms is not None:
-            add_dashpot_work(
-                work, seen, energy_terms.dashpots[t * DASHPOTS : (t + 1) * DASHPOTS],
-                energy_terms.ledger[t * LEDGER : (t + 1) * LEDGER],
-            )  # fmt: skip
+            add_dashpot_work(work, seen, energy_terms.dashpots[t], energy_terms.ledger[t])
 
 
 @jit
 def spring_energy(links, corners, p, held):
     """Energy (J) in the springs of point joint ``p``; ``held`` is for the pressure of convex joints."""
     j = corners.joint[p]
-    seen = links.seen_tiles[seen_by(links, j)]
+    seen = links.seen_tiles[links.place[j] // W]
+    lane = links.place[j] % W
     sense = sense_of(links, j)
     offset = offset_of(links, j)
     law = corners.law[p]
     twice = 0.0
     for i in range(corners.start[p + 1] - corners.start[p]):
         place = corners.place[p] + i * W
-        point = corners.points[lane_of(place, POINT)]
-        shear = corners.sheared[lane_of(place, SHEAR)]
-        e1 = shear[0]
-        e2 = shear[1]
-        g = sense * (offset - seen[2] - point[X] * seen[5] - point[Y] * seen[8])
+        point = corners.points[place // W]
+        own = place % W
+        area = point.area[own]
+        e1, e2 = two(corners.sheared[place // W].elastic, own)
+        g = sense * (
+            offset - seen.origin[2, lane] - point.x[own] * seen.first[2, lane] - point.y[own] * seen.second[2, lane]
+        )
         g = spring_length(corners.strengths, corners.bonds, law, corners.k_n[law], place, g)
         if g != 0.0:
-            twice += corners.k_n[law] * point[AREA] * g * g
-        if point[AREA] > 0.0:
-            twice += (e1 * e1 + e2 * e2) / (corners.k_s[law] * point[AREA])
+            twice += corners.k_n[law] * area * g * g
+        if area > 0.0:
+            twice += (e1 * e1 + e2 * e2) / (corners.k_s[law] * area)
     return 0.5 * twice
 
 
@@ -350,7 +314,7 @@ def mean_slip(corners, p):
     area = slip = 0.0
     for i in range(corners.start[p + 1] - corners.start[p]):
         place = corners.place[p] + i * W
-        own = corners.points[lane_of(place, POINT)][AREA]
+        own = corners.points[place // W].area[place % W]
         area += own
-        slip += own * corners.slipped[place]
+        slip += own * corners.slipped[place // W].length[place % W]
     return slip / area if area > 0.0 else 0.0

@@ -4,7 +4,7 @@ from math import isnan, nan, sqrt
 
 from dembrick._jit import jit
 from dembrick.kernels.dynamics import joint_families as families
-from dembrick.kernels.dynamics.tiles import ACTION, LEVER, TILE, lane_of, sense_of, wrench_at
+from dembrick.kernels.dynamics.tiles import ACTION, W, sense_of, three, wrench_at
 from dembrick.kernels.joint.families import FAMILIES, joint_count, joint_of
 from dembrick.kernels.math.vec3 import cross, rows_times
 
@@ -27,10 +27,10 @@ def write_resultants(bodies, links, corners, faces, out):
         x1, x2, x3 = rows_times(R, t[0, 0], t[0, 1], t[0, 2])
         y1, y2, y3 = rows_times(R, t[1, 0], t[1, 1], t[1, 2])
         z1, z2, z3 = cross(x1, x2, x3, y1, y2, y3)
-        lever = links.tiles[lane_of(links.place[j], TILE)][LEVER : LEVER + 3]
-        r1 = lever[0] * x1 + lever[1] * y1 + lever[2] * z1
-        r2 = lever[0] * x2 + lever[1] * y2 + lever[2] * z2
-        r3 = lever[0] * x3 + lever[1] * y3 + lever[2] * z3
+        l1, l2, l3 = three(links.tiles[links.place[j] // W].lever, links.place[j] % W)
+        r1 = l1 * x1 + l2 * y1 + l3 * z1
+        r2 = l1 * x2 + l2 * y2 + l3 * z2
+        r3 = l1 * x3 + l2 * y3 + l3 * z3
         along = x1 * n1 + x2 * n2 + x3 * n3
         x1 -= along * n1
         x2 -= along * n2

@@ -16,10 +16,6 @@ from dembrick.kernels.math.vec3 import cross, put_vector, rows_times
 
 SLOW = 1e-4  # rad a step: up to here one correction of the spin, and a series for the turn, are exact to rounding
 
-# Rows of `work`, see `lanes`: orientation, angular momentum, inverse of the inertia (its six parts); the orientation a
-# step later, the spin, the square of the angle of the turn
-ORIENTATION, MOMENTUM, INVERSE, TURNED, SPIN, ANGLE2 = 0, 4, 7, 13, 17, 20
-
 
 class Bodies(NamedTuple):
     """n blocks. World axes and positions from the middle of the scene, so that they keep their digits."""
@@ -127,11 +123,11 @@ def turn_slowly(work, dt):
     """`turn_body` for the blocks in all lanes of ``work``, right for those that turn by no more than `SLOW`."""
     half = 0.5 * dt
     for lane in range(W):
-        q = four(work, ORIENTATION, lane)
+        q = four(work.orientation, lane)
         u, w, m = axes_of(q)
-        L = three(work, MOMENTUM, lane)
-        ixx, ixy, ixz = three(work, INVERSE, lane)
-        iyy, iyz, izz = three(work, INVERSE + 3, lane)
+        L = three(work.momentum, lane)
+        ixx, ixy, ixz = three(work.inverse, lane)
+        iyy, iyz, izz = three(work.inverse[3:], lane)
         l1 = dot(u, L)
         l2 = dot(w, L)
         l3 = dot(m, L)
@@ -156,40 +152,38 @@ def turn_slowly(work, dt):
         # one Newton step to length 1, from next to it
         n = 1.5 - 0.5 * (a0 * a0 + a1 * a1 + a2 * a2 + a3 * a3)
         q = (n * a0, n * a1, n * a2, n * a3)
-        work[TURNED * W + lane] = q[0]
-        put_three(work, TURNED + 1, lane, (q[1], q[2], q[3]))
+        for i in range(4):
+            work.turned[i, lane] = q[i]
         # a turn leaves its own axis alone, so this is the spin in the world before and after it
-        put_three(work, SPIN, lane, combined((w1, w2, w3), (0.0, 0.0, 0.0), u, w, m))
-        work[ANGLE2 * W + lane] = angle2
+        put_three(work.spin, lane, combined((w1, w2, w3), (0.0, 0.0, 0.0), u, w, m))
+        work.angle2[lane] = angle2
 
 
 @jit
 def fetch_block(bodies, b, work, lane):
     """Bring what `turn_slowly` wants of block ``b`` into a lane of ``work``."""
     q = bodies.orientation[b]
-    work[lane] = q[0]
-    work[W + lane] = q[1]
-    work[2 * W + lane] = q[2]
-    work[3 * W + lane] = q[3]
+    for i in range(4):
+        work.orientation[i, lane] = q[i]
     L = bodies.momentum[b]
-    put_three(work, MOMENTUM, lane, (L[0], L[1], L[2]))
+    put_three(work.momentum, lane, (L[0], L[1], L[2]))
     inverse = bodies.inverse[b]
-    put_three(work, INVERSE, lane, (inverse[0, 0], inverse[0, 1], inverse[0, 2]))
-    put_three(work, INVERSE + 3, lane, (inverse[1, 1], inverse[1, 2], inverse[2, 2]))
+    put_three(work.inverse, lane, (inverse[0, 0], inverse[0, 1], inverse[0, 2]))
+    put_three(work.inverse[3:], lane, (inverse[1, 1], inverse[1, 2], inverse[2, 2]))
 
 
 @jit
 def turn_block(bodies, b, work, lane, dt):
     """Turn block ``b`` by what `turn_slowly` left in its lane, or by `turn_body`; returns the square of the angle."""
-    angle2 = work[ANGLE2 * W + lane]
+    angle2 = work.angle2[lane]
     if not angle2 <= SLOW * SLOW:
         return turn_body(bodies, b, dt)
     q = bodies.orientation[b]
     for i in range(4):
-        q[i] = work[(TURNED + i) * W + lane]
+        q[i] = work.turned[i, lane]
     spin = bodies.spin[b]
     for i in range(3):
-        spin[i] = work[(SPIN + i) * W + lane]
+        spin[i] = work.spin[i, lane]
     return angle2
 
 
@@ -242,9 +236,9 @@ def step_bodies(bodies, wrenches, loaded, first, last, g, dt, damping, fallen, m
     Every block gathers the forces of its joints in their order, so the sums do not depend on who else works on them.
     ``loaded``: whether there are loads besides gravity on any block.
     ``damping`` is local damping (dead-load equilibrium only; zero in a dynamic run). ``fallen`` (n,) gets the momentum
-    times ``mean`` (3) on top, the work of gravity over the step before, unless it is None. ``work``: scratch, see
-    `lanes`. Returns the squares of the longest move of a material point of a block in this step and of the longest
-    displacement since the start (m2).
+    times ``mean`` (3) on top, the work of gravity over the step before, unless it is None. ``work``: a
+    record of `tiles.WORK`. Returns the squares of the longest move of a material point of a block in this step and of
+    the longest displacement since the start (m2).
     """
     moved = away = 0.0
     g1 = g[0]

@@ -1,10 +1,11 @@
 """Joint kinematics in SIMD tiles: relative position and motion of the two blocks, and joint wrenches.
 
 A processor adds eight numbers as fast as one, if they lie side by side. So joints live in *tiles* of `W` lanes, a
-joint a lane: a tile is a number of rows of `W` doubles, row after row, and number r of the joint in lane l is
-``tile[r * W + l]``. A tile is one flat array and every loop over lanes is a function of its own that is not inlined:
-then the compiler knows the distance of all rows, and makes such a loop a few wide instructions. What passes from one
-loop to the next stands in ``work``, rows in the same way, one for each thread and small enough to stay in the cache.
+joint a lane. A tile is a record (`record`) each of whose fields is a number of rows of `W` lanes: ``tile.offset[lane]``
+is one number of the joint in that lane, ``tile.lever[i, lane]`` one of a vector. Where every row begins is part of the
+type of the record, and every loop over lanes is a function of its own that is not inlined: so the compiler makes such a
+loop a few wide instructions. What passes from one loop to the next stands in ``work``, a record of the same kind, one
+for each thread and small enough to stay in the cache.
 
 The contact polygon rides on one block, the *host*; the *other* block offers the plane. The frame of the plane is
 u1, u2 and m = u1 x u2, that of the polygon e1, e2 and e1 x e2, each a quaternion in the axes of its block. Both blocks'
@@ -33,59 +34,99 @@ from dembrick.kernels.math.vec3 import cross
 
 W = 16  # lanes of a tile
 LINE = 64  # bytes of a line of the cache
+ROW = 8 * W  # bytes of a row
 NONE = 1e-140  # as good as zero, in a divisor
 
-# Rows of a tile of `Links.tiles`, which no step changes: quaternions (w, x, y, z) of the plane's frame in the axes of
-# the other block and of the polygon's in those of the host; arm of O from the host's centroid, along e1, e2 and e1 x e2
-# (m); +1 if the other's outward normal is m, -1 if it is -m; distance of the plane from the other's centroid,
-# along m (m); dashpot over spring force for the same increment, normal and shear
-PLANE, TANGENTS, LEVER, SENSE, OFFSET, VISCOUS = 0, 4, 8, 11, 12, 13
-ROWS = 15
-TILE = ROWS * W
 
-# Rows of a tile of `Links.seen_tiles`: O from the other's centroid, e1 and e2, in the plane's axes; outside of kernels
-# they have the numbers from SEEN on, after those of `Links.tiles`
-ORIGIN, FIRST, SECOND = 0, 3, 6
-SEEN = ROWS
-SEEN_TILE = 9 * W
+def record(*fields: tuple[str, int | tuple[int, ...]], kind: type = float) -> np.dtype:
+    """The type of a record of rows of `W` lanes: a name and a number of rows a field, or their shape; 1 is a single
+    row (W,)."""
+    shapes = ((name, rows if isinstance(rows, tuple) else (rows,) if rows > 1 else ()) for name, rows in fields)
+    own = np.dtype([(name, kind, (*shape, W)) for name, shape in shapes], align=True)
+    return np.dtype((np.record, own))  # whose fields are attributes in plain Python too
+
+
+# What no step changes of the joints of a tile
+FIXED = record(
+    ("plane", 4),  # quaternion (w, x, y, z) of the plane's frame in the axes of the other block
+    ("tangents", 4),  # of the polygon's in those of the host
+    ("lever", 3),  # m, arm of O from the host's centroid, along e1, e2 and e1 x e2
+    ("sense", 1),  # +1 if the other's outward normal is m, -1 if it is -m
+    ("offset", 1),  # m, distance of the plane from the other's centroid, along m
+    ("viscous", 2),  # dashpot over spring force for the same increment: normal, shear
+)
+
+# How the hosts lie: O from the other's centroid (m), e1 and e2, in the plane's axes
+SEEN = record(("origin", 3), ("first", 3), ("second", 3))
 
 # Wrenches stand lane after lane, since blocks gather them one by one: nine numbers each
 ACTION = 9
 WRENCHES = ACTION * W
 
-# Rows of `work`: quaternions of the two blocks and centroid of the host from that of the other (m, world); the plane's
-# frame in the world; arm of O from the host's centroid in the plane's axes (m); penetration at O and its slopes along
-# e1 and e2, and what they grew by in the step; slip of the step along u1 and u2 at the foot of O, and its slopes along
-# e1 and e2; turn of the step about m (rad); sums over the polygon of the force on the host in the plane's axes, and of
-# x and y times it (N, N m); couple about m on top (N m); the wrench
-OTHER, HOST, APART, FRAME, ARM, DEPTH, GROWTH, MOVED = 0, 4, 8, 11, 20, 23, 26, 29
-TURN, FORCE, TWISTING, WRENCH = 35, 36, 45, 46
-# and, for the points of a joint: dashpot along the normal, one plus that in shear, one over that; of the last two
-# points the force in the sense in which the host slips, and along the normal (N), and the length that they slid by in
-# the step (m); for the energy the sums over the points of what dashpots carry, as in FORCE, and of the last two points
-# the elastic shear before the step and the force along the normal (N)
-NORMAL, DAMPED, DAMPING, LAST, SLID, DASHPOT, BEFORE = 55, 56, 57, 58, 64, 66, 75
-# and, of a convex joint, whether it slides, or is not wholly closed; integrals of what presses it, and of what presses
-# its springs, with their x and y moments, over k_n (m3, m4); for the energy what dashpots carry in shear and torsion
-# (N, N m), and slip and turn of the step, both in the axes of the polygon; x of its first vertices, then y (m)
-REST, PRESSED, STILL, CARRIED, SLIPPED, CORNERS = 55, 56, 59, 62, 65, 68
-FOUR = 4  # of them
-WORK = 81 * W
+FOUR = 4  # vertices of a polygon of which all joints of a tile are done at once
 
-# Rows of a contact point, that no step changes: where it is, along e1 and e2 from O (m); its tributary area (m2). Its
-# memory, of which the slip path grows only where a point slides: elastic shear force in the sense in which the host
-# slips, along u1 and u2 (N), and the length of its slip path (m)
-X, Y, AREA = 0, 1, 2
-POINT = 3 * W
-SHEAR = 2 * W
-ELASTIC, SLIP = 3, 5  # numbers of the rows of the memory outside of kernels, after those of a point
+# Scratch, see above
+WORK = record(
+    ("other", 4),  # quaternions of the two blocks
+    ("host", 4),
+    ("apart", 3),  # m, world, centroid of the host from that of the other
+    ("u1", 3),  # the plane's frame in the world
+    ("u2", 3),
+    ("m", 3),
+    ("arm", 3),  # m, of O from the host's centroid, in the plane's axes
+    ("depth", 3),  # m, penetration at O, and its slopes along e1 and e2
+    ("growth", 3),  # what they grew by in the step
+    ("slip", 2),  # m, slip of the step along u1 and u2 at the foot of O
+    ("slip_x", 2),  # and its slopes along e1
+    ("slip_y", 2),  # and e2
+    ("turn", 1),  # rad, of the step about m
+    ("force", 3),  # N, sums over the polygon of the force on the host in the plane's axes
+    ("x_force", 3),  # N m, and of x and y times it
+    ("y_force", 3),
+    ("twisting", 1),  # N m, couple about m on top
+    ("wrench", (3, 3)),  # N, N m, see `Links`
+    # of joints that act at points
+    ("normal", 1),  # dashpot along the normal
+    ("damped", 1),  # one plus that in shear
+    ("damping", 1),  # one over that
+    ("last", (2, 3)),  # N, of the last two points the force in the sense in which the host slips, and normal
+    ("slid", 2),  # m, the length that they slid by in the step
+    ("dashpot", 3),  # N, N m, for the energy: sums over the points of what dashpots carry
+    ("x_dashpot", 3),
+    ("y_dashpot", 3),
+    ("before", (2, 3)),  # N, of the last two points the elastic shear before the step and the normal force
+    # of convex joints
+    ("rest", 1),  # whether it slides, or is not wholly closed
+    ("pressed", 3),  # m3, m4, integrals of what presses it, with their x and y moments, over k_n
+    ("still", 3),  # the same of what presses its springs
+    ("carried", 3),  # N, N m, for the energy: what dashpots carry in shear and torsion, in the polygon's axes
+    ("slipped", 3),  # m, rad, slip and turn of the step, likewise
+    ("corner_x", FOUR),  # m, its first vertices
+    ("corner_y", FOUR),
+    # of blocks, see `rigid_bodies`
+    ("orientation", 4),
+    ("momentum", 3),
+    ("inverse", 6),  # inverse of the inertia, its six parts
+    ("turned", 4),  # orientation a step later
+    ("spin", 3),
+    ("angle2", 1),  # square of the angle of the turn
+)
+
+# Contact points, which no step changes: where they are, along e1 and e2 from O (m); tributary area (m2)
+POINT = record(("x", 1), ("y", 1), ("area", 1))
+# Their memory, beside the slip path, which grows only where a point slides: elastic shear force in the sense in which
+# the host slips, along u1 and u2 (N)
+SHEAR = record(("elastic", 2))
+PATH = record(("length", 1))  # m, of the slip path of a point
 
 
 def rows_of_lanes(size: int, kind: type | np.dtype = float) -> ndarray:
-    """Room (size,) for tiles, all zero, that begins where a line of the cache does: then no row lies across two."""
-    room = np.zeros(size + LINE // 4, kind)
-    first = -room.ctypes.data % LINE // room.itemsize
-    return room[first : first + size]
+    """Room (size,) for tiles or for numbers of them, all zero, that begins where a line of the cache does: then no row
+    lies across two."""
+    kind = np.dtype(kind)
+    room = np.zeros(size * kind.itemsize + LINE, np.uint8)
+    first = -room.ctypes.data % LINE
+    return room[first : first + size * kind.itemsize].view(kind)
 
 
 def alike(tiles: Iterable[ndarray]) -> ndarray:
@@ -94,10 +135,18 @@ def alike(tiles: Iterable[ndarray]) -> ndarray:
     return np.array([first.setdefault(tile.tobytes(), t) for t, tile in enumerate(tiles)], np.uint32)
 
 
-def where_in(place: ndarray, size: int, first: int, count: int, joints=slice(None)) -> ndarray:
-    """Where ``count`` rows of joints, from ``first`` on, are in tiles of that ``size``; ``place`` as in `Links`."""
-    place = place[joints, None].astype(np.int64)
-    return place // W * size + place % W + np.arange(first, first + count) * W
+def in_lanes(tiles: ndarray, field: str, place: ndarray) -> ndarray:
+    """A copy of one field of the joints at ``place`` (k,), as in `Links`: (k, rows), or (k,) if it is one row."""
+    place = np.asarray(place, np.int64)
+    found = tiles[field][place // W, ..., place % W]
+    found.flags.writeable = False  # who writes into it means `put_in_lanes`
+    return found
+
+
+def put_in_lanes(tiles: ndarray, field: str, place: ndarray, values) -> None:
+    """Write one field of the joints at ``place`` (k,): values (k, rows), or (k,)."""
+    place = np.asarray(place, np.int64)
+    tiles[field][place // W, ..., place % W] = values
 
 
 def set_apart(like: ndarray, tiles: ndarray) -> None:
@@ -113,14 +162,9 @@ def set_apart(like: ndarray, tiles: ndarray) -> None:
         like[t] = t
 
 
-def rows_named(first: int, count: int, about: str) -> Any:
-    """A property that reads so many rows of all joints out of tiles: (k, count), or (k,) if it is one."""
-
-    def read(self) -> ndarray:
-        found = self.rows(first, count)
-        return found[:, 0] if count == 1 else found
-
-    return property(read, doc=about)
+def of_joints(field: str, about: str) -> Any:
+    """A property that reads a field of all joints out of their tiles: (k, rows), or (k,) if it is one row."""
+    return property(lambda self: in_lanes(self.tiles, field, self.place), doc=about)
 
 
 class Links(NamedTuple):
@@ -137,9 +181,9 @@ class Links(NamedTuple):
     plane: ndarray  # (j,) uint32, u1, u2 in the other's body axes: a row of `axes`
     axes: ndarray  # (k, 2, 3) pairs of directions in body axes, each once: blocks of a wall have few
     place: ndarray  # (j,) uint32, its lane: that of its tile, plus W times the tile
-    tiles: ndarray  # (t * TILE,) see above
+    tiles: ndarray  # (t,) records `FIXED`
     like: ndarray  # (t,) uint32, the tile of ``tiles`` that the loop reads in place of each: see `alike`
-    seen_tiles: ndarray  # (t * SEEN_TILE,) see above
+    seen_tiles: ndarray  # (t,) records `SEEN`
     wrenches: ndarray  # (t * WRENCHES,) N, N m: see above, wrench after wrench in the order of ``place``
     ends: ndarray  # (t, 2, W) uint32, the other and the host of each lane, by their rows in the loop
     kept: ndarray  # (j, 4) O and e1 along u1 and u2, of `seen`, when the polygon was last cut to the other's face
@@ -147,29 +191,34 @@ class Links(NamedTuple):
     slack: ndarray  # (j,) float32, m, how far the polygon may move along the plane before it must be cut again
     glide: ndarray  # (j, 3) float32, a direction along u1 and u2 in which moves count only by the third number
 
-    def rows(self, first: int, count: int, joints=slice(None)) -> ndarray:
-        """A copy (k, count) of rows that stand in tiles; (count,) for a single joint."""
-        array, where = self._where(first, count, joints)
-        found = array[where]
-        found.flags.writeable = False  # who writes into it means `put`
-        return found
+    def field(self, name: str, joints=slice(None)) -> ndarray:
+        """A copy of a field of `FIXED` or `SEEN`, (k, rows) or (k,) if it is one row; of a single joint (rows,)."""
+        tiles = self.tiles if name in (FIXED.names or ()) else self.seen_tiles
+        return in_lanes(tiles, name, self.place[joints])
 
-    def put(self, first: int, values, joints=slice(None)) -> None:
-        """Write rows: values (k, count); (count,) for a single joint."""
-        values = np.asarray(values, float)
-        if first < SEEN:
-            set_apart(self.like, self.place[joints] // W)
-        array, where = self._where(first, values.shape[-1], joints)
-        array[where] = values
+    def put(self, field: str, values, joints=slice(None)) -> None:
+        """Write a field of `FIXED`: values (k, rows), or (k,) if it is one row."""
+        set_apart(self.like, self.place[joints] // W)
+        put_in_lanes(self.tiles, field, self.place[joints], np.asarray(values, float))
+
+    def put_seen(self, values, joints=slice(None)) -> None:
+        """Write `seen`: values (k, 9)."""
+        vectors = np.moveaxis(np.reshape(values, (-1, 3, 3)), 1, 0)
+        place = np.atleast_1d(self.place[joints])
+        for field, vector in zip(SEEN.names or (), vectors, strict=True):
+            put_in_lanes(self.seen_tiles, field, place, vector)
 
     def share(self) -> None:
         """Let tiles that are the same to the last bit take their rows from one of them."""
-        self.like[:] = alike(self.tiles.reshape(-1, TILE))
+        self.like[:] = alike(self.tiles)
 
-    def _where(self, first: int, count: int, joints) -> tuple[ndarray, ndarray]:
-        """The array that has these rows, and where they are in it."""
-        array, size, first = (self.tiles, TILE, first) if first < SEEN else (self.seen_tiles, SEEN_TILE, first - SEEN)
-        return array, where_in(self.place, size, first, count, joints)
+    def seen_of(self, joints=slice(None)) -> ndarray:
+        """O, e1 and e2 of the hosts of some joints in the plane's axes, from the other's centroid: (k, 9) or (9,)."""
+        found = np.concatenate([self.field(name, joints) for name in SEEN.names or ()], axis=-1)
+        found.flags.writeable = False  # who writes into it means `put_seen`
+        return found
+
+    seen = property(seen_of, doc="(j, 9), `seen_of` all joints")
 
     @property
     def wrench(self) -> ndarray:
@@ -182,31 +231,43 @@ class Links(NamedTuple):
         """Write wrenches (k, 9)."""
         self.wrenches.reshape(-1, ACTION)[self.place[joints]] = values
 
-    seen = rows_named(SEEN, 9, "(j, 9) O, e1, e2 of the host in the plane's axes, from the other's centroid")
-    lever = rows_named(LEVER, 3, "(j, 3) m, from the host's centroid to O, along e1, e2 and e1 x e2")
-    sense = rows_named(SENSE, 1, "(j,) +1 if the other's outward normal is m, -1 if it is -m")
-    offset = rows_named(OFFSET, 1, "(j,) m, distance of the plane from the other's centroid, along m")
-    viscous = rows_named(VISCOUS, 2, "(j, 2) dashpot over spring force for the same increment: normal, shear")
+    lever = of_joints("lever", "(j, 3) m, from the host's centroid to O, along e1, e2 and e1 x e2")
+    sense = of_joints("sense", "(j,) +1 if the other's outward normal is m, -1 if it is -m")
+    offset = of_joints("offset", "(j,) m, distance of the plane from the other's centroid, along m")
+    viscous = of_joints("viscous", "(j, 2) dashpot over spring force for the same increment: normal, shear")
 
 
 @jit
-def three(rows, r, lane):
-    """A vector that begins in row r."""
-    return rows[r * W + lane], rows[(r + 1) * W + lane], rows[(r + 2) * W + lane]
+def two(rows, lane):
+    """A pair of numbers."""
+    return rows[0, lane], rows[1, lane]
 
 
 @jit
-def four(rows, r, lane):
+def three(rows, lane):
+    """A vector."""
+    return rows[0, lane], rows[1, lane], rows[2, lane]
+
+
+@jit
+def four(rows, lane):
     """A quaternion."""
-    return rows[r * W + lane], rows[(r + 1) * W + lane], rows[(r + 2) * W + lane], rows[(r + 3) * W + lane]
+    return rows[0, lane], rows[1, lane], rows[2, lane], rows[3, lane]
 
 
 @jit
-def put_three(rows, r, lane, a):
+def put_two(rows, lane, a):
+    """Write a pair of numbers."""
+    rows[0, lane] = a[0]
+    rows[1, lane] = a[1]
+
+
+@jit
+def put_three(rows, lane, a):
     """Write a vector."""
-    rows[r * W + lane] = a[0]
-    rows[(r + 1) * W + lane] = a[1]
-    rows[(r + 2) * W + lane] = a[2]
+    rows[0, lane] = a[0]
+    rows[1, lane] = a[1]
+    rows[2, lane] = a[2]
 
 
 @jit
@@ -226,14 +287,19 @@ def combined(a, f, r, s, t):
 
 
 @jit
-def expect(array, begin, size, line=LINE // 8):
-    """Have ``size`` numbers of an array, from number ``begin`` on, on their way into the cache; ``line``: how many are
-    in a line of it.
+def expect_part(tiles, t, begin, size):
+    """Have ``size`` bytes of an array, from byte ``begin`` of number ``t`` on, on their way into the cache.
 
     A tile is too short for the processor to see by itself what comes next.
     """
-    for i in range(begin, begin + size, line):
-        prefetch(array, i)
+    for byte in range(begin, begin + size, LINE):
+        prefetch(tiles, t, byte)
+
+
+@jit
+def expect(tiles, t):
+    """`expect_part` for the whole of record ``t``."""
+    expect_part(tiles, t, 0, tiles.itemsize)
 
 
 @jit
@@ -245,37 +311,32 @@ def fetch(links, t, bodies, work):
     for lane in range(W):
         other = ends[0, lane]
         host = ends[1, lane]
-        work[lane] = q[other, 0]
-        work[W + lane] = q[other, 1]
-        work[2 * W + lane] = q[other, 2]
-        work[3 * W + lane] = q[other, 3]
-        work[4 * W + lane] = q[host, 0]
-        work[5 * W + lane] = q[host, 1]
-        work[6 * W + lane] = q[host, 2]
-        work[7 * W + lane] = q[host, 3]
-        work[8 * W + lane] = x[host, 0] - x[other, 0]
-        work[9 * W + lane] = x[host, 1] - x[other, 1]
-        work[10 * W + lane] = x[host, 2] - x[other, 2]
+        for i in range(4):
+            work.other[i, lane] = q[other, i]
+        for i in range(4):
+            work.host[i, lane] = q[host, i]
+        for i in range(3):
+            work.apart[i, lane] = x[host, i] - x[other, i]
 
 
 @entry
 def look(tile, seen, work):
     """See where the hosts are now and what moved since the last step, when they were ``seen``."""
     for lane in range(W):
-        p = product(*four(work, OTHER, lane), *four(tile, PLANE, lane))
-        t = product(*four(work, HOST, lane), *four(tile, TANGENTS, lane))
+        p = product(*four(work.other, lane), *four(tile.plane, lane))
+        t = product(*four(work.host, lane), *four(tile.tangents, lane))
         u, w, m = axes_of(p)
         e, g, n = axes_of(product(p[0], -p[1], -p[2], -p[3], *t))
-        r = combined(three(tile, LEVER, lane), (0.0, 0.0, 0.0), e, g, n)
-        d = three(work, APART, lane)
+        r = combined(three(tile.lever, lane), (0.0, 0.0, 0.0), e, g, n)
+        d = three(work.apart, lane)
         o = (dot(d, u) + r[0], dot(d, w) + r[1], dot(d, m) + r[2])
-        o1, o2, o3 = three(seen, ORIGIN, lane)
-        e1, e2, e3 = three(seen, FIRST, lane)
-        g1, g2, g3 = three(seen, SECOND, lane)
-        sense = tile[SENSE * W + lane]
-        offset = tile[OFFSET * W + lane]
-        put_three(work, DEPTH, lane, (sense * (offset - o[2]), -sense * e[2], -sense * g[2]))
-        put_three(work, GROWTH, lane, (sense * (o3 - o[2]), sense * (e3 - e[2]), sense * (g3 - g[2])))
+        o1, o2, o3 = three(seen.origin, lane)
+        e1, e2, e3 = three(seen.first, lane)
+        g1, g2, g3 = three(seen.second, lane)
+        sense = tile.sense[lane]
+        offset = tile.offset[lane]
+        put_three(work.depth, lane, (sense * (offset - o[2]), -sense * e[2], -sense * g[2]))
+        put_three(work.growth, lane, (sense * (o3 - o[2]), sense * (e3 - e[2]), sense * (g3 - g[2])))
         # the turn of the step, exact to its cube, and to the last bit zero if nothing turns
         x1 = e[0] - e1
         x2 = e[1] - e2
@@ -293,44 +354,45 @@ def look(tile, seen, work):
         # feet that stand in the plane by its middle
         h = 0.5 * (o[2] + o3) - offset
         hy = 0.5 * (g[2] + g3)
-        put_three(work, MOVED, lane, (o[0] - o1 - h * r2, o[1] - o2 + h * r1, x1 - e3 * r2))
-        put_three(work, MOVED + 3, lane, (x2 + e3 * r1, y1 - hy * r2, y2 + hy * r1))
-        work[TURN * W + lane] = r3
-        put_three(work, FRAME, lane, u)
-        put_three(work, FRAME + 3, lane, w)
-        put_three(work, FRAME + 6, lane, m)
-        put_three(work, ARM, lane, r)
-        put_three(seen, ORIGIN, lane, o)
-        put_three(seen, FIRST, lane, e)
-        put_three(seen, SECOND, lane, g)
+        put_two(work.slip, lane, (o[0] - o1 - h * r2, o[1] - o2 + h * r1))
+        put_two(work.slip_x, lane, (x1 - e3 * r2, x2 + e3 * r1))
+        put_two(work.slip_y, lane, (y1 - hy * r2, y2 + hy * r1))
+        work.turn[lane] = r3
+        put_three(work.u1, lane, u)
+        put_three(work.u2, lane, w)
+        put_three(work.m, lane, m)
+        put_three(work.arm, lane, r)
+        put_three(seen.origin, lane, o)
+        put_three(seen.first, lane, e)
+        put_three(seen.second, lane, g)
 
 
 @entry
 def resultant(tile, seen, work):
-    """The wrenches of what `FORCE` and `TWISTING` hold, of which the parts along the plane act in it."""
+    """The wrenches of the sums of force and of the couple about m; what is along the plane acts in it."""
     for lane in range(W):
-        sense = tile[SENSE * W + lane]
-        a1, a2, a3 = three(work, FORCE, lane)
-        b1, b2, b3 = three(work, FORCE + 3, lane)
-        c1, c2, c3 = three(work, FORCE + 6, lane)
+        sense = tile.sense[lane]
+        a1, a2, a3 = three(work.force, lane)
+        b1, b2, b3 = three(work.x_force, lane)
+        c1, c2, c3 = three(work.y_force, lane)
         a3 *= sense
         b3 *= sense
         c3 *= sense
-        e1, e2, _ = three(seen, FIRST, lane)
-        g1, g2, _ = three(seen, SECOND, lane)
-        height = seen[(ORIGIN + 2) * W + lane] - tile[OFFSET * W + lane]
+        e1, e2, _ = three(seen.first, lane)
+        g1, g2, _ = three(seen.second, lane)
+        height = seen.origin[2, lane] - tile.offset[lane]
         p1 = e2 * b3 + g2 * c3 + height * a2
         p2 = -(e1 * b3 + g1 * c3 + height * a1)
-        p3 = e1 * b2 - e2 * b1 + g1 * c2 - g2 * c1 + work[TWISTING * W + lane]
-        h1, h2, h3 = cross(*three(work, ARM, lane), a1, a2, a3)
-        o1, o2, o3 = cross(*three(seen, ORIGIN, lane), a1, a2, a3)
-        u = three(work, FRAME, lane)
-        w = three(work, FRAME + 3, lane)
-        m = three(work, FRAME + 6, lane)
+        p3 = e1 * b2 - e2 * b1 + g1 * c2 - g2 * c1 + work.twisting[lane]
+        h1, h2, h3 = cross(*three(work.arm, lane), a1, a2, a3)
+        o1, o2, o3 = cross(*three(seen.origin, lane), a1, a2, a3)
+        u = three(work.u1, lane)
+        w = three(work.u2, lane)
+        m = three(work.m, lane)
         zero = (0.0, 0.0, 0.0)
-        put_three(work, WRENCH, lane, combined((a1, a2, a3), zero, u, w, m))
-        put_three(work, WRENCH + 3, lane, combined((p1 + h1, p2 + h2, p3 + h3), zero, u, w, m))
-        put_three(work, WRENCH + 6, lane, combined((-p1 - o1, -p2 - o2, -p3 - o3), zero, u, w, m))
+        put_three(work.wrench[0], lane, combined((a1, a2, a3), zero, u, w, m))
+        put_three(work.wrench[1], lane, combined((p1 + h1, p2 + h2, p3 + h3), zero, u, w, m))
+        put_three(work.wrench[2], lane, combined((-p1 - o1, -p2 - o2, -p3 - o3), zero, u, w, m))
 
 
 @jit
@@ -338,8 +400,9 @@ def deliver(work, wrenches, t):
     """Write the wrenches of tile ``t``."""
     rows = wrenches[t * WRENCHES : (t + 1) * WRENCHES]
     for lane in range(W):
-        for i in range(ACTION):
-            rows[lane * ACTION + i] = work[(WRENCH + i) * W + lane]
+        for i in range(3):
+            for k in range(3):
+                rows[lane * ACTION + 3 * i + k] = work.wrench[i, k, lane]
 
 
 @jit
@@ -350,28 +413,15 @@ def wrench_at(links, j):
 
 
 @jit
-def lane_of(place, size):
-    """Where the rows of a lane are in tiles of that ``size``, ``place`` as in `Links`: a kernel may not return them."""
-    tile = place // W
-    return slice(tile * size + place % W, (tile + 1) * size, W)
-
-
-@jit
-def seen_by(links, j):
-    """Where `Links.seen` of joint ``j`` is in `Links.seen_tiles`."""
-    return lane_of(links.place[j], SEEN_TILE)
-
-
-@jit
 def sense_of(links, j):
     """`Links.sense` of joint ``j``."""
-    return links.tiles[lane_of(links.place[j], TILE)][SENSE]
+    return links.tiles[links.place[j] // W].sense[links.place[j] % W]
 
 
 @jit
 def offset_of(links, j):
     """`Links.offset` of joint ``j``."""
-    return links.tiles[lane_of(links.place[j], TILE)][OFFSET]
+    return links.tiles[links.place[j] // W].offset[links.place[j] % W]
 
 
 @jit
@@ -380,11 +430,12 @@ def least_slack(links):
     least = 1e300
     for j in range(links.host.size):
         kept = links.kept[j]
-        seen = links.seen_tiles[seen_by(links, j)]
-        p1 = seen[0] - kept[0]
-        p2 = seen[1] - kept[1]
-        e1 = seen[3] - kept[2]
-        e2 = seen[4] - kept[3]
+        seen = links.seen_tiles[links.place[j] // W]
+        lane = links.place[j] % W
+        p1 = seen.origin[0, lane] - kept[0]
+        p2 = seen.origin[1, lane] - kept[1]
+        e1 = seen.first[0, lane] - kept[2]
+        e2 = seen.first[1, lane] - kept[3]
         f1 = float(links.glide[j, 0])
         f2 = float(links.glide[j, 1])
         along = float(links.glide[j, 2]) * (p1 * f1 + p2 * f2)

@@ -13,19 +13,8 @@ from dembrick.assembly.contact_points import PointTable
 from dembrick.assembly.joints import JointTable
 from dembrick.errors import HistoryError
 from dembrick.geometry import friction_integrals, polygons
-from dembrick.kernels.dynamics.area_tiles import (
-    AREA,
-    ELASTIC,
-    FACE,
-    K_N,
-    MU,
-    NEGLIGIBLE,
-    RADIUS,
-    REACH,
-    FaceBonds,
-    Faces,
-)
-from dembrick.kernels.dynamics.tiles import W, rows_of_lanes, where_in
+from dembrick.kernels.dynamics.area_tiles import FACE, SHEARED, FaceBonds, Faces
+from dembrick.kernels.dynamics.tiles import W, in_lanes, rows_of_lanes
 from dembrick.simulation.dynamics.tiling import tiled, without_rounding
 from dembrick.simulation.joint_stiffness import elastic_stiffness
 from dembrick.simulation.joint_strengths import bonded_at_start, strengths_of
@@ -66,8 +55,8 @@ def at_rest(assembly: Assembly, turn: np.ndarray, way: np.ndarray, first_tile: i
         outline=np.zeros(n, np.uint32),
         place=place,
         like=np.arange(len(lane), dtype=np.uint32),
-        tiles=rows_of_lanes(len(lane) * FACE),
-        sheared=rows_of_lanes(len(lane) * ELASTIC),
+        tiles=rows_of_lanes(len(lane), FACE),
+        sheared=rows_of_lanes(len(lane), SHEARED),
         twist=np.zeros((n, 3)),
         slip=np.zeros(n),
         count=np.zeros(0, np.int64),
@@ -78,9 +67,11 @@ def at_rest(assembly: Assembly, turn: np.ndarray, way: np.ndarray, first_tile: i
         strengths=strengths,
         bonds=None if strengths is None else FaceBonds(bonded_at_start(laws), np.zeros(n)),
     )
-    faces.tiles.reshape(len(lane), -1, W)[:, RADIUS] = 1.0  # a divisor, in lanes without a joint too
-    faces.put(K_N, [(law.normal_stiffness, law.shear_stiffness, law.friction) for law in laws])
-    faces.put(NEGLIGIBLE, without_rounding(PART_OF_WEIGHT * _lightest(assembly, joints)[chosen])[:, None])
+    faces.tiles["radius"] = 1.0  # a divisor, in lanes without a joint too
+    faces.put("k_n", [law.normal_stiffness for law in laws])
+    faces.put("k_s", [law.shear_stiffness for law in laws])
+    faces.put("friction", [law.friction for law in laws])
+    faces.put("negligible", without_rounding(PART_OF_WEIGHT * _lightest(assembly, joints)[chosen]))
     number = np.zeros(len(joints), np.int64)  # among the convex joints
     number[chosen] = np.arange(n)
     for numbers, outlines in joints.by_corners(np.sort(chosen)):  # of equal ones the first counts
@@ -120,9 +111,11 @@ def put_outlines(faces: Faces, rows: np.ndarray, outlines: np.ndarray, i: np.nda
     faces.far[rows] = friction_integrals.far_moments(outlines)
     faces.outline[i] = rows[which]
     second = np.stack(polygons.second_moments(outlines), axis=1)
-    faces.put(AREA, np.column_stack([polygons.area(outlines), second])[which], i)
+    faces.put("area", polygons.area(outlines)[which], i)
+    faces.put("second", second[which], i)
     reach = np.sqrt((outlines**2).sum(axis=2).max(axis=1))
-    faces.put(REACH, np.column_stack([reach, friction_integrals.area_radius(outlines)])[which], i)
+    faces.put("reach", reach[which], i)
+    faces.put("radius", friction_integrals.area_radius(outlines)[which], i)
 
 
 def stiffness(faces: Faces) -> np.ndarray:
@@ -135,7 +128,7 @@ def stiffness(faces: Faces) -> np.ndarray:
 def work_ahead(faces: Faces, a: int, held, sense: float, offset: float, now, step, slip, turn: float) -> float:
     """Work (J) that the springs of joint ``a`` would take over a ``step`` (9,) of `Links.seen` from ``now``, if their
     forces stayed; ``slip`` (9,) and ``turn`` of the feet in it, ``held`` (a, 3) N and its moments."""
-    e, after = faces.sheared[where_in(faces.place, ELASTIC, 0, 3, a)], now + step
+    e, after = in_lanes(faces.sheared, "elastic", faces.place[a]), now + step
     along = after[3:5] / np.hypot(*after[3:5])
     work = -sense * (held[a] @ step[[2, 5, 8]]) + e[0] * (along @ slip[:2])
     return float(work + e[1] * (along[0] * slip[1] - along[1] * slip[0]) + e[2] * turn)
@@ -143,18 +136,18 @@ def work_ahead(faces: Faces, a: int, held, sense: float, offset: float, now, ste
 
 def friction(faces: Faces) -> np.ndarray:
     """A copy of the friction of the joints (a,)."""
-    return faces.rows(MU, 1)[:, 0]
+    return faces.friction.copy()
 
 
 def put_friction(faces: Faces, values) -> None:
     """Give the joints that friction, a number or one for each."""
-    faces.put(MU, np.broadcast_to(values, len(faces.joint))[:, None])
+    faces.put("friction", values)
     faces.share()
 
 
 def retire(faces: Faces, a: int) -> None:
     """Let joint ``a`` carry nothing any more."""
-    faces.put(K_N, [0.0], a)
+    faces.put("k_n", 0.0, a)
 
 
 def take_memory(faces: Faces, left: Areas, sense: np.ndarray) -> None:

@@ -20,7 +20,6 @@ from dembrick.geometry.shapes import parts_of
 from dembrick.kernels.dynamics.contact_forces import Touching
 from dembrick.kernels.dynamics.contact_surface import Parts, Scratch
 from dembrick.kernels.dynamics.handover import PARTED, SINK, SLIP, TURN
-from dembrick.kernels.dynamics.tiles import SEEN
 from dembrick.simulation.dynamics.contact_state import parts_table, scratch_for, touching_pairs
 from dembrick.simulation.dynamics.joint_polygons import Polygons
 from dembrick.simulation.dynamics.state import MovingState
@@ -204,7 +203,7 @@ class ContactDetection:
             turning = np.maximum(host / reach[links.host] + other / reach[links.other], 1e-300)
             passing = 0.1 + host + other * (1.0 + away / reach[links.other])
             slipping = passing + turning * (np.abs(polygons.shift).sum(axis=1) + 2.0 * size)
-            gap = links.sense * (links.seen[:, 2] - links.offset)
+            gap = links.sense * (links.field("origin")[:, 2] - links.offset)
             parting = PARTED * size - gap - size * turn
             self._far_turned = np.flatnonzero((parting < 0.0) & ~self.retired)
             parting = np.where(parting < 0.0, np.inf, parting)
@@ -225,7 +224,7 @@ class ContactDetection:
         """Joints (j,) that are open, and have opened so far that they have done their work."""
         links = state.links
         is_open = (links.wrench[:, :3] == 0.0).all(axis=1)
-        gap = links.sense * (links.rows(SEEN + 2, 1)[:, 0] - links.offset)
+        gap = links.sense * (links.field("origin")[:, 2] - links.offset)
         return is_open & (gap + polygons.size * self._turn(state) > PARTED * polygons.size)
 
     def _look(self, state: MovingState, polygons: Polygons, first: bool) -> None:

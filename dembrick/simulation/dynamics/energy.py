@@ -12,25 +12,26 @@ import numpy as np
 from dembrick.kernels.dynamics.energy import kinetic_energy, settle_all, take_stock
 from dembrick.kernels.dynamics.energy_terms import (
     BY_LAW,
+    CARRIED,
     CONTACTS,
     CRUSHING,
-    DASHPOTS,
     FRACTURE,
     FRICTION,
     HANDED,
     KINDS,
     LEDGER,
     LOADS,
+    PRESSURE,
     RELEASED,
-    SPRINGS,
     STEPPING,
     TIES_STEPPED,
     TIES_YIELDED,
     EnergyTerms,
 )
-from dembrick.kernels.dynamics.tiles import rows_of_lanes, where_in
+from dembrick.kernels.dynamics.tiles import put_in_lanes, rows_of_lanes
 from dembrick.kernels.joint.ties import tie_energy
 from dembrick.simulation.channels import energies
+from dembrick.simulation.checkpoint_arrays import plain
 from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.joint_polygons import Polygons
 from dembrick.simulation.dynamics.state import MovingState, cross, out_of_balance, seen
@@ -105,7 +106,7 @@ class MotionEnergy:
         """Write N and its moments (a, 3) of the springs of the convex joints, all of them: the loop takes them from
         there for all joints of a tile or for none."""
         if state.faces is not None:
-            self.table.springs[where_in(state.faces.place, SPRINGS, 0, 3)] = held
+            put_in_lanes(self.table.springs, "pressure", state.faces.place, held)
             self.table.partly[:] = 1
 
     def _springs(self, state: MovingState) -> tuple[np.ndarray, np.ndarray]:
@@ -155,7 +156,7 @@ class MotionEnergy:
     def arrays(self) -> dict[str, np.ndarray]:
         """All that a run goes on from."""
         table = {} if self.table is None else self.table._asdict()
-        return {f"energy.{name}": array for name, array in table.items()} | {"energy.start": self.start}
+        return {f"energy.{name}": plain(array) for name, array in table.items()} | {"energy.start": self.start}
 
 
 def _blank(state: MovingState, loads: int, supports: int) -> EnergyTerms:
@@ -163,9 +164,9 @@ def _blank(state: MovingState, loads: int, supports: int) -> EnergyTerms:
     n, j = len(state.bodies.mass), len(state.links.host)
     tiles, convex = len(state.links.like), 0 if state.faces is None else len(state.faces.used)
     return EnergyTerms(
-        dashpots=rows_of_lanes(tiles * DASHPOTS, np.float32),
-        ledger=rows_of_lanes(tiles * LEDGER),
-        springs=rows_of_lanes(convex * SPRINGS),
+        dashpots=rows_of_lanes(tiles, CARRIED),
+        ledger=rows_of_lanes(tiles, LEDGER),
+        springs=rows_of_lanes(convex, PRESSURE),
         partly=np.zeros(convex, np.int64),
         damped=np.zeros(j),
         lost=np.zeros((j, KINDS)),

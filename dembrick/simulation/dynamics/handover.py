@@ -8,7 +8,6 @@ import numpy as np
 
 from dembrick.errors import ScenarioError
 from dembrick.geometry.rotations import rotation_matrix, turned_by, unit_quaternion
-from dembrick.kernels.dynamics.tiles import SEEN, VISCOUS
 from dembrick.scenario.stages import TiesBefore
 from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.checkpoint import PARTS, restore_scene
@@ -34,13 +33,13 @@ def start_on(moving: Motion, left: State | Kept, before: TiesBefore | None = Non
 
 
 def _go_on_from(moving: Motion, left: Kept, before: TiesBefore | None) -> None:
-    dashpots = moving.state.links.rows(VISCOUS, 2)  # of this run's time step and damping
+    dashpots = moving.state.links.viscous  # of this run's time step and damping
     laws = joint_families.strengths(moving.state)
     restore_scene(moving, left, True, PARTS if before is None else [part for part in PARTS if part != "ties"])
     joint_families.put_strengths(moving.state, laws)
     if before is not None:
         take_ties(moving.state, left, before)
-    moving.state.links.put(VISCOUS, dashpots)
+    moving.state.links.put("viscous", dashpots)
     bodies = moving.state.bodies
     bodies.velocity[:], bodies.momentum[:], bodies.spin[:] = 0.0, 0.0, 0.0
     bodies.applied[:] = 0.0  # loads that act in this stage come with its first step
@@ -69,5 +68,5 @@ def _take(moving: Motion, left: State, before: TiesBefore | None) -> None:
     kept = [k >= 0 for k in whole.of]
     drawn[[k for k in whole.of if k >= 0]] = state.ties.length[kept]
     tie(state, yielded, drawn + rest, whole)
-    links.put(SEEN, seen(bodies, links))
+    links.put_seen(seen(bodies, links))
     links.kept[:] = links.seen[:, [0, 1, 3, 4]]

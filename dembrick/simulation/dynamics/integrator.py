@@ -34,7 +34,7 @@ from dembrick.kernels.dynamics.loop import (
     shares,
 )
 from dembrick.kernels.dynamics.rigid_bodies import write_rotations
-from dembrick.kernels.dynamics.tiles import VISCOUS, rows_of_lanes
+from dembrick.kernels.dynamics.tiles import rows_of_lanes
 from dembrick.scenario.model import show
 from dembrick.simulation.dynamics.contact_detection import STABLE, ContactDetection
 from dembrick.simulation.dynamics.energy import MotionEnergy
@@ -174,7 +174,7 @@ def motion(
     dt = step_factor / impacts * critical
     if duration is not None and duration < MOST_STEPS * dt:
         dt = duration / math.ceil(duration / dt * (1.0 - 1e-12))
-    state.links.put(VISCOUS, without_rounding(stepped_dashpots(frequency * dt, damping)))
+    state.links.put("viscous", without_rounding(stepped_dashpots(frequency * dt, damping)))
     state.links.share()
     moving = Motion(assembly, Polygons(assembly, state), dt, critical, damping)
     moving.contact_detection.bearable -= STABLE * dt / of_joints  # at most: springs alone take its square

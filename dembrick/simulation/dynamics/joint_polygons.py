@@ -23,8 +23,6 @@ from dembrick.assembly.joints import JointTable
 from dembrick.geometry import polygons
 from dembrick.geometry.clipping import clip, simplify
 from dembrick.geometry.shapes import parts_of
-from dembrick.kernels.dynamics.area_tiles import K_N, REACH
-from dembrick.kernels.dynamics.tiles import AREA, LEVER, SEEN, SENSE, X, Y
 from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.area_joints import put_outlines, with_outlines
 from dembrick.simulation.dynamics.state import MovingState
@@ -128,7 +126,7 @@ class Polygons:
         """Corners (m, 2) of the other's face in the plane's axes from its centroid, counter-clockwise about m."""
         if j not in self._face_of:
             links = self.state.links
-            sense = float(links.rows(SENSE, 1, j)[0])
+            sense = float(links.field("sense", j))
             a_is_other = sense > 0.0
             part = int((self._joints.part_a if a_is_other else self._joints.part_b)[j])
             place, shape = parts_of(self._shapes[links.other[j]])[part]
@@ -140,7 +138,7 @@ class Polygons:
 
     def _cut(self, j: int) -> None:
         links, face, outline = self.state.links, self._face(j), self._joints[j].polygon
-        seen = links.rows(SEEN, 9, j)
+        seen = links.seen_of(j)
         tangents = seen[[[3, 4], [6, 7]]]
         origin = seen[:2] - self.shift[j] @ tangents  # where O of the start is now
         outside = polygons.distance_outside(origin + outline @ tangents, face)
@@ -152,7 +150,7 @@ class Polygons:
             cut = {"convex": self._clip, "distributed": self._fade}.get(self._joints[j].law.formulation, self._project)
             cut(j, self._place[j], origin, tangents, face)
         self._let_glide(j, seen[:2] - links.kept[j, :2], origin + outline @ tangents, face)
-        links.kept[j] = links.rows(SEEN, 9, j)[[0, 1, 3, 4]]  # O may have moved
+        links.kept[j] = links.seen_of(j)[[0, 1, 3, 4]]  # O may have moved
 
     def _let_glide(self, j: int, step: np.ndarray, placed: np.ndarray, face: np.ndarray) -> None:
         """Let joint ``j``, with corners ``placed`` (m, 2) on the ``face``, go on as it has moved by ``step`` (2,)."""
@@ -176,9 +174,9 @@ class Polygons:
         """Put O of joint ``j`` at ``to`` (from O of the start, along e1 and e2); returns how far that is (2,)."""
         links = self.state.links
         step = to - self.shift[j]
-        seen = links.rows(SEEN, 9, j)
-        links.put(LEVER, links.rows(LEVER, 2, j) + step, j)
-        links.put(SEEN, seen[:3] + step @ seen[3:].reshape(2, 3), j)
+        seen = links.seen_of(j)
+        links.put("lever", links.field("lever", j) + [*step, 0.0], j)
+        links.put_seen([*(seen[:3] + step @ seen[3:].reshape(2, 3)), *seen[3:]], j)
         self.shift[j] = to
         return step
 
@@ -189,15 +187,15 @@ class Polygons:
         outline = (placed - origin) @ np.linalg.inv(tangents)
         area, x, y = polygons.area_and_centroid(outline)
         if not area > GONE * self._joints[j].area:
-            corners.put(AREA, 0.0, i)
+            corners.put("area", 0.0, i)
             return
         self._move_origin(j, np.array([x, y]))
         outline = outline - (x, y)
-        corners.put(AREA, np.maximum(polygons.tributary_areas(outline), 0.0), i)
+        corners.put("area", np.maximum(polygons.tributary_areas(outline), 0.0), i)
         start = self._points[j].normal_arm
         shrink = np.abs(start).max() / np.abs(self._joints[j].polygon).max()
-        corners.put(X, shrink * outline[:, 0], i)
-        corners.put(Y, shrink * outline[:, 1], i)
+        corners.put("x", shrink * outline[:, 0], i)
+        corners.put("y", shrink * outline[:, 1], i)
         self.state.links.reach[j] = np.sqrt((outline**2).sum(axis=1).max())
 
     def _fade(self, j: int, i: int, origin, tangents, face) -> None:
@@ -210,7 +208,7 @@ class Polygons:
 
         seen = self.start[j]
         left = inside(origin, tangents) / inside(seen[:2], seen[[[3, 4], [6, 7]]])
-        corners.put(AREA, start.area * np.minimum(left, 1.0), i)
+        corners.put("area", start.area * np.minimum(left, 1.0), i)
 
     def _clip(self, j: int, i: int, origin, tangents, face) -> None:
         """The polygon of an integral is what both faces share."""
@@ -220,7 +218,7 @@ class Polygons:
         outline = (shared[0, : int(count[0])] - origin) @ np.linalg.inv(tangents)
         area, x, y = polygons.area_and_centroid(outline) if len(outline) else (0.0, 0.0, 0.0)
         if not area > GONE * self._joints[j].area:
-            faces.put(K_N, [0.0], i)
+            faces.put("k_n", 0.0, i)
             return
         step = self._move_origin(j, np.array([x, y]))
         if faces.outline[i] < self._shared:
@@ -228,10 +226,10 @@ class Polygons:
             faces = self.state.faces
             faces.outline[i] = faces.outline.max() + 1
         put_outlines(faces, faces.outline[[i]], (outline - (x, y))[None], np.array([i]), np.array([0]))
-        faces.put(K_N, [self._joints[j].law.normal_stiffness], i)
+        faces.put("k_n", self._joints[j].law.normal_stiffness, i)
         e1, e2, em = faces.elastic[i]
         faces.put_elastic([e1, e2, em - (step[0] * e2 - step[1] * e1)], i)
-        links.reach[j] = faces.rows(REACH, 1, i)[0]
+        links.reach[j] = faces.field("reach", i)
 
 
 def room_along(points: np.ndarray, face: np.ndarray, direction: np.ndarray, change: float, margin: float) -> float:

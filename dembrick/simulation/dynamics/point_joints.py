@@ -11,9 +11,9 @@ import numpy as np
 
 from dembrick.assembly.contact_points import PointTable
 from dembrick.assembly.joints import JointTable
-from dembrick.kernels.dynamics.bonded_points import BOND, BONDED, CRUSHED, RISE
+from dembrick.kernels.dynamics.bonded_points import BOND
 from dembrick.kernels.dynamics.point_tiles import Corners
-from dembrick.kernels.dynamics.tiles import AREA, ELASTIC, POINT, SHEAR, SLIP, W, X, Y, rows_of_lanes
+from dembrick.kernels.dynamics.tiles import PATH, POINT, SHEAR, W, rows_of_lanes
 from dembrick.simulation.dynamics.tiling import tiled, without_rounding
 from dembrick.simulation.joint_stiffness import elastic_stiffness
 from dembrick.simulation.joint_strengths import bonded_at_start, strengths_of
@@ -66,18 +66,18 @@ def at_rest(assembly: Assembly, turn: np.ndarray, way: np.ndarray) -> Corners | 
         tile_law=law[first].astype(np.int64),
         tile_start=tile_start,
         like=np.arange(len(lane), dtype=np.uint32),
-        points=rows_of_lanes(points * POINT),
-        sheared=rows_of_lanes(points * SHEAR),
-        slipped=rows_of_lanes(points * W),
+        points=rows_of_lanes(points, POINT),
+        sheared=rows_of_lanes(points, SHEAR),
+        slipped=rows_of_lanes(points, PATH),
         force=None,
         strengths=None if strengths is None else strengths_of([laws[i] for i in one]),
-        bonds=None if strengths is None else rows_of_lanes(points * BOND),
+        bonds=None if strengths is None else rows_of_lanes(points, BOND),
     )
-    for row, values in ((X, x), (Y, y), (AREA, table.area)):
-        corners.put(row, without_rounding(values, lengths=row != AREA))
+    for field, values in (("x", x), ("y", y), ("area", table.area)):
+        corners.put(field, without_rounding(values, lengths=field != "area"))
     corners.share()
     if corners.bonds is not None:
-        corners.bonds[corners.of_bonds(BONDED)] = np.repeat(bonded_at_start(laws), count)
+        corners.put("bonded", np.repeat(bonded_at_start(laws), count))
     return corners
 
 
@@ -86,7 +86,7 @@ def bonded(corners: Corners) -> np.ndarray:
     if corners.bonds is None:
         return np.zeros(len(corners.joint))
     area, starts = corners.area, corners.start[:-1]
-    held = np.add.reduceat(area * corners.bonds[corners.of_bonds(BONDED)], starts)
+    held = np.add.reduceat(area * corners.field("bonded"), starts)
     return held / np.maximum(np.add.reduceat(area, starts), 1e-300)
 
 
@@ -109,13 +109,14 @@ def work_ahead(corners: Corners, p: int, held, sense: float, offset: float, now,
     """Work (J) that the springs of joint ``p`` would take over a ``step`` (9,) of `Links.seen` from ``now``, if their
     forces stayed; ``slip`` (9,) and ``turn`` of the feet in it, ``held`` is for the pressure of convex joints."""
     law = corners.law[p]
-    x, y, area, e1, e2 = (corners.row(row, p) for row in (X, Y, AREA, ELASTIC, ELASTIC + 1))
+    x, y, area = (corners.field(name, p) for name in ("x", "y", "area"))
+    e1, e2 = corners.field("elastic", p).T
     arm = corners.shear_arm[law]
     depth = sense * (offset - now[2] - x * now[5] - y * now[8])
     if corners.bonds is None:
         depth = np.maximum(depth, 0.0)
     else:
-        bonded, crushed, rise = (corners.bonds[corners.of_bonds(row, p)] for row in (BONDED, CRUSHED, RISE))
+        bonded, crushed, rise = (corners.field(name, p) for name in BOND.names or ())
         depth = np.minimum(depth + rise - crushed, corners.strengths.crushing[law] / corners.k_n[law])
         depth = np.where(bonded > 0.0, depth, np.maximum(depth, 0.0))
     of_point = -corners.k_n[law] * sense * area * depth * (step[2] + x * step[5] + y * step[8])
@@ -136,18 +137,18 @@ def put_friction(corners: Corners, values) -> None:
 
 def retire(corners: Corners, p: int) -> None:
     """Let joint ``p`` carry nothing any more."""
-    corners.put(AREA, 0.0, p)
+    corners.put("area", 0.0, p)
 
 
 def take_memory(corners: Corners, left: Points, sense: np.ndarray) -> None:
     """Elastic shear forces and slip of the same points in the searches; ``sense`` (j,) of the joints."""
     own = np.repeat(sense[corners.joint], np.diff(corners.start))
-    for row, values in ((ELASTIC, own * left.elastic_1), (ELASTIC + 1, own * left.elastic_2), (SLIP, left.slip)):
-        corners.put(row, values)
+    corners.put("elastic", np.column_stack([own * left.elastic_1, own * left.elastic_2]))
+    corners.put("length", left.slip)
     if corners.bonds is not None and left.bonds is not None:
         bonds = left.bonds
-        for row, values in ((BONDED, bonds.bonded), (CRUSHED, bonds.crushed), (RISE, bonds.rise)):
-            corners.bonds[corners.of_bonds(row)] = values
+        for name in BOND.names or ():
+            corners.put(name, getattr(bonds, name))
 
 
 def arrays(corners: Corners) -> list[np.ndarray]:

@@ -12,7 +12,6 @@ import numpy as np
 from dembrick.errors import NotConvergedError, ScenarioError
 from dembrick.geometry.rotations import rotation_matrix, turned_by
 from dembrick.kernels.dynamics.loop import REACHED, Limits
-from dembrick.kernels.dynamics.tiles import SEEN
 from dembrick.kernels.joint.ties import TENSION, YIELDED
 from dembrick.scenario.checks import show
 from dembrick.scenario.model import Output
@@ -304,14 +303,14 @@ def _set_going(moving: Motion, driving: Driving) -> None:
     moving.contact_detection.strike(moving.polygons, _hit(moving, came_from))
     memory = joint_families.memory(state)
     kept = [array.copy() for array in memory]
-    state.links.put(SEEN, came_from)
+    state.links.put_seen(came_from)
     joint_forces(moving, driving)
     gravity, _ = driving.at(np.zeros(1), dt)
     inertia = _turned_inertia(moving)
     moving.energy.begin(state, velocity, spin, inertia, gravity[0], dt, moving.contact_detection.left_to_joints())
     for array, value in zip(memory, kept, strict=True):  # the first step looks again
         array[...] = value
-    state.links.put(SEEN, came_from)
+    state.links.put_seen(came_from)
     force, torque = out_of_balance(state, gravity[0])
     force[bodies.guided] *= ~bodies.held[:, :3]
     torque[bodies.guided] *= ~bodies.held[:, 3:]

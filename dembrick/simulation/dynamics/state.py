@@ -16,20 +16,7 @@ from dembrick.kernels.dynamics.area_tiles import Faces
 from dembrick.kernels.dynamics.point_tiles import Corners
 from dembrick.kernels.dynamics.record import write_resultants
 from dembrick.kernels.dynamics.rigid_bodies import Bodies
-from dembrick.kernels.dynamics.tiles import (
-    LEVER,
-    OFFSET,
-    PLANE,
-    SEEN,
-    SEEN_TILE,
-    SENSE,
-    TANGENTS,
-    TILE,
-    WRENCHES,
-    Links,
-    W,
-    rows_of_lanes,
-)
+from dembrick.kernels.dynamics.tiles import FIXED, SEEN, WRENCHES, Links, W, rows_of_lanes
 from dembrick.kernels.joint.ties import Ties
 from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.memory_order import LoopOrder, memory_order
@@ -69,7 +56,7 @@ def moving_state(assembly: Assembly) -> MovingState:
     corners, faces = joint_families.at_rest(assembly, turn, ways(table.axes[:, 2], fixings.numbers(table.area)))
     links = _links(table, fixings, corners, faces, row)
     bodies = _bodies(assembly, links, middle)
-    links.put(SEEN, seen(bodies, links))
+    links.put_seen(seen(bodies, links))
     links.kept[:] = links.seen[:, [0, 1, 3, 4]]
     ties = moving_ties(assembly.ties, assembly.position, assembly.rotation)
     own = None if order is None else LoopOrder(order, row, _in_order(bodies, links, order, row))
@@ -179,9 +166,9 @@ def _links(
         plane=fixings.plane,
         axes=fixings.axes,
         place=place,
-        tiles=rows_of_lanes(tiles * TILE),
+        tiles=rows_of_lanes(tiles, FIXED),
         like=np.arange(tiles, dtype=np.uint32),
-        seen_tiles=rows_of_lanes(tiles * SEEN_TILE),
+        seen_tiles=rows_of_lanes(tiles, SEEN),
         wrenches=rows_of_lanes(tiles * WRENCHES),
         ends=np.stack([in_loop[other[joint]], in_loop[host[joint]]], axis=1).astype(np.uint32),
         kept=np.zeros((n, 4)),
@@ -190,11 +177,11 @@ def _links(
         glide=np.tile(np.array([1.0, 0.0, 1.0], np.float32), (n, 1)),
     )
     frames = np.array([frame_quaternion(pair) for pair in fixings.axes]).reshape(-1, 4)
-    links.put(PLANE, frames[links.plane])
-    links.put(TANGENTS, frames[links.tangents])
-    links.put(LEVER, fixings.lever)
-    links.put(SENSE, fixings.sense[:, None])
-    links.put(OFFSET, fixings.offset[:, None])
+    links.put("plane", frames[links.plane])
+    links.put("tangents", frames[links.tangents])
+    links.put("lever", fixings.lever)
+    links.put("sense", fixings.sense)
+    links.put("offset", fixings.offset)
     return links
 
 
