@@ -31,8 +31,10 @@ FACTORS = {
     "tie": ("none", "soft", "prestressed", "bar"),
     "strength": ("none", "cohesion", "tension", "residual", "dilation", "crushing"),
     "before": ("nothing", "statics", "a push", "a settlement"),
+    "held": ("free", "upright", "untwisted", "in plane"),
     "seen": ("turned", "mirrored", "scaled", "permuted"),
 }
+HELD = {"free": None, "upright": ("rx", "ry"), "untwisted": ("rz",), "in plane": ("y", "rx", "rz")}  # of the last block
 NAMES = tuple(FACTORS)
 QUICK = FACTORS | {  # levels that answer in some tenths of a second
     "structure": ("block", "stack", "wall"),
@@ -76,6 +78,8 @@ def drawn(number: int, levels: dict[str, str], seed: int) -> Drawn:
     """The scene of a row of the design, with numbers of its own."""
     rng = np.random.default_rng([seed, number])
     blocks, top = _blocks(levels, rng)
+    last = next(i for i, block in enumerate(blocks) if block.name == _last(blocks))
+    blocks[last] = replace(blocks[last], held=HELD[levels["held"]])
     law = _law(levels, rng)
     weight = DENSITY * GRAVITY * 0.2 * 0.2 * 0.2
     size = 0.2
@@ -243,6 +247,8 @@ def seen(scenario: Scenario, kind: str, rng: np.random.Generator) -> tuple[Scena
         return _scaled(scenario, 2.0), 8.0
     if kind == "mirrored":
         return _mapped(scenario, np.diag([1.0, -1.0, 1.0])), 1.0
+    if any("y" in (block.held or ()) for block in scenario.blocks):
+        return _mapped(scenario, np.diag([1.0, -1.0, 1.0])), 1.0  # what is held along an axis would not turn with it
     angle = float(rng.uniform(0.3, 1.2))
     c, s = math.cos(angle), math.sin(angle)
     return _mapped(scenario, np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])), 1.0
@@ -267,8 +273,9 @@ def _mapped(scenario: Scenario, matrix: np.ndarray, factor: float = 1.0) -> Scen
     def block(one: Block) -> Block:
         if one.parts is not None:
             parts = tuple(Part(vertices=tuple(place(v) for v in _corners(part))) for part in one.parts)
-            return Block(one.name, one.material, parts=parts, fixed=one.fixed)
-        return Block(one.name, one.material, vertices=tuple(place(v) for v in _corners(one)), fixed=one.fixed)
+            return Block(one.name, one.material, parts=parts, fixed=one.fixed, held=one.held)
+        corners = tuple(place(v) for v in _corners(one))
+        return Block(one.name, one.material, vertices=corners, fixed=one.fixed, held=one.held)
 
     def control(one):
         if isinstance(one, PushoverControl):
