@@ -34,7 +34,13 @@ def add_arguments(parser) -> None:
 def add_look(parser) -> None:
     """Options of how a history is shown."""
     look = parser.add_argument_group("look")
-    look.add_argument("--camera", "--view", choices=["iso", "front", "side", "top"], default="iso", help="camera")
+    look.add_argument(
+        "--camera",
+        "--view",
+        choices=["iso", "iso-front", "front", "back", "side", "top"],
+        default="iso",
+        help="camera (default: iso, from +x, +y and above)",
+    )
     look.add_argument(
         "--magnify",
         "--magnification",
@@ -49,7 +55,10 @@ def add_look(parser) -> None:
         help="what the blocks are coloured by (default: displacement)",
     )
     look.add_argument(
-        "--names", choices=["none", "blocks", "joints", "all"], default="none", help="write the names of these"
+        "--names",
+        choices=["none", "blocks", "joints", "all"],
+        default="none",
+        help="write the names of these, if they move",
     )
     look.add_argument("--thrust", action="store_true", help="draw the line of thrust, and the hinges as dots")
     look.add_argument(

@@ -97,6 +97,16 @@ def geometry(assembly: Assembly) -> list[Table]:
             Table(j + name, _floats([value(joint.law) for joint in joints]), units, about)
             for name, units, about, value in _STRENGTHS
         ]
+    loads = assembly.point_loads
+    if len(loads.block):
+        d = "geometry/loads/"
+        tables += [
+            Table(
+                d + "block", _ints(loads.block), "1", "block that each dead load acts on, a row a face of a pressure"
+            ),
+            Table(d + "point", _floats(assembly.position[loads.block] + loads.arm, 3), "m", "its point at the start"),
+            Table(d + "force", _floats(loads.force, 3), "N", "its force at the start, world axes"),
+        ]
     ties = assembly.ties
     if len(ties):
         t = "geometry/ties/"

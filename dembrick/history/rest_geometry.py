@@ -168,6 +168,16 @@ class RestGeometry:
         ]
 
     @cached_property
+    def loads(self) -> list[dict]:
+        """One dict a dead load besides gravity, of a pressure one a face: ``block``, ``point``, ``force`` at the
+        start; none in files of earlier versions."""
+        if not self.begun or not guard.members(self._file, "geometry/loads"):
+            return []
+        blocks = self._numbers("loads/block", self.n_block)
+        point, force = (self._table(f"loads/{name}", 3, count=len(blocks)) for name in ("point", "force"))
+        return [{"block": int(blocks[i]), "point": point[i], "force": force[i]} for i in range(len(blocks))]
+
+    @cached_property
     def control_points(self) -> list[dict]:
         """One dict a control point: ``name``, ``block``, ``point`` at the start."""
         n = self.n_control_point

@@ -6,6 +6,7 @@ import numpy as np
 
 from dembrick import history
 from dembrick.assembly.actuators import NO_CONTROL_POINTS, ControlPoints
+from dembrick.assembly.loads import NO_LOADS
 from dembrick.assembly.ties import NO_TIES
 from dembrick.scenario import model
 from dembrick.scenario.controls import DynamicControl
@@ -57,6 +58,7 @@ def assembly():
         joints=joints,
         contact_points=points,
         ties=NO_TIES,
+        point_loads=NO_LOADS,
         control_points=ControlPoints(
             ("mark",), np.array([1]), np.array([[0.0, 0.0, 0.1]]), np.zeros((1, 3)), np.zeros((1, 3))
         ),

@@ -11,7 +11,7 @@ from dembrick.runs.simulate import simulate
 from dembrick.scenario import toml
 from dembrick.views import render
 from dembrick.views.motion import hinges
-from dembrick.views.motion.blocks import round_down
+from dembrick.views.motion.blocks import moving_blocks, round_down
 from dembrick.views.motion.frames import frame_number
 from dembrick.views.motion.joints import JointMotion
 from dembrick.views.motion.table import joint_table, reaction_table
@@ -116,10 +116,13 @@ def test_lengths_are_round(longest, text):
 def test_names_stand_at_blocks_and_joints(column, drawing):
     found = drawn(column, names="all", magnification=0.0)
     (blocks, _), (joints, _) = found._names
-    at = dict(zip(column.block_names, blocks._cloud.points, strict=True))
-    np.testing.assert_allclose(at["column.2"], [0.0, 0.0, 0.3], atol=1e-6)
-    assert joints._cloud.n_points == COUNT
-    np.testing.assert_allclose(np.sort(joints._cloud.points[:, 2]), [0.0, 0.2, 0.4], atol=1e-6)
+    moving = moving_blocks(column, column.n_frames - 1)  # the base does not
+    at = dict(zip([column.block_names[i] for i in moving], blocks._cloud.points, strict=True))
+    for name, place in at.items():  # blocks of 0.2 m on one another
+        np.testing.assert_allclose(place, [0.0, 0.0, 0.2 * int(name.rpartition(".")[2]) - 0.1], atol=1e-6)
+    lowest = 0.2 * min(moving)  # of the joints that touch one of them
+    np.testing.assert_allclose(joints._cloud.points[:, 2].min(), lowest, atol=1e-6)
+    assert "column.2" in at and joints._cloud.n_points == round((0.4 - lowest) / 0.2) + 1
     without, named = drawn(column, magnification=0.0).pixels(), found.pixels()
     assert (without != named).any(axis=2).sum() > 200
     with pytest.raises(ScenarioError, match="names = 'walls' is unknown; use one of none, blocks, joints, all"):
@@ -197,9 +200,10 @@ def test_a_driven_pressure_presses_on_its_faces_by_what_it_is(tmp_path, drawing)
     """Of water behind a dam: courses k from the top carry 2 k - 1 parts, two thirds of the way down for the first."""
     simulate(toml.loads(DAM), tmp_path / "dam.h5")
     with history.read(tmp_path / "dam.h5") as run:
-        found = drawn(run, view="front", magnification=0.0)
-        tail, vector, length = found._actuators.points, found._actuators["vector"], found._actuators["length"]
-        assert "orange: driven pressure" in found._text.input
+        scene = drawn(run, view="front", magnification=0.0)
+        found = scene._loads.driven
+        tail, vector, length = found.arrows.points, found.arrows["vector"], found.arrows["length"]
+        assert "orange: driven pressure" in scene._text.input
     height = 0.2
     np.testing.assert_allclose(length / length[-1], [11, 9, 7, 5, 3, 1], rtol=1e-9)
     np.testing.assert_allclose(vector, np.outer(length, [1.0, 0.0, 0.0]), atol=1e-12)

@@ -31,7 +31,7 @@ def test_motion_is_that_of_the_history(tmp_path):
         assert data["load"] == pytest.approx(run.load[[0, 10, 20, 30]])
         (jack,) = data["actuators"]
         assert jack["point"] == pytest.approx([0.075, 0.0, 0.0]) and jack["direction"] == [0.0, 1.0, 0.0]
-        assert jack["block"] == 1 and jack["out"] == pytest.approx([0.1, 0.1])
+        assert jack["block"] == 1 and jack["ends"] == [[pytest.approx(-0.1), False]] * 2
         # the farthest corner, by Rodrigues' formula
         axis, body = np.array([1.0, 2.0, -2.0]) / 3.0, run.block_vertices(1)
         moved = (

@@ -59,7 +59,7 @@ def test_errors(run, tmp_path, monkeypatch):
         render.picture(run, tmp_path / "a.bmp")
     with pytest.raises(OutputError, match="does not exist"):
         render.picture(run, tmp_path / "nowhere" / "a.png")
-    with pytest.raises(ScenarioError, match="iso, front, side, top"):
+    with pytest.raises(ScenarioError, match="iso, front, back, iso-front, side, top"):
         render.picture(run, tmp_path / "a.png", view="below")
     with pytest.raises(ScenarioError, match="frames 0 to 3"):
         render.picture(run, tmp_path / "a.png", frame=4)
@@ -103,13 +103,13 @@ def test_a_scene_is_moved_in_place(run, drawing):
         assert found._scale.top == pytest.approx(1e3 * top)
         (bar,) = found._plotter.scalar_bars.values()
         assert bar.GetLookupTable().GetTableRange() == pytest.approx((0.0, 1e3 * top), rel=1e-12)
-        # the jack pushes along y at a point of the upper block, which moves with it
+        # the jack pushes along y at a point in the joint under the upper block, which moves with it: the arrow ends
+        # where its line of action meets the block, 0.1 m before
         turned = rodrigues(np.array([[0.075, 0.0, -0.05]]), np.array([1.0, 2.0, -2.0]) / 3.0, 10.0 * 0.02)[0]
         tip = np.array([0.0, 0.0, 0.05]) + 10.0 * run.frame("displacement", 2)[1] + turned
-        np.testing.assert_allclose(found._actuators.points[0], tip, rtol=0, atol=1e-12)
-        np.testing.assert_allclose(
-            found._actuators["vector"][0] / found._actuators["length"][0], [0.0, 1.0, 0.0], atol=1e-12
-        )
+        arrows = found._loads.driven.arrows
+        np.testing.assert_allclose(arrows.points[0] + arrows["vector"][0], tip - [0.0, 0.1, 0.0], rtol=0, atol=1e-9)
+        np.testing.assert_allclose(arrows["vector"][0] / arrows["length"][0], [0.0, 1.0, 0.0], atol=1e-12)
 
 
 def test_colours_by_block(run, drawing):

@@ -16,6 +16,7 @@ from dembrick.geometry.rotations import quaternion_product, rotation_matrix, rot
 if TYPE_CHECKING:
     from dembrick.history.reader import History
 
+_MOVES = 0.1  # of the greatest displacement of a corner: a block with less rests
 _SEEN = 0.12  # of the largest block: how far the farthest corner moves in a picture by itself
 
 
@@ -72,6 +73,16 @@ def all_vertices(history: History) -> tuple[np.ndarray, np.ndarray, list[int]]:
     counts = [len(own) for own in vertices]
     block = np.repeat(np.arange(history.n_block), counts)
     return np.concatenate([np.zeros((0, 3)), *vertices]), block, np.cumsum([0, *counts]).tolist()
+
+
+def moving_blocks(history: History, frame: int) -> list[int]:
+    """Numbers of the blocks that move in a frame, by more than a tenth of what the one does that moves furthest; all
+    of them where none does."""
+    body, block, starts = all_vertices(history)
+    way = np.linalg.norm(CarriedPoints(history, body, block).moved(Poses.read(history, frame, frame + 1))[0], axis=1)
+    far = [float(way[a:b].max(initial=0.0)) for a, b in zip(starts, starts[1:], strict=False)]
+    most = max(far, default=0.0)
+    return [i for i, own in enumerate(far) if own > _MOVES * most] if most > 0.0 else list(range(len(far)))
 
 
 def largest_extent(points: np.ndarray, starts: list[int], blocks: Iterable[int]) -> float:

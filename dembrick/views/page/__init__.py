@@ -125,6 +125,8 @@ def _legend(data: dict) -> str:
     words = "Grey lines: where the blocks started."
     if data["actuators"]:
         words += " Orange arrows: actuators, as long as their load."
+    if data["loads"]:
+        words += " Violet arrows: dead loads."
     if data["ties"]:
         words += " Magenta rods: ties."
     if data["centre"]:

@@ -10,6 +10,7 @@ import numpy as np
 from dembrick.errors import HistoryError
 from dembrick.geometry.rotations import quaternion_product, rotation_matrix, rotation_vector
 from dembrick.views import summary
+from dembrick.views.motion import loads
 from dembrick.views.motion.blocks import CarriedPoints, Poses, all_vertices, automatic_magnification, largest_extent
 from dembrick.views.motion.frames import LAST, MECHANISM, ejected, frame_number
 from dembrick.views.motion.joints import CHANNELS, JointMotion
@@ -74,11 +75,8 @@ def collect(history: History) -> dict:
         "most": max(float(moved.max()), 1e-30),
         "mostText": _end_of_scale(history, float(moved.max())),
         "magnification": {"start": math.log10(start), "most": max(1.0, math.ceil(math.log10(start) + 0.7))},
-        "actuators": [
-            _actuator(history, actuator, vertices[blocks == actuator["block"]], middle)
-            for actuator in history.actuators
-            if pushed
-        ],
+        "actuators": _arrows(history, loads.driven_loads(history) if pushed else [], middle),
+        "loads": _arrows(history, loads.dead_loads(history), middle),
         "ties": [
             {"blocks": tie["blocks"].tolist(), "points": (tie["points"] - middle).tolist()} for tie in history.ties
         ],
@@ -135,17 +133,22 @@ def _faces(history: History, starts: list[int]) -> np.ndarray:
     return np.array(found, np.int64)
 
 
-def _actuator(history: History, actuator: dict, vertices: np.ndarray, middle: np.ndarray) -> dict:
-    """Where an actuator pushes and which way; ``out`` (m): from there to where the block ends, ahead and behind."""
-    way = actuator["direction"] * math.copysign(1.0, actuator["weight"])
-    along = (vertices - (actuator["point"] - history.position0[actuator["block"]])) @ way
-    out = [float(along.max()), float(-along.min())]
+def _arrow(history: History, load: loads.Load, middle: np.ndarray, most: float) -> dict:
+    """Where a load acts and which way; ``size`` of the largest of its kind; ``ends``: of the arrow ahead and of that of
+    the opposite force, how far along it from the point (m), and whether it begins there."""
+    back = loads.arrow_place(history, load.block, load.arm, -load.way)
     return {
-        "block": actuator["block"],
-        "point": (actuator["point"] - middle).tolist(),
-        "direction": way.tolist(),
-        "out": out,
+        "block": load.block,
+        "point": (history.position0[load.block] + load.arm - middle).tolist(),
+        "direction": load.way.tolist(),
+        "size": load.size / most,
+        "ends": [[place.shift, place.pulls] for place in (load.place, back)],
     }
+
+
+def _arrows(history: History, given: list[loads.Load], middle: np.ndarray) -> list[dict]:
+    most = max((load.size for load in given), default=0.0)
+    return [_arrow(history, load, middle, most or 1.0) for load in given]
 
 
 def _end_of_scale(history: History, moved: float) -> str:

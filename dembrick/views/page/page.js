@@ -74,7 +74,7 @@
       blocks: data.blocks.count, frames, fixed: data.blocks.fixed, vertexStart, blockOf,
       vertices: numbers("vertices", Float32Array), faces: numbers("faces", Uint32Array), places: numbers("places", Float32Array),
       displacement: numbers("displacement", Float32Array), rotation: numbers("rotation", Float32Array),
-      reach: data.reach, most: data.most, actuators: data.actuators, ties: data.ties, centre: data.centre,
+      reach: data.reach, most: data.most, actuators: data.actuators, loads: data.loads, ties: data.ties, centre: data.centre,
       loadAt: (f) => (loads ? (loads(f) || 0) / most : 0),
       centreAt(f) {
         const place = centres && centres.map((at) => at(f));

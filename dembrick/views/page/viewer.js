@@ -3,8 +3,8 @@
 // Blocks in WebGL 1: the scene is moved on the processor, frame by frame, and drawn as flat triangles and edges.
 
 const CIVIDIS = [[0, 34, 78], [44, 65, 114], [87, 93, 109], [125, 124, 120], [165, 156, 116], [210, 192, 96], [254, 232, 56]];
-const STONE = [0.78, 0.78, 0.76], ACTUATOR = [0.84, 0.37, 0], CENTRE = [0, 0.45, 0.7], TIE = [0.85, 0, 0.54];
-const VIEWS = {iso: [1, 1.5, 1.4], front: [0, -1, 0], side: [1, 0, 0], top: [0, 0, 1]};
+const STONE = [0.78, 0.78, 0.76], ACTUATOR = [0.84, 0.37, 0], DEAD = [0.36, 0.25, 0.63], CENTRE = [0, 0.45, 0.7], TIE = [0.85, 0, 0.54];
+const VIEWS = {iso: [1, 1.5, 1.4], front: [0, -1, 0], back: [0, 1, 0], side: [1, 0, 0], top: [0, 0, 1]};
 const NEAR_POLE = 1.5533; // rad: the view never tips over
 
 const VERTEX = `
@@ -205,14 +205,18 @@ function makeViewer(canvas, scene) {
       + shownTurn[3 * i] * arm[0] + shownTurn[3 * i + 1] * arm[1] + shownTurn[3 * i + 2] * arm[2]);
   }
 
+  // The arrow of a load ends where its line of action meets the stone, so that it is never hidden inside.
+  function arrow(load, share, colour, out) {
+    const length = Math.max(Math.abs(share * load.size), 0.02) * 0.4 * scene.reach, way = load.direction.map((x) => (share < 0 ? -x : x));
+    const [shift, pulls] = load.ends[share < 0 ? 1 : 0];
+    rod(plus(carried(load.block, load.point), way, pulls ? shift : shift - length), way, length, 0.012 * scene.reach,
+      Math.min(0.11 * scene.reach, 0.6 * length), colour, out);
+  }
+
   function marks() {
     const out = [], share = scene.loadAt(frame);
-    for (const actuator of scene.actuators) {
-      const length = Math.max(Math.abs(share), 0.02) * 0.45 * scene.reach, way = actuator.direction.map((x) => (share < 0 ? -x : x));
-      // the arrow leaves the block where its line of action does, so that it is never hidden inside
-      rod(plus(carried(actuator.block, actuator.point), way, actuator.out[share < 0 ? 1 : 0]), way, length, 0.014 * scene.reach,
-        Math.min(0.13 * scene.reach, 0.6 * length), ACTUATOR, out);
-    }
+    for (const load of scene.actuators) arrow(load, share, ACTUATOR, out);
+    for (const load of scene.loads) arrow(load, 1, DEAD, out);
     for (const tie of scene.ties) {
       const from = carried(tie.blocks[0], tie.points[0]), along = minus(carried(tie.blocks[1], tie.points[1]), from);
       const length = Math.hypot(...along) || 1e-12;

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 VIEWS = {  # direction from the focus to the camera, and what is up in the picture
     "iso": ((1.0, 1.5, 1.4), (0.0, 0.0, 1.0)),
     "front": ((0.0, -1.0, 0.0), (0.0, 0.0, 1.0)),
+    "back": ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
+    "iso-front": ((1.0, -1.5, 1.4), (0.0, 0.0, 1.0)),
     "side": ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
     "top": ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0)),
 }
@@ -38,11 +40,11 @@ class LookOptions(TypedDict, total=False):
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """How a history is shown: camera ``view`` (iso, front, side, top), ``magnification`` of the motion (None: so that
-    it is seen; the picture says how much), the ``color`` of blocks (displacement, utilisation, slip, the greatest of
-    their joints, energy, kinetic, or none), whether the ``forces`` of joints and of new contacts are drawn. ``names``:
-    of blocks, joints, all or none of them. ``thrust``: the line of thrust with its hinges. ``reactions``: of the
-    supports."""
+    """How a history is shown: camera ``view`` (iso, iso-front, front, back, side, top), ``magnification`` of the motion
+    (None: so that it is seen; the picture says how much), the ``color`` of blocks (displacement, utilisation, slip, the
+    greatest of their joints, energy, kinetic, or none), whether the ``forces`` of joints and of new contacts are drawn.
+    ``names``: of blocks, joints, all or none of them, and only of those that move, where any does. ``thrust``: the line
+    of thrust with its hinges. ``reactions``: of the supports."""
 
     view: str = "iso"
     magnification: float | None = None

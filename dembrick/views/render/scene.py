@@ -12,17 +12,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dembrick.errors import HistoryError
-from dembrick.geometry.rotations import rotation_matrix
 from dembrick.scenario.blocks import DIRECTIONS
-from dembrick.scenario.pressures import PRESSURE
-from dembrick.views.motion.blocks import CarriedPoints, Poses, all_vertices, largest_extent
+from dembrick.views.motion.blocks import CarriedPoints, Poses, all_vertices, largest_extent, moving_blocks
 from dembrick.views.motion.frames import MECHANISM, PEAK, ejected, frame_number
 from dembrick.views.motion.joints import JointMotion
 from dembrick.views.motion.moments import words
-from dembrick.views.plot.subject import chosen_joint, joint_names, pushes_several
+from dembrick.views.plot.subject import chosen_joint, joint_names
 from dembrick.views.render.annotations import CRIMSON, Names, ScaleBar, ThrustLine, require_thrust
 from dembrick.views.render.colors import Colouring
-from dembrick.views.render.force_arrows import ARROW, GREEN, PURPLE, DrawnForces, ForceArrows, glyphs, put_glyphs
+from dembrick.views.render.force_arrows import GREEN, PURPLE, DrawnForces, ForceArrows, glyphs, put_glyphs
+from dembrick.views.render.loads import DrawnLoads
 from dembrick.views.render.look import VIEWS, Look, automatic_magnification
 from dembrick.views.render.reactions import DrawnReactions
 from dembrick.views.render.ties import DrawnTies
@@ -32,7 +31,7 @@ if TYPE_CHECKING:
 
 # Where the blocks go in a picture, as parts of its width and height: text above, colour bar, axes and scale beside.
 _LEFT, _RIGHT, _BOTTOM, _TOP = 0.03, 0.81, 0.04, 0.87
-_GREY, _ORANGE, _BLUE = "#CFCFCF", "#D55E00", "#0072B2"
+_GREY, _BLUE = "#CFCFCF", "#0072B2"
 # blocks: more are drawn with thin lines, and without where they started; less where arrows stand between them
 _FEW, _FEW_WITH_FORCES = 50, 12
 _FORCE, _FORCE_OF_MANY = 0.6, 1.2  # of the largest block that is free to move: the longest arrow of a joint force
@@ -73,7 +72,7 @@ class Scene:
             self._factor = min(
                 automatic_magnification(history, frame) for frame in {frames[0], frames[-1]} - {0} or {0}
             )
-        self._ties = DrawnTies(history, self._factor)
+        self._ties, self._loads = DrawnTies(history, self._factor), DrawnLoads(history, self._factor, self._length)
         extent = float(np.ptp(self._start, axis=0).max())
         self._reactions = DrawnReactions(history, look.reactions, self._factor, extent)
         direction, up = (np.array(v) for v in VIEWS[look.view])
@@ -120,7 +119,7 @@ class Scene:
                 self._free.point_data["shown"][:] = values
             else:
                 self._free.cell_data["shown"][:] = np.minimum(values, 1e30)[self._owner]
-        self._show_actuators(poses)
+        self._loads.show(poses)
         self._ties.show(poses)
         self._reactions.show(frame, poses)
         marked = self._show_centre(frame)
@@ -170,7 +169,7 @@ class Scene:
             self._make_room(self._carried.magnified(poses, self._factor)[0])
             self._make_room(self._rod_at(frame))
             self._make_room(self._ties.ends(poses))
-            self._make_room(np.concatenate(self._arrows_of(poses)[1:]))
+            self._make_room(self._loads.reach(poses))
             if self._colouring is not None:
                 values = self._colouring.values(frame, poses)
                 if past is not None and frame > past:
@@ -230,10 +229,7 @@ class Scene:
             rest = self._edges(free)
             rest.points[:] = self._start
             plotter.add_mesh(rest, color="#777777", line_width=2, opacity=0.8)
-        somewhere = np.tile(self._start[0], (len(history.actuators), 1))
-        arrow = pyvista.Arrow(start=(0, 0, 0), direction=(1, 0, 0), **ARROW)
-        self._actuators = glyphs(plotter, arrow, somewhere, _ORANGE)
-        self._loaded = glyphs(plotter, pyvista.Sphere(radius=0.015 * self._length), somewhere, _ORANGE)
+        self._loads.build(plotter, self._start[0])
         self._ties.build(plotter)
         self._reactions.build(plotter)
         if self._marked:
@@ -255,21 +251,23 @@ class Scene:
         """The names that were asked for, each with what tells where they are: ``(poses, vertices) -> points``."""
         history, found = self._history, [] if self._many else self._guides()
         if self._look.names in ("blocks", "all"):
-            starts = np.array(self._starts)
-            counts = np.diff(starts)[:, None]
+            own = moving_blocks(history, self._last)
+            ends = [slice(self._starts[i], self._starts[i + 1]) for i in own]
             found.append(
                 (
-                    Names(self._plotter, history.block_names, "black"),
-                    lambda _, points: np.add.reduceat(points, starts[:-1], axis=0) / counts,
+                    Names(self._plotter, [history.block_names[i] for i in own], "black"),
+                    lambda _, points: np.array([points[part].mean(axis=0) for part in ends]),
                 )
             )
         if self._look.names in ("joints", "all") and history.n_joint:
-            joints = self._joints or JointMotion(history)
+            joints, moving = self._joints or JointMotion(history), set(moving_blocks(history, self._last))
             drawn, middle = DrawnForces(history, joints, self._factor, False), np.zeros((joints.n_joint, 2))
+            shown = [i for i in range(joints.n_joint) if moving & {int(joints.block_a[i]), int(joints.block_b[i])}]
+            told = joint_names(history)
             found.append(
                 (
-                    Names(self._plotter, joint_names(history), _BLUE),
-                    lambda poses, _: drawn.on_joints(poses, middle),
+                    Names(self._plotter, [told[i] for i in shown], _BLUE),
+                    lambda poses, _: drawn.on_joints(poses, middle)[shown],
                 )
             )
         return found
@@ -349,32 +347,6 @@ class Scene:
 
     # --- frame by frame ---
 
-    def _arrows_of(self, poses: Poses) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Loaded points on the drawn blocks, tails and tips of the arrows of the actuators, (k, 3) each."""
-        history, arrows = self._history, np.zeros((3, len(self._history.actuators), 3))
-        most = max((abs(actuator["weight"]) for actuator in history.actuators), default=1.0)
-        for k, actuator in enumerate(history.actuators):
-            block = np.array([actuator["block"]])
-            first, arm = (
-                rotation_matrix(history.orientation0[block[0]]),
-                actuator["point"] - history.position0[block[0]],
-            )
-            point = CarriedPoints(history, arm[None] @ first, block).magnified(poses, self._factor)[0, 0]
-            way = actuator["direction"] * np.sign(actuator["weight"])
-            if actuator["name"].startswith(PRESSURE):
-                # it presses on a face from outside, by as much as the arrow is long
-                arrows[:, k] = point, point - 0.5 * self._length * abs(actuator["weight"]) / most * way, point
-            else:
-                # the head of the arrow lies outside the block, so that an actuator inside it is seen in every view
-                reach = float((history.block_vertices(block[0]) @ first.T @ way).max() - arm @ way)
-                arrows[:, k] = point, point, point + (reach + 0.35 * self._length) * way
-        return tuple(arrows)
-
-    def _show_actuators(self, poses: Poses) -> None:
-        points, tails, tips = self._arrows_of(poses)
-        put_glyphs(self._actuators, tails, tips - tails, np.linalg.norm(tips - tails, axis=1))
-        put_glyphs(self._loaded, points, tips - tails, 1.0)
-
     def _rod_at(self, frame: int) -> np.ndarray:
         """Ends (2, 3) of a thin axis through the torsion centre of the marked joint; (0, 3) where none is in sight."""
         if self._marked:
@@ -397,9 +369,7 @@ class Scene:
         history = self._history
         shown = f"motion x {self._factor:g}" if self._factor != 1.0 else "true scale"
         keys = ["grey: start"] if not self._many else []
-        if history.actuators:
-            keys.append(f"orange: {self._driven()}")
-        keys += self._ties.words(self._frame) + self._reactions.words()
+        keys += self._loads.words() + self._ties.words(self._frame) + self._reactions.words()
         if marked:
             keys.append("blue: torsion centre")
         if self.arrows is not None:
@@ -414,13 +384,6 @@ class Scene:
             told = ", ".join([*words(history, self._frame), shown])
         title = textwrap.wrap(f"{self._name}: {history.title}" if self._name else history.title, 84)
         return "\n".join([*title[:2], told, "; ".join(keys)]).rstrip()
-
-    def _driven(self) -> str:
-        """What the arrows of the load system stand for."""
-        history = self._history
-        if all(actuator["name"].startswith(PRESSURE) for actuator in history.actuators):
-            return "driven pressure"
-        return "body forces" if history.curve.unit == "1" and pushes_several(history) else "actuators"
 
 
 def _count(number: int, what: str) -> str:

@@ -1,0 +1,98 @@
+"""Loads in a picture: arrows outside the stone that end where they act, of driven loads and of dead ones."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dembrick.geometry.rotations import rotation_matrix
+from dembrick.views import summary
+from dembrick.views.motion import loads
+from dembrick.views.motion.blocks import CarriedPoints, Poses
+from dembrick.views.plot.subject import pushes_several
+from dembrick.views.render.force_arrows import ARROW, glyphs, put_glyphs
+
+if TYPE_CHECKING:
+    from dembrick.history.reader import History
+
+DRIVEN, DEAD = "#D55E00", "#5B3FA0"
+_LONGEST = 0.5  # of the largest block that is free to move
+_POINT = 0.015  # of it: the ball at a point of application
+
+
+class LoadArrows:
+    """The ``loads`` of a ``history`` in one colour, drawn with the motion of the blocks times ``factor``; ``length``
+    (m) is that of its largest block."""
+
+    def __init__(self, history: History, given: Sequence[loads.Load], factor: float, length: float):
+        self._given, self._factor, self._length = given, factor, length
+        block = np.array([load.block for load in given], np.int64)
+        arm = np.array([load.arm for load in given]).reshape(-1, 3)
+        body = np.einsum("nji,nj->ni", rotation_matrix(history.orientation0)[block], arm)
+        self._points = CarriedPoints(history, body, block)
+        size = np.array([load.size for load in given])
+        way = np.array([load.way for load in given]).reshape(-1, 3)
+        self._arrow = (_LONGEST * length * size / max(float(size.max(initial=0.0)), 1e-300))[:, None] * way
+        shift = np.array([load.place.shift for load in given])[:, None] * way
+        pulls = np.array([load.place.pulls for load in given], bool)[:, None]
+        self._from_point = shift - np.where(pulls, 0.0, self._arrow)
+
+    def ends(self, poses: Poses) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Points of application on the drawn blocks, tails and tips of the arrows, (k, 3) each."""
+        if not self._given:
+            return (np.zeros((0, 3)),) * 3
+        points = self._points.magnified(poses, self._factor)[0]
+        tails = points + self._from_point
+        return points, tails, tails + self._arrow
+
+    def build(self, plotter, colour: str, somewhere: np.ndarray) -> None:
+        """Put the arrows into a plotter, ``somewhere`` (3,), until they are shown."""
+        import pyvista
+
+        place = np.tile(somewhere, (len(self._given), 1))
+        self.arrows = glyphs(plotter, pyvista.Arrow(start=(0, 0, 0), direction=(1, 0, 0), **ARROW), place, colour)
+        self._balls = glyphs(plotter, pyvista.Sphere(radius=_POINT * self._length), place, colour)
+
+    def show(self, poses: Poses) -> None:
+        points, tails, tips = self.ends(poses)
+        put_glyphs(self.arrows, tails, tips - tails, np.linalg.norm(tips - tails, axis=1))
+        put_glyphs(self._balls, points, tips - tails, 1.0)
+
+
+class DrawnLoads:
+    """All loads of a history but gravity: driven ones in orange, dead ones in violet."""
+
+    def __init__(self, history: History, factor: float, length: float):
+        self._history, dead = history, loads.dead_loads(history)
+        self.driven = LoadArrows(history, loads.driven_loads(history), factor, length)
+        self.dead = LoadArrows(history, dead, factor, length)
+        self._largest = max((load.size for load in dead), default=0.0)
+
+    def reach(self, poses: Poses) -> np.ndarray:
+        """Tails and tips (n, 3) of all arrows."""
+        return np.concatenate([*self.driven.ends(poses)[1:], *self.dead.ends(poses)[1:]])
+
+    def build(self, plotter, somewhere: np.ndarray) -> None:
+        self.driven.build(plotter, DRIVEN, somewhere)
+        self.dead.build(plotter, DEAD, somewhere)
+
+    def show(self, poses: Poses) -> None:
+        self.driven.show(poses)
+        self.dead.show(poses)
+
+    def words(self) -> list[str]:
+        """What the colours of the arrows stand for."""
+        found, history = [], self._history
+        if history.actuators:
+            found.append(f"orange: {self._what_drives()}")
+        if self._largest:
+            found.append(f"violet: dead loads, the longest {summary.load_text(self._largest)}")
+        return found
+
+    def _what_drives(self) -> str:
+        history = self._history
+        if all(loads.is_pressure(actuator["name"]) for actuator in history.actuators):
+            return "driven pressure"
+        return "body forces" if history.curve.unit == "1" and pushes_several(history) else "actuators"
