@@ -22,6 +22,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not follow names th
     from dembrick.errors import MissingDependency as MissingDependency
     from dembrick.errors import NotConvergedError as NotConvergedError
     from dembrick.errors import OutputError as OutputError
+    from dembrick.errors import OverlapError as OverlapError
     from dembrick.errors import ScenarioError as ScenarioError
     from dembrick.errors import UndecidedError as UndecidedError
     from dembrick.errors import WriteError as WriteError
@@ -103,7 +104,7 @@ __version__ = "0.1.0"
 _NAMES = {  # by the module that has them
     "dembrick": "theory",
     "dembrick.errors": "BracketError DembrickError DivergedError EnergyAuditError HistoryError "
-    "MissingDependency NotConvergedError OutputError ScenarioError UndecidedError "
+    "MissingDependency NotConvergedError OutputError OverlapError ScenarioError UndecidedError "
     "WriteError",
     "dembrick.history": "History read_history",
     "dembrick.runs.domain": "simulate_domain",

@@ -22,6 +22,14 @@ class ScenarioError(DembrickError):
     exit_code = 2
 
 
+class OverlapError(ScenarioError):
+    """Blocks that share volume at the start; ``blocks`` are their numbers in the scenario."""
+
+    def __init__(self, message: str, blocks: tuple[int, ...] = ()):
+        super().__init__(message)
+        self.blocks = blocks
+
+
 class HistoryError(DembrickError):
     """A history file that cannot be read: missing, truncated, or not one of ours."""
 

@@ -191,8 +191,8 @@ PYTHON = {  # heading of the reference of Python: names at the top level of the 
     "Results and histories": "Result LoadPathResult DrivenPathResult StaticsResult DeformedRestResult "
     "SettlementResult MotionResult LimitResult StandingResult ReactionResult YieldPoint Theory Step Outcome History "
     "read_history export",
-    "Errors": "DembrickError ScenarioError HistoryError OutputError WriteError DivergedError NotConvergedError "
-    "UndecidedError BracketError EnergyAuditError MissingDependency Interrupted ClusterError",
+    "Errors": "DembrickError ScenarioError OverlapError HistoryError OutputError WriteError DivergedError "
+    "NotConvergedError UndecidedError BracketError EnergyAuditError MissingDependency Interrupted ClusterError",
     "Studies": "Study",
     "Scenarios": "load loads dumps Scenario Material JointLaw JointOverride Load Pressure Tie TieEnd Actuator "
     "ControlPoint Solver Output Sine Pulse",

@@ -172,8 +172,27 @@ def overlap_depths(bodies: Bodies, pairs: np.ndarray, enough: np.ndarray | None 
     return depths
 
 
-def _depths(bodies: Bodies, pairs, stack_a: Stack, row_a, stack_b: Stack, row_b, axes_of) -> np.ndarray:
-    """How deep pairs of bodies of two kinds overlap (p,) along the best of some axes (m)."""
+def way_out(bodies: Bodies, pair: np.ndarray) -> np.ndarray:
+    """Shortest translation (3,) of the second of two bodies (2,) that overlap after which they touch (m).
+
+    Of several equally short ones the one that points up most, then along x, then along y.
+    """
+    found = []
+    for _, stack_a, rows_a, stack_b, rows_b in bodies.table.groups(pair[None]):
+        for axes_of in (_face_axes, _edge_products):
+            axes, useful, least, most = _reaches(bodies, pair[None], stack_a, rows_a, stack_b, rows_b, axes_of)
+            counts = np.broadcast_to(useful, most.shape)[0]
+            for length, sign in ((most[0], 1.0), (-least[0], -1.0)):
+                found.append(sign * length[counts, None] * axes[0][counts])
+    ways = np.concatenate(found)
+    lengths = np.sqrt((ways**2).sum(axis=1))
+    short = ways[lengths <= lengths.min() * (1.0 + 1e-9) + 1e-12]
+    return max(short, key=lambda way: tuple(np.round(way[[2, 0, 1]] / lengths.min(), 6)))
+
+
+def _reaches(bodies: Bodies, pairs, stack_a: Stack, row_a, stack_b: Stack, row_b, axes_of) -> tuple:
+    """Some axes of pairs of bodies (p, n, 3), which of them count, and the least and the greatest part of their common
+    reach (p, n): by ``most`` along an axis, or -``least`` against it, the second has to move until they touch (m)."""
     a, b = pairs.T
     turn_a, turn_b = bodies.rotation[a].transpose(0, 2, 1), bodies.rotation[b].transpose(0, 2, 1)
     axes, useful = axes_of(stack_a, row_a, turn_a, stack_b, row_b, turn_b)
@@ -181,7 +200,13 @@ def _depths(bodies: Bodies, pairs, stack_a: Stack, row_a, stack_b: Stack, row_b,
     reach_b = axes @ (stack_b.vertices[row_b] @ turn_b).transpose(0, 2, 1)
     between = (axes @ (bodies.position[b] - bodies.position[a])[:, :, None])[:, :, 0]
     (least_a, most_a), (least_b, most_b) = _ends(reach_a, 2), _ends(reach_b, 2)
-    depth = np.minimum(most_a - least_b - between, most_b - least_a + between)
+    return axes, useful, least_a - most_b - between, most_a - least_b - between
+
+
+def _depths(bodies: Bodies, pairs, stack_a: Stack, row_a, stack_b: Stack, row_b, axes_of) -> np.ndarray:
+    """How deep pairs of bodies of two kinds overlap (p,) along the best of some axes (m)."""
+    _, useful, least, most = _reaches(bodies, pairs, stack_a, row_a, stack_b, row_b, axes_of)
+    depth = np.minimum(most, -least)
     return _ends(np.where(useful, depth, np.inf), 1)[0]
 
 

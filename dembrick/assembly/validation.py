@@ -10,11 +10,11 @@ from typing import NoReturn
 
 import numpy as np
 
-from dembrick.assembly.broad_phase import Bodies, overlap_depths
+from dembrick.assembly.broad_phase import Bodies, overlap_depths, way_out
 from dembrick.assembly.contact_points import DISCRETISATION, PointTable, widest_rim
 from dembrick.assembly.joints import TOLERANCE, JointTable, find_joints
 from dembrick.assembly.laws import Laws
-from dembrick.errors import ScenarioError
+from dembrick.errors import OverlapError, ScenarioError
 from dembrick.geometry import polygons
 from dembrick.geometry.shapes import Shape
 from dembrick.scenario.checks import show
@@ -52,8 +52,23 @@ def check_overlap(scenario: Scenario, bodies: Bodies, pairs) -> None:
             "their common volume would count twice: let them touch",
         )
     more = f" ({len(over) - 1} more pairs overlap less)" if len(over) > 1 else ""
-    overlap = f"blocks {first} and {second} overlap by {depths[worst]:.6g} m{more}; move one of them that far out"
-    refuse(scenario, overlap + _of_models(scenario))
+    overlap = f"blocks {first} and {second} overlap by {depths[worst]:.6g} m{more}"
+    way = way_out(bodies, pairs[worst])
+    if scenario.all_blocks[blocks[1]].fixed and not scenario.all_blocks[blocks[0]].fixed:
+        second, way = first, -way
+    message = f"{overlap}; they touch if {second} moves by {_told(way)}{_of_models(scenario)}"
+    of_file = f"{scenario.path}: " if scenario.path else ""
+    raise OverlapError(f"{of_file}{message}", tuple(sorted({int(i) for i in bodies.owner[pairs[over]].flat})))
+
+
+def _told(way: np.ndarray) -> str:
+    """A translation in words: ``0.2 m along +z``, or its components where it follows no axis."""
+    length = float(np.linalg.norm(way))
+    axis = int(np.argmax(np.abs(way)))
+    if abs(way[axis]) > (1.0 - 1e-9) * length:
+        return f"{length:.6g} m along {'+' if way[axis] > 0 else '-'}{'xyz'[axis]}"
+    parts = ", ".join(f"{0.0 if abs(part) < 1e-9 * length else part:.6g}" for part in way)
+    return f"[{parts}] m"
 
 
 def check_pieces(scenario: Scenario, joints: JointTable) -> None:

@@ -24,11 +24,11 @@ def run(options, console) -> int:
             raise ScenarioError(f"no shipped scenario is called {options.name!r}; {nearest(options.name, found)}")
         found = {options.name: path}
     if options.copy is None:
-        told = {name: shipped.description(path) for name, path in found.items()}
+        told = {name: shipped.kind_and_title(path) for name, path in found.items()}
         if options.name is not None:
             console.result({"name": options.name, "text": path.read_text(encoding="utf-8")}, path.read_text("utf-8"))
         else:
-            lines = [f"{name:24} {text.split('. ')[0].rstrip('.')}" for name, text in told.items()]
+            lines = [f"{name:24} {text}" for name, text in told.items()]
             lines.append("\n'dembrick examples NAME' prints one, 'dembrick run NAME' runs it, --copy DIR copies them")
             console.result({"examples": told}, "\n".join(lines))
         return 0
@@ -41,6 +41,9 @@ def run(options, console) -> int:
         copied.append((path, target))
     for path in shipped.folder().glob("*.csv") if options.name is None else ():
         copied.append((path, folder / path.name))
+    schema = folder / shipped.SCHEMA
+    if not os.path.exists(schema):
+        copied.append((shipped.folder() / shipped.SCHEMA, schema))
     try:
         for path, target in copied:
             target.parent.mkdir(parents=True, exist_ok=True)

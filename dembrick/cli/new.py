@@ -12,6 +12,9 @@ def add_arguments(parser) -> None:
 
 
 def run(options, console) -> int:
+    import os
+    from pathlib import Path
+
     from dembrick import history
     from dembrick.errors import ScenarioError
     from dembrick.scenario import shipped
@@ -27,8 +30,14 @@ def run(options, console) -> int:
         raise ScenarioError(f"no template is called {options.template!r}; {nearest(options.template, templates)}")
     path = options.file or f"{options.template}.toml"
     require_ending(path, (".toml",), "a scenario")
+    text = (
+        templates[options.template].read_text(encoding="utf-8").replace(f"../{shipped.SCHEMA}", f"./{shipped.SCHEMA}")
+    )
     with history.product("scenario", [options.template], force=options.force):
-        history.write_whole(path, templates[options.template].read_bytes(), "file")
+        history.write_whole(path, text, "file")
+    schema = Path(path).parent / shipped.SCHEMA
+    if shipped.SCHEMA in text and not os.path.lexists(schema):  # with which editors complete and check the file
+        history.write_whole(schema, (shipped.folder() / shipped.SCHEMA).read_bytes(), "schema")
     verb = "sweep" if options.template == "study" else "run"
     check = "" if options.template == "study" else f"check it with 'dembrick check {path}', "
     console.result(

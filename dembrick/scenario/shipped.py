@@ -7,12 +7,16 @@ installed. Studies, templates, verification and validation cases lie in folders 
 from __future__ import annotations
 
 import os
+import tomllib
 from pathlib import Path
 
 TEMPLATES = "templates"
 STUDIES = "studies"
 VERIFICATION = "verification"
 VALIDATION = "validation"
+
+
+SCHEMA = "scenario.schema.json"  # beside the scenarios, which name it in their first line
 
 
 def folder() -> Path:
@@ -44,10 +48,20 @@ def find(name: str) -> Path | None:
     return examples().get(stem)
 
 
+def kind_and_title(path: Path) -> str:
+    """Line that says of a shipped scenario or study which kind of run it is and what it shows."""
+    data = tomllib.loads(path.read_text(encoding="utf-8"))
+    control = data.get("control", {"kind": "study"})
+    kind = f"{control['kind']}, search" if control.get("quasi_static") else control["kind"]
+    return f"{kind:17} {data['title']}"
+
+
 def description(path: Path) -> str:
     """The remarks at the head of a scenario file as one text; empty if it has none."""
     lines = []
     for line in path.read_text(encoding="utf-8").splitlines():
+        if line.startswith("#:"):  # for editors
+            continue
         if not line.startswith("#"):
             break
         lines.append(line.lstrip("# ").rstrip())

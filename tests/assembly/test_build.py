@@ -1,6 +1,7 @@
 """Assemblies: mass, dead loads, what joints carry, and one clear message for every scene that is no test."""
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
@@ -192,6 +193,24 @@ def test_overlap_names_the_blocks_and_the_depth():
     twin = moved(LOWER, name="twin")
     refused(LOWER, twin, UPPER, "overlap by 0.1 m")
     assemble(scenario(LOWER, moved(UPPER, position=(0.0, 0.0, 0.05 - 1e-7))))  # touching, to the stated tolerance
+
+
+def test_an_overlap_says_which_way_out():
+    """The message is followed, and the blocks touch: a joint, and no overlap."""
+    for place, told in (
+        ((0.0, 0.0, 0.04), "'upper' moves by 0.01 m along +z"),
+        ((0.0, 0.19, -0.05), "'upper' moves by 0.01 m along +y"),
+        ((-0.28, 0.0, -0.05), "'upper' moves by 0.02 m along -x"),
+    ):
+        message = refused(LOWER, moved(UPPER, position=place), told)
+        words = message.split(" moves by ")[1].split()
+        way = float(words[0]) * np.array([0.0 + (words[3][1] == axis) for axis in "xyz"])
+        freed = np.array(place) + (way if words[3][0] == "+" else -way)
+        assert len(assemble(scenario(LOWER, moved(UPPER, position=tuple(freed)))).joints) == 1
+    refused(moved(UPPER, position=(0.0, 0.0, 0.04)), LOWER, "'upper' moves by 0.01 m along +z")  # not the support
+    turn = {"orientation": (math.cos(math.pi / 12), 0.0, 0.0, math.sin(math.pi / 12))}  # 30 degrees
+    beside = moved(UPPER, position=(0.28 * math.cos(math.pi / 6), 0.14, -0.05), **turn)
+    refused(moved(LOWER, **turn), beside, "'upper' moves by [0.0173205, 0.01, 0] m")
 
 
 def test_nothing_fixed():

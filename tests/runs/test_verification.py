@@ -127,7 +127,9 @@ def test_a_template_is_a_scenario_to_start_from(name, tmp_path, monkeypatch, cap
     monkeypatch.chdir(tmp_path)
     assert cli.main(["new", name]) == 0
     assert shipped.description(tmp_path / f"{name}.toml")
+    first = (tmp_path / f"{name}.toml").read_text().splitlines()[0]
     if name != "study":
+        assert (tmp_path / first.removeprefix("#:schema ")).is_file()
         assert cli.main(["check", f"{name}.toml", "--quiet"]) == 0
     capsys.readouterr()
     (tmp_path / f"{name}.toml").write_text("mine")
@@ -147,10 +149,13 @@ def test_examples_are_listed_printed_and_copied(tmp_path, monkeypatch, capsys):
     assert cli.main(["examples", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)["examples"]
     assert "set4a" in told and "studies/friction_scatter" in told
-    assert [name for name, text in told.items() if not text] == []
+    assert len(set(told.values())) == len(told)  # each says of itself what no other is
+    assert told["set4a"].split()[0] == "yield" and told["oppenheim"].startswith("tilt, search ")
+    assert told["studies/friction_scatter"].split()[0] == "study"
     assert cli.main(["examples", "arch"]) == 0
-    assert capsys.readouterr().out.startswith("# A semicircular arch")
+    assert capsys.readouterr().out.splitlines()[1].startswith("# A semicircular arch")
     assert cli.main(["examples", "--copy", "mine"]) == 0
+    assert (tmp_path / "mine" / shipped.SCHEMA).exists()
     assert (tmp_path / "mine" / "studies" / "friction_scatter.toml").exists()
     assert cli.main(["examples", "--copy", "mine"]) == 2
     assert cli.main(["examples", "arhc"]) == 2

@@ -89,3 +89,13 @@ def test_the_command_prints_and_writes_the_schema(tmp_path, monkeypatch, capsys)
     assert cli.main(["schema", "--out", "s.json"]) == 0
     assert json.loads((tmp_path / "s.json").read_text()) == printed
     assert cli.main(["schema", "--out", "s.json"]) == 2
+
+
+def test_scenarios_name_the_schema_that_ships():
+    """Editors read it; `dembrick schema --out scenarios/scenario.schema.json` writes it again."""
+    kept = shipped.folder() / shipped.SCHEMA
+    assert json.loads(kept.read_text(encoding="utf-8")) == keys.json_schema()
+    for path in shipped.folder().rglob("*.toml"):
+        if "control" in tomllib.loads(path.read_text(encoding="utf-8")):
+            line = path.read_text(encoding="utf-8").splitlines()[0]
+            assert line.startswith("#:schema ") and (path.parent / line.split()[1]).resolve() == kept.resolve(), path

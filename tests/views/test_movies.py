@@ -8,7 +8,7 @@ import pytest
 
 from dembrick import history
 from dembrick.cli import main
-from dembrick.errors import MissingDependency, OutputError, ScenarioError
+from dembrick.errors import MissingDependency, OutputError, ScenarioError, WriteError
 from dembrick.runs.simulate import simulate
 from dembrick.views import export, plot, render
 from dembrick.views.render import scene
@@ -84,6 +84,26 @@ def test_movies_move(run, tmp_path, ending, drawing):
     assert sorted(p.name for p in tmp_path.iterdir()) == [path.name, "run.h5"]
 
 
+def test_a_movie_takes_the_ffmpeg_of_the_path(run, tmp_path, monkeypatch, drawing):
+    """As `apt install ffmpeg` gives it, without imageio-ffmpeg; what it says of a failure is told."""
+    ours = pytest.importorskip("imageio_ffmpeg")
+    folder = tmp_path / "bin"
+    folder.mkdir()
+    (folder / "ffmpeg").symlink_to(ours.get_ffmpeg_exe())
+    monkeypatch.setitem(__import__("sys").modules, "imageio_ffmpeg", None)
+    monkeypatch.setenv("PATH", str(folder))
+    render.movie(run, tmp_path / "odd.mp4", size=(321, 241), fps=10)
+    stream = ours.read_frames(str(tmp_path / "odd.mp4"))
+    told = next(stream)
+    assert told["fps"] == pytest.approx(10.0) and told["size"] == (322, 242) and len(list(stream)) == 4
+    (folder / "ffmpeg").unlink()
+    (folder / "ffmpeg").write_text("#!/bin/sh\necho Unknown encoder libx264 >&2\nexit 1\n")
+    (folder / "ffmpeg").chmod(0o755)
+    with pytest.raises(WriteError, match="Unknown encoder libx264"):
+        render.movie(run, tmp_path / "none.mp4")
+    assert not (tmp_path / "none.mp4").exists()
+
+
 def test_a_movie_shows_frames_spread_over_the_run(run, tmp_path, drawing):
     render.movie(run, tmp_path / "out.gif", size=(128, 96), count=2)
     assert pytest.importorskip("PIL.Image").open(tmp_path / "out.gif").n_frames == 2
@@ -96,6 +116,7 @@ def test_movie_errors(run, tmp_path, monkeypatch, drawing):
     with pytest.raises(OutputError, match=r"\.gif or \.mp4"):
         render.movie(run, tmp_path / "a.avi")
     monkeypatch.setitem(__import__("sys").modules, "imageio_ffmpeg", None)
+    monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(MissingDependency, match="pip install imageio-ffmpeg"):
         render.movie(run, tmp_path / "a.mp4")
     assert main(["render", run.path, "--to", str(tmp_path / "a.mp4")]) == 4

@@ -1,11 +1,15 @@
-"""Pixels to files: PNG and GIF by Pillow (which pyvista brings), MP4 by the ffmpeg of imageio-ffmpeg."""
+"""Pixels to files: PNG and GIF by Pillow (which pyvista brings), MP4 by the ffmpeg of imageio-ffmpeg or the PATH."""
 
 from __future__ import annotations
 
+import errno
 import io
 import os
+import shutil
+import subprocess
+import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import numpy as np
 
@@ -29,15 +33,21 @@ def require(path: str) -> None:
     """MissingDependency if the packages for a movie with this ending are not installed."""
     if os.path.splitext(path)[1].lower() == ".gif":
         return
-    try:
-        import imageio_ffmpeg
-
-        imageio_ffmpeg.get_ffmpeg_exe()
-    except (ImportError, RuntimeError) as error:
+    if _ffmpeg_program() is None:
         raise MissingDependency(
             f"{path}: an MP4 needs ffmpeg; install it with: pip install imageio-ffmpeg (or write a .gif, which needs "
             "nothing more)"
-        ) from error
+        )
+
+
+def _ffmpeg_program() -> str | None:
+    """Path of the ffmpeg that imageio-ffmpeg brings, else of that on the PATH; None if there is neither."""
+    try:
+        import imageio_ffmpeg
+
+        return imageio_ffmpeg.get_ffmpeg_exe()
+    except (ImportError, RuntimeError):
+        return shutil.which("ffmpeg")
 
 
 @contextmanager
@@ -58,8 +68,8 @@ def movie(path: str, target: str, fps: float, sample: np.ndarray) -> Iterator[Ca
         def add(image: np.ndarray) -> None:
             with writing(path, "movie"):
                 if not writers:
-                    writers.append(_ffmpeg(part, fps, image.shape[1], image.shape[0]))
-                writers[0].send(np.ascontiguousarray(image[..., :3]))
+                    writers.append(_Ffmpeg(part, fps, image.shape[1], image.shape[0]))
+                writers[0].add(image[..., :3])
 
         try:
             yield add
@@ -82,19 +92,36 @@ def _gif_frames(frames: list, sample: np.ndarray) -> Callable[[np.ndarray], None
     return add
 
 
-def _ffmpeg(part: str, fps: float, width: int, height: int):
-    """A process that takes frames by ``send``; even numbers of pixels and 4:2:0 are what every player shows."""
-    import imageio_ffmpeg
+class _Ffmpeg:
+    """Process of ffmpeg that takes frames; even numbers of pixels and 4:2:0 are what every player shows."""
 
-    writer = imageio_ffmpeg.write_frames(
-        part,
-        (width, height),
-        fps=fps,
-        codec="libx264",
-        quality=8,
-        macro_block_size=2,
-        ffmpeg_log_level="error",
-        output_params=["-f", "mp4", "-movflags", "+faststart"],
-    )
-    writer.send(None)
-    return writer
+    def __init__(self, part: str, fps: float, width: int, height: int):
+        program = _ffmpeg_program()
+        assert program is not None  # `require` has asked
+        raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", f"{fps:.12g}", "-i", "-"]
+        even = ["-vf", "scale=ceil(iw/2)*2:ceil(ih/2)*2"]
+        coded = ["-an", "-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "10", "-f", "mp4", "-movflags", "+faststart"]
+        self._log = tempfile.TemporaryFile()  # noqa: SIM115  a pipe that nobody reads would fill
+        command = [program, "-y", "-loglevel", "error", *raw, *even, *coded, part]
+        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=self._log)
+
+    def add(self, image: np.ndarray) -> None:
+        """Append pixels (h, w, 3); OSError with the words of ffmpeg if it has ended."""
+        assert self._process.stdin is not None
+        try:
+            self._process.stdin.write(np.ascontiguousarray(image).tobytes())
+        except BrokenPipeError:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Finish the file; OSError with the words of ffmpeg if it failed."""
+        with suppress(BrokenPipeError):
+            self._process.communicate()
+        if self._log.closed:
+            return
+        self._log.seek(0)
+        words = self._log.read().decode(errors="replace").strip()
+        self._log.close()
+        if self._process.returncode:
+            raise OSError(errno.EIO, f"ffmpeg: {words.splitlines()[-1] if words else self._process.returncode}")
