@@ -156,11 +156,11 @@ CHANNELS = (
         Channel(f"history/joint/{name}", unit, about, ("joint",), "joints", columns=f"{name} {{name}} [{{unit}}]")
         for name, unit, about in (
             ("N", "N", "normal force, compression positive"),
-            ("V_1", "N", "shear force on block b along the joint's first axis"),
-            ("V_2", "N", "shear force on block b along the joint's second axis"),
-            ("M_T", "N m", "torsion on block b about the joint's normal, through its centroid"),
-            ("M_1", "N m", "bending moment on block b about the joint's first axis"),
-            ("M_2", "N m", "bending moment on block b about the joint's second axis"),
+            ("V_1", "N", "shear force of block b on block a along the joint's first axis"),
+            ("V_2", "N", "shear force of block b on block a along the joint's second axis"),
+            ("M_T", "N m", "torsion of block b on block a about the joint's normal, through its centroid"),
+            ("M_1", "N m", "bending moment of block b on block a about the joint's first axis, through its centroid"),
+            ("M_2", "N m", "bending moment of block b on block a about the joint's second axis, through its centroid"),
             ("slip", "m", "irreversible part of the shear displacement"),
         )
     ),

@@ -184,6 +184,29 @@ def test_the_reference_of_python_has_every_name():
     assert "autofunction:: dembrick.simulate" in pages.python_names()
 
 
+@pytest.mark.parametrize(
+    "words, page",
+    [
+        ("earthquake", "tutorials/earthquake"),
+        ("seismic", "tutorials/earthquake"),
+        ("vault", "tutorials/arch"),
+        ("backfill", "howto/modelling"),
+        ("tie rod", "howto/ties"),
+        ("mortar", "theory/strengths"),
+        ("convergence", "howto/error_bars"),
+        ("troubleshooting", "faq"),
+        ("3DEC", "comparison"),
+        ("Jupyter", "tutorials/python"),
+    ],
+)
+def test_a_search_for_a_word_of_the_field_finds_its_page(words, page):
+    """The site's search looks into titles, keywords and text: the word stands in one of the first two."""
+    text = (DOCS / f"{page}.md").read_text(encoding="utf-8")
+    title = re.search(r"^# (.*)$", text, re.MULTILINE).group(1)
+    keywords = re.search(r'^    keywords: "(.*)"$', text, re.MULTILINE)
+    assert words.lower() in f"{title}, {keywords.group(1) if keywords else ''}".lower()
+
+
 def test_the_gallery_shows_what_ships():
     entries = json.loads((DOCS / "gallery" / "gallery.json").read_text(encoding="utf-8"))
     long = tool_module("gallery").LONG

@@ -81,3 +81,20 @@ def test_a_history_without_joint_forces(tmp_path, capsys):
     simulate(scenarios.loads(text), tmp_path / "run.h5")
     assert main(["joints", str(tmp_path / "run.h5")]) == 2
     assert '"joints" in output.channels' in capsys.readouterr().err
+
+
+def test_signs_are_those_that_docs_symbols_draws(tmp_path):
+    """A jack pushes the upper block by V along +y at x = 0.075 m, 0.05 m above the joint: what the lower feels."""
+    for control in ({}, {"control": '{kind="displacement", rate=1e-5, travel=3e-5}'}):
+        changes = ["actuators.0.point=[0.075, 0.0, 0.05]", *(f"{key}={value}" for key, value in control.items())]
+        scenario = scenarios.load(SCENARIOS / "set4a.toml", changes)
+        simulate(scenario, tmp_path / "signs.h5", force=True)
+        with history.read(tmp_path / "signs.h5") as found:
+            (row,) = joint_table(found)
+        V = row["V_2"]
+        assert V > 100.0 and row["N"] == pytest.approx(467.0, rel=1e-6)
+        assert (row["M_T"], row["M_1"]) == (pytest.approx(0.075 * V, rel=1e-3), pytest.approx(-0.05 * V, rel=1e-3))
+        assert (row["e_1"], row["e_2"]) == (
+            pytest.approx(row["M_2"] / row["N"], abs=1e-12),
+            pytest.approx(-row["M_1"] / row["N"]),
+        )
