@@ -134,7 +134,7 @@ def thread_gain(courses: int, rounds: int) -> None:
     Wall-clock time of short calls: on a shared machine only such ones find both cores free. All work on one state, so
     that it stays in the caches.
     """
-    integrator._Pace.choose = lambda _, loops: (loops - 1, integrator.LONGEST_CHUNK)  # no trial
+    integrator.Pace.choose = lambda _, loops: (loops - 1, integrator.LONGEST_CHUNK)  # no trial
     moving, driving = wall(courses, courses)
     joints = len(moving.assembly.joints)
     steps = max(4, 60_000 // joints)

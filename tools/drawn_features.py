@@ -88,7 +88,9 @@ def answer(scenario: Scenario) -> Answer:
             result = simulate(scenario, record=False)
     except DembrickError as error:
         return Answer("refused", why=str(error))
-    except TimeoutError:
+    except (TimeoutError, TypeError) as error:
+        if not isinstance(error, TimeoutError) and not isinstance(error.__cause__, TimeoutError):  # numpy's, of it
+            raise
         return Answer("slow", why=f"no answer within {PATIENCE:g} s")
     told = result.as_dict()
     if "statics" in told:

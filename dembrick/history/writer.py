@@ -133,6 +133,11 @@ class HistoryWriter:
         """Frames appended so far."""
         return self._counts[FRAMES]
 
+    @property
+    def flush_is_due(self) -> bool:
+        """Whether what is appended next goes to the file at once."""
+        return time.monotonic() - self._flushed >= self._hold
+
     def place(self, assembly: Assembly) -> None:
         """Take the assembly with its contact points where they stay, before the first row."""
         self._assembly, self._tables = assembly, None
@@ -179,7 +184,7 @@ class HistoryWriter:
             self._pending.setdefault(path, []).append(array)
         self._pending_count = [a + b for a, b in zip(self._pending_count, counts, strict=True)]
         self._pending_bytes += sum(array.nbytes for array in arrays.values())
-        if time.monotonic() - self._flushed >= self._hold or self._pending_bytes > _HELD:
+        if self.flush_is_due or self._pending_bytes > _HELD:
             self.flush()
 
     def flush(self) -> None:

@@ -22,6 +22,10 @@ if TYPE_CHECKING:
     from dembrick.history import Checkpoint, HistoryWriter
 
 
+TOGETHER = 64  # chunks that the writer gets at once, at the most
+MOST_WAITING = 1 << 20  # bytes of their rows
+
+
 class Memory:
     """Keeps everything in memory, for a run without a history."""
 
@@ -42,7 +46,8 @@ class Memory:
         """Take what a chunk brought."""
         self.auditor.add(rows["energy"])
         self._rows.append(followed(rows, self._fields, ROWS, self._assembly))
-        self._frames.append(followed(frames, self._fields, FRAMES, self._assembly))
+        if frames:
+            self._frames.append(followed(frames, self._fields, FRAMES, self._assembly))
 
     def session(self, output: Output) -> Session:
         """The surroundings of the run."""
@@ -60,7 +65,7 @@ class Memory:
 
 
 class RecordStore:
-    """Passes the record on to a history writer and holds nothing of it; writes checkpoints beside the history.
+    """Passes the record on to a history writer, few rows together; writes checkpoints beside the history.
 
     ``text`` is that of the scenario; ``left``: a history file that was left behind, to go on with, else a new one is
     made.
@@ -72,12 +77,13 @@ class RecordStore:
         from dembrick import history
 
         began, channels, control = time.perf_counter(), scenario.output.channels, scenario.control
-        self.path, self.auditor = os.fspath(path), Auditor()
+        self.path, self._auditor = os.fspath(path), Auditor()
         self.checkpoint: Checkpoint | Kept | None = None
         self.goes_on: GoesOn | None = None
         self.where = ""  # the checkpoint is of
         self._writer: HistoryWriter | None = None
         self._recorded, self._assembly = history.recorded, assembly
+        self._waiting: list[tuple[Mapping, Mapping]] = []
         self._checkpoints = history.Checkpoints(self.path)
         self._scenario = hashlib.sha256(text.encode()).hexdigest()
         if left is None:
@@ -92,6 +98,12 @@ class RecordStore:
             resume = history.HistoryWriter.resume
             self._open = lambda: resume(left, self._assembly, settings, channels, rows, frames, control)
         self.write_seconds = time.perf_counter() - began
+
+    @property
+    def auditor(self) -> Auditor:
+        """The audit of all that was observed."""
+        self._pass_on()
+        return self._auditor
 
     @property
     def writer(self) -> HistoryWriter:
@@ -125,7 +137,7 @@ class RecordStore:
                     f"{self.path}: it has {left.n_row} rows and {left.n_frames} frames, and the run had written {rows} "
                     f"and {frames}; {remedy}"
                 )
-            self.auditor.worst[:] = found.array("audit.worst", self.auditor.worst)
+            self._auditor.worst[:] = found.array("audit.worst", self._auditor.worst)
             self.where = str(found.about["where"])
         self.checkpoint = found
         return rows, frames
@@ -134,25 +146,46 @@ class RecordStore:
         return Session(self.observe, output, self.keep, self.checkpoint, goes_on=self.goes_on)
 
     def observe(self, rows: Mapping, frames: Mapping) -> None:
-        """Pass on what a chunk brought."""
+        """Take what a chunk brought; a row by itself waits for others, as each call of the writer takes its time."""
         began = time.perf_counter()
-        self.auditor.add(rows["energy"])
-        self.writer.append(rows)
-        if frames:
-            self.writer.append_frames(**frames)
+        if self._waiting and rows["energy"].keys() != self._waiting[0][0]["energy"].keys():
+            self._pass_on()  # the dead-load equilibrium has none
+        self._waiting.append((rows, frames))
+        waiting = len(self._waiting)
+        if waiting == TOGETHER or waiting * _bytes(rows) > MOST_WAITING or self.writer.flush_is_due:
+            self._pass_on()
         self.write_seconds += time.perf_counter() - began
+
+    def _pass_on(self) -> None:
+        """Hand the writer all that waits."""
+        if not self._waiting:
+            return
+        rows, frames = [rows for rows, _ in self._waiting], [frames for _, frames in self._waiting if frames]
+        self._waiting = []
+        together = _joined(rows)
+        self._auditor.add(together["energy"])
+        self.writer.append(together)
+        if frames:
+            self.writer.append_frames(**_joined(frames))
 
     def keep(self, arrays: Mapping[str, np.ndarray], where: str) -> None:
         """Flush the history, then write a checkpoint that says how much of it was there, and how far the run was."""
         began = time.perf_counter()
+        self._pass_on()
         self.writer.flush()
         about: dict[str, object] = {"run": self.writer.run, "scenario": self._scenario, "kernels": kernel_hash()}
         about |= {"where": where, "rows": self.writer.n_row, "frames": self.writer.n_frames}
-        self._checkpoints.save({**arrays, "audit.worst": self.auditor.worst}, about)
+        self._checkpoints.save({**arrays, "audit.worst": self._auditor.worst}, about)
         self.write_seconds += time.perf_counter() - began
+
+    def flush(self) -> None:
+        """Bring all that was observed to the file."""
+        self._pass_on()
+        self.writer.flush()
 
     def abandon(self) -> bool:
         """Leave no history behind if nothing was recorded; returns whether."""
+        self._pass_on()
         return self._writer is not None and self._writer.abandon()
 
     @property
@@ -162,6 +195,7 @@ class RecordStore:
 
     def finish(self, status: str, results: Mapping, settings: Mapping | None = None) -> None:
         """Make the final history; checkpoints stay where the run may go on."""
+        self._pass_on()
         self.writer.finish(status, results, settings)
         if status != "interrupted":
             self._checkpoints.discard()
@@ -177,10 +211,15 @@ class RecordStore:
         return self._recorded.Frames(self.path)
 
 
+def _bytes(record: Mapping) -> int:
+    """Memory of the arrays of a record, but for those in mappings of it."""
+    return sum(array.nbytes for array in record.values() if isinstance(array, np.ndarray))
+
+
 def _joined(parts: list) -> dict:
     """The chunks as one mapping of arrays (or of mappings of arrays)."""
-    if not parts:
-        return {}
+    if len(parts) < 2:
+        return parts[0] if parts else {}
     first = parts[0]
     return {
         name: _joined([part[name] for part in parts])

@@ -319,7 +319,7 @@ def _finished(scenario: Scenario, assembly: Assembly, run, audit, store, times, 
     path = store.path if isinstance(store, RecordStore) else None
     write = store.write_seconds if store else 0.0
     if path and scenario.control.cyclic:
-        store.writer.flush()  # its cycles are read from the record
+        store.flush()  # its cycles are read from the record
     wall = {
         "start_up": times["start_up"],
         "build": max(0.0, done - began - placing - run.loop_seconds - run.compile_seconds - write),

@@ -22,7 +22,7 @@ def test_any_number_of_threads_gives_the_same_bits(formulation, monkeypatch):
     ends, found = [], []
     for threads in (None, *range(1, numba.config.NUMBA_NUM_THREADS + 1)):
         monkeypatch.setattr(integrator, "MANY", 0 if threads else 10**9)
-        monkeypatch.setattr(integrator._Pace, "choose", lambda _, loops: (loops - 1, 2048))
+        monkeypatch.setattr(integrator.Pace, "choose", lambda _, loops: (loops - 1, 2048))
         if threads:
             numba.set_num_threads(threads)
         moving = integrator.motion(built, 0.1, 0.5)

@@ -79,6 +79,7 @@ def dropped():
         ("contact_search", "dembrick.simulation.dynamics.contact_detection.ContactDetection", "follow"),
         ("geometry", "dembrick.simulation.dynamics.joint_polygons.Polygons", "cut_stale"),
         ("record", "dembrick.simulation.dynamics.recorder.Recorder", "curve"),
+        ("driving", "dembrick.simulation.dynamics.contact_detection.ContactDetection", "steps_to_go"),
     ],
 )
 def test_what_takes_long_is_booked_where_it_happens(monkeypatch, phase, owner, name):
@@ -128,7 +129,7 @@ def test_info_tells_where_the_time_of_assemblies_went(tmp_path, capsys, control)
     assert main(["info", path, "--profile", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert sum(found["loop"].values()) == pytest.approx(found["wall"]["loop"])
-    phases = {"dead_load", "contact_search", "geometry", "record", "steps"}
+    phases = {"dead_load", "contact_search", "geometry", "record", "driving", "steps"}
     if control.kind == "pushover":
         phases = {"dead_load", "joint_forces", "equations", "bracket", "record", "path"}
     assert set(found["loop"]) == phases

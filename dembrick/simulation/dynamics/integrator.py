@@ -40,6 +40,7 @@ from dembrick.simulation.dynamics.contact_detection import STABLE, ContactDetect
 from dembrick.simulation.dynamics.energy import MotionEnergy
 from dembrick.simulation.dynamics.joint_polygons import Polygons
 from dembrick.simulation.dynamics.loads import Driving
+from dembrick.simulation.dynamics.pace import LONGEST_CHUNK, Pace
 from dembrick.simulation.dynamics.state import MovingState, moving_state, reactions
 from dembrick.simulation.dynamics.tiling import without_rounding
 from dembrick.simulation.dynamics.time_step import (
@@ -58,15 +59,13 @@ if TYPE_CHECKING:
     from dembrick.simulation.dynamics.support_motion import PrescribedMotion
 
 LONGEST_MOVE = 0.1  # of the smallest block's reach: a step that moves a block further has diverged
-LONGEST_CHUNK = 2048  # steps
+FEW_STEPS = 64  # whose loads are found before it is known how many of them are done
 MOST_STEPS = 1e12  # of a run: a year for a single block
 MANY = 2000  # joints from which a step may be worth sharing among threads
-TRIAL = 64  # steps in which one thread and several show how fast they are
-FIRST_PAUSE, LONGEST_PAUSE = 250, 20_000  # steps until they show it again
 NO_LIMIT = 1e150  # m
 IN_LANES = ("tiles", "seen_tiles", "wrenches", "points", "sheared", "slipped", "dashpots", "ledger", "face")  # in tiles
 BY_STEP = ("force", "gravity", "place", "orientation", "velocity", "spin", "moved", "multiplier", "height")  # of loads
-BETWEEN = ("dead_load", "contact_search", "geometry", "record")  # what a run does beside its steps
+BETWEEN = ("dead_load", "contact_search", "geometry", "record", "driving")  # what a run does beside its steps
 
 
 def damping_of_restitution(restitution: float) -> float:
@@ -115,8 +114,9 @@ class Motion:
     falling: np.ndarray = field(init=False)
     attempt: np.ndarray = field(default_factory=lambda: np.array([0.0, -1.0]))
     _travel: np.ndarray = field(default_factory=lambda: np.zeros(2))
-    _pace: _Pace = field(default_factory=lambda: _Pace())
+    _pace: Pace = field(default_factory=Pace)
     _compiled: dict = field(default_factory=dict)
+    _shares: dict = field(default_factory=dict)  # see `_loops`
     _ahead: tuple = (None,) * 7  # the copies of `present_velocities`, kept: there is one at every frame
 
     def __post_init__(self):
@@ -142,6 +142,11 @@ class Motion:
     def time(self) -> float:
         """Seconds since the dead-load equilibrium."""
         return self.steps * self.time_step
+
+    @property
+    def seconds(self) -> float:
+        """All the time that was measured so far (s)."""
+        return self.loop_seconds + self.compile_seconds + sum(self.phases.values())
 
     @property
     def smallest(self) -> float:
@@ -189,6 +194,15 @@ def advance(
     Quasi-static work takes local ``damping``, and a ``step`` below the time step of the run.
     Raises DivergedError, and NotConvergedError if blocks press too deep into each other.
     """
+    began, before = time.perf_counter(), motion.seconds
+    try:
+        return _advance(motion, driving, n_steps, limits, damping, step)
+    finally:
+        motion.phases["driving"] += time.perf_counter() - began - (motion.seconds - before)
+
+
+def _advance(motion: Motion, driving: Driving, n_steps: int, limits: Limits, damping: float, step: float) -> int:
+    """`advance`, but for the clock."""
     last = motion.steps + n_steps
     detection, dt = motion.contact_detection, step * motion.time_step
     if detection.looked is None:
@@ -196,12 +210,13 @@ def advance(
     while motion.steps < last:
         most = min(LONGEST_CHUNK, last - motion.steps)
         times = (motion.steps + np.arange(most)) * dt
-        gravity, _ = driving.at(times[[0, -1]], dt)
         supports = driving.prescribed(times, dt)
+        loads = driving.loads(times, dt, supports) if most <= FEW_STEPS else None
+        gravity = driving.at(times[[0, -1]], dt)[0] if loads is None else loads.gravity[[0, -1]]
         fastest = float(np.sqrt(supports.moved.max(initial=0.0))) / dt
         n = int(min(most, detection.steps_to_go(motion.state, float(np.abs(gravity).max()), dt, fastest)))
         status, done = advance_chunk(
-            motion, motion.state.bodies, driving, times[:n], limits, damping, dt, detection.touching, supports
+            motion, motion.state.bodies, driving, times[:n], limits, damping, dt, detection.touching, supports, loads
         )  # fmt: skip
         motion.steps += done
         if status == DIVERGED:
@@ -320,21 +335,22 @@ def advance_chunk(
     dt: float,
     touching=None,
     supports: PrescribedMotion | None = None,
+    loads: Loads | None = None,
 ):
     """A chunk of steps at ``times``, polygons cut where that is due; returns the status and the steps done.
 
-    ``supports``: their motion in these steps, and perhaps in more, if that is known."""
+    ``supports``: their motion in these steps, and perhaps in more, if that is known; ``loads``: likewise."""
     state, energy = motion.state, motion.energy
     energy.fit(driving.n_load, len(driving.supports))
-    loads = driving.loads(times, dt, supports)
-    loops = _loops(state, bodies)
+    loads = driving.loads(times, dt, supports) if loads is None else loads
+    loops = _loops(motion, bodies)
     fixed = limits, damping, motion._travel, touching
     forms = [_compiled(motion, loop, own, dt, state, bodies, loads, *fixed, energy.table) for loop, own in loops]
     done, status = 0, RUNNING
     while status == STALE or (status == RUNNING and done < len(times)):
         which, most = motion._pace.choose(len(loops))
         form, own = forms[which], loops[which][1]
-        rest = loads._replace(**{name: getattr(loads, name)[done:] for name in BY_STEP})
+        rest = loads._replace(**{name: getattr(loads, name)[done:] for name in BY_STEP}) if done else loads
         began = time.perf_counter()
         n_steps = min(most, len(times) - done)
         status, some = _call(motion, form, n_steps, dt, state, bodies, rest, *fixed, energy.table, own)
@@ -397,46 +413,15 @@ def _in_loop(motion: Motion, touch_at: int, n_steps: int, dt: float, state: Movi
     return (n_steps, dt, in_loop, *state[1:4], ties, loads, *more, touch_at, near, table, *own), near
 
 
-class _Pace:
-    """Which of two loops is the faster: both give the same bits, and threads only help where cores are free.
-
-    Both show it twice in turns, and the better time counts. Threads need a while to wake up, and cores become busy or
-    free: so they show it again, after ever longer pauses.
-    """
-
-    TURNS = 1, 0, 1, 0
-
-    def __init__(self):
-        self._seconds = [math.inf, math.inf]  # of a step
-        self._turn, self._shown, self._took = 0, 0, 0.0  # of TURNS; steps of it, and their seconds
-        self._pause = self._left = FIRST_PAUSE
-
-    def choose(self, loops: int) -> tuple[int, int]:
-        """The loop to call next, and for how many steps at most."""
-        if loops == 1:
-            return 0, LONGEST_CHUNK
-        if self._turn < len(self.TURNS):
-            return self.TURNS[self._turn], TRIAL - self._shown
-        return (0 if self._seconds[0] <= self._seconds[1] else 1), LONGEST_CHUNK
-
-    def note(self, which: int, steps: int, seconds: float) -> None:
-        if self._turn < len(self.TURNS):
-            self._shown, self._took = self._shown + steps, self._took + seconds
-            if self._shown >= TRIAL:
-                step = self._took / self._shown
-                self._seconds[which] = step if self._turn < 2 else min(step, self._seconds[which])
-                self._turn, self._shown, self._took = self._turn + 1, 0, 0.0
-            return
-        self._left -= steps
-        if self._left <= 0:
-            self._pause = min(2 * self._pause, LONGEST_PAUSE)
-            self._turn, self._left = 0, self._pause
-
-
-def _loops(state: MovingState, bodies) -> list[tuple]:
+def _loops(motion: Motion, bodies) -> list[tuple]:
     """The compiled loops for a scene of that size, each with its scratch and what shares the work of a large one."""
-    loops = [(advance_bodies, shares(state.corners, state.faces, bodies, 1))]
-    threads = get_num_threads()
-    if len(state.links.host) >= MANY and threads > 1:
-        loops.append((advance_bodies_together, shares(state.corners, state.faces, bodies, threads)))
-    return loops
+    state, threads = motion.state, get_num_threads()
+    if len(state.links.host) < MANY:
+        threads = 1
+    wanted = len(bodies.free), threads  # neither joints nor their tiles become more or fewer
+    if wanted not in motion._shares:
+        loops = [(advance_bodies, shares(state.corners, state.faces, bodies, 1))]
+        if threads > 1:
+            loops.append((advance_bodies_together, shares(state.corners, state.faces, bodies, threads)))
+        motion._shares[wanted] = loops
+    return motion._shares[wanted]

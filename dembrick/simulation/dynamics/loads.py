@@ -104,8 +104,8 @@ class Driving:
             if len(self.block):
                 force = turned_back(force, axis, cosine[:, None, None], sine[:, None, None])
         for direction, velocity in self.support_velocity:
-            gained = velocity(times + 0.5 * dt) - velocity(times - 0.5 * dt)
-            gravity = gravity - (gained / dt)[:, None] * direction
+            after, before = velocity(np.concatenate([times + 0.5 * dt, times - 0.5 * dt])).reshape(2, -1)
+            gravity = gravity - ((after - before) / dt)[:, None] * direction
         return gravity, np.ascontiguousarray(force)
 
     def prescribed(self, times: np.ndarray, dt: float) -> PrescribedMotion:

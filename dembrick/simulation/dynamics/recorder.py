@@ -21,10 +21,9 @@ from dembrick.simulation.dynamics.state import (
 from dembrick.simulation.session import Session
 
 
-def _in_frames(pressed: dict[str, np.ndarray], due: slice) -> dict[str, np.ndarray]:
-    """New contacts of a frame, or of none where none is ``due``; ``count`` says how many."""
-    count = np.array([len(pressed["area"])])[due]
-    return {"count": count, **{name: values[: int(count.sum())] for name, values in pressed.items()}}
+def _in_frames(pressed: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """New contacts of a frame; ``count`` says how many."""
+    return {"count": np.array([len(pressed["area"])]), **pressed}
 
 
 class Recorder:
@@ -58,7 +57,7 @@ class Recorder:
         if self.takes_frames:
             row = moving.steps // self._rows_every if equilibrium is None else equilibrium
             due = last or row % self._frames_every == 0
-            frames = self.frame(rows["time"][0], slice(0, 1 if due else 0))
+            frames = self.frame(rows["time"][0]) if due else {}
         moving.phases["record"] += time.perf_counter() - began - (moving.compile_seconds - compiled)
         self._session.observe(rows, frames)
 
@@ -108,29 +107,27 @@ class Recorder:
             "upper": np.array([NO_BOUND]),
         }
 
-    def frame(self, time: float, due: slice = slice(0, 1)) -> dict:
-        """A frame of the present state at ``time``, as the observer gets it, or none where none is ``due``."""
+    def frame(self, time: float) -> dict:
+        """A frame of the present state at ``time``, as the observer gets it."""
         moving, channels = self._moving, self._session.output.channels
         bodies, shift = moving.state.bodies, moving.polygons.shift
         frames = {
-            "time": np.array([time])[due],
-            "displacement": (bodies.position - self._origin)[None][due],
-            "orientation": bodies.orientation[None][due].copy(),
+            "time": np.array([time]),
+            "displacement": (bodies.position - self._origin)[None],
+            "orientation": bodies.orientation[None].copy(),
         }
         if "velocity" in channels:
-            velocity, spin = bodies.velocity, bodies.spin
-            if due.stop:
-                velocity, spin = present_velocities(moving, self._present())
-            frames["velocity"], frames["spin"] = velocity[None][due], spin[None][due]
+            velocity, spin = present_velocities(moving, self._present())
+            frames["velocity"], frames["spin"] = velocity[None], spin[None]
         if joint_families.has_strengths(moving.state):
-            frames["bond"] = joint_families.bonded(moving.state)[None][due].copy()
+            frames["bond"] = joint_families.bonded(moving.state)[None].copy()
         if "joints" in channels:
-            frames["joint_shift"] = shift[None][due].copy()
+            frames["joint_shift"] = shift[None].copy()
         if "contacts" in channels:
             left = moving.contact_detection.left_to_joints()
-            frames["contact_arm"] = contact_arms(moving.state, shift)[None][due]
-            frames["contact_force"] = contact_forces(moving.state, left)[None][due]
-            frames["new_contacts"] = _in_frames(moving.contact_detection.pressed(moving.state.middle), due)
+            frames["contact_arm"] = contact_arms(moving.state, shift)[None]
+            frames["contact_force"] = contact_forces(moving.state, left)[None]
+            frames["new_contacts"] = _in_frames(moving.contact_detection.pressed(moving.state.middle))
         return frames
 
     def follow_up(self, frames: list[dict]) -> None:

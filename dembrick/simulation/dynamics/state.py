@@ -225,7 +225,7 @@ def reactions(state: MovingState, supporting: np.ndarray, contacts: Mapping[str,
     total = np.zeros((len(supporting), 6))
     np.add.at(total, links.host, -links.wrench[:, :6])
     np.add.at(total, links.other, np.concatenate([links.wrench[:, :3], -links.wrench[:, 6:9]], axis=1))
-    for side, sense in ((0, 1.0), (1, -1.0)):
+    for side, sense in ((0, 1.0), (1, -1.0)) if len(contacts["force"]) else ():
         block, force = contacts["blocks"][:, side], contacts["force"]
         arm = contacts["point"] - state.middle - bodies.position[block]
         np.add.at(total, block, sense * np.concatenate([force, contacts["torque"] + cross(arm, force)], axis=1))
