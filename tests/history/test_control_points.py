@@ -85,9 +85,11 @@ def test_on_the_command_line(tmp_path, capsys):
     assert main(["plot", file, "--kind", "points", "--to", str(tmp_path / "push.png")]) == 0
     with history.read(file) as found:
         (axes,) = plot.control_points([found]).axes
-    assert [line.get_label() for line in axes.lines] == ["a", "b"]
-    moved = [float(table[-1][f"u_{axis} of b [m]"]) - float(table[0][f"u_{axis} of b [m]"]) for axis in "xyz"]
-    assert axes.lines[1].get_xdata()[-1] == pytest.approx(1e3 * math.hypot(*moved))  # from where the dead loads left it
+    names = [f"{point}, $u_{axis}$" for point in "ab" for axis in "xz"]  # nothing moves along y
+    assert [line.get_label() for line in axes.lines] == names
+    for line, axis in zip(axes.lines[2:], "xz", strict=True):  # with its sign, from where the dead loads left it
+        moved = float(table[-1][f"u_{axis} of b [m]"]) - float(table[0][f"u_{axis} of b [m]"])
+        assert line.get_xdata()[-1] == pytest.approx(1e3 * moved)
     assert axes.get_xlabel() == "displacement of control points [mm]"
     simulate(SCENARIOS / "set4a.toml", tmp_path / "none.h5")
     with history.read(tmp_path / "none.h5") as found, pytest.raises(HistoryError, match=r"add \[\[control_points\]\]"):
