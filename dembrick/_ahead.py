@@ -19,9 +19,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from importlib import import_module
 
-from numba.core import event
-
 from dembrick import _kernel_cache
+from dembrick._jit import WHY_PUBLIC, hearing
 from dembrick._kernel_sources import compiler_hash
 
 SWITCH = "DEMBRICK_COMPILE_AHEAD"  # 0 in the environment: no second process
@@ -32,23 +31,20 @@ Task = tuple  # a function that a module has by its name, and its arguments
 Wanted = Callable[[], list[Task]]
 
 
-class _Helper(event.Listener):
+class _Helper:
     """The second process, and what it is to do if a kernel is compiled."""
 
     def __init__(self):
         self.process: subprocess.Popen | None = None
         self.wanted: Wanted | None = None
 
-    def on_start(self, event) -> None:
-        """See numba: a kernel is compiled."""
+    def begin(self) -> None:
+        """Start the second process, as a kernel is compiled."""
         wanted, self.wanted = self.wanted, None
         if wanted is not None and (self.process is None or self.process.poll() is not None):
             tasks = wanted()
             if tasks:
                 self.start(tasks)
-
-    def on_end(self, event) -> None:
-        """See numba."""
 
     def start(self, tasks: list[Task]) -> None:
         """Start a process that does the ``tasks``, one after the other; where that fails the run does without."""
@@ -82,12 +78,11 @@ def second_process() -> Iterator[None]:
         yield
         return
     helper = _Known.helper = _Helper()
-    event.register("numba:compile", helper)
     try:
-        yield
+        with hearing(("numba:compile",), helper.begin):
+            yield
     finally:
         _Known.helper = None
-        event.unregister("numba:compile", helper)
         helper.stop()
 
 
@@ -96,6 +91,7 @@ def possible() -> bool:
     kept = _kernel_cache.CACHE_FOLDER.name == compiler_hash()
     return (
         os.environ.get(SWITCH) != "0"
+        and not WHY_PUBLIC
         and cores() > 1
         and kept
         and _kernel_cache.fcntl is not None

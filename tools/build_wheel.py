@@ -40,9 +40,7 @@ class WithKernels(BuildHookInterface):
         build_data["infer_tag"] = True
         build_data["artifacts"].append("dembrick/_kernels/*")
 """
-TARGET = (
-    "from numba.core.registry import cpu_target; print(*cpu_target.target_context.codegen().magic_tuple(), sep='|')"
-)
+TARGET = "from dembrick._numba import target; print(*target(), sep='|')"
 COMPILER = "from dembrick._kernel_sources import compiler_hash; print(compiler_hash())"
 
 
@@ -99,7 +97,7 @@ def ask_for_this_numba(copy: Path) -> None:
     text = project.read_text(encoding="utf-8")
     version = f"{sys.version_info.major}.{sys.version_info.minor}"
     changed = [
-        ('"numba>=0.62,<0.69",\n    "h5py', f'"numba=={numba.__version__}",\n    "h5py'),
+        ('"numba>=0.62,<1",\n    "h5py', f'"numba=={numba.__version__}",\n    "h5py'),
         ('requires-python = ">=3.11,<3.14"', f'requires-python = "=={version}.*"'),
     ]
     for before, after in changed:

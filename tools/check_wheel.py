@@ -21,21 +21,12 @@ from pathlib import Path
 
 COUNTED = """
 import sys
-from numba.core import event
-
-class Compiled(event.Listener):
-    count = 0
-
-    def on_start(self, event):
-        Compiled.count += 1
-
-    def on_end(self, event):
-        pass
-
-event.register("numba:compile", Compiled())
+from dembrick._jit import hearing
 from dembrick.cli import main
-code = main(sys.argv[1:])
-print(f"compiled {Compiled.count}", file=sys.stderr)
+begun = []
+with hearing(("numba:compile",), lambda: begun.append(1)):
+    code = main(sys.argv[1:])
+print(f"compiled {len(begun)}", file=sys.stderr)
 sys.exit(code)
 """
 RUNS = (

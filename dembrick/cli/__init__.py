@@ -112,7 +112,7 @@ def _main(arguments: list[str]) -> int:
     if verb == "--version":
         put(f"dembrick {__version__}")
         if {"-v", "--verbose"} & set(rest):
-            from dembrick._kernel_cache import versions
+            from dembrick._jit import versions
 
             put("\n".join(versions()))
         return 0

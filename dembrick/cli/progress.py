@@ -111,26 +111,15 @@ class Meter:
 def telling_of_compilation(tell: Callable[[str], None]) -> Iterator[None]:
     """Within, say once that kernels are being compiled, if any are, by this process or by one that it waits for; those
     that are kept are loaded without a word."""
-    from numba.core import event
-
+    from dembrick._jit import hearing
     from dembrick._kernel_cache import WAITING
 
-    class Compilation(event.Listener):
-        told = False
+    said = []
 
-        def on_start(self, event) -> None:
-            if not self.told:
-                self.told = True
-                tell(COMPILING)
+    def begun() -> None:
+        if not said:
+            said.append(COMPILING)
+            tell(COMPILING)
 
-        def on_end(self, event) -> None:
-            pass
-
-    listener, kinds = Compilation(), ("numba:compile", WAITING)
-    for kind in kinds:
-        event.register(kind, listener)
-    try:
+    with hearing(("numba:compile", WAITING), begun):
         yield
-    finally:
-        for kind in kinds:
-            event.unregister(kind, listener)

@@ -15,7 +15,16 @@ PACKAGE = Path(dembrick.__file__).parent
 # A package imports from those named before it. Beside that, kernels see only _jit; inside them statics and dynamics
 # take from math and joint, never from each other; theory sees only errors, and only views, runs and cli see theory.
 PACKAGES = ["geometry", "scenario", "assembly", "kernels", "theory", "simulation", "history", "views", "runs", "cli"]
-COMPILER = {"_jit", "_kernel_cache", "_kernel_sources", "_packaged_kernels", "_ahead"}
+COMPILER = {
+    "_jit",
+    "_numba",
+    "_numba_check",
+    "_numba_public",
+    "_kernel_cache",
+    "_kernel_sources",
+    "_packaged_kernels",
+    "_ahead",
+}
 GROUND = {"", "errors"} | COMPILER
 OUTSIDE = {  # third-party modules a package may import; the others: any but scipy
     "geometry": {

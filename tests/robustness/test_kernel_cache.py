@@ -17,7 +17,7 @@ from numba.core import event
 from numba.core.typing.typeof import Purpose, typeof
 
 import dembrick
-from dembrick import _kernel_cache
+from dembrick import _kernel_cache, _numba
 from dembrick._jit import entry, ready
 from dembrick._kernel_sources import closure_hash, compiler_hash, import_closure, imported, source_hash
 from dembrick.kernels.math.quaternion import product
@@ -104,7 +104,7 @@ def test_an_edit_leaves_the_machine_code_of_modules_that_do_not_import_it(copy):
     assert hashes() == before
 
 
-@pytest.mark.parametrize("name", ["_jit.py", "_kernel_cache.py"])
+@pytest.mark.parametrize("name", ["_jit.py", "_kernel_cache.py", "_numba.py", "_numba_check.py", "_numba_public.py"])
 def test_an_edit_of_the_compiler_changes_all(copy, name):
     before, source = compiler_hash(copy), copy / name
     text = source.read_bytes()
@@ -253,13 +253,13 @@ def test_machine_code_for_known_types_is_found_once_and_is_that_of_the_arguments
 def test_a_warm_run_loads_no_masked_arrays_and_parses_no_code(tmp_path):
     code = """
 import sys
-from dembrick import _kernel_cache
+from dembrick import _numba
 from dembrick._jit import entry, ready
 from dembrick.cli import main
 
 parsed = []
-parse = _kernel_cache.binding.parse_bitcode
-_kernel_cache.binding.parse_bitcode = lambda code: parsed.append(code) or parse(code)
+parse = _numba.binding.parse_bitcode
+_numba.binding.parse_bitcode = lambda code: parsed.append(code) or parse(code)
 main(["run", "set4a", "--out", sys.argv[1]])
 print("numpy.ma" in sys.modules, parsed)
 """
@@ -275,17 +275,17 @@ def test_processes_that_compile_one_kernel_side_by_side_lose_nothing(tmp_path, m
     monkeypatch.setattr(_kernel_cache, "CACHE_FOLDER", tmp_path)
 
     def save(i):
-        _kernel_cache.CacheFile(str(tmp_path), "kernel", "stamp").save(i, i)
+        _numba.CacheFile(str(tmp_path), "kernel", "stamp").save(i, i)
 
     with ThreadPoolExecutor(16) as pool:
         list(pool.map(save, range(64)))
-    found = _kernel_cache.CacheFile(str(tmp_path), "kernel", "stamp")
+    found = _numba.CacheFile(str(tmp_path), "kernel", "stamp")
     assert [found.load(i) for i in range(64)] == list(range(64))
 
 
 def test_a_full_disk_costs_the_cache_and_not_the_run(tmp_path, monkeypatch):
     monkeypatch.setattr(_kernel_cache, "CACHE_FOLDER", tmp_path / "gone")
-    kept = _kernel_cache.CacheFile(str(tmp_path / "gone"), "kernel", "stamp")
+    kept = _numba.CacheFile(str(tmp_path / "gone"), "kernel", "stamp")
     kept.save(1, 1)
     assert kept.load(1) is None
 

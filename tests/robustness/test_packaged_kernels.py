@@ -17,7 +17,7 @@ PACKAGE = Path(dembrick.__file__).parent
 LEFT_OUT = shutil.ignore_patterns("__pycache__", "_kernels")
 TARGET = {"NUMBA_CPU_NAME": "x86-64-v3", "NUMBA_CPU_FEATURES": ""}
 CALL = """
-from dembrick._kernel_cache import versions
+from dembrick._jit import versions
 from dembrick._packaged_kernels import why_compiled
 from dembrick.kernels.math.quaternion import product
 
