@@ -14,6 +14,7 @@ START_SECONDS = 1.0  # of a command: start-up, loading what is compiled, buildin
 LONG = 3600.0  # s: a run that takes more says so before it starts
 ROCKING = 13.0  # steps of a search that rocks, however many blocks
 FIRST_SLIDING, NEWTON_PER_JOINT = 45.0, 2.0  # of one that slides: and more with every joint that does
+FEW_SLIDING = 12.0  # and at most so many a joint: a dam that slides on its foot took 7, four slabs on a slope 17
 CONVEX_ROCKING = 1.4  # times as many steps where convex joints rock
 EQUILIBRIA = 32  # on the path of a search: some ten to sixty are recorded
 WITHIN = 4.0  # factor by which the steps of a search of several joints may be off
@@ -28,17 +29,19 @@ LOOP_SECONDS, POINT_SECONDS = 4e-7, 8e-9  # s a joint and step of a constant-rat
 MOTION_SECONDS, MOTION_JOINT_SECONDS = 9e-6, 5e-8  # s a step in real time, and a joint more, contacts sought as well
 HEAP_BLOCK_SECONDS = 1.2e-5  # s a step and block, where blocks fall and meet anywhere
 SEARCH_FIRST, SEARCH_PER_DIGIT = 20, 8  # steps of the search of a lone joint to 1e-2, and of every digit more
+BENT_FIRST, BENT_PER_DIGIT = 45, 35  # of a lone convex joint that the load bends: its pressed strip shrinks on and on
 
 
-def search_steps(tolerance: float) -> int:
-    """Steps of the search for the limit load of a lone joint."""
-    return SEARCH_FIRST + round(SEARCH_PER_DIGIT * max(0.0, -math.log10(tolerance) - 2.0))
+def search_steps(tolerance: float, bent: bool = False) -> int:
+    """Steps of the search for the limit load of a lone joint; ``bent``: a convex one that the load bends."""
+    first, per_digit = (BENT_FIRST, BENT_PER_DIGIT) if bent else (SEARCH_FIRST, SEARCH_PER_DIGIT)
+    return first + round(per_digit * max(0.0, -math.log10(tolerance) - 2.0))
 
 
 def newton_steps(convex: bool, sliding: int = 0) -> int:
     """Newton steps of a search through equilibria, ``sliding`` joints of which slide in the mechanism."""
     if sliding:
-        return round(FIRST_SLIDING + NEWTON_PER_JOINT * sliding)
+        return round(min(FEW_SLIDING * sliding, FIRST_SLIDING + NEWTON_PER_JOINT * sliding))
     return round(ROCKING * (CONVEX_ROCKING if convex else 1.0))
 
 

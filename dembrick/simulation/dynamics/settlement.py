@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -46,11 +47,13 @@ class Settlement(EquilibriumPath):
 
     @classmethod
     def plan(cls, moving: Motion, control: Control, driving: Driving, output: Output) -> Plan:
-        """What it will take, roughly: as many steps as the supports move for, and again until the blocks rest."""
+        """What it will take, roughly: as many steps as the supports move for, and half as many for rest."""
         length, gravity = driving.supports.length, float(np.linalg.norm(moving.assembly.gravity))
         way = shares(WITHIN * moving.smallest / length)
-        seconds = math.sqrt(OF_START * length / len(way) / (GENTLE * gravity)) if gravity > 0.0 else 0.0
-        return plan_of(moving, control, output, len(way) + 1, 2.0 * max(FEWEST, seconds / (STEP * moving.time_step)))
+        fastest = OF_START * length / (GENTLE * gravity) if gravity > 0.0 else 0.0
+        seconds = (math.sqrt(fastest * (end - begin)) for begin, end in pairwise([0.0, *way]))
+        moves = sum(max(FEWEST, lasts / (STEP * moving.time_step)) for lasts in seconds)
+        return plan_of(moving, control, output, len(way) + 1, 1.5 * moves / len(way))
 
     def driven(self, parameter: Curve) -> Driving:
         """The supports have gone that share of their way."""

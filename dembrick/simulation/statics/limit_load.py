@@ -70,6 +70,7 @@ MOST_JOINTS_BOUNDED = 1000  # limit analysis of so many joints adds little to a 
 CHUNK_OF_SEARCH = 256  # steps of a search between two looks at it
 HALVING = 512  # steps in which a search slows to half its rate, once it has taken 16 times as many
 MOST_STEPS = 20_000  # of a search
+ROUNDED = 1e-9  # of a moment: what rounding leaves
 BYTES_A_TRIAL = 1400  # a joint: tangent, stiffness, and the matrices of its two ends, 36 numbers each, and others
 
 
@@ -255,7 +256,7 @@ def plan(assembly: Assembly, control: YieldControl, step_factor: float, output: 
     system, joints = LoadSystem(assembly), len(assembly.joints)
     dt, whole = step_factor * system.dashpots().critical_time_step, touches_itself(system.state)
     if not (whole or control.regime is PATH_FOLLOWING):
-        steps = search_steps(control.tolerance)
+        steps = search_steps(control.tolerance, _bends_convex(assembly, system.load))
         return system.plan(dt, steps, steps, control, output)
     convex = any(law.formulation == "convex" for law in assembly.joints.law)
     steps = newton_steps(convex)
@@ -264,3 +265,16 @@ def plan(assembly: Assembly, control: YieldControl, step_factor: float, output: 
     if whole:
         solving += equations(system.state, assembly.position).bytes(factors=2)
     return replace(planned, memory=planned.memory + solving, seconds=newton_seconds(steps, joints))
+
+
+def _bends_convex(assembly: Assembly, load: np.ndarray) -> bool:
+    """Whether there is one joint, a convex one, and the unit ``load`` (n, 6) presses or bends it."""
+    if len(assembly.joints) != 1 or assembly.joints[0].law.formulation != "convex":
+        return False
+    joint = assembly.joints[0]
+    force, moment = load[joint.block_b, :3], load[joint.block_b, 3:]
+    about = joint.axes @ (moment - np.cross(joint.arm_b, force))
+    reach = float(np.abs(joint.polygon).max())
+    whole = reach * float(np.linalg.norm(force)) + float(np.linalg.norm(about))
+    pressed = reach * abs(float(joint.axes[2] @ force))
+    return max(pressed, float(np.abs(about[:2]).max())) > ROUNDED * whole
