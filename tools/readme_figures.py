@@ -5,7 +5,7 @@
 
 ``joint.png``: set 4a pushed at a constant rate, with contact points at the corners and with the exact limit surface;
 ``path.png``: the same on their yield domains; ``page.png``: the web page of one of them, as a headless Chromium shows
-it (left out, and said, where there is none); ``wall.png``: a wall on a tilting table at its collapse, and
+it (left out, and said, where there is none); ``wall.png``: the README's wall on a tilting table at its limit, and
 ``collapse.png``: one where its blocks have come to rest, a minute and a half of work (both left out where this machine
 cannot draw off screen). ``curves.png`` and ``fig5_domains.png`` are those of ``dembrick lab``.
 ``--pack`` draws nothing: it writes PNG files of other tools again with 256 colours, at their own resolution, a third
@@ -75,9 +75,9 @@ def main() -> None:
         for run in runs:
             run.close()
         try:
-            dembrick.simulate(ROOT / "scenarios" / "wall_tilt.toml", folder / "wall.h5")
+            dembrick.simulate(ROOT / "scenarios" / "wall_door.toml", folder / "wall.h5")
             with history.read(folder / "wall.h5") as run:
-                print(render.picture(run, out / "wall.png", size=PICTURE))
+                print(render.picture(run, out / "wall.png", size=PICTURE, view="front"))
             dembrick.simulate(ROOT / "scenarios" / "wall_collapse.toml", folder / "collapse.h5")
             with history.read(folder / "collapse.h5") as run:
                 print(render.picture(run, out / "collapse.png", magnification=1.0, size=PICTURE))

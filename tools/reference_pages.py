@@ -22,14 +22,16 @@ from dembrick.runs.verification import cases
 from dembrick.scenario import keys, shipped
 
 PICTURES = Path(__file__).resolve().parent.parent / "docs" / "gallery"
-GALLERY = {  # kinds of control: heading
-    ("pushover", "tilt", "statics"): "Structures at their limit",
-    ("settlement",): "Supports that settle",
-    ("base-motion", "dynamic"): "In real time",
-    ("yield",): "Limit loads of tests",
-    ("displacement",): "Tests at a constant rate",
-    ("study",): "Studies",
+FIRST = ("wall_door", "arch_spread", "set4a")  # a wall, an arch and a joint
+GALLERY = {  # subject: how the names of its scenarios begin
+    "Walls": ("wall_", "ferris_tinloi_"),
+    "Arches, domes and piers": ("arch", "oppenheim", "dome", "pier_"),
+    "Dams and slopes": ("dam", "slope_"),
+    "Joints in the laboratory": ("set", "shear", "table1_"),
+    "Blocks and columns in motion": ("rocking_", "newmark_", "spinning_"),
+    "Studies": ("studies/",),
 }
+COLUMNS = 3  # of pictures on the page
 
 
 def write(folder: Path) -> None:
@@ -245,18 +247,35 @@ def gallery_page(pictures: Path) -> str:
     parts = [
         "# Gallery\n\n`dembrick run NAME` runs one of these, `dembrick examples NAME` prints it, `dembrick examples "
         "--copy DIR` copies them all. Pictures, numbers and times are those of `tools/gallery.py`; seconds "
-        "are those of one processor, once compiled.\n"
+        "are those of one processor, once compiled.\n",
+        _grid([(name, entries[name]) for name in FIRST if name in entries]),
     ]
-    for kinds, heading in GALLERY.items():
-        parts.append(f"## {heading}\n")
-        for name, path in shipped.examples().items():
-            entry = entries.get(name, {"kind": None})  # of what takes too long to be drawn here
-            if entry["kind"] not in kinds:
-                continue
+    for subject, names in subjects().items():
+        shown = [(name, entries[name]) for name in names if name in entries and name not in FIRST]
+        parts.append(f"## {subject}\n\n{_grid(shown)}")
+    return "\n".join(parts)
+
+
+def subjects() -> dict[str, list[str]]:
+    """Subject -> the scenarios that ship of it."""
+    return {
+        subject: [name for name in shipped.examples() if name.startswith(begin)] for subject, begin in GALLERY.items()
+    }
+
+
+def _grid(shown: list[tuple[str, dict]]) -> str:
+    """Pictures in rows, each with its name, its answer and what it is below it."""
+    paths, parts = shipped.examples(), []
+    for start in range(0, len(shown), COLUMNS):
+        row = shown[start : start + COLUMNS]
+        pictures, texts = [], []
+        for name, entry in row:
             blocks = f"{entry['blocks']} blocks, " if entry["blocks"] else ""
-            picture = f"![{name}](gallery/{name.replace('/', '_')}.png){{width=560px}}"
-            answer = f"**{entry['title']}**: {entry['number']} ({blocks}{entry['seconds']:g} s)."
-            parts.append(f"### {name}\n\n{picture}\n\n{answer} {shipped.description(path)}\n")
+            pictures.append(f"![{name}](gallery/{name.replace('/', '_')}.png){{width=100%}}")
+            answer = f"`{name}` **{entry['title']}**: {entry['number']} ({blocks}{entry['seconds']:g} s)."
+            texts.append(f"{answer} {shipped.description(paths[name])}".replace("|", "\\|").replace("\n", " "))
+        empty = [""] * (COLUMNS - len(row))
+        parts.append(table([*pictures, *empty], [[*texts, *empty]]))
     return "\n".join(parts)
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dembrick.runs import shaken
 from dembrick.runs.collapse import collapse_lines
 from dembrick.runs.result import RunResult, listed
 
@@ -97,7 +98,34 @@ class MotionResult(RunResult):
             not_standing=self.not_standing,
             fallen=self.fallen,
             control_points=self.control_points,
+            **self._shaken(),
         )
+
+    def _shaken(self) -> dict:
+        """What is told of a structure whose supports shake; nothing of any other."""
+        if not self.scenario.control.shakes:
+            return {}
+        found = shaken.drift(self.assembly, self.run.furthest)
+        return {
+            "outcome": shaken.outcome(self.fallen, self.not_standing),
+            "drift": None if found is None else found._asdict(),
+            "residual_displacement": float(np.linalg.norm(self.displacement, axis=1).max()),
+        }
+
+    def _shaken_lines(self) -> list[str]:
+        told = self._shaken()
+        if not told:
+            return []
+        lines = [f"outcome       {told['outcome']}"]
+        if told["drift"] is not None:
+            value, block = told["drift"].values()
+            lines.append(f"drift         {100.0 * value:.3g} % at the most: displacement over height of {block}")
+        return lines
+
+    def _tied(self) -> list[dict]:
+        """The ties with their peaks (N) in the record."""
+        ties, peaks = super()._tied(), shaken.peak_tensions(self.rows)
+        return [tie | {"peak": peak} for tie, peak in zip(ties, peaks, strict=True)] if ties and peaks else ties
 
     def text(self) -> str:
         """What the command line prints."""
@@ -105,12 +133,14 @@ class MotionResult(RunResult):
         lines = self.heading_lines
         if self.collapse is not None:
             lines += collapse_lines(self.collapse)
+        lines += self._shaken_lines()
         bar = "" if self.displacement_error is None else f" +- {self.displacement_error:.2g}"
         away = np.linalg.norm(self.displacement, axis=1)
         for when, ways, error in (("at the most", self.run.furthest, ""), ("at the end", away, bar)):
             most = int(np.argmax(ways))
             which = f"of the centroid of {self.assembly.names[most]}"
-            lines.append(f"displacement  {ways[most]:.5g}{error} m {when}, {which}")
+            name = "residual     " if when == "at the end" and self.scenario.control.shakes else "displacement "
+            lines.append(f"{name} {ways[most]:.5g}{error} m {when}, {which}")
         lines.append(f"fallen        {listed(self.fallen) or 'none'}")
         if self.not_standing:
             lines.append(f"not standing  {listed(self.not_standing)}: no equilibrium under the dead loads")

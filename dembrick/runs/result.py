@@ -215,7 +215,8 @@ def tie_lines(ties: Sequence[Mapping]) -> list[str]:
     lines = []
     for tie in ties[:SHOWN]:
         kept = f", yielded by {tie['yielded']:.4g} m" if tie.get("yielded") else ""
-        lines.append(f"tie           {' - '.join(tie['between'])}: {tie['tension']:.6g} N{kept}")
+        peak = f", {tie['peak']:.6g} N at the most" if "peak" in tie else ""
+        lines.append(f"tie           {' - '.join(tie['between'])}: {tie['tension']:.6g} N{peak}{kept}")
     if len(ties) > SHOWN:
         lines.append(f"  ... and {len(ties) - SHOWN} more ties (--json lists all)")
     return lines

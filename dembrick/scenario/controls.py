@@ -2,8 +2,7 @@
 
 A class says everything about its kind: how it is carried out (``regime``), what grows and in which unit (``curve``),
 what it ends with (``ends_with``), what it needs (``drives``, ``needs_supports``). No other module asks for the name of
-a kind: it asks for these. A new kind is a class here, an entry of `CONTROLS`, and, if no regime fits it, a driver in
-``runs.drivers``.
+a kind. A new kind is a class here, an entry of `CONTROLS`, and, if no regime fits it, a driver in ``runs.drivers``.
 """
 
 from __future__ import annotations
@@ -53,7 +52,7 @@ from dembrick.scenario.regimes import (
     Regime,
 )
 from dembrick.scenario.support_paths import SupportPath, Turn
-from dembrick.scenario.time_functions import Pulse, Sine, checked_columns
+from dembrick.scenario.time_functions import Pulse, Sine, check_baseline, checked_columns
 
 TOLERANCE = "it is a relative error between 1e-8 and 0.1; 1e-3 is usual"
 DAMPING = "it must lie between 0 and 0.9 of critical"
@@ -280,11 +279,10 @@ class BaseMotionControl(Control):
     """Supports that shake along ``direction`` for ``duration`` (s), by a ``sine``, a ``pulse`` or a ``file``, whose
     ``quantity`` is an acceleration, a velocity or a displacement, all of it times ``scale``.
 
-    The file is a CSV whose first line names its columns with their units, such as "time [s], acceleration [g]", or a
-    PEER record (.AT2, .VT2, .DT2). ``columns`` picks two of its columns by name, time first, where units do not tell.
-    Up to three directions have a component each: of a file each, or of one file, whose ``columns`` are time and then
-    one for each direction. Supports and blocks are at rest before time zero: a velocity that begins above zero is a
-    jump.
+    The file is a CSV whose first line names columns and units, "time [s], acceleration [g]", or a PEER record (.AT2,
+    .VT2, .DT2). ``columns`` picks two of its columns by name, time first. Up to three directions have a component each:
+    of a file each, or of one, whose ``columns`` are time and one for each. All is at rest before time zero; a record
+    is zero after its end. ``baseline``: accelerations without the line that would leave the supports moving or moved.
     """
 
     duration: float
@@ -296,6 +294,7 @@ class BaseMotionControl(Control):
     restitution: float = 0.5
     columns: tuple[str, ...] | None = None
     scale: float = 1.0
+    baseline: bool = False
 
     kind = "base-motion"
     curve = Curve(None, "m/s2", "acceleration of the supports along the (first) direction of their motion", FURTHEST)
@@ -328,8 +327,9 @@ class BaseMotionControl(Control):
         require_type(self.pulse is None or isinstance(self.pulse, Pulse), "pulse", self.pulse, "a Pulse")
         sources = [key for key in ("file", "sine", "pulse") if getattr(self, key) is not None]
         require(len(sources) == 1, "control", sources, "a base motion needs exactly one of file, sine and pulse")
-        still = self.pulse is not None and self.quantity == "displacement"
-        require(not still, "quantity", self.quantity, "a pulse of displacement has no finite velocity; use another")
+        check_baseline(self.baseline, self.file, self.quantity)
+        moves = self.pulse is None or self.quantity != "displacement"
+        require(moves, "quantity", self.quantity, "a pulse of displacement has no finite velocity; use another")
         alone = self.file is not None or len(directions) == 1
         require(alone, "direction", self.direction, "a sine or a pulse has one direction, which may be inclined")
 

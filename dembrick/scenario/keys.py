@@ -313,12 +313,13 @@ tolerance | 1 | 1e-5 to 0.1 | relative error of the settlement at which the stru
     CONTROLS["base-motion"]: f"""
 {_IMPACT}
 direction | 1 | 3 numbers, or up to three such lists | along which the supports shake, one for each component
-file | | a path, or one for each direction | CSV file with units in its first line, or a PEER record (.AT2, .VT2, .DT2)
+file | | a path, or one for each direction | CSV with units, or a PEER record (.AT2, .VT2, .DT2); zero after its end
 sine | | table | or a sine
 pulse | | table | or a rectangular pulse
 quantity | | acceleration, velocity, displacement | what file, sine or pulse give
 columns | | 2 to 4 names | the columns of time and of values in the file, one for each direction
 scale | 1 | a number | file, sine or pulse times this
+baseline | | true, false | take a straight line from recorded accelerations: the supports end at rest where they began
 """,
 }
 

@@ -38,6 +38,13 @@ class Pulse:
         require(0.0 <= self.rebound <= 1.0, "rebound", self.rebound, "it is a part of the amplitude, between 0 and 1")
 
 
+def check_baseline(baseline, file: str | tuple[str, ...] | None, quantity: str) -> None:
+    """ScenarioError if there is no baseline to correct: only recorded accelerations have one."""
+    require_type(isinstance(baseline, bool), "baseline", baseline, "true or false")
+    recorded = file is not None and quantity == "acceleration"
+    require(recorded or not baseline, "baseline", baseline, "only accelerations of a file have one to correct")
+
+
 def checked_columns(columns, file: str | tuple[str, ...] | None, values: int = 1) -> tuple[str, ...] | None:
     """Names of the columns of time and of so many ``values`` in a ``file``, None if it does not need them."""
     if columns is None:

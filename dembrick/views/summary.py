@@ -301,6 +301,13 @@ def _of_motion(results: Mapping) -> list[KeyNumber]:
     ways = {name: number(way) for name, way in part(results, "greatest_displacement").items()}
     ways = {name: way for name, way in ways.items() if way is not None}
     lines = []
+    if isinstance(results.get("outcome"), str):
+        lines.append(KeyNumber("outcome", results["outcome"]))
+    drift = part(results, "drift")
+    value = number(drift.get("value"))
+    if value is not None:
+        remark = f"displacement over height of {drift.get('block')}, at any time"
+        lines.append(KeyNumber("drift", f"{100.0 * value:.3g} %", remark))
     if ways:
         furthest = max(ways, key=lambda name: ways[name])
         remark = f"of the centroid of {furthest}, at any time"
@@ -309,7 +316,12 @@ def _of_motion(results: Mapping) -> list[KeyNumber]:
     if moved is not None:
         value = length(moved) if error is None else with_error(moved, error, "m")
         remark = "of a centroid; " + (_NO_BAR if error is None else "from stiffer joints")
-        lines.append(KeyNumber("displacement at the end", value, remark))
+        name = "residual displacement" if "outcome" in results else "displacement at the end"
+        lines.append(KeyNumber(name, value, remark))
+    peaks = [number(tie.get("peak")) for tie in results.get("ties") or () if isinstance(tie, Mapping)]
+    known_peaks = [peak for peak in peaks if peak is not None]
+    if known_peaks:
+        lines.append(KeyNumber("peak tie force", load_text(max(known_peaks)), "of all ties, at any time"))
     return lines
 
 

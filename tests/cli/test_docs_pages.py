@@ -10,6 +10,7 @@ import shlex
 import tomllib
 
 import pytest
+from PIL import Image
 
 import dembrick
 from dembrick import cli
@@ -217,8 +218,15 @@ def test_the_gallery_shows_what_ships():
             scenario = dembrick.load(name)
             assert (entry["title"], entry["kind"]) == (scenario.title, scenario.control.kind)
             assert entry["blocks"] == len(scenario.all_blocks)
-    page = tool_module("reference_pages").gallery_page(DOCS / "gallery")
+        with Image.open(DOCS / "gallery" / f"{name.replace('/', '_')}.png") as picture:
+            assert picture.mode in ("RGB", "RGBA"), f"{name}: a palette shows bands"
+    pages = tool_module("reference_pages")
+    page = pages.gallery_page(DOCS / "gallery")
     assert page.count("![") == len(entries)
+    told = [name for names in pages.subjects().values() for name in names]
+    assert sorted(told) == sorted(shipped.examples())  # each in one subject
+    first = page.split("## ")[0]
+    assert [name for name in told if f"![{name}]" in first] == sorted(pages.FIRST, key=told.index)
 
 
 @pytest.mark.parametrize("name", ["set4a", "arch", "dam"])

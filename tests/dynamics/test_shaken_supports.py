@@ -9,7 +9,14 @@ from dembrick.errors import ScenarioError
 from dembrick.runs.simulate import simulate
 from dembrick.scenario.controls import BaseMotionControl, DynamicControl, Pulse, Sine
 from dembrick.scenario.model import Load
-from dembrick.simulation.dynamics.time_histories import pulse_velocity, read_samples, sampled_velocity, sine_velocity
+from dembrick.simulation.dynamics.time_histories import (
+    must_end_at_rest,
+    pulse_velocity,
+    read_samples,
+    sampled_velocity,
+    sine_velocity,
+    with_baseline,
+)
 from helpers.resting_blocks import block_on_floor
 
 HEADINGS = {
@@ -70,7 +77,7 @@ BAD_FILES = {
     "backwards": ("0,0\n0.01,1\n0.005,1\n0.06,1\n", "line 4: time goes back"),
     "text": ("0,0\n0.01,much\n", "line 3: 'much' in column 'a' is no finite number"),
     "not a number": ("0,0\n0.01,nan\n", "line 3: 'nan' in column 'a' is no finite number"),
-    "too short": ("0,0\n0.01,1\n0.02,1\n", "covers 0 to 0.02 s, the run lasts from 0 to 1 s"),
+    "too short for a load": ("0,0\n0.01,1\n0.02,1\n", "covers 0 to 0.02 s, the run lasts from 0 to 1 s"),
     "empty": ("", "at least 2 lines"),
 }
 
@@ -101,3 +108,61 @@ def test_a_load_history_pushes(tmp_path, monkeypatch):
     result = simulate(block_on_floor(DynamicControl(0.25), (push,)))
     time = result.run.motion.time
     assert result.displacement[1, 0] == pytest.approx(0.5 * (4.0 - 1.962) * time**2, rel=2e-3)
+
+
+def test_a_record_that_has_ended_is_zero(tmp_path):
+    """A half sine for 0.5 s of a run of 2 s: supports keep the velocity that it gave them, and none is added."""
+    time = np.linspace(0.0, 0.5, 501)
+    write(tmp_path / "half.csv", time, np.sin(2.0 * np.pi * time))
+    samples = read_samples(tmp_path / "half.csv", 2.0, "acceleration", may_end=True)
+    velocity = sampled_velocity(samples, "acceleration")
+    np.testing.assert_allclose(velocity(np.array([0.5, 0.7, 2.0])), 1.0 / np.pi, rtol=1e-5)
+    for quantity in ("velocity", "displacement"):
+        write(tmp_path / "swing.csv", time, np.sin(2.0 * np.pi * time) ** 4, quantity)
+        samples = read_samples(tmp_path / "swing.csv", 2.0, quantity, may_end=True)
+        must_end_at_rest(samples, quantity)
+        after = sampled_velocity(samples, quantity)(np.array([0.6, 2.0]))
+        np.testing.assert_array_equal(after, 0.0)
+
+
+def test_supports_do_not_stop_all_at_once_at_the_end_of_a_record(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    time = np.linspace(0.0, 0.2, 201)
+    file = write(tmp_path / "ramp.csv", time, 3.0 * time, "velocity")
+    control = BaseMotionControl(0.4, (1.0, 0.0, 0.0), file=file, quantity="velocity")
+    with pytest.raises(ScenarioError, match=r"the supports have 0.6 m/s at its end at 0.2 s, and would stop at once"):
+        simulate(block_on_floor(control))
+
+
+def test_a_baseline_lets_the_supports_end_where_they_began(tmp_path):
+    """A full sine has displacement only; with an offset it has velocity too. Both are gone, and a record that needs
+    nothing is left as it is."""
+    time = np.linspace(0.0, 2.0, 2001)
+    write(tmp_path / "drift.csv", time, np.sin(2.0 * np.pi * time) + 0.05)
+    corrected = with_baseline(read_samples(tmp_path / "drift.csv", 2.0, "acceleration"))
+    velocity = sampled_velocity(corrected, "acceleration")
+    fine = np.linspace(0.0, 2.0, 200_001)
+    assert abs(velocity(np.array([2.0]))[0]) < 1e-12
+    assert abs(np.trapezoid(velocity(fine), fine)) < 1e-8
+    line = np.polyfit(time, np.sin(2.0 * np.pi * time) + 0.05 - corrected.value, 1)
+    # of sin: V = 0, D = 1 / pi after 2 s; of the offset: V = 0.1, D = 0.1
+    moved, gained = 1.0 / np.pi + 0.1, 0.1
+    np.testing.assert_allclose(
+        line, [(6.0 * gained - 6.0 * moved) / 4.0, (3.0 * moved - 2.0 * gained) / 2.0], atol=1e-5
+    )
+    again = with_baseline(corrected)
+    np.testing.assert_allclose(again.value, corrected.value, atol=1e-10)
+
+
+def test_a_block_that_sticks_comes_back_with_its_baseline(tmp_path, monkeypatch):
+    """Seen from the supports it rests, so only their recorded acceleration tells: its integral is zero."""
+    monkeypatch.chdir(tmp_path)
+    time = np.linspace(0.0, 0.5, 501)
+    file = write(tmp_path / "base.csv", time, 0.5 * np.sin(2.0 * np.pi * time) + 0.2)
+    for baseline, left in ((True, 0.0), (False, 0.5 / np.pi + 0.1)):
+        control = BaseMotionControl(0.8, (1.0, 0.0, 0.0), file=file, baseline=baseline)
+        rows = simulate(block_on_floor(control)).rows
+        gained = float(np.trapezoid(rows["load"], rows["time"]))
+        assert gained == pytest.approx(left, abs=2e-3)
+    with pytest.raises(ScenarioError, match="only accelerations of a file have one to correct"):
+        BaseMotionControl(0.8, (1.0, 0.0, 0.0), file=file, baseline=True, quantity="velocity")

@@ -27,6 +27,7 @@ ASSEMBLIES = {  # free blocks, joints
     "ferris_tinloi_3": (46, 102),
     "dome": (129, 272),
     "dam": (6, 6),
+    "wall_door": (52, 117),
     "wall_mortared": (35, 82),
     "slope_weak_joints": (4, 7),
     "newmark_pulse": (1, 1),
@@ -117,6 +118,15 @@ def test_walls_of_ferris_and_tin_loi(number, bound):
 def test_the_third_wall_of_ferris_and_tin_loi_in_real_time():
     result = dembrick.simulate(shipped.folder() / "ferris_tinloi_3.toml")
     assert 0.85 * 0.40369 < result.collapse["load_factor"] < 1.02 * 0.40369
+
+
+def test_a_wall_breaks_at_its_door_before_it_slides_as_a_whole():
+    """Sliding on its base takes tan = mu = 0.64; some blocks at the foot of each pier stay, and limit analysis bounds
+    it."""
+    result = dembrick.simulate("wall_door", record=False)
+    factor, moving = result.collapse["load_factor"], set(result.collapse["blocks"])
+    assert factor < 0.64 - 0.1 and factor <= dembrick.limit("wall_door").upper
+    assert {"wall.1.1", "wall.1.2"} - moving and len(moving) < 52  # the course on the base does not go as one
 
 
 @pytest.mark.slow

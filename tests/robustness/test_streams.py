@@ -170,12 +170,12 @@ duration = 0.2
 
 
 def test_an_input_error_leaves_no_history_in_the_way(tmp_path, capsys):
-    """A record that is too short, then mended: nothing was there that --force would have to replace."""
+    """A record that begins too late, then mended: nothing was there that --force would have to replace."""
     scene, record, out = tmp_path / "quake.toml", tmp_path / "quake.csv", tmp_path / "quake.h5"
     scene.write_text(SHAKEN)
-    record.write_text("time [s], acceleration [m/s2]\n" + "".join(f"{0.01 * i}, 0.1\n" for i in range(11)))
+    record.write_text("time [s], acceleration [m/s2]\n" + "".join(f"{0.01 * i + 0.1}, 0.1\n" for i in range(31)))
     assert main(["run", str(scene), "--out", str(out)]) == 2
-    assert "covers 0 to 0.1 s" in capsys.readouterr().err and not out.exists()
+    assert "covers 0.1 to 0.4 s" in capsys.readouterr().err and not out.exists()
     record.write_text("time [s], acceleration [m/s2]\n" + "".join(f"{0.01 * i}, 0.1\n" for i in range(31)))
     scene.write_text(SHAKEN.replace("shaken", "shaken, mended"))
     assert main(["run", str(scene), "--out", str(out)]) == 0

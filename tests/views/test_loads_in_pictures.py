@@ -57,7 +57,7 @@ def test_arrows_end_at_their_points_outside_the_stone():
     """A weight on top, a jack on a side, a force at the centroid, and a light fluid on the other side: 981 N/m3 over
     0.6 m times 0.4 m press with 70.632 N, 0.2 m above the foot."""
     with built(TEXT + PUSHED) as run:
-        drawn = DrawnLoads(run, 1.0, 0.6)
+        drawn = DrawnLoads(run, 1.0, 0.6, 1.0)
         poses = Poses.read(run, 0, 1)
         points, tails, tips = drawn.dead.ends(poses)
         (jack_point,), (jack_tail,), (jack_tip,) = drawn.driven.ends(poses)
@@ -74,6 +74,15 @@ def test_arrows_end_at_their_points_outside_the_stone():
     assert jack_tip == pytest.approx(jack_point) and jack_tail[0] < -0.1
     for tail in (*tails, jack_tail):  # no arrow begins in the stone
         assert (np.abs(tail - [0.0, 0.0, 0.3]) > np.array(PLACE)).any()
+
+
+def test_forces_on_all_blocks_are_one_arrow_before_the_structure():
+    """Of a push along x: at the height of the centroid, 0.3 m, outside the stone, and none where they balance."""
+    with built(TEXT + '[control]\nkind = "pushover"\ndirection = [1.0, 0.0, 0.0]\n') as run:
+        drawn = DrawnLoads(run, 1.0, 0.6, 1.0)
+        assert drawn.words()[0] == "orange: resultant of the body forces"
+        _, (tail,), (tip,) = drawn.driven.ends(Poses.read(run, 0, 1))
+    assert tip[0] < -0.1 and (tip - tail) == pytest.approx([0.15, 0.0, 0.0]) and tip[2] == pytest.approx(0.3)
 
 
 def test_a_force_that_draws_begins_at_its_face():

@@ -196,15 +196,19 @@ def _support_velocity(scenario: Scenario, file: str | None, columns, time_step: 
     elif control.pulse is not None:
         curve = time_histories.pulse_velocity(control.pulse, control.quantity)
     else:
-        samples = _samples(scenario, file, control.quantity, columns, control.duration, time_step)
+        samples = _samples(scenario, file, control.quantity, columns, control.duration, time_step, may_end=True)
+        if samples.time[-1] < control.duration:
+            time_histories.must_end_at_rest(samples, control.quantity)
+        if control.baseline:
+            samples = time_histories.with_baseline(samples)
         curve = time_histories.sampled_velocity(samples, control.quantity)
     return lambda t: control.scale * curve(t)
 
 
 def _samples(
-    scenario: Scenario, file: str, quantity: str, columns, duration: float, time_step: float
+    scenario: Scenario, file: str, quantity: str, columns, duration: float, time_step: float, may_end: bool = False
 ) -> time_histories.Samples:
-    samples = time_histories.read_samples(scenario.path_of(file), duration, quantity, columns)
+    samples = time_histories.read_samples(scenario.path_of(file), duration, quantity, columns, may_end)
     if samples.step < time_step:
         raise ScenarioError(
             f"{samples.path}: its step of {samples.step:.3g} s is shorter than the time step {time_step:.3g} s of the "

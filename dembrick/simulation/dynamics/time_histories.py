@@ -15,6 +15,7 @@ from dembrick.scenario.csv_tables import read_columns
 
 Curve = Callable[[np.ndarray], np.ndarray]  # times (s,) -> values (s,)
 
+AT_REST = 0.01  # of the greatest velocity: supports that move slower at the end of a record rest
 GAP = 1.5  # of the usual step: a longer one means that samples are missing
 
 
@@ -32,11 +33,14 @@ class Samples:
         return float(np.diff(self.time).min())
 
 
-def read_samples(path: str | Path, duration: float, quantity: str, columns: Sequence[str] | None = None) -> Samples:
+def read_samples(
+    path: str | Path, duration: float, quantity: str, columns: Sequence[str] | None = None, may_end: bool = False
+) -> Samples:
     """Time (s) and ``quantity`` (SI; see `scenario.units`) out of a CSV file or a PEER record.
 
     ``columns`` names the two columns where the units do not tell them. ScenarioError if a line has no numbers, if
-    time does not grow by one step, apart from rounding, or where the history ends before ``duration`` (s).
+    time does not grow by one step, apart from rounding, or where the history ends before ``duration`` (s), unless it
+    ``may_end``.
     """
     found, numbers = read_columns(path, "a history in time", ("time", quantity), columns)
     time, value = found["time"], found[quantity]
@@ -50,7 +54,7 @@ def read_samples(path: str | Path, duration: float, quantity: str, columns: Sequ
             f"{path}, line {numbers[first + 1]}: time {what} (the usual step is {usual:.6g} s); give samples in "
             "order and without gaps"
         )
-    if time[0] > 0.0 or time[-1] < duration:
+    if time[0] > 0.0 or time[-1] < (0.0 if may_end else duration):
         raise ScenarioError(
             f"{path}: covers {time[0]:.6g} to {time[-1]:.6g} s, the run lasts from 0 to {duration:.6g} s; shorten "
             "control.duration or lengthen the history"
@@ -94,12 +98,13 @@ def pulse_velocity(shape: Pulse, quantity: str) -> Curve:
 
 def sampled_velocity(samples: Samples, quantity: str) -> Curve:
     """Velocity (m/s) of supports with a sampled motion: straight between samples of acceleration or velocity, the
-    natural cubic spline through samples of displacement."""
+    natural cubic spline through samples of displacement. What is sampled has no value after its end: the acceleration
+    is zero then, and supports whose velocity or displacement is given rest."""
     t, y = samples.time, samples.value
     if quantity == "velocity":
-        return _from_rest(linear(samples))
+        return _from_rest(_until(linear(samples), t[-1]))
     if quantity == "displacement":
-        return _from_rest(_spline_slope(t, y))
+        return _from_rest(_until(_spline_slope(t, y), t[-1]))
     steps = np.diff(t)
     gained = np.concatenate([[0.0], np.cumsum(0.5 * (y[1:] + y[:-1]) * steps)])
 
@@ -110,6 +115,40 @@ def sampled_velocity(samples: Samples, quantity: str) -> Curve:
 
     before = velocity(np.zeros(1))
     return _from_rest(lambda at: velocity(at) - before)
+
+
+def must_end_at_rest(samples: Samples, quantity: str) -> None:
+    """ScenarioError if supports that follow samples of velocity or displacement would stop all at once at their end."""
+    if quantity == "acceleration":
+        return
+    speed = np.abs(sampled_velocity(samples, quantity)(samples.time))
+    if speed[-1] > AT_REST * speed.max():
+        raise ScenarioError(
+            f"{samples.path}: the supports have {speed[-1]:.3g} m/s at its end at {samples.time[-1]:.6g} s, and would "
+            "stop at once in a run that lasts longer; shorten control.duration or lengthen the history"
+        )
+
+
+def with_baseline(samples: Samples) -> Samples:
+    """Accelerations without the straight line that would leave the supports moving, or moved, at their end.
+
+    Of the motion from time zero on, straight between the samples: with its last velocity V and displacement D after L
+    seconds, a line c0 + c1 t with c0 L + c1 L^2 / 2 = V and c0 L^2 / 2 + c1 L^3 / 6 = D takes both.
+    """
+    kept = samples.time > 0.0
+    t = np.concatenate([[0.0], samples.time[kept]])
+    y = np.concatenate([[np.interp(0.0, samples.time, samples.value)], samples.value[kept]])
+    h, length = np.diff(t), float(t[-1])
+    velocity = np.concatenate([[0.0], np.cumsum(0.5 * h * (y[1:] + y[:-1]))])
+    moved = float((h * velocity[:-1] + h * h * (2.0 * y[:-1] + y[1:]) / 6.0).sum())
+    c0 = (6.0 * moved / length - 2.0 * velocity[-1]) / length
+    c1 = (6.0 * velocity[-1] - 12.0 * moved / length) / length**2
+    return Samples(t, y - c0 - c1 * t, samples.path)
+
+
+def _until(curve: Curve, end: float) -> Curve:
+    """A curve that is zero after its ``end`` (s)."""
+    return lambda t: np.where(t > end, 0.0, curve(t))
 
 
 def _from_rest(curve: Curve) -> Curve:

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from dembrick.history.reader import History
 
 BODY_FORCE = "load on "  # begins the name of the load of a block that is tilted or pushed as a whole
+_BEFORE = 0.05  # of a structure's extent: so far before it ends the arrow of the forces on all its blocks
 _ON_FACE = 1e-6  # of a block's size: a point so near to a face lies on it
 _ALONG = 0.05  # of a direction: what is less across a face goes along it
 
@@ -37,14 +38,40 @@ class Load(NamedTuple):
 
 
 def driven_loads(history: History) -> list[Load]:
-    """The actuators and driven pressures, in the order of the history."""
-    found = []
-    for actuator in history.actuators:
-        arm = actuator["point"] - history.position0[actuator["block"]]
-        force = actuator["direction"] * actuator["weight"]
-        of_body = actuator["name"].startswith(BODY_FORCE)
-        found.append(_load(history, actuator["block"], arm, force, of_body))
-    return found
+    """The actuators and driven pressures, in the order of the history; forces on all blocks as one, their resultant."""
+    actuators = history.actuators
+    if actuators and all(actuator["name"].startswith(BODY_FORCE) for actuator in actuators):
+        return _resultant(history)
+    return [
+        _load(
+            history,
+            actuator["block"],
+            actuator["point"] - history.position0[actuator["block"]],
+            actuator["direction"] * actuator["weight"],
+        )
+        for actuator in actuators
+    ]
+
+
+def _resultant(history: History) -> list[Load]:
+    """The forces on all blocks as one load that rides on a support, whose arrow ends before the structure; none if they
+    balance."""
+    forces = np.array([actuator["direction"] * actuator["weight"] for actuator in history.actuators])
+    size, total = np.linalg.norm(forces, axis=1), forces.sum(axis=0)
+    most = float(np.linalg.norm(total))
+    if most <= _ALONG * float(size.sum()):
+        return []
+    block, way = int(np.argmax(history.block_fixed)), total / most
+    point = size @ np.array([actuator["point"] for actuator in history.actuators]) / size.sum()
+    corners = np.concatenate(
+        [
+            history.position0[i] + history.block_vertices(i) @ rotation_matrix(history.orientation0[i]).T
+            for i in {actuator["block"] for actuator in history.actuators}
+        ]
+    )
+    along = (corners - point) @ way
+    shift = float(along.min()) - _BEFORE * float(np.ptp(along))
+    return [Load(block, point - history.position0[block], way, most, Place(shift, False))]
 
 
 def dead_loads(history: History) -> list[Load]:
@@ -53,8 +80,13 @@ def dead_loads(history: History) -> list[Load]:
     for load in history.loads:
         arm = load["point"] - history.position0[load["block"]]
         if np.linalg.norm(load["force"]) > 0.0:
-            found.append(_load(history, load["block"], arm, load["force"], False))
+            found.append(_load(history, load["block"], arm, load["force"]))
     return found
+
+
+def is_body_force(name: str) -> bool:
+    """Whether an actuator of that name is the load of a block of a structure that is tilted or pushed as a whole."""
+    return name.startswith(BODY_FORCE)
 
 
 def is_pressure(name: str) -> bool:
@@ -62,11 +94,10 @@ def is_pressure(name: str) -> bool:
     return name.startswith(PRESSURE)
 
 
-def _load(history: History, block: int, arm: np.ndarray, force: np.ndarray, of_body: bool) -> Load:
+def _load(history: History, block: int, arm: np.ndarray, force: np.ndarray) -> Load:
     size = float(np.linalg.norm(force))
     way = force / size if size else np.array([0.0, 0.0, 1.0])
-    place = Place(0.0, True) if of_body else arrow_place(history, block, arm, way)
-    return Load(int(block), arm, way, size, place)
+    return Load(int(block), arm, way, size, arrow_place(history, block, arm, way))
 
 
 def arrow_place(history: History, block: int, arm: np.ndarray, way: np.ndarray) -> Place:

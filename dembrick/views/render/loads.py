@@ -11,33 +11,36 @@ from dembrick.geometry.rotations import rotation_matrix
 from dembrick.views import summary
 from dembrick.views.motion import loads
 from dembrick.views.motion.blocks import CarriedPoints, Poses
-from dembrick.views.plot.subject import pushes_several
 from dembrick.views.render.force_arrows import ARROW, glyphs, put_glyphs
 
 if TYPE_CHECKING:
     from dembrick.history.reader import History
 
 DRIVEN, DEAD = "#D55E00", "#5B3FA0"
-_LONGEST = 0.5  # of the largest block that is free to move
-_POINT = 0.015  # of it: the ball at a point of application
+_LONGEST = 0.5  # of the largest block that is free to move: the longest arrow
+_OF_BODIES = 0.15  # of the extent of the structure: the arrow of the forces on all blocks
+_POINT = 0.03  # of the longest arrow: the ball at a point of application
 
 
 class LoadArrows:
     """The ``loads`` of a ``history`` in one colour, drawn with the motion of the blocks times ``factor``; ``length``
-    (m) is that of its largest block."""
+    (m) is that of the longest arrow; ``balls`` mark the points of application."""
 
-    def __init__(self, history: History, given: Sequence[loads.Load], factor: float, length: float):
-        self._given, self._factor, self._length = given, factor, length
+    def __init__(self, history: History, given: Sequence[loads.Load], factor: float, length: float, balls: bool = True):
+        self._given, self._factor, self._length, self._has_balls = given, factor, length, balls
         block = np.array([load.block for load in given], np.int64)
         arm = np.array([load.arm for load in given]).reshape(-1, 3)
         body = np.einsum("nji,nj->ni", rotation_matrix(history.orientation0)[block], arm)
         self._points = CarriedPoints(history, body, block)
         size = np.array([load.size for load in given])
         way = np.array([load.way for load in given]).reshape(-1, 3)
-        self._arrow = (_LONGEST * length * size / max(float(size.max(initial=0.0)), 1e-300))[:, None] * way
+        self._arrow = (length * size / max(float(size.max(initial=0.0)), 1e-300))[:, None] * way
         shift = np.array([load.place.shift for load in given])[:, None] * way
         pulls = np.array([load.place.pulls for load in given], bool)[:, None]
         self._from_point = shift - np.where(pulls, 0.0, self._arrow)
+
+    def __len__(self) -> int:
+        return len(self._given)
 
     def ends(self, poses: Poses) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Points of application on the drawn blocks, tails and tips of the arrows, (k, 3) each."""
@@ -58,16 +61,20 @@ class LoadArrows:
     def show(self, poses: Poses) -> None:
         points, tails, tips = self.ends(poses)
         put_glyphs(self.arrows, tails, tips - tails, np.linalg.norm(tips - tails, axis=1))
-        put_glyphs(self._balls, points, tips - tails, 1.0)
+        put_glyphs(self._balls, points, tips - tails, float(self._has_balls))
 
 
 class DrawnLoads:
-    """All loads of a history but gravity: driven ones in orange, dead ones in violet."""
+    """All loads of a history but gravity: driven ones in orange, dead ones in violet. ``length`` (m): of the largest
+    block that is free to move; ``extent`` (m): of the structure."""
 
-    def __init__(self, history: History, factor: float, length: float):
+    def __init__(self, history: History, factor: float, length: float, extent: float):
         self._history, dead = history, loads.dead_loads(history)
-        self.driven = LoadArrows(history, loads.driven_loads(history), factor, length)
-        self.dead = LoadArrows(history, dead, factor, length)
+        driven = loads.driven_loads(history)
+        self.of_bodies = bool(history.actuators) and all(loads.is_body_force(own["name"]) for own in history.actuators)
+        longest = _OF_BODIES * extent if self.of_bodies else _LONGEST * length
+        self.driven = LoadArrows(history, driven, factor, longest, balls=not self.of_bodies)
+        self.dead = LoadArrows(history, dead, factor, _LONGEST * length)
         self._largest = max((load.size for load in dead), default=0.0)
 
     def reach(self, poses: Poses) -> np.ndarray:
@@ -84,8 +91,8 @@ class DrawnLoads:
 
     def words(self) -> list[str]:
         """What the colours of the arrows stand for."""
-        found, history = [], self._history
-        if history.actuators:
+        found = []
+        if self.driven:
             found.append(f"orange: {self._what_drives()}")
         if self._largest:
             found.append(f"violet: dead loads, the longest {summary.load_text(self._largest)}")
@@ -95,4 +102,4 @@ class DrawnLoads:
         history = self._history
         if all(loads.is_pressure(actuator["name"]) for actuator in history.actuators):
             return "driven pressure"
-        return "body forces" if history.curve.unit == "1" and pushes_several(history) else "actuators"
+        return "resultant of the body forces" if self.of_bodies else "actuators"

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 # Where the blocks go in a picture, as parts of its width and height: text above, colour bar, axes and scale beside.
 _LEFT, _RIGHT, _BOTTOM, _TOP = 0.03, 0.81, 0.04, 0.87
 _GREY, _BLUE = "#CFCFCF", "#0072B2"
+_WIDE = 76  # characters of a line above the blocks
 # blocks: more are drawn with thin lines, and without where they started; less where arrows stand between them
 _FEW, _FEW_WITH_FORCES = 50, 12
 _FORCE, _FORCE_OF_MANY = 0.6, 1.2  # of the largest block that is free to move: the longest arrow of a joint force
@@ -72,8 +73,9 @@ class Scene:
             self._factor = min(
                 automatic_magnification(history, frame) for frame in {frames[0], frames[-1]} - {0} or {0}
             )
-        self._ties, self._loads = DrawnTies(history, self._factor), DrawnLoads(history, self._factor, self._length)
         extent = float(np.ptp(self._start, axis=0).max())
+        self._ties = DrawnTies(history, self._factor)
+        self._loads = DrawnLoads(history, self._factor, self._length, extent)
         self._reactions = DrawnReactions(history, look.reactions, self._factor, extent)
         direction, up = (np.array(v) for v in VIEWS[look.view])
         right = np.cross(up, direction)
@@ -382,8 +384,19 @@ class Scene:
             told = "mechanism of limit analysis: velocities, to no scale"
         else:
             told = ", ".join([*words(history, self._frame), shown])
-        title = textwrap.wrap(f"{self._name}: {history.title}" if self._name else history.title, 84)
-        return "\n".join([*title[:2], told, "; ".join(keys)]).rstrip()
+        title = textwrap.wrap(f"{self._name}: {history.title}" if self._name else history.title, _WIDE)
+        return "\n".join([*title[:2], told, *_lines(keys)]).rstrip()
+
+
+def _lines(keys: list[str]) -> list[str]:
+    """Keys one after the other, in lines that are not too wide for the picture."""
+    lines: list[str] = []
+    for key in keys:
+        if lines and len(lines[-1]) + len(key) < _WIDE:
+            lines[-1] += f"; {key}"
+        else:
+            lines.append(key)
+    return lines
 
 
 def _count(number: int, what: str) -> str:

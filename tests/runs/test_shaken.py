@@ -1,0 +1,82 @@
+"""A shaken structure in one word, with its drift, what displacement remains, and the peaks of its ties."""
+
+import json
+
+import numpy as np
+import pytest
+
+import dembrick
+from dembrick import cli, history
+from dembrick.views import page
+from helpers.scenario_text import block, header
+
+GROUND = block("ground", (0.0, 0.0, -0.05), (4.0, 2.0, 0.1), "fixed = true")
+PULSE = '[control]\nkind = "base-motion"\ndirection = [1.0, 0.0, 0.0]\n'
+
+
+def column(amplitude, duration=1.0, friction=0.9):
+    """A stone 0.2 m wide and 0.8 m high: it rocks from 0.25 g on."""
+    text = header(friction=friction, title="stone") + GROUND + block("stone", (0.0, 0.0, 0.4), (0.2, 0.2, 0.8))
+    return text + PULSE + f"pulse = {{ amplitude = {amplitude}, duration = 0.4 }}\nduration = {duration}\n"
+
+
+def ran(text, path):
+    result = dembrick.simulate(dembrick.loads(text), path)
+    return result, result.as_dict()
+
+
+def test_a_stone_that_the_ground_throws_over_fell(tmp_path):
+    result, told = ran(column(8.0, duration=1.5), tmp_path / "run.h5")
+    assert told["outcome"] == "fell" and told["fallen"] == ["stone"]
+    assert "outcome       fell\n" in result.text()
+    assert told["drift"]["value"] == pytest.approx(told["greatest_displacement"]["stone"] / 0.4, rel=1e-12)
+    assert told["drift"]["value"] > 0.5
+
+
+def test_a_stone_that_stays_stood_and_has_slid(tmp_path, capsys):
+    """Under a pulse a for t it slides against the ground by v^2 (1 / mu g - 1 / a) / 2 with v = a t: Newmark's way."""
+    a, t, mu, g = 3.0, 0.4, 0.15, 9.81
+    text = column(a, friction=mu)
+    text = text.replace("[0.2, 0.2, 0.8]", "[0.8, 0.8, 0.2]").replace("[0.0, 0.0, 0.4]", "[0.0, 0.0, 0.1]")
+    text = text.replace("duration = 1.0", "duration = 1.4")
+    result, told = ran(text, tmp_path / "run.h5")
+    slid = 0.5 * (a * t) ** 2 * (1.0 / (mu * g) - 1.0 / a)
+    assert told["outcome"] == "stood"
+    assert told["residual_displacement"] == pytest.approx(slid, rel=5e-3)
+    assert told["drift"] == {"value": pytest.approx(slid / 0.1, rel=5e-3), "block": "stone"}
+    assert "residual      " in result.text() and f"drift         {100 * told['drift']['value']:.3g} %" in result.text()
+    with history.read(tmp_path / "run.h5") as run:
+        shown = page.results_table(run.results)
+    assert "outcome" in shown and "stood" in shown and "residual displacement" in shown
+    (tmp_path / "stone.toml").write_text(text)
+    assert cli.main(["run", str(tmp_path / "stone.toml"), "--out", str(tmp_path / "again.h5"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["outcome"] == "stood"
+
+
+TIED = """
+[[ties]]
+between = [{ block = "ground", point = [-1.0, 0.0, 0.0] }, { block = "stone", point = [-0.4, 0.0, 0.1] }]
+stiffness = 1.0e6
+"""
+
+
+def test_peaks_of_ties_are_those_of_the_record(tmp_path):
+    text = (
+        column(3.0, friction=0.15)
+        .replace("[0.2, 0.2, 0.8]", "[0.8, 0.8, 0.2]")
+        .replace("[0.0, 0.0, 0.4]", "[0.0, 0.0, 0.1]")
+    )
+    text = text.replace("[control]", TIED + "[control]").replace("amplitude = 3.0", "amplitude = -3.0")
+    result, told = ran(text, tmp_path / "run.h5")
+    with history.read(tmp_path / "run.h5") as run:
+        peak = float(run.series("tension").max())
+    (tie,) = told["ties"]
+    assert tie["peak"] == pytest.approx(peak, rel=1e-9) and peak > 10.0 > tie["tension"] - peak
+    assert f"{tie['peak']:.6g} N at the most" in result.text()
+    assert np.isfinite(peak)
+
+
+def test_other_runs_say_no_outcome(tmp_path):
+    text = header(friction=0.5, title="free") + GROUND + block("stone", (0.0, 0.0, 0.1), (0.2, 0.2, 0.2))
+    _, told = ran(text + '[control]\nkind = "dynamic"\nduration = 0.05\n', tmp_path / "run.h5")
+    assert "outcome" not in told and "drift" not in told
