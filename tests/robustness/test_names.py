@@ -1,0 +1,123 @@
+"""Names of code that docstrings and docs give in backticks are there: a reader who looks for one finds it."""
+
+import ast
+import re
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+import dembrick
+
+PACKAGE = Path(dembrick.__file__).parent
+ROOT = PACKAGE.parent
+ROOMS = {path.stem for path in PACKAGE.iterdir() if path.is_dir() or path.suffix == ".py"} - {"__init__", "__pycache__"}
+QUOTED = re.compile(r"(?<![`\w])`([A-Za-z_][\w./]*)(?:\(\))?`(?!`)")
+LIBRARIES = {"numpy", "h5py", "numba"}  # whose names are theirs
+GROUPS = {"history"}  # of a file: `history/time` is a dataset
+SCOPES = ast.Module | ast.ClassDef | ast.FunctionDef
+
+
+def names_of(body):
+    """Names that a body of a module or a class gives, with the bodies of classes among them."""
+    found = {}
+    for node in body:
+        if isinstance(node, ast.ClassDef):
+            found[node.name] = names_of(node.body)
+            for base in (base.id for base in node.bases if isinstance(base, ast.Name)):
+                found[node.name] |= found.get(base) or {}
+        elif isinstance(node, ast.FunctionDef):
+            found[node.name] = {}
+            attributes = (one for one in ast.walk(node) if isinstance(one, ast.Attribute))
+            found |= {one.attr: {} for one in attributes if getattr(one.value, "id", "") == "self"}
+        elif isinstance(node, ast.Import | ast.ImportFrom):
+            found |= {(alias.asname or alias.name).split(".")[0]: {} for alias in node.names}
+        elif isinstance(node, ast.Assign | ast.AnnAssign):
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            found |= {one.id: {} for target in targets for one in ast.walk(target) if isinstance(one, ast.Name)}
+        elif isinstance(node, ast.If | ast.Try):
+            found |= names_of([*node.body, *node.orelse])
+    return found
+
+
+@cache
+def modules():
+    """Dotted names of the package's modules and packages, and what each gives."""
+    found = {}
+    for path in sorted(PACKAGE.rglob("*.py")):
+        parts = path.relative_to(ROOT).with_suffix("").parts
+        found[".".join(parts).removesuffix(".__init__")] = names_of(ast.parse(path.read_text(encoding="utf-8")).body)
+    return found
+
+
+@cache
+def everywhere():
+    """Names that some module gives, modules' own, and those of members of classes."""
+    found = set()
+    for module, names in modules().items():
+        found |= {*module.split("."), *names, *(name for inner in names.values() for name in inner)}
+    return found
+
+
+def is_there(name, around=frozenset()):
+    """Whether a name is that of a module, of what one gives, or of a member; ``around``: names beside it."""
+    parts = name.replace("/", ".").removesuffix(".py").split(".")
+    if len(parts) == 1:
+        return name in everywhere() | around
+    for module, names in modules().items():
+        for length in range(len(parts), 0, -1):
+            if f".{module}".endswith("." + ".".join(parts[:length])) and within(parts[length:], names):
+                return True
+        if parts[0] in names and within(parts, names):
+            return True
+    return parts[0] in around and parts[-1] in everywhere()
+
+
+def within(parts, names):
+    """Whether names lead from one to the next."""
+    return not parts or (parts[0] in names and within(parts[1:], names[parts[0]]))
+
+
+def missing_in(path):
+    """Names in backticks in docstrings of a module that are nowhere."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, SCOPES):
+            for name in QUOTED.findall(ast.get_docstring(node) or ""):
+                elsewhere = name.split(".")[0] in LIBRARIES or (ROOT / name).is_file()
+                if not elsewhere and not is_there(name) and not is_there(name, local_names(node)):
+                    yield f"{path.relative_to(ROOT)}: `{name}` in {getattr(node, 'name', 'the module')}"
+
+
+def local_names(node):
+    """Arguments and variables of a function or a class."""
+    found = {one.arg for one in ast.walk(node) if isinstance(one, ast.arg)}
+    return found | {one.id for one in ast.walk(node) if isinstance(one, ast.Name)}
+
+
+def test_names_in_docstrings_are_there():
+    missing = [fault for path in sorted(PACKAGE.rglob("*.py")) for fault in missing_in(path)]
+    assert not missing, "\n".join(missing)
+
+
+def test_names_in_docs_are_there():
+    """Those that begin with the package or one of its rooms; other names are keys, files and commands."""
+    missing = []
+    pages = [*(ROOT / "docs").rglob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
+    for page in sorted(pages):
+        for name in QUOTED.findall(page.read_text(encoding="utf-8")):
+            first, *rest = re.split(r"[./]", name)
+            if rest and first in {"dembrick", *ROOMS} - GROUPS and not is_there(name):
+                missing.append(f"{page.relative_to(ROOT)}: `{name}`")
+    assert not missing, "\n".join(missing)
+
+
+@pytest.mark.parametrize("name", ["kernels.joint.no_such_law", "no_such_name", "kernels/gone", "Kernel.no_such_member"])
+def test_what_is_gone_is_found(name):
+    assert not is_there(name)
+
+
+@pytest.mark.parametrize(
+    "name", ["kernels.joint.point_law", "joint/point_law", "_numba.Kernel.ready", "Kernel.address"]
+)
+def test_what_is_there_is_found(name):
+    assert is_there(name)
