@@ -1,4 +1,4 @@
-"""What is attached to blocks at points: the actuators that push them, and the control points that are watched."""
+"""Points attached to blocks: those of the actuators that push them, and the control points that are watched."""
 
 from __future__ import annotations
 
@@ -102,7 +102,8 @@ def given_actuators(scenario: Scenario, number: dict[str, int], bare: Assembly) 
 
 
 def recorded_curve(control: Control, actuators: ActuatorTable) -> Curve:
-    """What a run under ``control`` records; its load is a factor without a unit if nothing but pressures is driven."""
+    """Curve that a run under ``control`` records; its load is a factor without a unit if nothing but pressures is
+    driven."""
     pressed = bool(actuators.names) and bool(actuators.pressed.all())
     return OF_PRESSURES if pressed and control.curve is OF_ACTUATORS else control.curve
 

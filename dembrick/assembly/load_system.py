@@ -73,7 +73,8 @@ def pushed(direction, gravity: np.ndarray, mass: np.ndarray) -> np.ndarray:
 
 
 def tilted(axis, force: np.ndarray, what: str) -> np.ndarray:
-    """What forces (n, 3) add for tan(psi) = 1: -a x F. ScenarioError if the tilt does not turn them all alike."""
+    """Forces (n, 3) that a tilt adds for tan(psi) = 1: -a x F. ScenarioError if the tilt does not turn them all
+    alike."""
     axis, force = np.asarray(axis, float), np.asarray(force, float)
     along = np.abs(force @ axis)
     if (along > _ALONG * np.linalg.norm(force, axis=-1)).any():

@@ -123,7 +123,7 @@ def refuse_unsupported(scenario: Scenario, shapes, position, orientation, fixed,
 
 
 def _of_models(scenario: Scenario) -> str:
-    """What the reading of models from CAD remarked, for a message on blocks that do not touch as they should."""
+    """Remarks of the reading of models from CAD, for a message on blocks that do not touch as they should."""
     return "".join(f"; {remark}" for remark in scenario.remarks)
 
 

@@ -272,7 +272,7 @@ def recorded(assembly: Assembly, asked: Container[str], control: Control) -> tup
 
 
 def bytes_of(fields: tuple[Channel, ...], rows: int, frames: int, contacts: int = 0) -> int:
-    """What so many rows, frames and new contacts take."""
+    """Bytes of so many rows, frames and new contacts."""
     counts = (rows, frames, contacts)
     return sum(counts[field.grows_by] * field.entry_bytes for field in fields)
 

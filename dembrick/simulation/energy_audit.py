@@ -48,7 +48,7 @@ class MotionAudit(EnergyAudit):
 
 @dataclass(frozen=True)
 class Sums:
-    """What an audit wants of a run in real time (J): friction, the same by its law, the least of a step,
+    """Energies of a run in real time for the audit (J): friction, the same by its law, the least of a step,
     what contacts took by opening and closing within steps; the least energy that errors are held against; and what
     rounding of positions may make of nothing: less is no error."""
 

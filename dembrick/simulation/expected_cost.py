@@ -1,4 +1,4 @@
-"""What a run will cost in steps and seconds, before it is made: measured costs of steps times expected counts.
+"""Expected steps and seconds of a run, before it is made: measured costs of steps times expected counts.
 
 The costs are processor time of one core of a usual server, of compiled code; docs/performance.md has the tables. They
 are good to a factor of two or so. What nobody knows beforehand is how many Newton steps a search takes: walls of twenty

@@ -80,13 +80,13 @@ def handled() -> Iterator[None]:
 
 
 def caused(error: BaseException) -> BaseException:
-    """What a signal makes of an error that is none of ours and came after it: Interrupted; else the error itself."""
+    """Interrupted in place of an error of another library that came after a signal; else the error itself."""
     ours = isinstance(error, DembrickError | Interrupted)
     return error if ours or not requested() else Interrupted(requested())
 
 
 def _silent(unraisable) -> None:
-    """What Python calls with an exception that cannot go on; that a signal came is known anyway."""
+    """Hook of Python for exceptions that cannot be raised; one of a signal, which is known anyway, is not printed."""
     if not isinstance(unraisable.exc_value, Interrupted):
         sys.__unraisablehook__(unraisable)
 

@@ -42,7 +42,8 @@ def repeated(strengths: Strengths, counts: np.ndarray) -> Strengths:
 
 
 def sliding_strength(strengths: Strengths | None, area, friction: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """What slip does work against (N), an entry for each of ``strengths``, from N (N) and the ``area`` that carries it.
+    """Force against which slip does work (N), an entry for each of ``strengths``, from N (N) and the ``area`` that
+    carries it.
 
     What slides has no bond, and what rises by dilation takes the work of that from friction.
     """

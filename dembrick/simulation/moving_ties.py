@@ -36,7 +36,7 @@ def moving_ties(table: TieTable, position: np.ndarray, rotation: np.ndarray) -> 
 
 
 def at_ends(ties: Ties, blocks: int) -> np.ndarray:
-    """What the ties exert on every one of so many blocks, at its centroid (n, 6): N and N m, world axes."""
+    """Forces and moments (n, 6) of the ties on every one of so many blocks, at its centroid: N and N m, world axes."""
     found = np.zeros((blocks, 6))
     if not len(ties.stiffness):
         return found

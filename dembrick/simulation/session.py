@@ -1,4 +1,4 @@
-"""What goes on around a time loop: who gets the record, what is recorded, and who keeps checkpoints."""
+"""Services around a time loop: its record, its checkpoints, its progress."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Observer = Callable[[Mapping[str, np.ndarray], Mapping[str, np.ndarray]], None]
 
 
 class Snapshot(Protocol):
-    """What a time loop goes on from: arrays by name, read one by one because they may come from a stranger's file."""
+    """Arrays by name from which a time loop goes on, read one by one because they may come from a stranger's file."""
 
     path: str
 
@@ -84,7 +84,7 @@ class Progress:
 
 @dataclass(frozen=True)
 class GoesOn:
-    """What changes as a run goes on from a snapshot of another: ``ties``, None if they are the same; which row of the
+    """Changes as a run goes on from a snapshot of another: ``ties``, None if they are the same; which row of the
     work of loads each row is of (``loads``), -1 for one that was not there, None if they are the same; the rows of
     those that are ``gone``, with their blocks; and whether ``anything`` does."""
 
@@ -100,12 +100,12 @@ TOLD_EVERY = 0.1  # s, between two words on how far a run is
 
 @dataclass(frozen=True)
 class Plan:
-    """What a run will take: time step and critical time step (s), steps, bytes beside those of the program itself, and
-    ``seconds`` of compiled code on one core (None: nobody knows). ``exact``: the steps are not an estimate;
+    """Size and cost of a run: time step and critical time step (s), steps, bytes beside those of the program itself,
+    and ``seconds`` of compiled code on one core (None: nobody knows). ``exact``: the steps are not an estimate;
     ``at_most``: they are those of the longest such run. ``seconds_falling``: of a run in real time in which all blocks
-    come down in a heap, if they may; ``seconds`` is then of one in which they stand. ``seconds_snapping``: of a
-    search in which blocks snap on and on, where nobody knows whether they do. ``within``: the factor by which an
-    estimate of the steps may be off."""
+    come down in a heap, if they may; ``seconds`` is then of one in which they stand. ``seconds_snapping``: of a search
+    in which blocks snap on and on, where nobody knows whether they do. ``within``: the factor by which an estimate of
+    the steps may be off."""
 
     time_step: float
     critical_time_step: float

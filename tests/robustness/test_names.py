@@ -121,3 +121,17 @@ def test_what_is_gone_is_found(name):
 )
 def test_what_is_there_is_found(name):
     assert is_there(name)
+
+
+KINDS_FIRST = ("assembly", "simulation")  # rooms whose docstrings name the kind of thing first; others follow
+
+
+@pytest.mark.parametrize("room", KINDS_FIRST)
+def test_docstrings_begin_with_the_kind_of_thing(room):
+    """A reader of a list of names learns from "What joints carry" neither that it is an array nor of what."""
+    found = []
+    for path in sorted((PACKAGE / room).rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, SCOPES) and (ast.get_docstring(node) or "").startswith("What "):
+                found.append(f"{path.relative_to(ROOT)}: {getattr(node, 'name', 'the module')}")
+    assert not found, "\n".join(found)

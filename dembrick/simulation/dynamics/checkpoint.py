@@ -44,7 +44,7 @@ def _polygons(moving: Motion) -> dict[str, np.ndarray]:
 
 
 class Past:
-    """What a run remembers beside its state, so that it can go on from a checkpoint."""
+    """Quantities beside the state of a run that a checkpoint keeps, so that the run can go on."""
 
     def __init__(self, moving: Motion, controller: PushController | None):
         self.moving, self._controller = moving, controller

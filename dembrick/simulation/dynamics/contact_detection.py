@@ -48,7 +48,7 @@ NEW_CONTACT = {"blocks": (np.int64, (2,)), "point": (float, (3,)), "normal": (fl
 
 @dataclass
 class ContactDetection:
-    """What the loop must watch besides the joints; ``touching`` is None while nothing comes near.
+    """New contacts of a run, and when to look for more; ``touching`` is None while nothing comes near.
 
     ``retired`` (j,): joints that new contacts have taken over from; ``looked`` (n, 4, 3): centroids and body axes when
     pairs were looked for last; ``patience`` (m): how far blocks may move until they are looked for again; ``bearable``:

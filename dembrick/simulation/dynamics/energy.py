@@ -142,7 +142,7 @@ class MotionEnergy:
         }
 
     def sums(self, state: MovingState, rounding: float) -> Sums | None:
-        """What the audit wants; None if nothing was counted. ``rounding`` (J): less is no error of the run."""
+        """Sums for the audit; None if nothing was counted. ``rounding`` (J): less is no error of the run."""
         if not self.wanted:
             return None
         table = self.table
@@ -184,8 +184,8 @@ def _blank(state: MovingState, loads: int, supports: int) -> EnergyTerms:
 
 
 def _work_ahead(state: MovingState, held: np.ndarray, joints: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """What the springs of ``joints`` (k,) would take over the step that the blocks have made since the last forces, if
-    their forces stayed (k,), J; ``held``: see `take_stock`, ``place``: see `EnergyTerms`."""
+    """Work (k,) in J that the springs of ``joints`` (k,) would take over the step since the last forces, if these
+    stayed; ``held``: see `take_stock`, ``place``: see `EnergyTerms`."""
     links = state.links
     wanted = {name: getattr(links, name)[joints] for name in ("host", "other", "place", "tangents", "plane")}
     own = links._replace(**wanted)
@@ -200,8 +200,8 @@ def _work_ahead(state: MovingState, held: np.ndarray, joints: np.ndarray, place:
 
 
 def _of_feet(offset: float, now: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, float]:
-    """What a ``step`` (9,) of `Links.seen` from ``now`` moves the feet of points in the plane, where friction acts, in
-    the same form; and the turn about the plane's normal (rad)."""
+    """Displacement (9,) of the feet of points in the plane, where friction acts, by a ``step`` (9,) from ``now``, all
+    in the form of `Links.seen`; and the turn about the plane's normal (rad)."""
     middle = now + 0.5 * step
     u, du, v, dv = (part[None] for part in (middle[3:6], step[3:6], now[6:], step[6:]))
     turn = (cross(u, du) + (u * cross(v, dv)).sum() * u)[0]

@@ -104,7 +104,7 @@ class EquilibriumPath(ABC):
 
     @abstractmethod
     def driven(self, parameter: Curve) -> Driving:
-        """What drives the run while the parameter is that function of time."""
+        """Loads and supports of the run while the parameter is that function of time."""
 
     @abstractmethod
     def steps(self, begin: float, end: float) -> int:
@@ -128,13 +128,14 @@ class EquilibriumPath(ABC):
 
     @property
     def slow(self) -> str:
-        """What else to do if blocks find neither rest nor fall, for a message."""
+        """Advice for a message, beside others, if blocks find neither rest nor fall."""
         return "lower the stiffness of the joints"
 
     # --- between two equilibria
 
     def _growing(self, begin: float, end: float) -> tuple[Driving, int]:
-        """What drives the blocks from one parameter to another, at rest at both ends, and the steps that takes."""
+        """Loads and supports that take the parameter from one value to another, at rest at both ends, and how
+        many steps that takes."""
         steps, start = self.steps(begin, end), self.moving.steps * self.dt
 
         def parameter(times: np.ndarray) -> np.ndarray:
@@ -144,7 +145,7 @@ class EquilibriumPath(ABC):
         return self.driven(parameter), steps
 
     def _at(self, parameter: float) -> Driving:
-        """What drives the run while the parameter is held."""
+        """Loads and supports of the run while the parameter is constant."""
         return self.driven(lambda times: np.full(np.shape(times), parameter))
 
     def advance(self, driving: Driving, steps: int) -> None:
@@ -263,7 +264,8 @@ class EquilibriumPath(ABC):
         return Kept(self.past.snapshot() | self._own(), path="the last equilibrium")
 
     def falls_at_once(self, position: np.ndarray, rotation: np.ndarray) -> None:
-        """What comes of blocks that come down under the dead loads; they stood at ``position`` (n, 3), ``rotation``."""
+        """Refusal of blocks that fall under the dead loads (NotConvergedError); they stood at ``position`` (n, 3),
+        ``rotation``."""
         raise NotConvergedError(
             "no equilibrium under the dead loads: blocks come down before anything grows, as bonds break or loads are "
             "not those of the stage before; check loads, supports and the strengths of the joints"
@@ -338,7 +340,7 @@ class EquilibriumPath(ABC):
         return self.finished()
 
     def finished(self) -> EquilibriaRun:
-        """What came of it."""
+        """Result of the path."""
         moving, path = self.moving, np.array(self.path)
         return EquilibriaRun(
             motion=moving,

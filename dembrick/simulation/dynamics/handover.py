@@ -1,4 +1,4 @@
-"""What a stage left as the start of a run in real time or of a settlement: positions, and what joints remember."""
+"""State that a stage left, as the start of a run in real time or of a settlement: positions, memory of joints."""
 
 from __future__ import annotations
 

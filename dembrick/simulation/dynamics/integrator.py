@@ -135,7 +135,7 @@ class Motion:
 
     @cached_property
     def no_contacts(self) -> Touching:
-        """What the loop takes if there are no new contacts."""
+        """Arrays of contacts for the loop if there are none."""
         return self.contact_detection.blank(self.polygons)
 
     @property
@@ -256,7 +256,7 @@ def _examine(motion: Motion) -> None:
 
 
 def _trouble(motion: Motion, status: int) -> str:
-    """What is wrong with the contact that ended the run."""
+    """Message about the contact that ended the run."""
     touching = motion.contact_detection.touching
     pair = int(touching.trouble[0])
     blocks = touching.parts.owner[[touching.first[pair], touching.second[pair]]]

@@ -70,7 +70,7 @@ def memory(state) -> list[np.ndarray]:
 
 
 def take_memory(state, left) -> None:
-    """What the joints of a state of the searches remember, in the fields of ``left``."""
+    """Memory of the joints of a state of the searches, copied from the fields of ``left``."""
     sense = state.links.sense
     if state.corners is not None:
         point_joints.take_memory(state.corners, left.points, sense)

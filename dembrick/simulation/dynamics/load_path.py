@@ -111,7 +111,7 @@ def run_of(found: EquilibriaRun, joint: int, how: str) -> LoadPathRun:
 
 
 def scale_of(moving: Motion, control: Control) -> float:
-    """What V is measured by: 1 for load factors; for actuators the weight of the free blocks over their weights."""
+    """Scale of V: 1 for load factors; for actuators the weight of the free blocks over their weights."""
     if control.drives != ACTUATORS:
         return 1.0
     assembly = moving.assembly

@@ -115,8 +115,8 @@ class Driving:
         return self.supports.between(self.share(np.append(times[:1], times + dt)), dt)
 
     def load(self, time: float, dt: float) -> float:
-        """What grows in the record: the multiplier of a load system, load factor of a tilt, acceleration of shaken
-        supports (m/s2), else zero."""
+        """Load in the record: the multiplier of a load system, load factor of a tilt, acceleration of shaken supports
+        (m/s2), else zero."""
         if self.driven is not None:
             return float(self.multiplier(np.array([time]))[0])
         if self.tilt is not None:

@@ -1,4 +1,4 @@
-"""What a run in real time did to its blocks: how far each has moved at the most, which have fallen, what came down."""
+"""Outcome of a run in real time: how far each block has moved at the most, which have fallen, the collapse."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def _carried(moving: Motion) -> list[tuple[np.ndarray, np.ndarray]]:
 def collapse_of(
     moving: Motion, control: Control, controller: PushController | None, at_rest: np.ndarray, extremes: Extremes
 ) -> dict:
-    """What came down, when, and how: the object ``collapse`` of the JSON output.
+    """Record of a collapse, the object ``collapse`` of the JSON output.
 
     ``angle`` (deg) is that at which a block has moved by ``displacement`` (m), and ``onset`` that at which the first of
     the ``blocks`` that came down left its balance for good; both None for a push, whose load factor is its peak.
@@ -121,8 +121,8 @@ def collapse_of(
 
 
 def collapse_of_settlement(moving: Motion, driving: Driving, at_rest: np.ndarray, extremes: Extremes) -> dict:
-    """What came down while supports moved in real time: the same, with ``settlement`` (m) of the supports when the
-    first of the blocks that fell left its balance for good, at the time ``onset`` (s)."""
+    """Record of a collapse while supports moved in real time: the same, with ``settlement`` (m) of the supports at the
+    time ``onset`` (s), when the first of the blocks that fell left its balance for good."""
     away = np.linalg.norm(moving.displacement, axis=1)
     blocks = np.flatnonzero(fallen(moving))
     onset = float(extremes.quiet[blocks].min())

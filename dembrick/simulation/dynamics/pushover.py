@@ -66,7 +66,7 @@ class PushController:
             self.peak[:] = self.present[0], u
 
     def pushing(self, driving: Driving) -> Driving:
-        """What drives the run while V is held: gravity leans."""
+        """Loads and supports of the run while V is constant: gravity leans."""
         return replace(driving, gravity=driving.gravity + self.present[0] * self.weight * self.direction)
 
 

@@ -164,7 +164,7 @@ class Recorder:
         return float(np.linalg.norm(away, axis=1).max()), driving.load(moving.time, moving.time_step)
 
     def _present(self) -> Driving:
-        """What drives the run now."""
+        """Loads and supports of the run at present."""
         return self.driving if self._controller is None else self._controller.pushing(self.driving)
 
     def _unbalanced(self) -> float:

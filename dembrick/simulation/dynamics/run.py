@@ -127,8 +127,8 @@ def ask_for(moving: Motion, output: Output, driving: Driving) -> None:
 
 
 def plan(moving: Motion, control: Control, driving: Driving, output: Output, load_factor: float | None = None) -> Plan:
-    """What the run will take: the steps of its whole duration, or of a collapse at the ``load_factor``; without one
-    those of a tilt to the vertical or of the longest push. Bytes at the most."""
+    """Plan with the steps and bytes of the run: those of its whole duration, or of a collapse at the ``load_factor``;
+    without one those of a tilt to the vertical or of the longest push. Bytes at the most."""
     controller = _controller(moving, control)
     most = steps = most_steps(moving, control, controller, driving)
     falls = control.ends_with == COLLAPSE

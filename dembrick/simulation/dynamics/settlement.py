@@ -47,7 +47,7 @@ class Settlement(EquilibriumPath):
 
     @classmethod
     def plan(cls, moving: Motion, control: Control, driving: Driving, output: Output) -> Plan:
-        """What it will take, roughly: as many steps as the supports move for, and half as many for rest."""
+        """Plan with a rough count of steps: as many as the supports move for, and half as many for rest."""
         length, gravity = driving.supports.length, float(np.linalg.norm(moving.assembly.gravity))
         way = shares(WITHIN * moving.smallest / length)
         fastest = OF_START * length / (GENTLE * gravity) if gravity > 0.0 else 0.0

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 class MovingState(NamedTuple):
-    """What a dynamic run changes; ``corners`` or ``faces`` is None if no joint is of that family."""
+    """State of a dynamic run; ``corners`` or ``faces`` is None if no joint is of that family."""
 
     bodies: Bodies
     links: Links
@@ -138,7 +138,8 @@ class _Fixings(NamedTuple):
         return cls(host, other, row[0].copy(), row[1].copy(), axes, lever, sense, offset)
 
     def numbers(self, area: np.ndarray) -> np.ndarray:
-        """What a tile holds of its joints, and their areas (j,), as numbers (j, k): the same for joints alike."""
+        """Numbers (j, k) of the geometry of joints in a tile, with their areas (j,): equal for joints that are
+        alike."""
         return np.column_stack([self.tangents, self.plane, self.sense, self.offset, self.lever, area])
 
 

@@ -1,4 +1,4 @@
-"""What a solution of interior points proves: joint forces made to balance exactly, and the value of a mechanism.
+"""Bounds from a solution of interior points: joint forces made to balance exactly, and the value of a mechanism.
 
 An interior-point method leaves a residual, so neither of its two values is a bound. The forces get the least correction
 that restores equilibrium, measured by how near each joint is to its limit; what then still lies outside a strength is
@@ -24,8 +24,8 @@ _LEAST = 1e-14  # of the largest slack: how near a limit a joint counts for the 
 
 
 def least_cost(structure: Structure, programme: Programme, solution: Solution) -> float:
-    """What cost . x is at least, from the duals of a solution, for any x in the programme whose entries are at most
-    `CAP` times the largest found.
+    """Lower bound of cost . x, from the duals of a solution, for any x in the programme whose entries are at most `CAP`
+    times the largest found.
 
     The duals are first made compatible, by least squares measured by how near those of the strengths are to the edge of
     their cone: velocities y, then the duals z of the strengths, in a few rounds. What then is still missing is paid

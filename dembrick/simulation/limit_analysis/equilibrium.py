@@ -162,9 +162,9 @@ def plane_of_symmetry(
 
 @dataclass(frozen=True)
 class Merged:
-    """What lies behind one another across a plane, as one: ``group`` (p,) of each member, ``share`` (p,) of the group's
-    force that it takes, ``first`` (g,) a member of every group; ``aside`` (g,) how far (m) the shares' centre is off
-    the plane, which must be zero."""
+    """Groups of members behind one another across a plane, each as one: ``group`` (p,) of each member, ``share`` (p,)
+    of the group's force that it takes, ``first`` (g,) a member of every group; ``aside`` (g,) distance (m) of the
+    shares' centre from the plane, which must be zero."""
 
     group: np.ndarray
     share: np.ndarray

@@ -67,7 +67,8 @@ def structure_of(
 
 
 class Loads(NamedTuple):
-    """What acts: ``dead`` (rows,), and ``live`` (rows,) times the unknown multiplier or None; in ``frame.unit``."""
+    """Loads in the rows of equilibrium: ``dead`` (rows,), and ``live`` (rows,) times the unknown multiplier or None; in
+    ``frame.unit``."""
 
     dead: np.ndarray
     live: np.ndarray | None

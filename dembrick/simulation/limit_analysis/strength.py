@@ -1,4 +1,4 @@
-"""What the joints of an assembly can carry: strengths of contact points and of area joints, in newtons.
+"""Strengths of the joints of an assembly, of contact points and of area joints, in newtons.
 
 A contact point (area A_i) carries -f_t A_i <= N_i <= f_c A_i and |t_i| <= c A_i + mu N_i. An area joint, ``convex``
 with ``full`` pressure, carries a no-tension pressure for N, M_1 and M_2, of at most f_c if it crushes, and

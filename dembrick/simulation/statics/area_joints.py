@@ -126,7 +126,7 @@ def crushing_work(areas: Areas, before: Areas) -> float:
 
 
 def reserve(areas: Areas) -> np.ndarray:
-    """What the bonds could carry more (a, 2), in N: in tension, and in shear where its loss would let go of something.
+    """Reserve of the bonds (a, 2) in N: in tension, and in shear where its loss would let go of something.
     Infinite where there is no bond."""
     found = np.zeros((len(areas.joint), 2))
     reserves(areas, found)
@@ -134,12 +134,12 @@ def reserve(areas: Areas) -> np.ndarray:
 
 
 def tensile_strength(areas: Areas) -> np.ndarray:
-    """What the bond of each joint carries in tension (a,) in N, of its area."""
+    """Tensile strength of the bond of each joint (a,) in N, of its area."""
     return areas.strengths.tension * areas.area
 
 
 def greatest_strength(areas: Areas) -> np.ndarray:
-    """What the bond of each joint may carry besides friction (a,) in N."""
+    """Greatest force (a,) in N that the bond of each joint may carry besides friction."""
     if areas.strengths is None:
         return np.zeros(len(areas.joint))
     return areas.area * np.maximum(areas.strengths.cohesion, areas.strengths.tension)

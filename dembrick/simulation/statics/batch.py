@@ -39,7 +39,7 @@ STEP_FACTOR = 0.9  # of the time step that is stable
 
 @dataclass(frozen=True)
 class LimitLoads:
-    """What became of k cases, row by row. SI units, joint axes; N, V_1, V_2, M_T act on b about O.
+    """Limit loads of k cases, row by row. SI units, joint axes; N, V_1, V_2, M_T act on b about O.
 
     ``status``: "yield", or what went wrong: "not converged", "diverged", "no equilibrium" (under dead load
     alone); V and its bounds are those reached. ``V`` is the middle of the bracket, NaN without an upper bound

@@ -57,7 +57,7 @@ def inverse_inertia(state: State, inertia: np.ndarray) -> ScaledInertia:
 
 @dataclass(frozen=True)
 class Rest:
-    """What the dead loads leave: whether the blocks stand (None: undecided), the out-of-balance over the joint forces
+    """Outcome of the dead loads: whether the blocks stand (None: undecided), the out-of-balance over the joint forces
     and the steps that took; of blocks that fall their numbers and the mechanism; seconds of compiling and of relaxing.
     """
 

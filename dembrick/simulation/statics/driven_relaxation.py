@@ -43,7 +43,7 @@ STEPS = STEADY + HALVINGS * HALVING
 
 
 class Pushed(NamedTuple):
-    """What a push came to: V at its end, the least and the greatest in its last part (N), the driven displacement (m),
+    """Outcome of a push: V at its end, the least and the greatest in its last part (N), the driven displacement (m),
     how the free blocks (6 f,) and the joints (j, 6) moved in that part, and energies (J): what the actuators did, what
     friction and what dashpots took."""
 

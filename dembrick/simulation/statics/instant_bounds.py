@@ -1,4 +1,4 @@
-"""What one equilibrium on a path says of the limit load by itself: bounds, and what is out of balance there."""
+"""Bounds of the limit load from one equilibrium on a path by itself, and its out-of-balance."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ class InstantBounds:
         return V - hidden, max(V, upper) + hidden
 
     def held_up(self, V: float) -> float:
-        """What a drag leaves out of balance, over the greatest joint force, or over the load if that is less."""
+        """Ratio of what a drag leaves out of balance to the greatest joint force, or to the load if that is less."""
         load = max(abs(V), NOTHING * self._dead) * self._weight
         return self._search.out_of_balance() * max(1.0, self._search.greatest_force() / load)
 
     def hidden(self, V: float, moved: float, closest: float) -> float | None:
-        """What the out-of-balance may hide of V (N), by the motion of the last step; asks the search for a closer
+        """Part of V (N) that the out-of-balance may hide, by the motion of the last step; asks the search for a closer
         balance, down to the ``closest``, if that is much. None if something else held the blocks up, as a drag.
 
         A force that a joint lacks does as much work at the most as its block's motion lets it. If no closer balance is

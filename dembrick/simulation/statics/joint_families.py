@@ -117,7 +117,7 @@ def follows_bending(state) -> bool:
 
 
 def memory(state) -> dict[str, Any]:
-    """What the joints remember: for every field of `FAMILIES` a copy with its own memory, or None."""
+    """Memory of the joints: for every field of `FAMILIES` a copy with its own memory, or None."""
     found = dict.fromkeys(FAMILIES)
     for name, module in FAMILIES.items():
         joints = getattr(state, name)
@@ -163,7 +163,7 @@ def hold_bonds(state, held: bool) -> None:
 
 
 def reserves(state) -> np.ndarray:
-    """What all bonds could carry more in tension and in shear (m, 2), infinite if there is none; N."""
+    """Reserves of all bonds in tension and in shear (m, 2), infinite if there is none; N."""
     found = [module.reserve(joints) for module, joints in present(state) if joints.strengths is not None]
     return np.concatenate([np.zeros((0, 2)), *found])
 
@@ -174,13 +174,13 @@ def overborne(state) -> np.ndarray:
 
 
 def tensile_strengths(state) -> np.ndarray:
-    """What every bond carries in tension (m,) in N, in the order of `reserves`."""
+    """Tensile strength of every bond (m,) in N, in the order of `reserves`."""
     found = [module.tensile_strength(joints) for module, joints in present(state) if joints.strengths is not None]
     return np.concatenate([np.zeros(0), *found])
 
 
 def greatest_strength(state) -> np.ndarray:
-    """What the bonds of every joint may carry besides friction (j,) in N."""
+    """Greatest force (j,) in N that the bonds of every joint may carry besides friction."""
     found = np.zeros(len(state.joints.block_a))
     for module, joints in present(state):
         found[joints.joint] = module.greatest_strength(joints)

@@ -198,8 +198,8 @@ def _limit_of(path: Path, follower: PathFollower, setup: Setup) -> tuple[YieldPo
 
 
 def _after(end: State, limit: State, start: np.ndarray, goes_on: bool) -> After | None:
-    """What the ``end`` of a path shows that ``goes_on`` beyond its limit, if blocks move there that did not then, or
-    some come off alone."""
+    """Motion at the ``end`` of a path that ``goes_on`` beyond its limit; None if the same blocks move there as at the
+    limit."""
     moving = moving_blocks(end)
     if not goes_on or set(moving) == set(moving_blocks(limit)):
         return None

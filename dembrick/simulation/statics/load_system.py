@@ -42,7 +42,7 @@ FINEST = 0.25  # of what friction 1 would let the joints give, that the head may
 
 
 class After(NamedTuple):
-    """What a path comes to beyond its limit: the blocks that move at its end, by which mechanism, how far the furthest
+    """End of a path beyond its limit: the blocks that move there, by which mechanism, how far the furthest
     has moved since the dead-load equilibrium (m), and the load there."""
 
     blocks: tuple[int, ...]
@@ -166,7 +166,7 @@ class Setup(LoadSystem):
             self.factor = elastic_factor(self.state, assembly.position)
 
     def finished(self, converged: bool, loop: Loop, critical: float, compiled: float, settings: dict) -> Replay:
-        """What came of it; ``compiled``: seconds of compiling after the dead-load equilibrium."""
+        """Result of the search or test; ``compiled``: seconds of compiling after the dead-load equilibrium."""
         point, state = read_off(loop.state, loop.certificate, self.assembly.names, loop.inertia is not None), loop.state
         if loop.inertia is None and point.V is not None:
             state = carrying(state, point.V)
@@ -192,7 +192,7 @@ class Setup(LoadSystem):
 
     @staticmethod
     def settings(drive: Drive) -> dict:
-        """What the program chose, for the history."""
+        """Numbers that the program chose, for the history."""
         return {
             "actuator_stiffness": drive.stiffness,
             "jack_dashpot": drive.dashpot,

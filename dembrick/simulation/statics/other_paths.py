@@ -59,7 +59,7 @@ def grazing_joints(state: State) -> np.ndarray:
 
 
 class _Contacts(NamedTuple):
-    """What contact points, or the corners of convex joints, do in a mechanism (c,): whose they are, opening and slip
+    """Contact points, or the corners of convex joints, in a mechanism (c,): whose they are, opening and slip
     (m), friction, and the greatest tension and cohesion (N) of their bonds; a corner has the whole bond of its joint,
     which is more than it takes."""
 

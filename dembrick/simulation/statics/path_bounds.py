@@ -1,4 +1,4 @@
-"""What a path of equilibria says of the limit load: bounds, and whether it is one."""
+"""Bounds of the limit load from a path of equilibria, and whether it is one."""
 
 from __future__ import annotations
 

@@ -322,7 +322,7 @@ class PathFollower:
         return Progress("equilibrium", self.way.equilibria)
 
     def snapshot(self) -> dict[str, np.ndarray]:
-        """What this turn began with; what it has tried since leaves no trace."""
+        """Arrays with which this turn began; what it has tried since leaves no trace."""
         return self.turn_began
 
     def _memory(self) -> dict[str, np.ndarray]:

@@ -122,7 +122,7 @@ def crushing_work(points: Points, before: Points) -> float:
 
 
 def reserve(points: Points) -> np.ndarray:
-    """What the bonds could carry more (c, 2), in N: in tension, and in shear where its loss would let go of something.
+    """Reserve of the bonds (c, 2) in N: in tension, and in shear where its loss would let go of something.
     Infinite where there is no bond."""
     found = np.zeros((len(points.normal), 2))
     reserves(points, found)
@@ -130,12 +130,12 @@ def reserve(points: Points) -> np.ndarray:
 
 
 def tensile_strength(points: Points) -> np.ndarray:
-    """What the bond of each point carries in tension (c,) in N."""
+    """Tensile strength of the bond of each point (c,) in N."""
     return np.repeat(points.strengths.tension, np.diff(points.start)) * points.bonds.area
 
 
 def greatest_strength(points: Points) -> np.ndarray:
-    """What the bonds of each joint may carry besides friction (p,) in N."""
+    """Greatest force (p,) in N that the bonds of each joint may carry besides friction."""
     if points.strengths is None:
         return np.zeros(len(points.joint))
     area = np.add.reduceat(points.bonds.area, points.start[:-1])

@@ -1,4 +1,4 @@
-"""What the supports and the ties do at the end of a search or constant-rate test."""
+"""Forces of supports and ties at the end of a search or constant-rate test."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def reactions(state: State) -> np.ndarray:
 
 
 class Ended:
-    """What a finished search or test says of its last ``state``."""
+    """Reactions and ties in the last ``state`` of a finished search or test."""
 
     state: State
 

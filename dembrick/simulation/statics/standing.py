@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass
 class Standing(Ended):
-    """What was found: `Rest`, the state in which the search ended, and seconds of compiling and of relaxing."""
+    """Result of a search for rest: `Rest`, the state in which it ended, and seconds of compiling and of relaxing."""
 
     rest: Rest
     state: State

@@ -168,7 +168,7 @@ def dead_loads(state: State) -> np.ndarray:
 
 
 def on_blocks(state: State) -> np.ndarray:
-    """What the ties do to the blocks now (n, 6), N and N m."""
+    """Forces and moments of the ties on the blocks (n, 6) at present, N and N m."""
     return np.concatenate([state.blocks.dead_force, state.blocks.dead_torque], axis=1) - dead_loads(state)
 
 

@@ -70,7 +70,7 @@ class YieldDomain:
 
     @property
     def _allowed(self) -> float:
-        """What two points may disagree by, one low and the other high by its error bar, and rounding."""
+        """Tolerance on the disagreement of two points: one low and the other high by its error bar, and rounding."""
         return 2.0 * self.error_bar / (1.0 - self.error_bar) + _ROUNDING
 
     @property

@@ -1,4 +1,4 @@
-"""What a replay says of the limit load, and in which way the joint gave way."""
+"""Limit load from a replay, and the way in which the joint yielded."""
 
 from __future__ import annotations
 
