@@ -1,4 +1,4 @@
-"""What a search for the limit of a tilt or a pushover says of the collapse."""
+"""Collapse at the limit of a tilt or a pushover, from a search."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def collapse_of(run: Replay, assembly: Assembly, control: Control) -> dict:
 
 
 def collapse_lines(collapse: dict, point: Mapping | None = None) -> list[str]:
-    """What the command line prints of it; ``point``: the yield point of a search, whose bracket is the error bar."""
+    """Lines of the command line on it; ``point``: the yield point of a search, whose bracket is the error bar."""
     if "settlement" in collapse:
         return _settlement_lines(collapse)
     error, alone = collapse.get("error_estimate"), on_one_path(collapse)
@@ -73,7 +73,7 @@ def collapse_lines(collapse: dict, point: Mapping | None = None) -> list[str]:
 
 
 def after_lines(after: Mapping | None, unit: str) -> list[str]:
-    """What the command line prints of what moves on beyond the limit; ``unit`` of the load."""
+    """Lines of the command line on the blocks that move on beyond the limit; ``unit`` of the load."""
     if after is None:
         return []
     moved = f"to {after['displacement']:.3g} m, by {after['mechanism']}"

@@ -107,7 +107,7 @@ class DomainJoint:
 
 @dataclass(frozen=True)
 class Request:
-    """What is asked of a domain: ``space`` and ``shear_angle`` as of ``yield_domain.directions``, ``height`` (m) of the
+    """Request for a domain: ``space`` and ``shear_angle`` as of ``yield_domain.directions``, ``height`` (m) of the
     load above the joint, ``pressure`` of the convex joint, ``points`` of ``distributed``, ``tolerance`` of replays."""
 
     space: str = "quarter"

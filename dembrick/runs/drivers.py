@@ -57,7 +57,7 @@ SECONDS_OF_CHECK = 10.0  # s that limit analysis may take to tell how long a run
 
 
 class Driver(NamedTuple):
-    """What carries out a regime.
+    """Functions that carry out a regime.
 
     ``plan`` says what a run will take, without making it; ``run`` makes it, with the surroundings of a session;
     ``result`` says what came of it, given the fields of a `RunResult`; ``refined`` is the answer of a refined scenario,
@@ -260,7 +260,7 @@ def _live_through(scenario: Scenario, assembly: Assembly, session: Session) -> M
 
 
 def _shorter(control: Control) -> str:
-    """What makes a run in real time shorter."""
+    """Advice for a message on a run in real time that takes too long."""
     remedy = "raise control.rate" if control.limit is None else control.limit.remedy
     return f"{remedy}, or lower joint.normal_stiffness and joint.shear_stiffness: the time step grows"
 
@@ -299,8 +299,8 @@ def _path_of(control: Control):
 
 
 def _refined_path(scenario: Scenario, steps: float) -> float:
-    """What is uncertain of a path by ``steps`` times the usual ones: a load, the settlement at the collapse (m), or the
-    reaction at the end (N)."""
+    """Number that an error estimate compares, of a path by ``steps`` times the usual ones: a load, the settlement at
+    the collapse (m), or the reaction at the end (N)."""
     assembly = build.assemble(scenario)
     run = _find_equilibria(scenario, assembly, Session(), steps)
     result = driver_of(scenario.control).result

@@ -53,7 +53,7 @@ class Refinement(NamedTuple):
 
 
 def refinements(scenario: Scenario, several: bool = False) -> tuple[Refinement, ...]:
-    """What ``scenario`` is compared with; ScenarioError if the bracket of the limit load is the error bar.
+    """Refinements with which ``scenario`` is compared; ScenarioError if the bracket of the limit load is the error bar.
 
     ``several``: several joints share the load, so that the limit of actuators may depend on the path as well.
     """

@@ -83,7 +83,7 @@ def check_kind(scenario: Scenario, file: str) -> None:
 
 
 def changes_between(old: Scenario, new: Scenario, one: Assembly, other: Assembly, file: str) -> GoesOn:
-    """What is not the same in the scenario that goes on; ScenarioError for what cannot change on the way."""
+    """Differences of the scenario that goes on; ScenarioError for those that cannot be made on the way."""
     for key in (field.name for field in fields(old) if field.init and field.name not in _SHOWN):
         if getattr(old, key) != getattr(new, key) and key not in _CHANGING:
             listed = ", ".join(_CHANGING)
@@ -130,7 +130,7 @@ def _loads(
 
 
 def _rows_of_loads(assembly: Assembly, scenario: Scenario) -> list[tuple[Any, int]]:
-    """What each row of the work of loads is of, and its block: forces, then pressed polygons."""
+    """Load and block of each row of the work of loads: forces, then pressed polygons."""
     loads, pressed = assembly.point_loads, assembly.pressed
     last = at_stage(scenario, len(scenario.stages) + 1)
     given = [(i, int(b)) for i, b in zip(loads.given.tolist(), loads.block.tolist(), strict=True) if i >= 0]

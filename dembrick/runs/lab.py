@@ -236,7 +236,7 @@ def table_3(rows: Sequence[dict]) -> str:
 
 
 def notes(rows: Sequence[dict]) -> str:
-    """What the table does and does not show: mid-height, where mu comes from, what each experiment implies."""
+    """Notes on what the table does and does not show: mid-height, where mu comes from, what each experiment implies."""
     gaps = [
         100.0 * (m["V"] / r["V"] - 1.0)
         for r in rows

@@ -1,4 +1,4 @@
-"""What a joint law leaves out of a collapse, in numbers: laws that carry more, or less, than the stone would.
+"""Effects that a joint law leaves out of a collapse, in numbers: laws that carry more, or less, than the stone would.
 
 Each formulation simplifies a joint at the place where a collapse uses it. ``convex`` joints with ``full`` pressure keep
 the friction and the torsion of their whole polygon if their resultant stands at an edge, where a linear pressure has
@@ -48,7 +48,7 @@ def left_out(
     tilt: bool,
     bounded: bool = True,
 ) -> list[LeftOut]:
-    """What the laws of a collapse at ``load_factor`` leave out; nothing to say gives an empty list.
+    """Remarks on what the laws of a collapse at ``load_factor`` leave out; empty if there is nothing to say.
 
     ``resultants`` (j, >= 6): N, V_1, V_2, M_T, M_1, M_2 of the joints at the collapse; ``moves`` (j, 3): how far their
     rims slide, turn about the normal and tilt (m, any scale); ``tilt``: whether the factor is the tangent of a table's

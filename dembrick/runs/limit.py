@@ -58,12 +58,12 @@ class LimitResult:
 
     @property
     def lower(self) -> float:
-        """What joint forces within their strengths balance."""
+        """Lower bound: a load that joint forces within their strengths balance."""
         return self.limit.lower
 
     @property
     def upper(self) -> float:
-        """What a mechanism does not let pass."""
+        """Upper bound: the load at which a mechanism moves."""
         return self.limit.upper
 
     @property
@@ -128,7 +128,7 @@ class LimitResult:
         return [] if self.limit.forces is None else tied(self.assembly, tension=self.limit.forces.tension)
 
     def text(self) -> str:
-        """What the command line prints."""
+        """Text of the command line."""
         lines = [self.scenario.title]
         unit = " N" if recorded_curve(self.scenario.control, self.assembly.actuators).unit == "N" else ""
         if self.limit.unlimited:
@@ -204,7 +204,7 @@ class ReactionResult:
         }
 
     def text(self) -> str:
-        """What the command line prints."""
+        """Text of the command line."""
         lines = [self.scenario.title, f"reaction      of {self.support} along {self.direction} on the other blocks"]
         for label, end in (("least", self.least), ("greatest", self.greatest)):
             if math.isinf(end.value):

@@ -1,4 +1,4 @@
-"""What limit analysis looks at: the scenario of a quasi-static load, its assembly, and the names of blocks."""
+"""Input of limit analysis: the scenario of a quasi-static load, its assembly, and the names of blocks."""
 
 from __future__ import annotations
 

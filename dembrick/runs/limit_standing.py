@@ -21,7 +21,7 @@ SQUEEZE = "forces that balance the dead loads exist; blocks find none that need 
 
 @dataclass
 class StandingResult:
-    """What limit analysis says of the dead loads alone. ``found``: with the least out-of-balance and the mechanism."""
+    """Result of limit analysis of the dead loads alone. ``found``: with the least out-of-balance and the mechanism."""
 
     scenario: Scenario
     assembly: Assembly
@@ -50,7 +50,7 @@ class StandingResult:
         }
 
     def text(self) -> str:
-        """What the command line prints."""
+        """Text of the command line."""
         if self.found.stands:
             answer = ["answer        stands under its dead loads (limit analysis)", f"remark        {SQUEEZE}"]
         else:

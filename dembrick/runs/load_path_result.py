@@ -1,4 +1,4 @@
-"""What equilibria in the deformed geometry gave: a limit load with its bracket, or whether the blocks stand."""
+"""Results of equilibria in the deformed geometry: a limit load with its bracket, or whether the blocks stand."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class LoadPathResult(MotionResult):
 
     @property
     def plain_answer(self) -> str | None:
-        """What an unlimited load means, in a sentence; None if there is a limit."""
+        """Sentence on an unlimited load; None if there is a limit."""
         if not self.unlimited:
             return None
         V, actuators = self.run.bracket[0], self.scenario.control.drives == ACTUATORS
@@ -102,7 +102,7 @@ class LoadPathResult(MotionResult):
 
     @property
     def uncertain(self) -> float:
-        """What an error estimate is of: the limit load, or what was reached without one."""
+        """Number that an error estimate compares: the limit load, or what was reached without one."""
         return sum(self.run.bracket) / 2.0 if not self.unlimited else self.run.bracket[0]
 
     def take_error(self, estimate: float) -> None:
@@ -132,7 +132,7 @@ class LoadPathResult(MotionResult):
         return "\n".join(lines + self._closing_lines())
 
     def _closing_lines(self) -> list[str]:
-        """What the joint that moves most carried, reactions, and what it took."""
+        """Lines on the joint that moves most, on reactions, and on the cost of the run."""
         point, run = self.yield_point, self.run
         carried = (point.N, point.V_1, point.V_2, point.M_T)
         N, V_1, V_2, M_T = printed(carried, max(map(abs, carried)))
@@ -165,7 +165,7 @@ class DrivenPathResult(LoadPathResult):
 
     @property
     def uncertain(self) -> float:
-        """What an error estimate is of: the largest V."""
+        """Number that an error estimate compares: the largest V."""
         return self.yield_point.V_peak
 
     def take_error(self, estimate: float) -> None:

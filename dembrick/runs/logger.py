@@ -14,7 +14,7 @@ LOGGER.addHandler(logging.NullHandler())
 
 
 def heard_by(report: Callable[[str], None] | None) -> Callable[[str], None] | None:
-    """What hears the remarks of a run: ``report``, else the logger if anybody listens to it, else nothing."""
+    """Function that takes the remarks of a run: ``report``, else the logger if anybody listens to it, else nothing."""
     if report is not None:
         return report
     logger: logging.Logger | None = LOGGER

@@ -1,4 +1,4 @@
-"""What a run in real time gave: the twin of ``result`` for tilting, pushing, shaking and free motion."""
+"""Result of a run in real time: the twin of ``result`` for tilting, pushing, shaking and free motion."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(repr=False)
 class MotionResult(RunResult):
-    """What a run in real time gave: the state it ended in, and the collapse if there was one.
+    """Result of a run in real time: the state it ended in, and the collapse if there was one.
 
     ``displacement`` of the rows is that of the block that has moved furthest; of a push the driven one. Energies are of
     the last forces, a step before the row. Everything is seen from the supports.
@@ -67,7 +67,8 @@ class MotionResult(RunResult):
 
     @property
     def uncertain(self) -> np.ndarray | float:
-        """What an error estimate is of: load factor or settlement of a collapse, else the displacements (n, 3), m."""
+        """Numbers that an error estimate compares: load factor or settlement of a collapse, else the displacements (n,
+        3), m."""
         if self.collapse is None:
             return self.displacement
         return self.collapse["settlement"] if "settlement" in self.collapse else self.collapse["load_factor"]
@@ -102,7 +103,7 @@ class MotionResult(RunResult):
         )
 
     def _shaken(self) -> dict:
-        """What is told of a structure whose supports shake; nothing of any other."""
+        """Key numbers of a structure whose supports shake; empty for any other."""
         if not self.scenario.control.shakes:
             return {}
         found = shaken.drift(self.assembly, self.run.furthest)
@@ -128,7 +129,7 @@ class MotionResult(RunResult):
         return [tie | {"peak": peak} for tie, peak in zip(ties, peaks, strict=True)] if ties and peaks else ties
 
     def text(self) -> str:
-        """What the command line prints."""
+        """Text of the command line."""
         motion = self.run.motion
         lines = self.heading_lines
         if self.collapse is not None:

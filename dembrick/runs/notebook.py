@@ -13,7 +13,7 @@ PATIENCE = 1.0  # s: a run that takes less shows nothing
 
 
 def notebook_bar() -> Callable[[Progress], None] | None:
-    """What shows how far a run is in the output of a cell; None if this is no notebook."""
+    """Progress bar in the output of a cell; None if this is no notebook."""
     shell = sys.modules["IPython"].get_ipython() if "IPython" in sys.modules else None
     if shell is None or not hasattr(shell, "kernel"):
         return None

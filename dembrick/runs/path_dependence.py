@@ -39,7 +39,7 @@ def has_paths(assembly: Assembly) -> bool:
 
 
 class OtherPaths(NamedTuple):
-    """What is known of all paths to the limit load of a structure: whether none bears more than the limit that was
+    """Knowledge of all paths to the limit load of a structure: whether none bears more than the limit that was
     found, whether none bears less, and the associative ``bound`` if it was asked for, or why it gave ``no_bound``."""
 
     no_path_above: bool
@@ -53,7 +53,7 @@ class OtherPaths(NamedTuple):
         return not (self.no_path_above and self.no_path_below)
 
     def as_dict(self) -> dict:
-        """What the JSON object of a search has of it."""
+        """Entries in the JSON object of a search."""
         associative = None if self.bound is None else self.bound["upper"]
         return {
             "path_dependent": self.path_dependent,
@@ -63,7 +63,7 @@ class OtherPaths(NamedTuple):
 
 
 def other_paths(run: Replay, assembly: Assembly, control: Control, asked: bool = False) -> OtherPaths:
-    """What is known of all paths to the limit of a search.
+    """Knowledge of all paths to the limit of a search.
 
     Limit analysis is made if it is ``asked`` for, or if nothing else proves that no path bears more and it costs less
     than the search (or little).
@@ -128,7 +128,7 @@ def _mechanism_allows_no_more(run: Replay, assembly: Assembly) -> bool:
 
 
 def beside_limit(run: Replay, assembly: Assembly, scenario: Scenario, others: OtherPaths) -> dict | None:
-    """What stands beside the limit load of a search of several joints or of a collapse; None if nothing limits the
+    """Entries beside the limit load of a search of several joints or of a collapse; None if nothing limits the
     load.
 
     ``slides``: joints that carry slide in the mechanism, so that the stiffness of joints may move the limit.
@@ -188,7 +188,7 @@ def ranged(beside: dict, V: float, factors: list[float], tried: int) -> dict:
 
 
 def path_lines(beside: dict, unit: str = "") -> list[str]:
-    """What the command line prints of it; ``unit`` of the load."""
+    """Lines of the command line on it; ``unit`` of the load."""
     lines = []
     if beside.get("wanders") is not None:
         low, high = beside["wanders"]
@@ -208,7 +208,7 @@ def path_lines(beside: dict, unit: str = "") -> list[str]:
 
 
 def _others(beside: dict, unit: str) -> list[str]:
-    """What other paths of the same structure may bear, where nothing is known of their range."""
+    """Lines on the loads that other paths of the same structure may bear, where nothing is known of their range."""
     bound, lines = beside.get("associative"), []
     if beside.get("digits_open", True):
         limit = "" if bound is None else f"at most {known(bound['upper'], 0.0, 5)}{unit} (associative); "

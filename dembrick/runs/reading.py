@@ -34,7 +34,7 @@ def load(path: str | os.PathLike, overrides: Iterable[str] = (), regular: bool =
 
 
 def came_from(settings: Mapping) -> dict:
-    """What the settings of a history say of the one that it went on from; nothing if it began by itself."""
+    """Settings of a history that name the one from which it went on; empty if it began by itself."""
     found = settings.get(WENT_ON)
     return {WENT_ON: found} if isinstance(found, dict) else {}
 

@@ -1,4 +1,4 @@
-"""What a search or a constant-rate test gave: the yield point, the record, and what theory says of it."""
+"""Results of a search or a constant-rate test: the yield point, the record, and theory beside them."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def fell(answer: Mapping) -> bool:
 
 @dataclasses.dataclass(repr=False)
 class RunResult:
-    """What every run gives: what was run, the record, and how long it took (``wall``, s).
+    """Result of any run: what was run, the record, and how long it took (``wall``, s).
 
     ``rows``: time, load, displacement, unbalanced, lower, upper (T,), actuator_displacement and actuator_force (T, k),
     reaction (T, s, 6: F_x, F_y, F_z, M_x, M_y, M_z of every support), joint (T, j, 7: N, V_1, V_2, M_T, M_1, M_2,
@@ -107,12 +107,12 @@ class RunResult:
 
     @property
     def force_lines(self) -> list[str]:
-        """What the command line prints of the reactions of supports and of the ties."""
+        """Lines of the command line on the reactions of supports and on the ties."""
         return self.cycle_lines + reaction_lines(self.reactions) + tie_lines(self._tied())
 
     @property
     def heading_lines(self) -> list[str]:
-        """What the command line prints first: the title, the formulation, and the stages before."""
+        """First lines of the command line: the title, the formulation, and the stages before."""
         lines = [self.scenario.title, f"formulation   {self.scenario.joint.formulation}"]
         for stage in self.stages:
             point = stage.get("yield_point") or {}
@@ -126,7 +126,7 @@ class RunResult:
 
     @property
     def curve(self) -> Curve:
-        """What the record shows: names of load and displacement, and the unit of the load."""
+        """Curve of the record: names of load and displacement, and the unit of the load."""
         return recorded_curve(self.scenario.control, self.assembly.actuators)
 
     if TYPE_CHECKING:
@@ -181,7 +181,7 @@ class RunResult:
         return f"<{type(self).__name__} {self.scenario.title!r}: {', '.join([self.status, *first])}>"
 
     def _repr_html_(self) -> str:
-        """What a notebook shows: the title, the key numbers with their error bars, the curve."""
+        """HTML for a notebook: the title, the key numbers with their error bars, the curve."""
         from dembrick.views import page
 
         return page.fragment(self)
@@ -199,7 +199,7 @@ def listed(names: list[str]) -> str:
 
 
 def heading(scenario: Scenario) -> dict:
-    """What the JSON object of any run or limit analysis begins with."""
+    """First entries in the JSON object of any run or limit analysis."""
     return {"scenario": scenario.path or "", "title": scenario.title, "formulation": scenario.joint.formulation}
 
 
@@ -211,7 +211,7 @@ def tied(assembly: Assembly, **values: np.ndarray) -> list[dict]:
 
 
 def tie_lines(ties: Sequence[Mapping]) -> list[str]:
-    """What the command line prints of ties, as results have them."""
+    """Lines of the command line on ties, as results have them."""
     lines = []
     for tie in ties[:SHOWN]:
         kept = f", yielded by {tie['yielded']:.4g} m" if tie.get("yielded") else ""
@@ -223,7 +223,7 @@ def tie_lines(ties: Sequence[Mapping]) -> list[str]:
 
 
 def reaction_lines(found: Mapping[str, list[float]] | None) -> list[str]:
-    """What the command line prints of the reactions of supports."""
+    """Lines of the command line on the reactions of supports."""
     lines = []
     largest = max((abs(value) for reaction in (found or {}).values() for value in reaction), default=0.0)
     for name, reaction in list((found or {}).items())[:SHOWN]:
@@ -236,7 +236,7 @@ def reaction_lines(found: Mapping[str, list[float]] | None) -> list[str]:
 
 
 class SearchResult(RunResult):
-    """What a search in the geometry of the start gave."""
+    """Result of a search in the geometry of the start."""
 
     run: Replay | Standing
 
@@ -252,7 +252,7 @@ class SearchResult(RunResult):
 
 @dataclasses.dataclass(repr=False)
 class Result(SearchResult):
-    """What a search or a constant-rate test gave: the yield point with its bracket, and what theory says.
+    """Result of a search or a constant-rate test: the yield point with its bracket, and theory beside it.
 
     ``fallen``: what a load on every block brought down; ``path``: what stands beside the limit load of an assembly,
     its associative bound and the range of other paths; ``others``: what is proven of these (see `path_dependence`).
@@ -271,7 +271,7 @@ class Result(SearchResult):
 
     @property
     def after(self) -> dict | None:
-        """What the path shows beyond its limit, where other blocks move at its end: their names (``blocks``), by which
+        """Motion beyond the limit of the path, where other blocks move at its end: their names (``blocks``), by which
         ``mechanism``, how far the furthest has moved (``displacement``, m), and the ``load`` then; else None."""
         found = self.run.after
         if found is None:
@@ -313,7 +313,7 @@ class Result(SearchResult):
 
     @property
     def plain_answer(self) -> str | None:
-        """What an unlimited load means for the control, in a sentence; None if there is a limit."""
+        """Sentence on what an unlimited load means for the control; None if there is a limit."""
         if not self.unlimited:
             return None
         control, V = self.scenario.control, self.yield_point.V_lower

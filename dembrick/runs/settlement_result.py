@@ -1,4 +1,4 @@
-"""What a quasi-static settlement gave: the reaction along the motion over the displacement, and the collapse."""
+"""Result of a quasi-static settlement: the reaction along the motion over the displacement, and the collapse."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(repr=False)
 class SettlementResult(MotionResult):
-    """What a quasi-static settlement gave: equilibria in the deformed geometry, up to the end or to the last before the
+    """Result of a quasi-static settlement: equilibria in the deformed geometry, up to the end or to the last before the
     structure came down. ``reaction_error`` (N): of the reaction along the motion, from refined runs."""
 
     run: EquilibriaRun
@@ -41,7 +41,8 @@ class SettlementResult(MotionResult):
 
     @property
     def uncertain(self) -> float:
-        """What an error estimate is of: the settlement at the collapse (m), else the reaction at the end (N)."""
+        """Number that an error estimate compares: the settlement at the collapse (m), else the reaction at the end
+        (N)."""
         return self.settlement["reaction"] if self.collapse is None else self.collapse["settlement"]
 
     def take_error(self, estimate: float) -> None:

@@ -1,4 +1,4 @@
-"""What is asked first of a shaken structure: whether it stood or fell, its drift, what displacement remains."""
+"""Key numbers of a shaken structure: whether it stood or fell, its drift, the displacement that remains."""
 
 from __future__ import annotations
 

@@ -67,7 +67,7 @@ class Options(TypedDict, total=False):
 
 
 class Asked(NamedTuple):
-    """What a run is asked for beside its answer: to be refined, and the associative bound of its limit."""
+    """Options of a run beside its answer: an error estimate, and the associative bound of its limit."""
 
     refine: bool = False
     bound: bool = False
@@ -418,7 +418,7 @@ def _range_paths(result: Result) -> None:
 
 
 def _refined(one: Refinement) -> Any:
-    """What is uncertain of a run, of a refined scenario."""
+    """Number that an error estimate compares, of a refined scenario."""
     refined = driver_of(one.scenario.control).refined
     if refined is not None:
         return refined(one.scenario, one.steps)

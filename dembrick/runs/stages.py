@@ -109,7 +109,7 @@ class Stages:
         self.auditor.add(rows["energy"])
 
     def _keeping(self, session: Session, between: bool = False):
-        """What writes a checkpoint of a stage, with what the stages before it have left."""
+        """Function that writes a checkpoint of a stage, with what the stages before it have left."""
         keep = session.keep
         if keep is None:
             return None

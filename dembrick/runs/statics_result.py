@@ -1,4 +1,4 @@
-"""What kind = "statics" gave: stands or falls, by which mechanism, and the reactions of the supports."""
+"""Result of kind = "statics": stands or falls, by which mechanism, and the reactions of the supports."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class RestResult(RunResult):
         return super().reactions if self.statics["stands"] else None
 
     def text(self) -> str:
-        """What the command line prints."""
+        """Text of the command line."""
         unbalanced, steps = self.statics["unbalanced"], self.as_dict()["steps"]
         lines = [*self.heading_lines, f"answer        {self.plain_answer}", *self.force_lines]
         lines.append(f"out of balance {unbalanced:.2g} of the joint forces after {steps} steps")

@@ -112,7 +112,7 @@ def _lived_through(scenario: Scenario, every: float, loads) -> Iterator[Step]:
 
 
 def _forces(given) -> dict[str, np.ndarray]:
-    """What a callback gives, checked: three finite numbers (N) a block. ScenarioError else."""
+    """Forces from a callback, checked: three finite numbers (N) a block. ScenarioError else."""
     if given is None:
         return {}
     if not isinstance(given, Mapping):

@@ -32,7 +32,7 @@ _COMPILED_BY = ("joint.formulation", "joint.pressure", "control.kind")  # keys t
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a sweep left behind: how many cases have a row, how many of them failed, and the tables.
+    """Outcome of a sweep: how many cases have a row, how many of them failed, and the tables.
 
     ``statistics``: a row for each combination of the keys that are not drawn at random, with the number of cases that
     gave a V (of a search: a value), its mean, its standard deviation and the standard error of the mean; of a search

@@ -1,4 +1,4 @@
-"""What a study asks for: a base scenario and the keys that change from case to case.
+"""Plan of a study: a base scenario and the keys that change from case to case.
 
 A study is a TOML file::
 

@@ -26,7 +26,7 @@ KILO = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """What came of a case. ``S`` with ``u_num``, in the unit of the case (None: no answer, and ``failure`` says why);
+    """Outcome of a case. ``S`` with ``u_num``, in the unit of the case (None: no answer, and ``failure`` says why);
     ``seconds``: wall time."""
 
     case: Case
@@ -42,7 +42,7 @@ class Comparison:
 
     @property
     def open(self) -> float | None:
-        """What measurement and simulation leave open together: the root of the sum of squares."""
+        """Uncertainty of measurement and simulation together: the root of the sum of squares."""
         return None if self.u_num is None else math.hypot(self.case.u_D, self.u_num)
 
     @property
@@ -52,7 +52,7 @@ class Comparison:
 
     @property
     def unknown(self) -> str:
-        """What was not known of the test, its scatter included."""
+        """Text on what was not known of the test, its scatter included."""
         several = self.case.scatter_of
         return self.case.unknown + (f"; u_D relative as of {several}, as there is one value only" if several else "")
 

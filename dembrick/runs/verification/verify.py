@@ -17,7 +17,7 @@ SLACK = 1e-9  # of the reference: rounding by which it may lie outside an error 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What came of a case. ``value`` with its bounds ``lower`` and ``upper`` (None: the run gives no bar) in the unit
+    """Outcome of a case. ``value`` with its bounds ``lower`` and ``upper`` (None: the run gives no bar) in the unit
     of the case; ``failure``: why there is no value; ``seconds``: wall time of the run."""
 
     case: Case
