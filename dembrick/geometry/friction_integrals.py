@@ -1,4 +1,4 @@
-"""What the engine needs to know of a joint's friction beforehand: torsion radii and the far-field series."""
+"""Integrals over a joint for its friction: torsion radii and the far-field series."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ LIST, STRIP, FAN = 4, 5, 6  # modes of triangles; those below are points and lin
 
 
 class Mesh(NamedTuple):
-    """What stands at one node: its ``name``, corners (n, 3) in the axes of the scene with z upwards, triangles (t, 3)
+    """Mesh at one node: its ``name``, corners (n, 3) in the axes of the scene with z upwards, triangles (t, 3)
     counterclockwise seen from outside."""
 
     name: str
@@ -148,7 +148,7 @@ class _File:
             return file.read()
 
     def accessor(self, number: Any, kind: str, of: str) -> np.ndarray:
-        """What an accessor of that kind gives, (count,) or (count, 3)."""
+        """Array of an accessor of that kind, (count,) or (count, 3)."""
         entry = self.entry("accessors", number, of)
         what, width = f"accessor {number}", WIDTHS[kind]
         if entry.get("type") != kind:

@@ -80,7 +80,7 @@ class Checkpoint:
 
 
 def _line(error: BaseException) -> str:
-    """What an error says, in short."""
+    """Text of an error, in short."""
     return (str(error).splitlines() or [type(error).__name__])[0][:100]
 
 

@@ -26,7 +26,7 @@ _PNG_END = b"\x00\x00\x00\x00IEND\xaeB`\x82"
 
 @dataclass(frozen=True)
 class Product:
-    """What a command makes: its ``mark``, the files that it reads, and whether it may replace whatever is there."""
+    """Product of a command: its ``mark``, the files that it reads, and whether it may replace whatever is there."""
 
     mark: bytes
     inputs: tuple[str, ...]

@@ -201,7 +201,7 @@ class History(RestGeometry):
 
     @cached_property
     def settings(self) -> dict:
-        """What the program chose: time step, damping, rates."""
+        """Numbers that the program chose: time step, damping, rates."""
         return self._json("settings")
 
     @cached_property
@@ -291,7 +291,7 @@ class History(RestGeometry):
 
     @cached_property
     def curve(self) -> Curve:
-        """What the record shows: names of load and displacement, and the unit of the load."""
+        """Curve of the record: names of load and displacement, and the unit of the load."""
         names = ("load_name", "load_unit", "displacement_name")
         load, unit, displacement = (guard.attribute(self._file, name) for name in names)
         if not all(isinstance(text, str) for text in (load, unit, displacement)):
@@ -353,7 +353,7 @@ class History(RestGeometry):
         return guard.values(self._series["frames/time"], 0, self.n_frames) if self.has_frames else np.zeros(0)
 
     def frame(self, name: str, k: int) -> np.ndarray | None:
-        """What is recorded of the blocks in frame k, negative from the end; None if it was not recorded.
+        """Record of the blocks in frame k, negative from the end; None if it was not recorded.
 
         ``position`` (n_block, 3) m of the centroids; ``displacement`` (n_block, 3) m from the start, which keeps digits
         that positions lose; ``orientation`` (n_block, 4) as (w, x, y, z); ``velocity`` (n_block, 3) m/s and ``spin``

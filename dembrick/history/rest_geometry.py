@@ -15,7 +15,7 @@ STRENGTHS = ("cohesion", "tensile_strength", "residual_cohesion", "residual_fric
 
 
 class RestGeometry:
-    """What a history knows of the start of its run; read when asked for, and checked against its own counts.
+    """Geometry at the start of a recorded run; read when asked for, and checked against its own counts.
 
     The class that opens the file gives ``path`` and ``_file``, ``begun`` and the counts ``n_block``, ``n_joint``,
     ``n_actuator``, ``n_control_point`` and ``n_tie``.

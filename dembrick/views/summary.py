@@ -206,7 +206,7 @@ def length(metres: float) -> str:
 
 
 def key_numbers(results: Mapping, unit: str = "N") -> list[KeyNumber]:
-    """What a reader asks first: the limit load with its bracket, theory beside it, the mechanism, the collapse.
+    """Key numbers of a run: the limit load with its bracket, theory beside it, the mechanism, the collapse.
 
     ``unit`` of the load of actuators, "1" for a factor.
     """
@@ -277,7 +277,7 @@ def _of_yield(point: dict, unit: str, at_rate: bool, path: dict) -> list[KeyNumb
 
 
 def _after(after: dict) -> list[KeyNumber]:
-    """What moves on beyond the limit."""
+    """Line on the blocks that move on beyond the limit."""
     moved, names = number(after.get("displacement")), after.get("blocks")
     if moved is None or not isinstance(names, list) or not names:
         return []

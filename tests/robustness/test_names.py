@@ -123,7 +123,13 @@ def test_what_is_there_is_found(name):
     assert is_there(name)
 
 
-KINDS_FIRST = ("assembly", "simulation", "runs")  # rooms whose docstrings name the kind of thing first; others follow
+KINDS_FIRST = (
+    "assembly",
+    "simulation",
+    "history",
+    "views",
+    "runs",
+)  # rooms whose docstrings name the kind of thing first; others follow
 
 
 @pytest.mark.parametrize("room", KINDS_FIRST)

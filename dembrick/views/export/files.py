@@ -1,4 +1,4 @@
-"""What every export does with its path: check it."""
+"""Checks of the path of an export."""
 
 from __future__ import annotations
 

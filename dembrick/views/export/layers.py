@@ -1,12 +1,13 @@
-"""What an export shows: blocks, joints and contacts as cells that move, with their quantities.
+"""Layers of an export: blocks, joints and contacts as cells that move, with their quantities.
 
 | layer | cells | quantities |
 |---|---|---|
 | blocks | the faces of all blocks | block; displacement, velocity, spin, kinetic_energy; displacement of every vertex |
-| joints | the polygons, riding on their hosts | joint, block_a, block_b; N, V_1, V_2, V, M_T, M_1, M_2, slip, utilisation, state, open_share, torsion_centre, torsion_centre_joint; opening at every corner |
-| ties | a line a tie | block_a, block_b; tension, yielded |
-| contacts | a vertex a contact point | joint; force on block b, normal_force |
-| new_contacts | a vertex a contact that formed in the run, as many as each frame has | block_a, block_b; force and torque on block b, normal, normal_force, area, slip |
+| joints | the polygons, riding on their hosts | joint, block_a, block_b; N, V_1, V_2, V, M_T, M_1, M_2, slip,
+utilisation, state, open_share, torsion_centre, torsion_centre_joint; opening at every corner | | ties | a line a tie |
+block_a, block_b; tension, yielded | | contacts | a vertex a contact point | joint; force on block b, normal_force | |
+new_contacts | a vertex a contact that formed in the run, as many as each frame has | block_a, block_b; force and torque
+on block b, normal, normal_force, area, slip |
 
 SI units, world axes. ``state``: 0 closed, 1 partly open, 2 open. ``torsion_centre`` is in the world,
 ``torsion_centre_joint`` along t1 and t2 from O; NaN if there is none. A convex joint has one contact, where its

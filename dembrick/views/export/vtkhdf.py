@@ -53,7 +53,7 @@ def to_vtkhdf(
 
 
 def _moving(frames: Frames) -> dict[str, np.ndarray]:
-    """What has values for every step, by its place in the file."""
+    """Arrays with values for every step, by their place in the file."""
     found = {"Points": frames.points}
     found |= {f"PointData/{name}": values for name, values in frames.at_points.items()}
     return found | {f"CellData/{name}": values for name, values in frames.cells.items()}

@@ -67,7 +67,7 @@ class Bonds:
     def point_strength(
         self, resultants: np.ndarray, held: np.ndarray, normal: np.ndarray, recorded: bool
     ) -> np.ndarray:
-        """What every contact point (f, c) may carry in shear (N) under its ``normal`` force; unless those were
+        """Shear (N) that every contact point (f, c) may carry under its ``normal`` force; unless those were
         ``recorded``, under a linear stress in joints whose bonds all hold. Of joints that have lost some of their bonds
         the mean of both."""
         normal = normal.copy()

@@ -1,4 +1,4 @@
-"""What the joints of a recorded run do: motion, opening, slip, torsion centre, forces, utilisation.
+"""Joints of a recorded run: motion, opening, slip, torsion centre, forces, utilisation.
 
 The motion of b against a is a finite rotation and a shift, seen by an observer who rides on a: the rotation is that of
 b's quaternion against a's, the shift goes from the point O of a to the point O of b. Both are measured from the start

@@ -1,4 +1,4 @@
-"""What every joint and every support of a recorded run carries at one moment, as tables."""
+"""Tables of the forces of every joint and every support of a recorded run at one moment."""
 
 from __future__ import annotations
 

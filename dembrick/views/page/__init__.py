@@ -75,7 +75,7 @@ def document(history: History) -> str:
 
 
 def fragment(result) -> str:
-    """What a notebook shows of a result: the title, the key numbers with their error bars, the curve."""
+    """HTML of a result for a notebook: the title, the key numbers with their error bars, the curve."""
     text = f"<strong>{escape(result.scenario.title)}</strong>{results_table(result.results, result.curve.unit)}"
     if len(result.rows.get("load", ())):
         from dembrick.views import plot
@@ -121,7 +121,7 @@ def _subtitle(history: History) -> str:
 
 
 def _legend(data: dict) -> str:
-    """What the lines and arrows of the 3D picture mean."""
+    """Legend of the lines and arrows of the 3D picture."""
     words = "Grey lines: where the blocks started."
     if data["actuators"]:
         words += " Orange arrows: actuators, as long as their load."
@@ -141,7 +141,7 @@ def _frames_note(history: History, data: dict) -> str:
 
 
 def _record_note(history: History, data: dict) -> str:
-    """What the record that can be downloaded holds."""
+    """Note on the record that can be downloaded."""
     if data["record"] is None:
         return "No row was recorded."
     joint = " and the chosen joint's forces" if data["joints"] else ""

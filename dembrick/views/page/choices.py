@@ -1,4 +1,4 @@
-"""What the reader of a page can choose: the joint of the second diagram, and the record as a table to take away."""
+"""Choices of the reader of a page: the joint of the second diagram, and the record as a table to take away."""
 
 from __future__ import annotations
 

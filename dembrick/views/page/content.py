@@ -1,4 +1,4 @@
-"""What the scripts of a page need of a history: geometry and frames packed as float32, actuators, torsion centres."""
+"""Data of a history for the scripts of a page: geometry and frames packed as float32, actuators, torsion centres."""
 
 from __future__ import annotations
 
@@ -152,12 +152,13 @@ def _arrows(history: History, given: list[loads.Load], middle: np.ndarray) -> li
 
 
 def _end_of_scale(history: History, moved: float) -> str:
-    """What the blocks that are coloured most have moved: a corner of theirs (m), or as fast as any in a mechanism."""
+    """Text at the end of the colour scale: the travel of a corner (m), or the greatest velocity of a mechanism."""
     return "the greatest velocity" if history.status == MECHANISM else f"{summary.length(moved)} (a corner)"
 
 
 def _colours(history: History, frames: Frames, moved: float) -> list[dict]:
-    """What the blocks can be coloured by: a name, what the end of the scale says, values (f, n) of the blocks."""
+    """Quantities by which blocks can be coloured: a name, what the end of the scale says, values (f, n) of the
+    blocks."""
     found = [{"name": "displacement", "text": _end_of_scale(history, moved), "values": None, "most": 1.0}]
     if history.n_joint and history.has_joints and history.n_row and len(frames.number) * history.n_joint <= _MOST_USED:
         joints = JointMotion(history)

@@ -28,7 +28,7 @@ _APPROXIMATE = (":", "--", "-.", (0, (10, 3)))
 
 
 class RectangularJoint(NamedTuple):
-    """What a domain is drawn for: edges along t1 and t2 (m), friction, normal force (N), cohesion (Pa)."""
+    """Joint for which a domain is drawn: edges along t1 and t2 (m), friction, normal force (N), cohesion (Pa)."""
 
     a: float
     b: float
@@ -189,7 +189,7 @@ def _rows(points) -> list[dict]:
 
 
 def _joint(rows: Sequence[Mapping], given, fallback: RectangularJoint | None = None) -> RectangularJoint:
-    """What was given, else the first row's joint."""
+    """Joint that was given, else that of the first row."""
     if given is not None:
         return RectangularJoint(*(float(value) for value in given))
     keys = ("a", "b", "friction", "N")

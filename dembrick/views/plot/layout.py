@@ -22,7 +22,7 @@ _PANEL = (2.3, 2.9)  # inches
 
 
 class Plan(NamedTuple):
-    """What a panel shows, in plan (x, y), m: the outline (k, 2), the joint's centroid, actuators, torsion centre."""
+    """Panel in plan (x, y), m: the outline (k, 2), the joint's centroid, actuators, torsion centre."""
 
     title: str
     outline: np.ndarray

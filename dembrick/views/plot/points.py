@@ -81,6 +81,6 @@ def _moving(moved: Sequence[np.ndarray]) -> list[str]:
 
 
 def _told(point: str, component: str, label: str, runs_drawn: int) -> str:
-    """What a legend calls a component of the displacement of a point."""
+    """Name in a legend of a component of the displacement of a point."""
     own = f"{style.plain(point)}, {'|u|' if component == 'length' else f'$u_{component}$'}"
     return own if runs_drawn == 1 else f"{own}, {label.strip()}"

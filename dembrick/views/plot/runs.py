@@ -42,13 +42,13 @@ def labelled(histories, labels: Sequence[str] | None) -> tuple[list, list[str]]:
 
 
 def heading(histories, labels: Sequence[str] | None) -> str:
-    """What stands above a figure whose legend has the labels of `labelled`: what its histories share."""
+    """Heading of a figure whose legend has the labels of `labelled`: what its histories share."""
     histories = list(histories) if isinstance(histories, list | tuple) else [histories]
     return "" if labels is not None or not histories else style.plain(told_apart(histories)[0])
 
 
 def told_apart(histories: Sequence[History]) -> tuple[str, list[str]]:
-    """What all histories share of their titles and formulations, and for each what it does not share.
+    """Part that all histories share of their titles and formulations, and for each the rest.
 
     Histories that say the same of themselves are told apart by the names of their files.
     """

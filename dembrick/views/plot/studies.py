@@ -166,7 +166,7 @@ class _Axis(NamedTuple):
 
 
 def _axis(table: StudyTable, answer: str) -> _Axis:
-    """What an answer is called on its axis, and the unit that suits it."""
+    """Name of an answer on its axis, and the unit that suits it."""
     searched = table.rows[0].get("searched") if answer == "value" else None
     if searched:
         return _Axis(style.plain(f"{searched} at which it falls"), unit_of(searched))

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def time_name(record) -> str:
-    """What the times of a record are, for an axis."""
+    """Name of the times of a record, for an axis."""
     return "number of the equilibrium" if getattr(record, "counts_equilibria", False) else "time [s]"
 
 
@@ -98,7 +98,7 @@ def limit_surface(joint: Mapping, carried: Mapping[str, float]) -> theory.Law | 
 
 
 def carried_by(history: History, number: int, row: int = -1) -> dict[str, float]:
-    """What joint ``number`` carries in a row: N, V_1, V_2, M_T, M_1, M_2 (N, N m)."""
+    """Forces of joint ``number`` in a row: N, V_1, V_2, M_T, M_1, M_2 (N, N m)."""
     if not (history.n_row and history.has_joints):
         raise HistoryError(f"{history.path}: what its joints carry was not recorded; record the channel joints")
     row %= history.n_row
@@ -107,7 +107,7 @@ def carried_by(history: History, number: int, row: int = -1) -> dict[str, float]
 
 
 class Diagram(NamedTuple):
-    """What the diagram of a run shows: ``load`` names the load over the displacement, with its unit; None if the
+    """Diagram of a run: ``load`` names the load over the displacement, with its unit; None if the
     blocks move in time under no growing load, and the displacement is shown over time. ``tilts``: the load is shown as
     the angle of a table, in degrees, of which the record has the tangent."""
 

@@ -1,4 +1,4 @@
-"""What is written and drawn over the blocks: a scale bar, names, the line of thrust with its hinges."""
+"""Annotations over the blocks: a scale bar, names, the line of thrust with its hinges."""
 
 from __future__ import annotations
 

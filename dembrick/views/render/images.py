@@ -52,8 +52,8 @@ def _ffmpeg_program() -> str | None:
 
 @contextmanager
 def movie(path: str, target: str, fps: float, sample: np.ndarray) -> Iterator[Callable[[np.ndarray], None]]:
-    """What appends frames, pixels (h, w, 3), to a movie in ``target``, the file behind ``path``, which appears when all
-    are in it. ``sample``: pixels of a frame that has all the colours, which a GIF chooses its palette from."""
+    """Function that appends frames, pixels (h, w, 3), to a movie in ``target``, the file behind ``path``, which appears
+    when all are in it. ``sample``: pixels of a frame that has all the colours, which a GIF chooses its palette from."""
     with replacing(target) as part:
         if os.path.splitext(path)[1].lower() == ".gif":
             frames: list = []
@@ -80,7 +80,7 @@ def movie(path: str, target: str, fps: float, sample: np.ndarray) -> Iterator[Ca
 
 
 def _gif_frames(frames: list, sample: np.ndarray) -> Callable[[np.ndarray], None]:
-    """What appends pixels to ``frames`` in the palette of a ``sample``."""
+    """Function that appends pixels to ``frames`` in the palette of a ``sample``."""
     from PIL import Image
 
     palette = Image.fromarray(sample).quantize(_COLOURS)

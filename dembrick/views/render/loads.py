@@ -90,7 +90,7 @@ class DrawnLoads:
         self.dead.show(poses)
 
     def words(self) -> list[str]:
-        """What the colours of the arrows stand for."""
+        """Meaning of the colours of the arrows."""
         found = []
         if self.driven:
             found.append(f"orange: {self._what_drives()}")
