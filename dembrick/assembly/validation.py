@@ -55,8 +55,9 @@ def check_overlap(scenario: Scenario, bodies: Bodies, pairs) -> None:
     overlap = f"blocks {first} and {second} overlap by {depths[worst]:.6g} m{more}"
     way = way_out(bodies, pairs[worst])
     if scenario.all_blocks[blocks[1]].fixed and not scenario.all_blocks[blocks[0]].fixed:
-        second, way = first, -way
-    message = f"{overlap}; they touch if {second} moves by {_told(way)}{_of_models(scenario)}"
+        first, second, way = second, first, -way
+    other = f", or {first} as far the other way" if not any(scenario.all_blocks[i].fixed for i in blocks) else ""
+    message = f"{overlap}; they touch if {second} moves by {_told(way)}{other}{_of_models(scenario)}"
     of_file = f"{scenario.path}: " if scenario.path else ""
     raise OverlapError(f"{of_file}{message}", tuple(sorted({int(i) for i in bodies.owner[pairs[over]].flat})))
 

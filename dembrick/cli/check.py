@@ -16,13 +16,19 @@ def add_arguments(parser) -> None:
 
 def run(options, console) -> int:
     from dembrick.assembly.build import assemble
+    from dembrick.errors import OverlapError
     from dembrick.runs.drivers import driver_of
     from dembrick.runs.reading import load
     from dembrick.scenario.unit_slips import unit_slips
     from dembrick.simulation.expected_cost import START_SECONDS
 
     scenario = load(options.scenario, options.set)
-    assembly = assemble(scenario)
+    try:
+        assembly = assemble(scenario)
+    except OverlapError as error:
+        if options.picture:
+            _draw_overlap(scenario, error.blocks, options, console)
+        raise
     warnings = [*unit_slips(scenario, assembly.shapes), *assembly.warnings]
     for warning in warnings:
         console.remark(f"warning: {warning}")
@@ -72,6 +78,18 @@ def _draw(scenario, assembly, options, console) -> None:
     ):
         console.meter.busy("drawing")
         render.picture(found, options.picture, color="none")
+
+
+def _draw_overlap(scenario, blocks, options, console) -> None:
+    from dembrick import history
+    from dembrick.scenario import toml
+    from dembrick.views.render.overlap import overlap_picture
+
+    text = toml.text_of(scenario)
+    with history.product("picture", [text], [options.scenario], options.force):
+        console.meter.busy("drawing")
+        overlap_picture(scenario, blocks, options.picture)
+    console.remark(f"{options.picture}: the blocks that overlap are red")
 
 
 def _text(data: dict, plan) -> str:

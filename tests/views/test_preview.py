@@ -38,3 +38,20 @@ def test_a_scenario_that_is_wrong_is_not_drawn(tmp_path, capsys):
     file.write_text(dembrick.dumps(dembrick.load("set4a")).replace("friction", "frictoin"))
     assert cli.main(["render", str(file), "--to", str(tmp_path / "a.png")]) == 2
     assert "friction" in capsys.readouterr().err and not (tmp_path / "a.png").exists()
+
+
+def test_blocks_that_overlap_are_drawn_in_red(tmp_path, monkeypatch, capsys, drawing):
+    """Nothing else is: the picture of the same blocks without an overlap has no red in it."""
+    from PIL import Image
+
+    monkeypatch.chdir(tmp_path)
+    stray = '{name="stray", material="stone", box=[0.4, 0.4, 0.4], position=[0.1, 0.1, %s]}'
+    red = {}
+    for name, height, code in (("clear", "1.2", 0), ("in", "1.05", 2)):
+        words = ["check", "wall_corner", "--set", f"blocks=[{stray % height}]", "--picture", f"{name}.png"]
+        assert cli.main(words) == code
+        colours = np.asarray(Image.open(f"{name}.png").convert("RGB"), int)
+        red[name] = int((colours[..., 0] > 1.5 * colours[..., 1:].max(axis=2)).sum())
+    assert red["in"] > 5000 > 500 > red["clear"], red
+    told = capsys.readouterr().err
+    assert "in.png: the blocks that overlap are red" in told and "or 'stray' as far the other way" in told
