@@ -204,10 +204,10 @@ PYTHON = {  # heading of the reference of Python: names at the top level of the 
 }
 MODULES = {  # module at the top level: its functions
     "plot": "force_displacement control_points energies unbalanced load_path joint_stages layout domains interaction "
-    "read_measured read_study study save",
+    "read_measured read_study study spectra read_spectrum save",
     "render": "picture movie view meshes",
     "theory": "limit_load limit_loads limit_load_at_height overturning_load torsion_strength convex points "
-    "linear_pressure interaction_curve approximate_domain gauge",
+    "linear_pressure interaction_curve approximate_domain gauge response_spectrum",
     "generators": "",
 }
 HELD = {  # what functions give back, with what it can do

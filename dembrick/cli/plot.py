@@ -13,6 +13,7 @@ KINDS = {
     "unbalanced": "out-of-balance force over time",
     "layout": "plan of the blocks and actuators",
     "domain": "yield domains with the yield points of the histories",
+    "spectrum": "response spectra of records of the ground (CSV files, .AT2) in place of histories",
 }
 LAB_FORMAT = (
     "a measured curve to lay over (may be repeated): CSV whose first line names its columns with their units, such as "
@@ -43,6 +44,9 @@ def add_arguments(parser) -> None:
     )
     parser.add_argument("--over", action="append", default=[], metavar="KEY", help="of a study: this key only")
     parser.add_argument("--answer", metavar="COLUMN", help="of a study: the column to draw (default: value or V)")
+    parser.add_argument(
+        "--damping", type=float, default=0.05, metavar="SHARE", help="of spectrum: of critical (default: 0.05)"
+    )
     add_force(parser)
     parser.add_argument("--stages", type=int, default=4, metavar="N", help="stages of joint (default: 4)")
 
@@ -52,6 +56,8 @@ def run(options, console) -> int:
 
     from dembrick.views import plot
 
+    if options.kind == "spectrum":
+        return _spectrum(options, console)
     if any(plot.is_study(path) for path in options.histories):
         return _study(options, console)
     from dembrick import history
@@ -89,6 +95,21 @@ def run(options, console) -> int:
         plot.save(figure, path)
     answer, lines = _misfits(files, plot.labelled(files, labels)[1], measured, console)
     console.result({"figure": path, **answer}, "\n".join([f"figure: {path}", *lines]))
+    return 0
+
+
+def _spectrum(options, console) -> int:
+    """Draw the response spectra of records, and say the peak of each."""
+    from pathlib import Path
+
+    from dembrick import history
+    from dembrick.views import plot
+
+    figure = plot.spectra(options.histories, options.damping)
+    with history.product("spectrum", [], options.histories, options.force):
+        path = options.to or default_output(f"{Path(options.histories[0]).stem}_spectrum.png", history.is_ours)
+        plot.save(figure, path)
+    console.result({"figure": path}, f"figure: {path}")
     return 0
 
 

@@ -20,6 +20,7 @@ from dembrick.theory.interaction import (
 from dembrick.theory.limit_load import gauge, limit_load, limit_loads
 from dembrick.theory.limit_surface import Law, convex, linear_pressure, points
 from dembrick.theory.overturning import closed_until, limit_load_at_height, overturning_load
+from dembrick.theory.response_spectrum import response_spectrum
 
 __all__ = [
     "Formulation",
@@ -39,6 +40,7 @@ __all__ = [
     "points",
     "polygon_formulation",
     "rectangle_formulation",
+    "response_spectrum",
     "surface_along",
     "torsion_strength",
 ]

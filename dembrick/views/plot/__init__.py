@@ -19,6 +19,7 @@ from dembrick.views.plot.layout import layout
 from dembrick.views.plot.paths import joint_path, load_path
 from dembrick.views.plot.points import control_points
 from dembrick.views.plot.runs import labelled
+from dembrick.views.plot.spectra import read_spectrum, spectra
 from dembrick.views.plot.studies import StudyTable, is_study, read_study, study
 from dembrick.views.plot.style import FORMATS, inline_svg, save
 from dembrick.views.plot.subject import record_of
@@ -44,9 +45,11 @@ __all__ = [
     "layout",
     "load_path",
     "read_measured",
+    "read_spectrum",
     "read_study",
     "record_of",
     "save",
+    "spectra",
     "study",
     "unbalanced",
 ]
