@@ -124,9 +124,9 @@ class MotionResult(RunResult):
         return lines
 
     def _tied(self) -> list[dict]:
-        """The ties with their peaks (N) in the record."""
-        ties, peaks = super()._tied(), shaken.peak_tensions(self.rows)
-        return [tie | {"peak": peak} for tie, peak in zip(ties, peaks, strict=True)] if ties and peaks else ties
+        """The ties with their peaks (N), as seen at the rows."""
+        peaks = self.run.peak_tension.tolist()
+        return [tie | {"peak": peak} for tie, peak in zip(super()._tied(), peaks, strict=True)]
 
     def text(self) -> str:
         """Text of the command line."""

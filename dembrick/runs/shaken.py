@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -40,11 +39,3 @@ def drift(assembly: Assembly, furthest: np.ndarray) -> Drift | None:
     found = furthest[free] / (height - foot)
     most = int(np.argmax(found))
     return Drift(float(found[most]), assembly.names[free[most]])
-
-
-def peak_tensions(rows: Mapping) -> list[float] | None:
-    """The greatest tension (N) of every tie at any row; None where none was recorded."""
-    tension = rows.get("tension")
-    if tension is None or not len(tension):
-        return None
-    return np.asarray(tension).max(axis=0).tolist()

@@ -68,7 +68,8 @@ def test_a_tie_yields_and_stays_longer(strength):
     assert result.energy.relative_residual < 1e-6
     (found,) = result.as_dict()["ties"]
     assert found["between"] == ["anchor", "block"] and found["yielded"] == pytest.approx(kept, rel=1e-3)
-    assert "tie           anchor - block: 0 N, yielded by" in result.text()
+    assert found["peak"] == strength
+    assert f"tie           anchor - block: 0 N, {strength:g} N at the most, yielded by" in result.text()
 
 
 def test_a_prop_pushes_and_yields_both_ways():

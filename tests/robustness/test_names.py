@@ -1,7 +1,9 @@
-"""Names of code that docstrings and docs give in backticks are there: a reader who looks for one finds it."""
+"""Names of code that docstrings, comments and docs give in backticks are there: a reader who looks for one finds it."""
 
 import ast
+import io
 import re
+import tokenize
 from functools import cache
 from pathlib import Path
 
@@ -10,7 +12,7 @@ import pytest
 import dembrick
 
 PACKAGE = Path(dembrick.__file__).parent
-ROOT = PACKAGE.parent
+ROOT = Path(__file__).parents[2]  # of the checkout; the package may be installed elsewhere
 ROOMS = {path.stem for path in PACKAGE.iterdir() if path.is_dir() or path.suffix == ".py"} - {"__init__", "__pycache__"}
 QUOTED = re.compile(r"(?<![`\w])`([A-Za-z_][\w./]*)(?:\(\))?`(?!`)")
 LIBRARIES = {"numpy", "h5py", "numba"}  # whose names are theirs
@@ -45,7 +47,7 @@ def modules():
     """Dotted names of the package's modules and packages, and what each gives."""
     found = {}
     for path in sorted(PACKAGE.rglob("*.py")):
-        parts = path.relative_to(ROOT).with_suffix("").parts
+        parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
         found[".".join(parts).removesuffix(".__init__")] = names_of(ast.parse(path.read_text(encoding="utf-8")).body)
     return found
 
@@ -85,7 +87,18 @@ def missing_in(path):
             for name in QUOTED.findall(ast.get_docstring(node) or ""):
                 elsewhere = name.split(".")[0] in LIBRARIES or (ROOT / name).is_file()
                 if not elsewhere and not is_there(name) and not is_there(name, local_names(node)):
-                    yield f"{path.relative_to(ROOT)}: `{name}` in {getattr(node, 'name', 'the module')}"
+                    yield f"{path.relative_to(PACKAGE)}: `{name}` in {getattr(node, 'name', 'the module')}"
+
+
+def missing_in_comments(path):
+    """Names in backticks in comments of a module that are nowhere, not even in it."""
+    text = path.read_text(encoding="utf-8")
+    around = local_names(ast.parse(text))
+    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        if token.type == tokenize.COMMENT:
+            for name in QUOTED.findall(token.string):
+                if not is_there(name) and not is_there(name, around):
+                    yield f"{path.relative_to(PACKAGE)}:{token.start[0]}: `{name}`"
 
 
 def local_names(node):
@@ -94,8 +107,9 @@ def local_names(node):
     return found | {one.id for one in ast.walk(node) if isinstance(one, ast.Name)}
 
 
-def test_names_in_docstrings_are_there():
+def test_names_in_docstrings_and_comments_are_there():
     missing = [fault for path in sorted(PACKAGE.rglob("*.py")) for fault in missing_in(path)]
+    missing += [fault for path in sorted(PACKAGE.rglob("*.py")) for fault in missing_in_comments(path)]
     assert not missing, "\n".join(missing)
 
 
@@ -139,5 +153,5 @@ def test_docstrings_begin_with_the_kind_of_thing(room):
     for path in sorted((PACKAGE / room).rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, SCOPES) and (ast.get_docstring(node) or "").startswith("What "):
-                found.append(f"{path.relative_to(ROOT)}: {getattr(node, 'name', 'the module')}")
+                found.append(f"{path.relative_to(PACKAGE)}: {getattr(node, 'name', 'the module')}")
     assert not found, "\n".join(found)

@@ -40,6 +40,7 @@ def test_every_command_says_the_same(name, tmp_path, capsys):
     with history.read(path) as found:
         point, unit = found.results["yield_point"], "N" if found.curve.unit == "N" else ""
         said = summary.limit_text(point, found.results.get("path"), unit)
+        drawn = summary.angle_text(point, found.results.get("path")) if name == "tilt" else said
         legend = [text.get_text() for text in plot.force_displacement([found]).legends[0].get_texts()]
         document = page.document(found)
     assert point["V_lower"] <= point["V"] <= point["V_upper"]
@@ -47,7 +48,7 @@ def test_every_command_says_the_same(name, tmp_path, capsys):
         assert summary.plain(str(said)) in text
         assert len(set(re.findall(r"\+- ([\d.e-]+)", text.partition("\nV_peak")[0]))) <= 2  # load, and angle of a tilt
         assert "no error bar" not in text
-    assert str(said) in legend and said.value in document and json.dumps(str(said))[1:-1] in document
+    assert str(drawn) in legend and said.value in document and json.dumps(str(drawn))[1:-1] in document
     row = dict(zip(*(line.split(",") for line in csv.read_text().splitlines()[:2]), strict=False))
     assert [float(row[key]) for key in ("V", "V_lower", "V_upper")] == [point[k] for k in ("V", "V_lower", "V_upper")]
 

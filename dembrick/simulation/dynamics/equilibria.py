@@ -348,6 +348,7 @@ class EquilibriumPath(ABC):
             collapse=self.collapse,
             unbalanced=float(path[:, 2].max()),
             furthest=self.past.extremes.furthest,
+            peak_tension=self.past.extremes.tension,
             fallen=np.isin(moving.assembly.names, [] if self.collapse is None else self.collapse["blocks"]),
             settings={
                 "contact_damping": moving.damping,

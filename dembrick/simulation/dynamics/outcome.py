@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dembrick.kernels.joint.ties import TENSION
 from dembrick.simulation.dynamics.integrator import Motion
 from dembrick.simulation.dynamics.loads import Driving
 from dembrick.simulation.dynamics.pushover import PushController
@@ -30,23 +31,26 @@ class Extremes:
 
     ``furthest`` (n,) m: the greatest displacement of each centroid so far; ``quiet`` (n,) s: when its mean acceleration
     from row to row was last below ``threshold`` (m/s2); ``last`` (n + 1, 3): the velocities (m/s) of the row before,
-    and in the last row its time (s).
+    and in the last row its time (s); ``tension`` (t,) N: the greatest tension of each tie so far.
     """
 
     furthest: np.ndarray
     quiet: np.ndarray
     last: np.ndarray
+    tension: np.ndarray
     threshold: float = field(default=0.0)
 
     @classmethod
     def of(cls, moving: Motion) -> Extremes:
         n = len(moving.assembly.names)
         gravity = float(np.linalg.norm(moving.assembly.gravity))
-        return cls(np.zeros(n), np.zeros(n), np.zeros((n + 1, 3)), OFF_BALANCE * gravity)
+        tension = np.full(len(moving.state.ties.stiffness), -math.inf)
+        return cls(np.zeros(n), np.zeros(n), np.zeros((n + 1, 3)), tension, OFF_BALANCE * gravity)
 
     def note(self, moving: Motion) -> None:
         """Take in the present state; the rows come at the same times however often a run is stopped."""
         np.maximum(self.furthest, np.linalg.norm(moving.displacement, axis=1), out=self.furthest)
+        self.note_ties(moving)
         velocity, time = moving.state.bodies.velocity, moving.time
         passed = time - self.last[-1, 0]
         if passed > 0.0:
@@ -54,10 +58,15 @@ class Extremes:
             self.quiet[acceleration <= self.threshold] = time
         self.last[:-1], self.last[-1, 0] = velocity, time
 
+    def note_ties(self, moving: Motion) -> None:
+        """Take in the present tensions, as at the row of the start."""
+        np.maximum(self.tension, moving.state.ties.now[:, TENSION], out=self.tension)
+
     @property
     def arrays(self) -> dict[str, np.ndarray]:
         """All that a run goes on from."""
-        return {"extremes.furthest": self.furthest, "extremes.quiet": self.quiet, "extremes.last": self.last}
+        kept = {"furthest": self.furthest, "quiet": self.quiet, "last": self.last, "tension": self.tension}
+        return {f"extremes.{name}": array for name, array in kept.items()}
 
 
 def fallen(moving: Motion) -> np.ndarray:

@@ -60,8 +60,8 @@ MEETINGS = 6  # new contacts a block in a frame, at the most: each of two has it
 class MotionRun:
     """A finished run: the state it ended in, its status, what the program chose and how long it took (s).
 
-    ``furthest`` (n,) m: the greatest displacement of every centroid, as seen at the rows; ``fallen`` (n,): which blocks
-    have fallen.
+    ``furthest`` (n,) m: the greatest displacement of every centroid, as seen at the rows, and ``peak_tension`` (t,) N:
+    the greatest tension of every tie; ``fallen`` (n,): which blocks have fallen.
     """
 
     motion: Motion
@@ -69,6 +69,7 @@ class MotionRun:
     collapse: dict | None
     unbalanced: float
     furthest: np.ndarray
+    peak_tension: np.ndarray
     fallen: np.ndarray
     settings: dict = field(default_factory=dict)
     energy: Sums | None = None
@@ -205,6 +206,7 @@ def run(moving: Motion, control: Control, driving: Driving, session: Session) ->
     recorder = Recorder(moving, driving, session, every, frames_every, controller)
     recorder.compile()
     if not moving.steps:
+        past.extremes.note_ties(moving)
         recorder.take()
     status = None
     with interrupts.deferred():
@@ -239,6 +241,7 @@ def run(moving: Motion, control: Control, driving: Driving, session: Session) ->
         collapse=collapse,
         unbalanced=float(past.unbalanced[0]),
         furthest=past.extremes.furthest,
+        peak_tension=past.extremes.tension,
         fallen=fallen(moving),
         settings=settings,
         energy=moving.energy.sums(moving.state, rounding(moving)),

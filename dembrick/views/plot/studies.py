@@ -42,8 +42,8 @@ class StudyTable(NamedTuple):
     rows: list[dict[str, str]]
 
     def numbers(self, name: str) -> list[float | None]:
-        """A column as numbers, None if a cell holds none."""
-        return [_number(row[name]) for row in self.rows]
+        """A column as numbers, None if a cell holds none or the table has no such column."""
+        return [_number(row.get(name, "")) for row in self.rows]
 
 
 def is_study(path: str | os.PathLike) -> bool:
