@@ -12,7 +12,7 @@ from dembrick.kernels.dynamics.energy_terms import LOADS
 from dembrick.simulation.checkpoint_arrays import flattened, restored
 from dembrick.simulation.dynamics import joint_families
 from dembrick.simulation.dynamics.integrator import Motion
-from dembrick.simulation.dynamics.outcome import Extremes
+from dembrick.simulation.dynamics.outcome import PEAK_TENSIONS, Extremes
 from dembrick.simulation.dynamics.pushover import PushController
 from dembrick.simulation.dynamics.tie_handover import take_ties, ties_given, ties_taken
 from dembrick.simulation.session import DEAD_LOADS, GoesOn, Progress, Snapshot, step_at
@@ -104,8 +104,10 @@ class Past:
     def _change(self, snapshot: Snapshot, goes_on: GoesOn) -> None:
         """Take motion and memory from a snapshot, and keep the laws, loads and ties that there are."""
         moving, laws = self.moving, joint_families.strengths(self.moving.state)
+        of_now = ((LOAD_WORK, goes_on.loads), (PEAK_TENSIONS, goes_on.ties))
+        changed = {name for name, given in of_now if given is not None}
         for name, own in self._arrays().items():
-            if name != LOAD_WORK or goes_on.loads is None:
+            if name not in changed:
                 own[...] = snapshot.array(name, own)
         parts = PARTS if goes_on.ties is None else [part for part in PARTS if part != "ties"]
         restore_scene(moving, snapshot, moving.steps > 0, parts)
@@ -116,6 +118,7 @@ class Past:
         if goes_on.ties is not None:
             held = ties_taken(snapshot, goes_on.ties, moving.state.bodies, moving.time_step)
             take_ties(moving.state, snapshot, goes_on.ties)
+            self.extremes.go_on_with(snapshot.array(PEAK_TENSIONS, np.zeros(goes_on.ties.total)), goes_on.ties)
             given = ties_given(moving.state, goes_on.ties, moving.time_step)
             moving.energy.start[1] += given - held  # what comes and goes with the ties is no work of the blocks
 

@@ -16,11 +16,13 @@ from dembrick.simulation.dynamics.state import seen
 
 if TYPE_CHECKING:
     from dembrick.scenario.controls import Control
+    from dembrick.scenario.stages import TiesBefore
 
 MOVED = 0.1  # of the longest displacement: blocks that have moved further belong to the mechanism
 DROPPED = 0.5  # of a block's least dimension: what has come down by more has fallen
 TURNED_OVER = math.cos(math.radians(45.0))  # of the angle between a block's vertical of the start and that of now
 STILL = 1e-12  # of a turn: rounding
+PEAK_TENSIONS = "extremes.tension"  # name in checkpoints of the greatest tensions of ties, which may come and go
 CARRIED = 20.0  # times that where supports move under them, which speeds blocks up that stand
 OFF_BALANCE = 1e-3  # of gravity: blocks whose mean acceleration stays above it have begun to come down
 
@@ -65,8 +67,13 @@ class Extremes:
     @property
     def arrays(self) -> dict[str, np.ndarray]:
         """All that a run goes on from."""
-        kept = {"furthest": self.furthest, "quiet": self.quiet, "last": self.last, "tension": self.tension}
-        return {f"extremes.{name}": array for name, array in kept.items()}
+        kept = {"furthest": self.furthest, "quiet": self.quiet, "last": self.last}
+        return {PEAK_TENSIONS: self.tension} | {f"extremes.{name}": array for name, array in kept.items()}
+
+    def go_on_with(self, peaks: np.ndarray, before: TiesBefore) -> None:
+        """Take the greatest tensions (N) of the ties that were there before, of those that stay."""
+        old = np.array(before.of, np.int64)
+        self.tension[old >= 0] = peaks[old[old >= 0]]
 
 
 def fallen(moving: Motion) -> np.ndarray:
