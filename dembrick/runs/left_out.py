@@ -5,6 +5,8 @@ the friction and the torsion of their whole polygon if their resultant stands at
 next to nothing left to turn against. ``corrected`` joints press at points drawn in by s, and topple at that share of
 the angle. ``distributed`` points stop short of the edge that a block rocks about. Beside each stands the bound of limit
 analysis with points at the true corners: no joint of linear pressure carries more (see `limit_analysis.strength`).
+Blocks that rock on ``convex`` or ``distributed`` joints roll over a bed of springs at each impact, and keep more of
+their speed than rigid ones that strike on a corner (Housner 1963).
 """
 
 from __future__ import annotations
@@ -15,12 +17,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dembrick.assembly.contact_points import widest_rim
-from dembrick.simulation.limit_analysis import analysis
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
 
 AT_EDGE = 0.95  # of the way from O to an edge: a resultant beyond it stands at the edge
+ROCKS = 0.01  # rad, from where a block begins to rock
 _MOVES = 0.01  # of the greatest tilt or slip: a joint that does less does not
 
 
@@ -67,6 +69,8 @@ def left_out(
     drawn_in, short = (law == "corrected") & rocking, (law == "distributed") & rocking
     if not (at_edge | drawn_in | short).any():
         return []
+    from dembrick.simulation.limit_analysis import analysis
+
     bound = analysis.limit_load(assembly, corners=True, tilt=tilt).load_factor if bounded else None
     gap = widest_rim(joints, assembly.contact_points)[0]
     told = {
@@ -89,6 +93,28 @@ def left_out(
         for name, (meant, text) in told.items()
         if meant.any()
     ]  # fmt: skip
+
+
+def rolled_over(assembly: Assembly, orientation: np.ndarray) -> list[LeftOut]:
+    """Remarks on impacts of blocks that rocked on beds of springs; empty if none did.
+
+    ``orientation`` (F, n, 4): quaternions of the blocks in the frames of a run in real time.
+    """
+    joints = assembly.joints
+    a, b = (np.array([getattr(joint, side) for joint in joints], np.int64) for side in ("block_a", "block_b"))
+    half = np.abs(np.einsum("fnk,nk->fn", orientation, assembly.orientation)).min(axis=0, initial=1.0)
+    rocked = (2.0 * np.arccos(np.minimum(half, 1.0)) > ROCKS)[[a, b]].any(axis=0)
+    law = np.array([one.formulation for one in joints.law], dtype="U16")
+    found = []
+    for name in ("convex", "distributed"):
+        meant = np.flatnonzero(rocked & (law == name))
+        if len(meant):
+            text = (
+                f"{_count(len(meant))} may rock over a bed of springs, which loses less at an impact than rigid blocks "
+                "that strike on a corner (Housner): concave joints lose as much as those"
+            )
+            found.append(LeftOut(name, meant, None, text))
+    return found
 
 
 def _beside(bound: float | None, load_factor: float) -> str:

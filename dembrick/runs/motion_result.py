@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dembrick.runs import shaken
+from dembrick.runs import left_out, shaken
 from dembrick.runs.collapse import collapse_lines
 from dembrick.runs.result import RunResult, listed
 
 if TYPE_CHECKING:
+    from dembrick.runs.left_out import LeftOut
     from dembrick.simulation.dynamics.run import MotionRun
 
 
@@ -65,6 +67,13 @@ class MotionResult(RunResult):
         moved = state.bodies.position + state.middle - self.assembly.position
         return dict(zip(watched.names, watched.displacement(moved, state.bodies.rotation).tolist(), strict=True))
 
+    @cached_property
+    def left_out(self) -> list[LeftOut]:
+        """Remarks on impacts that the joint laws soften; empty if nothing rocked on such joints."""
+        if getattr(self.scenario.control, "restitution", None) is None or not len(self.frames.get("orientation", ())):
+            return []
+        return left_out.rolled_over(self.assembly, np.asarray(self.frames["orientation"]))
+
     @property
     def uncertain(self) -> np.ndarray | float:
         """Numbers that an error estimate compares: load factor or settlement of a collapse, else the displacements (n,
@@ -99,6 +108,7 @@ class MotionResult(RunResult):
             not_standing=self.not_standing,
             fallen=self.fallen,
             control_points=self.control_points,
+            **({"left_out": [one.as_dict() for one in self.left_out]} if self.left_out else {}),
             **self._shaken(),
         )
 
@@ -145,6 +155,7 @@ class MotionResult(RunResult):
         lines.append(f"fallen        {listed(self.fallen) or 'none'}")
         if self.not_standing:
             lines.append(f"not standing  {listed(self.not_standing)}: no equilibrium under the dead loads")
+        lines += [f"left out      {one.text}" for one in self.left_out]
         lines += self.force_lines
         lines.append(f"simulated     {motion.time:.6g} s")
         lines.append(

@@ -15,11 +15,11 @@ from dembrick.geometry.rotations import rotation_matrix
 from dembrick.runs.simulate import restart, simulate
 from dembrick.scenario import toml
 from dembrick.scenario.controls import DynamicControl
-from dembrick.scenario.model import Block, Output, Solver
+from dembrick.scenario.model import Block, JointLaw, Output, Solver
 from dembrick.simulation.dynamics import integrator
 from dembrick.simulation.dynamics.contact_detection import ContactDetection
 from helpers.impact_scenes import AWAY, FLOOR, G, collapse, falling_arch, scene
-from helpers.places import SCENARIOS
+from helpers.places import SCENARIOS, tool_module
 from helpers.restart_cases import stop_at_look
 
 EVERY = Output(rows=1000, frames=1000)
@@ -78,6 +78,30 @@ def test_free_blocks_collide(restitution):
         assert after[2] == pytest.approx(before[2], rel=1e-4)
     else:
         assert after[2] < 0.8 * before[2]
+
+
+@pytest.mark.parametrize(
+    "slenderness, part, e, friction",
+    [(3.0, 0.6, 0.3, 0.8), (3.0, 0.9, 0.14, 0.3), (4.0, 0.5, 0.5, 0.8), (8.0, 0.9, 0.3, 0.3)],
+)
+def test_every_impact_of_a_rocking_block_loses_as_housner_says(slenderness, part, e, friction):
+    """Also those after it was tossed clear of the floor, or turned too far for its joint: 1 - 1.5 sin^2 alpha."""
+    found = tool_module("drawn_impacts").rock(
+        0.3, slenderness, 0.5, part, e, JointLaw("concave", friction, 1e10, 4e9), impacts=3
+    )
+    assert len(found) == 3 and found == pytest.approx([1.0] * 3, abs=0.01)
+
+
+@pytest.mark.parametrize("formulation, softer", [("convex", True), ("distributed", True), ("corrected-shear", False)])
+def test_a_result_says_if_blocks_rocked_over_a_bed_of_springs(formulation, softer):
+    rocks = Block(
+        "block", "stone", (0.3, 0.2, 1.2), (0.0, 0.0, 0.6), velocity=(0.3, 0.0, 0.0), angular_velocity=(0.0, 0.5, 0.0)
+    )
+    slides = Block("slider", "stone", (0.5, 0.5, 0.1), (0.6, 0.0, 0.05), velocity=(0.3, 0.0, 0.0))
+    result = simulate(scene(DynamicControl(0.3), FLOOR, rocks, slides, formulation=formulation))
+    said = [(one["law"], one["joints"]) for one in result.as_dict().get("left_out", [])]
+    assert said == ([(formulation, 1)] if softer else [])
+    assert ("bed of springs" in result.text()) == softer
 
 
 def momenta(result):

@@ -250,6 +250,8 @@ def touch(touching, links, bodies, dt):
         if touching.joint[t] >= 0:
             is_open, parted = hand_over(touching, links, t)
             if touching.weight[t] <= 0.0 and not is_open:
+                if touching.area[t] > 0.0:  # handed back: what it pressed last must not be counted again
+                    rest(touching, t)
                 continue
         elif touching.weight[t] < 1.0 and touching.slack[t] <= 0.0:
             touching.weight[t] = min(1.0, touching.weight[t] + GROWTH)

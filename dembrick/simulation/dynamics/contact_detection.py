@@ -29,6 +29,8 @@ from dembrick.simulation.session import Snapshot
 MARGIN = 0.03  # of a part's diameter: parts that are nearer than the sum of theirs are watched
 FIRST = 5e-4  # of the smallest block's diameter: no one looks before blocks have moved so far
 STIRRED = 0.3  # of what begins to hand a joint over: from there on joints are watched
+GONE = 0.05  # of its size: an open joint whose nearest corner is so far apart will not be handed back,
+TIPPED = 0.02  # of its size: nor one that has turned or slipped far, if its farthest corner is
 LOOSE = 1e-3  # of its size: a joint that has moved so far is watched too, where anything is
 # Edges that lie along each other from the start overlap as the joints beside them give way. They press nothing until
 # their force would be that part of the lighter block's weight, or their depth that part of the thinner one's radius
@@ -204,7 +206,7 @@ class ContactDetection:
             passing = 0.1 + host + other * (1.0 + away / reach[links.other])
             slipping = passing + turning * (np.abs(polygons.shift).sum(axis=1) + 2.0 * size)
             gap = links.sense * (links.field("origin")[:, 2] - links.offset)
-            parting = PARTED * size - gap - size * turn
+            parting = PARTED * size - gap + size * turn
             self._far_turned = np.flatnonzero((parting < 0.0) & ~self.retired)
             parting = np.where(parting < 0.0, np.inf, parting)
             rooms = [(STIRRED * TURN[0] - turn) / turning, parting / (passing + size * turning)]
@@ -221,11 +223,28 @@ class ContactDetection:
         return np.hypot(seen[:, 5], seen[:, 8])
 
     def _parted(self, state: MovingState, polygons: Polygons) -> np.ndarray:
-        """Joints (j,) that are open, and have opened so far that they have done their work."""
+        """Joints (j,) that are open, and whose nearest corners lie apart."""
+        return self._apart(state, polygons) > PARTED * polygons.size
+
+    def _apart(self, state: MovingState, polygons: Polygons) -> np.ndarray:
+        """How far (m) the faces of each joint (j,) lie apart where they are nearest, at least; zero if it is closed."""
         links = state.links
         is_open = (links.wrench[:, :3] == 0.0).all(axis=1)
         gap = links.sense * (links.field("origin")[:, 2] - links.offset)
-        return is_open & (gap + polygons.size * self._turn(state) > PARTED * polygons.size)
+        return np.where(is_open, np.maximum(gap - polygons.size * self._turn(state), 0.0), 0.0)
+
+    def _gone(self, state: MovingState, polygons: Polygons) -> np.ndarray:
+        """Joints (j,) that are open, and so far apart, turned or slipped that they will not be handed back."""
+        links, size = state.links, polygons.size
+        is_open = (links.wrench[:, :3] == 0.0).all(axis=1)
+        gap = links.sense * (links.field("origin")[:, 2] - links.offset)
+        tipped = self._strayed(state, polygons) & (gap + size * self._turn(state) > TIPPED * size)
+        return is_open & (tipped | (self._apart(state, polygons) > GONE * size))
+
+    def _strayed(self, state: MovingState, polygons: Polygons) -> np.ndarray:
+        """Joints (j,) that have turned or slipped so far that they are being handed over."""
+        size, turn, slip = polygons.size, self._turn(state), polygons.slipped()
+        return (turn > TURN[0]) | (self._partial & ((slip > SLIP[0] * size) | (slip * turn > SINK[0] * size)))
 
     def _look(self, state: MovingState, polygons: Polygons, first: bool) -> None:
         assembly, bodies = self.assembly, state.bodies
@@ -282,11 +301,12 @@ class ContactDetection:
         return np.where(codes[place] == wanted, order[place], -1)
 
     def _retire(self, state: MovingState, polygons: Polygons, joint: np.ndarray, depth: np.ndarray) -> None:
-        """Let go of joints whose contact has taken over all, or whose blocks have parted and lie apart."""
-        due = self._parted(state, polygons)
+        """Let go for good of joints whose contact has taken over all, or whose blocks have parted and lie far apart."""
+        due = self._gone(state, polygons)
         due[joint[(joint >= 0) & (depth > 0.0)]] = False
         if self.touching is not None:
-            due[self.touching.joint[(self.touching.joint >= 0) & (self.touching.weight >= 1.0)]] = True
+            taken = self.touching.joint[(self.touching.joint >= 0) & (self.touching.weight >= 1.0)]
+            due[taken] |= self._strayed(state, polygons)[taken]
         for j in np.flatnonzero(due & ~self.retired).tolist():
             polygons.retire(j)
         self.retired |= due
@@ -342,7 +362,7 @@ class ContactDetection:
         code = touching.first * len(owner) + touching.second
         near = np.flatnonzero(np.isin(code, self._lying) & (touching.joint < 0))
         pairs = np.column_stack([touching.first, touching.second])[near]
-        weight = np.linalg.norm(assembly.gravity) * np.where(assembly.fixed, np.inf, assembly.mass)[owner[pairs]]
+        weight = np.where(assembly.fixed, np.inf, np.linalg.norm(assembly.gravity) * assembly.mass)[owner[pairs]]
         radius = touching.parts.inner[pairs].min(axis=1)
         touching.least[near] = NEGLIGIBLE * weight.min(axis=1)
         touching.deepest[near] = SHALLOW * radius
