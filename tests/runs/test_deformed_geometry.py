@@ -271,6 +271,37 @@ def test_a_travel_ends_where_it_was_to_end(travel, monkeypatch):
     assert point.V == path[-1, 1] and point.V_lower <= point.V < point.V_peak
 
 
+def held_back(angle: float, attached, anchored, stiffness: float, strength: float, prestress: float) -> float:
+    """V (N) that holds the block of `TIED` turned by ``angle`` (rad) about its toe: rigid, its tie stretched and
+    yielding."""
+    toe, weight, start = np.array([0.2, 0.0]), 320.0 * G, math.dist(attached, anchored)
+    turn = np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
+    head, tied, middle = (turn @ (np.array(point) - toe) + toe for point in ((-0.2, 1.0), attached, (0.0, 0.5)))
+    line, arm = tied - np.array(anchored), tied - toe
+    length = math.hypot(*line)
+    pull = -min(strength, max(0.0, prestress + stiffness * (length - start))) * line / length
+    return float((weight * (toe[0] - middle[0]) + arm[0] * pull[1] - arm[1] * pull[0]) / head[1])
+
+
+@pytest.mark.parametrize(
+    "anchored, attached, stiffness, strength, prestress",
+    [(-0.8, 0.66, 20800.0, 1258.8, 17.3), (-0.84, 0.43, 20200.0, 287.7, 37.7), (-0.92, 0.92, 6140.0, 1430.6, 223.1)],
+)
+def test_an_inclined_tie_yields_by_no_more_than_rest_asks_for(anchored, attached, stiffness, strength, prestress):
+    """The greatest V that holds the leaning block lies in the bracket: a swing on the way to rest yields nothing, and a
+    fall in one does not count as proof of more than it is."""
+    ends, law = ((-0.2, attached), (anchored, 0.0)), (stiffness, strength, prestress)
+    most = max(held_back(angle, *ends, *law) for angle in np.linspace(0.0, 0.4, 20001))
+    tied = TIED.partition("[control]")[0].replace("[-0.2, 0.0, 0.0]", f"[{anchored}, 0.0, 0.0]")
+    tied = tied.replace("[-0.2, 0.0, 0.6]", f"[-0.2, 0.0, {attached}]").replace("5000.0", f"{stiffness}")
+    tied = tied.replace("prestress = 300.0", f"prestress = {prestress}\nstrength = {strength}")
+    control = '[control]\nkind = "yield"\nlarge_displacements = true\n'
+    given = HEADER.format(gravity=[0.0, 0.0, -G], formulation="concave", friction=0.9, kn=1e11, ks=4e10)
+    point = simulate(toml.loads(f"{given}{FLOOR}{tied}{control}"), record=False, progress=False).yield_point
+    assert point.V_lower <= most * (1.0 + 1e-5) and most <= point.V_upper * (1.0 + 1e-5)
+    assert point.V_upper - point.V_lower < 2e-3 * point.V
+
+
 def test_an_arch_has_the_same_limit_in_its_own_geometry_as_in_the_deformed_one():
     found = [
         simulate(staged(f"{PUSH}large_displacements = {large}\n", blocks=ARCH, friction=0.7), record=False)

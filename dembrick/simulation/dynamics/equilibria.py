@@ -6,6 +6,9 @@ and slide and contacts that form on the way are those of a run in real time. Whe
 structure goes back to its last equilibrium and tries again so slowly that inertia does not count, then by half the
 step, until the parameter at which it falls is known to the tolerance.
 
+Ties that yield do not take that back. If the blocks swung further than they rest, so that a tie kept more than the
+equilibrium asks for, they go back and try again more slowly.
+
 Frames of the fall follow that of the last equilibrium; their times are between its number and the next, and the row
 next to them is its own: nothing is in equilibrium any more.
 
@@ -24,6 +27,7 @@ import numpy as np
 
 from dembrick.errors import HistoryError, NotConvergedError, UndecidedError
 from dembrick.kernels.dynamics.loop import Limits
+from dembrick.kernels.joint.ties import TENSION, YIELDED
 from dembrick.scenario.model import Output
 from dembrick.scenario.regimes import COLLAPSE, COMPLETED, Control
 from dembrick.simulation import interrupts
@@ -38,7 +42,7 @@ from dembrick.simulation.dynamics.recorder import Recorder
 from dembrick.simulation.dynamics.run import MEETINGS, MotionRun
 from dembrick.simulation.dynamics.state import seen
 from dembrick.simulation.dynamics.support_motion import AT_REST
-from dembrick.simulation.dynamics.time_histories import Curve
+from dembrick.simulation.dynamics.time_histories import Curve, eased
 from dembrick.simulation.expected_cost import motion_seconds
 from dembrick.simulation.floating_point import not_nan
 from dembrick.simulation.session import Kept, Plan, Progress, Session, Snapshot
@@ -50,6 +54,8 @@ ROUNDS = 5  # of as many steps as a dead-load equilibrium may take: blocks that 
 DRIFTING = 2.0  # the way of blocks from the first quarter of a round to its end, over that to its middle, if they go on
 DROPPED = 0.5  # of a block's least dimension: one that has moved so far since the last equilibrium has come down
 FALL = 8  # frames of that, equally far apart
+SLOWER_STILL, SLOWEST = 4, 64  # times the steps, once ties have yielded in a swing, and at the most
+HOLDS = 1e-6  # of its strength: a tie that carries so much less rests below it
 SPARE = 200  # equilibria for which there is room beside those of the way, and on the way to breaking bonds:
 BREAKS = 64  # of each joint
 SNAPSHOT = "equilibria"  # what a checkpoint of it has, and no other
@@ -79,17 +85,19 @@ class EquilibriumPath(ABC):
     ``reached``: the parameter of the last equilibrium, and ``failed``: that at which the blocks came down (infinite:
     not yet) although it grew with all care (``careful``); ``broken``: at which bonds were seen to break (infinite: at
     none to come). ``fall``: frames of how they come down, once that is to be seen. ``way``: equilibria on the way, at
-    the most. A kind of path says what drives the blocks at a parameter (`driven`), in how many steps it grows (`steps`)
-    and where it goes next (`following`).
+    the most; ``slowness``: how many times the steps that a growth takes. A kind of path says what drives the blocks at
+    a parameter (`driven`), in how many steps it grows (`steps`) and where it goes next (`following`).
     """
 
     greatest = 1.0  # parameter of all
+    overshoot = 1.0  # how far blocks may swing in a step, over how far they rest: what a fall says of the parameter
     dropped = DROPPED
 
     def __init__(self, moving: Motion, control: Control, driving: Driving, session: Session, way: int):
         self.moving, self.control, self.driving, self.session, self.way = moving, control, driving, session, way
         self.past, self.tolerance = Past(moving, None), getattr(control, "tolerance", TOLERANCE)
         self.reached, self.failed, self.equilibria, self.careful = 0.0, math.inf, 0, False
+        self.slowness = 1
         self.broken, self.bonds = math.inf, joint_families.bonded(moving.state)
         self.bonded = joint_families.has_strengths(moving.state)
         self.room = way + SPARE + (BREAKS * len(moving.state.links.host) if self.bonded else 0)
@@ -136,7 +144,7 @@ class EquilibriumPath(ABC):
     def _growing(self, begin: float, end: float) -> tuple[Driving, int]:
         """Loads and supports that take the parameter from one value to another, at rest at both ends, and how
         many steps that takes."""
-        steps, start = self.steps(begin, end), self.moving.steps * self.dt
+        steps, start = self.slowness * self.steps(begin, end), self.moving.steps * self.dt
 
         def parameter(times: np.ndarray) -> np.ndarray:
             x = np.clip((times - start) / (steps * self.dt), 0.0, 1.0)
@@ -275,7 +283,8 @@ class EquilibriumPath(ABC):
         """The parameter of the next equilibrium; None at the end of the way or if its end is known well enough."""
         for end, at_end in ((self.failed, None), (self.broken, self.broken)):
             if end < math.inf:
-                close = end - self.reached <= self.tolerance * end
+                proven = self.falls - self.reached if end == self.failed else end - self.reached
+                close = proven <= self.tolerance * end
                 return at_end if close else 0.5 * (self.reached + end)
         return self.following()
 
@@ -292,6 +301,10 @@ class EquilibriumPath(ABC):
                 self.session.pause(self)
                 self.fall = [] if last else None
                 ratio = self._go(target)
+                if ratio is not None and self._yielded_in_a_swing() and self.slowness < SLOWEST:
+                    self.slowness *= SLOWER_STILL
+                    self._go_back()
+                    continue
                 if ratio is not None and not self.belongs(target):
                     self._go_back()
                     continue
@@ -313,6 +326,24 @@ class EquilibriumPath(ABC):
                     self.failed = target
                 self.careful = True
                 self._go_back()
+
+    @property
+    def falls(self) -> float:
+        """The parameter at which the blocks fall for certain (infinite: at none that was tried). They swing on the way
+        from one equilibrium to the next, so that a fall proves no limit nearer than the swing may have reached."""
+        return self.reached + self.overshoot * (self.failed - self.reached)
+
+    def _yielded_in_a_swing(self) -> bool:
+        """Whether a tie has yielded since the last equilibrium, and rests below its strength."""
+        ties = self.moving.state.ties
+        yields = np.isfinite(ties.strength)
+        if not yields.any():
+            return False
+        before = self.kept.arrays["ties.now"][yields, YIELDED]
+        tension, kept = ties.now[yields, TENSION], ties.now[yields, YIELDED]
+        strength, least = ties.strength[yields], ties.least[yields]
+        below = (tension < (1.0 - HOLDS) * strength) & ((least == 0.0) | (tension > (1.0 - HOLDS) * least))
+        return bool((below & (kept != before)).any())
 
     def _fell(self, position: np.ndarray, rotation: np.ndarray) -> None:
         """Note how the blocks come down, which stood at ``position`` (n, 3) and ``rotation``, and record it."""
@@ -359,7 +390,7 @@ class EquilibriumPath(ABC):
             path=path,
             reaction=self.reaction,
             state=self.kept,
-            bracket=(self.reached, self.failed),
+            bracket=(self.reached, self.falls),
         )
 
     # --- checkpoints
@@ -376,7 +407,7 @@ class EquilibriumPath(ABC):
         path = np.zeros((self.room, 3))
         path[: len(self.path)] = np.array(self.path).reshape(-1, 3)
         ends = (0.0 if end == math.inf else end for end in (self.failed, self.broken))  # both are greater than zero
-        numbers = np.array([self.reached, *ends, self.equilibria, self.careful])
+        numbers = np.array([self.reached, *ends, self.equilibria, self.careful, self.slowness])
         return {SNAPSHOT: numbers, f"{SNAPSHOT}.path": path, f"{SNAPSHOT}.reaction": self.reaction}
 
     def snapshot(self) -> dict[str, np.ndarray]:
@@ -386,24 +417,16 @@ class EquilibriumPath(ABC):
     def _restore(self, snapshot: Snapshot) -> None:
         self.reaction = np.zeros_like(self.moving.reactions)
         shapes = self._own()
-        self.reached, failed, broken, count, careful = snapshot.array(SNAPSHOT, shapes[SNAPSHOT]).tolist()
+        self.reached, failed, broken, count, careful, slowness = snapshot.array(SNAPSHOT, shapes[SNAPSHOT]).tolist()
         self.failed, self.broken = (end or math.inf for end in (failed, broken))
         self.bonds = joint_families.bonded(self.moving.state).copy()
         sound = 0.0 <= self.reached <= self.greatest and self.reached < math.inf and min(failed, broken) >= 0.0
         if not (sound and count.is_integer() and 1 <= count <= len(shapes[f"{SNAPSHOT}.path"])):
             raise HistoryError(f"{snapshot.path}: this checkpoint is of no step of this run")
-        self.equilibria, self.careful = int(count), bool(careful)
+        self.equilibria, self.careful, self.slowness = int(count), bool(careful), int(slowness)
         rows = snapshot.array(f"{SNAPSHOT}.path", shapes[f"{SNAPSHOT}.path"])[: self.equilibria].tolist()
         self.path = [tuple(row) for row in rows]
         self.reaction = snapshot.array(f"{SNAPSHOT}.reaction", self.reaction).copy()
-
-
-def eased(x: np.ndarray) -> np.ndarray:
-    """Shares of a way (t,) at shares ``x`` of its time. They begin at rest and end ever more slowly, as (1 - x)^5: the
-    force that stops blocks which slide along fades before they stop, and so nothing springs back that would leave
-    their friction unspent."""
-    left = 1.0 - x
-    return 1.0 - left**5 * (1.0 + 5.0 * x)
 
 
 def _farthest(position: np.ndarray, start: np.ndarray) -> float:

@@ -49,6 +49,8 @@ class LoadPathRun(EquilibriaRun):
 class LoadPath(EquilibriumPath):
     """The growth of a load system from equilibrium to equilibrium; the parameter is its multiplier."""
 
+    overshoot = 2.0  # a load that comes at once moves an elastic system without damping so far
+
     def __init__(self, moving: Motion, control: Control, driving: Driving, session: Session, refine: float = 1.0):
         self.scale, self.refine = scale_of(moving, control), refine
         self.greatest = (STRONGEST if control.drives != ACTUATORS else BEYOND) * self.scale

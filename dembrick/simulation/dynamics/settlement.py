@@ -78,5 +78,5 @@ class Settlement(EquilibriumPath):
 
     def come_down(self, before: np.ndarray, blocks: np.ndarray) -> dict:
         """The collapse, with its settlement (m)."""
-        low, high = self.reached * self.supports.length, self.failed * self.supports.length
+        low, high = self.reached * self.supports.length, self.falls * self.supports.length
         return super().come_down(before, blocks) | {"settlement": 0.5 * (low + high), "settlement_range": [low, high]}

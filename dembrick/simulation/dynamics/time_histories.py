@@ -178,3 +178,11 @@ def _spline_slope(t: np.ndarray, y: np.ndarray) -> Curve:
         return first + s * curvature[i] + 0.5 * s * s * (curvature[i + 1] - curvature[i]) / h[i]
 
     return slope
+
+
+def eased(x: np.ndarray) -> np.ndarray:
+    """Shares of a way (t,) at shares ``x`` of its time. They begin at rest and end ever more slowly, as (1 - x)^5: the
+    force that stops blocks which slide along fades before they stop, and so nothing springs back that would leave
+    their friction unspent."""
+    left = 1.0 - x
+    return 1.0 - left**5 * (1.0 + 5.0 * x)
