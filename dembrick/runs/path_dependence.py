@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 REACHED = 1e-6  # of V: a bound that is no higher than that above the bracket is reached
 BEYOND = 2e-3  # of a bound: how far a limit may seem to lie above it, by the tolerance of the search
-PATIENCE = 2.0  # s that limit analysis may take whatever the search took
+PATIENCE, LONG = 2.0, 30.0  # s that limit analysis may take whatever the search took, and if that found no upper end
 
 
 def has_paths(assembly: Assembly) -> bool:
@@ -90,12 +90,13 @@ def _affordable(run: Replay, assembly: Assembly) -> bool:
     """Whether limit analysis is there and costs less than the search did (or little)."""
     from dembrick.runs.limit import cheaper_than
 
-    return cheaper_than(max(PATIENCE, run.loop_seconds), assembly)
+    open_ended = run.yield_point.bracket == "open" or run.settings.get("wanders")
+    return cheaper_than(max(LONG if open_ended else PATIENCE, run.loop_seconds), assembly)
 
 
 def within(point: YieldPoint, bound: dict | None) -> YieldPoint:
     """``point`` with a bracket that ends at the associative ``bound``, where that is known and cuts it; V is then the
-    middle, unless it lies below the bound anyway.
+    middle, unless it lies below the bound anyway, or the bound itself where the search proved nothing below.
 
     BracketError if the limit lies above the bound by more than the search can be off: one of them is wrong then.
     """
@@ -108,7 +109,7 @@ def within(point: YieldPoint, bound: dict | None) -> YieldPoint:
             f"{most:.9g}, so one of them is wrong; please report this scenario"
         )
     lower, upper = min(point.V_lower, most), None if point.V_upper is None else min(point.V_upper, most)
-    V = point.V if point.V <= most else 0.5 * (lower + most)
+    V = point.V if point.V <= most else 0.5 * (lower + most) if lower > 0.0 else most
     return replace(point, V=V, V_lower=lower, V_upper=upper, V_peak=min(point.V_peak, most))
 
 
@@ -146,7 +147,8 @@ def beside_limit(run: Replay, assembly: Assembly, scenario: Scenario, others: Ot
         return None
     sliding = slides(run.state)
     snaps = run.settings.get("wanders") and point.V_after is None
-    wanders = [point.V_lower, point.V_upper] if snaps else None
+    most = math.inf if others.bound is None else others.bound["upper"]
+    wanders = [point.V_lower, min(present(point.V_upper), most)] if snaps else None
     return {
         "slides": sliding,
         "digits_open": sliding and not others.no_path_above,

@@ -152,7 +152,9 @@ def limit_text(point: Mapping, beside: Mapping | None, unit: str) -> Limit:
     V, lower, upper, kind = point["V"], point.get("V_lower"), point.get("V_upper"), point.get("bracket", "open")
     if lower is None or upper is None or kind == "open":
         least = "" if lower is None or lower >= V else f"; the limit is at least {lower:.6g} {unit}".rstrip()
-        return Limit(f"{V:.6g} {unit}".rstrip(), f"at the end, no upper bound{least}")
+        bound = part(beside, "associative").get("upper")
+        most = "no upper bound" if bound is None else f"at most {bound:.6g} {unit}".rstrip() + " by limit analysis"
+        return Limit(f"{V:.6g} {unit}".rstrip(), f"at the end, {most}{least}")
     if on_one_path(beside or {}):
         return Limit(f"about {known(V, None)} {unit}".rstrip(), "of this path")
     above, below = upper - V, V - lower

@@ -145,3 +145,15 @@ def test_no_limit_above_a_proven_bound_is_told(tmp_path, monkeypatch):
     assert failed.value.answer["status"] == "failed" and failed.value.answer["yield_point"] is None
     with history.read(tmp_path / "run.h5") as found:
         assert found.status == "failed" and "one of them is wrong" in found.results["error"]
+
+
+def test_a_search_without_an_upper_end_takes_that_of_limit_analysis():
+    """Nothing below is proven, so V is the bound itself where the search went above it."""
+    open_ended = replace(
+        dembrick.simulate(toml.loads(SLOPE), record=False).yield_point,
+        V=0.4, V_lower=0.0, V_upper=0.5, V_peak=0.5, bracket="open",
+    )  # fmt: skip
+    found = within(open_ended, BOUND)
+    assert (found.V, found.V_lower, found.V_upper, found.V_peak) == (0.35, 0.0, 0.35, 0.35)
+    said = summary.limit_text(found.as_dict(), {"associative": BOUND}, "")
+    assert said.kind == "at the end, at most 0.35 by limit analysis; the limit is at least 0"
