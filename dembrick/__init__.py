@@ -67,6 +67,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not follow names th
     from dembrick.scenario.controls import StaticsControl as StaticsControl
     from dembrick.scenario.controls import TiltControl as TiltControl
     from dembrick.scenario.controls import YieldControl as YieldControl
+    from dembrick.scenario.fills import Fill as Fill
     from dembrick.scenario.generators import Arch as Arch
     from dembrick.scenario.generators import Dome as Dome
     from dembrick.scenario.generators import Opening as Opening
@@ -127,6 +128,7 @@ _NAMES = {  # by the module that has them
     "dembrick.scenario.cad_models": "CadModel",
     "dembrick.scenario.controls": "BaseMotionControl DisplacementControl DynamicControl PushoverControl "
     "SettlementControl StaticsControl TiltControl YieldControl",
+    "dembrick.scenario.fills": "Fill",
     "dembrick.scenario.generators": "Arch Dome Opening Return Stack Wall",
     "dembrick.scenario.joint_laws": "JointLaw JointOverride",
     "dembrick.scenario.model": "Actuator Block ControlPoint Load Material Output Scenario Solver",

@@ -196,7 +196,7 @@ PYTHON = {  # heading of the reference of Python: names at the top level of the 
     "Errors": "DembrickError ScenarioError OverlapError HistoryError OutputError WriteError DivergedError "
     "NotConvergedError UndecidedError BracketError EnergyAuditError MissingDependency Interrupted ClusterError",
     "Studies": "Study",
-    "Scenarios": "load loads dumps Scenario Material JointLaw JointOverride Load Pressure Tie TieEnd Actuator "
+    "Scenarios": "load loads dumps Scenario Material JointLaw JointOverride Load Pressure Fill Tie TieEnd Actuator "
     "ControlPoint Solver Output Sine Pulse",
     "Blocks and structures": "Block Part Prism Voussoir Mesh Wall Opening Return Stack Arch Dome CadModel",
     "Controls": "YieldControl DisplacementControl StaticsControl TiltControl PushoverControl SettlementControl "

@@ -1,4 +1,4 @@
-"""Dead loads besides gravity as forces at points of blocks: [[loads]], and [[pressures]] that are not driven.
+"""Dead loads besides gravity as forces at points of blocks: [[loads]], [[fills]], [[pressures]] that are not driven.
 
 One list for everything that needs them: the dead force and torque of a block, the load system of a tilting table, and
 the loads of a run in real time.
@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dembrick.assembly.actuators import check_inside
+from dembrick.assembly.fills import fill_forces
 from dembrick.assembly.surface_pressures import face_forces
+from dembrick.errors import ScenarioError
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
@@ -21,10 +23,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class PointLoads:
-    """Forces at points of blocks. Those of ``scenario.loads`` ride with them and keep their direction in the world.
+    """Forces at points of blocks. Those of ``scenario.loads`` and of fills ride with them and keep their
+    direction in the world.
 
     ``block`` (k,); ``arm`` (k, 3): m, from the centroid, world axes at the start; ``force`` (k, 3): N, world; ``given``
-    (k,): number in ``scenario.loads`` of the load it comes from, -1 for a pressure; ``what`` (k,) names it in messages.
+    (k,): number in ``scenario.loads + scenario.fills`` of what it comes from, -1 for a pressure; ``what`` (k,) names it
+    in messages.
     """
 
     block: np.ndarray
@@ -41,8 +45,8 @@ def point_loads(scenario: Scenario, number: dict[str, int], bare: Assembly, movi
     """The dead loads of a scenario on the blocks of ``bare``, pressures as they act at the start; ``number`` of every
     block by name.
 
-    ScenarioError for a point outside its block, or a pressure that no face feels: if blocks are ``moving``, none that
-    could come to feel it.
+    ScenarioError for a point outside its block, or a pressure or fill that no face feels (if blocks are ``moving``: no
+    pressure that one could come to feel), and for fills on a table that tilts.
     """
     rows: list[tuple[int, np.ndarray, np.ndarray, int, str]] = []
     for index, load in enumerate(scenario.loads):
@@ -50,6 +54,15 @@ def point_loads(scenario: Scenario, number: dict[str, int], bare: Assembly, movi
         for block in scenario.groups.get(load.block) or (number[load.block],):
             arm = np.zeros(3) if load.point is None else check_inside(what, load.point, bare, block)
             rows.append((block, arm, np.array(load.force, float), index, what))
+    if scenario.fills and scenario.control.tilt_axis is not None:
+        raise ScenarioError(
+            "a tilt turns loads as gravity, and the sideways pressure of [[fills]] would not turn so: use kind "
+            "'pushover', or leave them out"
+        )
+    for index, fill in enumerate(scenario.fills):
+        members = scenario.groups.get(fill.block) or (number[fill.block],)
+        given, what = len(scenario.loads) + index, f"fill number {index + 1}"
+        rows += [(force.block, force.arm, force.force, given, what) for force in fill_forces(fill, members, bare)]
     for index, pressure in enumerate(scenario.pressures, 1):
         if not pressure.actuator:
             members = scenario.groups.get(pressure.block) or (number[pressure.block],)

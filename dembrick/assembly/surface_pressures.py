@@ -8,6 +8,7 @@ Where blocks move, the polygons move with them, and `kernels.dynamics.pressed_fa
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -73,6 +74,15 @@ NO_POLYGONS = PressedPolygons(
 
 def loaded_faces(pressure, members, bare: Assembly) -> list[LoadedFace]:
     """The faces of the free blocks among ``members`` that look along the direction of a pressure."""
+
+    def along(normal: np.ndarray) -> bool:
+        return bool(np.linalg.norm(np.cross(normal, pressure.direction)) <= FACING and normal @ pressure.direction >= 0)
+
+    return faces_that_look(along, members, bare)
+
+
+def faces_that_look(wanted: Callable[[np.ndarray], bool], members, bare: Assembly) -> list[LoadedFace]:
+    """The faces of the free blocks among ``members`` whose outward normal (3,) is ``wanted``."""
     found = []
     for block in members:
         if bare.fixed[block]:
@@ -80,7 +90,7 @@ def loaded_faces(pressure, members, bare: Assembly) -> list[LoadedFace]:
         shape, rotation, covers = bare.shapes[block], bare.rotation[block], None
         for number, (place, part) in enumerate(parts_of(shape)):
             for face, normal in zip(part.faces, part.face_normals @ rotation.T, strict=True):
-                if np.linalg.norm(np.cross(normal, pressure.direction)) > FACING or normal @ pressure.direction < 0.0:
+                if not wanted(normal):
                     continue
                 corners = bare.position[block] + (place + part.vertices[list(face)]) @ rotation.T
                 covers = _joint_polygons(bare, block) if covers is None else covers
@@ -100,22 +110,28 @@ def face_forces(pressure, members, bare: Assembly, moving: bool = False) -> list
     ScenarioError if no free block of them has a face that looks along its direction and feels it; where blocks are
     ``moving`` it may come to feel it later, but for a driven pressure, which has to push from the start.
     """
-    c0, c1 = pressure.at_height
-    faces, found = loaded_faces(pressure, members, bare), []
-    for face in faces:
-        total = _moments(face.corners, c0, c1)
-        for cover in face.covers:
-            total -= _moments(cover, c0, c1)
-        least = COPLANAR**2 * abs(c0 + c1 * bare.position[face.block][2]) * bare.shapes[face.block].diameter ** 2
-        if total[0] > least:
-            centre = total[1:] / total[0]
-            found.append(FaceForce(face.block, centre - bare.position[face.block], -face.normal * total[0]))
+    faces = loaded_faces(pressure, members, bare)
+    pressed = [(face, resultant(face, pressure.at_height, bare)) for face in faces]
+    found = [FaceForce(face.block, arm, -face.normal * force) for face, (force, arm) in pressed if force > 0.0]
     if not found and not (moving and faces and not pressure.actuator):
         raise ScenarioError(
             f"the pressure on {show(pressure.block)}: no free block of it has a bare face with the outward normal "
             f"{show(tuple(round(x, 6) for x in pressure.direction))} that feels it; check block, direction and surface"
         )
     return found
+
+
+def resultant(face: LoadedFace, at_height: tuple[float, float], bare: Assembly) -> tuple[float, np.ndarray]:
+    """int p dA (N) over what is bare of a face, 0 where that is within rounding, and the arm (3,) from the centroid of
+    its block to the centre of pressure (m)."""
+    c0, c1 = at_height
+    total = _moments(face.corners, c0, c1)
+    for cover in face.covers:
+        total -= _moments(cover, c0, c1)
+    least = COPLANAR**2 * abs(c0 + c1 * bare.position[face.block][2]) * bare.shapes[face.block].diameter ** 2
+    if total[0] <= least:
+        return 0.0, np.zeros(3)
+    return float(total[0]), total[1:] / total[0] - bare.position[face.block]
 
 
 def pressed_polygons(scenario: Scenario, number: dict[str, int], bare: Assembly) -> PressedPolygons:

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 REGIMES = (REAL_TIME, SETTLEMENT, LOAD_PATH, DRIVEN_PATH, CONSTANT_RATE)
 AS_IT_WAS = (DRIVEN_PATH, CONSTANT_RATE)  # regimes that go on only without a change
 _SHOWN = ("title", "text", "path", "files")  # fields of a scenario that no run asks for
-_CHANGING = ("joint", "joints", "loads", "ties", "pressures", "control")
+_CHANGING = ("joint", "joints", "loads", "ties", "pressures", "fills", "control")
 _SHAKEN = ("duration", "file", "columns", "sine", "pulse", "scale", "quantity", "direction")
 _OF_CONTROLS = {"dynamic": ("duration",), "base-motion": _SHAKEN, "tilt": ("displacement",)}
 PART_OF_TIES = ("tension", "yielded")  # channels of rows with a column a tie
@@ -134,7 +134,7 @@ def _rows_of_loads(assembly: Assembly, scenario: Scenario) -> list[tuple[Any, in
     loads, pressed = assembly.point_loads, assembly.pressed
     last = at_stage(scenario, len(scenario.stages) + 1)
     given = [(i, int(b)) for i, b in zip(loads.given.tolist(), loads.block.tolist(), strict=True) if i >= 0]
-    rows: list[tuple[Any, int]] = [((last.loads[i], b), b) for i, b in given]
+    rows: list[tuple[Any, int]] = [(((*last.loads, *last.fills)[i], b), b) for i, b in given]
     return rows + [((last.pressures, q), int(b)) for q, b in enumerate(pressed.block.tolist())]
 
 

@@ -14,6 +14,7 @@ from typing import Any, Union, get_args, get_origin, get_type_hints
 from dembrick.scenario.blocks import Block, Mesh, Part, Prism, Voussoir
 from dembrick.scenario.cad_models import CadModel
 from dembrick.scenario.controls import CONTROLS, Control, Pulse, Sine
+from dembrick.scenario.fills import Fill
 from dembrick.scenario.generators import Arch, Dome, Opening, Return, Stack, Wall
 from dembrick.scenario.model import (
     Actuator,
@@ -64,6 +65,7 @@ models | | tables | structures drawn in CAD, many solids in a file
 supports | | names | blocks and groups that are fixed
 control_points | | tables | points whose displacement is recorded
 pressures | | tables | pressures on bare faces: constant, of a fluid or of a fill
+fills | | tables | fills on the backs of arches and vaults: weight and earth pressure
 ties | | tables | bars and cables between points of two blocks
 stages | | tables | controls that are carried out before [control], one after the other; keys as there
 """
@@ -233,6 +235,15 @@ weight | N/m3 | > 0 | its weight per volume; the pressure is weight times depth
 actuator | | true, false | the pressure is the driven load, with the multiplier V
 stages | | whole numbers >= 1 | the stages in which it acts; left out, all
 """,
+    Fill: """
+block | | a block or group | whose bare faces that look up bear the fill
+surface | m | a number | height of its surface
+weight | N/m3 | > 0 | its weight per volume
+pressure | | none, at-rest, active, passive | its state, which decides how it presses sideways
+friction_angle | deg | 0 to 60 | of the fill; needed for at-rest, active and passive
+coefficient | 1 | >= 0 | in place of pressure: horizontal over vertical stress
+stages | | whole numbers >= 1 | the stages in which it acts; left out, all
+""",
     Tie: """
 between | | 2 tables | the ends of the tie
 stiffness | N/m | > 0 | force over elongation
@@ -341,7 +352,7 @@ def tables() -> dict[str, type]:
     found |= {"prism = {}": Prism, "voussoir = {}": Voussoir, "mesh = {}": Mesh, "parts = [{}]": Part}
     found |= {"[[walls]]": Wall, "openings = [{}]": Opening, "returns = [{}]": Return}
     found |= {"[[stacks]]": Stack, "[[arches]]": Arch, "[[domes]]": Dome, "[[models]]": CadModel}
-    found |= {"[[loads]]": Load, "[[actuators]]": Actuator, "[[pressures]]": Pressure}
+    found |= {"[[loads]]": Load, "[[actuators]]": Actuator, "[[pressures]]": Pressure, "[[fills]]": Fill}
     found |= {"[[ties]]": Tie, "between = [{}] of [[ties]]": TieEnd}
     found |= {"sine = {}": Sine, "pulse = {}": Pulse, "[[control_points]]": ControlPoint}
     found |= {"rotation = {}": Turn, "motions = [{}]": SupportPath}

@@ -43,6 +43,7 @@ from dembrick.scenario.controls import (  # noqa: F401 (all that a scenario is m
     YieldControl,
     checked_columns,
 )
+from dembrick.scenario.fills import Fill
 from dembrick.scenario.generators import GENERATORS, Arch, Dome, Stack, Wall
 from dembrick.scenario.joint_laws import FORMULATIONS, PRESSURES, JointLaw, JointOverride  # noqa: F401
 from dembrick.scenario.memory import check_memory
@@ -231,6 +232,7 @@ class Scenario(Generic[AControl]):
     stages: tuple[Control, ...] = ()
     ties: tuple[Tie, ...] = ()
     models: tuple[CadModel, ...] = ()
+    fills: tuple[Fill, ...] = ()
     all_blocks: tuple[Block, ...] = field(default=(), init=False, compare=False, repr=False)
     groups: dict[str, tuple[int, ...]] = field(default_factory=dict, init=False, compare=False, repr=False)
     remarks: tuple[str, ...] = field(default=(), init=False, compare=False, repr=False)
@@ -248,7 +250,7 @@ class Scenario(Generic[AControl]):
             check_name("name of a material", name)
         lists = {"blocks": Block, "joints": JointOverride, "loads": Load, "actuators": Actuator, "supports": str}
         lists |= {"control_points": ControlPoint, "pressures": Pressure, "stages": Control, "ties": Tie}
-        lists["models"] = CadModel
+        lists |= {"models": CadModel, "fills": Fill}
         for key, kind in (lists | GENERATORS).items():
             assign(self, **{key: members_of(key, getattr(self, key), kind)})
         controls: tuple[Control, ...] = (*self.stages, self.control)

@@ -147,11 +147,14 @@ def _support_paths(scenario: Scenario, numbers: dict[str, int]) -> Iterator[Faul
 
 
 def _others(scenario: Scenario, numbers: dict[str, int]) -> Iterator[Fault]:
-    """Pressures, ties, actuators, control points and joints between blocks that are not there."""
+    """Pressures, fills, ties, actuators, control points and joints between blocks that are not there."""
     groups = scenario.groups
     for i, pressure in enumerate(scenario.pressures, 1):
         if message := unknown(f"block of pressure number {i}", pressure.block, numbers, groups):
             yield Fault(message, "pressures", i)
+    for i, fill in enumerate(scenario.fills, 1):
+        if message := unknown(f"block of fill number {i}", fill.block, numbers, groups):
+            yield Fault(message, "fills", i)
     for i, tie in enumerate(scenario.ties, 1):
         for end in tie.between:
             if message := unknown(f"block of tie number {i}", end.block, numbers, {}):

@@ -1,7 +1,7 @@
 """Stages: controls that are carried out one after the other, each on the state that the one before has left.
 
-``[[stages]]`` come first, ``[control]`` is the last. Loads, actuators and pressures act in all of them, ties and the
-laws of ``[[joints]]`` are in force in all of them, or in those whose numbers they list.
+``[[stages]]`` come first, ``[control]`` is the last. Loads, actuators, pressures and fills act in all of them, ties and
+the laws of ``[[joints]]`` are in force in all of them, or in those whose numbers they list.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from dembrick.scenario.model import Scenario
 
 # lists of a scenario whose entries may name their stages
-IN_STAGES = ("loads", "actuators", "pressures", "ties", "joints")
+IN_STAGES = ("loads", "actuators", "pressures", "fills", "ties", "joints")
 
 
 def stage_numbers(key: str, value: Any) -> tuple[int, ...] | None:

@@ -19,6 +19,7 @@ ASSEMBLIES = {  # free blocks, joints
     "wall_corner": (102, 263),
     "arch": (17, 18),
     "arch_tilt": (17, 18),
+    "arch_filled": (19, 20),
     "arch_tied": (20, 21),
     "oppenheim": (7, 8),
     "arch_shaken": (7, 8),

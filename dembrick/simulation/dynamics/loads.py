@@ -145,9 +145,8 @@ def driving_of(scenario: Scenario, moving: Motion) -> Driving:
     control = scenario.control
     duration, place = getattr(control, "duration", 0.0), f"{scenario.path}: " if scenario.path else ""
     loads, given = assembly.point_loads, assembly.point_loads.given >= 0
-    factors: dict[int, Curve | None] = {}
+    factors: dict[int, Curve | None] = dict.fromkeys(range(len(scenario.loads) + len(scenario.fills)))
     for index, load in enumerate(scenario.loads):
-        factors[index] = None
         if load.sine is not None:
             period = 1.0 / load.sine.frequency
             if period < RESOLVED * time_step:
