@@ -166,7 +166,7 @@ returns | | tables | walls that turn the corner
 base | m | > 0 | thickness of a fixed slab below
 """,
     Opening: """
-span | m | 2 numbers | from where to where, from the left end of the wall
+span | m | 2 numbers | from where to where, from the left end of the wall; in a return from the outer face of the wall
 courses | 1 | 2 whole numbers | first and last course, from 1
 lintel | m | > 0 | bearing of a lintel on either side; left out, there is none
 """,
@@ -174,6 +174,7 @@ lintel | m | > 0 | bearing of a lintel on either side; left out, there is none
 end | | left, right | at which end of the wall
 side | | front, back | to which side; front is towards -y of a wall along x
 blocks | 1 | whole number >= 2 | its length in blocks, from the outer face of the wall
+openings | | tables | doors and windows of the return
 """,
     Stack: _PLACED
     + """

@@ -152,6 +152,28 @@ def test_returns_are_bonded_at_the_corner(thickness):
     assert all(j.area > 1e-6 for j in found.joints) and {j.gap for j in found.joints} == {0.0}
 
 
+@pytest.mark.parametrize("side", ["back", "front"])
+def test_openings_in_a_return_are_cut_out_and_spanned(side):
+    """The window is missing from the volume, nothing stands in it, its lintel bears, and the corner stays bonded."""
+    window = Opening((0.7, 1.3), (2, 3), lintel=0.25)
+    plain, found = (
+        laid(Wall("w", "tuff", STONE, courses=5, blocks=4, base=0.2, returns=(Return("right", side, 5, openings),)))
+        for openings in ((), (window,))
+    )
+    assert plain.mass.sum() - found.mass.sum() == pytest.approx(0.6 * 2 * 0.2 * 0.175 * DENSITY, rel=1e-12)
+    away = 1.0 if side == "back" else -1.0
+    for i, name in enumerate(found.names):
+        corners = found.position[i] + found.shapes[i].vertices @ found.rotation[i].T
+        along = away * corners[:, 1] + 0.1  # m, from the outer face of the wall
+        if name.startswith("w.right.") and name.split(".")[2] in "23":
+            assert along.max() < 0.7 + 1e-12 or along.min() > 1.3 - 1e-12
+        if name.startswith("w.right.4.") and along.min() < 1.0 < along.max():
+            assert (along.min(), along.max()) == pytest.approx((0.45, 1.55))
+    of_wall = [name for name in plain.names if not name.startswith("w.right.")]
+    assert of_wall == [name for name in found.names if not name.startswith("w.right.")]
+    assert all(j.area > 1e-6 for j in found.joints) and {j.gap for j in found.joints} == {0.0}
+
+
 # --- stacks, arches, domes --------------------------------------------------------------------------------------------
 
 
@@ -251,6 +273,10 @@ REFUSED = {
     "courses 0": (("courses  = 5", "courses = 0"), "courses of wall 'wall' = 0", "at least 1"),
     "opening outside": (("[0.6, 1.2]", "[0.6, 2.2]"), "span of an opening of wall 'wall'", "0 to 1.8 m"),
     "opening above": (("courses = [2, 3]", "courses = [2, 5]"), "the wall has 5 courses", "lintel needs one above"),
+    "opening in the corner": (("blocks = 4 }", "blocks = 4, openings = [{ span = [0.1, 0.6], courses = [1, 2] }] }"),
+                              "span of an opening in the right return of wall 'wall'", "behind the wall"),
+    "opening above a return": (("blocks = 4 }", "blocks = 4, openings = [{ span = [0.4, 0.8], courses = [1, 9] }] }"),
+                               "courses of an opening in the right return", "the wall has 5 courses"),
     "opening key": (("lintel = 0.15", "lintle = 0.15"), "unknown key 'lintle' in openings[0] in [[walls]] number 1",
                     "'lintel'"),
     "return end": (('end = "right"', 'end = "top"'), "end = 'top' is not one of left, right", "returns[0]"),

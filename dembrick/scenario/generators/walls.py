@@ -24,7 +24,8 @@ Interval = tuple[float, float]
 
 @dataclass(frozen=True, slots=True)
 class Opening:
-    """A door or window: ``span`` (m, from the left end of the wall) in ``courses`` (first and last, from 1).
+    """A door or window: ``span`` (m, from the left end of the wall, or from its outer face along a return) in
+    ``courses`` (first and last, from 1).
 
     ``lintel`` (m) spans it by one long block in the course above, with that much bearing on both sides.
     """
@@ -48,16 +49,19 @@ class Opening:
 @dataclass(frozen=True, slots=True)
 class Return:
     """A wall that turns the corner: at the ``end`` "left" or "right" of the wall, to the "front" or "back" ``side``
-    (front: towards -y of a wall along x), ``blocks`` long from the outer face of the wall."""
+    (front: towards -y of a wall along x), ``blocks`` long from the outer face of the wall; ``openings``: of its
+    own, behind the wall."""
 
     end: str
     side: str
     blocks: int
+    openings: tuple[Opening, ...] = ()
 
     def __post_init__(self):
         one_of("end", self.end, ("left", "right"))
         one_of("side", self.side, ("front", "back"))
         check_count(self, "", "blocks", 2)
+        assign(self, openings=members_of("openings", self.openings, Opening))
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,13 +129,19 @@ class Wall:
             require(False, f"blocks{label}", self.blocks, "a wall with returns is at least 2 blocks long")
         if self.ends == "quoin" and self.blocks is not None:
             require(self.blocks >= 3, f"blocks{label}", self.blocks, "a wall with quoins is at least 3 blocks long")
-        for opening in self.openings:
-            inside = 0.0 <= opening.span[0] and opening.span[1] <= self.length * (1.0 + _SAME)
-            require(inside, f"span of an opening{label}", opening.span, f"the wall reaches from 0 to {self.length:g} m")
-            courses = present(self.courses)
-            top = courses if opening.lintel is None else courses - 1
+        self._check_openings(self.openings, 0.0, self.length, label, "the wall")
+        for corner in self.returns:
+            who, reach = f"the {corner.end} return", corner.blocks * self.block[0]
+            self._check_openings(corner.openings, self.block[1], reach, f" in {who}{label}", f"behind the wall, {who}")
+
+    def _check_openings(self, openings: tuple[Opening, ...], start: float, stop: float, label: str, who: str) -> None:
+        """ScenarioError for what is not cut out between ``start`` and ``stop`` (m) and within the courses."""
+        courses = present(self.courses)
+        for opening in openings:
+            inside = start * (1.0 - _SAME) <= opening.span[0] and opening.span[1] <= stop * (1.0 + _SAME)
+            require(inside, f"span of an opening{label}", opening.span, f"{who} reaches from {start:g} to {stop:g} m")
             require(
-                opening.courses[1] <= top,
+                opening.courses[1] <= (courses if opening.lintel is None else courses - 1),
                 f"courses of an opening{label}",
                 opening.courses,
                 f"the wall has {self.courses} courses, and a lintel needs one above the opening",
@@ -147,7 +157,11 @@ class Wall:
     def count(self) -> int:
         """At most how many blocks the wall has, reckoned without laying any."""
         per_course = max(map(len, self.pattern)) if self.pattern is not None else present(self.blocks) + 1
-        return present(self.courses) * (per_course + sum(corner.blocks + 1 for corner in self.returns)) + 1
+        return (
+            present(self.courses)
+            * (per_course + sum(corner.blocks + 1 + len(corner.openings) for corner in self.returns))
+            + 1
+        )
 
     def build(self) -> list[Block]:
         """The blocks, from the bottom to the top, each course from the left; returns after the wall, the slab last."""
@@ -161,7 +175,9 @@ class Wall:
             branch = self._branch(corner)
             for course in range(present(self.courses)):
                 start = self.block[1] if course % 2 == 0 else 0.0
-                pieces = _filled(start, corner.blocks * self.block[0], self.block[0], self.block[0])
+                reach = corner.blocks * self.block[0]
+                pieces = _filled(start, reach, self.block[0], self.block[0])
+                pieces = _opened(pieces, corner.openings, course, (start, reach), self.block[0])
                 for number, piece in enumerate(pieces, 1):
                     found.append(self._stone(f"{corner.end}.{course + 1}.{number}", branch, course, piece))
         if self.base is not None:
@@ -215,13 +231,7 @@ class Wall:
                 pieces = pieces if right else pieces[:-1]
             elif self.ends == "quoin" and not right:
                 pieces[-2:] = [(pieces[-2][0], pieces[-1][1])]
-        for opening in self.openings:
-            if opening.courses[0] <= course + 1 <= opening.courses[1]:
-                pieces = _without(pieces, opening.span, length)
-            elif opening.lintel is not None and course == opening.courses[1]:
-                span = (max(0.0, opening.span[0] - opening.lintel), min(self.length, opening.span[1] + opening.lintel))
-                pieces = sorted([*_without(pieces, span, length), span])
-        return pieces
+        return _opened(pieces, self.openings, course, (0.0, self.length), length)
 
 
 def _checked_pattern(pattern, label: str) -> tuple[str, ...]:
@@ -262,6 +272,19 @@ def _filled(start: float, stop: float, first: float, length: float) -> list[Inte
     number = max(0, math.ceil((stop - start - first) / length - _SAME))
     joints = [start, *(start + first + i * length for i in range(number)), stop]
     return _made_up(list(zip(joints[:-1], joints[1:], strict=True)), length)
+
+
+def _opened(
+    pieces: list[Interval], openings: tuple[Opening, ...], course: int, ends: Interval, length: float
+) -> list[Interval]:
+    """The pieces of a course (from 0) that reaches between ``ends``, cut at openings and bridged by their lintels."""
+    for opening in openings:
+        if opening.courses[0] <= course + 1 <= opening.courses[1]:
+            pieces = _without(pieces, opening.span, length)
+        elif opening.lintel is not None and course == opening.courses[1]:
+            span = (max(ends[0], opening.span[0] - opening.lintel), min(ends[1], opening.span[1] + opening.lintel))
+            pieces = sorted([*_without(pieces, span, length), span])
+    return pieces
 
 
 def _without(pieces: list[Interval], span: Interval, length: float) -> list[Interval]:
