@@ -9,9 +9,12 @@ direction of the start.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from dembrick.simulation.dynamics.state import cross
 
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
@@ -50,15 +53,25 @@ class DrivenLoads:
 
     def displacements(self, bodies: Bodies) -> np.ndarray:
         """Of the points along their directions (k,), m, from the start of the stage."""
-        arm = np.einsum("kij,kj->ki", bodies.rotation[self.block], self.lever)
-        return ((bodies.position[self.block] + arm - self.start) * self.direction).sum(axis=1)
+        away = bodies.position[self.block] + self._arm(bodies) - self.start
+        return (away * self.direction).sum(axis=1)
 
     def velocity(self, bodies: Bodies) -> float:
         """The rate of the driven displacement (m/s)."""
-        arm = np.einsum("kij,kj->ki", bodies.rotation[self.block], self.lever)
-        moving = bodies.velocity[self.block] + np.cross(bodies.spin[self.block], arm)
-        return float(self.weight @ (moving * self.direction).sum(axis=1) / np.abs(self.weight).sum())
+        moved, turned = bodies.velocity[self.block], bodies.spin[self.block]
+        return float(
+            self._share @ (moved * self.direction + turned * cross(self._arm(bodies), self.direction)).sum(axis=1)
+        )
 
     def displacement(self, bodies: Bodies) -> float:
         """The driven displacement (m), from the start of the stage."""
-        return float(self.weight @ self.displacements(bodies) / np.abs(self.weight).sum())
+        return float(self._share @ self.displacements(bodies))
+
+    @cached_property
+    def _share(self) -> np.ndarray:
+        """Of each point in the driven displacement (k,)."""
+        return self.weight / np.abs(self.weight).sum()
+
+    def _arm(self, bodies: Bodies) -> np.ndarray:
+        """From the centroids to the points (k, 3), world."""
+        return (bodies.rotation[self.block] @ self.lever[:, :, None])[:, :, 0]
