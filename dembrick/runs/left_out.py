@@ -95,15 +95,14 @@ def left_out(
     ]  # fmt: skip
 
 
-def rolled_over(assembly: Assembly, orientation: np.ndarray) -> list[LeftOut]:
+def rolled_over(assembly: Assembly, turned: np.ndarray) -> list[LeftOut]:
     """Remarks on impacts of blocks that rocked on beds of springs; empty if none did.
 
-    ``orientation`` (F, n, 4): quaternions of the blocks in the frames of a run in real time.
+    ``turned`` (n,) rad: the greatest turn of each block in a run in real time.
     """
     joints = assembly.joints
     a, b = (np.array([getattr(joint, side) for joint in joints], np.int64) for side in ("block_a", "block_b"))
-    half = np.abs(np.einsum("fnk,nk->fn", orientation, assembly.orientation)).min(axis=0, initial=1.0)
-    rocked = (2.0 * np.arccos(np.minimum(half, 1.0)) > ROCKS)[[a, b]].any(axis=0)
+    rocked = (turned > ROCKS)[[a, b]].any(axis=0)
     law = np.array([one.formulation for one in joints.law], dtype="U16")
     found = []
     for name in ("convex", "distributed"):

@@ -70,9 +70,9 @@ class MotionResult(RunResult):
     @cached_property
     def left_out(self) -> list[LeftOut]:
         """Remarks on impacts that the joint laws soften; empty if nothing rocked on such joints."""
-        if getattr(self.scenario.control, "restitution", None) is None or not len(self.frames.get("orientation", ())):
+        if getattr(self.scenario.control, "restitution", None) is None:
             return []
-        return left_out.rolled_over(self.assembly, np.asarray(self.frames["orientation"]))
+        return left_out.rolled_over(self.assembly, self.run.turned)
 
     @property
     def uncertain(self) -> np.ndarray | float:

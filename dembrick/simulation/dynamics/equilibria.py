@@ -380,6 +380,7 @@ class EquilibriumPath(ABC):
             unbalanced=float(path[:, 2].max()),
             furthest=self.past.extremes.furthest,
             peak_tension=self.past.extremes.tension,
+            turned=self.past.extremes.turn,
             fallen=np.isin(moving.assembly.names, [] if self.collapse is None else self.collapse["blocks"]),
             settings={
                 "contact_damping": moving.damping,
@@ -421,6 +422,7 @@ class EquilibriumPath(ABC):
         self.failed, self.broken = (end or math.inf for end in (failed, broken))
         self.bonds = joint_families.bonded(self.moving.state).copy()
         sound = 0.0 <= self.reached <= self.greatest and self.reached < math.inf and min(failed, broken) >= 0.0
+        sound = sound and 1 <= slowness <= SLOWEST and slowness.is_integer()
         if not (sound and count.is_integer() and 1 <= count <= len(shapes[f"{SNAPSHOT}.path"])):
             raise HistoryError(f"{snapshot.path}: this checkpoint is of no step of this run")
         self.equilibria, self.careful, self.slowness = int(count), bool(careful), int(slowness)

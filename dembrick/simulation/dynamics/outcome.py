@@ -33,13 +33,15 @@ class Extremes:
 
     ``furthest`` (n,) m: the greatest displacement of each centroid so far; ``quiet`` (n,) s: when its mean acceleration
     from row to row was last below ``threshold`` (m/s2); ``last`` (n + 1, 3): the velocities (m/s) of the row before,
-    and in the last row its time (s); ``tension`` (t,) N: the greatest tension of each tie so far.
+    and in the last row its time (s); ``tension`` (t,) N: the greatest tension of each tie so far;
+    ``turned`` (n,): the cosine of half the greatest turn of each block.
     """
 
     furthest: np.ndarray
     quiet: np.ndarray
     last: np.ndarray
     tension: np.ndarray
+    turned: np.ndarray
     threshold: float = field(default=0.0)
 
     @classmethod
@@ -47,18 +49,25 @@ class Extremes:
         n = len(moving.assembly.names)
         gravity = float(np.linalg.norm(moving.assembly.gravity))
         tension = np.full(len(moving.state.ties.stiffness), -math.inf)
-        return cls(np.zeros(n), np.zeros(n), np.zeros((n + 1, 3)), tension, OFF_BALANCE * gravity)
+        return cls(np.zeros(n), np.zeros(n), np.zeros((n + 1, 3)), tension, np.ones(n), OFF_BALANCE * gravity)
 
     def note(self, moving: Motion) -> None:
         """Take in the present state; the rows come at the same times however often a run is stopped."""
         np.maximum(self.furthest, np.linalg.norm(moving.displacement, axis=1), out=self.furthest)
         self.note_ties(moving)
+        half = np.abs(np.einsum("nk,nk->n", moving.state.bodies.orientation, moving.assembly.orientation))
+        np.minimum(self.turned, half, out=self.turned)
         velocity, time = moving.state.bodies.velocity, moving.time
         passed = time - self.last[-1, 0]
         if passed > 0.0:
             acceleration = np.linalg.norm(velocity - self.last[:-1], axis=1) / passed
             self.quiet[acceleration <= self.threshold] = time
         self.last[:-1], self.last[-1, 0] = velocity, time
+
+    @property
+    def turn(self) -> np.ndarray:
+        """The greatest turn of each block so far (n,), rad."""
+        return 2.0 * np.arccos(np.minimum(self.turned, 1.0))
 
     def note_ties(self, moving: Motion) -> None:
         """Take in the present tensions, as at the row of the start."""
@@ -67,7 +76,7 @@ class Extremes:
     @property
     def arrays(self) -> dict[str, np.ndarray]:
         """All that a run goes on from."""
-        kept = {"furthest": self.furthest, "quiet": self.quiet, "last": self.last}
+        kept = {"furthest": self.furthest, "quiet": self.quiet, "last": self.last, "turned": self.turned}
         return {PEAK_TENSIONS: self.tension} | {f"extremes.{name}": array for name, array in kept.items()}
 
     def go_on_with(self, peaks: np.ndarray, before: TiesBefore) -> None:

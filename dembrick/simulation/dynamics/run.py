@@ -61,7 +61,8 @@ class MotionRun:
     """A finished run: the state it ended in, its status, what the program chose and how long it took (s).
 
     ``furthest`` (n,) m: the greatest displacement of every centroid, as seen at the rows, and ``peak_tension`` (t,) N:
-    the greatest tension of every tie; ``fallen`` (n,): which blocks have fallen.
+    the greatest tension of every tie, ``turned`` (n,) rad: the greatest turn of every block; ``fallen`` (n,): which of
+    them have fallen.
     """
 
     motion: Motion
@@ -70,6 +71,7 @@ class MotionRun:
     unbalanced: float
     furthest: np.ndarray
     peak_tension: np.ndarray
+    turned: np.ndarray
     fallen: np.ndarray
     settings: dict = field(default_factory=dict)
     energy: Sums | None = None
@@ -242,6 +244,7 @@ def run(moving: Motion, control: Control, driving: Driving, session: Session) ->
         unbalanced=float(past.unbalanced[0]),
         furthest=past.extremes.furthest,
         peak_tension=past.extremes.tension,
+        turned=past.extremes.turn,
         fallen=fallen(moving),
         settings=settings,
         energy=moving.energy.sums(moving.state, rounding(moving)),
