@@ -246,5 +246,5 @@ def _check_convex(points, faces, size: float) -> None:
     if worst > 2.0 * FLAT * size:
         raise ScenarioError(
             f"the surface is not convex: a corner stands {worst:.6g} m before the plane of {_face(points, where)}; "
-            "describe the block by convex parts, a file each"
+            "describe the block by convex parts: parts of [[blocks]], or solids that [[models]] has united"
         )

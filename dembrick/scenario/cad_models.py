@@ -5,9 +5,11 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
-from dembrick.scenario.blocks import Block, Vector
-from dembrick.scenario.checks import assign, check_name, one_of, real, require, show
+from dembrick.errors import ScenarioError
+from dembrick.scenario.blocks import Block, Part, Vector
+from dembrick.scenario.checks import assign, check_name, nearest, one_of, real, require, require_type, show
 from dembrick.scenario.generators.placing import Frame, check_common, stone_of
 from dembrick.scenario.units import LENGTHS
 
@@ -21,7 +23,8 @@ class CadModel:
 
     ``unit`` of its lengths: m, cm, mm, in or ft. Faces of two solids that look at each other nearer than
     ``gap_tolerance`` (m) come to lie on one plane, so that they touch; remarks say how many. ``position`` and
-    ``heading`` move and turn the whole.
+    ``heading`` move and turn the whole. ``united``: lists of solids that are one rigid block each, called by the
+    first of them, as the convex pieces of an L or a T are; it is a support if the file says so of any.
     """
 
     name: str
@@ -32,6 +35,7 @@ class CadModel:
     position: Vector = (0.0, 0.0, 0.0)
     heading: float = 0.0
     group: str | None = None
+    united: tuple[tuple[str, ...], ...] = ()
 
     def __post_init__(self):
         label = check_common(self, "model")
@@ -39,17 +43,45 @@ class CadModel:
         one_of(f"unit{label}", self.unit, tuple(LENGTHS))
         tolerance = real(f"gap_tolerance{label}", self.gap_tolerance)
         require(tolerance >= 0.0, f"gap_tolerance{label}", tolerance, "it must be at least 0 m")
-        assign(self, gap_tolerance=tolerance)
+        assign(self, gap_tolerance=tolerance, united=self._checked_united(label))
+
+    def _checked_united(self, label: str) -> tuple[tuple[str, ...], ...]:
+        key, wanted = f"united{label}", "lists of names of solids"
+        require_type(isinstance(self.united, list | tuple), key, self.united, wanted)
+        for names in self.united:
+            texts = isinstance(names, list | tuple) and all(isinstance(name, str) for name in names)
+            require_type(texts, key, names, wanted)
+            require(len(names) >= 2, key, names, "a block is made of at least 2 solids")
+        every = [name for names in self.united for name in names]
+        twice = next((name for name in every if every.count(name) > 1), None)
+        require(twice is None, key, twice, "a solid belongs to one block, once")
+        return tuple(tuple(names) for names in self.united)
+
+    def _block_of(self, solids, path: str) -> dict[str, tuple]:
+        """Name -> the solids of the block that it stands for, in the order of the file."""
+        known = {solid.name: solid for solid in solids}
+        first = {name: names[0] for names in self.united for name in names}
+        for name in first:
+            if name not in known:
+                raise ScenarioError(f"{path}: united = {show(name)} is not the name of a solid; {nearest(name, known)}")
+        found: dict[str, tuple] = {}
+        for solid in solids:
+            block = first.get(solid.name, solid.name)
+            found[block] = (*found.get(block, ()), solid)
+        return found
 
     def build(self, path: str) -> tuple[list[Block], list[str]]:
         """The blocks of the file at ``path``, and remarks on gaps."""
         stamp = os.stat(path).st_mtime_ns if os.path.isfile(path) else 0
         solids, closed, near = _read(path, stamp, LENGTHS[self.unit], self.gap_tolerance)
         frame = Frame(self.position, self.heading)
-        blocks = [
-            stone_of(self, s.name, vertices=s.corners, position=frame.origin, orientation=frame.turn, fixed=s.fixed)
-            for s in solids
-        ]
+        blocks = []
+        for name, members in self._block_of(solids, path).items():
+            shape: dict[str, Any] = {"vertices": members[0].corners}
+            if len(members) > 1:
+                shape = {"parts": tuple(Part(vertices=solid.corners) for solid in members)}
+            fixed = any(solid.fixed for solid in members)
+            blocks.append(stone_of(self, name, position=frame.origin, orientation=frame.turn, fixed=fixed, **shape))
         remarks, who = [], f"model {show(self.name)}"
         if closed:
             remarks.append(

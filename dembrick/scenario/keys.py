@@ -209,6 +209,7 @@ springing | | true, false | a ring of fixed stones below
 file | | a path | OBJ, STL, glTF (.gltf, .glb), COMPAS JSON, PLY, .msh or .vtu file, beside the scenario
 unit | | m, cm, mm, in, ft | unit of the lengths in the file
 gap_tolerance | m | >= 0 | faces of two solids that look at each other nearer than this come to lie on one plane
+united | | lists of names | solids that are one rigid block, called by the first of them
 """,
     Load: """
 block | | a block or group | what it acts on; each block of a group bears the whole force
