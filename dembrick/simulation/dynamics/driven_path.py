@@ -32,7 +32,7 @@ from dembrick.simulation.dynamics.outcome import mechanism, moved_most
 from dembrick.simulation.dynamics.time_histories import Curve
 from dembrick.simulation.session import Plan, Session, Snapshot
 
-EQUILIBRIA = 60  # of the whole travel, equally far apart
+EQUILIBRIA = 60  # of the whole travel, equally far apart; of a protocol of each way out, or half of one there and back
 MOST = 6 * EQUILIBRIA  # actuators that have not come so far by then do not give way
 STRETCH = 0.05  # of what the spring is stretched by: the head goes on by so much, or by a part of the travel
 UNLOADING = 0.5  # of the greatest stretch so far, which counts where the spring is relieved
@@ -78,7 +78,8 @@ class DrivenPath(EquilibriumPath):
         self.turns = np.zeros(len(self.protocol.ways))
         self.attempts: list[tuple[float, float]] = []  # the parameter, and how far u is past the end of the way
         ways = np.abs(self.protocol.ways)
-        super().__init__(moving, control, driving, session, math.ceil(MOST * (ways / ways[0]).sum() / refine))
+        self.ranges = np.maximum(ways[0], 0.5 * ways)  # m: there and back is twice as far as out
+        super().__init__(moving, control, driving, session, math.ceil(MOST * (ways / self.ranges).sum() / refine))
 
     @property
     def travel(self) -> float:
@@ -93,7 +94,7 @@ class DrivenPath(EquilibriumPath):
     @property
     def step(self) -> float:
         """The parameter from one equilibrium to the next (m), where nothing asks for more."""
-        return self.refine * float(np.abs(self.protocol.ways[0])) / EQUILIBRIA
+        return self.refine * float(self.ranges[self.way_number]) / EQUILIBRIA
 
     def head(self, parameter):
         """The displacement of the head (m)."""
