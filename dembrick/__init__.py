@@ -28,6 +28,8 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not follow names th
     from dembrick.errors import WriteError as WriteError
     from dembrick.history import History as History
     from dembrick.history import read as read_history  # noqa: F401
+    from dembrick.runs.causes import Causes as Causes
+    from dembrick.runs.causes import find as find_causes  # noqa: F401
     from dembrick.runs.domain import simulate_domain as simulate_domain
     from dembrick.runs.lab import replay_lab as replay_lab
     from dembrick.runs.limit import LimitResult as LimitResult
@@ -108,6 +110,7 @@ _NAMES = {  # by the module that has them
     "MissingDependency NotConvergedError OutputError OverlapError ScenarioError UndecidedError "
     "WriteError",
     "dembrick.history": "History read_history",
+    "dembrick.runs.causes": "Causes find_causes",
     "dembrick.runs.domain": "simulate_domain",
     "dembrick.runs.lab": "replay_lab",
     "dembrick.runs.limit": "LimitResult ReactionResult limit reaction",
@@ -156,7 +159,7 @@ def __getattr__(name: str):
     if name in _MODULES:
         return import_module(f"{_HOMES[name]}.{name}")
     home = import_module(_HOMES[name])
-    return getattr(home, "read" if name == "read_history" else name)
+    return getattr(home, {"read_history": "read", "find_causes": "find"}.get(name, name))
 
 
 def __dir__():

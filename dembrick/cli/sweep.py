@@ -24,7 +24,10 @@ def run(options, console) -> int:
     from dembrick.cli.paths import default_output
     from dembrick.errors import ScenarioError
     from dembrick.runs import study as studies
+    from dembrick.runs.study.target import asks_for_causes
 
+    if asks_for_causes(options.study):
+        return _find_causes(options, console)
     if options.jobs is not None and options.jobs < 1:
         raise ScenarioError(f"--jobs = {options.jobs} is out of range: it must be at least 1")
     study = studies.load(options.study)
@@ -42,6 +45,23 @@ def run(options, console) -> int:
     if outcome.failed:
         console.error(f"{outcome.failed} of {outcome.finished} cases failed; the column 'error' of the table says why")
         return 1
+    return 0
+
+
+def _find_causes(options, console) -> int:
+    """Which support has moved: the answer, its figure and its table; exit code 0."""
+    from dembrick.cli.paths import default_output, make_folder
+    from dembrick.runs import causes
+    from dembrick.views import plot
+
+    found = causes.find(options.study)
+    folder = Path(options.out or default_output(Path(options.study).stem))
+    make_folder(folder)
+    figure, table = folder / "causes.png", folder / "causes.csv"
+    panels = [plot.Motion(cause.title, cause.velocity, cause.opening) for cause in found.likely or found.causes[:1]]
+    plot.save(plot.causes(found.assembly, found.judged == 1, panels), figure)
+    found.write(table)
+    console.result(found.as_dict(), f"{found.text()}\nfigure        {figure}\ntable         {table}")
     return 0
 
 

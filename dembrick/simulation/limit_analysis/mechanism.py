@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dembrick.simulation.limit_analysis.programme import Structure
 from dembrick.simulation.mechanism import assembly_mechanism, crushes, fastest_blocks, joint_mechanism, nothing_between
+
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
 
 _CLOSED = 1e-6  # of the greatest normal force: joints that carry less are open
 
@@ -27,18 +31,13 @@ class Mechanism:
 
 
 def mechanism_of(structure: Structure, y: np.ndarray, resultants: np.ndarray, supports=None) -> Mechanism:
-    """The mechanism of duals ``y`` of equilibrium, beside joint forces (j, 6); ``supports``: the velocities (n, 3) that
-    fixed blocks are given."""
+    """The mechanism of duals ``y`` of equilibrium, beside joint forces (j, 6); ``supports``: the velocities (n, 3), or
+    with rotations (n, 6), that fixed blocks are given."""
     assembly, joints = structure.assembly, structure.assembly.joints
     velocity = structure.frame.velocities(y)
     if supports is not None:
-        velocity[:, :3] += supports
-    relative = np.zeros((len(joints), 6))
-    for block, sign in ((joints.block_a, -1.0), (joints.block_b, 1.0)):
-        arm = joints.origin - assembly.position[block]
-        moved = velocity[block, :3] + np.cross(velocity[block, 3:], arm)
-        relative[:, :3] += sign * np.einsum("jik,jk->ji", joints.axes, moved)
-        relative[:, 3:] += sign * np.einsum("jik,jk->ji", joints.axes, velocity[block, 3:])
+        velocity[:, : supports.shape[1]] += supports
+    relative = joint_motions(assembly, velocity)
     reach = np.zeros(len(joints))
     areas = structure.areas
     for joint, arm in ((structure.points.joint, structure.points.shear_arm), (areas.joint[areas.owner], areas.corner)):
@@ -62,3 +61,15 @@ def mechanism_of(structure: Structure, y: np.ndarray, resultants: np.ndarray, su
     if nothing_between(moving, (joints.block_a, joints.block_b), resultants[:, 0], weight):
         kind = "uplift"
     return Mechanism(velocity, relative, moving, joint, kind)
+
+
+def joint_motions(assembly: Assembly, velocity: np.ndarray) -> np.ndarray:
+    """Motion (j, 6) of block b against a at O in the joint's axes, of blocks with ``velocity`` (n, 6)."""
+    joints = assembly.joints
+    relative = np.zeros((len(joints), 6))
+    for block, sign in ((joints.block_a, -1.0), (joints.block_b, 1.0)):
+        arm = joints.origin - assembly.position[block]
+        moved = velocity[block, :3] + np.cross(velocity[block, 3:], arm)
+        relative[:, :3] += sign * np.einsum("jik,jk->ji", joints.axes, moved)
+        relative[:, 3:] += sign * np.einsum("jik,jk->ji", joints.axes, velocity[block, 3:])
+    return relative

@@ -36,7 +36,7 @@ NO_CUTS = Cuts()
 class Structure:
     """An assembly as limit analysis sees it: strengths, equations and unknowns. ``dead`` (rows,) in ``frame.unit``."""
 
-    assembly: object
+    assembly: Assembly
     points: Points
     areas: Areas
     frame: Frame

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dembrick.simulation.limit_analysis.analysis import falls, optimum, prepared, standing
+from dembrick.simulation.limit_analysis.analysis import Standing, falls, optimum, prepared, standing
 from dembrick.simulation.limit_analysis.mechanism import Mechanism, mechanism_of
 from dembrick.simulation.limit_analysis.programme import Loads, Structure
 from dembrick.simulation.limit_analysis.solver import UNBOUNDED
@@ -65,19 +65,43 @@ def reaction_range(assembly: Assembly, support: np.ndarray, direction: np.ndarra
     return ends[0], ends[1]
 
 
-def _reaction(structure: Structure, support: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, float]:
-    """The reaction in ``frame.unit`` as row . x + level: row (n,), level."""
+def first_motion(structure: Structure, stands: Standing, support: int, motion: np.ndarray) -> Mechanism | None:
+    """Mechanism in which a structure that ``stands`` follows the small ``motion`` (6,) of a fixed block, velocity of
+    its centroid and rotation. The reaction along the motion falls to its least, to which the mechanism is dual. None if
+    the blocks are locked between their supports and cannot follow.
+    """
+    row, _ = _reaction(structure, np.array([support]), -motion[:3], -motion[3:])
+    found = optimum(structure, Loads(structure.dead, None), row, stands.x)
+    if found.status == UNBOUNDED:
+        return None
+    _, resultants = structure.carried(found.x)
+    given = np.zeros((len(structure.assembly.fixed), 6))
+    given[support] = motion
+    return mechanism_of(structure, found.y, resultants, given)
+
+
+def _reaction(
+    structure: Structure, support: np.ndarray, direction: np.ndarray, axis: np.ndarray | None = None
+) -> tuple[np.ndarray, float]:
+    """The reaction along ``direction`` (3,), and about an ``axis`` (3,) through the centroid of the first block, in
+    ``frame.unit`` as row . x + level: row (n,), level."""
     number = np.full(len(structure.assembly.fixed), -1)
     number[support] = 0
-    frame = replace(
-        structure.frame,
-        free=np.asarray(support)[:1],
-        number=number,
-        forces=np.reshape(direction, (1, 3)),
-        moments=np.zeros((0, 3)),
-        moves=np.ones((1, 1), bool),
-    )
-    entries = structure.layout.equilibrium(frame)
-    row = np.zeros(structure.layout.n)
-    np.add.at(row, entries.column, -entries.value)
-    return row, float(structure.layout.bond(frame)[0])
+    none = np.zeros((0, 3))
+    ways = [(1.0, np.reshape(direction, (1, 3)), none)]
+    if axis is not None and axis.any():
+        ways.append((structure.frame.length, none, np.reshape(axis, (1, 3))))
+    row, level = np.zeros(structure.layout.n), 0.0
+    for size, forces, moments in ways:
+        frame = replace(
+            structure.frame,
+            free=np.asarray(support)[:1],
+            number=number,
+            forces=forces,
+            moments=moments,
+            moves=np.ones((1, 1), bool),
+        )
+        entries = structure.layout.equilibrium(frame)
+        np.add.at(row, entries.column, -size * entries.value)
+        level += size * float(structure.layout.bond(frame)[0])
+    return row, level

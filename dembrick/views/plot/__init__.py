@@ -4,6 +4,7 @@ Every function returns a matplotlib ``Figure`` and draws into ``ax`` where one i
 figure is made, never before; its state machine (pyplot) is not used, so no window or backend is touched.
 """
 
+from dembrick.views.plot.causes import Motion, causes
 from dembrick.views.plot.curves import (
     CurvePanel,
     MeasuredCurve,
@@ -28,7 +29,9 @@ __all__ = [
     "FORMATS",
     "CurvePanel",
     "MeasuredCurve",
+    "Motion",
     "StudyTable",
+    "causes",
     "control_points",
     "curve_panels",
     "domain_points",

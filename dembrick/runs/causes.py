@@ -1,0 +1,432 @@
+"""Causes of cracks: which support has moved, and how, judged by the joints that are seen to be open.
+
+A study asks for it by a table::
+
+    title = "Which springing has moved?"
+    base  = "arch.toml"                                     # the structure; its control plays no part
+
+    [target]
+    open     = [["arch.3", "arch.4"], ["arch.10", "arch.11"]]
+    closed   = [["arch.right", "arch.20"]]                  # all other joints, if not given
+    supports = ["arch.left", "arch.right"]                  # that may have moved: all, if not given
+    displacement = { block = "arch.10", value = [0.0, 0.0, -0.01] }   # m, seen as well
+    doubt    = 0.05                                         # the chance that what is said of a joint is wrong
+
+A support that gives way a little brings the reaction along its motion down to the least that equilibrium allows, and
+the blocks follow in the mechanism that is dual to it (`limit_analysis.reactions.first_motion`): its joints open, the
+others stay closed. Each support is moved by itself, along and about every axis and two of these at once (three in a
+plane of symmetry), and every motion is scored by the joints: hits, misses (open, and here closed) and false alarms.
+
+If each joint is told wrongly with a chance p, independently, a motion with m misses and false alarms is ((1 - p) / p)^m
+times less likely than one without; the share of a cause among all that were tried is how sure it is. Motions that open
+the same joints cannot be told apart, and are one cause.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import itertools
+import math
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from time import perf_counter
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from dembrick.errors import NotConvergedError, ScenarioError
+from dembrick.geometry.rotations import rotation_matrix
+from dembrick.history.files import write_whole
+from dembrick.runs.limit import assembled
+from dembrick.runs.result import listed
+from dembrick.runs.simulate import simulate
+from dembrick.runs.study.target import Target, read
+from dembrick.scenario.checks import nearest, show
+from dembrick.scenario.controls import SettlementControl
+from dembrick.scenario.model import Output
+from dembrick.scenario.support_paths import Turn
+from dembrick.simulation.limit_analysis.mechanism import joint_motions
+
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
+    from dembrick.scenario.model import Scenario
+    from dembrick.simulation.limit_analysis.analysis import Standing
+    from dembrick.simulation.limit_analysis.programme import Structure
+
+OPENS = 0.02  # of the greatest opening: a joint that opens by less is closed
+BLURRED = 4.0  # times that, or less by so much: a joint between these may be seen open or closed
+SCATTER = 0.2  # of a displacement that was seen: how far off a motion may take its block
+FOLLOWED = 2e-3  # of the structure's size: the motion of a support that is followed through equilibria
+LIKELY = 0.1  # times as likely as the best: a cause to reckon with
+SHOWN = 3  # causes that are printed and drawn
+_AXES = ("x", "y", "z")
+COLUMNS = ("cause", "share", "weight", "hits", "misses", "false_alarms", "support", *_AXES, "rx", "ry", "rz", "amount")
+
+
+class Motion(NamedTuple):
+    """A motion of a ``support``: ``velocity`` (6,) of its centroid and rotation (1/m), and ``amount`` (m) by which it
+    must be taken (None if no displacement was seen)."""
+
+    support: str
+    velocity: np.ndarray
+    amount: float | None
+
+    def said(self) -> str:
+        """In words."""
+        v, w = self.velocity[:3], self.velocity[3:]
+        parts = []
+        if v.any():
+            way = " ".join(f"{'+' if x > 0.0 else '-'}{a}" for x, a in zip(v, _AXES, strict=True) if abs(x) > 1e-9)
+            parts.append(f"moves along {way}")
+        if w.any():
+            way = " ".join(f"{'+' if x > 0.0 else '-'}{a}" for x, a in zip(w, _AXES, strict=True) if abs(x) > 1e-9)
+            parts.append(f"turns about {way}")
+        size = "" if self.amount is None else f", {1e3 * self.amount * float(np.linalg.norm(v)):.3g} mm"
+        return f"{self.support} {' and '.join(parts)}{size}"
+
+    def as_dict(self) -> dict:
+        """As in the JSON output."""
+        return {
+            "support": self.support, "displacement": self.velocity[:3].tolist(),
+            "rotation": self.velocity[3:].tolist(), "amount": self.amount,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Cause:
+    """Motions that open the same joints. ``share``: how likely it is beside all that were tried; ``weight`` of its best
+    motion over the best of all; ``velocity`` (n, 6) of the blocks in that; ``opening`` (j,) of the joints over the
+    greatest."""
+
+    motions: tuple[Motion, ...]
+    share: float
+    weight: float
+    hits: int
+    misses: tuple[str, ...]
+    false_alarms: tuple[str, ...]
+    velocity: np.ndarray
+    opening: np.ndarray
+
+    @property
+    def supports(self) -> tuple[str, ...]:
+        """Those of its motions, each once."""
+        return tuple(dict.fromkeys(motion.support for motion in self.motions))
+
+    @property
+    def title(self) -> str:
+        """Share and plainest motion, in a line."""
+        more = f" (or {len(self.motions) - 1} like it)" if len(self.motions) > 1 else ""
+        return f"{self.percent}: {self.motions[0].said()}{more}"
+
+    @property
+    def percent(self) -> str:
+        """Its share in words."""
+        return "less than 0.1 %" if self.share < 1e-3 else f"{100.0 * self.share:.3g} %"
+
+    def as_dict(self) -> dict:
+        """As in the JSON output."""
+        return {
+            "motions": [motion.as_dict() for motion in self.motions],
+            "share": self.share,
+            "weight": self.weight,
+            "hits": self.hits,
+            "misses": list(self.misses),
+            "false_alarms": list(self.false_alarms),
+        }
+
+
+@dataclass(frozen=True)
+class Causes:
+    """Answer of a study of causes: the likeliest first. ``judged`` (j,) int8: 1 for joints that are to be open, 0
+    closed, -1 not judged; ``tried`` motions, and how many are ``locked``, which no mechanism follows."""
+
+    target: Target
+    assembly: Assembly
+    causes: tuple[Cause, ...]
+    judged: np.ndarray
+    tried: int
+    locked: int
+    seconds: float
+
+    @property
+    def likely(self) -> tuple[Cause, ...]:
+        """Causes to reckon with: at least a tenth as likely as the best."""
+        return tuple(cause for cause in self.causes if cause.weight >= LIKELY)
+
+    @property
+    def ambiguous(self) -> bool:
+        """Whether what was seen does not tell one support from another."""
+        return len({name for cause in self.likely for name in cause.supports}) > 1
+
+    def as_dict(self) -> dict:
+        """The JSON object of ``dembrick sweep --json``."""
+        return {
+            "title": self.target.title,
+            "tried": self.tried,
+            "locked": self.locked,
+            "ambiguous": self.ambiguous,
+            "causes": [cause.as_dict() for cause in self.causes],
+            "wall": self.seconds,
+        }
+
+    def write(self, path: str | os.PathLike) -> None:
+        """Write a CSV table with a line for each motion that was tried and not locked, the likeliest cause first."""
+        text = io.StringIO()
+        table = csv.writer(text, lineterminator="\n")
+        table.writerow(COLUMNS)
+        for rank, cause in enumerate(self.causes, 1):
+            numbers = [f"{cause.share:.6g}", f"{cause.weight:.6g}"]
+            counts = [cause.hits, len(cause.misses), len(cause.false_alarms)]
+            for motion in cause.motions:
+                way = [f"{x:.6g}" for x in motion.velocity]
+                amount = "" if motion.amount is None else f"{motion.amount:.6g}"
+                table.writerow([rank, *numbers, *counts, motion.support, *way, amount])
+        write_whole(path, text.getvalue(), "table")
+
+    def text(self) -> str:
+        """Text of the command line."""
+        seen = int((self.judged == 1).sum())
+        lines = [
+            self.target.title,
+            f"tried         {self.tried} motions of supports, {self.locked} of them locked; {self.seconds:.3g} s",
+        ]
+        for rank, cause in enumerate(self.causes[:SHOWN], 1):
+            lines.append(f"cause {rank}       {cause.percent} of all tried: {cause.motions[0].said()}")
+            wrong = [f"{name} stays closed" for name in cause.misses] + [f"{n} opens" for n in cause.false_alarms]
+            lines.append(
+                f"  joints      {cause.hits} of {seen} open" + (f"; {listed(wrong)}" if wrong else ", no other")
+            )
+            if len(cause.motions) > 1:
+                others = listed([motion.said() for motion in cause.motions[1:]])
+                lines.append(f"  or          {others}: the same joints open")
+        if self.ambiguous:
+            names = list(dict.fromkeys(name for cause in self.likely for name in cause.supports))
+            lines.append(
+                f"ambiguous     what was seen does not tell {' from '.join(names)}: look at more joints or blocks"
+            )
+        if self.causes and (self.causes[0].misses or self.causes[0].false_alarms):
+            lines.append("unexplained   no motion of one support opens exactly these joints")
+        return "\n".join(lines)
+
+
+def find(target: Target | str | os.PathLike, *, report: Callable[[str], None] | None = None) -> Causes:
+    """Score every motion of a support by the joints that it opens; `Causes`, the likeliest first.
+
+    Raises ScenarioError for a target that names no joint or contradicts itself, and if no support can move;
+    NotConvergedError if the structure does not stand; MissingDependency without the extra ``limit``.
+    """
+    from dembrick.simulation.limit_analysis.analysis import falls, prepared, standing
+
+    target = target if isinstance(target, Target) else read(target)
+    began = perf_counter()
+    _, assembly, _ = assembled(target.scenario, began, report)
+    judged = _judged(target, assembly)
+    supports = _supports(target, assembly)
+    block, seen = _watched(target, assembly)
+    structure = prepared(assembly, along=() if seen is None else (seen,))
+    follow = partial(_followed, target.scenario, assembly) if target.paths else partial(_by_limit_analysis, structure)
+    stands = standing(structure)
+    if not stands.stands:
+        raise falls(assembly, stands)
+    patterns: dict[bytes, list] = {}
+    tried = locked = 0
+    for support in supports:
+        for velocity in _motions(structure, support):
+            tried += 1
+            followed = follow(stands, support, velocity)
+            if followed is None:
+                locked += 1
+                continue
+            moved, opening = followed
+            opens = opening > OPENS
+            weight, amount = _agreement(opening, judged, target.doubt), None
+            if seen is not None:
+                amount, misfit = _amount(moved[block, :3], seen)
+                if amount is None:
+                    continue
+                weight -= 0.5 * (misfit / SCATTER) ** 2
+            motion = Motion(assembly.names[support], velocity, amount)
+            patterns.setdefault(opens.tobytes(), []).append((weight, motion, moved, opening))
+    return Causes(target, assembly, _ranked(patterns, judged, assembly), judged, tried, locked, perf_counter() - began)
+
+
+def _judged(target: Target, assembly: Assembly) -> np.ndarray:
+    """1 for joints that are to be open, 0 for those that are to be closed, -1 for the rest (j,)."""
+    joints, names = assembly.joints, list(assembly.names)
+    between: dict[frozenset, list[int]] = {}
+    for j, (a, b) in enumerate(zip(joints.block_a.tolist(), joints.block_b.tolist(), strict=True)):
+        between.setdefault(frozenset((names[a], names[b])), []).append(j)
+    judged = np.full(len(joints), 0 if target.closed is None else -1, np.int8)
+    for pairs, value, key in ((target.closed or (), 0, "closed"), (target.open, 1, "open")):
+        for pair in pairs:
+            for name in pair:
+                if name not in names:
+                    raise ScenarioError(f"target.{key}: there is no block {show(name)}; {nearest(name, names)}")
+            if frozenset(pair) not in between:
+                raise ScenarioError(f"target.{key}: no joint lies between {show(pair[0])} and {show(pair[1])}")
+            judged[between[frozenset(pair)]] = value
+    both = {frozenset(pair) for pair in target.open} & {frozenset(pair) for pair in target.closed or ()}
+    if both:
+        raise ScenarioError(f"[target]: the joint between {' and '.join(sorted(both.pop()))} is both open and closed")
+    return judged
+
+
+def _supports(target: Target, assembly: Assembly) -> list[int]:
+    """The fixed blocks that may have moved: those that a free block touches."""
+    joints, names = assembly.joints, list(assembly.names)
+    touching = set(joints.block_a.tolist()) | set(joints.block_b.tolist())
+    able = [i for i in sorted(touching) if assembly.fixed[i]]
+    for name in target.supports:
+        if name not in names:
+            raise ScenarioError(f"target.supports: there is no block {show(name)}; {nearest(name, names)}")
+        if names.index(name) not in able:
+            raise ScenarioError(f"target.supports: {show(name)} is no support: it must be fixed and carry a free block")
+    chosen = [i for i in able if not target.supports or names[i] in target.supports]
+    if len(able) < 2:
+        raise ScenarioError("no support can have moved against another: the structure stands on one; draw its parts")
+    return chosen
+
+
+def _watched(target: Target, assembly: Assembly) -> tuple[int, np.ndarray | None]:
+    """The block whose displacement was seen, and that."""
+    if target.seen is None:
+        return -1, None
+    name, value = target.seen
+    if name not in assembly.names:
+        raise ScenarioError(
+            f"target.displacement: there is no block {show(name)}; {nearest(name, list(assembly.names))}"
+        )
+    return list(assembly.names).index(name), value
+
+
+def _motions(structure: Structure, support: int) -> list[np.ndarray]:
+    """Motions (6,) of a support that are tried: along and about each axis both ways, and these together, all three in a
+    plane, two in space. A turn moves the farthest corner of the support's joints by as much as a shift does."""
+    frame, joints = structure.frame, structure.assembly.joints
+    own = (joints.block_a == support) | (joints.block_b == support)
+    size = float(np.linalg.norm(joints.origin[own] - structure.assembly.position[support], axis=1).max(initial=0.0))
+    size += max(float(np.abs(joints[j].polygon).max()) for j in np.flatnonzero(own))
+    shifts = [np.concatenate([way, np.zeros(3)]) for way in frame.forces]
+    axes = [*shifts, *(np.concatenate([np.zeros(3), way / size]) for way in frame.moments)]
+    most = len(axes) if len(axes) == 3 else 2
+    motions = []
+    for signs in itertools.product((-1.0, 0.0, 1.0), repeat=len(axes)):
+        count = np.count_nonzero(signs)
+        if 0 < count <= most:
+            motions.append(np.array(signs) @ np.array(axes) / math.sqrt(count))
+    return sorted(motions, key=lambda motion: (np.count_nonzero(motion), motion[3:].any()))
+
+
+def _by_limit_analysis(
+    structure: Structure, stands: Standing, support: int, velocity: np.ndarray
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Velocities (n, 6) of all blocks as a support begins to move, and the openings (j,) of joints; None if locked."""
+    from dembrick.simulation.limit_analysis.reactions import first_motion
+
+    mechanism = first_motion(structure, stands, support, velocity)
+    return None if mechanism is None else (mechanism.velocity, _opening(structure.assembly, mechanism.relative))
+
+
+def _followed(
+    scenario: Scenario, assembly: Assembly, _: Standing, support: int, velocity: np.ndarray
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """The same of a path of equilibria in the deformed geometry, by a small part of the structure's size; None if the
+    structure comes down on the way or finds no rest."""
+    amount = FOLLOWED * float(np.ptp(assembly.position, axis=0).max())
+    v, w = amount * velocity[:3], amount * velocity[3:]
+    size = float(np.linalg.norm(w))
+    control = SettlementControl(
+        (assembly.names[support],),
+        tuple(v.tolist()) if v.any() else None,
+        Turn(tuple((w / size).tolist()), math.degrees(size)) if size else None,
+    )
+    try:
+        given = replace(scenario, control=control, output=Output(("frames",)))
+        result = simulate(given, progress=False)
+    except NotConvergedError:
+        return None
+    if result.collapse is not None:
+        return None
+    moved = np.zeros((len(assembly.names), 6))
+    moved[:, :3] = np.asarray(result.frames["displacement"][-1])
+    turn = rotation_matrix(result.frames["orientation"][-1]) @ np.swapaxes(assembly.rotation, 1, 2)
+    skew = 0.5 * (turn - np.swapaxes(turn, 1, 2))  # of small turns the vector
+    moved[:, 3:] = skew[:, [2, 0, 1], [1, 2, 0]]
+    moved /= amount
+    return moved, _opening(assembly, joint_motions(assembly, moved), slides=False)
+
+
+def _opening(assembly: Assembly, relative: np.ndarray, slides: bool = True) -> np.ndarray:
+    """How far each joint opens at its widest corner over the widest of all (j,), by motions (j, 6) as of `Mechanism`.
+
+    Limit analysis lets joints that slide rise by friction times their slip, which stones do not: that is taken off
+    if ``slides``.
+    """
+    joints = assembly.joints
+    friction = np.array([law.friction if slides else 0.0 for law in joints.law])
+    widest = np.zeros(len(joints))
+    for numbers, outlines in joints.by_corners():
+        d1, d2, dn, r1, r2, rn = relative[numbers].T[:, :, None]
+        x, y = outlines[:, :, 0], outlines[:, :, 1]
+        rise = friction[numbers][:, None] * np.hypot(d1 - rn * y, d2 + rn * x)
+        widest[numbers] = (dn + r1 * y - r2 * x - rise).max(axis=1)
+    most = float(widest.max(initial=0.0))
+    return widest / most if most > 0.0 else widest
+
+
+def _agreement(opening: np.ndarray, judged: np.ndarray, doubt: float) -> float:
+    """Logarithm of the chance to see the joints as they were ``judged`` (j,), if they open as in a mechanism: one that
+    opens by much less than `OPENS` is seen open with the chance ``doubt``, one by much more with 1 - doubt."""
+    far = np.log(np.maximum(opening, 1e-300) / OPENS) / math.log(BLURRED)
+    seen_open = doubt + (1.0 - 2.0 * doubt) * np.clip(0.5 + 0.5 * far, 0.0, 1.0)
+    return float(np.log(seen_open[judged == 1]).sum() + np.log(1.0 - seen_open[judged == 0]).sum())
+
+
+def _amount(moved: np.ndarray, seen: np.ndarray) -> tuple[float | None, float]:
+    """How far (m) a support must have moved for a block to have done as was ``seen`` (3,), if a motion of one takes it
+    by ``moved`` (3,), and what is left over the whole; None if the motion takes it the other way."""
+    square = float(moved @ moved)
+    amount = float(moved @ seen) / square if square > 0.0 else 0.0
+    if amount <= 0.0:
+        return None, math.inf
+    return amount, float(np.linalg.norm(seen - amount * moved) / np.linalg.norm(seen))
+
+
+def _ranked(patterns: dict[bytes, list], judged: np.ndarray, assembly: Assembly) -> tuple[Cause, ...]:
+    """The causes by their likelihood: motions that open the same joints together."""
+    if not patterns:
+        return ()
+    top = max(weight for found in patterns.values() for weight, *_ in found)
+    total = sum(math.exp(weight - top) for found in patterns.values() for weight, *_ in found)
+    names, joints = assembly.names, assembly.joints
+    causes = []
+    for found in patterns.values():
+        found.sort(key=lambda one: (-one[0], *_plain(one[1].velocity, assembly.gravity)))
+        weight, _, velocity, opening = found[0]
+        opens = opening > OPENS
+
+        def of(chosen: np.ndarray) -> tuple[str, ...]:
+            pairs = zip(joints.block_a[chosen].tolist(), joints.block_b[chosen].tolist(), strict=True)
+            return tuple(f"{names[a]} / {names[b]}" for a, b in pairs)
+
+        causes.append(
+            Cause(
+                motions=tuple(motion for _, motion, *_ in found),
+                share=sum(math.exp(one[0] - top) for one in found) / total,
+                weight=math.exp(weight - top),
+                hits=int((opens & (judged == 1)).sum()),
+                misses=of(~opens & (judged == 1)),
+                false_alarms=of(opens & (judged == 0)),
+                velocity=velocity,
+                opening=opening,
+            )
+        )
+    return tuple(sorted(causes, key=lambda cause: (-cause.weight, -cause.share)))
+
+
+def _plain(velocity: np.ndarray, gravity) -> tuple:
+    """Order of motions that explain as much: along an axis before turns and what is put together, down before up."""
+    return np.count_nonzero(velocity), bool(velocity[3:].any()), -float(np.asarray(gravity) @ velocity[:3])
