@@ -18,7 +18,7 @@ def run(options, console) -> int:
 
 
 def _report(file, options, console) -> int:
-    from dembrick.views.summary import limit_text, mechanism, part, plain, start_text
+    from dembrick.views.summary import key_numbers, plain
 
     if options.scenario:
         console.result({"scenario": file.scenario_text}, file.scenario_text)
@@ -40,7 +40,6 @@ def _report(file, options, console) -> int:
         "versions": file.versions,
         "results": results,
     }
-    point = results.get("yield_point") or {}
     lines = [
         file.title,
         f"status        {file.status}",
@@ -49,36 +48,14 @@ def _report(file, options, console) -> int:
     ]
     if file.has_new_contacts:
         lines.append(f"new contacts  {data['new_contacts']} in all frames")
-    if point and point["V"] is None:
-        lines.append(f"answer        {results.get('answer')}")
-    elif point:
-        name, unit = ("V", "N") if file.curve.unit == "N" else ("load factor", "")
-        lines.append(f"{name:13} {plain(str(limit_text(point, part(results, 'path'), unit)))}, by {mechanism(results)}")
-        start = start_text(part(results, "path"), unit)
-        lines += [] if start is None else [f"start         {start}"]
-    lines += _moved(results)
-    audit = results.get("energy")
-    if isinstance(audit, dict) and _is_number(audit.get("relative_residual")):
-        lines.append(f"energy        balance off by {audit['relative_residual']:.1e} of what was put in")
+    numbers = key_numbers(results, file.curve.unit)
+    width = max([13, *(len(number.name) for number in numbers)])
+    for name, value, remark in numbers:
+        lines.append(plain(f"{name:{width}} {value}{f' ({remark})' if remark else ''}"))
     lines += [f"{part:14}{seconds:.6f} s" for part, seconds in wall.items() if _is_number(seconds)]
     lines.append("versions      " + ", ".join(f"{name} {version}" for name, version in file.versions.items()))
     console.result(data, "\n".join(lines))
     return 0
-
-
-def _moved(results: dict) -> list[str]:
-    """Angle and load factor of a collapse in real time, or how far the blocks came."""
-    if results.get("yield_point"):
-        return []
-    collapse = results.get("collapse")
-    collapse = collapse if isinstance(collapse, dict) else {}
-    way = f", by {collapse.get('mechanism')}"
-    told = [("angle", collapse.get("angle"), " deg"), ("load factor", collapse.get("load_factor"), way)]
-    told += [
-        ("settlement", collapse.get("settlement"), f" m{way}"),
-        ("displacement", results.get("displacement"), " m"),
-    ]
-    return [f"{name:14}{value:.5g}{unit}" for name, value, unit in told if _is_number(value)]
 
 
 def _profile(file, results: dict, console) -> int:

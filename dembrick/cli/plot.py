@@ -121,17 +121,19 @@ def _misfits(histories, labels, measured, console) -> tuple[dict, list[str]]:
     found, lines = [], []
     for history, label in zip(histories, labels, strict=True):
         for curve in measured:
+            ours = plot.record_of(history)
             try:
-                one = misfit.between(plot.record_of(history), curve, curve.name)
+                one = misfit.between(ours, curve, curve.name)
             except ScenarioError as error:
                 console.remark(f"no misfit: {error}")
                 found.append({"history": history.path, "measured": curve.name, **dict.fromkeys(misfit.NUMBERS)})
                 continue
             found.append({"history": history.path, "measured": curve.name, **one.numbers()})
             whose = f" of {label} against {curve.name}" if len(histories) * len(measured) > 1 else ""
-            part = ""
+            part = " (of the way to the first turning point)" if misfit.goes_on(ours, curve) else ""
             if one.compared[1] < curve.displacement.max():
-                part = f" (compared up to {1e3 * one.compared[1]:.4g} mm, where the run ends)"
+                where = "the run turns" if misfit.goes_on(ours, curve) else "the run ends"
+                part = f" (compared up to {1e3 * one.compared[1]:.4g} mm, where {where})"
             lines.append(f"misfit{whose}: {misfit.text(one)}{part}")
     answer = {"misfit": {name: found[0][name] for name in misfit.NUMBERS}} if found else {}
     return answer | ({"misfits": found} if len(found) > 1 else {}), lines

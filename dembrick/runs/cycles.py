@@ -1,7 +1,7 @@
 """Cycles of a test that goes to and fro: the greatest force of each half, what is dissipated, what stays.
 
 A cycle is a full loop, from a turning point to the next but one; the first begins at the first turning point after the
-start. A rest of a loop is none.
+start. A rest of a loop is none: a record that ends about half way back or earlier after its last turning point.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dembrick.views.summary import known
-
 if TYPE_CHECKING:
     from dembrick.scenario.model import Scenario
 
+WAY_BACK = 0.51  # to the turning point before the last, beyond which the end of a record is one as well
+CLOSED = 1e-6  # of the range of displacements, by which a loop may miss its start
 DRIFTS, PLATEAU = 10, 1e-2  # part of a half cycle before its peak, in which the force of a plateau grows by less
 
 
@@ -25,9 +25,9 @@ def cycles_of(scenario: Scenario, rows: Mapping[str, np.ndarray], turns: Sequenc
     not turn, or kept no record.
 
     Each with ``peak`` [of its first half, of the second] (N), ``V_lower`` and ``V_upper`` of them, ``dissipated`` (J):
-    the friction work, or where no energies are recorded the area of the loop; ``damping``: that over 2 pi V_a u_a, of
-    half the ranges of force and displacement; ``residual`` (m): where V passes zero after the second peak, None if it
-    does not.
+    the friction work, or where no energies are recorded the area of the loop until it is back at the displacement of
+    its start, None if it does not come back there; ``damping``: that over 2 pi V_a u_a, of half the ranges of force and
+    displacement; ``residual`` (m): where V passes zero after the second peak, None if it does not.
     """
     control = scenario.control
     if not control.cyclic or not len(rows.get("load", ())):
@@ -39,9 +39,12 @@ def cycles_of(scenario: Scenario, rows: Mapping[str, np.ndarray], turns: Sequenc
     friction = energies.get("friction")
     found = []
     for first, middle, last in zip(turns[:-2:2], turns[1:-1:2], turns[2::2], strict=False):
+        if last == len(u) - 1 and abs(u[last] - u[middle]) <= WAY_BACK * abs(u[first] - u[middle]):
+            break
         loop = slice(first, last + 1)
-        area = float(np.trapezoid(V[loop], u[loop]))
-        dissipated = area if friction is None else float(friction[last] - friction[first])
+        dissipated = (
+            _area(V[loop], u[loop], middle - first) if friction is None else float(friction[last] - friction[first])
+        )
         halves = [_peak(V, noise, *ends, in_equilibrium) for ends in ((first, middle), (middle, last))]
         sizes = 0.25 * float(np.ptp(V[loop]) * np.ptp(u[loop]))
         found.append(
@@ -50,25 +53,11 @@ def cycles_of(scenario: Scenario, rows: Mapping[str, np.ndarray], turns: Sequenc
                 "V_lower": [float(V[at]) - bar for at, bar in halves],
                 "V_upper": [float(V[at]) + bar for at, bar in halves],
                 "dissipated": dissipated,
-                "damping": dissipated / (2.0 * math.pi * sizes) if sizes > 0.0 else 0.0,
+                "damping": _damping(dissipated, sizes),
                 "residual": _residual(V, u, halves[1][0]),
             }
         )
     return found
-
-
-def lines_of(cycles: list[dict], unit: str) -> list[str]:
-    """Lines that the command line prints of cycles."""
-    lines = []
-    for number, cycle in enumerate(cycles, 1):
-        bars = [0.5 * (b - a) for a, b in zip(cycle["V_lower"], cycle["V_upper"], strict=True)]
-        first, second = (f"{known(V, bar)} +- {bar:.1g}" for V, bar in zip(cycle["peak"], bars, strict=True))
-        rest = "" if cycle["residual"] is None else f", residual {1e3 * cycle['residual']:.4g} mm"
-        lines.append(
-            f"cycle {number:<8}peaks {first} and {second}{unit}; dissipated {cycle['dissipated']:.5g} J, damping "
-            f"{100.0 * cycle['damping']:.3g} %{rest}"
-        )
-    return lines
 
 
 def _greatest_force(rows: Mapping[str, np.ndarray], V: np.ndarray) -> float:
@@ -98,6 +87,25 @@ def _peak(V: np.ndarray, noise: np.ndarray, first: int, last: int, equilibria: b
     drift = abs(float(half[at] - half[max(at - len(half) // DRIFTS, 0)]))
     level = drift < PLATEAU * abs(half[at])  # else it is the turning point that ends a rise
     return first + at, float(noise[first + at]) + swing + (drift if level else 0.0)
+
+
+def _area(V: np.ndarray, u: np.ndarray, middle: int) -> float | None:
+    """The work (J) of V along a loop with its turning point at ``middle``, until it is back at its first displacement,
+    between two rows; None if it does not come back."""
+    way = 1.0 if u[0] > u[middle] else -1.0
+    back = middle + np.flatnonzero(way * (u[middle:] - u[0]) >= -CLOSED * np.ptp(u))
+    if not len(back):
+        return None
+    end = int(back[0])
+    area = float(np.trapezoid(V[:end], u[:end]))
+    part = min((u[0] - u[end - 1]) / (u[end] - u[end - 1]), 1.0)
+    return area + part * float(u[end] - u[end - 1]) * float(V[end - 1] + 0.5 * part * (V[end] - V[end - 1]))
+
+
+def _damping(dissipated: float | None, sizes: float) -> float | None:
+    if dissipated is None:
+        return None
+    return dissipated / (2.0 * math.pi * sizes) if sizes > 0.0 else 0.0
 
 
 def _residual(V: np.ndarray, u: np.ndarray, peak: int) -> float | None:

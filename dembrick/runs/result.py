@@ -15,14 +15,14 @@ from dembrick.assembly.build import Assembly
 from dembrick.assembly.contact_points import widest_rim
 from dembrick.errors import UndecidedError
 from dembrick.runs import theory_check
-from dembrick.runs.cycles import cycles_of, lines_of
+from dembrick.runs.cycles import cycles_of
 from dembrick.scenario.model import Scenario
 from dembrick.scenario.regimes import ACTUATORS, COMPLETED, STEEPEST, YIELD, Curve
 from dembrick.simulation.energy_audit import EnergyAudit
 from dembrick.simulation.statics.load_system import Replay
 from dembrick.simulation.statics.state import rotations
 from dembrick.simulation.statics.yield_point import YieldPoint, moving_blocks
-from dembrick.views.summary import limit_text, plain
+from dembrick.views.summary import cycle_numbers, limit_text, plain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -96,7 +96,8 @@ class RunResult:
     @property
     def cycle_lines(self) -> list[str]:
         """Lines that the command line prints of the cycles of a protocol."""
-        return lines_of(self.cycles or [], " N" if self.curve.unit == "N" else "")
+        numbers = cycle_numbers(self.cycles, self.curve.unit)
+        return [plain(f"{number.name:13} {number.value}; {number.remark}") for number in numbers]
 
     @property
     def reactions(self) -> dict[str, list[float]] | None:

@@ -1,7 +1,8 @@
 """The misfit of a simulated curve against a measured one: force over displacement.
 
 Curves are compared over the displacements that both have, by straight lines between their points; those that go to and
-fro way by way, between their turning points.
+fro way by way, between their turning points. If only the simulated one does, its way to the first turning point stands
+beside the measured curve, which is then the envelope of loops or a test of its own.
 """
 
 from __future__ import annotations
@@ -57,8 +58,11 @@ def text(misfit: Misfit) -> str:
 
 
 def between(simulated: Curve, measured: Curve, name: str = "the measured curve") -> Misfit:
-    """The misfit; ScenarioError if one curve turns more often than the other, or the two share no displacements."""
+    """The misfit; ScenarioError if the measured curve turns and the simulated one does not turn as often, or the two
+    share no displacements."""
     turning = len(_ways(simulated)) == len(_ways(measured)) > 1
+    if goes_on(simulated, measured):
+        simulated = _Way(*_ways(simulated)[0])
     return _of_loops(simulated, measured, name) if turning else _one_way_each(simulated, measured, name)
 
 
@@ -75,6 +79,18 @@ def compared(simulated: Curve, measured: Curve, beyond: bool = False) -> tuple[n
         found.append((way_u[inside], np.interp(way_u[inside], x, y), way_V[inside]))
     displacement, ours, theirs = (np.concatenate(column) for column in zip(*found, strict=True))
     return displacement, ours, theirs
+
+
+class _Way(NamedTuple):
+    """A part of a curve that goes one way."""
+
+    displacement: np.ndarray
+    load: np.ndarray
+
+
+def goes_on(simulated: Curve, measured: Curve) -> bool:
+    """Whether the simulated curve turns and the measured one does not."""
+    return len(_ways(simulated)) > 1 == len(_ways(measured))
 
 
 def _ways(curve: Curve) -> list[tuple[np.ndarray, np.ndarray]]:

@@ -222,6 +222,7 @@ def key_numbers(results: Mapping, unit: str = "N") -> list[KeyNumber]:
     at_rate = results.get("status") == "completed" and results.get("simulated_time") is not None
     lines += _of_collapse(collapse, point)
     lines += _of_yield(point, "" if of_blocks else unit, at_rate, path | collapse)
+    lines += cycle_numbers(results.get("cycles"), unit)
     lines += _after(part(results, "after"))
     lines += _of_theory(part(results, "theory"))
     lines += _of_settlement(part(results, "settlement"), collapse)
@@ -275,6 +276,22 @@ def _of_yield(point: dict, unit: str, at_rate: bool, path: dict) -> list[KeyNumb
         x, y = (0.0, 0.0) if centre is None else (round(1e3 * x, 4) + 0.0 for x in centre)
         remark = "" if centre is None else f"turns about ({x:.5g}, {y:.5g}) mm from O"
         lines.append(KeyNumber("mechanism", point["mechanism"], remark))
+    return lines
+
+
+def cycle_numbers(cycles: object, unit: str) -> list[KeyNumber]:
+    """The peaks of both halves of every cycle with their bars, and what it dissipates; ``unit`` of the load."""
+    lines = []
+    for count, cycle in enumerate(cycles if isinstance(cycles, list) else [], 1):
+        columns = [part({"": cycle}, "").get(name) for name in ("peak", "V_lower", "V_upper")]
+        if not all(isinstance(column, list) and [number(V) for V in column] == column for column in columns):
+            continue
+        peaks = [f"{known(V, 0.5 * (b - a))} ± {0.5 * (b - a):.1g}" for V, a, b in zip(*columns, strict=False)]
+        work, damping, residual = (number(cycle.get(name)) for name in ("dissipated", "damping", "residual"))
+        remark = "its loop does not close" if work is None else f"dissipated {work:.5g} J"
+        remark += "" if damping is None else f", damping {100.0 * damping:.3g} %"
+        remark += "" if residual is None else f", residual {1e3 * residual:.4g} mm"
+        lines.append(KeyNumber(f"cycle {count}", f"peaks {' and '.join(peaks)}{' N' if unit == 'N' else ''}", remark))
     return lines
 
 

@@ -113,6 +113,16 @@ def test_the_misfit_of_loops():
         between(MeasuredCurve("", loop[:50], force[:50]), lab)
 
 
+def test_the_misfit_of_loops_against_a_curve_that_goes_one_way():
+    """What the simulated loops do after their first turning point does not count."""
+    u = np.linspace(0.0, 1.0, 50)
+    loops = MeasuredCurve(
+        "", np.concatenate([u, u[-2::-1], -u[1:]]), np.concatenate([1.02 * u, 7.0 * u[1:], -9.0 * u[1:]])
+    )
+    found = between(loops, MeasuredCurve("lab", u, u))
+    assert found.peak == pytest.approx(0.02) == found.energy and found.compared == (0.0, 1.0)
+
+
 @pytest.mark.parametrize("keys, said", [
     ([], "names no key"),
     (["joint.friction", "joint.friction"], "twice"),

@@ -45,7 +45,7 @@ def test_every_command_says_the_same(name, tmp_path, capsys):
         document = page.document(found)
     assert point["V_lower"] <= point["V"] <= point["V_upper"]
     for text in told:
-        assert summary.plain(str(said)) in text
+        assert summary.plain(said.value) in text and said.kind.split(":")[0] in text
         assert len(set(re.findall(r"\+- ([\d.e-]+)", text.partition("\nV_peak")[0]))) <= 2  # load, and angle of a tilt
         assert "no error bar" not in text
     assert str(drawn) in legend and said.value in document and json.dumps(str(drawn))[1:-1] in document

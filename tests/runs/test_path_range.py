@@ -99,7 +99,7 @@ def test_a_limit_below_the_bound_says_how_far_it_is_known(tmp_path, capsys):
     assert f"depends on the path: at most {bound.upper:.5g} (associative); --refine gives the range" in said
     assert "+-" not in said.partition("joint   ")[0] and f"{fallen['load_factor']:.4g}" not in said
     assert cli.main(["info", str(tmp_path / "s.h5")]) == 0
-    assert f"about {about} (of this path)" in capsys.readouterr().out
+    assert f"about {about} (of this path, at most {bound.upper:.5g} on any" in capsys.readouterr().out
     lines = {line.name: line for line in key_numbers(result.as_dict())}
     assert lines["load factor"].value == f"about {about}" and "on any" in lines["load factor"].remark
 

@@ -66,6 +66,27 @@ def test_the_same_in_the_deformed_geometry():
     assert found.rows["displacement"][list(found.run.turns)] == pytest.approx([U, -U, U], rel=1e-4)
 
 
+@pytest.mark.parametrize("points, count, closed", [
+    ((U, -U, 2.0 * U), 1, True),  # back at U on the way to 2 U
+    ((2.0 * U, -2.0 * U, U), 1, False),
+    ((U, -U, 0.0), 0, True),  # a rest of a loop
+    ((U, -U, U, -U, 0.0), 1, True),
+])  # fmt: skip
+def test_only_loops_that_close_have_an_area(points, count, closed):
+    """4 V s each, whatever comes after the loop is closed."""
+    scenario = to_and_fro(points, formulation="concave", large_displacements=True)
+    found = dembrick.simulate(scenario)
+    assert len(found.cycles) == count
+    for cycle in found.cycles:
+        if not closed:
+            assert cycle["dissipated"] is None and cycle["damping"] is None and cycle["peak"][0] < 0.0
+            assert "its loop does not close" in found.cycle_lines[0]
+            continue
+        limit = -cycle["peak"][0]
+        slip = U - limit / (1e10 * 0.06)
+        assert cycle["dissipated"] == pytest.approx(4.0 * limit * slip, rel=0.1)
+
+
 def test_a_block_that_rocks_dissipates_next_to_nothing():
     """No more than 1e-4 N u + 4 V^2 / (2 k_s A): points that open lose what their shear springs held."""
     text = """
