@@ -13,7 +13,8 @@ from dembrick.kernels.state import BY_LAW, LEAST, SLIDING, Energy
 LIMIT = 1e-3  # of the external work: beyond it the integration is not to be trusted
 MOTION = 1e-2  # of what was put in, in a run in real time: where blocks tumble, joints turn within a step
 STEPPING = 0.1  # of what was put in: where blocks may bounce, no impact loses more than (w dt)^2 / 4 = 0.09 of its own
-NEGATIVE = 1e-12  # of the external work: friction work of one increment below minus this is no rounding
+NEGATIVE = 1e-6  # of the external work: what friction may give back in one increment whose slip turns about
+SLIP = 1e-2  # of the external work: between the friction work and the sum of mu N |slip increment|
 
 
 @dataclass(frozen=True)
@@ -94,6 +95,11 @@ class Auditor:
             raise EnergyAuditError(
                 f"the energy balance is off by {relative:.2g} of the external work (limit {LIMIT:g}): the time step "
                 "does not resolve this motion; lower solver.step_factor or the rate"
+            )
+        if not abs(friction - by_law) <= SLIP * scale:
+            raise EnergyAuditError(
+                f"the friction work is off by {(friction - by_law) / scale:.2g} of the external work (limit {SLIP:g}): "
+                "the steps do not resolve the slip; lower solver.step_factor or the rate"
             )
         if result.least_friction_increment < -NEGATIVE * scale:
             raise EnergyAuditError(
