@@ -194,9 +194,9 @@ def printed(values: Iterable[float], largest: float) -> list[str]:
 
 
 def listed(names: list[str]) -> str:
-    """Names in a line, the first few of many."""
+    """Names in a line, the first few of many; "none" of none."""
     more = len(names) - NAMED
-    return f"{', '.join(names[:NAMED])}{f' and {more} more' if more > 0 else ''}"
+    return f"{', '.join(names[:NAMED]) or 'none'}{f' and {more} more' if more > 0 else ''}"
 
 
 def heading(scenario: Scenario) -> dict:

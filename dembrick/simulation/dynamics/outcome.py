@@ -162,12 +162,14 @@ def collapse_of_settlement(moving: Motion, driving: Driving, at_rest: np.ndarray
 def settlement_collapse(moving: Motion, before: np.ndarray, blocks: np.ndarray) -> dict:
     """How ``blocks`` (k,) come down since the joints looked like ``before`` (j, 9, of `seen`).
 
-    ``hinges``: the joints that turn by more than a tenth of what the one that turns most does.
+    ``hinges``: the joints that turn by more than a tenth of what the one that turns most does; none where joints slide
+    and their rims move less than a tenth of that by turning.
     """
     links, names = moving.state.links, moving.assembly.names
-    change = seen(moving.state.bodies, links) - before
-    turn = np.hypot(change[:, 5], change[:, 8])
-    hinges = np.flatnonzero(turn > MOVED * turn.max(initial=0.0))
+    moves = _moves(moving, before)
+    turn = moves[:, 1] / links.reach
+    opens = moves[:, 1] > MOVED * moves.max(initial=0.0)
+    hinges = np.flatnonzero((turn > MOVED * turn.max(initial=0.0)) & opens.any())
     return {
         "angle": None,
         "load_factor": None,
