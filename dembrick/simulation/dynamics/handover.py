@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dembrick.errors import ScenarioError
+from dembrick.errors import HistoryError, ScenarioError
 from dembrick.geometry.rotations import rotation_matrix, turned_by, unit_quaternion
 from dembrick.scenario.stages import TiesBefore
 from dembrick.simulation.dynamics import joint_families
@@ -18,6 +18,11 @@ from dembrick.simulation.session import Kept
 if TYPE_CHECKING:
     from dembrick.simulation.dynamics.integrator import Motion
     from dembrick.simulation.statics.state import State
+
+OTHER_JOINTS = (
+    "the joints or contact points of the run in real time are not those of the stage before: state joint.points of "
+    "distributed joints, and give blocks of several parts to stages of the same kind only"
+)
 
 
 def start_on(moving: Motion, left: State | Kept, before: TiesBefore | None = None) -> None:
@@ -35,7 +40,10 @@ def start_on(moving: Motion, left: State | Kept, before: TiesBefore | None = Non
 def _go_on_from(moving: Motion, left: Kept, before: TiesBefore | None) -> None:
     dashpots = moving.state.links.viscous  # of this run's time step and damping
     laws = joint_families.strengths(moving.state)
-    restore_scene(moving, left, True, PARTS if before is None else [part for part in PARTS if part != "ties"])
+    try:
+        restore_scene(moving, left, True, PARTS if before is None else [part for part in PARTS if part != "ties"])
+    except HistoryError as error:  # of the same blocks, so what differs is how their joints were made
+        raise ScenarioError(OTHER_JOINTS) from error
     joint_families.put_strengths(moving.state, laws)
     if before is not None:
         take_ties(moving.state, left, before)
@@ -53,10 +61,7 @@ def _take(moving: Motion, left: State, before: TiesBefore | None) -> None:
     same = len(left.joints.block_a) == len(links.host)
     same = same and joint_families.contact_points(state) == (0 if left.points is None else len(left.points.slip))
     if not same:
-        raise ScenarioError(
-            "the joints or contact points of the run in real time are not those of the stage before: state "
-            "joint.points of distributed joints, and give blocks of several parts to stages of the same kind only"
-        )
+        raise ScenarioError(OTHER_JOINTS)
     bodies.position[:] += left.blocks.displacement
     bodies.orientation[:] = unit_quaternion(turned_by(left.blocks.rotation, left.blocks.orientation))
     bodies.rotation[:] = rotation_matrix(bodies.orientation)
