@@ -10,7 +10,7 @@ from dembrick.errors import ScenarioError
 from dembrick.runs.verification.cases import of_names
 from dembrick.scenario import shipped
 
-UNITS = {"force": "kN", "force_at": "kN", "threshold": "g", "speed_ratio": "1"}
+UNITS = {"force": "kN", "force_at": "kN", "cycle_peaks": "kN", "threshold": "g", "speed_ratio": "1"}
 OF_SERIES = ("title", "source", "inputs", "unknown")
 
 
@@ -92,10 +92,12 @@ def with_scatter(cases: list[Case]) -> dict[str, Case]:
 
 def _case(entry: dict, series: dict, path: Path) -> Case:
     name = entry.get("name")
-    known = {field.name for field in fields(Case)} - {*OF_SERIES, "u_D", "scatter_of"} | {"series", "unknown"}
+    known = {field.name for field in fields(Case)} - {*OF_SERIES, "u_D", "scatter_of"} | {"series", "inputs", "unknown"}
     for unknown in sorted(set(entry) - known):
         raise ScenarioError(f"{path}: case {name!r}: unknown key {unknown!r}")
     shared = {key: series[entry["series"]][key] for key in OF_SERIES}
+    if "inputs" in entry:
+        shared["inputs"] = entry["inputs"]
     if "unknown" in entry:
         shared["unknown"] += f"; {entry['unknown']}"
     own = {key: tuple(value) if isinstance(value, list) else value for key, value in entry.items() if key != "series"}

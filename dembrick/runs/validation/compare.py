@@ -124,6 +124,15 @@ def _force_at(case: Case) -> tuple[float, float]:
     return _with_stiffness(V, scenario)
 
 
+def _cycle_peaks(case: Case) -> tuple[float, float]:
+    """The mean of the greatest V of all half cycles, and how far the others with their bars reach from it (kN)."""
+    result = simulate(toml.load(case.path, case.set), None)
+    cycles = present(result.cycles)
+    ends = np.abs([[cycle[key] for key in ("V_lower", "peak", "V_upper")] for cycle in cycles])
+    mean = float(ends[:, 1].mean())
+    return KILO * mean, KILO * float(np.abs(ends - mean).max())
+
+
 def _threshold(case: Case) -> tuple[float, float]:
     """The middle between a value at which it stands and one at which it falls, and half their distance."""
     stands, falls = case.between
@@ -168,6 +177,7 @@ def _with_stiffness(answer: Callable[[Scenario], float], scenario: Scenario) -> 
 _SIMULATED: dict[str, Callable[[Case], tuple[float, float]]] = {
     "force": _force,
     "force_at": _force_at,
+    "cycle_peaks": _cycle_peaks,
     "threshold": _threshold,
     "speed_ratio": _speed_ratio,
 }
