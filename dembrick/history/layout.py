@@ -55,10 +55,8 @@ def geometry(assembly: Assembly) -> list[Table]:
     """Blocks, joints and actuators at rest, as far as a picture needs them; ragged lists as values and starts."""
     shapes, joints, points, actuators = assembly.shapes, assembly.joints, assembly.contact_points, assembly.actuators
     faces = [face for shape in shapes for face in shape.faces]
-    arms = np.concatenate(
-        [np.column_stack([p.normal_arm, p.shear_arm, p.area]) for p in points if p is not None] or [np.zeros((0, 5))]
-    )
-    pairs = [(joint.block_a, joint.block_b, joint.host) for joint in joints]
+    arms = np.column_stack([points.normal_arm, points.shear_arm, points.area])
+    pairs = np.column_stack([joints.block_a, joints.block_b, joints.host])
     b, j, a, c = (f"geometry/{group}/" for group in ("blocks", "joints", "actuators", "control_points"))
     tables = [
         Table(b + "name", texts_of(assembly.names), "1", "name of each block"),
@@ -73,28 +71,28 @@ def geometry(assembly: Assembly) -> list[Table]:
         Table(b + "face_start", _starts(len(s.faces) for s in shapes), "1", "first face of each block, and end"),
         Table(b + "corner", _ints(np.concatenate([*faces, ()])), "1", "vertex numbers of all faces, within the block"),
         Table(b + "corner_start", _starts(len(face) for face in faces), "1", "first corner of each face, and end"),
-        Table(j + "blocks", _ints(pairs).reshape(-1, 3), "1", "block a, block b, and the block the polygon rides on"),
-        Table(j + "origin", _floats([i.origin for i in joints], 3), "m", "centroid O at the start, world axes"),
-        Table(j + "axes", _floats([i.axes for i in joints], 3, 3), "1", "t1, t2 and the normal from a to b, as rows"),
-        Table(j + "area", _floats([i.area for i in joints]), "m2", "area of the joint"),
+        Table(j + "blocks", _ints(pairs), "1", "block a, block b, and the block the polygon rides on"),
+        Table(j + "origin", _floats(joints.origin, 3), "m", "centroid O at the start, world axes"),
+        Table(j + "axes", _floats(joints.axes, 3, 3), "1", "t1, t2 and the normal from a to b, as rows"),
+        Table(j + "area", _floats(joints.area), "m2", "area of the joint"),
+        Table(j + "polygon", _floats(joints.corner, 2), "m", "corners of the joints along t1, t2 from O"),
+        Table(j + "polygon_start", _ints(joints.start), "1", "first corner of each joint, and end"),
+        Table(j + "formulation", texts_of(law.formulation for law in joints.law), "1", "contact formulation"),
         Table(
-            j + "polygon", _stacked([i.polygon for i in joints], 2), "m", "corners of the joints along t1, t2 from O"
+            j + "pressure", texts_of(law.pressure for law in joints.law), "1", "pressure that a convex joint assumes"
         ),
-        Table(j + "polygon_start", _starts(len(i.polygon) for i in joints), "1", "first corner of each joint, and end"),
-        Table(j + "formulation", texts_of(i.law.formulation for i in joints), "1", "contact formulation"),
-        Table(j + "pressure", texts_of(i.law.pressure for i in joints), "1", "pressure that a convex joint assumes"),
-        Table(j + "friction", _floats([i.law.friction for i in joints]), "1", "friction coefficient"),
+        Table(j + "friction", _floats([law.friction for law in joints.law]), "1", "friction coefficient"),
         Table(j + "point", arms, "m, m, m, m, m2", "contact points: normal arm (2), shear arm (2) from O, area"),
-        Table(j + "point_start", _starts(0 if p is None else len(p.area) for p in points), "1", "first point, and end"),
+        Table(j + "point_start", _ints(points.start), "1", "first point, and end"),
         Table(a + "name", texts_of(actuators.names), "1", "name of each actuator"),
         Table(a + "block", _ints(actuators.block), "1", "block that the actuator pushes"),
         Table(a + "point", _floats(actuators.point, 3), "m", "its point at the start, world axes"),
         Table(a + "direction", _floats(actuators.direction, 3), "1", "its direction, world axes"),
         Table(a + "weight", _floats(actuators.weight), "1", "its share of the load"),
     ]
-    if any(not joint.law.dry for joint in joints):
+    if any(not law.dry for law in joints.law):
         tables += [
-            Table(j + name, _floats([value(joint.law) for joint in joints]), units, about)
+            Table(j + name, _floats([value(law) for law in joints.law]), units, about)
             for name, units, about, value in _STRENGTHS
         ]
     loads = assembly.point_loads

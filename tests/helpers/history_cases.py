@@ -6,6 +6,8 @@ import numpy as np
 
 from dembrick import history
 from dembrick.assembly.actuators import NO_CONTROL_POINTS, ControlPoints
+from dembrick.assembly.contact_points import PointTable
+from dembrick.assembly.joints import Joint, JointTable
 from dembrick.assembly.loads import NO_LOADS
 from dembrick.assembly.ties import NO_TIES
 from dembrick.scenario import model
@@ -34,9 +36,8 @@ def wedge():
 def joint(a, b, formulation="concave", origin=(0.0, 0.0, 0.0)):
     polygon = np.array([[-0.15, -0.1], [0.15, -0.1], [0.15, 0.1], [-0.15, 0.1]])
     law = SimpleNamespace(formulation=formulation, friction=0.64, pressure="full", dry=True)
-    return SimpleNamespace(
-        block_a=a, block_b=b, host=b, origin=np.array(origin), axes=np.eye(3), polygon=polygon, area=0.06, law=law
-    )
+    arms = {"arm_a": np.zeros(3), "arm_b": np.zeros(3)}
+    return Joint(a, b, b, np.array(origin), np.eye(3), polygon, area=0.06, law=law, gap=0.0, **arms)
 
 
 def assembly():
@@ -55,8 +56,8 @@ def assembly():
         held=np.array([[True] * 6, [False] * 6]),
         mass=np.array([9.0, 9.0]),
         inertia=np.array([np.diag([0.0375, 0.075, 0.0975])] * 2),
-        joints=joints,
-        contact_points=points,
+        joints=JointTable.of(joints),
+        contact_points=PointTable.of(points),
         ties=NO_TIES,
         point_loads=NO_LOADS,
         control_points=ControlPoints(
@@ -83,8 +84,8 @@ def mixed_assembly():
     base.fixed = base.supporting = np.array([True, False, False])
     base.held = np.repeat(base.fixed[:, None], 6, axis=1)
     base.mass, base.inertia = np.array([9.0, 9.0, 0.75]), np.concatenate([base.inertia, [1e-3 * np.eye(3) + 1e-4]])
-    base.joints = (*base.joints, joint(1, 2, "convex", origin=(0.0, 0.0, 0.1)))
-    base.contact_points = (*base.contact_points, None)
+    base.joints = JointTable.of((*base.joints, joint(1, 2, "convex", origin=(0.0, 0.0, 0.1))))
+    base.contact_points = PointTable.of((*base.contact_points, None))
     base.control_points = NO_CONTROL_POINTS
     base.actuators = SimpleNamespace(
         names=(),

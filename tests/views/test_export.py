@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from dembrick import history
+from dembrick.assembly.contact_points import PointTable
+from dembrick.assembly.joints import JointTable
 from dembrick.cli import main
 from dembrick.errors import HistoryError, MissingDependency, OutputError, ScenarioError, WriteError
 from dembrick.views import export
@@ -74,7 +76,8 @@ def test_csv_names_the_jacks_and_is_read_in_pieces(tmp_path, monkeypatch):
 
 def test_two_joints_of_the_same_blocks_get_numbers(tmp_path):
     assembly = cases.assembly()
-    assembly.joints, assembly.contact_points = assembly.joints * 2, assembly.contact_points * 2
+    assembly.joints = JointTable.of([*assembly.joints] * 2)
+    assembly.contact_points = PointTable.of([*assembly.contact_points] * 2)
     export.to_csv(make(tmp_path, assembly), tmp_path / "out.csv")
     head = (tmp_path / "out.csv").read_text().splitlines()[0]
     assert "N lower/upper #0 [N]" in head and "N lower/upper #1 [N]" in head

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from dembrick import history
+from dembrick.assembly.contact_points import PointTable
+from dembrick.assembly.joints import JointTable
 from dembrick.views import export
 from dembrick.views.export import vtkhdf
 from dembrick.views.motion.joints import JointMotion
@@ -243,7 +245,7 @@ def test_contacts_without_recorded_forces_show_the_normal_forces(tmp_path):
 
 def test_a_history_without_joints_or_with_one_frame(tmp_path):
     assembly = cases.many_blocks(3)
-    assembly.joints, assembly.contact_points = (), ()
+    assembly.joints, assembly.contact_points = JointTable.of(()), PointTable.of(())
     written = export.to_vtkhdf(make(tmp_path, assembly, n_frame=1), tmp_path / "out.vtkhdf")
     assert len(written) == 1
     _, steps = vtk_steps(written[0])
