@@ -69,6 +69,8 @@ if TYPE_CHECKING:  # for editors and type checkers, which do not follow names th
     from dembrick.scenario.controls import StaticsControl as StaticsControl
     from dembrick.scenario.controls import TiltControl as TiltControl
     from dembrick.scenario.controls import YieldControl as YieldControl
+    from dembrick.scenario.custom_laws import CustomLaw as CustomLaw
+    from dembrick.scenario.custom_laws import joint_law as joint_law
     from dembrick.scenario.fills import Fill as Fill
     from dembrick.scenario.generators import Arch as Arch
     from dembrick.scenario.generators import Dome as Dome
@@ -131,6 +133,7 @@ _NAMES = {  # by the module that has them
     "dembrick.scenario.cad_models": "CadModel",
     "dembrick.scenario.controls": "BaseMotionControl DisplacementControl DynamicControl PushoverControl "
     "SettlementControl StaticsControl TiltControl YieldControl",
+    "dembrick.scenario.custom_laws": "CustomLaw joint_law",
     "dembrick.scenario.fills": "Fill",
     "dembrick.scenario.generators": "Arch Dome Opening Return Stack Wall",
     "dembrick.scenario.joint_laws": "JointLaw JointOverride",

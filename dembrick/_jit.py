@@ -17,10 +17,12 @@ else:
 
 from dembrick._kernel_cache import CACHE_FOLDER, renamed  # noqa: E402
 from dembrick._packaged_kernels import packaged_kernels, why_compiled  # noqa: E402
+from dembrick._pointer_call import compiled_call  # noqa: E402
 
 __all__ = [
     "address",
     "call_at",
+    "call_law",
     "compute_fingerprint",
     "get_num_threads",
     "hearing",
@@ -90,6 +92,14 @@ def call_at(place, *arguments):
     return place(*arguments)
 
 
+def call_law(place, move, record, memory, answer) -> None:
+    """Call the function of four rows of numbers that lies at an address, `simulation.custom_law`.
+
+    Nobody checks that there is one, or that the rows are long enough.
+    """
+    place(move, record, memory, answer)
+
+
 def prefetch(array, index, byte) -> None:
     """Have the line of the cache with a byte of one entry of an array (one-dimensional) on its way before it is needed.
 
@@ -98,7 +108,7 @@ def prefetch(array, index, byte) -> None:
 
 
 if not numba.config.DISABLE_JIT:
-    prefetch, call_at = compiler.prefetch, compiler.call_at
+    prefetch, call_at, call_law = compiler.prefetch, compiler.call_at, compiled_call
 
 
 def jit_parallel(function):

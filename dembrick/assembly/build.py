@@ -43,6 +43,7 @@ from dembrick.geometry.rotations import rotation_matrix, unit_quaternion
 from dembrick.geometry.shapes import Shape
 from dembrick.scenario.checks import show
 from dembrick.scenario.controls import ACTUATORS, DEAD_LOAD, EVERY_BLOCK, REAL_TIME
+from dembrick.scenario.custom_laws import CustomLaw
 from dembrick.scenario.limits import check_magnitudes
 from dembrick.scenario.model import Scenario
 from dembrick.scenario.stages import at_stage
@@ -62,7 +63,8 @@ class Assembly:
     that move, none in the geometry of the start. ``contact_points``: one entry a joint, None for ``convex``.
     ``joint_force`` (n_joint, 3): what block a exerts on block b under the dead loads, see :func:`dead_joint_forces`;
     ``joint_force_exact`` says whether statics alone gives it. ``laws`` tells the law of
-    joints and new contacts between any two blocks.
+    joints and new contacts between any two blocks; ``custom_law`` is what the joints follow in its place, if the user
+    gave one.
     """
 
     names: tuple[str, ...]
@@ -90,6 +92,7 @@ class Assembly:
     pressed: PressedPolygons = NO_POLYGONS
     ties: TieTable = NO_TIES
     held: np.ndarray = field(default_factory=lambda: np.zeros((0, 6), bool))
+    custom_law: CustomLaw | None = None
 
     @property
     def supporting(self) -> np.ndarray:

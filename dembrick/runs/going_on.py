@@ -17,6 +17,7 @@ import numpy as np
 
 from dembrick.assembly import build as assemblies
 from dembrick.errors import HistoryError, ScenarioError
+from dembrick.runs import custom_law
 from dembrick.runs.drivers import driver_of
 from dembrick.runs.reading import WENT_ON
 from dembrick.runs.stage_laws import check_change
@@ -212,6 +213,7 @@ def prepared(
     """The scenario of a history and the one that goes on, their assemblies, and what changes between them."""
     if not (math.isfinite(at) and at >= 0.0):
         raise ScenarioError(f"--at {at:g}: the time of a row, 0 or more")
+    custom_law.refuse_alone(history)
     if history.settings.get(WENT_ON):
         raise HistoryError(f"{file}: this run went on from another one; go on from that one, or run it to its end")
     if not history.n_row or at > float(history.time[-1]) * (1.0 + 1e-12):

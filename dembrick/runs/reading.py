@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING
 
 from dembrick.errors import HistoryError
+from dembrick.runs import custom_law
 from dembrick.scenario import toml
 
 if TYPE_CHECKING:
@@ -40,7 +41,9 @@ def came_from(settings: Mapping) -> dict:
 
 
 def refuse_alone(history: History) -> None:
-    """HistoryError if a run went on from another, so that its scenario alone does not lead where it was."""
+    """HistoryError if a run went on from another, so that its scenario alone does not lead where it was, or followed a
+    joint law of the user's own."""
+    custom_law.refuse_alone(history)
     found = came_from(history.settings).get(WENT_ON)
     if found:
         raise HistoryError(

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, TypedDict, Unpack,
 
 from dembrick.assembly import build as assemblies
 from dembrick.errors import DembrickError, HistoryError, NotConvergedError, ScenarioError, UndecidedError, WriteError
+from dembrick.runs import custom_law
 from dembrick.runs.drivers import driver_of
 from dembrick.runs.error_estimate import Refinement, error_of, refinements
 from dembrick.runs.inertia_share import inertia_remark
@@ -27,6 +28,7 @@ from dembrick.runs.statics_result import StaticsResult
 from dembrick.scenario import toml as scenarios
 from dembrick.scenario.checks import present
 from dembrick.scenario.controls import LIMIT_LOAD, PATH_FOLLOWING, StaticsControl
+from dembrick.scenario.custom_laws import CustomLaw
 from dembrick.scenario.model import Scenario
 from dembrick.scenario.stages import at_stage
 from dembrick.scenario.unit_slips import unit_slips
@@ -62,6 +64,7 @@ class Options(TypedDict, total=False):
     record: bool
     refine: bool
     bound: bool
+    law: CustomLaw | Callable | None
     report: Callable[[str], None] | None
     progress: Callable[[Progress], None] | bool | None
 
@@ -124,6 +127,7 @@ def simulate(
     record: bool = True,
     refine: bool = False,
     bound: bool = False,
+    law: CustomLaw | Callable | None = None,
     report: Callable[[str], None] | None = None,
     progress: Callable[[Progress], None] | bool | None = None,
 ) -> AnyResult:
@@ -134,9 +138,9 @@ def simulate(
     scenario. Without ``record`` (and a history) only the yield point is kept, which is what a batch wants. ``refine``
     runs it a few times more, for the range of limits that other paths lead to, or for an error estimate of a collapse
     in real time or of how far blocks have moved, see `error_estimate`. ``bound`` asks for the associative bound of a
-    search, whatever limit analysis costs. ``report`` gets warnings, which without it go to
-    the logger ``dembrick``; ``progress`` hears ten times a second how far the run is (see
-    `simulation.session.Progress`). None shows a bar in a notebook, False nothing.
+    search, whatever limit analysis costs. ``law`` is a joint law of your own, see `joint_law`. ``report`` gets
+    warnings, which without it go to the logger ``dembrick``; ``progress`` hears ten times a second how far the run is
+    (see `simulation.session.Progress`). None shows a bar in a notebook, False nothing.
 
     Raises ScenarioError for input that is not a test, OutputError for a path that cannot be used, NotConvergedError
     and DivergedError if there is no answer; the history then is kept, with the status "failed". Interrupted, which
@@ -145,7 +149,7 @@ def simulate(
     began, start_up, report = time.perf_counter(), _start_up(), heard_by(report)
     if not isinstance(scenario, Scenario):
         scenario = load(scenario)
-    assembly = _built(scenario, report)
+    assembly = custom_law.with_law(_built(scenario, report), scenario, law, refine, bound)
     asked = Asked(refine, bound)
     asked.check(scenario, assembly)
     if history is None:
@@ -154,7 +158,7 @@ def simulate(
     from dembrick.history import claimed  # and h5py: for runs with a file only
 
     with claimed(history):
-        settings = {"scenario": scenario.path or ""}
+        settings = {"scenario": scenario.path or "", **custom_law.settings_of(assembly)}
         store = RecordStore(history, scenario, scenarios.text_of(scenario), assembly, settings, force)
         return _run(scenario, assembly, store, (began, start_up), asked, progress, report)
 
@@ -219,6 +223,7 @@ def restart(
             raise HistoryError(
                 f"{left.path}: this run is over (status {left.status}); dembrick run {left.path} runs it again"
             )
+        custom_law.refuse_alone(left)
         named = left.settings.get("scenario")
         scenario = left.scenario(named if isinstance(named, str) and named else None)
         assembly = _built(scenario, report)

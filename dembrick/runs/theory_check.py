@@ -61,8 +61,10 @@ def _continuum(polygon, friction: float, cohesion: float, normal: float, centre:
 
 def theory_of(assembly: Assembly, after_slip: bool = False) -> Theory | None:
     """The limit load of the scenario by theory, or None if no theory holds: more than one joint, a joint that dilates,
-    crushes, tears open or breaks point by point, ties, or a load that changes the normal force. ``after_slip``: of what
-    a joint carries as it slides on."""
+    crushes, tears open or breaks point by point, a law of the user's own, ties, or a load that changes the normal
+    force. ``after_slip``: of what a joint carries as it slides on."""
+    if assembly.custom_law is not None:
+        return None
     if len(assembly.joints) != 1 or len(assembly.ties) or assembly.supporting.sum() != 1 or len(assembly.names) != 2:
         return None
     joint = assembly.joints[0]

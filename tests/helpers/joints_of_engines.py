@@ -96,6 +96,7 @@ class MovingPoints:
         self.of_bonds = None if law is None else np.zeros(4, bonded_points.BOND)
         if law is not None:
             self.of_bonds["bonded"] = bond_of(law, 4)[:, None]
+        self.custom = None  # `Custom` of a law of the user's own
         self.tile, self.work = one(tiles.FIXED), one(tiles.WORK)
         self.tile.viscous[:] = VISCOUS
         self.own = np.zeros(4, tiles.POINT)
@@ -115,9 +116,11 @@ class MovingPoints:
             bonds = self.strengths, 0, None, None
             if self.strengths is not None:
                 bonds = self.strengths, 0, self.of_bonds[two], self.ledger
+            if self.custom is not None:
+                bonds = None, 0, None, self.ledger, self.custom, 2 * pair
             if moving_points.press(self.work, own, sheared, *law, True, None, *bonds):
                 moving_points.add_slip(self.work, self.slipped[two])
-                if self.strengths is None:
+                if self.strengths is None and self.custom is None:
                     moving_points.add_losses(self.work, own, sheared, *law, self.ledger)
         moving_points.add_dashpot_work(self.work, self.seen, self.dashpots, self.ledger)
         # the force on the host at (1, x, y), the host's slip is b's

@@ -23,6 +23,7 @@ COMPILER = {
     "_kernel_cache",
     "_kernel_sources",
     "_packaged_kernels",
+    "_pointer_call",
     "_ahead",
 }
 GROUND = {"", "errors"} | COMPILER

@@ -29,7 +29,7 @@ def forces(links, corners, faces, bodies, share_corners, share_faces, t, energy_
     if corners is not None:
         point_joints.forces(
             links, corners, bodies, share_corners[t], share_corners[t + 1], corners.force, corners.strengths,
-            corners.bonds, energy_terms, work,
+            corners.bonds, corners.custom, energy_terms, work,
         )  # fmt: skip
     if faces is not None:
         area_joints.forces(links, faces, bodies, share_faces[t], share_faces[t + 1], energy_terms, work)

@@ -7,11 +7,12 @@ memory lives in the plane's axes and turns with them. The normal force acts alon
 reaction at one world point.
 
 Where any joint has strengths, all points of the scene take the law with bonds (`answer_bonded` in place of `answer`),
-and what they lose is counted there.
+and what they lose is counted there; so it is where they follow a law of the user's own (`answer_custom`).
 """
 
 from dembrick._jit import entry, jit
 from dembrick.kernels.dynamics.bonded_points import answer_bonded, bonds_of, spring_length
+from dembrick.kernels.dynamics.custom_points import answer_custom, energy_of
 from dembrick.kernels.dynamics.energy_terms import (
     dashpot_work,
 )
@@ -99,9 +100,12 @@ def answer(work, own, sheared, which, lane, k_n, k_s, friction, arm, energy, for
 
 @jit
 def answer_by(
-    work, own, sheared, which, lane, k_n, k_s, friction, arm, energy, force_out, strengths, law, bonds, ledger
+    work, own, sheared, which, lane, k_n, k_s, friction, arm, energy, force_out, strengths, law, bonds, ledger, custom,
+    first,
 ):  # fmt: skip
-    """`answer` by the law that the points have: dry if ``strengths`` is None."""
+    """`answer` by the law that the points have: dry if ``strengths`` and ``custom`` are None."""
+    if custom is not None:
+        return answer_custom(work, own, sheared, which, lane, arm, energy, force_out, custom, first, ledger)
     if strengths is not None:
         return answer_bonded(
             work, own, sheared, which, lane, k_n, k_s, friction, arm, energy, force_out, strengths, law, bonds, ledger
@@ -111,22 +115,25 @@ def answer_by(
 
 @entry
 def press(
-    work, own, sheared, k_n, k_s, friction, arm, energy, force_out, strengths=None, law=0, bonds=None, ledger=None
+    work, own, sheared, k_n, k_s, friction, arm, energy, force_out, strengths=None, law=0, bonds=None, ledger=None,
+    custom=None, first=0,
 ):  # fmt: skip
     """Forces of two points of every joint of a tile, and what they add to the sums of ``work``.
 
     ``own``: the rows of the points, ``sheared`` their elastic shear; ``energy`` is None if none is counted, and
-    ``force_out`` if the forces of single points are not wanted; the last four: see `answer_bonded`. Returns whether
-    any slides or loses something for `add_losses`.
+    ``force_out`` if the forces of single points are not wanted; the last six: see `answer_bonded` and
+    `answer_custom`. Returns whether any slides or loses something for `add_losses`.
     """
     losing = False
     for lane in range(W):
         x, y, xs, ys, t1, t2, n, c1, c2, c, loses = answer_by(
-            work, own, sheared, 0, lane, k_n, k_s, friction, arm, energy, force_out, strengths, law, bonds, ledger
-        )
+            work, own, sheared, 0, lane, k_n, k_s, friction, arm, energy, force_out, strengths, law, bonds, ledger,
+            custom, first,
+        )  # fmt: skip
         X, Y, XS, YS, T1, T2, N, C1, C2, C, LOSES = answer_by(
-            work, own, sheared, 1, lane, k_n, k_s, friction, arm, energy, force_out, strengths, law, bonds, ledger
-        )
+            work, own, sheared, 1, lane, k_n, k_s, friction, arm, energy, force_out, strengths, law, bonds, ledger,
+            custom, first,
+        )  # fmt: skip
         work.force[0, lane] -= t1 + T1
         work.force[1, lane] -= t2 + T2
         work.force[2, lane] += n + N
@@ -229,11 +236,11 @@ def add_losses(work, own, sheared, k_n, k_s, friction, arm, ledger):
 
 
 @jit
-def forces(links, corners, bodies, first, last, force_out, strengths, bonds, energy_terms, work):
+def forces(links, corners, bodies, first, last, force_out, strengths, bonds, custom, energy_terms, work):
     """Forces of the point joints in the tiles ``first`` to ``last``; ``work`` is scratch.
 
-    ``force_out``, ``strengths`` and ``bonds`` are those of ``corners``, given apart so that their code goes where they
-    are None; ``energy_terms`` may be None.
+    ``force_out``, ``strengths``, ``bonds`` and ``custom`` are those of ``corners``, given apart so that their code goes
+    where they are None; ``energy_terms`` may be None.
     """
     for t in range(first, last):
         like = links.like[t]
@@ -263,13 +270,17 @@ def forces(links, corners, bodies, first, last, force_out, strengths, bonds, ene
             sheared = corners.sheared[first_point : first_point + 2]
             pair = bonds_of(bonds, first_point)
             if energy_terms is None:
-                losing = press(work, own, sheared, k_n, k_s, friction, arm, None, force_out, strengths, law, pair, None)
+                losing = press(
+                    work, own, sheared, k_n, k_s, friction, arm, None, force_out, strengths, law, pair, None, custom,
+                    first_point,
+                )  # fmt: skip
             if energy_terms is not None:
                 ledger = energy_terms.ledger[t]
                 losing = press(
-                    work, own, sheared, k_n, k_s, friction, arm, True, force_out, strengths, law, pair, ledger
-                )
-                if strengths is None and losing:
+                    work, own, sheared, k_n, k_s, friction, arm, True, force_out, strengths, law, pair, ledger, custom,
+                    first_point,
+                )  # fmt: skip
+                if strengths is None and custom is None and losing:
                     add_losses(work, own, sheared, k_n, k_s, friction, arm, ledger)
             if losing:
                 add_slip(work, corners.slipped[first_point : first_point + 2])
@@ -284,6 +295,14 @@ def forces(links, corners, bodies, first, last, force_out, strengths, bonds, ene
 @jit
 def spring_energy(links, corners, p, held):
     """Energy (J) in the springs of point joint ``p``; ``held`` is for the pressure of convex joints."""
+    return spring_energy_by(corners.custom, links, corners, p)
+
+
+@jit
+def spring_energy_by(custom, links, corners, p):
+    """`spring_energy` by the law that the points have."""
+    if custom is not None:
+        return energy_of(custom, corners, p)
     j = corners.joint[p]
     seen = links.seen_tiles[links.place[j] // W]
     lane = links.place[j] % W

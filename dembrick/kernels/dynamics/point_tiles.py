@@ -7,6 +7,7 @@ import numpy as np
 from numpy import ndarray
 
 from dembrick.kernels.dynamics.tiles import POINT, W, alike, in_lanes, put_in_lanes, set_apart
+from dembrick.kernels.joint.custom_law import Custom
 from dembrick.kernels.joint.point_law import Strengths
 
 
@@ -33,6 +34,7 @@ class Corners(NamedTuple):
     force: ndarray | None  # (c, 3) N, world, last force on the host at each point; None if nobody asks for it
     strengths: Strengths | None = None  # beside friction, an entry a law; None if no joint has any
     bonds: ndarray | None = None  # records `BOND`, likewise, see `bonded_points`; None if ``strengths`` is
+    custom: Custom | None = None  # what a law of the user's own works on, rows as ``place``; None if they have none
 
     def where(self, joint: int | None = None) -> ndarray:
         """Each contact point in the sense of ``place``, of all joints (c,) or of one."""

@@ -10,20 +10,15 @@ from typing import NamedTuple
 from numpy import ndarray, uint64
 
 from dembrick._jit import entry, jit, jit_sum
-from dembrick.kernels.joint.point_law import (
-    Strengths,
-    bonded_law,
-    bonded_losses,
-    breaks_at_once,
-    point_law,
-    shear_loss,
-    shear_strength,
-    spring_of,
-)
+from dembrick.kernels.joint import custom_law
+from dembrick.kernels.joint.custom_law import Custom
+from dembrick.kernels.joint.point_law import Strengths, breaks_at_once, point_law, shear_loss, shear_strength
 from dembrick.kernels.joint.utilisation import point_gauge
 from dembrick.kernels.math.geometric_median import median_distance
 from dembrick.kernels.math.vec3 import columns_times, put_vector
-from dembrick.kernels.state import BY_LAW, CRUSHING, DAMPING, FRACTURE, LEAST, SLIDING
+from dembrick.kernels.state import BY_LAW, DAMPING, LEAST, SLIDING
+from dembrick.kernels.statics.bonded_points import bonded_forces
+from dembrick.kernels.statics.custom_points import custom_forces, power_taken
 from dembrick.kernels.statics.dashpots import dashpot_work
 
 
@@ -58,6 +53,7 @@ class Points(NamedTuple):
     slip: ndarray  # (c,) m, length of the slip path
     strengths: Strengths | None = None  # beside friction; None if no joint has any
     bonds: Bonds | None = None  # None if ``strengths`` is
+    custom: Custom | None = None  # what a law of the user's own works on; None if they have none
 
 
 @jit
@@ -66,6 +62,7 @@ def of_scene(points, lone, i):
     return Points(
         lone.zero, points.start[i : i + 2], points.friction[i : i + 1], points.x_n, points.y_n, points.x_s,
         points.y_s, points.k_n, points.k_s, points.normal, points.elastic_1, points.elastic_2, points.slip, None, None,
+        None,
     )  # fmt: skip
 
 
@@ -97,16 +94,18 @@ def forces(points, p, before, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, v
     resultant of the last step.
     """
     return forces_by(
-        points.strengths, points.bonds, points, p, before, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s,
-        energy,
+        points.strengths, points.bonds, points.custom, points, p, before, dn, r1, r2, pn, pr1, pr2, p1, p2, pr,
+        viscous_n, viscous_s, energy,
     )  # fmt: skip
 
 
 @jit
 def forces_by(
-    strengths, bonds, points, p, before, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s, energy
+    strengths, bonds, custom, points, p, before, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s, energy
 ):  # fmt: skip
-    """`forces` by the law that the points have: dry if ``strengths`` is None."""
+    """`forces` by the law that the points have: dry if ``strengths`` and ``custom`` are None."""
+    if custom is not None:
+        return custom_forces(custom, points, p, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s, energy)
     if strengths is not None:
         return bonded_forces(
             strengths, bonds, points, p, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s, energy
@@ -184,78 +183,6 @@ def dry_forces(points, p, before, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_
 
 
 @jit
-def bonded_forces(
-    strengths, bonds, points, p, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s, energy
-):  # fmt: skip
-    """`forces` of a joint of a scene where some have strengths; what they lose is summed point by point."""
-    mu = points.friction[p]
-    damped = 1.0 + viscous_s
-    share = 1.0 / damped
-    n = m1 = m2 = v1 = v2 = mt = slip = weight = 0.0
-    still_n = still_1 = still_2 = c1 = c2 = cm = 0.0
-    for i in range(points.start[p], points.start[p + 1]):
-        x = points.x_n[i]
-        y = points.y_n[i]
-        xs = points.x_s[i]
-        ys = points.y_s[i]
-        k = points.k_s[i]
-        k_n = points.k_n[i]
-        area = bonds.area[i]
-        s1 = p1 - pr * ys
-        s2 = p2 + pr * xs
-        b1 = points.elastic_1[i]
-        b2 = points.elastic_2[i]
-        bond = bonds.bonded[i]
-        depth = bonds.crushed[i]
-        rise = bonds.rise[i]
-        g = -(dn + r1 * y - r2 * x)
-        d = -(pn + pr1 * y - pr2 * x)
-        normal, spring, t1, t2, e1, e2, slid, bonded, crushed, risen = bonded_law(
-            g, d, s1, s2, b1, b2, k_n, k, mu, viscous_n, damped, share, strengths, p, area, bond, depth, rise
-        )  # fmt: skip
-        points.normal[i] = normal
-        points.elastic_1[i] = e1
-        points.elastic_2[i] = e2
-        bonds.bonded[i] = bonded
-        bonds.crushed[i] = crushed
-        bonds.rise[i] = risen
-        bonds.spring[i] = spring
-        n += normal
-        m1 -= y * normal
-        m2 += x * normal
-        v1 += t1
-        v2 += t2
-        mt += xs * t2 - ys * t1
-        points.slip[i] += slid
-        slip += k * points.slip[i]
-        weight += k
-        if energy is not None:
-            still_n += spring
-            still_1 -= y * spring
-            still_2 += x * spring
-            c1 += t1 - e1
-            c2 += t2 - e2
-            cm += xs * (t2 - e2) - ys * (t1 - e1)
-            before = spring_of(strengths, p, k_n, g - d, area, bond, depth, rise)
-            opened = normal == 0.0 and (b1 != 0.0 or b2 != 0.0)
-            friction, by_law, crushing, fracture, released, _, dash = bonded_losses(
-                strengths, p, area, mu, k_n, d, before, spring, normal,
-                shear_loss(b1, b2, e1, e2, s1, s2, k), slid, bonded < bond, crushed - depth, risen - rise, opened,
-            )  # fmt: skip
-            energy.work[SLIDING] += friction
-            energy.work[BY_LAW] += by_law
-            energy.work[LEAST] = min(energy.work[LEAST], friction)
-            energy.work[CRUSHING] += crushing
-            energy.work[FRACTURE] += fracture
-            energy.work[DAMPING] += released + dash
-    if energy is not None:
-        energy.work[DAMPING] += 0.5 * dashpot_work(
-            energy.dash[points.joint[p]], c1, c2, cm, n - still_n, m1 - still_1, m2 - still_2, p1, p2, pr, pn, pr1, pr2
-        )  # fmt: skip
-    return n, v1, v2, mt, m1, m2, slip / weight
-
-
-@jit
 def strength(strengths, bonds, points, p, i, normal):
     """What point ``i`` of joint ``p`` may carry in shear (N) under the normal force ``normal``."""
     if strengths is not None:
@@ -266,12 +193,15 @@ def strength(strengths, bonds, points, p, i, normal):
 @jit
 def dissipation(points, p, rest, normal, q1, q2, qr):
     """D(q) of point joint ``p`` with the normal forces ``rest`` of its points (N m for a twist in m, m, rad)."""
-    return dissipation_by(points.strengths, points.bonds, points, p, rest, q1, q2, qr)
+    return dissipation_by(points.strengths, points.bonds, points.custom, points, p, rest, q1, q2, qr)
 
 
 @jit
-def dissipation_by(strengths, bonds, points, p, rest, q1, q2, qr):
-    """`dissipation` by the law that the points have: dry if ``strengths`` is None."""
+def dissipation_by(strengths, bonds, custom, points, p, rest, q1, q2, qr):
+    """`dissipation` by the law that the points have: dry if ``strengths`` and ``custom`` are None. What a law of the
+    user's own would take at other forces nobody knows: it is what it takes now."""
+    if custom is not None:
+        return power_taken(custom, points, p, q1, q2, qr)
     total = 0.0
     for i in range(points.start[p], points.start[p + 1]):
         s1 = q1 - qr * points.y_s[i]
@@ -285,11 +215,21 @@ def dissipation_by(strengths, bonds, points, p, rest, q1, q2, qr):
     return total
 
 
-@jit_sum
+@jit
 def shear_energy(points, p):
     """Energy (J) in the shear springs of point joint ``p``, and what the normal springs hold more than half their force
     times the penetration, because they were crushed or lifted."""
+    return shear_energy_by(points.custom, points, p)
+
+
+@jit_sum
+def shear_energy_by(custom, points, p):
+    """`shear_energy` by the law that the points have."""
     twice = 0.0
+    if custom is not None:
+        for i in range(points.start[p], points.start[p + 1]):
+            twice += custom_law.shear_held(custom, i)
+        return twice
     for i in range(uint64(points.start[p]), uint64(points.start[p + 1])):
         twice += (points.elastic_1[i] * points.elastic_1[i] + points.elastic_2[i] * points.elastic_2[i]) / points.k_s[i]
     return 0.5 * (twice + beyond_penetration(points.bonds, points.start[p], points.start[p + 1]))
@@ -324,6 +264,7 @@ def remember(points, memory, p):
         memory.elastic_2[i] = points.elastic_2[i]
         memory.slip[i] = points.slip[i]
     copy_bonds(points.bonds, memory.bonds, points.start[p], points.start[p + 1])
+    custom_law.remember(points.custom, memory.custom, points.start[p], points.start[p + 1])
 
 
 @jit
@@ -337,12 +278,12 @@ def write_contacts(points, p, joints, viscous, out):
     axes = joints.axes[j]
     slip = joints.step[j]
     for i in range(points.start[p], points.start[p + 1]):
-        k = viscous * joints.damping[j] * points.k_s[i]
+        k = viscous * joints.damping[j] * points.k_s[i] if points.custom is None else 0.0
         t1 = points.elastic_1[i] + k * (slip[0] - slip[2] * points.y_s[i])
         t2 = points.elastic_2[i] + k * (slip[1] + slip[2] * points.x_s[i])
         size = sqrt(t1 * t1 + t2 * t2)
         cap = strength(points.strengths, points.bonds, points, p, i, points.normal[i])
-        if size > cap:
+        if size > cap and points.custom is None:
             t1 *= cap / size
             t2 *= cap / size
         force = columns_times(axes, -t1, -t2, points.normal[i])

@@ -14,6 +14,8 @@ from dembrick.assembly.joints import JointTable
 from dembrick.kernels.dynamics.bonded_points import BOND
 from dembrick.kernels.dynamics.point_tiles import Corners
 from dembrick.kernels.dynamics.tiles import PATH, POINT, SHEAR, W, rows_of_lanes
+from dembrick.scenario.custom_laws import RECORD
+from dembrick.simulation import custom_law
 from dembrick.simulation.dynamics.tiling import tiled, without_rounding
 from dembrick.simulation.joint_stiffness import elastic_stiffness
 from dembrick.simulation.joint_strengths import bonded_at_start, strengths_of
@@ -21,6 +23,8 @@ from dembrick.simulation.joint_strengths import bonded_at_start, strengths_of
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
     from dembrick.kernels.statics.point_joints import Points
+    from dembrick.scenario.custom_laws import CustomLaw
+    from dembrick.scenario.joint_laws import JointLaw
 
 
 def at_rest(assembly: Assembly, turn: np.ndarray, way: np.ndarray) -> Corners | None:
@@ -78,7 +82,19 @@ def at_rest(assembly: Assembly, turn: np.ndarray, way: np.ndarray) -> Corners | 
     corners.share()
     if corners.bonds is not None:
         corners.put("bonded", np.repeat(bonded_at_start(laws), count))
+    if assembly.custom_law is not None:
+        return _custom(corners, assembly.custom_law, laws)
     return corners
+
+
+def _custom(corners: Corners, law: CustomLaw, laws: list[JointLaw]) -> Corners:
+    """The same joints with a ``law`` of the user's own; ``laws`` (p,) are those of the scenario."""
+    area = np.zeros(corners.points.size * W)
+    given = np.zeros(area.size, np.int64)
+    where = corners.where()
+    area[where], given[where] = corners.area, np.repeat(np.arange(len(laws)), np.diff(corners.start))
+    rows = custom_law.rows_of(law, [laws[i] for i in given], area)
+    return corners._replace(custom=rows)
 
 
 def bonded(corners: Corners) -> np.ndarray:
@@ -131,8 +147,11 @@ def friction(corners: Corners) -> np.ndarray:
 
 
 def put_friction(corners: Corners, values) -> None:
-    """Give the laws that friction, a number or one for each."""
+    """Give the laws that friction, a number or one for each; a law of the user's own finds it in its record."""
     corners.friction[:] = values
+    if corners.custom is not None:
+        of_points = np.repeat(corners.tile_law, np.diff(corners.tile_start))
+        corners.custom.record[:, RECORD.index("friction")] = np.repeat(corners.friction[of_points], W)
 
 
 def retire(corners: Corners, p: int) -> None:
@@ -153,7 +172,8 @@ def take_memory(corners: Corners, left: Points, sense: np.ndarray) -> None:
 
 def arrays(corners: Corners) -> list[np.ndarray]:
     """All arrays but the strengths, which nothing changes."""
-    return [array for array in corners if isinstance(array, np.ndarray)]
+    own = () if corners.custom is None else corners.custom
+    return [array for array in (*corners, *own) if isinstance(array, np.ndarray)]
 
 
 def memory(corners: Corners) -> list[np.ndarray]:

@@ -21,7 +21,7 @@ def certificate(state: State, load: np.ndarray, elastic: float, tolerance: float
     Strict where the scene has one joint, and its friction does not depend on the load: point forces while the load
     neither presses nor tilts the joint, the full pressure of a convex joint while it does not press, and slides before
     it could overturn; the pressures of a convex joint that follow the bending like points. Never with bonds, which may
-    break one after another. A tolerance of 0 never ends a run.
+    break one after another, nor with a law of the user's own. A tolerance of 0 never ends a run.
     """
     parts = {
         "strict": False,
@@ -38,7 +38,7 @@ def certificate(state: State, load: np.ndarray, elastic: float, tolerance: float
         "tilts": True,
     }
     alone = len(state.joints.block_a) == 1 and state.ties is None and not len(state.blocks.guided)
-    if alone and not joint_families.has_strengths(state):
+    if alone and not joint_families.has_strengths(state) and not joint_families.is_custom(state):
         parts |= _single_joint(state, load)
     return Certificate(
         every=1,

@@ -121,7 +121,8 @@ def rest(
     Newton step is enough. Else the whole assembly moves by its elastic answer, ``factor`` is that of its stiffness,
     first in one go and then with momentum, which is dropped whenever it works against the forces. What does not come to
     rest so starts again, by viscous motion; ``position`` (n, 3) of the centroids. ``session`` keeps checkpoints of it,
-    and may go on from one. Raises Interrupted.
+    and may go on from one. Raises Interrupted, and UndecidedError where relaxation does not balance the forces of a law
+    of the user's own.
 
     Where joints have bonds they hold until the blocks rest; those that bear too much then break, and the others must
     carry the loads without them.
@@ -152,6 +153,11 @@ def rest(
     stands, mechanism, moving = not_nan(ratio, "what is out of balance under the dead loads") <= UNBALANCED, None, ()
     if not stands and not moving_blocks(state):
         stands, ratio = True, 0.0  # there is no force at all: no gravity and no loads
+    if not stands and joint_families.is_custom(state):
+        raise UndecidedError(
+            f"undecided under the dead loads: after {steps} steps of relaxation {ratio:.2g} of the joint forces is "
+            "still out of balance, and Newton's method, which would decide it, knows no joint law of one's own"
+        )
     if not stands:
         relaxation.start_again()
         motion = ViscousMotion(state, factor or elastic_factor(state, position), lambda: session.pause(relaxation))

@@ -155,6 +155,11 @@ def has_strengths(state) -> bool:
     return any(joints.strengths is not None for _, joints in present(state))
 
 
+def is_custom(state) -> bool:
+    """Whether the joints follow a law of the user's own."""
+    return state.points is not None and state.points.custom is not None
+
+
 def hold_bonds(state, held: bool) -> None:
     """Let no bond break that would let go of something, or let bonds break again."""
     for _, joints in present(state):

@@ -18,7 +18,7 @@ from dembrick.simulation.joint_strengths import bonded_at_start, repeated, slidi
 if TYPE_CHECKING:
     from dembrick.assembly.build import Assembly
 
-MEMORY = ("elastic_1", "elastic_2", "slip", "bonds")  # what the points remember
+MEMORY = ("elastic_1", "elastic_2", "slip", "bonds", "custom")  # what the points remember
 FOUND = ("normal",)  # what a step finds of them
 
 
@@ -34,6 +34,12 @@ def at_rest(assembly: Assembly) -> Points | None:
     strengths, bonds = strengths_of(laws), None
     if strengths is not None:
         bonds = Bonds(np.array(table.area, float), np.repeat(bonded_at_start(laws), counts), *np.zeros((3, total)))
+    custom = None
+    if assembly.custom_law is not None:
+        from dembrick.simulation import custom_law
+
+        each = [law for law, count in zip(laws, counts.tolist(), strict=True) for _ in range(count)]
+        custom = custom_law.rows_of(assembly.custom_law, each, table.area)
     x_n, y_n = table.normal_arm.T.copy()
     shared = table.shear_arm is table.normal_arm
     x_s, y_s = (x_n, y_n) if shared else table.shear_arm.T.copy()
@@ -53,6 +59,7 @@ def at_rest(assembly: Assembly) -> Points | None:
         slip=np.zeros(total),
         strengths=strengths,
         bonds=bonds,
+        custom=custom,
     )
 
 
@@ -63,7 +70,7 @@ def of_cases(points: Points, cases) -> Points:
     start = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
     entry = np.repeat(points.start[:-1][cases.shape] - start[:-1], counts) + np.arange(start[-1])
     own = {"joint": np.arange(cases.count), "start": start, "friction": np.array(cases.friction)}
-    own |= {"strengths": None, "bonds": None}
+    own |= {"strengths": None, "bonds": None, "custom": None}
     values = {name: value[entry] for name, value in points._asdict().items() if name not in own}
     values["k_n"] *= np.repeat(cases.normal_stiffness, counts)
     values["k_s"] *= np.repeat(cases.shear_stiffness, counts)

@@ -72,6 +72,7 @@ class JointMotion:
         self.arm_a = self.origin - history.position0[self.block_a]
         self.arm_b = self.origin - history.position0[self.block_b]
         self.arm_host = np.where((self.host == self.block_a)[:, None], self.arm_a, self.arm_b)
+        self.custom = "custom_law" in getattr(history, "settings", {})
         self.small = bool(getattr(history, "small_displacements", False))
         self.back = history.orientation0 * np.array([1.0, -1.0, -1.0, -1.0])
 
@@ -326,6 +327,8 @@ class JointFrames:
     def utilisation(self) -> np.ndarray:
         """(f, j): how much of its strength each joint uses, in friction or in bending, whichever is more: 1 if it
         slides or twists, and 1 at a hinge."""
+        if self.joints.custom:
+            return self.friction_utilisation
         return np.fmax(self.friction_utilisation, self.bending_utilisation)
 
     @cached_property
@@ -354,11 +357,14 @@ class JointFrames:
         as long as they hold. A joint without friction
         strength is at 0 when it carries nothing, and at infinity else. Where contact forces were not recorded, a joint
         that touches at a corner with next to no force may read above 1. NaN for a joint that was cut where it slid over
-        an edge, unless its contact points were recorded: its strength is that of a polygon which is not known.
+        an edge, unless its contact points were recorded: its strength is that of a polygon which is not known; and for
+        all that touch by a law of the user's own, which is not known either.
         """
         joints, resultants = self.joints, self.resultants
         found = np.zeros(resultants.shape[:2])
         force = np.ascontiguousarray(resultants[..., 1:4])
+        if joints.custom:
+            return np.where(resultants[..., 0] != 0.0, np.nan, 0.0)
         if joints.surfaces is not None:
             joint = joints.surfaces[-1]
             pressed = bending = None

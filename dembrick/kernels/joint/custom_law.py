@@ -1,0 +1,108 @@
+"""A law of the user's own, point by point: what it answers to a step, and what dashpots stand beside it.
+
+The law is a function of the user's, called by its address (`_jit.call_law`). It gets what the point moved, the record
+of the law there, and what the point remembers, and answers with its springs: normal force, shear force and the energy
+that they hold. What it did not hold of the work of the step is lost.
+
+The dashpots are those of `point_law`, which lie behind what slips or gives way: they carry by as much as the law
+answers a step with its elastic stiffness, all of it where a point sticks, and nothing where it slides steadily or gets
+weaker. None pulls at a point that presses, and an open point has none.
+"""
+
+from math import sqrt
+from typing import NamedTuple
+
+from numpy import ndarray
+
+from dembrick._jit import call_law, jit
+
+GIVEN, ANSWERS = 4, 4  # numbers of `Custom.move`, of `Custom.answer`, and of what the law finds of itself in each row
+ROUNDED = 1e-9  # of the slip of a step: an irreversible part below it is none
+
+
+class Custom(NamedTuple):
+    """A row for every contact point; m and k: what the law remembers itself, and its own parameters."""
+
+    move: ndarray  # (c, 4) m: penetration, its growth in the step, slip of the step in two directions
+    record: ndarray  # (c, 4 + k) m2, N/m, N/m, 1: area, elastic stiffness along the normal and in shear, friction
+    memory: ndarray  # (c, 4 + m) N, N, N, J: what it answered a step ago; what it remembers itself
+    at: ndarray  # (1,) int64, where the machine code of the law lies
+    answer: ndarray  # (c, 4) N, N, N, J: normal force, shear force in the sense of slip, energy held
+
+
+@jit
+def custom_law(custom, i, g, d, slip_1, slip_2, viscous_n, viscous_s):
+    """Forces of contact point ``i`` by the law, and its new memory.
+
+    ``g`` penetration now and ``d`` its growth in the step (m); ``slip_*`` of the step (m); ``viscous_*``: dashpot over
+    spring force. Returns N, N of the spring alone, the shear force (2), that of the spring alone (2), the irreversible
+    length of slip of the step (m), and the work of the step that the law does not hold (J).
+    """
+    move = custom.move[i]
+    memory = custom.memory[i]
+    answer = custom.answer[i]
+    record = custom.record[i]
+    move[0] = g
+    move[1] = d
+    move[2] = slip_1
+    move[3] = slip_2
+    before = memory[0]
+    b1 = memory[1]
+    b2 = memory[2]
+    held = memory[3]
+    call_law(custom.at[0], move, record, memory, answer)
+    spring = answer[0]
+    e1 = answer[1]
+    e2 = answer[2]
+    for k in range(ANSWERS):
+        memory[k] = answer[k]
+    lost = 0.5 * ((b1 + e1) * slip_1 + (b2 + e2) * slip_2 + (before + spring) * d) - (answer[3] - held)
+    normal = spring
+    t1 = e1
+    t2 = e2
+    slid = 0.0
+    if spring != 0.0:
+        stiff = record[1] * d
+        if stiff != 0.0:
+            normal += viscous_n * stiff * min(max((spring - before) / stiff, 0.0), 1.0)
+            if spring > 0.0 and normal < 0.0:
+                normal = 0.0
+        k = record[2]
+        along = slip_1 * slip_1 + slip_2 * slip_2
+        if k > 0.0 and along > 0.0:
+            part = min(max(((e1 - b1) * slip_1 + (e2 - b2) * slip_2) / (k * along), 0.0), 1.0)
+            t1 += viscous_s * part * k * slip_1
+            t2 += viscous_s * part * k * slip_2
+            q1 = slip_1 - (e1 - b1) / k
+            q2 = slip_2 - (e2 - b2) / k
+            slid = sqrt(q1 * q1 + q2 * q2)
+            if slid < ROUNDED * sqrt(along):
+                slid = 0.0
+    return normal, spring, t1, t2, e1, e2, slid, lost
+
+
+@jit
+def energy_held(custom, i):
+    """Energy (J) that the springs of point ``i`` hold."""
+    return custom.memory[i, 3]
+
+
+@jit
+def shear_held(custom, i):
+    """The same, less half the normal force times the penetration, which is counted with the joint."""
+    return custom.memory[i, 3] - 0.5 * custom.memory[i, 0] * custom.move[i, 0]
+
+
+@jit
+def shear_power(custom, i, slip_1, slip_2):
+    """What the shear force of point ``i`` takes of a slip (J)."""
+    return custom.memory[i, 1] * slip_1 + custom.memory[i, 2] * slip_2
+
+
+@jit
+def remember(custom, memory, first, last):
+    """Copy what the points ``first`` to ``last`` remember."""
+    if custom is not None:
+        for i in range(first, last):
+            for k in range(custom.memory.shape[1]):
+                memory.memory[i, k] = custom.memory[i, k]

@@ -1,0 +1,80 @@
+"""Points of joints with strengths, in searches and constant-rate tests: their forces, and what they lose. The law is
+`kernels.joint.point_law.bonded_law`.
+"""
+
+from dembrick._jit import jit
+from dembrick.kernels.joint.point_law import bonded_law, bonded_losses, shear_loss, spring_of
+from dembrick.kernels.state import BY_LAW, CRUSHING, DAMPING, FRACTURE, LEAST, SLIDING
+from dembrick.kernels.statics.dashpots import dashpot_work
+
+
+@jit
+def bonded_forces(
+    strengths, bonds, points, p, dn, r1, r2, pn, pr1, pr2, p1, p2, pr, viscous_n, viscous_s, energy
+):  # fmt: skip
+    """`forces` of a joint of a scene where some have strengths; what they lose is summed point by point."""
+    mu = points.friction[p]
+    damped = 1.0 + viscous_s
+    share = 1.0 / damped
+    n = m1 = m2 = v1 = v2 = mt = slip = weight = 0.0
+    still_n = still_1 = still_2 = c1 = c2 = cm = 0.0
+    for i in range(points.start[p], points.start[p + 1]):
+        x = points.x_n[i]
+        y = points.y_n[i]
+        xs = points.x_s[i]
+        ys = points.y_s[i]
+        k = points.k_s[i]
+        k_n = points.k_n[i]
+        area = bonds.area[i]
+        s1 = p1 - pr * ys
+        s2 = p2 + pr * xs
+        b1 = points.elastic_1[i]
+        b2 = points.elastic_2[i]
+        bond = bonds.bonded[i]
+        depth = bonds.crushed[i]
+        rise = bonds.rise[i]
+        g = -(dn + r1 * y - r2 * x)
+        d = -(pn + pr1 * y - pr2 * x)
+        normal, spring, t1, t2, e1, e2, slid, bonded, crushed, risen = bonded_law(
+            g, d, s1, s2, b1, b2, k_n, k, mu, viscous_n, damped, share, strengths, p, area, bond, depth, rise
+        )  # fmt: skip
+        points.normal[i] = normal
+        points.elastic_1[i] = e1
+        points.elastic_2[i] = e2
+        bonds.bonded[i] = bonded
+        bonds.crushed[i] = crushed
+        bonds.rise[i] = risen
+        bonds.spring[i] = spring
+        n += normal
+        m1 -= y * normal
+        m2 += x * normal
+        v1 += t1
+        v2 += t2
+        mt += xs * t2 - ys * t1
+        points.slip[i] += slid
+        slip += k * points.slip[i]
+        weight += k
+        if energy is not None:
+            still_n += spring
+            still_1 -= y * spring
+            still_2 += x * spring
+            c1 += t1 - e1
+            c2 += t2 - e2
+            cm += xs * (t2 - e2) - ys * (t1 - e1)
+            before = spring_of(strengths, p, k_n, g - d, area, bond, depth, rise)
+            opened = normal == 0.0 and (b1 != 0.0 or b2 != 0.0)
+            friction, by_law, crushing, fracture, released, _, dash = bonded_losses(
+                strengths, p, area, mu, k_n, d, before, spring, normal,
+                shear_loss(b1, b2, e1, e2, s1, s2, k), slid, bonded < bond, crushed - depth, risen - rise, opened,
+            )  # fmt: skip
+            energy.work[SLIDING] += friction
+            energy.work[BY_LAW] += by_law
+            energy.work[LEAST] = min(energy.work[LEAST], friction)
+            energy.work[CRUSHING] += crushing
+            energy.work[FRACTURE] += fracture
+            energy.work[DAMPING] += released + dash
+    if energy is not None:
+        energy.work[DAMPING] += 0.5 * dashpot_work(
+            energy.dash[points.joint[p]], c1, c2, cm, n - still_n, m1 - still_1, m2 - still_2, p1, p2, pr, pn, pr1, pr2
+        )  # fmt: skip
+    return n, v1, v2, mt, m1, m2, slip / weight

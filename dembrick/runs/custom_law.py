@@ -1,0 +1,72 @@
+"""Runs with a joint law of the user's own: which scenarios can have one, and what their histories say of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from dembrick.errors import HistoryError, ScenarioError
+from dembrick.scenario.controls import CONSTANT_RATE, REAL_TIME
+from dembrick.scenario.custom_laws import CustomLaw
+
+if TYPE_CHECKING:
+    from dembrick.assembly.build import Assembly
+    from dembrick.history import History
+    from dembrick.scenario.model import Scenario
+
+SETTING = "custom_law"  # of a history: what `CustomLaw.as_dict` says
+REGIMES = (CONSTANT_RATE, REAL_TIME)  # whose loops call it step by step
+
+
+def with_law(assembly: Assembly, scenario: Scenario, law: Any, refine: bool = False, bound: bool = False) -> Assembly:
+    """The assembly whose joints follow a ``law``, a `CustomLaw` or a function that is one without parameters; as it is
+    without any. ScenarioError where no step-by-step loop would call it."""
+    if law is None:
+        return assembly
+    law = law if isinstance(law, CustomLaw) else CustomLaw(law)
+    _refuse(assembly, scenario, law.name)
+    if refine or bound:
+        asked = "refine" if refine else "bound"
+        raise ScenarioError(f"{asked} = True runs or bounds other joints than the law {law.name} makes; leave it out")
+    return replace(assembly, custom_law=law)
+
+
+def _refuse(assembly: Assembly, scenario: Scenario, name: str) -> None:
+    """ScenarioError for what a law of the user's own cannot be given to."""
+    if scenario.control.regime not in REGIMES:
+        raise ScenarioError(
+            f'control.kind = "{scenario.control.kind}" of this scenario is answered by {scenario.control.regime.name}, '
+            f"which knows no joint law of one's own: the law {name} is for tests at a constant rate "
+            '(kind = "displacement" with a rate) and for motion in real time'
+        )
+    if scenario.stages:
+        raise ScenarioError(
+            f"the law {name} cannot be given to a scenario with stages, whose first ones do not call it"
+        )
+    laws = list({id(one): one for one in assembly.joints.law}.values())
+    if any(one.formulation == "convex" for one in laws):
+        raise ScenarioError(
+            f'the law {name} is one of contact points, and a joint here has formulation = "convex", which has none: '
+            'use "concave", "corrected" or "distributed" with points'
+        )
+    if any(not one.dry for one in laws):
+        raise ScenarioError(
+            f"the law {name} takes the place of the scenario's: leave out cohesion, tensile_strength, dilation, "
+            "compressive_strength and residuals, and give such numbers as parameters of the law"
+        )
+
+
+def settings_of(assembly: Assembly) -> dict:
+    """What a history says of the law."""
+    return {} if assembly.custom_law is None else {SETTING: assembly.custom_law.as_dict()}
+
+
+def refuse_alone(history: History) -> None:
+    """HistoryError if a run followed a law of the user's own, which no file holds."""
+    found = history.settings.get(SETTING)
+    if isinstance(found, Mapping):
+        raise HistoryError(
+            f"{history.path}: its joints followed the law {found.get('name')} of a user's Python, which no file holds; "
+            "run it again there: dembrick.simulate(scenario, history, law=...)"
+        )

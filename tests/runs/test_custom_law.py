@@ -1,0 +1,224 @@
+"""Runs with a joint law of the user's own, against closed forms; where none can be called, one sentence says so."""
+
+import math
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numba
+import numpy as np
+import pytest
+
+import dembrick
+from dembrick._jit import hearing
+from dembrick.errors import DembrickError, HistoryError, ScenarioError
+from dembrick.views.motion.joints import JointMotion
+from tests.helpers.custom_laws import BILINEAR, COULOMB, FOLLOWING, coulomb
+
+N, MU, AREA = 467.0, 0.64, 0.06  # of the laboratory's joint: N, friction, m2
+K_N, K_S = 1e10, 4e9  # Pa/m
+PULSE, T0 = 4.905, 0.2  # m/s2, s: the pulse of Newmark's block
+
+
+def lab(formulation="concave", **changes):
+    """The laboratory's joint in pure shear, at a constant rate."""
+    scenario = dembrick.load("shear")
+    joint = replace(scenario.joint, formulation=formulation)
+    control = dembrick.DisplacementControl(rate=2e-5, travel=2e-4)
+    return replace(scenario, **{"joint": joint, "control": control, **changes})
+
+
+def newmark(law, formulation="concave"):
+    """How far a block slides on a base that takes a pulse of `PULSE` for `T0` (m), and its run."""
+    scenario = dembrick.load("newmark_pulse", ["control.duration=1.2"])
+    scenario = replace(scenario, joint=replace(scenario.joint, formulation=formulation))
+    result = dembrick.simulate(scenario, law=law)
+    return result.greatest_displacement["block"], result
+
+
+def test_coulomb_is_what_theory_says():
+    found = dembrick.simulate(lab(), law=COULOMB)
+    assert found.yield_point.V == pytest.approx(MU * N, rel=1e-4)
+    assert found.yield_point.bracket == "indicator"  # nothing is proven of a law that nobody knows
+    assert found.theory is None
+
+
+def test_friction_that_follows_slip_peaks_where_it_should():
+    """At mu N (1 + rise) by the slip d, and at the residual from 2 d on; friction takes the area under the curve."""
+    result = dembrick.simulate(lab(), law=FOLLOWING)
+    point = result.yield_point
+    d, rise, residual = (FOLLOWING.parameters[name] for name in ("slip_distance", "rise", "residual"))
+    assert point.V_peak == pytest.approx(MU * N * (1.0 + rise), rel=1e-3)
+    assert point.displacement_at_peak == pytest.approx(d + point.V_peak / (K_S * AREA), rel=0.05)
+    assert point.V == pytest.approx(MU * N * residual, rel=1e-3)
+    slip = point.displacement - point.V / (K_S * AREA)
+    rising = d * (1.0 + rise * (math.e - 2.0))
+    falling_to = (1.0 + rise + residual) * 0.5 * d
+    work = MU * N * (rising + falling_to + residual * (slip - 2.0 * d))
+    assert result.rows["energy"]["friction"][-1] == pytest.approx(work, rel=2e-3)
+    assert result.energy.relative_residual < 1e-6
+
+
+def test_bilinear_springs_close_as_they_should_under_the_dead_load():
+    """N / A = k (knee + part (g - knee)), found by relaxation before the actuators push."""
+    result = dembrick.simulate(lab(), law=BILINEAR)
+    knee, part = BILINEAR.parameters["knee"], BILINEAR.parameters["part"]
+    closed = knee + (N / AREA / K_N - knee) / part
+    assert closed > 2.0 * N / AREA / K_N
+    assert result.frames["displacement"][0][1][2] == pytest.approx(-closed, rel=1e-5)
+    assert result.yield_point.V == pytest.approx(MU * N, rel=1e-3)
+
+
+def test_several_blocks():
+    """Two blocks on a base, each on its own joint: the upper joint slips at mu N of its own N."""
+    scenario = lab()
+    upper = scenario.blocks[1]
+    top = replace(upper, name="top", position=(0.0, 0.0, 0.15))
+    actuator = replace(scenario.actuators[0], block="top", point=(0.0, 0.0, 0.1))
+    scenario = replace(scenario, blocks=(*scenario.blocks, top), actuators=(actuator,))
+    found = dembrick.simulate(scenario, law=COULOMB).yield_point
+    assert found.V == pytest.approx(MU * 9.0 * 9.81, rel=2e-3)
+    assert found.joint == ("upper", "top")
+
+
+def test_newmarks_block_in_real_time():
+    """A (A - a_y) t0^2 / (2 a_y); a block whose friction falls to half at once slides as one of half its friction."""
+    yielding = 0.2 * 9.81
+
+    def closed_form(a):
+        return PULSE * (PULSE - a) * T0**2 / (2.0 * a)
+
+    moved, result = newmark(COULOMB)
+    assert moved == pytest.approx(closed_form(yielding), rel=1e-3)
+    assert result.energy.relative_residual < 1e-6
+    falling = FOLLOWING.with_parameters(slip_distance=1e-8, rise=0.0)
+    moved, _ = newmark(falling)
+    assert moved == pytest.approx(closed_form(0.5 * yielding), rel=1e-3)
+
+
+def test_parameters_and_other_laws_compile_no_kernel_again():
+    """One machine code of a kernel serves all laws: none can be taken for another."""
+    dembrick.simulate(lab(), law=COULOMB)
+    compiled = []
+    with hearing(("numba:compile",), lambda: compiled.append(1)):
+        peaks = [
+            dembrick.simulate(lab(), law=FOLLOWING.with_parameters(rise=rise)).yield_point.V_peak for rise in (0.1, 0.4)
+        ]
+        first = len(compiled)
+        loose = dembrick.simulate(lab(), law=numba.njit(_frictionless_twin(0.5)))
+        tight = dembrick.simulate(lab(), law=numba.njit(_frictionless_twin(2.0)))
+    assert peaks == pytest.approx([MU * N * 1.1, MU * N * 1.4], rel=1e-3)
+    assert first <= 2  # the law, and what wraps it
+    assert len(compiled) <= first + 4
+    assert loose.yield_point.V == pytest.approx(0.5 * MU * N, rel=1e-3)
+    assert tight.yield_point.V == pytest.approx(2.0 * MU * N, rel=1e-3)
+
+
+def _frictionless_twin(factor):
+    """Laws of one name and one line that differ by what they close over."""
+    import math as functions
+
+    def law(move, law, memory):
+        normal = law.normal_stiffness * move.penetration
+        if normal <= 0.0:
+            return 0.0, 0.0, 0.0, 0.0
+        t1 = memory.shear_1 + law.shear_stiffness * move.slip_1
+        t2 = memory.shear_2 + law.shear_stiffness * move.slip_2
+        kept = min(1.0, factor * law.friction * normal / max(functions.hypot(t1, t2), 1e-30))
+        t1, t2 = kept * t1, kept * t2
+        held = normal * normal / law.normal_stiffness + (t1 * t1 + t2 * t2) / law.shear_stiffness
+        return normal, t1, t2, 0.5 * held
+
+    return law
+
+
+def test_what_cannot_be_answered_is_refused_in_one_sentence():
+    scenario = lab()
+    strong = replace(scenario, joint=replace(scenario.joint, cohesion=1e3))
+    for wrong, words, options in (
+        (replace(scenario, control=dembrick.StaticsControl()), "knows no joint law of one's own", {}),
+        (lab("convex"), 'formulation = "convex"', {}),
+        (strong, "parameters of the law", {}),
+        (scenario, "bound = True", {"bound": True}),
+        (scenario, "refine = True", {"refine": True}),
+    ):
+        with pytest.raises(ScenarioError) as error:
+            dembrick.simulate(wrong, law=coulomb, **options)
+        assert words in str(error.value) and "\n" not in str(error.value)
+
+
+def three_numbers(move, law, memory):
+    return law.normal_stiffness * move.penetration, 0.0, 0.0
+
+
+def unknown_field(move, law, memory):
+    return law.toughness, 0.0, 0.0, 0.0
+
+
+def no_number(move, law, memory):
+    return math.nan, 0.0, 0.0, 0.0
+
+
+@pytest.mark.parametrize("law", [three_numbers, unknown_field, no_number])
+def test_a_law_that_does_not_work_is_refused(law):
+    with pytest.raises(ScenarioError, match=f"the joint law {law.__name__} ") as error:
+        dembrick.simulate(lab(), law=law)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_a_law_that_fails_on_its_way_ends_the_run():
+    @dembrick.joint_law(memory="slipped")
+    def breaking(move, law, memory):
+        memory.slipped += abs(move.slip_2)
+        if memory.slipped > 1e-5:
+            raise ValueError("too far")
+        return law.normal_stiffness * max(move.penetration, 0.0), 0.0, 0.0, 0.0
+
+    with pytest.raises(DembrickError):
+        dembrick.simulate(lab(), law=breaking)
+
+
+def test_names_and_numbers():
+    with pytest.raises(ScenarioError, match="memory = 'normal' is out of range: the program's own are normal"):
+        dembrick.joint_law(coulomb, memory="normal")
+    with pytest.raises(ScenarioError, match="parameters = 'friction'"):
+        dembrick.joint_law(coulomb, friction=0.3)
+    with pytest.raises(ScenarioError, match="this law has no such parameter; it has slip_distance, rise, residual"):
+        FOLLOWING.with_parameters(length=1.0)
+    with pytest.raises(ScenarioError, match="a function of"):
+        dembrick.joint_law(3)
+    with pytest.raises(ScenarioError, match="a name stands in it twice"):
+        dembrick.joint_law(coulomb, memory=["a", "a"])
+    assert FOLLOWING.as_dict()["code"] != COULOMB.as_dict()["code"]
+
+
+def test_a_history_tells_of_its_law_and_is_run_by_no_command(tmp_path):
+    file = tmp_path / "own.h5"
+    dembrick.simulate(lab(), file, law=FOLLOWING)
+    with dembrick.read_history(file) as history:
+        told = history.settings["custom_law"]
+        assert told["name"] == "following" and told["parameters"]["rise"] == 0.2
+    words = "its joints followed the law following of a user's Python, which no file holds"
+    with pytest.raises(HistoryError, match=words):
+        dembrick.load(file)
+    with pytest.raises(HistoryError, match=words):
+        dembrick.restart_at(file, 1.0, tmp_path / "new.h5")
+
+
+def test_no_utilisation_is_told_of_a_strength_that_is_not_known(tmp_path):
+    file = tmp_path / "own.h5"
+    dembrick.simulate(lab(), file, law=FOLLOWING)
+    with dembrick.read_history(file) as history:
+        assert np.isnan(JointMotion(history).at([-1]).utilisation).all()
+
+
+def test_the_page_of_the_manual_runs():
+    page = Path(__file__).parents[2] / "docs" / "howto" / "laws.md"
+    (code,) = re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.S)
+    names: dict = {}
+    exec(code, names)
+    point, brittle = names["result"].yield_point, names["brittle"].yield_point
+    assert point.V_peak == pytest.approx(MU * N, rel=0.02)  # its fall begins with the first slip
+    assert point.V == pytest.approx(0.5 * MU * N, rel=1e-3)
+    assert brittle.V == pytest.approx(0.2 * MU * N, rel=1e-3)
