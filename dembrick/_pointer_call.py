@@ -1,18 +1,24 @@
-"""Call a function by its address from a kernel: that of a law of the user's own, which no kernel is compiled with.
+"""Functions that kernels call by an address: joint laws of the user's own, which no kernel is compiled with.
 
 So one machine code serves all such laws, and the cache of the kernels never holds one. By public means of numba.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+
+import numba
+import numpy as np
 from llvmlite import ir
-from numba import types
+from numba import carray, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+ANSWERS = 4  # numbers that a law returns
+
 
 def _call_law(_, place, move, record, memory, answer):
-    """`call_law` for numba: a call by the conventions of C."""
+    """`_jit.call_law` for numba: a call by the conventions of C."""
 
     def code(context, builder, signature, arguments):
         kinds = signature.args[1:]
@@ -28,3 +34,54 @@ def _call_law(_, place, move, record, memory, answer):
 
 
 compiled_call = intrinsic(_call_law)
+
+
+class PointerLaw:
+    """A function of three records, of the ``kinds`` given, that returns `ANSWERS` numbers: compiled, with an address.
+
+    Where it raises an exception it answers with no number. Without a compiler (``NUMBA_DISABLE_JIT``) the address is a
+    function itself. Raises what numba raises for a function that it cannot compile.
+    """
+
+    def __init__(self, function: Callable, kinds: Sequence[np.dtype]):
+        if numba.config.DISABLE_JIT:
+            self._compiled = None
+            self._plain = _plain(getattr(function, "py_func", function), kinds)
+            return
+        law = function if hasattr(function, "py_func") else numba.njit(function, error_model="numpy")
+
+        def called(move, record, memory, answer):
+            found = carray(answer, ANSWERS)
+            for k in range(ANSWERS):
+                found[k] = np.nan  # what stays if the law raises an exception
+            one, own, kept = carray(move, 1), carray(record, 1), carray(memory, 1)
+            found[0], found[1], found[2], found[3] = law(one[0], own[0], kept[0])
+
+        pointers = [types.CPointer(numba.from_dtype(kind)) for kind in kinds]
+        signature = types.void(*pointers, types.CPointer(types.float64))
+        self._compiled = numba.cfunc(signature, error_model="numpy")(called)
+
+    @property
+    def at(self) -> np.ndarray:
+        """Where it lies in this process (1,), for `_jit.call_law`."""
+        if self._compiled is None:
+            return np.array([self._plain], object)
+        return np.array([self._compiled.address], np.int64)
+
+    def __call__(self, *rows: np.ndarray) -> None:
+        """Call it with a row of each kind, and one of `ANSWERS` numbers for what it answers."""
+        if self._compiled is None:
+            self._plain(*rows)
+            return
+        call = self._compiled.ctypes
+        call(*(row.ctypes.data_as(kind) for row, kind in zip(rows, call.argtypes, strict=True)))
+
+
+def _plain(function: Callable, kinds: Sequence[np.dtype]) -> Callable:
+    """The same in plain Python."""
+
+    def called(move, record, memory, answer):
+        rows = (row.view(kind).view(np.recarray)[0] for row, kind in zip((move, record, memory), kinds, strict=True))
+        answer[:] = function(*rows)
+
+    return called

@@ -58,7 +58,7 @@ def _refuse(assembly: Assembly, scenario: Scenario, name: str) -> None:
 
 
 def settings_of(assembly: Assembly) -> dict:
-    """What a history says of the law."""
+    """Settings of a history that tell of the law; empty without one."""
     return {} if assembly.custom_law is None else {SETTING: assembly.custom_law.as_dict()}
 
 

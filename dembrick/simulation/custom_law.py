@@ -1,7 +1,7 @@
 """A joint law of the user's own, compiled: its address for the kernels, and the rows that it works on.
 
-It is compiled by itself, anew in every process, into a function of four pointers that a kernel calls by its address. No
-kernel is compiled with it, so that none in the cache can hold one law or another.
+It is compiled by itself, anew in every process. No kernel is compiled with it, so that none in the cache can hold one
+law or another.
 """
 
 from __future__ import annotations
@@ -9,13 +9,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import cache
 
-import numba
 import numpy as np
 
+from dembrick._pointer_call import ANSWERS, PointerLaw
 from dembrick.errors import ScenarioError
-from dembrick.kernels.joint.custom_law import ANSWERS, Custom
+from dembrick.kernels.joint.custom_law import Custom
 from dembrick.scenario.custom_laws import ANSWER, MOVE, RECORD, CustomLaw
 from dembrick.scenario.joint_laws import JointLaw
+
+_NO_TEXT = ("Failed in", "During", "File ", "def ", "<source", "^")  # begin lines of numba that tell of itself
 
 
 def rows_of(law: CustomLaw, laws: Sequence[JointLaw], area: np.ndarray) -> Custom:
@@ -24,10 +26,9 @@ def rows_of(law: CustomLaw, laws: Sequence[JointLaw], area: np.ndarray) -> Custo
     Raises ScenarioError if the law does not compile, does not answer with four numbers, or not with finite ones at
     rest.
     """
-    found = _compiled(law.function, law.memory, tuple(law.parameters))
-    _try(law, found)
-    at = np.array([found if numba.config.DISABLE_JIT else found.address], object if numba.config.DISABLE_JIT else int)
-    return _at_rest(law, laws, area, at)
+    compiled = _compiled(law.function, law.memory, tuple(law.parameters))
+    _try(law, compiled)
+    return _at_rest(law, laws, area, compiled.at)
 
 
 def _at_rest(law: CustomLaw, laws: Sequence[JointLaw], area: np.ndarray, at: np.ndarray) -> Custom:
@@ -43,30 +44,11 @@ def _at_rest(law: CustomLaw, laws: Sequence[JointLaw], area: np.ndarray, at: np.
     )
 
 
-def _kinds(memory: tuple[str, ...], parameters: tuple[str, ...]) -> list[np.dtype]:
-    """Types of the rows: what moved, the law's record, what the point remembers."""
-    names = (MOVE, (*RECORD, *parameters), (*ANSWER, *memory))
-    return [np.dtype([(name, float) for name in each]) for each in names]
-
-
 @cache  # for as long as the process lives, since a kernel may call it at any time
-def _compiled(function: Callable, memory: tuple[str, ...], parameters: tuple[str, ...]):
-    kinds = _kinds(memory, parameters)
-    if numba.config.DISABLE_JIT:
-        return _plain(getattr(function, "py_func", function), kinds)
-    law = function if hasattr(function, "py_func") else numba.njit(function, error_model="numpy")
-
-    def called(move, record, memory, answer):
-        found = numba.carray(answer, ANSWERS)
-        for k in range(ANSWERS):
-            found[k] = np.nan  # what stays if the law raises an exception
-        one, own, kept = numba.carray(move, 1), numba.carray(record, 1), numba.carray(memory, 1)
-        found[0], found[1], found[2], found[3] = law(one[0], own[0], kept[0])
-
-    pointers = [numba.types.CPointer(numba.from_dtype(kind)) for kind in kinds]
-    signature = numba.types.void(*pointers, numba.types.CPointer(numba.types.float64))
+def _compiled(function: Callable, memory: tuple[str, ...], parameters: tuple[str, ...]) -> PointerLaw:
+    names = (MOVE, (*RECORD, *parameters), (*ANSWER, *memory))
     try:
-        return numba.cfunc(signature, error_model="numpy")(called)
+        return PointerLaw(function, [np.dtype([(name, float) for name in each]) for each in names])
     except Exception as error:  # numba raises what it likes for a field that there is not
         name = getattr(function, "__name__", "law")
         raise ScenarioError(
@@ -75,31 +57,18 @@ def _compiled(function: Callable, memory: tuple[str, ...], parameters: tuple[str
         ) from error
 
 
-def _plain(function: Callable, kinds: list[np.dtype]) -> Callable:
-    def called(move, record, memory, answer):
-        rows = (row.view(kind).view(np.recarray)[0] for row, kind in zip((move, record, memory), kinds, strict=True))
-        answer[:] = function(*rows)
-
-    return called
-
-
 def _cause(error: Exception) -> str:
     """The line of numba's message that says what is wrong."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    told = [line for line in lines if not line.startswith(("Failed in", "During", "File ", "def ", "<source", "^"))]
+    told = [line for line in lines if not line.startswith(_NO_TEXT)]
     return (told or lines or ["no reason given"])[0].rstrip(".")
 
 
-def _try(law: CustomLaw, compiled) -> None:
+def _try(law: CustomLaw, compiled: PointerLaw) -> None:
     """ScenarioError if the law has no finite answer for a point of 1 m2 that rests open."""
-    rest = _at_rest(law, [JointLaw("concave", 0.5, 1.0, 1.0)], np.ones(1), np.zeros(1))
-    rows = (rest.move[0], rest.record[0], rest.memory[0], rest.answer[0])
+    rest = _at_rest(law, [JointLaw("concave", 0.5, 1.0, 1.0)], np.ones(1), compiled.at)
     try:
-        if numba.config.DISABLE_JIT:
-            compiled(*rows)
-        else:
-            kinds = compiled.ctypes.argtypes
-            compiled.ctypes(*(row.ctypes.data_as(kind) for row, kind in zip(rows, kinds, strict=True)))
+        compiled(rest.move[0], rest.record[0], rest.memory[0], rest.answer[0])
     except (TypeError, ValueError, ArithmeticError, AttributeError) as error:
         raise ScenarioError(f"the joint law {law.name} fails for an open point at rest: {error}") from error
     if not np.isfinite(rest.answer).all():

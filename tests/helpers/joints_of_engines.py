@@ -117,7 +117,7 @@ class MovingPoints:
             if self.strengths is not None:
                 bonds = self.strengths, 0, self.of_bonds[two], self.ledger
             if self.custom is not None:
-                bonds = None, 0, None, self.ledger, self.custom, 2 * pair
+                bonds = None, 0, None, self.ledger, self.rows_of(2 * pair)
             if moving_points.press(self.work, own, sheared, *law, True, None, *bonds):
                 moving_points.add_slip(self.work, self.slipped[two])
                 if self.strengths is None and self.custom is None:
@@ -126,6 +126,11 @@ class MovingPoints:
         # the force on the host at (1, x, y), the host's slip is b's
         f, fx, fy = (rows[:, 3] for rows in (self.work.force, self.work.x_force, self.work.y_force))
         return np.array([f[2], -f[0], -f[1], -(fx[1] - fy[0]), -fy[2], fx[2]])
+
+    def rows_of(self, point):
+        """`Custom` of two points, from number ``point`` on."""
+        names = ("move", "record", "memory", "answer")
+        return self.custom._replace(**{name: getattr(self.custom, name)[point * W : (point + 2) * W] for name in names})
 
     @property
     def memory(self):

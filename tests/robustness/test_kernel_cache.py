@@ -19,7 +19,7 @@ from numba.core.typing.typeof import Purpose, typeof
 import dembrick
 from dembrick import _kernel_cache, _numba
 from dembrick._jit import entry, ready
-from dembrick._kernel_sources import closure_hash, compiler_hash, import_closure, imported, source_hash
+from dembrick._kernel_sources import TOOLS, closure_hash, compiler_hash, import_closure, imported, source_hash
 from dembrick.kernels.math.quaternion import product
 
 PACKAGE = Path(dembrick.__file__).parent
@@ -104,7 +104,7 @@ def test_an_edit_leaves_the_machine_code_of_modules_that_do_not_import_it(copy):
     assert hashes() == before
 
 
-@pytest.mark.parametrize("name", ["_jit.py", "_kernel_cache.py", "_numba.py", "_numba_check.py", "_numba_public.py"])
+@pytest.mark.parametrize("name", TOOLS)
 def test_an_edit_of_the_compiler_changes_all(copy, name):
     before, source = compiler_hash(copy), copy / name
     text = source.read_bytes()

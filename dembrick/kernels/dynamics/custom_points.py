@@ -2,13 +2,23 @@
 
 from dembrick._jit import jit
 from dembrick.kernels.dynamics.tiles import W, put_three, three, two
-from dembrick.kernels.joint.custom_law import custom_law, energy_held
+from dembrick.kernels.joint.custom_law import Custom, custom_law, energy_held
 
 
 @jit
-def answer_custom(work, own, sheared, which, lane, arm, energy, force_out, custom, first, ledger):
-    """`point_joints.answer` of a point with a law of the user's own, the ``which`` of those from number ``first`` on.
-    All that it does not hold counts as friction, in the ``ledger`` of its tile."""
+def rows_of(custom, point):
+    """The rows of two points in `Corners.custom`, from number ``point`` on; None without any."""
+    if custom is None:
+        return None
+    first, last = point * W, (point + 2) * W
+    move, record, memory, answer = custom.move, custom.record, custom.memory, custom.answer
+    return Custom(move[first:last], record[first:last], memory[first:last], custom.at, answer[first:last])
+
+
+@jit
+def answer_custom(work, own, sheared, which, lane, arm, energy, force_out, custom, ledger):
+    """`point_joints.answer` of a point with a law of the user's own, the ``which`` of the two of ``custom``. All that
+    it does not hold counts as friction, in the ``ledger`` of its tile."""
     x = own[which].x[lane]
     y = own[which].y[lane]
     g0, gx, gy = three(work.depth, lane)
@@ -24,7 +34,7 @@ def answer_custom(work, own, sheared, which, lane, arm, energy, force_out, custo
     x1, x2 = two(work.slip_x, lane)
     y1, y2 = two(work.slip_y, lane)
     normal, spring, t1, t2, e1, e2, slid, lost = custom_law(
-        custom, (first + which) * W + lane, g0 + x * gx + y * gy, d0 + x * dx + y * dy,
+        custom, which * W + lane, g0 + x * gx + y * gy, d0 + x * dx + y * dy,
         p1 + xs * x1 + ys * y1, p2 + xs * x2 + ys * y2, work.normal[lane], work.damped[lane] - 1.0,
     )  # fmt: skip
     sheared[which].elastic[0, lane] = e1

@@ -12,7 +12,7 @@ and what they lose is counted there; so it is where they follow a law of the use
 
 from dembrick._jit import entry, jit
 from dembrick.kernels.dynamics.bonded_points import answer_bonded, bonds_of, spring_length
-from dembrick.kernels.dynamics.custom_points import answer_custom, energy_of
+from dembrick.kernels.dynamics.custom_points import answer_custom, energy_of, rows_of
 from dembrick.kernels.dynamics.energy_terms import (
     dashpot_work,
 )
@@ -101,11 +101,10 @@ def answer(work, own, sheared, which, lane, k_n, k_s, friction, arm, energy, for
 @jit
 def answer_by(
     work, own, sheared, which, lane, k_n, k_s, friction, arm, energy, force_out, strengths, law, bonds, ledger, custom,
-    first,
 ):  # fmt: skip
     """`answer` by the law that the points have: dry if ``strengths`` and ``custom`` are None."""
     if custom is not None:
-        return answer_custom(work, own, sheared, which, lane, arm, energy, force_out, custom, first, ledger)
+        return answer_custom(work, own, sheared, which, lane, arm, energy, force_out, custom, ledger)
     if strengths is not None:
         return answer_bonded(
             work, own, sheared, which, lane, k_n, k_s, friction, arm, energy, force_out, strengths, law, bonds, ledger
@@ -116,23 +115,23 @@ def answer_by(
 @entry
 def press(
     work, own, sheared, k_n, k_s, friction, arm, energy, force_out, strengths=None, law=0, bonds=None, ledger=None,
-    custom=None, first=0,
+    custom=None,
 ):  # fmt: skip
     """Forces of two points of every joint of a tile, and what they add to the sums of ``work``.
 
     ``own``: the rows of the points, ``sheared`` their elastic shear; ``energy`` is None if none is counted, and
-    ``force_out`` if the forces of single points are not wanted; the last six: see `answer_bonded` and
+    ``force_out`` if the forces of single points are not wanted; the last five: see `answer_bonded` and
     `answer_custom`. Returns whether any slides or loses something for `add_losses`.
     """
     losing = False
     for lane in range(W):
         x, y, xs, ys, t1, t2, n, c1, c2, c, loses = answer_by(
             work, own, sheared, 0, lane, k_n, k_s, friction, arm, energy, force_out, strengths, law, bonds, ledger,
-            custom, first,
+            custom,
         )  # fmt: skip
         X, Y, XS, YS, T1, T2, N, C1, C2, C, LOSES = answer_by(
             work, own, sheared, 1, lane, k_n, k_s, friction, arm, energy, force_out, strengths, law, bonds, ledger,
-            custom, first,
+            custom,
         )  # fmt: skip
         work.force[0, lane] -= t1 + T1
         work.force[1, lane] -= t2 + T2
@@ -269,17 +268,16 @@ def forces(links, corners, bodies, first, last, force_out, strengths, bonds, cus
             first_point = start + i
             sheared = corners.sheared[first_point : first_point + 2]
             pair = bonds_of(bonds, first_point)
+            rows = rows_of(custom, first_point)
             if energy_terms is None:
                 losing = press(
-                    work, own, sheared, k_n, k_s, friction, arm, None, force_out, strengths, law, pair, None, custom,
-                    first_point,
-                )  # fmt: skip
+                    work, own, sheared, k_n, k_s, friction, arm, None, force_out, strengths, law, pair, None, rows
+                )
             if energy_terms is not None:
                 ledger = energy_terms.ledger[t]
                 losing = press(
-                    work, own, sheared, k_n, k_s, friction, arm, True, force_out, strengths, law, pair, ledger, custom,
-                    first_point,
-                )  # fmt: skip
+                    work, own, sheared, k_n, k_s, friction, arm, True, force_out, strengths, law, pair, ledger, rows
+                )
                 if strengths is None and custom is None and losing:
                     add_losses(work, own, sheared, k_n, k_s, friction, arm, ledger)
             if losing:
