@@ -17,7 +17,6 @@ else:
 
 from dembrick._kernel_cache import CACHE_FOLDER, renamed  # noqa: E402
 from dembrick._packaged_kernels import packaged_kernels, why_compiled  # noqa: E402
-from dembrick._pointer_call import compiled_call  # noqa: E402
 
 __all__ = [
     "address",
@@ -93,7 +92,7 @@ def call_at(place, *arguments):
 
 
 def call_law(place, move, record, memory, answer) -> None:
-    """Call the function of four rows of numbers that lies at an address, `simulation.custom_law`.
+    """Call the function of four rows of numbers that lies at an address (`_pointer_law`), by the conventions of C.
 
     Nobody checks that there is one, or that the rows are long enough.
     """
@@ -108,7 +107,7 @@ def prefetch(array, index, byte) -> None:
 
 
 if not numba.config.DISABLE_JIT:
-    prefetch, call_at, call_law = compiler.prefetch, compiler.call_at, compiled_call
+    prefetch, call_at, call_law = compiler.prefetch, compiler.call_at, compiler.call_law
 
 
 def jit_parallel(function):

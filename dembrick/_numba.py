@@ -378,6 +378,21 @@ def _call_at(_, place, first, second, third, fourth):
     return types.int64(place, *kinds), code
 
 
+def _call_law(_, place, move, record, memory, answer):
+    """`call_law` for numba: a call by the conventions of C, with the places of the rows."""
+
+    def code(context, builder, signature, arguments):
+        rows = [
+            cgutils.create_struct_proxy(kind)(context, builder, value=row).data
+            for kind, row in zip(signature.args[1:], arguments[1:], strict=True)
+        ]
+        kind = ir.FunctionType(ir.VoidType(), [row.type for row in rows])
+        builder.call(builder.inttoptr(arguments[0], kind.as_pointer()), rows)
+        return context.get_dummy_value()
+
+    return types.void(place, move, record, memory, answer), code
+
+
 def _prefetch(_, array, index, byte):
     """`prefetch` for numba: the instruction of the processor."""
 
@@ -409,4 +424,4 @@ def parallel(function, **options) -> Kernel:
     return Kernel(function, cache=ParallelKernelCache, parallel=True, **options)
 
 
-prefetch, call_at = intrinsic(_prefetch), intrinsic(_call_at)
+prefetch, call_at, call_law = intrinsic(_prefetch), intrinsic(_call_at), intrinsic(_call_law)

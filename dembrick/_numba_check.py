@@ -22,6 +22,7 @@ USED = (
     "numba.core.caching.FunctionCache._load_overload",
     "numba.core.caching.IndexDataCacheFile.load",
     "numba.core.caching.IndexDataCacheFile.save",
+    "numba.core.cgutils.create_struct_proxy",
     "numba.core.cgutils.get_or_insert_function",
     "numba.core.cgutils.if_unlikely",
     "numba.core.codegen.JITCodeLibrary._finalize_dynamic_globals",

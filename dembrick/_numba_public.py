@@ -15,8 +15,9 @@ from functools import cache
 from pathlib import Path
 
 import numba
+from llvmlite import ir
 from numba import types
-from numba.extending import overload
+from numba.extending import intrinsic, overload, register_jitable
 
 from dembrick import _kernel_cache
 from dembrick._kernel_cache import claims_in, is_own
@@ -91,6 +92,22 @@ def _differs(place, number):
     if isinstance(place, types.Dispatcher) and isinstance(number, types.Integer):
         return lambda place, number: True
     return None
+
+
+@intrinsic
+def _call_c(_, place, move, record, memory, answer):
+    def code(context, builder, signature, arguments):
+        kind = ir.FunctionType(ir.VoidType(), [row.type for row in arguments[1:]])
+        builder.call(builder.inttoptr(arguments[0], kind.as_pointer()), arguments[1:])
+        return context.get_dummy_value()
+
+    return types.void(place, move, record, memory, answer), code
+
+
+@register_jitable
+def call_law(place, move, record, memory, answer):
+    """`_jit.call_law` for numba: the places of the rows as whole numbers."""
+    _call_c(place, move.ctypes.data, record.ctypes.data, memory.ctypes.data, answer.ctypes.data)
 
 
 @numba.njit

@@ -11,7 +11,7 @@ from functools import cache
 
 import numpy as np
 
-from dembrick._pointer_call import ANSWERS, PointerLaw
+from dembrick._pointer_law import ANSWERS, PointerLaw
 from dembrick.errors import ScenarioError
 from dembrick.kernels.joint.custom_law import Custom
 from dembrick.scenario.custom_laws import ANSWER, MOVE, RECORD, CustomLaw

@@ -23,7 +23,7 @@ COMPILER = {
     "_kernel_cache",
     "_kernel_sources",
     "_packaged_kernels",
-    "_pointer_call",
+    "_pointer_law",
     "_ahead",
 }
 GROUND = {"", "errors"} | COMPILER
